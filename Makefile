@@ -1,0 +1,106 @@
+# Two commands matter: `make book` builds the book, `make test` checks everything. Both set up .venv first.
+
+# An interpreter to make .venv with; left empty, the first of these that is new enough is taken.
+PYTHON ?=
+PYTHON_CANDIDATES := python3.13 python3.12 python3.11 python3 python
+VENV := .venv
+STAMP := $(VENV)/.installed
+BIN := $(VENV)/bin
+# Parallel test processes.
+JOBS ?= 2
+
+# Notebooks run the same for everyone: with the kernel in .venv even if the user has another of the same name, with
+# no start-up files of the user's, and with IPython's inline figures whatever backend is chosen in the shell.
+export JUPYTER_PREFER_ENV_PATH := 1
+export IPYTHONDIR := $(CURDIR)/$(VENV)/ipython
+unexport MPLBACKEND PYTHONPATH PYTHONWARNINGS
+# Kernels keep no history, and do not warn on every start that they talk on this machine without encryption.
+IPYKERNEL_CONFIG := c.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 40\n
+
+SHELL := /bin/sh
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help setup book test notebooks lint format bench lab radarscenes clean distclean
+
+help: ## List what can be made (default)
+	@awk 'BEGIN { FS = ":.*## " } /^[a-z]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+
+setup: $(STAMP) ## Make .venv with the exact versions of requirements.txt
+
+$(STAMP): requirements.txt pyproject.toml
+	@set -e; \
+	python=; \
+	for candidate in $(if $(PYTHON),"$(PYTHON)",$(PYTHON_CANDIDATES)); do \
+	  if "$$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; then \
+	    python=$$candidate; break; \
+	  fi; \
+	done; \
+	if [ -z "$$python" ]; then \
+	  echo "Python 3.11 or newer is needed; tried: $(if $(PYTHON),$(PYTHON),$(PYTHON_CANDIDATES))." >&2; \
+	  for candidate in $(if $(PYTHON),"$(PYTHON)",$(PYTHON_CANDIDATES)); do \
+	    version=$$("$$candidate" --version 2>/dev/null) && echo "  $$candidate is $$version" >&2; \
+	  done; \
+	  echo "Name one with: make PYTHON=/path/to/python3.11" >&2; \
+	  exit 1; \
+	fi; \
+	if [ -z "$(PYTHON)" ] && $(BIN)/python -m pip --version >/dev/null 2>&1; then \
+	  echo "Bringing $(VENV) up to date"; \
+	else \
+	  echo "Setting up $(VENV) with $$("$$python" --version) ($$python)"; \
+	  "$$python" -m venv --clear $(VENV) || { \
+	    echo "$$python cannot make virtual environments (on Debian: apt install python3-venv)." >&2; exit 1; }; \
+	fi
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
+	@mkdir -p $(VENV)/ipython/profile_default
+	@printf '$(IPYKERNEL_CONFIG)' > $(VENV)/ipython/profile_default/ipython_kernel_config.py
+	@touch $@
+
+book: $(STAMP) ## Execute every notebook afresh and build the book in _build/html
+	@rm -rf _build
+	$(BIN)/jupyter-book build . -W -n --keep-going
+	@echo
+	@echo "The book: file://$(CURDIR)/_build/html/index.html"
+
+test: $(STAMP) ## Run the tests, then every notebook against its stored outputs
+	@status=0; set -x; \
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadscope tests || status=1; \
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadscope --nbval --nbval-current-env \
+	  --nbval-sanitize-with tests/nbval.cfg --nbval-cell-timeout 300 chapters || status=1; \
+	exit $$status
+
+notebooks: $(STAMP) ## Execute the notebooks in place, so that their stored outputs are fresh
+	$(BIN)/python tools/run_notebooks.py
+
+lint: $(STAMP) ## Check style, format and types
+	@status=0; set -x; \
+	$(BIN)/python -m ruff check || status=1; \
+	$(BIN)/python -m ruff format --check || status=1; \
+	$(BIN)/python -m mypy || status=1; \
+	exit $$status
+
+format: $(STAMP) ## Mend style and format where that can be done by machine
+	$(BIN)/python -m ruff check --fix
+	$(BIN)/python -m ruff format
+
+bench: $(STAMP) ## Measure speed
+	$(BIN)/python benchmarks/run.py
+
+lab: $(STAMP) ## Open the notebooks in JupyterLab
+	$(BIN)/python -m jupyterlab chapters
+
+radarscenes: $(STAMP) ## Recompute chapters/results from the data set: D2D_RADARSCENES=<root>
+	@if [ -z "$$D2D_RADARSCENES" ]; then \
+	  echo "Say where the RadarScenes data set is: make radarscenes D2D_RADARSCENES=/path/to/RadarScenes" >&2; exit 2; \
+	fi; \
+	if [ ! -d "$$D2D_RADARSCENES" ]; then \
+	  echo "D2D_RADARSCENES is not a folder: $$D2D_RADARSCENES" >&2; exit 2; \
+	fi
+	$(BIN)/python -m d2d.study.radarscenes "$$D2D_RADARSCENES"
+
+clean: ## Remove what was built, but keep .venv
+	rm -rf _build build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage htmlcov
+	find . -path ./$(VENV) -prune -o -path ./.git -prune -o \
+	  \( -name __pycache__ -o -name .ipynb_checkpoints \) -type d -exec rm -rf {} +
+
+distclean: clean ## Remove .venv as well
+	rm -rf $(VENV)

@@ -1,0 +1,13 @@
+"""Settings for all tests."""
+
+import os
+
+from hypothesis import settings
+
+os.environ["MPLBACKEND"] = "Agg"
+
+# No deadline: the first example pays for compiling the kernel. The same examples on every run, so
+# that a red test is red because of a change; explore with: pytest --hypothesis-profile=explore
+settings.register_profile("reproducible", deadline=None, derandomize=True)
+settings.register_profile("explore", deadline=None, max_examples=1000)
+settings.load_profile("reproducible")

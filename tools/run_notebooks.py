@@ -1,0 +1,152 @@
+"""Execute notebooks in place, so that the same code gives the same bytes.
+
+    python tools/run_notebooks.py [notebook ...]      (default: every notebook in chapters/)
+
+Each notebook runs in a fresh kernel and in its own folder. What would differ between two runs or
+two machines is not stored: times, widget state, the patch version of Python. A notebook that raises
+or writes to stderr (a warning, a progress bar) is reported with its cell and left as it was. Stored
+outputs never hold measurements of a data set: D2D_RADARSCENES is not passed on to the kernels.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import nbformat
+from nbclient import NotebookClient
+from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
+from nbformat import NotebookNode
+
+CHAPTERS = Path(__file__).resolve().parents[1] / "chapters"
+CELL_METADATA = ("mystnb", "tags")
+"""The cell metadata that means something here; everything else is an editor's."""
+
+KERNELSPEC = {"display_name": "Python 3", "language": "python", "name": "python3"}
+LANGUAGE_INFO = {
+    "codemirror_mode": {"name": "ipython", "version": 3},
+    "file_extension": ".py",
+    "mimetype": "text/x-python",
+    "name": "python",
+    "nbconvert_exporter": "python",
+    "pygments_lexer": "ipython3",
+}
+UNSET_FOR_KERNELS = ("D2D_RADARSCENES", "MPLBACKEND", "PYTHONWARNINGS")
+
+
+class NotebookError(Exception):
+    """A notebook that did not run cleanly; the message names the cell."""
+
+
+def kernel_environment() -> dict[str, str]:
+    """Return this process's environment, less what would change the outputs."""
+    return {name: value for name, value in os.environ.items() if name not in UNSET_FOR_KERNELS}
+
+
+def set_stable_ids(notebook: NotebookNode) -> None:
+    """Keep the cells' ids; a missing or repeated one is made from the cell's position."""
+    seen: set[str] = set()
+    taken = {cell["id"] for cell in notebook.cells if cell.get("id")}
+    for position, cell in enumerate(notebook.cells, start=1):
+        if not cell.get("id") or cell["id"] in seen:
+            new = f"cell-{position:02d}"
+            while new in taken:
+                new += "x"
+            cell["id"] = new
+            taken.add(new)
+        seen.add(cell["id"])
+
+
+def set_stable_metadata(notebook: NotebookNode) -> None:
+    """Drop what editors and kernels leave in the metadata."""
+    notebook.metadata.kernelspec = dict(KERNELSPEC)
+    notebook.metadata.language_info = dict(LANGUAGE_INFO)
+    notebook.metadata.pop("widgets", None)
+    notebook.nbformat, notebook.nbformat_minor = 4, 5
+    for cell in notebook.cells:
+        cell.metadata = NotebookNode(
+            {key: cell.metadata[key] for key in CELL_METADATA if key in cell.metadata}
+        )
+        if cell.cell_type == "code" and not cell.source.strip():
+            cell.outputs, cell.execution_count = [], None
+
+
+def read(path: Path) -> NotebookNode:
+    """Read a notebook as nbformat 4.5, where cells have ids, without inventing random ones."""
+    raw = nbformat.reader.reads(path.read_text(encoding="utf-8"))
+    set_stable_ids(raw)
+    raw.nbformat_minor = 5
+    nbformat.validate(raw)
+    return raw
+
+
+def stderr_of(notebook: NotebookNode) -> Iterator[tuple[int, str]]:
+    """Yield the position and text of each cell's stderr output."""
+    for position, cell in enumerate(notebook.cells, start=1):
+        text = "".join(
+            output.text for output in cell.get("outputs", ()) if output.get("name") == "stderr"
+        )
+        if text:
+            yield position, text
+
+
+def execute(notebook: NotebookNode, folder: Path, timeout: int) -> None:
+    """Execute all cells in a fresh kernel that runs in `folder`."""
+    client = NotebookClient(
+        notebook,
+        kernel_name=KERNELSPEC["name"],
+        timeout=timeout,
+        allow_errors=False,
+        record_timing=False,
+        coalesce_streams=True,
+        resources={"metadata": {"path": str(folder)}},
+    )
+    try:
+        client.execute(env=kernel_environment())
+    except (CellExecutionError, CellTimeoutError, DeadKernelError) as error:
+        raise NotebookError(str(error)) from error
+    for position, text in stderr_of(notebook):
+        raise NotebookError(f"cell {position} wrote to stderr:\n{text}")
+
+
+def run(path: Path, timeout: int) -> bool:
+    """Execute one notebook in place and say whether its bytes changed."""
+    notebook = read(path)
+    execute(notebook, path.parent, timeout)
+    set_stable_metadata(notebook)
+    nbformat.validate(notebook)
+    before = path.read_bytes()
+    after = nbformat.writes(notebook).rstrip("\n").encode() + b"\n"
+    if after != before:
+        path.write_bytes(after)
+    return after != before
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the notebooks named on the command line; return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("notebooks", nargs="*", type=Path, help="default: all of chapters/")
+    parser.add_argument("--timeout", type=int, default=300, help="seconds for one cell")
+    options = parser.parse_args(arguments)
+    paths = [path.resolve() for path in options.notebooks] or sorted(CHAPTERS.glob("*.ipynb"))
+    if not paths:
+        print(f"no notebooks in {CHAPTERS}", file=sys.stderr)
+        return 1
+    failed = 0
+    for path in paths:
+        start = time.perf_counter()
+        try:
+            result = "changed" if run(path, options.timeout) else "unchanged"
+        except NotebookError as error:
+            failed += 1
+            result = f"FAILED\n{error}"
+        print(f"{path.name}: {result} ({time.perf_counter() - start:.1f} s)", flush=True)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
