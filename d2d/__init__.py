@@ -1,0 +1,25 @@
+"""Robust registration of point sets whose points are Gaussian targets."""
+
+from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
+from d2d.covariance import fisher_covariance, propagate_covariance
+from d2d.credibility import Credibility, credibility
+from d2d.measurement import LinearMeasurement
+from d2d.point_set import PointSet
+from d2d.registration import ANNEALED, Estimate, multi_start, register, start_grid
+
+__all__ = [
+    "ANNEALED",
+    "CorruptedGaussian",
+    "Credibility",
+    "Estimate",
+    "LinearMeasurement",
+    "PointSet",
+    "RegistrationCost",
+    "UniformOutlier",
+    "credibility",
+    "fisher_covariance",
+    "multi_start",
+    "propagate_covariance",
+    "register",
+    "start_grid",
+]

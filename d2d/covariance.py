@@ -1,0 +1,334 @@
+"""How certain an estimate is: Fisher information and propagation of the measurement errors."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from d2d import rigid
+from d2d._checks import Array, real
+from d2d._kernel import SINGULAR
+from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
+from d2d.measurement import LinearMeasurement
+from d2d.point_set import PointSet
+from d2d.registration import Estimate
+
+_PAIRS_AT_ONCE = 50_000  # of targets and components: some 30 MB of intermediate arrays
+_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # E: d R / d phi = E R
+
+
+def fisher_covariance(hessian: ArrayLike) -> Array:
+    """Inverse of the Hessian of a negative log-likelihood (thesis sec. 5.2, Cramér-Rao bound).
+
+    Parameters
+    ----------
+    hessian : (..., P, P) array
+        At the optimum.
+
+    Returns
+    -------
+    (..., P, P) array
+        The observed information's inverse; nan where the Hessian is not positive definite, because
+        such a point is no optimum and has no covariance.
+
+    Raises
+    ------
+    ValueError
+        If ``hessian`` is not an array of square matrices.
+    """
+    matrices = real("hessian", hessian)
+    if matrices.ndim < 2 or matrices.shape[-1] != matrices.shape[-2]:
+        raise ValueError(f"hessian must have the shape (..., P, P), but has {matrices.shape}")
+    scale = np.sqrt(np.abs(np.diagonal(matrices, axis1=-2, axis2=-1)))
+    outer = scale[..., :, None] * scale[..., None, :]
+    good = np.asarray((np.isfinite(matrices) & (outer > 0)).all(axis=(-2, -1)))
+    covariance = np.full(matrices.shape, np.nan)
+    unit = matrices[good] / outer[good]  # free of the parameters' units
+    definite = np.linalg.eigvalsh(unit)[..., 0] > SINGULAR
+    good[good] = definite
+    inverse = np.linalg.inv(unit[definite]) / outer[good]
+    covariance[good] = 0.5 * (inverse + np.swapaxes(inverse, -1, -2))
+    return covariance
+
+
+def propagate_covariance(
+    estimate: Estimate,
+    fixed: PointSet,
+    moving: PointSet,
+    cost: RegistrationCost | None = None,
+    *,
+    measurement: LinearMeasurement | None = None,
+) -> Array:
+    """Covariance of the optimum by propagating the measurements' errors (Censi 2007).
+
+    The optimum is where the gradient vanishes, f_theta(theta, z) = 0, with z all measured
+    coordinates of both sets.  By the implicit function theorem d theta / d z = -H^-1 f_theta,z,
+    and to first order (thesis sec. 5.2)::
+
+        Sigma_theta = H^-1 (d2f / d theta d z) Sigma_z (d2f / d theta d z)' H^-1
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of `register` with the same sets, cost and measurement.
+    fixed, moving : PointSet
+        Sigma_z is block diagonal of their covariances, also where the metric leaves those of
+        ``moving`` out.
+    cost : RegistrationCost, optional
+        D2D likelihood without an outlier component unless given.
+    measurement : LinearMeasurement, optional
+        Its values join z, with the variance that it states, independent of the positions.
+
+    Returns
+    -------
+    (..., P, P) array
+        nan where the estimate did not converge.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that does not fit.
+
+    Notes
+    -----
+    Unlike the inverse Hessian, it does not assume that f is a negative log-likelihood: it holds for
+    any cost with an optimum, and does not change when f is multiplied by a constant.
+
+    For targets measured in polar coordinates the covariances J Sigma J' of `PointSet.from_polar`
+    make Sigma_z the same to first order as propagation from range and azimuth.  The covariances are
+    taken as known, although those of polar measurements move with the measured point: chapter 5
+    measures what that leaves out, as it measures the first order itself.
+    """
+    cost = RegistrationCost() if cost is None else cost
+    if not isinstance(estimate, Estimate):
+        raise ValueError(f"estimate must be an Estimate, but is a {type(estimate).__name__}")
+    cross = cross_derivatives(estimate.theta, fixed, moving, cost, measurement=measurement)
+    middle = _spread(cross.fixed, fixed.covariances) + _spread(cross.moving, moving.covariances)
+    if measurement is not None:
+        sigma = np.sqrt(_factor(measurement, estimate.theta).variance)
+        scaled = cross.measured * sigma[..., None]
+        middle = middle + np.swapaxes(scaled, -1, -2) @ scaled
+    covariance: Array = estimate.covariance @ middle @ estimate.covariance
+    return 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+
+
+def _spread(cross: Array, covariances: Array) -> Array:
+    """Covariance (..., P, P) of the gradient: sum of G Sigma G', G (..., N, P, D), over targets."""
+    rooted = cross @ np.linalg.cholesky(covariances)
+    flat = np.swapaxes(rooted, -3, -2).reshape(*rooted.shape[:-3], rooted.shape[-2], -1)
+    return np.asarray(flat @ np.swapaxes(flat, -1, -2))
+
+
+class CrossDerivatives(NamedTuple):
+    """d2f / d theta d z, one block for each measured quantity."""
+
+    fixed: Array  # (..., N, P, D) of the fixed means
+    moving: Array  # (..., K, P, D) of the moving means
+    measured: Array  # (..., K, P) of the measurement's values, zero without one
+
+
+def cross_derivatives(
+    theta: ArrayLike,
+    fixed: PointSet,
+    moving: PointSet,
+    cost: RegistrationCost,
+    *,
+    measurement: LinearMeasurement | None = None,
+) -> CrossDerivatives:
+    """How the cost's gradient at theta (..., P) changes with each measured coordinate, exact.
+
+    The arguments' batch axes broadcast.  Raises ``ValueError`` naming the argument that does not
+    fit.
+    """
+    shape = cost.bind(theta, fixed, moving, measurement).shape
+    count, n, k, dimension = math.prod(shape), fixed.size, moving.size, fixed.dimension
+    p = rigid.PARAMETERS[dimension]
+
+    def flat(array: Array, own: int) -> Array:
+        tail = array.shape[array.ndim - own :]
+        return np.broadcast_to(array, shape + tail).reshape(count, *tail)
+
+    sets = [
+        tuple(map(flat, (each.means, each.covariances, each.weights), (2, 3, 1)))
+        for each in (fixed, moving)
+    ]
+    thetas = flat(np.asarray(theta, dtype=np.float64), 1)
+    factor = None
+    if measurement is not None:
+        of_theta = _factor(measurement, np.asarray(theta, dtype=np.float64))
+        factor = tuple(map(flat, of_theta, (1, 2, 2, 1, 1)))
+    by_fixed, by_moving = np.empty((count, n, p, dimension)), np.empty((count, k, p, dimension))
+    by_value = np.zeros((count, k, p))
+    step = max(1, _PAIRS_AT_ONCE // (n * k))
+    for part in (slice(start, start + step) for start in range(0, count, step)):
+        by_fixed[part], by_moving[part], by_value[part] = _cross_derivatives(
+            thetas[part],
+            PointSet._of(*(array[part] for array in sets[0])),
+            PointSet._of(*(array[part] for array in sets[1])),
+            cost,
+            None if factor is None else _Factor(*(array[part] for array in factor)),
+        )
+    return CrossDerivatives(
+        by_fixed.reshape(*shape, n, p, dimension),
+        by_moving.reshape(*shape, k, p, dimension),
+        by_value.reshape(*shape, k, p),
+    )
+
+
+class _Pairs(NamedTuple):
+    """log N(0 | d, S) of every moving target and component, and what its derivatives are made of.
+
+    With the rotated mean p and covariance C of the target: d = p + t - mu_i, B = S^-1, u = B d.
+    """
+
+    log: Array  # (B, K, N), the mixture's weight included
+    gradient: Array  # (B, K, N, P): [-u, L_phi]
+    by_mean: Array  # (B, K, N, D): u = d L / d mu_i
+    cross: Array  # (B, K, N, P, D): [B, (B v)'] = d2L / d theta d mu_i, v = E p - C_phi u
+
+
+def _pairs(shifted: Array, turned: Array, spread: Array, slope: Array, fixed: PointSet) -> _Pairs:
+    """All pairs of targets, ``turned`` to p and ``shifted`` to p + t, with the components of fixed.
+
+    ``spread`` (B, K, N, D, D) is S and ``slope`` (B, K, D, D) is C_phi.
+    """
+    d = shifted[:, :, None] - fixed.means[:, None]
+    b = np.asarray(np.linalg.inv(spread), dtype=np.float64)
+    u = (b @ d[..., None])[..., 0]
+    log_det = np.linalg.slogdet(2.0 * math.pi * spread)[1]
+    log = np.log(fixed.weights)[:, None] - 0.5 * ((d * u).sum(axis=-1) + log_det)
+    if d.shape[-1] == 1:
+        return _Pairs(log, -u, u, b)
+    lever = (turned @ _TURN.T)[:, :, None]
+    bent = (slope[:, :, None] @ u[..., None])[..., 0]  # C_phi u
+    by_angle = (u * (0.5 * bent - lever)).sum(axis=-1) - 0.5 * np.einsum(
+        "bkixy,bkyx->bki", b, slope
+    )
+    turning = np.swapaxes(b @ (lever - bent)[..., None], -1, -2)
+    return _Pairs(
+        log,
+        np.concatenate([-u, by_angle[..., None]], axis=-1),
+        u,
+        np.concatenate([b, turning], axis=-2),
+    )
+
+
+def _components(
+    theta: Array,
+    fixed: PointSet,
+    moving: PointSet,
+    cost: RegistrationCost,
+    factor: "_Factor | None",
+) -> list[_Pairs]:
+    """The inlier pairs and, with a corrupted Gaussian, the outlier pairs, their shares included."""
+    dimension = fixed.dimension
+    shifted = rigid.transform_means(theta, moving.means)
+    turned = shifted - theta[:, None, :dimension]
+    own = fixed.covariances[:, None].repeat(moving.size, axis=1)
+    spread, still = own, np.zeros((*turned.shape, dimension))
+    slope = still
+    if cost.metric == "d2d":
+        spun = rigid.transform_covariances(theta, moving.covariances)
+        spread = own + spun[:, :, None]
+        if dimension == 2:
+            slope = _TURN @ spun + spun @ _TURN.T
+    inlier = _pairs(shifted, turned, spread, slope, fixed)
+    if factor is not None:
+        inlier = inlier._replace(
+            log=inlier.log + factor.log[..., None],
+            gradient=inlier.gradient + factor.gradient[:, :, None],
+        )
+    if not isinstance(cost.outlier, CorruptedGaussian):
+        return [inlier]
+    wide = np.broadcast_to(cost.outlier.covariance, own.shape)
+    outlier = _pairs(shifted, turned, wide, still, fixed)
+    with np.errstate(divide="ignore"):  # a fraction of 0 or 1 leaves one component no weight
+        shares = np.log1p(-cost.outlier.fraction), np.log(cost.outlier.fraction)
+    return [
+        each._replace(log=each.log + share)
+        for each, share in zip((inlier, outlier), shares, strict=True)
+    ]
+
+
+def _responsibilities(components: list[_Pairs], cost: RegistrationCost) -> list[Array]:
+    """gamma (B, K, N) of each component: of each target's density, or of the sum of them all."""
+    alternatives = (-1,) if cost.fusion == "likelihood" else (-2, -1)
+    logs = [each.log for each in components]
+    if isinstance(cost.outlier, UniformOutlier):
+        logs.append(np.full((*logs[0].shape[:2], 1), math.log(cost.outlier.density)))
+    every = np.concatenate(logs, axis=-1)
+    top = every.max(axis=alternatives, keepdims=True)
+    total = top + np.log(np.exp(every - top).sum(axis=alternatives, keepdims=True))
+    return [np.exp(each.log - total) for each in components]
+
+
+def _cross_derivatives(
+    theta: Array,
+    fixed: PointSet,
+    moving: PointSet,
+    cost: RegistrationCost,
+    factor: "_Factor | None",
+) -> tuple[Array, Array, Array]:
+    """The blocks of `CrossDerivatives` for a flat batch.
+
+    Every cost has the gradient f_theta = -sum_ki gamma_ki L_theta,ki with responsibilities gamma
+    that sum to one over a target's components (likelihood) or over all pairs (summing).  With the
+    mean gradient g over the same pairs,
+
+        f_theta,z = -sum_ki gamma_ki (L_theta,z + (L_theta - g) L_z').
+    """
+    components = _components(theta, fixed, moving, cost, factor)
+    gammas = _responsibilities(components, cost)
+    mean = np.zeros((len(theta), moving.size, 1, theta.shape[-1]))
+    for gamma, each in zip(gammas, components, strict=True):
+        mean += gamma[..., None, :] @ each.gradient
+    if cost.fusion == "summing":
+        mean = mean.sum(axis=1, keepdims=True)
+
+    by_fixed = np.zeros((len(theta), fixed.size, theta.shape[-1], fixed.dimension))
+    by_moved = np.zeros((len(theta), moving.size, theta.shape[-1], fixed.dimension))
+    for gamma, each in zip(gammas, components, strict=True):
+        centred = (each.gradient - mean)[..., :, None] * each.by_mean[..., None, :]
+        block = gamma[..., None, None] * (each.cross + centred)
+        by_fixed -= block.sum(axis=1)
+        by_moved += block.sum(axis=2)
+        if fixed.dimension == 2:  # d_phi = E p moves with the target
+            by_moved[:, :, 2] += (gamma[..., None] * each.by_mean).sum(axis=2) @ _TURN
+    if fixed.dimension == 2:
+        by_moved = by_moved @ rigid.rotation(theta[:, 2])[:, None]
+
+    by_value = np.zeros((len(theta), moving.size, theta.shape[-1]))
+    if factor is not None:
+        centred = (gammas[0][..., None] * (components[0].gradient - mean)).sum(axis=2)
+        by_value -= gammas[0].sum(axis=2)[..., None] * factor.cross
+        by_value -= centred * factor.by_value[..., None]
+    return by_fixed, by_moved, by_value
+
+
+class _Factor(NamedTuple):
+    """log N(v | h' xi, s^2 + q^2 (k' xi)^2) of each moving target, its measurement's factor."""
+
+    log: Array  # (..., K)
+    gradient: Array  # (..., K, P)
+    cross: Array  # (..., K, P): of the gradient in v
+    by_value: Array  # (..., K): of log in v
+    variance: Array  # (..., K)
+
+
+def _factor(measurement: LinearMeasurement, theta: Array) -> _Factor:
+    xi = rigid.logarithm(theta) if measurement.of_twist else theta
+    slope = (measurement.slope @ xi[..., None])[..., 0]
+    variance = measurement.sigma**2 + (measurement.sigma_input * slope) ** 2
+    residual = measurement.value - (measurement.gain @ xi[..., None])[..., 0]
+    e = residual / variance
+    variance_by_xi = (2.0 * measurement.sigma_input**2 * slope)[..., None] * measurement.slope
+    gradient = (
+        e[..., None] * measurement.gain + 0.5 * (e * e - 1.0 / variance)[..., None] * variance_by_xi
+    )
+    cross = measurement.gain / variance[..., None] + (e / variance)[..., None] * variance_by_xi
+    if measurement.of_twist:
+        jacobian = rigid.logarithm_jacobian(theta)
+        gradient, cross = gradient @ jacobian, cross @ jacobian
+    log = -0.5 * (residual * e + np.log(2.0 * math.pi * variance))
+    return _Factor(log, gradient, cross, -e, variance)

@@ -1,0 +1,122 @@
+"""Is an estimator's covariance credible? NEES, noncredibility index and inclination indicator."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import chdtri
+
+from d2d._checks import Array, covariance_matrices, finite, fraction
+
+
+@dataclass(frozen=True, eq=False)
+class Credibility:
+    """The verdict on N errors and their estimated covariances.
+
+    Attributes
+    ----------
+    nees : (N,) array
+        Normalised estimation error squared, e' Sigma^-1 e; n (the dimension) is its ideal mean.
+    anees : float
+        Average NEES over runs and dimensions; 1 is ideal, above it is optimistic.
+    bounds : (2,) array
+        Two-sided chi-square region of ``anees`` for a credible estimator.
+    consistent : bool
+        Whether ``anees`` lies within ``bounds``.
+    credible_nees : (N,) array
+        The same errors against their actual mean square error matrix.
+    ratio : (N,) array
+        Credibility ratio rho = nees / credible_nees; above 1 is optimistic.
+    nci : float
+        Noncredibility index, 10 mean |log10 rho|, in dB; 0 is ideal.
+    inclination : float
+        Inclination indicator I^2, 10 mean log10 rho, in dB; above 0 optimistic, below pessimistic.
+    """
+
+    nees: Array
+    anees: float
+    bounds: Array
+    consistent: bool
+    credible_nees: Array
+    ratio: Array
+    nci: float
+    inclination: float
+
+
+def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0.95) -> Credibility:
+    """Compare estimation errors with the covariances that came with them.
+
+    Parameters
+    ----------
+    errors : (N, n) array
+        Estimate minus truth of N independent runs, N > n.
+    covariances : (N, n, n) or (n, n) array
+        Estimated covariances, symmetric positive definite.
+    confidence : float
+        Probability content of the two-sided region, within (0, 1).
+
+    Returns
+    -------
+    Credibility
+
+    Raises
+    ------
+    ValueError
+        Naming the argument: shapes that do not match, nan or inf (leave out the runs that did not
+        converge and say how many), a covariance that is not positive definite, too few runs.
+
+    Notes
+    -----
+    NEES and its region after Bar-Shalom, Li & Kirubarajan (2001), NCI and I^2 after Li & Zhao
+    (2006).  The thesis prints Sigma where the NEES has Sigma^-1, and the quantiles of a 90 % region
+    (sec. 6.2).
+    """
+    e = finite("errors", errors)
+    if e.ndim != 2:
+        raise ValueError(f"errors must have the shape (N, n), but has {e.shape}")
+    runs, n = e.shape
+    if not 0 < n < runs:
+        raise ValueError(f"errors must hold more runs than dimensions, but has the shape {e.shape}")
+    sigma = covariance_matrices("covariances", covariances)
+    if sigma.shape not in ((runs, n, n), (n, n)):
+        raise ValueError(
+            f"covariances must have the shape ({runs}, {n}, {n}) or ({n}, {n}) to match errors, "
+            f"but has {sigma.shape}"
+        )
+    tail = 0.5 * (1.0 - fraction("confidence", confidence))
+    if not 0.0 < tail < 0.5:
+        raise ValueError(f"confidence must lie within (0, 1), but is {confidence:g}")
+    actual = e.T @ e / runs
+    scale = np.sqrt(np.diagonal(actual))  # the axes may have different units
+    if (
+        not scale.all()
+        or np.linalg.matrix_rank(actual / np.outer(scale, scale), hermitian=True) < n
+    ):
+        raise ValueError("errors must span all dimensions: their mean square matrix is singular")
+
+    nees = _normalised_squares(e, sigma)
+    credible = _normalised_squares(e, actual)
+    # an error of exactly zero is as credible as can be: 0 / 0 counts as 1
+    ratio = np.divide(nees, credible, out=np.ones_like(nees), where=credible > 0)
+    decibel = 10.0 * np.log10(ratio)
+    anees = float(nees.mean() / n)
+    # chdtri takes the upper tail
+    bounds = chdtri(runs * n, np.array([1.0 - tail, tail])) / (runs * n)
+    return Credibility(
+        nees=nees,
+        anees=anees,
+        bounds=bounds,
+        consistent=bool(bounds[0] <= anees <= bounds[1]),
+        credible_nees=credible,
+        ratio=ratio,
+        nci=float(np.abs(decibel).mean()),
+        inclination=float(decibel.mean()),
+    )
+
+
+def _normalised_squares(errors: Array, covariances: Array) -> Array:
+    """e' Sigma^-1 e (N,) of errors (N, n)."""
+    solved = np.linalg.solve(
+        np.broadcast_to(covariances, (*errors.shape, errors.shape[1])), errors[..., None]
+    )
+    return np.asarray(np.einsum("ni,ni->n", errors, solved[..., 0]))

@@ -1,0 +1,211 @@
+"""Point sets whose points are Gaussian targets."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from d2d import _kernel, rigid
+from d2d._checks import (
+    Array,
+    broadcast,
+    covariance_matrices,
+    finite,
+    positive,
+    positive_definite,
+    scalar,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PointSet:
+    """Gaussian targets N(mu_k, Sigma_k) with mixture weights, or a batch of such sets.
+
+    Parameters
+    ----------
+    means : (..., N, D) array, m
+        Positions; D is 1 or 2 and N at least 1.
+    covariances : (..., N, D, D) array, m^2
+        Symmetric positive definite.
+    weights : (..., N) array, optional
+        Positive mixture weights, used as they are when the set is the fixed mixture; 1/N each
+        unless given.
+
+    Leading axes are batch axes and broadcast against each other.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument: shapes that do not match, an empty set, nan or inf, a covariance that
+        is not symmetric positive definite, a weight that is not positive.
+    """
+
+    means: Array
+    covariances: Array
+    weights: Array
+
+    def __init__(
+        self, means: ArrayLike, covariances: ArrayLike, weights: ArrayLike | None = None
+    ) -> None:
+        means = finite("means", means)
+        if means.ndim < 2 or means.shape[-1] not in rigid.PARAMETERS:
+            raise ValueError(
+                f"means must have the shape (..., N, D) with D = 1 or 2, but has {means.shape}"
+            )
+        count, dimension = means.shape[-2:]
+        if means.size == 0:
+            raise ValueError(
+                f"means must hold at least one target, but has the shape {means.shape}"
+            )
+        covariances = covariance_matrices("covariances", covariances)
+        if covariances.shape[-3:] != (count, dimension, dimension):
+            raise ValueError(
+                f"covariances must have the shape (..., {count}, {dimension}, {dimension}) "
+                f"to match means, but has {covariances.shape}"
+            )
+        weights = positive("weights", np.full(count, 1.0 / count) if weights is None else weights)
+        if weights.shape[-1:] != (count,):
+            raise ValueError(
+                f"weights must have the shape (..., {count}) to match means, "
+                f"but has {weights.shape}"
+            )
+        self._keep(means, covariances, weights)
+
+    def _keep(self, means: Array, covariances: Array, weights: Array) -> None:
+        batch = broadcast(
+            "means, covariances and weights",
+            means.shape[:-2],
+            covariances.shape[:-3],
+            weights.shape[:-1],
+        )
+        for name, array, own in (
+            ("means", means, 2),
+            ("covariances", covariances, 3),
+            ("weights", weights, 1),
+        ):
+            view = np.broadcast_to(array, batch + array.shape[array.ndim - own :])
+            view.flags.writeable = False
+            object.__setattr__(self, name, view)
+
+    @classmethod
+    def _of(cls, means: Array, covariances: Array, weights: Array) -> "PointSet":
+        """A set of arrays that are known to be good."""
+        points = cls.__new__(cls)
+        points._keep(means, covariances, weights)
+        return points
+
+    @classmethod
+    def from_polar(
+        cls,
+        range: ArrayLike,
+        azimuth: ArrayLike,
+        sigma_range: ArrayLike,
+        sigma_azimuth: ArrayLike,
+    ) -> "PointSet":
+        """Targets measured in polar coordinates, with first-order covariances.
+
+        Parameters
+        ----------
+        range, azimuth : (..., N) arrays, m and rad
+            Azimuth counts counter-clockwise from the x axis; ranges are positive.
+        sigma_range, sigma_azimuth : arrays that broadcast to (..., N), m and rad
+            Standard deviations, positive.
+
+        The covariance is J diag(sigma_r^2, sigma_phi^2) J' with J = d(x, y)/d(r, phi) at the
+        measured point (thesis sec. 7.1, with the columns of J in the order of the variances).
+
+        Raises
+        ------
+        ValueError
+            Naming the argument that is not finite, not positive or of another shape.
+        """
+        r, phi = positive("range", range), finite("azimuth", azimuth)
+        sr, sp = positive("sigma_range", sigma_range), positive("sigma_azimuth", sigma_azimuth)
+        if r.ndim == 0:
+            raise ValueError("range must have the shape (..., N), but is a number")
+        shape = broadcast(
+            "range, azimuth, sigma_range and sigma_azimuth", r.shape, phi.shape, sr.shape, sp.shape
+        )
+        if 0 in shape:
+            raise ValueError(f"range must hold at least one target, but has the shape {r.shape}")
+        r, phi, sr, sp = (np.broadcast_to(a, shape) for a in (r, phi, sr, sp))
+        cosine, sine = np.cos(phi), np.sin(phi)
+        radial, across = sr**2, (r * sp) ** 2
+        xx = radial * cosine**2 + across * sine**2
+        xy = (radial - across) * cosine * sine
+        yy = radial * sine**2 + across * cosine**2
+        covariances = np.stack([xx, xy, xy, yy], axis=-1).reshape(*shape, 2, 2)
+        if not positive_definite(covariances):
+            raise ValueError(
+                "sigma_range and range * sigma_azimuth differ so much that the covariance is "
+                "singular in floating point"
+            )
+        means = np.stack([r * cosine, r * sine], axis=-1)
+        return cls._of(means, covariances, np.full(shape[-1], 1.0 / shape[-1]))
+
+    @property
+    def size(self) -> int:
+        """Number N of targets."""
+        return int(self.means.shape[-2])
+
+    @property
+    def dimension(self) -> int:
+        """Dimension D of the space."""
+        return int(self.means.shape[-1])
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """Shape of the leading axes, () for one set."""
+        return self.means.shape[:-2]
+
+    def __getitem__(self, index: int | slice | tuple[int | slice, ...] | Array) -> "PointSet":
+        """Some sets of a batch; the index goes over the batch axes only."""
+        if not self.batch_shape:
+            raise IndexError("this point set has no batch axes")
+        sets = np.arange(math.prod(self.batch_shape)).reshape(self.batch_shape)
+        try:
+            chosen = sets[index]
+        except IndexError as error:
+            raise IndexError(f"the batch shape is {self.batch_shape}: {error}") from None
+        return PointSet._of(
+            self.means.reshape(-1, self.size, self.dimension)[chosen],
+            self.covariances.reshape(-1, self.size, self.dimension, self.dimension)[chosen],
+            self.weights.reshape(-1, self.size)[chosen],
+        )
+
+    def transformed(self, theta: ArrayLike) -> "PointSet":
+        """The set moved by theta (..., P): R mu_k + t and R Sigma_k R'."""
+        return PointSet._of(
+            rigid.transform_means(theta, self.means),
+            rigid.transform_covariances(theta, self.covariances),
+            self.weights,
+        )
+
+    def inflated(self, scale: float) -> "PointSet":
+        """The set with all standard deviations multiplied by ``scale``, a positive number."""
+        scale = float(positive("scale", scalar("scale", scale)))
+        return PointSet._of(self.means, self.covariances * scale**2, self.weights)
+
+    @cached_property
+    def _packed(self) -> Array:
+        """(B, 6, N) array as the kernel reads it, one row per quantity."""
+        packed = np.zeros((*self.batch_shape, 6, self.size))
+        packed[..., _kernel.X, :] = self.means[..., 0]
+        packed[..., _kernel.XX, :] = self.covariances[..., 0, 0]
+        packed[..., _kernel.WEIGHT, :] = self.weights
+        if self.dimension == 2:
+            packed[..., _kernel.Y, :] = self.means[..., 1]
+            packed[..., _kernel.XY, :] = self.covariances[..., 0, 1]
+            packed[..., _kernel.YY, :] = self.covariances[..., 1, 1]
+        else:
+            packed[..., _kernel.YY, :] = _kernel.UNIT_DENSITY_VARIANCE
+        return packed.reshape(-1, 6, self.size)
+
+    @cached_property
+    def _peaks(self) -> Array:
+        """(B,) largest w_i det(Sigma_i)^(-1/2), the kernel's bound on any pair's density."""
+        p = self._packed
+        determinant = p[:, _kernel.XX] * p[:, _kernel.YY] - p[:, _kernel.XY] ** 2
+        return np.asarray((p[:, _kernel.WEIGHT] / np.sqrt(determinant)).max(axis=-1))

@@ -1,0 +1,136 @@
+"""Rigid motions of the line and the plane, applied to means and covariances.
+
+A motion is its parameter vector: ``[t_x]`` (m) in 1D, ``[t_x, t_y, phi_z]`` (m, m, rad) in 2D, with
+``T(m) = R(phi_z) m + t``.  All functions broadcast over leading batch axes.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from d2d._checks import Array, finite
+
+PARAMETERS = {1: 1, 2: 3}  # of a rigid motion in a space of this dimension
+
+
+def motion(name: str, theta: ArrayLike, dimension: int) -> Array:
+    """Checked parameters (..., P) of a motion in that dimension."""
+    array = finite(name, theta)
+    expected = PARAMETERS[dimension]
+    if array.ndim == 0 or array.shape[-1] != expected:
+        raise ValueError(
+            f"{name} must have the shape (..., {expected}) for sets of dimension {dimension}, "
+            f"but has {array.shape}"
+        )
+    return array
+
+
+def _any_motion(name: str, theta: ArrayLike) -> Array:
+    array = finite(name, theta)
+    if array.ndim == 0 or array.shape[-1] not in PARAMETERS.values():
+        raise ValueError(f"{name} must have the shape (..., 1) or (..., 3), but has {array.shape}")
+    return array
+
+
+def rotation(angle: ArrayLike) -> Array:
+    """Rotation matrices (..., 2, 2) of angles (...) in rad, counter-clockwise positive."""
+    angle = np.asarray(angle, dtype=np.float64)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
+
+
+def transform_means(theta: ArrayLike, means: ArrayLike) -> Array:
+    """Move points (..., N, D) by theta (..., P) (thesis eq. of T(m) = R m + t)."""
+    points = finite("means", means)
+    if points.ndim < 2 or points.shape[-1] not in PARAMETERS:
+        raise ValueError(
+            f"means must have the shape (..., N, D) with D = 1 or 2, but has {points.shape}"
+        )
+    parameters = motion("theta", theta, points.shape[-1])
+    if points.shape[-1] == 1:
+        return points + parameters[..., None, :]
+    turned = points @ np.swapaxes(rotation(parameters[..., 2]), -1, -2)
+    return turned + parameters[..., None, :2]
+
+
+def transform_covariances(theta: ArrayLike, covariances: ArrayLike) -> Array:
+    """Turn covariances (..., N, D, D) by theta (..., P): R Sigma R'."""
+    matrices = finite("covariances", covariances)
+    dimension = matrices.shape[-1] if matrices.ndim > 2 else 0
+    if dimension not in PARAMETERS or matrices.shape[-2] != dimension:
+        raise ValueError(
+            "covariances must have the shape (..., N, D, D) with D = 1 or 2, "
+            f"but has {matrices.shape}"
+        )
+    parameters = motion("theta", theta, matrices.shape[-1])
+    if matrices.shape[-1] == 1:
+        return np.broadcast_to(
+            matrices, np.broadcast_shapes(matrices.shape, (*parameters.shape[:-1], 1, 1, 1))
+        ).copy()
+    turn = rotation(parameters[..., 2])[..., None, :, :]
+    return turn @ matrices @ np.swapaxes(turn, -1, -2)
+
+
+def compose(first: ArrayLike, second: ArrayLike) -> Array:
+    """The motion that applies ``second``, then ``first``: T(m, compose(a, b)) = T(T(m, b), a)."""
+    a, b = _any_motion("first", first), _any_motion("second", second)
+    if a.shape[-1] != b.shape[-1]:
+        raise ValueError(
+            f"first and second must be of one dimension, but have the shapes {a.shape}, {b.shape}"
+        )
+    if a.shape[-1] == 1:
+        return a + b
+    moved = transform_means(a, b[..., None, :2])[..., 0, :]
+    return np.concatenate([moved, (a[..., 2:] + b[..., 2:])], axis=-1)
+
+
+def inverse(theta: ArrayLike) -> Array:
+    """The motion back: compose(inverse(theta), theta) is zero."""
+    parameters = _any_motion("theta", theta)
+    if parameters.shape[-1] == 1:
+        return -parameters
+    back = rotation(-parameters[..., 2])
+    shift = -np.einsum("...ij,...j->...i", back, parameters[..., :2])
+    return np.concatenate([shift, -parameters[..., 2:]], axis=-1)
+
+
+def exponential(twist: ArrayLike) -> Array:
+    """The motion (..., 3) after unit time at constant body velocity ``twist`` [v_x, v_y, omega].
+
+    SE(2): t = V(omega) v with V = [[sin w / w, -(1 - cos w) / w], [(1 - cos w) / w, sin w / w]].
+    """
+    xi = motion("twist", twist, 2)
+    half = 0.5 * xi[..., 2]
+    chord = np.sinc(half / np.pi)[..., None] * xi[..., :2]
+    turned = np.einsum("...ij,...j->...i", rotation(half), chord)
+    return np.concatenate([turned, xi[..., 2:]], axis=-1)
+
+
+def logarithm(theta: ArrayLike) -> Array:
+    """The twist (..., 3) of a motion: exponential(logarithm(theta)) = theta, |phi| < 2 pi."""
+    parameters = motion("theta", theta, 2)
+    half = 0.5 * parameters[..., 2]
+    arc = parameters[..., :2] / np.sinc(half / np.pi)[..., None]
+    turned = np.einsum("...ij,...j->...i", rotation(-half), arc)
+    return np.concatenate([turned, parameters[..., 2:]], axis=-1)
+
+
+def logarithm_jacobian(theta: ArrayLike) -> Array:
+    """d logarithm / d theta (..., 3, 3), at a motion (..., 3) with |phi| < 2 pi."""
+    parameters = motion("theta", theta, 2)
+    x, y, phi = np.moveaxis(parameters, -1, 0)
+    half = 0.5 * phi
+    small = np.abs(phi) < 1e-3  # the closed form cancels; the series' next terms are below 1e-15
+    safe = np.where(small, 1.0, half)
+    a = np.where(small, 1.0 - phi**2 / 12.0, safe / np.tan(safe))
+    slope = np.where(
+        small,
+        -phi / 6.0 - phi**3 / 180.0,
+        0.5 * (1.0 / np.tan(safe) - safe / np.sin(safe) ** 2),
+    )
+    jacobian = np.zeros((*parameters.shape, 3))
+    jacobian[..., 0, 0] = jacobian[..., 1, 1] = a
+    jacobian[..., 0, 1], jacobian[..., 1, 0] = half, -half
+    jacobian[..., 0, 2] = slope * x + 0.5 * y
+    jacobian[..., 1, 2] = slope * y - 0.5 * x
+    jacobian[..., 2, 2] = 1.0
+    return jacobian

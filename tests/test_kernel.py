@@ -1,0 +1,289 @@
+"""The compiled kernel's own exponential, its gate and its trust-region step."""
+
+from __future__ import annotations
+
+import math
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from numba import njit
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.optimize import brentq
+
+from d2d import PointSet, RegistrationCost, _kernel
+from tests.strategies import (
+    METRICS,
+    OUTLIERS,
+    Problem,
+    case_id,
+    dense_gradient,
+    dense_hessian,
+    dense_value,
+    doppler_like,
+    outlier_model,
+    random_problem,
+)
+
+# ---- exp --------------------------------------------------------------------------------------
+
+
+def _one(x):
+    return _kernel._exp(x)
+
+
+def _loop(x, out):
+    for i in range(len(x)):
+        out[i] = _kernel._exp(x[i])
+
+
+def _shifted_loop(x, out):
+    # as the kernel calls it: of a difference, times a weight, summed up
+    total = 0.0
+    for i in range(len(x)):
+        out[i] = _kernel._exp(2.0 * (x[i] * 0.5))
+        total += out[i]
+    return total
+
+
+FLAGS = {"strict": False, "kernel": _kernel._FAST | {"nnan"}, "all": True}
+
+
+@pytest.fixture(scope="module", params=FLAGS)
+def exponentials(request):
+    """exp of an array, through a scalar call and through two loops, under a caller's flags."""
+    options = {"fastmath": FLAGS[request.param], "error_model": "numpy"}
+    one = njit(**options)(_one)
+    loops = [njit(**options)(function) for function in (_loop, _shifted_loop)]
+
+    def evaluate(x):
+        yield np.array([one(value) for value in x])
+        for loop in loops:
+            out = np.empty_like(x)
+            loop(x, out)
+            yield out
+
+    return evaluate
+
+
+def test_exp_is_within_four_ulp(exponentials):
+    """Breaks if a caller's fastmath cancels the rounding constant, or a digit of ln 2 is off."""
+    rng = np.random.default_rng(1)
+    x = np.concatenate(
+        [
+            -rng.uniform(0.0, 700.0, 40_000),
+            -rng.uniform(0.0, 1.0, 20_000),
+            -np.exp(rng.uniform(-40.0, 0.0, 5_000)),
+            -math.log(2.0) * np.arange(0.0, 1009.5, 0.5),  # where the exponent steps
+            [0.0, -0.0, -5e-324, -700.0],
+        ]
+    )
+    x = np.maximum(x, -700.0)
+    expected = np.exp(x)
+    for actual in exponentials(x):
+        assert (np.abs(actual - expected) <= 4.0 * np.spacing(expected)).all()
+
+
+def test_exp_of_zero_is_one_and_far_below_it_is_negligible(exponentials):
+    """Breaks if the nearest component's weight is not 1, or exp(-1000) wraps around."""
+    for actual in exponentials(np.array([0.0, -0.0, -701.0, -745.0, -1e5, -1e300, -np.inf])):
+        assert_array_equal(actual[:2], 1.0)
+        assert (actual[2:] >= 0.0).all()
+        assert (actual[2:] <= 1.0000001e-304).all()
+
+
+# ---- The gate ---------------------------------------------------------------------------------
+
+
+def wide_scene(metric: str, outlier: str, measured: str, fusion: str = "likelihood") -> Problem:
+    """200 targets over two kilometres, in clusters, standard deviations from 1 cm to 100 m.
+
+    Weights span four orders of magnitude, so that the gate's bound on them is far from tight.
+    """
+    rng = np.random.default_rng(2)
+    count = 200
+    centres = rng.uniform(-1000.0, 1000.0, (20, 2))
+
+    def point_set(weights):
+        means = centres[rng.integers(0, 20, count)] + 5.0 * rng.standard_normal((count, 2))
+        sizes = 10.0 ** rng.uniform(-2.0, 2.0, (count, 2))
+        angle = rng.uniform(0.0, np.pi, count)
+        axes = np.stack([np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)], -1)
+        axes = axes.reshape(count, 2, 2)
+        # not more than 30 times as long as wide: else rounding, not the gate, is compared
+        sizes[:, 1] = np.clip(sizes[:, 1], sizes[:, 0] / 30.0, sizes[:, 0] * 30.0)
+        covariances = np.einsum("nia,na,nja->nij", axes, sizes**2, axes)
+        return PointSet(means, 0.5 * (covariances + np.swapaxes(covariances, 1, 2)), weights)
+
+    theta = np.array([1.0, -2.0, 0.02])
+    fixed, moving = point_set(10.0 ** rng.uniform(-4.0, 0.0, count)), point_set(None)
+    measurement = doppler_like(rng, theta, count, measured == "twist") if measured else None
+    model = outlier_model(outlier, 2)
+    return Problem(RegistrationCost(metric, fusion, model), theta, fixed, moving, measurement)
+
+
+@pytest.fixture
+def gate_at(monkeypatch):
+    """Another width of the gate within a block; infinite: no pair is skipped.
+
+    The kernel's outer loops run interpreted, where the gate can be changed; the inner ones, which
+    take it as an argument, stay compiled.
+    """
+
+    @contextmanager
+    def change(width):
+        with monkeypatch.context() as patch:
+            patch.setattr(_kernel, "GATE", width)
+            for name in ("evaluate_batch", "log_density_batch", "_evaluate", "_target"):
+                patch.setattr(_kernel, name, getattr(_kernel, name).py_func)
+            yield
+
+    return change
+
+
+GATED = [
+    {"dimension": 2, "metric": metric, "fusion": fusion, "outlier": outlier, "measured": measured}
+    for metric in METRICS
+    for fusion in ("likelihood", "summing")
+    for outlier in OUTLIERS
+    for measured in ("", "twist")
+]
+
+
+@pytest.mark.parametrize("case", GATED, ids=case_id)
+def test_the_gate_changes_nothing(case, gate_at):
+    """Breaks if a pair that matters is skipped: the bound must hold for any size and weight."""
+    problem = wide_scene(case["metric"], case["outlier"], case["measured"], case["fusion"])
+    value, gradient, hessian = problem.derivatives()
+    densities = problem.densities()
+    with gate_at(np.inf):
+        open_value, open_gradient, open_hessian = problem.derivatives()
+        open_densities = problem.densities()
+    assert_allclose(value, open_value, rtol=1e-13)
+    natural = np.sqrt(np.abs(np.diag(open_hessian)))
+    assert (np.abs(gradient - open_gradient) <= 1e-12 * abs(value) * natural).all()
+    assert (np.abs(hessian - open_hessian) <= 1e-12 * abs(value) * np.outer(natural, natural)).all()
+    assert_allclose(densities, open_densities, rtol=1e-12)
+
+
+def test_a_gate_too_narrow_is_noticed(gate_at):
+    """Breaks if the comparison above no longer reaches the gate: this one skips what matters."""
+    problem = wide_scene("d2d", "none", measured="")
+    expected = problem.densities()
+    with gate_at(-20.0):
+        narrow = problem.densities()
+    assert (narrow < 0.999 * expected).any()
+
+
+@pytest.mark.parametrize("outlier", OUTLIERS)
+@pytest.mark.parametrize("metric", METRICS)
+def test_the_wide_scene_equals_dense_numpy(metric, outlier):
+    """Breaks if the sums over 200 components lose accuracy, whatever the gate does."""
+    problem = wide_scene(metric, outlier, measured="")
+    value, gradient, hessian = problem.derivatives()
+    assert_allclose(value, dense_value(problem, problem.theta), rtol=1e-12)
+    expected = dense_gradient(problem, problem.theta)
+    assert_allclose(gradient, expected, rtol=1e-10, atol=1e-12 * abs(value))
+    expected = dense_hessian(problem, problem.theta)
+    assert_allclose(hessian, expected, rtol=1e-6, atol=1e-10 * np.abs(expected).max())
+
+
+def test_most_pairs_of_the_wide_scene_are_beyond_the_gate():
+    """Breaks if the scene above no longer gives the gate anything to skip."""
+    problem = wide_scene("d2d", "none", measured="")
+    theta, f, m = problem.theta, problem.fixed, problem.moving
+    moved = m.transformed(theta)
+    d = moved.means[:, None] - f.means
+    s = moved.covariances[:, None] + f.covariances
+    half = 0.5 * np.einsum("kni,kni->kn", d, np.linalg.solve(s, d[..., None])[..., 0])
+    logs = np.log(f.weights) - half - 0.5 * np.linalg.slogdet(s)[1]
+    below = logs.max(axis=1, keepdims=True) - logs
+    assert (below > _kernel.GATE + 10.0).mean() > 0.5
+    assert 0.02 < (below < _kernel.GATE).mean() < 0.5
+
+
+# ---- The trust region -------------------------------------------------------------------------
+
+
+def best_decrease(h: np.ndarray, g: np.ndarray, scale: np.ndarray, radius: float) -> float:
+    """Of the quadratic model within the radius, by the eigenvectors of the scaled Hessian."""
+    root = np.sqrt(scale)
+    values, vectors = np.linalg.eigh(h / np.outer(root, root))
+    slope = vectors.T @ (g / root)
+
+    def length(shift):
+        return np.linalg.norm(slope / (values + shift))
+
+    shift = 0.0
+    if values[0] <= 0.0 or length(0.0) > radius:
+        low = max(0.0, -values[0]) + 1e-14 * np.abs(values).max()
+        high = low + np.linalg.norm(slope) / radius + np.abs(values).max()
+        shift = brentq(lambda s: 1.0 / radius - 1.0 / length(s), low, high, rtol=1e-14)
+    y = -slope / (values + shift)
+    return float(-(slope @ y + 0.5 * y @ (values * y)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_trust_region_step_is_nearly_the_best_within_the_radius(seed):
+    """Breaks if the shift's search ends at a step too long, or one that lowers the model little."""
+    rng = np.random.default_rng(seed)
+    for _ in range(300):
+        h = rng.standard_normal((3, 3)) * 10.0 ** rng.uniform(-3.0, 3.0)
+        h = h + h.T + rng.choice([0.0, 1.0, 10.0]) * np.abs(h).max() * np.eye(3)
+        scale = np.array([1.0, 1.0, 10.0 ** rng.uniform(-1.0, 3.0)])
+        h *= np.sqrt(np.outer(scale, scale))
+        g = rng.standard_normal(3) * 10.0 ** rng.uniform(-3.0, 3.0) * np.sqrt(scale)
+        radius = 10.0 ** rng.uniform(-3.0, 3.0)
+        step = np.full(3, np.nan)
+        decrease = _kernel._trust_region_step(h, g, scale, radius, step)
+        assert np.sqrt((scale * step**2).sum()) <= 1.1 * radius * (1.0 + 1e-9)
+        assert_allclose(decrease, -(g @ step + 0.5 * step @ h @ step), rtol=1e-9)
+        assert decrease >= 0.75 * best_decrease(h, g, scale, radius)
+
+
+def test_trust_region_step_on_a_plateau_is_zero():
+    """Breaks if the step stays what the memory held before: with g = 0 and H = 0 no shift helps."""
+    step = np.array([20.0, 3.0, 0.1])
+    decrease = _kernel._trust_region_step(np.zeros((3, 3)), np.zeros(3), np.ones(3), 1.0, step)
+    assert_array_equal(step, 0.0)
+    assert decrease == 0.0
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.3])
+def test_shifted_solve_equals_a_general_solver(shift):
+    """Breaks on a wrong factor, a wrong derivative or a Hessian wrongly called definite."""
+    rng = np.random.default_rng(5)
+    refused = 0
+    for _ in range(300):
+        root = rng.standard_normal((3, 3))
+        h = root @ np.diag([1.0, 2.0, rng.choice([-1.0, 0.5])]) @ root.T
+        h = 0.5 * (h + h.T)
+        g, scale, step = rng.standard_normal(3), rng.uniform(0.5, 5.0, 3), np.empty(3)
+        shifted = h + shift * np.diag(scale)
+        definite, slope = _kernel._shifted_solve(h, g, shift, scale, step)
+        assert definite == (np.linalg.eigvalsh(shifted)[0] > 0.0)
+        if not definite:
+            refused += 1
+            continue
+        assert_allclose(step, np.linalg.solve(shifted, -g), rtol=1e-7, atol=1e-9)
+        along = scale * step
+        assert_allclose(slope, along @ np.linalg.solve(shifted, along), rtol=1e-7)
+    assert 30 < refused < 270
+
+
+def test_shifted_solve_refuses_singular_matrices_with_rounding_errors():
+    """Breaks if rounding above zero counts as definite and what is unobservable converges."""
+    rng = np.random.default_rng(7)
+    for _ in range(300):
+        root = rng.standard_normal((3, 2)) * [[1.0], [1.0], [30.0]]
+        definite, _ = _kernel._shifted_solve(
+            root @ root.T, rng.standard_normal(3), 0.0, np.ones(3), np.empty(3)
+        )
+        assert not definite
+
+
+def test_a_set_on_a_line_has_density_one_along_the_other_axis():
+    """Breaks if the variance that stands in for the missing dimension changes."""
+    assert_allclose(2.0 * np.pi * _kernel.UNIT_DENSITY_VARIANCE, 1.0, rtol=1e-15)
+    problem = random_problem(np.random.default_rng(6), dimension=1)
+    assert_array_equal(problem.fixed._packed[0, _kernel.YY], _kernel.UNIT_DENSITY_VARIANCE)

@@ -1,0 +1,653 @@
+"""register: the optimum, its covariance, and what it says when there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.optimize import minimize
+
+from d2d import (
+    CorruptedGaussian,
+    LinearMeasurement,
+    PointSet,
+    RegistrationCost,
+    UniformOutlier,
+    credibility,
+    fisher_covariance,
+    multi_start,
+    register,
+    rigid,
+    start_grid,
+)
+from tests.strategies import (
+    FUSIONS,
+    METRICS,
+    OUTLIERS,
+    TRUTH,
+    Problem,
+    central_difference,
+    dense_gradient,
+    dense_hessian,
+    dense_value,
+    doppler_like,
+    outlier_model,
+    overlapped_scene,
+    spd,
+)
+
+FIELDS = ("theta", "covariance", "value", "gradient", "hessian", "converged", "iterations")
+SCHEDULE = (10.0, 5.5, 3.2, 1.7, 1.0)
+ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
+
+
+def run(problem: Problem, initial=None, scales=(1.0,), threads=1):
+    """register() of a problem, from its own theta unless another start is given."""
+    return register(
+        problem.fixed,
+        problem.moving,
+        problem.cost,
+        problem.theta if initial is None else initial,
+        scales,
+        measurement=problem.measurement,
+        threads=threads,
+    )
+
+
+def assert_same(ours, theirs, index=()):
+    """All fields equal bit for bit."""
+    for name in FIELDS:
+        assert_array_equal(getattr(ours, name)[index], getattr(theirs, name), err_msg=name)
+
+
+def scene(
+    seed: int,
+    dimension: int = 2,
+    metric: str = "d2d",
+    fusion: str = "likelihood",
+    outlier: str = "none",
+    measured: str = "",
+    count: int = 7,
+) -> Problem:
+    """Noisy copies of ``count`` targets, two of them without a partner, seen from two poses.
+
+    ``theta`` is the true motion.
+    """
+    rng = np.random.default_rng(seed)
+    parameters = rigid.PARAMETERS[dimension]
+    theta = np.array([1.5, -0.8, 0.2])[:parameters]
+    # seen from some way off, as a sensor does: rotation and translation are not alike
+    targets = rng.uniform(-8.0, 8.0, (count, dimension)) + np.array([15.0, 0.0])[:dimension]
+
+    def seen(means):
+        covariances = spd(rng, count, dimension, 0.4)
+        noise = rng.standard_normal((count, dimension))
+        factor = np.linalg.cholesky(covariances)
+        return PointSet(means + np.einsum("nij,nj->ni", factor, noise), covariances)
+
+    fixed = seen(targets)
+    strangers = targets + np.where(np.arange(count) < 2, 4.0, 0.0)[:, None]
+    moving = seen(rigid.transform_means(rigid.inverse(theta), strangers))
+    measurement = doppler_like(rng, theta, count, measured == "twist") if measured else None
+    cost = RegistrationCost(metric, fusion, outlier_model(outlier, dimension))
+    return Problem(cost, theta, fixed, moving, measurement)
+
+
+def starts_around(problem: Problem, count: int, seed: int, spread: float = 1.0) -> np.ndarray:
+    """Starts (count, P) around the true motion; the first is the truth."""
+    rng = np.random.default_rng(seed)
+    size = spread * np.array([2.0, 2.0, 0.2])[: len(problem.theta)]
+    offsets = size * rng.standard_normal((count, len(problem.theta)))
+    offsets[0] = 0.0
+    return problem.theta + offsets
+
+
+# ---- The optimum ------------------------------------------------------------------------------
+
+CASES = [
+    (2, "d2d", "likelihood", "none", ""),
+    (2, "d2d", "likelihood", "corrupted", "twist"),
+    (2, "d2d", "summing", "none", ""),
+    (2, "p2d", "likelihood", "uniform", "motion"),
+    (2, "p2d", "summing", "corrupted", ""),
+    (1, "d2d", "likelihood", "corrupted", "motion"),
+    (1, "p2d", "summing", "none", ""),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(map(str, case)).rstrip("-"))
+@pytest.mark.parametrize("seed", [1, 2])
+def test_best_optimum_is_that_of_scipy(case, seed):
+    """Breaks if Newton's iteration ends anywhere but at the optimum of the stated cost."""
+    problem = scene(seed, *case)
+    starts = starts_around(problem, 16, seed)
+    estimate = run(problem, starts)
+    best = int(np.nanargmin(np.where(estimate.converged, estimate.value, np.nan)))
+
+    # SciPy works in the units of the expected errors, on the dense reference cost
+    unit = np.sqrt(np.diag(estimate.covariance[best]))
+    found = [
+        minimize(
+            lambda x: float(dense_value(problem, x * unit)),
+            start / unit,
+            jac=lambda x: dense_gradient(problem, x * unit) * unit,
+            method="BFGS",
+            options={"gtol": 1e-7},
+        )
+        for start in starts
+    ]
+    winner = min(found, key=lambda result: result.fun)
+    theta = winner.x * unit
+    theta -= np.linalg.solve(dense_hessian(problem, theta), dense_gradient(problem, theta))
+    assert_allclose(estimate.value[best], winner.fun, rtol=1e-9, atol=1e-9)
+    assert (np.abs(estimate.theta[best] - theta) <= 1e-6 * unit).all()
+    expected = np.linalg.inv(dense_hessian(problem, theta))
+    assert_allclose(estimate.covariance[best], expected, rtol=1e-5, atol=1e-7 * unit.max() ** 2)
+
+
+@pytest.mark.parametrize("outlier", OUTLIERS)
+@pytest.mark.parametrize("fusion", FUSIONS)
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_what_converged_is_a_minimum_with_its_covariance(dimension, metric, fusion, outlier):
+    """Breaks if converged, covariance or the fields of the estimate do not belong together."""
+    problem = scene(3, dimension, metric, fusion, outlier, "motion")
+    estimate = run(problem, starts_around(problem, 60, 3))
+    good = estimate.converged
+    assert good.mean() > 0.8
+    assert_array_equal(np.isnan(estimate.covariance).all(axis=(-2, -1)), ~good)
+    assert_array_equal(np.isnan(estimate.covariance).any(axis=(-2, -1)), ~good)
+    fisher = fisher_covariance(estimate.hessian[good])
+    sigma = np.sqrt(np.einsum("nii->ni", fisher))
+    allowed = 1e-9 * sigma[:, :, None] * sigma[:, None, :]
+    assert (np.abs(estimate.covariance[good] - fisher) <= allowed).all()
+    product = estimate.covariance[good] @ estimate.hessian[good]
+    assert_allclose(product, np.broadcast_to(np.eye(len(problem.theta)), product.shape), atol=1e-9)
+    # in units of standard deviations the gradient vanishes and the Hessian is positive definite
+    size = np.sqrt(np.einsum("nii->ni", estimate.hessian[good]))
+    assert np.abs(estimate.gradient[good] / size).max() < 1e-6
+    assert (np.linalg.eigvalsh(estimate.hessian[good])[:, 0] > 0.0).all()
+    value, gradient, hessian = problem.derivatives(estimate.theta)
+    assert_allclose(estimate.value, value, rtol=1e-13)
+    assert_allclose(estimate.gradient, gradient, rtol=1e-9, atol=1e-9 * size.max())
+    assert_allclose(estimate.hessian, hessian, rtol=1e-9, atol=1e-12 * size.max() ** 2)
+
+
+def far_starts(problem: Problem, seed: int) -> np.ndarray:
+    """Near, far, very far and turned round."""
+    rng = np.random.default_rng(seed)
+    size = 10.0 ** rng.uniform(-1.0, 5.0, (80, 1))
+    offsets = size * rng.standard_normal((80, len(problem.theta)))
+    if len(problem.theta) == 3:
+        offsets[:, 2] = rng.uniform(-np.pi, np.pi, 80)
+    return problem.theta + offsets
+
+
+@pytest.mark.parametrize("scales", [(1.0,), (5.0, 1.0), (20.0, 4.0, 2.0), (1.0, 8.0)], ids=str)
+@pytest.mark.parametrize("outlier", OUTLIERS)
+@pytest.mark.parametrize("fusion", FUSIONS)
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_never_worse_than_the_start(dimension, fusion, outlier, scales):
+    """Breaks if a step is taken that raises the cost, or a detour over the scales ends higher."""
+    problem = scene(4, dimension, "d2d", fusion, outlier, "motion")
+    starts = far_starts(problem, 5)
+    estimate = run(problem, starts, scales)
+    last = problem.with_(
+        fixed=problem.fixed.inflated(scales[-1]),
+        moving=problem.moving.inflated(scales[-1]),
+        measurement=problem.measurement.inflated(scales[-1]),
+    )
+    assert np.isfinite(estimate.theta).all()
+    before, after = last.value(starts), last.value(estimate.theta)
+    assert (estimate.value <= before).all()
+    assert_allclose(after, estimate.value, rtol=1e-12)
+
+
+def test_defaults_are_d2d_likelihood_from_zero():
+    """Breaks if another cost or start is taken unless given."""
+    fixed, moving = overlapped_scene(3, np.random.default_rng(6))
+    explicit = register(
+        fixed, moving, RegistrationCost("d2d", "likelihood", None), np.zeros(3), scales=[1.0]
+    )
+    assert_same(register(fixed, moving), explicit)
+
+
+def test_an_optimum_stays_where_it_is():
+    """Breaks if restarting at the optimum moves on or loses convergence."""
+    problem = scene(7)
+    first = run(problem)
+    again = run(problem, first.theta)
+    assert again.converged
+    assert again.iterations <= 1
+    sigma = np.sqrt(np.diag(first.covariance))
+    assert (np.abs(again.theta - first.theta) < 1e-6 * sigma).all()
+
+
+def test_few_iterations_from_nearby():
+    """Breaks if the Hessian is wrong enough to spoil Newton's quadratic convergence."""
+    problem = scene(8, outlier="corrupted")
+    estimate = run(problem, starts_around(problem, 50, 9, spread=0.1))
+    assert estimate.converged.all()
+    assert np.median(estimate.iterations) <= 8
+
+
+# ---- Scales -----------------------------------------------------------------------------------
+
+
+def test_last_scale_is_that_of_the_result():
+    """Breaks if sigmas are divided, variances scaled, or the measurement left as it is."""
+    problem = scene(10, measured="motion")
+    wide = problem.with_(
+        fixed=problem.fixed.inflated(3.0),
+        moving=problem.moving.inflated(3.0),
+        measurement=problem.measurement.inflated(3.0),
+    )
+    assert_same(run(problem, scales=(3.0,)), run(wide))
+
+
+def test_each_scale_starts_the_next():
+    """Breaks if a scale starts from the beginning again, or steps are not counted over all."""
+    problem = scene(11, outlier="corrupted")
+    first = run(problem, scales=(4.0,))
+    second = run(problem, first.theta)
+    both = run(problem, scales=(4.0, 1.0))
+    assert_array_equal(both.theta, second.theta)
+    assert_array_equal(both.value, second.value)
+    assert both.iterations == first.iterations + second.iterations
+
+
+def test_scales_find_the_truth_more_often():
+    """Breaks if the inflation schedule does not widen the basin of attraction."""
+    fixed, moving = overlapped_scene(200, np.random.default_rng(12))
+    best = register(fixed, moving, initial=TRUTH)
+
+    def found(estimate):
+        return (np.abs(estimate.theta - best.theta) < [0.05, 0.05, 0.005]).all(axis=-1).mean()
+
+    plain = found(register(fixed, moving))
+    scaled = found(register(fixed, moving, scales=SCHEDULE))
+    print(f"found from zero: {plain:.1%} plainly, {scaled:.1%} over the scales {SCHEDULE}")
+    assert scaled > plain + 0.1
+
+
+# ---- Several starts ---------------------------------------------------------------------------
+
+
+def test_multi_start_is_the_best_of_its_starts():
+    """Breaks if another problem's best start is picked, or one that did not converge."""
+    fixed, moving = overlapped_scene(6, np.random.default_rng(33))
+    starts = start_grid(6.0, 6.0, [-0.3, 0.0, 0.3])
+    starts[0] = 1e6
+    best = multi_start(fixed, moving, ROBUST, starts, (2.0, 1.0))
+    assert best.theta.shape == (6, 3)
+    for i in range(6):
+        each = register(fixed[i], moving[i], ROBUST, starts, (2.0, 1.0))
+        winner = np.argmin(np.where(each.converged, each.value, np.inf))
+        for name in FIELDS[:-1]:
+            assert_array_equal(getattr(best, name)[i], getattr(each, name)[winner], err_msg=name)
+        assert best.iterations[i] == each.iterations.sum()
+
+
+def test_multi_start_of_one_problem_has_no_batch_axes():
+    """Breaks if the axis of the starts is left over."""
+    fixed, moving = overlapped_scene(1, np.random.default_rng(34))
+    best = multi_start(fixed[0], moving[0], None, [TRUTH, np.zeros(3)])
+    assert best.theta.shape == (3,)
+    assert best.value <= register(fixed[0], moving[0], initial=TRUTH).value
+
+
+@pytest.mark.parametrize("count", [4, 5])
+def test_multi_start_tries_every_start_for_every_measurement(count):
+    """Breaks if the axis of the starts is matched with the measurements' batch axis."""
+    problem = scene(35, measured="motion")
+    z = problem.measurement
+    value = z.value + np.random.default_rng(36).standard_normal((4, z.size))
+    batch = LinearMeasurement(value, z.sigma, z.sigma_input, z.gain, z.slope)
+    starts = starts_around(problem, count, 37)
+    best = multi_start(problem.fixed, problem.moving, problem.cost, starts, measurement=batch)
+    assert best.theta.shape == (4, 3)
+    for i in range(4):
+        one = LinearMeasurement(value[i], z.sigma, z.sigma_input, z.gain, z.slope)
+        each = run(problem.with_(measurement=one), starts)
+        assert best.value[i] == each.value[each.converged].min()
+
+
+def test_multi_start_of_sets_with_batch_axes_of_their_own():
+    """Breaks if only one set's batch axes are counted."""
+    problem = scene(38)
+    f, m = problem.fixed, problem.moving
+    rng = np.random.default_rng(39)
+    fixed = PointSet(f.means + 0.1 * rng.standard_normal((3, 1, *f.means.shape)), f.covariances)
+    moving = PointSet(m.means + 0.1 * rng.standard_normal((2, *m.means.shape)), m.covariances)
+    starts = starts_around(problem, 3, 40)
+    best = multi_start(fixed, moving, problem.cost, starts)
+    assert best.theta.shape == (3, 2, 3)
+    for i, j in np.ndindex(3, 2):
+        each = register(fixed[i, 0], moving[j], problem.cost, starts)
+        assert best.value[i, j] == each.value[each.converged].min()
+
+
+@pytest.mark.parametrize(
+    "starts", [np.zeros(3), np.zeros((0, 3)), np.zeros((4, 2)), [[np.nan] * 3], "grid", None]
+)
+def test_multi_start_refuses_what_are_no_starts(starts):
+    """Breaks if the error does not say that the starts were meant."""
+    with pytest.raises(ValueError, match="starts"):
+        multi_start(F, M, None, starts)
+
+
+def test_start_grid_reaches_its_edges_in_steps_no_longer_than_asked():
+    """Breaks if an edge is left out or a rotation is not tried everywhere."""
+    angles = np.array([-0.2, 0.1])
+    starts = start_grid(5.0, 2.0, angles)
+    assert starts.shape == (7 * 7 * 2, 3)
+    for axis in (0, 1):
+        line = np.unique(starts[:, axis])
+        assert_allclose(line[[0, -1]], [-5.0, 5.0])
+        assert (np.diff(line) <= 2.0).all()
+    assert len(np.unique(starts, axis=0)) == len(starts)
+    assert_array_equal(np.unique(starts[:, 2]), angles)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ((0.0, 1.0, [0.0]), "reach"),
+        ((np.nan, 1.0, [0.0]), "reach"),
+        (([1.0, 2.0], 1.0, [0.0]), "reach"),
+        ((1.0, -1.0, [0.0]), "spacing"),
+        ((1.0, None, [0.0]), "spacing"),
+        ((1.0, 1.0, [np.inf]), "angles"),
+        ((1.0, 1.0, []), "angles"),
+    ],
+    ids=str,
+)
+def test_start_grid_refuses_what_gives_no_grid(arguments, name):
+    """Breaks if a grid without starts, or of nan, is made."""
+    with pytest.raises(ValueError, match=name):
+        start_grid(*arguments)
+
+
+# ---- Batches and threads ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scales", [(1.0,), SCHEDULE], ids=["plain", "scales"])
+@pytest.mark.parametrize("outlier", OUTLIERS)
+def test_a_batch_is_its_problems_one_by_one(outlier, scales):
+    """Breaks if a problem's result depends on what was computed before it."""
+    fixed, moving = overlapped_scene(25, np.random.default_rng(13))
+    starts = TRUTH + np.random.default_rng(14).standard_normal((25, 3)) * [4.0, 4.0, 0.3]
+    cost = RegistrationCost(outlier=outlier_model(outlier, 2))
+    batch = register(fixed, moving, cost, starts, scales)
+    for i in range(25):
+        assert_same(batch, register(fixed[i], moving[i], cost, starts[i], scales), i)
+
+
+@pytest.mark.parametrize("threads", [2, 3, 64])
+@pytest.mark.parametrize("scales", [(1.0,), SCHEDULE], ids=["plain", "scales"])
+def test_threads_change_nothing(scales, threads):
+    """Breaks if the parts of a batch overlap, are left out, or share memory."""
+    fixed, moving = overlapped_scene(101, np.random.default_rng(15))
+    one = register(fixed, moving, ROBUST, scales=scales)
+    assert_same(register(fixed, moving, ROBUST, scales=scales, threads=threads), one)
+
+
+def test_batch_axes_of_sets_starts_and_measurements_broadcast():
+    """Breaks if the batch axes are flattened in another order than they are unfolded."""
+    problem = scene(16, measured="motion", count=5)
+    rng = np.random.default_rng(17)
+    f, m, z = problem.fixed, problem.moving, problem.measurement
+    fixed = PointSet(f.means + 0.1 * rng.standard_normal((4, *f.means.shape)), f.covariances)
+    moving = PointSet(m.means + 0.1 * rng.standard_normal((3, 1, *m.means.shape)), m.covariances)
+    value = z.value + rng.standard_normal((2, 1, 1, z.size))
+    measurement = LinearMeasurement(value, z.sigma, z.sigma_input, z.gain, z.slope)
+    starts = problem.theta + 0.1 * rng.standard_normal((4, 3))
+    cost = RegistrationCost(outlier=outlier_model("corrupted", 2))
+    batch = register(fixed, moving, cost, starts, (2.0, 1.0), measurement=measurement)
+    assert batch.theta.shape == batch.gradient.shape == (2, 3, 4, 3)
+    assert batch.covariance.shape == batch.hessian.shape == (2, 3, 4, 3, 3)
+    assert batch.value.shape == batch.converged.shape == batch.iterations.shape == (2, 3, 4)
+    for i, j, k in np.ndindex(2, 3, 4):
+        one = LinearMeasurement(value[i, 0, 0], z.sigma, z.sigma_input, z.gain, z.slope)
+        alone = register(fixed[k], moving[j, 0], cost, starts[k], (2.0, 1.0), measurement=one)
+        assert_same(batch, alone, (i, j, k))
+
+
+def test_start_is_left_alone():
+    """Breaks if the caller's array is used as the iteration's memory."""
+    problem = scene(18)
+    starts = starts_around(problem, 5, 19)
+    before = starts.copy()
+    estimate = run(problem, starts)
+    assert_array_equal(starts, before)
+    assert (estimate.theta != starts).any()
+
+
+# ---- Invariances ------------------------------------------------------------------------------
+
+
+def test_optimum_moves_with_the_scene():
+    """Breaks if the origin or the axes play a role: both sets are moved, each in its own way."""
+    problem = scene(20)
+    a, b = np.array([30.0, -12.0, 1.1]), np.array([-7.0, 40.0, -2.6])
+
+    def conjugated(theta):
+        return rigid.compose(a, rigid.compose(theta, rigid.inverse(b)))
+
+    first = run(problem)
+    moved = register(
+        problem.fixed.transformed(a),
+        problem.moving.transformed(b),
+        problem.cost,
+        conjugated(problem.theta),
+    )
+    assert first.converged
+    assert moved.converged
+    assert_allclose(moved.value, first.value, rtol=1e-11)
+    sigma = np.sqrt(np.diag(moved.covariance))
+    assert (np.abs(moved.theta - conjugated(first.theta)) < 1e-6 * sigma).all()
+    jacobian = central_difference(conjugated, first.theta, np.full(3, 1e-3))
+    expected = jacobian @ first.covariance @ jacobian.T
+    assert_allclose(moved.covariance, expected, rtol=1e-6, atol=1e-6 * sigma.max() ** 2)
+
+
+@pytest.mark.parametrize("outlier", ["none", "corrupted"])
+def test_doubled_weights_change_neither_optimum_nor_covariance(outlier):
+    """Breaks if the weights' sum matters: the cost only shifts by K log 2."""
+    problem = scene(21, outlier=outlier)
+    f = problem.fixed
+    doubled = problem.with_(fixed=PointSet(f.means, f.covariances, 2.0 * f.weights))
+    first, second = run(problem), run(doubled)
+    assert_allclose(second.value, first.value - problem.moving.size * np.log(2.0), rtol=1e-12)
+    assert_allclose(second.theta, first.theta, rtol=1e-9)
+    assert_allclose(second.covariance, first.covariance, rtol=1e-7, atol=1e-12)
+
+
+def test_targets_may_come_in_any_order():
+    """Breaks if the optimum depends on the order beyond rounding."""
+    problem = scene(22, outlier="corrupted")
+    f, m = problem.fixed, problem.moving
+    i, k = np.random.default_rng(23).permutation(f.size), np.arange(m.size)[::-1]
+    shuffled = problem.with_(
+        fixed=PointSet(f.means[i], f.covariances[i]), moving=PointSet(m.means[k], m.covariances[k])
+    )
+    first, second = run(problem), run(shuffled)
+    assert_allclose(second.theta, first.theta, rtol=1e-9)
+    assert_allclose(second.covariance, first.covariance, rtol=1e-7, atol=1e-12)
+
+
+# ---- Where there is no optimum ----------------------------------------------------------------
+
+
+def assert_refused(estimate):
+    assert not estimate.converged.any()
+    assert np.isnan(estimate.covariance).all()
+    assert np.isfinite(estimate.theta).all()
+
+
+@pytest.mark.parametrize("outlier", OUTLIERS)
+@pytest.mark.parametrize("metric", METRICS)
+def test_one_round_target_does_not_show_the_rotation(metric, outlier):
+    """Breaks if an unobservable motion gets a covariance, however large."""
+    rng = np.random.default_rng(24)
+    round_target = np.eye(2)[None] * 0.09
+    fixed = PointSet(rng.uniform(-20.0, 20.0, (40, 1, 2)), round_target)
+    moving = PointSet(rng.uniform(-20.0, 20.0, (40, 1, 2)), round_target)
+    # an isotropic outlier component, so that it sees no rotation either
+    model = CorruptedGaussian(0.2, 9.0 * np.eye(2)) if outlier == "corrupted" else None
+    model = UniformOutlier(1e-3) if outlier == "uniform" else model
+    start = np.zeros((40, 3))
+    start[:, :2] = (fixed.means - moving.means)[:, 0] + 0.1 * rng.standard_normal((40, 2))
+    estimate = register(fixed, moving, RegistrationCost(metric, outlier=model), start)
+    assert_refused(estimate)
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-14, 1e-6, 0.1])
+def test_a_maximum_of_the_cost_is_no_optimum(offset):
+    """Breaks if a vanishing gradient is enough: halfway between two targets the cost is highest."""
+    fixed = PointSet([[-3.0], [3.0]], np.full((2, 1, 1), 0.25))
+    moving = PointSet([[0.0]], [[[0.25]]])
+    estimate = register(fixed, moving, initial=[offset])
+    if estimate.converged:  # it found its way down
+        assert_allclose(np.abs(estimate.theta), 3.0, rtol=1e-6)
+    else:
+        assert_refused(estimate)
+    if offset == 0.0:
+        assert np.abs(RegistrationCost().derivatives([0.0], fixed, moving)[1]) < 1e-12
+    if offset >= 1e-6:
+        assert estimate.converged
+
+
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_a_plateau_is_no_optimum(dimension):
+    """Breaks if a vanishing Hessian gives a covariance, or the motion leaves for nowhere."""
+    parameters = rigid.PARAMETERS[dimension]
+    targets = np.arange(3.0 * dimension).reshape(3, dimension)
+    points = PointSet(targets, np.eye(dimension)[None].repeat(3, axis=0) * 0.01)
+    start = np.full((30, parameters), 1e4) * np.arange(1.0, 31.0)[:, None]
+    estimate = register(points, points, RegistrationCost(outlier=UniformOutlier(0.01)), start)
+    assert_refused(estimate)
+    assert_array_equal(estimate.theta, start)
+
+
+def test_a_plateau_does_not_remember_what_was_in_memory():
+    """Breaks if the step of a flat cost is uninitialised memory: the result changes by chance."""
+    points = PointSet([[0.0, 0.0], [5.0, 1.0], [2.0, 7.0]], np.eye(2)[None].repeat(3, 0) * 0.01)
+    there = np.array([20.0, 3.0, 0.1])
+    moving = points.transformed(rigid.inverse(there))
+    cost = RegistrationCost(outlier=UniformOutlier(1e-3))
+    rng = np.random.default_rng(25)
+    for _ in range(500):
+        # fill what malloc hands out next with the way to the optimum
+        litter = np.tile(there, 10)[rng.integers(3) :][: rng.integers(6, 25)]
+        freed = [litter.copy() for _ in range(50)]
+        del freed
+        assert_array_equal(register(points, moving, cost).theta, 0.0)
+
+
+def test_one_hopeless_problem_does_not_spoil_its_batch():
+    """Breaks if a batch is refused, or its members change places, because of one of them."""
+    problem = scene(26, outlier="uniform")
+    starts = starts_around(problem, 6, 27, spread=0.1)
+    starts[3] = 1e6
+    estimate = run(problem, starts)
+    assert_array_equal(estimate.converged, [True, True, True, False, True, True])
+    assert np.isnan(estimate.covariance[3]).all()
+    assert np.isfinite(estimate.covariance[[0, 1, 2, 4, 5]]).all()
+
+
+def test_a_single_problem_has_no_batch_axes():
+    """Breaks if one problem is returned as a batch of one."""
+    estimate = run(scene(28))
+    shapes = {name: np.shape(getattr(estimate, name)) for name in FIELDS}
+    assert shapes == {
+        "theta": (3,),
+        "covariance": (3, 3),
+        "value": (),
+        "gradient": (3,),
+        "hessian": (3, 3),
+        "converged": (),
+        "iterations": (),
+    }
+    assert bool(estimate.converged) is True
+
+
+# ---- The overlapped scene ---------------------------------------------------------------------
+
+
+def test_overlapped_scene_likelihood_is_credible_and_summing_pessimistic():
+    """Breaks if the covariance of the likelihood is not that of its errors over 1000 runs."""
+    fixed, moving = overlapped_scene(1000, np.random.default_rng(29))
+    verdicts = {}
+    for fusion in FUSIONS:
+        estimate = register(fixed, moving, RegistrationCost(fusion=fusion), TRUTH)
+        good = estimate.converged
+        assert good.mean() > 0.99
+        verdicts[fusion] = credibility((estimate.theta - TRUTH)[good], estimate.covariance[good])
+        v = verdicts[fusion]
+        low, high = v.bounds
+        print(
+            f"{fusion:10}: {good.sum()} of 1000 converged, ANEES {v.anees:.3f} in "
+            f"[{low:.3f}, {high:.3f}], NCI {v.nci:.2f} dB, I^2 {v.inclination:+.2f} dB"
+        )
+    assert verdicts["likelihood"].consistent
+    assert verdicts["summing"].inclination < -3.0
+
+
+# ---- Bad input --------------------------------------------------------------------------------
+
+SETS = overlapped_scene(1, np.random.default_rng(30))
+F, M = SETS[0][0], SETS[1][0]
+LINE = PointSet([[0.0], [1.0]], np.ones((2, 1, 1)))
+PAIRS = overlapped_scene(2, np.random.default_rng(31))[0]
+TRIPLES = overlapped_scene(3, np.random.default_rng(32))[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ({"fixed": None}, "fixed"),
+        ({"fixed": F.means}, "fixed"),
+        ({"moving": "scan"}, "moving"),
+        ({"moving": LINE}, "fixed and moving"),
+        ({"fixed": PAIRS, "moving": TRIPLES}, "fixed"),
+        ({"cost": "likelihood"}, "cost"),
+        ({"cost": RegistrationCost}, "cost"),
+        ({"cost": RegistrationCost(outlier=CorruptedGaussian(0.2, 4.0))}, "outlier covariance"),
+        ({"initial": np.zeros(2)}, "initial"),
+        ({"initial": 0.0}, "initial"),
+        ({"initial": [0.0, np.nan, 0.0]}, "initial"),
+        ({"initial": [0.0, np.inf, 0.0]}, "initial"),
+        ({"initial": "zero"}, "initial"),
+        ({"fixed": PAIRS, "initial": np.zeros((3, 3))}, "initial"),
+        ({"scales": ()}, "scales"),
+        ({"scales": (0.0,)}, "scales"),
+        ({"scales": (2.0, -1.0)}, "scales"),
+        ({"scales": (np.nan,)}, "scales"),
+        ({"scales": (np.inf, 1.0)}, "scales"),
+        ({"scales": 2.0}, "scales"),
+        ({"scales": [[2.0], [1.0]]}, "scales"),
+        ({"scales": None}, "scales"),
+        ({"scales": "coarse"}, "scales"),
+        ({"measurement": "doppler"}, "measurement"),
+        ({"measurement": ""}, "measurement"),
+        ({"measurement": np.zeros(8)}, "measurement"),
+        (
+            {"measurement": LinearMeasurement(0.0, 1.0, 0.0, np.ones((7, 3)), np.ones((7, 3)))},
+            "measurement",
+        ),
+        ({"threads": 0}, "threads"),
+        ({"threads": -1}, "threads"),
+        ({"threads": 1.5}, "threads"),
+        ({"threads": "2"}, "threads"),
+        ({"threads": None}, "threads"),
+        ({"threads": np.nan}, "threads"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else next(iter(value)),
+)
+@pytest.mark.parametrize("scales", [(1.0,), (2.0, 1.0)], ids=["plain", "scales"])
+def test_what_does_not_fit_is_refused_by_name(arguments, name, scales):
+    """Breaks if bad input reaches the kernel, or the message names something else."""
+    good = {"fixed": F, "moving": M, "scales": scales}
+    with pytest.raises(ValueError, match=name):
+        register(**(good | arguments))

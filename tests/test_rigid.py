@@ -1,0 +1,192 @@
+"""Rigid motions: group identities, and what they do to points and covariances."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import expm
+
+from d2d import rigid
+from tests.strategies import central_difference, motions, reals, spd
+
+EITHER = st.sampled_from([1, 2])
+few = settings(max_examples=50, deadline=None, derandomize=True)
+
+
+def points(dimension: int) -> np.ndarray:
+    return np.random.default_rng(1).uniform(-50.0, 50.0, (6, dimension))
+
+
+@few
+@given(st.data(), EITHER)
+def test_composition_applies_the_second_motion_first(data, dimension):
+    """Breaks if the order is swapped or the shift of the second is not turned by the first."""
+    a, b = data.draw(motions(dimension)), data.draw(motions(dimension))
+    once = rigid.transform_means(rigid.compose(a, b), points(dimension))
+    twice = rigid.transform_means(a, rigid.transform_means(b, points(dimension)))
+    assert_allclose(once, twice, rtol=0, atol=1e-9)
+
+
+@few
+@given(st.data(), EITHER)
+def test_composition_is_associative(data, dimension):
+    """Breaks if angles are wrapped in one order and not in the other."""
+    a, b, c = (data.draw(motions(dimension)) for _ in range(3))
+    left = rigid.compose(rigid.compose(a, b), c)
+    assert_allclose(left, rigid.compose(a, rigid.compose(b, c)), rtol=0, atol=1e-9)
+
+
+@few
+@given(st.data(), EITHER)
+def test_inverse_undoes_a_motion_from_both_sides(data, dimension):
+    """Breaks if the inverse's shift is not turned back."""
+    theta = data.draw(motions(dimension))
+    back = rigid.inverse(theta)
+    assert_allclose(rigid.compose(back, theta), 0.0, atol=1e-9)
+    assert_allclose(rigid.compose(theta, back), 0.0, atol=1e-9)
+    moved = rigid.transform_means(theta, points(dimension))
+    assert_allclose(rigid.transform_means(back, moved), points(dimension), rtol=0, atol=1e-9)
+    assert_allclose(rigid.inverse(back), theta, rtol=1e-12, atol=1e-9)
+
+
+@few
+@given(motions(2))
+def test_covariances_turn_with_their_points(theta):
+    """Breaks if R Sigma R' is R' Sigma R: checked on the differences of turned points."""
+    root = np.random.default_rng(2).standard_normal((5, 2, 4))
+    covariances = np.einsum("nia,nja->nij", root, root)
+    moved = rigid.transform_means(theta, np.swapaxes(root, 1, 2))
+    moved -= rigid.transform_means(theta, np.zeros((1, 2)))
+    expected = np.einsum("nai,naj->nij", moved, moved)
+    assert_allclose(rigid.transform_covariances(theta, covariances), expected, atol=1e-9)
+
+
+@given(reals(-100.0, 100.0))
+@few
+def test_rotation_is_counter_clockwise_and_orthogonal(angle):
+    """Breaks if the sign of the angle is turned round."""
+    turn = rigid.rotation(angle)
+    assert_allclose(turn @ turn.T, np.eye(2), atol=1e-15)
+    assert_allclose(turn[:, 0], [np.cos(angle), np.sin(angle)], atol=1e-15)
+    assert_allclose(np.linalg.det(turn), 1.0)
+
+
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_batch_axes_broadcast(dimension):
+    """Breaks if theta's batch axes are matched with the targets' axis."""
+    rng = np.random.default_rng(3)
+    parameters = rigid.PARAMETERS[dimension]
+    theta = rng.standard_normal((5, 1, parameters))
+    means = rng.standard_normal((4, 6, dimension))
+    covariances = spd(rng, 6, dimension)
+    moved = rigid.transform_means(theta, means)
+    turned = rigid.transform_covariances(theta, covariances)
+    back = rigid.inverse(theta)
+    pairs = rigid.compose(theta, rng.standard_normal((4, parameters)))
+    assert moved.shape == (5, 4, 6, dimension)
+    assert turned.shape == (5, 1, 6, dimension, dimension)
+    assert pairs.shape == (5, 4, parameters)
+    for i, j in np.ndindex(5, 4):
+        assert_allclose(moved[i, j], rigid.transform_means(theta[i, 0], means[j]), rtol=1e-14)
+        assert_allclose(
+            turned[i, 0], rigid.transform_covariances(theta[i, 0], covariances), rtol=1e-14
+        )
+        assert_array_equal(back[i, 0], rigid.inverse(theta[i, 0]))
+
+
+# ---- SE(2) ------------------------------------------------------------------------------------
+
+
+def twists() -> st.SearchStrategy[np.ndarray]:
+    return st.tuples(reals(-50.0, 50.0), reals(-50.0, 50.0), reals(-6.0, 6.0)).map(np.array)
+
+
+@few
+@given(twists())
+def test_exponential_is_that_of_the_matrix_group(xi):
+    """Breaks if the arc is taken for the chord, or bends to the wrong side."""
+    generator = np.array([[0.0, -xi[2], xi[0]], [xi[2], 0.0, xi[1]], [0.0, 0.0, 0.0]])
+    motion = expm(generator)
+    theta = rigid.exponential(xi)
+    assert_allclose(theta[:2], motion[:2, 2], rtol=1e-10, atol=1e-10)
+    assert_allclose(rigid.rotation(theta[2]), motion[:2, :2], atol=1e-12)
+
+
+@few
+@given(twists(), reals(0.0, 1.0))
+def test_a_constant_twist_is_driven_in_any_number_of_steps(xi, part):
+    """Breaks if exponential is no one-parameter group: two parts of the way are the whole way."""
+    steps = rigid.compose(rigid.exponential(part * xi), rigid.exponential((1.0 - part) * xi))
+    assert_allclose(steps, rigid.exponential(xi), rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-5, -9e-4, 1.1e-3, 0.3, -2.0, np.pi, 5.0])
+def test_logarithm_undoes_exponential_and_has_the_jacobian_it_says(angle):
+    """Breaks at an angle where the closed form cancels or the series ends too early."""
+    xi = np.array([3.0, -2.0, angle])
+    theta = rigid.exponential(xi)
+    assert_allclose(rigid.logarithm(theta), xi, rtol=1e-12, atol=1e-13)
+    slopes = central_difference(rigid.logarithm, theta, np.full(3, 1e-3))
+    assert_allclose(rigid.logarithm_jacobian(theta), slopes, rtol=1e-8, atol=1e-9)
+
+
+def test_exponential_logarithm_and_jacobian_broadcast():
+    """Breaks if one of a batch of motions is mixed up with another."""
+    xi = np.random.default_rng(4).standard_normal((3, 4, 3))
+    theta = rigid.exponential(xi)
+    assert_allclose(rigid.logarithm(theta), xi, rtol=1e-12)
+    jacobians = rigid.logarithm_jacobian(theta)
+    assert jacobians.shape == (3, 4, 3, 3)
+    for index in np.ndindex(3, 4):
+        assert_allclose(theta[index], rigid.exponential(xi[index]), rtol=1e-14)
+        assert_allclose(jacobians[index], rigid.logarithm_jacobian(theta[index]), rtol=1e-14)
+
+
+# ---- Bad input --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "name"),
+    [
+        (rigid.transform_means, ([0.0, 0.0], np.zeros((3, 2))), "theta"),
+        (rigid.transform_means, (0.0, np.zeros((3, 1))), "theta"),
+        (rigid.transform_means, ([0.0, np.nan, 0.0], np.zeros((3, 2))), "theta"),
+        (rigid.transform_means, (np.zeros(3), np.full((3, 2), np.inf)), "means"),
+        (rigid.transform_means, (np.zeros(3), "points"), "means"),
+        (rigid.transform_means, (np.zeros(3), None), "means"),
+        (rigid.transform_covariances, ([0.0], np.eye(2)[None]), "theta"),
+        (rigid.transform_covariances, (np.zeros(3), np.full((1, 2, 2), np.nan)), "covariances"),
+        (rigid.compose, ([0.0, np.inf, 0.0], np.zeros(3)), "first"),
+        (rigid.compose, (np.zeros(3), [0.0, np.nan, 0.0]), "second"),
+        (rigid.inverse, ([np.nan],), "theta"),
+        (rigid.inverse, (None,), "theta"),
+    ],
+)
+def test_bad_numbers_and_shapes_are_refused(function, arguments, name):
+    """Breaks if nan passes through, or a motion of the other dimension is applied."""
+    with pytest.raises(ValueError, match=name):
+        function(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "name"),
+    [
+        (rigid.transform_means, (np.zeros(3), np.zeros((4, 3))), "means"),
+        (rigid.transform_means, (np.zeros(3), 1.0), "means"),
+        (rigid.transform_covariances, (np.zeros(3), np.eye(3)[None]), "covariances"),
+        (rigid.compose, (np.zeros(2), np.zeros(2)), "first"),
+        (rigid.compose, (np.zeros(3), np.zeros(1)), "second"),
+        (rigid.inverse, (np.zeros(2),), "theta"),
+        (rigid.inverse, (0.0,), "theta"),
+        (rigid.exponential, (np.zeros(2),), "twist"),
+        (rigid.logarithm, (np.zeros(1),), "theta"),
+        (rigid.logarithm_jacobian, (np.zeros(4),), "theta"),
+    ],
+)
+def test_arrays_of_no_known_dimension_are_refused_by_name(function, arguments, name):
+    """Breaks if a wrong number of columns ends in a KeyError or IndexError of the inside."""
+    with pytest.raises(ValueError, match=name):
+        function(*arguments)
