@@ -30,7 +30,7 @@ OUTLIERS = ("none", "uniform", "corrupted")
 MEASURED = ("", "motion", "twist")  # linear in the motion's parameters or in its logarithm
 LAYOUTS = ("near", "far", "coincident")
 
-# The scene of DESIGN.md: azimuth (rad) and range (m) of the eight targets of F.
+# The overlapped scene of the study: azimuth (rad) and range (m) of the eight targets of F.
 EIGHT = np.array(
     [
         (0.2458, 15.5935),

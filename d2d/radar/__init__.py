@@ -1,0 +1,23 @@
+"""Ego-motion of a vehicle from automotive Doppler radar."""
+
+from d2d.radar.doppler import sensor_velocity
+from d2d.radar.ego_motion import Track, estimate_ego_motion, track
+from d2d.radar.radarscenes import Recording, load_radarscenes
+from d2d.radar.reference import Reference
+from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
+from d2d.radar.simulation import Drive, simulate_drive
+
+__all__ = [
+    "Drive",
+    "Mounting",
+    "RadarScan",
+    "Recording",
+    "Reference",
+    "Track",
+    "doppler_velocity",
+    "estimate_ego_motion",
+    "load_radarscenes",
+    "sensor_velocity",
+    "simulate_drive",
+    "track",
+]

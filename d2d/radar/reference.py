@@ -1,0 +1,23 @@
+"""Where the vehicle was and how it moved, as far as it is known."""
+
+from dataclasses import dataclass
+
+from d2d._checks import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The motion at the time of each scan: the truth of a simulation or another sensor's word.
+
+    Attributes
+    ----------
+    times : (n,) array, s
+    theta : (n, 3) array
+        [v_x, v_y, omega] of the vehicle frame's origin, in its own axes, m/s, m/s, rad/s.
+    poses : (n, 3) array
+        [x, y, yaw] of the vehicle frame in the world, m, m, rad; yaw is continuous.
+    """
+
+    times: Array
+    theta: Array
+    poses: Array

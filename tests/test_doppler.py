@@ -1,0 +1,145 @@
+"""The sensor's velocity from the Doppler profile of one scan."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d.radar import Mounting, RadarScan, doppler_velocity, sensor_velocity
+from d2d.radar.doppler import doppler_start
+
+MOUNTINGS = [
+    pytest.param(Mounting(), id="origin"),
+    pytest.param(Mounting(3.86, 0.7, 0.436), id="front-left"),
+    pytest.param(Mounting(-0.9, -0.873, -2.9), id="rear-right"),
+]
+
+
+def scan_of(azimuth, doppler, sigma_doppler=0.06) -> RadarScan:
+    """A scan of these Doppler velocities, 20 m away."""
+    azimuth = np.atleast_1d(azimuth)
+    return RadarScan(0.0, np.full(len(azimuth), 20.0), azimuth, doppler, 0.15, 0.01, sigma_doppler)
+
+
+def velocity_of_sensor(theta, mounting: Mounting) -> np.ndarray:
+    """Of a point of the rigid vehicle, v + omega x r."""
+    v_x, v_y, omega = theta
+    return np.array([v_x - omega * mounting.y, v_y + omega * mounting.x])
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+@pytest.mark.parametrize("size", [2, 3, 4, 48, 300])
+def test_noise_free_targets_give_the_velocity_of_the_sensor(size, mounting):
+    """Breaks if the sensor's frame is mistaken for the vehicle's, or few targets are not enough."""
+    theta = [17.0, -0.6, 0.35]
+    azimuth = np.linspace(-0.8, 0.7, size)
+    scan = scan_of(azimuth, doppler_velocity(theta, azimuth, mounting))
+    assert_allclose(
+        sensor_velocity(scan, mounting), velocity_of_sensor(theta, mounting), rtol=0, atol=1e-9
+    )
+
+
+def test_start_takes_the_velocity_of_the_sensor_for_that_of_the_vehicle():
+    """Breaks if the start of a registration is not [u_x, u_y, 0]."""
+    azimuth, mounting = np.linspace(-0.8, 0.7, 9), Mounting(3.86, 0.7, 0.436)
+    scan = scan_of(azimuth, doppler_velocity([17.0, 0.0, 0.35], azimuth, mounting))
+    assert_allclose(doppler_start(scan, mounting), [17.0 - 0.245, 0.35 * 3.86, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("outliers", ["scattered", "one-car"])
+@pytest.mark.parametrize("share", [0.2, 0.4])
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_moving_targets_do_not_pull_the_velocity(mounting, share, outliers):
+    """Breaks if plain least squares is used (off by metres per second here), or too few pairs."""
+    rng = np.random.default_rng(11)
+    theta, size = np.array([25.0, 0.2, -0.1]), 48
+    count = round(share * size)
+    errors = []
+    for _ in range(40):
+        azimuth = rng.uniform(-0.9, 0.9, size)
+        doppler = doppler_velocity(theta, azimuth, mounting) + 0.06 * rng.standard_normal(size)
+        moving = rng.permutation(size)[:count]
+        if outliers == "scattered":
+            doppler[moving] += rng.uniform(-20.0, 20.0, count)
+        else:  # a car that overtakes, spread over 15 degrees
+            azimuth[moving] = rng.uniform(0.1, 0.36, count)
+            relative = theta - [32.0, 0.0, 0.0]
+            doppler[moving] = doppler_velocity(relative, azimuth[moving], mounting)
+        estimate = sensor_velocity(scan_of(azimuth, doppler), mounting)
+        errors.append(estimate - velocity_of_sensor(theta, mounting))
+    assert np.abs(errors).max() < 0.3
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_one_target_gives_the_velocity_along_its_direction(mounting):
+    """Breaks if a single equation is not solved with the least norm."""
+    angle = 0.4 + mounting.yaw
+    direction = np.array([np.cos(angle), np.sin(angle)])
+    assert_allclose(
+        sensor_velocity(scan_of(0.4, [-7.0]), mounting), 7.0 * direction, rtol=0, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("size", [2, 3, 10])
+def test_one_direction_gives_the_weighted_mean_along_it(size):
+    """Breaks if rounding in equal azimuths is inverted to a huge velocity across, or the
+    weights are not 1 / sigma^2."""
+    rng = np.random.default_rng(5)
+    sigma = rng.uniform(0.05, 0.2, size)
+    doppler = -7.0 + 0.01 * rng.standard_normal(size)
+    weights = sigma**-2.0
+    mean = (weights * doppler).sum() / weights.sum()
+    azimuth = np.full(size, 0.4) + 1e-15 * np.arange(size)
+    estimate = sensor_velocity(scan_of(azimuth, doppler, sigma), Mounting())
+    assert_allclose(estimate, -mean * np.array([np.cos(0.4), np.sin(0.4)]), rtol=0, atol=1e-9)
+
+
+def test_two_targets_are_solved_exactly():
+    """Breaks if two targets that disagree about a direction are judged for outliers."""
+    estimate = sensor_velocity(scan_of([0.0, np.pi / 2], [-3.0, 5.0]), Mounting())
+    assert_allclose(estimate, [3.0, -5.0], rtol=0, atol=1e-12)
+    in_line = sensor_velocity(scan_of([0.0, 0.0], [-3.0, -5.0]), Mounting())
+    assert_allclose(in_line, [4.0, 0.0], rtol=0, atol=1e-12)
+
+
+def test_precise_targets_count_for_more():
+    """Breaks if all targets weigh the same."""
+    rng = np.random.default_rng(6)
+    azimuth = rng.uniform(-0.8, 0.8, 40)
+    sigma = np.where(np.arange(40) < 10, 0.001, 0.5)
+    doppler = doppler_velocity([10.0, 1.0, 0.0], azimuth, Mounting())
+    doppler += sigma * rng.standard_normal(40)
+    estimate = sensor_velocity(scan_of(azimuth, doppler, sigma), Mounting())
+    assert_allclose(estimate, [10.0, 1.0], rtol=0, atol=0.01)
+
+
+def test_no_target_is_no_velocity():
+    """Breaks if an empty scan ends in an error of the linear algebra."""
+    assert_array_equal(sensor_velocity(scan_of([], []), Mounting()), [0.0, 0.0])
+
+
+def test_the_same_scan_gives_the_same_velocity_bit_by_bit():
+    """Breaks if pairs are drawn from a random state."""
+    rng = np.random.default_rng(7)
+    azimuth = rng.uniform(-0.8, 0.8, 60)
+    scan = scan_of(azimuth, -10.0 * np.cos(azimuth) + rng.standard_normal(60))
+    first = sensor_velocity(scan, Mounting())
+    np.random.default_rng().random(100)
+    assert_array_equal(first, sensor_velocity(scan, Mounting()))
+
+
+@pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-4])
+def test_a_bundle_narrower_than_the_azimuths_error_does_not_invent_a_velocity_across(width):
+    """Breaks if noise is divided by differences of azimuth that are noise themselves."""
+    rng = np.random.default_rng(8)
+    for _ in range(20):
+        doppler = -20.0 + 0.06 * rng.standard_normal(4)
+        across = sensor_velocity(scan_of(rng.uniform(0.0, width, 4), doppler), Mounting())[1]
+        assert abs(across) < 10.0
+
+
+def test_targets_that_agree_with_no_hypothesis_still_give_a_velocity():
+    """Breaks if an empty set of inliers is fitted, which says that the sensor stands still."""
+    estimate = sensor_velocity(scan_of(np.zeros(3), [-7.0, -9.0, -11.5]), Mounting())
+    assert 7.0 <= estimate[0] <= 11.5

@@ -1,0 +1,561 @@
+"""Ego-motion from pairs of scans and along drives.
+
+The joint cost of thesis eq. 7.13 is written once more, target by target with scipy.stats, as a
+function of the velocity; nothing of the package takes part in it but the scans' numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import expm
+from scipy.stats import multivariate_normal, norm
+
+from d2d import CorruptedGaussian, UniformOutlier, credibility
+from d2d.radar import (
+    Drive,
+    Mounting,
+    RadarScan,
+    Reference,
+    Track,
+    doppler_velocity,
+    estimate_ego_motion,
+    simulate_drive,
+    track,
+)
+from d2d.radar.ego_motion import DEFAULT_OUTLIER, integrate
+
+CORNER = Mounting(3.86, 0.7, 0.436)
+SIGMAS = (0.15, np.deg2rad(0.5), 0.06)
+
+
+def arc(theta, time: float) -> np.ndarray:
+    """Pose matrix (3, 3) after ``time`` at the constant body velocity."""
+    v_x, v_y, omega = theta
+    return expm(time * np.array([[0.0, -omega, v_x], [omega, 0.0, v_y], [0.0, 0.0, 0.0]]))
+
+
+def frame(mounting: Mounting) -> np.ndarray:
+    """Pose matrix (3, 3) of the sensor in the vehicle."""
+    turn = arc([0.0, 0.0, mounting.yaw], 1.0)
+    turn[:2, 2] = mounting.x, mounting.y
+    return turn
+
+
+def observe(points, pose, time, theta, mounting, noise, sigmas) -> RadarScan:
+    """Measurements of world points (n, 2) by the vehicle at ``pose``."""
+    local = np.linalg.solve(
+        pose @ frame(mounting), np.column_stack([points, np.ones(len(points))]).T
+    )
+    distance, azimuth = np.hypot(local[0], local[1]), np.arctan2(local[1], local[0])
+    doppler = doppler_velocity(theta, azimuth, mounting)
+    return RadarScan(
+        time,
+        distance + sigmas[0] * noise[0],
+        azimuth + sigmas[1] * noise[1],
+        doppler + sigmas[2] * noise[2],
+        *sigmas,
+    )
+
+
+def scan_pair(
+    rng, theta, mounting=CORNER, size=20, interval=0.1, sigmas=SIGMAS, noisy=True
+) -> tuple[RadarScan, RadarScan]:
+    """Two scans of the same static targets, 45 degrees to either side and 5 to 50 m away."""
+    distance, azimuth = 50.0 * np.sqrt(rng.uniform(0.01, 1.0, size)), rng.uniform(-0.8, 0.8, size)
+    ahead = np.stack([distance * np.cos(azimuth), distance * np.sin(azimuth), np.ones(size)])
+    points = (arc(theta, interval) @ frame(mounting) @ ahead)[:2].T
+    noise = rng.standard_normal((2, 3, size)) * noisy
+    return (
+        observe(points, np.eye(3), 5.0, theta, mounting, noise[0], sigmas),
+        observe(points, arc(theta, interval), 5.0 + interval, theta, mounting, noise[1], sigmas),
+    )
+
+
+def naive_targets(scan: RadarScan, mounting: Mounting) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Mean and covariance of each target in the vehicle frame."""
+    found = []
+    for r, phi, sr, sp in zip(
+        scan.range, scan.azimuth, scan.sigma_range, scan.sigma_azimuth, strict=True
+    ):
+        c, s = np.cos(phi + mounting.yaw), np.sin(phi + mounting.yaw)
+        radial, across = np.array([c, s]), np.array([-s, c])
+        mean = np.array([mounting.x, mounting.y]) + r * radial
+        spread = sr**2 * np.outer(radial, radial) + (r * sp) ** 2 * np.outer(across, across)
+        found.append((mean, spread))
+    return found
+
+
+def naive_cost(theta, previous, current, mounting, outlier, doppler, first_order) -> float:
+    """-sum_k log((1 - alpha) inlier_k Doppler_k + alpha outlier_k), in the velocity theta."""
+    tau = current.time - previous.time
+    v_x, v_y, omega = theta
+    motion = arc([0.0, 0.0, omega], tau) if first_order else arc(theta, tau)
+    turn, shift = motion[:2, :2], motion[:2, 2]
+    if first_order:
+        shift = tau * np.array([v_x, v_y])
+    fixed, total = naive_targets(previous, mounting), 0.0
+    for k, (mean, spread) in enumerate(naive_targets(current, mounting)):
+        moved, turned = turn @ mean + shift, turn @ spread @ turn.T
+        inlier = far = 0.0
+        for center, own in fixed:
+            inlier += multivariate_normal.pdf(moved, center, turned + own) / len(fixed)
+            if isinstance(outlier, CorruptedGaussian):
+                far += multivariate_normal.pdf(moved, center, outlier.covariance) / len(fixed)
+        if doppler:
+            angle = current.azimuth[k] + mounting.yaw
+            u_x, u_y = v_x - omega * mounting.y, v_y + omega * mounting.x
+            expected = -u_x * np.cos(angle) - u_y * np.sin(angle)
+            slope = u_x * np.sin(angle) - u_y * np.cos(angle)
+            sigma = np.hypot(current.sigma_doppler[k], slope * current.sigma_azimuth[k])
+            inlier *= norm.pdf(current.doppler[k], expected, sigma)
+        if isinstance(outlier, CorruptedGaussian):
+            total -= np.log((1.0 - outlier.fraction) * inlier + outlier.fraction * far)
+        else:
+            total -= np.log(inlier + (outlier.density if outlier else 0.0))
+    return total
+
+
+def derivative_along(function, direction, step=0.03) -> tuple[float, float]:
+    """First and second derivative at 0, fourth-order differences."""
+    far, near, here, ahead, beyond = (function(i * step * direction) for i in (-2, -1, 0, 1, 2))
+    first = (far - 8.0 * near + 8.0 * ahead - beyond) / (12.0 * step)
+    second = (-far + 16.0 * near - 30.0 * here + 16.0 * ahead - beyond) / (12.0 * step**2)
+    return first, second
+
+
+@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+@pytest.mark.parametrize("first_order", [True, False], ids=["first-order", "exact"])
+@pytest.mark.parametrize(
+    "mounting", [Mounting(), CORNER, Mounting(-0.9, -0.87, -2.9)], ids=["origin", "left", "rear"]
+)
+@pytest.mark.parametrize(
+    "outlier", [DEFAULT_OUTLIER, UniformOutlier(1e-3), None], ids=["corrupted", "uniform", "none"]
+)
+def test_the_estimate_is_the_optimum_of_the_naive_joint_cost(
+    doppler, first_order, mounting, outlier
+):
+    """Breaks with any slip in the cost, or if gradient or Hessian are not those of the velocity.
+
+    Differences are taken in standard deviations of the estimate, in which the Hessian is I.
+    """
+    theta = np.array([12.0, -0.5, 0.6])
+    previous, current = scan_pair(np.random.default_rng(21), theta, mounting, size=7)
+    if outlier is not None:  # one target that has moved, one that is new
+        changed = current.doppler + np.array([0, 0, 4.0, 0, 0, 0, 0])
+        distance = current.range + np.array([0, 0, 0, 0, 6.0, 0, 0])
+        current = RadarScan(current.time, distance, current.azimuth, changed, *SIGMAS)
+    estimate = estimate_ego_motion(
+        previous,
+        current,
+        mounting,
+        doppler=doppler,
+        outlier=outlier,
+        initial=theta,
+        first_order=first_order,
+    )
+    assert estimate.converged
+    root = np.linalg.cholesky(estimate.covariance)
+
+    def cost(offset):
+        return naive_cost(
+            estimate.theta + root @ offset,
+            previous,
+            current,
+            mounting,
+            outlier,
+            doppler,
+            first_order,
+        )
+
+    assert estimate.value == pytest.approx(cost(np.zeros(3)), rel=1e-10)
+    axes = np.eye(3)
+    slopes, curvatures = np.transpose([derivative_along(cost, axis) for axis in axes])
+    # 1e-5 standard deviations
+    assert_allclose(slopes, 0.0, atol=1e-5)
+    naive = np.diag(curvatures)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        mixed = derivative_along(cost, axes[i] + axes[j])[1]
+        naive[i, j] = naive[j, i] = 0.5 * (mixed - curvatures[i] - curvatures[j])
+    assert_allclose(root.T @ estimate.hessian @ root, naive, rtol=0, atol=1e-5)
+    assert_allclose(estimate.covariance @ estimate.hessian, np.eye(3), atol=1e-8)
+
+
+@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+@pytest.mark.parametrize(
+    "theta",
+    [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0], [15.0, -0.4, 0.5], [-2.0, 0.1, -0.3]],
+    ids=["standing", "straight", "bend", "reversing"],
+)
+@pytest.mark.parametrize("sharp", [False, True], ids=["from-doppler", "sharp-near-truth"])
+def test_a_noise_free_motion_is_recovered(theta, doppler, sharp):
+    """Breaks if scans are registered the wrong way round, or against another interval.
+
+    Not exactly: neighbours pull, and covariances that differ in direction between the scans move
+    the optimum, the less the smaller the sigmas are.
+    """
+    sigmas = (0.01, 1e-4, 0.01) if sharp else SIGMAS
+    start = np.add(theta, [0.02, -0.02, 0.001]) if sharp else None
+    previous, current = scan_pair(np.random.default_rng(22), theta, sigmas=sigmas, noisy=False)
+    estimate = estimate_ego_motion(previous, current, CORNER, doppler=doppler, initial=start)
+    assert estimate.converged
+    deviations = np.sqrt(np.diag(estimate.covariance))
+    assert (np.abs(estimate.theta - theta) < (0.001 if sharp else 0.2) * deviations).all()
+    if sharp:
+        assert_allclose(estimate.theta, theta, rtol=0, atol=1e-5)
+
+
+def test_fast_car_among_moving_ones_needs_no_start():
+    """Breaks if the default start is zero, which ends in a wrong optimum here, or not robust."""
+    rng, theta, size = np.random.default_rng(23), np.array([30.0, 0.2, 0.05]), 40
+    from_doppler, from_zero = [], []
+    for _ in range(25):
+        previous, current = scan_pair(rng, theta, size=size, interval=0.075)
+        moving = np.arange(size) < 12
+        distance = np.where(moving, current.range + rng.uniform(-2.0, 2.0, size), current.range)
+        doppler = np.where(moving, current.doppler + rng.uniform(-25, 25, size), current.doppler)
+        current = RadarScan(current.time, distance, current.azimuth, doppler, *SIGMAS)
+        estimate = estimate_ego_motion(previous, current, CORNER)
+        assert estimate.converged
+        from_doppler.append(estimate.theta - theta)
+        from_zero.append(
+            estimate_ego_motion(previous, current, CORNER, initial=np.zeros(3)).theta - theta
+        )
+    assert np.abs(from_doppler)[:, 0].max() < 0.3
+    assert np.abs(from_doppler)[:, 1].max() < 1.0
+    assert np.abs(from_zero)[:, 0].max() > 1.0, "the scene is too easy to tell starts apart"
+
+
+@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+def test_covariances_are_credible(doppler):
+    """Breaks if the covariance is not of the velocity, too large or too small by a few percent."""
+    rng, theta = np.random.default_rng(24), np.array([10.0, 0.3, 0.3])
+    errors, covariances = [], []
+    for _ in range(1000):  # few targets, so that it is clear which meets which
+        pair = scan_pair(rng, theta, size=12)
+        estimate = estimate_ego_motion(*pair, CORNER, doppler=doppler)
+        if estimate.converged:
+            errors.append(estimate.theta - theta)
+            covariances.append(estimate.covariance)
+    assert len(errors) > 990
+    judged = credibility(np.array(errors), np.array(covariances))
+    assert judged.consistent, f"ANEES {judged.anees:.3f} outside {judged.bounds}"
+    assert abs(judged.inclination) < 0.5
+
+
+def test_first_order_takes_the_chord_for_the_velocity():
+    """Breaks if first_order changes the motion that is found, and not only how it is read."""
+    theta = np.array([10.0, 0.0, 1.0])
+    previous, current = scan_pair(np.random.default_rng(25), theta)
+    exact, first = (
+        estimate_ego_motion(previous, current, CORNER, doppler=False, first_order=flag)
+        for flag in (False, True)
+    )
+    chord = arc(exact.theta, 0.1)[:2, 2] / 0.1
+    assert_allclose(first.theta, [*chord, exact.theta[2]], rtol=0, atol=1e-6)
+    assert first.theta[1] - exact.theta[1] > 0.4  # v omega tau / 2
+
+
+def test_a_different_interval_scales_the_velocity():
+    """Breaks if the interval is taken from elsewhere than the scans' times."""
+    previous, current = scan_pair(np.random.default_rng(26), [5.0, 0.0, 0.1])
+    later = RadarScan(
+        previous.time + 2 * (current.time - previous.time),
+        current.range,
+        current.azimuth,
+        current.doppler,
+        *SIGMAS,
+    )
+    slow = estimate_ego_motion(previous, later, CORNER, doppler=False, initial=[2.5, 0, 0.05])
+    fast = estimate_ego_motion(previous, current, CORNER, doppler=False, initial=[5.0, 0, 0.1])
+    assert_allclose(slow.theta, fast.theta / 2.0, rtol=1e-6, atol=1e-9)
+    assert_allclose(slow.covariance, fast.covariance / 4.0, rtol=1e-6, atol=1e-12)
+
+
+def test_scales_reach_the_optimum_from_a_far_start():
+    """Breaks if the schedule is not handed on to the registration."""
+    theta = np.array([40.0, 0.0, 0.0])
+    previous, current = scan_pair(np.random.default_rng(27), theta)
+    options = {"doppler": False, "initial": np.zeros(3)}
+    direct = estimate_ego_motion(previous, current, CORNER, **options)
+    annealed = estimate_ego_motion(previous, current, CORNER, scales=(8, 4, 2, 1), **options)
+    assert abs(direct.theta[0] - 40.0) > 10.0, "the start is too near to tell"
+    assert abs(annealed.theta[0] - 40.0) < 3.0 * np.sqrt(annealed.covariance[0, 0])
+    assert annealed.value < direct.value
+
+
+@pytest.mark.parametrize("later", [0.0, -0.1])
+def test_scans_out_of_time_order_are_refused(later):
+    """Breaks if a zero interval divides, or time runs backwards."""
+    scan = scan_pair(np.random.default_rng(28), [5.0, 0.0, 0.0])[0]
+    other = RadarScan(scan.time + later, scan.range, scan.azimuth, scan.doppler, *SIGMAS)
+    with pytest.raises(ValueError, match=r"^current must be later than previous"):
+        estimate_ego_motion(scan, other, CORNER)
+
+
+@pytest.mark.parametrize("which", ["previous", "current"])
+def test_an_empty_scan_is_refused_by_name(which):
+    """Breaks if the error comes from the point set and does not say which scan."""
+    scans = dict(
+        zip(("previous", "current"), scan_pair(np.random.default_rng(29), [5.0, 0, 0]), strict=True)
+    )
+    scans[which] = scans[which][:0]
+    with pytest.raises(ValueError, match=f"^{which} holds no targets"):
+        estimate_ego_motion(**scans, mounting=CORNER)
+
+
+@pytest.mark.parametrize(
+    "initial", [1.0, [1.0, 2.0], [1.0, 2.0, 3.0, 4.0], [1.0, 2.0, np.nan]], ids=str
+)
+def test_a_wrong_start_is_refused_by_name(initial):
+    """Breaks if the error speaks of twists and thetas that the caller never gave."""
+    with pytest.raises(ValueError, match=r"^initial must"):
+        estimate_ego_motion(
+            *scan_pair(np.random.default_rng(30), [5.0, 0, 0]), CORNER, initial=initial
+        )
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_batch_of_starts_is_refused_by_name(count):
+    """Breaks if several starts get through: the covariances of three came out wrong in silence."""
+    with pytest.raises(ValueError, match=r"^initial must have the shape \(3,\)"):
+        estimate_ego_motion(
+            *scan_pair(np.random.default_rng(31), [5.0, 0, 0]), CORNER, initial=np.ones((count, 3))
+        )
+
+
+# ---- along a drive
+
+
+def drive(count: int = 40, seed: int = 0) -> Drive:
+    """The beginning of a simulated drive."""
+    whole = simulate_drive(np.random.default_rng(seed), 60.0, mounting=CORNER)
+    truth = whole.truth
+    part = Reference(truth.times[:count], truth.theta[:count], truth.poses[:count])
+    return replace(whole, scans=whole.scans[:count], truth=part)
+
+
+def with_doppler(scan: RadarScan, doppler) -> RadarScan:
+    """The scan with other Doppler velocities."""
+    return RadarScan(
+        scan.time,
+        scan.range,
+        scan.azimuth,
+        np.broadcast_to(doppler, scan.range.shape),
+        scan.sigma_range,
+        scan.sigma_azimuth,
+        scan.sigma_doppler,
+    )
+
+
+def straight_scans(count: int = 12, seed: int = 40) -> tuple[list[RadarScan], np.ndarray]:
+    """Scans of one world from a car at 12 m/s, too fast to be registered from a start at zero."""
+    rng, theta = np.random.default_rng(seed), np.array([12.0, 0.0, 0.1])
+    points = rng.uniform([-10.0, -60.0], [90.0, 60.0], (400, 2))
+    scans = []
+    for i in range(count):
+        pose = arc(theta, 0.1 * i)
+        noise = rng.standard_normal((3, len(points)))
+        full = observe(points, pose, 0.1 * i, theta, CORNER, noise, (0.05, 1e-3, 0.06))
+        scans.append(full[(np.abs(full.azimuth) < 0.8) & (full.range < 45.0)])
+    return scans, theta
+
+
+def test_track_estimates_each_pair_of_a_drive():
+    """Breaks if pairs are skipped, or times are not those of each pair's later scan."""
+    driven = drive()
+    result = track(driven.scans, driven.mounting)
+    times = np.array([scan.time for scan in driven.scans])
+    assert_allclose(result.times, times[1:])
+    assert_allclose(result.intervals, np.diff(times))
+    assert result.converged.all()
+    assert result.converged.dtype == bool
+    for i in (0, 7, len(times) - 2):
+        alone = estimate_ego_motion(
+            *driven.scans[i : i + 2], driven.mounting, initial=driven.truth.theta[i]
+        )
+        assert_allclose(result.theta[i], alone.theta, rtol=0, atol=1e-5)
+        assert_allclose(result.covariance[i], alone.covariance, rtol=1e-4)
+
+
+def test_each_pair_starts_at_the_last_velocity():
+    """Breaks if each scan starts from its own Doppler velocities, which are nonsense here."""
+    scans, theta = straight_scans()
+    scans[2:] = [with_doppler(scan, 25.0) for scan in scans[2:]]
+    result = track(scans, CORNER, doppler=False)
+    assert result.converged.all()
+    assert np.abs(result.theta - theta)[:, 0].max() < 0.6
+    lost = estimate_ego_motion(scans[3], scans[4], CORNER, doppler=False)
+    assert abs(lost.theta[0] - 12.0) > 2.0, "the Doppler start is too good to tell"
+
+
+def test_initial_starts_the_first_pair():
+    """Breaks if the option is dropped, or given to every pair."""
+    scans, theta = straight_scans()
+    scans = [with_doppler(scan, 25.0) for scan in scans]
+    with_start = track(scans, CORNER, doppler=False, initial=theta)
+    without = track(scans, CORNER, doppler=False)
+    assert np.abs(with_start.theta - theta)[:, 0].max() < 0.6
+    assert abs(without.theta[0, 0] - 12.0) > 2.0, "the Doppler start is too good to tell"
+
+
+def test_options_reach_the_estimate():
+    """Breaks if track does not hand on what it does not know itself."""
+    driven = drive(10)
+    with_it, without = (track(driven.scans, driven.mounting, doppler=d) for d in (True, False))
+    assert (with_it.covariance[:, 0, 0] < 0.2 * without.covariance[:, 0, 0]).all()
+    with pytest.raises(TypeError, match="dopler"):
+        track(driven.scans, driven.mounting, dopler=True)
+
+
+@pytest.mark.parametrize("doppler", [True, False])
+def test_an_empty_scan_does_not_lose_the_drive(doppler):
+    """Breaks if the drive ends there, or a pair without an estimate looks like a good one."""
+    driven = drive()
+    scans = list(driven.scans)
+    scans[10] = scans[10][:0]
+    result = track(scans, driven.mounting, doppler=doppler)
+    lost = np.zeros(len(scans) - 1, dtype=bool)
+    lost[9:11] = True
+    assert_array_equal(result.converged, ~lost)
+    assert np.isnan(result.covariance[lost]).all()
+    assert np.isfinite(result.covariance[~lost]).all()
+    assert_array_equal(result.theta[9], result.theta[8])
+    assert_array_equal(result.theta[10], result.theta[8])
+    whole = track(driven.scans, driven.mounting, doppler=doppler)
+    assert_allclose(result.theta[11:], whole.theta[11:], rtol=0, atol=1e-4)
+    assert np.isfinite(result.poses()).all()
+
+
+def test_empty_scans_at_the_beginning_leave_the_start_to_the_first_good_pair():
+    """Breaks if a prediction of zero is taken for an estimate to start from."""
+    driven = drive(10)
+    scans = [driven.scans[0][:0], driven.scans[1][:0], *driven.scans[2:]]
+    result = track(scans, driven.mounting)
+    assert_array_equal(result.converged[:3], [False, False, True])
+    assert_array_equal(result.theta[:2], np.zeros((2, 3)))
+    assert np.abs(result.theta[2:, 0] - driven.truth.theta[3:, 0]).max() < 0.1
+
+
+def test_a_scan_of_another_place_does_not_lose_the_drive():
+    """Breaks if an estimate that did not converge becomes the start of the next pair."""
+    scans, theta = straight_scans()
+    far = scans[5]
+    scans[5] = RadarScan(
+        far.time, far.range + 5000.0, far.azimuth, far.doppler, 0.05, 1e-3, far.sigma_doppler
+    )
+    result = track(scans, CORNER, doppler=False, outlier=UniformOutlier(1e-3))
+    assert_array_equal(np.flatnonzero(~result.converged), [4, 5])
+    assert_array_equal(result.theta[4:6], result.theta[[3, 3]])
+    assert np.abs(result.theta - theta)[:, 0].max() < 0.6
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_a_track_needs_two_scans(count):
+    """Breaks if nothing is returned as a track of nothing."""
+    with pytest.raises(ValueError, match=r"^scans must hold at least two scans"):
+        track(drive(10).scans[:count], CORNER)
+
+
+@pytest.mark.parametrize("order", [[0, 2, 1, 3], [0, 1, 1, 2]], ids=["swapped", "twice"])
+def test_a_track_out_of_time_order_is_refused(order):
+    """Breaks if the error comes only when half of the drive is estimated, or does not say where."""
+    scans = drive(10).scans
+    with pytest.raises(ValueError, match=r"^scans must be in strictly increasing time, but scan 2"):
+        track([scans[i] for i in order], CORNER)
+
+
+def test_a_wrong_start_of_a_track_is_refused():
+    """Breaks if the first pair swallows it."""
+    with pytest.raises(ValueError, match=r"^initial must"):
+        track(drive(10).scans, CORNER, initial=[1.0, 2.0])
+
+
+# ---- poses
+
+
+def track_of(theta, intervals) -> Track:
+    """A track with these velocities."""
+    theta, intervals = np.asarray(theta, dtype=float), np.asarray(intervals, dtype=float)
+    n = len(theta)
+    covariance = np.broadcast_to(np.eye(3), (n, 3, 3))
+    return Track(np.cumsum(intervals), intervals, theta, covariance, np.ones(n, dtype=bool))
+
+
+@pytest.mark.parametrize("v_y", [0.0, 1.5])
+@pytest.mark.parametrize("count", [1, 10, 500])
+def test_a_constant_velocity_drives_a_circle(count, v_y):
+    """Breaks if chords are added instead of arcs: then the number of pairs matters."""
+    v, omega, duration = 10.0, 0.4, 12.0
+    poses = track_of([[v, v_y, omega]] * count, [duration / count] * count).poses()
+    t = np.linspace(0.0, duration, count + 1)
+    sine, versine = np.sin(omega * t) / omega, (1.0 - np.cos(omega * t)) / omega
+    expected = np.column_stack([v * sine - v_y * versine, v * versine + v_y * sine, omega * t])
+    assert_allclose(poses, expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (100.0, -30.0, 2.0), (5.0, 5.0, -40.0)])
+def test_poses_are_products_of_matrix_exponentials(start):
+    """Breaks if motions are applied in the world's axes, or the start is only added."""
+    rng = np.random.default_rng(50)
+    theta = rng.uniform([-5.0, -2.0, -1.5], [25.0, 2.0, 1.5], (40, 3))
+    theta[3:6, 2] = 0.0, 1e-12, -1e-7
+    intervals = rng.uniform(0.05, 0.3, 40)
+    poses = track_of(theta, intervals).poses(start)
+    assert_array_equal(poses, integrate(theta, intervals, start))
+    assert_array_equal(poses[0], start)
+    pose = arc([0.0, 0.0, start[2]], 1.0)
+    pose[:2, 2] = start[:2]
+    for i in range(40):
+        pose = pose @ arc(theta[i], intervals[i])
+        assert_allclose(poses[i + 1, :2], pose[:2, 2], rtol=0, atol=1e-9)
+        assert np.exp(1j * poses[i + 1, 2]) == pytest.approx(pose[0, 0] + 1j * pose[1, 0], abs=1e-9)
+    assert_allclose(np.diff(poses[:, 2]), theta[:, 2] * intervals, atol=1e-12)
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0), (0.0, 0.0, np.nan), 1.0], ids=str)
+def test_poses_refuse_a_wrong_start(start):
+    """Breaks if half a pose is taken for one."""
+    with pytest.raises(ValueError, match=r"^start must"):
+        track_of([[1.0, 0.0, 0.0]], [0.1]).poses(start)
+
+
+def test_poses_of_the_track_are_near_the_truth_and_evo_agrees_how_near():
+    """Breaks if the poses' frame or order is not what trajectory tools expect."""
+    trajectory = pytest.importorskip("evo.core.trajectory")
+    metrics = pytest.importorskip("evo.core.metrics")
+    driven = drive(200, seed=51)
+    result = track(driven.scans, driven.mounting)
+    poses, true = result.poses(driven.truth.poses[0]), driven.truth.poses
+
+    def path(rows):
+        matrices = []
+        for x, y, yaw in rows:
+            matrix = np.eye(4)
+            matrix[:2, :2] = arc([0.0, 0.0, yaw], 1.0)[:2, :2]
+            matrix[:2, 3] = x, y
+            matrices.append(matrix)
+        return trajectory.PosePath3D(poses_se3=matrices)
+
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    ape.process_data((path(true), path(poses)))
+    rmse = np.sqrt(np.mean(np.sum((poses - true)[:, :2] ** 2, axis=1)))
+    assert ape.get_statistic(metrics.StatisticsType.rmse) == pytest.approx(rmse, rel=1e-6)
+    assert rmse < 0.5
+    rpe = metrics.RPE(
+        metrics.PoseRelation.rotation_angle_rad, delta=1, delta_unit=metrics.Unit.frames
+    )
+    rpe.process_data((path(true), path(poses)))
+    turns = np.abs(np.diff((poses - true)[:, 2]))
+    assert_allclose(rpe.error, turns, rtol=0, atol=1e-6)
+
+
+def test_a_track_can_be_changed_only_by_making_another():
+    """Breaks if a track is no longer frozen; replace() is how a study makes variants."""
+    one = track_of([[1.0, 0.0, 0.0]], [0.1])
+    with pytest.raises(AttributeError):
+        one.theta = np.zeros((1, 3))
+    assert_allclose(replace(one, intervals=np.array([2.0])).poses()[-1], [2.0, 0.0, 0.0])
