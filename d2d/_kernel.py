@@ -498,35 +498,42 @@ def _invert(h, inverse):
 
 
 @njit(error_model="numpy")
-def _reach_radius(h, g, shift, scale, radius, step):
+def _decrease(h, g, step):
+    """By how much the quadratic model -g' step - step' H step / 2 goes down."""
+    total = 0.0
+    for i in range(3):
+        row = g[i]
+        for j in range(3):
+            row += 0.5 * h[i, j] * step[j]
+        total -= step[i] * row
+    return total
+
+
+@njit(error_model="numpy")
+def _reach_radius(h, g, shift, scale, radius, kick, step):
     """The hard case of an indefinite Hessian: the gradient misses its lowest eigenvector.
 
     Then the step ends within the radius however near the shift comes to that eigenvalue.  Going on
-    along the eigenvector, which the nearly singular system magnifies, lowers the model further.
+    along the eigenvector, which the nearly singular system magnifies out of any ``kick``, lowers
+    the model further.
     """
-    definite, _ = _shifted_solve(h, g, 0.0, scale, np.empty(3))
+    along = np.empty(3)
+    definite, _ = _shifted_solve(h, g, 0.0, scale, along)
     norm = math.sqrt((scale * step * step).sum())
     if definite or norm >= 0.9 * radius:
         return
-    along = np.empty(3)
-    solved, _ = _shifted_solve(h, np.array([1.0, 0.7, 0.4]) * np.sqrt(scale), shift, scale, along)
+    solved, _ = _shifted_solve(h, kick * np.sqrt(scale), shift, scale, along)
     if not solved:
         return
     along /= math.sqrt((scale * along * along).sum())
     inner = (scale * along * step).sum()
     root = math.sqrt(inner * inner + radius * radius - norm * norm)
-    lowest, reach = np.inf, 0.0
-    for length in (root - inner, -root - inner):
-        moved = step + length * along
-        model = (g * moved).sum() + 0.5 * (moved * (h @ moved)).sum()
-        if model < lowest:
-            lowest, reach = model, length
-    for i in range(3):
-        step[i] += reach * along[i]
+    forward, backward = step + (root - inner) * along, step - (root + inner) * along
+    step[:] = forward if _decrease(h, g, forward) > _decrease(h, g, backward) else backward
 
 
 @njit(error_model="numpy")
-def _trust_region_step(h, g, scale, radius, step):
+def _trust_region_step(h, g, scale, radius, kick, step):
     """Minimise the quadratic model within the radius (Moré & Sorensen 1983); its decrease.
 
     The shift of the Hessian is bracketed by Gershgorin's circles and found by Newton's method on
@@ -568,14 +575,8 @@ def _trust_region_step(h, g, scale, radius, step):
         shift = newton if low < newton < high else 0.5 * (low + high)
     if not definite:
         _shifted_solve(h, g, high, scale, step)
-    _reach_radius(h, g, high, scale, radius, step)
-    decrease = 0.0
-    for i in range(3):
-        row = g[i]
-        for j in range(3):
-            row += 0.5 * h[i, j] * step[j]
-        decrease -= step[i] * row
-    return decrease
+    _reach_radius(h, g, high, scale, radius, kick, step)
+    return _decrease(h, g, step)
 
 
 @njit(error_model="numpy")
@@ -623,6 +624,9 @@ def _minimise(
     half, near = np.empty(fixed.shape[1]), np.empty(fixed.shape[1], dtype=np.uint64)
     step, scale, trial = np.empty(3), np.empty(3), np.empty(3)
     trial_g, trial_h = np.empty(3), np.empty((3, 3))
+    kick = np.array(
+        [1.0, 0.7 * planar, 0.4 * planar]
+    )  # no direction that matters is at right angles
     radius = _first_radius(fixed, moving, d2d, planar, scale)
     value = _evaluate(
         theta, fixed, moving, peak, d2d, planar, fusion, outlier, factor, in_twist, half, near, g, h
@@ -638,7 +642,7 @@ def _minimise(
         if definite and norm <= radius:
             decrease = 0.5 * decrement
         else:
-            decrease = _trust_region_step(h, g, scale, radius, step)
+            decrease = _trust_region_step(h, g, scale, radius, kick, step)
             norm = math.sqrt(step[0] ** 2 + step[1] ** 2 + scale[2] * step[2] ** 2)
         for j in range(3):
             trial[j] = theta[j] + step[j]
