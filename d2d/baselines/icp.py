@@ -1,0 +1,203 @@
+"""The iterative closest point algorithm in the plane."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from d2d import rigid
+from d2d._checks import Array, finite
+
+Metric = Literal["point", "line"]
+
+_METRICS = ("point", "line")
+
+
+@dataclass(frozen=True, eq=False)
+class IcpResult:
+    """Where ICP ended, or a batch of such ends, and how it came there.
+
+    Attributes
+    ----------
+    theta : (..., 3) array, m, m, rad
+        The motion that maps the moving set onto the fixed one.
+    rms : (...) array, m
+        Root mean squared distance of the final correspondences: to the nearest point, or to the
+        line through it.
+    converged : (...) array of bool
+        Whether the last step was shorter than the tolerance.
+    iterations : (...) array of int
+    thetas, rms_history : (I + 1, ..., 3) and (I + 1, ...) arrays
+        After each iteration, the start first; constant once converged.
+    """
+
+    theta: Array
+    rms: Array
+    converged: NDArray[np.bool_]
+    iterations: NDArray[np.int64]
+    thetas: Array
+    rms_history: Array
+
+
+def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
+    """The rigid motion (..., 3) of least squared distance between paired points (..., N, 2).
+
+    Minimises sum_n |R m_n + t - f_n|^2 in closed form.  With the centred points f', m' and the
+    singular value decomposition sum_n m'_n f'_n^T = U S V^T, R = V diag(1, det(V U^T)) U^T and
+    t = mean(f) - R mean(m) (Arun et al. 1987; the determinant of Umeyama 1991 excludes mirrors).
+
+    Raises
+    ------
+    ValueError
+        Naming the argument: shapes that do not match, an empty set, nan or inf.
+    """
+    target, source = _points("fixed", fixed), _points("moving", moving)
+    if target.shape[-2] != source.shape[-2]:
+        raise ValueError(
+            f"fixed and moving must be paired, but have {target.shape[-2]} and "
+            f"{source.shape[-2]} points"
+        )
+    to, by = target.mean(axis=-2), source.mean(axis=-2)
+    spread = np.swapaxes(source - by[..., None, :], -1, -2) @ (target - to[..., None, :])
+    left, _, right = np.linalg.svd(spread)
+    turn = np.swapaxes(left @ right, -1, -2)  # V U^T
+    right[..., 1, :] *= np.sign(np.linalg.det(turn))[..., None]
+    turn = np.swapaxes(left @ right, -1, -2)
+    angle = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])
+    shift = to - np.einsum("...ij,...j->...i", rigid.rotation(angle), by)
+    return np.concatenate([shift, angle[..., None]], axis=-1)
+
+
+def line_normals(points: ArrayLike, neighbours: int = 5) -> Array:
+    """Unit normals (N, 2) of the lines through each point (N, 2) and its nearest neighbours.
+
+    The eigenvector of the smallest eigenvalue of their covariance; its sign is arbitrary.
+    """
+    cloud = _points("points", points)
+    if not 1 <= neighbours < len(cloud):
+        raise ValueError(
+            f"neighbours must lie within [1, {len(cloud) - 1}] for {len(cloud)} points, "
+            f"but is {neighbours}"
+        )
+    _, index = cKDTree(cloud).query(cloud, neighbours + 1)
+    centred = cloud[index] - cloud[index].mean(axis=1, keepdims=True)
+    _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))
+    return np.asarray(vectors[:, :, 0])
+
+
+def icp(
+    fixed: ArrayLike,
+    moving: ArrayLike,
+    initial: ArrayLike | None = None,
+    *,
+    metric: Metric = "point",
+    neighbours: int = 5,
+    tolerance: float = 1e-6,
+    most_iterations: int = 100,
+) -> IcpResult:
+    """Register two point sets by the iterative closest point algorithm (thesis sec. 3.1).
+
+    In turn: move, pair each moving point with the nearest fixed one, fit the motion to the pairs.
+    ``metric="point"`` minimises the distance of the pairs in closed form (Besl & McKay 1992),
+    ``metric="line"`` that to the line through the fixed point (Chen & Medioni 1992) by one
+    Gauss-Newton step; the latter has no guarantee to settle: it stops, not converged, once
+    it swaps between two pairings.  Each moving point keeps a partner however far: there is no
+    rejection.
+
+    Parameters
+    ----------
+    fixed, moving : (F, 2) and (M, 2) arrays, m
+    initial : (..., 3) array, optional
+        Where to start, m, m, rad: a batch runs as one. Zeros unless given.
+    metric : "point" or "line"
+    neighbours : int
+        Of each fixed point, for its line.
+    tolerance : float
+        Converged once a step moves no point of the set by more than this, in m.
+    most_iterations : int
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that does not fit.
+    """
+    target, source = _points("fixed", fixed), _points("moving", moving)
+    if target.ndim != 2 or source.ndim != 2:
+        raise ValueError(
+            f"fixed and moving must have the shape (N, 2), but have {target.shape} and "
+            f"{source.shape}"
+        )
+    if metric not in _METRICS:
+        raise ValueError(f"metric must be one of {', '.join(_METRICS)}, but is {metric!r}")
+    start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
+    normals = line_normals(target, neighbours) if metric == "line" else None
+    tree = cKDTree(target)
+    theta = start.reshape(-1, 3)
+    moved = rigid.transform_means(theta, source)
+    paired, rms = _pair(tree, normals, moved)
+    thetas, history = [theta], [rms]
+    active, settled = np.ones(len(theta), dtype=np.bool_), np.zeros(len(theta), dtype=np.bool_)
+    older = np.full_like(paired, -1)
+    iterations = np.zeros(len(theta), dtype=np.int64)
+    while active.any() and len(thetas) <= most_iterations:
+        before, partner = moved[active], paired[active]
+        step = (
+            fit_rigid(target[partner], before)
+            if normals is None
+            else _line_step(target[partner], normals[partner], before)
+        )
+        after = rigid.transform_means(step, before)
+        theta, rms = theta.copy(), rms.copy()
+        theta[active] = rigid.compose(step, theta[active])
+        moved[active] = after
+        new, rms[active] = _pair(tree, normals, after)
+        swaps = (new == older[active]).all(axis=-1) & (new != partner).any(axis=-1)
+        paired[active], older[active] = new, partner
+        iterations[active] += 1
+        thetas.append(theta)
+        history.append(rms)
+        settled[active] = np.linalg.norm(after - before, axis=-1).max(axis=-1) <= tolerance
+        active[active] = ~settled[active] & ~swaps
+    shape = start.shape[:-1]
+    return IcpResult(
+        theta.reshape(start.shape),
+        rms.reshape(shape),
+        settled.reshape(shape),
+        iterations.reshape(shape),
+        np.stack(thetas).reshape(-1, *start.shape),
+        np.stack(history).reshape(-1, *shape),
+    )
+
+
+def _pair(tree: cKDTree, normals: Array | None, moved: Array) -> tuple[NDArray[np.int64], Array]:
+    """Nearest fixed point (B, M) of every moved point (B, M, 2), and the rms distance (B,)."""
+    gap, paired = tree.query(moved)
+    if normals is not None:
+        gap = np.einsum("bmi,bmi->bm", moved - tree.data[paired], normals[paired])
+    return paired, np.sqrt((gap**2).mean(axis=-1))
+
+
+def _line_step(fixed: Array, normals: Array, moved: Array) -> Array:
+    """The motion (B, 3) that minimises sum (n . (m + phi E m + t - f))^2 over t and phi.
+
+    E m = (-m_y, m_x) is the derivative of the rotation at zero.  The smallest norm is taken where
+    the lines leave a direction open (a corridor).
+    """
+    across = normals[..., 1] * moved[..., 0] - normals[..., 0] * moved[..., 1]
+    jacobian = np.concatenate([normals, across[..., None]], axis=-1)
+    residual = np.einsum("bmi,bmi->bm", normals, fixed - moved)
+    normal_matrix = np.swapaxes(jacobian, -1, -2) @ jacobian
+    right_side = np.einsum("bmp,bm->bp", jacobian, residual)
+    solved = np.linalg.pinv(normal_matrix, hermitian=True) @ right_side[..., None]
+    return np.asarray(solved[..., 0])
+
+
+def _points(name: str, value: ArrayLike) -> Array:
+    array = finite(name, value)
+    if array.ndim < 2 or array.shape[-1] != 2 or not array.size:
+        raise ValueError(
+            f"{name} must have the shape (..., N, 2) with N > 0, but has {array.shape}"
+        )
+    return array

@@ -1,0 +1,79 @@
+"""How far off the initial guess of a scan registration may be (chapter 3)."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from d2d import rigid
+from d2d._checks import Array
+from d2d.baselines import icp, ndt_d2d, ndt_p2d
+from d2d.cost import CorruptedGaussian, RegistrationCost
+from d2d.registration import register
+from d2d.study.room import RoomScan
+
+MOST_DISTANCE, MOST_ROTATION = 4.0, np.deg2rad(90.0)  # m, rad: half a room, a quarter turn
+NEAR_DISTANCE, NEAR_ROTATION = 0.25, np.deg2rad(5.0)  # a quarter of an NDT cell
+CLOSE_DISTANCE, CLOSE_ROTATION = 0.2, np.deg2rad(3.0)  # several times any method's error
+
+ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
+SCALES = (16.0, 8.0, 4.0, 2.0, 1.0)
+
+Method = Callable[[RoomScan, RoomScan, Array], Array]
+"""From the scan before, the scan after and starts (..., 3) to the motions found (..., 3)."""
+
+
+def _likelihood(*scales: float) -> Method:
+    def run(before: RoomScan, after: RoomScan, starts: Array) -> Array:
+        fixed, moving = before.targets(), after.targets()
+        return register(fixed, moving, ROBUST, starts, scales, threads=2).theta
+
+    return run
+
+
+METHODS: dict[str, Method] = {
+    "ICP, point to point": lambda f, m, s: icp(f.points, m.points, s).theta,
+    "ICP, point to line": lambda f, m, s: icp(f.points, m.points, s, metric="line").theta,
+    "NDT, P2D": lambda f, m, s: ndt_p2d(f.points, m.points, s).theta,
+    "NDT, D2D": lambda f, m, s: ndt_d2d(f.points, m.points, s).theta,
+    "D2D likelihood": _likelihood(1.0),
+    "D2D likelihood, annealed": _likelihood(*SCALES),
+}
+
+
+def start_plane(distances: ArrayLike, rotations: ArrayLike, directions: int) -> Array:
+    """Offsets (R, D, A, 3) of a start from the truth over a plane of distance and rotation.
+
+    Parameters
+    ----------
+    distances : (D,) array, m
+    rotations : (R,) array, rad
+    directions : int
+        A, the number of directions that each distance is taken in.
+    """
+    bearing = 2.0 * np.pi * (np.arange(directions) + 0.25) / directions
+    turn, distance, angle = np.meshgrid(rotations, distances, bearing, indexing="ij")
+    return np.stack([distance * np.cos(angle), distance * np.sin(angle), turn], axis=-1)
+
+
+def draw_offsets(
+    rng: np.random.Generator, count: int, most_distance: float, most_rotation: float
+) -> Array:
+    """Offsets (count, 3): distance, direction and rotation each uniform up to the most given."""
+    distance, bearing = rng.uniform(0.0, most_distance, count), rng.uniform(0, 2 * np.pi, count)
+    turn = rng.uniform(-most_rotation, most_rotation, count)
+    return np.stack([distance * np.cos(bearing), distance * np.sin(bearing), turn], axis=-1)
+
+
+def found(theta: ArrayLike, truth: ArrayLike, tolerance: float = 1.0) -> NDArray[np.bool_]:
+    """Whether each motion (..., 3) ends within 0.2 m and 3 degrees of the truth.
+
+    ``tolerance`` multiplies both limits.
+    """
+    error = rigid.compose(rigid.inverse(truth), theta)
+    distance = np.hypot(error[..., 0], error[..., 1])
+    turn = np.abs(np.angle(np.exp(1j * error[..., 2])))
+    close: NDArray[np.bool_] = (distance < tolerance * CLOSE_DISTANCE) & (
+        turn < tolerance * CLOSE_ROTATION
+    )
+    return close

@@ -1,0 +1,295 @@
+"""Densities against SciPy, fits against NumPy, EM against scikit-learn and its own promise."""
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+from sklearn.mixture import GaussianMixture as SklearnMixture
+
+from d2d import gaussian
+from d2d.gaussian import GaussianMixture, fit_mixture
+
+SIGMA = np.array([[2.0, -0.6], [-0.6, 0.5]])
+MIXTURE = GaussianMixture(
+    np.array([0.3, 0.7]), np.array([[0.0, 0.0], [4.0, 1.0]]), np.stack([SIGMA, np.eye(2)])
+)
+
+
+def random_covariances(rng, *shape):
+    factor = rng.standard_normal((*shape, shape[-1])) if shape else None
+    return factor @ np.swapaxes(factor, -1, -2) + 0.1 * np.eye(shape[-1])
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_log_density_is_scipys(dimension):
+    rng = np.random.default_rng(1)
+    x, mean = rng.standard_normal((2, 5, dimension))
+    sigma = random_covariances(rng, dimension)
+    expected = [stats.multivariate_normal(m, sigma).logpdf(p) for p, m in zip(x, mean, strict=True)]
+    np.testing.assert_allclose(gaussian.log_density(x, mean, sigma), expected, rtol=1e-12)
+
+
+def test_density_broadcasts_and_stays_finite_far_away():
+    logs = gaussian.log_density(np.zeros((4, 1, 2)), 1e6 * np.ones((3, 2)), np.eye(2))
+    assert logs.shape == (4, 3)
+    assert np.isfinite(logs).all()
+    assert (gaussian.density(np.zeros((4, 1, 2)), 1e6 * np.ones((3, 2)), np.eye(2)) == 0).all()
+
+
+def test_fit_is_the_average_and_the_biased_covariance():
+    rng = np.random.default_rng(2)
+    x = rng.standard_normal((4, 30, 3))
+    mean, covariance = gaussian.fit(x)
+    np.testing.assert_allclose(mean, x.mean(axis=1), atol=1e-14)
+    for each, found in zip(x, covariance, strict=True):
+        np.testing.assert_allclose(found, np.cov(each.T, bias=True), atol=1e-13)
+
+
+def test_fit_counts_an_observation_as_often_as_its_weight():
+    rng = np.random.default_rng(3)
+    x, times = rng.standard_normal((6, 2)), np.array([1, 3, 0, 2, 1, 5])
+    repeated = gaussian.fit(np.repeat(x, times, axis=0))
+    for one, other in zip(gaussian.fit(x, times), repeated, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-14)
+
+
+def test_fit_has_the_greatest_likelihood():
+    rng = np.random.default_rng(4)
+    x = rng.multivariate_normal([1.0, -2.0], SIGMA, 40)
+    mean, covariance = gaussian.fit(x)
+    best = gaussian.log_density(x, mean, covariance).sum()
+    for _ in range(50):
+        other = covariance + 0.05 * random_covariances(rng, 2)
+        assert gaussian.log_density(x, mean + 0.1 * rng.standard_normal(2), other).sum() < best
+
+
+def test_raised_eigenvalues_are_the_constrained_maximum():
+    rng = np.random.default_rng(5)
+    empirical, floor = np.diag([3.0, 0.01]), 0.2
+
+    def log_likelihood(sigma):
+        return -np.linalg.slogdet(sigma)[1] - np.trace(np.linalg.solve(sigma, empirical))
+
+    raised = gaussian.raise_eigenvalues(empirical, floor)
+    np.testing.assert_allclose(raised, np.diag([3.0, 0.2]), atol=1e-15)
+    for _ in range(200):
+        other = raised + 0.3 * rng.random() * random_covariances(rng, 2)
+        turned = gaussian.raise_eigenvalues(other, floor)
+        assert log_likelihood(turned) <= log_likelihood(raised) + 1e-12
+
+
+def test_raise_eigenvalues_leaves_good_matrices_bit_for_bit():
+    np.testing.assert_array_equal(gaussian.raise_eigenvalues(SIGMA, 1e-3), SIGMA)
+    ratio = gaussian.raise_eigenvalues(np.diag([4.0, 0.0]), smallest_ratio=0.25)
+    np.testing.assert_allclose(ratio, np.diag([4.0, 1.0]))
+
+
+@pytest.mark.parametrize("confidence", [0.3935, 0.95])
+def test_confidence_ellipse_holds_its_share_of_draws(confidence):
+    rng = np.random.default_rng(6)
+    centre = np.array([3.0, -1.0])
+    ellipse = gaussian.confidence_ellipse(centre, SIGMA, confidence)
+    assert ellipse.semi_axes[0] >= ellipse.semi_axes[1]
+    draws = rng.multivariate_normal(centre, SIGMA, 20000) - centre
+    c, s = np.cos(ellipse.angle), np.sin(ellipse.angle)
+    turned = draws @ np.array([[c, -s], [s, c]])
+    inside = ((turned / ellipse.semi_axes) ** 2).sum(axis=-1) <= 1.0
+    assert abs(inside.mean() - confidence) < 4.0 * np.sqrt(confidence * (1 - confidence) / 20000)
+
+
+def test_confidence_ellipse_of_one_sigma_has_the_standard_deviations_as_semi_axes():
+    share = 1.0 - np.exp(-0.5)
+    ellipse = gaussian.confidence_ellipse([0.0, 0.0], np.diag([1.0, 4.0]), share)
+    np.testing.assert_allclose(ellipse.semi_axes, [2.0, 1.0])
+    assert abs(ellipse.angle) == pytest.approx(np.pi / 2)
+
+
+# ---- Mixtures -----------------------------------------------------------------------------------
+
+
+def test_mixture_pdf_is_the_weighted_sum_and_integrates_to_one():
+    x = np.random.default_rng(7).standard_normal((20, 2))
+    parts = [
+        w * stats.multivariate_normal(m, s).pdf(x)
+        for w, m, s in zip(MIXTURE.weights, MIXTURE.means, MIXTURE.covariances, strict=True)
+    ]
+    np.testing.assert_allclose(MIXTURE.pdf(x), sum(parts), rtol=1e-12)
+    np.testing.assert_allclose(
+        MIXTURE.responsibilities(x), np.stack(parts, -1) / sum(parts)[:, None]
+    )
+    area, _ = integrate.dblquad(lambda y, u: float(MIXTURE.pdf([u, y])), -12, 12, -12, 12)
+    assert area == pytest.approx(1.0, abs=1e-6)
+
+
+def test_mixture_samples_have_its_moments():
+    count = 100_000
+    x, which = MIXTURE.sample(count, np.random.default_rng(8))
+    mean = MIXTURE.weights @ MIXTURE.means
+    spread = MIXTURE.means - mean
+    covariance = np.einsum("k,kij->ij", MIXTURE.weights, MIXTURE.covariances) + np.einsum(
+        "k,ki,kj->ij", MIXTURE.weights, spread, spread
+    )
+    assert np.abs(x.mean(axis=0) - mean).max() < 4.0 * np.sqrt(covariance.max() / count)
+    np.testing.assert_allclose(np.cov(x.T), covariance, atol=0.06)
+    assert which.mean() == pytest.approx(0.7, abs=0.01)
+
+
+def test_a_component_of_weight_zero_is_never_drawn_and_adds_nothing():
+    empty = GaussianMixture(np.array([1.0, 0.0]), MIXTURE.means, MIXTURE.covariances)
+    x, which = empty.sample(100, np.random.default_rng(9))
+    assert not which.any()
+    np.testing.assert_allclose(
+        empty.log_pdf(x), gaussian.log_density(x, MIXTURE.means[0], MIXTURE.covariances[0])
+    )
+
+
+def test_bic_is_scikit_learns():
+    x, _ = MIXTURE.sample(300, np.random.default_rng(10))
+    fitted = fit_mixture(x, 2, np.random.default_rng(0)).mixture
+    peer = sklearn_at(fitted)
+    assert fitted.parameters == peer._n_parameters()
+    assert fitted.bic(x) == pytest.approx(peer.bic(x), rel=1e-10)
+    np.testing.assert_allclose(fitted.log_pdf(x), peer.score_samples(x), rtol=1e-9)
+
+
+def sklearn_at(mixture, **options):
+    """scikit-learn's mixture with these parameters."""
+    precisions = np.linalg.inv(mixture.covariances)
+    peer = SklearnMixture(
+        mixture.components,
+        weights_init=mixture.weights,
+        means_init=mixture.means,
+        precisions_init=precisions,
+        reg_covar=0.0,
+        random_state=0,
+        **options,
+    )
+    peer.weights_, peer.means_, peer.covariances_ = (
+        mixture.weights,
+        mixture.means,
+        mixture.covariances,
+    )
+    peer.precisions_cholesky_ = np.swapaxes(np.linalg.cholesky(precisions), -1, -2)
+    # any root of the precision serves: only its determinant and squared products are used
+    peer.precisions_cholesky_ = np.linalg.cholesky(precisions)
+    return peer
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_em_is_scikit_learns(seed):
+    """The same start, without regularisation on either side: the same optimum."""
+    rng = np.random.default_rng(seed)
+    x, _ = MIXTURE.sample(400, rng)
+    start = gaussian.initial_mixture(x, 2, rng)
+    ours = fit_mixture(x, 2, rng, initial=start, tolerance=1e-13, most_iterations=5000)
+    peer = sklearn_at(start, tol=1e-13, max_iter=5000).fit(x)
+    assert ours.converged
+    assert peer.converged_
+    np.testing.assert_allclose(ours.mixture.weights, peer.weights_, atol=1e-5)
+    np.testing.assert_allclose(ours.mixture.means, peer.means_, atol=1e-4)
+    np.testing.assert_allclose(ours.mixture.covariances, peer.covariances_, atol=1e-4)
+    assert ours.log_likelihoods[-1] / len(x) == pytest.approx(peer.score(x), abs=1e-9)
+
+
+def random_set(draw, rng):
+    """Observations and a number of components; five kinds in turn, four of them degenerate."""
+    components, dimension = int(rng.integers(1, 6)), int(rng.integers(1, 4))
+    kind = draw % 5
+    if kind == 0:
+        return rng.standard_normal((3, dimension)), 5
+    if kind == 1:
+        return np.tile(1e3 * rng.standard_normal(dimension), (20, 1)), components
+    centres = rng.uniform(0.0, 6.0) * rng.standard_normal((components, dimension))
+    x = centres[rng.integers(components, size=80)] + rng.standard_normal((80, dimension))
+    if kind == 2:
+        x[0] += 1e4
+    if kind == 3:
+        x[:, 0] = 1.0  # a plane within the space: singular covariances
+    return x, components
+
+
+@pytest.mark.parametrize("equal_weights", [False, True])
+@pytest.mark.parametrize("draw", range(100))
+def test_the_likelihood_never_falls(draw, equal_weights):
+    rng = np.random.default_rng(draw)
+    x, components = random_set(draw, rng)
+    fit = fit_mixture(
+        x, components, rng, equal_weights=equal_weights, tolerance=1e-10, most_iterations=300
+    )
+    assert np.isfinite(fit.log_likelihoods).all()
+    size = np.maximum(np.abs(fit.log_likelihoods), 1.0)
+    assert (np.diff(fit.log_likelihoods) >= -1e-12 * size[1:]).all()
+    assert len(fit.steps) == len(fit.log_likelihoods)
+    assert fit.mixture is fit.steps[-1]
+    assert fit.mixture.log_likelihood(x) == pytest.approx(fit.log_likelihoods[-1], rel=1e-12)
+    assert np.linalg.eigvalsh(fit.mixture.covariances).min() > 0
+    if equal_weights:
+        np.testing.assert_array_equal(fit.mixture.weights, np.full(components, 1.0 / components))
+
+
+def test_without_a_floor_one_component_would_shrink_onto_one_observation():
+    x = np.concatenate([np.random.default_rng(11).standard_normal((50, 2)), [[1e3, 1e3]]])
+    floor = 1e-3
+    fit = fit_mixture(x, 2, np.random.default_rng(0), floor=floor)
+    smallest = np.linalg.eigvalsh(fit.mixture.covariances).min()
+    assert smallest == pytest.approx(floor)
+
+
+def test_em_recovers_unequal_weights_that_equal_ones_cannot():
+    truth = GaussianMixture(np.array([0.15, 0.85]), MIXTURE.means, np.tile(np.eye(2), (2, 1, 1)))
+    rng = np.random.default_rng(12)
+    x, fresh = truth.sample(2000, rng)[0], truth.sample(20000, rng)[0]
+    free = fit_mixture(x, 2, rng).mixture
+    equal = fit_mixture(x, 2, rng, equal_weights=True).mixture
+    assert np.sort(free.weights) == pytest.approx([0.15, 0.85], abs=0.03)
+    assert free.log_likelihood(fresh) > equal.log_likelihood(fresh) + 100
+
+
+def test_one_component_is_the_closed_form():
+    x, _ = MIXTURE.sample(50, np.random.default_rng(13))
+    fitted = fit_mixture(x, 1, np.random.default_rng(0)).mixture
+    mean, covariance = gaussian.fit(x)
+    np.testing.assert_allclose(fitted.means[0], mean)
+    np.testing.assert_allclose(fitted.covariances[0], covariance)
+
+
+def test_fits_do_not_depend_on_global_random_state():
+    x, _ = MIXTURE.sample(60, np.random.default_rng(14))
+    one, two = (fit_mixture(x, 3, np.random.default_rng(5)).log_likelihoods for _ in range(2))
+    np.testing.assert_array_equal(one, two)
+
+
+X = np.zeros((5, 2))
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda: gaussian.log_density(X, [0.0, 0.0, 0.0], np.eye(2)), "mean"),
+        (lambda: gaussian.log_density(1.0, [0.0, 0.0], np.eye(2)), "x"),
+        (lambda: gaussian.log_density([np.nan, 0.0], [0.0, 0.0], np.eye(2)), "x"),
+        (lambda: gaussian.log_density(X, [0.0, 0.0], -np.eye(2)), "covariance"),
+        (lambda: gaussian.log_density(X, np.zeros((3, 2)), np.eye(2)), "x, mean"),
+        (lambda: gaussian.fit(np.zeros((0, 2))), "x"),
+        (lambda: gaussian.fit(X, -np.ones(5)), "weights"),
+        (lambda: gaussian.fit(X, np.zeros(5)), "weights"),
+        (lambda: gaussian.fit(X, np.ones(4)), "weights"),
+        (lambda: gaussian.confidence_ellipse([0.0] * 3, np.eye(3)), "mean"),
+        (lambda: gaussian.confidence_ellipse([0.0] * 2, np.eye(2), 1.0), "confidence"),
+        (lambda: gaussian.confidence_ellipse([0.0] * 2, np.eye(2), 1.2), "confidence"),
+        (lambda: GaussianMixture([0.5, 0.6], X[:2], [np.eye(2)] * 2), "weights"),
+        (lambda: GaussianMixture([-0.5, 1.5], X[:2], [np.eye(2)] * 2), "weights"),
+        (lambda: GaussianMixture([1.0], X[:2], [np.eye(2)] * 2), "weights"),
+        (lambda: GaussianMixture([1.0], X[0], [np.eye(2)]), "means"),
+        (lambda: GaussianMixture([1.0], X[:1], np.eye(2)), "covariances"),
+        (lambda: MIXTURE.pdf([1.0, 2.0, 3.0]), "x"),
+        (lambda: MIXTURE.log_likelihood([1.0, 2.0]), "x"),
+        (lambda: MIXTURE.sample(0, np.random.default_rng()), "count"),
+        (lambda: fit_mixture(X, 0, np.random.default_rng()), "components"),
+        (lambda: fit_mixture(X, 2, np.random.default_rng(), floor=0.0), "floor"),
+        (lambda: fit_mixture(X, 3, np.random.default_rng(), initial=MIXTURE), "initial"),
+        (lambda: gaussian.maximise(X, np.ones((4, 2)), MIXTURE, floor=1.0), "responsibilities"),
+    ],
+)
+def test_bad_input_names_the_argument(call, name):
+    with pytest.raises(ValueError, match=name):
+        call()
