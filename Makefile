@@ -6,6 +6,8 @@ PYTHON_CANDIDATES := python3.13 python3.12 python3.11 python3 python
 VENV := .venv
 STAMP := $(VENV)/.installed
 BIN := $(VENV)/bin
+# The libraries that `make bench` compares with, in an environment of their own.
+PEERS := .venv-bench
 # Parallel test processes.
 JOBS ?= 2
 
@@ -82,8 +84,15 @@ format: $(STAMP) ## Mend style and format where that can be done by machine
 	$(BIN)/python -m ruff check --fix
 	$(BIN)/python -m ruff format
 
-bench: $(STAMP) ## Measure speed
-	$(BIN)/python benchmarks/run.py
+bench: $(PEERS)/.installed ## Measure speed and accuracy beside other libraries, and renew the book's page on it
+	$(PEERS)/bin/python -m benchmarks.run
+
+$(PEERS)/.installed: requirements.txt pyproject.toml benchmarks/install.py
+	@$(MAKE) --no-print-directory $(STAMP)
+	$(BIN)/python -m venv --clear $(PEERS)
+	@echo '*' > $(PEERS)/.gitignore
+	$(PEERS)/bin/python benchmarks/install.py
+	@touch $@
 
 lab: $(STAMP) ## Open the notebooks in JupyterLab
 	$(BIN)/python -m jupyterlab chapters
