@@ -14,9 +14,12 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
 
     Static targets lie on v = -(u_x cos phi + u_y sin phi).  The pair of targets whose line most
     targets agree with is refined by weighted least squares over those, after Kellner et al. (2013),
-    but over a fixed set of pairs instead of a random one.  With a single target or a single
-    direction the component that is not seen is zero.
+    but over a fixed set of pairs instead of a random one.  Without targets, with a single one or a
+    single direction, the component that is not seen is zero.  A scan on which no two targets agree is
+    fitted as a whole.
     """
+    if not scan.size:
+        return np.zeros(2)
     angle = scan.azimuth + mounting.yaw
     directions = -np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     inliers = np.ones(scan.size, dtype=bool)
@@ -30,18 +33,30 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
         slope = np.stack([-directions[:, 1], directions[:, 0]], axis=-1) @ hypotheses
         sigma = np.hypot(scan.sigma_doppler, scan.sigma_azimuth * slope[..., 0])
         agree = np.abs(residuals) < _GATE * sigma
-        inliers = agree[np.argmax(agree.sum(axis=-1))]
+        best = agree[np.argmax(agree.sum(axis=-1))]
+        inliers = best if best.any() else inliers
+    # targets that lie as close together as their azimuths are uncertain show one direction only
+    spread = max(1e-6, _GATE * float(np.median(scan.sigma_azimuth)))
     weights = 1.0 / scan.sigma_doppler[inliers, None]
     return np.asarray(
         np.linalg.lstsq(
-            directions[inliers] * weights, scan.doppler[inliers] * weights[:, 0], rcond=1e-6
+            directions[inliers] * weights, scan.doppler[inliers] * weights[:, 0], rcond=spread
         )[0]
     )
 
 
-def doppler_start(scan: RadarScan, mounting: Mounting) -> Array:
-    """Start [v_x, v_y, omega] of a registration: the sensor's velocity, taken for the vehicle's."""
-    return np.append(sensor_velocity(scan, mounting), 0.0)
+def doppler_starts(scan: RadarScan, mounting: Mounting) -> Array:
+    """Starts (S, 3) [v_x, v_y, omega] of a registration that the Doppler velocities are near to.
+
+    They fix the sensor's velocity; what of it is rotation they do not tell.  One start has none,
+    the other has no side slip instead, for a sensor ahead of or behind the vehicle's origin.
+    """
+    along, across = sensor_velocity(scan, mounting)
+    starts = [[along, across, 0.0]]
+    if mounting.x != 0.0:
+        turn = across / mounting.x
+        starts.append([along + turn * mounting.y, 0.0, turn])
+    return np.array(starts)
 
 
 def _pairs(size: int) -> tuple[Array, Array]:

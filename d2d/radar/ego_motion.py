@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from d2d import rigid
 from d2d._checks import Array, finite
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
-from d2d.radar.doppler import doppler_start
+from d2d.radar.doppler import doppler_starts
 from d2d.radar.scan import Mounting, RadarScan
-from d2d.registration import Estimate, register
+from d2d.registration import Estimate, multi_start, register
 
 # thesis sec. 7.3: 0.2 of the targets are outliers, spread by 10 m along both axes
 DEFAULT_OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
@@ -48,8 +48,9 @@ def estimate_ego_motion(
     outlier : UniformOutlier, CorruptedGaussian or None
         The thesis's alpha = 0.2 and (10 m)^2 unless given.
     initial : (3,) array, optional
-        Start [v_x, v_y, omega]. Unless given, the least-squares fit of the current scan's Doppler
-        velocities without rotation, which is near enough for any driving.
+        Start [v_x, v_y, omega].  Unless given, the velocity of the sensor is fitted to the current
+        scan's Doppler velocities (also where ``doppler`` is False), and taken for that of a
+        vehicle that does not turn and of one that does not slip; the lower optimum wins.
     scales : sequence of positive numbers
         Inflation schedule of all standard deviations, see `d2d.register`.
     first_order : bool
@@ -76,15 +77,15 @@ def estimate_ego_motion(
     for name, scan in (("previous", previous), ("current", current)):
         if not scan.size:
             raise ValueError(f"{name} holds no targets")
-    start = doppler_start(current, mounting) if initial is None else initial
-    twist = finite("initial", start) * interval
-    if twist.shape != (3,):
-        raise ValueError(f"initial must have the shape (3,), but has {twist.shape}")
-    estimate = register(
+    start = doppler_starts(current, mounting) if initial is None else finite("initial", initial)
+    if initial is not None and start.shape != (3,):
+        raise ValueError(f"initial must have the shape (3,), but has {start.shape}")
+    solve = register if start.ndim == 1 else multi_start
+    estimate = solve(
         previous.point_set(mounting),
         current.point_set(mounting),
         RegistrationCost(outlier=outlier),
-        twist if first_order else rigid.exponential(twist),
+        start * interval if first_order else rigid.exponential(start * interval),
         scales,
         measurement=current.doppler_measurement(mounting, interval, of_twist=not first_order)
         if doppler
@@ -142,7 +143,13 @@ class Track:
 
 def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     """Chain the motions intervals (n,) x theta (n, 3) to poses (n + 1, 3) [x, y, yaw]."""
-    twists = rigid.motion("theta", theta, 2) * np.asarray(intervals, dtype=np.float64)[:, None]
+    velocities, times = rigid.motion("theta", theta, 2), finite("intervals", intervals)
+    if velocities.ndim != 2 or times.shape != velocities.shape[:1]:
+        raise ValueError(
+            f"theta and intervals must have the shapes (n, 3) and (n,), but have "
+            f"{velocities.shape} and {times.shape}"
+        )
+    twists = velocities * times[:, np.newaxis]
     steps = rigid.exponential(twists)
     first = rigid.motion("start", start, 2)
     yaw = first[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])

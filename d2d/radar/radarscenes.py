@@ -103,7 +103,7 @@ def load_radarscenes(
     for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):
         positive(name, scalar(name, sigma))
     data = _existing(Path(root), "data", "the folder `data` of the RadarScenes data set")
-    name = f"sequence_{sequence}" if isinstance(sequence, int) else str(sequence)
+    name = f"sequence_{sequence}" if str(sequence).isdigit() else str(sequence)
     folder = _existing(data, name, "the folder of that sequence")
     mounting = _mounting(data, sensor)
     scenes = _scenes(_existing(folder, "scenes.json", "the list of its scans"), sensor)
@@ -192,21 +192,29 @@ def _tables(path: Path) -> tuple[Table, Table]:
     """The columns that are needed of the two tables, by name: their order differs between files."""
     try:
         with h5py.File(path, "r") as file:
-            return _table(file, "radar_data", _TARGET_FIELDS), _table(
-                file, "odometry", _ODOMETRY_FIELDS
-            )
-    except (OSError, KeyError, TypeError, AttributeError, RuntimeError) as error:
+            targets = _table(file, "radar_data", _TARGET_FIELDS)
+            odometry = _table(file, "odometry", _ODOMETRY_FIELDS)
+    except (OSError, ValueError, TypeError, AttributeError, RuntimeError) as error:
         raise ValueError(f"{path} is not a RadarScenes radar file: {error}") from None
+    if not (np.diff(odometry["timestamp"]) > 0).all() or not len(odometry["timestamp"]):
+        raise ValueError(
+            f"{path} is not a RadarScenes radar file: its odometry is not in time order"
+        )
+    return targets, odometry
 
 
 def _table(file: h5py.File, name: str, fields: tuple[str, ...]) -> Table:
     if name not in file:
-        raise KeyError(f"it has no table {name!r}")
-    rows = file[name][:]
+        raise ValueError(f"it has no table {name!r}")
+    rows = np.atleast_1d(file[name][()])
     missing = [field for field in fields if field not in (rows.dtype.names or ())]
     if missing:
-        raise KeyError(f"the table {name!r} has no column {missing[0]!r}")
-    return {field: np.ascontiguousarray(rows[field]) for field in fields}
+        raise ValueError(f"the table {name!r} has no column {missing[0]!r}")
+    table = {field: np.ascontiguousarray(rows[field]) for field in fields}
+    text = [field for field, column in table.items() if column.dtype.kind not in "iuf"]
+    if text:
+        raise ValueError(f"the column {text[0]!r} of the table {name!r} holds no numbers")
+    return table
 
 
 def _scan(

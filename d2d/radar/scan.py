@@ -94,7 +94,9 @@ class RadarScan:
         return len(self.range)
 
     def __getitem__(self, index: slice | Array) -> "RadarScan":
-        """The scan with only some of its targets."""
+        """The scan with only some of its targets, by a slice, a mask or a list of indices."""
+        if np.ndim(self.range[index]) != 1:
+            raise IndexError("a scan is indexed by a slice, a mask or a list, not by a number")
         return RadarScan(
             self.time,
             self.range[index],

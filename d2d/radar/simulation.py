@@ -58,8 +58,9 @@ def simulate_drive(
     ----------
     rng : numpy.random.Generator
     duration : float, s
+        Of one lap of the loop: the shorter, the tighter are its bends.
     speed : float, m/s
-        Mean speed; the vehicle slows down in the bends.
+        Mean speed, which swings by a half.
     mounting : Mounting
         Of the sensor in the vehicle frame.
     density : float, 1/m^2
@@ -79,6 +80,8 @@ def simulate_drive(
     ValueError
         Naming the argument that is not positive, or a detection probability outside (0, 1].
     """
+    if not isinstance(rng, np.random.Generator):
+        raise ValueError(f"rng must be a numpy.random.Generator, but is a {type(rng).__name__}")
     for name, value in (
         ("duration", duration),
         ("speed", speed),
