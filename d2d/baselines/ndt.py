@@ -136,8 +136,8 @@ def ndt_d2d(
     Maximises sum_k sum_i N(0 | d_ki, S_ki / d2), S_ki = R Sigma_k R' + Sigma_i: the inner product
     of the two mixtures, the only part of the L2 distance that the motion changes.  ``d2`` below 1
     widens every pair alike; public implementations take 0.05, and leave out the normalisation of
-    the densities, which is kept here because it belongs to the inner product.  Each scan has a single
-    grid of its own, without shifts.
+    the densities, which is kept here because it belongs to the inner product.  Each scan has a
+    single grid of its own, without shifts.
 
     The arguments are those of `ndt_p2d`, with ``d2`` within (0, 1].
     """

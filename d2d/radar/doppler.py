@@ -15,8 +15,8 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
     Static targets lie on v = -(u_x cos phi + u_y sin phi).  The pair of targets whose line most
     targets agree with is refined by weighted least squares over those, after Kellner et al. (2013),
     but over a fixed set of pairs instead of a random one.  Without targets, with a single one or a
-    single direction, the component that is not seen is zero.  A scan on which no two targets agree is
-    fitted as a whole.
+    single direction, the component that is not seen is zero.  A scan on which no two targets agree
+    is fitted as a whole.
     """
     if not scan.size:
         return np.zeros(2)
