@@ -30,6 +30,7 @@ BLUE, ORANGE, GREEN, PINK, YELLOW, SKY, BLACK = (
 FIXED, MOVING = BLUE, ORANGE
 TARGET_COLORS = (ORANGE, BLUE, GREEN, PINK, YELLOW, SKY)
 FAR = 45.0  # m: outliers beyond lie outside the scene
+ERROR_LIMITS = {"m": (0.01, 12.0), "deg": (0.05, 50.0)}
 
 
 def use_style() -> None:
@@ -207,15 +208,17 @@ def rotation_profiles(axes: Sequence[Axes], turns: Array, log_values: Array) -> 
 
 
 def error_shares(ax: Axes, errors: Mapping[str, Array], unit: str, title: str = "") -> None:
-    """Share of the runs whose error is below, for each named array of errors (N,)."""
+    """Share of the runs whose error is below, for each named array of errors (N,).
+
+    ``unit`` is m or deg.
+    """
     for (name, values), color in zip(errors.items(), (ORANGE, BLUE, GREEN), strict=False):
         ordered = np.sort(values)
         share = np.arange(1, len(ordered) + 1) / len(ordered)
         ax.step(ordered, share, where="post", color=color, label=name)
-    lowest = min(np.quantile(values, 0.01) for values in errors.values())
     ax.set_xscale("log")
     ax.set(xlabel=f"error ({unit})", ylabel="share of runs", title=title, ylim=(0.0, 1.02))
-    ax.set_xlim(left=lowest)
+    ax.set_xlim(*ERROR_LIMITS[unit])
 
 
 def credibility_panels(axes: Sequence[Axes], result: Credibility, title: str = "") -> None:

@@ -1,0 +1,207 @@
+"""The rows of the table: every way to register the draws of one scene from one start."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks import numpy_cost, peers
+from benchmarks.scenes import Draws
+from benchmarks.timing import Method, one_by_one, stacked
+from d2d import (
+    ANNEALED,
+    CorruptedGaussian,
+    PointSet,
+    RegistrationCost,
+    multi_start,
+    register,
+    start_grid,
+)
+
+Array = NDArray[np.float64]
+
+OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
+COSTS = {"likelihood": None, "corrupted": OUTLIER}
+# Around zero, as wide as the motion may be; the true motion is not on the grid.
+GRID = start_grid(6.0, 6.0, np.deg2rad([-20.0, -10.0, 0.0, 10.0, 20.0]))
+
+BATCH = "d2d, batch"
+BATCH_2 = "d2d, batch, 2 threads"
+BATCH_ARRAYS = "d2d, batch, from arrays"
+ONE = "d2d, one per call"
+ONE_ARRAYS = "d2d, one per call, from arrays"
+SCHEDULE = "d2d, batch, ANNEALED"
+STARTS = f"d2d, batch, best of {len(GRID)} starts"
+BFGS = "NumPy, BFGS"
+MATRICES = "NumPy with np.linalg, BFGS"
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How many runs the accuracy is of and how many are timed, of fast and of slow methods."""
+
+    runs: int
+    timed: int
+    slow_runs: int
+    slow_timed: int
+    pilot: int
+
+
+def all_methods(draws: Draws, pilot: Draws, start: str, effort: Effort) -> Iterator[Method]:
+    """Every method of one size and start; a peer that is not installed is left out."""
+    first = draws.theta if start == "truth" else np.zeros(3)
+    yield from _d2d(draws, start, first, effort)
+    yield from _peers(draws, pilot, start, first, effort)
+    yield from _scipy(draws, start, first, effort)
+
+
+def _d2d(draws: Draws, start: str, first: Array, effort: Effort) -> Iterator[Method]:
+    batches = {n: draws[:n] for n in {effort.runs, effort.timed}}
+    fixed, moving = ([s[i] for i in range(effort.runs)] for s in (draws.fixed, draws.moving))
+
+    def arrays(points: PointSet, index: Any) -> tuple[Array, Array]:
+        return points.means[index].copy(), points.covariances[index].copy()
+
+    def method(name: str, cost: str, solve: Any, runs: int, timed: int, single: bool) -> Method:
+        motions = stacked(lambda found: found.theta) if single else (lambda found: found.theta)
+        return Method(name, start, cost, solve, motions, runs, timed)
+
+    for cost_name, outlier in COSTS.items():
+        cost = RegistrationCost(outlier=outlier)
+
+        def batch(
+            n: int, cost: Any = cost, threads: int = 1, scales: Any = (1.0,), grid: Any = None
+        ) -> Any:
+            part = batches[n]
+            if grid is None:
+                return register(part.fixed, part.moving, cost, first, scales, threads=threads)
+            return multi_start(part.fixed, part.moving, cost, grid, scales, threads=threads)
+
+        def one(run: int, cost: Any = cost) -> Any:
+            return register(fixed[run], moving[run], cost, first)
+
+        yield method(BATCH, cost_name, batch, effort.runs, effort.timed, False)
+        yield method(
+            BATCH_2, cost_name, lambda n, b=batch: b(n, threads=2), effort.runs, effort.timed, False
+        )
+        yield method(ONE, cost_name, one_by_one(one), effort.timed, effort.timed, True)
+        if start == "zero":
+            yield method(
+                SCHEDULE,
+                cost_name,
+                lambda n, b=batch: b(n, scales=ANNEALED),
+                effort.runs,
+                effort.timed,
+                False,
+            )
+            few = max(1, effort.timed // 10)
+            batches[few] = draws[:few]
+            yield method(
+                STARTS, cost_name, lambda n, b=batch: b(n, grid=GRID), effort.runs, few, False
+            )
+        elif outlier is None:
+            whole = {
+                n: (arrays(p.fixed, slice(None)), arrays(p.moving, slice(None)))
+                for n, p in batches.items()
+            }
+            single = [
+                (arrays(draws.fixed, i), arrays(draws.moving, i)) for i in range(effort.timed)
+            ]
+
+            def build(pair: Any) -> Any:
+                return register(PointSet(*pair[0]), PointSet(*pair[1]), None, first)
+
+            yield method(
+                BATCH_ARRAYS,
+                cost_name,
+                lambda n, w=whole, f=build: f(w[n]),
+                effort.runs,
+                effort.timed,
+                False,
+            )
+            yield method(
+                ONE_ARRAYS,
+                cost_name,
+                one_by_one(lambda run, s=single, f=build: f(s[run])),
+                effort.timed,
+                effort.timed,
+                True,
+            )
+
+
+def _peers(
+    draws: Draws, pilot: Draws, start: str, first: Array, effort: Effort
+) -> Iterator[Method]:
+    for peer in peers.PEERS:
+        library, _ = peers.load(peer.module)
+        if library is None:
+            continue
+        chosen = pilot if peer.fast else pilot[: max(5, len(pilot) // 4)]
+        setting = peers.best_setting(peer, library, chosen, first)
+        label = "default" if setting is None else f"{setting:g}"
+        solve, read = peer.adapter(library, draws, first, setting)
+        yield Method(
+            f"{peer.name} ({peer.unit}: {label})",
+            start,
+            "its own",
+            one_by_one(solve),
+            stacked(read),
+            effort.runs if peer.fast else effort.slow_runs,
+            effort.timed if peer.fast else effort.slow_timed,
+        )
+        if peer.from_arrays and start == "truth":
+            singles = [draws[i : i + 1] for i in range(effort.timed)]
+
+            def anew(
+                run: int, adapter: Any = peer.adapter, bound: Any = (library, setting, singles)
+            ) -> Any:
+                module, chosen, one = bound
+                return adapter(module, one[run], first, chosen)[0](0)
+
+            yield Method(
+                f"{peer.name}, from arrays",
+                start,
+                "its own",
+                one_by_one(anew),
+                stacked(read),
+                effort.timed,
+                effort.timed,
+            )
+
+
+def _scipy(draws: Draws, start: str, first: Array, effort: Effort) -> Iterator[Method]:
+    if start == "truth":
+        matrices = [
+            numpy_cost.MatrixCost(draws.fixed[i], draws.moving[i]) for i in range(effort.slow_runs)
+        ]
+        yield Method(
+            MATRICES,
+            start,
+            "likelihood",
+            one_by_one(lambda run: numpy_cost.minimise(matrices[run], first, "BFGS", False)),
+            stacked(),
+            effort.slow_runs,
+            effort.slow_timed,
+        )
+    for cost_name, outlier in COSTS.items():
+        costs = [
+            numpy_cost.NumpyCost(draws.fixed[i], draws.moving[i], outlier)
+            for i in range(effort.slow_runs)
+        ]
+        for method in ("BFGS", "L-BFGS-B"):
+            for gradient in (False, True):
+
+                def solve(run: int, c: Any = costs, m: str = method, g: bool = gradient) -> Array:
+                    return numpy_cost.minimise(c[run], first, m, g)
+
+                yield Method(
+                    f"NumPy, {method}" + (", exact gradient" if gradient else ""),
+                    start,
+                    cost_name,
+                    one_by_one(solve),
+                    stacked(),
+                    effort.slow_runs,
+                    effort.slow_timed,
+                )

@@ -1,0 +1,89 @@
+"""What only a fresh process shows: start-up, compilation, peak memory; and the machine itself."""
+
+import importlib.metadata
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+_IMPORT = "import time; t = time.perf_counter(); import d2d; print(time.perf_counter() - t)"
+
+_FIRST_CALL = """
+import time
+import d2d
+targets = d2d.PointSet([[0.0, 5.0], [8.0, 1.0]], [[[0.04, 0.0], [0.0, 0.04]]] * 2)
+t = time.perf_counter()
+d2d.register(targets, targets)
+print(time.perf_counter() - t)
+"""
+
+# Linux hands ru_maxrss of the parent down to the child: there the kernel's own record is asked.
+_MONTE_CARLO = """
+import pathlib
+import resource
+import sys
+import d2d
+from d2d.study.runs import monte_carlo
+from d2d.study.scenarios import OVERLAPPED
+monte_carlo(OVERLAPPED, d2d.RegistrationCost(), runs=int(sys.argv[1]))
+status = pathlib.Path("/proc/self/status")
+lines = status.read_text().splitlines() if status.exists() else []
+peak = [int(line.split()[1]) for line in lines if line.startswith("VmHWM")]
+print(peak[0] if peak else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def printed(code: str, *arguments: str, **environment: str) -> float:
+    """The number that a fresh interpreter prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return float(done.stdout)
+
+
+def import_seconds(repeats: int = 5) -> float:
+    """Time of ``import d2d``, the best of some."""
+    return min(printed(_IMPORT) for _ in range(repeats))
+
+
+def first_call_seconds() -> tuple[float, float]:
+    """Time of the first registration on a new machine, and in the next process, from the cache."""
+    with tempfile.TemporaryDirectory() as folder:
+        compiled = printed(_FIRST_CALL, NUMBA_CACHE_DIR=folder)
+        return compiled, min(printed(_FIRST_CALL, NUMBA_CACHE_DIR=folder) for _ in range(3))
+
+
+def peak_megabytes(runs: int) -> float:
+    """Peak resident memory of a Monte Carlo evaluation on the eight targets."""
+    unit = 1e-6 if sys.platform == "darwin" else 1024e-6  # bytes there, KiB elsewhere
+    return printed(_MONTE_CARLO, str(runs)) * unit
+
+
+def machine() -> str:
+    """Model and number of the processor's cores."""
+    model = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        names = [
+            line.split(":", 1)[1] for line in info.read_text().splitlines() if "model name" in line
+        ]
+        model = names[0].strip() if names else model
+    return f"{model}, {os.cpu_count()} cores"
+
+
+def versions(packages: Sequence[str]) -> str:
+    """Python's and the packages' versions, as far as they are installed."""
+    found = [f"Python {platform.python_version()}"]
+    for package in packages:
+        try:
+            found.append(f"{package} {importlib.metadata.version(package)}")
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return ", ".join(found)

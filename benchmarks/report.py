@@ -1,0 +1,309 @@
+"""The tables, the bars and the chart that a run writes into the book."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+
+from benchmarks import methods
+from benchmarks.drive import Throughput
+from benchmarks.scenes import Accuracy
+from d2d.study.drawing import BLACK, BLUE, GREEN, ORANGE, use_style
+
+RESULTS = Path(__file__).resolve().parents[1] / "chapters" / "results"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table; times in s per registration, nan for a floor of the accuracy.
+
+    ``share`` is the processor's time over the time that passed: below 1 others were at work too.
+    """
+
+    size: int
+    start: str
+    cost: str
+    name: str
+    best: float
+    median: float
+    runs: int
+    accuracy: Accuracy | None
+    share: float = float("nan")
+
+
+@dataclass(frozen=True)
+class Bar:
+    """What was asked for and what came out."""
+
+    what: str
+    asked: str
+    measured: str
+    met: bool | None  # None where there is nothing to compare with
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Everything that one run measures."""
+
+    machine: str
+    versions: str
+    missing: dict[str, str]
+    exp: dict[str, float]
+    rows: list[Row]
+    sizes: list[int]
+    seconds: list[float]
+    exponent: float
+    import_seconds: float
+    first_call: tuple[float, float]
+    peaks: dict[int, float]
+    drive: Throughput | None
+
+
+def find(rows: Sequence[Row], size: int, start: str, cost: str, name: str) -> Row | None:
+    """The row of that method; a peer is found without its setting."""
+    for row in rows:
+        same = (row.size, row.start, row.cost) == (size, start, cost)
+        if same and (row.name == name or row.name.startswith(f"{name} (")):
+            return row
+    return None
+
+
+def table(header: Sequence[str], lines: Sequence[Sequence[str]], left: int) -> str:
+    """A Markdown table whose first columns are aligned to the left, the others to the right."""
+    widths = [max(map(len, column)) for column in zip(header, *lines, strict=True)]
+
+    def line(cells: Sequence[str]) -> str:
+        padded = (
+            cell.ljust(width) if i < left else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        )
+        return f"| {' | '.join(padded)} |"
+
+    rule = ["-" * width if i < left else "-" * (width - 1) + ":" for i, width in enumerate(widths)]
+    return "\n".join([line(header), line(rule), *map(line, lines)])
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Rounded to that many digits, without an exponent."""
+    if not np.isfinite(value):
+        return "–"
+    if value == 0.0:
+        return "0"
+    decimals = max(0, digits - 1 - int(np.floor(np.log10(abs(value)))))
+    return f"{round(value, digits - 1 - int(np.floor(np.log10(abs(value))))):.{decimals}f}"
+
+
+def main_table(rows: Sequence[Row]) -> str:
+    """Time and accuracy of every method."""
+    header = (
+        *("targets", "start", "cost", "method", "µs, best", "µs, median", "× batch"),
+        *("RMSE, m", "× floor", "RMSE, °", "at truth, %", "runs"),
+    )
+    lines = []
+    for row in rows:
+        batch = find(rows, row.size, row.start, "likelihood", methods.BATCH)
+        judged = row.accuracy or Accuracy(*[float("nan")] * 4)
+        lines.append(
+            (
+                f"{row.size} × {row.size}",
+                row.start,
+                row.cost,
+                row.name,
+                number(row.best * 1e6),
+                number(row.median * 1e6),
+                number(row.best / batch.best if batch else float("nan")),
+                number(judged.translation),
+                number(judged.over_floor, 4),
+                number(np.rad2deg(judged.rotation)),
+                number(100.0 * judged.at_truth, 4),
+                str(row.runs) if row.runs else "–",
+            )
+        )
+    return table(header, lines, 4)
+
+
+def _at_least(what: str, value: float | None, asked: float, unit: str = "×") -> Bar:
+    if value is None:
+        return Bar(what, f"≥ {asked:g} {unit}", "not measured", None)
+    return Bar(what, f"≥ {asked:g} {unit}", f"{number(value, 4)} {unit}", value >= asked)
+
+
+def _at_most(what: str, value: float | None, asked: float, unit: str) -> Bar:
+    if value is None:
+        return Bar(what, f"≤ {asked:g} {unit}", "not measured", None)
+    return Bar(what, f"≤ {asked:g} {unit}", f"{number(value, 4)} {unit}", value <= asked)
+
+
+def bars(m: Measured) -> list[Bar]:
+    """Every bar with what this run measured."""
+
+    def slower(size: int, cost: str, name: str, base: str = methods.BATCH) -> float | None:
+        row = find(m.rows, size, "truth", cost, name)
+        batch = find(m.rows, size, "truth", "likelihood", base)
+        return row.best / batch.best if row and batch else None
+
+    def found(size: int, start: str, cost: str, name: str) -> Accuracy | None:
+        row = find(m.rows, size, start, cost, name)
+        return row.accuracy if row else None
+
+    result = []
+    arrays = methods.BATCH_ARRAYS
+    for size, icp in ((8, 10.0), (48, 1.0)):
+        where = f"{size} × {size}"
+        bfgs = slower(size, "likelihood", methods.BFGS)
+        result.append(_at_least(f"{where}: NumPy in BFGS over the batch", bfgs, 1000.0))
+        bfgs = slower(size, "likelihood", f"{methods.BFGS}, exact gradient")
+        result.append(_at_least(f"{where}: the same with the exact gradient", bfgs, 1000.0))
+        bfgs = slower(size, "likelihood", methods.MATRICES)
+        result.append(_at_least(f"{where}: NumPy with np.linalg in BFGS", bfgs, 1000.0))
+        for name in ("open3d ICP", "small_gicp ICP") if size == 8 else ("small_gicp ICP",):
+            ratio = slower(size, "its own", name)
+            result.append(_at_least(f"{where}: {name} over the batch", ratio, icp))
+            ratio = slower(size, "its own", f"{name}, from arrays", arrays)
+            result.append(_at_least(f"{where}: the same, both from arrays", ratio, icp))
+    for size, most in ((8, 40.0), (48, 150.0)):
+        row = find(m.rows, size, "truth", "likelihood", methods.ONE)
+        what = f"{size} × {size}: one per call, where exp takes {m.exp['compiled loop']:.1f} ns"
+        result.append(_at_most(what, row.best * 1e6 if row else None, most, "µs"))
+    for size, most in ((8, 1.01), (48, 1.08)):
+        judged = found(size, "truth", "likelihood", methods.BATCH)
+        what = f"{size} × {size}: translation RMSE over the floor"
+        result.append(_at_most(what, judged.over_floor if judged else None, most, "×"))
+    for size in (8, 48):
+        for name in (methods.BATCH, methods.SCHEDULE, methods.STARTS):
+            judged = found(size, "zero", "corrupted", name)
+            share = 100.0 * judged.at_truth if judged else None
+            what = f"{size} × {size} from zero, corrupted: {name}, at the truth"
+            bar = _at_least(what, share, 99.9, "%")
+            if name == methods.BATCH:
+                bar = Bar(what, "stated", bar.measured, None)
+            result.append(bar)
+    speed = m.drive.times_real_time if m.drive else None
+    result.append(_at_least("RadarScenes, one sensor, one core", speed, 25.0, "× real time"))
+    runs, peak = max(m.peaks.items())
+    result.append(Bar(f"peak memory of {runs} Monte Carlo runs", "stated", f"{peak:.0f} MB", None))
+    result.append(_at_most("import d2d", m.import_seconds, 1.0, "s"))
+    result.append(_at_most("first call, compiling", m.first_call[0], 15.0, "s"))
+    return result
+
+
+def bars_table(m: Measured) -> str:
+    """The bars as a table."""
+    words = {True: "yes", False: "no", None: "–"}
+    lines = [(bar.what, bar.asked, bar.measured, words[bar.met]) for bar in bars(m)]
+    return table(("what", "asked", "measured", "met"), lines, 1)
+
+
+def sizes_table(m: Measured) -> str:
+    """Time against size."""
+    lines = [
+        (f"{size} × {size}", number(seconds * 1e6), number(seconds / size**2 * 1e9))
+        for size, seconds in zip(m.sizes, m.seconds, strict=True)
+    ]
+    return table(("targets", "µs", "ns per pair"), lines, 1)
+
+
+def others_table(m: Measured) -> str:
+    """Drive, memory, start-up."""
+    lines = [
+        *((f"one exp, {name}", f"{value:.2f} ns") for name, value in m.exp.items()),
+        ("import d2d", f"{m.import_seconds:.2f} s"),
+        ("first call on a new machine, compiling", f"{m.first_call[0]:.1f} s"),
+        ("first call of a later process, from the cache", f"{m.first_call[1]:.2f} s"),
+        *(
+            (f"peak memory of {runs} Monte Carlo runs", f"{peak:.0f} MB")
+            for runs, peak in sorted(m.peaks.items())
+        ),
+    ]
+    if m.drive is None:
+        lines.append(("RadarScenes", "not measured: D2D_RADARSCENES is not set"))
+    else:
+        d = m.drive
+        lines += [
+            (
+                f"RadarScenes, {d.scans} scans of {d.targets:.0f} targets, reading included",
+                f"{d.times_real_time:.1f} × real time",
+            ),
+            ("of it reading", f"{100.0 * d.reading / d.total:.0f} %"),
+        ]
+    return table(("what", "measured"), lines, 1)
+
+
+def disturbance(rows: Sequence[Row]) -> str:
+    """How much of a core the run had; less than all of it flatters what takes little time."""
+    shares = [row.share for row in rows if "threads" not in row.name]
+    share = 100.0 * min(1.0, float(np.nanmedian(shares)))
+    return f"The process had {share:.0f} % of a core."
+
+
+def page(m: Measured) -> str:
+    """What the book's page includes."""
+    missing = [f"- not installed: {name} ({why})" for name, why in m.missing.items()]
+    return "\n\n".join(
+        [
+            "<!-- Written by `make bench`. -->",
+            f"Measured on {m.machine}, in one process with one thread unless said: {m.versions}. "
+            + disturbance(m.rows),
+            *(["\n".join(missing)] if missing else []),
+            "**Time and accuracy**",
+            main_table(m.rows),
+            f"**Time against size**, fitted exponent {m.exponent:.2f}",
+            sizes_table(m),
+            "**The rest**",
+            others_table(m),
+            "**What was asked for**",
+            bars_table(m),
+            "",
+        ]
+    )
+
+
+def chart(m: Measured, path: Path) -> None:
+    """Time per registration of the methods from the truth, and time against size."""
+    matplotlib.use("Agg")
+    use_style()
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(9.0, 4.6), width_ratios=(1.5, 1.0), layout="constrained"
+    )
+    _methods(left, m.rows)
+    sizes, micro = np.array(m.sizes), np.array(m.seconds) * 1e6
+    right.loglog(sizes, micro, "o", color=BLUE)
+    level = np.exp(np.mean(np.log(micro) - m.exponent * np.log(sizes)))
+    right.loglog(sizes, level * sizes**m.exponent, color=BLACK, lw=0.8)
+    right.set_xlabel("targets in each set")
+    right.set_ylabel("time per registration (µs)")
+    right.set_title(f"(b) batch, exponent {m.exponent:.2f}", loc="left")
+    figure.savefig(path, dpi=150, metadata={"Software": None})
+    plt.close(figure)
+
+
+def _methods(ax: plt.Axes, rows: Sequence[Row]) -> None:
+    shown = [row for row in rows if row.start == "truth" and row.cost in ("likelihood", "its own")]
+    shown = [row for row in shown if np.isfinite(row.best) and "arrays" not in row.name]
+    names = list(dict.fromkeys(row.name.split(" (")[0] for row in shown))
+    for size, color in zip(
+        sorted({row.size for row in shown}), (BLUE, ORANGE, GREEN), strict=False
+    ):
+        points = [
+            (row.best * 1e6, names.index(row.name.split(" (")[0]))
+            for row in shown
+            if row.size == size
+        ]
+        ax.plot(*zip(*points, strict=True), "o", color=color, label=f"{size} × {size}")
+    ax.set_xscale("log")
+    ax.set_yticks(range(len(names)), names)
+    ax.invert_yaxis()
+    ax.grid(axis="y", lw=0.3)
+    ax.set_xlabel("time per registration (µs)")
+    ax.set_title("(a) from the truth", loc="left")
+    ax.legend()
+
+
+def write(m: Measured, folder: Path = RESULTS) -> None:
+    """Write the page's tables and the chart."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "benchmarks.md").write_text(page(m), encoding="utf-8")
+    chart(m, folder / "benchmarks.png")

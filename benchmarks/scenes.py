@@ -1,0 +1,120 @@
+"""The scenes that are registered, the floor of their accuracy, and who ends at the truth."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from d2d import PointSet, rigid
+from d2d.study.scenarios import OVERLAPPED, Scenario, cartesian
+
+Array = NDArray[np.float64]
+
+# Who ends within this many of the floor's root mean square errors, in translation and in rotation,
+# ended at the truth: an estimate as good as the floor misses it less than once in a million runs.
+AT_TRUTH = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Noisy scans of a scene: batches ``fixed`` and ``moving``, the true motion ``theta`` (3,)."""
+
+    fixed: PointSet
+    moving: PointSet
+    theta: Array
+
+    def __len__(self) -> int:
+        return self.fixed.batch_shape[0]
+
+    def __getitem__(self, runs: slice) -> "Draws":
+        return Draws(self.fixed[runs], self.moving[runs], self.theta)
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """RMSE in m and rad, that of the translation over the floor's, share that ends at the truth."""
+
+    translation: float
+    rotation: float
+    over_floor: float
+    at_truth: float
+
+
+def random_layout(size: int, seed: int = 0) -> Scenario:
+    """Targets uniform in azimuth within 40 degrees and in range from 8 to 60 m; else OVERLAPPED."""
+    rng = np.random.default_rng([seed, size])
+    azimuth = np.deg2rad(rng.uniform(-40.0, 40.0, size))
+    return Scenario(f"random {size}", cartesian(np.stack([azimuth, rng.uniform(8, 60, size)], -1)))
+
+
+def scene(size: int) -> Scenario:
+    """The eight targets of the study, or a random layout of another size."""
+    return OVERLAPPED if size == len(OVERLAPPED.targets) else random_layout(size)
+
+
+def draw(scenario: Scenario, runs: int, seed: int) -> Draws:
+    """Independent noisy scans of a scene."""
+    return Draws(*scenario.sample(runs, np.random.default_rng(seed)), scenario.theta)
+
+
+def known_correspondences(draws: Draws, iterations: int = 20) -> Array:
+    """Motions (runs, 3) by least squares over the true pairs: the floor of the accuracy.
+
+    Gauss-Newton on sum_k d_k' S_k^-1 d_k with d_k = R mu_k + t - mu_i(k), S_k = R Sigma_k R' +
+    Sigma_i(k), the weights S_k^-1 renewed in each iteration; begun at the truth.
+    """
+    theta = np.tile(draws.theta, (len(draws), 1))
+    for _ in range(iterations):
+        moved = draws.moving.transformed(theta)
+        residual = moved.means - draws.fixed.means
+        precision = np.linalg.inv(moved.covariances + draws.fixed.covariances)
+        x, y = np.moveaxis(moved.means - theta[:, None, :2], -1, 0)
+        jacobian = np.zeros((*residual.shape, 3))
+        jacobian[..., 0, 0] = jacobian[..., 1, 1] = 1.0
+        jacobian[..., 0, 2], jacobian[..., 1, 2] = -y, x
+        weighted = np.swapaxes(jacobian, -1, -2) @ precision
+        hessian = (weighted @ jacobian).sum(axis=1)
+        gradient = (weighted @ residual[..., None]).sum(axis=1)
+        theta = theta - np.linalg.solve(hessian, gradient)[..., 0]
+    return theta
+
+
+def errors(estimates: Array, theta: Array) -> tuple[Array, Array]:
+    """Length of the translation error (m) and size of the rotation error (rad) of each run."""
+    difference = estimates - theta
+    turn = np.abs((difference[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
+    return np.hypot(difference[:, 0], difference[:, 1]), turn
+
+
+def rms(values: Array) -> float:
+    """Root mean square; nan of nothing."""
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def accuracy(estimates: Array, floor: Array, theta: Array, only_at_truth: bool) -> Accuracy:
+    """Judge estimates (n, 3) of the first n runs, by the floor's estimates (runs, 3) of all runs.
+
+    The errors are those of all n runs, or of those only that end at the truth, and are held
+    against the floor's of the same runs.
+    """
+    shift, turn = errors(estimates, theta)
+    floor_shift, floor_turn = errors(floor, theta)
+    near = (shift < AT_TRUTH * rms(floor_shift)) & (turn < AT_TRUTH * rms(floor_turn))
+    judged = near if only_at_truth else np.ones_like(near)
+    best = rms(floor_shift[: len(shift)][judged])
+    return Accuracy(
+        rms(shift[judged]), rms(turn[judged]), rms(shift[judged]) / best, float(near.mean())
+    )
+
+
+def transform(theta: Array) -> Array:
+    """The motion as a (4, 4) matrix of space, as the libraries for point clouds take it."""
+    matrix = np.eye(4)
+    matrix[:2, :2] = rigid.rotation(theta[2])
+    matrix[:2, 3] = theta[:2]
+    return matrix
+
+
+def motion(matrix: Array) -> Array:
+    """[t_x, t_y, phi] of a (4, 4) matrix."""
+    return np.array([matrix[0, 3], matrix[1, 3], np.arctan2(matrix[1, 0], matrix[0, 0])])

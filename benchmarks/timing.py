@@ -1,0 +1,104 @@
+"""Interleaved timing, and the bare exp that it is held against."""
+
+import gc
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to register: what one row of the table measures.
+
+    Attributes
+    ----------
+    name, start, cost : str
+        ``start`` is "truth" or "zero".
+    solve : function of n
+        Registers the first n runs; this is what is timed.
+    motions : function of what ``solve`` returns
+        The motions (n, 3) found; not timed.
+    runs, timed : int
+        How many runs the accuracy is of, and how many are timed in each round.
+    """
+
+    name: str
+    start: str
+    cost: str
+    solve: Callable[[int], Any]
+    motions: Callable[[Any], Array]
+    runs: int
+    timed: int
+
+
+def one_by_one(register: Callable[[int], Any]) -> Callable[[int], list[Any]]:
+    """Register run after run, each in a call of its own."""
+    return lambda runs: [register(run) for run in range(runs)]
+
+
+def stacked(motion: Callable[[Any], Array] = np.asarray) -> Callable[[Sequence[Any]], Array]:
+    """Gather what `one_by_one` returned."""
+    return lambda results: np.array([motion(result) for result in results])
+
+
+def once(method: Method) -> tuple[float, float]:
+    """Seconds and processor seconds per registration in one go over the timed runs."""
+    begin, busy = time.perf_counter(), time.process_time()
+    method.solve(method.timed)
+    busy, begin = time.process_time() - busy, time.perf_counter() - begin
+    return begin / method.timed, busy / method.timed
+
+
+def interleaved(methods: Sequence[Method], rounds: int) -> Array:
+    """Seconds and processor seconds (methods, rounds, 2): each round times every method once.
+
+    What slows the machine for a while then slows all of them, and the best of the rounds of each
+    is from the same undisturbed moments.
+    """
+    seconds = np.empty((len(methods), rounds, 2))
+    gc.collect()
+    gc.disable()
+    try:
+        for number in range(rounds):
+            for row, method in enumerate(methods):
+                seconds[row, number] = once(method)
+    finally:
+        gc.enable()
+    return seconds
+
+
+@njit
+def _exp_sum(x: Array) -> float:
+    total = 0.0
+    for i in range(x.size):
+        total += math.exp(x[i])
+    return total
+
+
+def exp_nanoseconds(rounds: int = 20) -> dict[str, float]:
+    """Nanoseconds of one exp in cache: called in a compiled loop, and by NumPy on an array."""
+    x = np.linspace(-30.0, 0.0, 2000)
+    out = np.empty_like(x)
+    ways = {"compiled loop": lambda: _exp_sum(x), "NumPy array": lambda: np.exp(x, out=out)}
+    best = dict.fromkeys(ways, math.inf)
+    for _ in range(rounds):
+        for name, way in ways.items():
+            way()
+            begin = time.perf_counter()
+            for _ in range(50):
+                way()
+            best[name] = min(best[name], (time.perf_counter() - begin) / (50 * x.size) * 1e9)
+    return best
+
+
+def exponent(sizes: Sequence[int], seconds: Sequence[float]) -> float:
+    """Slope of log time over log size."""
+    return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
