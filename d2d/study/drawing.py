@@ -115,18 +115,25 @@ def surface(
     ax.margins(x=0.0)
 
 
-def radar_scan(ax: Axes, scan: RadarScan, mounting: Mounting, pose: Array | None = None) -> None:
+def radar_scan(
+    ax: Axes,
+    scan: RadarScan,
+    mounting: Mounting,
+    pose: Array | None = None,
+    *,
+    seconds: float = 2.0,
+) -> None:
     """A scan in the vehicle frame, or in the world if the vehicle's ``pose`` is given.
 
-    Targets with their 3-sigma ellipses; a dashed line along the line of sight shows the Doppler
-    velocity, one metre for each 0.5 m/s, towards the sensor where the target approaches.
+    Targets with their 3-sigma ellipses; a dashed line along the line of sight shows how far the
+    Doppler velocity takes the target in so many seconds.
     """
     frame = mounting.pose if pose is None else rigid.compose(pose, mounting.pose)
     targets = PointSet.from_polar(scan.range, scan.azimuth, scan.sigma_range, scan.sigma_azimuth)
     placed = targets.transformed(frame)
     sight = placed.means - frame[:2]
     ends = placed.means + sight / np.linalg.norm(sight, axis=-1, keepdims=True) * (
-        2.0 * scan.doppler[:, None]
+        seconds * scan.doppler[:, None]
     )
     lines = np.stack([placed.means, ends], axis=1)
     ax.add_collection(LineCollection(list(lines), colors=ORANGE, linestyles="--", linewidths=0.8))
