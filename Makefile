@@ -113,5 +113,5 @@ clean: ## Remove what was built, but keep .venv
 	find . -path ./$(VENV) -prune -o -path ./.git -prune -o \
 	  \( -name __pycache__ -o -name .ipynb_checkpoints \) -type d -exec rm -rf {} +
 
-distclean: clean ## Remove .venv as well
-	rm -rf $(VENV)
+distclean: clean ## Remove the environments as well
+	rm -rf $(VENV) $(PEERS)

@@ -23,6 +23,7 @@ from d2d import (
     UniformOutlier,
     rigid,
 )
+from d2d.study.scenarios import EIGHT_TARGETS
 
 METRICS = ("d2d", "p2d")
 FUSIONS = ("likelihood", "summing")
@@ -30,19 +31,6 @@ OUTLIERS = ("none", "uniform", "corrupted")
 MEASURED = ("", "motion", "twist")  # linear in the motion's parameters or in its logarithm
 LAYOUTS = ("near", "far", "coincident")
 
-# The overlapped scene of the study: azimuth (rad) and range (m) of the eight targets of F.
-EIGHT = np.array(
-    [
-        (0.2458, 15.5935),
-        (0.4928, 21.4556),
-        (0.3532, 31.7386),
-        (0.0770, 23.3288),
-        (-0.0364, 32.8625),
-        (-0.6750, 14.4914),
-        (-0.5330, 24.3163),
-        (-0.3608, 31.1166),
-    ]
-)
 TRUTH = np.array([5.0, 0.0, np.deg2rad(15.0)])
 
 
@@ -273,7 +261,7 @@ def overlapped_scene(
     runs: int, rng: np.random.Generator, sigma_range: float = 0.2, sigma_azimuth: float = 0.03
 ) -> tuple[PointSet, PointSet]:
     """Fixed and moving sets of ``runs`` noisy measurements of the eight targets, moved by TRUTH."""
-    azimuth, distance = EIGHT.T
+    azimuth, distance = EIGHT_TARGETS.T
     points = distance[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
     sets = []
     for means in (points, rigid.transform_means(rigid.inverse(TRUTH), points)):
