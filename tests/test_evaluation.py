@@ -1,4 +1,4 @@
-"""The measures of chapter 6 against naive ones, what issue 6 asks for, and the claims' verdicts."""
+"""The measures of chapter 6 against naive ones, its bounds on credibility, and its verdicts."""
 
 from pathlib import Path
 
