@@ -60,7 +60,7 @@ def simulate_drive(
     duration : float, s
         Of one lap of the loop: the shorter, the tighter are its bends.
     speed : float, m/s
-        Mean speed, which swings by a half.
+        Mean speed; it swings between about 0.4 and 1.6 times that.
     mounting : Mounting
         Of the sensor in the vehicle frame.
     density : float, 1/m^2

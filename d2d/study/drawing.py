@@ -242,11 +242,11 @@ def credibility_panels(axes: Sequence[Axes], result: Credibility, title: str = "
         ax.axhspan(*region, color=SKY, alpha=0.4, lw=0)
         ax.plot(run, values, ".", color=BLACK, ms=1.5)
         ax.set_yscale("log")
-        ax.set(ylabel=name, ylim=(5e-3, 2e2))
+        ax.set(ylabel=name, ylim=(5e-3, 1e3))
     axes[2].plot(run, 10.0 * np.log10(result.ratio), ".", color=BLACK, ms=1.5)
     axes[2].axhline(0.0, color=BLUE, lw=0.8)
     axes[2].axhline(result.inclination, color=ORANGE, ls="--", lw=1.0)
-    axes[2].set(ylabel="ratio (dB)", xlabel="run", ylim=(-16.0, 16.0))
+    axes[2].set(ylabel="ratio (dB)", xlabel="run", ylim=(-24.0, 24.0))
     axes[0].set_title(title)
     for ax in axes:
         ax.margins(x=0.0)
