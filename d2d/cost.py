@@ -152,20 +152,26 @@ class RegistrationCost:
         measurement: LinearMeasurement | None = None,
     ) -> Array:
         """q_k (..., K): each moving target's density, outlier component included, in 1/m^D."""
+        return np.exp(_log_densities(self.bind(theta, fixed, moving, measurement)))
+
+    def inlier_probabilities(
+        self,
+        theta: ArrayLike,
+        fixed: PointSet,
+        moving: PointSet,
+        *,
+        measurement: LinearMeasurement | None = None,
+    ) -> Array:
+        """Share (..., K) of the inlier component in each target's density, within [0, 1].
+
+        The posterior probability that the target is no outlier (responsibility, Bishop 2006, sec.
+        9.3).  All ones without an outlier model; `UniformOutlier` has no normalised density, so
+        that its share is a weight rather than a probability.
+        """
         problems = self.bind(theta, fixed, moving, measurement)
-        logs = np.empty((len(problems.thetas), moving.size))
-        _kernel.log_density_batch(
-            problems.thetas,
-            *problems.sets,
-            problems.which,
-            problems.d2d,
-            problems.planar,
-            problems.outlier,
-            problems.measurements,
-            problems.in_twist,
-            logs,
-        )
-        return np.exp(logs).reshape(*problems.shape, moving.size)
+        inliers = problems._replace(outlier=_NO_OUTLIER)
+        log_share = problems.outlier[1] + _log_densities(inliers) - _log_densities(problems)
+        return np.asarray(np.exp(np.minimum(log_share, 0.0)))
 
     def value(
         self,
@@ -284,6 +290,24 @@ def check_types(fixed: PointSet, moving: PointSet, measurement: LinearMeasuremen
         raise ValueError(
             f"measurement must be a LinearMeasurement, but is a {type(measurement).__name__}"
         )
+
+
+def _log_densities(problems: Problems) -> Array:
+    """log q_k (..., K) of every target of every problem."""
+    targets = problems.sets[1].shape[-1]
+    logs = np.empty((len(problems.thetas), targets))
+    _kernel.log_density_batch(
+        problems.thetas,
+        *problems.sets,
+        problems.which,
+        problems.d2d,
+        problems.planar,
+        problems.outlier,
+        problems.measurements,
+        problems.in_twist,
+        logs,
+    )
+    return logs.reshape(*problems.shape, targets)
 
 
 def evaluate(problems: Problems) -> tuple[Array, Array, Array]:

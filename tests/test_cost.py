@@ -568,3 +568,17 @@ def test_outlier_covariance_must_have_the_sets_dimension(points, covariance):
     cost = RegistrationCost(outlier=CorruptedGaussian(0.2, covariance))
     with pytest.raises(ValueError, match="outlier covariance"):
         cost.value(np.zeros(3 if points is PLANE else 1), points, points)
+
+
+def test_without_an_outlier_model_every_target_is_an_inlier():
+    problem = random_problem(np.random.default_rng(5), layout="far")
+    shares = problem.cost.inlier_probabilities(problem.theta, problem.fixed, problem.moving)
+    assert_array_equal(shares, np.ones(problem.moving.size))
+
+
+@pytest.mark.parametrize(("alpha", "expected"), [(0.0, 1.0), (1.0, 0.0)])
+def test_inlier_probabilities_at_the_ends_of_alpha(alpha, expected):
+    problem = random_problem(np.random.default_rng(5), layout="far")
+    cost = RegistrationCost(outlier=CorruptedGaussian(alpha, np.eye(2)))
+    shares = cost.inlier_probabilities(problem.theta, problem.fixed, problem.moving)
+    assert_array_equal(shares, np.full(problem.moving.size, expected))

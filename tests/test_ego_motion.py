@@ -23,6 +23,7 @@ from d2d.radar import (
     Track,
     doppler_velocity,
     estimate_ego_motion,
+    inlier_probabilities,
     simulate_drive,
     track,
 )
@@ -125,6 +126,31 @@ def derivative_along(function, direction, step=0.03) -> tuple[float, float]:
     first = (far - 8.0 * near + 8.0 * ahead - beyond) / (12.0 * step)
     second = (-far + 16.0 * near - 30.0 * here + 16.0 * ahead - beyond) / (12.0 * step**2)
     return first, second
+
+
+@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+@pytest.mark.parametrize("first_order", [True, False], ids=["first-order", "exact"])
+@pytest.mark.parametrize(
+    "outlier", [DEFAULT_OUTLIER, UniformOutlier(1e-3)], ids=["corrupted", "uniform"]
+)
+def test_inlier_probabilities_are_bayes_rule(doppler, first_order, outlier):
+    """Breaks if a share is not the inlier part of that target's naive density."""
+    theta = np.array([12.0, -0.5, 0.6])
+    previous, current = scan_pair(np.random.default_rng(3), theta, size=7)
+    changed = current.doppler + np.array([0, 0, 0.1, 0, 1.0, 0, 0])
+    current = RadarScan(current.time, current.range, current.azimuth, changed, *SIGMAS)
+    shares = inlier_probabilities(
+        theta, previous, current, CORNER, doppler=doppler, outlier=outlier, first_order=first_order
+    )
+    prior = 1.0 - getattr(outlier, "fraction", 0.0)
+    for k, share in enumerate(shares):
+        rest = (theta, previous, current[k : k + 1], CORNER)
+        inlier, both = (
+            np.exp(-naive_cost(*rest, model, doppler, first_order)) for model in (None, outlier)
+        )
+        assert share == pytest.approx(prior * inlier / both, rel=1e-9, abs=1e-300)
+    assert (shares[4] < 1e-3) == doppler
+    assert (shares[[0, 1, 3, 5, 6]] > 0.5).all()
 
 
 @pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])

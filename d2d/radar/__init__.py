@@ -1,7 +1,7 @@
 """Ego-motion of a vehicle from automotive Doppler radar."""
 
 from d2d.radar.doppler import sensor_velocity
-from d2d.radar.ego_motion import Track, estimate_ego_motion, track
+from d2d.radar.ego_motion import Track, estimate_ego_motion, inlier_probabilities, track
 from d2d.radar.radarscenes import Recording, load_radarscenes
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
@@ -16,6 +16,7 @@ __all__ = [
     "Track",
     "doppler_velocity",
     "estimate_ego_motion",
+    "inlier_probabilities",
     "load_radarscenes",
     "sensor_velocity",
     "simulate_drive",

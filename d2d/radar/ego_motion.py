@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from d2d import rigid
 from d2d._checks import Array, finite
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
+from d2d.measurement import LinearMeasurement
+from d2d.point_set import PointSet
 from d2d.radar.doppler import doppler_starts
 from d2d.radar.scan import Mounting, RadarScan
 from d2d.registration import Estimate, multi_start, register
@@ -68,6 +70,65 @@ def estimate_ego_motion(
     ValueError
         Naming the argument: scans out of time order, a scan without targets, a wrong ``initial``.
     """
+    start = doppler_starts(current, mounting) if initial is None else finite("initial", initial)
+    if initial is not None and start.shape != (3,):
+        raise ValueError(f"initial must have the shape (3,), but has {start.shape}")
+    pair = _pair(previous, current, mounting, doppler, first_order)
+    solve = register if start.ndim == 1 else multi_start
+    estimate = solve(
+        pair.fixed,
+        pair.moving,
+        RegistrationCost(outlier=outlier),
+        pair.motion(start),
+        scales,
+        measurement=pair.measurement,
+    )
+    return _as_velocity(estimate, pair.interval, first_order)
+
+
+def inlier_probabilities(
+    theta: ArrayLike,
+    previous: RadarScan,
+    current: RadarScan,
+    mounting: Mounting,
+    *,
+    doppler: bool = True,
+    outlier: OutlierModel | None = DEFAULT_OUTLIER,
+    first_order: bool = False,
+) -> Array:
+    """Probability (..., K) that each target of the current scan is an inlier under ``theta``.
+
+    ``theta`` (..., 3) is the vehicle's velocity [v_x, v_y, omega] in m/s, m/s, rad/s; the other
+    arguments, and what they raise, are those of `estimate_ego_motion`.  A target that moves on its
+    own, or that has no counterpart in the previous scan, comes out low.
+    """
+    pair = _pair(previous, current, mounting, doppler, first_order)
+    return RegistrationCost(outlier=outlier).inlier_probabilities(
+        pair.motion(rigid.motion("theta", theta, 2)),
+        pair.fixed,
+        pair.moving,
+        measurement=pair.measurement,
+    )
+
+
+class _Pair(NamedTuple):
+    """Two scans of one sensor as a registration problem."""
+
+    fixed: PointSet
+    moving: PointSet
+    measurement: LinearMeasurement | None
+    interval: float
+    first_order: bool
+
+    def motion(self, theta: Array) -> Array:
+        """The motion over the interval at the velocity theta."""
+        twist = theta * self.interval
+        return twist if self.first_order else rigid.exponential(twist)
+
+
+def _pair(
+    previous: RadarScan, current: RadarScan, mounting: Mounting, doppler: bool, first_order: bool
+) -> _Pair:
     interval = current.time - previous.time
     if not interval > 0:
         raise ValueError(
@@ -77,21 +138,14 @@ def estimate_ego_motion(
     for name, scan in (("previous", previous), ("current", current)):
         if not scan.size:
             raise ValueError(f"{name} holds no targets")
-    start = doppler_starts(current, mounting) if initial is None else finite("initial", initial)
-    if initial is not None and start.shape != (3,):
-        raise ValueError(f"initial must have the shape (3,), but has {start.shape}")
-    solve = register if start.ndim == 1 else multi_start
-    estimate = solve(
+    measurement = current.doppler_measurement(mounting, interval, of_twist=not first_order)
+    return _Pair(
         previous.point_set(mounting),
         current.point_set(mounting),
-        RegistrationCost(outlier=outlier),
-        start * interval if first_order else rigid.exponential(start * interval),
-        scales,
-        measurement=current.doppler_measurement(mounting, interval, of_twist=not first_order)
-        if doppler
-        else None,
+        measurement if doppler else None,
+        interval,
+        first_order,
     )
-    return _as_velocity(estimate, interval, first_order)
 
 
 def _as_velocity(estimate: Estimate, interval: float, first_order: bool) -> Estimate:
