@@ -1,0 +1,108 @@
+"""The likelihood in both directions: each scan in turn is the mixture that explains the other.
+
+The likelihood -sum_k log q_k asks every moving target for a partner and leaves fixed targets
+without one unpunished.  Taking the other direction as well treats both scans alike, as symmetric
+objectives do for ICP (Rusinkiewicz 2019).
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import minimize
+
+from d2d import rigid
+from d2d._checks import Array
+from d2d.cost import RegistrationCost
+from d2d.covariance import fisher_covariance
+from d2d.point_set import PointSet
+from d2d.registration import Estimate
+
+_TOLERANCE = 1e-6  # of the gradient, in units of the cost over metres
+
+
+def symmetric_derivatives(
+    theta: ArrayLike, fixed: PointSet, moving: PointSet, cost: RegistrationCost
+) -> tuple[Array, Array, Array]:
+    """Mean cost (...) of both directions, its gradient (..., 3) and Hessian (..., 3, 3), exact.
+
+    (f(theta; F, M) + f(theta^-1; M, F)) / 2.  The mean and not the sum, because the second
+    direction sees the same measurements once more: the sum's Hessian would count their information
+    twice.
+
+    Parameters
+    ----------
+    theta : (..., 3) array, m, m, rad
+    fixed, moving : PointSet
+        In the plane; batch axes broadcast.
+    cost : RegistrationCost
+        An outlier covariance is taken in the frame of whichever scan is the mixture.
+    """
+    motion = rigid.motion("theta", theta, 2)
+    value, gradient, hessian = cost.derivatives(motion, fixed, moving)
+    back = rigid.inverse(motion)
+    other, slope, bend = cost.derivatives(back, moving, fixed)
+    # chain rule: back = (-R(-phi) t, -phi), whose second derivative by phi is minus itself
+    unturn = rigid.rotation(-motion[..., 2])
+    turned = unturn @ np.array([[0.0, 1.0], [-1.0, 0.0]])  # d R(-phi) / d phi
+    jacobian = np.zeros_like(bend)
+    jacobian[..., :2, :2] = -unturn
+    jacobian[..., :2, 2] = -np.einsum("...ij,...j->...i", turned, motion[..., :2])
+    jacobian[..., 2, 2] = -1.0
+    across = np.swapaxes(jacobian, -1, -2)
+    curved = across @ bend @ jacobian
+    mixed = -np.einsum("...i,...ij->...j", slope[..., :2], turned)
+    curved[..., :2, 2] += mixed
+    curved[..., 2, :2] += mixed
+    curved[..., 2, 2] -= np.einsum("...i,...i->...", slope[..., :2], back[..., :2])
+    return (
+        np.asarray(0.5 * (value + other)),
+        0.5 * (gradient + np.einsum("...ij,...j->...i", across, slope)),
+        0.5 * (hessian + curved),
+    )
+
+
+def register_symmetric(
+    fixed: PointSet,
+    moving: PointSet,
+    cost: RegistrationCost,
+    initial: ArrayLike | None = None,
+) -> Estimate:
+    """Minimise the mean cost of both directions by SciPy's trust-region Newton method.
+
+    One problem at a time.  Parameters as for `symmetric_derivatives`, with ``initial`` (3,) zeros
+    unless given; ``covariance`` is the inverse Hessian, nan where not converged.
+    """
+    start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
+    # one length for all: an angle counts as the way that it moves a target at mean distance
+    lever = float(np.hypot(*moving.means.T).mean())
+    unit = np.array([1.0, 1.0, 1.0 / lever])
+
+    def objective(x: Array) -> tuple[float, Array]:
+        value, gradient, _ = symmetric_derivatives(x * unit, fixed, moving, cost)
+        return float(value), gradient * unit
+
+    def curvature(x: Array) -> Array:
+        return np.asarray(
+            symmetric_derivatives(x * unit, fixed, moving, cost)[2] * np.outer(unit, unit)
+        )
+
+    found = minimize(
+        objective,
+        start / unit,
+        jac=True,
+        hess=curvature,
+        method="trust-exact",
+        options={"gtol": _TOLERANCE},
+    )
+    theta = found.x * unit
+    value, gradient, hessian = symmetric_derivatives(theta, fixed, moving, cost)
+    covariance = fisher_covariance(hessian)
+    converged = bool(found.success and np.isfinite(covariance).all())
+    return Estimate(
+        theta=theta,
+        covariance=covariance if converged else np.full((3, 3), np.nan),
+        value=value,
+        gradient=gradient,
+        hessian=hessian,
+        converged=np.asarray(converged),
+        iterations=np.asarray(found.nfev),
+    )
