@@ -16,7 +16,7 @@ class Evidence:
     verdict : "confirmed", "qualified" or "refuted"
         Decided by the check from the numbers.
     because : str
-        One sentence why; for a qualified or refuted claim also when it does hold.
+        One sentence why.
     numbers : dict of str to float
         What was measured, by name with its unit.
     """
@@ -46,6 +46,12 @@ class Claim:
         Measures and judges; seeded, and able to come out otherwise.
     verdict : str
         On record: what ``check`` found when the chapter was written. The tests compare.
+    figure : str
+        Label of the figure of the book that shows it, without ``fig-``.
+    telling : tuple of str
+        Names of the numbers of the evidence that tell the most, one or two.
+    holds : str
+        When the claim does hold, unless it is confirmed as it stands.
     """
 
     id: str
@@ -53,6 +59,9 @@ class Claim:
     claim: str
     check: Callable[[], Evidence]
     verdict: Verdict
+    figure: str = ""
+    telling: tuple[str, ...] = ()
+    holds: str = ""
 
 
 def show(*claims: Claim) -> None:

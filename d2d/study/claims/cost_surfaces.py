@@ -236,6 +236,11 @@ CLAIMS = (
         "The cost surface of target B has three peaks, at t_x = 2, 10 and 12.2 m.",
         _three_peaks,
         "confirmed",
+        figure="target-b",
+        telling=(
+            "share of draws with exactly three peaks",
+            "mean position of the third peak (m)",
+        ),
     ),
     Claim(
         "d2d-lower",
@@ -243,6 +248,12 @@ CLAIMS = (
         "The cost values of D2D are lower than those of P2D.",
         _d2d_lower,
         "qualified",
+        figure="targets-p2d-d2d",
+        telling=(
+            "median ratio of the highest values, D2D / P2D",
+            "share of the t_x axis on which D2D is the lower",
+        ),
+        holds="At the peaks. Beside them D2D is the higher one.",
     ),
     Claim(
         "equal-sigma-same",
@@ -251,6 +262,12 @@ CLAIMS = (
         "alignment, and local ones.",
         _equal_sigma_same,
         "qualified",
+        figure="overall-p2d-d2d",
+        telling=(
+            "share of draws with D2D's highest peak at the true alignment",
+            "share of draws with as many peaks in both",
+        ),
+        holds="For the place of the highest peak, not for the number of peaks.",
     ),
     Claim(
         "noisy-p2d-fails",
@@ -258,6 +275,12 @@ CLAIMS = (
         "With a noisier current set P2D has no global peak, while D2D keeps one.",
         _noisy_p2d_fails,
         "qualified",
+        figure="overall-noisy",
+        telling=(
+            "share in which it also stands out (rivals below 0.8), P2D",
+            "share in which it also stands out (rivals below 0.8), D2D",
+        ),
+        holds="In the draws in which the noise splits P2D's common peak, about a third.",
     ),
     Claim(
         "summing-local-peaks",
@@ -265,6 +288,11 @@ CLAIMS = (
         "The summing surface has one global maximum and many local ones.",
         _summing_local_peaks,
         "confirmed",
+        figure="summing-likelihood",
+        telling=(
+            "share of draws with the highest peak at the true alignment",
+            "mean number of peaks",
+        ),
     ),
     Claim(
         "likelihood-one-peak",
@@ -272,6 +300,12 @@ CLAIMS = (
         "The likelihood surface has a single maximum.",
         _likelihood_one_peak,
         "qualified",
+        figure="summing-likelihood",
+        telling=(
+            "share of draws with one visible peak (above 1 % of the highest)",
+            "share of draws with one peak in the logarithm",
+        ),
+        holds="For the density as one plots it, not for its logarithm.",
     ),
     Claim(
         "summing-smoother",
@@ -279,5 +313,11 @@ CLAIMS = (
         "The summing surface is smoother than the likelihood surface.",
         _summing_smoother,
         "qualified",
+        figure="summing-likelihood",
+        telling=(
+            "median ratio of the half-height widths, sum / likelihood",
+            "mean number of peaks of the sum",
+        ),
+        holds="If smoother means a wider peak at the truth; the sum has the more optima.",
     ),
 )

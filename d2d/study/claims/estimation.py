@@ -219,6 +219,12 @@ CLAIMS = (
         "they reach the minimum.",
         _second_order_faster,
         "qualified",
+        figure="optimizer-paths",
+        telling=(
+            "median iterations, gradient descent, from zero",
+            "median iterations, Newton, from zero",
+        ),
+        holds="For methods with a safeguard. Bare Newton differs in where it ends as well.",
     ),
     Claim(
         "fisher-suffices",
@@ -227,6 +233,12 @@ CLAIMS = (
         "not needed.",
         _fisher_suffices,
         "qualified",
+        figure="covariance-credibility",
+        telling=(
+            "ANEES of fisher, likelihood",
+            "ANEES of fisher, summing",
+        ),
+        holds="For the D2D likelihood, robust or not, of targets that stand apart.",
     ),
     Claim(
         "summing-not-gaussian",
@@ -234,5 +246,10 @@ CLAIMS = (
         "The likelihood violates no Gaussian assumption, and the summing does.",
         _summing_not_gaussian,
         "confirmed",
+        figure="covariance-credibility",
+        telling=(
+            "cost at 2 claimed deviations over its quadratic model, likelihood",
+            "cost at 2 claimed deviations over its quadratic model, summing",
+        ),
     ),
 )

@@ -152,6 +152,13 @@ CLAIMS = (
         "Two Gaussians describe two-humped data better than one.",
         _gmm_better,
         "qualified",
+        figure="gmm",
+        telling=(
+            "share of draws with two better by BIC at 3 sigma",
+            "share of draws with two better by BIC at 3.5 sigma",
+        ),
+        holds="The humps are far enough apart for the number of observations: 3.5 standard "
+        "deviations for 200 of them, 3 for 1000.",
     ),
     Claim(
         "em-monotone",
@@ -159,5 +166,10 @@ CLAIMS = (
         "EM repeats its two steps until it converges; each raises the likelihood.",
         _em_monotone,
         "confirmed",
+        figure="em-starts",
+        telling=(
+            "steps in all",
+            "steps that lower the log-likelihood beyond rounding",
+        ),
     ),
 )

@@ -130,6 +130,13 @@ CLAIMS = (
         "The convergence of standard ICP is feeble: it needs a good initial guess.",
         _icp_feeble,
         "qualified",
+        figure="icp-convergence",
+        telling=(
+            "all around: share from far starts, ICP, point to point",
+            "all around: share from far starts, NDT, D2D",
+        ),
+        holds="As a statement about far starts. It does not hold beside the NDTs, which fail from "
+        "more of them.",
     ),
     Claim(
         "ndt-registers",
@@ -137,5 +144,12 @@ CLAIMS = (
         "Point-to-distribution and distribution-to-distribution NDT both register the scans.",
         _ndt_registers,
         "qualified",
+        figure="ndt-d2d",
+        telling=(
+            "all around: share from near starts, NDT, P2D",
+            "all around: share from far starts, NDT, P2D",
+        ),
+        holds="The start is near: within a quarter of a cell and 5 degrees, as between two scans of"
+        " a moving vehicle.",
     ),
 )
