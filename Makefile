@@ -24,7 +24,7 @@ IPYKERNEL_CONFIG := c.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup book test notebooks lint format bench lab radarscenes clean distclean
+.PHONY: help setup book test notebooks lint format bench sweep lab radarscenes clean distclean
 
 help: ## List what can be made (default)
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -95,6 +95,9 @@ $(PEERS)/.installed: requirements.txt pyproject.toml benchmarks/install.py
 	@echo '*' > $(PEERS)/.gitignore
 	$(PEERS)/bin/python benchmarks/install.py
 	@touch $@
+
+sweep: $(STAMP) ## Recompute chapters/results/exhaustive.csv: over a million registrations, in minutes
+	$(BIN)/python -m d2d.study.exhaustive --jobs $(JOBS)
 
 lab: $(STAMP) ## Open the notebooks in JupyterLab
 	$(BIN)/python -m jupyterlab chapters
