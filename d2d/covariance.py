@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import Array, real
+from d2d._checks import Array, finite, real
 from d2d._kernel import SINGULAR
 from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
 from d2d.measurement import LinearMeasurement
@@ -59,6 +59,7 @@ def propagate_covariance(
     cost: RegistrationCost | None = None,
     *,
     measurement: LinearMeasurement | None = None,
+    position_slope: ArrayLike | None = None,
 ) -> Array:
     """Covariance of the optimum by propagating the measurements' errors (Censi 2007).
 
@@ -78,7 +79,13 @@ def propagate_covariance(
     cost : RegistrationCost, optional
         D2D likelihood without an outlier component unless given.
     measurement : LinearMeasurement, optional
-        Its values join z, with the variance that it states, independent of the positions.
+        Its values join z, with the variance that it states, independent of the positions unless
+        ``position_slope`` is given.
+    position_slope : (..., K, D) array, optional
+        Slope of each moving target's position in the measurement's input, in m per unit of the
+        input.  Given, one and the same error of the input, of standard deviation ``sigma_input``,
+        moves the target along this slope and the predicted value by the measurement's own.  It
+        makes up that part of the target's covariance.
 
     Returns
     -------
@@ -99,16 +106,24 @@ def propagate_covariance(
     make Sigma_z the same to first order as propagation from range and azimuth.  The covariances are
     taken as known, although those of polar measurements move with the measured point: chapter 5
     measures what that leaves out, as it measures the first order itself.
+
+    The estimate itself takes positions and measurement for independent (thesis eq. 7.13), and so
+    does the inverse Hessian, whatever ``position_slope``.
     """
     cost = RegistrationCost() if cost is None else cost
     if not isinstance(estimate, Estimate):
         raise ValueError(f"estimate must be an Estimate, but is a {type(estimate).__name__}")
     cross = cross_derivatives(estimate.theta, fixed, moving, cost, measurement=measurement)
+    slope = None
+    if position_slope is not None:
+        slope = _checked_slope(position_slope, moving, measurement)
     middle = _spread(cross.fixed, fixed.covariances) + _spread(cross.moving, moving.covariances)
     if measurement is not None:
-        sigma = np.sqrt(_factor(measurement, estimate.theta).variance)
-        scaled = cross.measured * sigma[..., None]
-        middle = middle + np.swapaxes(scaled, -1, -2) @ scaled
+        middle = middle + (
+            _independent(cross, measurement, estimate.theta)
+            if slope is None
+            else _shared(cross, measurement, slope)
+        )
     covariance: Array = estimate.covariance @ middle @ estimate.covariance
     return 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
 
@@ -120,12 +135,59 @@ def _spread(cross: Array, covariances: Array) -> Array:
     return np.asarray(flat @ np.swapaxes(flat, -1, -2))
 
 
+def _gram(rows: Array) -> Array:
+    """A' A (..., P, P) of the rows (..., K, P)."""
+    return np.asarray(np.swapaxes(rows, -1, -2) @ rows)
+
+
+def _independent(cross: "CrossDerivatives", measurement: LinearMeasurement, theta: Array) -> Array:
+    """What the measurement adds to the gradient's covariance (..., P, P), its inputs' error own."""
+    sigma = np.sqrt(_factor(measurement, theta).variance)
+    return _gram(cross.measured * sigma[..., None])
+
+
+def _shared(cross: "CrossDerivatives", measurement: LinearMeasurement, slope: Array) -> Array:
+    """The same where an input's error also moves its target along ``slope`` (..., K, D).
+
+    It moves the gradient by a through the position and by b through the prediction; a a' is in
+    the position's spread already, so that (a + b)(a + b)' - a a' is added.
+    """
+    own = _gram(cross.measured * measurement.sigma[..., None])
+    sigma = measurement.sigma_input[..., None]
+    by_position = (cross.moving @ slope[..., None])[..., 0] * sigma
+    both = by_position + cross.input * sigma
+    return own + _gram(both) - _gram(by_position)
+
+
+def _checked_slope(
+    slope: ArrayLike, moving: PointSet, measurement: LinearMeasurement | None
+) -> Array:
+    """``position_slope`` (..., K, D), if the positions' covariances can hold the input's error."""
+    if measurement is None:
+        raise ValueError("position_slope needs a measurement")
+    array = finite("position_slope", slope)
+    if array.shape[-2:] != moving.means.shape[-2:]:
+        raise ValueError(
+            f"position_slope must have the shape (..., {moving.size}, {moving.dimension}) to match "
+            f"moving, but has {array.shape}"
+        )
+    error = measurement.sigma_input[..., None] * array
+    solved = np.linalg.solve(moving.covariances, error[..., None])[..., 0]
+    if ((error * solved).sum(axis=-1) > 1.0 + 1e-6).any():
+        raise ValueError(
+            "position_slope times sigma_input is an error larger than the covariances of moving "
+            "allow for"
+        )
+    return array
+
+
 class CrossDerivatives(NamedTuple):
     """d2f / d theta d z, one block for each measured quantity."""
 
     fixed: Array  # (..., N, P, D) of the fixed means
     moving: Array  # (..., K, P, D) of the moving means
     measured: Array  # (..., K, P) of the measurement's values, zero without one
+    input: Array  # (..., K, P) of its inputs as far as they enter its predictions, zero without one
 
 
 def cross_derivatives(
@@ -138,6 +200,7 @@ def cross_derivatives(
 ) -> CrossDerivatives:
     """How the cost's gradient at theta (..., P) changes with each measured coordinate, exact.
 
+    Covariances and the measurement's variance, though computed at the measured point, are held.
     The arguments' batch axes broadcast.  Raises ``ValueError`` naming the argument that does not
     fit.
     """
@@ -157,12 +220,12 @@ def cross_derivatives(
     factor = None
     if measurement is not None:
         of_theta = _factor(measurement, np.asarray(theta, dtype=np.float64))
-        factor = tuple(map(flat, of_theta, (1, 2, 2, 1, 1)))
+        factor = tuple(map(flat, of_theta, _FACTOR_AXES))
     by_fixed, by_moving = np.empty((count, n, p, dimension)), np.empty((count, k, p, dimension))
-    by_value = np.zeros((count, k, p))
+    by_value, by_input = np.empty((2, count, k, p))
     step = max(1, _PAIRS_AT_ONCE // (n * k))
     for part in (slice(start, start + step) for start in range(0, count, step)):
-        by_fixed[part], by_moving[part], by_value[part] = _cross_derivatives(
+        by_fixed[part], by_moving[part], by_value[part], by_input[part] = _cross_derivatives(
             thetas[part],
             PointSet._of(*(array[part] for array in sets[0])),
             PointSet._of(*(array[part] for array in sets[1])),
@@ -173,6 +236,7 @@ def cross_derivatives(
         by_fixed.reshape(*shape, n, p, dimension),
         by_moving.reshape(*shape, k, p, dimension),
         by_value.reshape(*shape, k, p),
+        by_input.reshape(*shape, k, p),
     )
 
 
@@ -269,7 +333,7 @@ def _cross_derivatives(
     moving: PointSet,
     cost: RegistrationCost,
     factor: "_Factor | None",
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """The blocks of `CrossDerivatives` for a flat batch.
 
     Every cost has the gradient f_theta = -sum_ki gamma_ki L_theta,ki with responsibilities gamma
@@ -298,12 +362,13 @@ def _cross_derivatives(
     if fixed.dimension == 2:
         by_moved = by_moved @ rigid.rotation(theta[:, 2])[:, None]
 
-    by_value = np.zeros((len(theta), moving.size, theta.shape[-1]))
+    by_value, by_input = np.zeros((2, len(theta), moving.size, theta.shape[-1]))
     if factor is not None:
+        share = gammas[0].sum(axis=2)[..., None]
         centred = (gammas[0][..., None] * (components[0].gradient - mean)).sum(axis=2)
-        by_value -= gammas[0].sum(axis=2)[..., None] * factor.cross
-        by_value -= centred * factor.by_value[..., None]
-    return by_fixed, by_moved, by_value
+        by_value -= share * factor.cross + centred * factor.by_value[..., None]
+        by_input -= share * factor.cross_input + centred * factor.by_input[..., None]
+    return by_fixed, by_moved, by_value, by_input
 
 
 class _Factor(NamedTuple):
@@ -314,6 +379,11 @@ class _Factor(NamedTuple):
     cross: Array  # (..., K, P): of the gradient in v
     by_value: Array  # (..., K): of log in v
     variance: Array  # (..., K)
+    cross_input: Array  # (..., K, P): of the gradient in the input that h depends on, dh = k
+    by_input: Array  # (..., K): of log in the input
+
+
+_FACTOR_AXES = (1, 2, 2, 1, 1, 2, 1)  # of each field of one problem
 
 
 def _factor(measurement: LinearMeasurement, theta: Array) -> _Factor:
@@ -327,8 +397,9 @@ def _factor(measurement: LinearMeasurement, theta: Array) -> _Factor:
         e[..., None] * measurement.gain + 0.5 * (e * e - 1.0 / variance)[..., None] * variance_by_xi
     )
     cross = measurement.gain / variance[..., None] + (e / variance)[..., None] * variance_by_xi
+    cross_input = e[..., None] * measurement.slope - slope[..., None] * cross
     if measurement.of_twist:
         jacobian = rigid.logarithm_jacobian(theta)
-        gradient, cross = gradient @ jacobian, cross @ jacobian
+        gradient, cross, cross_input = (each @ jacobian for each in (gradient, cross, cross_input))
     log = -0.5 * (residual * e + np.log(2.0 * math.pi * variance))
-    return _Factor(log, gradient, cross, -e, variance)
+    return _Factor(log, gradient, cross, -e, variance, cross_input, slope * e)

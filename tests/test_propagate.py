@@ -33,6 +33,12 @@ def shifted(problem, which, target, axis, step):
         value[target] += step
         changed = LinearMeasurement(value, m.sigma, m.sigma_input, m.gain, m.slope, m.of_twist)
         return replace(problem, measurement=changed)
+    if which == "input":  # the prediction moves by its slope, which is held with the variance
+        m = problem.measurement
+        gain = m.gain.copy()
+        gain[target] += step * m.slope[target]
+        changed = LinearMeasurement(m.value, m.sigma, m.sigma_input, gain, m.slope, m.of_twist)
+        return replace(problem, measurement=changed)
     points = getattr(problem, which)
     means = points.means.copy()
     means[target, axis] += step
@@ -71,9 +77,11 @@ def test_cross_derivatives_are_those_of_the_gradient(case):
         assert_allclose(block, expected, rtol=1e-7, atol=1e-7 * np.abs(expected).max())
     if problem.measurement is None:
         assert_array_equal(cross.measured, 0.0)
-    else:
-        expected = [numerical(problem, "measured", k, 0) for k in range(problem.moving.size)]
-        assert_allclose(cross.measured, expected, rtol=1e-7, atol=1e-6)
+        assert_array_equal(cross.input, 0.0)
+        return
+    for which in ("measured", "input"):
+        expected = [numerical(problem, which, k, 0) for k in range(problem.moving.size)]
+        assert_allclose(getattr(cross, which), expected, rtol=1e-7, atol=1e-6)
 
 
 @pytest.mark.parametrize("fraction", [0.0, 1.0])
@@ -166,6 +174,56 @@ def test_a_measurement_joins_with_its_own_variance(of_twist):
     assert not np.allclose(without, covariance, rtol=0.1)
 
 
+def measured_with_inputs(runs, rng, sigma_input):
+    """The scene with speeds along targets' directions, at angles that also turn the targets.
+
+    Returns the sets, the measurement and the slopes (8, 2) of the positions in the angle.
+    """
+    fixed, moving = overlapped_scene(runs, rng, 0.2, 0.01)
+    along = moving.means.mean(axis=0)[:, ::-1] * [-1.0, 1.0]
+    angle = np.arctan2(-along[:, 0], along[:, 1])
+    error = sigma_input * rng.standard_normal((runs, 8))
+    own = sigma_input**2 * along[:, :, None] * along[:, None, :]
+    moved = PointSet(moving.means + error[..., None] * along, moving.covariances + own)
+
+    def gain(at):
+        return np.stack([np.cos(at), np.sin(at), np.zeros_like(at)], axis=-1)
+
+    value = gain(angle) @ TRUTH + 0.02 * rng.standard_normal((runs, 8))
+    seen = angle + error
+    measured = LinearMeasurement(value, 0.02, sigma_input, gain(seen), gain(seen + 0.5 * np.pi))
+    return fixed, moved, measured, along
+
+
+def test_an_input_that_moves_its_target_too_is_one_error():
+    """Breaks if the two ways of an input's error are added as independent, or subtracted.
+
+    4000 runs, along the axes on which the actual and the propagated covariance differ most.
+    """
+    fixed, moving, measured, along = measured_with_inputs(4000, np.random.default_rng(9), 0.03)
+    estimate = register(fixed, moving, LIKELIHOOD, TRUTH, measurement=measured)
+    actual = np.cov((estimate.theta - TRUTH).T)
+    ratios = {}
+    for name, slope in (("shared", along), ("apart", None), ("opposite", -along)):
+        covariance = propagate_covariance(
+            estimate, fixed, moving, measurement=measured, position_slope=slope
+        )
+        root = np.linalg.inv(np.linalg.cholesky(np.mean(covariance, axis=0)))
+        ratios[name] = np.linalg.eigvalsh(root @ actual @ root.T)
+    assert_allclose(ratios["shared"], 1.0, atol=0.1)
+    assert np.abs(ratios["apart"] - 1.0).max() > 0.5
+    assert np.abs(ratios["opposite"] - 1.0).max() > 3.0
+
+
+def test_an_exact_input_shares_no_error():
+    """Breaks if the shared error is scaled by something else than the input's deviation."""
+    fixed, moving, measured, along = measured_with_inputs(3, np.random.default_rng(10), 0.0)
+    estimate = register(fixed, moving, LIKELIHOOD, TRUTH, measurement=measured)
+    options = {"measurement": measured}
+    shared = propagate_covariance(estimate, fixed, moving, position_slope=along, **options)
+    assert_allclose(shared, propagate_covariance(estimate, fixed, moving, **options), rtol=1e-12)
+
+
 def test_batches_broadcast_and_come_out_one_by_one():
     """Breaks if members of a batch, or the parts that it is cut into, change places."""
     fixed, moving = overlapped_scene(1200, np.random.default_rng(6))
@@ -206,3 +264,18 @@ def test_bad_input_is_refused_by_name():
         propagate_covariance(estimate, fixed, moving.means)
     with pytest.raises(ValueError, match="broadcast"):
         propagate_covariance(estimate, fixed, moving[:2])
+
+
+@pytest.mark.parametrize(
+    "slope",
+    [np.ones((7, 2)), np.ones(8), np.full((8, 2), np.nan), np.full((8, 2), 1e3), "across"],
+    ids=["targets", "axes", "nan", "larger-than-the-covariance", "text"],
+)
+def test_a_position_slope_that_does_not_fit_is_refused(slope):
+    """Breaks if slopes in other units, or of other targets, give a covariance all the same."""
+    fixed, moving, measured, _ = measured_with_inputs(3, np.random.default_rng(11), 0.03)
+    estimate = register(fixed, moving, LIKELIHOOD, TRUTH, measurement=measured)
+    with pytest.raises(ValueError, match="position_slope"):
+        propagate_covariance(estimate, fixed, moving, measurement=measured, position_slope=slope)
+    with pytest.raises(ValueError, match="position_slope needs a measurement"):
+        propagate_covariance(estimate, fixed, moving, position_slope=np.zeros((8, 2)))
