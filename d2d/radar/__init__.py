@@ -1,5 +1,6 @@
 """Ego-motion of a vehicle from automotive Doppler radar."""
 
+from d2d.radar.covariance import propagate_ego_motion
 from d2d.radar.doppler import sensor_velocity
 from d2d.radar.ego_motion import Track, estimate_ego_motion, inlier_probabilities, track
 from d2d.radar.radarscenes import Recording, load_radarscenes
@@ -18,6 +19,7 @@ __all__ = [
     "estimate_ego_motion",
     "inlier_probabilities",
     "load_radarscenes",
+    "propagate_ego_motion",
     "sensor_velocity",
     "simulate_drive",
     "track",
