@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.radar import Mounting, RadarScan, doppler_velocity, sensor_velocity
+from d2d import credibility
+from d2d.radar import (
+    Mounting,
+    RadarScan,
+    doppler_ego_motion,
+    doppler_velocity,
+    sensor_velocity,
+)
 from d2d.radar.doppler import doppler_starts
 
 MOUNTINGS = [
@@ -145,3 +152,104 @@ def test_targets_that_agree_with_no_hypothesis_still_give_a_velocity():
     """Breaks if an empty set of inliers is fitted, which says that the sensor stands still."""
     estimate = sensor_velocity(scan_of(np.zeros(3), [-7.0, -9.0, -11.5]), Mounting())
     assert 7.0 <= estimate[0] <= 11.5
+
+
+# ---- several sensors
+
+AROUND = [Mounting(3.86, 0.7, 0.436), Mounting(3.66, -0.873, -1.484), Mounting(-0.9, 0.8, 2.9)]
+
+
+def views_of(rng, theta, size=40, noise=0.06, mountings=AROUND):
+    """A scan of static targets by each sensor; the Doppler follows the true azimuth."""
+    views = []
+    for mounting in mountings:
+        azimuth = rng.uniform(-0.8, 0.8, size)
+        doppler = doppler_velocity(theta, azimuth, mounting) + noise * rng.standard_normal(size)
+        seen = azimuth + 0.01 * (noise > 0.0) * rng.standard_normal(size)
+        views.append((scan_of(seen, doppler), mounting))
+    return views
+
+
+def test_several_sensors_show_the_whole_motion():
+    """Breaks if a mounting is another's, or the yaw rate is not estimated."""
+    theta = [17.0, -0.6, 0.35]
+    motion = doppler_ego_motion(views_of(np.random.default_rng(20), theta, noise=0.0))
+    assert_allclose(motion.theta, theta, rtol=0, atol=1e-8)
+    assert all(inliers.all() for inliers in motion.inliers)
+
+
+def test_the_covariance_of_several_sensors_is_credible():
+    """Breaks if weights leave out the azimuth's error, or the covariance is of other units."""
+    rng, theta = np.random.default_rng(21), np.array([15.0, -0.2, 0.2])
+    motions = [doppler_ego_motion(views_of(rng, theta)) for _ in range(300)]
+    errors = np.array([motion.theta for motion in motions]) - theta
+    judged = credibility(errors, np.array([motion.covariance for motion in motions]))
+    assert 0.9 < judged.anees < 1.15  # gates at three deviations cut a little
+
+
+def test_it_is_the_weighted_least_squares_of_what_it_takes_for_static():
+    """Breaks if it is not at a fixed point of its own weights and choice."""
+    views = views_of(np.random.default_rng(22), [15.0, -0.2, 0.2])
+    motion = doppler_ego_motion(views)
+    rows, values, sigmas = [], [], []
+    for (scan, at), inliers in zip(views, motion.inliers, strict=True):
+        for k in range(scan.size):
+            angle = scan.azimuth[k] + at.yaw
+            c, s = np.cos(angle), np.sin(angle)
+            row, turned = [-c, -s, at.y * c - at.x * s], [s, -c, -at.y * s - at.x * c]
+            sigma = np.hypot(0.06, 0.01 * np.dot(turned, motion.theta))
+            agrees = abs(scan.doppler[k] - np.dot(row, motion.theta)) < 3.0 * sigma
+            assert agrees == inliers[k]
+            if inliers[k]:
+                rows.append(row)
+                values.append(scan.doppler[k])
+                sigmas.append(sigma)
+    weight = 1.0 / np.array(sigmas)
+    system = np.array(rows) * weight[:, None]
+    solved = np.linalg.lstsq(system, values * weight, rcond=None)[0]
+    assert_allclose(motion.theta, solved, rtol=0, atol=1e-6)
+    assert_allclose(motion.covariance, np.linalg.inv(system.T @ system), rtol=1e-3)
+
+
+def test_moving_targets_do_not_pull_several_sensors():
+    """Breaks if a car that fills a third of one scan counts."""
+    rng, theta = np.random.default_rng(23), np.array([20.0, 0.1, -0.1])
+    for _ in range(20):
+        views = views_of(rng, theta)
+        scan, at = views[0]
+        doppler = scan.doppler.copy()
+        doppler[:14] = doppler_velocity(theta - [30.0, 0.0, 0.0], scan.azimuth[:14], at)
+        views[0] = scan_of(scan.azimuth, doppler), at
+        motion = doppler_ego_motion(views)
+        error = motion.theta - theta
+        assert error @ np.linalg.solve(motion.covariance, error) < 25.0
+        assert motion.inliers[0][:14].sum() <= 3
+        assert motion.inliers[0][14:].sum() >= 22
+
+
+def test_one_sensor_does_not_show_rotation_unless_the_vehicle_does_not_slip():
+    """Breaks if what is not observable gets a covariance, or zero slip is not used."""
+    theta = [17.0, 0.0, 0.35]
+    views = views_of(np.random.default_rng(24), theta, noise=0.0, mountings=AROUND[:1])
+    whole = doppler_ego_motion(views)
+    assert np.isnan(whole.covariance).all()
+    at = AROUND[0]
+    assert_allclose(
+        velocity_of_sensor(whole.theta, at), velocity_of_sensor(theta, at), rtol=0, atol=1e-8
+    )
+    fixed = doppler_ego_motion(views, slips=False)
+    assert_allclose(fixed.theta, theta, rtol=0, atol=1e-8)
+    assert_array_equal(fixed.covariance[1], np.zeros(3))
+    assert (np.diag(fixed.covariance)[[0, 2]] > 0.0).all()
+
+
+def test_empty_scans_show_nothing():
+    """Breaks if a sensor without targets ends in an error, or hides the others."""
+    views = views_of(np.random.default_rng(25), [17.0, 0.1, 0.35], noise=0.0)
+    with_empty = [*views, (scan_of([], []), Mounting())]
+    assert_array_equal(doppler_ego_motion(with_empty).theta, doppler_ego_motion(views).theta)
+    nothing = doppler_ego_motion([(scan_of([], []), Mounting())])
+    assert_array_equal(nothing.theta, np.zeros(3))
+    assert np.isnan(nothing.covariance).all()
+    with pytest.raises(ValueError, match=r"^views must hold at least one"):
+        doppler_ego_motion([])

@@ -23,11 +23,15 @@ from d2d.radar import (
     Track,
     doppler_velocity,
     estimate_ego_motion,
+    estimate_joint_ego_motion,
     inlier_probabilities,
     simulate_drive,
     track,
+    track_joint,
 )
-from d2d.radar.ego_motion import DEFAULT_OUTLIER, integrate
+from d2d.radar.ego_motion import DEFAULT_OUTLIER, LOST, integrate
+from d2d.radar.joint import rounds
+from d2d.radar.pair import exponential_derivatives
 
 CORNER = Mounting(3.86, 0.7, 0.436)
 SIGMAS = (0.15, np.deg2rad(0.5), 0.06)
@@ -353,6 +357,176 @@ def test_a_batch_of_starts_is_refused_by_name(count):
         )
 
 
+# ---- several sensors at once
+
+MOUNTINGS = (CORNER, Mounting(3.6, -0.9, -1.48), Mounting(-0.9, -0.87, -2.9))
+
+
+def joint_pairs(rng, theta, size=7, mountings=MOUNTINGS, **options):
+    """A pair of scans of each sensor, over intervals of their own and not at the same times."""
+    pairs = []
+    for i, mounting in enumerate(mountings):
+        previous, current = scan_pair(
+            rng, theta, mounting, size=size, interval=0.07 + 0.02 * i, **options
+        )
+        pairs.append((at_time(previous, previous.time + 0.01 * i), current, mounting))
+        pairs[-1] = (pairs[-1][0], at_time(current, current.time + 0.01 * i), mounting)
+    return pairs
+
+
+def at_time(scan: RadarScan, time: float) -> RadarScan:
+    """The scan with another time stamp."""
+    return RadarScan(
+        time,
+        scan.range,
+        scan.azimuth,
+        scan.doppler,
+        scan.sigma_range,
+        scan.sigma_azimuth,
+        scan.sigma_doppler,
+    )
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-9, -0.05, 0.299, 0.301, 2.0, -4.5], ids=str)
+def test_derivatives_of_the_exponential(turn):
+    """Breaks with any slip in them, or where the series hands over to the closed form."""
+    twist, step = np.array([1.3, -0.4, turn]), 1e-2
+
+    def motion(offset):
+        pose = arc(twist + offset, 1.0)
+        return np.array([pose[0, 2], pose[1, 2], twist[2] + offset[2]])
+
+    first, second = exponential_derivatives(twist)
+    axes = np.eye(3)
+    for i in range(3):
+        slope, bend = derivative_along(motion, axes[i], step)
+        assert_allclose(first[:, i], slope, rtol=0, atol=1e-8)
+        assert_allclose(second[:, i, i], bend, rtol=0, atol=1e-7)
+        for j in range(i):
+            both = derivative_along(motion, axes[i] + axes[j], step)[1]
+            mixed = 0.5 * (both - second[:, i, i] - second[:, j, j])
+            assert_allclose(second[:, i, j], mixed, rtol=0, atol=1e-7)
+            assert_array_equal(second[:, i, j], second[:, j, i])
+
+
+@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+@pytest.mark.parametrize("outlier", [DEFAULT_OUTLIER, None], ids=["corrupted", "none"])
+def test_the_joint_estimate_is_the_optimum_of_the_sum_of_naive_costs(doppler, outlier):
+    """Breaks if a pair's interval, mounting or chain rule is another's, or one is left out."""
+    theta = np.array([12.0, -0.5, 0.6])
+    pairs = joint_pairs(np.random.default_rng(60), theta)
+    if outlier is not None:  # one target that has moved
+        previous, current, mounting = pairs[1]
+        changed = current.doppler + np.array([0, 0, 4.0, 0, 0, 0, 0])
+        pairs[1] = previous, with_doppler(current, changed), mounting
+    estimate = estimate_joint_ego_motion(pairs, doppler=doppler, outlier=outlier, initial=theta)
+    assert estimate.converged
+    root = np.linalg.cholesky(estimate.covariance)
+
+    def cost(offset):
+        at = estimate.theta + root @ offset
+        return sum(naive_cost(at, *pair, outlier, doppler, False) for pair in pairs)
+
+    assert estimate.value == pytest.approx(cost(np.zeros(3)), rel=1e-10)
+    axes = np.eye(3)
+    slopes, curvatures = np.transpose([derivative_along(cost, axis) for axis in axes])
+    assert_allclose(slopes, 0.0, atol=1e-5)
+    naive = np.diag(curvatures)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        mixed = derivative_along(cost, axes[i] + axes[j])[1]
+        naive[i, j] = naive[j, i] = 0.5 * (mixed - curvatures[i] - curvatures[j])
+    assert_allclose(root.T @ estimate.hessian @ root, naive, rtol=0, atol=1e-5)
+    assert_allclose(estimate.covariance @ estimate.hessian, np.eye(3), atol=1e-8)
+
+
+@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+@pytest.mark.parametrize("scales", [(1.0,), (8.0, 4.0, 2.0, 1.0)], ids=["direct", "annealed"])
+def test_one_pair_alone_gives_what_a_single_sensor_gives(doppler, scales):
+    """Breaks if the optimiser stops early, or the covariance is not of the velocity."""
+    pair = (*scan_pair(np.random.default_rng(61), [12.0, -0.5, 0.6], size=30), CORNER)
+    options = {"doppler": doppler, "initial": [11.5, 0.0, 0.5], "scales": scales}
+    alone = estimate_ego_motion(*pair, **options)
+    joint = estimate_joint_ego_motion([pair], **options)
+    assert joint.converged
+    assert_allclose(joint.theta, alone.theta, rtol=0, atol=1e-6)
+    assert_allclose(joint.covariance, alone.covariance, rtol=1e-5)
+    assert joint.value == pytest.approx(float(alone.value), rel=1e-12)
+
+
+def test_joint_covariances_are_credible_and_smaller_than_each_sensor_s():
+    """Breaks if the sum's Hessian is not that of the velocity, or sensors are weighed wrongly."""
+    rng, theta = np.random.default_rng(62), np.array([10.0, 0.3, 0.3])
+    errors, covariances = [], []
+    for _ in range(150):
+        pairs = joint_pairs(rng, theta, size=6)
+        estimate = estimate_joint_ego_motion(pairs)
+        assert estimate.converged
+        errors.append(estimate.theta - theta)
+        covariances.append(estimate.covariance)
+    judged = credibility(np.array(errors), np.array(covariances))
+    assert judged.consistent, f"ANEES {judged.anees:.3f} outside {judged.bounds}"
+    for pair in pairs:
+        alone = estimate_ego_motion(*pair, initial=theta)
+        assert np.linalg.eigvalsh(alone.covariance - covariances[-1]).min() > 0.0
+
+
+def test_joint_start_comes_from_all_sensors_doppler_velocities():
+    """Breaks if the default start is zero, from where the positions find another optimum."""
+    theta = np.array([30.0, 0.2, 0.4])
+    pairs = joint_pairs(np.random.default_rng(63), theta, size=40)
+    estimate = estimate_joint_ego_motion(pairs, doppler=False)
+    assert estimate.converged
+    assert (np.abs(estimate.theta - theta) < 4.0 * np.sqrt(np.diag(estimate.covariance))).all()
+    from_zero = estimate_joint_ego_motion(pairs, doppler=False, initial=np.zeros(3))
+    assert np.abs(from_zero.theta - theta)[0] > 1.0, "the scene is too easy to tell starts apart"
+
+
+def test_a_joint_start_that_the_doppler_velocities_do_not_show_is_tried_both_ways():
+    """Breaks if a single sensor, whose yaw rate Doppler cannot tell, has no start."""
+    pair = (*scan_pair(np.random.default_rng(64), [25.0, 0.0, 0.5], size=30), CORNER)
+    assert_allclose(
+        estimate_joint_ego_motion([pair]).theta, estimate_ego_motion(*pair).theta, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("initial", [1.0, [1.0, 2.0], [1.0, 2.0, np.nan], np.ones((2, 3))], ids=str)
+def test_a_wrong_joint_start_is_refused_by_name(initial):
+    """Breaks if it fails in the optimiser instead."""
+    pairs = joint_pairs(np.random.default_rng(65), [5.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match=r"^initial must"):
+        estimate_joint_ego_motion(pairs, initial=initial)
+
+
+def test_no_pair_or_an_empty_or_swapped_scan_is_refused_by_name():
+    """Breaks if a sum over nothing is minimised."""
+    previous, current, mounting = joint_pairs(np.random.default_rng(66), [5.0, 0.0, 0.0])[0]
+    with pytest.raises(ValueError, match=r"^pairs must hold at least one"):
+        estimate_joint_ego_motion([])
+    with pytest.raises(ValueError, match=r"^current holds no targets"):
+        estimate_joint_ego_motion([(previous, current[:0], mounting)])
+    with pytest.raises(ValueError, match=r"^current must be later"):
+        estimate_joint_ego_motion([(current, previous, mounting)])
+
+
+@pytest.mark.parametrize(
+    ("times", "expected"),
+    [
+        ([[0.0, 1.0, 2.0]], [[(0, 0)], [(0, 1)], [(0, 2)]]),
+        ([[0.0, 1.0], [0.5, 1.5]], [[(0, 0), (1, 0)], [(0, 1), (1, 1)]]),
+        ([[0.5, 1.5], [0.0, 1.0]], [[(1, 0), (0, 0)], [(1, 1), (0, 1)]]),
+        # the second sensor misses its turn, and comes back
+        ([[0.0, 1.0, 2.0], [0.1, 2.1]], [[(0, 0), (1, 0)], [(0, 1)], [(0, 2), (1, 1)]]),
+        ([[0.0, 1.0], [0.0, 1.0]], [[(0, 0), (1, 0)], [(0, 1), (1, 1)]]),
+        ([[], [0.0]], [[(1, 0)]]),
+    ],
+    ids=["alone", "in-turn", "other-first", "missing", "same-time", "never"],
+)
+def test_rounds_hold_each_sensor_once_and_follow_time(times, expected):
+    """Breaks if a scan is used twice or never, or a gap of one sensor stops the others."""
+    scan = scan_pair(np.random.default_rng(67), [5.0, 0.0, 0.0])[0]
+    assert rounds([[at_time(scan, t) for t in own] for own in times]) == expected
+
+
 # ---- along a drive
 
 
@@ -500,6 +674,219 @@ def test_a_wrong_start_of_a_track_is_refused():
         track(drive(10).scans, CORNER, initial=[1.0, 2.0])
 
 
+def surround_scans(
+    count: int = 12, theta=(12.0, 0.0, 0.1), times=None, shift: float = 0.013
+) -> list[tuple[list[RadarScan], Mounting]]:
+    """Scans of one world by three sensors that do not run in step, at these times."""
+    rng, theta = np.random.default_rng(70), np.array(theta)
+    points = rng.uniform([-60.0, -60.0], [90.0, 60.0], (600, 2))
+    sensors = []
+    for s, mounting in enumerate(MOUNTINGS):
+        scans = []
+        for time in (0.1 * np.arange(count) if times is None else np.asarray(times)) + shift * s:
+            noise = rng.standard_normal((3, len(points)))
+            full = observe(
+                points, arc(theta, time), time, theta, mounting, noise, (0.05, 1e-3, 0.06)
+            )
+            scans.append(full[(np.abs(full.azimuth) < 0.8) & (full.range < 45.0)])
+        sensors.append((scans, mounting))
+    return sensors
+
+
+def front_alone(sensors, **options) -> Track:
+    """The first sensor's track."""
+    return track(*sensors[0], **options)
+
+
+either_tracker = pytest.mark.parametrize(
+    "driven_by", [front_alone, track_joint], ids=["one-sensor", "joint"]
+)
+
+
+def changed(sensors, change, which=slice(5, 6)):
+    """The sensors with some scans of each replaced by ``change(scan)``."""
+    return [
+        (scans[: which.start] + [change(scan) for scan in scans[which]] + scans[which.stop :], at)
+        for scans, at in sensors
+    ]
+
+
+@either_tracker
+@pytest.mark.parametrize("baseline", [1, 2, 3])
+def test_a_longer_baseline_keeps_the_rows_and_sharpens_the_yaw_rate(driven_by, baseline):
+    """Breaks if rows are lost, the interval is not that of the scans registered, or no use."""
+    theta = np.array([12.0, 0.0, 0.1])
+    sensors = surround_scans(30)
+    result = driven_by(sensors, baseline=baseline)
+    assert result.converged.all()
+    assert len(result.times) == 29
+    sigma = np.sqrt(result.covariance[5:, 2, 2]).mean()
+    once = np.sqrt(driven_by(sensors).covariance[5:, 2, 2]).mean()
+    assert 0.8 < baseline * sigma / once < 1.4  # farther apart, the scans share fewer targets
+    assert (np.abs(result.theta - theta)[:, 2] < 5.0 * np.sqrt(result.covariance[:, 2, 2])).all()
+    if driven_by is front_alone:
+        scans, mounting = sensors[0]
+        alone = estimate_ego_motion(scans[8 - baseline], scans[8], mounting, initial=theta)
+        assert_allclose(result.theta[7], alone.theta, rtol=0, atol=1e-6)
+
+
+@either_tracker
+@pytest.mark.parametrize("baseline", [0, -1, 1.5])
+def test_a_wrong_baseline_is_refused_by_name(driven_by, baseline):
+    """Breaks if a scan can be registered with itself."""
+    with pytest.raises(ValueError, match=r"^baseline must"):
+        driven_by(surround_scans(3), baseline=baseline)
+
+
+def test_a_joint_track_estimates_each_round():
+    """Breaks if pairs of a round are lost, or its time is not the mean of its scans' times."""
+    sensors, theta = surround_scans(), np.array([12.0, 0.0, 0.1])
+    result = track_joint(sensors)
+    assert_allclose(result.times, 0.1 * np.arange(1, 12) + 0.013, atol=1e-12)
+    assert_allclose(result.intervals, 0.1, atol=1e-12)
+    pairs = [(scans[6], scans[7], mounting) for scans, mounting in sensors]
+    alone = estimate_joint_ego_motion(pairs, initial=theta)
+    assert_allclose(result.theta[6], alone.theta, rtol=0, atol=1e-6)
+    assert_allclose(result.covariance[6], alone.covariance, rtol=1e-4)
+
+
+def test_a_sensor_that_fails_leaves_the_joint_track_to_the_others():
+    """Breaks if one empty or missing scan loses the round, or a blind sensor the drive."""
+    sensors, theta = surround_scans(), np.array([12.0, 0.0, 0.1])
+    scans, mounting = sensors[1]
+    blind = [scan[:0] for scan in scans]
+    for other in (blind, scans[:3] + scans[7:], scans[:4] + blind[4:]):
+        result = track_joint([sensors[0], (other, mounting), sensors[2]])
+        assert result.converged.all()
+        assert len(result.times) == 11
+        assert np.abs(result.theta - theta).max() < 0.1
+
+
+def test_a_joint_track_needs_two_rounds_in_time_order():
+    """Breaks if nothing is returned as a track of nothing, or a clock runs backwards unseen."""
+    sensors = surround_scans(3)
+    for too_few in ([], [([], CORNER)], [(scans[:1], at) for scans, at in sensors]):
+        with pytest.raises(ValueError, match=r"^sensors must have at least two rounds"):
+            track_joint(too_few)
+    scans, mounting = sensors[1]
+    with pytest.raises(ValueError, match=r"sensor 1 .* must be in strictly increasing time"):
+        track_joint([sensors[0], ([scans[0], scans[2], scans[1]], mounting)])
+
+
+@either_tracker
+def test_scans_without_targets_are_marked_and_passed_over(driven_by):
+    """Breaks if the drive ends there, or a prediction looks like an estimate."""
+    result = driven_by(changed(surround_scans(), lambda scan: scan[:0]))
+    assert_array_equal(np.flatnonzero(~result.converged), [4, 5])
+    assert np.isnan(result.covariance[4:6]).all()
+    assert_array_equal(result.theta[4:6], result.theta[[3, 3]])
+
+
+@either_tracker
+def test_one_target_tells_little_and_says_so(driven_by):
+    """Breaks if a motion that one target cannot show is given with a small covariance."""
+    theta = np.array([12.0, 0.0, 0.1])
+    result = driven_by(changed(surround_scans(), lambda scan: scan[:1]))
+    usual = np.sqrt(np.linalg.eigvalsh(result.covariance[2])[-1])
+    for i in (4, 5):
+        if result.converged[i]:
+            spread = np.sqrt(np.linalg.eigvalsh(result.covariance[i])[-1])
+            assert spread > 2.0 * usual
+            error = result.theta[i] - theta
+            assert error @ np.linalg.solve(result.covariance[i], error) < 30.0
+    assert result.converged[6:].all()
+    assert np.abs(result.theta[6:] - theta)[:, 0].max() < 0.3
+
+
+@either_tracker
+def test_a_scan_in_which_everything_moves_is_marked(driven_by):
+    """Breaks if an optimum that rejects all targets is taken for the motion, and carried on."""
+    rng, theta = np.random.default_rng(71), np.array([12.0, 0.0, 0.1])
+
+    def astir(scan):
+        size = scan.size
+        return RadarScan(
+            scan.time,
+            scan.range + rng.uniform(2.0, 40.0, size),
+            scan.azimuth,
+            rng.uniform(-60.0, 60.0, size),
+            scan.sigma_range,
+            scan.sigma_azimuth,
+            scan.sigma_doppler,
+        )
+
+    result = driven_by(changed(surround_scans(), astir))
+    assert not result.converged[4]
+    assert result.converged[6:].all()
+    assert np.abs(result.theta - theta)[:, 0].max() < 0.5
+
+
+def test_an_optimum_that_rejects_everything_is_what_the_mark_is_for():
+    """Breaks if the cost has no such optimum any more, and the rule no purpose."""
+    scans, _ = straight_scans()
+    start = [400.0, 0.0, 0.0]
+    estimate = estimate_ego_motion(scans[0], scans[1], CORNER, initial=start)
+    shares = inlier_probabilities(estimate.theta, scans[0], scans[1], CORNER)
+    assert estimate.converged
+    assert shares.mean() < LOST
+    result = track(scans, CORNER, initial=start)
+    assert result.converged.all()
+    assert np.abs(result.theta[:, 0] - 12.0).max() < 0.3
+
+
+@either_tracker
+def test_targets_in_one_direction_leave_the_motion_across_uncertain(driven_by):
+    """Breaks if what is not observable is given with a small covariance, or ends the drive."""
+    theta = np.array([12.0, 0.0, 0.1])
+
+    def bundle(scan):
+        near = np.argsort(np.abs(scan.azimuth - 0.1))[:6]
+        return scan[np.sort(near)]
+
+    usual = driven_by(surround_scans())
+    result = driven_by(changed(surround_scans(), bundle, slice(4, 7)))
+    good = np.flatnonzero(result.converged)
+    assert set(range(3)) | set(range(7, 11)) <= set(good)
+    errors = result.theta[good] - theta
+    nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(result.covariance[good]), errors)
+    assert nees.max() < 30.0
+    for i in set(good) & {4, 5}:
+        assert np.trace(result.covariance[i]) > 4.0 * np.trace(usual.covariance[i])
+
+
+@either_tracker
+def test_a_gap_of_two_seconds_does_not_lose_the_drive(driven_by):
+    """Breaks if the interval of the gap is taken for the usual one, or the end is not found."""
+    theta, times = np.array([12.0, 0.0, 0.1]), [0.0, 0.1, 0.2, 0.3, 2.3, 2.4, 2.5, 2.6]
+    result = driven_by(surround_scans(theta=theta, times=times))
+    assert_allclose(result.intervals[3], 2.0, atol=1e-9)
+    assert result.converged[[0, 1, 2, 4, 5, 6]].all()
+    assert np.abs(result.theta - theta)[:, 0].max() < 0.3
+    position = result.poses()[-1, :2] - arc(theta, 2.6)[:2, 2]
+    assert np.hypot(*position) < 2.0
+
+
+@either_tracker
+def test_a_standing_vehicle_stands(driven_by):
+    """Breaks if a velocity of zero divides, or is taken for no estimate."""
+    result = driven_by(surround_scans(theta=(0.0, 0.0, 0.0)))
+    assert result.converged.all()
+    assert np.abs(result.theta).max() < 0.1
+    errors = result.theta
+    nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(result.covariance), errors)
+    assert nees.mean() < 6.0
+
+
+@either_tracker
+def test_a_time_stamp_given_twice_is_refused(driven_by):
+    """Breaks if an interval of zero divides; two sensors may share a time."""
+    sensors = surround_scans(6, shift=0.0)
+    assert driven_by(sensors).converged.all()
+    scans, mounting = sensors[0]
+    with pytest.raises(ValueError, match=r"must be in strictly increasing time, but scan 3"):
+        driven_by([([*scans[:3], at_time(scans[3], scans[2].time)], mounting), *sensors[1:]])
+
+
 # ---- poses
 
 
@@ -570,7 +957,7 @@ def test_poses_of_the_track_are_near_the_truth_and_evo_agrees_how_near():
     ape.process_data((path(true), path(poses)))
     rmse = np.sqrt(np.mean(np.sum((poses - true)[:, :2] ** 2, axis=1)))
     assert ape.get_statistic(metrics.StatisticsType.rmse) == pytest.approx(rmse, rel=1e-6)
-    assert rmse < 0.5
+    assert rmse < 1.0
     rpe = metrics.RPE(
         metrics.PoseRelation.rotation_angle_rad, delta=1, delta_unit=metrics.Unit.frames
     )

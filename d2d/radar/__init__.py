@@ -1,26 +1,31 @@
 """Ego-motion of a vehicle from automotive Doppler radar."""
 
 from d2d.radar.covariance import propagate_ego_motion
-from d2d.radar.doppler import sensor_velocity
+from d2d.radar.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
 from d2d.radar.ego_motion import Track, estimate_ego_motion, inlier_probabilities, track
+from d2d.radar.joint import estimate_joint_ego_motion, track_joint
 from d2d.radar.radarscenes import Recording, load_radarscenes
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
 from d2d.radar.simulation import Drive, simulate_drive
 
 __all__ = [
+    "DopplerMotion",
     "Drive",
     "Mounting",
     "RadarScan",
     "Recording",
     "Reference",
     "Track",
+    "doppler_ego_motion",
     "doppler_velocity",
     "estimate_ego_motion",
+    "estimate_joint_ego_motion",
     "inlier_probabilities",
     "load_radarscenes",
     "propagate_ego_motion",
     "sensor_velocity",
     "simulate_drive",
     "track",
+    "track_joint",
 ]

@@ -1,24 +1,27 @@
 """Ego-motion from successive radar scans."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import Array, finite
+from d2d._checks import Array, count, finite
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
-from d2d.measurement import LinearMeasurement
-from d2d.point_set import PointSet
 from d2d.radar.doppler import doppler_starts
+from d2d.radar.pair import Pair
 from d2d.radar.scan import Mounting, RadarScan
 from d2d.registration import Estimate, multi_start, register
 
 # thesis sec. 7.3: 0.2 of the targets are outliers, spread by 10 m along both axes
 DEFAULT_OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
+
+# The wide outlier components have an optimum of their own, far from where the scans overlap: all
+# targets are outliers there, and the Hessian is positive definite.  An optimum whose targets have
+# a mean inlier probability below this is not taken for the vehicle's motion along a track.
+LOST = 0.1
 
 
 def estimate_ego_motion(
@@ -73,7 +76,7 @@ def estimate_ego_motion(
     start = doppler_starts(current, mounting) if initial is None else finite("initial", initial)
     if initial is not None and start.shape != (3,):
         raise ValueError(f"initial must have the shape (3,), but has {start.shape}")
-    pair = _pair(previous, current, mounting, doppler, first_order)
+    pair = Pair.of(previous, current, mounting, doppler, first_order)
     solve = register if start.ndim == 1 else multi_start
     estimate = solve(
         pair.fixed,
@@ -102,50 +105,13 @@ def inlier_probabilities(
     arguments, and what they raise, are those of `estimate_ego_motion`.  A target that moves on its
     own, or that has no counterpart in the previous scan, comes out low.
     """
-    pair = _pair(previous, current, mounting, doppler, first_order)
-    return RegistrationCost(outlier=outlier).inlier_probabilities(
-        pair.motion(rigid.motion("theta", theta, 2)),
-        pair.fixed,
-        pair.moving,
-        measurement=pair.measurement,
+    pair = Pair.of(previous, current, mounting, doppler, first_order)
+    return pair.inlier_probabilities(
+        rigid.motion("theta", theta, 2), RegistrationCost(outlier=outlier)
     )
 
 
-class _Pair(NamedTuple):
-    """Two scans of one sensor as a registration problem."""
-
-    fixed: PointSet
-    moving: PointSet
-    measurement: LinearMeasurement | None
-    interval: float
-    first_order: bool
-
-    def motion(self, theta: Array) -> Array:
-        """The motion over the interval at the velocity theta."""
-        twist = theta * self.interval
-        return twist if self.first_order else rigid.exponential(twist)
-
-
-def _pair(
-    previous: RadarScan, current: RadarScan, mounting: Mounting, doppler: bool, first_order: bool
-) -> _Pair:
-    interval = current.time - previous.time
-    if not interval > 0:
-        raise ValueError(
-            f"current must be later than previous, but is at {current.time:.6f} s after "
-            f"{previous.time:.6f} s"
-        )
-    for name, scan in (("previous", previous), ("current", current)):
-        if not scan.size:
-            raise ValueError(f"{name} holds no targets")
-    measurement = current.doppler_measurement(mounting, interval, of_twist=not first_order)
-    return _Pair(
-        previous.point_set(mounting),
-        current.point_set(mounting),
-        measurement if doppler else None,
-        interval,
-        first_order,
-    )
+_pair = Pair.of  # the name by which d2d.radar.covariance knows it
 
 
 def _as_velocity(estimate: Estimate, interval: float, first_order: bool) -> Estimate:
@@ -212,7 +178,14 @@ def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0
     return np.column_stack([position, yaw])
 
 
-def track(scans: Sequence[RadarScan], mounting: Mounting, **options: Any) -> Track:
+def track(
+    scans: Sequence[RadarScan],
+    mounting: Mounting,
+    *,
+    baseline: int = 1,
+    initial: ArrayLike | None = None,
+    **options: Any,
+) -> Track:
     """Ego-motion over a whole drive, each pair started at the last converged velocity.
 
     Parameters
@@ -220,39 +193,84 @@ def track(scans: Sequence[RadarScan], mounting: Mounting, **options: Any) -> Tra
     scans : sequence of RadarScan
         At least two, in strictly increasing time.
     mounting : Mounting
+    baseline : int
+        How many scans back the scan lies that each scan is registered with (the first scans: with
+        the first one).  Over a longer time the same error of the positions is a smaller one of
+        the velocity, as long as the velocity is constant and the targets stay in view.
+    initial : (3,) array, optional
+        Start of the first pair.
     **options
-        Of `estimate_ego_motion`; ``initial`` is the start of the first pair.
+        Of `estimate_ego_motion`.
 
     Returns
     -------
     Track
-        A pair that cannot be estimated, because a scan is empty or the cost has no optimum near,
-        is marked as not converged and does not end the drive.
+        A pair that cannot be estimated, because a scan is empty, the cost has no optimum near or
+        the optimum rejects nearly all targets (`LOST`), is marked as not converged and does not
+        end the drive.  Before that it is tried once more without the last velocity.
 
     Raises
     ------
     ValueError
-        Fewer than two scans, or scans out of time order.
+        Fewer than two scans, scans out of time order, a ``baseline`` below 1.
     """
     if len(scans) < 2:
         raise ValueError(f"scans must hold at least two scans, but holds {len(scans)}")
+    count("baseline", baseline)
+    times = increasing("scans", scans)
+    model = {
+        name: options[name] for name in ("doppler", "outlier", "first_order") if name in options
+    }
+
+    def solve(i: int, start: Array | None) -> tuple[Estimate, float] | None:
+        previous, current = scans[max(i + 1 - baseline, 0)], scans[i + 1]
+        if not (previous.size and current.size):
+            return None
+        estimate = estimate_ego_motion(previous, current, mounting, initial=start, **options)
+        theta = estimate.theta
+        inliers = inlier_probabilities(theta, previous, current, mounting, **model)
+        return estimate, float(inliers.mean())
+
+    return follow(times, solve, initial)
+
+
+def increasing(name: str, scans: Sequence[RadarScan]) -> Array:
+    """The scans' times (n,); a ValueError naming the argument where they do not increase."""
     times = np.array([scan.time for scan in scans])
     intervals = np.diff(times)
     if not (intervals > 0).all():
         late = int(np.argmin(intervals > 0)) + 1
         raise ValueError(
-            f"scans must be in strictly increasing time, but scan {late} is at {times[late]:.6f} s "
-            f"after {times[late - 1]:.6f} s"
+            f"{name} must be in strictly increasing time, but scan {late} is at "
+            f"{times[late]:.6f} s after {times[late - 1]:.6f} s"
         )
-    velocity = options.pop("initial", None)
-    pairs = len(intervals)
+    return times
+
+
+def follow(
+    times: Array,
+    solve: Callable[[int, Array | None], tuple[Estimate, float] | None],
+    initial: ArrayLike | None,
+) -> Track:
+    """Estimate the n - 1 intervals between n times in turn, each from the last good velocity.
+
+    ``solve(i, start)`` gives the estimate of interval i and the mean inlier probability of its
+    targets, or None if there is nothing to estimate; without a start it finds one itself.
+    """
+    velocity = None if initial is None else finite("initial", initial)
+    pairs = len(times) - 1
     theta, covariance = np.zeros((pairs, 3)), np.full((pairs, 3, 3), np.nan)
     converged = np.zeros(pairs, dtype=np.bool_)
-    for i, (previous, current) in enumerate(pairwise(scans)):
-        if previous.size and current.size:
-            estimate = estimate_ego_motion(previous, current, mounting, initial=velocity, **options)
-            if estimate.converged:
-                velocity = estimate.theta
-                covariance[i], converged[i] = estimate.covariance, True
+    for i in range(pairs):
+        found = solve(i, velocity)
+        if found is not None and velocity is not None and not _good(*found):
+            found = solve(i, None)
+        if found is not None and _good(*found):
+            velocity = found[0].theta
+            covariance[i], converged[i] = found[0].covariance, True
         theta[i] = 0.0 if velocity is None else velocity
-    return Track(times[1:], intervals, theta, covariance, converged)
+    return Track(times[1:], np.diff(times), theta, covariance, converged)
+
+
+def _good(estimate: Estimate, trusted: float) -> bool:
+    return bool(estimate.converged) and trusted >= LOST

@@ -2,7 +2,10 @@
 
 from dataclasses import dataclass
 
-from d2d._checks import Array
+import numpy as np
+from numpy.typing import ArrayLike
+
+from d2d._checks import Array, finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,3 +24,14 @@ class Reference:
     times: Array
     theta: Array
     poses: Array
+
+    def at(self, times: ArrayLike) -> "Reference":
+        """The motion at other times (m,), interpolated; nan outside."""
+        wanted = finite("times", times)
+        theta, poses = (
+            np.column_stack(
+                [np.interp(wanted, self.times, c, left=np.nan, right=np.nan) for c in array.T]
+            )
+            for array in (self.theta, self.poses)
+        )
+        return Reference(wanted, theta, poses)
