@@ -1,0 +1,364 @@
+"""A street around a block: the path a vehicle drives, and what a radar meets along it."""
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import simpson
+from scipy.interpolate import CubicHermiteSpline
+
+from d2d import rigid
+from d2d._checks import Array, scalar
+
+KINDS = ("wall", "car", "pole", "vegetation", "moving", "clutter")
+"""What a detection can be of, the truth that only a simulation knows."""
+
+LAP = 300.0  # m, once around
+_CORNER = 24.0  # m: length of a quarter turn; its tightest radius is 7.6 m
+_SLOWING = 1.0  # the tightest part is driven at 1 / (1 + this) of the speed on the straight
+_STEP = 0.05  # m, of the splines
+
+# Offsets to the left of the path, in m.  Traffic keeps to the right: the vehicle's own lane has its
+# kerb on the right, the oncoming lane lies to the left.
+_CLEARANCE = 5.0  # of buildings, wherever the path bends towards them
+_PARKED = (-2.7, 5.6)
+_POLES = (-3.9, 6.8)
+_BUSHES = (-5.2, 8.0)
+_SIDEWALKS = (-4.6, 7.4)
+_ONCOMING_LANE = 3.2
+
+# Median strength of a reflection point and its spread in dB; see `Reflectors`.
+_STRENGTH = {
+    "wall": (1.0, 5.0),
+    "car": (1.0, 5.0),
+    "pole": (2.0, 3.0),
+    "vegetation": (0.3, 4.0),
+    "walker": (0.5, 3.0),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Reflectors:
+    """Reflection points that stand still.
+
+    Attributes
+    ----------
+    positions : (n, 2) array, m
+    strength : (n,) array
+        Radar cross section relative to that of a point that is detected every other time at the
+        sensor's ``half_range``.
+    kind : (n,) array of str
+        "wall", "car", "pole" or "vegetation".
+    """
+
+    positions: Array
+    strength: Array
+    kind: NDArray[np.str_]
+
+
+@dataclass(frozen=True, eq=False)
+class Movers:
+    """Reflection points on rigid bodies that follow the path beside the vehicle's own lane.
+
+    Attributes
+    ----------
+    start : (m,) array, m
+        Of the body's frame along the path, at time 0.
+    speed : (m,) array, m/s
+        Along the path, negative against the vehicle's direction.
+    offset : (m, 2) array, m
+        Of the point in the frame that goes along the path, x along it and y to its left.
+    strength : (m,) array
+    """
+
+    start: Array
+    speed: Array
+    offset: Array
+    strength: Array
+
+    def at(self, times: Array) -> tuple[Array, Array]:
+        """Positions and velocities (..., m, 2) in m and m/s at times (...) in s."""
+        along = self.start + np.asarray(times)[..., np.newaxis] * self.speed
+        frame = lap_poses(along)
+        turn = rigid.rotation(frame[..., 2])
+        arm = (turn @ self.offset[..., np.newaxis])[..., 0]
+        spin = self.speed * lap_curvature(along)
+        left = np.stack([-arm[..., 1], arm[..., 0]], axis=-1)
+        velocity = self.speed[..., np.newaxis] * turn[..., 0] + spin[..., np.newaxis] * left
+        return frame[..., :2] + arm, velocity
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """What there is to be seen.
+
+    Attributes
+    ----------
+    buildings, cars : (n, 4, 2) arrays, m
+        Corners of the outlines, counter-clockwise; nothing is seen through either.
+    reflectors : Reflectors
+    movers : Movers
+        They hide nothing.
+    """
+
+    buildings: Array
+    cars: Array
+    reflectors: Reflectors
+    movers: Movers
+
+    @cached_property
+    def walls(self) -> Array:
+        """Start and end (S, 2, 2) in m of everything that cannot be seen through."""
+        outlines = np.concatenate([self.buildings, self.cars])
+        return np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+
+
+def visible(points: Array, walls: Array) -> NDArray[np.bool_]:
+    """Whether each point (K, 2) is seen from the origin past all walls (S, 2, 2)."""
+    start, end = walls[:, 0], walls[:, 1]
+    edge = end - start
+    # the wall's ends lie to either side of the ray, and the ray's ends to either side of the wall
+    ends = [np.outer(points[:, 0], e[:, 1]) - np.outer(points[:, 1], e[:, 0]) for e in (start, end)]
+    origin = edge[:, 1] * start[:, 0] - edge[:, 0] * start[:, 1]
+    beyond = origin + np.outer(points[:, 1], edge[:, 0]) - np.outer(points[:, 0], edge[:, 1])
+    crossed = (ends[0] * ends[1] < 0) & (origin * beyond < 0)
+    return np.asarray(~crossed.any(axis=1))
+
+
+# ---- The path ------------------------------------------------------------------------------------
+#
+# The street runs around an L-shaped block, anticlockwise: five quarter turns to the left and one to
+# the right.  The curvature of a turn is a squared sine along its length, so that the yaw rate is
+# smooth; heading, position and velocity all follow from it.
+
+_TURNS = np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
+_BLOCK = (35.0, 48.0, 35.0)  # m: sides from the first corner to the one that turns right, and on
+_HEIGHT = 70.0  # m, of the whole block; its width follows from the lap
+
+
+def lap_poses(along: Array) -> Array:
+    """Pose (..., 3) [x, y, yaw] in m, m, rad after ``along`` (...) metres; yaw is continuous.
+
+    The lap begins at the origin along the x axis.
+    """
+    laps, rest = np.divmod(along, LAP)
+    place, heading, _ = _lap()
+    yaw = heading(rest) + 2.0 * np.pi * laps
+    return np.concatenate([place(rest), yaw[..., np.newaxis]], axis=-1)
+
+
+def lap_curvature(along: Array) -> Array:
+    """Curvature (...) in 1/m after ``along`` (...) metres, positive to the left."""
+    return np.asarray(_lap()[1](np.mod(along, LAP), 1))
+
+
+def lap_progress(times: Array, speed: float) -> tuple[Array, Array]:
+    """How far (...) in m, and how fast (...) in m/s, after ``times`` (...) at the mean ``speed``.
+
+    Bends are driven more slowly: half as fast where they are tightest.
+    """
+    position = _lap()[2]
+    laps, rest = np.divmod(np.asarray(times) * speed, LAP)
+    return position(rest) + LAP * laps, speed * position(rest, 1)
+
+
+@cache
+def _lap() -> tuple[CubicHermiteSpline, CubicHermiteSpline, CubicHermiteSpline]:
+    """Splines of place and heading over the way, and of the way over that at the mean speed."""
+    starts = _corners()
+    grid = np.linspace(0.0, LAP, round(LAP / _STEP) + 1)
+    curvature, turned = _bends(grid, starts)
+    heading = CubicHermiteSpline(grid, turned @ _TURNS, curvature @ _TURNS)
+    # Simpson's rule over each step
+    direction, middle = _direction(heading(grid)), _direction(heading(grid[1:] - 0.5 * _STEP))
+    steps = _STEP * (direction[:-1] + 4.0 * middle + direction[1:]) / 6.0
+    place = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    # time per metre is 1 + _SLOWING |curvature| / tightest, relative to the straight
+    tightest = np.pi / _CORNER
+    time = grid + _SLOWING * turned.sum(axis=1) / tightest
+    pace = 1.0 / (1.0 + _SLOWING * curvature.sum(axis=1) / tightest)
+    stretch = LAP / time[-1]
+    progress = CubicHermiteSpline(time * stretch, grid, pace / stretch)
+    return CubicHermiteSpline(grid, place, direction), heading, progress
+
+
+def _direction(yaw: Array) -> Array:
+    return np.column_stack([np.cos(yaw), np.sin(yaw)])
+
+
+def _bends(along: Array, starts: Array) -> tuple[Array, Array]:
+    """Unsigned curvature and angle turned (n, C) of each corner after ``along`` (n,) metres."""
+    share = np.clip((along[:, None] - starts) / _CORNER, 0.0, 1.0)
+    curvature = np.pi / _CORNER * np.sin(np.pi * share) ** 2
+    return curvature, 0.5 * np.pi * (share - np.sin(2.0 * np.pi * share) / (2.0 * np.pi))
+
+
+def _corners() -> Array:
+    """Where the corners (C,) begin along the lap, in m."""
+    fine = np.linspace(0.0, _CORNER, 2001)
+    # a turn takes the path as far ahead as aside
+    reach = simpson(np.cos(_bends(fine, np.zeros(1))[1][:, 0]), x=fine)
+    shortcut = 2.0 * reach - _CORNER  # of the path, at each corner of the block
+    width = 0.5 * (LAP + len(_TURNS) * shortcut) - _HEIGHT
+    sides = np.array([*_BLOCK, width - _BLOCK[1], _HEIGHT])
+    return np.asarray(0.5 * width - reach + np.cumsum([0.0, *(sides - shortcut)]))
+
+
+# ---- What lines it -------------------------------------------------------------------------------
+
+
+def check_generator(rng: np.random.Generator) -> None:
+    """Raise ``ValueError`` unless ``rng`` is a generator."""
+    if not isinstance(rng, np.random.Generator):
+        raise ValueError(f"rng must be a numpy.random.Generator, but is a {type(rng).__name__}")
+
+
+def build_world(rng: np.random.Generator, movers: int = 6) -> World:
+    """Line the street with buildings, parked cars, poles and bushes, and let others move along it.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    movers : int
+        How many: cars in the oncoming lane and walkers on the sidewalks in turn, in either
+        direction.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument: no generator, or a number of movers that is no integer of at least 0.
+    """
+    check_generator(rng)
+    if scalar("movers", movers) < 0 or int(movers) != movers:
+        raise ValueError(f"movers must be an integer of at least 0, but is {movers!r}")
+    buildings, cars = _buildings(rng), _parked_cars(rng)
+    places = {
+        "wall": _along_outlines(rng, buildings, 0.7, (0.02, 0.25)),
+        "car": _along_outlines(rng, cars, 1.2, (0.01, 0.03)),
+        "pole": _beside(rng, 25.0, _POLES),
+        "vegetation": _bushes(rng),
+    }
+    reflectors = Reflectors(
+        np.concatenate(list(places.values())),
+        np.concatenate([_strengths(rng, kind, len(at)) for kind, at in places.items()]),
+        np.concatenate([np.full(len(at), kind) for kind, at in places.items()]),
+    )
+    return World(buildings, cars, reflectors, _movers(rng, movers))
+
+
+def _strengths(rng: np.random.Generator, kind: str, count: int) -> Array:
+    median, spread = _STRENGTH[kind]
+    return np.asarray(median * 10.0 ** (0.1 * spread * rng.standard_normal(count)))
+
+
+def _outline(frames: Array, length: Array, width: Array) -> Array:
+    """Corners (n, 4, 2) of rectangles around frames (n, 3), length along the x axis."""
+    unit = 0.5 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    local = unit * np.stack([length, width], axis=-1)[:, None]
+    return rigid.transform_means(frames, local)
+
+
+def _offset(along: Array, aside: Array) -> Array:
+    """Frames (n, 3) parallel to the path, ``aside`` metres to its left."""
+    return rigid.compose(
+        lap_poses(along), np.stack([np.zeros_like(along), aside, np.zeros_like(along)], axis=-1)
+    )
+
+
+def _buildings(rng: np.random.Generator) -> Array:
+    """Rows of houses, 8 m deep, to either side of the street's straight parts and around corners.
+
+    A house stands parallel to the path at its middle; one that would reach into the street further
+    on is not built.
+    """
+    frames, lengths = [], []
+    for side, setbacks in ((-1.0, (6.0, 9.0)), (1.0, (9.0, 11.0))):
+        along = 0.0
+        while along < LAP:
+            length, gap = rng.uniform(10.0, 25.0), rng.uniform(2.0, 8.0)
+            aside = side * (rng.uniform(*setbacks) + 4.0)
+            frames.append(_offset(np.array([along + 0.5 * length]), np.array([aside]))[0])
+            lengths.append(length)
+            along += length + gap
+    outlines = _outline(np.array(frames), np.array(lengths), np.full(len(lengths), 8.0))
+    street = lap_poses(np.arange(0.0, LAP, 0.5))[:, :2]
+    return outlines[_gaps(np.array(frames), np.array(lengths), 8.0, street) > _CLEARANCE]
+
+
+def _gaps(frames: Array, length: Array, width: float, street: Array) -> Array:
+    """Distance (n,) of each rectangle from the nearest point of the street."""
+    local = np.abs(rigid.transform_means(rigid.inverse(frames), street))
+    half = 0.5 * np.stack([length, np.full_like(length, width)], axis=-1)
+    return np.asarray(np.linalg.norm(np.maximum(local - half[:, None], 0.0), axis=-1).min(axis=1))
+
+
+def _parked_cars(rng: np.random.Generator) -> Array:
+    """Outlines of cars, 4.4 m by 1.8 m, at the kerbs of the street's straight parts."""
+    slots = np.arange(0.0, LAP, 6.0)
+    slots = slots[np.abs(lap_curvature(slots)) < 1e-3]
+    frames = np.concatenate(
+        [
+            _offset(taken := slots[rng.random(len(slots)) < 0.35], np.full(len(taken), aside))
+            for aside in _PARKED
+        ]
+    )
+    return _outline(frames, np.full(len(frames), 4.4), np.full(len(frames), 1.8))
+
+
+def _along_outlines(
+    rng: np.random.Generator, outlines: Array, spacing: float, depth: tuple[float, float]
+) -> Array:
+    """Points at random along outlines, and so far in front of them.
+
+    Window sills, pipes and door handles reflect, not the plane between them.
+    """
+    edges = np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+    along = edges[:, 1] - edges[:, 0]
+    length = np.linalg.norm(along, axis=-1)
+    which = np.repeat(np.arange(len(edges)), rng.poisson(length / spacing))
+    share, out = rng.random(len(which)), rng.uniform(*depth, len(which))
+    tangent = along[which] / length[which, None]
+    outward = np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)
+    return np.asarray(edges[which, 0] + share[:, None] * along[which] + out[:, None] * outward)
+
+
+def _beside(rng: np.random.Generator, spacing: float, sides: tuple[float, float]) -> Array:
+    """Points (n, 2) beside the path, ``spacing`` metres apart on average."""
+    aside = np.repeat(sides, rng.poisson(LAP / spacing, 2))
+    return _offset(rng.uniform(0.0, LAP, len(aside)), aside)[:, :2]
+
+
+def _bushes(rng: np.random.Generator) -> Array:
+    """Leaves (n, 2), about twelve to a bush of half a metre."""
+    middles = _beside(rng, 10.0, _BUSHES)
+    leaves = np.repeat(middles, rng.poisson(12.0, len(middles)), axis=0)
+    return np.asarray(leaves + 0.35 * rng.standard_normal(leaves.shape))
+
+
+def _movers(rng: np.random.Generator, count: int) -> Movers:
+    """Cars of six points and walkers of two."""
+    rows = []
+    for k in range(count):
+        start, direction = rng.uniform(0.0, LAP), rng.choice([-1.0, 1.0])
+        if k % 2 == 0:
+            speed, middle, size, points, kind = (
+                rng.uniform(5.0, 9.0),
+                _ONCOMING_LANE,
+                (2.1, 0.8),
+                6,
+                "car",
+            )
+        else:
+            speed, middle, size, points, kind = (
+                rng.uniform(1.0, 2.0),
+                rng.choice(_SIDEWALKS),
+                (0.2, 0.2),
+                2,
+                "walker",
+            )
+        offset = rng.uniform(-1.0, 1.0, (points, 2)) * size + [0.0, middle]
+        strength = _strengths(rng, kind, points)
+        rows += [(start, direction * speed, *q, s) for q, s in zip(offset, strength, strict=True)]
+    table = np.array(rows).reshape(-1, 5)
+    return Movers(table[:, 0], table[:, 1], table[:, 2:4], table[:, 4])

@@ -1,0 +1,164 @@
+"""The simulated street: a lap that closes, walls that hide, bodies that move as they say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.interpolate import CubicSpline
+
+from d2d.radar.world import (
+    LAP,
+    build_world,
+    lap_curvature,
+    lap_poses,
+    lap_progress,
+    visible,
+)
+
+WORLD = build_world(np.random.default_rng(0))
+
+
+def test_the_lap_closes_after_three_hundred_metres():
+    """Breaks if the sides and the corners do not fit together, or the arc length is not one."""
+    ends = lap_poses(np.array([0.0, LAP, 2.0 * LAP]))
+    assert_allclose(ends[:, :2], 0.0, rtol=0, atol=1e-8)
+    assert_allclose(ends[:, 2], [0.0, 2.0 * np.pi, 4.0 * np.pi], rtol=0, atol=1e-12)
+    fine = lap_poses(np.linspace(0.0, LAP, 60001))
+    assert np.hypot(*np.diff(fine[:, :2], axis=0).T).sum() == pytest.approx(300.0, abs=1e-4)
+    assert np.abs(np.diff(fine[:, 2])).max() < 1e-3, "yaw jumps"
+
+
+def test_poses_follow_the_curvature_without_side_slip():
+    """Breaks if the heading is not the path's direction, or the curvature not its derivative."""
+    along = np.linspace(0.0, LAP, 30001)
+    poses = lap_poses(along)
+    inner = slice(10, -10)
+    x, y, turning = CubicSpline(along, poses)(along[inner], 1).T
+    yaw = poses[inner, 2]
+    assert_allclose(np.cos(yaw) * x + np.sin(yaw) * y, 1.0, rtol=0, atol=1e-6)
+    assert_allclose(np.cos(yaw) * y - np.sin(yaw) * x, 0.0, rtol=0, atol=1e-6)
+    assert_allclose(turning, lap_curvature(along[inner]), rtol=0, atol=1e-5)
+    assert lap_curvature(along).max() > 0.1
+    assert lap_curvature(along).min() < -0.1
+
+
+@pytest.mark.parametrize("speed", [2.5, 8.0])
+def test_progress_keeps_the_mean_speed_and_slows_down_in_bends(speed):
+    """Breaks if the velocity is not the derivative of the way, or laps do not join."""
+    times = np.linspace(0.0, 2.2 * LAP / speed, 40001)
+    along, forward = lap_progress(times, speed)
+    inner = slice(10, -10)
+    assert_allclose(CubicSpline(times, along)(times[inner], 1), forward[inner], rtol=1e-5)
+    whole, _ = lap_progress(np.array([0.0, LAP / speed, 2.0 * LAP / speed]), speed)
+    assert_allclose(whole, [0.0, LAP, 2.0 * LAP], rtol=0, atol=1e-8)
+    assert forward.max() / forward.min() == pytest.approx(2.0, rel=1e-3)
+    tightest = np.abs(lap_curvature(along)).argmax()
+    assert forward[tightest] == pytest.approx(forward.min(), rel=1e-3)
+
+
+def test_visibility_agrees_with_sampling_each_ray():
+    """Breaks if a ray through a wall's prolongation is stopped, or one through the wall is not."""
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-20.0, 20.0, (200, 2))
+    walls = np.cumsum(rng.uniform(-6.0, 6.0, (40, 2, 2)), axis=1) + rng.uniform(-18, 18, (40, 1, 2))
+    share = np.linspace(0.0, 1.0, 4001)[1:, None]
+    for point, seen in zip(points, visible(points, walls), strict=True):
+        crossings = 0
+        for start, end in walls:
+            ray = share * point
+            along = (end - start) / np.linalg.norm(end - start)
+            where = (ray - start) @ along
+            side = (ray - start) @ np.array([-along[1], along[0]])
+            sign = np.flatnonzero(np.diff(np.sign(side)))
+            crossings += sum(0 < where[i] < np.linalg.norm(end - start) for i in sign)
+            origin_side = np.array([-along[1], along[0]]) @ -start
+            crossings += origin_side * side[0] < 0  # within the first step
+        assert seen == (crossings == 0)
+
+
+def test_nothing_hides_where_there_are_no_walls():
+    """Breaks if an empty world is an error, or a point hides itself."""
+    points = np.array([[3.0, 1.0], [1.0, 0.0]])
+    assert visible(points, np.empty((0, 2, 2))).all()
+    on_it = np.array([[[1.0, -1.0], [1.0, 1.0]]])
+    assert_array_equal(visible(points, on_it), [False, True])
+
+
+def test_velocities_of_the_movers_are_the_derivatives_of_their_positions():
+    """Breaks if a body's turning is left out of its points' velocities."""
+    times = np.linspace(0.0, 40.0, 8001)
+    positions, velocities = WORLD.movers.at(times)
+    numeric = CubicSpline(times, positions)(times[5:-5], 1)
+    assert_allclose(numeric, velocities[5:-5], rtol=0, atol=1e-4)
+    assert np.hypot(*velocities.T).max() > 5.0
+
+
+def test_points_of_a_mover_keep_their_distances():
+    """Breaks if a body is bent around the corner."""
+    positions, _ = WORLD.movers.at(np.linspace(0.0, 60.0, 50))
+    car = positions[:, :6]
+    spread = np.linalg.norm(car[:, :, None] - car[:, None], axis=-1)
+    assert_allclose(spread, np.broadcast_to(spread[0], spread.shape), rtol=0, atol=1e-7)
+    assert spread.max() > 1.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_path_is_free(seed):
+    """Breaks if something is built on, or stands in, the lane that the vehicle drives."""
+    world = build_world(np.random.default_rng(seed))
+    path = lap_poses(np.arange(0.0, LAP, 0.25))[:, :2]
+    lines = world.walls
+    points = lines[:, :1] + np.linspace(0.0, 1.0, 60)[:, None] * (lines[:, 1:] - lines[:, :1])
+    for obstacles in (points.reshape(-1, 2), world.reflectors.positions):
+        gap = np.linalg.norm(obstacles[:, None] - path[::4], axis=-1).min()
+        assert gap > 1.4
+    moving, _ = world.movers.at(np.linspace(0.0, 60.0, 100))
+    assert np.linalg.norm(moving.reshape(-1, 1, 2) - path[::4], axis=-1).min() > 1.4
+
+
+def test_walls_are_the_edges_of_all_outlines():
+    """Breaks if an edge is missing, so that houses have an open side."""
+    assert WORLD.walls.shape == (4 * (len(WORLD.buildings) + len(WORLD.cars)), 2, 2)
+    loop = WORLD.walls[:4]
+    assert_array_equal(loop[:, 1], np.roll(loop[:, 0], -1, axis=0))
+    area = 0.5 * (loop[:, 0, 0] * loop[:, 1, 1] - loop[:, 1, 0] * loop[:, 0, 1]).sum()
+    assert area > 50.0, "counter-clockwise"
+
+
+def test_a_wall_is_a_row_of_points_in_front_of_it():
+    """Breaks if points lie inside the house, where they would hide behind their own wall."""
+    points = WORLD.reflectors.positions[WORLD.reflectors.kind == "wall"]
+    edges = np.stack([WORLD.buildings, np.roll(WORLD.buildings, -1, axis=1)], axis=2)
+    along = edges[:, :, 1] - edges[:, :, 0]
+    outward = np.stack([along[..., 1], -along[..., 0]], axis=-1)
+    outward /= np.linalg.norm(outward, axis=-1, keepdims=True)
+    off = np.einsum("pbex,bex->pbe", points[:, None, None] - edges[None, :, :, 0], outward)
+    # the nearest house is the one of whose edges the greatest offset is the least
+    gap = off.max(axis=2).min(axis=1)
+    length = np.linalg.norm(along, axis=-1).sum()
+    assert len(points) == pytest.approx(length / 0.7, abs=4.0 * np.sqrt(length / 0.7))
+    assert (gap < 0.26).all()
+    assert np.quantile(gap, 0.2) > 0.02  # a few lie inside a house that overlaps
+
+
+def test_kinds_and_counts():
+    """Breaks if a kind is left out, or the number of movers is not the one asked for."""
+    assert set(WORLD.reflectors.kind) == {"wall", "car", "pole", "vegetation"}
+    assert (WORLD.reflectors.strength > 0).all()
+    assert len(WORLD.movers.speed) == 3 * 6 + 3 * 2
+    assert len(build_world(np.random.default_rng(0), movers=0).movers.speed) == 0
+    assert len(build_world(np.random.default_rng(0), movers=1).movers.speed) == 6
+
+
+@pytest.mark.parametrize("bad", [-1, 1.5, np.nan, "many"])
+def test_a_bad_number_of_movers_is_refused(bad):
+    """Breaks if half a mover ends in a shape error."""
+    with pytest.raises(ValueError, match=r"^movers must be"):
+        build_world(np.random.default_rng(0), movers=bad)
+
+
+def test_only_a_generator_is_taken():
+    """Breaks if a seed silently draws from global state."""
+    with pytest.raises(ValueError, match=r"^rng must be"):
+        build_world(7)
