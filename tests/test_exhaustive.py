@@ -161,6 +161,14 @@ def test_select_filters() -> None:
     assert [trial for trial, _ in chosen] == [Trial("noise", "robust")]
 
 
+def test_span_is_the_longest_range_without_a_gap() -> None:
+    """Breaks if a value in the middle that fails is passed over."""
+    rows = select(read(), "outliers", cost="robust", distance_m=0.0)
+    good = iter([True, False, True, True, True, False, True, False, False, False])
+    assert exhaustive.span(rows, "outlier_share", lambda _: next(good)) == "0.2 to 0.4"
+    assert exhaustive.span(rows, "outlier_share", lambda _: False) == "nowhere"
+
+
 def test_a_hundredth_of_the_table_is_found_again() -> None:
     """Another hundredth every day; D2D_SWEEP_SEED repeats one.
 

@@ -9,8 +9,8 @@ goes on where it was; any single condition can be recomputed alone, with `recomp
 import argparse
 import csv
 import zlib
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, fields
 from itertools import product
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -333,9 +333,26 @@ def select(rows: Rows, factor: str, **wanted: Any) -> Rows:
     ]
 
 
-def from_truth(trial: Trial) -> Trial:
-    """The same trial, started at the truth."""
-    return replace(trial, distance_m=0.0, direction_deg=0.0, turn_deg=0.0)
+def success(outcome: Outcome) -> float:
+    """Share of the runs that ended at the truth."""
+    return outcome.at_truth / outcome.runs
+
+
+def coverage(outcome: Outcome) -> float:
+    """Share of the converged runs whose 95 % region contains the truth."""
+    return outcome.covered / outcome.converged
+
+
+def span(rows: Rows, parameter: str, holds: Callable[[Outcome], bool]) -> str:
+    """The longest range of neighbouring values of a parameter where something holds."""
+    runs: list[list[float]] = [[]]
+    for trial, outcome in rows:
+        if holds(outcome):
+            runs[-1].append(getattr(trial, parameter))
+        elif runs[-1]:
+            runs.append([])
+    longest = max(runs, key=len)
+    return f"{longest[0]:g} to {longest[-1]:g}" if longest else "nowhere"
 
 
 def main() -> None:

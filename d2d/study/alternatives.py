@@ -1,0 +1,62 @@
+"""What the field did next, on the draws of chapter 6 (chapter 9)."""
+
+import time
+from collections.abc import Callable
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from d2d._checks import Array
+from d2d.baselines.mixtures import register_mixture
+from d2d.baselines.symmetric import register_symmetric
+from d2d.cost import CorruptedGaussian
+from d2d.point_set import PointSet
+from d2d.registration import Estimate, register
+from d2d.study.evaluation import ALPHA, OUTLIER_COVARIANCE, ROBUST
+from d2d.study.runs import MonteCarlo
+from d2d.study.scenarios import Scenario
+from d2d.study.variants import same_draws
+
+OUTLIER = CorruptedGaussian(ALPHA, OUTLIER_COVARIANCE)
+
+Solver = Callable[[PointSet, PointSet, Array], Estimate]
+"""From one fixed set, one moving set and a start (3,) to an estimate."""
+
+SOLVERS: dict[str, Solver] = {
+    "likelihood": lambda f, m, start: register(f, m, ROBUST, start),
+    "both directions": lambda f, m, start: register_symmetric(f, m, ROBUST, start),
+    "max-mixture": lambda f, m, start: register_mixture(f, m, "max", OUTLIER, start),
+    "sum-mixture": lambda f, m, start: register_mixture(f, m, "sum", OUTLIER, start),
+    "max-sum-mixture": lambda f, m, start: register_mixture(f, m, "max-sum", OUTLIER, start),
+}
+
+
+class Compared(NamedTuple):
+    """The runs of one solver, and the seconds that one of them took."""
+
+    result: MonteCarlo
+    seconds: float
+
+
+@cache
+def solved(scenario: Scenario, name: str, off: float = 0.0, runs: int = 100) -> Compared:
+    """Register the first draws of a scene one by one with a solver of `SOLVERS`.
+
+    ``off`` says how far the start is off, from 0 (the truth) to 1 (zero motion).
+    """
+    fixed, moving = same_draws(scenario, runs)
+    start = scenario.theta * (1.0 - off)
+    SOLVERS[name](fixed[0], moving[0], start)  # loads the compiled code
+    begin = time.perf_counter()
+    found = [SOLVERS[name](fixed[run], moving[run], start) for run in range(runs)]
+    seconds = (time.perf_counter() - begin) / runs
+    return Compared(
+        MonteCarlo(
+            np.array([each.theta for each in found]) - scenario.theta,
+            np.array([each.covariance for each in found]),
+            np.array([bool(each.converged) for each in found]),
+            np.array([int(each.iterations) for each in found]),
+        ),
+        seconds,
+    )

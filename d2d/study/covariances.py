@@ -1,0 +1,93 @@
+"""Both covariances of every cost in every scene: inverse Hessian and propagation (chapter 9)."""
+
+import time
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from d2d import rigid
+from d2d._checks import Array
+from d2d.cost import RegistrationCost
+from d2d.covariance import propagate_covariance
+from d2d.credibility import Credibility, credibility
+from d2d.radar import Drive, estimate_ego_motion, propagate_ego_motion, track
+from d2d.registration import register
+from d2d.study.evaluation import COSTS
+from d2d.study.scenarios import Scenario
+from d2d.study.variants import same_draws
+
+ALL_COSTS = COSTS | {"P2D": RegistrationCost("p2d")}
+CREDIBLE = 0.5  # dB of I^2 to either side: an ANEES of 1.12 or 0.89 would show it
+
+
+class BothCovariances(NamedTuple):
+    """How credible each covariance of the same errors is."""
+
+    fisher: Credibility
+    propagated: Credibility
+    usable: float  # share of the runs that converged, and have both
+    slowdown: float  # time of the propagation over that of the registration
+
+
+@cache
+def both_covariances(scenario: Scenario, cost: str, runs: int = 1000) -> BothCovariances:
+    """Of a cost of `ALL_COSTS`, started at the true motion, on the draws of chapter 6."""
+    fixed, moving = same_draws(scenario, runs)
+    register(fixed[0], moving[0], ALL_COSTS[cost], scenario.theta)  # loads the compiled code
+    begin = time.perf_counter()
+    found = register(fixed, moving, ALL_COSTS[cost], scenario.theta)
+    middle = time.perf_counter()
+    propagated = propagate_covariance(found, fixed, moving, ALL_COSTS[cost])
+    slowdown = (time.perf_counter() - middle) / (middle - begin)
+    return judged(found.theta - scenario.theta, found.covariance, propagated, slowdown)
+
+
+def judged(errors: Array, fisher: Array, propagated: Array, slowdown: float) -> BothCovariances:
+    """Compare errors (N, 3) with two covariances (N, 3, 3), which may be nan."""
+    good = np.isfinite(fisher).all(axis=(1, 2)) & np.isfinite(propagated).all(axis=(1, 2))
+    return BothCovariances(
+        credibility(errors[good], fisher[good]),
+        credibility(errors[good], propagated[good]),
+        float(good.mean()),
+        slowdown,
+    )
+
+
+class DriveCovariances(NamedTuple):
+    """How credible three covariances of the same ego-motion errors are."""
+
+    fisher: Credibility
+    independent: Credibility  # propagation, a target's position and Doppler as if unrelated
+    shared: Credibility  # propagation, one azimuth error in both
+    rmse: Array  # (3,) m/s, m/s, rad/s
+    usable: float  # share of the pairs
+
+
+def drive_covariances(drive: Drive, *, doppler: bool, step: int = 3) -> DriveCovariances:
+    """Of every ``step``-th pair of scans, started where `d2d.radar.track` arrives.
+
+    The truth is the velocity that takes the pose of one scan to that of the next.
+    """
+    followed = track(drive.scans, drive.mounting, doppler=doppler)
+    errors, covariances = [], []
+    for i in range(0, len(drive.scans) - 1, step):
+        scans = drive.scans[i], drive.scans[i + 1]
+        found = estimate_ego_motion(
+            *scans, drive.mounting, doppler=doppler, initial=followed.theta[i]
+        )
+        propagated = [
+            propagate_ego_motion(
+                found, *scans, drive.mounting, doppler=doppler, shared_azimuth=shared
+            )
+            for shared in (False, True)
+        ]
+        poses = drive.truth.poses
+        moved = rigid.compose(rigid.inverse(poses[i]), poses[i + 1])
+        errors.append(found.theta - rigid.logarithm(moved) / followed.intervals[i])
+        covariances.append([found.covariance, *propagated])
+    error, covariance = np.array(errors), np.array(covariances)
+    good = np.isfinite(covariance).all(axis=(1, 2, 3))
+    fisher, independent, shared = (credibility(error[good], covariance[good, k]) for k in range(3))
+    rmse = np.asarray(np.sqrt(np.mean(error[good] ** 2, axis=0)))
+    return DriveCovariances(fisher, independent, shared, rmse, float(good.mean()))

@@ -1,0 +1,98 @@
+"""What chapter 9 compares: each comparison against the plain call that it stands for."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from d2d import credibility, propagate_covariance, register
+from d2d.radar import simulate_drive
+from d2d.study import exhaustive, scenarios, sweep_figures
+from d2d.study.alternatives import SOLVERS, solved
+from d2d.study.covariances import ALL_COSTS, both_covariances, drive_covariances, judged
+from d2d.study.evaluation import LIKELIHOOD, ROBUST, evaluated
+from d2d.study.exhaustive import Trial
+from d2d.study.variants import same_draws
+
+
+def test_both_covariances_are_those_of_the_same_errors() -> None:
+    """Breaks if the two are computed from different draws, or change places."""
+    found = both_covariances(scenarios.OVERLAPPED, "robust", 200)
+    fixed, moving = same_draws(scenarios.OVERLAPPED, 200)
+    estimate = register(fixed, moving, ROBUST, scenarios.OVERLAPPED.theta)
+    errors = estimate.theta - scenarios.OVERLAPPED.theta
+    propagated = propagate_covariance(estimate, fixed, moving, ROBUST)
+    assert_allclose(found.fisher.nees, credibility(errors, estimate.covariance).nees)
+    assert_allclose(found.propagated.nees, credibility(errors, propagated).nees)
+    assert found.usable == 1.0
+
+
+def test_runs_without_a_covariance_are_left_out_of_both() -> None:
+    """Breaks if one kind is judged on more runs than the other."""
+    rng = np.random.default_rng(0)
+    errors = rng.standard_normal((50, 3))
+    one, two = np.array([np.eye(3)] * 50), np.array([2.0 * np.eye(3)] * 50)
+    one[3], two[7] = np.nan, np.nan
+    found = judged(errors, one, two, 1.0)
+    assert len(found.fisher.nees) == len(found.propagated.nees) == 48
+    assert_allclose(found.fisher.nees, 2.0 * found.propagated.nees)
+    assert found.usable == 0.96
+
+
+@pytest.mark.parametrize("name", ALL_COSTS)
+def test_propagation_repairs_p2d_and_only_that(name: str) -> None:
+    """Chapter 9's first finding, on the thesis's overlapped scene."""
+    found = both_covariances(scenarios.OVERLAPPED, name)
+    if name == "P2D":
+        assert found.fisher.inclination > 2.0 > abs(found.propagated.inclination)
+    elif name == "summing":
+        assert found.fisher.inclination < found.propagated.inclination < -0.5
+    else:
+        assert abs(found.fisher.inclination - found.propagated.inclination) < 0.2
+
+
+def test_drive_covariances_know_the_shared_azimuth() -> None:
+    """Breaks if the sharing is lost on the way: it changes the estimate's claimed certainty."""
+    drive = simulate_drive(np.random.default_rng(2), 12.0)
+    with_doppler = drive_covariances(drive, doppler=True, step=2)
+    without = drive_covariances(drive, doppler=False, step=2)
+    assert with_doppler.shared.anees != pytest.approx(with_doppler.independent.anees, rel=1e-6)
+    assert without.shared.anees == pytest.approx(without.independent.anees)
+    assert with_doppler.rmse[0] < 0.2 * without.rmse[0]
+
+
+def test_solvers_start_where_they_are_told() -> None:
+    """Breaks if ``off`` is measured from zero, or the batch differs from the loop."""
+    expected = evaluated(scenarios.OVERLAPPED, ROBUST, "zero").errors[:20]
+    assert_allclose(solved(scenarios.OVERLAPPED, "likelihood", 1.0, 20).result.errors, expected)
+    for name in SOLVERS:
+        found = solved(scenarios.OVERLAPPED, name, 0.0, 20).result
+        assert np.hypot(*found.errors[:, :2].T).max() < 1.0, name
+
+
+def test_likelihoods_agree_where_they_are_the_same_cost() -> None:
+    """Breaks if a solver of the likelihood ends elsewhere from the same start."""
+    one, two = (
+        solved(scenarios.OVERLAPPED, name, 0.0, 20).result.errors
+        for name in ("likelihood", "max-sum-mixture")
+    )
+    assert_allclose(one, two, atol=1e-3)
+    assert evaluated(scenarios.OVERLAPPED, LIKELIHOOD).converged.all()
+
+
+def test_cross_range_sigma_is_that_of_a_target_at_mean_range() -> None:
+    assert_allclose(sweep_figures.cross_range_sigma(Trial("f", "robust", noise=2.0)), 1.41)
+
+
+def test_start_map_averages_the_directions() -> None:
+    """Breaks if rows and columns are exchanged, or a direction is lost."""
+    rows = exhaustive.read()
+    _, ax = plt.subplots()
+    sweep_figures.start_map(ax, rows, "robust", "1", "robust")
+    image = ax.images[0].get_array()
+    distance, turn = exhaustive.DISTANCES[2], exhaustive.TURNS[1]
+    wanted = {"cost": "robust", "scales": "1", "distance_m": distance, "turn_deg": turn}
+    chosen = exhaustive.select(rows, "start", **wanted)
+    assert len(chosen) == 4
+    assert_allclose(image[1, 2], np.mean([o.at_truth / o.runs for _, o in chosen]))
+    plt.close()
