@@ -8,7 +8,8 @@ from d2d import rigid
 from d2d._checks import Array
 from d2d.cost import OutlierModel, RegistrationCost
 from d2d.covariance import propagate_covariance
-from d2d.radar.ego_motion import DEFAULT_OUTLIER, _pair
+from d2d.radar.ego_motion import DEFAULT_OUTLIER
+from d2d.radar.pair import Pair
 from d2d.radar.scan import Mounting, RadarScan
 from d2d.registration import Estimate
 
@@ -57,7 +58,7 @@ def propagate_ego_motion(
     so that the correlation stays below 0.71.  It changes the shape of the covariance more than its
     size: the average NEES hardly shows it, the noncredibility index does.
     """
-    pair = _pair(previous, current, mounting, doppler, first_order)
+    pair = Pair.of(previous, current, mounting, doppler, first_order)
     if not isinstance(estimate, Estimate):
         raise ValueError(f"estimate must be an Estimate, but is a {type(estimate).__name__}")
     motion = pair.motion(rigid.motion("estimate", estimate.theta, 2))
