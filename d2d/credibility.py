@@ -28,7 +28,7 @@ class Credibility:
     ratio : (N,) array
         Credibility ratio rho = nees / credible_nees; above 1 is optimistic.
     nci : float
-        Noncredibility index, 10 mean |log10 rho|, in dB; 0 is ideal.
+        Noncredibility index, ``10 mean |log10 rho|``, in dB; 0 is ideal.
     inclination : float
         Inclination indicator I^2, 10 mean log10 rho, in dB; above 0 optimistic, below pessimistic.
     """

@@ -106,7 +106,7 @@ def exponential(twist: ArrayLike) -> Array:
 
 
 def logarithm(theta: ArrayLike) -> Array:
-    """The twist (..., 3) of a motion: exponential(logarithm(theta)) = theta, |phi| < 2 pi."""
+    """The twist (..., 3) of a motion: exponential(logarithm(theta)) = theta, ``|phi| < 2 pi``."""
     parameters = motion("theta", theta, 2)
     half = 0.5 * parameters[..., 2]
     arc = parameters[..., :2] / np.sinc(half / np.pi)[..., None]
@@ -115,7 +115,7 @@ def logarithm(theta: ArrayLike) -> Array:
 
 
 def logarithm_jacobian(theta: ArrayLike) -> Array:
-    """d logarithm / d theta (..., 3, 3), at a motion (..., 3) with |phi| < 2 pi."""
+    """d logarithm / d theta (..., 3, 3), at a motion (..., 3) with ``|phi| < 2 pi``."""
     parameters = motion("theta", theta, 2)
     x, y, phi = np.moveaxis(parameters, -1, 0)
     half = 0.5 * phi

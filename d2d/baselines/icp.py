@@ -44,7 +44,7 @@ class IcpResult:
 def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
     """The rigid motion (..., 3) of least squared distance between paired points (..., N, 2).
 
-    Minimises sum_n |R m_n + t - f_n|^2 in closed form.  With the centred points f', m' and the
+    Minimises ``sum_n |R m_n + t - f_n|^2`` in closed form.  With the centred points f', m' and the
     singular value decomposition sum_n m'_n f'_n^T = U S V^T, R = V diag(1, det(V U^T)) U^T and
     t = mean(f) - R mean(m) (Arun et al. 1987; the determinant of Umeyama 1991 excludes mirrors).
 

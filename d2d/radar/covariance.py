@@ -53,7 +53,7 @@ def propagate_ego_motion(
     Notes
     -----
     Sharing correlates the errors of the sensor's transverse velocity and of omega; it matters as
-    far as the Doppler velocity's error from the azimuth, sigma_azimuth |dV / d azimuth|, is not
+    far as the Doppler velocity's error from the azimuth, ``sigma_azimuth |dV / d azimuth|``, is not
     small beside sigma_doppler.  Half of omega's error is the previous scan's, which shares nothing,
     so that the effect is bounded at any speed.  It changes the shape of the covariance more than
     its size: the average NEES hardly shows it, the noncredibility index does.
