@@ -4,18 +4,21 @@ One pass over all pairs of a moving target ``k`` and a component ``i`` of the fi
 the cost, its gradient and its Hessian.  Per pair, with the rotated mean ``p = R mu_k`` and the
 rotated covariance ``C = R Sigma_k R'``::
 
-    d = p + t - mu_i      S = C + Sigma_i      B = S^-1      u = B d      L = log N(0 | d, S)
+    d = p + t - mu_i      S = C + Sigma_i      B = S^-1      u = B d      N = N(0 | d, S)
 
-and the derivatives of ``L`` follow from ``R' = E R`` with ``E = [[0, -1], [1, 0]]``.
+and the derivatives of ``N`` along the rotation follow from those along ``d``, as ``S`` turns with
+it and ``dN/dS = N_dd / 2``.
 
-Three things make it fast without changing the result:
+Four things make it fast without changing the result:
 
-* The sets are packed one quantity per row (x, y, Sxx, Sxy, Syy, weight), so that the loops over the
-  components compile to vector instructions.
-* A pair is skipped once its density is surely below ``exp(-GATE)`` of its target's largest one.
-  ``det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)`` (Minkowski) bounds the normalisation of every
-  pair by that of the component alone, ``w_i det(Sigma_i)^(-1/2) <= peak``, for any rotation.  All
-  skipped pairs of a target together change its density by less than ``exp(-GATE)`` = 2e-16 of it.
+* Eight targets, neighbours on a Z-order curve, are worked out at a time, one a vector lane, and
+  meet one component after the other.  Their numbers lie in rows of a scratch array.
+* What depends on the target alone is left out of the sums over the components.
+* A component is skipped once it is surely below ``exp(-GATE)`` of what each of the eight has in
+  its sum.  ``det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)`` (Minkowski) bounds the normalisation
+  of every pair by that of the component alone, ``w_i det(Sigma_i)^(-1/2) <= peak``, for any
+  rotation.  All skipped pairs of a target together change its density by less than ``exp(-GATE)``
+  = 2e-16 of it.
 * The corrupted Gaussian has one covariance for all pairs: six moments of its weights are enough.
 
 Everything stays in the log domain: a target far from everything gives a large finite cost.
@@ -38,7 +41,17 @@ NO_OUTLIER, UNIFORM, CORRUPTED = range(3)
 LIKELIHOOD, SUMMING = range(2)
 
 GATE = 36.0
-FARTHEST = 1e-200  # moments below it are taken again, relative to the nearest component
+NEAR = 12.5  # half a squared distance of five standard deviations
+# The scratch of a block of targets, one target a lane: rows of LANES numbers.  Four of them begin
+# ten rows each: a density's logarithm and its derivatives.
+LANES = 8
+G0, G1, G2, A00, A01, A11, A02, A12, A22 = range(LANES, 10 * LANES, LANES)
+INLIER, OUTLIER, FACTOR, TOTAL = range(0, 40 * LANES, 10 * LANES)
+MX, MY, CXX, CXY, CYY, COUNTS, REACH, LIMIT, OFFSET, TOP = range(40 * LANES, 50 * LANES, LANES)
+SQUARE, DETERMINANT = range(50 * LANES, 52 * LANES, LANES)
+SCRATCH = 52 * LANES
+NOTHING = 1e-300  # where a sum begins of which no term may be left
+FARTHEST = 1e-200  # sums below it are taken again, relative to the nearest component
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
 # do not show leaves pivots of rounding errors and of the residual gradient there.
 SINGULAR = 1e-8
@@ -94,77 +107,49 @@ def _exp(x: float) -> float:
     return p * _exponent_bits(shifted)
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
-def _half_distances(fixed, px, py, cxx, cxy, cyy, half):
-    """Half the squared Mahalanobis distance of one target to every component; the smallest."""
-    n = fixed.shape[1]
-    for i in range(n):
-        dx, dy = px - fixed[X, i], py - fixed[Y, i]
-        sxx, sxy, syy = cxx + fixed[XX, i], cxy + fixed[XY, i], cyy + fixed[YY, i]
-        square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
-        half[i] = 0.5 * square / (sxx * syy - sxy * sxy)
-    # a loop of its own: the minimum must be the very number that was stored
-    lowest = np.inf
-    for i in range(n):
-        lowest = min(lowest, half[i])
-    return lowest
+@intrinsic
+def _split(typingctx: Any, number: Any) -> Any:
+    """Mantissa in [1, 2) and exponent of a positive normal number, both as doubles."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        word, real = ir.IntType(64), ir.DoubleType()
+        bits = builder.bitcast(args[0], word)
+        fraction = builder.and_(bits, ir.Constant(word, 0x000FFFFFFFFFFFFF))
+        mantissa = builder.or_(fraction, ir.Constant(word, 0x3FF0000000000000))
+        # the exponent field becomes the low bits of 2^52 + exponent
+        field = builder.lshr(bits, ir.Constant(word, 52))
+        shifted = builder.bitcast(builder.or_(field, ir.Constant(word, 0x4330000000000000)), real)
+        exponent = builder.fsub(shifted, ir.Constant(real, 2.0**52 + 1023.0))
+        return context.make_tuple(
+            builder, signature.return_type, (builder.bitcast(mantissa, real), exponent)
+        )
+
+    return types.UniTuple(types.float64, 2)(types.float64), codegen
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
-def _outlier_moments(fixed, px, py, bxx, bxy, byy, offset):
-    """The six moments, of 1, d and d d', of the weights w_i exp(offset - d' B d / 2)."""
-    s = sx = sy = sxx = sxy = syy = 0.0
-    for i in range(fixed.shape[1]):
-        dx, dy = px - fixed[X, i], py - fixed[Y, i]
-        h = 0.5 * (bxx * dx * dx + 2.0 * bxy * dx * dy + byy * dy * dy)
-        v = fixed[WEIGHT, i] * _exp(offset - h)
-        s += v
-        sx += v * dx
-        sy += v * dy
-        sxx += v * dx * dx
-        sxy += v * dx * dy
-        syy += v * dy * dy
-    return s, sx, sy, sxx, sxy, syy
+@njit(forceinline=True, fastmath={"contract"}, error_model="numpy")
+def _log(x: float) -> float:
+    """log(x) of a positive normal number, by the series of artanh; vectorises as `_exp` does.
 
-
-@njit(error_model="numpy")
-def _far_outlier_moments(fixed, px, py, bxx, bxy, byy):
-    """The moments where every component is so far that they would vanish; and their offset."""
-    offset = np.inf
-    for i in range(fixed.shape[1]):
-        dx, dy = px - fixed[X, i], py - fixed[Y, i]
-        offset = min(offset, 0.5 * (bxx * dx * dx + 2.0 * bxy * dx * dy + byy * dy * dy))
-    return offset, _outlier_moments(fixed, px, py, bxx, bxy, byy, offset)
-
-
-@njit(forceinline=True, error_model="numpy")
-def _outlier_component(fixed, outlier, px, py, x, y):
-    """log of the corrupted Gaussian's component, its relative gradient and second derivatives."""
-    bxx, bxy, byy = outlier[3], outlier[4], outlier[5]
-    offset = 0.0
-    s, sx, sy, sxx, sxy, syy = _outlier_moments(fixed, px, py, bxx, bxy, byy, offset)
-    if s < FARTHEST:
-        offset, moments = _far_outlier_moments(fixed, px, py, bxx, bxy, byy)
-        s, sx, sy, sxx, sxy, syy = moments
-    sx, sy, sxx, sxy, syy = sx / s, sy / s, sxx / s, sxy / s, syy / s
-    # E[u] and E[u u'] of u = B d; d_phi = (-y, x); L_t = -u; L_phi = -u' d_phi
-    ux, uy = bxx * sx + bxy * sy, bxy * sx + byy * sy
-    uxx = bxx * (bxx * sxx + bxy * sxy) + bxy * (bxx * sxy + bxy * syy)
-    uxy = bxx * (bxy * sxx + byy * sxy) + bxy * (bxy * sxy + byy * syy)
-    uyy = bxy * (bxy * sxx + byy * sxy) + byy * (bxy * sxy + byy * syy)
-    bdx, bdy = bxy * x - bxx * y, byy * x - bxy * y  # B d_phi
-    return (
-        outlier[2] - offset + math.log(s),
-        -ux,
-        -uy,
-        y * ux - x * uy,
-        uxx - bxx,
-        uxy - bxy,
-        uyy - byy,
-        x * uxy - y * uxx - bdx,
-        x * uyy - y * uxy - bdy,
-        y * y * uxx - 2.0 * x * y * uxy + x * x * uyy + y * bdx - x * bdy + x * ux + y * uy,
-    )
+    Absolute error below 3e-16 near 1, relative error below 3e-16 elsewhere.
+    """
+    m, n = _split(x)
+    high = m > 1.4142135623730951
+    m = 0.5 * m if high else m
+    n = n + 1.0 if high else n
+    r = (m - 1.0) / (m + 1.0)
+    q = r * r
+    p = 1.0 / 21.0
+    p = p * q + 1.0 / 19.0
+    p = p * q + 1.0 / 17.0
+    p = p * q + 1.0 / 15.0
+    p = p * q + 1.0 / 13.0
+    p = p * q + 1.0 / 11.0
+    p = p * q + 1.0 / 9.0
+    p = p * q + 1.0 / 7.0
+    p = p * q + 1.0 / 5.0
+    p = p * q + 1.0 / 3.0
+    return n * _LN2_HIGH + (2.0 * r + (2.0 * r * q * p + n * _LN2_LOW))
 
 
 @njit(forceinline=True, error_model="numpy")
@@ -244,193 +229,439 @@ def _factor_terms(factor, xi):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
-def _inlier_component(fixed, px, py, x, y, cxx, cxy, cyy, half, near, lowest, gate):
-    """log sum_i w_i N(0 | d_i, S_i), its relative gradient and second derivatives."""
-    a, b = cxy, cxx - cyy  # C_phi = [[-2a, b], [b, 2a]], C_phiphi = [[-2b, -4a], [-4a, 2b]]
-    s = g0 = g1 = g2 = a00 = a01 = a11 = a02 = a12 = a22 = 0.0
-    # gather the pairs that matter first: the loop over them then compiles to vector instructions
-    count = 0
+@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+def _load(w, lanes, turn, moving, order, first, d2d, planar):
+    """Rotated means and covariances of the block; a block that is not full repeats the last."""
+    cosine, sine = turn
+    cc, cs, ss = cosine * cosine, cosine * sine, sine * sine
+    last = order.shape[0] - 1
+    for k in range(lanes):
+        j = order[min(first + k, last)]
+        x, y = moving[X, j], moving[Y, j]
+        w[MX + k] = cosine * x - sine * y
+        w[MY + k] = sine * x + cosine * y
+        w[COUNTS + k] = 1.0 if first + k <= last else 0.0
+        sxx, sxy, syy = moving[XX, j] * d2d, moving[XY, j] * d2d, moving[YY, j] * (d2d * planar)
+        w[CXX + k] = cc * sxx - 2.0 * cs * sxy + ss * syy
+        w[CXY + k] = cs * (sxx - syy) + (cc - ss) * sxy
+        w[CYY + k] = ss * sxx + 2.0 * cs * sxy + cc * syy
+
+
+@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+def _find_nearest(w, lanes, fixed, tx, ty):
+    """The smallest half squared Mahalanobis distance of each target of the block.
+
+    Distances d' adj(S) d / det(S) are compared crosswise, without a division.
+    """
+    for k in range(LANES):
+        w[SQUARE + k], w[DETERMINANT + k] = 1.0, 0.0
     for i in range(fixed.shape[1]):
-        near[count] = i
-        count += half[i] <= gate
-    for j in range(count):
-        i = near[j]
-        dx, dy = px - fixed[X, i], py - fixed[Y, i]
-        sxx, sxy, syy = cxx + fixed[XX, i], cxy + fixed[XY, i], cyy + fixed[YY, i]
-        inverse = 1.0 / (sxx * syy - sxy * sxy)
-        weight = fixed[WEIGHT, i] * math.sqrt(inverse) * _exp(lowest - half[i])
-        bxx, bxy, byy = syy * inverse, -sxy * inverse, sxx * inverse
-        ux, uy = bxx * dx + bxy * dy, bxy * dx + byy * dy
-        vx, vy = 2.0 * a * ux - b * uy - y, x - b * ux - 2.0 * a * uy  # v = d_phi - C_phi u
-        bvx, bvy = bxx * vx + bxy * vy, bxy * vx + byy * vy
-        difference, product = uy * uy - ux * ux, ux * uy
-        trace = 2.0 * a * (byy - bxx) + 2.0 * b * bxy  # tr(B C_phi)
-        l2 = y * ux - x * uy + a * difference + b * product - 0.5 * trace
-        l22 = (
-            -(vx * bvx + vy * bvy)
-            + (x * ux + y * uy)
-            + b * difference
-            - 4.0 * a * product
-            - b * (byy - bxx)
-            + 4.0 * a * bxy
-            + 0.5 * trace * trace
-            + (4.0 * a * a + b * b) * inverse
+        fx, fy = fixed[X, i] - tx, fixed[Y, i] - ty
+        fxx, fxy, fyy = fixed[XX, i], fixed[XY, i], fixed[YY, i]
+        for k in range(lanes):
+            dx, dy = w[MX + k] - fx, w[MY + k] - fy
+            sxx, sxy, syy = w[CXX + k] + fxx, w[CXY + k] + fxy, w[CYY + k] + fyy
+            square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
+            determinant = sxx * syy - sxy * sxy
+            old_square, old_determinant = w[SQUARE + k], w[DETERMINANT + k]
+            nearer = square * old_determinant < old_square * determinant
+            w[SQUARE + k] = square if nearer else old_square
+            w[DETERMINANT + k] = determinant if nearer else old_determinant
+    for k in range(lanes):
+        w[OFFSET + k] = 0.5 * w[SQUARE + k] / w[DETERMINANT + k]
+
+
+@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+def _add_pairs(w, lanes, fixed, tx, ty):
+    """Sum w_i N(0 | d_i, S_i) exp(OFFSET) and its derivatives over the components within REACH.
+
+    By heat's equation, dN/dS = N_dd / 2 (Price 1958), all derivatives follow from those along d,
+    which are polynomials of u = S^-1 d times N.  The rotation turns S by the operator K = M : d^2,
+    M = [[-a, h], [h, a]]; summed are 1, d, d^2, K d and K^2.
+    """
+    for k in range(10 * LANES):
+        w[INLIER + k] = 0.0
+    for k in range(LANES):
+        w[INLIER + k] = NOTHING
+    for i in range(fixed.shape[1]):
+        fx, fy, own = fixed[X, i] - tx, fixed[Y, i] - ty, fixed[WEIGHT, i]
+        fxx, fxy, fyy = fixed[XX, i], fixed[XY, i], fixed[YY, i]
+        near = False
+        for k in range(lanes):
+            dx, dy = w[MX + k] - fx, w[MY + k] - fy
+            sxx, sxy, syy = w[CXX + k] + fxx, w[CXY + k] + fxy, w[CYY + k] + fyy
+            square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
+            near |= square <= w[REACH + k] * (sxx * syy - sxy * sxy)
+        if not near:
+            continue
+        for k in range(lanes):
+            dx, dy = w[MX + k] - fx, w[MY + k] - fy
+            cxx, cxy, cyy = w[CXX + k], w[CXY + k], w[CYY + k]
+            a, h = cxy, 0.5 * (cxx - cyy)
+            sxx, sxy, syy = cxx + fxx, cxy + fxy, cyy + fyy
+            inverse = 1.0 / (sxx * syy - sxy * sxy)
+            bxx, bxy, byy = syy * inverse, -sxy * inverse, sxx * inverse
+            ux, uy = bxx * dx + bxy * dy, bxy * dx + byy * dy
+            half = 0.5 * (ux * dx + uy * dy)
+            weight = own * math.sqrt(inverse) * _exp(min(w[OFFSET + k] - half, 0.0))
+            mx, my = h * uy - a * ux, h * ux + a * uy  # M u
+            trace = a * (byy - bxx) + 2.0 * h * bxy  # tr(M B)
+            turned = ux * mx + uy * my - trace  # K
+            bmx, bmy = bxx * mx + bxy * my, bxy * mx + byy * my  # B M u
+            w[INLIER + k] += weight
+            w[INLIER + G0 + k] -= weight * ux
+            w[INLIER + G1 + k] -= weight * uy
+            w[INLIER + A00 + k] += weight * (ux * ux - bxx)
+            w[INLIER + A01 + k] += weight * (ux * uy - bxy)
+            w[INLIER + A11 + k] += weight * (uy * uy - byy)
+            w[INLIER + A02 + k] += weight * (2.0 * bmx - ux * turned)
+            w[INLIER + A12 + k] += weight * (2.0 * bmy - uy * turned)
+            w[INLIER + A22 + k] += weight * (
+                turned * turned
+                - 4.0 * (mx * bmx + my * bmy)
+                + 2.0 * (trace * trace + 2.0 * (a * a + h * h) * inverse)
+            )
+
+
+@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+def _sum_inliers(w, lanes, fixed, tx, ty, bounds):
+    """log sum_i w_i N(0 | d_i, S_i), its relative gradient and second derivatives.
+
+    ``REACH`` says up to where pairs could matter to each target beside its outlier component.
+    """
+    log_peak, log_spread = bounds
+    # Nearly always some component is near enough for all beyond this reach to vanish beside it.
+    enough = NEAR + GATE + log_spread
+    for k in range(lanes):
+        w[LIMIT + k] = w[REACH + k]
+        w[REACH + k] = 2.0 * min(w[REACH + k], enough)
+        w[OFFSET + k] = 0.0
+    _add_pairs(w, lanes, fixed, tx, ty)
+    least = math.exp(log_peak - NEAR - log_spread)
+    unsure = False
+    for k in range(lanes):
+        unsure |= (w[INLIER + k] < least) & (w[LIMIT + k] > enough)
+    if unsure:
+        # where not, the reach begins at the nearest one
+        _find_nearest(w, lanes, fixed, tx, ty)
+        for k in range(lanes):
+            w[REACH + k] = 2.0 * min(w[LIMIT + k], w[OFFSET + k] + GATE + log_spread)
+        _add_pairs(w, lanes, fixed, tx, ty)
+    for k in range(lanes):
+        x, y, a, h = w[MX + k], w[MY + k], w[CXY + k], 0.5 * (w[CXX + k] - w[CYY + k])
+        r = 1.0 / w[INLIER + k]
+        g0, g1 = r * w[INLIER + G0 + k], r * w[INLIER + G1 + k]
+        a00, a01, a11 = r * w[INLIER + A00 + k], r * w[INLIER + A01 + k], r * w[INLIER + A11 + k]
+        k0, k1 = r * w[INLIER + A02 + k], r * w[INLIER + A12 + k]
+        # d/dphi = d_phi . d + K with d_phi = (-y, x), d_phiphi = -(x, y) and
+        # M_phi = 2 [[-h, -a], [-a, h]]
+        w[INLIER + k] = _log(w[INLIER + k]) - w[OFFSET + k] - LOG_2PI
+        w[INLIER + G0 + k] = g0
+        w[INLIER + G1 + k] = g1
+        w[INLIER + G2 + k] = x * g1 - y * g0 + a * (a11 - a00) + 2.0 * h * a01
+        w[INLIER + A00 + k] = a00
+        w[INLIER + A01 + k] = a01
+        w[INLIER + A11 + k] = a11
+        w[INLIER + A02 + k] = x * a01 - y * a00 + k0
+        w[INLIER + A12 + k] = x * a11 - y * a01 + k1
+        w[INLIER + A22 + k] = (
+            y * y * a00
+            - 2.0 * x * y * a01
+            + x * x * a11
+            + 2.0 * (x * k1 - y * k0)
+            + r * w[INLIER + A22 + k]
+            - x * g0
+            - y * g1
+            + 2.0 * h * (a11 - a00)
+            - 4.0 * a * a01
         )
-        s += weight
-        g0 -= weight * ux
-        g1 -= weight * uy
-        g2 += weight * l2
-        a00 += weight * (ux * ux - bxx)
-        a01 += weight * (ux * uy - bxy)
-        a11 += weight * (uy * uy - byy)
-        a02 -= weight * (bvx + ux * l2)
-        a12 -= weight * (bvy + uy * l2)
-        a22 += weight * (l22 + l2 * l2)
-    r = 1.0 / s
-    return (
-        math.log(s) - lowest - LOG_2PI,
-        g0 * r,
-        g1 * r,
-        g2 * r,
-        a00 * r,
-        a01 * r,
-        a11 * r,
-        a02 * r,
-        a12 * r,
-        a22 * r,
-    )
+
+
+@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+def _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy):
+    """Sum the six moments, of 1, d and d d', of the weights w_i exp(OFFSET - d' B d / 2)."""
+    for k in range(6 * LANES):
+        w[OUTLIER + k] = 0.0
+    for i in range(fixed.shape[1]):
+        fx, fy, own = fixed[X, i] - tx, fixed[Y, i] - ty, fixed[WEIGHT, i]
+        for k in range(lanes):
+            dx, dy = w[MX + k] - fx, w[MY + k] - fy
+            half = 0.5 * (bxx * dx * dx + 2.0 * bxy * dx * dy + byy * dy * dy)
+            v = own * _exp(w[OFFSET + k] - half)
+            w[OUTLIER + k] += v
+            w[OUTLIER + G0 + k] += v * dx
+            w[OUTLIER + G1 + k] += v * dy
+            w[OUTLIER + G2 + k] += v * dx * dx
+            w[OUTLIER + A00 + k] += v * dx * dy
+            w[OUTLIER + A01 + k] += v * dy * dy
+
+
+@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+def _sum_outliers(w, lanes, fixed, tx, ty, outlier):
+    """log of the corrupted Gaussian's component, its relative gradient and second derivatives."""
+    bxx, bxy, byy = outlier[3], outlier[4], outlier[5]
+    for k in range(LANES):
+        w[OFFSET + k] = 0.0
+    _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy)
+    vanishing = False
+    for k in range(lanes):
+        vanishing |= w[OUTLIER + k] < FARTHEST
+    if vanishing:
+        for k in range(LANES):
+            w[OFFSET + k] = np.inf
+        for i in range(fixed.shape[1]):
+            fx, fy = fixed[X, i] - tx, fixed[Y, i] - ty
+            for k in range(lanes):
+                dx, dy = w[MX + k] - fx, w[MY + k] - fy
+                half = 0.5 * (bxx * dx * dx + 2.0 * bxy * dx * dy + byy * dy * dy)
+                w[OFFSET + k] = min(w[OFFSET + k], half)
+        _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy)
+    for k in range(lanes):
+        x, y, s = w[MX + k], w[MY + k], w[OUTLIER + k]
+        r = 1.0 / s
+        sx, sy = w[OUTLIER + G0 + k] * r, w[OUTLIER + G1 + k] * r
+        sxx, sxy, syy = (
+            w[OUTLIER + G2 + k] * r,
+            w[OUTLIER + A00 + k] * r,
+            w[OUTLIER + A01 + k] * r,
+        )
+        # E[u] and E[u u'] of u = B d; d_phi = (-y, x); L_t = -u; L_phi = -u' d_phi
+        ux, uy = bxx * sx + bxy * sy, bxy * sx + byy * sy
+        uxx = bxx * (bxx * sxx + bxy * sxy) + bxy * (bxx * sxy + bxy * syy)
+        uxy = bxx * (bxy * sxx + byy * sxy) + bxy * (bxy * sxy + byy * syy)
+        uyy = bxy * (bxy * sxx + byy * sxy) + byy * (bxy * sxy + byy * syy)
+        bdx, bdy = bxy * x - bxx * y, byy * x - bxy * y  # B d_phi
+        w[OUTLIER + k] = outlier[2] - w[OFFSET + k] + _log(s)
+        w[OUTLIER + G0 + k] = -ux
+        w[OUTLIER + G1 + k] = -uy
+        w[OUTLIER + G2 + k] = y * ux - x * uy
+        w[OUTLIER + A00 + k] = uxx - bxx
+        w[OUTLIER + A01 + k] = uxy - bxy
+        w[OUTLIER + A11 + k] = uyy - byy
+        w[OUTLIER + A02 + k] = x * uxy - y * uxx - bdx
+        w[OUTLIER + A12 + k] = x * uyy - y * uxy - bdy
+        w[OUTLIER + A22 + k] = (
+            y * y * uxx - 2.0 * x * y * uxy + x * x * uyy + y * bdx - x * bdy + x * ux + y * uy
+        )
 
 
 @njit(forceinline=True, error_model="numpy")
-def _target(
-    theta, turn, chart, fixed, moving, k, log_peak, d2d, planar, outlier, factor, half, near
+def _factors(w, lanes, theta, chart, factor, order, first):
+    """log of the densities of the block's measurements, their gradients and Hessians."""
+    last = order.shape[0] - 1
+    for k in range(lanes):
+        j = order[min(first + k, last)]
+        terms = _through_chart(_factor_terms(factor[j], chart), theta, chart)
+        for row in range(10):
+            w[FACTOR + row * LANES + k] = terms[row]
+
+
+@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+def _multiply(w, lanes):
+    """The inlier densities times those of the measurements."""
+    for k in range(lanes):
+        f0, f1, f2 = w[FACTOR + G0 + k], w[FACTOR + G1 + k], w[FACTOR + G2 + k]
+        g0, g1, g2 = w[INLIER + G0 + k], w[INLIER + G1 + k], w[INLIER + G2 + k]
+        w[INLIER + k] += w[FACTOR + k]
+        w[INLIER + G0 + k] += f0
+        w[INLIER + G1 + k] += f1
+        w[INLIER + G2 + k] += f2
+        w[INLIER + A00 + k] += 2.0 * g0 * f0 + f0 * f0 + w[FACTOR + A00 + k]
+        w[INLIER + A01 + k] += g0 * f1 + g1 * f0 + f0 * f1 + w[FACTOR + A01 + k]
+        w[INLIER + A11 + k] += 2.0 * g1 * f1 + f1 * f1 + w[FACTOR + A11 + k]
+        w[INLIER + A02 + k] += g0 * f2 + g2 * f0 + f0 * f2 + w[FACTOR + A02 + k]
+        w[INLIER + A12 + k] += g1 * f2 + g2 * f1 + f1 * f2 + w[FACTOR + A12 + k]
+        w[INLIER + A22 + k] += 2.0 * g2 * f2 + f2 * f2 + w[FACTOR + A22 + k]
+
+
+@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+def _mix(w, lanes, log_inlier_weight):
+    """The inlier densities plus those of the outlier component."""
+    for k in range(lanes):
+        # shares p of the inlier and q of the outlier component, from the smaller over the larger
+        inlier, other = log_inlier_weight + w[INLIER + k], w[OUTLIER + k]
+        difference = other - inlier
+        ratio = _exp(-abs(difference))
+        larger = 1.0 / (1.0 + ratio)
+        smaller = ratio * larger
+        p, q = (smaller, larger) if difference > 0.0 else (larger, smaller)
+        w[INLIER + k] = max(inlier, other) + _log(1.0 + ratio)
+        w[INLIER + G0 + k] = p * w[INLIER + G0 + k] + q * w[OUTLIER + G0 + k]
+        w[INLIER + G1 + k] = p * w[INLIER + G1 + k] + q * w[OUTLIER + G1 + k]
+        w[INLIER + G2 + k] = p * w[INLIER + G2 + k] + q * w[OUTLIER + G2 + k]
+        w[INLIER + A00 + k] = p * w[INLIER + A00 + k] + q * w[OUTLIER + A00 + k]
+        w[INLIER + A01 + k] = p * w[INLIER + A01 + k] + q * w[OUTLIER + A01 + k]
+        w[INLIER + A11 + k] = p * w[INLIER + A11 + k] + q * w[OUTLIER + A11 + k]
+        w[INLIER + A02 + k] = p * w[INLIER + A02 + k] + q * w[OUTLIER + A02 + k]
+        w[INLIER + A12 + k] = p * w[INLIER + A12 + k] + q * w[OUTLIER + A12 + k]
+        w[INLIER + A22 + k] = p * w[INLIER + A22 + k] + q * w[OUTLIER + A22 + k]
+
+
+@njit(forceinline=True, error_model="numpy")
+def _block(
+    w,
+    lanes,
+    theta,
+    turn,
+    chart,
+    fixed,
+    moving,
+    order,
+    first,
+    bounds,
+    d2d,
+    planar,
+    outlier,
+    factor,
 ):
-    """log q_k with its gradient (3) and second derivatives of q_k over q_k (6)."""
-    cosine, sine = turn
-    mx, my = moving[X, k], moving[Y, k]
-    x, y = cosine * mx - sine * my, sine * mx + cosine * my
-    px, py = x + theta[0], y + theta[1]
-    cxx = cxy = cyy = 0.0
-    if d2d:
-        sxx, sxy, syy = moving[XX, k], moving[XY, k], moving[YY, k]
-        if planar:
-            cc, cs, ss = cosine * cosine, cosine * sine, sine * sine
-            cxx = cc * sxx - 2.0 * cs * sxy + ss * syy
-            cxy = cs * (sxx - syy) + (cc - ss) * sxy
-            cyy = ss * sxx + 2.0 * cs * sxy + cc * syy
-        else:
-            cxx = sxx  # along y the fixed set alone has the variance of unit density
+    """log q_k, its gradient (3) and q_k's second derivatives over q_k (6) of a block of targets."""
+    tx, ty = theta[0], theta[1]
+    kind, measured = outlier[0], factor.shape[0] > 0
+    _load(w, lanes, turn, moving, order, first, d2d, planar)
+    if measured:
+        _factors(w, lanes, theta, chart, factor, order, first)
+    if kind == CORRUPTED:
+        _sum_outliers(w, lanes, fixed, tx, ty, outlier)
+    elif kind == UNIFORM:
+        for k in range(10 * LANES):
+            w[OUTLIER + k] = 0.0
+        for k in range(LANES):
+            w[OUTLIER + k] = outlier[2]
+    # beyond this half squared distance all pairs together vanish beside the outlier component
+    for k in range(LANES):
+        w[REACH + k] = np.inf
+        if kind != NO_OUTLIER:
+            w[REACH + k] = GATE + outlier[1] + bounds[0] - LOG_2PI - w[OUTLIER + k]
+            if measured:
+                w[REACH + k] += w[FACTOR + k]
+        if w[COUNTS + k] == 0.0:
+            w[REACH + k] = -1.0
+    _sum_inliers(w, lanes, fixed, tx, ty, bounds)
+    if measured:
+        _multiply(w, lanes)
+    if kind != NO_OUTLIER:
+        _mix(w, lanes, outlier[1])
 
-    lowest = _half_distances(fixed, px, py, cxx, cxy, cyy, half)
 
-    extra = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    has_factor = factor.shape[0] > 0
-    if has_factor:
-        extra = _through_chart(_factor_terms(factor[k], chart), theta, chart)
-    kind = outlier[0]
-    if kind == UNIFORM:
-        other = (outlier[2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    elif kind == CORRUPTED:
-        other = _outlier_component(fixed, outlier, px, py, x, y)
-    else:
-        other = (-np.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+@njit(error_model="numpy")
+def _bounds(fixed, moving, extremes):
+    """Logarithms: the most that all pairs' densities can sum to; that over the least of one pair.
 
-    # The whole inlier part may be too far to matter beside the outlier component.
-    bound = outlier[1] + extra[0] + log_peak - lowest - LOG_2PI
-    if bound < other[0] - GATE:
-        return other
+    ``extremes`` holds the largest w_i det(Sigma_i)^(-1/2), the smallest w_i and the largest trace
+    of the fixed set; det(S)^(1/2) <= tr(S) / 2.
+    """
+    trace = 0.0
+    for k in range(moving.shape[1]):
+        trace = max(trace, moving[XX, k] + moving[YY, k])
+    peak = extremes[0] * fixed.shape[1]
+    return math.log(peak), math.log(0.5 * peak * (extremes[2] + trace) / extremes[1])
 
-    # Of the nearest component's density only its normalisation is unknown: bound it from below by
-    # the Hadamard inequality det(S) <= Sxx Syy over all components, cheap and never too tight.
-    nearest = np.inf
-    gate = lowest
-    for i in range(fixed.shape[1]):
-        if half[i] == lowest:
-            sxx, syy = cxx + fixed[XX, i], cyy + fixed[YY, i]
-            nearest = fixed[WEIGHT, i] / math.sqrt(sxx * syy)
-            gate = lowest + GATE + log_peak - math.log(nearest)
-            break
 
-    inner = _inlier_component(fixed, px, py, x, y, cxx, cxy, cyy, half, near, lowest, gate)
-    if has_factor:
-        f0, f1, f2 = extra[1], extra[2], extra[3]
-        g0, g1, g2 = inner[1], inner[2], inner[3]
-        inner = (
-            inner[0] + extra[0],
-            g0 + f0,
-            g1 + f1,
-            g2 + f2,
-            inner[4] + 2.0 * g0 * f0 + f0 * f0 + extra[4],
-            inner[5] + g0 * f1 + g1 * f0 + f0 * f1 + extra[5],
-            inner[6] + 2.0 * g1 * f1 + f1 * f1 + extra[6],
-            inner[7] + g0 * f2 + g2 * f0 + f0 * f2 + extra[7],
-            inner[8] + g1 * f2 + g2 * f1 + f1 * f2 + extra[8],
-            inner[9] + 2.0 * g2 * f2 + f2 * f2 + extra[9],
-        )
-    if kind == NO_OUTLIER:
-        return inner
+@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+def _add_logarithms(w, lanes):
+    """Fuse by the likelihood: add log q_k and its derivatives to the sums."""
+    for k in range(lanes):
+        counts = w[COUNTS + k]
+        g0, g1, g2 = w[INLIER + G0 + k], w[INLIER + G1 + k], w[INLIER + G2 + k]
+        w[TOTAL + k] += counts * w[INLIER + k]
+        w[TOTAL + G0 + k] += counts * g0
+        w[TOTAL + G1 + k] += counts * g1
+        w[TOTAL + G2 + k] += counts * g2
+        w[TOTAL + A00 + k] += counts * (w[INLIER + A00 + k] - g0 * g0)
+        w[TOTAL + A01 + k] += counts * (w[INLIER + A01 + k] - g0 * g1)
+        w[TOTAL + A11 + k] += counts * (w[INLIER + A11 + k] - g1 * g1)
+        w[TOTAL + A02 + k] += counts * (w[INLIER + A02 + k] - g0 * g2)
+        w[TOTAL + A12 + k] += counts * (w[INLIER + A12 + k] - g1 * g2)
+        w[TOTAL + A22 + k] += counts * (w[INLIER + A22 + k] - g2 * g2)
 
-    # shares p of the inlier and q of the outlier component, from the smaller over the larger one
-    log_inlier = outlier[1] + inner[0]
-    difference = other[0] - log_inlier
-    ratio = math.exp(-abs(difference))
-    p, q = 1.0 / (1.0 + ratio), ratio / (1.0 + ratio)
-    if difference > 0.0:
-        p, q = q, p
-    return (
-        max(log_inlier, other[0]) + math.log1p(ratio),
-        p * inner[1] + q * other[1],
-        p * inner[2] + q * other[2],
-        p * inner[3] + q * other[3],
-        p * inner[4] + q * other[4],
-        p * inner[5] + q * other[5],
-        p * inner[6] + q * other[6],
-        p * inner[7] + q * other[7],
-        p * inner[8] + q * other[8],
-        p * inner[9] + q * other[9],
-    )
+
+@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+def _add_densities(w, lanes):
+    """Fuse by the sum: add q_k exp(-top) and its derivatives, the top rising with the largest."""
+    for k in range(lanes):
+        top = max(w[TOP + k], w[INLIER + k])
+        keep = _exp(w[TOP + k] - top)
+        own = w[COUNTS + k] * _exp(w[INLIER + k] - top)
+        w[TOP + k] = top
+        w[TOTAL + k] = keep * w[TOTAL + k] + own
+        w[TOTAL + G0 + k] = keep * w[TOTAL + G0 + k] + own * w[INLIER + G0 + k]
+        w[TOTAL + G1 + k] = keep * w[TOTAL + G1 + k] + own * w[INLIER + G1 + k]
+        w[TOTAL + G2 + k] = keep * w[TOTAL + G2 + k] + own * w[INLIER + G2 + k]
+        w[TOTAL + A00 + k] = keep * w[TOTAL + A00 + k] + own * w[INLIER + A00 + k]
+        w[TOTAL + A01 + k] = keep * w[TOTAL + A01 + k] + own * w[INLIER + A01 + k]
+        w[TOTAL + A11 + k] = keep * w[TOTAL + A11 + k] + own * w[INLIER + A11 + k]
+        w[TOTAL + A02 + k] = keep * w[TOTAL + A02 + k] + own * w[INLIER + A02 + k]
+        w[TOTAL + A12 + k] = keep * w[TOTAL + A12 + k] + own * w[INLIER + A12 + k]
+        w[TOTAL + A22 + k] = keep * w[TOTAL + A22 + k] + own * w[INLIER + A22 + k]
+
+
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
+def _total(w, row):
+    total = 0.0
+    for k in range(LANES):
+        total += w[TOTAL + row + k]
+    return total
 
 
 @njit(error_model="numpy")
 def _evaluate(
-    theta, fixed, moving, peak, d2d, planar, fusion, outlier, factor, in_twist, half, near, g, h
+    theta,
+    fixed,
+    moving,
+    order,
+    bounds,
+    d2d,
+    planar,
+    fusion,
+    outlier,
+    factor,
+    in_twist,
+    w,
+    g,
+    h,
 ):
     """Cost at theta; its gradient goes to g (3), its Hessian to h (3, 3)."""
     turn = (math.cos(theta[2]), math.sin(theta[2]))
     chart = _chart(theta, in_twist)
-    log_peak = math.log(peak * fixed.shape[1])
-    value = g0 = g1 = g2 = a00 = a01 = a11 = a02 = a12 = a22 = 0.0
-    top, total = -np.inf, 0.0
-    for k in range(moving.shape[1]):
-        q = _target(
-            theta, turn, chart, fixed, moving, k, log_peak, d2d, planar, outlier, factor, half, near
+    for k in range(10 * LANES):
+        w[TOTAL + k] = 0.0
+    for k in range(LANES):
+        w[TOP + k] = -np.inf
+    lanes = w.shape[0] // (SCRATCH // LANES)
+    for first in range(0, moving.shape[1], LANES):
+        _block(
+            w,
+            lanes,
+            theta,
+            turn,
+            chart,
+            fixed,
+            moving,
+            order,
+            first,
+            bounds,
+            d2d,
+            planar,
+            outlier,
+            factor,
         )
         if fusion == LIKELIHOOD:
-            weight, keep = 1.0, 1.0
-            value -= q[0]
-            e0, e1, e2 = q[1], q[2], q[3]
+            _add_logarithms(w, lanes)
         else:
-            # a streaming sum of exponentials: rescale what is there whenever the top rises
-            keep = 1.0
-            if q[0] > top:
-                keep = math.exp(top - q[0])
-                top = q[0]
-            weight = math.exp(q[0] - top)
-            total = total * keep + weight
-            e0 = e1 = e2 = 0.0
-        g0 = g0 * keep + weight * q[1]
-        g1 = g1 * keep + weight * q[2]
-        g2 = g2 * keep + weight * q[3]
-        a00 = a00 * keep + weight * (q[4] - e0 * e0)
-        a01 = a01 * keep + weight * (q[5] - e0 * e1)
-        a11 = a11 * keep + weight * (q[6] - e1 * e1)
-        a02 = a02 * keep + weight * (q[7] - e0 * e2)
-        a12 = a12 * keep + weight * (q[8] - e1 * e2)
-        a22 = a22 * keep + weight * (q[9] - e2 * e2)
+            _add_densities(w, lanes)
     if fusion == SUMMING:
-        value = -(top + math.log(total))
-        r = 1.0 / total
+        top = w[TOP : TOP + LANES].max()
+        for k in range(LANES):
+            keep = math.exp(w[TOP + k] - top)
+            for row in range(0, 10 * LANES, LANES):
+                w[TOTAL + row + k] *= keep
+    value = -_total(w, 0)
+    g0, g1, g2 = _total(w, G0), _total(w, G1), _total(w, G2)
+    a00, a01, a11 = _total(w, A00), _total(w, A01), _total(w, A11)
+    a02, a12, a22 = _total(w, A02), _total(w, A12), _total(w, A22)
+    if fusion == SUMMING:
+        r = -1.0 / value
+        value = -(top + math.log(-value))
         g0, g1, g2 = g0 * r, g1 * r, g2 * r
         a00, a01, a11 = a00 * r - g0 * g0, a01 * r - g0 * g1, a11 * r - g1 * g1
         a02, a12, a22 = a02 * r - g0 * g2, a12 * r - g1 * g2, a22 * r - g2 * g2
@@ -486,9 +717,9 @@ def _shifted_solve(h, g, shift, scale, step):
 
 
 @njit(error_model="numpy")
-def _invert(h, inverse):
+def _invert(h, unit, column, inverse):
     """Inverse of a positive definite matrix, column by column; symmetric to the last bit."""
-    unit, column = np.zeros(3), np.empty(3)
+    unit[0] = unit[1] = unit[2] = 0.0
     for j in range(3):
         unit[j] = -1.0
         _shifted_solve(h, unit, 0.0, unit, column)
@@ -602,7 +833,8 @@ def _minimise(
     theta,
     fixed,
     moving,
-    peak,
+    order,
+    extremes,
     d2d,
     planar,
     fusion,
@@ -611,6 +843,7 @@ def _minimise(
     in_twist,
     tolerance,
     most,
+    work,
     g,
     h,
 ):
@@ -621,15 +854,26 @@ def _minimise(
     squared distance to the optimum in estimated standard deviations, is below the tolerance, or
     the step can no longer lower the cost in floating point.
     """
-    half, near = np.empty(fixed.shape[1]), np.empty(fixed.shape[1], dtype=np.uint64)
-    step, scale, trial = np.empty(3), np.empty(3), np.empty(3)
-    trial_g, trial_h = np.empty(3), np.empty((3, 3))
-    kick = np.array(
-        [1.0, 0.7 * planar, 0.4 * planar]
-    )  # no direction that matters is at right angles
+    w, step, scale, kick, trial, trial_g, trial_h = work
+    # no direction that matters is at right angles to this one
+    kick[0], kick[1], kick[2] = 1.0, 0.7 * planar, 0.4 * planar
+    bounds = _bounds(fixed, moving, extremes)
     radius = _first_radius(fixed, moving, d2d, planar, scale)
     value = _evaluate(
-        theta, fixed, moving, peak, d2d, planar, fusion, outlier, factor, in_twist, half, near, g, h
+        theta,
+        fixed,
+        moving,
+        order,
+        bounds,
+        d2d,
+        planar,
+        fusion,
+        outlier,
+        factor,
+        in_twist,
+        w,
+        g,
+        h,
     )
     for iteration in range(most):
         if not math.isfinite(value):
@@ -650,15 +894,15 @@ def _minimise(
             trial,
             fixed,
             moving,
-            peak,
+            order,
+            bounds,
             d2d,
             planar,
             fusion,
             outlier,
             factor,
             in_twist,
-            half,
-            near,
+            w,
             trial_g,
             trial_h,
         )
@@ -687,7 +931,8 @@ def evaluate_batch(
     thetas,
     fixed,
     moving,
-    peaks,
+    orders,
+    extremes,
     which,
     d2d,
     planar,
@@ -700,21 +945,21 @@ def evaluate_batch(
     hessian,
 ):
     """Cost, gradient and Hessian of every problem; ``which`` (B, 3) names its sets and factor."""
-    half, near = np.empty(fixed.shape[2]), np.empty(fixed.shape[2], dtype=np.uint64)
+    w = np.empty(SCRATCH)
     for b in range(thetas.shape[0]):
         value[b] = _evaluate(
             thetas[b],
             fixed[which[b, 0]],
             moving[which[b, 1]],
-            peaks[which[b, 0]],
+            orders[which[b, 1]],
+            _bounds(fixed[which[b, 0]], moving[which[b, 1]], extremes[which[b, 0]]),
             d2d,
             planar,
             fusion,
             outlier,
             factors[which[b, 2]],
             in_twist,
-            half,
-            near,
+            w,
             gradient[b],
             hessian[b],
         )
@@ -722,29 +967,46 @@ def evaluate_batch(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def log_density_batch(
-    thetas, fixed, moving, peaks, which, d2d, planar, outlier, factors, in_twist, log_density
+    thetas,
+    fixed,
+    moving,
+    orders,
+    extremes,
+    which,
+    d2d,
+    planar,
+    outlier,
+    factors,
+    in_twist,
+    log_density,
 ):
     """log q_k of every target of every problem."""
-    half, near = np.empty(fixed.shape[2]), np.empty(fixed.shape[2], dtype=np.uint64)
+    w = np.empty(SCRATCH)
     for b in range(thetas.shape[0]):
         turn = (math.cos(thetas[b, 2]), math.sin(thetas[b, 2]))
         chart = _chart(thetas[b], in_twist)
-        for k in range(moving.shape[2]):
-            log_density[b, k] = _target(
+        order = orders[which[b, 1]]
+        bounds = _bounds(fixed[which[b, 0]], moving[which[b, 1]], extremes[which[b, 0]])
+        lanes = w.shape[0] // (SCRATCH // LANES)
+        for first in range(0, moving.shape[2], LANES):
+            _block(
+                w,
+                lanes,
                 thetas[b],
                 turn,
                 chart,
                 fixed[which[b, 0]],
                 moving[which[b, 1]],
-                k,
-                math.log(peaks[which[b, 0]] * fixed.shape[2]),
+                order,
+                first,
+                bounds,
                 d2d,
                 planar,
                 outlier,
                 factors[which[b, 2]],
-                half,
-                near,
-            )[0]
+            )
+            for k in range(min(LANES, moving.shape[2] - first)):
+                log_density[b, order[first + k]] = w[INLIER + k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -752,7 +1014,8 @@ def minimise_batch(
     thetas,
     fixed,
     moving,
-    peaks,
+    orders,
+    extremes,
     which,
     d2d,
     planar,
@@ -770,12 +1033,24 @@ def minimise_batch(
     iterations,
 ):
     """Minimise every problem of the batch, each on its own, from and into ``thetas``."""
+    # allocated once: step, scale, kick, trial, its gradient and its Hessian
+    vectors, trial_h = np.empty((5, 3)), np.empty((3, 3))
+    work = (
+        np.empty(SCRATCH),
+        vectors[0],
+        vectors[1],
+        vectors[2],
+        vectors[3],
+        vectors[4],
+        trial_h,
+    )
     for b in range(thetas.shape[0]):
         value[b], converged[b], iterations[b] = _minimise(
             thetas[b],
             fixed[which[b, 0]],
             moving[which[b, 1]],
-            peaks[which[b, 0]],
+            orders[which[b, 1]],
+            extremes[which[b, 0]],
             d2d,
             planar,
             fusion,
@@ -784,8 +1059,9 @@ def minimise_batch(
             in_twist,
             tolerance,
             most,
+            work,
             gradient[b],
             hessian[b],
         )
         if converged[b]:
-            _invert(hessian[b], covariance[b])
+            _invert(hessian[b], vectors[3], vectors[4], covariance[b])

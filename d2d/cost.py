@@ -89,7 +89,8 @@ class Problems(NamedTuple):
     """A batch of registration problems as the kernel takes them."""
 
     thetas: Array  # (B, 3) copies of the start, in the kernel's parameters
-    sets: tuple[Array, Array, Array]  # fixed (., 6, N), moving (., 6, K), peaks of fixed (.)
+    # fixed (., 6, N), moving (., 6, K), order of moving (., K), extremes of fixed (., 3)
+    sets: tuple[Array, Array, NDArray[np.int64], Array]
     which: NDArray[np.int64]  # (B, 3) fixed set, moving set and measurement of each problem
     d2d: bool
     planar: bool
@@ -244,7 +245,7 @@ class RegistrationCost:
                 which[:, column] = np.broadcast_to(numbers, shape).ravel()
         return Problems(
             thetas.reshape(count, 3),
-            (fixed._packed, moving._packed, fixed._peaks),
+            (fixed._packed, moving._packed, moving._order, fixed._extremes),
             which,
             self.metric == "d2d",
             dimension == 2,

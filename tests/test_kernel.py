@@ -1,4 +1,4 @@
-"""The compiled kernel's own exponential, its gate and its trust-region step."""
+"""The compiled kernel's own exponential and logarithm, its blocks, gate and trust-region step."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numba import njit
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
-from d2d import PointSet, RegistrationCost, _kernel
+from d2d import LinearMeasurement, PointSet, RegistrationCost, _kernel
 from tests.strategies import (
     METRICS,
     OUTLIERS,
@@ -93,6 +93,97 @@ def test_exp_of_zero_is_one_and_far_below_it_is_negligible(exponentials):
         assert (actual[2:] <= 1.0000001e-304).all()
 
 
+# ---- log --------------------------------------------------------------------------------------
+
+
+def _one_log(x):
+    return _kernel._log(x)
+
+
+def _log_loop(x, out):
+    for i in range(len(x)):
+        out[i] = _kernel._log(x[i])
+
+
+@pytest.mark.parametrize("flags", FLAGS.values(), ids=FLAGS)
+def test_log_is_within_three_ulp(flags):
+    """Breaks if the exponent is taken from the wrong bits, or a coefficient is off."""
+    rng = np.random.default_rng(1)
+    x = np.concatenate(
+        [
+            np.exp(rng.uniform(-690.0, 690.0, 40_000)),
+            rng.uniform(0.5, 2.0, 20_000),
+            1.0 + np.exp(rng.uniform(-40.0, 0.0, 5_000)),
+            2.0 ** np.arange(-1000.0, 1000.0),
+            math.sqrt(2.0) * np.array([1.0 - 1e-15, 1.0, 1.0 + 1e-15]),
+            [1.0, 1e-300],
+        ]
+    )
+    expected = np.log(x)
+    tolerance = 3.0 * np.maximum(np.spacing(np.abs(expected)), 1e-16)
+    one, loop = njit(fastmath=flags)(_one_log), njit(fastmath=flags)(_log_loop)
+    out = np.empty_like(x)
+    loop(x, out)
+    for actual in (out, np.array([one(value) for value in x])):
+        assert (np.abs(actual - expected) <= tolerance).all()
+    assert one(1.0) == 0.0
+
+
+# ---- Blocks of targets ------------------------------------------------------------------------
+
+BLOCKED = [
+    {"dimension": 2, "metric": "d2d", "fusion": fusion, "outlier": outlier, "measured": measured}
+    for fusion in ("likelihood", "summing")
+    for outlier in OUTLIERS
+    for measured in ("", "twist")
+]
+
+
+@pytest.mark.parametrize("size", [1, 7, 8, 9, 17])
+@pytest.mark.parametrize("case", BLOCKED, ids=case_id)
+def test_a_block_that_is_not_full_counts_its_targets_once(case, size):
+    """Breaks if a lane without a target counts, or a target gets another one's measurement."""
+    rng = np.random.default_rng(size)
+    problem = random_problem(rng, moving_size=size, **case)
+    value, gradient, hessian = problem.derivatives()
+    assert_allclose(value, dense_value(problem, problem.theta), rtol=1e-12)
+    assert_allclose(gradient, dense_gradient(problem, problem.theta), rtol=1e-10, atol=1e-11)
+    expected = dense_hessian(problem, problem.theta)
+    assert_allclose(hessian, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
+    by_target = [
+        problem.cost.target_densities(
+            problem.theta,
+            problem.fixed,
+            PointSet(problem.moving.means[[k]], problem.moving.covariances[[k]]),
+            measurement=None if problem.measurement is None else only(problem.measurement, k),
+        )[0]
+        for k in range(size)
+    ]
+    assert_allclose(problem.densities(), by_target, rtol=1e-12)
+
+
+def only(measurement: LinearMeasurement, k: int) -> LinearMeasurement:
+    """The measurement of target ``k``."""
+    return LinearMeasurement(
+        measurement.value[[k]],
+        measurement.sigma[[k]],
+        measurement.sigma_input[[k]],
+        measurement.gain[[k]],
+        measurement.slope[[k]],
+        measurement.of_twist,
+    )
+
+
+def test_blocks_are_made_of_neighbours():
+    """Breaks if the Z-order curve jumps: then most components are near some target of a block."""
+    grid = np.stack(np.meshgrid(np.arange(8.0), np.arange(8.0)), -1).reshape(-1, 2)
+    shuffled = np.random.default_rng(3).permutation(grid)
+    order = PointSet(shuffled, np.tile(np.eye(2), (64, 1, 1)))._order[0]
+    assert_array_equal(np.sort(order), np.arange(64))
+    blocks = shuffled[order].reshape(-1, 8, 2)
+    assert (np.sort(np.ptp(blocks, axis=1), axis=-1) == [1.0, 3.0]).all()  # two by four each
+
+
 # ---- The gate ---------------------------------------------------------------------------------
 
 
@@ -135,7 +226,13 @@ def gate_at(monkeypatch):
     def change(width):
         with monkeypatch.context() as patch:
             patch.setattr(_kernel, "GATE", width)
-            for name in ("evaluate_batch", "log_density_batch", "_evaluate", "_target"):
+            for name in (
+                "evaluate_batch",
+                "log_density_batch",
+                "_evaluate",
+                "_block",
+                "_sum_inliers",
+            ):
                 patch.setattr(_kernel, name, getattr(_kernel, name).py_func)
             yield
 
@@ -171,7 +268,7 @@ def test_a_gate_too_narrow_is_noticed(gate_at):
     """Breaks if the comparison above no longer reaches the gate: this one skips what matters."""
     problem = wide_scene("d2d", "none", measured="")
     expected = problem.densities()
-    with gate_at(-20.0):
+    with gate_at(-45.0):
         narrow = problem.densities()
     assert (narrow < 0.999 * expected).any()
 
