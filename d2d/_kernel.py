@@ -336,17 +336,18 @@ def _sum_inliers(w, lanes, fixed, tx, ty, bounds):
         w[LIMIT + k] = w[REACH + k]
         w[REACH + k] = 2.0 * min(w[REACH + k], enough)
         w[OFFSET + k] = 0.0
-    _add_pairs(w, lanes, fixed, tx, ty)
     least = math.exp(log_peak - NEAR - log_spread)
-    unsure = False
-    for k in range(lanes):
-        unsure |= (w[INLIER + k] < least) & (w[LIMIT + k] > enough)
-    if unsure:
-        # where not, the reach begins at the nearest one
+    for again in range(2):
+        _add_pairs(w, lanes, fixed, tx, ty)
+        unsure = False
+        for k in range(lanes):
+            unsure |= (w[INLIER + k] < least) & (w[LIMIT + k] > enough)
+        if again or not unsure:
+            break
+        # where none is, the reach begins at the nearest one
         _find_nearest(w, lanes, fixed, tx, ty)
         for k in range(lanes):
             w[REACH + k] = 2.0 * min(w[LIMIT + k], w[OFFSET + k] + GATE + log_spread)
-        _add_pairs(w, lanes, fixed, tx, ty)
     for k in range(lanes):
         x, y, a, h = w[MX + k], w[MY + k], w[CXY + k], 0.5 * (w[CXX + k] - w[CYY + k])
         r = 1.0 / w[INLIER + k]
@@ -402,11 +403,13 @@ def _sum_outliers(w, lanes, fixed, tx, ty, outlier):
     bxx, bxy, byy = outlier[3], outlier[4], outlier[5]
     for k in range(LANES):
         w[OFFSET + k] = 0.0
-    _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy)
-    vanishing = False
-    for k in range(lanes):
-        vanishing |= w[OUTLIER + k] < FARTHEST
-    if vanishing:
+    for again in range(2):
+        _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy)
+        vanishing = False
+        for k in range(lanes):
+            vanishing |= w[OUTLIER + k] < FARTHEST
+        if again or not vanishing:
+            break
         for k in range(LANES):
             w[OFFSET + k] = np.inf
         for i in range(fixed.shape[1]):
@@ -415,7 +418,6 @@ def _sum_outliers(w, lanes, fixed, tx, ty, outlier):
                 dx, dy = w[MX + k] - fx, w[MY + k] - fy
                 half = 0.5 * (bxx * dx * dx + 2.0 * bxy * dx * dy + byy * dy * dy)
                 w[OFFSET + k] = min(w[OFFSET + k], half)
-        _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy)
     for k in range(lanes):
         x, y, s = w[MX + k], w[MY + k], w[OUTLIER + k]
         r = 1.0 / s
@@ -650,7 +652,9 @@ def _evaluate(
         else:
             _add_densities(w, lanes)
     if fusion == SUMMING:
-        top = w[TOP : TOP + LANES].max()
+        top = -np.inf
+        for k in range(LANES):
+            top = max(top, w[TOP + k])
         for k in range(LANES):
             keep = math.exp(w[TOP + k] - top)
             for row in range(0, 10 * LANES, LANES):
@@ -741,6 +745,12 @@ def _decrease(h, g, step):
 
 
 @njit(error_model="numpy")
+def _inner(a, b, scale):
+    """a' diag(scale) b."""
+    return a[0] * scale[0] * b[0] + a[1] * scale[1] * b[1] + a[2] * scale[2] * b[2]
+
+
+@njit(error_model="numpy")
 def _reach_radius(h, g, shift, scale, radius, kick, step):
     """The hard case of an indefinite Hessian: the gradient misses its lowest eigenvector.
 
@@ -748,19 +758,25 @@ def _reach_radius(h, g, shift, scale, radius, kick, step):
     along the eigenvector, which the nearly singular system magnifies out of any ``kick``, lowers
     the model further.
     """
-    along = np.empty(3)
+    along, right = np.empty(3), np.empty(3)
     definite, _ = _shifted_solve(h, g, 0.0, scale, along)
-    norm = math.sqrt((scale * step * step).sum())
+    norm = math.sqrt(_inner(step, step, scale))
     if definite or norm >= 0.9 * radius:
         return
-    solved, _ = _shifted_solve(h, kick * np.sqrt(scale), shift, scale, along)
+    for i in range(3):
+        right[i] = kick[i] * math.sqrt(scale[i])
+    solved, _ = _shifted_solve(h, right, shift, scale, along)
     if not solved:
         return
-    along /= math.sqrt((scale * along * along).sum())
-    inner = (scale * along * step).sum()
+    size = math.sqrt(_inner(along, along, scale))
+    inner = _inner(along, step, scale) / size
     root = math.sqrt(inner * inner + radius * radius - norm * norm)
-    forward, backward = step + (root - inner) * along, step - (root + inner) * along
-    step[:] = forward if _decrease(h, g, forward) > _decrease(h, g, backward) else backward
+    forward, backward = np.empty(3), np.empty(3)
+    for i in range(3):
+        forward[i] = step[i] + (root - inner) / size * along[i]
+        backward[i] = step[i] - (root + inner) / size * along[i]
+    best = forward if _decrease(h, g, forward) > _decrease(h, g, backward) else backward
+    step[0], step[1], step[2] = best[0], best[1], best[2]
 
 
 @njit(error_model="numpy")
@@ -789,11 +805,7 @@ def _trust_region_step(h, g, scale, radius, kick, step):
             low = shift
             shift = max(0.5 * (low + high), 1e-3 * high) if low == 0.0 else 0.5 * (low + high)
             continue
-        norm = math.sqrt(
-            scale[0] * step[0] * step[0]
-            + scale[1] * step[1] * step[1]
-            + scale[2] * step[2] * step[2]
-        )
+        norm = math.sqrt(_inner(step, step, scale))
         if abs(norm - radius) <= 0.1 * radius or (norm < radius and shift == 0.0):
             break
         if norm > radius:
@@ -882,12 +894,12 @@ def _minimise(
         decrement = -(g[0] * step[0] + g[1] * step[1] + g[2] * step[2]) if definite else np.inf
         if decrement <= tolerance:
             return value, True, iteration
-        norm = math.sqrt(step[0] ** 2 + step[1] ** 2 + scale[2] * step[2] ** 2)
+        norm = math.sqrt(_inner(step, step, scale))
         if definite and norm <= radius:
             decrease = 0.5 * decrement
         else:
             decrease = _trust_region_step(h, g, scale, radius, kick, step)
-            norm = math.sqrt(step[0] ** 2 + step[1] ** 2 + scale[2] * step[2] ** 2)
+            norm = math.sqrt(_inner(step, step, scale))
         for j in range(3):
             trial[j] = theta[j] + step[j]
         trial_value = _evaluate(
