@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import credibility
-from d2d.radar import Reference, Track
-from d2d.study.drives import DriveErrors
+from d2d.radar import (
+    Drive,
+    Reference,
+    Track,
+    estimate_ego_motion,
+    inlier_probabilities,
+    simulate_drive,
+    track,
+)
+from d2d.radar.covariance import propagate_ego_motion
+from d2d.study.drives import (
+    Drift,
+    DriveErrors,
+    TargetWeights,
+    propagated_covariances,
+    rejected_walkers,
+    track_from,
+)
 
 N = 50
 
@@ -100,3 +118,121 @@ def test_summary_says_what_was_measured():
     ):
         assert part in text
     assert "\n" not in text
+
+
+@cache
+def driven() -> tuple[Drive, Track]:
+    """A short simulated drive and its track."""
+    drive = simulate_drive(np.random.default_rng(2), 6.0)
+    return drive, track(drive.scans, drive.mounting)
+
+
+def test_weights_are_the_probabilities_of_all_targets_of_all_good_pairs():
+    """Breaks if targets and labels of different scans are put together."""
+    drive, result = driven()
+    bad = Track(**(vars(result) | {"converged": result.converged.copy()}))
+    bad.converged[3] = False
+    weights = TargetWeights.of(drive, bad)
+    kept = [i for i in range(60) if i != 3]
+    assert_array_equal(weights.kind, np.concatenate([drive.targets[i + 1].kind for i in kept]))
+    direct = [
+        inlier_probabilities(
+            result.theta[i], drive.scans[i], drive.scans[i + 1], drive.mounting, doppler=True
+        )
+        for i in kept
+    ]
+    assert_array_equal(weights.probability, np.concatenate(direct))
+    still = ~np.isin(weights.kind, ("moving", "clutter"))
+    assert_allclose(weights.own_speed[still], 0.0, rtol=0, atol=1e-12)
+    assert np.isnan(weights.own_speed[weights.kind == "clutter"]).all()
+    moving = weights.kind == "moving"
+    assert np.abs(weights.own_speed[moving]).max() > 1.0
+    assert weights.rejected(moving) > weights.rejected(still) + 0.5
+    assert np.isnan(weights.rejected(weights.kind == "nothing"))
+    without = TargetWeights.of(drive, bad, doppler=False)
+    assert without.rejected(moving) < weights.rejected(moving)
+
+
+def test_walkers_are_told_by_their_doppler_velocity_alone():
+    """Breaks if along and across change places, or the displacement is applied to other targets."""
+    drive, result = driven()
+    angles = np.array([0.0, np.pi, 0.5 * np.pi])
+    away, towards, across = rejected_walkers(drive, result, 1.5, angles)
+    assert min(away, towards) > 0.95
+    assert across < 0.3
+    blind = rejected_walkers(drive, result, 1.5, angles, doppler=False)
+    assert blind.max() < 0.5
+    assert rejected_walkers(drive, result, 0.0, angles[:1])[0] < 0.2
+    racing = rejected_walkers(drive, result, 40.0, angles[2:], doppler=False)
+    assert racing[0] > across + 0.3, "moved by four metres"
+
+
+def test_track_from_starts_every_pair_at_the_same_place():
+    """Breaks if a pair is started at the last one's velocity, as track does."""
+    drive, result = driven()
+    start = np.array([1.0, 0.5, 0.0])
+    alone = track_from(drive, start, doppler=False, scales=(2.0, 1.0))
+    assert_array_equal(alone.times, result.times)
+    assert_array_equal(alone.intervals, result.intervals)
+    for i in (0, 30, 59):
+        direct = estimate_ego_motion(
+            drive.scans[i],
+            drive.scans[i + 1],
+            drive.mounting,
+            doppler=False,
+            initial=start,
+            scales=(2.0, 1.0),
+        )
+        assert_array_equal(alone.theta[i], direct.theta)
+        assert_array_equal(alone.covariance[i], direct.covariance)
+        assert alone.converged[i] == direct.converged
+
+
+def test_propagated_covariances_are_those_of_the_chosen_pairs():
+    """Breaks if pairs are shifted, or both options give the same."""
+    drive, result = driven()
+    pairs = [5, 40]
+    shared, apart = (
+        propagated_covariances(drive, result, pairs, shared_azimuth=shared)
+        for shared in (True, False)
+    )
+    for k, i in enumerate(pairs):
+        pair = drive.scans[i], drive.scans[i + 1], drive.mounting
+        estimate = estimate_ego_motion(*pair, initial=result.theta[i])
+        assert_allclose(estimate.theta, result.theta[i], rtol=0, atol=1e-6)
+        assert_allclose(shared[k], propagate_ego_motion(estimate, *pair), rtol=1e-9)
+    assert not np.allclose(shared, apart, rtol=1e-4)
+
+
+def straight(length: float = 100.0, scale: float = 1.0, turn: float = 0.0) -> np.ndarray:
+    """Poses every metre along x, the way scaled and the heading turned by so many rad/m."""
+    along = np.arange(length + 1.0)
+    return np.column_stack([scale * along, np.zeros_like(along), turn * along])
+
+
+def test_drift_of_known_errors():
+    """Breaks if a measure is not per metre, in degrees, or the root mean square."""
+    longer = Drift.of(straight(scale=1.02), straight())
+    # evo takes stretches of about the length
+    assert longer.rpe_translation == pytest.approx(0.02, rel=0.1)
+    assert longer.rpe_rotation == pytest.approx(0.0, abs=1e-6)
+    assert longer.ape_translation == pytest.approx(np.sqrt(np.mean((0.02 * np.arange(101.0)) ** 2)))
+    assert longer.ape_rotation == pytest.approx(0.0, abs=1e-6)
+    turning = Drift.of(straight(turn=np.deg2rad(0.3)), straight())
+    assert turning.rpe_rotation == pytest.approx(0.3, rel=0.1)
+    assert turning.ape_rotation == pytest.approx(np.sqrt(np.mean((0.3 * np.arange(101.0)) ** 2)))
+    assert turning.ape_translation == pytest.approx(0.0, abs=1e-9)
+
+
+def test_drift_does_not_align_the_paths():
+    """Breaks if a constant offset is taken out, and does not count it as drift per metre."""
+    off = Drift.of(straight() + np.array([3.0, 4.0, 0.0]), straight())
+    assert off.ape_translation == pytest.approx(5.0)
+    assert off.rpe_translation == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan])
+def test_a_bad_stretch_is_refused(bad):
+    """Breaks if it ends in a division by zero."""
+    with pytest.raises(ValueError, match=r"^stretch must be"):
+        Drift.of(straight(), straight(), stretch=bad)
