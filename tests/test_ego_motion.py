@@ -966,6 +966,24 @@ def test_poses_of_the_track_are_near_the_truth_and_evo_agrees_how_near():
     assert_allclose(rpe.error, turns, rtol=0, atol=1e-6)
 
 
+def test_a_tum_file_is_what_evo_reads(tmp_path):
+    """Breaks if columns change places, the first pose is lost, or quaternions are not of yaw."""
+    file_interface = pytest.importorskip("evo.tools.file_interface")
+    rng = np.random.default_rng(52)
+    driven = track_of(
+        rng.uniform([-5.0, -1, -2], [20.0, 1, 2], (30, 3)), rng.uniform(0.05, 0.3, 30)
+    )
+    start = (3.0, -2.0, 2.5)
+    driven.write_tum(tmp_path / "path.tum", start)
+    read = file_interface.read_tum_trajectory_file(tmp_path / "path.tum")
+    poses = driven.poses(start)
+    assert_allclose(read.timestamps, np.concatenate([[0.0], driven.times]), rtol=0, atol=1e-8)
+    assert_allclose(read.positions_xyz, np.column_stack([poses[:, :2], np.zeros(31)]), atol=1e-8)
+    for matrix, yaw in zip(read.poses_se3, poses[:, 2], strict=True):
+        assert_allclose(matrix[:2, :2], arc([0.0, 0.0, yaw], 1.0)[:2, :2], rtol=0, atol=1e-7)
+    assert read.check()[0]
+
+
 def test_a_track_can_be_changed_only_by_making_another():
     """Breaks if a track is no longer frozen; replace() is how a study makes variants."""
     one = track_of([[1.0, 0.0, 0.0]], [0.1])

@@ -264,6 +264,20 @@ def test_outside_the_odometry_the_reference_is_nan(root, offset):
     assert np.isnan(reference.poses[~known]).all()
 
 
+def test_a_reference_at_other_times_is_interpolated(root):
+    """Breaks if columns change places, or what lies outside is held instead of unknown."""
+    recording = load_radarscenes(root, 7, 3, time_offset=0.0, side_slip=0.0)
+    times = np.array([0.9, 1.02, 1.06, 1.12, 1.3])
+    reference = recording.reference.at(times)
+    known = odometry(times[1:4])
+    assert_array_equal(reference.times, times)
+    assert_allclose(reference.theta[1:4, 0], known["vx"], rtol=0, atol=1e-9)
+    assert_allclose(reference.theta[1:4, 2], known["yaw_rate"], rtol=0, atol=1e-9)
+    assert_allclose(reference.poses[1:4, :2], np.column_stack([known["x_seq"], known["y_seq"]]))
+    assert np.isnan(reference.theta[[0, 4]]).all()
+    assert np.isnan(reference.poses[[0, 4]]).all()
+
+
 def test_yaw_is_continuous_where_the_odometry_wraps(tmp_path):
     """Breaks if interpolating between +pi and -pi passes through zero."""
     root = write_dataset(tmp_path / "RadarScenes")

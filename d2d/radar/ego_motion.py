@@ -1,5 +1,6 @@
 """Ego-motion from successive radar scans."""
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -159,6 +160,18 @@ class Track:
         Pose i + 1 is pose i followed by the motion of pair i, exp(tau theta).
         """
         return integrate(self.theta, self.intervals, start)
+
+    def write_tum(self, path: str | os.PathLike[str], start: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        """Write the poses as a TUM trajectory file: a line "t x y z qx qy qz qw" for each.
+
+        The format that `evo` and others read; t in s, the vehicle in the plane z = 0.
+        """
+        x, y, yaw = self.poses(start).T
+        first = self.times[:1] - self.intervals[:1]
+        zero = np.zeros_like(x)
+        turn = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
+        columns = [np.concatenate([first, self.times]), x, y, zero, zero, zero, *turn]
+        np.savetxt(path, np.column_stack(columns), "%.9f")
 
 
 def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
