@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 from d2d import credibility, propagate_covariance, register
 from d2d.radar import simulate_drive
 from d2d.study import exhaustive, scenarios, sweep_figures
-from d2d.study.alternatives import SOLVERS, solved
+from d2d.study.alternatives import SOLVERS, annealed_share, solved
 from d2d.study.covariances import ALL_COSTS, both_covariances, drive_covariances, judged
-from d2d.study.evaluation import LIKELIHOOD, ROBUST, evaluated
+from d2d.study.evaluation import LIKELIHOOD, ROBUST, at_truth, evaluated
 from d2d.study.exhaustive import Trial
 from d2d.study.variants import same_draws
 
@@ -78,6 +78,19 @@ def test_likelihoods_agree_where_they_are_the_same_cost() -> None:
     )
     assert_allclose(one, two, atol=1e-3)
     assert evaluated(scenarios.OVERLAPPED, LIKELIHOOD).converged.all()
+
+
+def test_annealed_share_is_what_register_does() -> None:
+    """Breaks if a scale is skipped, or the outlier component is widened unasked."""
+    fixed, moving = same_draws(scenarios.CLUSTERS, 100)
+    for scales in ((4.0, 2.0, 1.0), (8.0, 4.0, 2.0, 1.0)):
+        found = register(fixed, moving, ROBUST, scales=scales)
+        expected = at_truth(found.theta - scenarios.CLUSTERS.theta).mean()
+        assert annealed_share(scenarios.CLUSTERS, scales, runs=100) == expected
+    # the outlier component matters at all
+    scales = (4.0, 2.0, 1.0)
+    plain = annealed_share(scenarios.OVERLAPPED, scales, robust=False, runs=100)
+    assert plain > 0.5 > annealed_share(scenarios.OVERLAPPED, scales, runs=100)
 
 
 def test_cross_range_sigma_is_that_of_a_target_at_mean_range() -> None:

@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from d2d._checks import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
 from d2d.credibility import credibility
-from d2d.registration import ANNEALED, start_grid
+from d2d.registration import ANNEALED, register, start_grid
 from d2d.study.evaluation import at_truth, distance_and_rotation, rms
 from d2d.study.random_scenes import RandomScenes
 from d2d.study.runs import Condition, MonteCarlo, monte_carlo, sweep
@@ -292,6 +293,20 @@ def recompute(trial: Trial) -> Outcome:
             scales=condition.scales,
         )
     )
+
+
+def inlier_shares(trial: Trial) -> tuple[Array, NDArray[np.bool_]]:
+    """Mean inlier probability at the optimum of every run (runs,), and whether that is the truth.
+
+    On draws of their own; a trial that has several starts is started from the first.
+    """
+    condition = trial.condition
+    rng = np.random.default_rng([condition.seed, 1])
+    fixed, moving = condition.scenario.sample(condition.runs, rng)
+    start = np.atleast_2d(condition.starts())[0]
+    found = register(fixed, moving, condition.cost, start, condition.scales)
+    inliers = condition.cost.inlier_probabilities(found.theta, fixed, moving)
+    return inliers.mean(axis=-1), at_truth(found.theta - condition.scenario.theta)
 
 
 Rows = list[tuple[Trial, Outcome]]

@@ -69,8 +69,9 @@ def _line(ax: Axes, rows: Rows, parameter: str, measure: Measure, **style: str) 
 
 
 def _plain_ticks(ax: Axes, values: Sequence[float]) -> None:
-    """Ticks at the first, the last and a value in the middle, written out."""
-    ticks = sorted({min(values), values[len(values) // 2], max(values)})
+    """Ticks at the first, the last and one value between, 1 if it is there, written out."""
+    middle = 1.0 if min(values) < 1.0 < max(values) else values[len(values) // 2]
+    ticks = (min(values), middle, max(values))
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
 
@@ -180,4 +181,7 @@ def covariance_panel(
         values = [getattr(each, kind).inclination for each in found.values()]
         ax.plot(values, rows, marker, color=color, ms=6, mfc="none", mew=1.4, label=label)
     ax.set_yticks(rows, list(found) if named else [""] * len(rows))
-    ax.set(xlabel="I² (dB)", title=title, ylim=(-0.6, len(found) - 0.4))
+    ax.set_xscale("symlog", linthresh=1.0, linscale=0.7)
+    ax.set_xticks([-10, -1, 0, 1, 10], ["−10", "−1", "0", "1", "10"])
+    ax.minorticks_off()
+    ax.set(xlabel="I² (dB)", title=title, ylim=(-0.6, len(found) - 0.4), xlim=(-40, 40))
