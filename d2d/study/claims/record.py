@@ -2,7 +2,7 @@
 
     python -m d2d.study.claims.record [path]
 
-runs every check, which takes about a minute, and writes ``chapters/results/claims.json``. The
+runs every check, which takes some minutes, and writes ``chapters/results/claims.json``. The
 tests run every check too, and compare.
 """
 
