@@ -1,7 +1,6 @@
 """Ego-motion from several sensors at once: one velocity, the sum of their costs."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,11 +59,21 @@ def estimate_joint_ego_motion(
     """
     if not pairs:
         raise ValueError("pairs must hold at least one pair of scans, but is empty")
+    problems = [Pair.of(*pair, doppler) for pair in pairs]
+    return _estimate(problems, RegistrationCost(outlier=outlier), pairs, initial, scales)
+
+
+def _estimate(
+    problems: Sequence[Pair],
+    cost: RegistrationCost,
+    pairs: Sequence[ScanPair],
+    initial: ArrayLike | None,
+    scales: Sequence[float],
+) -> Estimate:
+    """The best optimum from the start that is given, or from those that the pairs suggest."""
     starts = _starts(pairs) if initial is None else finite("initial", initial)[np.newaxis]
     if starts.shape[1:] != (3,):
         raise ValueError(f"initial must have the shape (3,), but has {starts.shape[1:]}")
-    cost = RegistrationCost(outlier=outlier)
-    problems = [Pair.of(*pair, doppler) for pair in pairs]
     steps = positive("scales", scales)
     found = [_anneal(problems, cost, start, steps) for start in starts]
     return min(found, key=lambda estimate: (not estimate.converged, estimate.value))
@@ -147,8 +156,10 @@ def track_joint(
     sensors: Sequence[Sensor],
     *,
     baseline: int = 1,
+    doppler: bool = True,
+    outlier: OutlierModel | None = DEFAULT_OUTLIER,
     initial: ArrayLike | None = None,
-    **options: Any,
+    scales: Sequence[float] = (1.0,),
 ) -> Track:
     """Ego-motion over a whole drive from several sensors that need not run in step.
 
@@ -163,7 +174,7 @@ def track_joint(
         How many scans back each scan is registered, see `track`.
     initial : (3,) array, optional
         Start of the first estimate.
-    **options
+    doppler, outlier, scales
         Of `estimate_joint_ego_motion`.
 
     Returns
@@ -178,8 +189,7 @@ def track_joint(
         Without a sensor, with one whose scans are out of time order, or fewer than two rounds.
     """
     count("baseline", baseline)
-    cost = RegistrationCost(outlier=options.get("outlier", DEFAULT_OUTLIER))
-    doppler = options.get("doppler", True)
+    cost = RegistrationCost(outlier=outlier)
     groups = rounds([scans for scans, _ in sensors])
     if len(groups) < 2:
         raise ValueError(f"sensors must have at least two rounds of scans, but have {len(groups)}")
@@ -189,10 +199,9 @@ def track_joint(
         pairs = joint_pairs(sensors, groups[i + 1], baseline)
         if not pairs:
             return None
-        estimate = estimate_joint_ego_motion(pairs, initial=start, **options)
-        inliers = [
-            Pair.of(*pair, doppler).inlier_probabilities(estimate.theta, cost) for pair in pairs
-        ]
+        problems = [Pair.of(*pair, doppler) for pair in pairs]
+        estimate = _estimate(problems, cost, pairs, start, scales)
+        inliers = [problem.inlier_probabilities(estimate.theta, cost) for problem in problems]
         return estimate, float(np.concatenate(inliers).mean())
 
     return follow(times, solve, initial)

@@ -1,5 +1,6 @@
 """Two scans of one sensor as a registration problem in the vehicle's velocity."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,9 @@ from d2d.radar.scan import Mounting, RadarScan
 
 _SERIES = 0.3  # rad: below it the closed form of the derivatives cancels, and the series has 1e-16
 _TERMS = 12
+_MEAN = [1j**k / math.factorial(k + 1) for k in range(_TERMS, -1, -1)]
+_SLOPE = [complex(c) for c in np.polyder(_MEAN)]
+_BEND = [complex(c) for c in np.polyder(_MEAN, 2)]
 
 
 class Pair(NamedTuple):
@@ -112,10 +116,16 @@ def exponential_derivatives(twist: ArrayLike) -> tuple[Array, Array]:
 def _mean_direction(w: float) -> tuple[complex, complex, complex]:
     """E(w) = (exp(iw) - 1) / (iw) with its first two derivatives."""
     if abs(w) < _SERIES:  # sum_k (iw)^k / (k + 1)!
-        coefficients = np.cumprod(np.concatenate([[1.0 + 0j], 1j / np.arange(2.0, _TERMS + 2.0)]))
-        series = np.polynomial.Polynomial(coefficients)
-        return series(w), series.deriv()(w), series.deriv(2)(w)
+        return _horner(_MEAN, w), _horner(_SLOPE, w), _horner(_BEND, w)
     turned = np.exp(1j * w)
     mean = (turned - 1.0) / (1j * w)
     slope = (turned - mean) / w
     return mean, slope, (1j * turned - 2.0 * slope) / w
+
+
+def _horner(coefficients: list[complex], w: float) -> complex:
+    """The polynomial of these coefficients, highest first: numpy's takes ten times as long."""
+    value = 0j
+    for coefficient in coefficients:
+        value = value * w + coefficient
+    return value

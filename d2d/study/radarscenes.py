@@ -82,7 +82,8 @@ class Run:
 
 RUNS = {
     **{f"sensor {s}": Run((s,)) for s in SENSORS},
-    **{f"sensor {s}, baseline 2": Run((s,), baseline=2) for s in SENSORS},
+    "sensor 2, baseline 2": Run((2,), baseline=2),
+    "sensor 3, baseline 2": Run((3,), baseline=2),
     "sensor 3, baseline 3": Run((3,), baseline=3),
     "sensor 3, without Doppler": Run((3,), doppler=False),
     "sensor 3, strongest 48": Run((3,), strongest=48),
@@ -209,10 +210,12 @@ def drive(run: Run, recordings: Sequence[Recording]) -> Track:
     ]
     if run.method != "registration":
         return _doppler_track(recordings, run.method == "Doppler only")
-    options = {"baseline": run.baseline, "doppler": run.doppler}
+    baseline, doppler = run.baseline, run.doppler
     if len(recordings) == 1:
-        return track(recordings[0].scans, recordings[0].mounting, **options)
-    return track_joint([(r.scans, r.mounting) for r in recordings], **options)
+        scans, mounting = recordings[0].scans, recordings[0].mounting
+        return track(scans, mounting, baseline=baseline, doppler=doppler)
+    sensors = [(r.scans, r.mounting) for r in recordings]
+    return track_joint(sensors, baseline=baseline, doppler=doppler)
 
 
 def with_own_sigmas(recording: Recording) -> Recording:
