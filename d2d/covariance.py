@@ -111,6 +111,8 @@ def propagate_covariance(
     does the inverse Hessian, whatever ``position_slope``.
     """
     cost = RegistrationCost() if cost is None else cost
+    if not isinstance(cost, RegistrationCost):
+        raise ValueError(f"cost must be a RegistrationCost, but is {cost!r}")
     if not isinstance(estimate, Estimate):
         raise ValueError(f"estimate must be an Estimate, but is a {type(estimate).__name__}")
     cross = cross_derivatives(estimate.theta, fixed, moving, cost, measurement=measurement)

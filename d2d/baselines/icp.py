@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from d2d import rigid
-from d2d._checks import Array, finite
+from d2d._checks import Array, count, finite, scalar
 
 Metric = Literal["point", "line"]
 
@@ -76,7 +76,9 @@ def line_normals(points: ArrayLike, neighbours: int = 5) -> Array:
     The eigenvector of the smallest eigenvalue of their covariance; its sign is arbitrary.
     """
     cloud = _points("points", points)
-    if not 1 <= neighbours < len(cloud):
+    if cloud.ndim != 2:
+        raise ValueError(f"points must have the shape (N, 2), but has {cloud.shape}")
+    if not 1 <= count("neighbours", neighbours) < len(cloud):
         raise ValueError(
             f"neighbours must lie within [1, {len(cloud) - 1}] for {len(cloud)} points, "
             f"but is {neighbours}"
@@ -131,6 +133,9 @@ def icp(
         )
     if metric not in _METRICS:
         raise ValueError(f"metric must be one of {', '.join(_METRICS)}, but is {metric!r}")
+    if scalar("tolerance", tolerance) < 0.0:
+        raise ValueError(f"tolerance must not be negative, but is {tolerance:g}")
+    count("most_iterations", most_iterations)
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
     normals = line_normals(target, neighbours) if metric == "line" else None
     tree = cKDTree(target)
@@ -166,8 +171,8 @@ def icp(
         rms.reshape(shape),
         settled.reshape(shape),
         iterations.reshape(shape),
-        np.stack(thetas).reshape(-1, *start.shape),
-        np.stack(history).reshape(-1, *shape),
+        np.stack(thetas).reshape(len(thetas), *start.shape),
+        np.stack(history).reshape(len(thetas), *shape),
     )
 
 

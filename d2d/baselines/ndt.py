@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import gaussian
-from d2d._checks import Array, finite, fraction, positive, scalar
+from d2d._checks import Array, count, finite, fraction, positive, scalar
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
 from d2d.registration import Estimate, register
@@ -76,9 +76,10 @@ def pooled_cells(
     (Biber & Strasser 2003, sec. III).  The arguments are those of `grid_cells`.
     """
     cloud = _checked(points)
-    grids = [_cells(cloud, size, shift, fewest, smallest_ratio) for shift in shifts]
-    if not grids:
-        raise ValueError("shifts must name at least one grid, but is empty")
+    offsets = finite("shifts", shifts)
+    if offsets.ndim != 2 or not len(offsets) or offsets.shape[1] != 2:
+        raise ValueError(f"shifts must be one or more pairs, but has the shape {offsets.shape}")
+    grids = [_cells(cloud, size, shift, fewest, smallest_ratio) for shift in offsets]
     return _weighted(
         np.concatenate([means for means, _ in grids]),
         np.concatenate([covariances for _, covariances in grids]),
@@ -159,13 +160,13 @@ def bare_points(points: ArrayLike) -> PointSet:
 
 
 def _cells(
-    points: Array, size: float, shift: Sequence[float], fewest: int, smallest_ratio: float
+    points: Array, size: float, shift: ArrayLike, fewest: int, smallest_ratio: float
 ) -> tuple[Array, Array]:
     side = float(positive("size", scalar("size", size)))
     offset = finite("shift", shift)
     if offset.shape != (2,):
         raise ValueError(f"shift must be a pair, but has the shape {offset.shape}")
-    if fewest < 2:
+    if count("fewest", fewest) < 2:
         raise ValueError(f"fewest must be at least 2, but is {fewest}")
     if fraction("smallest_ratio", smallest_ratio) == 0.0:
         raise ValueError("smallest_ratio must be positive, but is 0")

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d._checks import Array
-from d2d.radar.scan import Mounting, RadarScan, doppler_gradients
+from d2d.radar.scan import Mounting, RadarScan, check_mounting, doppler_gradients
 
 _PAIRS = 200
 _GATE = 3.0  # standard deviations within which a target agrees with a hypothesis
@@ -24,7 +24,12 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
     but over a fixed set of pairs instead of a random one.  Without targets, with a single one or a
     single direction, the component that is not seen is zero.  A scan on which no two targets agree
     is fitted as a whole.
+
+    Raises ``ValueError`` if ``scan`` is no `RadarScan` or ``mounting`` no `Mounting`.
     """
+    if not isinstance(scan, RadarScan):
+        raise ValueError(f"scan must be a RadarScan, but is a {type(scan).__name__}")
+    check_mounting(mounting)
     if not scan.size:
         return np.zeros(2)
     directions = _directions(scan, mounting)
@@ -37,6 +42,12 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
             directions[inliers] * weights, scan.doppler[inliers] * weights[:, 0], rcond=spread
         )[0]
     )
+
+
+def _check_view(view: object) -> None:
+    parts = view if isinstance(view, tuple | list) and len(view) == 2 else (None, None)
+    if not (isinstance(parts[0], RadarScan) and isinstance(parts[1], Mounting)):
+        raise ValueError(f"views must hold pairs of a RadarScan and a Mounting, but holds {view!r}")
 
 
 class DopplerMotion(NamedTuple):
@@ -79,10 +90,12 @@ def doppler_ego_motion(
     Raises
     ------
     ValueError
-        Without a view.
+        Without a view, or with something else in its place.
     """
-    if not views:
+    if not len(views):
         raise ValueError("views must hold at least one scan with its mounting, but is empty")
+    for view in views:
+        _check_view(view)
     edges = np.cumsum([scan.size for scan, _ in views])[:-1]
     inliers = np.concatenate([_agreeing(scan, _directions(scan, at)) for scan, at in views])
     gains, slopes = (

@@ -110,8 +110,9 @@ class RadarScan:
     def point_set(self, mounting: Mounting) -> PointSet:
         """The targets as Gaussians in the vehicle frame (thesis eq. 7.1 and 7.3).
 
-        Raises ``ValueError`` if the scan is empty.
+        Raises ``ValueError`` if the scan is empty or ``mounting`` is none.
         """
+        check_mounting(mounting)
         targets = PointSet.from_polar(
             self.range, self.azimuth, self.sigma_range, self.sigma_azimuth
         )
@@ -125,7 +126,10 @@ class RadarScan:
         V is linear in the body velocity theta = [v_x, v_y, omega], and so in the twist
         ``interval * theta``; its slope in the azimuth carries the azimuth's error into it (thesis
         sec. 7.1).  Not ``of_twist``, v tau stands for the translation, as in the thesis.
+
+        Raises ``ValueError`` naming the argument that is no `Mounting` or no positive number.
         """
+        interval = float(positive("interval", scalar("interval", interval)))
         gain, slope = doppler_gradients(self.azimuth, mounting)
         return LinearMeasurement(
             self.doppler,
@@ -137,8 +141,15 @@ class RadarScan:
         )
 
 
+def check_mounting(mounting: Mounting) -> None:
+    """Raise a ValueError if it is something else, such as a tuple."""
+    if not isinstance(mounting, Mounting):
+        raise ValueError(f"mounting must be a Mounting, but is a {type(mounting).__name__}")
+
+
 def doppler_gradients(azimuth: ArrayLike, mounting: Mounting) -> tuple[Array, Array]:
     """dV/dtheta and d^2V/(dphi dtheta), each (..., 3), of a static target at ``azimuth`` (...)."""
+    check_mounting(mounting)
     angle = finite("azimuth", azimuth) + mounting.yaw
     cosine, sine = np.cos(angle), np.sin(angle)
     gain = np.stack([-cosine, -sine, mounting.y * cosine - mounting.x * sine], axis=-1)
@@ -166,7 +177,7 @@ def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -
     Raises
     ------
     ValueError
-        If theta has no last axis of 3, or an argument is not finite.
+        If theta has no last axis of 3, an argument is not finite, or ``mounting`` is no `Mounting`.
     """
     motion = rigid.motion("theta", theta, 2)
     gain, _ = doppler_gradients(azimuth, mounting)
