@@ -67,7 +67,8 @@ def estimate_ego_motion(
     -------
     Estimate
         theta = [v_x, v_y, omega] in m/s, m/s, rad/s, with covariance, gradient and Hessian (at
-        an optimum) in these units.
+        an optimum) in these units.  ``converged`` says that it is an optimum, which may be one that
+        rejects nearly all targets: `inlier_probabilities` tells, and `track` looks there.
 
     Raises
     ------
