@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import Array, positive, scalar
+from d2d._checks import Array, count, positive, scalar
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan
 
@@ -97,8 +97,8 @@ def load_radarscenes(
         A file that is no RadarScenes file, a sensor or sequence that is not in it, scans whose
         indices do not fit the targets, arguments out of range.
     """
-    if strongest is not None and strongest < 1:
-        raise ValueError(f"strongest must be at least 1, but is {strongest}")
+    if strongest is not None:
+        count("strongest", strongest)
     offset, slip = scalar("time_offset", time_offset), scalar("side_slip", side_slip)
     for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):
         positive(name, scalar(name, sigma))
@@ -147,7 +147,7 @@ def _existing(folder: Path, name: str, what: str) -> Path:
 def _json(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, RecursionError) as error:
         raise ValueError(f"{path} is not a JSON file: {error}") from None
 
 
@@ -165,7 +165,7 @@ def _mounting(data: Path, sensor: int) -> Mounting:
         raise ValueError(f"sensor must be one of those in {found[0]}, but is {sensor}")
     try:
         return Mounting(*(entry[key][field] for field in ("x", "y", "yaw")))
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{found[0]}: {key} has no x, y and yaw ({error!r})") from None
 
 
@@ -178,7 +178,7 @@ def _scenes(path: Path, sensor: int) -> list[tuple[int, tuple[int, int]]]:
             for stamp, scene in content["scenes"].items()
             if scene["sensor_id"] == sensor
         )
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise ValueError(f"{path} is not a RadarScenes scene list ({error!r})") from None
     if not chosen:
         raise ValueError(f"{path} has no scan of sensor {sensor}")
@@ -194,9 +194,15 @@ def _tables(path: Path) -> tuple[Table, Table]:
         with h5py.File(path, "r") as file:
             targets = _table(file, "radar_data", _TARGET_FIELDS)
             odometry = _table(file, "odometry", _ODOMETRY_FIELDS)
-    except (OSError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+    except (OSError, ValueError, TypeError, AttributeError, RuntimeError, KeyError) as error:
         raise ValueError(f"{path} is not a RadarScenes radar file: {error}") from None
-    if not (np.diff(odometry["timestamp"]) > 0).all() or not len(odometry["timestamp"]):
+    for field, column in odometry.items():
+        if not np.isfinite(column).all():  # one nan would spoil all headings after it
+            raise ValueError(
+                f"{path} is not a RadarScenes radar file: its odometry's {field!r} holds nan or inf"
+            )
+    stamps = odometry["timestamp"]  # may be unsigned: differences would wrap around
+    if not (stamps[1:] > stamps[:-1]).all() or not len(stamps):
         raise ValueError(
             f"{path} is not a RadarScenes radar file: its odometry is not in time order"
         )
@@ -211,9 +217,9 @@ def _table(file: h5py.File, name: str, fields: tuple[str, ...]) -> Table:
     if missing:
         raise ValueError(f"the table {name!r} has no column {missing[0]!r}")
     table = {field: np.ascontiguousarray(rows[field]) for field in fields}
-    text = [field for field, column in table.items() if column.dtype.kind not in "iuf"]
+    text = [f for f, column in table.items() if column.dtype.kind not in "iuf" or column.ndim != 1]
     if text:
-        raise ValueError(f"the column {text[0]!r} of the table {name!r} holds no numbers")
+        raise ValueError(f"the column {text[0]!r} of the table {name!r} is no column of numbers")
     return table
 
 
@@ -225,9 +231,10 @@ def _scan(
     sigma_azimuth: float | Callable[[Array], Array],
     sigma_doppler: float,
 ) -> RadarScan:
-    distance, azimuth, doppler = (
-        targets[field].astype(np.float64) for field in ("range_sc", "azimuth_sc", "vr")
-    )
+    with np.errstate(invalid="ignore"):  # a signalling nan is left out like any other
+        distance, azimuth, doppler = (
+            targets[field].astype(np.float64) for field in ("range_sc", "azimuth_sc", "vr")
+        )
     good = (distance > 0) & np.isfinite(distance) & np.isfinite(azimuth) & np.isfinite(doppler)
     keep = np.flatnonzero(good)
     if strongest is not None and len(keep) > strongest:
