@@ -25,6 +25,7 @@ from d2d.study.drives import (
     TargetWeights,
     propagated_covariances,
     rejected_walkers,
+    sparse,
     track_from,
 )
 
@@ -165,6 +166,20 @@ def test_walkers_are_told_by_their_doppler_velocity_alone():
     assert rejected_walkers(drive, result, 0.0, angles[:1])[0] < 0.2
     racing = rejected_walkers(drive, result, 40.0, angles[2:], doppler=False)
     assert racing[0] > across + 0.3, "moved by four metres"
+
+
+def test_a_sparse_world_has_fewer_points_and_nobody_about():
+    """Breaks if positions, strengths and kinds are thinned apart."""
+    world = driven()[0].world
+    few = sparse(world, np.random.default_rng(0), 0.2)
+    count = len(world.reflectors.kind)
+    assert len(few.reflectors.kind) == pytest.approx(0.2 * count, abs=4.0 * np.sqrt(0.16 * count))
+    where = {tuple(at): k for k, at in enumerate(world.reflectors.positions)}
+    rows = [where[tuple(at)] for at in few.reflectors.positions]
+    assert_allclose(few.reflectors.strength, 4.0 * world.reflectors.strength[rows])
+    assert_array_equal(few.reflectors.kind, world.reflectors.kind[rows])
+    lonely = simulate_drive(np.random.default_rng(0), 0.5, world=few)
+    assert "moving" not in set(np.concatenate([true.kind for true in lonely.targets]))
 
 
 def test_track_from_starts_every_pair_at_the_same_place():

@@ -21,6 +21,7 @@ from d2d.radar import (
     inlier_probabilities,
 )
 from d2d.radar.covariance import propagate_ego_motion
+from d2d.radar.world import Movers, Reflectors, World
 
 NAMES = ("v_x", "v_y", "omega")
 UNITS = ("m/s", "m/s", "deg/s")
@@ -163,6 +164,18 @@ def rejected_walkers(
             found = inlier_probabilities(driven.theta[i], *pair, doppler=doppler)
             probabilities[k].append(found[chosen])
     return np.array([(np.concatenate(each) < 0.5).mean() for each in probabilities])
+
+
+def sparse(world: World, rng: np.random.Generator, share: float = 0.2) -> World:
+    """The world with nobody about, and with a share of its reflection points, four times as strong.
+
+    The points of a wall then lie farther apart than the sensor errs.
+    """
+    still = world.reflectors
+    kept = rng.random(len(still.kind)) < share
+    few = Reflectors(still.positions[kept], 4.0 * still.strength[kept], still.kind[kept])
+    none = Movers(np.empty(0), np.empty(0), np.empty((0, 2)), np.empty(0))
+    return World(world.buildings, world.cars, few, none)
 
 
 def track_from(drive: Drive, start: ArrayLike, **options: Any) -> Track:
