@@ -113,9 +113,6 @@ def inlier_probabilities(
     )
 
 
-_pair = Pair.of  # the name by which d2d.radar.covariance knows it
-
-
 def _as_velocity(estimate: Estimate, interval: float, first_order: bool) -> Estimate:
     """The estimated motion over the interval as the body velocity that causes it."""
     motion = estimate.theta
