@@ -24,10 +24,10 @@ IPYKERNEL_CONFIG := c.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup book test notebooks lint format bench sweep lab radarscenes clean distclean
+.PHONY: help setup book test test-book notebooks lint format bench sweep lab radarscenes clean distclean
 
 help: ## List what can be made (default)
-	@awk 'BEGIN { FS = ":.*## " } /^[a-z]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 
 setup: $(STAMP) ## Make .venv with the exact versions of requirements.txt
 
@@ -62,6 +62,7 @@ $(STAMP): requirements.txt pyproject.toml
 book: $(STAMP) ## Execute every notebook afresh and build the book in _build/html
 	@rm -rf _build
 	$(BIN)/jupyter-book build . -W -n --keep-going
+	$(BIN)/python tools/shrink_pictures.py _build/html/_images
 	@echo
 	@echo "The book: file://$(CURDIR)/_build/html/index.html"
 
@@ -71,6 +72,16 @@ test: $(STAMP) ## Run the tests, then every notebook against its stored outputs
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadscope --nbval --nbval-current-env \
 	  --nbval-sanitize-with tests/nbval.cfg --nbval-cell-timeout 300 chapters || status=1; \
 	exit $$status
+
+test-book: $(VENV)/.book-test _build/html/index.html ## Test the built book in a real browser, if one is installed
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup tests/book
+
+$(VENV)/.book-test: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'd2d[book-test]'
+	@touch $@
+
+_build/html/index.html:
+	@$(MAKE) --no-print-directory book
 
 notebooks: $(STAMP) ## Execute the notebooks in place, so that their stored outputs are fresh
 	$(BIN)/python tools/run_notebooks.py

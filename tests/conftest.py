@@ -6,6 +6,9 @@ from hypothesis import settings
 
 os.environ["MPLBACKEND"] = "Agg"
 
+# Needs the built book and a browser: `make test-book` names it.
+collect_ignore = ["book"]
+
 # No deadline: the first example pays for compiling the kernel. The same examples on every run, so
 # that a red test is red because of a change; explore with: pytest --hypothesis-profile=explore
 settings.register_profile("reproducible", deadline=None, derandomize=True)

@@ -1,0 +1,208 @@
+"""A headless Chromium that sees only this machine, and what it finds out about a page."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+from selenium import webdriver
+from selenium.webdriver.support.ui import WebDriverWait
+
+INSPECT = (Path(__file__).parent / "inspect.js").read_text(encoding="utf-8")
+ASK = """const done = arguments[0];
+(async () => done({value: %s}))().catch((error) => done({error: String(error)}));"""
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+DRIVER = "chromedriver"
+FLAGS = (
+    "--headless",
+    "--no-sandbox",  # for users that may not make one, root in a container for example
+    "--disable-gpu",
+    "--disable-quic",
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+    "--hide-scrollbars",  # as on a phone, where they take no width
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE localhost",
+)
+WIDE, NARROW = 1400, 400  # px: a desk and a phone
+THEMES = ("light", "dark")
+CONTRAST = 4.5  # WCAG 2.1, level AA
+
+
+def missing() -> list[str]:
+    """What a machine lacks to run these tests."""
+    absent = [] if any(map(shutil.which, BROWSERS)) else [" or ".join(BROWSERS)]
+    return absent + ([] if shutil.which(DRIVER) else [DRIVER])
+
+
+@contextmanager
+def serve(folder: Path) -> Iterator[str]:
+    """Serve a folder to this machine; yield its address."""
+    server = ThreadingHTTPServer(("localhost", 0), partial(Quiet, directory=str(folder)))
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield f"http://localhost:{server.server_port}/"
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+class Quiet(SimpleHTTPRequestHandler):
+    """The standard handler, without a line for each request."""
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Say nothing: a failed request is found in the browser's log."""
+
+
+@contextmanager
+def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
+    """Start Chromium with an empty profile; end it afterwards."""
+    options = webdriver.ChromeOptions()
+    options.binary_location = next(filter(None, map(shutil.which, BROWSERS)))
+    for flag in (*FLAGS, f"--user-data-dir={profile}"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options, webdriver.ChromeService(shutil.which(DRIVER)))
+    try:
+        driver.set_script_timeout(60)
+        # Every page as a first visitor loads it.
+        driver.execute_cdp_cmd("Network.setCacheDisabled", {"cacheDisabled": True})
+        yield driver
+    finally:
+        driver.quit()
+
+
+@dataclass(frozen=True)
+class Visit:
+    """One page as the browser saw it."""
+
+    address: str
+    complaints: list[str]
+    """Errors on the console, requests that failed or left this machine."""
+    bytes: int
+    """Of the page itself and its pictures: what is in _static serves the whole book."""
+    images: list[dict[str, Any]]
+    """Each with its source, its alternative text and the variation of its pixels."""
+    figures: list[str]
+    """Labels of the pictures and tables that have one."""
+    formulas: int
+    faulty_formulas: list[str]
+    links: list[dict[str, str]]
+    """Each as written, as resolved by the browser, and its label."""
+    unresolved: list[str]
+    """References that are no links."""
+    next: str
+    """The address behind the button "next"; empty on the last page."""
+    overflows: dict[int, list[str]]
+    """By width of the window: what reaches past its edge."""
+    faint: dict[str, list[str]]
+    """By theme: text with too little contrast."""
+
+
+def visit(driver: webdriver.Chrome, address: str) -> Visit:
+    """Load a page once and find out everything about it."""
+    drain(driver)
+    resize(driver, WIDE)
+    driver.get(address)
+    wait(driver, "return document.readyState === 'complete'")
+    driver.execute_script(INSPECT)
+    formulas = ask(driver, "await inspectBook.formulas()")
+    images = ask(driver, "await inspectBook.images()")
+    links = ask(driver, "inspectBook.links()")
+    complaints, size = traffic(driver, address)
+    ask(driver, "inspectBook.settle()")
+    overflows = {}
+    for width in (WIDE, NARROW):
+        resize(driver, width)
+        overflows[width] = ask(driver, "inspectBook.overflows()")
+    faint = {}
+    for theme in THEMES:
+        driver.execute_script("document.documentElement.dataset.theme = arguments[0]", theme)
+        faint[theme] = ask(driver, f"inspectBook.faint({CONTRAST})")
+    return Visit(
+        address,
+        complaints,
+        size,
+        images,
+        ask(driver, "inspectBook.figures()"),
+        formulas["count"],
+        formulas["found"],
+        links["targets"],
+        links["unresolved"],
+        links["next"],
+        overflows,
+        faint,
+    )
+
+
+def ask(driver: webdriver.Chrome, expression: str) -> Any:
+    """The value of an expression in the page, awaited."""
+    answer = driver.execute_async_script(ASK % expression)
+    if "error" in answer:
+        raise RuntimeError(f"{expression} in {driver.current_url}: {answer['error']}")
+    return answer.get("value")
+
+
+def wait(driver: webdriver.Chrome, condition: str, seconds: float = 30) -> None:
+    """Wait until a script returns something true."""
+    WebDriverWait(driver, seconds, 0.05).until(lambda found: found.execute_script(condition))
+
+
+def resize(driver: webdriver.Chrome, width: int) -> None:
+    """Set the window's width in px: below 500 px the window itself cannot be made smaller."""
+    metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+
+
+def prefer(driver: webdriver.Chrome, scheme: str) -> None:
+    """Set the system's colour scheme, as the page sees it."""
+    feature = {"name": "prefers-color-scheme", "value": scheme}
+    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
+
+
+def drain(driver: webdriver.Chrome) -> None:
+    """Forget what was logged so far."""
+    for log in ("browser", "performance"):
+        driver.get_log(log)
+
+
+def traffic(driver: webdriver.Chrome, address: str) -> tuple[list[str], int]:
+    """Complaints and the page's own bytes since the logs were drained."""
+    complaints = [
+        f"console: {entry['message']}"
+        for entry in driver.get_log("browser")
+        if entry["level"] == "SEVERE"
+    ]
+    addresses: dict[str, str] = {}
+    size = 0
+    for entry in driver.get_log("performance"):
+        event = json.loads(entry["message"])["message"]
+        parameters = event["params"]
+        match event["method"]:
+            case "Network.requestWillBeSent":
+                target = urlsplit(parameters["request"]["url"])
+                addresses[parameters["requestId"]] = target.geturl()
+                if target.scheme in ("http", "https") and target.netloc != urlsplit(address).netloc:
+                    complaints.append(f"leaves this machine: {target.geturl()}")
+            case "Network.responseReceived" if parameters["response"]["status"] >= 400:
+                response = parameters["response"]
+                complaints.append(f"{response['status']}: {response['url']}")
+            case "Network.loadingFailed" if not parameters.get("canceled"):
+                failed = addresses.get(parameters["requestId"], "?")
+                complaints.append(f"{parameters['errorText']}: {failed}")
+            case "Network.loadingFinished" if "/_static/" not in addresses[parameters["requestId"]]:
+                size += int(parameters["encodedDataLength"])
+    return complaints, size

@@ -1,0 +1,141 @@
+"""The checks of a page: each returns what it found wrong, nothing if all is well."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from tests.book.browser import Visit
+
+MAX_BYTES = 3_000_000
+BLANK = 30
+"""Pixels of a picture that differ by less than this in each channel, of 255, show nothing."""
+
+Check = Callable[[Visit, Path], list[str]]
+
+
+def complaints(visit: Visit, book: Path) -> list[str]:
+    """Errors on the console, failed requests, requests to another machine."""
+    return visit.complaints
+
+
+def too_heavy(visit: Visit, book: Path) -> list[str]:
+    """More bytes than a phone should have to load."""
+    return [f"{visit.bytes / 1e6:.2f} MB"] if visit.bytes > MAX_BYTES else []
+
+
+def formulas(visit: Visit, book: Path) -> list[str]:
+    """Formulas that are not typeset."""
+    return visit.faulty_formulas
+
+
+def pictures(visit: Visit, book: Path) -> list[str]:
+    """Pictures that did not load, show nothing, or say nothing to who cannot see them."""
+    return [
+        f"{image['source']}: {problem}"
+        for image in visit.images
+        for problem in (
+            "did not load" if image["variation"] < 0 else "",
+            "blank" if 0 <= image["variation"] < BLANK else "",
+            "" if image["alternative"] else "no alternative text",
+        )
+        if problem
+    ]
+
+
+def references(visit: Visit, book: Path) -> list[str]:
+    """Links within the book that lead nowhere, external ones that are no addresses."""
+    home = urlsplit(visit.address)
+    found = [f"not a link: {reference}" for reference in visit.unresolved]
+    for link in visit.links:
+        target = urlsplit(link["resolved"])
+        if (target.scheme, target.netloc) == (home.scheme, home.netloc):
+            problem = dead(book / unquote(target.path).lstrip("/"), unquote(target.fragment))
+        else:
+            problem = malformed(link["resolved"])
+        if problem:
+            found.append(f"{link['written']} ({link['label']}): {problem}")
+    return found
+
+
+def dead(path: Path, anchor: str) -> str:
+    """Why a link to a file of the book and a place in it leads nowhere, or nothing."""
+    if path.is_dir():
+        path /= "index.html"
+    if not path.is_file():
+        return "no such file"
+    if anchor and path.suffix == ".html" and anchor not in anchors(path):
+        return "no such place on that page"
+    return ""
+
+
+def malformed(link: str) -> str:
+    """Why an external link is none, or nothing."""
+    target = urlsplit(link)
+    if target.scheme == "mailto":
+        return "" if "@" in target.path else "no address"
+    if target.scheme not in ("http", "https"):
+        return "neither http, https nor mailto"
+    host = target.hostname or ""
+    return "" if "." in host and not host.endswith("example.org") else "no host"
+
+
+class Anchors(HTMLParser):
+    """Collects what a link can point at on a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: set[str] = set()
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        """Take the element's id, or an anchor's name."""
+        for name, value in attributes:
+            if value and (name == "id" or (tag == "a" and name == "name")):
+                self.found.add(value)
+
+
+@cache
+def anchors(path: Path) -> frozenset[str]:
+    """The places on a page."""
+    parser = Anchors()
+    parser.feed(path.read_text(encoding="utf-8"))
+    return frozenset(parser.found)
+
+
+def too_wide(visit: Visit, book: Path) -> list[str]:
+    """What reaches past the window's edge on a desk or a phone."""
+    return [
+        f"at {width} px: {place}" for width, places in visit.overflows.items() for place in places
+    ]
+
+
+def faint(visit: Visit, book: Path) -> list[str]:
+    """Text with too little contrast in the light or the dark theme."""
+    return [f"{theme}: {place}" for theme, places in visit.faint.items() for place in places]
+
+
+CHECKS: tuple[Check, ...] = (
+    complaints,
+    too_heavy,
+    formulas,
+    pictures,
+    references,
+    too_wide,
+    faint,
+)
+
+
+def pages(toc: object) -> Iterator[str]:
+    """The pages of a table of contents in the order of reading."""
+    if isinstance(toc, dict):
+        for key in ("root", "file"):
+            if key in toc:
+                yield toc[key]
+        for key in ("parts", "chapters", "sections"):
+            yield from pages(toc.get(key, []))
+    elif isinstance(toc, list):
+        for entry in toc:
+            yield from pages(entry)

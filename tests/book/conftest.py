@@ -1,0 +1,50 @@
+"""The built book, a server for it, and one browser for all tests of a worker."""
+
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from selenium import webdriver
+
+from tests.book import browser
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session")
+def book() -> Path:
+    """The folder of the built book: that of `make book`, or D2D_BOOK."""
+    folder = Path(os.environ.get("D2D_BOOK", ROOT / "_build" / "html"))
+    if not (folder / "index.html").is_file():
+        pytest.fail(f"no book in {folder}: build it with `make book`")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrome]:
+    """A browser, or the reason why these tests are skipped."""
+    if missing := browser.missing():
+        pytest.skip(f"not installed: {', '.join(missing)} (Debian: chromium chromium-driver)")
+    with browser.chromium(tmp_path_factory.mktemp("profile")) as chromium:
+        yield chromium
+
+
+@pytest.fixture(scope="session")
+def address(book: Path) -> Iterator[str]:
+    """Where the book is served."""
+    with browser.serve(book) as served:
+        yield served
+
+
+@pytest.fixture(scope="session")
+def visit(driver: webdriver.Chrome, address: str) -> Callable[[str], browser.Visit]:
+    """Visit a page of the table of contents; each is loaded once."""
+    seen: dict[str, browser.Visit] = {}
+
+    def once(page: str) -> browser.Visit:
+        if page not in seen:
+            seen[page] = browser.visit(driver, f"{address}{page}.html")
+        return seen[page]
+
+    return once

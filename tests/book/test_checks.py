@@ -1,0 +1,108 @@
+"""Each check of a page finds what it is for, and accepts a page that has nothing wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from selenium import webdriver
+
+from tests.book import browser
+from tests.book.checks import (
+    CHECKS,
+    MAX_BYTES,
+    Check,
+    complaints,
+    faint,
+    formulas,
+    pages,
+    pictures,
+    references,
+    too_heavy,
+    too_wide,
+)
+
+PAGE = """<!doctype html><html data-theme="light"><head><meta charset="utf-8"><title>Page</title>
+<link rel="icon" href="data:,"><style>
+html {{ background: white; color: #222; }} a {{ color: inherit; }}
+html[data-theme="dark"] {{ background: #111; color: #ddd; }}
+</style></head><body><article id="main"><p>Text, and a <code>\\(formula\\)</code> as code.</p>
+<div style="overflow-x: auto"><pre style="width: 2000px">wide, but in a box of its own</pre></div>
+<a href="#main">here</a> <a href="other.html#place">there</a> <a href="https://doi.org/10.1">far</a>
+{picture}{fault}</article></body></html>"""
+
+
+def svg(color: str) -> str:
+    """A square of one colour with a smaller black one in it: no picture if that is black too."""
+    shapes = f"<rect width='9' height='9' fill='{color}'/><rect x='3' width='3' height='3'/>"
+    start = "<svg xmlns='http://www.w3.org/2000/svg' width='9' height='9'>"
+    return f"data:image/svg+xml,{start}{shapes}</svg>"
+
+
+PICTURE = f'<img alt="A square." src="{svg("white")}">'
+FAULTS: list[tuple[Check, str]] = [
+    (complaints, "<script>console.error('no')</script>"),
+    (complaints, "<script>undefined.property</script>"),
+    (complaints, "<script src='missing.js'></script>"),
+    (complaints, "<script src='https://cdn.jsdelivr.net/a.js'></script>"),
+    (too_heavy, f"<!--{'x' * MAX_BYTES}-->"),
+    (formulas, r"<p>where \(x\) is</p>"),
+    (formulas, r"<p>where $$x + y$$ is</p>"),
+    (formulas, "<p>where $x_1$ is</p>"),
+    (formulas, r"<p>where \alpha is</p>"),
+    (formulas, r"<span class='math'>x</span>"),
+    (
+        formulas,
+        "<span class='math'><mjx-container><mjx-merror>x</mjx-merror></mjx-container></span>",
+    ),
+    (pictures, f'<img src="{svg("white")}">'),
+    (pictures, f'<img alt="A square." src="{svg("black")}">'),
+    (pictures, '<img alt="A square." src="missing.png">'),
+    (references, "<a href='missing.html'>there</a>"),
+    (references, "<a href='other.html#nowhere'>there</a>"),
+    (references, "<a href='#nowhere'>here</a>"),
+    (references, "<a href='https://doi/10.1'>far</a>"),
+    (references, "<a href='file:///home'>far</a>"),
+    (references, "<span class='xref myst'>chapter nine</span>"),
+    (too_wide, "<p style='width: 500px'>wide on a phone</p>"),
+    (too_wide, "<div style='overflow: hidden'><p style='width: 1500px'>cut off</p></div>"),
+    (too_wide, "<div style='overflow: auto; width: 450px'><p style='width: 600px'>wide</p></div>"),
+    (faint, "<p style='color: #888; background: white'>grey on white</p>"),
+    (faint, "<p style='color: #222'>black on black in the dark theme</p>"),
+    (faint, "<p style='color: rgb(0 0 0 / 40%); background: white'>see-through</p>"),
+]
+
+
+def find(check: Check, fault: str, driver: webdriver.Chrome, folder: Path) -> list[str]:
+    """Run a check on a page with a fault."""
+    (folder / "page.html").write_text(PAGE.format(picture=PICTURE, fault=fault), encoding="utf-8")
+    (folder / "other.html").write_text("<p id='place'>There.</p>", encoding="utf-8")
+    with browser.serve(folder) as address:
+        return check(browser.visit(driver, f"{address}page.html"), folder)
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_a_sound_page_is_accepted(check: Check, driver: webdriver.Chrome, tmp_path: Path):
+    assert find(check, "", driver, tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("check", "fault"), FAULTS, ids=[f"{check.__name__}-{n}" for n, (check, _) in enumerate(FAULTS)]
+)
+def test_a_fault_is_found(check: Check, fault: str, driver: webdriver.Chrome, tmp_path: Path):
+    assert find(check, fault, driver, tmp_path) != []
+
+
+def test_every_check_is_shown_to_find_something():
+    assert {check for check, _ in FAULTS} == set(CHECKS)
+
+
+def test_pages_come_in_the_order_of_reading():
+    toc = {
+        "root": "intro",
+        "parts": [
+            {"chapters": [{"file": "a", "sections": [{"file": "b"}]}]},
+            {"chapters": [{"file": "c"}]},
+        ],
+    }
+    assert list(pages(toc)) == ["intro", "a", "b", "c"]
