@@ -1,0 +1,117 @@
+"""Draw the pictures of the README and the book's first pages: `python tools/draw_pictures.py`."""
+
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from d2d import ANNEALED, CorruptedGaussian, RegistrationCost
+from d2d.radar import simulate_drive, track
+from d2d.study import drawing, monte_carlo, radarscenes, scenarios
+from d2d.study.drives import DriveErrors
+from d2d.study.evaluation import COSTS, at_truth
+
+STATIC = Path(__file__).resolve().parents[1] / "_static"
+ROBUST = COSTS["robust"]
+
+
+def overview() -> Figure:
+    """A scan, the cost of registering it, and the path of a whole drive."""
+    drive = simulate_drive(np.random.default_rng(7), duration=130.0)
+    previous, current = drive.scans[99], drive.scans[100]
+    fixed, moving = previous.point_set(drive.mounting), current.point_set(drive.mounting)
+    cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100 * np.eye(2)))
+    offset = np.linspace(-6.0, 6.0, 161)
+    grid = np.stack([*np.meshgrid(offset, offset), np.zeros((161, 161))], axis=-1)
+
+    figure, axes = plt.subplots(1, 3, figsize=(11, 3.6))
+    drawing.radar_scan(axes[0], current, drive.mounting)
+    drawing.planar_axes(axes[0], "one scan")
+    contours = axes[1].contourf(offset, offset, cost.value(grid, fixed, moving), 24)
+    figure.colorbar(contours, ax=axes[1], label="−log likelihood")
+    drawing.planar_axes(axes[1], "cost of a translation")
+    axes[1].set(xlabel="$t_x$ (m)", ylabel="$t_y$ (m)")
+    poses = track(drive.scans, drive.mounting).poses(drive.truth.poses[0])
+    drawing.path(axes[2], poses, color=drawing.BLUE, label="estimate")
+    axes[2].plot(*drive.truth.poses[:, :2].T, "--", color=drawing.ORANGE, label="truth")
+    drawing.planar_axes(axes[2], "the path")
+    axes[2].legend()
+    return figure
+
+
+def start() -> Figure:
+    """Who finds the truth from zero: a plain descent, a short schedule, a long one."""
+    schedules = {"plain": (1.0,), "scales 4, 2, 1": (4.0, 2.0, 1.0), "scales 10 … 1": ANNEALED}
+    figure, ax = plt.subplots(figsize=(6.4, 3.2))
+    for i, (name, scales) in enumerate(schedules.items()):
+        shares = [
+            at_truth(monte_carlo(scene, ROBUST, initial="zero", scales=scales).errors).mean()
+            for scene in scenarios.ALL
+        ]
+        color = (drawing.SKY, drawing.ORANGE, drawing.BLUE)[i]
+        bars = ax.bar(np.arange(5) + 0.28 * (i - 1), shares, 0.26, color=color, label=name)
+        ax.bar_label(bars, [f"{100 * share:.0f}" for share in shares], fontsize=8)
+    names = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
+    ax.set_xticks(np.arange(5), names)
+    ax.set_ylabel("share at the truth")
+    ax.set_ylim(0, 1.1)
+    figure.legend(loc="outside upper center", ncols=3)
+    return figure
+
+
+def summing() -> Figure:
+    """The errors of the three costs in every scene, and what their covariances say of them."""
+    figure, axes = plt.subplots(1, 2, figsize=(6.8, 3.2), sharey=True)
+    rows = np.arange(5)[::-1]
+    styles = {"summing": (drawing.ORANGE, "s"), "likelihood": (drawing.SKY, "D")}
+    for name, (color, marker) in (styles | {"robust": (drawing.BLUE, "o")}).items():
+        found = [monte_carlo(scene, COSTS[name]) for scene in scenarios.ALL]
+        errors = [np.sqrt(np.mean(np.sum(run.errors[:, :2] ** 2, axis=1))) for run in found]
+        axes[0].plot(errors, rows, marker, color=color, label=name)
+        axes[1].plot([run.credibility.anees for run in found], rows, marker, color=color)
+    names = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
+    axes[0].set_yticks(rows, names)
+    axes[0].set_xlabel("RMSE (m)")
+    axes[0].set_xlim(0, None)
+    axes[1].axvline(1.0, color="0.4", ls=":", lw=0.9)
+    axes[1].set_xscale("log")
+    axes[1].set_xlabel("ANEES, 1 is credible")
+    drawing.letters(axes)
+    figure.legend(loc="outside upper center", ncols=3)
+    return figure
+
+
+def road() -> Figure:
+    """Errors of v_x and their three standard deviations: simulated, and on a road."""
+    drive = simulate_drive(np.random.default_rng(7), duration=30.0)
+    simulated = DriveErrors.of(track(drive.scans, drive.mounting), drive.truth)
+    recorded = radarscenes.read(radarscenes.default_path(105))["sensor 3"].judged
+    figure, axes = plt.subplots(1, 2, figsize=(6.8, 3.0))
+    for ax, judged, name in zip(
+        axes, (simulated, recorded), ("simulated drive", "RadarScenes"), strict=True
+    ):
+        drawing.error_bands(
+            ax, judged.times, judged.errors[:, 0], judged.sigmas[:, 0], "m/s", "$v_x$"
+        )
+        ax.set_title(f"{name}: ANEES {judged.credibility.anees:.1f}")
+        ax.set_xlabel("time (s)")
+    return figure
+
+
+def main() -> None:
+    """Draw all of them."""
+    drawing.use_style()
+    for name, draw in (
+        ("overview", overview),
+        ("finding-start", start),
+        ("finding-sum", summing),
+        ("finding-road", road),
+    ):
+        figure = draw()
+        figure.savefig(STATIC / f"{name}.png", dpi=130, metadata={"Software": None})
+        plt.close(figure)
+
+
+if __name__ == "__main__":
+    main()
