@@ -1,0 +1,291 @@
+"""100 000 random registrations at extreme scales: none may crash, hang or lie about its outcome.
+
+The unit of length runs from 1e-6 to 1e6 m, standard deviations from 1e-6 to 1000 units, weights
+over a hundred decades, angles to a million radians; sets of 1 to 40 targets lie apart, on one spot
+or on a line.  What may come out is an honest "not converged" or an optimum whose numbers belong
+together.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from d2d import (
+    CorruptedGaussian,
+    Estimate,
+    LinearMeasurement,
+    PointSet,
+    RegistrationCost,
+    UniformOutlier,
+    register,
+    rigid,
+)
+from tests.strategies import FUSIONS, METRICS, Problem, dense_gradient, dense_value
+
+BATCH = 250
+ROUNDS = 10  # of each case; 2 x 2 x 2 x 5 cases
+LAYOUTS = ("apart", "far", "one spot", "overlapping", "on a line", "coincident")
+OUTLIERS = ("none", "uniform", "corrupted", "never", "only")
+
+
+def random_batch(
+    rng: np.random.Generator, dimension: int, metric: Any, fusion: Any, outlier: str, measured: bool
+) -> Problem:
+    """``BATCH`` problems of one cost, each at a scale and in a layout of its own."""
+    fixed_size, moving_size = np.minimum(rng.geometric(0.12, 2), 40)
+    unit = 10.0 ** rng.uniform(-6.0, 6.0, (BATCH, 1, 1))
+    sigma = unit * 10.0 ** rng.uniform(-4.0, 1.0, (BATCH, 1, 1))
+    fixed = rng.uniform(-1.0, 1.0, (BATCH, fixed_size, dimension)) * unit
+    moving = rng.uniform(-1.0, 1.0, (BATCH, moving_size, dimension)) * unit
+    layout = np.array(LAYOUTS)[rng.integers(0, len(LAYOUTS), BATCH)]
+    partner = rng.integers(0, fixed_size, (BATCH, moving_size, 1))
+    moving[layout == "far"] += (unit * 10.0 ** rng.uniform(0.0, 6.0, unit.shape))[layout == "far"]
+    fixed[layout == "one spot"] = fixed[layout == "one spot", :1]
+    for name, noise in (("one spot", 0.0), ("overlapping", 1.0), ("coincident", 0.0)):
+        near = np.take_along_axis(fixed, partner, axis=1)
+        near = near + noise * sigma * rng.standard_normal(moving.shape)
+        moving[layout == name] = near[layout == name]
+    for points in (fixed, moving):
+        points[layout == "on a line", :, -1] = 0.0
+    weights = None
+    if rng.random() < 0.5:
+        weights = 10.0 ** rng.uniform(-rng.choice([1, 10, 100]), 0.0, (BATCH, fixed_size))
+    theta = np.zeros((BATCH, rigid.PARAMETERS[dimension]))
+    away = rng.choice([0.0, 1.0, 1e3], (BATCH, 1))
+    theta[:, :dimension] = sigma[:, 0] * away * rng.standard_normal((BATCH, dimension))
+    if dimension == 2:
+        theta[:, 2] = rng.standard_normal(BATCH) * rng.choice([0, 1e-9, 0.1, 3, 1e3, 1e6], BATCH)
+    return Problem(
+        RegistrationCost(metric, fusion, model(rng, outlier, dimension, float(np.median(sigma)))),
+        theta,
+        PointSet(fixed, spreads(rng, sigma[..., 0], fixed.shape), weights),
+        PointSet(moving, spreads(rng, sigma[..., 0], moving.shape)),
+        doppler(rng, sigma[..., 0], moving_size, theta.shape[1]) if measured else None,
+    )
+
+
+def spreads(rng: np.random.Generator, sigma: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Covariances (B, N, D, D), of one size or many, round or as thin as 1 : 100 000."""
+    batch, size, dimension = shape
+    sigma = sigma * 10.0 ** (rng.integers(0, 2) * rng.uniform(-2.0, 2.0, (batch, size)))
+    if dimension == 1:
+        return sigma[..., None, None] ** 2
+    thin = sigma * 10.0 ** (rng.integers(0, 2) * rng.uniform(-5.0, 0.0, (batch, size)))
+    angle = rng.uniform(-np.pi, np.pi, (batch, size))
+    c, s = np.cos(angle), np.sin(angle)
+    xx, xy, yy = (
+        (sigma * c) ** 2 + (thin * s) ** 2,
+        (sigma**2 - thin**2) * c * s,
+        (sigma * s) ** 2 + (thin * c) ** 2,
+    )
+    return np.stack([xx, xy, xy, yy], axis=-1).reshape(batch, size, 2, 2)
+
+
+def model(rng: np.random.Generator, kind: str, dimension: int, sigma: float) -> Any:
+    """An outlier model of any size beside the targets."""
+    if kind == "none":
+        return None
+    if kind == "uniform":
+        return UniformOutlier(10.0 ** rng.uniform(-10.0, 6.0))
+    fraction = {"corrupted": rng.choice([0.2, 1e-9]), "never": 0.0, "only": 1.0}[kind]
+    wide = sigma * 10.0 ** rng.uniform(-2.0, 4.0)
+    return CorruptedGaussian(float(fraction), wide**2 * np.eye(dimension))
+
+
+def doppler(
+    rng: np.random.Generator, sigma: np.ndarray, size: int, parameters: int
+) -> LinearMeasurement:
+    """Measurements of any precision and size, some with a variance that grows with the motion."""
+    gain, slope = rng.standard_normal((2, len(sigma), size, parameters))
+    own = sigma * 10.0 ** rng.uniform(-3.0, 3.0, (len(sigma), size))
+    value = own * 10.0 ** rng.uniform(-1.0, 2.0) * rng.standard_normal(own.shape)
+    twist = parameters == 3 and rng.random() < 0.5
+    return LinearMeasurement(value, own, rng.choice([0.0, 0.1, 10.0]), gain, slope, bool(twist))
+
+
+def assert_honest(problem: Problem, estimate: Estimate) -> None:
+    """What is said of each result belongs together, and none is worse than its start."""
+    good = estimate.converged
+    for name in ("theta", "value", "gradient", "hessian"):
+        assert np.isfinite(getattr(estimate, name)).all(), name
+    assert np.isnan(estimate.covariance[~good]).all()
+    start = problem.value()
+    assert (estimate.value <= start).all()
+    value, gradient, hessian = problem.derivatives(estimate.theta)
+    np.testing.assert_array_equal(estimate.value, value)
+    np.testing.assert_array_equal(estimate.gradient, gradient)
+    np.testing.assert_array_equal(estimate.hessian, hessian)
+    covariance = estimate.covariance[good]
+    assert np.isfinite(covariance).all()
+    size = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    unit = covariance / (size[:, :, None] * size[:, None, :])
+    assert (np.linalg.eigvalsh(unit)[:, 0] > 0.0).all()
+
+
+CASES = pytest.mark.parametrize("outlier", OUTLIERS)
+
+
+@CASES
+@pytest.mark.parametrize("fusion", FUSIONS)
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_no_result_is_dishonest(dimension, metric, fusion, outlier):
+    """Breaks on nan with converged=True, a covariance that is none, or a cost above the start's.
+
+    2500 registrations for each of 40 costs.
+    """
+    rng = np.random.default_rng(
+        [0, dimension, METRICS.index(metric), FUSIONS.index(fusion), OUTLIERS.index(outlier)]
+    )
+    converged = 0
+    for _ in range(ROUNDS):
+        # positions alone: for measurements beside outliers see the test below
+        measured = outlier in ("none", "never", "only") and rng.random() < 0.5
+        problem = random_batch(rng, dimension, metric, fusion, outlier, measured)
+        estimate = register(
+            problem.fixed,
+            problem.moving,
+            problem.cost,
+            problem.theta,
+            measurement=problem.measurement,
+        )
+        assert_honest(problem, estimate)
+        converged += int(estimate.converged.sum())
+    assert converged > 0.1 * BATCH * ROUNDS  # else the problems are too hopeless to tell anything
+
+
+def member(problem: Problem, i: int) -> Problem:
+    """One problem of a batch."""
+    f, m, z = problem.fixed, problem.moving, problem.measurement
+    if z is not None:
+        fields = (z.value, z.sigma, z.sigma_input, z.gain, z.slope)
+        z = LinearMeasurement(*(field[i] for field in fields), z.of_twist)
+    return problem.with_(
+        theta=problem.theta[i],
+        fixed=PointSet(f.means[i], f.covariances[i], f.weights[i]),
+        moving=PointSet(m.means[i], m.covariances[i]),
+        measurement=z,
+    )
+
+
+@CASES
+@pytest.mark.parametrize("fusion", FUSIONS)
+@pytest.mark.parametrize("metric", METRICS)
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_value_and_gradient_equal_dense_numpy(dimension, metric, fusion, outlier):
+    """Breaks if a pair that matters is skipped, or a lane works on another one's numbers.
+
+    Both sides round: a squared distance of u^2 standard deviations by 1e-16 u^2, and the matrix of
+    a target as thin as 1 : r by 1e-16 r^2, so that less is asked of thin targets and nothing of
+    those a hundred million standard deviations away.
+    """
+    compared = 0
+    rng = np.random.default_rng(
+        [9, dimension, METRICS.index(metric), FUSIONS.index(fusion), OUTLIERS.index(outlier)]
+    )
+    for _ in range(4):
+        batch = random_batch(rng, dimension, metric, fusion, outlier, measured=rng.random() < 0.5)
+        values, gradients, _ = batch.derivatives()
+        for i in rng.choice(BATCH, 8, replace=False):
+            one = member(batch, i)
+            if outlier in ("never", "only"):  # the dense log of a weight of zero is none
+                one = one.with_(cost=RegistrationCost(metric, fusion, nearly(one.cost.outlier)))
+                values[i], gradients[i], _ = one.derivatives()
+            if one.measurement is not None and abs(one.theta[-1]) > 6.0:
+                continue  # the twist is that of less than a full turn
+            rounding = 1e-14 * (1e3 + thinness(one) ** 2)
+            expected = dense_value(one, one.theta)
+            if abs(expected) > 1e16:
+                continue
+            compared += 1
+            assert abs(values[i] - expected) <= rounding * (abs(expected) + one.moving.size)
+            slope = dense_gradient(one, one.theta)
+            natural = np.abs(slope) + 1e-3 * np.abs(slope).max() + 1.0 / lengths(one)
+            assert (np.abs(gradients[i] - slope) <= 1e4 * rounding * natural).all()
+    assert compared > 10
+
+
+def nearly(model: CorruptedGaussian) -> CorruptedGaussian:
+    """The same with a fraction next to 0 or 1."""
+    return CorruptedGaussian(min(max(model.fraction, 1e-12), 1.0 - 1e-12), model.covariance)
+
+
+def thinness(problem: Problem) -> float:
+    """Length over width of the thinnest target."""
+    ratios = [
+        np.sqrt(values[:, -1] / values[:, 0]).max()
+        for values in (
+            np.linalg.eigvalsh(points.covariances) for points in (problem.fixed, problem.moving)
+        )
+    ]
+    return float(max(ratios))
+
+
+def lengths(problem: Problem) -> np.ndarray:
+    """By how much each parameter must change to be noticed."""
+    smallest = np.sqrt(np.linalg.eigvalsh(problem.fixed.covariances).min())
+    if problem.fixed.dimension == 1:
+        return np.array([smallest])
+    lever = np.linalg.norm(problem.moving.means, axis=-1).max()
+    return np.array([smallest, smallest, smallest / (lever + smallest)])
+
+
+# ---- Found by this fuzz, not mended yet
+
+
+@pytest.mark.xfail(reason="the kernel keeps 1e-304 of a vanished inlier's measurement", strict=True)
+def test_a_plateau_with_a_measurement_is_no_optimum():
+    """Breaks if the measurement of a target that is surely an outlier makes a plateau an optimum.
+
+    The target is 100 standard deviations from its only counterpart; what comes out is a variance
+    of 1e299.  In larger scenes it is inf or nan.
+    """
+    fixed, moving = (PointSet([[x]], [[[1.0]]]) for x in (0.0, 100.0))
+    measurement = LinearMeasurement([0.0], 1.0, 0.0, [[1.0]], [[0.0]])
+    cost = RegistrationCost(outlier=UniformOutlier(0.01))
+    assert not register(fixed, moving, cost, measurement=measurement).converged
+
+
+@pytest.mark.xfail(reason="the kernel's sums begin at 1e-300", strict=True)
+def test_tiny_weights_change_neither_optimum_nor_covariance():
+    """Breaks if a constant hides in the sum of the densities: only ratios of weights matter."""
+    rng = np.random.default_rng(0)
+    means, unit = rng.uniform(-3.0, 3.0, (5, 2)), np.tile(np.eye(2), (5, 1, 1))
+    light, heavy = (PointSet(means, unit, np.full(5, w)) for w in (1e-300, 1.0))
+    moving = PointSet(means + 0.1, unit)
+    expected = register(heavy, moving).covariance
+    np.testing.assert_allclose(register(light, moving).covariance, expected, rtol=1e-6)
+
+
+@pytest.mark.xfail(
+    reason="two formulas for the nearest distance differ by more than 700", strict=True
+)
+def test_the_gradient_of_a_target_ten_billion_sigmas_away_does_not_vanish():
+    """Breaks if the nearest component is lost to rounding: then the gradient is 0."""
+    rng = np.random.default_rng(0)
+    means, root = rng.uniform(-1e10, 1e10, (40, 2)), rng.standard_normal((40, 2, 2))
+    covariances = root @ root.swapaxes(1, 2) + 0.1 * np.eye(2)
+    fixed = PointSet(means[:1], covariances[:1])
+    for k in range(1, 40):
+        one = Problem(
+            RegistrationCost(), np.zeros(3), fixed, PointSet(means[[k]], covariances[[k]])
+        )
+        np.testing.assert_allclose(
+            one.derivatives()[1][:2], dense_gradient(one, one.theta)[:2], rtol=1e-3
+        )
+
+
+@pytest.mark.xfail(reason="u u' - g g' cancels: an error of 1e-16 u^2 in the Hessian", strict=True)
+def test_the_covariance_of_distant_pairs_is_that_of_close_ones():
+    """Breaks if the Hessian of one Gaussian, which is the same everywhere, depends on where.
+
+    Two targets a hundred million standard deviations to either side of their only counterpart
+    balance each other; the variance is that of one, 1, but comes out at 1.6.
+    """
+    fixed, unit = PointSet([[0.0]], [[[1.0]]]), np.ones((2, 1, 1))
+    estimate = register(fixed, PointSet([[-1e8], [1e8 + 0.3]], unit))
+    assert estimate.converged
+    np.testing.assert_allclose(estimate.covariance, 1.0, rtol=1e-3)
