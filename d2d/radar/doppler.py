@@ -44,10 +44,15 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
     )
 
 
-def _check_view(view: object) -> None:
-    parts = view if isinstance(view, tuple | list) and len(view) == 2 else (None, None)
-    if not (isinstance(parts[0], RadarScan) and isinstance(parts[1], Mounting)):
-        raise ValueError(f"views must hold pairs of a RadarScan and a Mounting, but holds {view!r}")
+def _check_views(views: object) -> None:
+    if not isinstance(views, Sequence) or not views:
+        raise ValueError(f"views must hold at least one scan with its mounting, but is {views!r}")
+    for view in views:
+        parts = view if isinstance(view, tuple | list) and len(view) == 2 else (None, None)
+        if not (isinstance(parts[0], RadarScan) and isinstance(parts[1], Mounting)):
+            raise ValueError(
+                f"views must hold pairs of a RadarScan and a Mounting, but holds {view!r}"
+            )
 
 
 class DopplerMotion(NamedTuple):
@@ -92,10 +97,7 @@ def doppler_ego_motion(
     ValueError
         Without a view, or with something else in its place.
     """
-    if not len(views):
-        raise ValueError("views must hold at least one scan with its mounting, but is empty")
-    for view in views:
-        _check_view(view)
+    _check_views(views)
     edges = np.cumsum([scan.size for scan, _ in views])[:-1]
     inliers = np.concatenate([_agreeing(scan, _directions(scan, at)) for scan, at in views])
     gains, slopes = (
