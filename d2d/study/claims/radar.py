@@ -152,7 +152,7 @@ def _rejects_moving() -> Evidence:
 
 def _annealing() -> Evidence:
     numbers: dict[str, float] = {}
-    little = []
+    seldom, even = [], []
     for name, doppler in (("with", True), ("without", False)):
         plain, annealed, moved = [], [], np.empty((DRIVES, 2))
         for seed in range(DRIVES):
@@ -167,7 +167,8 @@ def _annealing() -> Evidence:
             annealed.append(DriveErrors.of(runs[1], drive.truth).rmse)
         share, _, most = _interval(moved)
         ratio, low, high = (each[0] for each in _ratio(plain, annealed))
-        little.append(bool(most[0] < LITTLE and low <= 1.0))
+        seldom.append(bool(most[0] < LITTLE))
+        even.append(bool(high < 1.0 + 10.0 * LITTLE))
         numbers |= {
             f"share of pairs that come nearer to the true v_x, {name} Doppler": float(share[0]),
             f"greatest of its 95 % interval, {name} Doppler": float(most[0]),
@@ -177,10 +178,11 @@ def _annealing() -> Evidence:
             f"greatest of the ratio's 95 % interval, {name} Doppler": float(high),
         }
     return Evidence(
-        "confirmed" if all(little) else "qualified" if little[0] else "refuted",
+        "confirmed" if all(seldom + even) else "qualified" if seldom[0] else "refuted",
         "the last pair's velocity lies within the basin of the best optimum already, from where "
         "inflated standard deviations lead back to it. Only after a pair that went astray is there "
-        "something to gain, and without Doppler there is more to lose.",
+        "something to gain: too seldom to tell from eight drives by how much, and without Doppler "
+        "there is more to lose.",
         numbers,
     )
 
@@ -240,11 +242,12 @@ CLAIMS = (
         "7.3",
         "Starting from inflated covariances gains little over the constant-velocity start.",
         _annealing,
-        "confirmed",
+        "qualified",
         figure="ego-error",
         telling=(
             "share of pairs that come nearer to the true v_x, with Doppler",
-            "ratio of the RMSE of v_x, plain / annealed, without Doppler",
+            "ratio of the RMSE of v_x, plain / annealed, with Doppler",
         ),
+        holds="The pair before was estimated well, as all but one or two in a thousand were.",
     ),
 )
