@@ -45,6 +45,8 @@ class UniformOutlier:
 class CorruptedGaussian:
     """A wide Gaussian at every component: (1 - alpha) q_k + alpha sum_i w_i N(T(mu_k) | mu_i, S_o).
 
+    The name follows Hartley & Zisserman, Multiple View Geometry, appendix 6.
+
     Parameters
     ----------
     fraction : float
@@ -52,8 +54,6 @@ class CorruptedGaussian:
         inlier share there).
     covariance : (D, D) array, m^2
         S_o, symmetric positive definite; a number stands for a variance in 1D.
-
-    The name follows Hartley & Zisserman, Multiple View Geometry, appendix 6.
     """
 
     fraction: float
