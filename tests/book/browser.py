@@ -37,6 +37,7 @@ FLAGS = (
 )
 WIDE, NARROW = 1400, 400  # px: a desk and a phone
 THEMES = ("light", "dark")
+LEGIBLE = 0.6  # of the size in which a figure's labels of 9 to 10 pt were drawn
 CONTRAST = 4.5  # WCAG 2.1, level AA
 
 
@@ -108,6 +109,8 @@ class Visit:
     """The address behind the button "next"; empty on the last page."""
     overflows: dict[int, list[str]]
     """By width of the window: what reaches past its edge."""
+    shrunken: list[str]
+    """Pictures that a phone shows too small."""
     faint: dict[str, list[str]]
     """By theme: text with too little contrast."""
 
@@ -128,6 +131,7 @@ def visit(driver: webdriver.Chrome, address: str) -> Visit:
     for width in (WIDE, NARROW):
         resize(driver, width)
         overflows[width] = ask(driver, "inspectBook.overflows()")
+    shrunken = ask(driver, f"inspectBook.shrunken({LEGIBLE})")
     faint = {}
     for theme in THEMES:
         driver.execute_script("document.documentElement.dataset.theme = arguments[0]", theme)
@@ -144,6 +148,7 @@ def visit(driver: webdriver.Chrome, address: str) -> Visit:
         links["unresolved"],
         links["next"],
         overflows,
+        shrunken,
         faint,
     )
 

@@ -112,6 +112,11 @@ def too_wide(visit: Visit, book: Path) -> list[str]:
     ]
 
 
+def too_small(visit: Visit, book: Path) -> list[str]:
+    """Pictures whose labels cannot be read on a phone."""
+    return visit.shrunken
+
+
 def faint(visit: Visit, book: Path) -> list[str]:
     """Text with too little contrast in the light or the dark theme."""
     return [f"{theme}: {place}" for theme, places in visit.faint.items() for place in places]
@@ -124,6 +129,7 @@ CHECKS: tuple[Check, ...] = (
     pictures,
     references,
     too_wide,
+    too_small,
     faint,
 )
 

@@ -129,6 +129,14 @@ window.inspectBook = (() => {
     return false;
   }
 
+  /** Pictures shown at less than a share of the size they were drawn in, where labels can no longer be read. */
+  function shrunken(least) {
+    return [...main().querySelectorAll("img")]
+      .map((image) => [image.getBoundingClientRect().width / image.naturalWidth, image])
+      .filter(([share]) => share < least)
+      .map(([share, image]) => `${image.getAttribute("src")} at ${share.toFixed(2)} of its size`);
+  }
+
   const pixel = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
 
   /** Any CSS colour as [red, green, blue, alpha], each 0 to 1. */
@@ -179,5 +187,5 @@ window.inspectBook = (() => {
     return [...found.values()];
   }
 
-  return { settle, figures, images, formulas, links, overflows, faint };
+  return { settle, figures, images, formulas, links, overflows, shrunken, faint };
 })();

@@ -19,6 +19,7 @@ from tests.book.checks import (
     pictures,
     references,
     too_heavy,
+    too_small,
     too_wide,
 )
 
@@ -67,6 +68,7 @@ FAULTS: list[tuple[Check, str]] = [
     (too_wide, "<p style='width: 500px'>wide on a phone</p>"),
     (too_wide, "<div style='overflow: hidden'><p style='width: 1500px'>cut off</p></div>"),
     (too_wide, "<div style='overflow: auto; width: 450px'><p style='width: 600px'>wide</p></div>"),
+    (too_small, f'<img alt="A square." style="width: 5px" src="{svg("white")}">'),
     (faint, "<p style='color: #888; background: white'>grey on white</p>"),
     (faint, "<p style='color: #222'>black on black in the dark theme</p>"),
     (faint, "<p style='color: rgb(0 0 0 / 40%); background: white'>see-through</p>"),
