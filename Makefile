@@ -24,7 +24,7 @@ IPYKERNEL_CONFIG := c.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup book test test-book notebooks lint format bench sweep lab radarscenes clean distclean
+.PHONY: help setup book test test-book coverage notebooks lint format bench sweep lab radarscenes clean distclean
 
 help: ## List what can be made (default)
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -82,6 +82,10 @@ $(VENV)/.book-test: $(STAMP)
 
 _build/html/index.html:
 	@$(MAKE) --no-print-directory book
+
+coverage: $(STAMP) ## Print which lines of d2d the tests do not run; fails below 95 %
+	$(BIN)/python -m pytest -q -n $(JOBS) --dist loadscope --ignore tests/test_notebooks.py \
+	  --cov=d2d --cov-report=term --cov-fail-under=95 tests
 
 notebooks: $(STAMP) ## Execute the notebooks in place, so that their stored outputs are fresh
 	$(BIN)/python tools/run_notebooks.py
