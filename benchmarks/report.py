@@ -96,33 +96,42 @@ def number(value: float, digits: int = 3) -> str:
     return f"{round(value, digits - 1 - int(np.floor(np.log10(abs(value))))):.{decimals}f}"
 
 
-def main_table(rows: Sequence[Row]) -> str:
-    """Time and accuracy of every method."""
+def main_tables(rows: Sequence[Row]) -> str:
+    """Time and accuracy of every method, a table for each number of targets and start."""
     header = (
-        *("targets", "start", "cost", "method", "µs, best", "µs, median", "× batch"),
+        *("cost", "method", "µs, best", "µs, median", "× batch"),
         *("RMSE, m", "× floor", "RMSE, °", "at truth, %", "runs"),
     )
-    lines = []
+    groups: dict[tuple[int, str], list[Row]] = {}
     for row in rows:
-        batch = find(rows, row.size, row.start, "likelihood", methods.BATCH)
-        judged = row.accuracy or Accuracy(*[float("nan")] * 4)
-        lines.append(
-            (
-                f"{row.size} × {row.size}",
-                row.start,
-                row.cost,
-                row.name,
-                number(row.best * 1e6),
-                number(row.median * 1e6),
-                number(row.best / batch.best if batch else float("nan")),
-                number(judged.translation),
-                number(judged.over_floor, 4),
-                number(np.rad2deg(judged.rotation)),
-                number(100.0 * judged.at_truth, 4),
-                str(row.runs) if row.runs else "–",
+        groups.setdefault((row.size, row.start), []).append(row)
+    parts = []
+    for (size, start), members in groups.items():
+        batch = find(rows, size, start, "likelihood", methods.BATCH)
+        lines = []
+        for row in members:
+            judged = row.accuracy or Accuracy(*[float("nan")] * 4)
+            lines.append(
+                (
+                    row.cost,
+                    row.name,
+                    number(row.best * 1e6),
+                    number(row.median * 1e6),
+                    number(row.best / batch.best if batch else float("nan")),
+                    number(judged.translation),
+                    number(judged.over_floor, 4),
+                    number(np.rad2deg(judged.rotation)),
+                    number(100.0 * judged.at_truth, 4),
+                    str(row.runs) if row.runs else "–",
+                )
             )
-        )
-    return table(header, lines, 4)
+        parts.append(f"### {size} × {size} targets, started at {_start(start)}")
+        parts.append(table(header, lines, 2))
+    return "\n\n".join(parts)
+
+
+def _start(name: str) -> str:
+    return "the truth" if name == "truth" else name
 
 
 def _at_least(what: str, value: float | None, asked: float, unit: str = "×") -> Bar:
@@ -248,14 +257,13 @@ def page(m: Measured) -> str:
             f"Measured on {m.machine}, in one process with one thread unless said: {m.versions}. "
             + disturbance(m.rows),
             *(["\n".join(missing)] if missing else []),
-            "**Time and accuracy**",
-            main_table(m.rows),
-            f"**Time against size**, fitted exponent {m.exponent:.2f}",
-            sizes_table(m),
-            "**The rest**",
-            others_table(m),
-            "**What was asked for**",
+            "### What was asked for",
             bars_table(m),
+            main_tables(m.rows),
+            f"### Time against size, fitted exponent {m.exponent:.2f}",
+            sizes_table(m),
+            "### The rest",
+            others_table(m),
             "",
         ]
     )

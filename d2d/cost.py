@@ -106,6 +106,10 @@ class Problems(NamedTuple):
 class RegistrationCost:
     """What is minimised over the motion: metric x fusion x outlier model.
 
+    All methods take ``theta`` (..., P), the point sets ``fixed`` and ``moving`` and, keyword only,
+    a ``measurement`` beside the moving targets; their batch axes broadcast.  They raise
+    ``ValueError`` naming the argument that does not fit.
+
     Parameters
     ----------
     metric : "d2d" or "p2d"
@@ -116,10 +120,6 @@ class RegistrationCost:
         optimum and makes the Hessian independent of the density's unit).
     outlier : UniformOutlier, CorruptedGaussian or None
         The robust component of each target's density.
-
-    All methods take ``theta`` (..., P), the point sets ``fixed`` and ``moving`` and, keyword only,
-    a ``measurement`` beside the moving targets; their batch axes broadcast.  They raise
-    ``ValueError`` naming the argument that does not fit.
 
     Examples
     --------

@@ -23,6 +23,8 @@ from d2d._checks import (
 class PointSet:
     """Gaussian targets N(mu_k, Sigma_k) with mixture weights, or a batch of such sets.
 
+    Leading axes are batch axes and broadcast against each other.
+
     Parameters
     ----------
     means : (..., N, D) array, m
@@ -32,8 +34,6 @@ class PointSet:
     weights : (..., N) array, optional
         Positive mixture weights, used as they are when the set is the fixed mixture; 1/N each
         unless given.
-
-    Leading axes are batch axes and broadcast against each other.
 
     Raises
     ------
@@ -106,15 +106,15 @@ class PointSet:
     ) -> "PointSet":
         """Targets measured in polar coordinates, with first-order covariances.
 
+        The covariance is J diag(sigma_r^2, sigma_phi^2) J' with J = d(x, y)/d(r, phi) at the
+        measured point (thesis sec. 7.1, with the columns of J in the order of the variances).
+
         Parameters
         ----------
         range, azimuth : (..., N) arrays, m and rad
             Azimuth counts counter-clockwise from the x axis; ranges are positive.
         sigma_range, sigma_azimuth : arrays that broadcast to (..., N), m and rad
             Standard deviations, positive.
-
-        The covariance is J diag(sigma_r^2, sigma_phi^2) J' with J = d(x, y)/d(r, phi) at the
-        measured point (thesis sec. 7.1, with the columns of J in the order of the variances).
 
         Raises
         ------

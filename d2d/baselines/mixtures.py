@@ -1,7 +1,7 @@
 """Gaussian mixtures as nonlinear least squares, as the solvers of robotics take them.
 
-Least squares minimises half a sum of squares; a target's mixture sum_j s_j exp(-|w_j|^2 / 2), with
-whitened distances w_j, has to be written as one.  Pfeifer, Lange & Protzel (2021) compare:
+Least squares minimises half a sum of squares; a target's mixture ``sum_j s_j exp(-|w_j|^2 / 2)``,
+with whitened distances w_j, has to be written as one.  Pfeifer, Lange & Protzel (2021) compare:
 
 - max: the square of the component that is largest here (Olson & Agarwal 2013, "max-mixtures"),
 - sum: the square root of the whole logarithm (Rosen, Kaess & Leonard 2013),
