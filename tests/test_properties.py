@@ -697,6 +697,18 @@ def test_nonsense_is_refused_by_name(call, argument, bad):
         function(**{**arguments, argument: bad})
 
 
+def test_what_is_wrong_only_here_is_refused_by_name():
+    """Breaks if a step shorter than nothing is waited for, or a batch is taken for points."""
+    with pytest.raises(ValueError, match="tolerance"):
+        icp(POINTS, POINTS, tolerance=-1e-6)
+    with pytest.raises(ValueError, match="points"):
+        line_normals(POINTS.reshape(2, 20, 2))
+    with pytest.raises(ValueError, match="cost"):
+        propagate_covariance(register(*SETS), *SETS, "likelihood")
+    with pytest.raises(ValueError, match="interval"):
+        SCANS[0].doppler_measurement(Mounting(), 0.0)
+
+
 def test_the_calls_without_nonsense_are_good():
     """Breaks if the calls above are refused for a reason of their own."""
     for function, arguments in CALLS.values():
