@@ -50,6 +50,9 @@ INLIER, OUTLIER, FACTOR, TOTAL = range(0, 40 * LANES, 10 * LANES)
 MX, MY, CXX, CXY, CYY, COUNTS, REACH, LIMIT, OFFSET, TOP = range(40 * LANES, 50 * LANES, LANES)
 SQUARE, DETERMINANT = range(50 * LANES, 52 * LANES, LANES)
 SCRATCH = 52 * LANES
+# A sum relative to its nearest component must not lose it, however far away the same distance comes
+# out by another formula: the offset is a little above it, and what exceeds it is cut off.
+ABOVE, MOST = 1.0 + 1e-14, 200.0
 NOTHING = 1e-300  # where a sum begins of which no term may be left
 FARTHEST = 1e-200  # sums below it are taken again, relative to the nearest component
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
@@ -81,7 +84,7 @@ def _exponent_bits(typingctx: Any, number: Any) -> Any:
 # would cancel the rounding constant.
 @njit(forceinline=True, fastmath={"contract"}, error_model="numpy")
 def _exp(x: float) -> float:
-    """exp(x) for x <= 0 by range reduction and its Taylor polynomial of degree 13.
+    """exp(x) for x <= 700 by range reduction and its Taylor polynomial of degree 13.
 
     Relative error below 3e-16; below -700 the result is cut off at 1e-304.  Unlike a call of the
     mathematics library, a loop over it compiles to vector instructions.
@@ -269,6 +272,7 @@ def _find_nearest(w, lanes, fixed, tx, ty):
             w[DETERMINANT + k] = determinant if nearer else old_determinant
     for k in range(lanes):
         w[OFFSET + k] = 0.5 * w[SQUARE + k] / w[DETERMINANT + k]
+        w[OFFSET + k] *= ABOVE
 
 
 @njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
@@ -303,7 +307,7 @@ def _add_pairs(w, lanes, fixed, tx, ty):
             bxx, bxy, byy = syy * inverse, -sxy * inverse, sxx * inverse
             ux, uy = bxx * dx + bxy * dy, bxy * dx + byy * dy
             half = 0.5 * (ux * dx + uy * dy)
-            weight = own * math.sqrt(inverse) * _exp(min(w[OFFSET + k] - half, 0.0))
+            weight = own * math.sqrt(inverse) * _exp(min(w[OFFSET + k] - half, MOST))
             mx, my = h * uy - a * ux, h * ux + a * uy  # M u
             trace = a * (byy - bxx) + 2.0 * h * bxy  # tr(M B)
             turned = ux * mx + uy * my - trace  # K
@@ -388,7 +392,7 @@ def _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy):
         for k in range(lanes):
             dx, dy = w[MX + k] - fx, w[MY + k] - fy
             half = 0.5 * (bxx * dx * dx + 2.0 * bxy * dx * dy + byy * dy * dy)
-            v = own * _exp(w[OFFSET + k] - half)
+            v = own * _exp(min(w[OFFSET + k] - half, MOST))
             w[OUTLIER + k] += v
             w[OUTLIER + G0 + k] += v * dx
             w[OUTLIER + G1 + k] += v * dy
@@ -417,7 +421,7 @@ def _sum_outliers(w, lanes, fixed, tx, ty, outlier):
             for k in range(lanes):
                 dx, dy = w[MX + k] - fx, w[MY + k] - fy
                 half = 0.5 * (bxx * dx * dx + 2.0 * bxy * dx * dy + byy * dy * dy)
-                w[OFFSET + k] = min(w[OFFSET + k], half)
+                w[OFFSET + k] = min(w[OFFSET + k], ABOVE * half)
     for k in range(lanes):
         x, y, s = w[MX + k], w[MY + k], w[OUTLIER + k]
         r = 1.0 / s
@@ -480,10 +484,13 @@ def _multiply(w, lanes):
 def _mix(w, lanes, log_inlier_weight):
     """The inlier densities plus those of the outlier component."""
     for k in range(lanes):
-        # shares p of the inlier and q of the outlier component, from the smaller over the larger
+        # Shares p of the inlier and q of the outlier component, from the smaller over the larger.
+        # One that vanishes beside the other is nothing: else its measurement would give a plateau
+        # the curvature of an optimum.
         inlier, other = log_inlier_weight + w[INLIER + k], w[OUTLIER + k]
         difference = other - inlier
         ratio = _exp(-abs(difference))
+        ratio = 0.0 if abs(difference) > GATE else ratio
         larger = 1.0 / (1.0 + ratio)
         smaller = ratio * larger
         p, q = (smaller, larger) if difference > 0.0 else (larger, smaller)

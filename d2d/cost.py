@@ -8,7 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import _kernel, rigid
-from d2d._checks import Array, broadcast, covariance_matrices, fraction, positive, scalar
+from d2d._checks import (
+    Array,
+    broadcast,
+    covariance_matrices,
+    finite,
+    fraction,
+    positive,
+    scalar,
+)
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 
@@ -62,7 +70,9 @@ class CorruptedGaussian:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fraction", fraction("fraction", self.fraction))
-        covariance = covariance_matrices("covariance", np.atleast_2d(self.covariance))
+        covariance = covariance_matrices(
+            "covariance", np.atleast_2d(finite("covariance", self.covariance))
+        )
         if covariance.ndim != 2 or len(covariance) not in rigid.PARAMETERS:
             raise ValueError(
                 f"covariance must have the shape (D, D) with D = 1 or 2, but has {covariance.shape}"
@@ -134,9 +144,9 @@ class RegistrationCost:
     outlier: OutlierModel | None = None
 
     def __post_init__(self) -> None:
-        if self.metric not in _METRICS:
+        if not isinstance(self.metric, str) or self.metric not in _METRICS:
             raise ValueError(f"metric must be one of {', '.join(_METRICS)}, but is {self.metric!r}")
-        if self.fusion not in tuple(_FUSIONS):  # a list would not hash
+        if not isinstance(self.fusion, str) or self.fusion not in _FUSIONS:
             raise ValueError(f"fusion must be one of {', '.join(_FUSIONS)}, but is {self.fusion!r}")
         if not isinstance(self.outlier, OutlierModel | None):
             raise ValueError(
@@ -196,7 +206,8 @@ class RegistrationCost:
         """Cost (...), gradient (..., P) and Hessian (..., P, P), exact, in one pass.
 
         The covariance's dependence on the rotation is part of both (Stoyanov 2012, eq. 5-8);
-        leaving it out, as Gauss-Newton variants do, biases the gradient.
+        leaving it out, as Gauss-Newton variants do, biases the gradient.  Rounding leaves a
+        relative error of some 1e-16 times the squared Mahalanobis distance of the nearest pairs.
         """
         problems = self.bind(theta, fixed, moving, measurement)
         value, gradient, hessian = evaluate(problems)

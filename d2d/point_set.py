@@ -32,14 +32,14 @@ class PointSet:
     covariances : (..., N, D, D) array, m^2
         Symmetric positive definite.
     weights : (..., N) array, optional
-        Positive mixture weights, used as they are when the set is the fixed mixture; 1/N each
-        unless given.
+        Mixture weights within 1e-100 and 1e100, used as they are when the set is the fixed mixture;
+        1/N each unless given.
 
     Raises
     ------
     ValueError
         Naming the argument: shapes that do not match, an empty set, nan or inf, a covariance that
-        is not symmetric positive definite, a weight that is not positive.
+        is not symmetric positive definite, a weight that is not positive or out of range.
     """
 
     means: Array
@@ -66,6 +66,11 @@ class PointSet:
                 f"to match means, but has {covariances.shape}"
             )
         weights = positive("weights", np.full(count, 1.0 / count) if weights is None else weights)
+        if weights.size and not (weights.min() >= 1e-100 and weights.max() <= 1e100):
+            raise ValueError(
+                "weights must lie within 1e-100 and 1e100, but reach from "
+                f"{weights.min():g} to {weights.max():g}"
+            )
         if weights.shape[-1:] != (count,):
             raise ValueError(
                 f"weights must have the shape (..., {count}) to match means, "
