@@ -42,6 +42,14 @@ def count(name: str, value: Any) -> int:
     return int(value)
 
 
+def schedule(name: str, value: ArrayLike) -> Array:
+    """One or more positive numbers in a row."""
+    steps = positive(name, value)
+    if steps.ndim != 1 or not steps.size:
+        raise ValueError(f"{name} must be a sequence of numbers, but has the shape {steps.shape}")
+    return steps
+
+
 def fraction(name: str, value: float) -> float:
     """A number within [0, 1]."""
     number = scalar(name, value)

@@ -144,9 +144,9 @@ class RegistrationCost:
     outlier: OutlierModel | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.metric, str) or self.metric not in _METRICS:
+        if str(self.metric) not in _METRICS:  # an array would not compare
             raise ValueError(f"metric must be one of {', '.join(_METRICS)}, but is {self.metric!r}")
-        if not isinstance(self.fusion, str) or self.fusion not in _FUSIONS:
+        if str(self.fusion) not in _FUSIONS:
             raise ValueError(f"fusion must be one of {', '.join(_FUSIONS)}, but is {self.fusion!r}")
         if not isinstance(self.outlier, OutlierModel | None):
             raise ValueError(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import _kernel, rigid
-from d2d._checks import Array, count, finite, positive, scalar
+from d2d._checks import Array, count, finite, positive, scalar, schedule
 from d2d.cost import Problems, RegistrationCost, check_types, evaluate
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
@@ -95,9 +95,7 @@ def register(
     cost = RegistrationCost() if cost is None else cost
     if not isinstance(cost, RegistrationCost):
         raise ValueError(f"cost must be a RegistrationCost, but is {cost!r}")
-    steps = positive("scales", scales)
-    if steps.ndim != 1 or not steps.size:
-        raise ValueError(f"scales must be a sequence of numbers, but has the shape {steps.shape}")
+    steps = schedule("scales", scales)
     count("threads", threads)
     if initial is None:
         check_types(fixed, moving, measurement)

@@ -990,3 +990,23 @@ def test_a_track_can_be_changed_only_by_making_another():
     with pytest.raises(AttributeError):
         one.theta = np.zeros((1, 3))
     assert_allclose(replace(one, intervals=np.array([2.0])).poses()[-1], [2.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("scales", [[], 1.0, [[1.0]], [0.0]])
+def test_wrong_joint_scales_are_refused_by_name(scales):
+    previous, current = scan_pair(np.random.default_rng(1), np.array([5.0, 0.0, 0.1]))
+    with pytest.raises(ValueError, match=r"^scales must be"):
+        estimate_joint_ego_motion([(previous, current, CORNER)], scales=scales)
+
+
+@pytest.mark.parametrize("position", [0, 1], ids=["previous", "current"])
+def test_what_is_no_scan_is_refused_by_name(position):
+    scans = list(scan_pair(np.random.default_rng(1), np.array([5.0, 0.0, 0.1])))
+    scans[position] = "a scan"
+    with pytest.raises(ValueError, match=rf"^{('previous', 'current')[position]} must be a RadarS"):
+        estimate_ego_motion(*scans, CORNER)
+
+
+def test_a_path_begins_at_one_pose():
+    with pytest.raises(ValueError, match=r"^start must have the shape \(3,\)"):
+        integrate(np.zeros((2, 3)), np.ones(2), np.zeros((0, 3)))

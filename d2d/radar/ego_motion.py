@@ -75,10 +75,10 @@ def estimate_ego_motion(
     ValueError
         Naming the argument: scans out of time order, a scan without targets, a wrong ``initial``.
     """
+    pair = Pair.of(previous, current, mounting, doppler, first_order)
     start = doppler_starts(current, mounting) if initial is None else finite("initial", initial)
     if initial is not None and start.shape != (3,):
         raise ValueError(f"initial must have the shape (3,), but has {start.shape}")
-    pair = Pair.of(previous, current, mounting, doppler, first_order)
     solve = register if start.ndim == 1 else multi_start
     estimate = solve(
         pair.fixed,
@@ -183,6 +183,8 @@ def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0
     twists = velocities * times[:, np.newaxis]
     steps = rigid.exponential(twists)
     first = rigid.motion("start", start, 2)
+    if first.shape != (3,):
+        raise ValueError(f"start must have the shape (3,), but has {first.shape}")
     yaw = first[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
     moved = np.einsum("nij,nj->ni", rigid.rotation(yaw[:-1]), steps[:, :2])
     position = first[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(moved, axis=0)])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from d2d._checks import Array, count, finite, positive
+from d2d._checks import Array, count, finite, schedule
 from d2d.cost import OutlierModel, RegistrationCost
 from d2d.radar.doppler import doppler_ego_motion, doppler_starts
 from d2d.radar.ego_motion import DEFAULT_OUTLIER, Track, follow, increasing
@@ -74,7 +74,7 @@ def _estimate(
     starts = _starts(pairs) if initial is None else finite("initial", initial)[np.newaxis]
     if starts.shape[1:] != (3,):
         raise ValueError(f"initial must have the shape (3,), but has {starts.shape[1:]}")
-    steps = positive("scales", scales)
+    steps = schedule("scales", scales)
     found = [_anneal(problems, cost, start, steps) for start in starts]
     return min(found, key=lambda estimate: (not estimate.converged, estimate.value))
 

@@ -39,6 +39,9 @@ class Pair(NamedTuple):
         first_order: bool = False,
     ) -> "Pair":
         """Set the problem up; see `d2d.radar.estimate_ego_motion` for arguments and errors."""
+        for name, scan in (("previous", previous), ("current", current)):
+            if not isinstance(scan, RadarScan):
+                raise ValueError(f"{name} must be a RadarScan, but is a {type(scan).__name__}")
         interval = current.time - previous.time
         if not interval > 0:
             raise ValueError(
