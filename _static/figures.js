@@ -1,7 +1,7 @@
 // On a phone, a wide figure scrolls in a box of its own instead of shrinking until its labels cannot be read: book.css
 // needs to know how wide each picture was drawn.
 document.addEventListener("DOMContentLoaded", () => {
-  for (const image of document.querySelectorAll("article figure img")) {
+  for (const image of document.querySelectorAll("article figure img, article .cell_output > img")) {
     const measure = () => image.style.setProperty("--drawn", `${image.naturalWidth}px`);
     if (image.complete) measure();
     else image.addEventListener("load", measure);

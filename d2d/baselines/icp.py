@@ -131,7 +131,7 @@ def icp(
             f"fixed and moving must have the shape (N, 2), but have {target.shape} and "
             f"{source.shape}"
         )
-    if metric not in _METRICS:
+    if str(metric) not in _METRICS:  # an array would not compare
         raise ValueError(f"metric must be one of {', '.join(_METRICS)}, but is {metric!r}")
     if scalar("tolerance", tolerance) < 0.0:
         raise ValueError(f"tolerance must not be negative, but is {tolerance:g}")
