@@ -71,12 +71,13 @@ def covariance_matrices(name: str, value: ArrayLike) -> Array:
     array = finite(name, value)
     if array.ndim < 2 or array.shape[-1] != array.shape[-2]:
         raise ValueError(f"{name} must have the shape (..., D, D), but has {array.shape}")
-    transposed = np.swapaxes(array, -1, -2)
-    diagonal = np.diagonal(array, axis1=-2, axis2=-1)
-    tolerance = 1e-9 * np.sqrt(np.abs(diagonal[..., :, None] * diagonal[..., None, :]))
-    if not (np.abs(array - transposed) <= tolerance).all():
-        raise ValueError(f"{name} must be symmetric")
-    array = 0.5 * (array + transposed)
+    for i in range(array.shape[-1]):
+        for j in range(i):
+            above, below = array[..., j, i], array[..., i, j]
+            size = np.sqrt(np.abs(array[..., i, i] * array[..., j, j]))
+            if not (np.abs(above - below) <= 1e-9 * size).all():
+                raise ValueError(f"{name} must be symmetric")
+            array[..., i, j] = array[..., j, i] = 0.5 * (above + below)
     if not positive_definite(array):
         raise ValueError(f"{name} must be positive definite")
     return array

@@ -945,6 +945,64 @@ def _minimise(
     return value, False, most
 
 
+@njit(error_model="numpy")
+def _spread_bits(cell):
+    """A number below 1024 with a zero before each of its bits."""
+    cell = (cell | cell << 8) & 0x00FF00FF
+    cell = (cell | cell << 4) & 0x0F0F0F0F
+    cell = (cell | cell << 2) & 0x33333333
+    return (cell | cell << 1) & 0x55555555
+
+
+@njit(error_model="numpy")
+def _z_order(points, codes, order):
+    """Sort the targets by the interleaved bits of their coordinates (Morton 1966).
+
+    Blocks of neighbours share their components.  A single block needs no order.
+    """
+    n = points.shape[1]
+    for k in range(n):
+        order[k] = k
+    if n <= LANES:
+        return
+    low_x, low_y, extent = points[X, 0], points[Y, 0], 0.0
+    for k in range(n):
+        low_x, low_y = min(low_x, points[X, k]), min(low_y, points[Y, k])
+    for k in range(n):
+        extent = max(extent, points[X, k] - low_x, points[Y, k] - low_y)
+    scale = 1023.0 / extent if extent > 0.0 else 0.0
+    for k in range(n):
+        x, y = int((points[X, k] - low_x) * scale), int((points[Y, k] - low_y) * scale)
+        codes[k] = _spread_bits(x) | _spread_bits(y) << 1
+    gap = n // 2  # Shell's sort
+    while gap > 0:
+        for k in range(gap, n):
+            moved, at = order[k], k
+            while at >= gap and codes[order[at - gap]] > codes[moved]:
+                order[at] = order[at - gap]
+                at -= gap
+            order[at] = moved
+        gap = gap // 2 if gap != 2 else 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def prepare_batch(sets, orders, extremes):
+    """Of every set: the order of its targets; its largest w_i det(Sigma_i)^(-1/2), smallest w_i
+    and largest tr(Sigma_i).
+    """
+    codes = np.empty(sets.shape[2], dtype=np.int64)
+    for b in range(sets.shape[0]):
+        points = sets[b]
+        _z_order(points, codes, orders[b])
+        peak, weight, trace = 0.0, np.inf, 0.0
+        for i in range(points.shape[1]):
+            xx, xy, yy = points[XX, i], points[XY, i], points[YY, i]
+            peak = max(peak, points[WEIGHT, i] / math.sqrt(xx * yy - xy * xy))
+            weight = min(weight, points[WEIGHT, i])
+            trace = max(trace, xx + yy)
+        extremes[b, 0], extremes[b, 1], extremes[b, 2] = peak, weight, trace
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def evaluate_batch(
     thetas,

@@ -209,33 +209,9 @@ class PointSet:
         return packed.reshape(-1, 6, self.size)
 
     @cached_property
-    def _extremes(self) -> Array:
-        """(B, 3) largest w_i det(Sigma_i)^(-1/2), smallest w_i and largest tr(Sigma_i)."""
-        p = self._packed
-        determinant = p[:, _kernel.XX] * p[:, _kernel.YY] - p[:, _kernel.XY] ** 2
-        weight = p[:, _kernel.WEIGHT]
-        return np.stack(
-            [
-                (weight / np.sqrt(determinant)).max(axis=-1),
-                weight.min(axis=-1),
-                (p[:, _kernel.XX] + p[:, _kernel.YY]).max(axis=-1),
-            ],
-            axis=-1,
-        )
-
-    @cached_property
-    def _order(self) -> NDArray[np.int64]:
-        """(B, N) targets along a Z-order curve: the kernel's blocks of neighbours share components.
-
-        Morton (1966): sort by the interleaved bits of the coordinates.
-        """
-        means = self.means.reshape(-1, self.size, self.dimension)
-        low = means.min(axis=1, keepdims=True)
-        extent = np.maximum(
-            (means.max(axis=1, keepdims=True) - low).max(axis=-1, keepdims=True), 1e-300
-        )
-        cells = ((means - low) * (1023.0 / extent)).astype(np.int64)
-        for shift, mask in ((8, 0x00FF00FF), (4, 0x0F0F0F0F), (2, 0x33333333), (1, 0x55555555)):
-            cells = (cells | cells << shift) & mask
-        codes = cells[..., 0] if self.dimension == 1 else cells[..., 0] | cells[..., 1] << 1
-        return np.argsort(codes, axis=-1, kind="stable")
+    def _prepared(self) -> tuple[NDArray[np.int64], Array]:
+        """(B, N) order of the targets and (B, 3) bounds, see `d2d._kernel.prepare_batch`."""
+        batch = len(self._packed)
+        order, extremes = np.empty((batch, self.size), dtype=np.int64), np.empty((batch, 3))
+        _kernel.prepare_batch(self._packed, order, extremes)
+        return order, extremes

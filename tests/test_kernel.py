@@ -178,7 +178,7 @@ def test_blocks_are_made_of_neighbours():
     """Breaks if the Z-order curve jumps: then most components are near some target of a block."""
     grid = np.stack(np.meshgrid(np.arange(8.0), np.arange(8.0)), -1).reshape(-1, 2)
     shuffled = np.random.default_rng(3).permutation(grid)
-    order = PointSet(shuffled, np.tile(np.eye(2), (64, 1, 1)))._order[0]
+    order = PointSet(shuffled, np.tile(np.eye(2), (64, 1, 1)))._prepared[0][0]
     assert_array_equal(np.sort(order), np.arange(64))
     blocks = shuffled[order].reshape(-1, 8, 2)
     assert (np.sort(np.ptp(blocks, axis=1), axis=-1) == [1.0, 3.0]).all()  # two by four each
