@@ -1010,3 +1010,18 @@ def test_what_is_no_scan_is_refused_by_name(position):
 def test_a_path_begins_at_one_pose():
     with pytest.raises(ValueError, match=r"^start must have the shape \(3,\)"):
         integrate(np.zeros((2, 3)), np.ones(2), np.zeros((0, 3)))
+
+
+@pytest.mark.parametrize("initial", [[1.0], np.zeros((2, 3))])
+def test_a_track_begins_at_one_velocity(initial):
+    scans = scan_pair(np.random.default_rng(1), np.array([5.0, 0.0, 0.1]))
+    with pytest.raises(ValueError, match=r"^initial must have the shape \(3,\)"):
+        track(scans, CORNER, initial=initial)
+
+
+def test_a_scan_is_placed_once_for_each_mounting():
+    """Breaks if a scan seen from another mounting gives the points of the first."""
+    scan, _ = scan_pair(np.random.default_rng(1), np.array([5.0, 0.0, 0.1]))
+    there, here = scan.point_set(CORNER), scan.point_set(Mounting())
+    assert scan.point_set(CORNER) is there
+    assert np.abs(there.means - here.means).max() > 0.5

@@ -3,7 +3,6 @@
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -79,16 +78,18 @@ def estimate_ego_motion(
     start = doppler_starts(current, mounting) if initial is None else finite("initial", initial)
     if initial is not None and start.shape != (3,):
         raise ValueError(f"initial must have the shape (3,), but has {start.shape}")
+    return _estimate(pair, start, RegistrationCost(outlier=outlier), scales)
+
+
+def _estimate(
+    pair: Pair, start: Array, cost: RegistrationCost, scales: Sequence[float]
+) -> Estimate:
+    """From the velocity ``start`` (3,), or from the best of several (S, 3)."""
     solve = register if start.ndim == 1 else multi_start
     estimate = solve(
-        pair.fixed,
-        pair.moving,
-        RegistrationCost(outlier=outlier),
-        pair.motion(start),
-        scales,
-        measurement=pair.measurement,
+        pair.fixed, pair.moving, cost, pair.motion(start), scales, measurement=pair.measurement
     )
-    return _as_velocity(estimate, pair.interval, first_order)
+    return _as_velocity(estimate, pair.interval, pair.first_order)
 
 
 def inlier_probabilities(
@@ -196,8 +197,11 @@ def track(
     mounting: Mounting,
     *,
     baseline: int = 1,
+    doppler: bool = True,
+    outlier: OutlierModel | None = DEFAULT_OUTLIER,
     initial: ArrayLike | None = None,
-    **options: Any,
+    scales: Sequence[float] = (1.0,),
+    first_order: bool = False,
 ) -> Track:
     """Ego-motion over a whole drive, each pair started at the last converged velocity.
 
@@ -212,8 +216,8 @@ def track(
         the velocity, as long as the velocity is constant and the targets stay in view.
     initial : (3,) array, optional
         Start of the first pair.
-    **options
-        Of `estimate_ego_motion`.
+    doppler, outlier, scales, first_order
+        As for `estimate_ego_motion`.
 
     Returns
     -------
@@ -231,18 +235,16 @@ def track(
         raise ValueError(f"scans must hold at least two scans, but holds {len(scans)}")
     count("baseline", baseline)
     times = increasing("scans", scans)
-    model = {
-        name: options[name] for name in ("doppler", "outlier", "first_order") if name in options
-    }
+    cost = RegistrationCost(outlier=outlier)
 
     def solve(i: int, start: Array | None) -> tuple[Estimate, float] | None:
         previous, current = scans[max(i + 1 - baseline, 0)], scans[i + 1]
         if not (previous.size and current.size):
             return None
-        estimate = estimate_ego_motion(previous, current, mounting, initial=start, **options)
-        theta = estimate.theta
-        inliers = inlier_probabilities(theta, previous, current, mounting, **model)
-        return estimate, float(inliers.mean())
+        pair = Pair.of(previous, current, mounting, doppler, first_order)
+        begin = doppler_starts(current, mounting) if start is None else start
+        estimate = _estimate(pair, begin, cost, scales)
+        return estimate, float(pair.inlier_probabilities(estimate.theta, cost).mean())
 
     return follow(times, solve, initial)
 
@@ -271,6 +273,8 @@ def follow(
     targets, or None if there is nothing to estimate; without a start it finds one itself.
     """
     velocity = None if initial is None else finite("initial", initial)
+    if velocity is not None and velocity.shape != (3,):
+        raise ValueError(f"initial must have the shape (3,), but has {velocity.shape}")
     pairs = len(times) - 1
     theta, covariance = np.zeros((pairs, 3)), np.full((pairs, 3, 3), np.nan)
     converged = np.zeros(pairs, dtype=np.bool_)

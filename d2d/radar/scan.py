@@ -1,6 +1,6 @@
 """One scan of a Doppler radar and where the sensor sits on the vehicle."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,6 +54,7 @@ class RadarScan:
     sigma_range: Array
     sigma_azimuth: Array
     sigma_doppler: Array
+    _placed: dict[Mounting, PointSet] = field(init=False, repr=False)
 
     def __init__(
         self,
@@ -66,6 +67,7 @@ class RadarScan:
         sigma_doppler: ArrayLike,
     ) -> None:
         object.__setattr__(self, "time", scalar("time", time))
+        object.__setattr__(self, "_placed", {})
         arrays = {
             "range": positive("range", range),
             "azimuth": finite("azimuth", azimuth),
@@ -110,13 +112,16 @@ class RadarScan:
     def point_set(self, mounting: Mounting) -> PointSet:
         """The targets as Gaussians in the vehicle frame (thesis eq. 7.1 and 7.3).
 
-        Raises ``ValueError`` if the scan is empty or ``mounting`` is none.
+        Kept for when it is asked for again: a scan of a drive is registered twice.  Raises
+        ``ValueError`` if the scan is empty or ``mounting`` is none.
         """
         check_mounting(mounting)
-        targets = PointSet.from_polar(
-            self.range, self.azimuth, self.sigma_range, self.sigma_azimuth
-        )
-        return targets.transformed(mounting.pose)
+        if mounting not in self._placed:
+            targets = PointSet.from_polar(
+                self.range, self.azimuth, self.sigma_range, self.sigma_azimuth
+            )
+            self._placed[mounting] = targets.transformed(mounting.pose)
+        return self._placed[mounting]
 
     def doppler_measurement(
         self, mounting: Mounting, interval: float, *, of_twist: bool = True
