@@ -7,7 +7,8 @@ from d2d.radar.joint import estimate_joint_ego_motion, track_joint
 from d2d.radar.radarscenes import Recording, load_radarscenes
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
-from d2d.radar.simulation import Drive, simulate_drive
+from d2d.radar.simulation import Drive, Sensor, TrueTargets, simulate_drive
+from d2d.radar.world import World, build_world
 
 __all__ = [
     "DopplerMotion",
@@ -16,7 +17,11 @@ __all__ = [
     "RadarScan",
     "Recording",
     "Reference",
+    "Sensor",
     "Track",
+    "TrueTargets",
+    "World",
+    "build_world",
     "doppler_ego_motion",
     "doppler_velocity",
     "estimate_ego_motion",
