@@ -1,6 +1,7 @@
 """One scan of a Doppler radar and where the sensor sits on the vehicle."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -54,7 +55,6 @@ class RadarScan:
     sigma_range: Array
     sigma_azimuth: Array
     sigma_doppler: Array
-    _placed: dict[Mounting, PointSet] = field(init=False, repr=False)
 
     def __init__(
         self,
@@ -67,7 +67,6 @@ class RadarScan:
         sigma_doppler: ArrayLike,
     ) -> None:
         object.__setattr__(self, "time", scalar("time", time))
-        object.__setattr__(self, "_placed", {})
         arrays = {
             "range": positive("range", range),
             "azimuth": finite("azimuth", azimuth),
@@ -112,16 +111,10 @@ class RadarScan:
     def point_set(self, mounting: Mounting) -> PointSet:
         """The targets as Gaussians in the vehicle frame (thesis eq. 7.1 and 7.3).
 
-        Kept for when it is asked for again: a scan of a drive is registered twice.  Raises
-        ``ValueError`` if the scan is empty or ``mounting`` is none.
+        Raises ``ValueError`` if the scan is empty or ``mounting`` is none.
         """
         check_mounting(mounting)
-        if mounting not in self._placed:
-            targets = PointSet.from_polar(
-                self.range, self.azimuth, self.sigma_range, self.sigma_azimuth
-            )
-            self._placed[mounting] = targets.transformed(mounting.pose)
-        return self._placed[mounting]
+        return _placed(self, mounting)
 
     def doppler_measurement(
         self, mounting: Mounting, interval: float, *, of_twist: bool = True
@@ -150,6 +143,13 @@ def check_mounting(mounting: Mounting) -> None:
     """Raise a ValueError if it is something else, such as a tuple."""
     if not isinstance(mounting, Mounting):
         raise ValueError(f"mounting must be a Mounting, but is a {type(mounting).__name__}")
+
+
+@lru_cache(maxsize=64)
+def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
+    """The scan's point set; the latest are kept, since in a drive each scan serves several pairs."""
+    targets = PointSet.from_polar(scan.range, scan.azimuth, scan.sigma_range, scan.sigma_azimuth)
+    return targets.transformed(mounting.pose)
 
 
 def doppler_gradients(azimuth: ArrayLike, mounting: Mounting) -> tuple[Array, Array]:
