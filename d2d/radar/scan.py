@@ -147,7 +147,7 @@ def check_mounting(mounting: Mounting) -> None:
 
 @lru_cache(maxsize=64)
 def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
-    """The scan's point set; the latest are kept, since in a drive each scan serves several pairs."""
+    """The scan's point set; the latest are kept, since in a drive each serves several pairs."""
     targets = PointSet.from_polar(scan.range, scan.azimuth, scan.sigma_range, scan.sigma_azimuth)
     return targets.transformed(mounting.pose)
 
