@@ -61,8 +61,9 @@ SINGULAR = 1e-8
 UNIT_DENSITY_VARIANCE = 1.0 / (2.0 * math.pi)
 LOG_2PI = math.log(2.0 * math.pi)
 
-# Sums may be reordered and divisions shared, but inf keeps its meaning.
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
+# Products and sums may be fused.  They are not reordered: LLVM would do so in one way in the process
+# that compiles and in another in the code that it caches, and lanes need no reordering.
+_FAST = {"contract"}
 _ROUND = 1.5 * 2.0**52  # adding it leaves the nearest integer in a double's lowest bits
 _BIAS = 1023.0
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from contextlib import contextmanager
 
 import numpy as np
@@ -387,3 +390,25 @@ def test_a_set_on_a_line_has_density_one_along_the_other_axis():
     assert_allclose(2.0 * np.pi * _kernel.UNIT_DENSITY_VARIANCE, 1.0, rtol=1e-15)
     problem = random_problem(np.random.default_rng(6), dimension=1)
     assert_array_equal(problem.fixed._packed[0, _kernel.YY], _kernel.UNIT_DENSITY_VARIANCE)
+
+
+# ---- The cache --------------------------------------------------------------------------------
+
+
+def test_the_process_that_compiles_gets_the_bits_of_those_that_load(tmp_path):
+    """Breaks if LLVM may order sums by its own choice: then workers differ from who compiled."""
+    program = (
+        "import numpy as np; from d2d import *; from d2d.study.scenarios import OVERLAPPED as s; "
+        "sets = s.sample(300, np.random.default_rng(0)); "
+        "cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100 * np.eye(2))); "
+        "print(register(*sets, cost, s.theta).theta.tobytes().hex())"
+    )
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    first, second = (
+        subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, check=True
+        ).stdout
+        for _ in range(2)
+    )
+    assert list(tmp_path.rglob("*.nbc"))
+    assert first == second
