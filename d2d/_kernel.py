@@ -61,8 +61,8 @@ SINGULAR = 1e-8
 UNIT_DENSITY_VARIANCE = 1.0 / (2.0 * math.pi)
 LOG_2PI = math.log(2.0 * math.pi)
 
-# Products and sums may be fused.  They are not reordered: LLVM would do so in one way in the process
-# that compiles and in another in the code that it caches, and lanes need no reordering.
+# Products and sums may be fused.  They are not reordered: LLVM does so in one way in the process
+# that compiles and in another in the code that is cached; and lanes need no reordering.
 _FAST = {"contract"}
 _ROUND = 1.5 * 2.0**52  # adding it leaves the nearest integer in a double's lowest bits
 _BIAS = 1023.0
