@@ -11,14 +11,14 @@ it and ``dN/dS = N_dd / 2``.
 
 Four things make it fast without changing the result:
 
-* Eight targets, neighbours on a Z-order curve, are worked out at a time, one a vector lane, and
-  meet one component after the other.  Their numbers lie in rows of a scratch array.
+* Eight targets are worked out at a time, one a vector lane.  Their numbers lie in rows of a
+  scratch array.  Each target meets the components within its reach only: a cheap first pass notes
+  them as bits, they are copied side by side, and every step adds the next one of each target.
+* A component is out of reach once it is surely below ``exp(-GATE)`` of the target's sum.
+  ``det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)`` (Minkowski) bounds the normalisation of every
+  pair by that of the component alone, ``w_i det(Sigma_i)^(-1/2) <= peak``, for any rotation.  All
+  skipped pairs of a target together change its density by less than ``exp(-GATE)`` = 2e-16 of it.
 * What depends on the target alone is left out of the sums over the components.
-* A component is skipped once it is surely below ``exp(-GATE)`` of what each of the eight has in
-  its sum.  ``det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)`` (Minkowski) bounds the normalisation
-  of every pair by that of the component alone, ``w_i det(Sigma_i)^(-1/2) <= peak``, for any
-  rotation.  All skipped pairs of a target together change its density by less than ``exp(-GATE)``
-  = 2e-16 of it.
 * The corrupted Gaussian has one covariance for all pairs: six moments of its weights are enough.
 
 Everything stays in the log domain: a target far from everything gives a large finite cost.
@@ -48,8 +48,13 @@ LANES = 8
 G0, G1, G2, A00, A01, A11, A02, A12, A22 = range(LANES, 10 * LANES, LANES)
 INLIER, OUTLIER, FACTOR, TOTAL = range(0, 40 * LANES, 10 * LANES)
 MX, MY, CXX, CXY, CYY, COUNTS, REACH, LIMIT, OFFSET, TOP = range(40 * LANES, 50 * LANES, LANES)
-SQUARE, DETERMINANT = range(50 * LANES, 52 * LANES, LANES)
-SCRATCH = 52 * LANES
+SQUARE, DETERMINANT, WITHIN = range(50 * LANES, 53 * LANES, LANES)
+# Behind them: copies of the components within reach, six rows a step.  They are found in chunks, a
+# bit each; a double holds 53 bits exactly.
+CHUNK = 48
+STEP = 6 * LANES
+STEPS = 53 * LANES
+SCRATCH = STEPS + CHUNK * STEP
 # A sum relative to its nearest component must not lose it, however far away the same distance comes
 # out by another formula: the offset is a little above it, and what exceeds it is cut off.
 ABOVE, MOST = 1.0 + 1e-14, 200.0
@@ -129,6 +134,26 @@ def _split(typingctx: Any, number: Any) -> Any:
         )
 
     return types.UniTuple(types.float64, 2)(types.float64), codegen
+
+
+@intrinsic
+def _count_bits(typingctx: Any, number: Any) -> Any:
+    """How many bits are set."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.ctpop(args[0])
+
+    return types.int64(types.int64), codegen
+
+
+@intrinsic
+def _lowest_bit(typingctx: Any, number: Any) -> Any:
+    """Index of the lowest bit that is set; 64 if none is."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 0))
+
+    return types.int64(types.int64), codegen
 
 
 @njit(forceinline=True, fastmath={"contract"}, error_model="numpy")
@@ -277,55 +302,100 @@ def _find_nearest(w, lanes, fixed, tx, ty):
 
 
 @njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
-def _add_pairs(w, lanes, fixed, tx, ty):
-    """Sum w_i N(0 | d_i, S_i) exp(OFFSET) and its derivatives over the components within REACH.
+def _find_within(w, lanes, fixed, tx, ty, first, last):
+    """Note as bits which of these components are within each target's REACH; the most they are."""
+    for k in range(lanes):
+        w[WITHIN + k] = 0.0
+    bit = 1.0
+    for i in range(first, last):
+        fx, fy = fixed[X, i] - tx, fixed[Y, i] - ty
+        fxx, fxy, fyy = fixed[XX, i], fixed[XY, i], fixed[YY, i]
+        for k in range(lanes):
+            dx, dy = w[MX + k] - fx, w[MY + k] - fy
+            sxx, sxy, syy = w[CXX + k] + fxx, w[CXY + k] + fxy, w[CYY + k] + fyy
+            square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
+            within = square <= w[REACH + k] * (sxx * syy - sxy * sxy)
+            w[WITHIN + k] += bit if within else 0.0
+        bit *= 2.0
+    most = 0
+    for k in range(LANES):
+        most = max(most, _count_bits(int(w[WITHIN + k])))
+    return most
+
+
+@njit(forceinline=True, error_model="numpy")
+def _gather_within(w, fixed, tx, ty, first, steps):
+    """Copy each target's next component within reach into the rows of each step.
+
+    A target that has no more takes one without weight.
+    """
+    last = fixed.shape[1] - 1
+    for k in range(LANES):
+        bits = int(w[WITHIN + k])
+        for at in range(STEPS + k, STEPS + k + steps * STEP, STEP):
+            i = min(first + _lowest_bit(bits), last)
+            w[at + X * LANES] = fixed[X, i] - tx
+            w[at + Y * LANES] = fixed[Y, i] - ty
+            w[at + XX * LANES] = fixed[XX, i]
+            w[at + XY * LANES] = fixed[XY, i]
+            w[at + YY * LANES] = fixed[YY, i]
+            w[at + WEIGHT * LANES] = fixed[WEIGHT, i] if bits != 0 else 0.0
+            bits &= bits - 1
+
+
+@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+def _add_step(w, lanes, step):
+    """Add a pair of each target: w_i N(0 | d_i, S_i) exp(OFFSET) and its derivatives.
 
     By heat's equation, dN/dS = N_dd / 2 (Price 1958), all derivatives follow from those along d,
     which are polynomials of u = S^-1 d times N.  The rotation turns S by the operator K = M : d^2,
     M = [[-a, h], [h, a]]; summed are 1, d, d^2, K d and K^2.
     """
+    for k in range(lanes):
+        dx, dy = w[MX + k] - step[X * LANES + k], w[MY + k] - step[Y * LANES + k]
+        cxx, cxy, cyy = w[CXX + k], w[CXY + k], w[CYY + k]
+        a, h = cxy, 0.5 * (cxx - cyy)
+        sxx = cxx + step[XX * LANES + k]
+        sxy = cxy + step[XY * LANES + k]
+        syy = cyy + step[YY * LANES + k]
+        inverse = 1.0 / (sxx * syy - sxy * sxy)
+        bxx, bxy, byy = syy * inverse, -sxy * inverse, sxx * inverse
+        ux, uy = bxx * dx + bxy * dy, bxy * dx + byy * dy
+        half = 0.5 * (ux * dx + uy * dy)
+        weight = step[WEIGHT * LANES + k] * math.sqrt(inverse)
+        weight *= _exp(min(w[OFFSET + k] - half, MOST))
+        mx, my = h * uy - a * ux, h * ux + a * uy  # M u
+        trace = a * (byy - bxx) + 2.0 * h * bxy  # tr(M B)
+        turned = ux * mx + uy * my - trace  # K
+        bmx, bmy = bxx * mx + bxy * my, bxy * mx + byy * my  # B M u
+        w[INLIER + k] += weight
+        w[INLIER + G0 + k] -= weight * ux
+        w[INLIER + G1 + k] -= weight * uy
+        w[INLIER + A00 + k] += weight * (ux * ux - bxx)
+        w[INLIER + A01 + k] += weight * (ux * uy - bxy)
+        w[INLIER + A11 + k] += weight * (uy * uy - byy)
+        w[INLIER + A02 + k] += weight * (2.0 * bmx - ux * turned)
+        w[INLIER + A12 + k] += weight * (2.0 * bmy - uy * turned)
+        w[INLIER + A22 + k] += weight * (
+            turned * turned
+            - 4.0 * (mx * bmx + my * bmy)
+            + 2.0 * (trace * trace + 2.0 * (a * a + h * h) * inverse)
+        )
+
+
+@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+def _add_pairs(w, lanes, fixed, tx, ty):
+    """Sum over the components within REACH, see `_add_step`."""
     for k in range(10 * LANES):
         w[INLIER + k] = 0.0
     for k in range(LANES):
         w[INLIER + k] = NOTHING
-    for i in range(fixed.shape[1]):
-        fx, fy, own = fixed[X, i] - tx, fixed[Y, i] - ty, fixed[WEIGHT, i]
-        fxx, fxy, fyy = fixed[XX, i], fixed[XY, i], fixed[YY, i]
-        near = False
-        for k in range(lanes):
-            dx, dy = w[MX + k] - fx, w[MY + k] - fy
-            sxx, sxy, syy = w[CXX + k] + fxx, w[CXY + k] + fxy, w[CYY + k] + fyy
-            square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
-            near |= square <= w[REACH + k] * (sxx * syy - sxy * sxy)
-        if not near:
-            continue
-        for k in range(lanes):
-            dx, dy = w[MX + k] - fx, w[MY + k] - fy
-            cxx, cxy, cyy = w[CXX + k], w[CXY + k], w[CYY + k]
-            a, h = cxy, 0.5 * (cxx - cyy)
-            sxx, sxy, syy = cxx + fxx, cxy + fxy, cyy + fyy
-            inverse = 1.0 / (sxx * syy - sxy * sxy)
-            bxx, bxy, byy = syy * inverse, -sxy * inverse, sxx * inverse
-            ux, uy = bxx * dx + bxy * dy, bxy * dx + byy * dy
-            half = 0.5 * (ux * dx + uy * dy)
-            weight = own * math.sqrt(inverse) * _exp(min(w[OFFSET + k] - half, MOST))
-            mx, my = h * uy - a * ux, h * ux + a * uy  # M u
-            trace = a * (byy - bxx) + 2.0 * h * bxy  # tr(M B)
-            turned = ux * mx + uy * my - trace  # K
-            bmx, bmy = bxx * mx + bxy * my, bxy * mx + byy * my  # B M u
-            w[INLIER + k] += weight
-            w[INLIER + G0 + k] -= weight * ux
-            w[INLIER + G1 + k] -= weight * uy
-            w[INLIER + A00 + k] += weight * (ux * ux - bxx)
-            w[INLIER + A01 + k] += weight * (ux * uy - bxy)
-            w[INLIER + A11 + k] += weight * (uy * uy - byy)
-            w[INLIER + A02 + k] += weight * (2.0 * bmx - ux * turned)
-            w[INLIER + A12 + k] += weight * (2.0 * bmy - uy * turned)
-            w[INLIER + A22 + k] += weight * (
-                turned * turned
-                - 4.0 * (mx * bmx + my * bmy)
-                + 2.0 * (trace * trace + 2.0 * (a * a + h * h) * inverse)
-            )
+    for first in range(0, fixed.shape[1], CHUNK):
+        last = min(first + CHUNK, fixed.shape[1])
+        steps = _find_within(w, lanes, fixed, tx, ty, first, last)
+        _gather_within(w, fixed, tx, ty, first, steps)
+        for at in range(STEPS, STEPS + steps * STEP, STEP):
+            _add_step(w, lanes, w[at : at + STEP])
 
 
 @njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
@@ -946,55 +1016,11 @@ def _minimise(
     return value, False, most
 
 
-@njit(error_model="numpy")
-def _spread_bits(cell):
-    """A number below 1024 with a zero before each of its bits."""
-    cell = (cell | cell << 8) & 0x00FF00FF
-    cell = (cell | cell << 4) & 0x0F0F0F0F
-    cell = (cell | cell << 2) & 0x33333333
-    return (cell | cell << 1) & 0x55555555
-
-
-@njit(error_model="numpy")
-def _z_order(points, codes, order):
-    """Sort the targets by the interleaved bits of their coordinates (Morton 1966).
-
-    Blocks of neighbours share their components.  A single block needs no order.
-    """
-    n = points.shape[1]
-    for k in range(n):
-        order[k] = k
-    if n <= LANES:
-        return
-    low_x, low_y, extent = points[X, 0], points[Y, 0], 0.0
-    for k in range(n):
-        low_x, low_y = min(low_x, points[X, k]), min(low_y, points[Y, k])
-    for k in range(n):
-        extent = max(extent, points[X, k] - low_x, points[Y, k] - low_y)
-    scale = 1023.0 / extent if extent > 0.0 else 0.0
-    for k in range(n):
-        x, y = int((points[X, k] - low_x) * scale), int((points[Y, k] - low_y) * scale)
-        codes[k] = _spread_bits(x) | _spread_bits(y) << 1
-    gap = n // 2  # Shell's sort
-    while gap > 0:
-        for k in range(gap, n):
-            moved, at = order[k], k
-            while at >= gap and codes[order[at - gap]] > codes[moved]:
-                order[at] = order[at - gap]
-                at -= gap
-            order[at] = moved
-        gap = gap // 2 if gap != 2 else 1
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
-def prepare_batch(sets, orders, extremes):
-    """Of every set: the order of its targets; its largest w_i det(Sigma_i)^(-1/2), smallest w_i
-    and largest tr(Sigma_i).
-    """
-    codes = np.empty(sets.shape[2], dtype=np.int64)
+def find_extremes_batch(sets, extremes):
+    """The largest w_i det(Sigma_i)^(-1/2), smallest w_i and largest tr(Sigma_i) of every set."""
     for b in range(sets.shape[0]):
         points = sets[b]
-        _z_order(points, codes, orders[b])
         peak, weight, trace = 0.0, np.inf, 0.0
         for i in range(points.shape[1]):
             xx, xy, yy = points[XX, i], points[XY, i], points[YY, i]

@@ -256,7 +256,7 @@ class RegistrationCost:
                 which[:, column] = np.broadcast_to(numbers, shape).ravel()
         return Problems(
             thetas.reshape(count, 3),
-            (fixed._packed, moving._packed, moving._prepared[0], fixed._prepared[1]),
+            (fixed._packed, moving._packed, moving._order, fixed._extremes),
             which,
             self.metric == "d2d",
             dimension == 2,

@@ -177,14 +177,27 @@ def only(measurement: LinearMeasurement, k: int) -> LinearMeasurement:
     )
 
 
-def test_blocks_are_made_of_neighbours():
-    """Breaks if the Z-order curve jumps: then most components are near some target of a block."""
-    grid = np.stack(np.meshgrid(np.arange(8.0), np.arange(8.0)), -1).reshape(-1, 2)
-    shuffled = np.random.default_rng(3).permutation(grid)
-    order = PointSet(shuffled, np.tile(np.eye(2), (64, 1, 1)))._prepared[0][0]
-    assert_array_equal(np.sort(order), np.arange(64))
-    blocks = shuffled[order].reshape(-1, 8, 2)
-    assert (np.sort(np.ptp(blocks, axis=1), axis=-1) == [1.0, 3.0]).all()  # two by four each
+def test_blocks_are_made_of_targets_of_like_size():
+    """Breaks if a target is lost or taken twice, or if small and large ones share a block."""
+    rng = np.random.default_rng(3)
+    sizes = rng.permutation(64.0 ** np.arange(4).repeat(8) * rng.uniform(1.0, 2.0, 32))
+    covariances = sizes[:, None, None] * np.eye(2)
+    order = PointSet(rng.standard_normal((32, 2)), covariances)._order[0]
+    assert_array_equal(np.sort(order), np.arange(32))
+    blocks = sizes[order].reshape(4, 8)
+    assert (blocks.max(axis=1) <= 2.0 * blocks.min(axis=1)).all()
+
+
+@pytest.mark.parametrize("size", [_kernel.CHUNK - 1, _kernel.CHUNK, _kernel.CHUNK + 1, 100])
+@pytest.mark.parametrize("case", BLOCKED, ids=case_id)
+def test_every_component_within_reach_counts_once(case, size):
+    """Breaks if one is lost, or counts twice, where the components are cut into chunks."""
+    problem = random_problem(np.random.default_rng(size), fixed_size=size, **case)
+    value, gradient, hessian = problem.derivatives()
+    assert_allclose(value, dense_value(problem, problem.theta), rtol=1e-12)
+    assert_allclose(gradient, dense_gradient(problem, problem.theta), rtol=1e-10, atol=1e-11)
+    expected = dense_hessian(problem, problem.theta)
+    assert_allclose(hessian, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
 
 
 # ---- The gate ---------------------------------------------------------------------------------
