@@ -581,6 +581,14 @@ def test_track_estimates_each_pair_of_a_drive():
         assert_allclose(result.covariance[i], alone.covariance, rtol=1e-4)
 
 
+def test_a_fast_drive_is_not_lost():
+    """Breaks if the last velocity is the only start: then 2 pairs in 100 end elsewhere, unnoticed."""
+    drive = simulate_drive(np.random.default_rng(0), 10.0, 20.0)
+    found = track(drive.scans, drive.mounting)
+    assert found.converged.all()
+    assert (np.abs(found.theta - drive.truth.theta[1:])[:, 0] < 0.5).all()
+
+
 def test_each_pair_starts_at_the_last_velocity():
     """Breaks if each scan starts from its own Doppler velocities, which are nonsense here."""
     scans, theta = straight_scans()

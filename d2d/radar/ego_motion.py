@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +23,9 @@ DEFAULT_OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
 # targets are outliers there, and the Hessian is positive definite.  An optimum whose targets have
 # a mean inlier probability below this is not taken for the vehicle's motion along a track.
 LOST = 0.1
+# A wrong optimum rarely explains more than half of the targets (chapter 9). One that explains more
+# than this is not doubted.
+SURE = 0.6
 
 
 def estimate_ego_motion(
@@ -224,7 +228,8 @@ def track(
     Track
         A pair that cannot be estimated, because a scan is empty, the cost has no optimum near or
         the optimum rejects nearly all targets (`LOST`), is marked as not converged and does not
-        end the drive.  Before that it is tried once more without the last velocity.
+        end the drive.  Before that, and where the optimum does not explain most of the targets
+        (`SURE`), it is tried once more without the last velocity; the lower optimum wins.
 
     Raises
     ------
@@ -237,14 +242,14 @@ def track(
     times = increasing("scans", scans)
     cost = RegistrationCost(outlier=outlier)
 
-    def solve(i: int, start: Array | None) -> tuple[Estimate, float] | None:
+    def solve(i: int, start: Array | None) -> Attempt | None:
         previous, current = scans[max(i + 1 - baseline, 0)], scans[i + 1]
         if not (previous.size and current.size):
             return None
         pair = Pair.of(previous, current, mounting, doppler, first_order)
         begin = doppler_starts(current, mounting) if start is None else start
         estimate = _estimate(pair, begin, cost, scales)
-        return estimate, float(pair.inlier_probabilities(estimate.theta, cost).mean())
+        return Attempt(estimate, float(pair.inlier_probabilities(estimate.theta, cost).mean()))
 
     return follow(times, solve, initial)
 
@@ -262,15 +267,32 @@ def increasing(name: str, scans: Sequence[RadarScan]) -> Array:
     return times
 
 
+class Attempt(NamedTuple):
+    """An estimate of one interval, and whether to believe it."""
+
+    estimate: Estimate
+    trusted: float  # mean inlier probability of the targets
+
+    @property
+    def good(self) -> bool:
+        """Whether it is an optimum that does not reject nearly all targets."""
+        return bool(self.estimate.converged) and self.trusted >= LOST
+
+    @property
+    def sure(self) -> bool:
+        """Whether so many targets agree that another optimum need not be looked for."""
+        return bool(self.estimate.converged) and self.trusted >= SURE
+
+
 def follow(
     times: Array,
-    solve: Callable[[int, Array | None], tuple[Estimate, float] | None],
+    solve: Callable[[int, Array | None], Attempt | None],
     initial: ArrayLike | None,
 ) -> Track:
     """Estimate the n - 1 intervals between n times in turn, each from the last good velocity.
 
-    ``solve(i, start)`` gives the estimate of interval i and the mean inlier probability of its
-    targets, or None if there is nothing to estimate; without a start it finds one itself.
+    ``solve(i, start)`` estimates interval i, or gives None if there is nothing to estimate; without
+    a start it finds one itself.
     """
     velocity = None if initial is None else finite("initial", initial)
     if velocity is not None and velocity.shape != (3,):
@@ -280,14 +302,12 @@ def follow(
     converged = np.zeros(pairs, dtype=np.bool_)
     for i in range(pairs):
         found = solve(i, velocity)
-        if found is not None and velocity is not None and not _good(*found):
-            found = solve(i, None)
-        if found is not None and _good(*found):
-            velocity = found[0].theta
-            covariance[i], converged[i] = found[0].covariance, True
+        if found is not None and velocity is not None and not found.sure:
+            again = solve(i, None)
+            if again is not None:
+                found = min(found, again, key=lambda a: (not a.good, float(a.estimate.value)))
+        if found is not None and found.good:
+            velocity = found.estimate.theta
+            covariance[i], converged[i] = found.estimate.covariance, True
         theta[i] = 0.0 if velocity is None else velocity
     return Track(times[1:], np.diff(times), theta, covariance, converged)
-
-
-def _good(estimate: Estimate, trusted: float) -> bool:
-    return bool(estimate.converged) and trusted >= LOST

@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 from d2d._checks import Array, count, finite, schedule
 from d2d.cost import OutlierModel, RegistrationCost
 from d2d.radar.doppler import doppler_ego_motion, doppler_starts
-from d2d.radar.ego_motion import DEFAULT_OUTLIER, Track, follow, increasing
+from d2d.radar.ego_motion import DEFAULT_OUTLIER, Attempt, Track, follow, increasing
 from d2d.radar.pair import Pair
 from d2d.radar.scan import Mounting, RadarScan
 from d2d.registration import MOST_ITERATIONS, TOLERANCE, Estimate
@@ -195,14 +195,14 @@ def track_joint(
         raise ValueError(f"sensors must have at least two rounds of scans, but have {len(groups)}")
     times = np.array([np.mean([sensors[s][0][i].time for s, i in group]) for group in groups])
 
-    def solve(i: int, start: Array | None) -> tuple[Estimate, float] | None:
+    def solve(i: int, start: Array | None) -> Attempt | None:
         pairs = joint_pairs(sensors, groups[i + 1], baseline)
         if not pairs:
             return None
         problems = [Pair.of(*pair, doppler) for pair in pairs]
         estimate = _estimate(problems, cost, pairs, start, scales)
         inliers = [problem.inlier_probabilities(estimate.theta, cost) for problem in problems]
-        return estimate, float(np.concatenate(inliers).mean())
+        return Attempt(estimate, float(np.concatenate(inliers).mean()))
 
     return follow(times, solve, initial)
 
