@@ -1,11 +1,16 @@
 """What public functions ask of their arguments; every message names the argument."""
 
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
+
+# Of matrices that are symmetric but for rounding, relative to the variances: float32 has 1e-7.
+_ASYMMETRY = 1e-6
 
 
 def real(name: str, value: ArrayLike) -> Array:
@@ -16,6 +21,8 @@ def real(name: str, value: ArrayLike) -> Array:
         raise ValueError(f"{name} must be an array of real numbers: {error}") from None
     if raw.dtype.kind not in "biuf":
         raise ValueError(f"{name} must be an array of real numbers, but is of type {raw.dtype}")
+    if isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
+        raise ValueError(f"{name} must not hold masked entries: leave them out")
     return raw.astype(np.float64)
 
 
@@ -35,11 +42,53 @@ def positive(name: str, value: ArrayLike) -> Array:
     return array
 
 
-def count(name: str, value: Any) -> int:
-    """An integer of at least 1."""
-    if not isinstance(value, int | np.integer) or value < 1:
-        raise ValueError(f"{name} must be an integer of at least 1, but is {value!r}")
+def count(name: str, value: Any, least: int = 1) -> int:
+    """An integer of at least ``least``."""
+    if not isinstance(value, int | np.integer) or value < least:
+        raise ValueError(f"{name} must be an integer of at least {least}, but is {value!r}")
     return int(value)
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False, and nothing that merely counts as one of them."""
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name} must be True or False, but is {value!r}")
+    return bool(value)
+
+
+def instance(name: str, value: object, kind: type) -> None:
+    """Raise a ValueError unless ``value`` is of that kind."""
+    if not isinstance(value, kind):
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise ValueError(
+            f"{name} must be {article} {kind.__name__}, but is a {type(value).__name__}"
+        )
+
+
+def members(name: str, value: Iterable[T], kind: type) -> list[T]:
+    """A list of what an iterable holds, all of that kind."""
+    if not isinstance(value, Iterable):
+        raise ValueError(f"{name} must be a sequence, but is a {type(value).__name__}")
+    listed = list(value)
+    for number, member in enumerate(listed):
+        instance(f"{name}[{number}]", member, kind)
+    return listed
+
+
+def rows(name: str, value: Iterable[T], *kinds: type) -> list[T]:
+    """A list of the tuples that an iterable holds, their members of these kinds in this order."""
+    listed = members(name, value, object)
+    for number, row in enumerate(listed):
+        which = f"{name}[{number}]"
+        if not isinstance(row, tuple | list) or len(row) != len(kinds):
+            wanted = ", ".join(kind.__name__ for kind in kinds)
+            length = f" of length {len(row)}" if isinstance(row, tuple | list) else ""
+            raise ValueError(
+                f"{which} must be a tuple ({wanted}), but is a {type(row).__name__}{length}"
+            )
+        for place, (member, kind) in enumerate(zip(row, kinds, strict=True)):
+            instance(f"{which}[{place}]", member, kind)
+    return listed
 
 
 def schedule(name: str, value: ArrayLike) -> Array:
@@ -71,16 +120,26 @@ def covariance_matrices(name: str, value: ArrayLike) -> Array:
     array = finite(name, value)
     if array.ndim < 2 or array.shape[-1] != array.shape[-2]:
         raise ValueError(f"{name} must have the shape (..., D, D), but has {array.shape}")
-    for i in range(array.shape[-1]):
-        for j in range(i):
-            above, below = array[..., j, i], array[..., i, j]
-            size = np.sqrt(np.abs(array[..., i, i] * array[..., j, j]))
-            if not (np.abs(above - below) <= 1e-9 * size).all():
-                raise ValueError(f"{name} must be symmetric")
-            array[..., i, j] = array[..., j, i] = 0.5 * (above + below)
+    symmetrise(name, array)
     if not positive_definite(array):
         raise ValueError(f"{name} must be positive definite")
     return array
+
+
+def symmetrise(name: str, array: Array) -> None:
+    """Replace matrices (..., D, D) that are symmetric but for rounding by exactly symmetric ones."""
+    for i in range(array.shape[-1]):
+        for j in range(i):
+            above, below = array[..., j, i], array[..., i, j]
+            gap = np.abs(above - below)
+            size = np.sqrt(np.abs(array[..., i, i] * array[..., j, j])) + np.abs(below)
+            if not (gap <= _ASYMMETRY * size).all():
+                worst = np.unravel_index(np.argmax(gap - _ASYMMETRY * size), gap.shape)
+                raise ValueError(
+                    f"{name} must be symmetric, but entry ({j}, {i}) of a matrix differs from "
+                    f"entry ({i}, {j}) by {gap[worst]:.1e}, with {below[worst]:.3g} there"
+                )
+            array[..., i, j] = array[..., j, i] = 0.5 * (above + below)
 
 
 def positive_definite(array: Array) -> bool:

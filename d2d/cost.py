@@ -34,8 +34,17 @@ _FUSIONS = {"likelihood": _kernel.LIKELIHOOD, "summing": _kernel.SUMMING}
 class UniformOutlier:
     """A constant added to every target's density: q_k + c (thesis eq. 4.4, Blake-Zisserman).
 
-    ``density`` is c in 1/m (1D) or 1/m^2 (2D), positive.  The sum is no density in the target's
-    position: its integral diverges.
+    The sum is no density in the target's position: its integral diverges.
+
+    Parameters
+    ----------
+    density : float, 1/m (1D) or 1/m^2 (2D)
+        c, positive.
+
+    Raises
+    ------
+    ValueError
+        If ``density`` is not a positive number.
     """
 
     density: float
@@ -62,6 +71,11 @@ class CorruptedGaussian:
         inlier share there).
     covariance : (D, D) array, m^2
         S_o, symmetric positive definite; a number stands for a variance in 1D.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is out of range or of another shape.
     """
 
     fraction: float
@@ -133,10 +147,12 @@ class RegistrationCost:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from d2d import CorruptedGaussian, PointSet, RegistrationCost
     >>> cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100 * np.eye(2)))
-    >>> targets = PointSet([[0.0, 5.0], [8.0, 1.0]], 0.04 * np.eye(2)[None].repeat(2, axis=0))
+    >>> targets = PointSet([[0.0, 5.0], [8.0, 1.0]], [0.04 * np.eye(2)] * 2)
     >>> float(cost.value([0.0, 0.0, 0.0], targets, targets).round(3))
-    3.855
+    0.456
     """
 
     metric: Metric = "d2d"
@@ -162,7 +178,27 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> Array:
-        """q_k (..., K): each moving target's density, outlier component included, in 1/m^D."""
+        """Each moving target's density q_k under the motion, outlier component included.
+
+        Parameters
+        ----------
+        theta : (..., P) array
+            [t_x] in m, or [t_x, t_y, phi_z] in m, m, rad.
+        fixed, moving : PointSet
+            N components and K targets; batch axes broadcast with those of ``theta``.
+        measurement : LinearMeasurement, optional
+            Of each moving target, multiplied into its inlier density.
+
+        Returns
+        -------
+        (..., K) array, 1/m (1D) or 1/m^2 (2D)
+            Times the inverse unit of the measurement, if there is one.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument that does not fit.
+        """
         return np.exp(_log_densities(self.bind(theta, fixed, moving, measurement)))
 
     def inlier_probabilities(
@@ -173,11 +209,26 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> Array:
-        """Share (..., K) of the inlier component in each target's density, within [0, 1].
+        """Share of the inlier component in each target's density.
 
         The posterior probability that the target is no outlier (responsibility, Bishop 2006, sec.
-        9.3).  All ones without an outlier model; `UniformOutlier` has no normalised density, so
-        that its share is a weight rather than a probability.
+        9.3).
+
+        Parameters
+        ----------
+        theta, fixed, moving, measurement
+            As for `target_densities`.
+
+        Returns
+        -------
+        (..., K) array within [0, 1]
+            All ones without an outlier model; `UniformOutlier` has no normalised density, so that
+            its share is a weight rather than a probability.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument that does not fit.
         """
         problems = self.bind(theta, fixed, moving, measurement)
         inliers = problems._replace(outlier=_NO_OUTLIER)
@@ -192,7 +243,23 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> Array:
-        """The cost (...): finite however far the sets are apart."""
+        """What is minimised, finite however far the sets are apart.
+
+        Parameters
+        ----------
+        theta, fixed, moving, measurement
+            As for `target_densities`.
+
+        Returns
+        -------
+        (...) array
+            A negative logarithm, without a unit.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument that does not fit.
+        """
         return self.derivatives(theta, fixed, moving, measurement=measurement)[0]
 
     def derivatives(
@@ -203,8 +270,25 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> tuple[Array, Array, Array]:
-        """Cost (...), gradient (..., P) and Hessian (..., P, P), exact, in one pass.
+        """The cost with its gradient and Hessian, exact, in one pass.
 
+        Parameters
+        ----------
+        theta, fixed, moving, measurement
+            As for `target_densities`.
+
+        Returns
+        -------
+        value, gradient, hessian : (...), (..., P) and (..., P, P) arrays
+            Derivatives per m and per rad.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument that does not fit.
+
+        Notes
+        -----
         The covariance's dependence on the rotation is part of both (Stoyanov 2012, eq. 5-8);
         leaving it out, as Gauss-Newton variants do, biases the gradient.  Rounding leaves a
         relative error of some 1e-16 times the squared Mahalanobis distance of the nearest pairs.

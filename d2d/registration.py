@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import _kernel, rigid
-from d2d._checks import Array, count, finite, positive, scalar, schedule
+from d2d._checks import Array, count, finite, instance, positive, scalar, schedule
 from d2d.cost import Problems, RegistrationCost, check_types, evaluate
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 
 TOLERANCE = 1e-14  # of the Newton decrement: 1e-7 standard deviations from the optimum
 MOST_ITERATIONS = 200
+_MOST_STARTS = 10_000_000  # of a grid: 240 MB
 
 # Standard deviations inflated tenfold and stepped down: a start at zero then finds the truth in
 # nearly all of the study's scenes.
@@ -36,6 +37,7 @@ class Estimate:
         Of the cost at ``theta``.
     converged : (...) array of bool
         Whether ``theta`` is a local optimum: positive definite Hessian, vanishing Newton step.
+        It may be a wrong one, see `register`.
     iterations : (...) array of int
         Newton steps tried, over all scales.
     """
@@ -91,10 +93,28 @@ def register(
     ------
     ValueError
         Naming the argument that does not fit.
+
+    Notes
+    -----
+    ``converged`` says that ``theta`` is an optimum near the start, not that it is the right one: a
+    cost has several.  From a start far off take ``scales=ANNEALED`` or `multi_start`, an outlier
+    model where targets may lack a counterpart, and look at the optimum's
+    `RegistrationCost.inlier_probabilities`: low ones throughout tell a wrong one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from d2d import PointSet, register, rigid
+    >>> fixed = PointSet([[8.0, 1.0], [5.0, -3.0], [6.0, 4.0]], [0.04 * np.eye(2)] * 3)
+    >>> moving = fixed.transformed(rigid.inverse([0.5, -0.2, 0.1]))
+    >>> estimate = register(fixed, moving)
+    >>> bool(estimate.converged), estimate.theta.round(3).tolist()
+    (True, [0.5, -0.2, 0.1])
+    >>> np.sqrt(np.diag(estimate.covariance)).round(2).tolist()  # standard deviations
+    [0.0, 0.0, 0.0]
     """
     cost = RegistrationCost() if cost is None else cost
-    if not isinstance(cost, RegistrationCost):
-        raise ValueError(f"cost must be a RegistrationCost, but is {cost!r}")
+    instance("cost", cost, RegistrationCost)
     steps = schedule("scales", scales)
     count("threads", threads)
     if initial is None:
@@ -136,7 +156,7 @@ def multi_start(
     -------
     Estimate
         Of each problem the converged optimum of the lowest cost, with the iterations of all its
-        starts together.
+        starts together; where none converged, what the first start came to, not converged.
 
     Raises
     ------
@@ -156,7 +176,7 @@ def multi_start(
 
     def pick(array: NDArray[Any]) -> Any:
         index = best.reshape(best.shape + (1,) * (array.ndim - best.ndim))
-        return np.take_along_axis(array, index, axis=0)[0]
+        return np.asarray(np.take_along_axis(array, index, axis=0)[0])
 
     picked = Estimate(**{f.name: pick(getattr(found, f.name)) for f in fields(Estimate)})
     return replace(picked, iterations=np.asarray(found.iterations.sum(axis=0)))
@@ -170,12 +190,24 @@ def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
     reach, spacing : float, m
         The grid extends from -reach to reach along x and y, in steps of at most ``spacing``.
     angles : (A,) array, rad
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is not positive or of another shape; also if there would be more
+        than ten million starts.
     """
     span = positive("reach", scalar("reach", reach))
     step = positive("spacing", scalar("spacing", spacing))
     turns = finite("angles", angles)
     if turns.ndim != 1 or not turns.size:
         raise ValueError(f"angles must have the shape (A,), but has {turns.shape}")
+    number = turns.size * float(2.0 * np.ceil(span / step) + 1.0) ** 2
+    if not number <= _MOST_STARTS:
+        raise ValueError(
+            f"spacing must leave at most {_MOST_STARTS} starts within reach, but "
+            f"{step:g} m leaves {number:.3g}"
+        )
     line = np.linspace(-span, span, 2 * int(np.ceil(span / step)) + 1)
     grid = np.meshgrid(line, line, turns, indexing="ij")
     return np.stack([axis.ravel() for axis in grid], axis=-1)

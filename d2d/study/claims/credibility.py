@@ -39,6 +39,7 @@ from d2d.study.variants import same_draws, unweighted_outlier
 
 PESSIMISTIC = -3.0  # dB: the covariance is twice too large or worse
 SAME_ERROR = 1.1  # a ratio of errors within 10 % of one
+BOTH = {"A": OUTLIERS_AND_CLUSTERS_A, "B": OUTLIERS_AND_CLUSTERS_B}
 VANISHED = np.log(1e-16)  # a density that double precision cannot add to that of a good fit
 
 
@@ -55,6 +56,16 @@ def _one_visible(found: Found) -> bool:
 
 def _share_right(found: Found) -> float:
     return float(np.mean([each.right for each in found]))
+
+
+def _rival(found: Found) -> float:
+    """Greatest density of an optimum elsewhere, over that of the highest at the truth."""
+    drops = []
+    for each in found:
+        right = at_truth(each.errors)
+        elsewhere, there = each.log_heights[~right], each.log_heights[right]
+        drops.append(elsewhere.max(initial=-np.inf) - there.max(initial=-np.inf))
+    return float(np.exp(max(drops)))
 
 
 def _decades(found: Found) -> float:
@@ -87,7 +98,7 @@ def _overlap_local_minima() -> Evidence:
         else "refuted",
         "it holds for the density as one plots it; the negative logarithm, which an optimiser "
         "descends, has many local minima for the likelihood too, only none that comes near the "
-        "global one.",
+        "global one (in five draws).",
         {
             "mean number of minima within 10 m and 45 deg of the truth, summing": _mean_count(
                 summing
@@ -174,8 +185,8 @@ def _overlap_summing_pessimistic() -> Evidence:
         if found.inclination < PESSIMISTIC
         else "refuted",
         "the Hessian of -log sum_k q_k is an average over the targets where that of "
-        "-sum_k log q_k is a total: with eight targets the covariance is up to eight times, 9 dB, "
-        "too large.",
+        "-sum_k log q_k is a total: with K targets the covariance is about K times too large "
+        "(9K/8 for many equal ones).",
         {
             "I2 (dB)": found.inclination,
             "ANEES": found.anees,
@@ -358,20 +369,30 @@ def wrong_with_one_cluster(companions: int, radius: float = 0.5) -> float:
 
 
 def _cluster_summing_wrong() -> Evidence:
-    from_truth = 1.0 - _share(CLUSTERS, SUMMING)
-    found = local_minima(CLUSTERS, SUMMING)
-    over = 1.0 - over_layouts("clusters", SUMMING).share
+    scenes = {"this scene": CLUSTERS} | {f"with outliers, {name}": s for name, s in BOTH.items()}
+    found = {name: local_minima(scenario, SUMMING, draws=40) for name, scenario in scenes.items()}
+    layouts: Found = ()
+    for seed in range(40):
+        other = random_scene("clusters", LAYOUTS["clusters"], np.random.default_rng(seed))
+        layouts = layouts + local_minima(other, SUMMING)
+    right = min(_share_right(each) for each in (*found.values(), layouts))
     few, many = wrong_with_one_cluster(4), wrong_with_one_cluster(16)
-    wrong = max(from_truth, float(over.mean()))
     return Evidence(
-        "confirmed" if wrong > 0.5 else "qualified" if max(wrong, many) > 0.25 else "refuted",
-        "with two clusters of five the sum's optimum stays at the truth. One cluster that "
-        "outnumbers the rest leaves the rotation to the few others and does shift the global "
-        "minimum, in a few draws.",
+        "confirmed" if right < 0.5 else "qualified" if min(right, 1.0 - many) < 0.75 else "refuted",
+        "with two clusters of five the lowest minimum that descents from 847 starts find is at the "
+        "truth. One cluster that outnumbers the rest leaves the rotation to the few others and "
+        "does shift the global minimum, in a few draws.",
         {
-            "share of runs that leave the truth": from_truth,
-            "share over 200 random layouts": float(over.mean()),
-            "share of 5 draws with the global minimum at the truth": _share_right(found),
+            f"share of 40 draws with the global minimum at the truth, {name}": _share_right(each)
+            for name, each in found.items()
+        }
+        | {
+            "share of 200 draws on 40 random layouts": _share_right(layouts),
+            "greatest density of another optimum over that at the truth, this scene": _rival(
+                found["this scene"]
+            ),
+            "greatest of it on the random layouts": _rival(layouts),
+            "share of descents from the truth that leave it": 1.0 - _share(CLUSTERS, SUMMING),
             "share of wrong global minima, one cluster of 5 targets within 0.5 m": few,
             "share of wrong global minima, one cluster of 17 targets within 0.5 m": many,
         },
@@ -386,8 +407,8 @@ def _cluster_likelihood_same() -> Evidence:
     close = 1.0 / SAME_ERROR < ratio < SAME_ERROR and abs(credible.inclination) < CREDIBLE
     return Evidence(
         "confirmed" if right and close else "qualified" if right else "refuted",
-        "one visible optimum at the truth, as without clusters, and about the same error; the "
-        "covariance turns slightly pessimistic.",
+        "one visible optimum at the truth (in five draws), as without clusters, and about the same "
+        "error; the covariance turns slightly pessimistic.",
         {
             "mean number of minima within 10 m and 45 deg of the truth, clusters": _mean_count(
                 found
@@ -423,9 +444,6 @@ def _cluster_error() -> Evidence:
     )
 
 
-BOTH = {"A": OUTLIERS_AND_CLUSTERS_A, "B": OUTLIERS_AND_CLUSTERS_B}
-
-
 def _all_likelihood_stable() -> Evidence:
     numbers, right = {}, {"likelihood": True, "robust": True}
     for name, cost in (("likelihood", LIKELIHOOD), ("robust", ROBUST)):
@@ -434,10 +452,10 @@ def _all_likelihood_stable() -> Evidence:
             error = rms(_errors(scenario, cost)[0])
             near = error < SAME_ERROR * rms(_errors(OVERLAPPED, LIKELIHOOD)[0])
             right[name] &= _one_visible(found) and _share_right(found) == 1.0 and near
-            numbers[f"share of draws with the global minimum at the truth, {name}, {letter}"] = (
+            numbers[f"share of 5 draws with the global minimum at the truth, {name}, {letter}"] = (
                 _share_right(found)
             )
-            numbers[f"most visible minima, {name}, {letter}"] = float(
+            numbers[f"most visible minima in 5 draws, {name}, {letter}"] = float(
                 max(each.visible for each in found)
             )
             numbers[f"RMSE, {name}, {letter} (m)"] = error
@@ -457,7 +475,9 @@ def _all_summing_unstable() -> Evidence:
         numbers[f"share at the truth from zero, {letter}"] = _share(scenario, SUMMING, "zero")
         numbers[f"RMSE, {letter} (m)"] = rms(distance_and_rotation(found.errors)[0])
         numbers[f"I2, {letter} (dB)"] = found.credibility.inclination
-        numbers[f"mean number of minima, {letter}"] = _mean_count(local_minima(scenario, SUMMING))
+        numbers[f"mean number of minima in 5 draws, {letter}"] = _mean_count(
+            local_minima(scenario, SUMMING)
+        )
     spreads = {}
     for name, cost in (("summing", SUMMING), ("robust", ROBUST)):
         low, high = np.quantile(over_layouts("outliers and clusters", cost).rmse, [0.05, 0.95])
@@ -633,7 +653,7 @@ CLAIMS = (
         "refuted",
         figure="cluster-cost",
         telling=(
-            "share of runs that leave the truth",
+            "share of 40 draws with the global minimum at the truth, this scene",
             "share of wrong global minima, one cluster of 17 targets within 0.5 m",
         ),
         holds="Only where one cluster outnumbers all other targets, and there in a few draws.",

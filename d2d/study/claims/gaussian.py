@@ -61,7 +61,7 @@ def _gmm_better() -> Evidence:
         verdict,
         f"with {OBSERVATIONS} observations two components are the better description from about "
         f"{min(clear, default=np.nan):g} standard deviations between the humps on; nearer ones "
-        "need more observations than that to pay for six more parameters.",
+        "need more observations than that to pay for six more parameters (in the plane).",
         numbers,
     )
 
