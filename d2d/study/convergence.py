@@ -9,7 +9,7 @@ from d2d import rigid
 from d2d._checks import Array
 from d2d.baselines import icp, ndt_d2d, ndt_p2d
 from d2d.cost import CorruptedGaussian, RegistrationCost
-from d2d.registration import register
+from d2d.registration import Estimate, register
 from d2d.study.room import RoomScan
 
 MOST_DISTANCE, MOST_ROTATION = 4.0, np.deg2rad(90.0)  # m, rad: half a room, a quarter turn
@@ -18,6 +18,7 @@ CLOSE_DISTANCE, CLOSE_ROTATION = 0.2, np.deg2rad(3.0)  # several times any metho
 
 ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
 SCALES = (16.0, 8.0, 4.0, 2.0, 1.0)
+CELL_SIZES = (4.0, 2.0, 1.0)  # m: of an NDT from coarse to fine
 
 Method = Callable[[RoomScan, RoomScan, Array], Array]
 """From the scan before, the scan after and starts (..., 3) to the motions found (..., 3)."""
@@ -27,6 +28,17 @@ def _likelihood(*scales: float) -> Method:
     def run(before: RoomScan, after: RoomScan, starts: Array) -> Array:
         fixed, moving = before.targets(), after.targets()
         return register(fixed, moving, ROBUST, starts, scales, threads=2).theta
+
+    return run
+
+
+def ndt_coarse_to_fine(register_ndt: Callable[..., Estimate], *sizes: float) -> Method:
+    """`ndt_p2d` or `ndt_d2d` with cells of each size (m) in turn, started where the last ended."""
+
+    def run(before: RoomScan, after: RoomScan, starts: Array) -> Array:
+        for size in sizes:
+            starts = register_ndt(before.points, after.points, starts, size=size).theta
+        return starts
 
     return run
 

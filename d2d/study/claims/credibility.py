@@ -393,6 +393,9 @@ def _cluster_summing_wrong() -> Evidence:
             ),
             "greatest of it on the random layouts": _rival(layouts),
             "share of descents from the truth that leave it": 1.0 - _share(CLUSTERS, SUMMING),
+            "the same over 200 random layouts": float(
+                1.0 - over_layouts("clusters", SUMMING).share.mean()
+            ),
             "share of wrong global minima, one cluster of 5 targets within 0.5 m": few,
             "share of wrong global minima, one cluster of 17 targets within 0.5 m": many,
         },
