@@ -16,9 +16,19 @@ import pytest
 import d2d.study.claims as ledger
 from d2d import RegistrationCost
 from d2d.radar import track
-from d2d.study.claims import CLAIMS, Claim, Evidence, cost_surfaces, radar, record, show
+from d2d.study.claims import (
+    CLAIMS,
+    Claim,
+    Evidence,
+    cost_surfaces,
+    credibility,
+    radar,
+    record,
+    show,
+)
 from d2d.study.claims.record import differences
 from d2d.study.line_scene import line_scene
+from d2d.study.optima import Minima
 
 CHAPTERS = Path(__file__).resolve().parents[1] / "chapters"
 RECORD = record.read(CHAPTERS / "results" / "claims.json")
@@ -241,6 +251,16 @@ def test_a_surface_claim_that_fails_altogether_is_judged_and_not_a_crash(monkeyp
     for name, value in world.items():
         monkeypatch.setattr(cost_surfaces, name, value)
     assert CLAIMS[claim].check().verdict != "confirmed"
+
+
+def test_the_cluster_claim_is_confirmed_where_the_lowest_minimum_is_elsewhere(monkeypatch):
+    """Breaks if the verdict rests on descents from the truth, which cannot see another minimum."""
+    elsewhere = Minima(np.array([[8.0, 0.0, 0.0], np.zeros(3)]), np.array([0.0, -1.0]))
+    monkeypatch.setattr(credibility, "local_minima", lambda *given, draws=5: (elsewhere,) * draws)
+    evidence = CLAIMS["cluster-summing-wrong"].check()
+    assert evidence.verdict == "confirmed", str(evidence)
+    rival = "greatest density of another optimum over that at the truth, this scene"
+    assert evidence.numbers[rival] == pytest.approx(np.e)
 
 
 @pytest.fixture

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from d2d import rigid
-from d2d.study.convergence import METHODS, draw_offsets, found, start_plane
+from d2d.baselines import ndt_p2d
+from d2d.study.convergence import (
+    CELL_SIZES,
+    METHODS,
+    draw_offsets,
+    found,
+    ndt_coarse_to_fine,
+    start_plane,
+)
 from d2d.study.room import MOTION, room_pair
 
 
@@ -42,3 +50,16 @@ def test_success_is_judged_in_the_frame_of_the_motion_and_modulo_full_turns():
 def test_every_method_stays_at_the_truth(method, outliers):
     before, after = room_pair(np.random.default_rng(5), outliers=outliers)
     assert found(METHODS[method](before, after, MOTION[None]), MOTION).all()
+
+
+def test_coarse_to_fine_starts_each_size_where_the_last_ended():
+    """Breaks if a size is left out, or every size starts from the guess."""
+    before, after = room_pair(np.random.default_rng(5))
+    start = MOTION + np.array([0.8, -0.6, np.deg2rad(15.0)])
+    by_hand = start
+    for size in (4.0, 2.0, 1.0):
+        by_hand = ndt_p2d(before.points, after.points, by_hand, size=size).theta
+    reached = ndt_coarse_to_fine(ndt_p2d, *CELL_SIZES)(before, after, start)
+    np.testing.assert_array_equal(reached, by_hand)
+    assert not np.allclose(reached, ndt_p2d(before.points, after.points, start).theta, atol=1e-3)
+    assert found(reached, MOTION)
