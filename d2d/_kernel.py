@@ -53,13 +53,13 @@ SQUARE, DETERMINANT, WITHIN = range(50 * LANES, 53 * LANES, LANES)
 # bit each; a double holds 53 bits exactly.
 CHUNK = 48
 STEP = 6 * LANES
-STEPS = 53 * LANES
+STEPS = WITHIN + LANES
 SCRATCH = STEPS + CHUNK * STEP
-# A sum relative to its nearest component must not lose it, however far away the same distance comes
-# out by another formula: the offset is a little above it, and what exceeds it is cut off.
+# A sum relative to its nearest component must not lose it, however far away: all passes take the
+# distance by one formula, the offset is a little above it, and what exceeds it is cut off.
 ABOVE, MOST = 1.0 + 1e-14, 200.0
 NOTHING = 1e-300  # where a sum begins of which no term may be left
-FARTHEST = 1e-200  # sums below it are taken again, relative to the nearest component
+FARTHEST = 1e-180  # outlier sums below it are taken again, relative to the nearest component
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
 # do not show leaves pivots of rounding errors and of the residual gradient there.
 SINGULAR = 1e-8
@@ -68,7 +68,8 @@ LOG_2PI = math.log(2.0 * math.pi)
 
 # Products and sums may be fused.  They are not reordered: LLVM does so in one way in the process
 # that compiles and in another in the code that is cached; and lanes need no reordering.
-_FAST = {"contract"}
+# NaN is not provided for: minima and maxima then are single instructions.
+_FAST = {"contract", "nnan"}
 _ROUND = 1.5 * 2.0**52  # adding it leaves the nearest integer in a double's lowest bits
 _BIAS = 1023.0
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
@@ -258,7 +259,7 @@ def _factor_terms(factor, xi):
     )
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _load(w, lanes, turn, moving, order, first, d2d, planar):
     """Rotated means and covariances of the block; a block that is not full repeats the last."""
     cosine, sine = turn
@@ -276,7 +277,22 @@ def _load(w, lanes, turn, moving, order, first, d2d, planar):
         w[CYY + k] = ss * sxx + 2.0 * cs * sxy + cc * syy
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+@njit(forceinline=True, error_model="numpy")
+def _lanes(w):
+    """LANES, so that the compiler does not see it: it unrolls loops of a length that it knows, and
+    vectorises the others.
+    """
+    return w.shape[0] // (SCRATCH // LANES)
+
+
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
+def _distance(dx, dy, sxx, sxy, syy):
+    """d' adj(S) d and det(S), whose ratio is the squared Mahalanobis distance."""
+    square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
+    return square, sxx * syy - sxy * sxy
+
+
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _find_nearest(w, lanes, fixed, tx, ty):
     """The smallest half squared Mahalanobis distance of each target of the block.
 
@@ -290,8 +306,7 @@ def _find_nearest(w, lanes, fixed, tx, ty):
         for k in range(lanes):
             dx, dy = w[MX + k] - fx, w[MY + k] - fy
             sxx, sxy, syy = w[CXX + k] + fxx, w[CXY + k] + fxy, w[CYY + k] + fyy
-            square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
-            determinant = sxx * syy - sxy * sxy
+            square, determinant = _distance(dx, dy, sxx, sxy, syy)
             old_square, old_determinant = w[SQUARE + k], w[DETERMINANT + k]
             nearer = square * old_determinant < old_square * determinant
             w[SQUARE + k] = square if nearer else old_square
@@ -301,9 +316,9 @@ def _find_nearest(w, lanes, fixed, tx, ty):
         w[OFFSET + k] *= ABOVE
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _find_within(w, lanes, fixed, tx, ty, first, last):
-    """Note as bits which of these components are within each target's REACH; the most they are."""
+    """Note as bits which components are within each target's REACH; how many at most."""
     for k in range(lanes):
         w[WITHIN + k] = 0.0
     bit = 1.0
@@ -313,8 +328,8 @@ def _find_within(w, lanes, fixed, tx, ty, first, last):
         for k in range(lanes):
             dx, dy = w[MX + k] - fx, w[MY + k] - fy
             sxx, sxy, syy = w[CXX + k] + fxx, w[CXY + k] + fxy, w[CYY + k] + fyy
-            square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
-            within = square <= w[REACH + k] * (sxx * syy - sxy * sxy)
+            square, determinant = _distance(dx, dy, sxx, sxy, syy)
+            within = square <= w[REACH + k] * determinant
             w[WITHIN + k] += bit if within else 0.0
         bit *= 2.0
     most = 0
@@ -327,23 +342,24 @@ def _find_within(w, lanes, fixed, tx, ty, first, last):
 def _gather_within(w, fixed, tx, ty, first, steps):
     """Copy each target's next component within reach into the rows of each step.
 
-    A target that has no more takes one without weight.
+    A target that has no more takes one at its own place without weight.
     """
     last = fixed.shape[1] - 1
     for k in range(LANES):
         bits = int(w[WITHIN + k])
         for at in range(STEPS + k, STEPS + k + steps * STEP, STEP):
             i = min(first + _lowest_bit(bits), last)
-            w[at + X * LANES] = fixed[X, i] - tx
-            w[at + Y * LANES] = fixed[Y, i] - ty
+            more = bits != 0
+            w[at + X * LANES] = fixed[X, i] - tx if more else w[MX + k]
+            w[at + Y * LANES] = fixed[Y, i] - ty if more else w[MY + k]
             w[at + XX * LANES] = fixed[XX, i]
             w[at + XY * LANES] = fixed[XY, i]
             w[at + YY * LANES] = fixed[YY, i]
-            w[at + WEIGHT * LANES] = fixed[WEIGHT, i] if bits != 0 else 0.0
+            w[at + WEIGHT * LANES] = fixed[WEIGHT, i] if more else 0.0
             bits &= bits - 1
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _add_step(w, lanes, step):
     """Add a pair of each target: w_i N(0 | d_i, S_i) exp(OFFSET) and its derivatives.
 
@@ -358,10 +374,11 @@ def _add_step(w, lanes, step):
         sxx = cxx + step[XX * LANES + k]
         sxy = cxy + step[XY * LANES + k]
         syy = cyy + step[YY * LANES + k]
-        inverse = 1.0 / (sxx * syy - sxy * sxy)
+        square, determinant = _distance(dx, dy, sxx, sxy, syy)
+        inverse = 1.0 / determinant
+        half = 0.5 * square * inverse
         bxx, bxy, byy = syy * inverse, -sxy * inverse, sxx * inverse
         ux, uy = bxx * dx + bxy * dy, bxy * dx + byy * dy
-        half = 0.5 * (ux * dx + uy * dy)
         weight = step[WEIGHT * LANES + k] * math.sqrt(inverse)
         weight *= _exp(min(w[OFFSET + k] - half, MOST))
         mx, my = h * uy - a * ux, h * ux + a * uy  # M u
@@ -383,7 +400,7 @@ def _add_step(w, lanes, step):
         )
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _add_pairs(w, lanes, fixed, tx, ty):
     """Sum over the components within REACH, see `_add_step`."""
     for k in range(10 * LANES):
@@ -398,18 +415,18 @@ def _add_pairs(w, lanes, fixed, tx, ty):
             _add_step(w, lanes, w[at : at + STEP])
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _sum_inliers(w, lanes, fixed, tx, ty, bounds):
     """log sum_i w_i N(0 | d_i, S_i), its relative gradient and second derivatives.
 
-    ``REACH`` says up to where pairs could matter to each target beside its outlier component.
+    ``LIMIT`` is the half squared distance up to which pairs could matter to each target beside its
+    outlier component; ``REACH`` the squared distance up to which they are met.
     """
     log_peak, log_spread = bounds
     # Nearly always some component is near enough for all beyond this reach to vanish beside it.
     enough = NEAR + GATE + log_spread
     for k in range(lanes):
-        w[LIMIT + k] = w[REACH + k]
-        w[REACH + k] = 2.0 * min(w[REACH + k], enough)
+        w[REACH + k] = 2.0 * min(w[LIMIT + k], enough)
         w[OFFSET + k] = 0.0
     least = math.exp(log_peak - NEAR - log_spread)
     for again in range(2):
@@ -453,7 +470,7 @@ def _sum_inliers(w, lanes, fixed, tx, ty, bounds):
         )
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy):
     """Sum the six moments, of 1, d and d d', of the weights w_i exp(OFFSET - d' B d / 2)."""
     for k in range(6 * LANES):
@@ -472,7 +489,7 @@ def _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy):
             w[OUTLIER + A01 + k] += v * dy * dy
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _sum_outliers(w, lanes, fixed, tx, ty, outlier):
     """log of the corrupted Gaussian's component, its relative gradient and second derivatives."""
     bxx, bxy, byy = outlier[3], outlier[4], outlier[5]
@@ -533,7 +550,7 @@ def _factors(w, lanes, theta, chart, factor, order, first):
             w[FACTOR + row * LANES + k] = terms[row]
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _multiply(w, lanes):
     """The inlier densities times those of the measurements."""
     for k in range(lanes):
@@ -551,7 +568,7 @@ def _multiply(w, lanes):
         w[INLIER + A22 + k] += 2.0 * g2 * f2 + f2 * f2 + w[FACTOR + A22 + k]
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _mix(w, lanes, log_inlier_weight):
     """The inlier densities plus those of the outlier component."""
     for k in range(lanes):
@@ -609,13 +626,13 @@ def _block(
             w[OUTLIER + k] = outlier[2]
     # beyond this half squared distance all pairs together vanish beside the outlier component
     for k in range(LANES):
-        w[REACH + k] = np.inf
+        w[LIMIT + k] = np.inf
         if kind != NO_OUTLIER:
-            w[REACH + k] = GATE + outlier[1] + bounds[0] - LOG_2PI - w[OUTLIER + k]
+            w[LIMIT + k] = GATE + outlier[1] + bounds[0] - LOG_2PI - w[OUTLIER + k]
             if measured:
-                w[REACH + k] += w[FACTOR + k]
+                w[LIMIT + k] += w[FACTOR + k]
         if w[COUNTS + k] == 0.0:
-            w[REACH + k] = -1.0
+            w[LIMIT + k] = -1.0
     _sum_inliers(w, lanes, fixed, tx, ty, bounds)
     if measured:
         _multiply(w, lanes)
@@ -637,7 +654,7 @@ def _bounds(fixed, moving, extremes):
     return math.log(peak), math.log(0.5 * peak * (extremes[2] + trace) / extremes[1])
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _add_logarithms(w, lanes):
     """Fuse by the likelihood: add log q_k and its derivatives to the sums."""
     for k in range(lanes):
@@ -655,7 +672,7 @@ def _add_logarithms(w, lanes):
         w[TOTAL + A22 + k] += counts * (w[INLIER + A22 + k] - g2 * g2)
 
 
-@njit(forceinline=True, fastmath=_FAST | {"nnan"}, error_model="numpy")
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _add_densities(w, lanes):
     """Fuse by the sum: add q_k exp(-top) and its derivatives, the top rising with the largest."""
     for k in range(lanes):
@@ -675,7 +692,7 @@ def _add_densities(w, lanes):
         w[TOTAL + A22 + k] = keep * w[TOTAL + A22 + k] + own * w[INLIER + A22 + k]
 
 
-@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
+@njit(forceinline=True, error_model="numpy")
 def _total(w, row):
     total = 0.0
     for k in range(LANES):
@@ -707,7 +724,7 @@ def _evaluate(
         w[TOTAL + k] = 0.0
     for k in range(LANES):
         w[TOP + k] = -np.inf
-    lanes = w.shape[0] // (SCRATCH // LANES)
+    lanes = _lanes(w)
     for first in range(0, moving.shape[1], LANES):
         _block(
             w,
@@ -1086,12 +1103,12 @@ def log_density_batch(
 ):
     """log q_k of every target of every problem."""
     w = np.empty(SCRATCH)
+    lanes = _lanes(w)
     for b in range(thetas.shape[0]):
         turn = (math.cos(thetas[b, 2]), math.sin(thetas[b, 2]))
         chart = _chart(thetas[b], in_twist)
         order = orders[which[b, 1]]
         bounds = _bounds(fixed[which[b, 0]], moving[which[b, 1]], extremes[which[b, 0]])
-        lanes = w.shape[0] // (SCRATCH // LANES)
         for first in range(0, moving.shape[2], LANES):
             _block(
                 w,
