@@ -203,7 +203,7 @@ def bars_table(m: Measured) -> str:
     """The bars as a table."""
     words = {True: "yes", False: "no", None: "–"}
     lines = [(bar.what, bar.asked, bar.measured, words[bar.met]) for bar in bars(m)]
-    return table(("what", "asked", "measured", "met"), lines, 1)
+    return table(("what", "aim", "measured", "met"), lines, 1)
 
 
 def sizes_table(m: Measured) -> str:
@@ -257,7 +257,7 @@ def page(m: Measured) -> str:
             f"Measured on {m.machine}, in one process with one thread unless said: {m.versions}. "
             + disturbance(m.rows),
             *(["\n".join(missing)] if missing else []),
-            "### What was asked for",
+            "### In short",
             bars_table(m),
             main_tables(m.rows),
             f"### Time against size, fitted exponent {m.exponent:.2f}",

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from d2d import rigid
 from d2d._checks import Array
 from d2d.cost import RegistrationCost
 from d2d.covariance import propagate_covariance
@@ -67,7 +66,7 @@ class DriveCovariances(NamedTuple):
 def drive_covariances(drive: Drive, *, doppler: bool, step: int = 3) -> DriveCovariances:
     """Of every ``step``-th pair of scans, started where `d2d.radar.track` arrives.
 
-    The truth is the velocity that takes the pose of one scan to that of the next.
+    The truth is the velocity at the second scan, as in chapter 7.
     """
     followed = track(drive.scans, drive.mounting, doppler=doppler)
     errors, covariances = [], []
@@ -82,9 +81,7 @@ def drive_covariances(drive: Drive, *, doppler: bool, step: int = 3) -> DriveCov
             )
             for shared in (False, True)
         ]
-        poses = drive.truth.poses
-        moved = rigid.compose(rigid.inverse(poses[i]), poses[i + 1])
-        errors.append(found.theta - rigid.logarithm(moved) / followed.intervals[i])
+        errors.append(found.theta - drive.truth.theta[i + 1])
         covariances.append([found.covariance, *propagated])
     error, covariance = np.array(errors), np.array(covariances)
     good = np.isfinite(covariance).all(axis=(1, 2, 3))
