@@ -22,6 +22,7 @@ from d2d.study.claims import (
     Evidence,
     cost_surfaces,
     credibility,
+    estimation,
     radar,
     record,
     show,
@@ -261,6 +262,14 @@ def test_the_cluster_claim_is_confirmed_where_the_lowest_minimum_is_elsewhere(mo
     assert evidence.verdict == "confirmed", str(evidence)
     rival = "greatest density of another optimum over that at the truth, this scene"
     assert evidence.numbers[rival] == pytest.approx(np.e)
+
+
+def test_sums_of_many_equal_targets_approach_the_limits_of_chapter_5():
+    """Breaks if the simulated sum is not at its optimum, or a covariance is another one."""
+    sums = estimation.equal_targets(128, runs=3000)
+    assert sums.actual == pytest.approx(16 / 9, rel=0.06)  # a variance of 6000 values: 2 %
+    assert sums.fisher == pytest.approx(2 * 128, rel=0.02)
+    assert sums.propagated == pytest.approx(112 / 27, rel=0.03)
 
 
 @pytest.fixture

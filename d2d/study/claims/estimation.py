@@ -103,6 +103,41 @@ def quadratic_ratio(name: str, distance: float, runs: int = 500) -> float:
     return float(np.median(ratios))
 
 
+class EqualTargets(NamedTuple):
+    """Mean variances of one coordinate, times the number of targets; the likelihood's is 1."""
+
+    actual: float
+    fisher: float
+    propagated: float
+
+
+def equal_targets(count: int, runs: int = 5000) -> EqualTargets:
+    """The sum's optimum for ``count`` targets of one common covariance, moved in the plane only.
+
+    Each target is off by a standard normal, which is what its covariance says.  The optimum is
+    where the mean of the targets, weighted by their densities, is: iterated from their plain mean.
+    """
+    off = np.random.default_rng(SEED).standard_normal((runs, count, 2))
+    place = off.mean(axis=1)
+    for _ in range(100):
+        weight = np.exp(-0.5 * np.sum((off - place[:, np.newaxis]) ** 2, axis=-1))
+        weight /= weight.sum(axis=1, keepdims=True)
+        place = np.einsum("rk,rki->ri", weight, off)
+    left = off - place[:, np.newaxis]
+    # minus the derivative of each target's weighted residual; their sum is the Hessian
+    slopes = weight[..., np.newaxis, np.newaxis] * (
+        np.eye(2) - left[..., :, np.newaxis] * left[..., np.newaxis, :]
+    )
+    inverse = np.linalg.inv(slopes.sum(axis=1))
+    squared = np.einsum("rkij,rklj->ril", slopes, slopes)
+    propagated = inverse @ squared @ inverse
+    return EqualTargets(
+        count * float(place.var(axis=0).mean()),
+        count * float(0.5 * np.trace(inverse, axis1=1, axis2=2).mean()),
+        count * float(0.5 * np.trace(propagated, axis1=1, axis2=2).mean()),
+    )
+
+
 @cache
 def over_layouts(name: str, layouts: int = 12, runs: int = 1000) -> Array:
     """ANEES (layouts,) of the inverse Hessian on random layouts.

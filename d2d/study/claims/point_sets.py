@@ -89,6 +89,10 @@ def _icp_feeble() -> Evidence:
         coarse = {method: _interval(_shares()[scene, method][:, 0]) for method in COARSE}
         for method, (mean, _, _) in (far | coarse).items():
             numbers[f"{scene}: share from far starts, {method}"] = mean
+        for method in COARSE:
+            numbers[f"{scene}: share from near starts, {method}"] = float(
+                _shares()[scene, method][:, 1].mean()
+            )
         mean, low, high = far["ICP, point to point"]
         behind &= all(other < mean for other, _, _ in coarse.values())
         numbers[f"{scene}: half width of ICP's 95 % interval"] = high - mean
@@ -109,7 +113,7 @@ def _icp_feeble() -> Evidence:
             else "how it compares with the NDTs depends on the scene."
         )
         + (
-            " From coarse to fine cells both come nearer, and neither passes it."
+            " From coarse to fine cells both come nearer, and on average neither passes it."
             if widest and behind
             else " From coarse to fine cells that depends on the scene."
         ),
@@ -132,7 +136,8 @@ def _ndt_registers() -> Evidence:
     return Evidence(
         "confirmed" if registers and not needs_guess else "qualified" if registers else "refuted",
         "both register from a guess within a quarter of a cell and 5 deg, the case between two "
-        "scans of a moving vehicle; from farther off P2D hardly ever does and D2D in part.",
+        "scans of a moving vehicle whose motion is predicted; from farther off P2D hardly ever "
+        "does and D2D in part.",
         numbers,
     )
 
@@ -164,6 +169,6 @@ CLAIMS = (
             "all around: share from far starts, NDT, P2D",
         ),
         holds="The start is near: within a quarter of a cell and 5 degrees, as between two scans of"
-        " a moving vehicle.",
+        " a moving vehicle whose motion is predicted.",
     ),
 )
