@@ -1,6 +1,8 @@
 """What public functions ask of their arguments; every message names the argument."""
 
+import os
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -54,6 +56,13 @@ def flag(name: str, value: Any) -> bool:
     if not isinstance(value, bool | np.bool_):
         raise ValueError(f"{name} must be True or False, but is {value!r}")
     return bool(value)
+
+
+def as_path(name: str, value: str | os.PathLike[str]) -> Path:
+    """A path, in which ``~`` stands for the home folder."""
+    if not isinstance(value, str | os.PathLike):
+        raise ValueError(f"{name} must be a path, but is {value!r}")
+    return Path(os.path.expanduser(value))
 
 
 def instance(name: str, value: object, kind: type) -> None:
@@ -127,7 +136,7 @@ def covariance_matrices(name: str, value: ArrayLike) -> Array:
 
 
 def symmetrise(name: str, array: Array) -> None:
-    """Replace matrices (..., D, D) that are symmetric but for rounding by exactly symmetric ones."""
+    """Make matrices (..., D, D) exactly symmetric that are so but for rounding, in place."""
     for i in range(array.shape[-1]):
         for j in range(i):
             above, below = array[..., j, i], array[..., i, j]

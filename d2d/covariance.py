@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import Array, finite, real
+from d2d._checks import Array, finite, instance, real, symmetrise
 from d2d._kernel import SINGULAR
 from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
 from d2d.measurement import LinearMeasurement
@@ -35,16 +35,19 @@ def fisher_covariance(hessian: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        If ``hessian`` is not an array of square matrices.
+        If ``hessian`` is not an array of square matrices that are symmetric but for rounding.
     """
     matrices = real("hessian", hessian)
-    if matrices.ndim < 2 or matrices.shape[-1] != matrices.shape[-2]:
-        raise ValueError(f"hessian must have the shape (..., P, P), but has {matrices.shape}")
+    if matrices.ndim < 2 or matrices.shape[-1] != matrices.shape[-2] or not matrices.shape[-1]:
+        raise ValueError(
+            f"hessian must have the shape (..., P, P) with P > 0, but has {matrices.shape}"
+        )
     scale = np.sqrt(np.abs(np.diagonal(matrices, axis1=-2, axis2=-1)))
     outer = scale[..., :, None] * scale[..., None, :]
     good = np.asarray((np.isfinite(matrices) & (outer > 0)).all(axis=(-2, -1)))
     covariance = np.full(matrices.shape, np.nan)
     unit = matrices[good] / outer[good]  # free of the parameters' units
+    symmetrise("hessian", unit)
     definite = np.linalg.eigvalsh(unit)[..., 0] > SINGULAR
     good[good] = definite
     inverse = np.linalg.inv(unit[definite]) / outer[good]
@@ -111,10 +114,8 @@ def propagate_covariance(
     does the inverse Hessian, whatever ``position_slope``.
     """
     cost = RegistrationCost() if cost is None else cost
-    if not isinstance(cost, RegistrationCost):
-        raise ValueError(f"cost must be a RegistrationCost, but is {cost!r}")
-    if not isinstance(estimate, Estimate):
-        raise ValueError(f"estimate must be an Estimate, but is a {type(estimate).__name__}")
+    instance("cost", cost, RegistrationCost)
+    instance("estimate", estimate, Estimate)
     cross = cross_derivatives(estimate.theta, fixed, moving, cost, measurement=measurement)
     slope = None
     if position_slope is not None:

@@ -70,6 +70,17 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     NEES and its region after Bar-Shalom, Li & Kirubarajan (2001), NCI and I^2 after Li & Zhao
     (2006).  The thesis prints Sigma where the NEES has Sigma^-1, and the quantiles of a 90 % region
     (sec. 6.2).
+
+    Examples
+    --------
+    Errors twice as large as their covariance says:
+
+    >>> import numpy as np
+    >>> from d2d import credibility
+    >>> errors = 2.0 * np.random.default_rng(0).standard_normal((1000, 3))
+    >>> verdict = credibility(errors, np.eye(3))
+    >>> verdict.consistent, round(verdict.anees, 1), round(verdict.inclination, 1)
+    (False, 4.0, 6.0)
     """
     e = finite("errors", errors)
     if e.ndim != 2:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
-from d2d._checks import Array, broadcast, covariance_matrices, finite, fraction
+from d2d._checks import Array, broadcast, covariance_matrices, finite, flag, fraction
 
 RELATIVE_FLOOR = 1e-6  # of the data's mean variance: the smallest variance of a fitted component
 
@@ -349,7 +349,8 @@ def maximise(
     used = totals > 0
     means[used], raw = fit(points, z.T[used])
     covariances[used] = raise_eigenvalues(raw, floor)
-    weights = np.full(k, 1.0 / k) if equal_weights else totals / totals.sum()
+    equal = flag("equal_weights", equal_weights)
+    weights = np.full(k, 1.0 / k) if equal else totals / totals.sum()
     return GaussianMixture(weights, means, covariances)
 
 

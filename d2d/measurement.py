@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import _kernel
-from d2d._checks import Array, broadcast, finite, positive, scalar
+from d2d._checks import Array, broadcast, finite, flag, positive, scalar
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +79,7 @@ class LinearMeasurement:
         if 0 in shape:
             raise ValueError(f"value must hold at least one target, but has the shape {shape}")
         parameters = arrays["gain"].shape[-1]
-        if not isinstance(of_twist, bool | np.bool_):
-            raise ValueError(f"of_twist must be True or False, but is {of_twist!r}")
+        of_twist = flag("of_twist", of_twist)
         if of_twist and parameters != 3:
             raise ValueError(f"of_twist needs P = 3 parameters, but gain has {parameters}")
         object.__setattr__(self, "of_twist", of_twist)
@@ -104,7 +103,10 @@ class LinearMeasurement:
         return self.value.shape[:-1]
 
     def inflated(self, scale: float) -> "LinearMeasurement":
-        """The measurement with all standard deviations multiplied by a positive ``scale``."""
+        """The measurement with all standard deviations multiplied by ``scale``.
+
+        Raises ``ValueError`` naming ``scale`` unless it is a positive number.
+        """
         scale = float(positive("scale", scalar("scale", scale)))
         return LinearMeasurement(
             self.value,

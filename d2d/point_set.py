@@ -1,6 +1,7 @@
 """Point sets whose points are Gaussian targets."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -166,7 +167,10 @@ class PointSet:
         return self.means.shape[:-2]
 
     def __getitem__(self, index: int | slice | tuple[int | slice, ...] | Array) -> "PointSet":
-        """Some sets of a batch; the index goes over the batch axes only."""
+        """Some sets of a batch; the index goes over the batch axes only.
+
+        Raises ``IndexError`` if this is no batch or the index does not fit its axes.
+        """
         if not self.batch_shape:
             raise IndexError("this point set has no batch axes")
         sets = np.arange(math.prod(self.batch_shape)).reshape(self.batch_shape)
@@ -180,8 +184,17 @@ class PointSet:
             self.weights.reshape(-1, self.size)[chosen],
         )
 
+    def __iter__(self) -> Iterator["PointSet"]:
+        """The sets along the first batch axis; raises ``TypeError`` if this is no batch."""
+        if not self.batch_shape:
+            raise TypeError("this point set has no batch axes to iterate over")
+        return map(self.__getitem__, range(self.batch_shape[0]))
+
     def transformed(self, theta: ArrayLike) -> "PointSet":
-        """The set moved by theta (..., P): R mu_k + t and R Sigma_k R'."""
+        """The set moved by theta (..., P): R mu_k + t and R Sigma_k R'.
+
+        Raises ``ValueError`` naming ``theta`` if it is no motion of the set's dimension.
+        """
         return PointSet._of(
             rigid.transform_means(theta, self.means),
             rigid.transform_covariances(theta, self.covariances),
@@ -189,7 +202,10 @@ class PointSet:
         )
 
     def inflated(self, scale: float) -> "PointSet":
-        """The set with all standard deviations multiplied by ``scale``, a positive number."""
+        """The set with all standard deviations multiplied by ``scale``.
+
+        Raises ``ValueError`` naming ``scale`` unless it is a positive number.
+        """
         scale = float(positive("scale", scalar("scale", scale)))
         return PointSet._of(self.means, self.covariances * scale**2, self.weights)
 

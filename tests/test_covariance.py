@@ -83,6 +83,15 @@ def test_no_matrices_have_no_covariances():
     assert fisher_covariance(np.zeros((0, 3, 3))).shape == (0, 3, 3)
 
 
+def test_rounding_errors_of_symmetry_are_forgiven():
+    """Breaks if a Hessian computed in single precision is refused, or a large entry's rounding."""
+    hessian = definite(np.random.default_rng(6))
+    hessian[0, 1] *= 1.0 + 1e-7
+    covariance = fisher_covariance(hessian)
+    assert_array_equal(covariance, covariance.T)
+    assert np.isnan(fisher_covariance([[1e-20, 1.0], [1.0 + 1e-15, 1e-20]])).all()
+
+
 def test_its_input_stays_as_it_is():
     """Breaks if the caller's Hessian is overwritten."""
     hessian = definite(np.random.default_rng(5))
@@ -92,7 +101,20 @@ def test_its_input_stays_as_it_is():
 
 
 @pytest.mark.parametrize(
-    "hessian", [1.0, [1.0, 2.0], np.ones((2, 3)), "curved", None], ids=lambda value: str(value)
+    "hessian",
+    [
+        1.0,
+        [1.0, 2.0],
+        np.ones((2, 3)),
+        np.zeros((0, 0)),
+        np.zeros((4, 0, 0)),
+        "curved",
+        None,
+        [[1.0, 0.5], [0.4, 1.0]],
+        [[1e-8, 0.5], [0.4, 1e8]],
+        [np.eye(2), [[1.0, 1e-5], [0.0, 1.0]]],
+    ],
+    ids=lambda value: str(value),
 )
 def test_what_is_no_matrix_is_refused_by_name(hessian):
     """Breaks if the error does not say which argument was meant."""

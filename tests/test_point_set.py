@@ -222,6 +222,27 @@ def test_rounding_errors_of_symmetry_are_forgiven():
     assert points.covariances[0, 0, 1] == points.covariances[0, 1, 0]
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_covariances_computed_in_single_precision_are_taken(kind):
+    """Breaks if J Sigma J' of float32 arrays is refused, as they are or converted afterwards."""
+    rng = np.random.default_rng(5)
+    jacobian = rng.standard_normal((200, 2, 2)).astype(np.float32)
+    sigma = np.array([[0.04, 0.01], [0.01, 0.09]], dtype=np.float32)
+    covariances = jacobian @ sigma @ jacobian.swapaxes(1, 2)
+    gap = np.abs(covariances - covariances.swapaxes(1, 2)).max(axis=(1, 2))
+    assert (gap > 1e-9 * np.trace(covariances, axis1=1, axis2=2)).any()
+    points = PointSet(rng.standard_normal((200, 2)), covariances.astype(kind))
+    assert_array_equal(points.covariances, points.covariances.swapaxes(2, 1))
+
+
+def test_an_asymmetric_covariance_is_told_with_its_difference():
+    """Breaks if the user has to search for what differs, and by how much."""
+    with pytest.raises(
+        ValueError, match=r"^covariances must be symmetric, but entry \(0, 1\) .* 4"
+    ):
+        PointSet(*with_covariance([[1.0, 0.5], [0.1, 1.0]]))
+
+
 GOOD_POLAR = {
     "range": [10.0, 20.0],
     "azimuth": [0.1, 0.2],

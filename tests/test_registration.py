@@ -293,6 +293,7 @@ def test_multi_start_of_one_problem_has_no_batch_axes():
     fixed, moving = overlapped_scene(1, np.random.default_rng(34))
     best = multi_start(fixed[0], moving[0], None, [TRUTH, np.zeros(3)])
     assert best.theta.shape == (3,)
+    assert all(type(getattr(best, name)) is np.ndarray for name in FIELDS)
     assert best.value <= register(fixed[0], moving[0], initial=TRUTH).value
 
 
@@ -359,11 +360,13 @@ def test_start_grid_reaches_its_edges_in_steps_no_longer_than_asked():
         ((1.0, None, [0.0]), "spacing"),
         ((1.0, 1.0, [np.inf]), "angles"),
         ((1.0, 1.0, []), "angles"),
+        ((1.0, 1e-12, [0.0]), "spacing"),
+        ((1.0, 0.01, np.zeros(300)), "spacing"),
     ],
     ids=str,
 )
 def test_start_grid_refuses_what_gives_no_grid(arguments, name):
-    """Breaks if a grid without starts, or of nan, is made."""
+    """Breaks if a grid without starts, of nan, or that no memory holds, is made."""
     with pytest.raises(ValueError, match=name):
         start_grid(*arguments)
 
