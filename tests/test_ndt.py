@@ -138,6 +138,8 @@ POINTS = np.random.default_rng(0).uniform(0.0, 2.0, (50, 2))
         (lambda: grid_cells(np.zeros((4, 3))), "points"),
         (lambda: grid_cells(POINTS * np.inf), "points"),
         (lambda: grid_cells(POINTS, 0.0), "size"),
+        (lambda: grid_cells(POINTS, 1e-20), "size"),
+        (lambda: grid_cells(POINTS * 1e20), "size"),
         (lambda: grid_cells(POINTS, shift=(0.5,)), "shift"),
         (lambda: grid_cells(POINTS, fewest=1), "fewest"),
         (lambda: grid_cells(POINTS, smallest_ratio=0.0), "smallest_ratio"),

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from d2d import rigid
-from d2d._checks import Array, count, finite, scalar
+from d2d._checks import Array, broadcast, count, finite, scalar
 
 Metric = Literal["point", "line"]
 
@@ -42,11 +42,21 @@ class IcpResult:
 
 
 def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
-    """The rigid motion (..., 3) of least squared distance between paired points (..., N, 2).
+    """The rigid motion of least squared distance between paired points.
 
     Minimises ``sum_n |R m_n + t - f_n|^2`` in closed form.  With the centred points f', m' and the
     singular value decomposition sum_n m'_n f'_n^T = U S V^T, R = V diag(1, det(V U^T)) U^T and
     t = mean(f) - R mean(m) (Arun et al. 1987; the determinant of Umeyama 1991 excludes mirrors).
+
+    Parameters
+    ----------
+    fixed, moving : (..., N, 2) arrays, m
+        Point n of the one belongs to point n of the other; batch axes broadcast.
+
+    Returns
+    -------
+    (..., 3) array, m, m, rad
+        The motion that maps ``moving`` onto ``fixed``.
 
     Raises
     ------
@@ -59,6 +69,7 @@ def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
             f"fixed and moving must be paired, but have {target.shape[-2]} and "
             f"{source.shape[-2]} points"
         )
+    broadcast("fixed and moving", target.shape[:-2], source.shape[:-2])
     to, by = target.mean(axis=-2), source.mean(axis=-2)
     spread = np.swapaxes(source - by[..., None, :], -1, -2) @ (target - to[..., None, :])
     left, _, right = np.linalg.svd(spread)
@@ -71,9 +82,20 @@ def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
 
 
 def line_normals(points: ArrayLike, neighbours: int = 5) -> Array:
-    """Unit normals (N, 2) of the lines through each point (N, 2) and its nearest neighbours.
+    """Unit normals (N, 2) of the lines through each point and its nearest neighbours.
 
     The eigenvector of the smallest eigenvalue of their covariance; its sign is arbitrary.
+
+    Parameters
+    ----------
+    points : (N, 2) array, m
+    neighbours : int
+        Of each point, below N.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that does not fit.
     """
     cloud = _points("points", points)
     if cloud.ndim != 2:

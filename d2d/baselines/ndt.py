@@ -19,6 +19,7 @@ CELL_SIZE = 1.0  # m
 FEWEST_POINTS = 3  # that determine a covariance in the plane (Biber & Strasser 2003, sec. III)
 SMALLEST_RATIO = 1e-3  # of a cell's eigenvalues (Biber & Strasser 2003, sec. III)
 FOUR_GRIDS = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))  # shifts in cells
+_MOST_CELLS = 2**53  # from the origin: beyond, float64 skips whole cells
 D2 = 0.05  # the factor of the exponent that public implementations of D2D-NDT use
 
 P2D = RegistrationCost(metric="p2d", fusion="summing")
@@ -73,7 +74,24 @@ def pooled_cells(
     """The cells of several shifted grids together: every point counts in each of the grids.
 
     Four grids, shifted by half a cell, smooth the jumps of the score at the cells' borders
-    (Biber & Strasser 2003, sec. III).  The arguments are those of `grid_cells`.
+    (Biber & Strasser 2003, sec. III).
+
+    Parameters
+    ----------
+    points, size, fewest, smallest_ratio
+        As for `grid_cells`.
+    shifts : sequence of pairs
+        Of each grid's origin, in cells.
+
+    Returns
+    -------
+    PointSet
+        The cells of one grid after those of the other, weighted as by `grid_cells`.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument; also if no cell of a grid holds enough points.
     """
     cloud = _checked(points)
     offsets = finite("shifts", shifts)
@@ -140,7 +158,22 @@ def ndt_d2d(
     the densities, which is kept here because it belongs to the inner product.  Each scan has a
     single grid of its own, without shifts.
 
-    The arguments are those of `ndt_p2d`, with ``d2`` within (0, 1].
+    Parameters
+    ----------
+    fixed, moving, initial, size
+        As for `ndt_p2d`.
+    d2 : float within (0, 1]
+        Variances are divided by it.
+
+    Returns
+    -------
+    Estimate
+        Its ``covariance`` is not that of the error, as with `ndt_p2d`.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that does not fit.
     """
     if fraction("d2", d2) == 0.0:
         raise ValueError("d2 must be positive, but is 0")
@@ -170,7 +203,10 @@ def _cells(
         raise ValueError(f"fewest must be at least 2, but is {fewest}")
     if fraction("smallest_ratio", smallest_ratio) == 0.0:
         raise ValueError("smallest_ratio must be positive, but is 0")
-    place = np.floor(points / side - offset).astype(np.int64)
+    place = np.floor(points / side - offset)
+    if np.abs(place).max() > _MOST_CELLS:
+        raise ValueError(f"size must not be so small beside the points' distance, but is {side:g}")
+    place = place.astype(np.int64)
     _, cell, counts = np.unique(place, axis=0, return_inverse=True, return_counts=True)
     member = cell.ravel() == np.arange(len(counts))[:, None]  # (cells, N)
     member = member[counts >= fewest]

@@ -17,8 +17,8 @@ from d2d.point_set import PointSet
 from d2d.registration import Estimate
 
 _TOLERANCE = 1e-6  # of the gradient, in units of the cost over metres, where SciPy stops
-# Rounding may keep the gradient above it.  What counts is the Newton decrement, the squared distance
-# to the optimum in standard deviations.
+# Rounding may keep the gradient above it.  What counts is the Newton decrement, the squared
+# distance to the optimum in standard deviations.
 _DECREMENT = 1e-10
 
 
