@@ -270,3 +270,10 @@ def test_bad_input_is_refused_by_name():
         propagate_ego_motion(estimate, current, previous, FRONT)
     with pytest.raises(ValueError, match="previous"):
         propagate_ego_motion(estimate, previous[:0], current, FRONT)
+    three = replace(
+        estimate,
+        theta=np.tile(estimate.theta, (3, 1)),
+        covariance=np.tile(estimate.covariance, (3, 1, 1)),
+    )
+    with pytest.raises(ValueError, match=r"^estimate must be of one velocity .* has \(3, 3\)"):
+        propagate_ego_motion(three, previous, current, FRONT)

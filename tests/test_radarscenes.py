@@ -488,6 +488,46 @@ def test_a_sensor_that_is_not_there_is_named(root, sensor, match):
 
 
 @pytest.mark.parametrize(
+    ("name", "bad"),
+    [
+        ("root", None),
+        ("root", 7),
+        ("sequence", 7.0),
+        ("sequence", None),
+        ("sensor", "3"),
+        ("sensor", None),
+        ("sensor", 3.0),
+    ],
+)
+def test_what_is_no_path_or_number_is_refused_by_name(root, name, bad):
+    """Breaks if pathlib's TypeError gets through, or a sensor that is there is called missing."""
+    good = {"root": root, "sequence": 7, "sensor": 3}
+    with pytest.raises(ValueError, match=rf"^{name} must be .*, but is {bad!r}"):
+        load_radarscenes(**(good | {name: bad}))
+
+
+@pytest.mark.parametrize("sequence", ["7" * 1000, "sequence\0"], ids=["long", "null"])
+def test_a_sequence_that_cannot_be_a_folder_is_not_there(root, sequence):
+    """Breaks if the operating system's own error gets through."""
+    with pytest.raises(FileNotFoundError, match="it should be the folder of that sequence"):
+        load_radarscenes(root, sequence, 3)
+
+
+def test_a_tilde_is_the_home_folder(root, monkeypatch):
+    """Breaks if a folder of that name is looked for."""
+    monkeypatch.setenv("HOME", str(root.parent))
+    assert len(load_radarscenes(f"~/{root.name}", 7, 3).scans) == 4
+
+
+@pytest.mark.parametrize("times", [1.0, [[1.0, 1.1]], "noon", [np.nan]], ids=str)
+def test_a_reference_is_asked_for_times_in_a_row(root, times):
+    """Breaks if a batch of times comes out with its rows side by side."""
+    reference = load_radarscenes(root, 7, 3).reference
+    with pytest.raises(ValueError, match=r"^times must"):
+        reference.at(times)
+
+
+@pytest.mark.parametrize(
     ("indices", "match"),
     [
         ([0, 300], "holds 15"),

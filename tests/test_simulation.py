@@ -378,6 +378,23 @@ def test_only_a_generator_is_taken():
         simulate_drive(7)
 
 
+@pytest.mark.parametrize(
+    ("name", "bad", "kind"),
+    [
+        ("mounting", None, "a Mounting"),
+        ("mounting", (0.4, 0.0, 0.0), "a Mounting"),
+        ("sensor", Sensor, "a Sensor"),
+        ("sensor", 3, "a Sensor"),
+        ("world", "town", "a World"),
+    ],
+)
+def test_what_is_no_part_of_a_drive_is_refused_by_name(name, bad, kind):
+    """Breaks if it ends in an AttributeError somewhere inside."""
+    said = f"^{name} must be {kind}, but is a {type(bad).__name__}"
+    with pytest.raises(ValueError, match=said):
+        simulate_drive(np.random.default_rng(0), 0.1, **{name: bad})
+
+
 def test_a_coarse_range_does_not_end_the_simulation():
     """Breaks if noise takes a near target's range to zero and the scan refuses it."""
     coarse = Sensor(sigma_range=1.0)

@@ -151,7 +151,7 @@ def test_kinds_and_counts():
     assert len(build_world(np.random.default_rng(0), movers=1).movers.speed) == 6
 
 
-@pytest.mark.parametrize("bad", [-1, 1.5, np.nan, "many"])
+@pytest.mark.parametrize("bad", [-1, 1.5, 2.0, np.nan, "many", None])
 def test_a_bad_number_of_movers_is_refused(bad):
     """Breaks if half a mover ends in a shape error."""
     with pytest.raises(ValueError, match=r"^movers must be"):

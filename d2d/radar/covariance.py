@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from d2d import rigid
-from d2d._checks import Array
+from d2d._checks import Array, flag, instance
 from d2d.cost import OutlierModel, RegistrationCost
 from d2d.covariance import propagate_covariance
 from d2d.radar.ego_motion import DEFAULT_OUTLIER
@@ -33,7 +33,7 @@ def propagate_ego_motion(
     Parameters
     ----------
     estimate : Estimate
-        Of `estimate_ego_motion` with the same scans, mounting and options.
+        Of `estimate_ego_motion` with the same scans, mounting and options: one, no batch.
     previous, current, mounting, doppler, outlier, first_order
         As there.
     shared_azimuth : bool
@@ -59,8 +59,12 @@ def propagate_ego_motion(
     its size: the average NEES hardly shows it, the noncredibility index does.
     """
     pair = Pair.of(previous, current, mounting, doppler, first_order)
-    if not isinstance(estimate, Estimate):
-        raise ValueError(f"estimate must be an Estimate, but is a {type(estimate).__name__}")
+    shared = flag("shared_azimuth", shared_azimuth) and doppler
+    instance("estimate", estimate, Estimate)
+    if np.shape(estimate.theta) != (3,):
+        raise ValueError(
+            f"estimate must be of one velocity (3,), but its theta has {np.shape(estimate.theta)}"
+        )
     motion = pair.motion(rigid.motion("estimate", estimate.theta, 2))
     twist_by_motion = np.eye(3) if first_order else rigid.logarithm_jacobian(motion)
     jacobian: Array = twist_by_motion / pair.interval  # d velocity / d motion
@@ -71,7 +75,7 @@ def propagate_ego_motion(
         pair.moving,
         RegistrationCost(outlier=outlier),
         measurement=pair.measurement,
-        position_slope=cross_range(current, mounting) if shared_azimuth and doppler else None,
+        position_slope=cross_range(current, mounting) if shared else None,
     )
     propagated: Array = jacobian @ covariance @ jacobian.T
     return propagated

@@ -1,13 +1,13 @@
 """Velocity from Doppler profiles alone: one sensor (Kellner et al. 2013), several (2014)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import Array
-from d2d.radar.scan import Mounting, RadarScan, check_mounting, doppler_gradients
+from d2d._checks import Array, flag, instance, rows
+from d2d.radar.scan import Mounting, RadarScan, doppler_gradients
 
 _PAIRS = 200
 _GATE = 3.0  # standard deviations within which a target agrees with a hypothesis
@@ -27,9 +27,8 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
 
     Raises ``ValueError`` if ``scan`` is no `RadarScan` or ``mounting`` no `Mounting`.
     """
-    if not isinstance(scan, RadarScan):
-        raise ValueError(f"scan must be a RadarScan, but is a {type(scan).__name__}")
-    check_mounting(mounting)
+    instance("scan", scan, RadarScan)
+    instance("mounting", mounting, Mounting)
     if not scan.size:
         return np.zeros(2)
     directions = _directions(scan, mounting)
@@ -42,17 +41,6 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
             directions[inliers] * weights, scan.doppler[inliers] * weights[:, 0], rcond=spread
         )[0]
     )
-
-
-def _check_views(views: object) -> None:
-    if not isinstance(views, Sequence) or not views:
-        raise ValueError(f"views must hold at least one scan with its mounting, but is {views!r}")
-    for view in views:
-        parts = view if isinstance(view, tuple | list) and len(view) == 2 else (None, None)
-        if not (isinstance(parts[0], RadarScan) and isinstance(parts[1], Mounting)):
-            raise ValueError(
-                f"views must hold pairs of a RadarScan and a Mounting, but holds {view!r}"
-            )
 
 
 class DopplerMotion(NamedTuple):
@@ -74,7 +62,7 @@ class DopplerMotion(NamedTuple):
 
 
 def doppler_ego_motion(
-    views: Sequence[tuple[RadarScan, Mounting]], *, slips: bool = True
+    views: Iterable[tuple[RadarScan, Mounting]], *, slips: bool = True
 ) -> DopplerMotion:
     """The vehicle's velocity from the Doppler velocities of one or several sensors.
 
@@ -86,7 +74,7 @@ def doppler_ego_motion(
 
     Parameters
     ----------
-    views : sequence of (RadarScan, Mounting)
+    views : iterable of (RadarScan, Mounting)
         At (nearly) the same time; scans may be empty.
     slips : bool
         Whether v_y is estimated.  Without, it is zero, and a single sensor ahead of or behind the
@@ -95,9 +83,11 @@ def doppler_ego_motion(
     Raises
     ------
     ValueError
-        Without a view, or with something else in its place.
+        Without a view, or with something else in its place; if ``slips`` is no bool.
     """
-    _check_views(views)
+    views = rows("views", views, RadarScan, Mounting)
+    if not views:
+        raise ValueError("views must hold at least one scan with its mounting, but is empty")
     edges = np.cumsum([scan.size for scan, _ in views])[:-1]
     inliers = np.concatenate([_agreeing(scan, _directions(scan, at)) for scan, at in views])
     gains, slopes = (
@@ -108,7 +98,7 @@ def doppler_ego_motion(
         np.concatenate([getattr(scan, name) for scan, _ in views])
         for name in ("doppler", "sigma_doppler", "sigma_azimuth")
     )
-    free = np.array([True, slips, True])
+    free = np.array([True, flag("slips", slips), True])
     theta, covariance = np.zeros(3), np.full((3, 3), np.nan)
     sigma = sigma_doppler
     for _ in range(_ROUNDS if inliers.any() else 0):

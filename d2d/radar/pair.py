@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import Array
+from d2d._checks import Array, flag, instance
 from d2d.cost import RegistrationCost
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
@@ -40,8 +40,8 @@ class Pair(NamedTuple):
     ) -> "Pair":
         """Set the problem up; see `d2d.radar.estimate_ego_motion` for arguments and errors."""
         for name, scan in (("previous", previous), ("current", current)):
-            if not isinstance(scan, RadarScan):
-                raise ValueError(f"{name} must be a RadarScan, but is a {type(scan).__name__}")
+            instance(name, scan, RadarScan)
+        doppler, first_order = flag("doppler", doppler), flag("first_order", first_order)
         interval = current.time - previous.time
         if not interval > 0:
             raise ValueError(

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import Array, count, positive, scalar
+from d2d._checks import Array, as_path, count, positive, scalar
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan
 
@@ -68,7 +68,7 @@ def load_radarscenes(
     ----------
     root : path
         The folder that holds ``data/sequence_<n>/{radar_data.h5,scenes.json}``, with
-        ``sensors.json`` beside or in ``data``.
+        ``sensors.json`` beside or in ``data``; ``~`` stands for the home folder.
     sequence : int or str
         105 or "sequence_105".
     sensor : int
@@ -102,7 +102,12 @@ def load_radarscenes(
     offset, slip = scalar("time_offset", time_offset), scalar("side_slip", side_slip)
     for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):
         positive(name, scalar(name, sigma))
-    data = _existing(Path(root), "data", "the folder `data` of the RadarScenes data set")
+    if not isinstance(sequence, int | np.integer | str):
+        raise ValueError(
+            f"sequence must be a number or a name like sequence_105, but is {sequence!r}"
+        )
+    count("sensor", sensor)
+    data = _existing(as_path("root", root), "data", "the folder `data` of the RadarScenes data set")
     name = f"sequence_{sequence}" if str(sequence).isdigit() else str(sequence)
     folder = _existing(data, name, "the folder of that sequence")
     mounting = _mounting(data, sensor)
@@ -139,7 +144,7 @@ def load_radarscenes(
 
 def _existing(folder: Path, name: str, what: str) -> Path:
     path = folder / name
-    if not path.exists():
+    if not os.path.exists(path):  # False also for a name too long, which Path.exists() raises for
         raise FileNotFoundError(f"{path} does not exist; it should be {what}")
     return path
 

@@ -26,8 +26,13 @@ class Reference:
     poses: Array
 
     def at(self, times: ArrayLike) -> "Reference":
-        """The motion at other times (m,), interpolated; nan outside."""
+        """The motion at other times (m,) in s, interpolated; nan outside.
+
+        Raises ``ValueError`` naming ``times`` unless they are finite numbers in a row.
+        """
         wanted = finite("times", times)
+        if wanted.ndim != 1:
+            raise ValueError(f"times must have the shape (m,), but has {wanted.shape}")
         theta, poses = (
             np.column_stack(
                 [np.interp(wanted, self.times, c, left=np.nan, right=np.nan) for c in array.T]

@@ -7,14 +7,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import Array, broadcast, finite, positive, scalar
+from d2d._checks import Array, broadcast, finite, instance, positive, scalar
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 
 
 @dataclass(frozen=True)
 class Mounting:
-    """Pose of the sensor in the vehicle frame (x forward, y left): x, y in m, yaw in rad."""
+    """Pose of the sensor in the vehicle frame (x forward, y left).
+
+    Parameters
+    ----------
+    x, y : float, m
+    yaw : float, rad
+        Of the boresight, counter-clockwise from the x axis.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument that is not a finite number.
+    """
 
     x: float = 0.0
     y: float = 0.0
@@ -95,7 +107,10 @@ class RadarScan:
         return len(self.range)
 
     def __getitem__(self, index: slice | Array) -> "RadarScan":
-        """The scan with only some of its targets, by a slice, a mask or a list of indices."""
+        """The scan with only some of its targets, by a slice, a mask or a list of indices.
+
+        Raises ``IndexError`` for a number, or an index that does not fit the targets.
+        """
         if np.ndim(self.range[index]) != 1:
             raise IndexError("a scan is indexed by a slice, a mask or a list, not by a number")
         return RadarScan(
@@ -108,12 +123,14 @@ class RadarScan:
             self.sigma_doppler[index],
         )
 
+    __iter__ = None  # or Python would try the indices 0, 1, ... and end at the first IndexError
+
     def point_set(self, mounting: Mounting) -> PointSet:
         """The targets as Gaussians in the vehicle frame (thesis eq. 7.1 and 7.3).
 
         Raises ``ValueError`` if the scan is empty or ``mounting`` is none.
         """
-        check_mounting(mounting)
+        instance("mounting", mounting, Mounting)
         return _placed(self, mounting)
 
     def doppler_measurement(
@@ -139,12 +156,6 @@ class RadarScan:
         )
 
 
-def check_mounting(mounting: Mounting) -> None:
-    """Raise a ValueError if it is something else, such as a tuple."""
-    if not isinstance(mounting, Mounting):
-        raise ValueError(f"mounting must be a Mounting, but is a {type(mounting).__name__}")
-
-
 @lru_cache(maxsize=64)
 def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
     """The scan's point set; the latest are kept, since in a drive each serves several pairs."""
@@ -154,7 +165,7 @@ def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
 
 def doppler_gradients(azimuth: ArrayLike, mounting: Mounting) -> tuple[Array, Array]:
     """dV/dtheta and d^2V/(dphi dtheta), each (..., 3), of a static target at ``azimuth`` (...)."""
-    check_mounting(mounting)
+    instance("mounting", mounting, Mounting)
     angle = finite("azimuth", azimuth) + mounting.yaw
     cosine, sine = np.cos(angle), np.sin(angle)
     gain = np.stack([-cosine, -sine, mounting.y * cosine - mounting.x * sine], axis=-1)

@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d import rigid
-from d2d._checks import Array, count, positive, scalar
+from d2d._checks import Array, count, flag, instance, positive, scalar
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
 from d2d.radar.world import (
     World,
     build_world,
-    check_generator,
     lap_curvature,
     lap_poses,
     lap_progress,
@@ -80,6 +79,7 @@ class Sensor:
 
     def __post_init__(self) -> None:
         count("most_targets", self.most_targets)
+        flag("quantised", self.quantised)
         for field in fields(self):
             if field.type is float and field.name != "clutter":
                 positive(field.name, scalar(field.name, getattr(self, field.name)))
@@ -113,8 +113,13 @@ class TrueTargets:
     doppler: Array
 
     def __getitem__(self, index: slice | NDArray[np.bool_] | NDArray[np.int_]) -> "TrueTargets":
-        """Only some of the targets, by a slice, a mask or a list of indices."""
+        """Only some of the targets, by a slice, a mask or a list of indices.
+
+        Raises ``IndexError`` for an index that does not fit the targets.
+        """
         return TrueTargets(*(getattr(self, field.name)[index] for field in fields(self)))
+
+    __iter__ = None  # or Python would try the indices 0, 1, ... until the IndexError
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,13 +179,16 @@ def simulate_drive(
     Raises
     ------
     ValueError
-        Naming the argument that is no generator or not positive.
+        Naming the argument that is not positive or of another type.
     """
-    check_generator(rng)
+    instance("rng", rng, np.random.Generator)
     duration = float(positive("duration", scalar("duration", duration)))
     speed = float(positive("speed", scalar("speed", speed)))
+    instance("mounting", mounting, Mounting)
     sensor = Sensor() if sensor is None else sensor
+    instance("sensor", sensor, Sensor)
     world = build_world(rng) if world is None else world
+    instance("world", world, World)
     times = np.arange(int(np.floor(duration * sensor.rate + 1e-9)) + 1) / sensor.rate
     along, forward = lap_progress(times, speed)
     turning = forward * lap_curvature(along)

@@ -9,7 +9,7 @@ from scipy.integrate import simpson
 from scipy.interpolate import CubicHermiteSpline
 
 from d2d import rigid
-from d2d._checks import Array, scalar
+from d2d._checks import Array, count, instance
 
 KINDS = ("wall", "car", "pole", "vegetation", "moving", "clutter")
 """What a detection can be of, the truth that only a simulation knows."""
@@ -208,12 +208,6 @@ def _corners() -> Array:
 # ---- What lines it -------------------------------------------------------------------------------
 
 
-def check_generator(rng: np.random.Generator) -> None:
-    """Raise ``ValueError`` unless ``rng`` is a generator."""
-    if not isinstance(rng, np.random.Generator):
-        raise ValueError(f"rng must be a numpy.random.Generator, but is a {type(rng).__name__}")
-
-
 def build_world(rng: np.random.Generator, movers: int = 6) -> World:
     """Line the street with buildings, parked cars, poles and bushes, and let others move along it.
 
@@ -229,9 +223,8 @@ def build_world(rng: np.random.Generator, movers: int = 6) -> World:
     ValueError
         Naming the argument: no generator, or a number of movers that is no integer of at least 0.
     """
-    check_generator(rng)
-    if scalar("movers", movers) < 0 or int(movers) != movers:
-        raise ValueError(f"movers must be an integer of at least 0, but is {movers!r}")
+    instance("rng", rng, np.random.Generator)
+    movers = count("movers", movers, least=0)
     buildings, cars = _buildings(rng), _parked_cars(rng)
     places = {
         "wall": _along_outlines(rng, buildings, 0.7, (0.02, 0.25)),
