@@ -1,7 +1,7 @@
 """Ego-motion from successive radar scans."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import Array, count, finite
+from d2d._checks import Array, as_path, count, finite, members
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
 from d2d.radar.doppler import doppler_starts
 from d2d.radar.pair import Pair
@@ -168,13 +168,27 @@ class Track:
         """Write the poses as a TUM trajectory file: a line "t x y z qx qy qz qw" for each.
 
         The format that `evo` and others read; t in s, the vehicle in the plane z = 0.
+
+        Parameters
+        ----------
+        path : path
+            Of the file, which is overwritten if there is one; ``~`` stands for the home folder.
+        start : (3,) array, m, m, rad
+            The first pose, as for `poses`.
+
+        Raises
+        ------
+        ValueError
+            Naming the argument that is no path or no pose.
+        OSError
+            If the file cannot be written.
         """
         x, y, yaw = self.poses(start).T
         first = self.times[:1] - self.intervals[:1]
         zero = np.zeros_like(x)
         turn = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
         columns = [np.concatenate([first, self.times]), x, y, zero, zero, zero, *turn]
-        np.savetxt(path, np.column_stack(columns), "%.9f")
+        np.savetxt(as_path("path", path), np.column_stack(columns), "%.9f")
 
 
 def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
@@ -197,7 +211,7 @@ def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0
 
 
 def track(
-    scans: Sequence[RadarScan],
+    scans: Iterable[RadarScan],
     mounting: Mounting,
     *,
     baseline: int = 1,
@@ -211,7 +225,7 @@ def track(
 
     Parameters
     ----------
-    scans : sequence of RadarScan
+    scans : iterable of RadarScan
         At least two, in strictly increasing time.
     mounting : Mounting
     baseline : int
@@ -234,8 +248,21 @@ def track(
     Raises
     ------
     ValueError
-        Fewer than two scans, scans out of time order, a ``baseline`` below 1.
+        Fewer than two scans, scans out of time order, a ``baseline`` below 1; otherwise naming the
+        argument that does not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from d2d.radar import simulate_drive, track
+    >>> drive = simulate_drive(np.random.default_rng(0), duration=2.0)
+    >>> driven = track(drive.scans, drive.mounting)
+    >>> bool(driven.converged.all()), driven.theta.shape
+    (True, (20, 3))
+    >>> float(driven.poses()[-1, 0].round(1))  # m ahead
+    6.2
     """
+    scans = members("scans", scans, RadarScan)
     if len(scans) < 2:
         raise ValueError(f"scans must hold at least two scans, but holds {len(scans)}")
     count("baseline", baseline)

@@ -1,12 +1,12 @@
 """Ego-motion from several sensors at once: one velocity, the sum of their costs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from d2d._checks import Array, count, finite, schedule
+from d2d._checks import Array, count, finite, members, rows, schedule
 from d2d.cost import OutlierModel, RegistrationCost
 from d2d.radar.doppler import doppler_ego_motion, doppler_starts
 from d2d.radar.ego_motion import DEFAULT_OUTLIER, Attempt, Track, follow, increasing
@@ -23,7 +23,7 @@ _FLAT = 1e-3  # of the gradient in these units: near enough for Newton's method
 
 
 def estimate_joint_ego_motion(
-    pairs: Sequence[ScanPair],
+    pairs: Iterable[ScanPair],
     *,
     doppler: bool = True,
     outlier: OutlierModel | None = DEFAULT_OUTLIER,
@@ -38,7 +38,7 @@ def estimate_joint_ego_motion(
 
     Parameters
     ----------
-    pairs : sequence of (previous, current, mounting)
+    pairs : iterable of (previous, current, mounting)
         At least one; the scans of each in time order, with at least one target each.
     doppler, outlier, scales
         As for `estimate_ego_motion`.
@@ -57,6 +57,7 @@ def estimate_joint_ego_motion(
     ValueError
         Naming the argument: no pair, scans out of time order or without targets, a wrong start.
     """
+    pairs = rows("pairs", pairs, RadarScan, RadarScan, Mounting)
     if not pairs:
         raise ValueError("pairs must hold at least one pair of scans, but is empty")
     problems = [Pair.of(*pair, doppler) for pair in pairs]
@@ -153,7 +154,7 @@ def _positive_definite(matrix: Array) -> bool:
 
 
 def track_joint(
-    sensors: Sequence[Sensor],
+    sensors: Iterable[tuple[Iterable[RadarScan], Mounting]],
     *,
     baseline: int = 1,
     doppler: bool = True,
@@ -168,8 +169,8 @@ def track_joint(
 
     Parameters
     ----------
-    sensors : sequence of (scans, mounting)
-        Each sensor's scans in strictly increasing time.
+    sensors : iterable of (scans, mounting)
+        Each sensor's scans, an iterable, in strictly increasing time.
     baseline : int
         How many scans back each scan is registered, see `track`.
     initial : (3,) array, optional
@@ -186,17 +187,22 @@ def track_joint(
     Raises
     ------
     ValueError
-        Without a sensor, with one whose scans are out of time order, or fewer than two rounds.
+        Without a sensor, with one whose scans are out of time order, or fewer than two rounds;
+        otherwise naming the argument that does not fit.
     """
     count("baseline", baseline)
+    drives = [
+        (members(f"sensors[{number}][0]", scans, RadarScan), mounting)
+        for number, (scans, mounting) in enumerate(rows("sensors", sensors, Iterable, Mounting))
+    ]
     cost = RegistrationCost(outlier=outlier)
-    groups = rounds([scans for scans, _ in sensors])
+    groups = rounds([scans for scans, _ in drives])
     if len(groups) < 2:
         raise ValueError(f"sensors must have at least two rounds of scans, but have {len(groups)}")
-    times = np.array([np.mean([sensors[s][0][i].time for s, i in group]) for group in groups])
+    times = np.array([np.mean([drives[s][0][i].time for s, i in group]) for group in groups])
 
     def solve(i: int, start: Array | None) -> Attempt | None:
-        pairs = joint_pairs(sensors, groups[i + 1], baseline)
+        pairs = joint_pairs(drives, groups[i + 1], baseline)
         if not pairs:
             return None
         problems = [Pair.of(*pair, doppler) for pair in pairs]

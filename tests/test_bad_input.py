@@ -1,0 +1,246 @@
+"""What every public function refuses alike: masks, loops over what is no sequence, flags."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from d2d import LinearMeasurement, PointSet, gaussian, register
+from d2d.radar import (
+    Mounting,
+    RadarScan,
+    Sensor,
+    doppler_ego_motion,
+    estimate_ego_motion,
+    estimate_joint_ego_motion,
+    inlier_probabilities,
+    propagate_ego_motion,
+    track,
+    track_joint,
+)
+from d2d.radar.simulation import simulate_drive
+
+SCANS = simulate_drive(np.random.default_rng(0), 0.3).scans
+PAIR = (SCANS[0], SCANS[1], Mounting(0.4))
+ESTIMATE = estimate_ego_motion(*PAIR)
+EYES = np.tile(np.eye(2), (3, 1, 1))
+SET = PointSet([[8.0, 1.0], [5.0, -3.0], [6.0, 4.0]], EYES)
+GAIN = np.ones((3, 3))
+
+# ---- Masked arrays
+
+MASKED = np.ma.masked_greater([1.0, 9999.0], 100.0)
+POINTS = np.ma.masked_greater([[0.0, 1.0], [2.0, 9999.0], [3.0, 4.0]], 100.0)
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda: RadarScan(0.0, MASKED, [0.0, 0.1], [0.0, 0.0], 0.1, 0.01, 0.1), "range"),
+        (lambda: RadarScan(0.0, [1.0, 2.0], MASKED, [0.0, 0.0], 0.1, 0.01, 0.1), "azimuth"),
+        (lambda: PointSet(POINTS, EYES), "means"),
+        (lambda: PointSet(POINTS.data, EYES, np.ma.masked_less([0.1, 1.0, 1.0], 0.5)), "weights"),
+        (lambda: PointSet.from_polar(MASKED, [0.0, 0.1], 0.1, 0.01), "range"),
+        (lambda: register(SET, SET, scales=np.ma.masked_greater([9.0, 1.0], 5.0)), "scales"),
+        (lambda: register(SET, SET, initial=np.ma.masked_greater([9.0, 1, 0], 5)), "initial"),
+    ],
+)
+def test_a_masked_entry_is_refused(call, name):
+    """Breaks if the mask is forgotten and what it hides is taken for a measurement."""
+    with pytest.raises(ValueError, match=f"^{name} must not hold masked entries"):
+        call()
+
+
+def test_a_mask_that_hides_nothing_is_no_mask():
+    """Breaks if all arrays of NumPy's masked kind are refused."""
+    means = np.ma.masked_greater(SET.means, 100.0)
+    assert_array_equal(PointSet(means, EYES).means, SET.means)
+
+
+# ---- Loops
+
+
+@pytest.mark.parametrize(
+    "thing",
+    [SCANS[0], simulate_drive(np.random.default_rng(0), 0.1).targets[0], SET],
+    ids=lambda thing: type(thing).__name__,
+)
+def test_what_is_no_sequence_cannot_be_looped_over(thing):
+    """Breaks if a loop over its targets runs through none of them and says nothing."""
+    with pytest.raises(TypeError, match=r"iterable|iterate"):
+        list(thing)
+
+
+def test_a_batch_is_looped_over_along_its_first_axis():
+    """Breaks if the last set is left out, or a batch of two axes comes out flat."""
+    batch = SET.transformed(np.arange(24.0).reshape(4, 2, 3))
+    sets = list(batch)
+    assert [points.batch_shape for points in sets] == [(2,)] * 4
+    for i, points in enumerate(sets):
+        assert_array_equal(points.means, batch.means[i])
+        assert_array_equal(points.covariances, batch.covariances[i])
+
+
+# ---- Flags
+
+FLAGS = {
+    "estimate-doppler": ("doppler", lambda f: estimate_ego_motion(*PAIR, doppler=f)),
+    "estimate-first_order": ("first_order", lambda f: estimate_ego_motion(*PAIR, first_order=f)),
+    "joint-doppler": ("doppler", lambda f: estimate_joint_ego_motion([PAIR], doppler=f)),
+    "inliers-doppler": (
+        "doppler",
+        lambda f: inlier_probabilities(ESTIMATE.theta, *PAIR, doppler=f),
+    ),
+    "inliers-first_order": (
+        "first_order",
+        lambda f: inlier_probabilities(ESTIMATE.theta, *PAIR, first_order=f),
+    ),
+    "propagate-doppler": ("doppler", lambda f: propagate_ego_motion(ESTIMATE, *PAIR, doppler=f)),
+    "propagate-first_order": (
+        "first_order",
+        lambda f: propagate_ego_motion(ESTIMATE, *PAIR, first_order=f),
+    ),
+    "propagate-shared_azimuth": (
+        "shared_azimuth",
+        lambda f: propagate_ego_motion(ESTIMATE, *PAIR, shared_azimuth=f),
+    ),
+    "track-doppler": ("doppler", lambda f: track(SCANS, PAIR[2], doppler=f)),
+    "track-first_order": ("first_order", lambda f: track(SCANS, PAIR[2], first_order=f)),
+    "track_joint-doppler": ("doppler", lambda f: track_joint([(SCANS, PAIR[2])], doppler=f)),
+    "slips": ("slips", lambda f: doppler_ego_motion([PAIR[1:]], slips=f)),
+    "quantised": ("quantised", lambda f: Sensor(quantised=f)),
+    "of_twist": (
+        "of_twist",
+        lambda f: LinearMeasurement(np.zeros(3), 1.0, 0.0, GAIN, GAIN, of_twist=f),
+    ),
+    "equal_weights": (
+        "equal_weights",
+        lambda f: gaussian.maximise(
+            SET.means,
+            np.ones((3, 1)),
+            gaussian.GaussianMixture([1.0], [[0.0, 0.0]], [np.eye(2)]),
+            floor=0.1,
+            equal_weights=f,
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "bad", ["no", np.nan, None, 0, 1, [], track], ids=lambda bad: repr(bad)[:9]
+)
+@pytest.mark.parametrize("case", FLAGS)
+def test_a_flag_is_true_or_false(case, bad):
+    """Breaks if "no" switches something on, or 0 is taken for an index."""
+    name, call = FLAGS[case]
+    with pytest.raises(
+        ValueError, match=f"^{name} must be True or False, but is {re.escape(repr(bad))}"
+    ):
+        call(bad)
+
+
+@pytest.mark.parametrize("case", FLAGS)
+def test_a_flag_may_come_from_an_array(case):
+    """Breaks if NumPy's own True and False are refused."""
+    _, call = FLAGS[case]
+    for value in np.array([True, False]):
+        call(value)
+
+
+# ---- Scans, sensors, views and pairs of scans
+
+MOUNTING = PAIR[2]
+
+
+@pytest.mark.parametrize("several", [iter, tuple, lambda given: (each for each in given)])
+def test_scans_may_come_from_any_iterable(several):
+    """Breaks if a generator, or a zip, is refused, or used up before all of it was read."""
+    alone = track(SCANS, MOUNTING)
+    assert_array_equal(track(several(SCANS), MOUNTING).theta, alone.theta)
+    sensors = [(SCANS, MOUNTING), (SCANS[1:], Mounting(0.4, 0.2))]
+    joint = track_joint(sensors)
+    again = track_joint(several([(several(scans), mounting) for scans, mounting in sensors]))
+    assert_array_equal(again.theta, joint.theta)
+    pairs = [PAIR, (SCANS[1], SCANS[2], MOUNTING)]
+    together = estimate_joint_ego_motion(pairs)
+    assert_array_equal(estimate_joint_ego_motion(several(pairs)).theta, together.theta)
+    views = [(scan, MOUNTING) for scan in SCANS]
+    assert_array_equal(doppler_ego_motion(several(views)).theta, doppler_ego_motion(views).theta)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: track(None, MOUNTING), "scans must be a sequence, but is a NoneType"),
+        (lambda: track(7, MOUNTING), "scans must be a sequence, but is a int"),
+        (lambda: track(SCANS[0], MOUNTING), "scans must be a sequence, but is a RadarScan"),
+        (
+            lambda: track([SCANS[0], None, SCANS[2]], MOUNTING),
+            "scans[1] must be a RadarScan, but is a NoneType",
+        ),
+        (lambda: track(iter(SCANS[:1]), MOUNTING), "scans must hold at least two scans"),
+        (lambda: track_joint(None), "sensors must be a sequence, but is a NoneType"),
+        (
+            lambda: track_joint((SCANS, MOUNTING)),
+            "sensors[0] must be a tuple (Iterable, Mounting), but is a list of length 4",
+        ),
+        (
+            lambda: track_joint([(MOUNTING, SCANS)]),
+            "sensors[0][0] must be an Iterable, but is a Mounting",
+        ),
+        (
+            lambda: track_joint([(SCANS, (0.4, 0.0, 0.0))]),
+            "sensors[0][1] must be a Mounting, but is a tuple",
+        ),
+        (
+            lambda: track_joint([(SCANS, MOUNTING), (["scan"], MOUNTING)]),
+            "sensors[1][0][0] must be a RadarScan, but is a str",
+        ),
+        (lambda: track_joint([]), "sensors must have at least two rounds of scans, but have 0"),
+        (lambda: estimate_joint_ego_motion(7), "pairs must be a sequence, but is a int"),
+        (lambda: estimate_joint_ego_motion(iter([])), "pairs must hold at least one pair"),
+        (
+            lambda: estimate_joint_ego_motion([PAIR[:2]]),
+            "pairs[0] must be a tuple (RadarScan, RadarScan, Mounting), but is a tuple of length 2",
+        ),
+        (
+            lambda: estimate_joint_ego_motion([PAIR, (*PAIR, True)]),
+            "pairs[1] must be a tuple (RadarScan, RadarScan, Mounting), but is a tuple of length 4",
+        ),
+        (
+            lambda: estimate_joint_ego_motion(PAIR),
+            "pairs[0] must be a tuple (RadarScan, RadarScan, Mounting), but is a RadarScan",
+        ),
+        (
+            lambda: estimate_joint_ego_motion([(PAIR[0], MOUNTING, PAIR[1])]),
+            "pairs[0][1] must be a RadarScan, but is a Mounting",
+        ),
+        (lambda: doppler_ego_motion(None), "views must be a sequence, but is a NoneType"),
+        (lambda: doppler_ego_motion(iter([])), "views must hold at least one scan"),
+        (
+            lambda: doppler_ego_motion([(MOUNTING, SCANS[0])]),
+            "views[0][0] must be a RadarScan, but is a Mounting",
+        ),
+    ],
+)
+def test_what_is_no_such_sequence_is_refused_by_name(call, said):
+    """Breaks if the user gets Python's words about len(), subscripts or unpacking."""
+    with pytest.raises(ValueError, match=f"^{re.escape(said)}"):
+        call()
+
+
+@pytest.mark.parametrize("bad", [None, 7, []], ids=repr)
+def test_a_trajectory_is_written_to_a_path(bad):
+    """Breaks if the message speaks of `fname`, an argument of NumPy's."""
+    with pytest.raises(ValueError, match=f"^path must be a path, but is {re.escape(repr(bad))}"):
+        track(SCANS, MOUNTING).write_tum(bad)
+
+
+def test_a_tilde_in_a_path_is_the_home_folder(tmp_path, monkeypatch):
+    """Breaks if a file in a folder of that name is looked for."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    track(SCANS, MOUNTING).write_tum("~/driven.tum")
+    assert len(np.loadtxt(tmp_path / "driven.tum")) == len(SCANS)
