@@ -180,9 +180,9 @@ def _annealing() -> Evidence:
     return Evidence(
         "confirmed" if all(seldom + even) else "qualified" if seldom[0] else "refuted",
         "the last pair's velocity lies within the basin of the best optimum already, from where "
-        "inflated standard deviations lead back to it. Only after a pair that went astray is there "
-        "something to gain: too seldom to tell from eight drives by how much, and without Doppler "
-        "there is more to lose.",
+        "inflated standard deviations lead back to it. The few pairs that go astray from there show "
+        "it by their inlier probabilities and get a second start; without Doppler annealing has "
+        "more to lose than to gain.",
         numbers,
     )
 
@@ -242,12 +242,11 @@ CLAIMS = (
         "7.3",
         "Starting from inflated covariances gains little over the constant-velocity start.",
         _annealing,
-        "qualified",
+        "confirmed",
         figure="ego-error",
         telling=(
             "share of pairs that come nearer to the true v_x, with Doppler",
             "ratio of the RMSE of v_x, plain / annealed, with Doppler",
         ),
-        holds="The pair before was estimated well, as all but one or two in a thousand were.",
     ),
 )
