@@ -243,7 +243,7 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> Array:
-        """What is minimised, finite however far the sets are apart.
+        """What is minimised; finite also where the sets are far apart.
 
         Parameters
         ----------
@@ -291,7 +291,8 @@ class RegistrationCost:
         -----
         The covariance's dependence on the rotation is part of both (Stoyanov 2012, eq. 5-8);
         leaving it out, as Gauss-Newton variants do, biases the gradient.  Rounding leaves a
-        relative error of some 1e-16 times the squared Mahalanobis distance of the nearest pairs.
+        relative error of some 1e-16 times the squared Mahalanobis distance of the nearest pairs
+        and the condition number of their covariances.
         """
         problems = self.bind(theta, fixed, moving, measurement)
         value, gradient, hessian = evaluate(problems)

@@ -582,7 +582,7 @@ def test_track_estimates_each_pair_of_a_drive():
 
 
 def test_a_fast_drive_is_not_lost():
-    """Breaks if the last velocity is the only start: 2 pairs in 100 then end elsewhere, unnoticed."""
+    """Breaks if the last velocity is the only start: 2 pairs in 100 then end elsewhere."""
     drive = simulate_drive(np.random.default_rng(0), 10.0, 20.0)
     found = track(drive.scans, drive.mounting)
     assert found.converged.all()

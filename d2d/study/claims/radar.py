@@ -180,9 +180,9 @@ def _annealing() -> Evidence:
     return Evidence(
         "confirmed" if all(seldom + even) else "qualified" if seldom[0] else "refuted",
         "the last pair's velocity lies within the basin of the best optimum already, from where "
-        "inflated standard deviations lead back to it. The few pairs that go astray from there show "
-        "it by their inlier probabilities and get a second start; without Doppler annealing has "
-        "more to lose than to gain.",
+        "inflated standard deviations lead back to it. The few pairs that go astray from there "
+        "show it by their inlier probabilities and get a second start; without Doppler annealing "
+        "has more to lose than to gain.",
         numbers,
     )
 
