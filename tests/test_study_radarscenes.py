@@ -35,7 +35,7 @@ from d2d.study.calibration import (
     static_targets,
     turned,
 )
-from d2d.study.radarscenes import SENSORS, Result, Run
+from d2d.study.radarscenes import SENSORS, Result, Run, thinned
 
 ROOT = radarscenes.data_root()
 
@@ -162,6 +162,20 @@ def test_during_counts_from_the_first_scan(raw):
     assert_allclose(part.reference.theta, raw[1].reference.theta[4:8])
 
 
+def test_a_thinned_recording_keeps_that_many_targets_of_each_scan(raw):
+    """Breaks if targets are made up, lose their order, or change from call to call."""
+    least = min(scan.size for scan in raw[1].scans)
+    few, again = (thinned(raw[1], least - 5) for _ in range(2))
+    for scan, kept, same in zip(raw[1].scans, few.scans, again.scans, strict=True):
+        assert kept.size == least - 5
+        places = np.searchsorted(scan.range, kept.range, sorter=np.argsort(scan.range))
+        places = np.argsort(scan.range)[places]
+        assert (np.diff(places) > 0).all()
+        assert_array_equal(scan.doppler[places], kept.doppler)
+        assert_array_equal(kept.range, same.range)
+    assert [s.size for s in thinned(raw[1], 10_000).scans] == [s.size for s in raw[1].scans]
+
+
 def test_sigmas_are_read_off_the_residuals():
     """Breaks if along and across change places, or the sqrt(2) of two scans is forgotten."""
     recording = recordings(20)[2]
@@ -185,6 +199,7 @@ def test_each_run_is_what_it_says(loader):
         "one": Run((3,), baseline=2),
         "blind": Run((3,), doppler=False),
         "few": Run((3,), strongest=20),
+        "any": Run((3,), baseline=2, at_random=15),
         "all": Run(SENSORS, baseline=2),
         "turned": Run(SENSORS, turned=True),
         "sharp": Run((3,), own_sigmas=True),
@@ -208,6 +223,7 @@ def test_each_run_is_what_it_says(loader):
     assert_allclose(results["blind"].track.theta, blind.theta)
     sigma = {name: results[name].judged.sigmas.mean(axis=0) for name in results}
     assert (sigma["few"] > 1.2 * sigma["one"]).all()
+    assert (sigma["any"] > 1.2 * sigma["one"]).all()
     assert (sigma["all"] < sigma["one"]).all()
     assert_array_equal(results["alone"].track.theta[:, 1], np.zeros(29))
     assert not np.allclose(results["Doppler"].track.theta, results["plain"].track.theta, atol=1e-4)

@@ -64,6 +64,8 @@ class Run:
         Of the registration, see `d2d.radar.track`.
     strongest : int, optional
         See `load_radarscenes`.
+    at_random : int, optional
+        How many targets of each scan are kept, chosen at random.
     turned : bool
         With the mounting angles that the first half of the recording suggests.
     own_sigmas : bool
@@ -76,6 +78,7 @@ class Run:
     baseline: int = 1
     doppler: bool = True
     strongest: int | None = None
+    at_random: int | None = None
     turned: bool = False
     own_sigmas: bool = False
 
@@ -88,11 +91,13 @@ RUNS = {
     "sensor 3, without Doppler": Run((3,), doppler=False),
     "sensor 3, strongest 48": Run((3,), strongest=48),
     "sensor 3, strongest 48, baseline 2": Run((3,), baseline=2, strongest=48),
+    "sensor 3, random 48, baseline 2": Run((3,), baseline=2, at_random=48),
     "sensor 3, own sigmas, baseline 2": Run((3,), baseline=2, own_sigmas=True),
     "sensor 3, Doppler only": Run((3,), "Doppler only"),
     "four sensors": Run(SENSORS),
     "four sensors, baseline 2": Run(SENSORS, baseline=2),
     "four sensors, strongest 48, baseline 2": Run(SENSORS, baseline=2, strongest=48),
+    "four sensors, random 48, baseline 2": Run(SENSORS, baseline=2, at_random=48),
     "four sensors, turned, baseline 2": Run(SENSORS, baseline=2, turned=True),
     "four sensors, own sigmas, baseline 2": Run(SENSORS, baseline=2, own_sigmas=True),
     "four sensors, Doppler only": Run(SENSORS, "Doppler only"),
@@ -138,6 +143,8 @@ def compute(
     results = {}
     for name, run in runs.items():
         recordings = [load(s, run.strongest) for s in run.sensors]
+        if run.at_random is not None:
+            recordings = [thinned(recording, run.at_random) for recording in recordings]
         if run.turned:
             recordings = [
                 turned(r, correction.yaw[SENSORS.index(s)])
@@ -216,6 +223,17 @@ def drive(run: Run, recordings: Sequence[Recording]) -> Track:
         return track(scans, mounting, baseline=baseline, doppler=doppler)
     sensors = [(r.scans, r.mounting) for r in recordings]
     return track_joint(sensors, baseline=baseline, doppler=doppler)
+
+
+def thinned(recording: Recording, count: int) -> Recording:
+    """The recording with that many targets of each scan, the same choice at every call."""
+    rng = np.random.default_rng(0)
+
+    def some(scan: RadarScan) -> RadarScan:
+        chosen = rng.choice(scan.size, min(count, scan.size), replace=False)
+        return scan[np.sort(chosen)]
+
+    return replace(recording, scans=[some(scan) for scan in recording.scans])
 
 
 def with_own_sigmas(recording: Recording) -> Recording:
