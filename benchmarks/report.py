@@ -36,10 +36,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Bar:
-    """What was asked for and what came out."""
+    """What was aimed at and what came out."""
 
     what: str
-    asked: str
+    aim: str
     measured: str
     met: bool | None  # None where there is nothing to compare with
 
@@ -134,16 +134,16 @@ def _start(name: str) -> str:
     return "the truth" if name == "truth" else name
 
 
-def _at_least(what: str, value: float | None, asked: float, unit: str = "×") -> Bar:
+def _at_least(what: str, value: float | None, aim: float, unit: str = "×") -> Bar:
     if value is None:
-        return Bar(what, f"≥ {asked:g} {unit}", "not measured", None)
-    return Bar(what, f"≥ {asked:g} {unit}", f"{number(value, 4)} {unit}", value >= asked)
+        return Bar(what, f"≥ {aim:g} {unit}", "not measured", None)
+    return Bar(what, f"≥ {aim:g} {unit}", f"{number(value, 4)} {unit}", value >= aim)
 
 
-def _at_most(what: str, value: float | None, asked: float, unit: str) -> Bar:
+def _at_most(what: str, value: float | None, aim: float, unit: str) -> Bar:
     if value is None:
-        return Bar(what, f"≤ {asked:g} {unit}", "not measured", None)
-    return Bar(what, f"≤ {asked:g} {unit}", f"{number(value, 4)} {unit}", value <= asked)
+        return Bar(what, f"≤ {aim:g} {unit}", "not measured", None)
+    return Bar(what, f"≤ {aim:g} {unit}", f"{number(value, 4)} {unit}", value <= aim)
 
 
 def bars(m: Measured) -> list[Bar]:
@@ -202,7 +202,7 @@ def bars(m: Measured) -> list[Bar]:
 def bars_table(m: Measured) -> str:
     """The bars as a table."""
     words = {True: "yes", False: "no", None: "–"}
-    lines = [(bar.what, bar.asked, bar.measured, words[bar.met]) for bar in bars(m)]
+    lines = [(bar.what, bar.aim, bar.measured, words[bar.met]) for bar in bars(m)]
     return table(("what", "aim", "measured", "met"), lines, 1)
 
 

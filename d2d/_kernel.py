@@ -286,10 +286,19 @@ def _lanes(w):
 
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
-def _distance(dx, dy, sxx, sxy, syy):
-    """d' adj(S) d and det(S), whose ratio is the squared Mahalanobis distance."""
+def _component(fixed, i, tx, ty):
+    """Mean, less the translation, and covariance of a component."""
+    return fixed[X, i] - tx, fixed[Y, i] - ty, fixed[XX, i], fixed[XY, i], fixed[YY, i]
+
+
+@njit(forceinline=True, fastmath=_FAST, error_model="numpy")
+def _pair(w, k, component):
+    """d and S of a target and a component; d' adj(S) d and det(S), whose ratio is d' S^-1 d."""
+    fx, fy, fxx, fxy, fyy = component
+    dx, dy = w[MX + k] - fx, w[MY + k] - fy
+    sxx, sxy, syy = w[CXX + k] + fxx, w[CXY + k] + fxy, w[CYY + k] + fyy
     square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
-    return square, sxx * syy - sxy * sxy
+    return dx, dy, sxx, sxy, syy, square, sxx * syy - sxy * sxy
 
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
@@ -301,12 +310,9 @@ def _find_nearest(w, lanes, fixed, tx, ty):
     for k in range(LANES):
         w[SQUARE + k], w[DETERMINANT + k] = 1.0, 0.0
     for i in range(fixed.shape[1]):
-        fx, fy = fixed[X, i] - tx, fixed[Y, i] - ty
-        fxx, fxy, fyy = fixed[XX, i], fixed[XY, i], fixed[YY, i]
+        component = _component(fixed, i, tx, ty)
         for k in range(lanes):
-            dx, dy = w[MX + k] - fx, w[MY + k] - fy
-            sxx, sxy, syy = w[CXX + k] + fxx, w[CXY + k] + fxy, w[CYY + k] + fyy
-            square, determinant = _distance(dx, dy, sxx, sxy, syy)
+            _, _, _, _, _, square, determinant = _pair(w, k, component)
             old_square, old_determinant = w[SQUARE + k], w[DETERMINANT + k]
             nearer = square * old_determinant < old_square * determinant
             w[SQUARE + k] = square if nearer else old_square
@@ -323,12 +329,9 @@ def _find_within(w, lanes, fixed, tx, ty, first, last):
         w[WITHIN + k] = 0.0
     bit = 1.0
     for i in range(first, last):
-        fx, fy = fixed[X, i] - tx, fixed[Y, i] - ty
-        fxx, fxy, fyy = fixed[XX, i], fixed[XY, i], fixed[YY, i]
+        component = _component(fixed, i, tx, ty)
         for k in range(lanes):
-            dx, dy = w[MX + k] - fx, w[MY + k] - fy
-            sxx, sxy, syy = w[CXX + k] + fxx, w[CXY + k] + fxy, w[CYY + k] + fyy
-            square, determinant = _distance(dx, dy, sxx, sxy, syy)
+            _, _, _, _, _, square, determinant = _pair(w, k, component)
             within = square <= w[REACH + k] * determinant
             w[WITHIN + k] += bit if within else 0.0
         bit *= 2.0
@@ -368,13 +371,15 @@ def _add_step(w, lanes, step):
     M = [[-a, h], [h, a]]; summed are 1, d, d^2, K d and K^2.
     """
     for k in range(lanes):
-        dx, dy = w[MX + k] - step[X * LANES + k], w[MY + k] - step[Y * LANES + k]
-        cxx, cxy, cyy = w[CXX + k], w[CXY + k], w[CYY + k]
-        a, h = cxy, 0.5 * (cxx - cyy)
-        sxx = cxx + step[XX * LANES + k]
-        sxy = cxy + step[XY * LANES + k]
-        syy = cyy + step[YY * LANES + k]
-        square, determinant = _distance(dx, dy, sxx, sxy, syy)
+        component = (
+            step[X * LANES + k],
+            step[Y * LANES + k],
+            step[XX * LANES + k],
+            step[XY * LANES + k],
+            step[YY * LANES + k],
+        )
+        dx, dy, sxx, sxy, syy, square, determinant = _pair(w, k, component)
+        a, h = w[CXY + k], 0.5 * (w[CXX + k] - w[CYY + k])
         inverse = 1.0 / determinant
         half = 0.5 * square * inverse
         bxx, bxy, byy = syy * inverse, -sxy * inverse, sxx * inverse

@@ -271,13 +271,26 @@ def test_the_gradient_of_a_target_ten_billion_sigmas_away_does_not_vanish():
         )
 
 
-def test_the_covariance_of_distant_pairs_is_that_of_close_ones():
+@pytest.mark.parametrize(
+    ("distance", "tolerance"),
+    [
+        (1e5, 1e-4),
+        pytest.param(
+            1e8,
+            1e-3,
+            marks=pytest.mark.xfail(
+                reason="u u' - g g' cancels: an error of 1e-16 u^2 in the Hessian", strict=True
+            ),
+        ),
+    ],
+)
+def test_the_covariance_of_distant_pairs_is_that_of_close_ones(distance, tolerance):
     """Breaks if the Hessian of one Gaussian, which is the same everywhere, depends on where.
 
-    Two targets a hundred thousand standard deviations to either side of their only counterpart
-    balance each other; the variance is that of one.
+    Two targets that far, in standard deviations, to either side of their only counterpart balance
+    each other; the variance is that of one.
     """
     fixed, unit = PointSet([[0.0]], [[[1.0]]]), np.ones((2, 1, 1))
-    estimate = register(fixed, PointSet([[-1e5], [1e5 + 0.3]], unit))
+    estimate = register(fixed, PointSet([[-distance], [distance + 0.3]], unit))
     assert estimate.converged
-    np.testing.assert_allclose(estimate.covariance, 1.0, rtol=1e-4)
+    np.testing.assert_allclose(estimate.covariance, 1.0, rtol=tolerance)

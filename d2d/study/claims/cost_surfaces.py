@@ -6,6 +6,7 @@ import numpy as np
 
 from d2d._checks import Array
 from d2d.cost import RegistrationCost
+from d2d.point_set import PointSet
 from d2d.study.claims.base import Claim, Evidence
 from d2d.study.line_scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
 from d2d.study.surfaces import Peaks, basin, log_surface, peaks
@@ -19,6 +20,11 @@ OUTSTANDING = np.log(0.8)  # no other peak reaches 80 % of a peak that stands ou
 
 P2D, D2D = RegistrationCost("p2d", "summing"), RegistrationCost("d2d", "summing")
 LIKELIHOOD = RegistrationCost("d2d", "likelihood")
+
+
+def _first_target(moving: PointSet) -> PointSet:
+    """Target B of each draw, alone."""
+    return PointSet(moving.means[:, :1], moving.covariances[:, :1])
 
 
 def _scene_surfaces(cost: RegistrationCost, sigma_moving: float = SIGMA) -> Array:
@@ -54,8 +60,7 @@ def _right(found: Peaks) -> bool:
 
 def _three_peaks() -> Evidence:
     fixed, moving = line_scene(np.random.default_rng(42), draws=(DRAWS,))
-    alone = type(moving)(moving.means[:, :1], moving.covariances[:, :1])
-    surfaces = log_surface(RegistrationCost("p2d"), TRANSLATIONS, fixed, alone)
+    surfaces = log_surface(RegistrationCost("p2d"), TRANSLATIONS, fixed, _first_target(moving))
     found = [peaks(TRANSLATIONS, surface) for surface in surfaces]
     three = [np.sort(each.positions) for each in found if len(each.positions) == 3]
     share = len(three) / DRAWS
@@ -85,7 +90,7 @@ def _d2d_lower() -> Evidence:
     p2d = log_surface(P2D, TRANSLATIONS, fixed, moving)
     d2d = log_surface(D2D, TRANSLATIONS, fixed, moving)
     highest = np.exp(d2d.max(axis=-1) - p2d.max(axis=-1))
-    alone = type(moving)(moving.means[:, :1], moving.covariances[:, :1])
+    alone = _first_target(moving)
     single = [log_surface(cost, TRANSLATIONS, fixed, alone).max(axis=-1) for cost in (D2D, P2D)]
     lower = float((highest < 1.0).mean())
     along = float((d2d < p2d).mean())
