@@ -24,7 +24,7 @@ IPYKERNEL_CONFIG := c.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup book test test-book coverage notebooks lint format bench sweep lab radarscenes clean distclean
+.PHONY: help setup book html record test test-book coverage notebooks lint format bench sweep lab radarscenes clean distclean
 
 help: ## List what can be made (default)
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -59,12 +59,29 @@ $(STAMP): requirements.txt pyproject.toml
 	@printf '$(IPYKERNEL_CONFIG)' > $(VENV)/ipython/profile_default/ipython_kernel_config.py
 	@touch $@
 
-book: $(STAMP) ## Execute every notebook afresh and build the book in _build/html
-	@rm -rf _build
-	$(BIN)/jupyter-book build . -W -n --keep-going
+# The pages are built from a copy of the sources in which nothing is left to execute: the notebooks have been executed
+# before, in parallel, or come with the outputs that they are stored with, which `make test` proves fresh.
+SOURCE := _build/source
+define copy_sources
+	@rm -rf _build && mkdir -p $(SOURCE)
+	@cp -R _toc.yml intro.md references.bib _static api chapters tools $(SOURCE)
+	@sed 's/execute_notebooks: force/execute_notebooks: "off"/' _config.yml > $(SOURCE)/_config.yml
+endef
+define build_pages
+	$(BIN)/jupyter-book build $(SOURCE) --path-output . -W -n --keep-going
 	$(BIN)/python tools/shrink_pictures.py _build/html/_images
 	@echo
 	@echo "The book: file://$(CURDIR)/_build/html/index.html"
+endef
+
+book: $(STAMP) ## Execute every notebook afresh and build the book in _build/html
+	$(copy_sources)
+	$(BIN)/python tools/run_notebooks.py --jobs $(JOBS) --into $(SOURCE)/chapters
+	$(build_pages)
+
+html: $(STAMP) ## Build the book from the notebooks' stored outputs, in a minute
+	$(copy_sources)
+	$(build_pages)
 
 test: $(STAMP) ## Run the tests, then every notebook against its stored outputs
 	@status=0; set -x; \
@@ -84,11 +101,14 @@ _build/html/index.html:
 	@$(MAKE) --no-print-directory book
 
 coverage: $(STAMP) ## Print which lines of d2d the tests do not run; fails below 95 %
-	$(BIN)/python -m pytest -q -n $(JOBS) --dist loadscope --ignore tests/test_notebooks.py \
+	$(BIN)/python -m pytest -q -n $(JOBS) --dist loadscope --ignore tests/chapters/test_notebooks.py \
 	  --cov=d2d --cov-report=term --cov-fail-under=95 tests
 
 notebooks: $(STAMP) ## Execute the notebooks in place, so that their stored outputs are fresh
-	$(BIN)/python tools/run_notebooks.py
+	$(BIN)/python tools/run_notebooks.py --jobs $(JOBS)
+
+record: $(STAMP) ## Check every claim anew and put the evidence on record, in minutes
+	$(BIN)/python tools/record_claims.py
 
 lint: $(STAMP) ## Check style, format and types
 	@status=0; set -x; \
@@ -112,7 +132,7 @@ $(PEERS)/.installed: requirements.txt pyproject.toml benchmarks/install.py
 	@touch $@
 
 sweep: $(STAMP) ## Recompute chapters/results/exhaustive.csv: over a million registrations, in minutes
-	$(BIN)/python -m d2d.study.exhaustive --jobs $(JOBS)
+	$(BIN)/python -m d2d.study.beyond.exhaustive --jobs $(JOBS)
 
 lab: $(STAMP) ## Open the notebooks in JupyterLab
 	$(BIN)/python -m jupyterlab chapters
@@ -124,7 +144,7 @@ radarscenes: $(STAMP) ## Recompute chapters/results from the data set: D2D_RADAR
 	if [ ! -d "$$D2D_RADARSCENES" ]; then \
 	  echo "D2D_RADARSCENES is not a folder: $$D2D_RADARSCENES" >&2; exit 2; \
 	fi
-	$(BIN)/python -m d2d.study.radarscenes "$$D2D_RADARSCENES"
+	$(BIN)/python -m d2d.study.recordings.estimates "$$D2D_RADARSCENES"
 
 clean: ## Remove what was built, but keep .venv
 	rm -rf _build build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage htmlcov

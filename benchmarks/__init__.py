@@ -1,1 +1,1 @@
-"""Speed and accuracy beside what a user would pick instead: ``make bench``."""
+"""Speed and accuracy compared with what a user might pick instead: ``make bench``."""

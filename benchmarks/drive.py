@@ -1,4 +1,4 @@
-"""Throughput on real data: RadarScenes, reading included."""
+"""Throughput on real data, RadarScenes, including the time to read it."""
 
 import time
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ STRONGEST = 200
 
 @dataclass(frozen=True)
 class Throughput:
-    """Scans, mean number of targets of a scan, s driven, s to read, s to read and register."""
+    """Number of scans and of targets in a scan; seconds driven, to read, to read and register."""
 
     scans: int
     targets: float
@@ -29,7 +29,7 @@ class Throughput:
 
 
 def measure(root: Path, repeats: int = 3) -> Throughput:
-    """Read one sensor of one sequence and track it with the joint cost, the best of some."""
+    """Read one sensor of one sequence and track it with the joint cost; the best of ``repeats``."""
     best = None
     for _ in range(repeats):
         begin = time.perf_counter()

@@ -1,7 +1,7 @@
-"""Install the peers beside d2d into the environment that runs this, each on its own.
+"""Install d2d and its peers, one by one, into the environment that runs this script.
 
-What cannot be installed does not stop the rest: the reason is kept in ``peers.json`` in the
-environment, and the benchmark reports it.
+A peer that cannot be installed does not stop the others: the reason is stored in ``peers.json`` in
+the environment, and the benchmark reports it.
 """
 
 import json
@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def pip(*arguments: str) -> str:
-    """Run pip; its error, or nothing."""
+    """Run ``pip install``; return its error, or an empty string."""
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     done = subprocess.run([*command, *arguments], capture_output=True, text=True)
     return "" if done.returncode == 0 else reason(done.stderr)

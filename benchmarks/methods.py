@@ -40,7 +40,7 @@ MATRICES = "NumPy with np.linalg, BFGS"
 
 @dataclass(frozen=True)
 class Effort:
-    """How many runs the accuracy is of and how many are timed, of fast and of slow methods."""
+    """Number of runs for the accuracy and number timed, for fast and for slow methods."""
 
     runs: int
     timed: int
@@ -51,13 +51,13 @@ class Effort:
 
 def all_methods(draws: Draws, pilot: Draws, start: str, effort: Effort) -> Iterator[Method]:
     """Every method of one size and start; a peer that is not installed is left out."""
-    first = draws.theta if start == "truth" else np.zeros(3)
-    yield from _d2d(draws, start, first, effort)
-    yield from _peers(draws, pilot, start, first, effort)
-    yield from _scipy(draws, start, first, effort)
+    initial = draws.theta if start == "truth" else np.zeros(3)
+    yield from _d2d(draws, start, initial, effort)
+    yield from _peers(draws, pilot, start, initial, effort)
+    yield from _scipy(draws, start, initial, effort)
 
 
-def _d2d(draws: Draws, start: str, first: Array, effort: Effort) -> Iterator[Method]:
+def _d2d(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterator[Method]:
     batches = {n: draws[:n] for n in {effort.runs, effort.timed}}
     fixed, moving = ([s[i] for i in range(effort.runs)] for s in (draws.fixed, draws.moving))
 
@@ -65,7 +65,7 @@ def _d2d(draws: Draws, start: str, first: Array, effort: Effort) -> Iterator[Met
         return points.means[index].copy(), points.covariances[index].copy()
 
     def method(name: str, cost: str, solve: Any, runs: int, timed: int, single: bool) -> Method:
-        motions = stacked(lambda found: found.theta) if single else (lambda found: found.theta)
+        motions = stacked(lambda result: result.theta) if single else (lambda result: result.theta)
         return Method(name, start, cost, solve, motions, runs, timed)
 
     for cost_name, outlier in COSTS.items():
@@ -76,11 +76,11 @@ def _d2d(draws: Draws, start: str, first: Array, effort: Effort) -> Iterator[Met
         ) -> Any:
             part = batches[n]
             if grid is None:
-                return register(part.fixed, part.moving, cost, first, scales, threads=threads)
+                return register(part.fixed, part.moving, cost, initial, scales, threads=threads)
             return multi_start(part.fixed, part.moving, cost, grid, scales, threads=threads)
 
         def one(run: int, cost: Any = cost) -> Any:
-            return register(fixed[run], moving[run], cost, first)
+            return register(fixed[run], moving[run], cost, initial)
 
         yield method(BATCH, cost_name, batch, effort.runs, effort.timed, False)
         yield method(
@@ -96,10 +96,15 @@ def _d2d(draws: Draws, start: str, first: Array, effort: Effort) -> Iterator[Met
                 effort.timed,
                 False,
             )
-            few = max(1, effort.timed // 10)
-            batches[few] = draws[:few]
+            timed_starts = max(1, effort.timed // 10)
+            batches[timed_starts] = draws[:timed_starts]
             yield method(
-                STARTS, cost_name, lambda n, b=batch: b(n, grid=GRID), effort.runs, few, False
+                STARTS,
+                cost_name,
+                lambda n, b=batch: b(n, grid=GRID),
+                effort.runs,
+                timed_starts,
+                False,
             )
         elif outlier is None:
             whole = {
@@ -111,7 +116,7 @@ def _d2d(draws: Draws, start: str, first: Array, effort: Effort) -> Iterator[Met
             ]
 
             def build(pair: Any) -> Any:
-                return register(PointSet(*pair[0]), PointSet(*pair[1]), None, first)
+                return register(PointSet(*pair[0]), PointSet(*pair[1]), None, initial)
 
             yield method(
                 BATCH_ARRAYS,
@@ -132,16 +137,16 @@ def _d2d(draws: Draws, start: str, first: Array, effort: Effort) -> Iterator[Met
 
 
 def _peers(
-    draws: Draws, pilot: Draws, start: str, first: Array, effort: Effort
+    draws: Draws, pilot: Draws, start: str, initial: Array, effort: Effort
 ) -> Iterator[Method]:
     for peer in peers.PEERS:
         library, _ = peers.load(peer.module)
         if library is None:
             continue
         chosen = pilot if peer.fast else pilot[: max(5, len(pilot) // 4)]
-        setting = peers.best_setting(peer, library, chosen, first)
+        setting = peers.best_setting(peer, library, chosen, initial)
         label = "default" if setting is None else f"{setting:g}"
-        solve, read = peer.adapter(library, draws, first, setting)
+        solve, read = peer.adapter(library, draws, initial, setting)
         yield Method(
             f"{peer.name} ({peer.unit}: {label})",
             start,
@@ -157,8 +162,8 @@ def _peers(
             def anew(
                 run: int, adapter: Any = peer.adapter, bound: Any = (library, setting, singles)
             ) -> Any:
-                module, chosen, one = bound
-                return adapter(module, one[run], first, chosen)[0](0)
+                module, value, scans = bound
+                return adapter(module, scans[run], initial, value)[0](0)
 
             yield Method(
                 f"{peer.name}, from arrays",
@@ -171,7 +176,7 @@ def _peers(
             )
 
 
-def _scipy(draws: Draws, start: str, first: Array, effort: Effort) -> Iterator[Method]:
+def _scipy(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterator[Method]:
     if start == "truth":
         matrices = [
             numpy_cost.MatrixCost(draws.fixed[i], draws.moving[i]) for i in range(effort.slow_runs)
@@ -180,7 +185,7 @@ def _scipy(draws: Draws, start: str, first: Array, effort: Effort) -> Iterator[M
             MATRICES,
             start,
             "likelihood",
-            one_by_one(lambda run: numpy_cost.minimise(matrices[run], first, "BFGS", False)),
+            one_by_one(lambda run: numpy_cost.minimise(matrices[run], initial, "BFGS", False)),
             stacked(),
             effort.slow_runs,
             effort.slow_timed,
@@ -194,7 +199,7 @@ def _scipy(draws: Draws, start: str, first: Array, effort: Effort) -> Iterator[M
             for gradient in (False, True):
 
                 def solve(run: int, c: Any = costs, m: str = method, g: bool = gradient) -> Array:
-                    return numpy_cost.minimise(c[run], first, m, g)
+                    return numpy_cost.minimise(c[run], initial, m, g)
 
                 yield Method(
                     f"NumPy, {method}" + (", exact gradient" if gradient else ""),

@@ -3,8 +3,8 @@
 Each adapter takes noisy scans, a start (3,) and one setting, builds whatever the library can reuse
 (clouds, covariances, search trees, voxel maps; not timed), and returns two functions: one
 registers the run of a given number, the other reads the motion (3,) from what the first returned
-(not timed either).  Of the settings, the one that does best on other draws of the scene is taken.
-The libraries work in space; the targets lie in its plane z = 0.
+(not timed either).  The setting used is the one that does best on other draws of the scene.  The
+libraries work in three dimensions; the targets lie in the plane z = 0.
 """
 
 import importlib
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Solver = tuple[Callable[[int], Any], Callable[[Any], Array]]
 
 RADII = (1.0, 2.0, 3.0, 5.0, 8.0, 12.0)  # m, for correspondences
-MOST_ITERATIONS = 50
+MAX_ITERATIONS = 50
 THICKNESS = 1e-2  # m^2, variance along z, where nothing moves
 
 
@@ -38,17 +38,17 @@ class Peer:
     unit: str  # of the setting
     settings: tuple[Any, ...]
     adapter: Callable[[Any, Draws, Array, Any], Solver]
-    fast: bool  # compiled, and so worth as many runs as the kernel
-    from_arrays: bool = False  # also time it with what it can reuse built anew each time
+    fast: bool  # compiled, and so given as many runs as the kernel
+    from_arrays: bool = False  # also timed with all it could reuse built anew each time
 
 
 def in_space(positions: Array) -> Array:
-    """Points (..., 3) of planar ones, on z = 0."""
+    """Planar points (..., 2) as points (..., 3) in the plane z = 0."""
     return np.concatenate([positions, np.zeros((*positions.shape[:-1], 1))], axis=-1)
 
 
 def spatial_covariances(covariances: Array) -> Array:
-    """Covariances (..., 3, 3) of planar ones."""
+    """Planar covariances (..., 2, 2) as covariances (..., 3, 3)."""
     full = np.zeros((*covariances.shape[:-2], 3, 3))
     full[..., :2, :2] = covariances
     full[..., 2, 2] = THICKNESS
@@ -70,7 +70,7 @@ def _open3d(generalised: bool) -> Callable[[Any, Draws, Array, float], Solver]:
             _open3d_clouds(o3d, points, generalised) for points in (draws.fixed, draws.moving)
         )
         library = o3d.pipelines.registration
-        criteria = library.ICPConvergenceCriteria(max_iteration=MOST_ITERATIONS)
+        criteria = library.ICPConvergenceCriteria(max_iteration=MAX_ITERATIONS)
         begin = transform(start)
         if generalised:
             register = library.registration_generalized_icp
@@ -103,7 +103,7 @@ def _small_gicp(kind: str) -> Callable[[Any, Draws, Array, float], Solver]:
                 begin,
                 registration_type=kind,
                 max_correspondence_distance=radius,
-                max_iterations=MOST_ITERATIONS,
+                max_iterations=MAX_ITERATIONS,
             ),
             lambda result: motion(result.T_target_source),
         )
@@ -114,7 +114,7 @@ def _small_gicp(kind: str) -> Callable[[Any, Draws, Array, float], Solver]:
 def _kiss_icp(library: Any, draws: Draws, start: Array, radius: float) -> Solver:
     mapping = importlib.import_module("kiss_icp.mapping")
     registration = importlib.import_module("kiss_icp.registration").Registration(
-        max_num_iterations=MOST_ITERATIONS, convergence_criterion=1e-4, max_num_threads=1
+        max_num_iterations=MAX_ITERATIONS, convergence_criterion=1e-4, max_num_threads=1
     )
     maps = []
     for means in in_space(draws.fixed.means):
@@ -143,32 +143,32 @@ def _probreg(library: Any, draws: Draws, start: Array, tolerance: float) -> Solv
             moving[run],
             fixed[run],
             update_scale=False,
-            maxiter=2 * MOST_ITERATIONS,
+            maxiter=2 * MAX_ITERATIONS,
             tol=tolerance,
             tf_init_params=dict(begin),
         )
 
     def read(result: Any) -> Array:
-        found = result.transformation
-        return motion(np.block([[found.rot, found.t[:, None]], [np.eye(4)[3:]]]))
+        rigid_motion = result.transformation
+        return motion(np.block([[rigid_motion.rot, rigid_motion.t[:, None]], [np.eye(4)[3:]]]))
 
     return solve, read
 
 
 def _pycpd(library: Any, draws: Draws, start: Array, variance: float | None) -> Solver:
     fixed, moving = list(draws.fixed.means), list(draws.moving.means)
-    # it turns row vectors: its R is the transpose
+    # pycpd rotates row vectors: its R is the transpose
     turn, shift = rigid.rotation(start[2]).T, start[None, :2].copy()
 
     def solve(run: int) -> Any:
-        found = library.RigidRegistration(
+        registration = library.RigidRegistration(
             X=fixed[run], Y=moving[run], R=turn, t=shift, sigma2=variance
         )
-        found.register(None)
-        return found
+        registration.register(None)
+        return registration
 
-    return solve, lambda found: np.array(
-        [*found.t.ravel(), np.arctan2(found.R[0, 1], found.R[0, 0])]
+    return solve, lambda result: np.array(
+        [*result.t.ravel(), np.arctan2(result.R[0, 1], result.R[0, 0])]
     )
 
 
@@ -185,7 +185,7 @@ PEERS = (
 
 
 def load(module: str) -> tuple[Any, str]:
-    """The module, or None and the reason why it is not there."""
+    """The module and an empty string, or None and the reason why it is missing."""
     try:
         return importlib.import_module(module), ""
     except ImportError as error:
@@ -195,13 +195,13 @@ def load(module: str) -> tuple[Any, str]:
 
 
 def best_setting(peer: Peer, library: Any, pilot: Draws, start: Array) -> Any:
-    """The setting with which most of the pilot's runs end at the truth, the smallest error next."""
+    """The setting with the most pilot runs at the truth, and among equals the smallest error."""
     floor = known_correspondences(pilot)
 
     def rank(setting: Any) -> tuple[float, float]:
         solve, read = peer.adapter(library, pilot, start, setting)
-        found = np.array([read(solve(run)) for run in range(len(pilot))])
-        judged = accuracy(found, floor, pilot.theta, only_at_truth=False)
+        estimates = np.array([read(solve(run)) for run in range(len(pilot))])
+        judged = accuracy(estimates, floor, pilot.theta, only_at_truth=False)
         return -judged.at_truth, judged.translation
 
     return min(peer.settings, key=rank)

@@ -1,4 +1,4 @@
-"""What only a fresh process shows: start-up, compilation, peak memory; and the machine itself."""
+"""What only a fresh process can show: start-up, compilation, peak memory; and the machine."""
 
 import importlib.metadata
 import os
@@ -20,14 +20,14 @@ d2d.register(targets, targets)
 print(time.perf_counter() - t)
 """
 
-# Linux hands ru_maxrss of the parent down to the child: there the kernel's own record is asked.
+# On Linux a child inherits ru_maxrss from its parent; there the peak is read from /proc instead.
 _MONTE_CARLO = """
 import pathlib
 import resource
 import sys
 import d2d
 from d2d.study.runs import monte_carlo
-from d2d.study.scenarios import OVERLAPPED
+from d2d.study.plane.scenarios import OVERLAPPED
 monte_carlo(OVERLAPPED, d2d.RegistrationCost(), runs=int(sys.argv[1]))
 status = pathlib.Path("/proc/self/status")
 lines = status.read_text().splitlines() if status.exists() else []
@@ -49,12 +49,12 @@ def printed(code: str, *arguments: str, **environment: str) -> float:
 
 
 def import_seconds(repeats: int = 5) -> float:
-    """Time of ``import d2d``, the best of some."""
+    """Time of ``import d2d`` in s, the best of ``repeats``."""
     return min(printed(_IMPORT) for _ in range(repeats))
 
 
 def first_call_seconds() -> tuple[float, float]:
-    """Time of the first registration on a new machine, and in the next process, from the cache."""
+    """Time in s of the first registration on a new machine, and later, with the filled cache."""
     with tempfile.TemporaryDirectory() as folder:
         compiled = printed(_FIRST_CALL, NUMBA_CACHE_DIR=folder)
         return compiled, min(printed(_FIRST_CALL, NUMBA_CACHE_DIR=folder) for _ in range(3))
@@ -62,12 +62,12 @@ def first_call_seconds() -> tuple[float, float]:
 
 def peak_megabytes(runs: int) -> float:
     """Peak resident memory of a Monte Carlo evaluation on the eight targets."""
-    unit = 1e-6 if sys.platform == "darwin" else 1024e-6  # bytes there, KiB elsewhere
+    unit = 1e-6 if sys.platform == "darwin" else 1024e-6  # bytes on macOS, KiB on others
     return printed(_MONTE_CARLO, str(runs)) * unit
 
 
 def machine() -> str:
-    """Model and number of the processor's cores."""
+    """Model of the processor and number of its cores."""
     model = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
@@ -79,11 +79,11 @@ def machine() -> str:
 
 
 def versions(packages: Sequence[str]) -> str:
-    """Python's and the packages' versions, as far as they are installed."""
-    found = [f"Python {platform.python_version()}"]
+    """Versions of Python and of those packages that are installed."""
+    listed = [f"Python {platform.python_version()}"]
     for package in packages:
         try:
-            found.append(f"{package} {importlib.metadata.version(package)}")
+            listed.append(f"{package} {importlib.metadata.version(package)}")
         except importlib.metadata.PackageNotFoundError:
             continue
-    return ", ".join(found)
+    return ", ".join(listed)

@@ -1,4 +1,4 @@
-"""The tables, the bars and the chart that a run writes into the book."""
+"""The tables and the chart that a run writes into the book, and the bars that it has to clear."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks import methods
 from benchmarks.drive import Throughput
 from benchmarks.scenes import Accuracy
-from d2d.study.drawing import BLACK, BLUE, GREEN, ORANGE, use_style
+from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, use_style
 
 RESULTS = Path(__file__).resolve().parents[1] / "chapters" / "results"
 
@@ -20,7 +20,7 @@ RESULTS = Path(__file__).resolve().parents[1] / "chapters" / "results"
 class Row:
     """One line of the table; times in s per registration, nan for a floor of the accuracy.
 
-    ``share`` is the processor's time over the time that passed: below 1 others were at work too.
+    ``share`` is processor time over elapsed time: below 1, other processes were running as well.
     """
 
     size: int
@@ -36,7 +36,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Bar:
-    """What was aimed at and what came out."""
+    """One bar of the benchmark: what was aimed at, what was measured, and whether it was met."""
 
     what: str
     aim: str
@@ -63,7 +63,7 @@ class Measured:
 
 
 def find(rows: Sequence[Row], size: int, start: str, cost: str, name: str) -> Row | None:
-    """The row of that method; a peer is found without its setting."""
+    """The row of a method, or None; a peer is found by its name without the setting."""
     for row in rows:
         same = (row.size, row.start, row.cost) == (size, start, cost)
         if same and (row.name == name or row.name.startswith(f"{name} (")):
@@ -72,7 +72,7 @@ def find(rows: Sequence[Row], size: int, start: str, cost: str, name: str) -> Ro
 
 
 def table(header: Sequence[str], lines: Sequence[Sequence[str]], left: int) -> str:
-    """A Markdown table whose first columns are aligned to the left, the others to the right."""
+    """A Markdown table with the first ``left`` columns aligned left and the others right."""
     widths = [max(map(len, column)) for column in zip(header, *lines, strict=True)]
 
     def line(cells: Sequence[str]) -> str:
@@ -87,7 +87,7 @@ def table(header: Sequence[str], lines: Sequence[Sequence[str]], left: int) -> s
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Rounded to that many digits, without an exponent."""
+    """A value rounded to that many significant digits, without an exponent."""
     if not np.isfinite(value):
         return "–"
     if value == 0.0:
@@ -97,7 +97,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def main_tables(rows: Sequence[Row]) -> str:
-    """Time and accuracy of every method, a table for each number of targets and start."""
+    """Time and accuracy of every method, in one table for each number of targets and start."""
     header = (
         *("cost", "method", "µs, best", "µs, median", "× batch"),
         *("RMSE, m", "× floor", "RMSE, °", "at truth, %", "runs"),
@@ -147,14 +147,14 @@ def _at_most(what: str, value: float | None, aim: float, unit: str) -> Bar:
 
 
 def bars(m: Measured) -> list[Bar]:
-    """Every bar with what this run measured."""
+    """All bars, with what this run measured."""
 
     def slower(size: int, cost: str, name: str, base: str = methods.BATCH) -> float | None:
         row = find(m.rows, size, "truth", cost, name)
         batch = find(m.rows, size, "truth", "likelihood", base)
         return row.best / batch.best if row and batch else None
 
-    def found(size: int, start: str, cost: str, name: str) -> Accuracy | None:
+    def accuracy_of(size: int, start: str, cost: str, name: str) -> Accuracy | None:
         row = find(m.rows, size, start, cost, name)
         return row.accuracy if row else None
 
@@ -173,17 +173,17 @@ def bars(m: Measured) -> list[Bar]:
             result.append(_at_least(f"{where}: {name} over the batch", ratio, icp))
             ratio = slower(size, "its own", f"{name}, from arrays", arrays)
             result.append(_at_least(f"{where}: the same, both from arrays", ratio, icp))
-    for size, most in ((8, 40.0), (48, 150.0)):
+    for size, limit in ((8, 40.0), (48, 150.0)):
         row = find(m.rows, size, "truth", "likelihood", methods.ONE)
         what = f"{size} × {size}: one per call, where exp takes {m.exp['compiled loop']:.1f} ns"
-        result.append(_at_most(what, row.best * 1e6 if row else None, most, "µs"))
-    for size, most in ((8, 1.01), (48, 1.08)):
-        judged = found(size, "truth", "likelihood", methods.BATCH)
+        result.append(_at_most(what, row.best * 1e6 if row else None, limit, "µs"))
+    for size, limit in ((8, 1.01), (48, 1.08)):
+        judged = accuracy_of(size, "truth", "likelihood", methods.BATCH)
         what = f"{size} × {size}: translation RMSE over the floor"
-        result.append(_at_most(what, judged.over_floor if judged else None, most, "×"))
+        result.append(_at_most(what, judged.over_floor if judged else None, limit, "×"))
     for size in (8, 48):
         for name in (methods.BATCH, methods.SCHEDULE, methods.STARTS):
-            judged = found(size, "zero", "corrupted", name)
+            judged = accuracy_of(size, "zero", "corrupted", name)
             share = 100.0 * judged.at_truth if judged else None
             what = f"{size} × {size} from zero, corrupted: {name}, at the truth"
             bar = _at_least(what, share, 99.9, "%")
@@ -207,7 +207,7 @@ def bars_table(m: Measured) -> str:
 
 
 def sizes_table(m: Measured) -> str:
-    """Time against size."""
+    """A table of time against size."""
     lines = [
         (f"{size} × {size}", number(seconds * 1e6), number(seconds / size**2 * 1e9))
         for size, seconds in zip(m.sizes, m.seconds, strict=True)
@@ -216,7 +216,7 @@ def sizes_table(m: Measured) -> str:
 
 
 def others_table(m: Measured) -> str:
-    """Drive, memory, start-up."""
+    """A table of the other measurements: exp, start-up, memory, throughput."""
     lines = [
         *((f"one exp, {name}", f"{value:.2f} ns") for name, value in m.exp.items()),
         ("import d2d", f"{m.import_seconds:.2f} s"),
@@ -242,14 +242,14 @@ def others_table(m: Measured) -> str:
 
 
 def disturbance(rows: Sequence[Row]) -> str:
-    """How much of a core the run had; less than all of it flatters what takes little time."""
+    """One sentence on how much of a core the run had; less than all of it flatters short calls."""
     shares = [row.share for row in rows if "threads" not in row.name]
     share = 100.0 * min(1.0, float(np.nanmedian(shares)))
     return f"The process had {share:.0f} % of a core."
 
 
 def page(m: Measured) -> str:
-    """What the book's page includes."""
+    """The Markdown that the book's page includes."""
     missing = [f"- not installed: {name} ({why})" for name, why in m.missing.items()]
     return "\n\n".join(
         [

@@ -2,7 +2,7 @@
 
 python -m benchmarks.run [--quick]
 
-Data: with D2D_RADARSCENES set to the data set's folder, its throughput is measured as well.
+With D2D_RADARSCENES set to the folder of the data set, throughput on it is measured as well.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from benchmarks.methods import Effort, all_methods
 from benchmarks.scenes import accuracy, draw, known_correspondences, scene
 from benchmarks.timing import exp_nanoseconds, exponent, interleaved
 from d2d import RegistrationCost, register
-from d2d.study.radarscenes import data_root
+from d2d.study.recordings.estimates import data_root
 
 ONE_THREAD = {
     name: "1"
@@ -41,14 +41,14 @@ PACKAGES = (
 
 
 def in_one_thread() -> None:
-    """Start over with one thread for every library: they read it when they are loaded."""
+    """Restart with one thread for every library: they read the setting when they are loaded."""
     if any(os.environ.get(name) != value for name, value in ONE_THREAD.items()):
         command = [sys.executable, "-m", "benchmarks.run", *sys.argv[1:]]
         sys.exit(subprocess.call(command, env=os.environ | ONE_THREAD))
 
 
 def without_chatter() -> None:
-    """Some libraries warn on every call, into the terminal and past Python: to nowhere."""
+    """Discard stderr: some libraries write warnings there on every call, bypassing Python."""
     sys.stdout.flush()
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 2)
@@ -56,15 +56,15 @@ def without_chatter() -> None:
 
 
 def rows_of(size: int, start: str, effort: Effort, exp: float) -> Iterator[report.Row]:
-    """All rows of one size and start; the floors last."""
+    """All rows of one size and start, the floors last."""
     draws = draw(scene(size), effort.runs, seed=1)
     floor = known_correspondences(draws)
     zero = start == "zero"
     methods = list(all_methods(draws, draw(scene(size), effort.pilot, seed=2), start, effort))
     judged = []
     for method in methods:  # also compiles and warms up
-        found = method.motions(method.solve(method.runs))
-        judged.append(accuracy(found, floor, draws.theta, only_at_truth=zero))
+        estimates = method.motions(method.solve(method.runs))
+        judged.append(accuracy(estimates, floor, draws.theta, only_at_truth=zero))
         method.solve(method.timed)
     seconds = interleaved(methods, ROUNDS)
     for method, (times, busy), result in zip(
@@ -112,7 +112,7 @@ def against_size(quick: bool) -> list[float]:
 
 
 def measure(quick: bool) -> report.Measured:
-    """Everything, with a line on progress for each part."""
+    """Measure everything, printing a line of progress for each part."""
 
     def say(what: str) -> None:
         print(f"{time.perf_counter() - began:6.1f} s  {what}", flush=True)
@@ -156,9 +156,11 @@ def measure(quick: bool) -> report.Measured:
 
 
 def main() -> None:
-    """Measure, print, write."""
+    """Measure, print the tables and write them into the book."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="few runs, to try it; writes nothing")
+    parser.add_argument(
+        "--quick", action="store_true", help="a few runs as a trial; writes nothing"
+    )
     arguments = parser.parse_args()
     in_one_thread()
     warnings.simplefilter("ignore")

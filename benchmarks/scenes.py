@@ -1,4 +1,4 @@
-"""The scenes that are registered, the floor of their accuracy, and who ends at the truth."""
+"""The scenes to register, the floor of the accuracy, and which estimates end at the truth."""
 
 from dataclasses import dataclass
 
@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d import PointSet, rigid
-from d2d.study.scenarios import OVERLAPPED, Scenario, cartesian
+from d2d.study.plane.scenarios import OVERLAPPED, Scenario, cartesian
 
 Array = NDArray[np.float64]
 
-# Who ends within this many of the floor's root mean square errors, in translation and in rotation,
-# ended at the truth: an estimate as good as the floor misses it less than once in a million runs.
+# An estimate ends at the truth if its errors in translation and in rotation are within this many
+# root mean square errors of the floor. One as good as the floor misses that less than once in a
+# million runs.
 AT_TRUTH = 5.0
 
 
@@ -32,7 +33,7 @@ class Draws:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """RMSE in m and rad, that of the translation over the floor's, share that ends at the truth."""
+    """RMSE in m and rad, ratio of the first to that of the floor, share of runs at the truth."""
 
     translation: float
     rotation: float
@@ -41,7 +42,7 @@ class Accuracy:
 
 
 def random_layout(size: int, seed: int = 0) -> Scenario:
-    """Targets uniform in azimuth within 40 degrees and in range from 8 to 60 m; else OVERLAPPED."""
+    """`OVERLAPPED` with targets uniform in azimuth within 40 degrees and in range, 8 to 60 m."""
     rng = np.random.default_rng([seed, size])
     azimuth = np.deg2rad(rng.uniform(-40.0, 40.0, size))
     return Scenario(f"random {size}", cartesian(np.stack([azimuth, rng.uniform(8, 60, size)], -1)))
@@ -60,8 +61,8 @@ def draw(scenario: Scenario, runs: int, seed: int) -> Draws:
 def known_correspondences(draws: Draws, iterations: int = 20) -> Array:
     """Motions (runs, 3) by least squares over the true pairs: the floor of the accuracy.
 
-    Gauss-Newton on sum_k d_k' S_k^-1 d_k with d_k = R mu_k + t - mu_i(k), S_k = R Sigma_k R' +
-    Sigma_i(k), the weights S_k^-1 renewed in each iteration; begun at the truth.
+    Gauss-Newton on sum_k d_k' S_k^-1 d_k with d_k = R mu_k + t - mu_i(k) and S_k = R Sigma_k R' +
+    Sigma_i(k), started at the truth. The weights S_k^-1 are updated in each iteration.
     """
     theta = np.tile(draws.theta, (len(draws), 1))
     for _ in range(iterations):
@@ -87,15 +88,15 @@ def errors(estimates: Array, theta: Array) -> tuple[Array, Array]:
 
 
 def rms(values: Array) -> float:
-    """Root mean square; nan of nothing."""
+    """Root mean square; nan if there are no values."""
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
 def accuracy(estimates: Array, floor: Array, theta: Array, only_at_truth: bool) -> Accuracy:
-    """Judge estimates (n, 3) of the first n runs, by the floor's estimates (runs, 3) of all runs.
+    """Judge estimates (n, 3) of the first n runs by the floor's estimates (runs, 3) of all runs.
 
-    The errors are those of all n runs, or of those only that end at the truth, and are held
-    against the floor's of the same runs.
+    The errors are those of all n runs, or only of those that end at the truth, and are compared
+    with the errors of the floor in the same runs.
     """
     shift, turn = errors(estimates, theta)
     floor_shift, floor_turn = errors(floor, theta)
@@ -108,7 +109,7 @@ def accuracy(estimates: Array, floor: Array, theta: Array, only_at_truth: bool) 
 
 
 def transform(theta: Array) -> Array:
-    """The motion as a (4, 4) matrix of space, as the libraries for point clouds take it."""
+    """The planar motion as the (4, 4) matrix that libraries for point clouds take."""
     matrix = np.eye(4)
     matrix[:2, :2] = rigid.rotation(theta[2])
     matrix[:2, 3] = theta[:2]

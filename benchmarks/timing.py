@@ -1,4 +1,4 @@
-"""Interleaved timing, and the bare exp that it is held against."""
+"""Interleaved timing, and the time of a bare exp to compare with."""
 
 import gc
 import math
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Method:
-    """One way to register: what one row of the table measures.
+    """One way to register, which is measured in one row of the table.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Method:
     motions : function of what ``solve`` returns
         The motions (n, 3) found; not timed.
     runs, timed : int
-        How many runs the accuracy is of, and how many are timed in each round.
+        Number of runs for the accuracy, and number timed in each round.
     """
 
     name: str
@@ -50,18 +50,18 @@ def stacked(motion: Callable[[Any], Array] = np.asarray) -> Callable[[Sequence[A
 
 
 def once(method: Method) -> tuple[float, float]:
-    """Seconds and processor seconds per registration in one go over the timed runs."""
+    """Elapsed and processor seconds per registration, in one pass over the timed runs."""
     begin, busy = time.perf_counter(), time.process_time()
     method.solve(method.timed)
-    busy, begin = time.process_time() - busy, time.perf_counter() - begin
-    return begin / method.timed, busy / method.timed
+    busy, elapsed = time.process_time() - busy, time.perf_counter() - begin
+    return elapsed / method.timed, busy / method.timed
 
 
 def interleaved(methods: Sequence[Method], rounds: int) -> Array:
-    """Seconds and processor seconds (methods, rounds, 2): each round times every method once.
+    """Elapsed and processor seconds (methods, rounds, 2): each round times every method once.
 
-    What slows the machine for a while then slows all of them, and the best of the rounds of each
-    is from the same undisturbed moments.
+    Whatever slows the machine for a while then slows all methods, and the best rounds of all
+    methods come from the same undisturbed moments.
     """
     seconds = np.empty((len(methods), rounds, 2))
     gc.collect()

@@ -1,4 +1,4 @@
-"""Robust registration of point sets whose points are Gaussian targets."""
+"""Robust registration of sets of Gaussian targets."""
 
 from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
 from d2d.covariance import fisher_covariance, propagate_covariance

@@ -1,4 +1,4 @@
-"""The compiled double sum over targets and components, and the Newton iteration around it.
+"""The compiled double sum over targets and components, and Newton's method around it.
 
 One pass over all pairs of a moving target ``k`` and a component ``i`` of the fixed mixture gives
 the cost, its gradient and its Hessian.  Per pair, with the rotated mean ``p = R mu_k`` and the
@@ -6,25 +6,28 @@ rotated covariance ``C = R Sigma_k R'``::
 
     d = p + t - mu_i      S = C + Sigma_i      B = S^-1      u = B d      N = N(0 | d, S)
 
-and the derivatives of ``N`` along the rotation follow from those along ``d``, as ``S`` turns with
-it and ``dN/dS = N_dd / 2``.
+The derivatives of ``N`` in the rotation follow from those in ``d``, because the rotation turns
+``S`` and ``dN/dS = N_dd / 2``.
 
-Four things make it fast without changing the result:
+Four techniques make it fast without changing the result:
 
-* Eight targets are worked out at a time, one a vector lane.  Their numbers lie in rows of a
-  scratch array.  Each target meets the components within its reach only: a cheap first pass notes
-  them as bits, they are copied side by side, and every step adds the next one of each target.
-* A component is out of reach once it is surely below ``exp(-GATE)`` of the target's sum.
-  ``det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)`` (Minkowski) bounds the normalisation of every
-  pair by that of the component alone, ``w_i det(Sigma_i)^(-1/2) <= peak``, for any rotation.  All
-  skipped pairs of a target together change its density by less than ``exp(-GATE)`` = 2e-16 of it.
-* What depends on the target alone is left out of the sums over the components.
-* The corrupted Gaussian has one covariance for all pairs: six moments of its weights are enough.
+* Targets are processed eight at a time, one per vector lane.  Their numbers are held in rows of a
+  scratch array.  Each target is paired only with the components within its cut-off distance: a
+  cheap first pass marks them as bits, they are copied side by side, and every step then adds one
+  component to each target's sum.
+* All components beyond the cut-off together contribute less than ``exp(-GATE)`` = 2e-16 of the
+  target's density.  Minkowski's inequality,
+  ``det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)``, bounds the normalisation of every pair by
+  that of its component, ``w_i det(Sigma_i)^(-1/2) <= peak``, for any rotation.
+* Factors that depend on the target alone are taken out of the sums over the components.
+* The outlier component of a corrupted Gaussian has the same covariance for all pairs, so that six
+  moments of its weights are enough.
 
-Everything stays in the log domain: a target far from everything gives a large finite cost.
+Everything stays in the log domain, so that a target far from all components gives a large but
+finite cost.
 
-A one-dimensional set is stored as a planar one with ``y = 0`` and ``Syy = 1 / (2 pi)``, whose
-density along y is exactly 1; only ``t_x`` then moves.
+A one-dimensional set is stored as a planar one with ``y = 0`` and ``Syy = 1 / (2 pi)``, so that
+its density along y is exactly 1.  Only ``t_x`` is then estimated.
 """
 
 import math
@@ -36,39 +39,42 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 X, Y, XX, XY, YY, WEIGHT = range(6)  # rows of a packed point set
-VALUE, VARIANCE, INPUT_VARIANCE, GAIN, SLOPE = 0, 1, 2, 3, 6  # columns of a packed factor
+VALUE, VARIANCE, INPUT_VARIANCE, GAIN, SLOPE = 0, 1, 2, 3, 6  # columns of a packed measurement
 NO_OUTLIER, UNIFORM, CORRUPTED = range(3)
 LIKELIHOOD, SUMMING = range(2)
 
 GATE = 36.0
-NEAR = 12.5  # half a squared distance of five standard deviations
-# The scratch of a block of targets, one target a lane: rows of LANES numbers.  Four of them begin
-# ten rows each: a density's logarithm and its derivatives.
+NEAR = 12.5  # half the squared distance of five standard deviations
+# The scratch array of a block of targets has rows of LANES numbers, one target per lane.  INLIER,
+# OUTLIER, FACTOR and TOTAL each begin ten rows: the logarithm of a density, its gradient (G) and
+# its second derivatives (A).
 LANES = 8
 G0, G1, G2, A00, A01, A11, A02, A12, A22 = range(LANES, 10 * LANES, LANES)
 INLIER, OUTLIER, FACTOR, TOTAL = range(0, 40 * LANES, 10 * LANES)
-MX, MY, CXX, CXY, CYY, COUNTS, REACH, LIMIT, OFFSET, TOP = range(40 * LANES, 50 * LANES, LANES)
+MX, MY, CXX, CXY, CYY, COUNTS, CUTOFF, LIMIT, OFFSET, TOP = range(40 * LANES, 50 * LANES, LANES)
 SQUARE, DETERMINANT, WITHIN = range(50 * LANES, 53 * LANES, LANES)
-# Behind them: copies of the components within reach, six rows a step.  They are found in chunks, a
-# bit each; a double holds 53 bits exactly.
+# The remaining rows hold copies of the components within the cut-off, six rows per step.  The
+# components are tested in chunks, one bit for each: a double holds 53 bits exactly.
 CHUNK = 48
 STEP = 6 * LANES
 STEPS = WITHIN + LANES
 SCRATCH = STEPS + CHUNK * STEP
-# A sum relative to its nearest component must not lose it, however far away: all passes take the
-# distance by one formula, the offset is a little above it, and what exceeds it is cut off.
-ABOVE, MOST = 1.0 + 1e-14, 200.0
-NOTHING = 1e-300  # where a sum begins of which no term may be left
-FARTHEST = 1e-180  # outlier sums below it are taken again, relative to the nearest component
-# A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
-# do not show leaves pivots of rounding errors and of the residual gradient there.
+# Sums are scaled by exp(OFFSET), where OFFSET is the half squared distance of the nearest
+# component.  Rounding must not make the nearest term vanish or overflow, however far away it is:
+# all passes compute the distance by the same formula, OFFSET is slightly larger, and the exponent
+# is capped.
+MARGIN, MAX_EXPONENT = 1.0 + 1e-14, 200.0
+TINY = 1e-300  # initial value of a sum that may have no terms: its logarithm stays finite
+MIN_OUTLIER_SUM = 1e-180  # a smaller sum is computed again, scaled by the nearest component
+# A pivot of the Hessian below this fraction of its diagonal entry counts as zero.  A motion that
+# the targets do not determine leaves a pivot made of rounding errors and the residual gradient.
 SINGULAR = 1e-8
 UNIT_DENSITY_VARIANCE = 1.0 / (2.0 * math.pi)
 LOG_2PI = math.log(2.0 * math.pi)
 
-# Products and sums may be fused.  They are not reordered: LLVM does so in one way in the process
-# that compiles and in another in the code that is cached; and lanes need no reordering.
-# NaN is not provided for: minima and maxima then are single instructions.
+# Multiplications and additions may be fused ("contract") but not reordered.  LLVM would reorder
+# them differently in the process that compiles and in the cached code, and the lanes vectorise
+# without it.  NaN is assumed not to occur ("nnan"), so that min and max are single instructions.
 _FAST = {"contract", "nnan"}
 _ROUND = 1.5 * 2.0**52  # adding it leaves the nearest integer in a double's lowest bits
 _BIAS = 1023.0
@@ -87,14 +93,14 @@ def _exponent_bits(typingctx: Any, number: Any) -> Any:
     return types.float64(types.float64), codegen
 
 
-# Numba hands a caller's fastmath flags down unless the function sets its own, and reassociation
+# A function without fastmath flags of its own inherits the caller's in Numba, and reassociation
 # would cancel the rounding constant.
 @njit(forceinline=True, fastmath={"contract"}, error_model="numpy")
 def _exp(x: float) -> float:
-    """exp(x) for x <= 700 by range reduction and its Taylor polynomial of degree 13.
+    """exp(x) for x <= 700 by range reduction and a Taylor polynomial of degree 13.
 
-    Relative error below 3e-16; below -700 the result is cut off at 1e-304.  Unlike a call of the
-    mathematics library, a loop over it compiles to vector instructions.
+    The relative error is below 3e-16; arguments below -700 give exp(-700) = 1e-304.  A loop over
+    this function compiles to vector instructions, unlike one that calls the math library.
     """
     x = max(x, -700.0)
     shifted = x * 1.4426950408889634 + (_ROUND + _BIAS)
@@ -139,7 +145,7 @@ def _split(typingctx: Any, number: Any) -> Any:
 
 @intrinsic
 def _count_bits(typingctx: Any, number: Any) -> Any:
-    """How many bits are set."""
+    """Number of set bits."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.ctpop(args[0])
@@ -149,7 +155,7 @@ def _count_bits(typingctx: Any, number: Any) -> Any:
 
 @intrinsic
 def _lowest_bit(typingctx: Any, number: Any) -> Any:
-    """Index of the lowest bit that is set; 64 if none is."""
+    """Index of the lowest set bit; 64 if none is set."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 0))
@@ -159,9 +165,9 @@ def _lowest_bit(typingctx: Any, number: Any) -> Any:
 
 @njit(forceinline=True, fastmath={"contract"}, error_model="numpy")
 def _log(x: float) -> float:
-    """log(x) of a positive normal number, by the series of artanh; vectorises as `_exp` does.
+    """log(x) of a positive normal number, by the artanh series; vectorises like `_exp`.
 
-    Absolute error below 3e-16 near 1, relative error below 3e-16 elsewhere.
+    The absolute error is below 3e-16 near 1, the relative error below 3e-16 elsewhere.
     """
     m, n = _split(x)
     high = m > 1.4142135623730951
@@ -186,7 +192,7 @@ def _log(x: float) -> float:
 def _chart(theta, in_twist):
     """Coordinates xi of the motion in which the measurements are linear, and their derivatives.
 
-    Either the motion's own parameters or its SE(2) logarithm: with beta = phi / 2 and
+    They are either the motion's own parameters or its SE(2) logarithm: with beta = phi / 2 and
     a = beta cot(beta), xi = (a x + beta y, a y - beta x, phi).  Returns xi (3), the entries a, b,
     c, d of its Jacobian [[a, b, c], [-b, a, d], [0, 0, 1]], and db/dphi, da/dphi, d^2a/dphi^2.
     """
@@ -194,7 +200,7 @@ def _chart(theta, in_twist):
     if not in_twist:
         return x, y, phi, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     beta = 0.5 * phi
-    if abs(phi) < 0.05:  # series: the closed form cancels
+    if abs(phi) < 0.05:  # series, because the closed form suffers from cancellation
         s = phi * phi
         a = 1.0 - s * (1.0 / 12.0 + s * (1.0 / 720.0 + s / 30240.0))
         a1 = -phi * (1.0 / 6.0 + s * (1.0 / 180.0 + s / 5040.0))
@@ -210,7 +216,7 @@ def _chart(theta, in_twist):
 
 @njit(forceinline=True, error_model="numpy")
 def _through_chart(terms, theta, chart):
-    """Chain rule: derivatives in the chart's coordinates to derivatives in the motion."""
+    """Chain rule: turn derivatives in the chart's coordinates into derivatives in the motion."""
     value, g0, g1, g2, h00, h01, h11, h02, h12, h22 = terms
     _, _, _, a, b, c, d, b1, a1, a2 = chart
     # H J, column by column
@@ -233,7 +239,7 @@ def _through_chart(terms, theta, chart):
 
 @njit(forceinline=True, error_model="numpy")
 def _factor_terms(factor, xi):
-    """log N(z | h' xi, s^2 + q^2 (k' xi)^2) of one target, its gradient and Hessian."""
+    """log N(z | h' xi, s^2 + q^2 (k' xi)^2) of one target, with its gradient and Hessian."""
     h0, h1, h2 = factor[GAIN], factor[GAIN + 1], factor[GAIN + 2]
     k0, k1, k2 = factor[SLOPE], factor[SLOPE + 1], factor[SLOPE + 2]
     residual = factor[VALUE] - h0 * xi[0] - h1 * xi[1] - h2 * xi[2]
@@ -261,7 +267,7 @@ def _factor_terms(factor, xi):
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _load(w, lanes, turn, moving, order, first, d2d, planar):
-    """Rotated means and covariances of the block; a block that is not full repeats the last."""
+    """Load the rotated means and covariances; an incomplete block repeats the last target."""
     cosine, sine = turn
     cc, cs, ss = cosine * cosine, cosine * sine, sine * sine
     last = order.shape[0] - 1
@@ -279,21 +285,22 @@ def _load(w, lanes, turn, moving, order, first, d2d, planar):
 
 @njit(forceinline=True, error_model="numpy")
 def _lanes(w):
-    """LANES, so that the compiler does not see it: it unrolls loops of a length that it knows, and
-    vectorises the others.
+    """LANES as a value known only at run time.
+
+    The compiler unrolls loops of known length and vectorises the others.
     """
     return w.shape[0] // (SCRATCH // LANES)
 
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _component(fixed, i, tx, ty):
-    """Mean, less the translation, and covariance of a component."""
+    """Mean, minus the translation, and covariance of a component."""
     return fixed[X, i] - tx, fixed[Y, i] - ty, fixed[XX, i], fixed[XY, i], fixed[YY, i]
 
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _pair(w, k, component):
-    """d and S of a target and a component; d' adj(S) d and det(S), whose ratio is d' S^-1 d."""
+    """d and S of a pair, with d' adj(S) d and det(S), whose ratio is d' S^-1 d."""
     fx, fy, fxx, fxy, fyy = component
     dx, dy = w[MX + k] - fx, w[MY + k] - fy
     sxx, sxy, syy = w[CXX + k] + fxx, w[CXY + k] + fxy, w[CYY + k] + fyy
@@ -303,9 +310,10 @@ def _pair(w, k, component):
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _find_nearest(w, lanes, fixed, tx, ty):
-    """The smallest half squared Mahalanobis distance of each target of the block.
+    """Set OFFSET to MARGIN times the half squared distance of each target's nearest component.
 
-    Distances d' adj(S) d / det(S) are compared crosswise, without a division.
+    Squared Mahalanobis distances d' adj(S) d / det(S) are compared by cross-multiplication, without
+    division.
     """
     for k in range(LANES):
         w[SQUARE + k], w[DETERMINANT + k] = 1.0, 0.0
@@ -319,12 +327,12 @@ def _find_nearest(w, lanes, fixed, tx, ty):
             w[DETERMINANT + k] = determinant if nearer else old_determinant
     for k in range(lanes):
         w[OFFSET + k] = 0.5 * w[SQUARE + k] / w[DETERMINANT + k]
-        w[OFFSET + k] *= ABOVE
+        w[OFFSET + k] *= MARGIN
 
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _find_within(w, lanes, fixed, tx, ty, first, last):
-    """Note as bits which components are within each target's REACH; how many at most."""
+    """Mark the components within each target's cut-off as bits; return their largest number."""
     for k in range(lanes):
         w[WITHIN + k] = 0.0
     bit = 1.0
@@ -332,20 +340,20 @@ def _find_within(w, lanes, fixed, tx, ty, first, last):
         component = _component(fixed, i, tx, ty)
         for k in range(lanes):
             _, _, _, _, _, square, determinant = _pair(w, k, component)
-            within = square <= w[REACH + k] * determinant
+            within = square <= w[CUTOFF + k] * determinant
             w[WITHIN + k] += bit if within else 0.0
         bit *= 2.0
-    most = 0
+    max_count = 0
     for k in range(LANES):
-        most = max(most, _count_bits(int(w[WITHIN + k])))
-    return most
+        max_count = max(max_count, _count_bits(int(w[WITHIN + k])))
+    return max_count
 
 
 @njit(forceinline=True, error_model="numpy")
 def _gather_within(w, fixed, tx, ty, first, steps):
-    """Copy each target's next component within reach into the rows of each step.
+    """Copy the components within the cut-off into the rows of the steps, one per target and step.
 
-    A target that has no more takes one at its own place without weight.
+    A target with none left gets a component at its own position with zero weight.
     """
     last = fixed.shape[1] - 1
     for k in range(LANES):
@@ -364,11 +372,12 @@ def _gather_within(w, fixed, tx, ty, first, steps):
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _add_step(w, lanes, step):
-    """Add a pair of each target: w_i N(0 | d_i, S_i) exp(OFFSET) and its derivatives.
+    """Add one pair of each target: w_i N(0 | d_i, S_i) exp(OFFSET) and its derivatives.
 
-    By heat's equation, dN/dS = N_dd / 2 (Price 1958), all derivatives follow from those along d,
-    which are polynomials of u = S^-1 d times N.  The rotation turns S by the operator K = M : d^2,
-    M = [[-a, h], [h, a]]; summed are 1, d, d^2, K d and K^2.
+    By the heat equation, dN/dS = N_dd / 2 (Price 1958), all derivatives follow from those in d,
+    which are N times polynomials in u = S^-1 d.  With D the derivative in d, turning S acts as the
+    operator K = M : D D', M = [[-a, h], [h, a]].  The sums are those of N, D N, D D' N, K D N and
+    K^2 N.
     """
     for k in range(lanes):
         component = (
@@ -385,7 +394,7 @@ def _add_step(w, lanes, step):
         bxx, bxy, byy = syy * inverse, -sxy * inverse, sxx * inverse
         ux, uy = bxx * dx + bxy * dy, bxy * dx + byy * dy
         weight = step[WEIGHT * LANES + k] * math.sqrt(inverse)
-        weight *= _exp(min(w[OFFSET + k] - half, MOST))
+        weight *= _exp(min(w[OFFSET + k] - half, MAX_EXPONENT))
         mx, my = h * uy - a * ux, h * ux + a * uy  # M u
         trace = a * (byy - bxx) + 2.0 * h * bxy  # tr(M B)
         turned = ux * mx + uy * my - trace  # K
@@ -407,11 +416,11 @@ def _add_step(w, lanes, step):
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _add_pairs(w, lanes, fixed, tx, ty):
-    """Sum over the components within REACH, see `_add_step`."""
+    """Sum over the components within the cut-off; see `_add_step`."""
     for k in range(10 * LANES):
         w[INLIER + k] = 0.0
     for k in range(LANES):
-        w[INLIER + k] = NOTHING
+        w[INLIER + k] = TINY
     for first in range(0, fixed.shape[1], CHUNK):
         last = min(first + CHUNK, fixed.shape[1])
         steps = _find_within(w, lanes, fixed, tx, ty, first, last)
@@ -422,37 +431,37 @@ def _add_pairs(w, lanes, fixed, tx, ty):
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _sum_inliers(w, lanes, fixed, tx, ty, bounds):
-    """log sum_i w_i N(0 | d_i, S_i), its relative gradient and second derivatives.
+    """log sum_i w_i N(0 | d_i, S_i), with its relative gradient and second derivatives.
 
-    ``LIMIT`` is the half squared distance up to which pairs could matter to each target beside its
-    outlier component; ``REACH`` the squared distance up to which they are met.
+    ``LIMIT`` is the half squared distance beyond which a target's pairs are negligible compared
+    with its outlier component.  ``CUTOFF`` is the squared distance up to which pairs are summed.
     """
     log_peak, log_spread = bounds
-    # Nearly always some component is near enough for all beyond this reach to vanish beside it.
-    enough = NEAR + GATE + log_spread
+    # Nearly always some component is so near that all beyond this limit are negligible.
+    near_limit = NEAR + GATE + log_spread
     for k in range(lanes):
-        w[REACH + k] = 2.0 * min(w[LIMIT + k], enough)
+        w[CUTOFF + k] = 2.0 * min(w[LIMIT + k], near_limit)
         w[OFFSET + k] = 0.0
-    least = math.exp(log_peak - NEAR - log_spread)
+    min_sum = math.exp(log_peak - NEAR - log_spread)
     for again in range(2):
         _add_pairs(w, lanes, fixed, tx, ty)
-        unsure = False
+        too_far = False
         for k in range(lanes):
-            unsure |= (w[INLIER + k] < least) & (w[LIMIT + k] > enough)
-        if again or not unsure:
+            too_far |= (w[INLIER + k] < min_sum) & (w[LIMIT + k] > near_limit)
+        if again or not too_far:
             break
-        # where none is, the reach begins at the nearest one
+        # no component is near: measure the cut-off from the nearest one
         _find_nearest(w, lanes, fixed, tx, ty)
         for k in range(lanes):
-            w[REACH + k] = 2.0 * min(w[LIMIT + k], w[OFFSET + k] + GATE + log_spread)
+            w[CUTOFF + k] = 2.0 * min(w[LIMIT + k], w[OFFSET + k] + GATE + log_spread)
     for k in range(lanes):
         x, y, a, h = w[MX + k], w[MY + k], w[CXY + k], 0.5 * (w[CXX + k] - w[CYY + k])
         r = 1.0 / w[INLIER + k]
         g0, g1 = r * w[INLIER + G0 + k], r * w[INLIER + G1 + k]
         a00, a01, a11 = r * w[INLIER + A00 + k], r * w[INLIER + A01 + k], r * w[INLIER + A11 + k]
         k0, k1 = r * w[INLIER + A02 + k], r * w[INLIER + A12 + k]
-        # d/dphi = d_phi . d + K with d_phi = (-y, x), d_phiphi = -(x, y) and
-        # M_phi = 2 [[-h, -a], [-a, h]]
+        # d/dphi = d_phi . D + K with d_phi = (-y, x), d_phiphi = -(x, y) and
+        # M_phi = 2 [[-h, -a], [-a, h]]; for D, K and M see `_add_step`
         w[INLIER + k] = _log(w[INLIER + k]) - w[OFFSET + k] - LOG_2PI
         w[INLIER + G0 + k] = g0
         w[INLIER + G1 + k] = g1
@@ -477,7 +486,7 @@ def _sum_inliers(w, lanes, fixed, tx, ty, bounds):
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy):
-    """Sum the six moments, of 1, d and d d', of the weights w_i exp(OFFSET - d' B d / 2)."""
+    """Sum six moments, those of 1, d and d d', of the weights w_i exp(OFFSET - d' B d / 2)."""
     for k in range(6 * LANES):
         w[OUTLIER + k] = 0.0
     for i in range(fixed.shape[1]):
@@ -485,7 +494,7 @@ def _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy):
         for k in range(lanes):
             dx, dy = w[MX + k] - fx, w[MY + k] - fy
             half = 0.5 * (bxx * dx * dx + 2.0 * bxy * dx * dy + byy * dy * dy)
-            v = own * _exp(min(w[OFFSET + k] - half, MOST))
+            v = own * _exp(min(w[OFFSET + k] - half, MAX_EXPONENT))
             w[OUTLIER + k] += v
             w[OUTLIER + G0 + k] += v * dx
             w[OUTLIER + G1 + k] += v * dy
@@ -496,7 +505,7 @@ def _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy):
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _sum_outliers(w, lanes, fixed, tx, ty, outlier):
-    """log of the corrupted Gaussian's component, its relative gradient and second derivatives."""
+    """log of the outlier component, with its relative gradient and second derivatives."""
     bxx, bxy, byy = outlier[3], outlier[4], outlier[5]
     for k in range(LANES):
         w[OFFSET + k] = 0.0
@@ -504,7 +513,7 @@ def _sum_outliers(w, lanes, fixed, tx, ty, outlier):
         _add_moments(w, lanes, fixed, tx, ty, bxx, bxy, byy)
         vanishing = False
         for k in range(lanes):
-            vanishing |= w[OUTLIER + k] < FARTHEST
+            vanishing |= w[OUTLIER + k] < MIN_OUTLIER_SUM
         if again or not vanishing:
             break
         for k in range(LANES):
@@ -514,7 +523,7 @@ def _sum_outliers(w, lanes, fixed, tx, ty, outlier):
             for k in range(lanes):
                 dx, dy = w[MX + k] - fx, w[MY + k] - fy
                 half = 0.5 * (bxx * dx * dx + 2.0 * bxy * dx * dy + byy * dy * dy)
-                w[OFFSET + k] = min(w[OFFSET + k], ABOVE * half)
+                w[OFFSET + k] = min(w[OFFSET + k], MARGIN * half)
     for k in range(lanes):
         x, y, s = w[MX + k], w[MY + k], w[OUTLIER + k]
         r = 1.0 / s
@@ -546,7 +555,7 @@ def _sum_outliers(w, lanes, fixed, tx, ty, outlier):
 
 @njit(forceinline=True, error_model="numpy")
 def _factors(w, lanes, theta, chart, factor, order, first):
-    """log of the densities of the block's measurements, their gradients and Hessians."""
+    """Log-densities of the block's measurements, with their gradients and Hessians."""
     last = order.shape[0] - 1
     for k in range(lanes):
         j = order[min(first + k, last)]
@@ -557,7 +566,7 @@ def _factors(w, lanes, theta, chart, factor, order, first):
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _multiply(w, lanes):
-    """The inlier densities times those of the measurements."""
+    """Multiply the inlier densities by those of the measurements."""
     for k in range(lanes):
         f0, f1, f2 = w[FACTOR + G0 + k], w[FACTOR + G1 + k], w[FACTOR + G2 + k]
         g0, g1, g2 = w[INLIER + G0 + k], w[INLIER + G1 + k], w[INLIER + G2 + k]
@@ -575,11 +584,11 @@ def _multiply(w, lanes):
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _mix(w, lanes, log_inlier_weight):
-    """The inlier densities plus those of the outlier component."""
+    """Add the outlier component to the inlier densities."""
     for k in range(lanes):
-        # Shares p of the inlier and q of the outlier component, from the smaller over the larger.
-        # One that vanishes beside the other is nothing: else its measurement would give a plateau
-        # the curvature of an optimum.
+        # Shares p of the inlier and q of the outlier component, from the ratio of the smaller to
+        # the larger.  A negligible share is set to zero: the curvature of its measurement would
+        # otherwise make a plateau look like an optimum.
         inlier, other = log_inlier_weight + w[INLIER + k], w[OUTLIER + k]
         difference = other - inlier
         ratio = _exp(-abs(difference))
@@ -616,7 +625,7 @@ def _block(
     outlier,
     factor,
 ):
-    """log q_k, its gradient (3) and q_k's second derivatives over q_k (6) of a block of targets."""
+    """log q_k of a block of targets, its gradient (3), and q_k's second derivatives / q_k (6)."""
     tx, ty = theta[0], theta[1]
     kind, measured = outlier[0], factor.shape[0] > 0
     _load(w, lanes, turn, moving, order, first, d2d, planar)
@@ -629,7 +638,8 @@ def _block(
             w[OUTLIER + k] = 0.0
         for k in range(LANES):
             w[OUTLIER + k] = outlier[2]
-    # beyond this half squared distance all pairs together vanish beside the outlier component
+    # LIMIT: beyond this half squared distance all pairs together are negligible compared with the
+    # outlier component
     for k in range(LANES):
         w[LIMIT + k] = np.inf
         if kind != NO_OUTLIER:
@@ -647,10 +657,11 @@ def _block(
 
 @njit(error_model="numpy")
 def _bounds(fixed, moving, extremes):
-    """Logarithms: the most that all pairs' densities can sum to; that over the least of one pair.
+    """Logarithms of an upper bound on a sum over components and of its ratio to a lower bound.
 
-    ``extremes`` holds the largest w_i det(Sigma_i)^(-1/2), the smallest w_i and the largest trace
-    of the fixed set; det(S)^(1/2) <= tr(S) / 2.
+    The upper bound holds for the sum of w_i det(S)^(-1/2) over all components, the lower bound for
+    each of its terms, because det(S)^(1/2) <= tr(S) / 2.  ``extremes`` holds the largest
+    w_i det(Sigma_i)^(-1/2), the smallest w_i and the largest trace of the fixed set.
     """
     trace = 0.0
     for k in range(moving.shape[1]):
@@ -661,7 +672,7 @@ def _bounds(fixed, moving, extremes):
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _add_logarithms(w, lanes):
-    """Fuse by the likelihood: add log q_k and its derivatives to the sums."""
+    """Likelihood fusion: add log q_k and its derivatives to the totals."""
     for k in range(lanes):
         counts = w[COUNTS + k]
         g0, g1, g2 = w[INLIER + G0 + k], w[INLIER + G1 + k], w[INLIER + G2 + k]
@@ -679,7 +690,7 @@ def _add_logarithms(w, lanes):
 
 @njit(forceinline=True, fastmath=_FAST, error_model="numpy")
 def _add_densities(w, lanes):
-    """Fuse by the sum: add q_k exp(-top) and its derivatives, the top rising with the largest."""
+    """Summing fusion: add q_k exp(-top) and its derivatives; top is the largest log q_k so far."""
     for k in range(lanes):
         top = max(w[TOP + k], w[INLIER + k])
         keep = _exp(w[TOP + k] - top)
@@ -722,7 +733,7 @@ def _evaluate(
     g,
     h,
 ):
-    """Cost at theta; its gradient goes to g (3), its Hessian to h (3, 3)."""
+    """Return the cost at theta; write its gradient to g (3) and its Hessian to h (3, 3)."""
     turn = (math.cos(theta[2]), math.sin(theta[2]))
     chart = _chart(theta, in_twist)
     for k in range(10 * LANES):
@@ -770,7 +781,7 @@ def _evaluate(
         a00, a01, a11 = a00 * r - g0 * g0, a01 * r - g0 * g1, a11 * r - g1 * g1
         a02, a12, a22 = a02 * r - g0 * g2, a12 * r - g1 * g2, a22 * r - g2 * g2
     if not planar:
-        # t_y and phi do not exist: a unit curvature keeps the Newton step along them at zero
+        # t_y and phi do not exist in 1D: unit curvature keeps the Newton step along them at zero
         g1 = g2 = a01 = a02 = a12 = 0.0
         a11 = a22 = -1.0
     g[0], g[1], g[2] = -g0, -g1, -g2
@@ -783,9 +794,10 @@ def _evaluate(
 
 @njit(error_model="numpy")
 def _shifted_solve(h, g, shift, scale, step):
-    """Solve (H + shift diag(scale)) step = -g by L D L'; False if it is not positive definite.
+    """Solve (H + shift diag(scale)) step = -g by L D L'.
 
-    Also returns d(|step|^2)/d(shift) / -2 in the scaled norm, for the search of the shift.
+    Returns whether the matrix is positive definite, and -1/2 d(|step|^2)/d(shift) in the scaled
+    norm, which the search for the shift needs.
     """
     d0 = h[0, 0] + shift * scale[0]
     d1 = h[1, 1] + shift * scale[1]
@@ -813,7 +825,8 @@ def _shifted_solve(h, g, shift, scale, step):
     s1 = y1 / d1 - l21 * s2
     s0 = y0 / d0 - l10 * s1 - l20 * s2
     step[0], step[1], step[2] = s0, s1, s2
-    # w = (H + shift D)^-1 D step, of which only step' D w is needed: ||L^-1 D step||^2 in D^-1
+    # the derivative is step' W (H + shift W)^-1 W step with W = diag(scale): the squared norm of
+    # z = L^-1 W step, weighted by the inverse pivots
     z0 = scale[0] * s0
     z1 = scale[1] * s1 - l10 * z0
     z2 = scale[2] * s2 - l20 * z0 - l21 * z1
@@ -822,7 +835,7 @@ def _shifted_solve(h, g, shift, scale, step):
 
 @njit(error_model="numpy")
 def _invert(h, unit, column, inverse):
-    """Inverse of a positive definite matrix, column by column; symmetric to the last bit."""
+    """Inverse of a positive definite matrix, column by column; exactly symmetric."""
     unit[0] = unit[1] = unit[2] = 0.0
     for j in range(3):
         unit[j] = -1.0
@@ -834,7 +847,7 @@ def _invert(h, unit, column, inverse):
 
 @njit(error_model="numpy")
 def _decrease(h, g, step):
-    """By how much the quadratic model -g' step - step' H step / 2 goes down."""
+    """Decrease -g' step - step' H step / 2 of the quadratic model."""
     total = 0.0
     for i in range(3):
         row = g[i]
@@ -851,12 +864,12 @@ def _inner(a, b, scale):
 
 
 @njit(error_model="numpy")
-def _reach_radius(h, g, shift, scale, radius, kick, step):
-    """The hard case of an indefinite Hessian: the gradient misses its lowest eigenvector.
+def _step_to_boundary(h, g, shift, scale, radius, perturbation, step):
+    """Extend the step in the hard case: the gradient misses the Hessian's lowest eigenvector.
 
-    Then the step ends within the radius however near the shift comes to that eigenvalue.  Going on
-    along the eigenvector, which the nearly singular system magnifies out of any ``kick``, lowers
-    the model further.
+    The step of an indefinite Hessian then stays within the radius, however near the shift comes to
+    the lowest eigenvalue.  Going on along the eigenvector lowers the model further; the nearly
+    singular system amplifies it in any ``perturbation``.
     """
     along, right = np.empty(3), np.empty(3)
     definite, _ = _shifted_solve(h, g, 0.0, scale, along)
@@ -864,7 +877,7 @@ def _reach_radius(h, g, shift, scale, radius, kick, step):
     if definite or norm >= 0.9 * radius:
         return
     for i in range(3):
-        right[i] = kick[i] * math.sqrt(scale[i])
+        right[i] = perturbation[i] * math.sqrt(scale[i])
     solved, _ = _shifted_solve(h, right, shift, scale, along)
     if not solved:
         return
@@ -880,11 +893,11 @@ def _reach_radius(h, g, shift, scale, radius, kick, step):
 
 
 @njit(error_model="numpy")
-def _trust_region_step(h, g, scale, radius, kick, step):
-    """Minimise the quadratic model within the radius (Moré & Sorensen 1983); its decrease.
+def _trust_region_step(h, g, scale, radius, perturbation, step):
+    """Minimise the quadratic model within the radius (Moré & Sorensen 1983); return its decrease.
 
-    The shift of the Hessian is bracketed by Gershgorin's circles and found by Newton's method on
-    1/|step|, to within a tenth of the radius, which is all that a trust region needs.
+    The shift of the Hessian is bracketed by Gershgorin circles and found by Newton's method on
+    1/|step|.  A step length within a tenth of the radius is all that a trust region needs.
     """
     step[0] = step[1] = step[2] = 0.0
     norm_g = math.sqrt(g[0] * g[0] / scale[0] + g[1] * g[1] / scale[1] + g[2] * g[2] / scale[2])
@@ -918,15 +931,15 @@ def _trust_region_step(h, g, scale, radius, kick, step):
         shift = newton if low < newton < high else 0.5 * (low + high)
     if not definite:
         _shifted_solve(h, g, high, scale, step)
-    _reach_radius(h, g, high, scale, radius, kick, step)
+    _step_to_boundary(h, g, high, scale, radius, perturbation, step)
     return _decrease(h, g, step)
 
 
 @njit(error_model="numpy")
 def _first_radius(fixed, moving, d2d, planar, scale):
-    """Three times the typical standard deviation of a pair: less than most basins of attraction.
+    """Three times the typical standard deviation of a pair, within most basins of attraction.
 
-    Fills the scale of the parameters: a rotation counts by the displacement it causes.
+    Also fills ``scale``, which weights a rotation by the displacement that it causes.
     """
     variance = lever = 0.0
     for i in range(fixed.shape[1]):
@@ -954,21 +967,21 @@ def _minimise(
     factor,
     in_twist,
     tolerance,
-    most,
+    max_iterations,
     work,
     g,
     h,
 ):
-    """Newton's method in a trust region, in place; (value, converged, iterations).
+    """Newton's method in a trust region, in place; returns (value, converged, iterations).
 
     A step is taken only if it lowers the cost, so the result is never worse than the start.
-    Converged means: the Hessian is positive definite, and the Newton decrement g' H^-1 g, the
-    squared distance to the optimum in estimated standard deviations, is below the tolerance, or
-    the step can no longer lower the cost in floating point.
+    ``converged`` means that the Hessian is positive definite and that either the Newton decrement
+    g' H^-1 g (the squared distance to the optimum in estimated standard deviations) is within the
+    tolerance, or the step can no longer lower the cost in floating point.
     """
-    w, step, scale, kick, trial, trial_g, trial_h = work
-    # no direction that matters is at right angles to this one
-    kick[0], kick[1], kick[2] = 1.0, 0.7 * planar, 0.4 * planar
+    w, step, scale, perturbation, trial, trial_g, trial_h = work
+    # a generic direction, so that it is not orthogonal to the lowest eigenvector
+    perturbation[0], perturbation[1], perturbation[2] = 1.0, 0.7 * planar, 0.4 * planar
     bounds = _bounds(fixed, moving, extremes)
     radius = _first_radius(fixed, moving, d2d, planar, scale)
     value = _evaluate(
@@ -987,7 +1000,7 @@ def _minimise(
         g,
         h,
     )
-    for iteration in range(most):
+    for iteration in range(max_iterations):
         if not math.isfinite(value):
             return value, False, iteration
         definite, _ = _shifted_solve(h, g, 0.0, scale, step)
@@ -998,7 +1011,7 @@ def _minimise(
         if definite and norm <= radius:
             decrease = 0.5 * decrement
         else:
-            decrease = _trust_region_step(h, g, scale, radius, kick, step)
+            decrease = _trust_region_step(h, g, scale, radius, perturbation, step)
             norm = math.sqrt(_inner(step, step, scale))
         for j in range(3):
             trial[j] = theta[j] + step[j]
@@ -1035,7 +1048,7 @@ def _minimise(
                     h[i, j] = trial_h[i, j]
         elif norm == 0.0:
             return value, False, iteration + 1
-    return value, False, most
+    return value, False, max_iterations
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -1070,7 +1083,10 @@ def evaluate_batch(
     gradient,
     hessian,
 ):
-    """Cost, gradient and Hessian of every problem; ``which`` (B, 3) names its sets and factor."""
+    """Cost, gradient and Hessian of every problem.
+
+    ``which`` (B, 3) holds the indices of each problem's fixed set, moving set and measurement.
+    """
     w = np.empty(SCRATCH)
     for b in range(thetas.shape[0]):
         value[b] = _evaluate(
@@ -1150,7 +1166,7 @@ def minimise_batch(
     factors,
     in_twist,
     tolerance,
-    most,
+    max_iterations,
     value,
     gradient,
     hessian,
@@ -1158,8 +1174,11 @@ def minimise_batch(
     converged,
     iterations,
 ):
-    """Minimise every problem of the batch, each on its own, from and into ``thetas``."""
-    # allocated once: step, scale, kick, trial, its gradient and its Hessian
+    """Minimise every problem of the batch separately.
+
+    ``thetas`` holds the starts and receives the optima.
+    """
+    # allocated once: step, scale, perturbation, trial, its gradient and its Hessian
     vectors, trial_h = np.empty((5, 3)), np.empty((3, 3))
     work = (
         np.empty(SCRATCH),
@@ -1184,7 +1203,7 @@ def minimise_batch(
             factors[which[b, 2]],
             in_twist,
             tolerance,
-            most,
+            max_iterations,
             work,
             gradient[b],
             hessian[b],

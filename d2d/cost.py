@@ -9,14 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d import _kernel, rigid
 from d2d._checks import (
-    Array,
-    broadcast,
-    covariance_matrices,
-    finite,
-    fraction,
-    positive,
-    scalar,
+    broadcast_batches,
+    check_covariances,
+    check_finite,
+    check_fraction,
+    check_positive,
+    check_scalar,
 )
+from d2d._types import Array
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 
@@ -24,22 +24,22 @@ Metric = Literal["d2d", "p2d"]
 Fusion = Literal["likelihood", "summing"]
 
 _METRICS = ("d2d", "p2d")
-# An outlier model as the kernel takes it: its kind, the logarithms of the inliers' weight and the
-# outlier component's (normalisation included), and the precision xx, xy, yy of that component.
+# An outlier model as the kernel reads it: its kind, the logarithms of the weights of the inliers
+# and of the outlier component (normalisation included), and that component's precision xx, xy, yy.
 _NO_OUTLIER = np.array([_kernel.NO_OUTLIER, 0.0, -np.inf, 0.0, 0.0, 0.0])
 _FUSIONS = {"likelihood": _kernel.LIKELIHOOD, "summing": _kernel.SUMMING}
 
 
 @dataclass(frozen=True)
 class UniformOutlier:
-    """A constant added to every target's density: q_k + c (thesis eq. 4.4, Blake-Zisserman).
+    """A constant added to every target's density: q_k + c (thesis eq. 4.14, Blake-Zisserman).
 
-    The sum is no density in the target's position: its integral diverges.
+    The sum is not a probability density of the target's position: its integral diverges.
 
     Parameters
     ----------
     density : float, 1/m (1D) or 1/m^2 (2D)
-        c, positive.
+        The constant c, positive.
 
     Raises
     ------
@@ -52,7 +52,7 @@ class UniformOutlier:
 
     def __post_init__(self) -> None:
         object.__setattr__(
-            self, "density", float(positive("density", scalar("density", self.density)))
+            self, "density", float(check_positive("density", check_scalar("density", self.density)))
         )
         packed = np.array([_kernel.UNIFORM, 0.0, math.log(self.density), 0.0, 0.0, 0.0])
         object.__setattr__(self, "_packed", packed)
@@ -67,15 +67,15 @@ class CorruptedGaussian:
     Parameters
     ----------
     fraction : float
-        alpha, the share of OUTLIERS, within [0, 1] (thesis eq. 6.3; its section 4.4 has the
-        inlier share there).
+        alpha, the fraction of outliers, within [0, 1] (thesis eq. 6.3; in its eq. 4.16, alpha is
+        the fraction of inliers).
     covariance : (D, D) array, m^2
-        S_o, symmetric positive definite; a number stands for a variance in 1D.
+        S_o, symmetric positive definite; in 1D, a number is taken as the variance.
 
     Raises
     ------
     ValueError
-        Naming the argument that is out of range or of another shape.
+        If an argument is out of range or has the wrong shape; the message names it.
     """
 
     fraction: float
@@ -83,9 +83,9 @@ class CorruptedGaussian:
     _packed: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "fraction", fraction("fraction", self.fraction))
-        covariance = covariance_matrices(
-            "covariance", np.atleast_2d(finite("covariance", self.covariance))
+        object.__setattr__(self, "fraction", check_fraction("fraction", self.fraction))
+        covariance = check_covariances(
+            "covariance", np.atleast_2d(check_finite("covariance", self.covariance))
         )
         if covariance.ndim != 2 or len(covariance) not in rigid.PARAMETERS:
             raise ValueError(
@@ -99,7 +99,7 @@ class CorruptedGaussian:
         precision = np.zeros((2, 2))
         precision[:dimension, :dimension] = np.linalg.inv(self.covariance)
         norm = 0.5 * np.linalg.slogdet(2.0 * math.pi * self.covariance)[1]
-        with np.errstate(divide="ignore"):  # a fraction of 0 or 1 leaves one component no weight
+        with np.errstate(divide="ignore"):  # a fraction of 0 or 1: one component has zero weight
             inlier, outlier = np.log1p(-self.fraction), np.log(self.fraction) - norm
         return np.array(
             [_kernel.CORRUPTED, inlier, outlier, precision[0, 0], precision[0, 1], precision[1, 1]]
@@ -110,12 +110,12 @@ OutlierModel = UniformOutlier | CorruptedGaussian
 
 
 class Problems(NamedTuple):
-    """A batch of registration problems as the kernel takes them."""
+    """A batch of registration problems in the layout that the kernel reads."""
 
-    thetas: Array  # (B, 3) copies of the start, in the kernel's parameters
+    thetas: Array  # (B, 3) copies of the starts, in the kernel's parameters
     # fixed (., 6, N), moving (., 6, K), order of moving (., K), extremes of fixed (., 3)
     sets: tuple[Array, Array, NDArray[np.int64], Array]
-    which: NDArray[np.int64]  # (B, 3) fixed set, moving set and measurement of each problem
+    which: NDArray[np.int64]  # (B, 3) index of each problem's fixed set, moving set, measurement
     d2d: bool
     planar: bool
     fusion: int
@@ -128,22 +128,22 @@ class Problems(NamedTuple):
 
 @dataclass(frozen=True)
 class RegistrationCost:
-    """What is minimised over the motion: metric x fusion x outlier model.
+    """The cost that is minimised over the motion: a metric, a fusion and an outlier model.
 
-    All methods take ``theta`` (..., P), the point sets ``fixed`` and ``moving`` and, keyword only,
-    a ``measurement`` beside the moving targets; their batch axes broadcast.  They raise
-    ``ValueError`` naming the argument that does not fit.
+    All methods take ``theta`` (..., P), the point sets ``fixed`` and ``moving`` and, by keyword
+    only, a ``measurement`` of each moving target; their batch axes broadcast.  An invalid argument
+    raises a ``ValueError`` that names it.
 
     Parameters
     ----------
     metric : "d2d" or "p2d"
-        Distribution to distribution, S_ki = R Sigma_k R' + Sigma_i (thesis eq. 4.6, Stoyanov 2012),
+        Distribution to distribution, S_ki = R Sigma_k R' + Sigma_i (thesis eq. 4.7, Stoyanov 2012),
         or point to distribution, S_ki = Sigma_i (thesis eq. 4.4, Biber 2003).
     fusion : "likelihood" or "summing"
         -sum_k log q_k (thesis eq. 4.10) or -log sum_k q_k (thesis eq. 4.8; the logarithm keeps the
         optimum and makes the Hessian independent of the density's unit).
     outlier : UniformOutlier, CorruptedGaussian or None
-        The robust component of each target's density.
+        The outlier component of each target's density.
 
     Examples
     --------
@@ -160,7 +160,7 @@ class RegistrationCost:
     outlier: OutlierModel | None = None
 
     def __post_init__(self) -> None:
-        if str(self.metric) not in _METRICS:  # an array would not compare
+        if str(self.metric) not in _METRICS:  # str: comparing an array gives an array
             raise ValueError(f"metric must be one of {', '.join(_METRICS)}, but is {self.metric!r}")
         if str(self.fusion) not in _FUSIONS:
             raise ValueError(f"fusion must be one of {', '.join(_FUSIONS)}, but is {self.fusion!r}")
@@ -178,7 +178,7 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> Array:
-        """Each moving target's density q_k under the motion, outlier component included.
+        """Density q_k of each moving target under the motion, outlier component included.
 
         Parameters
         ----------
@@ -187,17 +187,17 @@ class RegistrationCost:
         fixed, moving : PointSet
             N components and K targets; batch axes broadcast with those of ``theta``.
         measurement : LinearMeasurement, optional
-            Of each moving target, multiplied into its inlier density.
+            A measurement of each moving target, whose density multiplies the inlier density.
 
         Returns
         -------
         (..., K) array, 1/m (1D) or 1/m^2 (2D)
-            Times the inverse unit of the measurement, if there is one.
+            With a measurement, the unit is also divided by that of the measurement.
 
         Raises
         ------
         ValueError
-            Naming the argument that does not fit.
+            If an argument is invalid; the message names it.
         """
         return np.exp(_log_densities(self.bind(theta, fixed, moving, measurement)))
 
@@ -211,8 +211,8 @@ class RegistrationCost:
     ) -> Array:
         """Share of the inlier component in each target's density.
 
-        The posterior probability that the target is no outlier (responsibility, Bishop 2006, sec.
-        9.3).
+        This is the posterior probability that the target is an inlier (the responsibility of
+        Bishop 2006, sec. 9.3).
 
         Parameters
         ----------
@@ -222,13 +222,13 @@ class RegistrationCost:
         Returns
         -------
         (..., K) array within [0, 1]
-            All ones without an outlier model; `UniformOutlier` has no normalised density, so that
-            its share is a weight rather than a probability.
+            All ones without an outlier model.  With `UniformOutlier`, whose density is not
+            normalised, the share is a weight rather than a probability.
 
         Raises
         ------
         ValueError
-            Naming the argument that does not fit.
+            If an argument is invalid; the message names it.
         """
         problems = self.bind(theta, fixed, moving, measurement)
         inliers = problems._replace(outlier=_NO_OUTLIER)
@@ -243,7 +243,7 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> Array:
-        """What is minimised; finite also where the sets are far apart.
+        """Value of the cost; finite even where the sets are far apart.
 
         Parameters
         ----------
@@ -258,7 +258,7 @@ class RegistrationCost:
         Raises
         ------
         ValueError
-            Naming the argument that does not fit.
+            If an argument is invalid; the message names it.
         """
         return self.derivatives(theta, fixed, moving, measurement=measurement)[0]
 
@@ -270,7 +270,7 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> tuple[Array, Array, Array]:
-        """The cost with its gradient and Hessian, exact, in one pass.
+        """The cost with its exact gradient and Hessian, in one pass.
 
         Parameters
         ----------
@@ -285,13 +285,13 @@ class RegistrationCost:
         Raises
         ------
         ValueError
-            Naming the argument that does not fit.
+            If an argument is invalid; the message names it.
 
         Notes
         -----
-        The covariance's dependence on the rotation is part of both (Stoyanov 2012, eq. 5-8);
-        leaving it out, as Gauss-Newton variants do, biases the gradient.  Rounding leaves a
-        relative error of some 1e-16 times the squared Mahalanobis distance of the nearest pairs
+        Both derivatives include the dependence of the covariance on the rotation (Stoyanov 2012,
+        eq. 5-8); leaving it out, as Gauss-Newton variants do, biases the gradient.  Rounding causes
+        a relative error of about 1e-16, times the squared Mahalanobis distance of the nearest pairs
         and the condition number of their covariances.
         """
         problems = self.bind(theta, fixed, moving, measurement)
@@ -313,9 +313,9 @@ class RegistrationCost:
         *,
         name: str = "theta",
     ) -> Problems:
-        """Check that everything fits together and lay it out for the kernel.
+        """Check that the arguments match and lay them out for the kernel.
 
-        ``name`` is what the caller calls ``theta``.
+        ``name`` is the caller's name of ``theta``, for error messages.
         """
         check_types(fixed, moving, measurement)
         dimension = fixed.dimension
@@ -330,7 +330,9 @@ class RegistrationCost:
 
         batches = [fixed.batch_shape, moving.batch_shape]
         batches.append(() if measurement is None else measurement.batch_shape)
-        shape = broadcast(f"{name}, fixed, moving and measurement", start.shape[:-1], *batches)
+        shape = broadcast_batches(
+            f"{name}, fixed, moving and measurement", start.shape[:-1], *batches
+        )
         count = math.prod(shape)
         thetas = np.zeros((*shape, 3))
         thetas[..., :parameters] = start
@@ -361,8 +363,8 @@ class RegistrationCost:
             return
         if (measurement.size, measurement.parameters) != (moving.size, parameters):
             raise ValueError(
-                f"measurement must be of {moving.size} targets and {parameters} parameters to "
-                f"match moving, but is of {measurement.size} and {measurement.parameters}"
+                f"measurement must have {moving.size} targets and {parameters} parameters to "
+                f"match moving, but has {measurement.size} and {measurement.parameters}"
             )
 
     def _packed_outlier(self, dimension: int) -> Array:
@@ -379,7 +381,7 @@ class RegistrationCost:
 
 
 def check_types(fixed: PointSet, moving: PointSet, measurement: LinearMeasurement | None) -> None:
-    """Raise a ValueError naming the argument that is something else."""
+    """Raise a ValueError that names an argument of the wrong type."""
     for name, points in (("fixed", fixed), ("moving", moving)):
         if not isinstance(points, PointSet):
             raise ValueError(f"{name} must be a PointSet, but is a {type(points).__name__}")

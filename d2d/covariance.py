@@ -1,4 +1,4 @@
-"""How certain an estimate is: Fisher information and propagation of the measurement errors."""
+"""The covariance of an estimate: Fisher information and propagation of the measurement errors."""
 
 import math
 from typing import NamedTuple
@@ -7,14 +7,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import Array, finite, instance, real, symmetrise
+from d2d._checks import check_finite, check_instance, check_real, symmetrise
 from d2d._kernel import SINGULAR
+from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 from d2d.registration import Estimate
 
-_PAIRS_AT_ONCE = 50_000  # of targets and components: some 30 MB of intermediate arrays
+_PAIRS_AT_ONCE = 50_000  # pairs of a target and a component: about 30 MB of intermediate arrays
 _TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # E: d R / d phi = E R
 
 
@@ -24,20 +25,20 @@ def fisher_covariance(hessian: ArrayLike) -> Array:
     Parameters
     ----------
     hessian : (..., P, P) array
-        At the optimum.
+        Hessian at the optimum.
 
     Returns
     -------
     (..., P, P) array
-        The observed information's inverse; nan where the Hessian is not positive definite, because
-        such a point is no optimum and has no covariance.
+        Inverse of the observed information; nan where the Hessian is not positive definite, because
+        such a point is not an optimum and has no covariance.
 
     Raises
     ------
     ValueError
-        If ``hessian`` is not an array of square matrices that are symmetric but for rounding.
+        If ``hessian`` is not an array of square matrices that are symmetric to within rounding.
     """
-    matrices = real("hessian", hessian)
+    matrices = check_real("hessian", hessian)
     if matrices.ndim < 2 or matrices.shape[-1] != matrices.shape[-2] or not matrices.shape[-1]:
         raise ValueError(
             f"hessian must have the shape (..., P, P) with P > 0, but has {matrices.shape}"
@@ -46,7 +47,7 @@ def fisher_covariance(hessian: ArrayLike) -> Array:
     outer = scale[..., :, None] * scale[..., None, :]
     good = np.asarray((np.isfinite(matrices) & (outer > 0)).all(axis=(-2, -1)))
     covariance = np.full(matrices.shape, np.nan)
-    unit = matrices[good] / outer[good]  # free of the parameters' units
+    unit = matrices[good] / outer[good]  # independent of the parameters' units
     symmetrise("hessian", unit)
     definite = np.linalg.eigvalsh(unit)[..., 0] > SINGULAR
     good[good] = definite
@@ -64,7 +65,7 @@ def propagate_covariance(
     measurement: LinearMeasurement | None = None,
     position_slope: ArrayLike | None = None,
 ) -> Array:
-    """Covariance of the optimum by propagating the measurements' errors (Censi 2007).
+    """Covariance of the optimum by propagation of the measurement errors (Censi 2007).
 
     The optimum is where the gradient vanishes, f_theta(theta, z) = 0, with z all measured
     coordinates of both sets.  By the implicit function theorem d theta / d z = -H^-1 f_theta,z,
@@ -75,47 +76,47 @@ def propagate_covariance(
     Parameters
     ----------
     estimate : Estimate
-        Of `register` with the same sets, cost and measurement.
+        The result of `register` with the same sets, cost and measurement.
     fixed, moving : PointSet
-        Sigma_z is block diagonal of their covariances, also where the metric leaves those of
-        ``moving`` out.
+        Their covariances are the diagonal blocks of Sigma_z, even if the metric ignores those of
+        ``moving``.
     cost : RegistrationCost, optional
-        D2D likelihood without an outlier component unless given.
+        By default, the D2D likelihood without an outlier component.
     measurement : LinearMeasurement, optional
-        Its values join z, with the variance that it states, independent of the positions unless
-        ``position_slope`` is given.
+        Its values are part of z, with the variance that it states.  Their errors are independent of
+        those of the positions unless ``position_slope`` is given.
     position_slope : (..., K, D) array, optional
-        Slope of each moving target's position in the measurement's input, in m per unit of the
-        input.  Given, one and the same error of the input, of standard deviation ``sigma_input``,
-        moves the target along this slope and the predicted value by the measurement's own.  It
-        makes up that part of the target's covariance.
+        Derivative of each moving target's position in the measurement's input, in m per unit of
+        the input.  If given, a single error of the input, of standard deviation ``sigma_input``,
+        moves the target along this slope and the predicted value along the measurement's own
+        slope.  The target's covariance must already contain the part caused by this error.
 
     Returns
     -------
     (..., P, P) array
-        nan where the estimate did not converge.
+        Covariance of ``theta``; nan where the estimate did not converge.
 
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
 
     Notes
     -----
-    Unlike the inverse Hessian, it does not assume that f is a negative log-likelihood: it holds for
-    any cost with an optimum, and does not change when f is multiplied by a constant.
+    Unlike the inverse Hessian, this does not assume that f is a negative log-likelihood: it holds
+    for any cost with an optimum, and does not change when f is multiplied by a constant.
 
-    For targets measured in polar coordinates the covariances J Sigma J' of `PointSet.from_polar`
-    make Sigma_z the same to first order as propagation from range and azimuth.  The covariances are
-    taken as known, although those of polar measurements move with the measured point: chapter 5
-    measures what that leaves out, as it measures the first order itself.
+    For targets measured in polar coordinates, the covariances J Sigma J' of `PointSet.from_polar`
+    give, to first order, the same result as propagation from range and azimuth.  The covariances
+    are taken as known, although those of polar measurements depend on the measured point; chapter 5
+    measures the effect of this and that of the first-order approximation itself.
 
-    The estimate itself takes positions and measurement for independent (thesis eq. 7.13), and so
-    does the inverse Hessian, whatever ``position_slope``.
+    The estimate itself treats positions and measurement as independent (thesis eq. 7.14), and so
+    does the inverse Hessian, with or without ``position_slope``.
     """
     cost = RegistrationCost() if cost is None else cost
-    instance("cost", cost, RegistrationCost)
-    instance("estimate", estimate, Estimate)
+    check_instance("cost", cost, RegistrationCost)
+    check_instance("estimate", estimate, Estimate)
     cross = cross_derivatives(estimate.theta, fixed, moving, cost, measurement=measurement)
     slope = None
     if position_slope is not None:
@@ -132,7 +133,7 @@ def propagate_covariance(
 
 
 def _spread(cross: Array, covariances: Array) -> Array:
-    """Covariance (..., P, P) of the gradient: sum of G Sigma G', G (..., N, P, D), over targets."""
+    """Covariance (..., P, P) of the gradient: G Sigma G', with G (..., N, P, D), summed over N."""
     rooted = cross @ np.linalg.cholesky(covariances)
     flat = np.swapaxes(rooted, -3, -2).reshape(*rooted.shape[:-3], rooted.shape[-2], -1)
     return np.asarray(flat @ np.swapaxes(flat, -1, -2))
@@ -144,16 +145,16 @@ def _gram(rows: Array) -> Array:
 
 
 def _independent(cross: "CrossDerivatives", measurement: LinearMeasurement, theta: Array) -> Array:
-    """What the measurement adds to the gradient's covariance (..., P, P), its inputs' error own."""
+    """The measurement's share (..., P, P) of the gradient's covariance, with independent inputs."""
     sigma = np.sqrt(_factor(measurement, theta).variance)
     return _gram(cross.measured * sigma[..., None])
 
 
 def _shared(cross: "CrossDerivatives", measurement: LinearMeasurement, slope: Array) -> Array:
-    """The same where an input's error also moves its target along ``slope`` (..., K, D).
+    """As `_independent`, but an input's error also moves its target along ``slope`` (..., K, D).
 
-    It moves the gradient by a through the position and by b through the prediction; a a' is in
-    the position's spread already, so that (a + b)(a + b)' - a a' is added.
+    The error changes the gradient by a through the position and by b through the prediction.  The
+    positions' share already contains a a', so (a + b)(a + b)' - a a' is added.
     """
     own = _gram(cross.measured * measurement.sigma[..., None])
     sigma = measurement.sigma_input[..., None]
@@ -165,10 +166,10 @@ def _shared(cross: "CrossDerivatives", measurement: LinearMeasurement, slope: Ar
 def _checked_slope(
     slope: ArrayLike, moving: PointSet, measurement: LinearMeasurement | None
 ) -> Array:
-    """``position_slope`` (..., K, D), if the positions' covariances can hold the input's error."""
+    """``position_slope`` (..., K, D), checked to be possible with the targets' covariances."""
     if measurement is None:
         raise ValueError("position_slope needs a measurement")
-    array = finite("position_slope", slope)
+    array = check_finite("position_slope", slope)
     if array.shape[-2:] != moving.means.shape[-2:]:
         raise ValueError(
             f"position_slope must have the shape (..., {moving.size}, {moving.dimension}) to match "
@@ -178,8 +179,8 @@ def _checked_slope(
     solved = np.linalg.solve(moving.covariances, error[..., None])[..., 0]
     if ((error * solved).sum(axis=-1) > 1.0 + 1e-6).any():
         raise ValueError(
-            "position_slope times sigma_input is an error larger than the covariances of moving "
-            "allow for"
+            "position_slope times sigma_input must not exceed the errors that the covariances of "
+            "moving allow for"
         )
     return array
 
@@ -187,10 +188,10 @@ def _checked_slope(
 class CrossDerivatives(NamedTuple):
     """d2f / d theta d z, one block for each measured quantity."""
 
-    fixed: Array  # (..., N, P, D) of the fixed means
-    moving: Array  # (..., K, P, D) of the moving means
-    measured: Array  # (..., K, P) of the measurement's values, zero without one
-    input: Array  # (..., K, P) of its inputs as far as they enter its predictions, zero without one
+    fixed: Array  # (..., N, P, D): in the fixed means
+    moving: Array  # (..., K, P, D): in the moving means
+    measured: Array  # (..., K, P): in the measurement's values; zero without a measurement
+    input: Array  # (..., K, P): in its inputs, through its predictions only; zero without one
 
 
 def cross_derivatives(
@@ -201,11 +202,11 @@ def cross_derivatives(
     *,
     measurement: LinearMeasurement | None = None,
 ) -> CrossDerivatives:
-    """How the cost's gradient at theta (..., P) changes with each measured coordinate, exact.
+    """Exact derivatives of the cost's gradient at theta (..., P) in each measured coordinate.
 
-    Covariances and the measurement's variance, though computed at the measured point, are held.
-    The arguments' batch axes broadcast.  Raises ``ValueError`` naming the argument that does not
-    fit.
+    The covariances and the measurement's variance are held constant, although they were computed
+    at the measured point.  The arguments' batch axes broadcast.  An invalid argument raises a
+    ``ValueError`` that names it.
     """
     shape = cost.bind(theta, fixed, moving, measurement).shape
     count, n, k, dimension = math.prod(shape), fixed.size, moving.size, fixed.dimension
@@ -244,7 +245,7 @@ def cross_derivatives(
 
 
 class _Pairs(NamedTuple):
-    """log N(0 | d, S) of every moving target and component, and what its derivatives are made of.
+    """log N(0 | d, S) of every pair of moving target and component, and parts of its derivatives.
 
     With the rotated mean p and covariance C of the target: d = p + t - mu_i, B = S^-1, u = B d.
     """
@@ -256,7 +257,7 @@ class _Pairs(NamedTuple):
 
 
 def _pairs(shifted: Array, turned: Array, spread: Array, slope: Array, fixed: PointSet) -> _Pairs:
-    """All pairs of targets, ``turned`` to p and ``shifted`` to p + t, with the components of fixed.
+    """Every target, ``turned`` to p and ``shifted`` to p + t, paired with every fixed component.
 
     ``spread`` (B, K, N, D, D) is S and ``slope`` (B, K, D, D) is C_phi.
     """
@@ -288,7 +289,7 @@ def _components(
     cost: RegistrationCost,
     factor: "_Factor | None",
 ) -> list[_Pairs]:
-    """The inlier pairs and, with a corrupted Gaussian, the outlier pairs, their shares included."""
+    """The inlier pairs and, with a corrupted Gaussian, the outlier pairs, weighted by fraction."""
     dimension = fixed.dimension
     shifted = rigid.transform_means(theta, moving.means)
     turned = shifted - theta[:, None, :dimension]
@@ -310,7 +311,7 @@ def _components(
         return [inlier]
     wide = np.broadcast_to(cost.outlier.covariance, own.shape)
     outlier = _pairs(shifted, turned, wide, still, fixed)
-    with np.errstate(divide="ignore"):  # a fraction of 0 or 1 leaves one component no weight
+    with np.errstate(divide="ignore"):  # a fraction of 0 or 1: one component has zero weight
         shares = np.log1p(-cost.outlier.fraction), np.log(cost.outlier.fraction)
     return [
         each._replace(log=each.log + share)
@@ -319,7 +320,7 @@ def _components(
 
 
 def _responsibilities(components: list[_Pairs], cost: RegistrationCost) -> list[Array]:
-    """gamma (B, K, N) of each component: of each target's density, or of the sum of them all."""
+    """gamma (B, K, N) of each component: its share of the target's density, or of all targets'."""
     alternatives = (-1,) if cost.fusion == "likelihood" else (-2, -1)
     logs = [each.log for each in components]
     if isinstance(cost.outlier, UniformOutlier):
@@ -360,7 +361,7 @@ def _cross_derivatives(
         block = gamma[..., None, None] * (each.cross + centred)
         by_fixed -= block.sum(axis=1)
         by_moved += block.sum(axis=2)
-        if fixed.dimension == 2:  # d_phi = E p moves with the target
+        if fixed.dimension == 2:  # d_phi = E p depends on the target's position
             by_moved[:, :, 2] += (gamma[..., None] * each.by_mean).sum(axis=2) @ _TURN
     if fixed.dimension == 2:
         by_moved = by_moved @ rigid.rotation(theta[:, 2])[:, None]
@@ -375,18 +376,18 @@ def _cross_derivatives(
 
 
 class _Factor(NamedTuple):
-    """log N(v | h' xi, s^2 + q^2 (k' xi)^2) of each moving target, its measurement's factor."""
+    """The measurement's factor of each moving target, log N(v | h' xi, s^2 + q^2 (k' xi)^2)."""
 
     log: Array  # (..., K)
     gradient: Array  # (..., K, P)
-    cross: Array  # (..., K, P): of the gradient in v
-    by_value: Array  # (..., K): of log in v
+    cross: Array  # (..., K, P): derivative of the gradient in v
+    by_value: Array  # (..., K): derivative of log in v
     variance: Array  # (..., K)
-    cross_input: Array  # (..., K, P): of the gradient in the input that h depends on, dh = k
-    by_input: Array  # (..., K): of log in the input
+    cross_input: Array  # (..., K, P): derivative of the gradient in the input of h, where dh = k
+    by_input: Array  # (..., K): derivative of log in the input
 
 
-_FACTOR_AXES = (1, 2, 2, 1, 1, 2, 1)  # of each field of one problem
+_FACTOR_AXES = (1, 2, 2, 1, 1, 2, 1)  # number of axes of each field, for one problem
 
 
 def _factor(measurement: LinearMeasurement, theta: Array) -> _Factor:

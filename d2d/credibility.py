@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
-from d2d._checks import Array, covariance_matrices, finite, fraction
+from d2d._checks import check_covariances, check_finite, check_fraction
+from d2d._types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,21 +17,22 @@ class Credibility:
     Attributes
     ----------
     nees : (N,) array
-        Normalised estimation error squared, e' Sigma^-1 e; n (the dimension) is its ideal mean.
+        Normalised estimation error squared, e' Sigma^-1 e; ideally its mean is the dimension n.
     anees : float
-        Average NEES over runs and dimensions; 1 is ideal, above it is optimistic.
+        Average NEES over runs and dimensions; 1 is ideal, more is optimistic.
     bounds : (2,) array
         Two-sided chi-square region of ``anees`` for a credible estimator.
     consistent : bool
         Whether ``anees`` lies within ``bounds``.
     credible_nees : (N,) array
-        The same errors against their actual mean square error matrix.
+        NEES of the same errors with their actual mean square error matrix as the covariance.
     ratio : (N,) array
         Credibility ratio rho = nees / credible_nees; above 1 is optimistic.
     nci : float
         Noncredibility index, ``10 mean |log10 rho|``, in dB; 0 is ideal.
     inclination : float
-        Inclination indicator I^2, 10 mean log10 rho, in dB; above 0 optimistic, below pessimistic.
+        Inclination indicator I^2, 10 mean log10 rho, in dB; above 0 is optimistic, below 0
+        pessimistic.
     """
 
     nees: Array
@@ -44,12 +46,12 @@ class Credibility:
 
 
 def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0.95) -> Credibility:
-    """Compare estimation errors with the covariances that came with them.
+    """Compare estimation errors with their estimated covariances.
 
     Parameters
     ----------
     errors : (N, n) array
-        Estimate minus truth of N independent runs, N > n.
+        Estimate minus truth in N independent runs, N > n.
     covariances : (N, n, n) or (n, n) array
         Estimated covariances, symmetric positive definite.
     confidence : float
@@ -62,18 +64,19 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     Raises
     ------
     ValueError
-        Naming the argument: shapes that do not match, nan or inf (leave out the runs that did not
-        converge and say how many), a covariance that is not positive definite, too few runs.
+        If the shapes do not match, a value is nan or inf (leave out the runs that did not converge
+        and report their number), a covariance is not positive definite, or there are too few runs;
+        the message names the argument.
 
     Notes
     -----
-    NEES and its region after Bar-Shalom, Li & Kirubarajan (2001), NCI and I^2 after Li & Zhao
-    (2006).  The thesis prints Sigma where the NEES has Sigma^-1, and the quantiles of a 90 % region
-    (sec. 6.2).
+    The NEES and its region follow Bar-Shalom, Li & Kirubarajan (2001), NCI and I^2 Li & Zhao
+    (2006).  The thesis (sec. 6.2) prints Sigma instead of Sigma^-1 in the NEES, and the quantiles
+    of a 90 % region.
 
     Examples
     --------
-    Errors twice as large as their covariance says:
+    Errors twice as large as their covariance states:
 
     >>> import numpy as np
     >>> from d2d import credibility
@@ -82,19 +85,19 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     >>> verdict.consistent, round(verdict.anees, 1), round(verdict.inclination, 1)
     (False, 4.0, 6.0)
     """
-    e = finite("errors", errors)
+    e = check_finite("errors", errors)
     if e.ndim != 2:
         raise ValueError(f"errors must have the shape (N, n), but has {e.shape}")
     runs, n = e.shape
     if not 0 < n < runs:
         raise ValueError(f"errors must hold more runs than dimensions, but has the shape {e.shape}")
-    sigma = covariance_matrices("covariances", covariances)
+    sigma = check_covariances("covariances", covariances)
     if sigma.shape not in ((runs, n, n), (n, n)):
         raise ValueError(
             f"covariances must have the shape ({runs}, {n}, {n}) or ({n}, {n}) to match errors, "
             f"but has {sigma.shape}"
         )
-    tail = 0.5 * (1.0 - fraction("confidence", confidence))
+    tail = 0.5 * (1.0 - check_fraction("confidence", confidence))
     if not 0.0 < tail < 0.5:
         raise ValueError(f"confidence must lie within (0, 1), but is {confidence:g}")
     actual = e.T @ e / runs
@@ -107,7 +110,7 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
 
     nees = _normalised_squares(e, sigma)
     credible = _normalised_squares(e, actual)
-    # an error of exactly zero is as credible as can be: 0 / 0 counts as 1
+    # an error of exactly zero is perfectly credible: 0 / 0 counts as 1
     ratio = np.divide(nees, credible, out=np.ones_like(nees), where=credible > 0)
     decibel = 10.0 * np.log10(ratio)
     anees = float(nees.mean() / n)

@@ -8,9 +8,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
-from d2d._checks import Array, broadcast, covariance_matrices, finite, flag, fraction
+from d2d._checks import (
+    broadcast_batches,
+    check_covariances,
+    check_finite,
+    check_flag,
+    check_fraction,
+)
+from d2d._types import Array
 
-RELATIVE_FLOOR = 1e-6  # of the data's mean variance: the smallest variance of a fitted component
+RELATIVE_FLOOR = 1e-6  # smallest variance of a fitted component, relative to the data's variance
 
 
 def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
@@ -20,7 +27,7 @@ def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
     ----------
     x, mean : (..., D) arrays
         Broadcast against each other.
-    covariance : (..., D, D) array, the square of their unit
+    covariance : (..., D, D) array, in their unit squared
         Symmetric positive definite; batch axes broadcast.
 
     Returns
@@ -30,19 +37,21 @@ def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     """
     points, centre = _vectors("x", x), _vectors("mean", mean)
-    sigma = covariance_matrices("covariance", covariance)
+    sigma = check_covariances("covariance", covariance)
     d = sigma.shape[-1]
     for name, array in (("x", points), ("mean", centre)):
         if array.shape[-1] != d:
             raise ValueError(
                 f"{name} must have the shape (..., {d}) to match covariance, but has {array.shape}"
             )
-    broadcast("x, mean and covariance", points.shape[:-1], centre.shape[:-1], sigma.shape[:-2])
+    broadcast_batches(
+        "x, mean and covariance", points.shape[:-1], centre.shape[:-1], sigma.shape[:-2]
+    )
     factor = np.linalg.cholesky(sigma)
-    # the few small factors are inverted once, for all points
+    # there are few factors and many points: invert each factor once
     whitened = np.einsum("...ij,...j->...i", np.linalg.inv(factor), points - centre)
     log_root = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
     squared = (whitened**2).sum(axis=-1)
@@ -50,33 +59,35 @@ def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
 
 
 def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
-    """N(x | mu, Sigma) (...); the arguments are those of `log_density`."""
+    """N(x | mu, Sigma) (...); arguments as for `log_density`."""
     return np.exp(log_density(x, mean, covariance))
 
 
 def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
-    """The mean (..., D) and covariance (..., D, D) of greatest likelihood (thesis eq. 2.5, 2.6).
+    """Maximum-likelihood mean (..., D) and covariance (..., D, D) (thesis eq. 2.5, 2.6).
 
     Parameters
     ----------
     x : (..., N, D) array
         Observations.
     weights : (..., N) array, optional
-        Of the observations: zero or more, with a positive sum; equal unless given.
+        Weights of the observations, not negative and with a positive sum; equal by default.
 
     Returns
     -------
     mean, covariance : arrays
-        The covariance is divided by the sum of the weights, not by N - 1: it is biased low by
-        the factor (N - 1) / N, and singular where the observations span less than D dimensions.
+        The covariance is divided by the sum of the weights, not by N - 1: with equal weights its
+        expectation is too small by the factor (N - 1) / N.  It is singular where the observations
+        span less than D dimensions.
 
     Raises
     ------
     ValueError
-        Naming the argument: an empty set, nan or inf, a negative weight.
+        If a set is empty, a value is nan or inf, or a weight is negative; the message names the
+        argument.
     """
     points = _observations(x)
-    w = np.ones(points.shape[-2]) if weights is None else finite("weights", weights)
+    w = np.ones(points.shape[-2]) if weights is None else check_finite("weights", weights)
     if w.shape[-1:] != points.shape[-2:-1]:
         raise ValueError(
             f"weights must have the shape (..., {points.shape[-2]}) to match x, but has {w.shape}"
@@ -84,7 +95,7 @@ def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
     total = w.sum(axis=-1, keepdims=True)
     if (w < 0).any() or not (total > 0).all():
         raise ValueError("weights must not be negative and must have a positive sum")
-    broadcast("x and weights", points.shape[:-2], w.shape[:-1])
+    broadcast_batches("x and weights", points.shape[:-2], w.shape[:-1])
     share = w / total
     mean = np.einsum("...n,...nd->...d", share, points)
     centred = points - mean[..., None, :]
@@ -94,26 +105,28 @@ def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
 def raise_eigenvalues(
     matrices: ArrayLike, floor: ArrayLike = 0.0, smallest_ratio: float = 0.0
 ) -> Array:
-    """Symmetric matrices (..., D, D) without eigenvalues below a floor: those are raised to it.
+    """Raise the eigenvalues of symmetric matrices (..., D, D) that lie below a floor to that floor.
 
-    The floor is ``floor`` (...), or ``smallest_ratio`` of each matrix's largest eigenvalue if that
-    is more.  Of all covariances with no eigenvalue below ``floor``, the one returned for an
-    empirical covariance S has the greatest likelihood: -log|Sigma| - tr(Sigma^-1 S) is largest
-    with the eigenvectors of S, and along each, -log s - lambda / s rises up to s = lambda.
+    The floor is ``floor`` (...) or ``smallest_ratio`` times each matrix's largest eigenvalue,
+    whichever is larger.  For an empirical covariance S, the result has the largest likelihood of
+    all covariances without an eigenvalue below ``floor``: ``-log|Sigma| - tr(Sigma^-1 S)`` is
+    largest with the eigenvectors of S, and along each of them ``-log s - lambda / s`` falls beyond
+    s = lambda.
     """
-    given = finite("matrices", matrices)
+    given = check_finite("matrices", matrices)
     values, vectors = np.linalg.eigh(given)
-    least = np.maximum(np.asarray(floor)[..., None], smallest_ratio * values[..., -1:])
-    raised = (vectors * np.maximum(values, least)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+    lowest = np.maximum(np.asarray(floor)[..., None], smallest_ratio * values[..., -1:])
+    raised = (vectors * np.maximum(values, lowest)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     symmetric = 0.5 * (raised + np.swapaxes(raised, -1, -2))
-    kept = np.asarray((values >= least).all(axis=-1))
+    kept = np.asarray((values >= lowest).all(axis=-1))
     return np.where(kept[..., None, None], given, symmetric)
 
 
 class Ellipse(NamedTuple):
-    """An ellipse in the plane: semi-axes (..., 2), the longer first, and its angle (...) in rad.
+    """An ellipse in the plane: its center (..., 2), semi-axes (..., 2) and angle (...) in rad.
 
-    The angle of the longer axis counts counter-clockwise from the x axis, within (-pi/2, pi/2].
+    The longer semi-axis comes first; the angle, within (-pi/2, pi/2], is measured from the x axis
+    to the longer axis, counter-clockwise.
     """
 
     center: Array
@@ -122,11 +135,11 @@ class Ellipse(NamedTuple):
 
 
 def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float = 0.95) -> Ellipse:
-    """The smallest region that holds ``confidence`` of a planar Gaussian's probability.
+    """The smallest region that contains a planar Gaussian's draw with probability ``confidence``.
 
     The squared Mahalanobis distance of a draw is chi-square distributed with two degrees of
-    freedom, so the ellipse's semi-axes are sqrt(chi2 quantile x eigenvalue); one, two and three
-    standard deviations hold 39 %, 86 % and 99 %.
+    freedom, so the semi-axes are sqrt(chi2 quantile x eigenvalue).  The ellipses of one, two and
+    three standard deviations contain 39 %, 86 % and 99 %.
 
     Parameters
     ----------
@@ -137,16 +150,16 @@ def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     """
-    centre, sigma = _vectors("mean", mean), covariance_matrices("covariance", covariance)
+    centre, sigma = _vectors("mean", mean), check_covariances("covariance", covariance)
     if centre.shape[-1] != 2 or sigma.shape[-1] != 2:
         raise ValueError(
-            f"mean and covariance must be those of a plane, but have the shapes "
+            f"mean and covariance must have the shapes (..., 2) and (..., 2, 2), but have "
             f"{centre.shape} and {sigma.shape}"
         )
-    if fraction("confidence", confidence) == 1.0:
-        raise ValueError("confidence must be less than 1: no ellipse holds everything")
+    if check_fraction("confidence", confidence) == 1.0:
+        raise ValueError("confidence must be less than 1, because no ellipse contains everything")
     variances, axes = np.linalg.eigh(sigma)
     scale = math.sqrt(chi2.ppf(confidence, df=2))
     longer = axes[..., :, 1]
@@ -163,7 +176,7 @@ class GaussianMixture:
     Parameters
     ----------
     weights : (K,) array
-        Zero or more, with the sum 1.
+        Not negative, with the sum 1.
     means : (K, D) array
     covariances : (K, D, D) array
         Symmetric positive definite.
@@ -171,7 +184,7 @@ class GaussianMixture:
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     """
 
     weights: Array
@@ -179,8 +192,8 @@ class GaussianMixture:
     covariances: Array
 
     def __post_init__(self) -> None:
-        weights, means = finite("weights", self.weights), finite("means", self.means)
-        covariances = covariance_matrices("covariances", self.covariances)
+        weights, means = check_finite("weights", self.weights), check_finite("means", self.means)
+        covariances = check_covariances("covariances", self.covariances)
         if means.ndim != 2 or not means.size:
             raise ValueError(f"means must have the shape (K, D), but has {means.shape}")
         k, d = means.shape
@@ -194,7 +207,7 @@ class GaussianMixture:
                 )
         if (weights < 0).any() or abs(weights.sum() - 1.0) > 1e-9:
             raise ValueError(
-                f"weights must not be negative and have the sum 1, but are {weights.tolist()}"
+                f"weights must not be negative and must sum to 1, but are {weights.tolist()}"
             )
         for name, array in (("weights", weights), ("means", means), ("covariances", covariances)):
             array.flags.writeable = False
@@ -207,7 +220,7 @@ class GaussianMixture:
 
     @property
     def parameters(self) -> int:
-        """Number of free parameters, of K - 1 weights, K means and K symmetric matrices."""
+        """Number of free parameters: of K - 1 weights, K means and K symmetric matrices."""
         k, d = self.means.shape
         return int(k - 1 + k * d + k * d * (d + 1) // 2)
 
@@ -240,12 +253,12 @@ class GaussianMixture:
         return float(self.log_pdf(_observations(x)).sum())
 
     def bic(self, x: ArrayLike) -> float:
-        """Schwarz's criterion -2 log L + P log N at x (N, D); the smaller, the better."""
+        """Bayesian information criterion -2 log L + P log N at x (N, D); lower is better."""
         points = _observations(x)
         return self.parameters * math.log(len(points)) - 2.0 * self.log_likelihood(points)
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
-        """Draws (count, D), and the component (count,) each came from."""
+        """Draws (count, D), and the component (count,) that each came from."""
         if count < 1:
             raise ValueError(f"count must be at least 1, but is {count}")
         which = rng.choice(self.components, size=count, p=self.weights)
@@ -257,8 +270,8 @@ class GaussianMixture:
 class MixtureFit(NamedTuple):
     """The outcome of expectation maximisation.
 
-    ``steps`` are the mixtures on the way, the initial one first and ``mixture`` last, and
-    ``log_likelihoods`` theirs.
+    ``steps`` are the mixtures of all iterations, from the initial one to ``mixture``;
+    ``log_likelihoods`` are those of the steps.
     """
 
     mixture: GaussianMixture
@@ -270,9 +283,9 @@ class MixtureFit(NamedTuple):
 def variance_floor(x: ArrayLike) -> float:
     """The smallest variance that `fit_mixture` gives a component of the observations x (N, D).
 
-    A millionth of their mean variance; where all are equal, what rounding leaves of their size.
-    Without a floor the likelihood is unbounded: one component can shrink onto one observation
-    (Bishop 2006, sec. 9.2.1).
+    It is a millionth of their mean variance, but no less than rounding leaves at their magnitude:
+    they may all be equal.  Without a floor the likelihood is unbounded, because a component can
+    shrink onto a single observation (Bishop 2006, sec. 9.2.1).
     """
     points = _observations(x)
     spread = points.var(axis=0).mean()
@@ -283,10 +296,11 @@ def variance_floor(x: ArrayLike) -> float:
 def initial_mixture(
     x: ArrayLike, components: int, rng: np.random.Generator, *, floor: float | None = None
 ) -> GaussianMixture:
-    """Equal weights, means among the observations, and the variance of all data around each.
+    """A start for `fit_mixture`: equal weights, means at observations, equal round covariances.
 
-    The means are seeded as in k-means++ (Arthur & Vassilvitskii 2007): each further one is drawn
-    with a probability proportional to its squared distance from the nearest one so far.
+    The variance is that of the data divided by K.  The means are seeded as in k-means++ (Arthur &
+    Vassilvitskii 2007): each further one is an observation drawn with a probability proportional
+    to its squared distance from the nearest mean so far.
 
     Parameters
     ----------
@@ -295,7 +309,7 @@ def initial_mixture(
         K, at least 1; may exceed N.
     rng : numpy.random.Generator
     floor : float, optional
-        Smallest variance, `variance_floor` unless given.
+        Smallest variance; by default that of `variance_floor`.
     """
     points = _observations(x)
     if components < 1:
@@ -306,7 +320,7 @@ def initial_mixture(
         gaps = points[:, None, :] - points[chosen]
         nearest = (gaps**2).sum(axis=-1).min(axis=1)
         total = nearest.sum()
-        odds = nearest / total if total > 0 else None  # every observation is taken already
+        odds = nearest / total if total > 0 else None  # None: every observation is taken already
         chosen.append(int(rng.choice(len(points), p=odds)))
     variance = max(float(points.var(axis=0).mean()) / components, floor)
     d = points.shape[1]
@@ -318,7 +332,7 @@ def initial_mixture(
 
 
 def expect(x: ArrayLike, mixture: GaussianMixture) -> tuple[Array, float]:
-    """The E step: responsibilities (N, K) of the observations x (N, D), and log-likelihood."""
+    """The E step: responsibilities (N, K) for the observations x (N, D), and log-likelihood."""
     logs = mixture.log_components(_observations(x))
     totals = np.logaddexp.reduce(logs, axis=-1, keepdims=True)
     return np.exp(logs - totals), float(totals.sum())
@@ -332,15 +346,15 @@ def maximise(
     floor: float,
     equal_weights: bool = False,
 ) -> GaussianMixture:
-    """The M step: the mixture that the responsibilities (N, K) make most likely.
+    """The M step: the mixture that maximises the likelihood, given responsibilities (N, K).
 
-    Weighted mean and covariance of each component, and the mean responsibility as its weight
+    Each component gets its weighted mean and covariance, and its mean responsibility as weight
     (Bishop 2006, eq. 9.24-9.26).  With ``equal_weights`` the weights stay 1/K, as in thesis
-    fig. 2.6.  Eigenvalues below ``floor`` are raised to it, which is the maximum under that
-    constraint (`raise_eigenvalues`): the likelihood still cannot fall.  A component that no
-    observation belongs to keeps its mean and covariance from ``previous``.
+    fig. 2.6.  Eigenvalues below ``floor`` are raised to it, which gives the maximum under that
+    constraint (`raise_eigenvalues`), so that the likelihood still cannot fall.  A component
+    without any responsibility keeps its mean and covariance from ``previous``.
     """
-    points, z = _observations(x), finite("responsibilities", responsibilities)
+    points, z = _observations(x), check_finite("responsibilities", responsibilities)
     n, k = len(points), previous.components
     if z.shape != (n, k):
         raise ValueError(f"responsibilities must have the shape {(n, k)}, but has {z.shape}")
@@ -349,7 +363,7 @@ def maximise(
     used = totals > 0
     means[used], raw = fit(points, z.T[used])
     covariances[used] = raise_eigenvalues(raw, floor)
-    equal = flag("equal_weights", equal_weights)
+    equal = check_flag("equal_weights", equal_weights)
     weights = np.full(k, 1.0 / k) if equal else totals / totals.sum()
     return GaussianMixture(weights, means, covariances)
 
@@ -363,7 +377,7 @@ def fit_mixture(
     floor: float | None = None,
     equal_weights: bool = False,
     tolerance: float = 1e-8,
-    most_iterations: int = 1000,
+    max_iterations: int = 1000,
 ) -> MixtureFit:
     """Fit a mixture by expectation maximisation (Dempster, Laird & Rubin 1977; thesis sec. 2.3).
 
@@ -372,28 +386,29 @@ def fit_mixture(
     x : (N, D) array
         Observations; may be fewer than ``components``, or all equal.
     components : int
-        K.
+        Number K of components.
     rng : numpy.random.Generator
         Draws the initial means, unless ``initial`` is given.
     initial : GaussianMixture, optional
-        Where to start; its covariances are raised to the floor.
+        Where to start; eigenvalues of its covariances below the floor are raised to it.
     floor : float, optional
-        Smallest variance of a component, `variance_floor` unless given.
+        Smallest variance of a component; by default that of `variance_floor`.
     equal_weights : bool
         Keep the weights at 1/K instead of estimating them.
     tolerance : float
-        Stop once a step gains less log-likelihood than this per observation.
-    most_iterations : int
+        The iteration has converged once a step raises the log-likelihood by no more than this per
+        observation.
+    max_iterations : int
 
     Returns
     -------
     MixtureFit
-        A local maximum: which one depends on the start.
+        A local maximum; which one depends on the start.
 
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     """
     points = _observations(x)
     floor = _floor(points, floor)
@@ -407,7 +422,7 @@ def fit_mixture(
         history.append(log_likelihood)
         gain = history[-1] - history[-2] if len(history) > 1 else np.inf
         converged = gain <= tolerance * len(points)
-        if converged or len(history) > most_iterations:
+        if converged or len(history) > max_iterations:
             return MixtureFit(steps[-1], np.array(history), converged, tuple(steps))
         steps.append(
             maximise(points, responsibilities, steps[-1], floor=floor, equal_weights=equal_weights)
@@ -422,14 +437,14 @@ def _floor(points: Array, floor: float | None) -> float:
 
 
 def _vectors(name: str, value: ArrayLike) -> Array:
-    array = finite(name, value)
+    array = check_finite(name, value)
     if array.ndim == 0:
         raise ValueError(f"{name} must have the shape (..., D), but is a number")
     return array
 
 
 def _observations(x: ArrayLike) -> Array:
-    points = finite("x", x)
+    points = check_finite("x", x)
     if points.ndim < 2 or not points.size:
         raise ValueError(f"x must have the shape (..., N, D) with N > 0, but has {points.shape}")
     return points

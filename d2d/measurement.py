@@ -1,4 +1,4 @@
-"""A scalar measurement beside each moving target's position."""
+"""A scalar measurement of each moving target, in addition to its position."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,35 +7,38 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import _kernel
-from d2d._checks import Array, broadcast, finite, flag, positive, scalar
+from d2d._checks import broadcast_batches, check_finite, check_flag, check_positive, check_scalar
+from d2d._types import Array
 
 
 @dataclass(frozen=True, eq=False)
 class LinearMeasurement:
     """Scalars z_k ~ N(h_k' xi, sigma_k^2 + q_k^2 (s_k' xi)^2), one for each moving target.
 
-    xi is the motion theta itself or its twist, the SE(2) logarithm `d2d.rigid.logarithm`: what
-    moves at constant velocity has a constant twist, not a constant direction of translation.
+    xi is either the motion theta itself or its twist, the SE(2) logarithm `d2d.rigid.logarithm`: a
+    body at constant velocity has a constant twist, but its direction of translation changes.
 
-    Its density multiplies the target's inlier density; the outlier component does not know it. The
-    variance may grow with the motion: ``s_k' xi`` is the slope of the prediction in an input
-    of standard deviation ``q_k`` (for Doppler: the azimuth, thesis sec. 7.1).
+    The measurement's density multiplies the target's inlier density and leaves the outlier
+    component unchanged.  The variance may grow with the motion: ``s_k' xi`` is the derivative of
+    the prediction in an input of standard deviation ``q_k`` (for Doppler velocities the azimuth,
+    thesis sec. 7.1).
 
     Parameters
     ----------
     value : (..., K) array
-        What was measured.
+        Measured values z_k.
     sigma, sigma_input : arrays that broadcast to (..., K)
-        Standard deviations of the measurement (positive) and of its input (zero or more).
+        Standard deviations of the measurement (positive) and of its input (not negative).
     gain, slope : (..., K, P) arrays
         h_k and s_k.
     of_twist : bool
-        Whether xi is the twist of the motion (2D) or its parameters.
+        Whether xi is the twist of the motion (2D only) instead of its parameters.
 
     Raises
     ------
     ValueError
-        Naming the argument: shapes that do not match, nan or inf, a sigma that is not positive.
+        If the shapes do not match, a value is nan or inf, or a standard deviation is out of range;
+        the message names the argument.
     """
 
     value: Array
@@ -55,11 +58,11 @@ class LinearMeasurement:
         of_twist: bool = False,
     ) -> None:
         arrays = {
-            "value": finite("value", value),
-            "sigma": positive("sigma", sigma),
-            "sigma_input": finite("sigma_input", sigma_input),
-            "gain": finite("gain", gain),
-            "slope": finite("slope", slope),
+            "value": check_finite("value", value),
+            "sigma": check_positive("sigma", sigma),
+            "sigma_input": check_finite("sigma_input", sigma_input),
+            "gain": check_finite("gain", gain),
+            "slope": check_finite("slope", slope),
         }
         if (arrays["sigma_input"] < 0).any():
             raise ValueError("sigma_input must not be negative")
@@ -71,7 +74,7 @@ class LinearMeasurement:
                 )
         if arrays["gain"].shape[-1] != arrays["slope"].shape[-1]:
             raise ValueError("gain and slope must have the same number of parameters")
-        shape = broadcast(
+        shape = broadcast_batches(
             "value, sigma, sigma_input, gain and slope",
             *(arrays[name].shape for name in ("value", "sigma", "sigma_input")),
             *(arrays[name].shape[:-1] for name in ("gain", "slope")),
@@ -79,7 +82,7 @@ class LinearMeasurement:
         if 0 in shape:
             raise ValueError(f"value must hold at least one target, but has the shape {shape}")
         parameters = arrays["gain"].shape[-1]
-        of_twist = flag("of_twist", of_twist)
+        of_twist = check_flag("of_twist", of_twist)
         if of_twist and parameters != 3:
             raise ValueError(f"of_twist needs P = 3 parameters, but gain has {parameters}")
         object.__setattr__(self, "of_twist", of_twist)
@@ -105,9 +108,9 @@ class LinearMeasurement:
     def inflated(self, scale: float) -> "LinearMeasurement":
         """The measurement with all standard deviations multiplied by ``scale``.
 
-        Raises ``ValueError`` naming ``scale`` unless it is a positive number.
+        Raises a ``ValueError`` unless ``scale`` is a positive number.
         """
-        scale = float(positive("scale", scalar("scale", scale)))
+        scale = float(check_positive("scale", check_scalar("scale", scale)))
         return LinearMeasurement(
             self.value,
             self.sigma * scale,
@@ -119,7 +122,7 @@ class LinearMeasurement:
 
     @cached_property
     def _packed(self) -> Array:
-        """(B, K, 9) array as the kernel reads it, one row per target."""
+        """(B, K, 9) array that the kernel reads, one row per target."""
         packed = np.zeros((*self.value.shape, 9))
         packed[..., _kernel.VALUE] = self.value
         packed[..., _kernel.VARIANCE] = self.sigma**2

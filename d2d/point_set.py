@@ -1,4 +1,4 @@
-"""Point sets whose points are Gaussian targets."""
+"""Sets of points whose positions have Gaussian errors."""
 
 import math
 from collections.abc import Iterator
@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d import _kernel, rigid
 from d2d._checks import (
-    Array,
-    broadcast,
-    covariance_matrices,
-    finite,
-    positive,
-    positive_definite,
-    scalar,
+    broadcast_batches,
+    check_covariances,
+    check_finite,
+    check_positive,
+    check_scalar,
+    is_positive_definite,
 )
+from d2d._types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +33,15 @@ class PointSet:
     covariances : (..., N, D, D) array, m^2
         Symmetric positive definite.
     weights : (..., N) array, optional
-        Mixture weights within 1e-100 and 1e100, used as they are when the set is the fixed mixture;
-        1/N each unless given.
+        Mixture weights between 1e-100 and 1e100; 1/N each by default.  Only those of the fixed set
+        are used, without normalisation.
 
     Raises
     ------
     ValueError
-        Naming the argument: shapes that do not match, an empty set, nan or inf, a covariance that
-        is not symmetric positive definite, a weight that is not positive or out of range.
+        If the shapes do not match, a set is empty, a value is nan or inf, a covariance is not
+        symmetric positive definite, or a weight is not positive or out of range; the message names
+        the argument.
     """
 
     means: Array
@@ -50,7 +51,7 @@ class PointSet:
     def __init__(
         self, means: ArrayLike, covariances: ArrayLike, weights: ArrayLike | None = None
     ) -> None:
-        means = finite("means", means)
+        means = check_finite("means", means)
         if means.ndim < 2 or means.shape[-1] not in rigid.PARAMETERS:
             raise ValueError(
                 f"means must have the shape (..., N, D) with D = 1 or 2, but has {means.shape}"
@@ -60,16 +61,18 @@ class PointSet:
             raise ValueError(
                 f"means must hold at least one target, but has the shape {means.shape}"
             )
-        covariances = covariance_matrices("covariances", covariances)
+        covariances = check_covariances("covariances", covariances)
         if covariances.shape[-3:] != (count, dimension, dimension):
             raise ValueError(
                 f"covariances must have the shape (..., {count}, {dimension}, {dimension}) "
                 f"to match means, but has {covariances.shape}"
             )
-        weights = positive("weights", np.full(count, 1.0 / count) if weights is None else weights)
+        weights = check_positive(
+            "weights", np.full(count, 1.0 / count) if weights is None else weights
+        )
         if weights.size and not (weights.min() >= 1e-100 and weights.max() <= 1e100):
             raise ValueError(
-                "weights must lie within 1e-100 and 1e100, but reach from "
+                "weights must lie within 1e-100 and 1e100, but range from "
                 f"{weights.min():g} to {weights.max():g}"
             )
         if weights.shape[-1:] != (count,):
@@ -80,7 +83,7 @@ class PointSet:
         self._keep(means, covariances, weights)
 
     def _keep(self, means: Array, covariances: Array, weights: Array) -> None:
-        batch = broadcast(
+        batch = broadcast_batches(
             "means, covariances and weights",
             means.shape[:-2],
             covariances.shape[:-3],
@@ -97,7 +100,7 @@ class PointSet:
 
     @classmethod
     def _of(cls, means: Array, covariances: Array, weights: Array) -> "PointSet":
-        """A set of arrays that are known to be good."""
+        """A set made of arrays that are known to be valid."""
         points = cls.__new__(cls)
         points._keep(means, covariances, weights)
         return points
@@ -118,20 +121,23 @@ class PointSet:
         Parameters
         ----------
         range, azimuth : (..., N) arrays, m and rad
-            Azimuth counts counter-clockwise from the x axis; ranges are positive.
+            The azimuth is measured counter-clockwise from the x axis; ranges are positive.
         sigma_range, sigma_azimuth : arrays that broadcast to (..., N), m and rad
             Standard deviations, positive.
 
         Raises
         ------
         ValueError
-            Naming the argument that is not finite, not positive or of another shape.
+            If an argument is not finite, not positive or has the wrong shape; the message names it.
         """
-        r, phi = positive("range", range), finite("azimuth", azimuth)
-        sr, sp = positive("sigma_range", sigma_range), positive("sigma_azimuth", sigma_azimuth)
+        r, phi = check_positive("range", range), check_finite("azimuth", azimuth)
+        sr, sp = (
+            check_positive("sigma_range", sigma_range),
+            check_positive("sigma_azimuth", sigma_azimuth),
+        )
         if r.ndim == 0:
             raise ValueError("range must have the shape (..., N), but is a number")
-        shape = broadcast(
+        shape = broadcast_batches(
             "range, azimuth, sigma_range and sigma_azimuth", r.shape, phi.shape, sr.shape, sp.shape
         )
         if 0 in shape:
@@ -143,10 +149,10 @@ class PointSet:
         xy = (radial - across) * cosine * sine
         yy = radial * sine**2 + across * cosine**2
         covariances = np.stack([xx, xy, xy, yy], axis=-1).reshape(*shape, 2, 2)
-        if not positive_definite(covariances):
+        if not is_positive_definite(covariances):
             raise ValueError(
-                "sigma_range and range * sigma_azimuth differ so much that the covariance is "
-                "singular in floating point"
+                "sigma_range and range * sigma_azimuth must not differ so much that the covariance "
+                "is singular in floating point"
             )
         means = np.stack([r * cosine, r * sine], axis=-1)
         return cls._of(means, covariances, np.full(shape[-1], 1.0 / shape[-1]))
@@ -167,9 +173,9 @@ class PointSet:
         return self.means.shape[:-2]
 
     def __getitem__(self, index: int | slice | tuple[int | slice, ...] | Array) -> "PointSet":
-        """Some sets of a batch; the index goes over the batch axes only.
+        """Select sets of a batch; the index applies to the batch axes only.
 
-        Raises ``IndexError`` if this is no batch or the index does not fit its axes.
+        Raises an ``IndexError`` if this is not a batch or the index is out of range.
         """
         if not self.batch_shape:
             raise IndexError("this point set has no batch axes")
@@ -177,7 +183,7 @@ class PointSet:
         try:
             chosen = sets[index]
         except IndexError as error:
-            raise IndexError(f"the batch shape is {self.batch_shape}: {error}") from None
+            raise IndexError(f"invalid index for the batch {self.batch_shape}: {error}") from None
         return PointSet._of(
             self.means.reshape(-1, self.size, self.dimension)[chosen],
             self.covariances.reshape(-1, self.size, self.dimension, self.dimension)[chosen],
@@ -185,7 +191,7 @@ class PointSet:
         )
 
     def __iter__(self) -> Iterator["PointSet"]:
-        """The sets along the first batch axis; raises ``TypeError`` if this is no batch."""
+        """Iterate over the first batch axis; raises a ``TypeError`` if this is not a batch."""
         if not self.batch_shape:
             raise TypeError("this point set has no batch axes to iterate over")
         return map(self.__getitem__, range(self.batch_shape[0]))
@@ -193,7 +199,7 @@ class PointSet:
     def transformed(self, theta: ArrayLike) -> "PointSet":
         """The set moved by theta (..., P): R mu_k + t and R Sigma_k R'.
 
-        Raises ``ValueError`` naming ``theta`` if it is no motion of the set's dimension.
+        Raises a ``ValueError`` if ``theta`` is not a motion in the set's dimension.
         """
         return PointSet._of(
             rigid.transform_means(theta, self.means),
@@ -204,14 +210,14 @@ class PointSet:
     def inflated(self, scale: float) -> "PointSet":
         """The set with all standard deviations multiplied by ``scale``.
 
-        Raises ``ValueError`` naming ``scale`` unless it is a positive number.
+        Raises a ``ValueError`` unless ``scale`` is a positive number.
         """
-        scale = float(positive("scale", scalar("scale", scale)))
+        scale = float(check_positive("scale", check_scalar("scale", scale)))
         return PointSet._of(self.means, self.covariances * scale**2, self.weights)
 
     @cached_property
     def _packed(self) -> Array:
-        """(B, 6, N) array as the kernel reads it, one row per quantity."""
+        """(B, 6, N) array that the kernel reads, one row per quantity."""
         packed = np.zeros((*self.batch_shape, 6, self.size))
         packed[..., _kernel.X, :] = self.means[..., 0]
         packed[..., _kernel.XX, :] = self.covariances[..., 0, 0]
@@ -226,17 +232,17 @@ class PointSet:
 
     @cached_property
     def _order(self) -> NDArray[np.int64]:
-        """(B, N) order in which the kernel takes the targets.
+        """(B, N) order in which the kernel processes the targets, by the size of their covariances.
 
-        By the size of their covariances: those that go side by side then have about as many
-        components within reach.
+        Targets that are processed side by side then have similar numbers of components within the
+        cut-off.
         """
         packed = self._packed
         return np.argsort(packed[:, _kernel.XX] + packed[:, _kernel.YY], axis=-1, kind="stable")
 
     @cached_property
     def _extremes(self) -> Array:
-        """(B, 3) bounds, see `d2d._kernel.find_extremes_batch`."""
+        """(B, 3) extremes of each set; see `d2d._kernel.find_extremes_batch`."""
         extremes = np.empty((len(self._packed), 3))
         _kernel.find_extremes_batch(self._packed, extremes)
         return extremes

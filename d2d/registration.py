@@ -10,17 +10,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import _kernel, rigid
-from d2d._checks import Array, count, finite, instance, positive, scalar, schedule
+from d2d._checks import (
+    check_count,
+    check_finite,
+    check_instance,
+    check_positive,
+    check_scalar,
+    check_schedule,
+)
+from d2d._types import Array
 from d2d.cost import Problems, RegistrationCost, check_types, evaluate
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 
 TOLERANCE = 1e-14  # of the Newton decrement: 1e-7 standard deviations from the optimum
-MOST_ITERATIONS = 200
-_MOST_STARTS = 10_000_000  # of a grid: 240 MB
+MAX_ITERATIONS = 200
+_MAX_STARTS = 10_000_000  # in a grid: 240 MB
 
-# Standard deviations inflated tenfold and stepped down: a start at zero then finds the truth in
-# nearly all of the study's scenes.
+# Standard deviations are first inflated tenfold, then reduced in steps.  A start at zero then finds
+# the truth in nearly all of the study's scenes.
 ANNEALED = (10.0, 5.5, 3.2, 1.7, 1.0)
 
 
@@ -35,12 +43,12 @@ class Estimate:
     covariance : (..., P, P) array
         Inverse Hessian; nan where not ``converged``.
     value, gradient, hessian : (...), (..., P), (..., P, P) arrays
-        Of the cost at ``theta``.
+        The cost and its derivatives at ``theta``.
     converged : (...) array of bool
-        Whether ``theta`` is a local optimum: positive definite Hessian, vanishing Newton step.
-        It may be a wrong one, see `register`.
+        Whether ``theta`` is a local optimum, where the Hessian is positive definite and the Newton
+        step vanishes.  It may be the wrong optimum; see `register`.
     iterations : (...) array of int
-        Newton steps tried, over all scales.
+        Number of Newton steps tried, over all scales.
     """
 
     theta: Array
@@ -64,43 +72,43 @@ def register(
 ) -> Estimate:
     """Minimise the cost over the rigid motion that maps ``moving`` onto ``fixed``.
 
-    Newton's method with exact derivatives in a trust region (Moré & Sorensen 1983), one problem
-    or a whole batch in one call.
+    Newton's method with exact derivatives in a trust region (Moré & Sorensen 1983) solves a single
+    problem or a whole batch in one call.
 
     Parameters
     ----------
     fixed, moving : PointSet
         Their batch axes broadcast with those of ``initial``.
     cost : RegistrationCost, optional
-        D2D likelihood without an outlier component unless given.
+        By default, the D2D likelihood without an outlier component.
     initial : (..., P) array, optional
-        Where to start; zeros unless given.
+        Where to start; zeros by default.
     scales : sequence of positive numbers
-        All standard deviations are multiplied by each in turn, each optimum starting the next
-        (Jian & Vemuri 2011).  The last one is the scale of the result, usually 1.  Use a long
-        schedule such as `ANNEALED` or none: one that begins at 4, say, can lead astray from where
-        a plain start succeeds.
+        All standard deviations are multiplied by each scale in turn, and each optimum is the start
+        of the next (Jian & Vemuri 2011).  The last scale, usually 1, is that of the result.  Use
+        either no schedule or a long one such as `ANNEALED`: one that begins at 4, say, can fail
+        from a start that succeeds without a schedule.
     measurement : LinearMeasurement, optional
-        Of each moving target, multiplied into its inlier density.
+        A measurement of each moving target, whose density multiplies the inlier density.
     threads : int
         Number of threads that share a batch; the result does not depend on it.
 
     Returns
     -------
     Estimate
-        Never of a higher cost than ``initial`` has at the last scale.
+        Its cost is never higher than that of ``initial`` at the last scale.
 
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
 
     Notes
     -----
-    ``converged`` says that ``theta`` is an optimum near the start, not that it is the right one: a
-    cost has several.  From a start far off take ``scales=ANNEALED`` or `multi_start`, an outlier
-    model where targets may lack a counterpart, and look at the optimum's
-    `RegistrationCost.inlier_probabilities`: low ones throughout tell a wrong one.
+    ``converged`` means that ``theta`` is an optimum near the start, not that it is the right one: a
+    cost has several.  If the start is far off, use ``scales=ANNEALED`` or `multi_start`, and if
+    targets may lack a counterpart, an outlier model.  Then check the
+    `RegistrationCost.inlier_probabilities` of the optimum: low throughout, they reveal a wrong one.
 
     Examples
     --------
@@ -115,9 +123,9 @@ def register(
     [0.17, 0.35, 0.05]
     """
     cost = RegistrationCost() if cost is None else cost
-    instance("cost", cost, RegistrationCost)
-    steps = schedule("scales", scales)
-    count("threads", threads)
+    check_instance("cost", cost, RegistrationCost)
+    steps = check_schedule("scales", scales)
+    check_count("threads", threads)
     if initial is None:
         check_types(fixed, moving, measurement)
         initial = np.zeros(rigid.PARAMETERS[fixed.dimension])
@@ -144,25 +152,25 @@ def multi_start(
     measurement: LinearMeasurement | None = None,
     threads: int = 1,
 ) -> Estimate:
-    """The best of the optima that are found from several starts, all in one batch.
+    """The best of the optima found from several starts, all in one batch.
 
     Parameters
     ----------
     starts : (S, P) array
-        Tried for each problem of the batch, see `start_grid`.
+        Starts tried for each problem of the batch; see `start_grid`.
     fixed, moving, cost, scales, measurement, threads
         As for `register`.
 
     Returns
     -------
     Estimate
-        Of each problem the converged optimum of the lowest cost, with the iterations of all its
-        starts together; where none converged, what the first start came to, not converged.
+        For each problem, the converged optimum of lowest cost; ``iterations`` counts those of all
+        starts.  If no start converged, the result is that of the first start, not converged.
 
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     """
     check_types(fixed, moving, measurement)
     tried = rigid.motion("starts", starts, fixed.dimension)
@@ -184,7 +192,7 @@ def multi_start(
 
 
 def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
-    """Starts (S, 3) on a square grid of translations, each with every rotation.
+    """Starts (S, 3) on a square grid of translations, each combined with every rotation.
 
     Parameters
     ----------
@@ -195,19 +203,19 @@ def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        Naming the argument that is not positive or of another shape; also if there would be more
-        than ten million starts.
+        If an argument is not positive or has the wrong shape, or if there would be more than ten
+        million starts; the message names the argument.
     """
-    span = positive("reach", scalar("reach", reach))
-    step = positive("spacing", scalar("spacing", spacing))
-    turns = finite("angles", angles)
+    span = check_positive("reach", check_scalar("reach", reach))
+    step = check_positive("spacing", check_scalar("spacing", spacing))
+    turns = check_finite("angles", angles)
     if turns.ndim != 1 or not turns.size:
         raise ValueError(f"angles must have the shape (A,), but has {turns.shape}")
     side = 2.0 * np.ceil(span / step) + 1.0
-    if side > math.sqrt(_MOST_STARTS / turns.size):
+    if side > math.sqrt(_MAX_STARTS / turns.size):
         raise ValueError(
-            f"spacing must be longer: {step:g} m within a reach of {span:g} m and {turns.size} "
-            f"angles make more than {_MOST_STARTS} starts"
+            f"spacing must be larger: a spacing of {step:g} m from {-span:g} to {span:g} m and "
+            f"{turns.size} angles make more than {_MAX_STARTS} starts"
         )
     line = np.linspace(-span, span, int(side))
     grid = np.meshgrid(line, line, turns, indexing="ij")
@@ -249,7 +257,7 @@ def _minimise(problems: Problems, threads: int) -> Estimate:
             problems.measurements,
             problems.in_twist,
             TOLERANCE,
-            MOST_ITERATIONS,
+            MAX_ITERATIONS,
             value[part],
             gradient[part],
             hessian[part],
@@ -261,7 +269,7 @@ def _minimise(problems: Problems, threads: int) -> Estimate:
     if threads == 1 or count == 1:
         run(slice(None))
     else:
-        # the kernel releases the GIL; four parts a thread even out problems of unequal length
+        # the kernel releases the GIL; four parts per thread balance problems of unequal cost
         edges = np.linspace(0, count, min(count, 4 * threads) + 1).astype(int)
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(run, map(slice, edges[:-1], edges[1:])))
@@ -278,7 +286,7 @@ def _minimise(problems: Problems, threads: int) -> Estimate:
 
 
 def _no_worse_than_start(optimum: Estimate, problems: Problems, threads: int) -> Estimate:
-    """Where the detour over the scales ended above the start's own cost, descend from the start."""
+    """Where the schedule of scales ended above the cost of the start, minimise from the start."""
     worse = (optimum.value > evaluate(problems)[0].reshape(problems.shape)).ravel()
     if not worse.any():
         return optimum

@@ -1,20 +1,21 @@
 """Rigid motions of the line and the plane, applied to means and covariances.
 
-A motion is its parameter vector: ``[t_x]`` (m) in 1D, ``[t_x, t_y, phi_z]`` (m, m, rad) in 2D, with
-``T(m) = R(phi_z) m + t``.  All functions broadcast over leading batch axes.
+A motion is given by its parameter vector, ``[t_x]`` (m) in 1D or ``[t_x, t_y, phi_z]`` (m, m, rad)
+in 2D, with ``T(m) = R(phi_z) m + t``.  All functions broadcast over leading batch axes.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import Array, finite
+from d2d._checks import check_finite
+from d2d._types import Array
 
-PARAMETERS = {1: 1, 2: 3}  # of a rigid motion in a space of this dimension
+PARAMETERS = {1: 1, 2: 3}  # number of parameters of a rigid motion, by dimension
 
 
 def motion(name: str, theta: ArrayLike, dimension: int) -> Array:
-    """Checked parameters (..., P) of a motion in that dimension."""
-    array = finite(name, theta)
+    """The parameters (..., P) of a motion, checked to be finite and to match the dimension."""
+    array = check_finite(name, theta)
     expected = PARAMETERS[dimension]
     if array.ndim == 0 or array.shape[-1] != expected:
         raise ValueError(
@@ -25,7 +26,7 @@ def motion(name: str, theta: ArrayLike, dimension: int) -> Array:
 
 
 def _any_motion(name: str, theta: ArrayLike) -> Array:
-    array = finite(name, theta)
+    array = check_finite(name, theta)
     if array.ndim == 0 or array.shape[-1] not in PARAMETERS.values():
         raise ValueError(f"{name} must have the shape (..., 1) or (..., 3), but has {array.shape}")
     return array
@@ -39,8 +40,8 @@ def rotation(angle: ArrayLike) -> Array:
 
 
 def transform_means(theta: ArrayLike, means: ArrayLike) -> Array:
-    """Move points (..., N, D) by theta (..., P) (thesis eq. of T(m) = R m + t)."""
-    points = finite("means", means)
+    """Move points (..., N, D) by theta (..., P): T(m) = R m + t (thesis eq. 7.2, t = v tau)."""
+    points = check_finite("means", means)
     if points.ndim < 2 or points.shape[-1] not in PARAMETERS:
         raise ValueError(
             f"means must have the shape (..., N, D) with D = 1 or 2, but has {points.shape}"
@@ -53,8 +54,8 @@ def transform_means(theta: ArrayLike, means: ArrayLike) -> Array:
 
 
 def transform_covariances(theta: ArrayLike, covariances: ArrayLike) -> Array:
-    """Turn covariances (..., N, D, D) by theta (..., P): R Sigma R'."""
-    matrices = finite("covariances", covariances)
+    """Rotate covariances (..., N, D, D) by theta (..., P): R Sigma R'."""
+    matrices = check_finite("covariances", covariances)
     dimension = matrices.shape[-1] if matrices.ndim > 2 else 0
     if dimension not in PARAMETERS or matrices.shape[-2] != dimension:
         raise ValueError(
@@ -75,7 +76,8 @@ def compose(first: ArrayLike, second: ArrayLike) -> Array:
     a, b = _any_motion("first", first), _any_motion("second", second)
     if a.shape[-1] != b.shape[-1]:
         raise ValueError(
-            f"first and second must be of one dimension, but have the shapes {a.shape}, {b.shape}"
+            "first and second must have the same number of parameters, "
+            f"but have the shapes {a.shape} and {b.shape}"
         )
     if a.shape[-1] == 1:
         return a + b
@@ -84,7 +86,7 @@ def compose(first: ArrayLike, second: ArrayLike) -> Array:
 
 
 def inverse(theta: ArrayLike) -> Array:
-    """The motion back: compose(inverse(theta), theta) is zero."""
+    """The inverse motion: compose(inverse(theta), theta) is zero."""
     parameters = _any_motion("theta", theta)
     if parameters.shape[-1] == 1:
         return -parameters
@@ -106,7 +108,7 @@ def exponential(twist: ArrayLike) -> Array:
 
 
 def logarithm(theta: ArrayLike) -> Array:
-    """The twist (..., 3) of a motion: exponential(logarithm(theta)) = theta, ``|phi| < 2 pi``."""
+    """The twist (..., 3) of a motion: exponential(logarithm(theta)) = theta if ``|phi| < 2 pi``."""
     parameters = motion("theta", theta, 2)
     half = 0.5 * parameters[..., 2]
     arc = parameters[..., :2] / np.sinc(half / np.pi)[..., None]
@@ -119,7 +121,8 @@ def logarithm_jacobian(theta: ArrayLike) -> Array:
     parameters = motion("theta", theta, 2)
     x, y, phi = np.moveaxis(parameters, -1, 0)
     half = 0.5 * phi
-    small = np.abs(phi) < 1e-3  # the closed form cancels; the series' next terms are below 1e-15
+    # a series where the closed form suffers from cancellation; its next terms are at most 1.4e-15
+    small = np.abs(phi) < 1e-3
     safe = np.where(small, 1.0, half)
     a = np.where(small, 1.0 - phi**2 / 12.0, safe / np.tan(safe))
     slope = np.where(

@@ -23,7 +23,7 @@ from d2d import (
     UniformOutlier,
     rigid,
 )
-from d2d.study.scenarios import EIGHT_TARGETS
+from d2d.study.plane.scenarios import EIGHT_TARGETS
 
 METRICS = ("d2d", "p2d")
 FUSIONS = ("likelihood", "summing")

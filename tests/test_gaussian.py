@@ -180,7 +180,7 @@ def test_em_is_scikit_learns(seed):
     rng = np.random.default_rng(seed)
     x, _ = MIXTURE.sample(400, rng)
     start = gaussian.initial_mixture(x, 2, rng)
-    ours = fit_mixture(x, 2, rng, initial=start, tolerance=1e-13, most_iterations=5000)
+    ours = fit_mixture(x, 2, rng, initial=start, tolerance=1e-13, max_iterations=5000)
     peer = sklearn_at(start, tol=1e-13, max_iter=5000).fit(x)
     assert ours.converged
     assert peer.converged_
@@ -213,7 +213,7 @@ def test_the_likelihood_never_falls(draw, equal_weights):
     rng = np.random.default_rng(draw)
     x, components = random_set(draw, rng)
     fit = fit_mixture(
-        x, components, rng, equal_weights=equal_weights, tolerance=1e-10, most_iterations=300
+        x, components, rng, equal_weights=equal_weights, tolerance=1e-10, max_iterations=300
     )
     assert np.isfinite(fit.log_likelihoods).all()
     size = np.maximum(np.abs(fit.log_likelihoods), 1.0)

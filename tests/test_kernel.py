@@ -50,7 +50,7 @@ def _shifted_loop(x, out):
 
 
 FLAGS = {"strict": False, "kernel": _kernel._FAST, "all": True}
-KICK = np.array([1.0, 0.7, 0.4])  # as the minimiser gives it in the plane
+PERTURBATION = np.array([1.0, 0.7, 0.4])  # as the minimiser gives it in the plane
 
 
 @pytest.fixture(scope="module", params=FLAGS)
@@ -349,7 +349,7 @@ def test_trust_region_step_is_nearly_the_best_within_the_radius(seed):
         g = rng.standard_normal(3) * 10.0 ** rng.uniform(-3.0, 3.0) * np.sqrt(scale)
         radius = 10.0 ** rng.uniform(-3.0, 3.0)
         step = np.full(3, np.nan)
-        decrease = _kernel._trust_region_step(h, g, scale, radius, KICK, step)
+        decrease = _kernel._trust_region_step(h, g, scale, radius, PERTURBATION, step)
         assert np.sqrt((scale * step**2).sum()) <= 1.1 * radius * (1.0 + 1e-9)
         assert_allclose(decrease, -(g @ step + 0.5 * step @ h @ step), rtol=1e-9)
         assert decrease >= 0.75 * best_decrease(h, g, scale, radius)
@@ -359,7 +359,7 @@ def test_trust_region_step_on_a_plateau_is_zero():
     """Breaks if the step stays what the memory held before: with g = 0 and H = 0 no shift helps."""
     step = np.array([20.0, 3.0, 0.1])
     decrease = _kernel._trust_region_step(
-        np.zeros((3, 3)), np.zeros(3), np.ones(3), 1.0, KICK, step
+        np.zeros((3, 3)), np.zeros(3), np.ones(3), 1.0, PERTURBATION, step
     )
     assert_array_equal(step, 0.0)
     assert decrease == 0.0
@@ -411,8 +411,8 @@ def test_a_set_on_a_line_has_density_one_along_the_other_axis():
 def test_the_process_that_compiles_gets_the_bits_of_those_that_load(tmp_path):
     """Breaks if LLVM may order sums by its own choice: then workers differ from who compiled."""
     program = (
-        "import numpy as np; from d2d import *; from d2d.study.scenarios import OVERLAPPED as s; "
-        "sets = s.sample(300, np.random.default_rng(0)); "
+        "import numpy as np; from d2d import *; from d2d.study import scenarios; "
+        "s = scenarios.OVERLAPPED; sets = s.sample(300, np.random.default_rng(0)); "
         "cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100 * np.eye(2))); "
         "print(register(*sets, cost, s.theta).theta.tobytes().hex())"
     )

@@ -652,11 +652,14 @@ CALLS: dict[str, tuple[Any, dict[str, Any]]] = {
             "initial": np.zeros(3),
             "metric": "point",
             "tolerance": 1e-6,
-            "most_iterations": 3,
+            "max_iterations": 3,
         },
     ),
     "line_normals": (line_normals, {"points": POINTS, "neighbours": 5}),
-    "grid_cells": (grid_cells, {"points": POINTS, "size": 2.0, "shift": (0.0, 0.0), "fewest": 3}),
+    "grid_cells": (
+        grid_cells,
+        {"points": POINTS, "size": 2.0, "shift": (0.0, 0.0), "min_points": 3},
+    ),
     "pooled_cells": (pooled_cells, {"points": POINTS, "size": 2.0, "shifts": ((0.0, 0.0),)}),
     "ndt_p2d": (
         ndt_p2d,

@@ -8,9 +8,11 @@ from matplotlib.figure import Figure
 
 from d2d import ANNEALED, CorruptedGaussian, RegistrationCost
 from d2d.radar import simulate_drive, track
-from d2d.study import drawing, monte_carlo, radarscenes, scenarios
-from d2d.study.drives import DriveErrors
-from d2d.study.evaluation import COSTS, at_truth
+from d2d.study import monte_carlo, scenarios
+from d2d.study.book import drawing, style
+from d2d.study.drives.errors import DriveErrors
+from d2d.study.plane.evaluation import COSTS, at_truth
+from d2d.study.recordings.estimates import estimates_path, read_estimates
 
 STATIC = Path(__file__).resolve().parents[1] / "_static"
 ROBUST = COSTS["robust"]
@@ -27,21 +29,21 @@ def overview() -> Figure:
 
     figure, axes = plt.subplots(1, 3, figsize=(11, 3.6))
     drawing.radar_scan(axes[0], current, drive.mounting)
-    drawing.planar_axes(axes[0], "one scan")
+    style.label_planar_axes(axes[0], "one scan")
     contours = axes[1].contourf(offset, offset, cost.value(grid, fixed, moving), 24)
     figure.colorbar(contours, ax=axes[1], label="−log likelihood")
-    drawing.planar_axes(axes[1], "cost of a translation")
+    style.label_planar_axes(axes[1], "cost of a translation")
     axes[1].set(xlabel="$t_x$ (m)", ylabel="$t_y$ (m)")
     poses = track(drive.scans, drive.mounting).poses(drive.truth.poses[0])
-    drawing.path(axes[2], poses, color=drawing.BLUE, label="estimate")
-    axes[2].plot(*drive.truth.poses[:, :2].T, "--", color=drawing.ORANGE, label="truth")
-    drawing.planar_axes(axes[2], "the path")
+    drawing.path(axes[2], poses, color=style.BLUE, label="estimate")
+    axes[2].plot(*drive.truth.poses[:, :2].T, "--", color=style.ORANGE, label="truth")
+    style.label_planar_axes(axes[2], "the path")
     axes[2].legend()
     return figure
 
 
 def start() -> Figure:
-    """Who finds the truth from zero: a plain descent, a short schedule, a long one."""
+    """Share of runs that find the truth from zero, without a schedule and with two schedules."""
     schedules = {"plain": (1.0,), "scales 4, 2, 1": (4.0, 2.0, 1.0), "scales 10 … 1": ANNEALED}
     figure, ax = plt.subplots(figsize=(6.4, 3.2))
     for i, (name, scales) in enumerate(schedules.items()):
@@ -49,7 +51,7 @@ def start() -> Figure:
             at_truth(monte_carlo(scene, ROBUST, initial="zero", scales=scales).errors).mean()
             for scene in scenarios.ALL
         ]
-        color = (drawing.SKY, drawing.ORANGE, drawing.BLUE)[i]
+        color = (style.SKY, style.ORANGE, style.BLUE)[i]
         bars = ax.bar(np.arange(5) + 0.28 * (i - 1), shares, 0.26, color=color, label=name)
         ax.bar_label(bars, [f"{100 * share:.0f}" for share in shares], fontsize=8)
     names = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
@@ -61,32 +63,32 @@ def start() -> Figure:
 
 
 def summing() -> Figure:
-    """The errors of the three costs in every scene, and what their covariances say of them."""
+    """The errors of the three costs in every scene, and how credible their covariances are."""
     figure, axes = plt.subplots(1, 2, figsize=(6.8, 3.2), sharey=True)
-    rows = np.arange(5)[::-1]
-    styles = {"summing": (drawing.ORANGE, "s"), "likelihood": (drawing.SKY, "D")}
-    for name, (color, marker) in (styles | {"robust": (drawing.BLUE, "o")}).items():
-        found = [monte_carlo(scene, COSTS[name]) for scene in scenarios.ALL]
-        errors = [np.sqrt(np.mean(np.sum(run.errors[:, :2] ** 2, axis=1))) for run in found]
-        axes[0].plot(errors, rows, marker, color=color, label=name)
-        axes[1].plot([run.credibility.anees for run in found], rows, marker, color=color)
+    heights = np.arange(5)[::-1]
+    styles = {"summing": (style.ORANGE, "s"), "likelihood": (style.SKY, "D")}
+    for name, (color, marker) in (styles | {"robust": (style.BLUE, "o")}).items():
+        results = [monte_carlo(scene, COSTS[name]) for scene in scenarios.ALL]
+        errors = [np.sqrt(np.mean(np.sum(run.errors[:, :2] ** 2, axis=1))) for run in results]
+        axes[0].plot(errors, heights, marker, color=color, label=name)
+        axes[1].plot([run.credibility.anees for run in results], heights, marker, color=color)
     names = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
-    axes[0].set_yticks(rows, names)
+    axes[0].set_yticks(heights, names)
     axes[0].set_xlabel("RMSE (m)")
     axes[0].set_xlim(0, None)
     axes[1].axvline(1.0, color="0.4", ls=":", lw=0.9)
     axes[1].set_xscale("log")
     axes[1].set_xlabel("ANEES, 1 is credible")
-    drawing.letters(axes)
+    style.letter_panels(axes)
     figure.legend(loc="outside upper center", ncols=3)
     return figure
 
 
 def road() -> Figure:
-    """Errors of v_x and their three standard deviations: simulated, and on a road."""
+    """Errors of v_x and bands of three standard deviations, simulated and on a road."""
     drive = simulate_drive(np.random.default_rng(7), duration=30.0)
     simulated = DriveErrors.of(track(drive.scans, drive.mounting), drive.truth)
-    recorded = radarscenes.read(radarscenes.default_path(105))["sensor 3"].judged
+    recorded = read_estimates(estimates_path(105))["sensor 3"].judged
     figure, axes = plt.subplots(1, 2, figsize=(6.8, 3.0))
     for ax, judged, name in zip(
         axes, (simulated, recorded), ("simulated drive", "RadarScenes"), strict=True
@@ -100,8 +102,8 @@ def road() -> Figure:
 
 
 def main() -> None:
-    """Draw all of them."""
-    drawing.use_style()
+    """Draw all pictures and save them."""
+    style.use_style()
     for name, draw in (
         ("overview", overview),
         ("finding-start", start),

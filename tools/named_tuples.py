@@ -1,6 +1,6 @@
-"""A Sphinx extension: the fields of a named tuple are described once, by its class.
+"""A Sphinx extension that describes the fields of a named tuple once, with its class.
 
-Python documents each as "Alias for field number 0", and autodoc would list that as well.
+Python documents each field as "Alias for field number 0", and autodoc would list that as well.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from sphinx.application import Sphinx
 def skip_field(
     app: Sphinx, what: str, name: str, member: Any, skip: bool, options: Any
 ) -> bool | None:
-    """Say that a named tuple's field is skipped; None leaves the decision to others."""
+    """Skip the fields of named tuples; None leaves the decision to other extensions."""
     return (
         True
         if type(member).__name__ == "_tuplegetter" and inspect.isdatadescriptor(member)

@@ -1,6 +1,9 @@
-"""Execute notebooks in place, so that the same code gives the same bytes.
+"""Execute notebooks, so that the same code gives the same bytes.
 
-    python tools/run_notebooks.py [notebook ...]      (default: every notebook in chapters/)
+    python tools/run_notebooks.py [--jobs 2] [--into FOLDER] [notebook ...]
+
+By default every notebook of chapters/ is executed in place; with --into the executed notebooks are
+written to that folder, and those of chapters/ stay as they are.
 
 Each notebook runs in a fresh kernel and in its own folder. What would differ between two runs or
 two machines is not stored: times, widget state, the patch version of Python. A notebook that raises
@@ -15,6 +18,8 @@ import os
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import nbformat
@@ -24,7 +29,7 @@ from nbformat import NotebookNode
 
 CHAPTERS = Path(__file__).resolve().parents[1] / "chapters"
 CELL_METADATA = ("mystnb", "tags")
-"""The cell metadata that means something here; everything else is an editor's."""
+"""The cell metadata that the book uses; everything else comes from editors."""
 
 KERNELSPEC = {"display_name": "Python 3", "language": "python", "name": "python3"}
 LANGUAGE_INFO = {
@@ -43,12 +48,12 @@ class NotebookError(Exception):
 
 
 def kernel_environment() -> dict[str, str]:
-    """Return this process's environment, less what would change the outputs."""
+    """Return this process's environment without the variables that would change the outputs."""
     return {name: value for name, value in os.environ.items() if name not in UNSET_FOR_KERNELS}
 
 
 def set_stable_ids(notebook: NotebookNode) -> None:
-    """Keep the cells' ids; a missing or repeated one is made from the cell's position."""
+    """Keep the cells' ids; a missing or repeated id is replaced by one made from the position."""
     seen: set[str] = set()
     taken = {cell["id"] for cell in notebook.cells if cell.get("id")}
     for position, cell in enumerate(notebook.cells, start=1):
@@ -62,7 +67,7 @@ def set_stable_ids(notebook: NotebookNode) -> None:
 
 
 def set_stable_metadata(notebook: NotebookNode) -> None:
-    """Drop what editors and kernels leave in the metadata."""
+    """Drop what editors and kernels leave behind in the metadata."""
     notebook.metadata.kernelspec = dict(KERNELSPEC)
     notebook.metadata.language_info = dict(LANGUAGE_INFO)
     notebook.metadata.pop("widgets", None)
@@ -113,39 +118,50 @@ def execute(notebook: NotebookNode, folder: Path, timeout: int) -> None:
         raise NotebookError(f"cell {position} wrote to stderr:\n{text}")
 
 
-def run(path: Path, timeout: int) -> bool:
-    """Execute one notebook in place and say whether its bytes changed."""
+def run(path: Path, target: Path, timeout: int) -> bool:
+    """Execute one notebook, write it to ``target``, and say whether its bytes changed."""
     notebook = read(path)
     execute(notebook, path.parent, timeout)
     set_stable_metadata(notebook)
     nbformat.validate(notebook)
     before = path.read_bytes()
     after = nbformat.writes(notebook).rstrip("\n").encode() + b"\n"
-    if after != before:
-        path.write_bytes(after)
+    if target != path or after != before:
+        target.write_bytes(after)
     return after != before
+
+
+def report(path: Path, folder: Path | None, timeout: int) -> bool:
+    """Run one notebook, print the outcome, and say whether it ran cleanly."""
+    start = time.perf_counter()
+    try:
+        changed = run(path, folder / path.name if folder else path, timeout)
+        result, clean = "changed" if changed else "unchanged", True
+    except NotebookError as error:
+        result, clean = f"FAILED\n{error}", False
+    print(f"{path.name}: {result} ({time.perf_counter() - start:.1f} s)", flush=True)
+    return clean
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the notebooks named on the command line; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("notebooks", nargs="*", type=Path, help="default: all of chapters/")
+    parser.add_argument("--into", type=Path, help="folder for the executed notebooks")
+    parser.add_argument("--jobs", type=int, default=1, help="notebooks executed at a time")
     parser.add_argument("--timeout", type=int, default=300, help="seconds for one cell")
     options = parser.parse_args(arguments)
     paths = [path.resolve() for path in options.notebooks] or sorted(CHAPTERS.glob("*.ipynb"))
     if not paths:
         print(f"no notebooks in {CHAPTERS}", file=sys.stderr)
         return 1
-    failed = 0
-    for path in paths:
-        start = time.perf_counter()
-        try:
-            result = "changed" if run(path, options.timeout) else "unchanged"
-        except NotebookError as error:
-            failed += 1
-            result = f"FAILED\n{error}"
-        print(f"{path.name}: {result} ({time.perf_counter() - start:.1f} s)", flush=True)
-    return 1 if failed else 0
+    if options.into:
+        options.into.mkdir(parents=True, exist_ok=True)
+    # the longest first, so that no core waits for the last one: large outputs take long to compute
+    paths.sort(key=lambda path: -path.stat().st_size)
+    with ThreadPoolExecutor(options.jobs) as pool:
+        clean = list(pool.map(partial(report, folder=options.into, timeout=options.timeout), paths))
+    return 0 if all(clean) else 1
 
 
 if __name__ == "__main__":

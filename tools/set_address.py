@@ -1,10 +1,10 @@
-"""Say where the repository is: the book gets launch buttons, each notebook a first cell for Colab.
+"""Set the repository's address: adds launch buttons to the book and a Colab cell to each notebook.
 
     python tools/set_address.py https://github.com/<owner>/<name>
 
-Run `make notebooks` afterwards, so that the new cells count as executed.  Binder needs no more than
-requirements.txt, which it installs.  Colab opens a notebook alone; the cell fetches the rest there,
-and does nothing elsewhere.
+Run `make notebooks` afterwards, so that the new cells count as executed.  Binder only needs
+requirements.txt, which it installs.  Colab opens a notebook without the repository around it; there
+the cell fetches the rest, and everywhere else it does nothing.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ BUTTONS = (
 
 
 def colab_cell(address: str) -> str:
-    """What a notebook that Colab opened alone needs: the repository, and the package installed."""
+    """The code of the cell: on Colab it clones the repository and installs the package."""
     return f"""import sys
 
 if "google.colab" in sys.modules:
@@ -41,14 +41,14 @@ def configured(text: str, address: str) -> str:
         ("repository", f'url: "{address}", branch: main'),
         ("launch_buttons", BUTTONS),
     ):
-        text, found = re.subn(rf"(?m)^(# )?{key}: \{{.*\}}$", f"{key}: {{{value}}}", text)
-        if found != 1:
-            raise ValueError(f"_config.yml must hold one line for {key}, but holds {found}")
+        text, count = re.subn(rf"(?m)^(# )?{key}: \{{.*\}}$", f"{key}: {{{value}}}", text)
+        if count != 1:
+            raise ValueError(f"_config.yml must hold one line for {key}, but holds {count}")
     return text
 
 
 def with_colab_cell(notebook: nbformat.NotebookNode, address: str) -> nbformat.NotebookNode:
-    """The notebook with the cell behind its title; one from an earlier address is replaced."""
+    """The notebook with the cell after its title; a cell with an earlier address is replaced."""
     cells = [cell for cell in notebook.cells if cell.id != CELL_ID]
     cell = new_code_cell(colab_cell(address), id=CELL_ID, metadata={"tags": ["remove-cell"]})
     return nbformat.from_dict({**notebook, "cells": [*cells[:1], cell, *cells[1:]]})

@@ -2,8 +2,8 @@
 
     python tools/shrink_pictures.py _build/html/_images
 
-A figure has few colours; what the edges of its lines add is merged into 256 of them. Pictures that
-would look different (photographs, transparency) or not get smaller are left as they are.
+A figure has few colours; the shades along the edges of its lines are merged, so that 256 suffice.
+Pictures that would look different (photographs, transparency) or not get smaller are left alone.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import numpy as np
 from PIL import Image
 
 MAX_ERROR = 1.0
-"""Of a colour channel, 0 to 255, in the mean over the picture: far less than an eye can tell."""
+"""Mean error of a colour channel (0 to 255) over the picture; far less than the eye can see."""
 
 
 def shrink(data: bytes) -> bytes:
-    """The same picture as a PNG with a palette, or `data` where that is no gain."""
+    """The same picture as a PNG with a palette, or `data` if that is not smaller."""
     with Image.open(io.BytesIO(data)) as picture:
         if getattr(picture, "is_animated", False) or picture.mode == "P":
             return data
@@ -38,7 +38,7 @@ def shrink(data: bytes) -> bytes:
 
 
 def main(folders: list[str]) -> int:
-    """Shrink every PNG of the folders; return the exit code."""
+    """Shrink every PNG in the folders; return the exit code."""
     if not folders:
         print(__doc__, file=sys.stderr)
         return 2

@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from d2d import rigid
-from d2d._checks import Array, broadcast, count, finite, scalar
+from d2d._checks import broadcast_batches, check_count, check_finite, check_scalar
+from d2d._types import Array
 
 Metric = Literal["point", "line"]
 
@@ -17,7 +18,7 @@ _METRICS = ("point", "line")
 
 @dataclass(frozen=True, eq=False)
 class IcpResult:
-    """Where ICP ended, or a batch of such ends, and how it came there.
+    """The result of ICP, for one start or a batch of starts, and the iterations on the way to it.
 
     Attributes
     ----------
@@ -27,10 +28,10 @@ class IcpResult:
         Root mean squared distance of the final correspondences: to the nearest point, or to the
         line through it.
     converged : (...) array of bool
-        Whether the last step was shorter than the tolerance.
+        Whether the last step was within the tolerance.
     iterations : (...) array of int
     thetas, rms_history : (I + 1, ..., 3) and (I + 1, ...) arrays
-        After each iteration, the start first; constant once converged.
+        Motion and rms distance at the start and after each iteration; constant once stopped.
     """
 
     theta: Array
@@ -42,16 +43,17 @@ class IcpResult:
 
 
 def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
-    """The rigid motion of least squared distance between paired points.
+    """The rigid motion that minimises the squared distances between paired points.
 
     Minimises ``sum_n |R m_n + t - f_n|^2`` in closed form.  With the centred points f', m' and the
     singular value decomposition sum_n m'_n f'_n^T = U S V^T, R = V diag(1, det(V U^T)) U^T and
-    t = mean(f) - R mean(m) (Arun et al. 1987; the determinant of Umeyama 1991 excludes mirrors).
+    t = mean(f) - R mean(m) (Arun et al. 1987; the determinant, from Umeyama 1991, excludes
+    reflections).
 
     Parameters
     ----------
     fixed, moving : (..., N, 2) arrays, m
-        Point n of the one belongs to point n of the other; batch axes broadcast.
+        Points with the same index are paired; batch axes broadcast.
 
     Returns
     -------
@@ -61,7 +63,8 @@ def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        Naming the argument: shapes that do not match, an empty set, nan or inf.
+        If the shapes do not match, a set is empty, or a value is nan or inf; the message names the
+        argument.
     """
     target, source = _points("fixed", fixed), _points("moving", moving)
     if target.shape[-2] != source.shape[-2]:
@@ -69,7 +72,7 @@ def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
             f"fixed and moving must be paired, but have {target.shape[-2]} and "
             f"{source.shape[-2]} points"
         )
-    broadcast("fixed and moving", target.shape[:-2], source.shape[:-2])
+    broadcast_batches("fixed and moving", target.shape[:-2], source.shape[:-2])
     to, by = target.mean(axis=-2), source.mean(axis=-2)
     spread = np.swapaxes(source - by[..., None, :], -1, -2) @ (target - to[..., None, :])
     left, _, right = np.linalg.svd(spread)
@@ -82,25 +85,26 @@ def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
 
 
 def line_normals(points: ArrayLike, neighbours: int = 5) -> Array:
-    """Unit normals (N, 2) of the lines through each point and its nearest neighbours.
+    """Unit normals (N, 2) of the lines fitted to each point and its nearest neighbours.
 
-    The eigenvector of the smallest eigenvalue of their covariance; its sign is arbitrary.
+    A normal is the eigenvector of the smallest eigenvalue of their covariance; its sign is
+    arbitrary.
 
     Parameters
     ----------
     points : (N, 2) array, m
     neighbours : int
-        Of each point, below N.
+        Number of neighbours of each point, below N.
 
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     """
     cloud = _points("points", points)
     if cloud.ndim != 2:
         raise ValueError(f"points must have the shape (N, 2), but has {cloud.shape}")
-    if not 1 <= count("neighbours", neighbours) < len(cloud):
+    if not 1 <= check_count("neighbours", neighbours) < len(cloud):
         raise ValueError(
             f"neighbours must lie within [1, {len(cloud) - 1}] for {len(cloud)} points, "
             f"but is {neighbours}"
@@ -119,33 +123,33 @@ def icp(
     metric: Metric = "point",
     neighbours: int = 5,
     tolerance: float = 1e-6,
-    most_iterations: int = 100,
+    max_iterations: int = 100,
 ) -> IcpResult:
     """Register two point sets by the iterative closest point algorithm (thesis sec. 3.1).
 
-    In turn: move, pair each moving point with the nearest fixed one, fit the motion to the pairs.
-    ``metric="point"`` minimises the distance of the pairs in closed form (Besl & McKay 1992),
-    ``metric="line"`` that to the line through the fixed point (Chen & Medioni 1992) by one
-    Gauss-Newton step; the latter has no guarantee to settle: it stops, not converged, once
-    it swaps between two pairings.  Each moving point keeps a partner however far: there is no
-    rejection.
+    Each iteration pairs every moving point with the nearest fixed one, fits the motion to the pairs
+    and moves the points.  ``metric="point"`` minimises the distances between the paired points in
+    closed form (Besl & McKay 1992).  ``metric="line"`` minimises the distances to the lines through
+    the fixed points (Chen & Medioni 1992) by one Gauss-Newton step.  The latter is not guaranteed
+    to converge: it stops, not converged, when it alternates between two pairings.  No pair is
+    rejected, however far apart its points are.
 
     Parameters
     ----------
     fixed, moving : (F, 2) and (M, 2) arrays, m
-    initial : (..., 3) array, optional
-        Where to start, m, m, rad: a batch runs as one. Zeros unless given.
+    initial : (..., 3) array, m, m, rad, optional
+        Where to start, or a batch of starts; zeros by default.
     metric : "point" or "line"
     neighbours : int
-        Of each fixed point, for its line.
+        Number of neighbours of each fixed point that define its line.
     tolerance : float
-        Converged once a step moves no point of the set by more than this, in m.
-    most_iterations : int
+        The iteration has converged once a step moves no point by more than this, in m.
+    max_iterations : int
 
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     """
     target, source = _points("fixed", fixed), _points("moving", moving)
     if target.ndim != 2 or source.ndim != 2:
@@ -153,11 +157,11 @@ def icp(
             f"fixed and moving must have the shape (N, 2), but have {target.shape} and "
             f"{source.shape}"
         )
-    if str(metric) not in _METRICS:  # an array would not compare
+    if str(metric) not in _METRICS:  # str: comparing an array gives an array
         raise ValueError(f"metric must be one of {', '.join(_METRICS)}, but is {metric!r}")
-    if scalar("tolerance", tolerance) < 0.0:
+    if check_scalar("tolerance", tolerance) < 0.0:
         raise ValueError(f"tolerance must not be negative, but is {tolerance:g}")
-    count("most_iterations", most_iterations)
+    check_count("max_iterations", max_iterations)
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
     normals = line_normals(target, neighbours) if metric == "line" else None
     tree = cKDTree(target)
@@ -168,7 +172,7 @@ def icp(
     active, settled = np.ones(len(theta), dtype=np.bool_), np.zeros(len(theta), dtype=np.bool_)
     older = np.full_like(paired, -1)
     iterations = np.zeros(len(theta), dtype=np.int64)
-    while active.any() and len(thetas) <= most_iterations:
+    while active.any() and len(thetas) <= max_iterations:
         before, partner = moved[active], paired[active]
         step = (
             fit_rigid(target[partner], before)
@@ -209,8 +213,8 @@ def _pair(tree: cKDTree, normals: Array | None, moved: Array) -> tuple[NDArray[n
 def _line_step(fixed: Array, normals: Array, moved: Array) -> Array:
     """The motion (B, 3) that minimises sum (n . (m + phi E m + t - f))^2 over t and phi.
 
-    E m = (-m_y, m_x) is the derivative of the rotation at zero.  The smallest norm is taken where
-    the lines leave a direction open (a corridor).
+    E m = (-m_y, m_x) is the derivative of the rotation at zero.  Where the lines leave a direction
+    undetermined (a corridor), the solution of smallest norm is taken.
     """
     across = normals[..., 1] * moved[..., 0] - normals[..., 0] * moved[..., 1]
     jacobian = np.concatenate([normals, across[..., None]], axis=-1)
@@ -222,7 +226,7 @@ def _line_step(fixed: Array, normals: Array, moved: Array) -> Array:
 
 
 def _points(name: str, value: ArrayLike) -> Array:
-    array = finite(name, value)
+    array = check_finite(name, value)
     if array.ndim < 2 or array.shape[-1] != 2 or not array.size:
         raise ValueError(
             f"{name} must have the shape (..., N, 2) with N > 0, but has {array.shape}"

@@ -1,15 +1,17 @@
-"""Gaussian mixtures as nonlinear least squares, as the solvers of robotics take them.
+"""Gaussian mixtures as nonlinear least squares, the form that solvers in robotics require.
 
-Least squares minimises half a sum of squares; a target's mixture ``sum_j s_j exp(-|w_j|^2 / 2)``,
-with whitened distances w_j, has to be written as one.  Pfeifer, Lange & Protzel (2021) compare:
+Least squares minimises half a sum of squares, so the negative logarithm of a target's mixture
+``sum_j s_j exp(-|w_j|^2 / 2)``, with whitened distances w_j, has to be written as such a sum.
+Pfeifer, Lange & Protzel (2021) compare three ways:
 
-- max: the square of the component that is largest here (Olson & Agarwal 2013, "max-mixtures"),
-- sum: the square root of the whole logarithm (Rosen, Kaess & Leonard 2013),
-- max-sum: the square of the largest component, and the square root of the logarithm of the rest
-  (theirs).
+- max: the exponent of the component that is largest at theta (Olson & Agarwal 2013,
+  "max-mixtures"),
+- sum: the whole negative logarithm as the square of one residual (Rosen, Kaess & Leonard 2013),
+- max-sum: the exponent of the largest component, and the remainder of the negative logarithm as
+  the square of one more residual (their own proposal).
 
-The last two equal the likelihood of `d2d.RegistrationCost`, up to a constant; the first drops all
-components of a target but one.
+The last two equal the likelihood of `d2d.RegistrationCost` up to a constant; the first drops all
+but one component of each target.
 """
 
 import math
@@ -20,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from d2d import rigid
-from d2d._checks import Array
+from d2d._types import Array
 from d2d.cost import CorruptedGaussian, check_types
 from d2d.covariance import fisher_covariance
 from d2d.point_set import PointSet
@@ -29,9 +31,9 @@ from d2d.registration import Estimate
 Mixture = Literal["max", "sum", "max-sum"]
 
 _MIXTURES = ("max", "sum", "max-sum")
-DAMPING = 10.0  # 1/m^2, added to the max-sum's normalisation so that its root bends less
-_STEP = 1e-30  # complex: derivatives without a difference that could cancel
-_LEAST = 1e-10  # below a root, whose slope at zero is infinite
+DAMPING = 10.0  # 1/m^2, added to the max-sum's normalisation to make its square root less curved
+_STEP = 1e-30  # of complex-step derivatives, which do not suffer from cancellation
+_MIN_SQUARE = 1e-10  # smallest argument of a square root, whose slope at zero is infinite
 
 
 def mixture_residuals(
@@ -48,16 +50,16 @@ def mixture_residuals(
     Parameters
     ----------
     theta : (..., 3) array, m, m, rad
-        May be complex, for derivatives.
+        May be complex, for complex-step derivatives.
     fixed, moving : PointSet
-        In the plane, one set each.
+        One planar set each, no batch.
     mixture : "max", "sum" or "max-sum"
     outlier : CorruptedGaussian, optional
 
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     """
     _check(fixed, moving, mixture)
     parts = _components(np.asarray(theta), fixed, moving, outlier)
@@ -73,8 +75,8 @@ def mixture_residuals(
         constant = parts.log_bound.max(axis=-1)
         rest = constant - np.take_along_axis(parts.log_scale, best, axis=-1)[..., 0]
     else:
-        most = parts.log_bound.shape[-1] * np.exp(parts.log_bound.max(axis=-1))
-        constant = np.log(most + DAMPING)
+        bound = parts.log_bound.shape[-1] * np.exp(parts.log_bound.max(axis=-1))
+        constant = np.log(bound + DAMPING)
         rest = constant - whole - 0.5 * (nearest**2).sum(axis=-1)
     flat = nearest.reshape(*nearest.shape[:-2], -1)
     return np.concatenate([flat, _root(rest)], axis=-1), constant
@@ -87,25 +89,25 @@ def register_mixture(
     outlier: CorruptedGaussian | None = None,
     initial: ArrayLike | None = None,
 ) -> Estimate:
-    """Minimise a mixture by Levenberg-Marquardt (MINPACK), one problem at a time.
+    """Minimise a mixture's negative logarithm by Levenberg-Marquardt (MINPACK), for one problem.
 
     Parameters
     ----------
     fixed, moving, mixture, outlier
         As for `mixture_residuals`.
-    initial : (3,) array, optional
-        Zeros unless given.
+    initial : (3,) array, m, m, rad, optional
+        Where to start; zeros by default.
 
     Returns
     -------
     Estimate
-        ``hessian`` is J'J, what such a solver knows of it, and ``covariance`` its inverse;
-        ``iterations`` counts evaluations of the residuals.
+        ``hessian`` is J'J, the approximation that such a solver uses, and ``covariance`` its
+        inverse; ``iterations`` counts evaluations of the residuals.
 
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     """
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
 
@@ -138,7 +140,7 @@ class _Components(NamedTuple):
 
     whitened: NDArray[Any]  # (..., K, J, 2): w_j
     log_scale: NDArray[Any]  # (..., K, J): log s_j
-    log_bound: Array  # (K, J): at least log s_j, whatever theta
+    log_bound: Array  # (K, J): upper bound on log s_j, for any theta
 
 
 def _components(
@@ -154,7 +156,7 @@ def _components(
     spread = spun[..., :, np.newaxis, :, :] + fixed.covariances
     whitened, log_root = _whiten(d, spread)
     log_weight = np.log(fixed.weights) - math.log(2.0 * math.pi)
-    # Minkowski: the root of det(A + B) is at least the sum of their roots
+    # Minkowski: det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)
     roots = np.sqrt(np.linalg.det(moving.covariances))[:, None] + np.sqrt(
         np.linalg.det(fixed.covariances)
     )
@@ -162,7 +164,7 @@ def _components(
     if outlier is None:
         return inlier
     wide, log_root = _whiten(d, np.broadcast_to(outlier.covariance, spread.shape))
-    with np.errstate(divide="ignore"):  # a fraction of 0 or 1 leaves one component no weight
+    with np.errstate(divide="ignore"):  # a fraction of 0 or 1: one component has zero weight
         share_in, share_out = np.log1p(-outlier.fraction), np.log(outlier.fraction)
     scale = share_out + log_weight - log_root
     bound = np.broadcast_to(
@@ -178,7 +180,8 @@ def _components(
 def _whiten(d: NDArray[Any], spread: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """L^-1 d (..., 2) with L L' = spread (..., 2, 2), and log det L (...).
 
-    In closed form, because a complex theta makes a complex symmetric matrix.
+    In closed form, because a complex theta gives a complex symmetric matrix, which NumPy's Cholesky
+    factorisation does not support.
     """
     xx, xy, yy = spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]
     first = np.sqrt(xx)
@@ -191,8 +194,8 @@ def _whiten(d: NDArray[Any], spread: NDArray[Any]) -> tuple[NDArray[Any], NDArra
 
 def _root(half_squares: NDArray[Any]) -> NDArray[Any]:
     """Residuals r with r^2 / 2 = half_squares, kept away from zero."""
-    least = np.where(half_squares.real < _LEAST, _LEAST, half_squares)
-    return np.asarray(np.sqrt(2.0 * least))
+    clipped = np.where(half_squares.real < _MIN_SQUARE, _MIN_SQUARE, half_squares)
+    return np.asarray(np.sqrt(2.0 * clipped))
 
 
 def _check(fixed: PointSet, moving: PointSet, mixture: str) -> None:
@@ -200,7 +203,7 @@ def _check(fixed: PointSet, moving: PointSet, mixture: str) -> None:
     for name, points in (("fixed", fixed), ("moving", moving)):
         if points.dimension != 2 or points.batch_shape:
             raise ValueError(
-                f"{name} must be one set of the plane, but has dimension {points.dimension} and "
+                f"{name} must be a single planar set, but has dimension {points.dimension} and "
                 f"the batch shape {points.batch_shape}"
             )
     if mixture not in _MIXTURES:

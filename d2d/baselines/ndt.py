@@ -1,7 +1,7 @@
-"""The normal distributions transform (NDT) of a planar scan, and registration on it.
+"""The normal distributions transform (NDT) of a planar scan, and registration with it.
 
-A scan becomes the Gaussians of the cells of a grid, a `PointSet`; the two ways to register with it
-are then `RegistrationCost` with ``fusion="summing"`` on such sets.
+A scan becomes a `PointSet` with one Gaussian per grid cell.  Both ways to register such sets are
+then a `RegistrationCost` with ``fusion="summing"``.
 """
 
 from collections.abc import Sequence
@@ -10,17 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import gaussian
-from d2d._checks import Array, count, finite, fraction, positive, scalar
+from d2d._checks import check_count, check_finite, check_fraction, check_positive, check_scalar
+from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
 from d2d.registration import Estimate, register
 
 CELL_SIZE = 1.0  # m
-FEWEST_POINTS = 3  # that determine a covariance in the plane (Biber & Strasser 2003, sec. III)
+MIN_POINTS = 3  # needed for a covariance in the plane (Biber & Strasser 2003, sec. III)
 SMALLEST_RATIO = 1e-3  # of a cell's eigenvalues (Biber & Strasser 2003, sec. III)
 FOUR_GRIDS = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))  # shifts in cells
-_MOST_CELLS = 2**53  # from the origin: beyond, float64 skips whole cells
-D2 = 0.05  # the factor of the exponent that public implementations of D2D-NDT use
+_MAX_CELLS = 2**53  # from the origin: beyond it, float64 cannot represent every cell number
+D2 = 0.05  # factor of the exponent in public implementations of D2D-NDT
 
 P2D = RegistrationCost(metric="p2d", fusion="summing")
 D2D = RegistrationCost(metric="d2d", fusion="summing")
@@ -31,36 +32,37 @@ def grid_cells(
     size: float = CELL_SIZE,
     shift: Sequence[float] = (0.0, 0.0),
     *,
-    fewest: int = FEWEST_POINTS,
+    min_points: int = MIN_POINTS,
     smallest_ratio: float = SMALLEST_RATIO,
 ) -> PointSet:
-    """One Gaussian for every cell of a grid that holds enough points (thesis eq. 3.4, 3.5).
+    """One Gaussian for every grid cell that contains enough points (thesis eq. 3.4, 3.5).
 
     Parameters
     ----------
     points : (N, 2) array, m
     size : float, m
-        Side of the square cells.
+        Side length of the square cells.
     shift : pair of float
-        Of the grid's origin, in cells.
-    fewest : int
-        Cells with fewer points are left out.
+        Shift of the grid's origin, in cells.
+    min_points : int
+        Cells with fewer points are left out; at least 2.
     smallest_ratio : float within (0, 1]
-        The smaller eigenvalue of a cell's covariance is raised to this share of the larger, so
-        that points on a line do not make it singular.
+        The smaller eigenvalue of a cell's covariance is raised to at least this fraction of the
+        larger, so that the covariance of collinear points is not singular.
 
     Returns
     -------
     PointSet
-        In the order of the cells' columns and rows. Weighted by sqrt(det(2 pi Sigma)): each
-        component then peaks at 1, as the score of Biber & Strasser does.
+        Sorted by the cells' columns, then rows.  The weights sqrt(det(2 pi Sigma)) make each
+        component peak at 1, like the score of Biber & Strasser.
 
     Raises
     ------
     ValueError
-        Naming the argument; also if no cell holds enough points.
+        If an argument is invalid, or no cell contains enough points; the message names the
+        argument.
     """
-    return _weighted(*_cells(_checked(points), size, shift, fewest, smallest_ratio))
+    return _weighted(*_cells(_checked(points), size, shift, min_points, smallest_ratio))
 
 
 def pooled_cells(
@@ -68,36 +70,37 @@ def pooled_cells(
     size: float = CELL_SIZE,
     shifts: Sequence[Sequence[float]] = FOUR_GRIDS,
     *,
-    fewest: int = FEWEST_POINTS,
+    min_points: int = MIN_POINTS,
     smallest_ratio: float = SMALLEST_RATIO,
 ) -> PointSet:
-    """The cells of several shifted grids together: every point counts in each of the grids.
+    """The cells of several shifted grids together; every point counts in each grid.
 
-    Four grids, shifted by half a cell, smooth the jumps of the score at the cells' borders
+    Four grids, shifted by half a cell, smooth the jumps of the score at the borders of the cells
     (Biber & Strasser 2003, sec. III).
 
     Parameters
     ----------
-    points, size, fewest, smallest_ratio
+    points, size, min_points, smallest_ratio
         As for `grid_cells`.
     shifts : sequence of pairs
-        Of each grid's origin, in cells.
+        Shift of each grid's origin, in cells.
 
     Returns
     -------
     PointSet
-        The cells of one grid after those of the other, weighted as by `grid_cells`.
+        The cells of all grids, grid by grid, weighted as by `grid_cells`.
 
     Raises
     ------
     ValueError
-        Naming the argument; also if no cell of a grid holds enough points.
+        If an argument is invalid, or no cell of a grid contains enough points; the message names
+        the argument.
     """
     cloud = _checked(points)
-    offsets = finite("shifts", shifts)
+    offsets = check_finite("shifts", shifts)
     if offsets.ndim != 2 or not len(offsets) or offsets.shape[1] != 2:
         raise ValueError(f"shifts must be one or more pairs, but has the shape {offsets.shape}")
-    grids = [_cells(cloud, size, shift, fewest, smallest_ratio) for shift in offsets]
+    grids = [_cells(cloud, size, shift, min_points, smallest_ratio) for shift in offsets]
     return _weighted(
         np.concatenate([means for means, _ in grids]),
         np.concatenate([covariances for _, covariances in grids]),
@@ -112,31 +115,33 @@ def ndt_p2d(
     size: float = CELL_SIZE,
     shifts: Sequence[Sequence[float]] = FOUR_GRIDS,
 ) -> Estimate:
-    """Register points to the NDT of the fixed ones (Biber & Strasser 2003; thesis eq. 3.6, 3.7).
+    """Register points with the NDT of the fixed ones (Biber & Strasser 2003; thesis eq. 3.6, 3.7).
 
     Maximises sum_k sum_i exp(-1/2 d_ki' Sigma_i^-1 d_ki) over the motion, d_ki = T(m_k) - mu_i, by
-    Newton's method on its negative logarithm.  The sum goes over all cells, where the paper takes
-    the cell that T(m_k) lies in: without that cut the score is smooth and has exact derivatives.
+    Newton's method on its negative logarithm.  The sum is over all cells, whereas the paper takes
+    only the cell that contains T(m_k); without that restriction the score is smooth, and its
+    derivatives are exact.
 
     Parameters
     ----------
     fixed, moving : (N, 2) and (M, 2) arrays, m
-    initial : (..., 3) array, optional
-        Where to start, m, m, rad; a batch runs as one. Zeros unless given.
+    initial : (..., 3) array, m, m, rad, optional
+        Where to start, or a batch of starts; zeros by default.
     size : float, m
+        Side length of the square cells.
     shifts : sequence of pairs
-        Of the grids, in cells.
+        Shift of each grid's origin, in cells.
 
     Returns
     -------
     Estimate
-        Its ``covariance`` is the inverse Hessian of the score's logarithm, which is not the
-        covariance of the error: the score is no likelihood.
+        Its ``covariance`` is the inverse Hessian of the score's negative logarithm.  That is not
+        the covariance of the error, because the score is not a likelihood.
 
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     """
     cells = pooled_cells(_checked(fixed, "fixed"), size, shifts)
     return register(cells, bare_points(_checked(moving, "moving")), P2D, initial)
@@ -150,32 +155,32 @@ def ndt_d2d(
     size: float = CELL_SIZE,
     d2: float = D2,
 ) -> Estimate:
-    """Register the NDT of the moving points to that of the fixed (Stoyanov et al. 2012).
+    """Register the NDT of the moving points with that of the fixed ones (Stoyanov et al. 2012).
 
     Maximises sum_k sum_i N(0 | d_ki, S_ki / d2), S_ki = R Sigma_k R' + Sigma_i: the inner product
-    of the two mixtures, the only part of the L2 distance that the motion changes.  ``d2`` below 1
-    widens every pair alike; public implementations take 0.05, and leave out the normalisation of
-    the densities, which is kept here because it belongs to the inner product.  Each scan has a
-    single grid of its own, without shifts.
+    of the two mixtures, the only part of the L2 distance that depends on the motion.  A ``d2``
+    below 1 widens all pairs by the same factor; public implementations use 0.05.  They also leave
+    out the normalisation of the densities, which is kept here because it is part of the inner
+    product.  Each scan has a single grid of its own, without shifts.
 
     Parameters
     ----------
     fixed, moving, initial, size
         As for `ndt_p2d`.
     d2 : float within (0, 1]
-        Variances are divided by it.
+        Divisor of the variances.
 
     Returns
     -------
     Estimate
-        Its ``covariance`` is not that of the error, as with `ndt_p2d`.
+        As for `ndt_p2d`, its ``covariance`` is not that of the error.
 
     Raises
     ------
     ValueError
-        Naming the argument that does not fit.
+        If an argument is invalid; the message names it.
     """
-    if fraction("d2", d2) == 0.0:
+    if check_fraction("d2", d2) == 0.0:
         raise ValueError("d2 must be positive, but is 0")
     sets = (
         grid_cells(_checked(cloud, name), size)
@@ -187,35 +192,36 @@ def ndt_d2d(
 
 
 def bare_points(points: ArrayLike) -> PointSet:
-    """Points (N, 2) as the moving set of a P2D cost, which never reads its covariances."""
+    """Points (N, 2) as the moving set of a P2D cost, which ignores the moving covariances."""
     cloud = _checked(points)
     return PointSet(cloud, np.broadcast_to(np.eye(2), (len(cloud), 2, 2)))
 
 
 def _cells(
-    points: Array, size: float, shift: ArrayLike, fewest: int, smallest_ratio: float
+    points: Array, size: float, shift: ArrayLike, min_points: int, smallest_ratio: float
 ) -> tuple[Array, Array]:
-    side = float(positive("size", scalar("size", size)))
-    offset = finite("shift", shift)
+    side = float(check_positive("size", check_scalar("size", size)))
+    offset = check_finite("shift", shift)
     if offset.shape != (2,):
         raise ValueError(f"shift must be a pair, but has the shape {offset.shape}")
-    if count("fewest", fewest) < 2:
-        raise ValueError(f"fewest must be at least 2, but is {fewest}")
-    if fraction("smallest_ratio", smallest_ratio) == 0.0:
+    if check_count("min_points", min_points) < 2:
+        raise ValueError(f"min_points must be at least 2, but is {min_points}")
+    if check_fraction("smallest_ratio", smallest_ratio) == 0.0:
         raise ValueError("smallest_ratio must be positive, but is 0")
     place = np.floor(points / side - offset)
-    if np.abs(place).max() > _MOST_CELLS:
-        raise ValueError(f"size must not be so small beside the points' distance, but is {side:g}")
+    if np.abs(place).max() > _MAX_CELLS:
+        raise ValueError(f"size must be larger for points so far from the origin, but is {side:g}")
     place = place.astype(np.int64)
     _, cell, counts = np.unique(place, axis=0, return_inverse=True, return_counts=True)
     member = cell.ravel() == np.arange(len(counts))[:, None]  # (cells, N)
-    member = member[counts >= fewest]
-    # points that all coincide have no extent in any direction, and so no covariance to raise
+    member = member[counts >= min_points]
+    # leave out cells whose points all coincide: there is no eigenvalue to raise the other to
     fitted = [gaussian.fit(points[inside]) for inside in member]
     fitted = [(mean, sigma) for mean, sigma in fitted if np.trace(sigma) > 1e-18 * side**2]
     if not fitted:
         raise ValueError(
-            f"points must fill a cell of {side:g} m with {fewest} or more, but none has as many"
+            f"points must include {min_points} or more in one cell of {side:g} m, not all at the "
+            "same place"
         )
     means = np.stack([mean for mean, _ in fitted])
     covariances = np.stack([sigma for _, sigma in fitted])
@@ -231,7 +237,7 @@ def _equally_weighted(cells: PointSet) -> PointSet:
 
 
 def _checked(points: ArrayLike, name: str = "points") -> Array:
-    array = finite(name, points)
+    array = check_finite(name, points)
     if array.ndim != 2 or array.shape[1] != 2 or not array.size:
         raise ValueError(f"{name} must have the shape (N, 2) with N > 0, but has {array.shape}")
     return array

@@ -1,9 +1,9 @@
-"""The four textbook update rules for nonlinear least squares, and a driver that keeps the path.
+"""The four textbook update rules for nonlinear least squares, and drivers that record the path.
 
 With residuals f(x) of shape (m,), their Jacobian J (m, n) and the cost F = f'f / 2, the gradient is
-J'f and the Hessian J'J + sum_i f_i d2f_i.  Each rule returns the step that is ADDED to x.  (The
-thesis's section 5.1 subtracts the negative gradient, which climbs; and its table has H'f for the
-curvature and no transpose in the last line.)
+J'f and the Hessian J'J + sum_i f_i d2f_i.  Each rule returns the step that is added to x.  (Thesis
+sec. 5.1 subtracts the negative gradient, which goes uphill; its table has H'f for the curvature and
+lacks a transpose in the last line.)
 """
 
 from collections.abc import Callable
@@ -12,11 +12,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import Array, finite, positive, scalar
+from d2d._checks import check_finite, check_positive, check_scalar
+from d2d._types import Array
 
 
 class LeastSquares(Protocol):
-    """A least-squares problem, as the update rules ask for it."""
+    """A least-squares problem in the form that the update rules require."""
 
     def residuals(self, x: Array) -> Array:
         """f(x) of shape (m,)."""
@@ -25,7 +26,7 @@ class LeastSquares(Protocol):
         """J(x) of shape (m, n)."""
 
     def curvature(self, x: Array) -> Array:
-        """The Hessian's second part, sum_i f_i d2f_i, of shape (n, n): only Newton asks for it."""
+        """The second part of the Hessian, sum_i f_i d2f_i, of shape (n, n); only Newton uses it."""
 
 
 Step = Callable[[LeastSquares, Array], Array]
@@ -43,25 +44,25 @@ def gradient(problem: LeastSquares, x: Array) -> Array:
 
 
 def gradient_descent(rate: float) -> Step:
-    """Step -alpha J'f with the fixed rate alpha."""
-    alpha = float(positive("rate", scalar("rate", rate)))
+    """Step -alpha J'f with a fixed rate alpha."""
+    alpha = float(check_positive("rate", check_scalar("rate", rate)))
     return lambda problem, x: -alpha * gradient(problem, x)
 
 
 def newton(problem: LeastSquares, x: Array) -> Array:
-    """Solve (J'J + sum_i f_i d2f_i) step = -J'f; heads for a saddle or a maximum just as well."""
+    """Solve (J'J + sum_i f_i d2f_i) step = -J'f; may also converge to a saddle or a maximum."""
     j = problem.jacobian(x)
     return _solve(j.T @ j + problem.curvature(x), -gradient(problem, x))
 
 
 def gauss_newton(problem: LeastSquares, x: Array) -> Array:
-    """Solve J'J step = -J'f: Newton without the residuals' own curvature."""
+    """Solve J'J step = -J'f: Newton without the curvature of the residuals."""
     j = problem.jacobian(x)
     return _solve(j.T @ j, -gradient(problem, x))
 
 
 def levenberg_marquardt(problem: LeastSquares, x: Array, damping: float) -> Array:
-    """Solve (J'J + lambda I) step = -J'f: a short gradient descent for large lambda."""
+    """Solve (J'J + lambda I) step = -J'f: a short gradient-descent step for large lambda."""
     j = problem.jacobian(x)
     return _solve(j.T @ j + damping * np.eye(len(x)), -gradient(problem, x))
 
@@ -71,12 +72,12 @@ def _solve(matrix: Array, right: Array) -> Array:
 
 
 class Path(NamedTuple):
-    """Where an optimiser has been."""
+    """The path of an optimiser."""
 
     points: Array  # (iterations + 1, n), the start included
     costs: Array  # (iterations + 1,)
-    evaluations: int  # of the residuals and their derivatives, rejected steps included
-    converged: bool  # the last step was shorter than the tolerance
+    evaluations: int  # number of steps computed, rejected ones included
+    converged: bool  # whether the last step was shorter than the tolerance
 
 
 def descend(
@@ -85,7 +86,7 @@ def descend(
     step: Step,
     *,
     tolerance: float = 1e-8,
-    most: int = 1000,
+    max_iterations: int = 1000,
 ) -> Path:
     """Repeat x <- x + step(problem, x), without any safeguard, until the step is short.
 
@@ -96,18 +97,17 @@ def descend(
     step : callable
         ``gradient_descent(rate)``, ``newton`` or ``gauss_newton``.
     tolerance : float
-        Of the largest entry of the step, below which x has converged.
-    most : int
-        Iterations.
+        The iteration has converged once the largest entry of the step is below this.
+    max_iterations : int
 
     Returns
     -------
     Path
-        ``converged`` is False also where x left the finite numbers, which ends the iteration.
+        A step that is not finite ends the iteration; ``converged`` is then False.
     """
-    points = [finite("start", start)]
+    points = [check_finite("start", start)]
     converged = False
-    while not converged and len(points) <= most:
+    while not converged and len(points) <= max_iterations:
         with np.errstate(over="ignore", invalid="ignore"):
             move = step(problem, points[-1])
         if not np.isfinite(move).all():
@@ -126,17 +126,17 @@ def descend_damped(
     damping: float = 1e-3,
     factor: float = 10.0,
     tolerance: float = 1e-8,
-    most: int = 1000,
+    max_iterations: int = 1000,
 ) -> Path:
-    """Levenberg-Marquardt: lambda falls by ``factor`` after a step that helps, else it rises.
+    """Levenberg-Marquardt: lambda falls by ``factor`` after an accepted step and rises otherwise.
 
-    A step that does not lower the cost is not taken (Marquardt 1963).  Parameters and result as
-    in `descend`.
+    A step that raises the cost is not taken (Marquardt 1963).  The parameters and the result are
+    those of `descend`, with ``damping`` as the first lambda.
     """
-    points = [finite("start", start)]
+    points = [check_finite("start", start)]
     costs = [cost(problem, points[0])]
     evaluations, converged = 0, False
-    while not converged and evaluations < most:
+    while not converged and evaluations < max_iterations:
         move = levenberg_marquardt(problem, points[-1], damping)
         evaluations += 1
         trial = points[-1] + move

@@ -1,8 +1,8 @@
 """The likelihood in both directions: each scan in turn is the mixture that explains the other.
 
-The likelihood -sum_k log q_k asks every moving target for a partner and leaves fixed targets
-without one unpunished.  Taking the other direction as well treats both scans alike, as symmetric
-objectives do for ICP (Rusinkiewicz 2019).
+The likelihood -sum_k log q_k penalises moving targets without a counterpart, but not fixed ones.
+Adding the other direction treats both scans alike, as symmetric objectives do for ICP
+(Rusinkiewicz 2019).
 """
 
 import numpy as np
@@ -10,32 +10,32 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
 from d2d import rigid
-from d2d._checks import Array
+from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.covariance import fisher_covariance
 from d2d.point_set import PointSet
 from d2d.registration import Estimate
 
-_TOLERANCE = 1e-6  # of the gradient, in units of the cost over metres, where SciPy stops
-# Rounding may keep the gradient above it.  What counts is the Newton decrement, the squared
-# distance to the optimum in standard deviations.
+_TOLERANCE = 1e-6  # of the gradient, in units of the cost per metre, at which SciPy stops
+# Rounding may keep the gradient above it.  Convergence is therefore judged by the Newton decrement,
+# the squared distance to the optimum in standard deviations.
 _DECREMENT = 1e-10
 
 
 def symmetric_derivatives(
     theta: ArrayLike, fixed: PointSet, moving: PointSet, cost: RegistrationCost
 ) -> tuple[Array, Array, Array]:
-    """Mean cost (...) of both directions, its gradient (..., 3) and Hessian (..., 3, 3), exact.
+    """Mean cost (...) of both directions, with exact gradient (..., 3) and Hessian (..., 3, 3).
 
-    (f(theta; F, M) + f(theta^-1; M, F)) / 2.  The mean and not the sum, because the second
-    direction sees the same measurements once more: the sum's Hessian would count their information
+    The cost is (f(theta; F, M) + f(theta^-1; M, F)) / 2.  It is the mean and not the sum, because
+    both directions use the same measurements, whose information the sum's Hessian would count
     twice.
 
     Parameters
     ----------
     theta : (..., 3) array, m, m, rad
     fixed, moving : PointSet
-        In the plane; batch axes broadcast.
+        Planar sets; batch axes broadcast.
     cost : RegistrationCost
         An outlier covariance is taken in the frame of whichever scan is the mixture.
     """
@@ -43,7 +43,8 @@ def symmetric_derivatives(
     value, gradient, hessian = cost.derivatives(motion, fixed, moving)
     back = rigid.inverse(motion)
     other, slope, bend = cost.derivatives(back, moving, fixed)
-    # chain rule: back = (-R(-phi) t, -phi), whose second derivative by phi is minus itself
+    # chain rule: back = (-R(-phi) t, -phi); the second derivative of its translation in phi is
+    # minus that translation
     unturn = rigid.rotation(-motion[..., 2])
     turned = unturn @ np.array([[0.0, 1.0], [-1.0, 0.0]])  # d R(-phi) / d phi
     jacobian = np.zeros_like(bend)
@@ -71,11 +72,12 @@ def register_symmetric(
 ) -> Estimate:
     """Minimise the mean cost of both directions by SciPy's trust-region Newton method.
 
-    One problem at a time.  Parameters as for `symmetric_derivatives`, with ``initial`` (3,) zeros
-    unless given; ``covariance`` is the inverse Hessian, nan where not converged.
+    Solves one problem.  The parameters are those of `symmetric_derivatives`, with the start
+    ``initial`` (3,), zeros by default.  ``covariance`` is the inverse Hessian, nan if not
+    converged; ``iterations`` counts evaluations of the cost.
     """
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
-    # one length for all: an angle counts as the way that it moves a target at mean distance
+    # scale the angle to a length: the distance that it moves a target at mean range
     lever = float(np.hypot(*moving.means.T).mean())
     unit = np.array([1.0, 1.0, 1.0 / lever])
 

@@ -1,4 +1,4 @@
-"""Velocity from Doppler profiles alone: one sensor (Kellner et al. 2013), several (2014)."""
+"""Velocity from Doppler profiles alone, of one sensor (Kellner et al. 2013) or several (2014)."""
 
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -6,34 +6,35 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import Array, flag, instance, rows
+from d2d._checks import check_flag, check_instance, check_rows
+from d2d._types import Array
 from d2d.radar.scan import Mounting, RadarScan, doppler_gradients
 
-_PAIRS = 200
+_MAX_PAIRS = 200
 _GATE = 3.0  # standard deviations within which a target agrees with a hypothesis
-_ROUNDS = 20  # of fit, weights and selection
-_STILL = 1e-6  # m/s, m/s, rad/s: less is no change
-_WORST = 1e-3  # a direction is seen if its singular value is this share of the largest
+_MAX_ITERATIONS = 20  # of fitting, weighting and selecting
+_TOLERANCE = 1e-6  # m/s, m/s, rad/s: a smaller change ends the iteration
+_MIN_RATIO = 1e-3  # of a singular value to the largest, for an observable direction
 
 
 def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
-    """Velocity (2,) of the sensor in the directions of the vehicle's axes, in m/s.
+    """Velocity (2,) of the sensor along the vehicle's axes, in m/s.
 
-    Static targets lie on v = -(u_x cos phi + u_y sin phi).  The pair of targets whose line most
-    targets agree with is refined by weighted least squares over those, after Kellner et al. (2013),
-    but over a fixed set of pairs instead of a random one.  Without targets, with a single one or a
-    single direction, the component that is not seen is zero.  A scan on which no two targets agree
-    is fitted as a whole.
+    Static targets lie on the curve v = -(u_x cos phi + u_y sin phi).  Every pair of targets from a
+    fixed set (random in Kellner et al. 2013) gives a hypothesis of u; the one that most targets
+    agree with is refined by weighted least squares over these targets.  If there are no targets, or
+    all lie in one direction, the unobservable component is zero.  If no hypothesis has any target
+    that agrees with it, all targets are fitted.
 
-    Raises ``ValueError`` if ``scan`` is no `RadarScan` or ``mounting`` no `Mounting`.
+    Raises a ``ValueError`` if ``scan`` is not a `RadarScan` or ``mounting`` not a `Mounting`.
     """
-    instance("scan", scan, RadarScan)
-    instance("mounting", mounting, Mounting)
+    check_instance("scan", scan, RadarScan)
+    check_instance("mounting", mounting, Mounting)
     if not scan.size:
         return np.zeros(2)
     directions = _directions(scan, mounting)
     inliers = _agreeing(scan, directions)
-    # targets that lie as close together as their azimuths are uncertain show one direction only
+    # targets closer together than the uncertainty of their azimuths show one direction only
     spread = max(1e-6, _GATE * float(np.median(scan.sigma_azimuth)))
     weights = 1.0 / scan.sigma_doppler[inliers, None]
     return np.asarray(
@@ -49,11 +50,12 @@ class DopplerMotion(NamedTuple):
     Attributes
     ----------
     theta : (3,) array
-        [v_x, v_y, omega] in m/s, m/s, rad/s; zero along what the targets do not show.
+        [v_x, v_y, omega] in m/s, m/s, rad/s; zero along directions that are not observable.
     covariance : (3, 3) array
-        Of the weighted least squares; nan unless all components were seen.
+        Covariance from the weighted least squares; nan unless all estimated components were
+        observable.
     inliers : tuple of (K,) arrays of bool
-        Which targets of each scan were taken for static.
+        For each scan, which targets were taken as static.
     """
 
     theta: Array
@@ -66,26 +68,27 @@ def doppler_ego_motion(
 ) -> DopplerMotion:
     """The vehicle's velocity from the Doppler velocities of one or several sensors.
 
-    The static targets of each scan are found as by `sensor_velocity`; a weighted least squares
-    over all of them, V_k = h_k' theta with the variance sigma_v^2 + sigma_phi^2 (dV/dphi)^2, is
-    repeated with the weights that it gives and the targets within three standard deviations of
-    it, until nothing changes.
-    Sensors at different places make the yaw rate observable (Kellner et al. 2014).
+    The static targets of each scan are found as in `sensor_velocity`.  Weighted least squares fits
+    V_k = h_k' theta with the variance sigma_v^2 + sigma_phi^2 (dV/dphi)^2 to all of them.  Each fit
+    determines the weights of the next, and its targets: those within three standard deviations.
+    The fit is repeated until nothing changes, at most 20 times.  Sensors at different positions
+    make the yaw rate observable (Kellner et al. 2014).
 
     Parameters
     ----------
     views : iterable of (RadarScan, Mounting)
-        At (nearly) the same time; scans may be empty.
+        Scans at (nearly) the same time; they may be empty.
     slips : bool
-        Whether v_y is estimated.  Without, it is zero, and a single sensor ahead of or behind the
+        Whether v_y is estimated.  If not, it is zero, and a single sensor ahead of or behind the
         origin is enough (Kellner et al. 2013).
 
     Raises
     ------
     ValueError
-        Without a view, or with something else in its place; if ``slips`` is no bool.
+        If ``views`` is empty or contains anything but pairs of a scan and a mounting, or ``slips``
+        is not a bool; the message names the argument.
     """
-    views = rows("views", views, RadarScan, Mounting)
+    views = check_rows("views", views, RadarScan, Mounting)
     if not views:
         raise ValueError("views must hold at least one scan with its mounting, but is empty")
     edges = np.cumsum([scan.size for scan, _ in views])[:-1]
@@ -98,15 +101,15 @@ def doppler_ego_motion(
         np.concatenate([getattr(scan, name) for scan, _ in views])
         for name in ("doppler", "sigma_doppler", "sigma_azimuth")
     )
-    free = np.array([True, flag("slips", slips), True])
+    free = np.array([True, check_flag("slips", slips), True])
     theta, covariance = np.zeros(3), np.full((3, 3), np.nan)
     sigma = sigma_doppler
-    for _ in range(_ROUNDS if inliers.any() else 0):
+    for _ in range(_MAX_ITERATIONS if inliers.any() else 0):
         weights = 1.0 / sigma[inliers]
         system = gains[inliers][:, free] * weights[:, None]
         scale = np.linalg.norm(system, axis=0) + 1e-300
         solution, _, rank, _ = np.linalg.lstsq(
-            system / scale, doppler[inliers] * weights, rcond=_WORST
+            system / scale, doppler[inliers] * weights, rcond=_MIN_RATIO
         )
         moved = np.abs(theta[free] - solution / scale).max()
         theta[free] = solution / scale
@@ -116,17 +119,18 @@ def doppler_ego_motion(
             covariance[np.ix_(free, free)] = np.linalg.inv(system.T @ system)
         sigma = np.hypot(sigma_doppler, sigma_azimuth * (slopes @ theta))
         agree = np.abs(doppler - gains @ theta) < _GATE * sigma
-        if not agree.any() or (moved < _STILL and (agree == inliers).all()):
+        if not agree.any() or (moved < _TOLERANCE and (agree == inliers).all()):
             break
         inliers = agree
     return DopplerMotion(theta, covariance, tuple(np.split(inliers, edges)))
 
 
 def doppler_starts(scan: RadarScan, mounting: Mounting) -> Array:
-    """Starts (S, 3) [v_x, v_y, omega] of a registration that the Doppler velocities are near to.
+    """Starts (S, 3) [v_x, v_y, omega] for a registration, near the Doppler velocities.
 
-    They fix the sensor's velocity; what of it is rotation they do not tell.  One start has none,
-    the other has no side slip instead, for a sensor ahead of or behind the vehicle's origin.
+    The Doppler velocities determine the sensor's velocity, but not how much of it is due to
+    rotation.  The first start assumes no rotation.  For a sensor ahead of or behind the vehicle's
+    origin, a second one assumes no side slip instead.
     """
     along, across = sensor_velocity(scan, mounting)
     starts = [[along, across, 0.0]]
@@ -137,13 +141,13 @@ def doppler_starts(scan: RadarScan, mounting: Mounting) -> Array:
 
 
 def _directions(scan: RadarScan, mounting: Mounting) -> Array:
-    """Derivatives (K, 2) of the Doppler velocities in the sensor's velocity."""
+    """Derivatives (K, 2) of the Doppler velocities with respect to the sensor's velocity."""
     angle = scan.azimuth + mounting.yaw
     return -np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def _agreeing(scan: RadarScan, directions: Array) -> NDArray[np.bool_]:
-    """Which targets (K,) agree with the hypothesis that most agree with; all if none do."""
+    """Which targets (K,) agree with the best-supported hypothesis; all if none do."""
     everything = np.ones(scan.size, dtype=np.bool_)
     if scan.size <= 2:
         return everything
@@ -161,7 +165,7 @@ def _agreeing(scan: RadarScan, directions: Array) -> NDArray[np.bool_]:
 
 
 def _pairs(size: int) -> tuple[Array, Array]:
-    """Index pairs spread evenly over all pairs of ``size`` targets, the same at every call."""
+    """Index pairs spread evenly over all pairs of ``size`` targets, the same in every call."""
     first, second = np.triu_indices(size, 1)
-    chosen = np.linspace(0, len(first) - 1, min(_PAIRS, len(first))).astype(int)
+    chosen = np.linspace(0, len(first) - 1, min(_MAX_PAIRS, len(first))).astype(int)
     return first[chosen], second[chosen]

@@ -1,50 +1,52 @@
 """Ego-motion from several sensors at once: one velocity, the sum of their costs."""
 
 from collections.abc import Iterable, Sequence
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 
-from d2d._checks import Array, count, finite, members, rows, schedule
-from d2d.cost import OutlierModel, RegistrationCost
+from d2d._checks import check_count, check_members, check_rows
+from d2d._types import Array
 from d2d.radar.doppler import doppler_ego_motion, doppler_starts
-from d2d.radar.ego_motion import DEFAULT_OUTLIER, Attempt, Track, follow, increasing
+from d2d.radar.ego_motion import check_velocity
+from d2d.radar.options import EstimationOptions, split_options
 from d2d.radar.pair import Pair
 from d2d.radar.scan import Mounting, RadarScan
-from d2d.registration import MOST_ITERATIONS, TOLERANCE, Estimate
+from d2d.radar.track import Attempt, Track, follow, increasing
+from d2d.registration import MAX_ITERATIONS, TOLERANCE, Estimate
 
 ScanPair = tuple[RadarScan, RadarScan, Mounting]
 Sensor = tuple[Sequence[RadarScan], Mounting]
 
-# Some standard deviations of a velocity, in which the optimiser's trust region is round.
+# Typical standard deviations of a velocity: the units in which the trust region is a sphere.
 _UNITS = np.array([0.1, 0.1, 0.02])  # m/s, m/s, rad/s
-_FLAT = 1e-3  # of the gradient in these units: near enough for Newton's method
+_GRADIENT_TOLERANCE = 1e-3  # in these units: Newton's method takes over below it
 
 
 def estimate_joint_ego_motion(
     pairs: Iterable[ScanPair],
     *,
-    doppler: bool = True,
-    outlier: OutlierModel | None = DEFAULT_OUTLIER,
     initial: ArrayLike | None = None,
-    scales: Sequence[float] = (1.0,),
+    **options: Unpack[EstimationOptions],
 ) -> Estimate:
-    """The vehicle's velocity that suits the scans of several sensors best.
+    """The vehicle's velocity that best fits the scans of several sensors.
 
-    Minimises the sum of the pairs' costs (those of `estimate_ego_motion`), each pair moved by
-    exp(tau theta) over its own interval tau and seen from its own mounting.  The velocity is taken
-    for constant from the first of the scans to the last.
+    Minimises the sum of the pairs' costs (those of `estimate_ego_motion`).  Each pair has its own
+    mounting and its own interval tau, over which the vehicle moves by exp(tau theta).  The velocity
+    is assumed constant from the first scan to the last.
 
     Parameters
     ----------
     pairs : iterable of (previous, current, mounting)
-        At least one; the scans of each in time order, with at least one target each.
-    doppler, outlier, scales
-        As for `estimate_ego_motion`.
+        At least one pair; its scans are in time order, each with at least one target.
     initial : (3,) array, optional
-        Start [v_x, v_y, omega].  Unless given, that of `doppler_ego_motion` over all current scans;
-        where these do not show all of it, the starts that the scan with the most targets gives.
+        Start [v_x, v_y, omega] in m/s, m/s, rad/s.  By default, the velocity that
+        `doppler_ego_motion` finds from all current scans; if they do not determine all of it, the
+        starts that `estimate_ego_motion` would take from the scan with the most targets.
+    **options
+        ``doppler``, ``outlier``, ``first_order`` and ``scales``, as for `estimate_ego_motion`.
 
     Returns
     -------
@@ -55,29 +57,27 @@ def estimate_joint_ego_motion(
     Raises
     ------
     ValueError
-        Naming the argument: no pair, scans out of time order or without targets, a wrong start.
+        If there is no pair, scans are out of time order or have no targets, or ``initial`` is
+        invalid; the message names the argument.
     """
-    pairs = rows("pairs", pairs, RadarScan, RadarScan, Mounting)
+    pairs = check_rows("pairs", pairs, RadarScan, RadarScan, Mounting)
     if not pairs:
         raise ValueError("pairs must hold at least one pair of scans, but is empty")
-    problems = [Pair.of(*pair, doppler) for pair in pairs]
-    return _estimate(problems, RegistrationCost(outlier=outlier), pairs, initial, scales)
+    model, scales = split_options(options)
+    start = None if initial is None else check_velocity(initial)
+    return _estimate([Pair.of(*pair, model) for pair in pairs], pairs, start, scales)
 
 
 def _estimate(
     problems: Sequence[Pair],
-    cost: RegistrationCost,
     pairs: Sequence[ScanPair],
-    initial: ArrayLike | None,
+    initial: Array | None,
     scales: Sequence[float],
 ) -> Estimate:
-    """The best optimum from the start that is given, or from those that the pairs suggest."""
-    starts = _starts(pairs) if initial is None else finite("initial", initial)[np.newaxis]
-    if starts.shape[1:] != (3,):
-        raise ValueError(f"initial must have the shape (3,), but has {starts.shape[1:]}")
-    steps = schedule("scales", scales)
-    found = [_anneal(problems, cost, start, steps) for start in starts]
-    return min(found, key=lambda estimate: (not estimate.converged, estimate.value))
+    """The best optimum from the given start or, without one, from those that the pairs suggest."""
+    starts = _starts(pairs) if initial is None else initial[np.newaxis]
+    optima = [_anneal(problems, start, scales) for start in starts]
+    return min(optima, key=lambda estimate: (not estimate.converged, estimate.value))
 
 
 def _starts(pairs: Sequence[ScanPair]) -> Array:
@@ -88,41 +88,42 @@ def _starts(pairs: Sequence[ScanPair]) -> Array:
     return doppler_starts(current, mounting)
 
 
-def _anneal(
-    problems: Sequence[Pair], cost: RegistrationCost, start: Array, scales: Array
-) -> Estimate:
+def _anneal(problems: Sequence[Pair], start: Array, scales: Sequence[float]) -> Estimate:
     for scale in scales:
-        inflated = [p if scale == 1.0 else p.inflated(float(scale)) for p in problems]
-        estimate = _minimise(_Sum(inflated, cost), start)
+        inflated = [p if scale == 1.0 else p.inflated(scale) for p in problems]
+        estimate = _minimise(_Sum(inflated), start)
         start = estimate.theta
     return estimate
 
 
 class _Sum:
-    """The sum of the pairs' costs; what was asked for last is kept for the optimiser."""
+    """The sum of the pairs' costs.
 
-    def __init__(self, problems: Sequence[Pair], cost: RegistrationCost) -> None:
-        self.problems, self.cost = problems, cost
+    The last result is kept, because the optimiser asks for value, gradient and Hessian separately.
+    """
+
+    def __init__(self, problems: Sequence[Pair]) -> None:
+        self.problems = problems
         self.theta, self.last = np.full(3, np.nan), (np.inf, np.zeros(3), np.zeros((3, 3)))
 
     def derivatives(self, theta: Array) -> tuple[float, Array, Array]:
         """Value, gradient (3,) and Hessian (3, 3) at the velocity theta (3,)."""
         if not np.array_equal(theta, self.theta):
-            parts = [pair.derivatives(theta, self.cost) for pair in self.problems]
+            parts = [pair.derivatives(theta) for pair in self.problems]
             value, gradient, hessian = (sum(column) for column in zip(*parts, strict=True))
             self.theta, self.last = theta.copy(), (value, gradient, hessian)
         return self.last
 
 
 def _minimise(total: _Sum, start: Array) -> Estimate:
-    """Trust region from the start, then Newton steps to the tolerance of `d2d.register`."""
+    """A trust-region method from the start, then Newton steps to the tolerance of `register`."""
     result = minimize(
         lambda z: total.derivatives(z * _UNITS)[0],
         start / _UNITS,
         jac=lambda z: total.derivatives(z * _UNITS)[1] * _UNITS,
         hess=lambda z: total.derivatives(z * _UNITS)[2] * np.outer(_UNITS, _UNITS),
         method="trust-exact",
-        options={"gtol": _FLAT, "maxiter": MOST_ITERATIONS},
+        options={"gtol": _GRADIENT_TOLERANCE, "maxiter": MAX_ITERATIONS},
     )
     theta, iterations, decrement = result.x * _UNITS, int(result.nit), np.inf
     for _ in range(5):
@@ -157,45 +158,46 @@ def track_joint(
     sensors: Iterable[tuple[Iterable[RadarScan], Mounting]],
     *,
     baseline: int = 1,
-    doppler: bool = True,
-    outlier: OutlierModel | None = DEFAULT_OUTLIER,
     initial: ArrayLike | None = None,
-    scales: Sequence[float] = (1.0,),
+    **options: Unpack[EstimationOptions],
 ) -> Track:
-    """Ego-motion over a whole drive from several sensors that need not run in step.
+    """Ego-motion over a whole drive from several sensors that need not be synchronised.
 
-    The scans of all sensors in time order are cut into rounds, a new one wherever a sensor comes
-    up for the second time; a sensor may miss rounds.  Each round is one estimate.
+    The scans of all sensors, in time order, are divided into rounds.  A new round begins whenever a
+    sensor already has a scan in the current one; a sensor may be missing from a round.  Each round
+    gives one estimate.
 
     Parameters
     ----------
     sensors : iterable of (scans, mounting)
-        Each sensor's scans, an iterable, in strictly increasing time.
+        The scans of each sensor, an iterable in strictly increasing time, and its mounting.
     baseline : int
-        How many scans back each scan is registered, see `track`.
+        Number of scans between the two of a pair; see `track`.
     initial : (3,) array, optional
-        Start of the first estimate.
-    doppler, outlier, scales
-        Of `estimate_joint_ego_motion`.
+        Start [v_x, v_y, omega] of the first estimate.
+    **options
+        ``doppler``, ``outlier``, ``first_order`` and ``scales``, as for `estimate_ego_motion`.
 
     Returns
     -------
     Track
-        ``times`` are the mean times of each round's scans.  Pairs of scans of which one is empty
-        are left out; what is said of `track` about estimates that fail holds here too.
+        ``times`` are the mean times of each round's scans.  Pairs with an empty scan are left out.
+        Estimates that fail are handled as in `track`.
 
     Raises
     ------
     ValueError
-        Without a sensor, with one whose scans are out of time order, or fewer than two rounds;
-        otherwise naming the argument that does not fit.
+        If there is no sensor, scans are out of time order, there are fewer than two rounds or
+        another argument is invalid; the message names the argument.
     """
-    count("baseline", baseline)
+    check_count("baseline", baseline)
     drives = [
-        (members(f"sensors[{number}][0]", scans, RadarScan), mounting)
-        for number, (scans, mounting) in enumerate(rows("sensors", sensors, Iterable, Mounting))
+        (check_members(f"sensors[{number}][0]", scans, RadarScan), mounting)
+        for number, (scans, mounting) in enumerate(
+            check_rows("sensors", sensors, Iterable, Mounting)
+        )
     ]
-    cost = RegistrationCost(outlier=outlier)
+    model, scales = split_options(options)
     groups = rounds([scans for scans, _ in drives])
     if len(groups) < 2:
         raise ValueError(f"sensors must have at least two rounds of scans, but have {len(groups)}")
@@ -205,9 +207,9 @@ def track_joint(
         pairs = joint_pairs(drives, groups[i + 1], baseline)
         if not pairs:
             return None
-        problems = [Pair.of(*pair, doppler) for pair in pairs]
-        estimate = _estimate(problems, cost, pairs, start, scales)
-        inliers = [problem.inlier_probabilities(estimate.theta, cost) for problem in problems]
+        problems = [Pair.of(*pair, model) for pair in pairs]
+        estimate = _estimate(problems, pairs, start, scales)
+        inliers = [problem.inlier_probabilities(estimate.theta) for problem in problems]
         return Attempt(estimate, float(np.concatenate(inliers).mean()))
 
     return follow(times, solve, initial)
@@ -232,7 +234,10 @@ def rounds(scans: Sequence[Sequence[RadarScan]]) -> list[list[tuple[int, int]]]:
 def joint_pairs(
     sensors: Sequence[Sensor], group: Sequence[tuple[int, int]], baseline: int = 1
 ) -> list[ScanPair]:
-    """Each scan of a round with the one ``baseline`` scans before; none for a sensor's first."""
+    """Each scan of a round, paired with the one ``baseline`` scans before or else the first one.
+
+    A sensor's first scan and pairs with an empty scan are left out.
+    """
     chosen = [
         (sensors[s][0][max(i - baseline, 0)], sensors[s][0][i], sensors[s][1])
         for s, i in group

@@ -14,7 +14,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import Array, as_path, count, positive, scalar
+from d2d._checks import check_count, check_path, check_positive, check_scalar
+from d2d._types import Array
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan
 
@@ -25,9 +26,10 @@ _ODOMETRY_FIELDS = ("timestamp", "x_seq", "y_seq", "yaw_seq", "vx", "yaw_rate")
 
 
 def azimuth_sigma(azimuth: Array) -> Array:
-    """Standard deviation of the azimuth, rad: 0.3 deg within 45 deg, from there 0.5 to 1 deg.
+    """Standard deviation of the azimuth, rad: 0.3 deg up to 45 deg, then 0.5 rising to 1 deg at 60.
 
-    A stand-in that fits the residuals of the data; the data set itself gives no deviations.
+    It stands in for the standard deviations that the data set does not give, and fits the residuals
+    of the data.
     """
     off = np.abs(np.rad2deg(azimuth))
     return np.deg2rad(np.where(off <= 45.0, 0.3, np.interp(off, [45.0, 60.0], [0.5, 1.0])))
@@ -35,14 +37,14 @@ def azimuth_sigma(azimuth: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One sensor's scans of a drive, its mounting, and the odometry's word on the motion.
+    """One sensor's scans of a drive, its mounting, and the motion according to the odometry.
 
     Attributes
     ----------
     scans : list of RadarScan
     mounting : Mounting
     reference : Reference
-        At the times of the scans; nan where the odometry does not reach.
+        The motion at the times of the scans; nan outside the odometry's time span.
     """
 
     scans: list[RadarScan]
@@ -67,47 +69,51 @@ def load_radarscenes(
     Parameters
     ----------
     root : path
-        The folder that holds ``data/sequence_<n>/{radar_data.h5,scenes.json}``, with
-        ``sensors.json`` beside or in ``data``; ``~`` stands for the home folder.
+        The folder that contains ``data/sequence_<n>/{radar_data.h5,scenes.json}``, with
+        ``sensors.json`` in ``data`` or beside it; a leading ``~`` is replaced by the home folder.
     sequence : int or str
-        105 or "sequence_105".
+        Number or name, such as 105 or "sequence_105".
     sensor : int
-        1 to 4.
+        Number of the sensor, 1 to 4.
     strongest : int, optional
-        Keep only that many targets of a scan, those of the largest radar cross-section.
+        Keep only this many targets of each scan, those of largest radar cross-section.
     time_offset : float, s
-        The radar's time stamps are late by this much: a scan at t shows the motion that the
-        odometry has at t - time_offset.
+        Delay of the radar's time stamps: a scan at t shows the motion that the odometry gives for
+        t - time_offset.
     side_slip : float, s
-        The odometry has no lateral velocity; the rear axle's is taken as side_slip v_x omega.
+        The odometry has no lateral velocity; that of the rear axle is taken as side_slip v_x omega.
     sigma_range, sigma_doppler : float, m and m/s
         Standard deviations, which the data set does not give.
     sigma_azimuth : float or function of the azimuths (K,), rad
+        Standard deviation, or a function that returns those of the azimuths.
 
     Returns
     -------
     Recording
-        Times in s; targets whose range is not positive or that hold nan are left out.
+        Times in s.  Targets are left out if their range is not positive, or if their range, azimuth
+        or Doppler velocity is nan or inf.
 
     Raises
     ------
     FileNotFoundError
-        With the path and what should be there.
+        If a file or folder is missing; the message gives its path and what should be there.
     ValueError
-        A file that is no RadarScenes file, a sensor or sequence that is not in it, scans whose
-        indices do not fit the targets, arguments out of range.
+        If a file is not a RadarScenes file or does not contain the sensor, the indices of a scan do
+        not match the targets, or an argument is out of range.
     """
     if strongest is not None:
-        count("strongest", strongest)
-    offset, slip = scalar("time_offset", time_offset), scalar("side_slip", side_slip)
+        check_count("strongest", strongest)
+    offset, slip = check_scalar("time_offset", time_offset), check_scalar("side_slip", side_slip)
     for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):
-        positive(name, scalar(name, sigma))
+        check_positive(name, check_scalar(name, sigma))
     if not isinstance(sequence, int | np.integer | str):
         raise ValueError(
             f"sequence must be a number or a name like sequence_105, but is {sequence!r}"
         )
-    count("sensor", sensor)
-    data = _existing(as_path("root", root), "data", "the folder `data` of the RadarScenes data set")
+    check_count("sensor", sensor)
+    data = _existing(
+        check_path("root", root), "data", "the folder `data` of the RadarScenes data set"
+    )
     name = f"sequence_{sequence}" if str(sequence).isdigit() else str(sequence)
     folder = _existing(data, name, "the folder of that sequence")
     mounting = _mounting(data, sensor)
@@ -120,7 +126,7 @@ def load_radarscenes(
         if not 0 <= first <= last <= len(targets["sensor_id"]):
             raise ValueError(
                 f"{path}: the scan at {microseconds} us has the targets {first} to {last}, but the "
-                f"file holds {len(targets['sensor_id'])}"
+                f"file holds {len(targets['sensor_id'])} targets"
             )
         chosen = {field: column[first:last] for field, column in targets.items()}
         if (chosen["sensor_id"] != sensor).any():
@@ -144,7 +150,7 @@ def load_radarscenes(
 
 def _existing(folder: Path, name: str, what: str) -> Path:
     path = folder / name
-    if not os.path.exists(path):  # False also for a name too long, which Path.exists() raises for
+    if not os.path.exists(path):  # Path.exists() raises an error if the name is too long
         raise FileNotFoundError(f"{path} does not exist; it should be {what}")
     return path
 
@@ -157,12 +163,12 @@ def _json(path: Path) -> Any:
 
 
 def _mounting(data: Path, sensor: int) -> Mounting:
-    """From sensors.json, which lies in the data set's root or in its folder ``data``."""
+    """The mounting in sensors.json, which is in the data set's root or its folder ``data``."""
     places = [folder / "sensors.json" for folder in (data, data.parent)]
     found = [path for path in places if path.exists()]
     if not found:
         raise FileNotFoundError(
-            f"neither {places[0]} nor {places[1]} exists; one should hold the sensors' mounting"
+            f"neither {places[0]} nor {places[1]} exists; one should hold the sensors' mountings"
         )
     entry = _json(found[0])
     key = f"radar_{sensor}"
@@ -194,7 +200,7 @@ Table = dict[str, NDArray[Any]]
 
 
 def _tables(path: Path) -> tuple[Table, Table]:
-    """The columns that are needed of the two tables, by name: their order differs between files."""
+    """The required columns of both tables, by name, because their order differs between files."""
     try:
         with h5py.File(path, "r") as file:
             targets = _table(file, "radar_data", _TARGET_FIELDS)
@@ -202,11 +208,11 @@ def _tables(path: Path) -> tuple[Table, Table]:
     except (OSError, ValueError, TypeError, AttributeError, RuntimeError, KeyError) as error:
         raise ValueError(f"{path} is not a RadarScenes radar file: {error}") from None
     for field, column in odometry.items():
-        if not np.isfinite(column).all():  # one nan would spoil all headings after it
+        if not np.isfinite(column).all():  # np.unwrap would carry a nan on to all later headings
             raise ValueError(
                 f"{path} is not a RadarScenes radar file: its odometry's {field!r} holds nan or inf"
             )
-    stamps = odometry["timestamp"]  # may be unsigned: differences would wrap around
+    stamps = odometry["timestamp"]  # compared, not subtracted: unsigned differences wrap around
     if not (stamps[1:] > stamps[:-1]).all() or not len(stamps):
         raise ValueError(
             f"{path} is not a RadarScenes radar file: its odometry is not in time order"

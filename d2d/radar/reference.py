@@ -1,24 +1,26 @@
-"""Where the vehicle was and how it moved, as far as it is known."""
+"""The reference motion of a vehicle: its poses and velocities over time."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import Array, finite
+from d2d._checks import check_finite
+from d2d._types import Array
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """The motion at the time of each scan: the truth of a simulation or another sensor's word.
+    """The motion at the time of each scan: the truth of a simulation, or from another sensor.
 
     Attributes
     ----------
     times : (n,) array, s
     theta : (n, 3) array
-        [v_x, v_y, omega] of the vehicle frame's origin, in its own axes, m/s, m/s, rad/s.
+        Velocity [v_x, v_y, omega] of the vehicle frame's origin in m/s, m/s, rad/s, along the
+        vehicle's axes.
     poses : (n, 3) array
-        [x, y, yaw] of the vehicle frame in the world, m, m, rad; yaw is continuous.
+        Pose [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw is continuous.
     """
 
     times: Array
@@ -26,11 +28,11 @@ class Reference:
     poses: Array
 
     def at(self, times: ArrayLike) -> "Reference":
-        """The motion at other times (m,) in s, interpolated; nan outside.
+        """The motion at other times (m,) in s, by linear interpolation; nan outside the time span.
 
-        Raises ``ValueError`` naming ``times`` unless they are finite numbers in a row.
+        Raises a ``ValueError`` unless ``times`` is a one-dimensional array of finite numbers.
         """
-        wanted = finite("times", times)
+        wanted = check_finite("times", times)
         if wanted.ndim != 1:
             raise ValueError(f"times must have the shape (m,), but has {wanted.shape}")
         theta, poses = (

@@ -1,4 +1,4 @@
-"""One scan of a Doppler radar and where the sensor sits on the vehicle."""
+"""A scan of a Doppler radar, and the mounting of the sensor on the vehicle."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -7,7 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import Array, broadcast, finite, instance, positive, scalar
+from d2d._checks import (
+    broadcast_batches,
+    check_finite,
+    check_instance,
+    check_positive,
+    check_scalar,
+)
+from d2d._types import Array
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 
@@ -20,12 +27,12 @@ class Mounting:
     ----------
     x, y : float, m
     yaw : float, rad
-        Of the boresight, counter-clockwise from the x axis.
+        Direction of the boresight, counter-clockwise from the x axis.
 
     Raises
     ------
     ValueError
-        Naming the argument that is not a finite number.
+        If an argument is not a finite number; the message names it.
     """
 
     x: float = 0.0
@@ -34,7 +41,7 @@ class Mounting:
 
     def __post_init__(self) -> None:
         for name in ("x", "y", "yaw"):
-            object.__setattr__(self, name, scalar(name, getattr(self, name)))
+            object.__setattr__(self, name, check_scalar(name, getattr(self, name)))
 
     @property
     def pose(self) -> Array:
@@ -50,14 +57,15 @@ class RadarScan:
     ----------
     time : float, s
     range, azimuth, doppler : (K,) arrays in m, rad, m/s
-        Azimuth 0 is the boresight, counter-clockwise positive; Doppler above 0 recedes. K may be 0.
-    sigma_range, sigma_azimuth, sigma_doppler : arrays that broadcast to (K,)
-        Positive standard deviations in the same units.
+        The azimuth is measured counter-clockwise from the boresight; the Doppler velocity is
+        positive for receding targets.  K may be 0.
+    sigma_range, sigma_azimuth, sigma_doppler : numbers or (K,) arrays in the same units
+        Standard deviations, positive.
 
     Raises
     ------
     ValueError
-        Naming the argument that is not finite, not positive or not of K entries.
+        If an argument is not finite, not positive or has the wrong shape; the message names it.
     """
 
     time: float
@@ -78,14 +86,14 @@ class RadarScan:
         sigma_azimuth: ArrayLike,
         sigma_doppler: ArrayLike,
     ) -> None:
-        object.__setattr__(self, "time", scalar("time", time))
+        object.__setattr__(self, "time", check_scalar("time", time))
         arrays = {
-            "range": positive("range", range),
-            "azimuth": finite("azimuth", azimuth),
-            "doppler": finite("doppler", doppler),
-            "sigma_range": positive("sigma_range", sigma_range),
-            "sigma_azimuth": positive("sigma_azimuth", sigma_azimuth),
-            "sigma_doppler": positive("sigma_doppler", sigma_doppler),
+            "range": check_positive("range", range),
+            "azimuth": check_finite("azimuth", azimuth),
+            "doppler": check_finite("doppler", doppler),
+            "sigma_range": check_positive("sigma_range", sigma_range),
+            "sigma_azimuth": check_positive("sigma_azimuth", sigma_azimuth),
+            "sigma_doppler": check_positive("sigma_doppler", sigma_doppler),
         }
         shape = arrays["range"].shape
         if len(shape) != 1:
@@ -107,9 +115,9 @@ class RadarScan:
         return len(self.range)
 
     def __getitem__(self, index: slice | Array) -> "RadarScan":
-        """The scan with only some of its targets, by a slice, a mask or a list of indices.
+        """The scan with only some of its targets, selected by a slice, a mask or a list of indices.
 
-        Raises ``IndexError`` for a number, or an index that does not fit the targets.
+        Raises an ``IndexError`` for a single number, or if the index is out of range.
         """
         if np.ndim(self.range[index]) != 1:
             raise IndexError("a scan is indexed by a slice, a mask or a list, not by a number")
@@ -123,14 +131,14 @@ class RadarScan:
             self.sigma_doppler[index],
         )
 
-    __iter__ = None  # or Python would try the indices 0, 1, ... and end at the first IndexError
+    __iter__ = None  # else Python would try the indices 0, 1, ... and stop at the first IndexError
 
     def point_set(self, mounting: Mounting) -> PointSet:
-        """The targets as Gaussians in the vehicle frame (thesis eq. 7.1 and 7.3).
+        """The targets as Gaussians in the vehicle frame (thesis eq. 7.1, 7.3 and 7.4).
 
-        Raises ``ValueError`` if the scan is empty or ``mounting`` is none.
+        Raises a ``ValueError`` if the scan is empty or ``mounting`` is not a `Mounting`.
         """
-        instance("mounting", mounting, Mounting)
+        check_instance("mounting", mounting, Mounting)
         return _placed(self, mounting)
 
     def doppler_measurement(
@@ -138,13 +146,15 @@ class RadarScan:
     ) -> LinearMeasurement:
         """The Doppler velocities as a measurement of the motion over ``interval`` seconds.
 
-        V is linear in the body velocity theta = [v_x, v_y, omega], and so in the twist
-        ``interval * theta``; its slope in the azimuth carries the azimuth's error into it (thesis
-        sec. 7.1).  Not ``of_twist``, v tau stands for the translation, as in the thesis.
+        The Doppler velocity V is linear in the body velocity theta = [v_x, v_y, omega], and thus in
+        the twist ``interval * theta``.  The azimuth's error enters through the derivative of V in
+        the azimuth (thesis sec. 7.1).  If ``of_twist`` is False, the translation is taken as v tau,
+        as in the thesis.
 
-        Raises ``ValueError`` naming the argument that is no `Mounting` or no positive number.
+        Raises a ``ValueError`` if ``mounting`` is not a `Mounting` or ``interval`` not a positive
+        number.
         """
-        interval = float(positive("interval", scalar("interval", interval)))
+        interval = float(check_positive("interval", check_scalar("interval", interval)))
         gain, slope = doppler_gradients(self.azimuth, mounting)
         return LinearMeasurement(
             self.doppler,
@@ -158,15 +168,15 @@ class RadarScan:
 
 @lru_cache(maxsize=64)
 def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
-    """The scan's point set; the latest are kept, since in a drive each serves several pairs."""
+    """The scan's point set; the latest are cached, because a drive uses each in several pairs."""
     targets = PointSet.from_polar(scan.range, scan.azimuth, scan.sigma_range, scan.sigma_azimuth)
     return targets.transformed(mounting.pose)
 
 
 def doppler_gradients(azimuth: ArrayLike, mounting: Mounting) -> tuple[Array, Array]:
     """dV/dtheta and d^2V/(dphi dtheta), each (..., 3), of a static target at ``azimuth`` (...)."""
-    instance("mounting", mounting, Mounting)
-    angle = finite("azimuth", azimuth) + mounting.yaw
+    check_instance("mounting", mounting, Mounting)
+    angle = check_finite("azimuth", azimuth) + mounting.yaw
     cosine, sine = np.cos(angle), np.sin(angle)
     gain = np.stack([-cosine, -sine, mounting.y * cosine - mounting.x * sine], axis=-1)
     slope = np.stack([sine, -cosine, -mounting.y * sine - mounting.x * cosine], axis=-1)
@@ -179,25 +189,26 @@ def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -
     Parameters
     ----------
     theta : (..., 3) array
-        [v_x, v_y, omega] in m/s, m/s, rad/s.
+        Velocity [v_x, v_y, omega] of the vehicle in m/s, m/s, rad/s.
     azimuth : (..., K) array, rad
-        In the sensor frame.
+        Azimuth of the targets in the sensor frame.
     mounting : Mounting
 
     Returns
     -------
-    (..., K) array, m/s, above 0 receding
+    (..., K) array, m/s, positive for receding targets
         V = -(v_x - omega y_s) cos(phi + alpha_s) - (v_y + omega x_s) sin(phi + alpha_s)
         (thesis eq. 7.10; Barjenbruch et al. 2015).
 
     Raises
     ------
     ValueError
-        If theta has no last axis of 3, an argument is not finite, or ``mounting`` is no `Mounting`.
+        If a shape is wrong, a value is not finite, or ``mounting`` is not a `Mounting`; the message
+        names the argument.
     """
     motion = rigid.motion("theta", theta, 2)
     gain, _ = doppler_gradients(azimuth, mounting)
     if gain.ndim < 2:
         raise ValueError("azimuth must have the shape (..., K), but is a number")
-    broadcast("theta and azimuth", motion.shape[:-1], gain.shape[:-2])
+    broadcast_batches("theta and azimuth", motion.shape[:-1], gain.shape[:-2])
     return np.asarray(np.einsum("...kp,...p->...k", gain, motion))

@@ -1,4 +1,4 @@
-"""A drive with a Doppler radar that anyone can recompute."""
+"""A simulated drive with a Doppler radar, which anyone can reproduce."""
 
 from dataclasses import dataclass, fields
 from typing import NamedTuple
@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d import rigid
-from d2d._checks import Array, count, flag, instance, positive, scalar
+from d2d._checks import check_count, check_flag, check_instance, check_positive, check_scalar
+from d2d._types import Array
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
 from d2d.radar.world import (
@@ -23,53 +24,54 @@ from d2d.radar.world import (
 ROBOT_SPEED, ROBOT_MOUNTING = 2.5, Mounting(0.4, 0.0, 0.0)
 CAR_SPEED, CAR_MOUNTING = 8.0, Mounting(3.6, 0.0, 0.0)
 
-# Steps of what the sensor reports, after the public driver of the thesis's group (ros_radar), and
-# the largest number of steps of a standard deviation, of six bits.
+# Quantisation steps of what the sensor reports, from the public driver of the thesis's group
+# (ros_radar), and the maximum of a standard deviation in steps, which has six bits.
 STEPS = np.array([[0.0625], [0.0002], [0.0625]])  # of range (m), azimuth (rad), Doppler (m/s)
 SIGMA_STEPS = np.array([[0.0625], [0.001], [0.0625]])
-MOST_STEPS = 63
+MAX_STEPS = 63
 
-_FASTEST_CLUTTER = 10.0  # m/s
+_MAX_CLUTTER_DOPPLER = 10.0  # m/s
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A 77 GHz radar; the defaults are the thesis's (its sec. 7.2) as far as it gives them.
+    """A 77 GHz radar; the defaults are those of the thesis (sec. 7.2) as far as it gives them.
 
-    The received power of a reflection point is its strength over range^4, times an exponential
-    variate drawn afresh in every scan (Swerling's case 1).  What exceeds a threshold is detected.
+    The received power of a reflection point is its strength divided by range^4, times an
+    exponential variate drawn anew for every scan (Swerling case 1).  A point is detected if its
+    power exceeds a threshold.
 
     Attributes
     ----------
     rate : float, Hz
-        Scans a second.
-    most_targets : int
-        Of one scan; of more detections the strongest are kept.
+        Scans per second.
+    max_targets : int
+        Maximum number of targets in a scan; the strongest detections are kept.
     field_of_view : float, rad
-        To either side.
-    shortest, longest : float, m
+        Largest azimuth to either side.
+    min_range, max_range : float, m
         Limits of the range.
     half_range : float, m
-        Where a point of strength 1 is detected every other time.
+        Range at which a point of strength 1 is detected with probability 1/2.
     sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
-        Standard deviations of a strong target's errors; twice as large at the threshold.
+        Standard deviations of a strong target's errors; those at the threshold are twice as large.
     clutter : float
-        Mean number of false detections in a scan, anywhere in view, of any Doppler velocity up to
-        10 m/s.
+        Mean number of false detections in a scan.  They are uniformly distributed over range,
+        azimuth and Doppler velocities of up to 10 m/s.
     quantised : bool
         Whether measurements and reported standard deviations are rounded to the sensor's steps.
 
     Raises
     ------
     ValueError
-        Naming the attribute that is out of range.
+        If an attribute is out of range; the message names it.
     """
 
     rate: float = 10.0
-    most_targets: int = 48
+    max_targets: int = 48
     field_of_view: float = float(np.deg2rad(40.0))
-    shortest: float = 1.0
-    longest: float = 50.0
+    min_range: float = 1.0
+    max_range: float = 50.0
     half_range: float = 25.0
     sigma_range: float = 0.1
     sigma_azimuth: float = 0.009
@@ -78,32 +80,32 @@ class Sensor:
     quantised: bool = True
 
     def __post_init__(self) -> None:
-        count("most_targets", self.most_targets)
-        flag("quantised", self.quantised)
+        check_count("max_targets", self.max_targets)
+        check_flag("quantised", self.quantised)
         for field in fields(self):
             if field.type is float and field.name != "clutter":
-                positive(field.name, scalar(field.name, getattr(self, field.name)))
-        if scalar("clutter", self.clutter) < 0.0:
+                check_positive(field.name, check_scalar(field.name, getattr(self, field.name)))
+        if check_scalar("clutter", self.clutter) < 0.0:
             raise ValueError(f"clutter must not be negative, but is {self.clutter:g}")
         if self.field_of_view > np.pi:
             raise ValueError(f"field_of_view must be at most pi, but is {self.field_of_view:g}")
-        if self.longest <= self.shortest:
-            raise ValueError(f"longest must exceed shortest, but is {self.longest:g}")
+        if self.max_range <= self.min_range:
+            raise ValueError(f"max_range must exceed min_range, but is {self.max_range:g}")
 
 
 @dataclass(frozen=True, eq=False)
 class TrueTargets:
-    """What the targets of one scan really are.
+    """The truth behind the targets of one scan.
 
     Attributes
     ----------
     kind : (K,) array of str
-        Of `d2d.radar.world.KINDS`.
+        Entries of `d2d.radar.world.KINDS`.
     point : (K,) array of int
-        Number of the reflection point in the world, movers' after those that stand still; -1 for
-        clutter.
+        Index of the reflection point in the world, with the movers' points after the stationary
+        ones; -1 for clutter.
     range, azimuth, doppler : (K,) arrays, m, rad, m/s
-        Without the sensor's errors; nan for clutter.
+        Values without the sensor's errors; nan for clutter.
     """
 
     kind: NDArray[np.str_]
@@ -113,13 +115,13 @@ class TrueTargets:
     doppler: Array
 
     def __getitem__(self, index: slice | NDArray[np.bool_] | NDArray[np.int_]) -> "TrueTargets":
-        """Only some of the targets, by a slice, a mask or a list of indices.
+        """Only some of the targets, selected by a slice, a mask or a list of indices.
 
-        Raises ``IndexError`` for an index that does not fit the targets.
+        Raises an ``IndexError`` if the index is out of range.
         """
         return TrueTargets(*(getattr(self, field.name)[index] for field in fields(self)))
 
-    __iter__ = None  # or Python would try the indices 0, 1, ... until the IndexError
+    __iter__ = None  # else Python would try the indices 0, 1, ... and stop at the first IndexError
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +133,9 @@ class Drive:
     scans : list of RadarScan
     mounting : Mounting
     truth : Reference
-        At the times of the scans.
+        The true motion at the times of the scans.
     targets : list of TrueTargets
-        One for each scan.
+        The truth behind the targets, one entry per scan.
     world : World
     """
 
@@ -155,22 +157,22 @@ def simulate_drive(
 ) -> Drive:
     """Drive around a block of houses with a radar.
 
-    A lap is 300 m, however long the drive takes: at the default speed it closes after 120 s.  The
-    vehicle drives without side slip and slows down in bends.
+    A lap is 300 m long, whatever the duration; at the default speed it takes 120 s.  The vehicle
+    drives without side slip and slows down in bends.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     duration : float, s
     speed : float, m/s
-        Mean over a lap.  The default is a robot's; `CAR_SPEED` with `CAR_MOUNTING` is a car in
-        town.
+        Mean speed over a lap.  The default is that of a robot; for a car in town, use `CAR_SPEED`
+        and `CAR_MOUNTING`.
     mounting : Mounting
-        Of the sensor in the vehicle frame.
+        Pose of the sensor in the vehicle frame.
     sensor : Sensor, optional
-        The thesis's unless given.
+        By default, the thesis's sensor.
     world : World, optional
-        Drawn by `d2d.radar.world.build_world` unless given.
+        By default, it is drawn by `d2d.radar.world.build_world`.
 
     Returns
     -------
@@ -179,16 +181,16 @@ def simulate_drive(
     Raises
     ------
     ValueError
-        Naming the argument that is not positive or of another type.
+        If an argument is not positive or of the wrong type; the message names it.
     """
-    instance("rng", rng, np.random.Generator)
-    duration = float(positive("duration", scalar("duration", duration)))
-    speed = float(positive("speed", scalar("speed", speed)))
-    instance("mounting", mounting, Mounting)
+    check_instance("rng", rng, np.random.Generator)
+    duration = float(check_positive("duration", check_scalar("duration", duration)))
+    speed = float(check_positive("speed", check_scalar("speed", speed)))
+    check_instance("mounting", mounting, Mounting)
     sensor = Sensor() if sensor is None else sensor
-    instance("sensor", sensor, Sensor)
+    check_instance("sensor", sensor, Sensor)
     world = build_world(rng) if world is None else world
-    instance("world", world, World)
+    check_instance("world", world, World)
     times = np.arange(int(np.floor(duration * sensor.rate + 1e-9)) + 1) / sensor.rate
     along, forward = lap_progress(times, speed)
     turning = forward * lap_curvature(along)
@@ -206,10 +208,10 @@ def simulate_drive(
 
 
 class _Scene(NamedTuple):
-    """The world in the sensor's frame at one instant: all reflection points, the movers' last."""
+    """The world in the sensor frame at one instant; the movers' reflection points come last."""
 
     points: Array  # (n, 2)
-    velocities: Array  # (n, 2), over ground
+    velocities: Array  # (n, 2), relative to the ground
     strength: Array  # (n,)
     kind: NDArray[np.str_]  # (n,)
     walls: Array  # (S, 2, 2)
@@ -218,7 +220,7 @@ class _Scene(NamedTuple):
     def seen_from(
         cls, pose: Array, mounting: Mounting, world: World, places: Array, velocities: Array
     ) -> "_Scene":
-        """Movers are at ``places`` with ``velocities``, (m, 2) each."""
+        """The scene with the movers' points at ``places``, moving at ``velocities`` (m, 2)."""
         back = rigid.inverse(rigid.compose(pose, mounting.pose))
         still, moving = world.reflectors, world.movers
         points = np.concatenate([still.positions, places])
@@ -235,10 +237,10 @@ class _Scene(NamedTuple):
 def _detections(
     rng: np.random.Generator, scene: _Scene, theta: Array, mounting: Mounting, sensor: Sensor
 ) -> tuple[TrueTargets, Array]:
-    """What exceeds the threshold, and its power relative to that, the strongest first."""
+    """The detections, strongest first, and their power relative to the threshold."""
     distance = np.hypot(*scene.points.T)
     azimuth = np.arctan2(scene.points[:, 1], scene.points[:, 0])
-    inside = (distance > sensor.shortest) & (distance < sensor.longest)
+    inside = (distance > sensor.min_range) & (distance < sensor.max_range)
     point = np.flatnonzero(inside & (np.abs(azimuth) < sensor.field_of_view))
     mean = scene.strength[point] * (sensor.half_range / distance[point]) ** 4 / np.log(2.0)
     power = mean * rng.exponential(size=len(point))
@@ -256,29 +258,29 @@ def _detections(
         np.concatenate([azimuth[point], unknown]),
         np.concatenate([doppler_velocity(theta, azimuth[point], mounting) + away, unknown]),
     )
-    # noise that exceeds the threshold does so by little
+    # noise that exceeds the threshold exceeds it only slightly
     power = np.concatenate([power, 1.0 + rng.exponential(size=false)])
-    order = np.argsort(-power)[: sensor.most_targets]
+    order = np.argsort(-power)[: sensor.max_targets]
     return true[order], power[order]
 
 
 def _measured(
     rng: np.random.Generator, time: float, true: TrueTargets, power: Array, sensor: Sensor
 ) -> tuple[RadarScan, TrueTargets]:
-    """The scan with its errors, and what its targets are.
+    """The scan with its errors, and the truth behind its targets.
 
-    A near target whose range comes out at zero or below is not reported.
+    A near target whose measured range is zero or negative is left out.
     """
     worse = np.sqrt(1.0 + 3.0 / power)
     sigma = np.array([[sensor.sigma_range], [sensor.sigma_azimuth], [sensor.sigma_doppler]]) * worse
     values = np.stack([true.range, true.azimuth, true.doppler])
     values += sigma * rng.standard_normal(values.shape)
     clutter = true.kind == "clutter"
-    low = np.array([sensor.shortest, -sensor.field_of_view, -_FASTEST_CLUTTER])
-    high = np.array([sensor.longest, sensor.field_of_view, _FASTEST_CLUTTER])
+    low = np.array([sensor.min_range, -sensor.field_of_view, -_MAX_CLUTTER_DOPPLER])
+    high = np.array([sensor.max_range, sensor.field_of_view, _MAX_CLUTTER_DOPPLER])
     values[:, clutter] = rng.uniform(low, high, (clutter.sum(), 3)).T
     if sensor.quantised:
         values = np.round(values / STEPS) * STEPS
-        sigma = np.clip(np.round(sigma / SIGMA_STEPS), 1, MOST_STEPS) * SIGMA_STEPS
+        sigma = np.clip(np.round(sigma / SIGMA_STEPS), 1, MAX_STEPS) * SIGMA_STEPS
     kept = values[0] > 0.0
     return RadarScan(time, *values[:, kept], *sigma[:, kept]), true[kept]

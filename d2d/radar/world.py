@@ -1,4 +1,4 @@
-"""A street around a block: the path a vehicle drives, and what a radar meets along it."""
+"""A street around a block: the path that a vehicle drives, and what a radar sees along it."""
 
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -9,19 +9,20 @@ from scipy.integrate import simpson
 from scipy.interpolate import CubicHermiteSpline
 
 from d2d import rigid
-from d2d._checks import Array, count, instance
+from d2d._checks import check_count, check_instance
+from d2d._types import Array
 
 KINDS = ("wall", "car", "pole", "vegetation", "moving", "clutter")
-"""What a detection can be of, the truth that only a simulation knows."""
+"""The possible origins of a detection, which only a simulation knows."""
 
-LAP = 300.0  # m, once around
-_CORNER = 24.0  # m: length of a quarter turn; its tightest radius is 7.6 m
-_SLOWING = 1.0  # the tightest part is driven at 1 / (1 + this) of the speed on the straight
+LAP = 300.0  # m, length of a lap
+_CORNER = 24.0  # m: length of a quarter turn, whose smallest radius is 7.6 m
+_SLOWING = 1.0  # speed where a turn is tightest: 1 / (1 + this) of the speed on a straight
 _STEP = 0.05  # m, of the splines
 
-# Offsets to the left of the path, in m.  Traffic keeps to the right: the vehicle's own lane has its
-# kerb on the right, the oncoming lane lies to the left.
-_CLEARANCE = 5.0  # of buildings, wherever the path bends towards them
+# Offsets to the left of the path, in m.  Traffic drives on the right, so the kerb is to the right
+# of the vehicle's lane and the oncoming lane to its left.
+_CLEARANCE = 5.0  # minimum distance of a building from the whole path
 _PARKED = (-2.7, 5.6)
 _POLES = (-3.9, 6.8)
 _BUSHES = (-5.2, 8.0)
@@ -40,14 +41,14 @@ _STRENGTH = {
 
 @dataclass(frozen=True, eq=False)
 class Reflectors:
-    """Reflection points that stand still.
+    """Stationary reflection points.
 
     Attributes
     ----------
     positions : (n, 2) array, m
     strength : (n,) array
-        Radar cross section relative to that of a point that is detected every other time at the
-        sensor's ``half_range``.
+        Radar cross-section, relative to that of a point that is detected with probability 1/2 at
+        the sensor's ``half_range``.
     kind : (n,) array of str
         "wall", "car", "pole" or "vegetation".
     """
@@ -64,12 +65,13 @@ class Movers:
     Attributes
     ----------
     start : (m,) array, m
-        Of the body's frame along the path, at time 0.
+        Position of the body's frame along the path at time 0.
     speed : (m,) array, m/s
-        Along the path, negative against the vehicle's direction.
+        Speed along the path, negative if opposite to the vehicle's direction.
     offset : (m, 2) array, m
-        Of the point in the frame that goes along the path, x along it and y to its left.
+        Position of the point in the frame that moves along the path: x along it, y to its left.
     strength : (m,) array
+        As for `Reflectors`.
     """
 
     start: Array
@@ -91,15 +93,15 @@ class Movers:
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """What there is to be seen.
+    """Everything that the radar can see.
 
     Attributes
     ----------
     buildings, cars : (n, 4, 2) arrays, m
-        Corners of the outlines, counter-clockwise; nothing is seen through either.
+        Corners of the outlines, counter-clockwise; both block the view.
     reflectors : Reflectors
     movers : Movers
-        They hide nothing.
+        They do not block the view.
     """
 
     buildings: Array
@@ -109,16 +111,16 @@ class World:
 
     @cached_property
     def walls(self) -> Array:
-        """Start and end (S, 2, 2) in m of everything that cannot be seen through."""
+        """Start and end (S, 2, 2) in m of all wall segments, which block the view."""
         outlines = np.concatenate([self.buildings, self.cars])
         return np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2).reshape(-1, 2, 2)
 
 
 def visible(points: Array, walls: Array) -> NDArray[np.bool_]:
-    """Whether each point (K, 2) is seen from the origin past all walls (S, 2, 2)."""
+    """Whether each point (K, 2) is visible from the origin, not hidden by a wall (S, 2, 2)."""
     start, end = walls[:, 0], walls[:, 1]
     edge = end - start
-    # the wall's ends lie to either side of the ray, and the ray's ends to either side of the wall
+    # a ray crosses a wall if each has its ends on either side of the other
     ends = [np.outer(points[:, 0], e[:, 1]) - np.outer(points[:, 1], e[:, 0]) for e in (start, end)]
     origin = edge[:, 1] * start[:, 0] - edge[:, 0] * start[:, 1]
     beyond = origin + np.outer(points[:, 1], edge[:, 0]) - np.outer(points[:, 0], edge[:, 1])
@@ -128,19 +130,19 @@ def visible(points: Array, walls: Array) -> NDArray[np.bool_]:
 
 # ---- The path ------------------------------------------------------------------------------------
 #
-# The street runs around an L-shaped block, anticlockwise: five quarter turns to the left and one to
-# the right.  The curvature of a turn is a squared sine along its length, so that the yaw rate is
-# smooth; heading, position and velocity all follow from it.
+# The street runs counter-clockwise around an L-shaped block: five quarter turns to the left and one
+# to the right.  The curvature of a turn is a squared sine along its length, so that the yaw rate is
+# smooth; heading, position and velocity are derived from it.
 
 _TURNS = np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
-_BLOCK = (35.0, 48.0, 35.0)  # m: sides from the first corner to the one that turns right, and on
-_HEIGHT = 70.0  # m, of the whole block; its width follows from the lap
+_BLOCK = (35.0, 48.0, 35.0)  # m: the block's sides between its first four corners
+_HEIGHT = 70.0  # m, of the whole block; its width follows from the length of the lap
 
 
 def lap_poses(along: Array) -> Array:
     """Pose (..., 3) [x, y, yaw] in m, m, rad after ``along`` (...) metres; yaw is continuous.
 
-    The lap begins at the origin along the x axis.
+    The lap begins at the origin, in the direction of the x axis.
     """
     laps, rest = np.divmod(along, LAP)
     place, heading, _ = _lap()
@@ -154,9 +156,9 @@ def lap_curvature(along: Array) -> Array:
 
 
 def lap_progress(times: Array, speed: float) -> tuple[Array, Array]:
-    """How far (...) in m, and how fast (...) in m/s, after ``times`` (...) at the mean ``speed``.
+    """Distance (...) in m and speed (...) in m/s at ``times`` (...) in s, for the mean ``speed``.
 
-    Bends are driven more slowly: half as fast where they are tightest.
+    The vehicle slows down in bends, to half the speed on a straight where they are tightest.
     """
     position = _lap()[2]
     laps, rest = np.divmod(np.asarray(times) * speed, LAP)
@@ -165,7 +167,10 @@ def lap_progress(times: Array, speed: float) -> tuple[Array, Array]:
 
 @cache
 def _lap() -> tuple[CubicHermiteSpline, CubicHermiteSpline, CubicHermiteSpline]:
-    """Splines of place and heading over the way, and of the way over that at the mean speed."""
+    """Splines of position and heading over the distance driven, and of the distance over time.
+
+    The time is multiplied by the mean speed, so that it is in m as well.
+    """
     starts = _corners()
     grid = np.linspace(0.0, LAP, round(LAP / _STEP) + 1)
     curvature, turned = _bends(grid, starts)
@@ -197,34 +202,35 @@ def _bends(along: Array, starts: Array) -> tuple[Array, Array]:
 def _corners() -> Array:
     """Where the corners (C,) begin along the lap, in m."""
     fine = np.linspace(0.0, _CORNER, 2001)
-    # a turn takes the path as far ahead as aside
-    reach = simpson(np.cos(_bends(fine, np.zeros(1))[1][:, 0]), x=fine)
-    shortcut = 2.0 * reach - _CORNER  # of the path, at each corner of the block
+    # a quarter turn moves the path as far sideways as ahead
+    extent = simpson(np.cos(_bends(fine, np.zeros(1))[1][:, 0]), x=fine)
+    shortcut = 2.0 * extent - _CORNER  # saved by rounding a corner of the block
     width = 0.5 * (LAP + len(_TURNS) * shortcut) - _HEIGHT
     sides = np.array([*_BLOCK, width - _BLOCK[1], _HEIGHT])
-    return np.asarray(0.5 * width - reach + np.cumsum([0.0, *(sides - shortcut)]))
+    return np.asarray(0.5 * width - extent + np.cumsum([0.0, *(sides - shortcut)]))
 
 
-# ---- What lines it -------------------------------------------------------------------------------
+# ---- What stands along the street ----------------------------------------------------------------
 
 
 def build_world(rng: np.random.Generator, movers: int = 6) -> World:
-    """Line the street with buildings, parked cars, poles and bushes, and let others move along it.
+    """Line the street with buildings, parked cars, poles and bushes, and add moving objects.
 
     Parameters
     ----------
     rng : numpy.random.Generator
     movers : int
-        How many: cars in the oncoming lane and walkers on the sidewalks in turn, in either
-        direction.
+        Number of moving objects: alternately cars in the oncoming lane and walkers on the
+        sidewalks, in either direction.
 
     Raises
     ------
     ValueError
-        Naming the argument: no generator, or a number of movers that is no integer of at least 0.
+        If ``rng`` is not a generator or ``movers`` is not an integer of at least 0; the message
+        names the argument.
     """
-    instance("rng", rng, np.random.Generator)
-    movers = count("movers", movers, least=0)
+    check_instance("rng", rng, np.random.Generator)
+    movers = check_count("movers", movers, minimum=0)
     buildings, cars = _buildings(rng), _parked_cars(rng)
     places = {
         "wall": _along_outlines(rng, buildings, 0.7, (0.02, 0.25)),
@@ -246,7 +252,7 @@ def _strengths(rng: np.random.Generator, kind: str, count: int) -> Array:
 
 
 def _outline(frames: Array, length: Array, width: Array) -> Array:
-    """Corners (n, 4, 2) of rectangles around frames (n, 3), length along the x axis."""
+    """Corners (n, 4, 2) of rectangles centred at frames (n, 3), with the length along x."""
     unit = 0.5 * np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
     local = unit * np.stack([length, width], axis=-1)[:, None]
     return rigid.transform_means(frames, local)
@@ -260,10 +266,10 @@ def _offset(along: Array, aside: Array) -> Array:
 
 
 def _buildings(rng: np.random.Generator) -> Array:
-    """Rows of houses, 8 m deep, to either side of the street's straight parts and around corners.
+    """Rows of houses, 8 m deep, along both sides of the whole street.
 
-    A house stands parallel to the path at its middle; one that would reach into the street further
-    on is not built.
+    A house is parallel to the path at its own centre.  Houses too close to another part of the
+    street are left out.
     """
     frames, lengths = [], []
     for side, setbacks in ((-1.0, (6.0, 9.0)), (1.0, (9.0, 11.0))):
@@ -287,7 +293,7 @@ def _gaps(frames: Array, length: Array, width: float, street: Array) -> Array:
 
 
 def _parked_cars(rng: np.random.Generator) -> Array:
-    """Outlines of cars, 4.4 m by 1.8 m, at the kerbs of the street's straight parts."""
+    """Outlines of cars, 4.4 m by 1.8 m, parked along the straight parts of the street."""
     slots = np.arange(0.0, LAP, 6.0)
     slots = slots[np.abs(lap_curvature(slots)) < 1e-3]
     frames = np.concatenate(
@@ -302,9 +308,9 @@ def _parked_cars(rng: np.random.Generator) -> Array:
 def _along_outlines(
     rng: np.random.Generator, outlines: Array, spacing: float, depth: tuple[float, float]
 ) -> Array:
-    """Points at random along outlines, and so far in front of them.
+    """Random points along outlines, at a random distance within ``depth`` (m) in front of them.
 
-    Window sills, pipes and door handles reflect, not the plane between them.
+    Window sills, pipes and door handles reflect, but not the plane surfaces between them.
     """
     edges = np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2).reshape(-1, 2, 2)
     along = edges[:, 1] - edges[:, 0]
@@ -317,20 +323,20 @@ def _along_outlines(
 
 
 def _beside(rng: np.random.Generator, spacing: float, sides: tuple[float, float]) -> Array:
-    """Points (n, 2) beside the path, ``spacing`` metres apart on average."""
+    """Random points (n, 2) on both sides of the path, ``spacing`` metres apart on average."""
     aside = np.repeat(sides, rng.poisson(LAP / spacing, 2))
     return _offset(rng.uniform(0.0, LAP, len(aside)), aside)[:, :2]
 
 
 def _bushes(rng: np.random.Generator) -> Array:
-    """Leaves (n, 2), about twelve to a bush of half a metre."""
+    """Leaves (n, 2), about twelve to a bush, scattered by 0.35 m."""
     middles = _beside(rng, 10.0, _BUSHES)
     leaves = np.repeat(middles, rng.poisson(12.0, len(middles)), axis=0)
     return np.asarray(leaves + 0.35 * rng.standard_normal(leaves.shape))
 
 
 def _movers(rng: np.random.Generator, count: int) -> Movers:
-    """Cars of six points and walkers of two."""
+    """Cars with six reflection points each and walkers with two."""
     rows = []
     for k in range(count):
         start, direction = rng.uniform(0.0, LAP), rng.choice([-1.0, 1.0])

@@ -1,10 +1,29 @@
-"""The study: scenarios, Monte Carlo runs, claims with their checks, the drawing of the chapters.
+"""What the chapters of the book share: scenes, experiments, figures, and the claims they judge.
 
-The only part of the package that imports matplotlib.
+Each subpackage covers one subject:
+
+- ``book``: what all pages share: style, drawing, flow charts, animations, the ledger of claims.
+- ``mixtures`` (chapter 2): Gaussian mixtures and expectation maximisation.
+- ``point_sets`` (chapter 3): registration of range scans with ICP and the NDT.
+- ``line`` (chapters 4a and 4b): scenes on a line, where a cost surface can be seen whole.
+- ``estimation`` (chapter 5): optimisers, and the covariance of what they find.
+- ``plane`` (chapters 6 and 6b): the thesis's scenes in the plane and their evaluation.
+- ``drives`` (chapter 7): simulated drives.
+- ``recordings`` (chapter 8): recorded drives.
+- ``beyond`` (chapter 9): what the thesis left to future work.
+
+Within a subpackage, each scene or experiment has a module named after it, ``figures.py`` draws, and
+``claims.py`` (or the folder ``claims/``) judges the claims of the thesis.
+
+Four modules serve all subpackages: ``runs.py`` runs Monte Carlo evaluations and sweeps,
+``results.py`` knows where stored results are, ``noise.py`` simulates the noise of a sensor, and
+``claims.py`` collects all claims in ``CLAIMS``.
+
+This is the only part of the package that imports matplotlib.
 """
 
-from d2d.study import scenarios
 from d2d.study.claims import CLAIMS
+from d2d.study.plane import scenarios
 from d2d.study.runs import Condition, MonteCarlo, monte_carlo, sweep
 
 __all__ = ["CLAIMS", "Condition", "MonteCarlo", "monte_carlo", "scenarios", "sweep"]

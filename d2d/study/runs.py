@@ -1,7 +1,7 @@
-"""Monte Carlo runs of a scenario, from one core to a cluster, and sweeps that survive being killed.
+"""Monte Carlo runs of a scenario, on one core or a cluster, and sweeps that can be interrupted.
 
-Every chunk of runs draws from a child of the condition's seed, so that the results do not depend on
-how many workers there are, what kind they are, or where a sweep was interrupted.
+Every chunk of runs draws from its own child of the condition's seed, so the results depend neither
+on the number and kind of workers nor on where a sweep was interrupted.
 """
 
 import os
@@ -9,7 +9,7 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 import joblib
 import numpy as np
@@ -17,13 +17,26 @@ from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from d2d import rigid
-from d2d._checks import Array
+from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.credibility import Credibility, credibility
+from d2d.point_set import PointSet
 from d2d.registration import multi_start, register
-from d2d.study.scenarios import Scenario
 
-CHUNK = 1000  # runs in one batched call: bounds the memory, and is what one worker does at a time
+THREADS = os.cpu_count() or 1  # the kernel releases the GIL; no result depends on their number
+CHUNK = 1000  # runs in one batched call, a worker's unit of work; bounds the memory
+
+
+class Scene(Protocol):
+    """What `monte_carlo` can run: a true motion, and noisy scans before and after it."""
+
+    @property
+    def theta(self) -> Array:
+        """True motion (P,), [t_x] or [t_x, t_y, phi_z] in m, m, rad."""
+
+    def sample(self, runs: int, rng: np.random.Generator) -> tuple[PointSet, PointSet]:
+        """Draw the fixed and the moving set, of batch shape (runs,)."""
+
 
 Initial = Literal["truth", "zero"] | ArrayLike
 
@@ -54,15 +67,15 @@ class MonteCarlo:
 
     @property
     def credibility(self) -> Credibility:
-        """Of the converged runs."""
+        """Credibility of the covariances of the converged runs."""
         return credibility(self.errors[self.converged], self.covariances[self.converged])
 
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """What one Monte Carlo evaluation runs: the arguments of `monte_carlo`."""
+    """One Monte Carlo evaluation: the arguments of `monte_carlo`."""
 
-    scenario: Scenario
+    scenario: Scene
     cost: RegistrationCost
     runs: int = 1000
     seed: int = 0
@@ -75,14 +88,14 @@ class Condition:
         self.starts()
 
     def starts(self) -> Array:
-        """The start (P,), or several (S, P) of which the best optimum wins."""
+        """The start (P,), or several (S, P), of which the one with the lowest optimum wins."""
         if isinstance(self.initial, str):
             if self.initial not in ("truth", "zero"):
                 raise ValueError(
                     f"initial must be 'truth', 'zero' or an array, but is {self.initial!r}"
                 )
             return self.scenario.theta * (self.initial == "truth")
-        starts = rigid.motion("initial", self.initial, self.scenario.targets.shape[-1])
+        starts = rigid.motion("initial", self.initial, 1 if len(self.scenario.theta) == 1 else 2)
         if starts.ndim > 2:
             raise ValueError(f"initial must have the shape (P,) or (S, P), but has {starts.shape}")
         return starts
@@ -94,7 +107,7 @@ class Condition:
 
 
 def monte_carlo(
-    scenario: Scenario,
+    scenario: Scene,
     cost: RegistrationCost,
     runs: int = 1000,
     seed: int = 0,
@@ -107,17 +120,18 @@ def monte_carlo(
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : Scene
+        For example a `d2d.study.plane.scenarios.Scenario`.
     cost : RegistrationCost
     runs : int
         Number of independent draws.
     seed : int
         The same seed gives the same results, whatever ``n_jobs`` and the backend.
     initial : "truth", "zero", (P,) array or (S, P) array
-        Start of every run; of several starts the one with the lowest optimum wins.
+        Start of every run; of several starts, the one with the lowest optimum wins.
     n_jobs : int, optional
-        Worker processes; 1 unless given or set by ``joblib.parallel_config``, under whose backend
-        (``"dask"``, say) the chunks run.
+        Number of worker processes; 1 unless given or set by ``joblib.parallel_config``, whose
+        backend (for example ``"dask"``) then runs the chunks.
     scales : sequence of float
         Inflation schedule, see `d2d.register`.
 
@@ -138,15 +152,15 @@ def monte_carlo(
 def sweep(
     conditions: Mapping[str, Condition], folder: str | os.PathLike[str], n_jobs: int | None = None
 ) -> dict[str, MonteCarlo]:
-    """Run many conditions and keep each in a file of its own as soon as it is finished.
+    """Run many conditions, and store each result in its own file as soon as it is finished.
 
     Parameters
     ----------
     conditions : mapping of str to Condition
-        By the name of their file, ``<folder>/<name>.npz``.
+        Keyed by the name of the result's file, ``<folder>/<name>.npz``.
     folder : path
-        Is made if need be. Conditions whose file is there, with the same parameters, are read and
-        not run again: a sweep that was killed goes on where it was.
+        Created if it does not exist. A condition whose file exists and has the same parameters is
+        read, not run again: an interrupted sweep resumes where it stopped.
     n_jobs : int, optional
         See `monte_carlo`.
 
@@ -157,29 +171,29 @@ def sweep(
     Raises
     ------
     ValueError
-        A file that is there but is no result of `sweep`.
+        If a file exists that is not a result of `sweep`.
     """
     root = Path(folder)
     root.mkdir(parents=True, exist_ok=True)
-    marks = {name: str(joblib.hash(condition)) for name, condition in conditions.items()}
+    fingerprints = {name: str(joblib.hash(condition)) for name, condition in conditions.items()}
     results = {}
     for name in conditions:
-        stored = _stored(root / f"{name}.npz", marks[name])
+        stored = _stored(root / f"{name}.npz", fingerprints[name])
         if stored is not None:
             results[name] = stored
-    waiting = [
+    pending = [
         (name, condition, size, child)
         for name, condition in conditions.items()
         if name not in results
         for size, child in condition.chunks()
     ]
     parts: list[MonteCarlo] = []
-    finished = _run_all([job[1:] for job in waiting], n_jobs)
-    for (name, condition, _, _), part in zip(waiting, finished, strict=True):
+    finished = _run_all([job[1:] for job in pending], n_jobs)
+    for (name, condition, _, _), part in zip(pending, finished, strict=True):
         parts.append(part)
         if len(parts) == len(condition.chunks()):
             results[name] = _joined(parts)
-            _store(root / f"{name}.npz", marks[name], results[name])
+            _store(root / f"{name}.npz", fingerprints[name], results[name])
             parts = []
     return {name: results[name] for name in conditions}
 
@@ -188,10 +202,10 @@ Job = tuple[Condition, int, np.random.SeedSequence]
 
 
 def _run_all(jobs: list[Job], n_jobs: int | None) -> Iterator[MonteCarlo]:
-    """Run the chunks in parallel; their results come in order, each as soon as it can."""
+    """Run the chunks in parallel and yield their results in order, each as soon as it is ready."""
     parallel = joblib.Parallel(n_jobs=n_jobs, return_as="generator")
     finished: Iterable[MonteCarlo] = parallel(joblib.delayed(_run)(*job) for job in jobs)
-    # only on a terminal, and only if it takes a while
+    # the progress bar appears only on a terminal, and only if the runs take a while
     yield from tqdm(finished, total=len(jobs), unit="chunk", delay=2.0, disable=None)
 
 
@@ -214,26 +228,26 @@ def _joined(parts: list[MonteCarlo]) -> MonteCarlo:
     )
 
 
-def _store(path: Path, mark: str, result: MonteCarlo) -> None:
-    """Write beside the target and rename: a reader sees the whole file or none."""
+def _store(path: Path, fingerprint: str, result: MonteCarlo) -> None:
+    """Write to a temporary file and rename it, so that a reader sees the whole file or none."""
     columns = {f.name: getattr(result, f.name) for f in fields(MonteCarlo)}
     handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
     try:
         with os.fdopen(handle, "wb") as file:
-            np.savez_compressed(file, mark=mark, **columns)
+            np.savez_compressed(file, mark=fingerprint, **columns)
         os.replace(temporary, path)
     except BaseException:
         os.unlink(temporary)
         raise
 
 
-def _stored(path: Path, mark: str) -> MonteCarlo | None:
+def _stored(path: Path, fingerprint: str) -> MonteCarlo | None:
     if not path.exists():
         return None
     try:
         with np.load(path, allow_pickle=False) as file:
-            if str(file["mark"]) != mark:
-                return None  # of other parameters: run again and replace
+            if str(file["mark"]) != fingerprint:
+                return None  # other parameters: run again and replace the file
             return MonteCarlo(*(file[f.name] for f in fields(MonteCarlo)))
     except (OSError, ValueError, KeyError, EOFError) as error:
-        raise ValueError(f"{path} is no result of a sweep: {error}") from None
+        raise ValueError(f"{path} is not a result of a sweep: {error}") from None

@@ -17,7 +17,7 @@ import pytest
 import yaml
 from selenium import webdriver
 
-from d2d.study.figures import FIGURES
+from d2d.study.book.thesis_figures import FIGURES
 from tests.book import browser
 from tests.book.checks import CHECKS, Check, pages
 

@@ -1,0 +1,1 @@
+"""What the thesis left to future work (chapter 9)."""

@@ -1,0 +1,388 @@
+"""The exhaustive evaluation: more than a million registrations, one table.
+
+    python -m d2d.study.beyond.exhaustive [--jobs 2]
+
+computes ``chapters/results/exhaustive.csv``, with one row for each condition.  An interrupted sweep
+resumes where it stopped; `recompute` repeats any single condition.
+"""
+
+import argparse
+import csv
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, fields
+from itertools import product
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from d2d._types import Array
+from d2d.cost import CorruptedGaussian, RegistrationCost
+from d2d.credibility import credibility
+from d2d.registration import ANNEALED, register, start_grid
+from d2d.study.beyond.random_scenes import RandomScenes
+from d2d.study.plane.evaluation import at_truth, distance_and_rotation, rms
+from d2d.study.plane.scenarios import OVERLAPPED
+from d2d.study.results import results_path
+from d2d.study.runs import Condition, MonteCarlo, monte_carlo, sweep
+
+_TURNS = np.deg2rad([-20.0, 0.0, 20.0])
+# Offsets of the starts from the given one, on a grid 3 m apart, by the number of starts.
+GRIDS: dict[int, Array] = {
+    1: np.zeros((1, 3)),
+    9: start_grid(3.0, 3.0, [0.0]),
+    27: start_grid(3.0, 3.0, _TURNS),
+    75: start_grid(6.0, 3.0, _TURNS),
+    405: start_grid(12.0, 3.0, np.deg2rad([-60.0, -30.0, 0.0, 30.0, 60.0])),
+}
+# Runs by the number of starts: with 1000 runs the standard error of a share is no more than 1.6
+# percentage points, and no condition takes more than a few seconds.
+RUNS = {1: 1000, 9: 1000, 27: 200, 75: 200, 405: 100}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One condition of the evaluation; the defaults are common to all factors.
+
+    Attributes
+    ----------
+    factor : str
+        The factor whose evaluation it belongs to.
+    cost : "sum", "likelihood" or "robust"
+    size, outlier_share, overlap, spacing_m, field_deg, reported
+        Parameters of `RandomScenes`.
+    noise : float
+        Standard deviations of the noise over the thesis's, 0.2 m and 0.03 rad.
+    alpha, sigma_outlier_m : float
+        Share and standard deviation of the outliers that the robust cost assumes.
+    distance_m, direction_deg, turn_deg : float
+        Offset of the start from the truth.
+    scales : str
+        Inflation schedule, joined by spaces.
+    starts : int
+        Number of starts, a key of `GRIDS`.
+    """
+
+    factor: str
+    cost: str
+    size: int = 20
+    outlier_share: float = 0.2
+    overlap: float = 1.0
+    spacing_m: float = 2.0
+    field_deg: float = 40.0
+    noise: float = 1.0
+    reported: float = 1.0
+    alpha: float = 0.2
+    sigma_outlier_m: float = 10.0
+    distance_m: float = 0.0
+    direction_deg: float = 0.0
+    turn_deg: float = 0.0
+    scales: str = "1"
+    starts: int = 1
+
+    @property
+    def name(self) -> str:
+        """A unique name that can serve as a file name."""
+        return "_".join(str(value).replace(" ", "-") for value in asdict(self).values())
+
+    @property
+    def condition(self) -> Condition:
+        """The arguments of `monte_carlo`, with the same draws for all trials of the same scenes."""
+        scene = RandomScenes(
+            sigma_range=self.noise * OVERLAPPED.sigma_range,
+            sigma_azimuth=self.noise * OVERLAPPED.sigma_azimuth,
+            size=self.size,
+            outlier_share=self.outlier_share,
+            overlap=self.overlap,
+            spacing=self.spacing_m,
+            view=float(np.deg2rad(self.field_deg)),
+            reported=self.reported,
+        )
+        layout = (self.size, self.outlier_share, self.overlap, self.spacing_m, self.field_deg)
+        seed = zlib.crc32(repr((*layout, self.noise, self.reported)).encode())
+        bearing = np.deg2rad(self.direction_deg)
+        offset = [
+            self.distance_m * np.cos(bearing),
+            self.distance_m * np.sin(bearing),
+            np.deg2rad(self.turn_deg),
+        ]
+        starts = scene.theta + offset + GRIDS[self.starts]
+        return Condition(
+            scene,
+            self._registration_cost(),
+            RUNS[self.starts],
+            seed,
+            starts[0] if self.starts == 1 else starts,
+            tuple(map(float, self.scales.split())),
+        )
+
+    def _registration_cost(self) -> RegistrationCost:
+        if self.cost == "robust":
+            spread = self.sigma_outlier_m**2 * np.eye(2)
+            return RegistrationCost(outlier=CorruptedGaussian(self.alpha, spread))
+        return RegistrationCost(fusion="summing" if self.cost == "sum" else "likelihood")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The outcome of the runs of one trial.
+
+    Attributes
+    ----------
+    runs, converged : int
+    at_truth : int
+        Runs that ended within 1.5 m and 6 degrees of the truth.
+    covered : int
+        Converged runs whose 95 % region contains the truth.
+    rmse_m, rmse_deg : float
+        Root mean square errors in translation and rotation of the runs at the truth; nan if there
+        are none.
+    anees, nci_db, inclination_db : float
+        Credibility of the converged runs.
+    iterations : float
+        Mean Newton iterations of a run, over all its scales and starts.
+    """
+
+    runs: int
+    converged: int
+    at_truth: int
+    covered: int
+    rmse_m: float
+    rmse_deg: float
+    anees: float
+    nci_db: float
+    inclination_db: float
+    iterations: float
+
+    @classmethod
+    def of(cls, result: MonteCarlo) -> "Outcome":
+        """Summarise the runs."""
+        good = result.converged
+        near = good & at_truth(result.errors)
+        distance, turn = distance_and_rotation(result.errors[near])
+        errors = result.errors[good].copy()
+        errors[:, 2] = np.angle(np.exp(1j * errors[:, 2]))
+        judged = credibility(errors, result.covariances[good])
+        return cls(
+            runs=len(good),
+            converged=int(good.sum()),
+            at_truth=int(near.sum()),
+            covered=int((judged.nees < chi2.ppf(0.95, 3)).sum()),
+            rmse_m=rms(distance) if near.any() else np.nan,
+            rmse_deg=float(np.rad2deg(rms(turn))) if near.any() else np.nan,
+            anees=judged.anees,
+            nci_db=judged.nci,
+            inclination_db=judged.inclination,
+            iterations=float(result.iterations.mean()),
+        )
+
+
+ANNEALING = " ".join(f"{scale:g}" for scale in ANNEALED)
+SCHEDULES = ("1", "2 1", "4 2 1", "8 4 2 1", "10 1", ANNEALING, "20 10 5.5 3.2 1.7 1")
+FIRST_SCALES = (1.0, 3.2, 10.0, 32.0, 100.0, 316.0)
+FROM_ZERO: dict[str, Any] = {
+    "distance_m": 5.0,
+    "direction_deg": 180.0,
+    "turn_deg": -15.0,
+}  # minus the true motion, so that the start is zero
+ALPHAS = (0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
+OUTLIER_SIGMAS = (1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # m
+DISTANCES = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)  # m
+TURNS = (0.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0)  # deg
+DIRECTIONS = (0.0, 90.0, 180.0, 270.0)  # deg
+
+# One factor varies at a time, everything else is as in `Trial`.
+SINGLE_FACTORS: dict[str, list[dict[str, Any]]] = {
+    "noise": [{"noise": x} for x in (0.1, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)],
+    "size": [{"size": x} for x in (5, 10, 15, 20, 30, 40, 50)],
+    "outliers": [{"outlier_share": x / 10} for x in range(10)],
+    "overlap": [{"overlap": x / 10, "outlier_share": 0.0} for x in range(2, 11)],
+    "spacing": [{"spacing_m": x} for x in (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)],
+    "field": [
+        {"field_deg": x, "spacing_m": 0.5} for x in (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 60.0, 90.0)
+    ],
+    "reported": [{"reported": x} for x in (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)],
+}
+
+
+def trials() -> list[Trial]:
+    """All conditions of the evaluation."""
+    return [*_single_factors(), *_starts(), *_outlier_models(), *_schedules(), *_first_scales()]
+
+
+def _single_factors() -> Iterator[Trial]:
+    plain = [("sum", "1"), ("likelihood", "1"), ("robust", "1")]
+    for factor, values in SINGLE_FACTORS.items():
+        for value, (cost, scales) in product(values, plain):
+            yield Trial(factor, cost, scales=scales, **value)
+        for value, (cost, scales) in product(values, [*plain[1:], ("robust", ANNEALING)]):
+            yield Trial(factor, cost, scales=scales, **value, **FROM_ZERO)
+
+
+def _starts() -> Iterator[Trial]:
+    methods = [("likelihood", "1"), ("robust", "1"), ("robust", ANNEALING)]
+    for (cost, scales), distance, turn in product(methods, DISTANCES, TURNS):
+        for direction in DIRECTIONS if distance else DIRECTIONS[:1]:
+            yield Trial(
+                "start",
+                cost,
+                scales=scales,
+                distance_m=distance,
+                direction_deg=direction,
+                turn_deg=turn,
+            )
+
+
+def _outlier_models() -> Iterator[Trial]:
+    starts: tuple[dict[str, Any], ...] = ({}, FROM_ZERO)
+    for share, alpha, sigma, start in product((0.2, 0.4), ALPHAS, OUTLIER_SIGMAS, starts):
+        yield Trial(
+            "outlier model",
+            "robust",
+            outlier_share=share,
+            alpha=alpha,
+            sigma_outlier_m=sigma,
+            **start,
+        )
+
+
+def _schedules() -> Iterator[Trial]:
+    for distance, turn in ((1.0, -3.0), (2.0, -6.0), (5.0, -15.0), (10.0, -30.0), (15.0, -60.0)):
+        start: dict[str, Any] = {"distance_m": distance, "direction_deg": 180.0, "turn_deg": turn}
+        for cost, scales in product(("sum", "likelihood", "robust"), SCHEDULES):
+            yield Trial("schedule", cost, scales=scales, **start)
+        for cost, starts in product(("likelihood", "robust"), (9, 27, 75, 405)):
+            yield Trial("schedule", cost, starts=starts, **start)
+        for cost in ("likelihood", "robust"):
+            yield Trial("schedule", cost, scales=ANNEALING, starts=9, **start)
+
+
+def _first_scales() -> Iterator[Trial]:
+    for noise, first, distance in product(
+        (0.1, 0.25, 0.5, 1.0, 2.0), FIRST_SCALES, (2.0, 5.0, 10.0)
+    ):
+        start: dict[str, Any] = {"distance_m": distance, "direction_deg": 180.0}
+        yield Trial(
+            "first scale",
+            "robust",
+            noise=noise,
+            scales=stepped_down(first),
+            turn_deg=-3.0 * distance,
+            **start,
+        )
+
+
+def stepped_down(first: float) -> str:
+    """A schedule from the first scale down to 1 in equal ratios, four steps to a decade."""
+    steps = round(4 * np.log10(first)) + 1
+    return " ".join(f"{scale:.3g}" for scale in np.geomspace(first, 1.0, steps))
+
+
+def recompute(trial: Trial) -> Outcome:
+    """Recompute the outcome of one trial from its seed."""
+    condition = trial.condition
+    return Outcome.of(
+        monte_carlo(
+            condition.scenario,
+            condition.cost,
+            condition.runs,
+            condition.seed,
+            condition.initial,
+            scales=condition.scales,
+        )
+    )
+
+
+def inlier_shares(trial: Trial) -> tuple[Array, NDArray[np.bool_]]:
+    """Mean inlier probability (runs,) at the optimum of each run, and whether it is at the truth.
+
+    The draws are not those of `recompute`; of several starts, only the first is used.
+    """
+    condition = trial.condition
+    rng = np.random.default_rng([condition.seed, 1])
+    fixed, moving = condition.scenario.sample(condition.runs, rng)
+    start = np.atleast_2d(condition.starts())[0]
+    theta = register(fixed, moving, condition.cost, start, condition.scales).theta
+    inliers = condition.cost.inlier_probabilities(theta, fixed, moving)
+    return inliers.mean(axis=-1), at_truth(theta - condition.scenario.theta)
+
+
+Rows = list[tuple[Trial, Outcome]]
+
+
+def write_table(path: Path, rows: Iterable[tuple[Trial, Outcome]]) -> None:
+    """Write one comma-separated line for each trial; the column names carry the units."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow([f.name for kind in (Trial, Outcome) for f in fields(kind)])
+        for row in rows:
+            values = [value for part in row for value in asdict(part).values()]
+            table.writerow([f"{v:.5g}" if isinstance(v, float) else v for v in values])
+
+
+def read_table(path: Path | None = None) -> Rows:
+    """Read what `write_table` wrote; by default the book's table."""
+    with (path or table_path()).open(newline="", encoding="utf-8") as file:
+        return [(_parsed(Trial, row), _parsed(Outcome, row)) for row in csv.DictReader(file)]
+
+
+def _parsed(kind: type, row: dict[str, str]) -> Any:
+    return kind(**{name: cast(row[name]) for name, cast in get_type_hints(kind).items()})
+
+
+def table_path() -> Path:
+    """Path of the book's table."""
+    return results_path("exhaustive.csv")
+
+
+def select(rows: Rows, factor: str, **wanted: Any) -> Rows:
+    """The rows of a factor whose trials have the ``wanted`` values, in the order of the table."""
+    return [
+        (trial, outcome)
+        for trial, outcome in rows
+        if trial.factor == factor
+        and all(getattr(trial, name) == value for name, value in wanted.items())
+    ]
+
+
+def success(outcome: Outcome) -> float:
+    """Share of the runs that ended at the truth."""
+    return outcome.at_truth / outcome.runs
+
+
+def coverage(outcome: Outcome) -> float:
+    """Share of the converged runs whose 95 % region contains the truth."""
+    return outcome.covered / outcome.converged
+
+
+def span(rows: Rows, parameter: str, holds: Callable[[Outcome], bool]) -> str:
+    """The longest range of neighbouring values of a parameter for which a condition holds."""
+    ranges: list[list[float]] = [[]]
+    for trial, outcome in rows:
+        if holds(outcome):
+            ranges[-1].append(getattr(trial, parameter))
+        elif ranges[-1]:
+            ranges.append([])
+    longest = max(ranges, key=len)
+    return f"{longest[0]:g} to {longest[-1]:g}" if longest else "nowhere"
+
+
+def main() -> None:
+    """Compute the table."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--jobs", type=int, default=2, help="worker processes")
+    parser.add_argument("--folder", default="build/exhaustive", help="for the unfinished sweep")
+    arguments = parser.parse_args()
+    wanted = trials()
+    results = sweep({t.name: t.condition for t in wanted}, arguments.folder, arguments.jobs)
+    write_table(table_path(), [(trial, Outcome.of(results[trial.name])) for trial in wanted])
+    total = sum(trial.condition.runs for trial in wanted)
+    print(f"{total} registrations in {len(wanted)} conditions, written to {table_path()}")
+
+
+if __name__ == "__main__":
+    main()

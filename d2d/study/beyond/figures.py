@@ -1,0 +1,191 @@
+"""The figures of the exhaustive evaluation."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from d2d._types import Array
+from d2d.study.beyond.both_covariances import BothCovariances
+from d2d.study.beyond.exhaustive import (
+    ALPHAS,
+    ANNEALING,
+    OUTLIER_SIGMAS,
+    Outcome,
+    Rows,
+    Trial,
+    coverage,
+    select,
+    success,
+)
+from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, PINK, SKY, YELLOW
+from d2d.study.estimation.covariance_trials import CREDIBLE_INCLINATION
+from d2d.study.plane.scenarios import OVERLAPPED, RANGES
+
+# For each factor: the parameter of the trial, the label of the axis, and whether it is logarithmic.
+FACTORS: dict[str, tuple[str, str, bool]] = {
+    "noise": ("noise", "noise / nominal", True),
+    "size": ("size", "targets in a scan", True),
+    "outliers": ("outlier_share", "outlier share", False),
+    "overlap": ("overlap", "overlap", False),
+    "spacing": ("spacing_m", "least spacing (m)", False),
+    "field": ("field_deg", "half field of view (deg)", True),
+    "reported": ("reported", "reported / actual σ", True),
+}
+COLORS = {"sum": ORANGE, "likelihood": BLUE, "robust": GREEN}
+MARKERS = {"sum": "s", "likelihood": "o", "robust": "^"}
+
+Measure = Callable[[Outcome], float]
+
+
+def factor_panels(
+    axes: NDArray[np.object_], rows: Rows, measure: Measure, *, annealed: bool
+) -> None:
+    """A measure over each factor, started at the truth; the last panel holds the legend.
+
+    With ``annealed``, also that of the annealed robust likelihood, started 5 m and 15 degrees off.
+    """
+    panels = axes.ravel()
+    for ax, (factor, (parameter, label, logarithmic)) in zip(panels, FACTORS.items(), strict=False):
+        for cost, color in COLORS.items():
+            chosen = select(rows, factor, cost=cost, distance_m=0.0)
+            _line(ax, chosen, parameter, measure, color=color, marker=MARKERS[cost], label=cost)
+        if annealed:
+            chosen = select(rows, factor, cost="robust", scales=ANNEALING)
+            style = {"color": BLACK, "marker": "x", "ls": "--"}
+            _line(ax, chosen, parameter, measure, label="robust, annealed, from afar", **style)
+        ax.set(xlabel=label, ylim=(-0.03, 1.03))
+        if logarithmic:
+            ax.set_xscale("log")
+            _plain_ticks(ax, [getattr(trial, parameter) for trial, _ in chosen])
+    for empty in panels[len(FACTORS) :]:
+        empty.axis("off")
+        empty.legend(*panels[0].get_legend_handles_labels(), loc="center")
+
+
+def _line(ax: Axes, rows: Rows, parameter: str, measure: Measure, **style: str) -> None:
+    values = [getattr(trial, parameter) for trial, _ in rows]
+    ax.plot(values, [measure(outcome) for _, outcome in rows], ms=4, lw=1.2, **style)  # type: ignore[arg-type]
+
+
+def _plain_ticks(ax: Axes, values: Sequence[float]) -> None:
+    """Ticks at the lowest and the highest value and at one between, if possible 1, written out."""
+    middle = 1.0 if min(values) < 1.0 < max(values) else values[len(values) // 2]
+    ticks = (min(values), middle, max(values))
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.minorticks_off()
+
+
+def start_map(ax: Axes, rows: Rows, cost: str, scales: str, title: str) -> None:
+    """Success in percent over the start's distance and rotation, averaged over the directions."""
+    chosen = select(rows, "start", cost=cost, scales=scales)
+    distances = sorted({trial.distance_m for trial, _ in chosen})
+    turns = sorted({trial.turn_deg for trial, _ in chosen})
+    shares = [
+        [_mean_success(chosen, distance_m=distance, turn_deg=turn) for distance in distances]
+        for turn in turns
+    ]
+    _percent_map(ax, np.array(shares), distances, turns)
+    ax.set(xlabel="start off by (m)", ylabel="start off by (deg)", title=title)
+
+
+def outlier_model_map(ax: Axes, rows: Rows, share: float) -> None:
+    """Coverage in percent of the robust likelihood over the outlier model that it assumes.
+
+    ``share`` is the true share of outliers.
+    """
+    chosen = select(rows, "outlier model", outlier_share=share, distance_m=0.0)
+    covered = {(t.alpha, t.sigma_outlier_m): coverage(outcome) for t, outcome in chosen}
+    values = np.array([[covered[alpha, sigma] for sigma in OUTLIER_SIGMAS] for alpha in ALPHAS])
+    _percent_map(ax, values, OUTLIER_SIGMAS, ALPHAS)
+    ax.set(xlabel="assumed $σ_o$ (m)", ylabel="assumed α", title=f"true share {share:g}")
+
+
+def _mean_success(rows: Rows, **wanted: float) -> float:
+    return float(
+        np.mean(
+            [
+                success(outcome)
+                for trial, outcome in rows
+                if all(getattr(trial, name) == value for name, value in wanted.items())
+            ]
+        )
+    )
+
+
+def _percent_map(ax: Axes, values: Array, columns: Sequence[float], lines: Sequence[float]) -> None:
+    ax.imshow(values, vmin=0.0, vmax=1.0, aspect="auto", origin="lower", cmap="viridis")
+    ax.grid(False)
+    ax.set_xticks(range(len(columns)), [f"{value:g}" for value in columns])
+    ax.set_yticks(range(len(lines)), [f"{value:g}" for value in lines])
+    for (row, column), value in np.ndenumerate(values):
+        color = BLACK if value > 0.6 else "white"
+        ax.text(column, row, f"{100 * value:.0f}", ha="center", va="center", color=color, size=7)
+
+
+def cross_range_sigma(trial: Trial) -> float:
+    """Standard deviation across the line of sight at the mean range, in m."""
+    return trial.noise * OVERLAPPED.sigma_azimuth * float(np.mean(RANGES))
+
+
+def first_scale_panel(ax: Axes, rows: Rows) -> None:
+    """Success over the standard deviation at the first scale, in units of the start's distance."""
+    noises = sorted({trial.noise for trial, _ in select(rows, "first scale")})
+    marks = zip(noises, (ORANGE, YELLOW, GREEN, SKY, BLUE), "osv^D", strict=True)
+    for noise, color, marker in marks:
+        chosen = select(rows, "first scale", noise=noise)
+        ratio = [
+            float(trial.scales.split()[0]) * cross_range_sigma(trial) / trial.distance_m
+            for trial, _ in chosen
+        ]
+        shares = [success(outcome) for _, outcome in chosen]
+        ax.plot(ratio, shares, marker, color=color, ms=5, label=f"noise {noise:g}")
+    ax.axvline(1.0, color="0.5", ls="--", lw=0.9)
+    ax.set_xscale("log")
+    ax.set(xlabel="first scale · σ / start error", ylabel="share at the truth", ylim=(-0.03, 1.03))
+    ax.legend(fontsize=8, loc="lower right")
+
+
+def effort_panel(ax: Axes, rows: Rows, distance: float) -> None:
+    """Success of the robust likelihood over its Newton iterations, for each way of starting."""
+    chosen = select(rows, "schedule", cost="robust", distance_m=distance)
+    kinds = {
+        "plain": [row for row in chosen if row[0].starts == 1 and row[0].scales == "1"],
+        "short schedule": [row for row in chosen if 1 < _steps(row[0]) < 4],
+        "long schedule": [row for row in chosen if row[0].starts == 1 and _steps(row[0]) >= 4],
+        "several starts": [row for row in chosen if row[0].starts > 1 and row[0].scales == "1"],
+        "both": [row for row in chosen if row[0].starts > 1 and row[0].scales != "1"],
+    }
+    for (name, of_kind), color, marker in zip(
+        kinds.items(), (BLACK, YELLOW, GREEN, BLUE, PINK), "xos^D", strict=True
+    ):
+        effort = [outcome.iterations for _, outcome in of_kind]
+        ax.plot(effort, [success(o) for _, o in of_kind], marker, color=color, ms=6, label=name)
+    ax.set_xscale("log")
+    ax.set(xlabel="Newton iterations", ylabel="share at the truth", ylim=(-0.03, 1.05))
+    ax.legend(fontsize=8, loc="lower right")
+
+
+def _steps(trial: Trial) -> int:
+    return len(trial.scales.split())
+
+
+def covariance_panel(
+    ax: Axes, covariances: dict[str, BothCovariances], title: str, *, named: bool
+) -> None:
+    """I^2 of both covariances, one row for each name; within the band they count as credible."""
+    ax.axvspan(-CREDIBLE_INCLINATION, CREDIBLE_INCLINATION, color=SKY, alpha=0.4, lw=0)
+    ax.axvline(0.0, color="0.4", lw=0.8)
+    heights = np.arange(len(covariances))[::-1]
+    for kind, color, marker, label in (
+        ("fisher", ORANGE, "s", "inverse Hessian"),
+        ("propagated", BLUE, "o", "propagation"),
+    ):
+        values = [getattr(both, kind).inclination for both in covariances.values()]
+        ax.plot(values, heights, marker, color=color, ms=6, mfc="none", mew=1.4, label=label)
+    ax.set_yticks(heights, list(covariances) if named else [""] * len(heights))
+    ax.set_xscale("symlog", linthresh=1.0, linscale=0.7)
+    ax.set_xticks([-10, -1, 0, 1, 10], ["−10", "−1", "0", "1", "10"])
+    ax.minorticks_off()
+    ax.set(xlabel="I² (dB)", title=title, ylim=(-0.6, len(covariances) - 0.4), xlim=(-40, 40))

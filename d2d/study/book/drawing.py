@@ -1,0 +1,64 @@
+"""Drawings that several chapters share: error ellipses, errors over time, scans, paths."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+
+from d2d import rigid
+from d2d._types import Array
+from d2d.point_set import PointSet
+from d2d.radar import Mounting, RadarScan
+from d2d.study.book.style import BLACK, BLUE, FIXED, ORANGE, SKY
+
+
+def ellipses(ax: Axes, points: PointSet, sigmas: float = 3.0, **style: Any) -> None:
+    """The error ellipses of a planar point set, drawn at ``sigmas`` standard deviations."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 60)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    outline = points.means[:, None, :] + sigmas * np.swapaxes(
+        np.linalg.cholesky(points.covariances) @ circle, -1, -2
+    )
+    settings: dict[str, Any] = {"facecolor": "none", "edgecolor": FIXED, "linewidth": 0.9} | style
+    ax.add_collection(PolyCollection(list(outline), **settings))
+
+
+def error_bands(ax: Axes, times: Array, errors: Array, sigma: Array, unit: str, name: str) -> None:
+    """Errors as dots over the band of three estimated standard deviations."""
+    ax.fill_between(times, -3.0 * sigma, 3.0 * sigma, color=SKY, alpha=0.45, lw=0, label="3σ")
+    ax.plot(times, errors, ".", color=BLACK, ms=2, label="error")
+    ax.set_ylabel(f"{name} ({unit})")
+    ax.margins(x=0.0)
+
+
+def radar_scan(
+    ax: Axes,
+    scan: RadarScan,
+    mounting: Mounting,
+    pose: Array | None = None,
+    *,
+    seconds: float = 2.0,
+) -> None:
+    """A scan in the vehicle frame, or in the world if the vehicle's ``pose`` is given.
+
+    Targets are drawn with their 3-sigma ellipses; a dashed line along the line of sight shows how
+    far the Doppler velocity moves each target in that many ``seconds``.
+    """
+    frame = mounting.pose if pose is None else rigid.compose(pose, mounting.pose)
+    targets = PointSet.from_polar(scan.range, scan.azimuth, scan.sigma_range, scan.sigma_azimuth)
+    placed = targets.transformed(frame)
+    sight = placed.means - frame[:2]
+    ends = placed.means + sight / np.linalg.norm(sight, axis=-1, keepdims=True) * (
+        seconds * scan.doppler[:, None]
+    )
+    lines = np.stack([placed.means, ends], axis=1)
+    ax.add_collection(LineCollection(list(lines), colors=ORANGE, linestyles="--", linewidths=0.8))
+    ax.plot(*placed.means.T, "*", color=BLUE, ms=5)
+    ellipses(ax, placed, edgecolor=BLUE, linewidth=0.7)
+    ax.plot(*frame[:2], "^", color=BLACK)
+
+
+def path(ax: Axes, poses: Array, *, color: str, label: str) -> None:
+    """A driven path in metres."""
+    ax.plot(poses[:, 0], poses[:, 1], color=color, label=label)

@@ -1,0 +1,42 @@
+"""The colours and the figure style of the book."""
+
+from importlib.resources import as_file, files
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+# Okabe & Ito's palette, which colour-blind readers can tell apart.
+BLUE, ORANGE, GREEN, PINK, YELLOW, SKY, BLACK = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#E69F00",
+    "#56B4E9",
+    "#000000",
+)
+FIXED, MOVING = BLUE, ORANGE
+
+
+def use_style() -> None:
+    """Switch matplotlib to the book's style."""
+    with as_file(files("d2d.study.book") / "book.mplstyle") as path:
+        plt.style.use(path)
+
+
+def letter_panels(axes: NDArray[np.object_]) -> None:
+    """Put (a), (b), ... before the titles of the panels."""
+    for letter, ax in zip("abcdefghijkl", axes.ravel(), strict=False):
+        title = ax.get_title()
+        ax.set_title("")
+        ax.set_title(f"({letter}) {title}" if title else f"({letter})", loc="left")
+
+
+def label_planar_axes(ax: Axes, title: str = "") -> None:
+    """Label both axes in metres and give them the same scale."""
+    ax.set_aspect("equal", adjustable="box")
+    ax.set_xlabel("x (m)")
+    ax.set_ylabel("y (m)")
+    ax.set_title(title)

@@ -1,0 +1,1 @@
+"""Simulated drives (chapter 7)."""

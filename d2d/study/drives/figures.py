@@ -1,0 +1,261 @@
+"""The figures of the simulated drives: frames, platform, street, errors, rejected targets."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.patches import Arc, Polygon, Wedge
+from numpy.typing import NDArray
+
+from d2d import rigid
+from d2d._types import Array
+from d2d.radar import Mounting
+from d2d.radar.simulation import Sensor
+from d2d.radar.world import KINDS, World
+from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, PINK, SKY, YELLOW
+from d2d.study.drives.errors import IN_UNITS, UNITS, DriveErrors
+
+SYMBOLS = ("$v_x$", "$v_y$", "ω")
+COLOURS = dict(zip(KINDS, (BLACK, BLUE, PINK, GREEN, ORANGE, YELLOW), strict=True))
+WALL, CAR = "0.85", SKY
+
+# Heights of the camera and of what it sees, in m.
+_EYE, _HOUSE, _CAR, _POLE, _BUSH = 1.2, 7.0, 1.5, 4.0, 0.9
+_NEAR = 0.5  # m: nothing nearer is drawn
+
+
+def coordinate_frames(ax: Axes) -> None:
+    """Vehicle and sensor frames with the mounting's offsets and what is measured of a target."""
+    x, y, yaw, distance, azimuth = 2.3, 1.0, np.deg2rad(22.0), 4.0, np.deg2rad(24.0)
+    sensor, sight = np.array([x, y]), yaw + azimuth
+    target = sensor + distance * np.array([np.cos(sight), np.sin(sight)])
+    body = np.array([[-1.0, -1.2], [2.5, -1.2], [2.5, 1.2], [-1.0, 1.2]])
+    ax.add_patch(Polygon(body, facecolor="0.94", edgecolor="0.6"))
+    for origin, angle, lengths, color, name in (
+        ((0.0, 0.0), 0.0, (1.3, 1.9), BLACK, "vehicle"),
+        ((x, y), yaw, (2.9, 1.9), BLUE, "sensor"),
+    ):
+        for turn, length, axis in ((0.0, lengths[0], "x"), (0.5 * np.pi, lengths[1], "y")):
+            end = np.array(origin) + length * np.array([np.cos(angle + turn), np.sin(angle + turn)])
+            _arrow(ax, origin, end, color)
+            shift = (2, 4) if axis == "y" else (4, -10) if name == "sensor" else (-34, 5)
+            _label(ax, end, f"${axis}$ {name}", color, shift)
+    ax.plot([0, x, x], [0, 0, y], ":", color="0.3", lw=1.2)
+    _label(ax, (0.72 * x, 0.0), "$x_s$", BLACK, (0, -14))
+    _label(ax, (x, 0.45 * y), "$y_s$", BLACK, (4, -2))
+    ax.plot([x, x + 2.6], [y, y], ":", color="0.3", lw=1.2)
+    for low, high, size, name, color in (
+        (0.0, yaw, 4.0, r"$\alpha_s$", BLACK),
+        (yaw, sight, 3.0, r"$\phi_k$", ORANGE),
+    ):
+        ax.add_patch(Arc((x, y), size, size, theta1=np.rad2deg(low), theta2=np.rad2deg(high)))
+        middle = 0.5 * (low + high)
+        where = sensor + (0.5 * size + 0.2) * np.array([np.cos(middle), np.sin(middle)])
+        _label(ax, where, name, color, (0, -4))
+    ax.plot(*np.stack([sensor, target]).T, color=ORANGE, lw=1.2)
+    _label(ax, 0.45 * sensor + 0.55 * target, "$r_k$", ORANGE, (-16, 6))
+    _arrow(ax, target, target + 1.2 * (sensor - target) / distance, ORANGE, ls="--", lw=2.0)
+    _label(ax, target - 0.6 * (target - sensor) / distance, "$v_k$", ORANGE, (8, -12))
+    ax.plot(*target, "*", color=ORANGE, ms=13)
+    _label(ax, target, "target $k$", ORANGE, (8, 2))
+    ax.add_patch(Arc((0, 0), 1.5, 1.5, theta1=200, theta2=340, color=GREEN, lw=1.6))
+    _arrow(ax, (0.66, -0.36), (0.72, -0.2), GREEN)
+    _label(ax, (0.0, -0.75), "ω", GREEN, (-4, -14))
+    ax.plot(0, 0, "o", color=BLACK, ms=4)
+    ax.set(xlim=(-1.4, 6.6), ylim=(-1.6, 4.6))
+    ax.set_aspect("equal")
+    ax.axis("off")
+
+
+def _arrow(ax: Axes, start: Any, end: Any, color: str, **style: Any) -> None:
+    ax.annotate(
+        "",
+        end,
+        start,
+        arrowprops={"arrowstyle": "-|>", "color": color, "shrinkA": 0, "shrinkB": 0, **style},
+    )
+
+
+def _label(ax: Axes, where: Any, text: str, color: str, shift: tuple[float, float]) -> None:
+    ax.annotate(
+        text, where, shift, textcoords="offset points", color=color, fontsize=12, clip_on=False
+    )
+
+
+def platform(ax: Axes, mounting: Mounting, sensor: Sensor, view_length: float = 2.2) -> None:
+    """The robot from above, a metre long, with its radar and ``view_length`` metres of its view."""
+    for side in (-0.34, 0.34):
+        for wheel in (-0.35, 0.0, 0.35):
+            corners = np.array([[-0.13, -0.06], [0.13, -0.06], [0.13, 0.06], [-0.13, 0.06]])
+            ax.add_patch(
+                Polygon(corners + np.array([wheel, side]), facecolor="0.35", edgecolor="none")
+            )
+    body = np.array([[-0.5, -0.27], [0.4, -0.27], [0.4, 0.27], [-0.5, 0.27]])
+    ax.add_patch(Polygon(body, facecolor="0.9", edgecolor="0.4"))
+    middle, half = np.rad2deg(mounting.yaw), np.rad2deg(sensor.field_of_view)
+    place = (mounting.x, mounting.y)
+    ax.add_patch(
+        Wedge(place, view_length, middle - half, middle + half, facecolor=SKY, alpha=0.35, lw=0)
+    )
+    ax.plot(*place, "s", color=BLUE, ms=8)
+    _label(ax, place, "radar", BLUE, (9, -4))
+    _label(ax, (mounting.x + 0.55 * view_length, 0.0), f"±{half:.0f}°", BLUE, (-14, -4))
+    _arrow(ax, (0, 0), (0.3, 0), BLACK)
+    _arrow(ax, (0, 0), (0, 0.3), BLACK)
+    _label(ax, (0.24, 0), "$x$", BLACK, (-2, 4))
+    _label(ax, (0, 0.24), "$y$", BLACK, (-14, -4))
+    ax.set(xlim=(-0.7, mounting.x + view_length + 0.1), ylim=(-1.45, 1.45))
+    ax.set(xlabel="x (m)", ylabel="y (m)")
+    ax.set_aspect("equal")
+
+
+def specification(ax: Axes, sensor: Sensor) -> None:
+    """The specification of the simulated sensor, as a table."""
+    entries = (
+        ("carrier", "77 GHz"),
+        ("rate", f"{sensor.rate:g} Hz"),
+        ("targets", f"at most {sensor.max_targets}"),
+        ("range", f"{sensor.min_range:g} – {sensor.max_range:g} m"),
+        ("σ range", f"{sensor.sigma_range:g} – {2 * sensor.sigma_range:g} m"),
+        (
+            "σ azimuth",
+            f"{np.rad2deg(sensor.sigma_azimuth):.1f} – {np.rad2deg(2 * sensor.sigma_azimuth):.1f}°",
+        ),
+        ("σ Doppler", f"{sensor.sigma_doppler:g} – {2 * sensor.sigma_doppler:g} m/s"),
+        ("steps", "0.0625 m, 0.0002 rad,\n0.0625 m/s"),
+        ("false targets", f"{sensor.clutter:g} a scan"),
+    )
+    ax.axis("off")
+    for k, (name, value) in enumerate(entries):
+        height = 1.0 - (k + 0.5) / len(entries)
+        ax.text(0.0, height, name, va="center", color="0.3")
+        ax.text(0.46, height, value, va="center")
+    ax.set(xlim=(0, 1), ylim=(0, 1))
+
+
+def street(ax: Axes, world: World) -> None:
+    """Houses, parked cars and the reflection points of everything that stands still."""
+    ax.add_collection(PolyCollection(list(world.buildings), facecolor=WALL, edgecolor="0.4"))
+    ax.add_collection(PolyCollection(list(world.cars), facecolor=CAR, edgecolor="none"))
+    still = world.reflectors
+    for kind, size in (("wall", 1.0), ("car", 1.5), ("vegetation", 1.5), ("pole", 4.0)):
+        chosen = still.positions[still.kind == kind]
+        label = kind if kind != "car" else "parked car"
+        ax.plot(*chosen.T, ".", color=COLOURS[kind], ms=size, label=label)
+
+
+def camera_view(ax: Axes, world: World, frame: Array, time: float, view: float) -> None:
+    """What a camera at ``frame`` [x, y, yaw] sees, ``view`` rad to either side.
+
+    Houses, cars, bushes, poles and movers, the farthest drawn first.
+    """
+    faces: list[tuple[float, Array, str, str]] = []
+    for outlines, height, shades in (
+        (world.buildings, _HOUSE, ("0.80", "0.70")),
+        (world.cars, _CAR, (SKY, "#3E9AC9")),
+    ):
+        for outline in rigid.transform_means(rigid.inverse(frame), outlines.reshape(-1, 2)).reshape(
+            -1, 4, 2
+        ):
+            for k in range(4):
+                shade = shades[k % 2]
+                faces += _face(outline[k], outline[(k + 1) % 4], height, shade, "0.35")
+    still = world.reflectors
+    moving, _ = world.movers.at(np.asarray(time))
+    for points, kind, width, height in (
+        (still.positions[still.kind == "vegetation"], "vegetation", 0.5, _BUSH),
+        (still.positions[still.kind == "pole"], "pole", 0.15, _POLE),
+        (moving, "moving", 0.5, _CAR),
+    ):
+        for place in rigid.transform_means(rigid.inverse(frame), points):
+            half = np.array([0.0, 0.5 * width])
+            faces += _face(place - half, place + half, height, COLOURS[kind], "none")
+    faces.sort(key=lambda face: -face[0])
+    edge = float(np.tan(view))
+    ax.axhspan(-1.0, 0.0, color="0.93", lw=0)
+    ax.add_collection(
+        PolyCollection(
+            [face[1] for face in faces],
+            facecolors=[face[2] for face in faces],
+            edgecolors=[face[3] for face in faces],
+            linewidths=0.4,
+        )
+    )
+    ticks = np.deg2rad([40, 20, 0, -20, -40])
+    ax.set(xlim=(-edge, edge), ylim=(-0.32, 0.55), yticks=[], xlabel="azimuth (°)")
+    ax.set_xticks(-np.tan(ticks), [f"{t:.0f}" for t in np.rad2deg(ticks)])
+    ax.grid(False)
+
+
+def _face(
+    start: Array, end: Array, height: float, shade: str, edge: str
+) -> list[tuple[float, Array, str, str]]:
+    """An upright rectangle as the camera sees it, with its distance; empty if it is behind."""
+    if max(start[0], end[0]) <= _NEAR:
+        return []
+    for a, b in ((start, end), (end, start)):
+        if a[0] < _NEAR:  # cut off the part that is nearer
+            cut = a + (b - a) * (_NEAR - a[0]) / (b[0] - a[0])
+            start, end = (cut, end) if a is start else (start, cut)
+            break
+    corners = [(*start, -_EYE), (*end, -_EYE), (*end, height - _EYE), (*start, height - _EYE)]
+    picture = np.array([(-y / x, z / x) for x, y, z in corners])
+    return [(float(np.hypot(*(0.5 * (start + end)))), picture, shade, edge)]
+
+
+def error_columns(
+    axes: NDArray[np.object_],
+    errors: Mapping[str, DriveErrors],
+    limits: Sequence[Sequence[float]],
+) -> None:
+    """Errors over time, a column (3 axes) for each track.
+
+    Errors beyond the ``limits`` of each component are drawn as crosses at the edge.
+    """
+    for column, (name, of_track) in enumerate(errors.items()):
+        for row, ax in enumerate(axes[:, column]):
+            values = of_track.errors[:, row] * IN_UNITS[row]
+            limit = limits[column][row]
+            outside = np.abs(values) > limit
+            ax.plot(of_track.times, values, ".", ms=1.5, color=BLUE)
+            edge = np.sign(values[outside]) * 0.97 * limit
+            ax.plot(of_track.times[outside], edge, "x", ms=3, color=ORANGE)
+            ax.set_ylim(-limit, limit)
+            if column == 0:
+                ax.set_ylabel(f"{SYMBOLS[row]} ({UNITS[row]})")
+        axes[0, column].set_title(f"({'abc'[column]}) {name}")
+        axes[-1, column].set_xlabel("time (s)")
+
+
+def rejected_kinds(ax: Axes, shares: Mapping[str, Mapping[str, float]]) -> None:
+    """Bars of the rejected share of each kind of target, side by side for the named tracks."""
+    width = 0.8 / len(shares)
+    for k, (name, share) in enumerate(shares.items()):
+        places = np.arange(len(share)) + (k - 0.5 * (len(shares) - 1)) * width
+        bars = ax.barh(places, list(share.values()), width, label=name, color=(YELLOW, BLUE)[k])
+        ax.bar_label(bars, fmt="%.2f", padding=2, fontsize=8)
+    kinds = list(next(iter(shares.values())))
+    ax.set_yticks(range(len(kinds)), kinds)
+    ax.invert_yaxis()
+    ax.set(xlim=(0.0, 1.18), xlabel="share rejected")
+    ax.set_xticks([0.0, 0.5, 1.0])
+    ax.grid(axis="y", visible=False)
+
+
+def rejected_directions(ax: Axes, angles: Array, shares: Mapping[str, Array]) -> None:
+    """Rejected share over the direction (A,) in rad in which a target walks."""
+    for color, (name, share) in zip((YELLOW, BLUE), shares.items(), strict=False):
+        ax.plot(np.rad2deg(angles), share, "o-", ms=3, color=color, label=name)
+    ax.set(xlabel="direction to the line of sight (°)", ylabel="share rejected", ylim=(0.0, 1.03))
+    ax.set_xticks([0, 30, 60, 90])
+
+
+def track_lines(ax: Axes, poses: Array, true: Array) -> None:
+    """The integrated path over the true one, with lines that join poses of the same time."""
+    links = np.stack([poses[::100, :2], true[::100, :2]], axis=1)
+    ax.add_collection(LineCollection(list(links), colors="0.5", linewidths=0.8))
+    ax.plot(*true[:, :2].T, "--", color=ORANGE, label="truth")
+    ax.plot(*poses[:, :2].T, color=BLUE, label="estimate")
+    ax.plot(*true[0, :2], "o", color=BLACK, ms=4)

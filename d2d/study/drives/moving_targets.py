@@ -1,0 +1,91 @@
+"""Which targets of a drive are rejected, and what they are."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from d2d._types import Array
+from d2d.radar import Drive, RadarScan, Track, doppler_velocity, inlier_probabilities
+
+
+@dataclass(frozen=True, eq=False)
+class TargetWeights:
+    """How far a track trusts each target of a simulated drive, whose true kind is known.
+
+    Attributes
+    ----------
+    kind : (M,) array of str
+        One of `d2d.radar.world.KINDS`.
+    probability : (M,) array
+        Probability that the target is an inlier under the pair's estimate.
+    own_speed : (M,) array, m/s
+        The true Doppler velocity minus that of a static target; nan for clutter.
+    """
+
+    kind: NDArray[np.str_]
+    probability: Array
+    own_speed: Array
+
+    @classmethod
+    def of(cls, drive: Drive, driven: Track, *, doppler: bool = True) -> "TargetWeights":
+        """Weigh the targets of each pair's current scan; ``driven`` is the track of the drive.
+
+        Pairs that did not converge are left out.
+        """
+        kinds, probabilities, speeds = [], [], []
+        for i, (previous, current) in enumerate(pairwise(drive.scans)):
+            if not driven.converged[i]:
+                continue
+            true, theta = drive.targets[i + 1], driven.theta[i]
+            still = doppler_velocity(
+                drive.truth.theta[i + 1], np.nan_to_num(true.azimuth), drive.mounting
+            )
+            kinds.append(true.kind)
+            speeds.append(true.doppler - still)
+            probabilities.append(
+                inlier_probabilities(theta, previous, current, drive.mounting, doppler=doppler)
+            )
+        return cls(np.concatenate(kinds), np.concatenate(probabilities), np.concatenate(speeds))
+
+    def rejected(self, chosen: NDArray[np.bool_]) -> float:
+        """Share of the chosen targets, a mask (M,), whose inlier probability is below one half.
+
+        It is nan if none is chosen.
+        """
+        return float((self.probability[chosen] < 0.5).mean()) if chosen.any() else float("nan")
+
+
+def rejected_walkers(
+    drive: Drive, driven: Track, speed: float, angles: Array, *, doppler: bool = True
+) -> Array:
+    """Share (A,) of targets that would be rejected if they walked.
+
+    Static targets that the previous scan shows as well are given the Doppler velocity and the
+    displacement of somebody who walks at ``speed`` in m/s, at each of the ``angles`` (A,) in rad to
+    the line of sight; 0 is away from the sensor.  Every tenth pair is used.
+    """
+    probabilities: list[list[Array]] = [[] for _ in angles]
+    for i in range(0, len(drive.scans) - 1, 10):
+        previous, current = drive.scans[i : i + 2]
+        true = drive.targets[i + 1]
+        chosen = np.isin(true.point, drive.targets[i].point) & (true.point >= 0)
+        chosen &= true.kind != "moving"
+        if not driven.converged[i] or not chosen.any():
+            continue
+        for k, angle in enumerate(angles):
+            away, aside = speed * np.cos(angle), speed * np.sin(angle)
+            walked = RadarScan(
+                current.time,
+                current.range + away * driven.intervals[i],
+                current.azimuth + aside * driven.intervals[i] / current.range,
+                current.doppler + away,
+                current.sigma_range,
+                current.sigma_azimuth,
+                current.sigma_doppler,
+            )
+            pair = previous, walked, drive.mounting
+            judged = inlier_probabilities(driven.theta[i], *pair, doppler=doppler)
+            probabilities[k].append(judged[chosen])
+    return np.array([(np.concatenate(at_angle) < 0.5).mean() for at_angle in probabilities])

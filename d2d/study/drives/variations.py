@@ -1,0 +1,59 @@
+"""Variations of a drive: in a sparse world, from a fixed start, with propagated errors."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from d2d._types import Array
+from d2d.radar import Drive, Track, estimate_ego_motion, propagate_ego_motion
+from d2d.radar.world import Movers, Reflectors, World
+
+
+def sparse(world: World, rng: np.random.Generator, share: float = 0.2) -> World:
+    """The world without movers, and with a share of its reflection points, four times as strong.
+
+    The points of a wall then lie farther apart than the errors of the sensor.
+    """
+    still = world.reflectors
+    kept = rng.random(len(still.kind)) < share
+    few = Reflectors(still.positions[kept], 4.0 * still.strength[kept], still.kind[kept])
+    none = Movers(np.empty(0), np.empty(0), np.empty((0, 2)), np.empty(0))
+    return World(world.buildings, world.cars, few, none)
+
+
+def track_from(drive: Drive, start: ArrayLike, **options: Any) -> Track:
+    """Estimate each pair of the drive's scans on its own, from the same ``start`` (3,).
+
+    ``options`` are those of `d2d.radar.estimate_ego_motion`.
+    """
+    estimates = [
+        estimate_ego_motion(previous, current, drive.mounting, initial=start, **options)
+        for previous, current in pairwise(drive.scans)
+    ]
+    times = drive.truth.times
+    return Track(
+        times[1:],
+        np.diff(times),
+        np.array([estimate.theta for estimate in estimates]),
+        np.array([estimate.covariance for estimate in estimates]),
+        np.array([bool(estimate.converged) for estimate in estimates]),
+    )
+
+
+def propagated_covariances(
+    drive: Drive, driven: Track, pairs: Sequence[int], *, shared_azimuth: bool
+) -> Array:
+    """Covariances (len(pairs), 3, 3) of a track with Doppler, by propagating the sensor's errors.
+
+    If ``shared_azimuth``, one azimuth error affects both a target's position and its Doppler
+    velocity; the cost assumes two separate errors.
+    """
+    covariances = []
+    for i in pairs:
+        pair = drive.scans[i], drive.scans[i + 1], drive.mounting
+        estimate = estimate_ego_motion(*pair, initial=driven.theta[i])
+        covariances.append(propagate_ego_motion(estimate, *pair, shared_azimuth=shared_azimuth))
+    return np.array(covariances)

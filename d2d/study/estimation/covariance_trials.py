@@ -1,0 +1,151 @@
+"""The covariances that several costs claim, compared with the scatter of many runs."""
+
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from d2d._types import Array
+from d2d.cost import CorruptedGaussian, RegistrationCost
+from d2d.covariance import propagate_covariance
+from d2d.credibility import Credibility, credibility
+from d2d.point_set import PointSet
+from d2d.registration import register
+from d2d.study.plane.scenarios import OVERLAPPED, cartesian
+
+SEED = 5
+RUNS = 20_000  # a variance is known to 1 % (one standard error)
+CREDIBLE_INCLINATION = 0.5  # dB, limit of |I^2|; it corresponds to an ANEES of 1.12 or 0.89
+COSTS = {
+    "likelihood": RegistrationCost(),
+    "robust likelihood": RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2))),
+    "summing": RegistrationCost(fusion="summing"),
+    "P2D likelihood": RegistrationCost("p2d"),
+}
+
+
+class CovarianceStudy(NamedTuple):
+    """Errors of one cost in many runs, and the covariances that it claims for them."""
+
+    errors: Array  # (runs, 3) m, m, rad
+    actual: Array  # (3,) variances
+    fisher: Array  # (runs, 3, 3) inverse Hessians
+    propagated: Array  # (runs, 3, 3)
+    fisher_credibility: Credibility
+    propagated_credibility: Credibility
+
+
+@cache
+def overlapped_sets(width: float = 1.0) -> tuple[PointSet, PointSet]:
+    """Draws of the overlapped scene, whose targets report ``width`` times their actual noise."""
+    narrow = replace(
+        OVERLAPPED,
+        sigma_range=OVERLAPPED.sigma_range / width,
+        sigma_azimuth=OVERLAPPED.sigma_azimuth / width,
+    )
+    fixed, moving = narrow.sample(RUNS, np.random.default_rng(SEED))
+    return fixed.inflated(width), moving.inflated(width)
+
+
+@cache
+def covariance_study(name: str, width: float = 1.0) -> CovarianceStudy:
+    """Compare both covariances of a cost of `COSTS` with the Monte Carlo scatter.
+
+    Every run starts at the true motion: the question is how far the right optimum scatters, not
+    whether it is found.  Both covariances are scaled to the actual noise.
+    """
+    fixed, moving = overlapped_sets(width)
+    cost = COSTS[name]
+    estimates = register(fixed, moving, cost, OVERLAPPED.theta)
+    good = estimates.converged
+    errors = (estimates.theta - OVERLAPPED.theta)[good]
+    fisher = estimates.covariance[good] / width**2
+    propagated = propagate_covariance(estimates, fixed, moving, cost)[good] / width**2
+    return CovarianceStudy(
+        errors,
+        errors.var(axis=0),
+        fisher,
+        propagated,
+        credibility(errors, fisher),
+        credibility(errors, propagated),
+    )
+
+
+def variance_ratio(study: CovarianceStudy, which: str) -> Array:
+    """Ratio (3,) of the mean claimed variance to the actual one."""
+    claimed = getattr(study, which).mean(axis=0)
+    return np.asarray(np.diag(claimed) / study.actual)
+
+
+def quadratic_ratio(name: str, distance: float, runs: int = 500) -> float:
+    """Ratio of the rise of a cost to that of its quadratic model, median over runs and directions.
+
+    The rise is measured ``distance`` claimed standard deviations to either side of the optimum
+    along each parameter; for a Gaussian the ratio is 1 at any distance.
+    """
+    fixed, moving = (points[:runs] for points in overlapped_sets())
+    optima = register(fixed, moving, COSTS[name], OVERLAPPED.theta)
+    ratios = []
+    for axis in range(3):
+        for sign in (-1.0, 1.0):
+            step = np.zeros((runs, 3))
+            step[:, axis] = sign * distance * np.sqrt(optima.covariance[:, axis, axis])
+            rise = COSTS[name].value(optima.theta + step, fixed, moving) - optima.value
+            model = 0.5 * np.einsum("ri,rij,rj->r", step, optima.hessian, step)
+            ratios.append(rise / model)
+    return float(np.median(ratios))
+
+
+class EqualTargets(NamedTuple):
+    """Mean variances of one coordinate, times the number of targets; the likelihood gives 1."""
+
+    actual: float
+    fisher: float
+    propagated: float
+
+
+def equal_targets(count: int, runs: int = 5000) -> EqualTargets:
+    """Variances of the sum's optimum for ``count`` targets of equal covariance, without rotation.
+
+    Each target errs by a standard normal, as its covariance says.  The optimum is the mean of the
+    targets weighted by their densities, found by iteration from their plain mean.
+    """
+    offsets = np.random.default_rng(SEED).standard_normal((runs, count, 2))
+    optimum = offsets.mean(axis=1)
+    for _ in range(100):
+        weight = np.exp(-0.5 * np.sum((offsets - optimum[:, np.newaxis]) ** 2, axis=-1))
+        weight /= weight.sum(axis=1, keepdims=True)
+        optimum = np.einsum("rk,rki->ri", weight, offsets)
+    residuals = offsets - optimum[:, np.newaxis]
+    # minus the derivative of each target's weighted residual; their sum is the Hessian
+    slopes = weight[..., np.newaxis, np.newaxis] * (
+        np.eye(2) - residuals[..., :, np.newaxis] * residuals[..., np.newaxis, :]
+    )
+    inverse = np.linalg.inv(slopes.sum(axis=1))
+    squared = np.einsum("rkij,rklj->ril", slopes, slopes)
+    propagated = inverse @ squared @ inverse
+    return EqualTargets(
+        count * float(optimum.var(axis=0).mean()),
+        count * float(0.5 * np.trace(inverse, axis1=1, axis2=2).mean()),
+        count * float(0.5 * np.trace(propagated, axis1=1, axis2=2).mean()),
+    )
+
+
+@cache
+def over_layouts(name: str, layouts: int = 12, runs: int = 1000) -> Array:
+    """ANEES (layouts,) of the inverse Hessian on random layouts.
+
+    Each layout has eight targets, uniform in azimuth and range over the scene's field of view; they
+    may lie next to each other.
+    """
+    rng = np.random.default_rng(SEED)
+    anees = []
+    for _ in range(layouts):
+        places = np.stack([rng.uniform(-0.7, 0.7, 8), rng.uniform(14.0, 33.0, 8)], axis=-1)
+        scenario = replace(OVERLAPPED, targets=cartesian(places))
+        estimates = register(*scenario.sample(runs, rng), COSTS[name], scenario.theta)
+        good = estimates.converged
+        errors = (estimates.theta - scenario.theta)[good]
+        anees.append(credibility(errors, estimates.covariance[good]).anees)
+    return np.array(anees)

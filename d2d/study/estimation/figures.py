@@ -1,0 +1,124 @@
+"""The figures of estimation: optimiser paths, also as frames of an animation; error propagation."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+
+from d2d._types import Array
+from d2d.baselines.optimisers import Path
+from d2d.study.book import svg
+from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, PINK
+from d2d.study.estimation.descent import PairedTargets, profile
+
+COLOURS = {
+    "gradient descent": ORANGE,
+    "Newton": PINK,
+    "Gauss-Newton": BLUE,
+    "Levenberg-Marquardt": GREEN,
+}
+WIDTH, HEIGHT, MARGIN = 620.0, 420.0, 56.0  # of a frame, in SVG units
+
+
+def draw_paths(ax: Axes, problem: PairedTargets, paths: Mapping[str, Path]) -> None:
+    """The paths over the profiled cost in the plane of t_y and phi."""
+    t_y, angle = _window(paths)
+    cost = profile(problem, t_y, angle)
+    levels = cost.min() + np.geomspace(1.0, float(np.ptp(cost)), 14)
+    ax.contour(t_y, np.rad2deg(angle), cost, levels, colors="0.7", linewidths=0.7)
+    for name, path in paths.items():
+        plotted = path.points[:, 1], np.rad2deg(path.points[:, 2])
+        ax.plot(*plotted, ".-", color=COLOURS[name], label=name, ms=5, lw=1.2)
+    ax.set(xlabel="$t_y$ (m)", ylabel="$φ_z$ (degrees)")
+
+
+def descent_frame(problem: PairedTargets, paths: Mapping[str, Path], iteration: int) -> str:
+    """SVG of the paths up to an iteration, over contours of the profiled cost."""
+    t_y, angle = _window(paths)
+
+    def place(points: Array) -> Array:
+        x = (points[:, 0] - t_y[0]) / (t_y[-1] - t_y[0])
+        y = (points[:, 1] - angle[0]) / (angle[-1] - angle[0])
+        return np.stack(
+            [MARGIN + x * (WIDTH - 2 * MARGIN), HEIGHT - MARGIN - y * (HEIGHT - 2 * MARGIN)], -1
+        )
+
+    parts = [svg.polyline(place(line), "#999", 1.0) for line in _contours(problem, t_y, angle)]
+    for row, (name, path) in enumerate(paths.items()):
+        points, colour = place(path.points[: iteration + 1, 1:]), COLOURS[name]
+        arrived = " (arrived)" if path.converged and iteration >= len(path.points) - 1 else ""
+        parts += [
+            svg.polyline(points, colour, 2.2),
+            svg.circle(points[-1, 0], points[-1, 1], 7.0 - row, colour),
+            svg.text(
+                WIDTH - MARGIN - 4.0,
+                22.0 + 19.0 * row,
+                name + arrived,
+                text_anchor="end",
+                fill=colour,
+            ),
+        ]
+    low, high = np.rad2deg(angle[[0, -1]])
+    upwards = f"upwards the angle from {low:.1f}° to {high:.1f}°"
+    axes = f"t_y from {t_y[0]:.1f} to {t_y[-1]:.1f} m; {upwards}"
+    parts.append(svg.text(0.5 * WIDTH, HEIGHT - 14.0, axes, text_anchor="middle"))
+    return svg.picture(WIDTH, HEIGHT, f"Optimiser paths after {iteration} iterations", parts)
+
+
+def _window(paths: Mapping[str, Path]) -> tuple[Array, Array]:
+    ends = np.concatenate([path.points[:, 1:] for path in paths.values()])
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    low, high = low - 0.15 * (high - low), high + 0.15 * (high - low)
+    return np.linspace(low[0], high[0], 81), np.linspace(low[1], high[1], 81)
+
+
+def _contours(problem: PairedTargets, t_y: Array, angle: Array) -> list[Array]:
+    cost = profile(problem, t_y, angle)
+    levels = cost.min() + np.geomspace(1.0, float(np.ptp(cost)), 14)
+    figure, ax = plt.subplots()
+    lines = ax.contour(t_y, angle, cost, levels).allsegs
+    plt.close(figure)
+    return [line[::2] for level in lines for line in level if len(line) > 4]
+
+
+def propagation_panel(
+    ax: Axes,
+    function: Callable[[Array], Array],
+    slope: Callable[[float], float],
+    centres: Sequence[float],
+    sigma: float,
+    rng: np.random.Generator,
+) -> None:
+    """Inputs N(x0, sigma^2) on the x axis; on the y axis, the outputs of a curve and its tangent.
+
+    On the y axis, grey bars show 20 000 sampled outputs, and lines the densities
+    N(f(x0), (f'(x0) sigma)^2) of first-order propagation.
+    """
+    low, high = min(centres) - 6.0 * sigma, max(centres) + 6.0 * sigma
+    x = np.linspace(low, high, 600)
+    y = function(x)
+    ax.plot(x, y, color=BLACK)
+    size_x, size_y = 0.18 * float(np.ptp(y)), 0.22 * (high - low)
+    bottom, left = float(y.min()) - 0.25 * float(np.ptp(y)), low - 0.3 * (high - low)
+    for color, x0 in zip((ORANGE, BLUE), centres, strict=False):
+        y0, spread = float(function(np.array(x0))), abs(slope(x0)) * sigma
+        near = x0 + sigma * np.linspace(-4.0, 4.0, 200)
+        ax.fill_between(
+            near,
+            bottom,
+            bottom + size_x * np.exp(-0.5 * ((near - x0) / sigma) ** 2),
+            color=color,
+            alpha=0.4,
+            lw=0,
+        )
+        ax.plot(near, y0 + slope(x0) * (near - x0), "--", color=color)
+        counts, edges = np.histogram(function(rng.normal(x0, sigma, 20_000)), 60, density=True)
+        scale = size_y * spread * np.sqrt(2.0 * np.pi)
+        ax.barh(edges[:-1], scale * counts, np.diff(edges), left, align="edge", color="0.8")
+        outputs = y0 + spread * np.linspace(-4.0, 4.0, 200)
+        density = np.exp(-0.5 * ((outputs - y0) / spread) ** 2)
+        ax.plot(left + size_y * density, outputs, color=color)
+        ax.plot(x0, y0, "o", color=color)
+        ax.plot([x0, x0, left], [bottom, y0, y0], ":", color=color, lw=0.8)
+    ax.set(xlabel="x", ylabel="y", xlim=(left, high), ylim=(bottom, None))

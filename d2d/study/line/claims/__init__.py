@@ -1,0 +1,1 @@
+"""The claims on scenes on a line."""

@@ -1,0 +1,349 @@
+"""Claims of thesis section 4.4: an outlier on the line."""
+
+import numpy as np
+
+from d2d.point_set import PointSet
+from d2d.registration import register
+from d2d.study.book.claim import Evidence, claim, judge
+from d2d.study.line.outlier_study import (
+    COMPARABLE,
+    DRAWS,
+    FRACTIONS,
+    LIKELIHOOD,
+    RIGHT,
+    ROBUST,
+    SUMMING,
+    TINY,
+    TRANSLATIONS,
+    UNIFORM,
+    UNIFORM_DENSITY,
+    WIDTHS,
+    outlier_map,
+    scene,
+    share,
+    survey_scene,
+)
+from d2d.study.line.scene import SIGMA, TRUTH
+from d2d.study.line.surfaces import Survey, log_surface, peaks
+
+
+@claim(
+    "outlier-fixed-summing",
+    section="4.4",
+    figure="outlier-fixed-cost",
+    telling=(
+        "mean number of maxima without the outlier",
+        "mean number of maxima with it",
+    ),
+)
+def outlier_fixed_summing() -> Evidence:
+    """An outlier in F adds a possibility to every target and local peaks to the sum."""
+    before, after = survey_scene(SUMMING), survey_scene(SUMMING, "fixed")
+    fixed, moving = scene("fixed")
+    b_alone = PointSet(moving.means[:, :1], moving.covariances[:, :1])
+    surfaces_of_b = log_surface(LIKELIHOOD, TRANSLATIONS, fixed, b_alone)
+    four = share(peaks(TRANSLATIONS, surfaces_of_b).number == 4)
+    gains = after.optima > before.optima
+    more = share(gains)
+    targets, outlier = fixed.means[:, :-1, 0], fixed.means[:, -1:, 0]
+    distance = np.abs(outlier - targets).min(axis=-1) / SIGMA
+    too_near = distance.max(where=~gains, initial=0.0)
+    return Evidence(
+        judge(confirmed=min(four, more) > 0.9, qualified=more > 0.5),
+        "the outlier adds three pairs and up to three bumps: target B's surface has four peaks in "
+        f"{four:.0%} of the draws, and the sum has more maxima than without the outlier in "
+        f"{more:.0%}, on average {after.optima.mean():.2f} instead of {before.optima.mean():.2f}. "
+        f"In all other draws it stands within {too_near:.1f} standard deviations of a target, "
+        "whose peak takes it in.",
+        {
+            "share of draws in which target B's surface has four peaks": four,
+            "share of draws with more local maxima of the sum than without the outlier": more,
+            "mean number of maxima without the outlier": float(before.optima.mean()),
+            "mean number of maxima with it": float(after.optima.mean()),
+            "share of draws with a rival above half the highest, without the outlier": share(
+                before.rival > COMPARABLE
+            ),
+            "share of draws with a rival above half the highest, with it": share(
+                after.rival > COMPARABLE
+            ),
+        },
+        holds=f"The outlier stands more than {too_near:.1f} standard deviations from every target; "
+        f"nearer ones leave the sum without a further maximum in {1 - more:.0%} of the draws.",
+    )
+
+
+@claim(
+    "outlier-fixed-likelihood",
+    section="4.4",
+    figure="outlier-fixed-cost",
+    telling=(
+        "share of draws with the highest peak at the true alignment",
+        "root mean square error with the outlier over that without",
+    ),
+)
+def outlier_fixed_likelihood() -> Evidence:
+    """The likelihood is robust against an outlier in F."""
+    before, after = survey_scene(LIKELIHOOD), survey_scene(LIKELIHOOD, "fixed")
+    right, single = after.right(TRUTH, RIGHT), share(after.rival < TINY)
+    ratio = _error_from_truth("fixed") / _error_from_truth("")
+    stays_right, stays_accurate = right > 0.99, ratio < 1.05
+    return Evidence(
+        judge(
+            confirmed=stays_right and single > 0.97 and stays_accurate,
+            qualified=stays_right,
+        ),
+        "every moving target still finds its own component, and the outlier's weight only scales "
+        f"the product: the highest peak is at the true alignment in {right:.0%} of the draws and "
+        f"the only visible one in {single:.1%}. The logarithm has {after.optima.mean():.2f} maxima "
+        f"on average instead of {before.optima.mean():.2f}, and the root mean square error changes "
+        f"by {ratio - 1:+.1%}, because some outliers happen to stand next to a target.",
+        {
+            "share of draws with the highest peak at the true alignment": right,
+            "share of draws with one visible peak (no rival above 1 %)": single,
+            "root mean square error with the outlier over that without": ratio,
+            "mean number of maxima of the logarithm without the outlier": float(
+                before.optima.mean()
+            ),
+            "mean number of maxima of the logarithm with it": float(after.optima.mean()),
+        },
+        holds=f"For the place of the highest peak, right in {right:.0%} of the draws; a rival is "
+        f"visible in {1 - single:.1%}, and the error changes by {ratio - 1:+.1%}.",
+    )
+
+
+def _error_from_truth(where: str) -> float:
+    """Root mean square error (m) of the likelihood's estimates that start at the truth."""
+    found = register(*scene(where, 4000), LIKELIHOOD, [TRUTH])
+    return float(np.sqrt(np.mean((found.theta[found.converged] - TRUTH) ** 2)))
+
+
+@claim(
+    "outlier-moving-summing",
+    section="4.4",
+    figure="outlier-moving-cost",
+    telling=(
+        "share of draws with the highest peak at the true alignment",
+        "share of draws with a rival above half the highest, with the outlier",
+    ),
+)
+def outlier_moving_summing() -> Evidence:
+    """An outlier in M gives the sum a competitive local peak, but the global one stays right."""
+    before, after = survey_scene(SUMMING), survey_scene(SUMMING, "moving")
+    right = after.right(TRUTH, RIGHT)
+    with_it, without = share(after.rival > COMPARABLE), share(before.rival > COMPARABLE)
+    error = np.sqrt((with_it * (1 - with_it) + without * (1 - without)) / DRAWS)
+    adds_rivals = with_it - without > 3.0 * error
+    return Evidence(
+        judge(
+            confirmed=right > 0.99 and with_it > 0.9,
+            qualified=right > 0.9 and adds_rivals,
+        ),
+        f"a rival exceeds half the highest peak in {with_it:.0%} of the draws, {without:.0%} "
+        "without the outlier: it does where the outlier meets a component just when another pair "
+        "of targets meets, which depends on where the outlier stands. The highest peak stays at "
+        f"the true alignment in {right:.0%} of the draws; in the others a rival wins.",
+        {
+            "share of draws with the highest peak at the true alignment": right,
+            "share of draws with a rival above half the highest, without the outlier": without,
+            "share of draws with a rival above half the highest, with the outlier": with_it,
+            "median height of the rival with it": float(np.median(after.rival)),
+            "mean number of maxima with it": float(after.optima.mean()),
+            "median width of the basin around the true alignment (m)": float(
+                np.median(after.basin_width)
+            ),
+        },
+        holds="The outlier meets a component where another pair of targets meets; the global peak "
+        f"stays right in {right:.0%} of all draws.",
+    )
+
+
+@claim(
+    "outlier-moving-likelihood",
+    section="4.4",
+    figure="outlier-moving-cost",
+    telling=(
+        "share of draws in which the outlier costs more than six decades",
+        "share of draws in which the product is exactly zero",
+    ),
+)
+def outlier_moving_likelihood() -> Evidence:
+    """An outlier in M makes the likelihood zero at the true alignment."""
+    before, after = (
+        -LIKELIHOOD.value(np.array([TRUTH]), *scene(where)) for where in ("", "moving")
+    )
+    drop = (before - after) / np.log(10.0)
+    invisible, zero = share(drop > 6.0), share(np.exp(after) == 0.0)
+    found = survey_scene(LIKELIHOOD, "moving")
+    right, limit = found.right(TRUTH, RIGHT), 3.0 * SIGMA
+    near = f"within {RIGHT:g} m"
+    return Evidence(
+        judge(confirmed=zero > 0.95, qualified=invisible > 0.5),
+        "the outlier costs more than six decades, too many for the rest to be visible on a plot, "
+        f"in {invisible:.0%} of the draws (the median is {np.median(drop):.1f}), unless it "
+        "stands near where a component comes to lie. In floating point the product of four "
+        f"densities is exactly zero in {zero:.0%}, and its logarithm keeps its highest maximum "
+        f"{near} of the truth in {right:.0%}.",
+        {
+            "share of draws in which the outlier costs more than six decades": invisible,
+            "median number of decades that it costs": float(np.median(drop)),
+            "share of draws in which the product is exactly zero": zero,
+            f"share of draws with the highest log-likelihood {near} of the truth": right,
+            f"share of draws in which an ascent from the truth stays within {limit:g} m": share(
+                np.abs(found.ascent - TRUTH) < limit
+            ),
+        },
+        holds="For the eye, on a plot of the density, where the outlier costs more than six "
+        f"decades ({invisible:.0%} of the draws); the number is zero in {zero:.0%}.",
+    )
+
+
+def _numbers_with_outlier_in_m(found: Survey) -> dict[str, float]:
+    """The numbers of a survey of a robust cost."""
+    return {
+        "share of draws with the highest peak at the true alignment": found.right(TRUTH, RIGHT),
+        "share of draws with a rival above half the highest": share(found.rival > COMPARABLE),
+        "share of draws with a rival above 1 % of the highest": share(found.rival > TINY),
+        "median height of the rival": float(np.median(found.rival)),
+        "mean number of maxima of the logarithm": float(found.optima.mean()),
+        "median width of the basin around the true alignment (m)": float(
+            np.median(found.basin_width)
+        ),
+    }
+
+
+@claim(
+    "uniform-restores",
+    section="4.4",
+    figure="blake-zisserman",
+    telling=(
+        "share of draws with the highest peak at the true alignment",
+        "share of draws with a rival above half the highest",
+    ),
+)
+def uniform_restores() -> Evidence:
+    """A uniform outlier component restores the likelihood's one global peak, without a comparable
+    local one.
+    """
+    found = survey_scene(UNIFORM, "moving")
+    right, comparable = found.right(TRUTH, RIGHT), share(found.rival > COMPARABLE)
+    return Evidence(
+        judge(confirmed=right > 0.98 and comparable < 0.02, qualified=right > 0.9),
+        f"as a density, with c = {UNIFORM_DENSITY:g} per metre, it is highest at the true "
+        f"alignment in {right:.0%} of the draws, and a rival exceeds half of that in "
+        f"{comparable:.1%}. Its logarithm has {found.optima.mean():.1f} maxima on average, for the "
+        "ten distances at which targets meet, and the median basin around the truth is "
+        f"{np.median(found.basin_width):.1f} m wide: the price of a robust cost is that it needs a "
+        "good start.",
+        _numbers_with_outlier_in_m(found),
+        holds=f"For the place of the highest peak, right in {right:.0%} of the draws; a rival "
+        f"exceeds half of it in {comparable:.1%}.",
+    )
+
+
+@claim(
+    "uniform-not-a-density",
+    section="4.4",
+    figure="blake-zisserman",
+    telling=(
+        "area of one target's surface over 40 m, uniform component",
+        "area of one target's surface over 4000 m, uniform component",
+    ),
+)
+def uniform_not_a_density() -> Evidence:
+    """The uniform component breaks the Gaussian assumption: the area is not one."""
+    fixed, moving = (points[0] for points in scene(""))
+    alone = PointSet(moving.means[:1], moving.covariances[:1])
+    areas = {}
+    for length in (40.0, 400.0, 4000.0):
+        t = TRUTH + 5.0 + np.arange(-0.5 * length, 0.5 * length, 0.03)
+        for name, cost in (("uniform", UNIFORM), ("corrupted", ROBUST)):
+            areas[name, length] = float(np.exp(log_surface(cost, t, fixed, alone)).sum() * 0.03)
+    added = UNIFORM_DENSITY * (4000.0 - 400.0)
+    diverges = abs(areas["uniform", 4000.0] - areas["uniform", 400.0] - added) < 0.1
+    finite = abs(areas["corrupted", 4000.0] - 1.0) < 1e-3
+    what = "area of one target's surface over"
+    return Evidence(
+        judge(confirmed=diverges and finite),
+        f"its area is {areas['uniform', 40.0]:.3g} over 40 m of the axis, "
+        f"{areas['uniform', 400.0]:.3g} over 400 m and {areas['uniform', 4000.0]:.3g} over 4000 m; "
+        f"that of the corrupted Gaussian is {areas['corrupted', 4000.0]:.3f} over 4000 m. This "
+        "alone does no harm: over any bounded interval the same surface divided by its area is a "
+        "density with the same optimum and the same Hessian of the logarithm.",
+        {
+            f"{what} 40 m, uniform component": areas["uniform", 40.0],
+            f"{what} 400 m, uniform component": areas["uniform", 400.0],
+            f"{what} 4000 m, uniform component": areas["uniform", 4000.0],
+            f"{what} 40 m, corrupted Gaussian": areas["corrupted", 40.0],
+            f"{what} 4000 m, corrupted Gaussian": areas["corrupted", 4000.0],
+        },
+    )
+
+
+@claim(
+    "corrupted-restores",
+    section="4.4",
+    figure="corrupted-gaussian",
+    telling=(
+        "share of draws with the highest peak at the true alignment",
+        "share of draws with a rival above 1 % of the highest",
+    ),
+)
+def corrupted_restores() -> Evidence:
+    """The corrupted Gaussian restores one global peak, and all local peaks are tiny."""
+    found, uniform = survey_scene(ROBUST, "moving"), survey_scene(UNIFORM, "moving")
+    right, tiny = found.right(TRUTH, RIGHT), share(found.rival < TINY)
+    stays_right = right > 0.98
+    return Evidence(
+        judge(confirmed=stays_right and tiny > 0.95, qualified=stays_right),
+        f"the highest peak is at the true alignment in {right:.0%} of the draws, and all others "
+        f"are below {TINY:.0%} of it in {tiny:.0%}; a higher one is where the outlier supports a "
+        f"meeting of two other targets. The logarithm has {found.optima.mean():.1f} maxima on "
+        f"average, with the uniform component {uniform.optima.mean():.1f}.",
+        _numbers_with_outlier_in_m(found),
+        holds="The outlier does not support a meeting of two other targets; all other peaks are "
+        f"below {TINY:.0%} of the highest in {tiny:.0%} of the draws.",
+    )
+
+
+@claim(
+    "outlier-parameters-crucial",
+    section="4.4",
+    figure="corrupted-map",
+    telling=(
+        "minimum share of right optima, widths of 3 m to 100 m",
+        "minimum share of right optima, widths of 1 m or less",
+    ),
+)
+def outlier_parameters_crucial() -> Evidence:
+    """The parameters of the outlier component are crucial to the surface."""
+    right, rival, basin = outlier_map()
+    wide = np.array(WIDTHS) >= 3.0
+    moderate = np.array(FRACTIONS) <= 0.5
+    right_if_wide, right_if_narrow = float(right[:, wide].min()), float(right[:, ~wide].min())
+    rival_if_moderate = float(rival[moderate][:, wide].max())
+    rival_if_extreme = float(rival[~moderate][:, wide].max())
+    moves_if_wide, moves_at_all = np.ptp(right[:, wide]) > 0.05, np.ptp(right) > 0.1
+    return Evidence(
+        judge(confirmed=moves_if_wide, qualified=moves_at_all),
+        f"over fractions from {FRACTIONS[0]:.1%} to {FRACTIONS[-1]:.0%}, the minimum share of "
+        f"draws with the right optimum is {right_if_narrow:.0%} for components of 1 m or less and "
+        f"{right_if_wide:.0%} for those 3 m to 100 m wide. The heights of the local peaks depend "
+        "on the fraction: with the wide components a rival exceeds half the highest peak in up to "
+        f"{rival_if_moderate:.1%} of the draws for fractions up to 0.5, and in up to "
+        f"{rival_if_extreme:.1%} for 0.9.",
+        {
+            "minimum share of right optima, widths of 3 m to 100 m": right_if_wide,
+            "minimum share of right optima, widths of 1 m or less": right_if_narrow,
+            "maximum share with a rival above half the highest, widths of 3 m to 100 m, "
+            "fractions up to 0.5": rival_if_moderate,
+            "maximum share with a rival above half the highest, widths of 3 m to 100 m, "
+            "fraction 0.9": rival_if_extreme,
+            "minimum of the median basin (m)": float(basin.min()),
+            "median basin at width 1 m and fraction 0.5 (m)": float(
+                basin[FRACTIONS.index(0.5), WIDTHS.index(1.0)]
+            ),
+        },
+        holds="For components of about a metre or less, with which the share of draws with the "
+        f"right optimum goes down to {right_if_narrow:.0%}; for those 3 m to 100 m wide its "
+        f"minimum is {right_if_wide:.0%}.",
+    )

@@ -1,0 +1,69 @@
+"""What an outlier does to the cost surfaces of the scene on a line."""
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from d2d._types import Array
+from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
+from d2d.point_set import PointSet
+from d2d.study.line.disturbed_scenes import CORRUPTED, with_outlier
+from d2d.study.line.scene import TRUTH, line_scene
+from d2d.study.line.surfaces import Survey, log_surface, survey
+
+DRAWS = 400  # the standard error of a share is 2.5 % or less
+TRANSLATIONS = np.arange(-16.0, 20.0, 0.03)  # m
+SEED = 42
+RIGHT = 1.1  # m: half way from the true alignment to the next distance at which targets meet
+COMPARABLE, TINY = 0.5, 0.01  # of the highest peak
+SUMMING = RegistrationCost(fusion="summing")
+LIKELIHOOD = RegistrationCost()
+# A fifth of outliers spread evenly over 25 m, beside four fifths of inliers: 0.2 / (0.8 * 25 m).
+UNIFORM_DENSITY = 0.01  # 1/m
+UNIFORM = RegistrationCost(outlier=UniformOutlier(UNIFORM_DENSITY))
+ROBUST = RegistrationCost(outlier=CORRUPTED)
+FRACTIONS = (0.001, 0.05, 0.2, 0.5, 0.9)
+WIDTHS = (0.3, 1.0, 3.0, 10.0, 100.0)  # m
+
+
+@cache
+def scene(where: str = "", draws: int = DRAWS) -> tuple[PointSet, PointSet]:
+    """Draws with a randomly placed outlier in that set, or with none: the same noise for all."""
+    rng = np.random.default_rng(SEED)
+    if where:
+        return with_outlier(rng, where, draws=(draws,))
+    return line_scene(rng, draws=(draws,))
+
+
+@cache
+def survey_scene(cost: RegistrationCost, where: str = "", draws: int = DRAWS) -> Survey:
+    """The fused surfaces of those draws."""
+    return survey(TRANSLATIONS, log_surface(cost, TRANSLATIONS, *scene(where, draws)), TRUTH)
+
+
+def share(condition: NDArray[np.bool_]) -> float:
+    """Share of the draws in which a condition is met."""
+    return float(np.mean(condition))
+
+
+@cache
+def outlier_map(
+    fractions: tuple[float, ...] = FRACTIONS, widths: tuple[float, ...] = WIDTHS, draws: int = 120
+) -> tuple[Array, Array, Array]:
+    """Corrupted Gaussians of each fraction and width (m), with a randomly placed outlier in M.
+
+    Returns the share of the draws with the right optimum, the share with a comparable rival, and
+    the median width of the basin (m), each of shape (fractions, widths).
+    """
+    table = np.empty((3, len(fractions), len(widths)))
+    for i, fraction in enumerate(fractions):
+        for j, width in enumerate(widths):
+            outlier = CorruptedGaussian(fraction, np.array([[width**2]]))
+            found = survey_scene(RegistrationCost(outlier=outlier), "moving", draws)
+            table[:, i, j] = (
+                found.right(TRUTH, RIGHT),
+                share(found.rival > COMPARABLE),
+                np.median(found.basin_width),
+            )
+    return table[0], table[1], table[2]

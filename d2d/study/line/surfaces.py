@@ -1,0 +1,125 @@
+"""Cost surfaces over a grid of translations, and their peaks."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+
+from d2d._types import Array
+from d2d.cost import RegistrationCost
+from d2d.point_set import PointSet
+
+
+def target_log_surfaces(
+    cost: RegistrationCost, translations: Array, fixed: PointSet, moving: PointSet
+) -> Array:
+    """Log density (K, T) of every moving target of one 1D scene over the translations (T,)."""
+    alone = PointSet(moving.means[:, np.newaxis], moving.covariances[:, np.newaxis])
+    return -cost.value(translations[:, np.newaxis, np.newaxis], fixed, alone).T
+
+
+def log_surface(
+    cost: RegistrationCost, translations: Array, fixed: PointSet, moving: PointSet
+) -> Array:
+    """Logarithm (..., T) of the fused density, the negative cost, over translations (T,)."""
+    axes = (np.newaxis,) * len(fixed.batch_shape)
+    theta = translations[(slice(None), *axes, np.newaxis)]
+    return -np.moveaxis(cost.value(theta, fixed, moving), 0, -1)
+
+
+class Peaks(NamedTuple):
+    """Local maxima of one surface or of a batch, those of each surface sorted by height.
+
+    P is the largest number of maxima that a surface of the batch has. Where one has fewer, the
+    rest of its positions is NaN and the rest of its heights -inf.
+    """
+
+    positions: Array  # (..., P), m, that of the highest maximum first
+    log_heights: Array  # (..., P), relative to the highest
+
+    @property
+    def number(self) -> NDArray[np.int64]:
+        """How many maxima each surface has (...)."""
+        return np.asarray(np.isfinite(self.log_heights).sum(axis=-1))
+
+    @property
+    def second_log_height(self) -> Array:
+        """Log height (...) of the second maximum relative to the highest, -inf without one."""
+        return np.asarray(self.log_heights[..., 1:].max(axis=-1, initial=-np.inf))
+
+
+def peaks(translations: Array, log_values: Array) -> Peaks:
+    """Local maxima of surfaces (..., T) given by their logarithm on a grid (T,).
+
+    Neither end of the grid is one; a plateau counts once, at its middle.
+    """
+    rows = np.reshape(log_values, (-1, len(translations)))
+    # one search through all rows, with a wall after each so that its ends are no maxima
+    walled = np.pad(rows, ((0, 0), (0, 1)), constant_values=np.inf)
+    row, column = np.divmod(find_peaks(walled.ravel())[0], walled.shape[1])
+    row, column = (each[column < len(translations)] for each in (row, column))
+
+    order = np.lexsort((-rows[row, column], row))
+    row, column = row[order], column[order]
+    heights = rows[row, column]
+    numbers = np.bincount(row, minlength=len(rows))
+    highest = (np.cumsum(numbers) - numbers)[row]  # of the same row
+    rank = np.arange(len(row)) - highest
+
+    positions = np.full((len(rows), numbers.max(initial=0)), np.nan)
+    log_heights = np.full(positions.shape, -np.inf)
+    positions[row, rank] = translations[column]
+    log_heights[row, rank] = heights - heights[highest]
+    shape = (*np.shape(log_values)[:-1], positions.shape[-1])
+    return Peaks(positions.reshape(shape), log_heights.reshape(shape))
+
+
+def basin_of_attraction(
+    translations: Array, log_values: Array, start: float
+) -> tuple[Array, Array, Array]:
+    """Where an ascent from ``start`` (m) ends on surfaces (..., T), and the basin it started in.
+
+    Returns the local maximum reached and both edges of its basin of attraction (...), in m: the
+    neighbouring minima, or the ends of the grid. A level stretch counts as falling.
+    """
+    rising = log_values[..., 1:] > log_values[..., :-1]  # from each sample to the next
+    nearest = np.full(rising.shape[:-1], np.abs(translations - start).argmin())
+    top = _after_previous(rising, _next(~rising, nearest))
+    left, right = _after_previous(~rising, top), _next(rising, top)
+    return translations[top], translations[left], translations[right]
+
+
+def _next(condition: NDArray[np.bool_], start: NDArray[np.int64]) -> NDArray[np.int64]:
+    """First index (...) from ``start`` on at which a condition (..., N) is met; N if none."""
+    size: int = condition.shape[-1]
+    met = condition & (np.arange(size) >= start[..., np.newaxis])
+    return np.where(met.any(axis=-1), met.argmax(axis=-1), size)
+
+
+def _after_previous(condition: NDArray[np.bool_], end: NDArray[np.int64]) -> NDArray[np.int64]:
+    """One more than the last index (...) below ``end`` at which a condition is met; 0 if none."""
+    size: int = condition.shape[-1]
+    return size - _next(condition[..., ::-1], size - end)
+
+
+class Survey(NamedTuple):
+    """What the surfaces of many draws look like, one entry (draws,) for each."""
+
+    optima: Array  # local maxima of the logarithm
+    highest: Array  # m, where the highest is
+    rival: Array  # height of the second over the highest, 0 where there is none
+    ascent: Array  # m, where an ascent from the true alignment ends
+    basin_width: Array  # m, of the basin of attraction that holds the true alignment
+
+    def right(self, truth: float, tolerance: float) -> float:
+        """Share of the draws whose highest maximum lies within the tolerance of the truth."""
+        return float(np.mean(np.abs(self.highest - truth) < tolerance))
+
+
+def survey(translations: Array, log_values: Array, truth: float) -> Survey:
+    """Measure every surface (draws, T), given by its logarithm on a grid (T,)."""
+    found = peaks(translations, log_values)
+    top, left, right = basin_of_attraction(translations, log_values, truth)
+    optima = found.number.astype(np.float64)
+    return Survey(optima, found.positions[:, 0], np.exp(found.second_log_height), top, right - left)

@@ -1,0 +1,1 @@
+"""Gaussian mixtures and expectation maximisation (chapter 2)."""

@@ -1,0 +1,188 @@
+"""Claims of thesis section 2.3: Gaussian mixtures and expectation maximisation."""
+
+import numpy as np
+
+from d2d._types import Array
+from d2d.gaussian import GaussianMixture, MixtureFit, fit_mixture
+from d2d.study.book.claim import Evidence, claim, judge
+
+SETS = 100  # of random observations, for EM
+DRAWS = 60  # of two-humped data, for each separation
+OBSERVATIONS, HELD_OUT = 200, 2000
+MANY, NEAR_HUMPS = 1000, 3.0
+SEPARATIONS = (0.0, 2.5, 3.0, 3.5, 4.0)  # standard deviations; one hump up to 2
+TWO_HUMPS = 2.0
+RELIABLE = 0.95  # share of draws
+ROUNDING = 1e-12  # of the log-likelihood, relative
+TOLERANCE = 1e-5  # of EM, per observation: far below the gains that are compared
+MAX_STEPS = 2000  # of EM
+
+
+def two_humps(separation: float) -> GaussianMixture:
+    """Two equal round Gaussians of standard deviation 1 in the plane.
+
+    Their sum has two maxima if they are more than 2 standard deviations apart.
+    """
+    means = separation * np.array([[-0.5, 0.0], [0.5, 0.0]])
+    return GaussianMixture(np.array([0.5, 0.5]), means, np.tile(np.eye(2), (2, 1, 1)))
+
+
+def _gain_of_two(
+    separation: float, observations: int, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Gain of two components over one: held-out log-likelihood per observation, and BIC."""
+    truth = two_humps(separation)
+    x, fresh = truth.sample(observations, rng)[0], truth.sample(HELD_OUT, rng)[0]
+    one, two = (fit_mixture(x, k, rng, tolerance=TOLERANCE).mixture for k in (1, 2))
+    held_out = (two.log_likelihood(fresh) - one.log_likelihood(fresh)) / HELD_OUT
+    return held_out, one.bic(x) - two.bic(x)
+
+
+@claim(
+    "gmm-better",
+    section="2.3",
+    figure="gmm",
+    telling=(
+        "share of draws with two better by BIC, humps 3 sigma apart",
+        "share of draws with two better by BIC, humps 3.5 sigma apart",
+    ),
+)
+def gmm_better() -> Evidence:
+    """Two Gaussians describe two-humped data better than one."""
+    rng = np.random.default_rng(23)
+    numbers: dict[str, float] = {}
+    better: dict[float, float] = {}  # share of draws, by the stricter of the two criteria
+    by_bic: dict[float, float] = {}
+    for separation in SEPARATIONS:
+        gains = np.array([_gain_of_two(separation, OBSERVATIONS, rng) for _ in range(DRAWS)])
+        held_out, by_bic[separation] = map(float, (gains > 0).mean(axis=0))
+        better[separation] = min(held_out, by_bic[separation])
+        apart = f"humps {separation:g} sigma apart"
+        numbers[f"share of draws with two better on held-out data, {apart}"] = held_out
+        numbers[f"share of draws with two better by BIC, {apart}"] = by_bic[separation]
+        numbers[f"median gain in log-likelihood per held-out observation, {apart}"] = float(
+            np.median(gains[:, 0])
+        )
+    gains = np.array([_gain_of_two(NEAR_HUMPS, MANY, rng) for _ in range(DRAWS // 2)])
+    by_bic_of_many = float((gains[:, 1] > 0).mean())
+    numbers[
+        f"share of draws with two better by BIC, humps {NEAR_HUMPS:g} sigma apart, "
+        f"{MANY} observations"
+    ] = by_bic_of_many
+    humped = [share for separation, share in better.items() if separation > TWO_HUMPS]
+    reliably_better = [
+        separation
+        for separation in SEPARATIONS
+        if all(better[wider] >= RELIABLE for wider in SEPARATIONS if wider >= separation)
+    ]
+    reliably = (
+        f"if the humps are {reliably_better[0]:g} standard deviations apart or more"
+        if reliably_better
+        else f"at no separation up to {SEPARATIONS[-1]:g} standard deviations"
+    )
+    return Evidence(
+        judge(confirmed=min(humped) >= RELIABLE, qualified=max(humped) >= RELIABLE),
+        f"with {OBSERVATIONS} observations, two components are better on held-out data and by BIC "
+        f"in at least {RELIABLE:.0%} of the draws {reliably}. At {NEAR_HUMPS:g} standard "
+        "deviations BIC, which charges them for six more parameters, prefers them in "
+        f"{by_bic[NEAR_HUMPS]:.0%} of the draws with {OBSERVATIONS} observations and in "
+        f"{by_bic_of_many:.0%} with {MANY}.",
+        numbers,
+        holds="The humps are far enough apart for the number of observations: with "
+        f"{OBSERVATIONS} of them two components are reliably better {reliably}, and with {MANY} "
+        f"BIC prefers two in {by_bic_of_many:.0%} of the draws at a separation of {NEAR_HUMPS:g}.",
+    )
+
+
+def random_observations(rng: np.random.Generator, kind: int) -> tuple[Array, int]:
+    """Observations (N, D) and a number of components; every fifth set is degenerate.
+
+    Kinds 0 to 2 are fewer observations than components, equal observations, one far outlier; all
+    others are draws of random mixtures.
+    """
+    components, dimension = int(rng.integers(1, 6)), int(rng.integers(1, 4))
+    if kind == 0:
+        return rng.standard_normal((3, dimension)), 5
+    if kind == 1:
+        return np.tile(rng.standard_normal(dimension), (20, 1)), components
+    scale = 10.0 ** rng.uniform(-3.0, 3.0)
+    centres = scale * rng.uniform(0.0, 6.0) * rng.standard_normal((components, dimension))
+    count = int(rng.integers(20, 200))
+    x = centres[rng.integers(components, size=count)] + scale * rng.standard_normal(
+        (count, dimension)
+    )
+    if kind == 2:
+        x[0] += 1e4 * scale
+    return x, components
+
+
+def _count_falls(fit: MixtureFit) -> int:
+    """Number of steps that lower the log-likelihood by more than rounding does."""
+    size = np.maximum(np.abs(fit.log_likelihoods[1:]), 1.0)
+    return int((np.diff(fit.log_likelihoods) < -ROUNDING * size).sum())
+
+
+@claim(
+    "em-monotone",
+    section="2.3",
+    figure="em-starts",
+    telling=(
+        "number of steps of all sets",
+        "number of steps that lower the log-likelihood beyond rounding",
+    ),
+)
+def em_monotone() -> Evidence:
+    """EM repeats its two steps until it converges; each raises the likelihood."""
+    rng = np.random.default_rng(29)
+    falls, falls_if_equal, converged, steps = [], [], [], []
+    for draw in range(SETS):
+        x, components = random_observations(rng, draw % 15)
+        seed = int(rng.integers(2**32))
+        fit, fit_if_equal = (
+            fit_mixture(
+                x,
+                components,
+                np.random.default_rng(seed),
+                equal_weights=equal,
+                tolerance=1e-6,
+                max_iterations=MAX_STEPS,
+            )
+            for equal in (False, True)
+        )
+        falls.append(_count_falls(fit))
+        falls_if_equal.append(_count_falls(fit_if_equal))
+        converged.append(fit.converged)
+        steps.append(len(fit.log_likelihoods) - 1)
+    poorer = _share_of_poorer_maxima(np.random.default_rng(31))
+    monotone = sum(falls) == 0
+    return Evidence(
+        judge(confirmed=monotone and all(converged), qualified=monotone),
+        f"{sum(falls)} of {sum(steps)} steps on {SETS} random sets, a fifth of them degenerate, "
+        "lower the likelihood by more than rounding, and EM converges on "
+        f"{np.mean(converged):.0%} of the sets. It ends in a local maximum, which depends on the "
+        f"start: on data with three humps, {poorer:.0%} of the starts end in a poorer one than the "
+        "best found.",
+        {
+            "number of sets": float(SETS),
+            "number of steps of all sets": float(sum(steps)),
+            "number of steps that lower the log-likelihood beyond rounding": float(sum(falls)),
+            "number of such steps with equal weights, as in the thesis": float(sum(falls_if_equal)),
+            "share of sets converged": float(np.mean(converged)),
+            "median number of steps": float(np.median(steps)),
+            "share of starts that end in a poorer maximum, three humps": poorer,
+        },
+        holds=f"For the {np.mean(converged):.0%} of the sets on which EM converges within "
+        f"{MAX_STEPS} steps.",
+    )
+
+
+def _share_of_poorer_maxima(rng: np.random.Generator, starts: int = 50) -> float:
+    """Share of random starts that end more than 1 below the best log-likelihood found."""
+    angles = 2.0 * np.pi * np.arange(3) / 3.0
+    centres = 3.0 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    truth = GaussianMixture(np.full(3, 1.0 / 3.0), centres, np.tile(np.eye(2), (3, 1, 1)))
+    x, _ = truth.sample(OBSERVATIONS, rng)
+    ends = np.array(
+        [fit_mixture(x, 3, rng, tolerance=1e-6).log_likelihoods[-1] for _ in range(starts)]
+    )
+    return float((ends < ends.max() - 1.0).mean())

@@ -1,0 +1,117 @@
+"""Expectation maximisation step by step, as an animation."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from d2d import gaussian
+from d2d._checks import check_finite
+from d2d._types import Array
+from d2d.gaussian import GaussianMixture
+from d2d.study.book import svg
+from d2d.study.book.style import BLUE, GREEN, ORANGE, PINK
+
+COLOURS = (BLUE, ORANGE, GREEN, PINK)
+WIDTH, HEIGHT, STRIP, MARGIN = 600.0, 390.0, 130.0, 46.0  # of the drawing, in SVG units
+
+
+def em_frame(
+    x: ArrayLike, steps: Sequence[GaussianMixture], log_likelihoods: Sequence[float], step: int
+) -> str:
+    """SVG of one step of EM in the plane: data and components, and the log-likelihood below.
+
+    Parameters
+    ----------
+    x : (N, 2) array, m
+        Data, coloured by the responsibilities of ``steps[step]``.
+    steps : sequence of GaussianMixture
+        The mixture at each step, of at most four components; each component is drawn as its
+        ellipses of one and two standard deviations.
+    log_likelihoods : sequence of float
+        Log-likelihood of every step, per observation.
+    step : int
+        Index of the step to draw.
+    """
+    points = check_finite("x", x)
+    mixture = steps[step]
+    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = low - 0.08 * (high - low), high + 0.08 * (high - low)
+    scale = float(min((WIDTH - 2 * MARGIN) / (high - low)[0], (HEIGHT - MARGIN) / (high - low)[1]))
+    origin = np.array([0.5 * WIDTH, 0.5 * (HEIGHT - MARGIN)]) - 0.5 * scale * (low + high) * [1, -1]
+
+    def place(where: Array) -> Array:
+        return np.asarray(origin + scale * where * np.array([1.0, -1.0]))
+
+    marks = [
+        svg.circle(px, py, 3.0, colour)
+        for (px, py), colour in zip(
+            place(points), _blend(mixture.responsibilities(points)), strict=True
+        )
+    ]
+    for k in range(mixture.components):
+        marks += _component(mixture, k, place(mixture.means[k]), scale)
+    marks += _scale_bar(scale)
+    marks += _likelihood_strip(np.asarray(log_likelihoods), step)
+    label = f"Step {step} of EM: data, components and log-likelihood"
+    return svg.picture(WIDTH, HEIGHT + STRIP, label, marks)
+
+
+def _blend(shares: Array) -> list[str]:
+    """Mix the components' colours, by each row of shares (N, K)."""
+    rgb = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in COLOURS])
+    mixed = np.round(shares @ rgb[: shares.shape[1]]).astype(int)
+    return ["#{:02x}{:02x}{:02x}".format(*row) for row in mixed]
+
+
+def _component(mixture: GaussianMixture, k: int, centre: Array, scale: float) -> list[str]:
+    # 39.3 % of the probability lies within one standard deviation
+    one_sigma = gaussian.confidence_ellipse(
+        mixture.means[k], mixture.covariances[k], 1.0 - float(np.exp(-0.5))
+    )
+    x, y = centre
+    turn = -float(np.rad2deg(one_sigma.angle))
+    place = f"translate({svg.number(x)} {svg.number(y)}) rotate({svg.number(turn)})"
+    ellipses = [
+        svg.element(
+            "ellipse",
+            rx=n * scale * one_sigma.semi_axes[0],
+            ry=n * scale * one_sigma.semi_axes[1],
+            transform=place,
+            fill="none",
+            stroke=COLOURS[k],
+            stroke_width=2.5,
+        )
+        for n in (1, 2)
+    ]
+    weight = svg.text(
+        x,
+        y + 6.0,
+        f"{mixture.weights[k]:.2f}",
+        text_anchor="middle",
+        font_weight="bold",
+        stroke="#fff",
+        stroke_width=4.0,
+        paint_order="stroke",
+    )
+    return [*ellipses, weight]
+
+
+def _scale_bar(scale: float) -> list[str]:
+    y = HEIGHT - 30.0
+    bar = f"M {MARGIN:.0f} {y:.0f} h {svg.number(scale)}"
+    return [svg.path(bar, stroke="#111", stroke_width=3.0), svg.text(MARGIN, y - 8.0, "1 m")]
+
+
+def _likelihood_strip(values: Array, step: int) -> list[str]:
+    top, bottom = HEIGHT + 14.0, HEIGHT + STRIP - 26.0
+    span = float(np.ptp(values)) or 1.0
+    xs = np.linspace(MARGIN, WIDTH - MARGIN, len(values)) if len(values) > 1 else [0.5 * WIDTH]
+    ys = bottom - (values - values.min()) / span * (bottom - top)
+    middle, low = 0.5 * WIDTH, HEIGHT + STRIP - 2.0
+    return [
+        svg.path(f"M {MARGIN:.0f} {bottom + 8:.0f} H {WIDTH - MARGIN:.0f}", stroke="#999"),
+        svg.polyline(np.column_stack([xs, ys]), "#111", 2.0),
+        svg.circle(xs[step], ys[step], 6.0, ORANGE),
+        svg.text(middle, low, "log-likelihood over the steps", text_anchor="middle"),
+    ]

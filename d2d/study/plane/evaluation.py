@@ -1,0 +1,262 @@
+"""The thesis's evaluation (thesis sec. 6.3): its costs, its measures, its table, other layouts."""
+
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from d2d._types import Array
+from d2d.cost import CorruptedGaussian, RegistrationCost
+from d2d.credibility import Credibility
+from d2d.point_set import PointSet
+from d2d.study.plane.scenarios import LAYOUTS, Layout, Scenario, random_scene
+from d2d.study.runs import THREADS, MonteCarlo, monte_carlo
+
+ALPHA = 0.2  # assumed share of outliers
+OUTLIER_COVARIANCE = 100.0 * np.eye(2)  # m^2
+
+SUMMING = RegistrationCost(fusion="summing")
+LIKELIHOOD = RegistrationCost(fusion="likelihood")
+ROBUST = RegistrationCost(outlier=CorruptedGaussian(ALPHA, OUTLIER_COVARIANCE))
+COSTS = {"summing": SUMMING, "likelihood": LIKELIHOOD, "robust": ROBUST}
+
+# A run is at the truth if it is no farther off: some six times the likelihood's RMSE, and less than
+# half way to a start at zero.
+NEAR_DISTANCE, NEAR_ROTATION = 1.5, np.deg2rad(6.0)  # m, rad
+
+NOTICEABLE = 0.3  # dB of a credibility ratio to either side of 0
+
+
+Start = Literal["truth", "zero"]
+
+
+@cache
+def evaluated(
+    scenario: Scenario, cost: RegistrationCost, initial: Start = "truth", runs: int = 1000
+) -> MonteCarlo:
+    """`monte_carlo` with seed 0, kept: the same draws for every cost and start."""
+    return monte_carlo(scenario, cost, runs, initial=initial)
+
+
+def same_draws(scenario: Scenario, runs: int = 1000) -> tuple[PointSet, PointSet]:
+    """The first sets that `evaluated` registers: those of `monte_carlo` with seed 0, 1000 runs."""
+    child = np.random.SeedSequence(0).spawn(1)[0]
+    fixed, moving = scenario.sample(1000, np.random.default_rng(child))
+    return fixed[:runs], moving[:runs]
+
+
+def distance_and_rotation(errors: ArrayLike) -> tuple[Array, Array]:
+    """Length of the translation's error (...) in m and size of the rotation's (...) in rad."""
+    e = np.asarray(errors, dtype=np.float64)
+    turn = np.abs(np.angle(np.exp(1j * e[..., 2])))
+    return np.hypot(e[..., 0], e[..., 1]), turn
+
+
+def at_truth(errors: ArrayLike) -> NDArray[np.bool_]:
+    """Whether each error (..., 3) is within 1.5 m and 6 degrees."""
+    distance, turn = distance_and_rotation(errors)
+    near: NDArray[np.bool_] = (distance < NEAR_DISTANCE) & (turn < NEAR_ROTATION)
+    return near
+
+
+def rms(values: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def rms_interval(values: Array, resamples: int = 1000, seed: int = 0) -> tuple[float, float]:
+    """95 % percentile bootstrap interval of the root mean square of independent values (N,)."""
+    rng = np.random.default_rng(seed)
+    chosen = rng.integers(len(values), size=(resamples, len(values)))
+    low, high = np.quantile(np.sqrt((values**2)[chosen].mean(axis=1)), [0.025, 0.975])
+    return float(low), float(high)
+
+
+def ratio_interval(
+    over: Array, under: Array, resamples: int = 1000, seed: int = 0
+) -> tuple[float, float]:
+    """95 % interval of the ratio of two root mean squares, of values (N,) from the same draws."""
+    rng = np.random.default_rng(seed)
+    chosen = rng.integers(len(over), size=(resamples, len(over)))
+    ratios = np.sqrt((over**2)[chosen].mean(axis=1) / (under**2)[chosen].mean(axis=1))
+    low, high = np.quantile(ratios, [0.025, 0.975])
+    return float(low), float(high)
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One scenario with one cost.
+
+    Attributes
+    ----------
+    scenario, cost : str
+    from_truth, from_zero : float
+        Shares of runs that end at the truth, by where they start.
+    rmse, rmse_interval : float and (low, high), m
+        Of the translation, started at the truth, over all runs.
+    rmse_rotation : float, rad
+    rmse_from_zero : float, m
+    credibility : Credibility
+        Started at the truth.
+    """
+
+    scenario: str
+    cost: str
+    from_truth: float
+    from_zero: float
+    rmse: float
+    rmse_interval: tuple[float, float]
+    rmse_rotation: float
+    rmse_from_zero: float
+    credibility: Credibility
+
+
+def summary(scenarios: Iterable[Scenario]) -> list[Row]:
+    """A row for each scenario and cost, 1000 runs each from the truth and from zero."""
+    return [_row(scenario, name) for scenario in scenarios for name in COSTS]
+
+
+def _row(scenario: Scenario, name: str) -> Row:
+    good = evaluated(scenario, COSTS[name], "truth")
+    zero = evaluated(scenario, COSTS[name], "zero")
+    distance, turn = distance_and_rotation(good.errors)
+    return Row(
+        scenario=scenario.name,
+        cost=name,
+        from_truth=float(at_truth(good.errors).mean()),
+        from_zero=float(at_truth(zero.errors).mean()),
+        rmse=rms(distance),
+        rmse_interval=rms_interval(distance),
+        rmse_rotation=rms(turn),
+        rmse_from_zero=rms(distance_and_rotation(zero.errors)[0]),
+        credibility=good.credibility,
+    )
+
+
+# What the thesis says of each condition (its sec. 6.3), in a few words; "-": nothing.
+THESIS = {
+    ("overlapped", "summing"): "larger error; hurt by zero; pessimistic",
+    ("overlapped", "likelihood"): "one minimum; same from zero; credible",
+    ("overlapped", "robust"): "same error; more pessimistic",
+    ("outliers", "summing"): "larger error; pessimistic as before",
+    ("outliers", "likelihood"): "vanishes",
+    ("outliers", "robust"): "one minimum; pessimistic and optimistic",
+    ("clusters", "summing"): "wrong global minimum; larger error",
+    ("clusters", "likelihood"): "as without clusters",
+    ("outliers and clusters A", "summing"): "differs from scene B",
+    ("outliers and clusters A", "robust"): "one minimum near the truth",
+    ("outliers and clusters B", "summing"): "differs from scene A",
+    ("outliers and clusters B", "robust"): "one minimum near the truth",
+}
+
+
+def table(rows: Iterable[Row]) -> str:
+    """The rows as text, with what the thesis says beside them."""
+    lines = [
+        f"{'cost':10} {'at truth,':>10} {'RMSE':>5} {'95 %':>13} {'RMSE':>5} "
+        f"{'ANEES':>6} {'NCI':>5} {'I2':>6}",
+        f"{'':10} {'from zero':>10} {'m':>5} {'m':>13} {'deg':>5} {'':>6} {'dB':>5} {'dB':>6}",
+    ]
+    previous = ""
+    for row in rows:
+        if row.scenario != previous:
+            lines.append(f"-- {row.scenario}")
+            previous = row.scenario
+        low, high = row.rmse_interval
+        c = row.credibility
+        lines.append(
+            f"{row.cost:10} {row.from_truth:5.1%}{row.from_zero:6.1%} {row.rmse:5.3f} "
+            f"{low:6.3f}-{high:5.3f} {np.rad2deg(row.rmse_rotation):5.2f} {c.anees:6.3f} "
+            f"{c.nci:5.2f} {c.inclination:+6.2f}"
+        )
+        if (row.scenario, row.cost) in THESIS:
+            lines.append(f"{'':17}thesis: {THESIS[row.scenario, row.cost]}")
+    return "\n".join(lines)
+
+
+def markdown_table(rows: Iterable[Row]) -> str:
+    """The rows as the table of the book's first chapter."""
+    lines = [
+        "| scene | cost | at truth | from zero | RMSE (m) | ANEES | NCI (dB) | I² (dB) | thesis |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for row in rows:
+        low, high = row.rmse_interval
+        c = row.credibility
+        cells = (
+            row.scenario,
+            row.cost,
+            f"{row.from_truth:.1%}",
+            f"{row.from_zero:.1%}",
+            f"{row.rmse:.3f} [{low:.3f}, {high:.3f}]",
+            f"{c.anees:.3f}",
+            f"{c.nci:.2f}",
+            f"{c.inclination:+.2f}".replace("-", "−"),
+            THESIS.get((row.scenario, row.cost), "–"),
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class LayoutStudy:
+    """One measure of each kind per random layout, arrays (layouts,)."""
+
+    share: Array  # of runs at the truth
+    rmse: Array  # m, of all runs
+    inclination: Array  # dB
+    pessimistic: Array  # share of runs with a credibility ratio below -0.3 dB
+    optimistic: Array  # and above +0.3 dB
+
+
+@cache
+def over_layouts(
+    kind: str,
+    cost: RegistrationCost,
+    initial: Start = "truth",
+    layouts: int = 200,
+    runs: int = 100,
+) -> LayoutStudy:
+    """Evaluate a cost on random layouts of eight targets.
+
+    Parameters
+    ----------
+    kind : str
+        Of `d2d.study.scenarios.LAYOUTS`.
+    cost : RegistrationCost
+    initial : "truth" or "zero"
+    layouts, runs : int
+        Number of layouts, and of draws of the noise for each; layout s has the seed s.
+    """
+
+    def one(seed: int) -> tuple[float, ...]:
+        scenario = _random(kind, seed)
+        result = monte_carlo(scenario, cost, runs, seed, initial)
+        distance, _ = distance_and_rotation(result.errors)
+        share = float(at_truth(result.errors).mean())
+        credible = result.credibility
+        ratio = 10.0 * np.log10(credible.ratio)
+        parts = float((ratio < -NOTICEABLE).mean()), float((ratio > NOTICEABLE).mean())
+        return share, rms(distance), credible.inclination, *parts
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        columns = np.array(list(pool.map(one, range(layouts)))).T
+    return LayoutStudy(*columns)
+
+
+def optimistic_share(layout: Layout, cost: RegistrationCost, layouts: int = 30) -> float:
+    """Share of runs with a credibility ratio above +0.3 dB, 300 on each random layout."""
+    ratios = []
+    for seed in range(layouts):
+        scenario = random_scene("random", layout, np.random.default_rng(seed))
+        ratios.append(monte_carlo(scenario, cost, 300, seed).credibility.ratio)
+    return float((10.0 * np.log10(np.array(ratios)) > NOTICEABLE).mean())
+
+
+@cache
+def _random(kind: str, seed: int) -> Scenario:
+    return random_scene(kind, LAYOUTS[kind], np.random.default_rng(seed))

@@ -1,0 +1,232 @@
+"""The figures of the scenes in the plane: a scene, its cost surfaces, errors and credibility."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from scipy.stats import chi2
+
+from d2d._types import Array
+from d2d.cost import RegistrationCost
+from d2d.credibility import Credibility
+from d2d.point_set import PointSet
+from d2d.study.book.drawing import ellipses, error_bands
+from d2d.study.book.style import (
+    BLACK,
+    BLUE,
+    FIXED,
+    GREEN,
+    MOVING,
+    ORANGE,
+    SKY,
+    label_planar_axes,
+    letter_panels,
+)
+from d2d.study.plane.evaluation import COSTS, distance_and_rotation, evaluated
+from d2d.study.plane.optima import rotation_profile, translation_surface
+from d2d.study.plane.scenarios import Scenario
+
+FAR = 45.0  # m: outliers beyond this range lie outside the scene
+ERROR_LIMITS = {"m": (0.01, 12.0), "deg": (0.05, 50.0)}
+OFFSETS: Array = np.linspace(-8.0, 8.0, 129)  # from the true translation, in m
+ROTATIONS: Array = np.deg2rad(np.linspace(-40.0, 40.0, 321))
+IN_LABEL_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
+LABELS = (("m", "$t_x$"), ("m", "$t_y$"), ("deg", "φ"))
+
+
+def one_draw(scenario: Scenario, seed: int = 1) -> tuple[PointSet, PointSet]:
+    """One draw of the noise: the fixed and the moving set."""
+    fixed, moving = scenario.sample(1, np.random.default_rng(seed))
+    return fixed[0], moving[0]
+
+
+def cost_columns(
+    scenario: Scenario, sets: tuple[PointSet, PointSet], costs: Mapping[str, RegistrationCost]
+) -> None:
+    """A column for each cost: maps over the translation, profiles over the rotation."""
+    _, axes = plt.subplots(
+        4, len(costs), figsize=(2.6 * len(costs), 8.2), height_ratios=[2, 2, 1, 1], squeeze=False
+    )
+    for column, (name, cost) in zip(axes.T, costs.items(), strict=True):
+        surface = translation_surface(cost, *sets, scenario.theta, OFFSETS)
+        density_map(column[0], OFFSETS, surface, name)
+        cost_map(column[1], OFFSETS, surface, "−log")
+        profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
+        rotation_profiles(column[2:], ROTATIONS, profile)
+    for ax in axes[:, 1:].ravel():
+        ax.set_ylabel("")
+    for letter, ax in zip("abc", axes[0], strict=False):
+        ax.set_title(f"({letter}) {ax.get_title()}")
+
+
+def error_panels(scenario: Scenario, names: Sequence[str]) -> None:
+    """Share of the runs below each error, started at the truth (above) and at zero (below)."""
+    _, axes = plt.subplots(2, 2, sharey=True, figsize=(7.2, 4.8))
+    for row, start in zip(axes, ("truth", "zero"), strict=True):
+        errors = {
+            name: distance_and_rotation(evaluated(scenario, COSTS[name], start).errors)
+            for name in names
+        }
+        metres = {name: distance for name, (distance, _) in errors.items()}
+        error_shares(row[0], metres, "m", f"from {start}")
+        degrees = {name: np.rad2deg(turn) for name, (_, turn) in errors.items()}
+        error_shares(row[1], degrees, "deg", f"from {start}")
+    axes[0, 0].legend(loc="upper left")
+    letter_panels(axes)
+
+
+def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
+    """Errors of the first 200 runs over bands of three reported sigmas, a column per cost."""
+    _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(7.4, 5.2))
+    results = [evaluated(scenario, COSTS[name]) for name in names]
+    sigmas = [
+        np.sqrt(np.diagonal(r.covariances, axis1=1, axis2=2)) * IN_LABEL_UNITS for r in results
+    ]
+    limits = 4.5 * np.max([np.nanmedian(s, axis=0) for s in sigmas], axis=0)
+    for letter, column, name, result, sigma in zip(
+        "abc", axes.T, names, results, sigmas, strict=False
+    ):
+        errors = result.errors[:200] * IN_LABEL_UNITS
+        for k, ax in enumerate(column):
+            ax.set_ylim(-limits[k], limits[k])
+            error_bands(ax, np.arange(200.0), errors[:, k], sigma[:200, k], *LABELS[k])
+        column[0].set_title(f"({letter}) {name}")
+        column[2].set_xlabel("run")
+    for ax in axes[:, 1:].ravel():
+        ax.set_ylabel("")
+
+
+def credibility_columns(scenario: Scenario, names: Sequence[str]) -> None:
+    """NEES, NEES of the credible estimator and credibility ratio of each run, a column per cost."""
+    _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(7.6, 5.6))
+    for letter, column, name in zip("abc", axes.T, names, strict=False):
+        result = evaluated(scenario, COSTS[name]).credibility
+        credibility_panels(column, result, f"({letter}) {name}")
+    for ax in axes[:, 1:].ravel():
+        ax.set_ylabel("")
+
+
+def credibility_line(scenario: Scenario, name: str) -> str:
+    """One line of text on the credibility of a cost started at the truth."""
+    c = evaluated(scenario, COSTS[name]).credibility
+    return (
+        f"{name:10}: ANEES {c.anees:6.3f} in [{c.bounds[0]:.3f}, {c.bounds[1]:.3f}] "
+        f"{c.consistent!s:5}, NCI {c.nci:5.2f} dB, I2 {c.inclination:+6.2f} dB"
+    )
+
+
+def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet) -> None:
+    """Both scans of a scene, each in its own frame, with 3-sigma ellipses.
+
+    A ring marks each outlier: grey if it is close to a target, green if it is far from all.
+    """
+    for points, outliers, color, name in (
+        (fixed, scenario.outliers_fixed, FIXED, "previous F"),
+        (moving, scenario.outliers_moving, MOVING, "current M"),
+    ):
+        ellipses(ax, points, edgecolor=color)
+        ax.plot(*points.means.T, ".", color=color, ms=4, label=name)
+        far = np.hypot(*outliers.T) > FAR
+        for mask, ring, kind in ((~far, "0.45", "close"), (far, GREEN, "far")):
+            if mask.any():
+                label = f"{kind} outlier" if color == FIXED else None
+                ax.plot(*outliers[mask].T, "o", color=ring, mfc="none", ms=15, mew=1.4, label=label)
+    ax.plot(0.0, 0.0, "^", color=BLACK)
+    label_planar_axes(ax)
+
+
+def density_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> None:
+    """A fused density over t_x and t_y around the truth (cross), relative to its maximum."""
+    relative = np.exp(log_values - log_values.max())
+    picture = ax.pcolormesh(offsets, offsets, relative, vmin=0.0, vmax=1.0, rasterized=True)
+    _map_axes(ax, title)
+    _map_bar(ax, picture, [0.0, 0.5, 1.0])
+
+
+def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> None:
+    """A cost over t_x and t_y around the truth (cross), above its minimum.
+
+    Contours enclose the regions where the density is above 50 %, 10 % and 1 % of its maximum.
+    """
+    above = log_values.max() - log_values
+    picture = ax.pcolormesh(offsets, offsets, above, cmap="viridis_r", rasterized=True)
+    levels = -np.log([0.5, 0.1, 0.01])
+    ax.contour(offsets, offsets, above, levels, colors=BLACK, linewidths=0.5)
+    _map_axes(ax, title)
+    _map_bar(ax, picture, None)
+
+
+def _map_axes(ax: Axes, title: str) -> None:
+    ax.plot(0.0, 0.0, "+", color=ORANGE, ms=9, mew=1.4)
+    ax.grid(False)
+    ax.set_aspect("equal")
+    ax.set(xlabel="$t_x$ − truth (m)", ylabel="$t_y$ − truth (m)", title=title)
+
+
+def _map_bar(ax: Axes, picture: Any, ticks: Sequence[float] | None) -> None:
+    bar = ax.figure.colorbar(picture, ax=ax, shrink=0.8, pad=0.02, ticks=ticks)
+    bar.ax.tick_params(labelsize=7)
+
+
+def rotation_profiles(axes: Sequence[Axes], turns: Array, log_values: Array) -> None:
+    """A density relative to its maximum, and the cost above its minimum, over the rotation."""
+    degrees = np.rad2deg(turns)
+    above = log_values.max() - log_values
+    for ax, values, label in (
+        (axes[0], np.exp(-above), "density"),
+        (axes[1], above, "−log density"),
+    ):
+        ax.plot(degrees, values, color=BLACK)
+        ax.axvline(0.0, color=ORANGE, ls="--", lw=0.8)
+        ax.set(xlabel="φ − truth (deg)", ylabel=label, ylim=(0.0, None))
+        ax.margins(x=0.0)
+
+
+def error_shares(ax: Axes, errors: Mapping[str, Array], unit: str, title: str = "") -> None:
+    """Share of the runs below each error, for each named array of errors (N,).
+
+    ``unit`` is m or deg.
+    """
+    for (name, values), color in zip(errors.items(), (ORANGE, BLUE, GREEN), strict=False):
+        ordered = np.sort(values)
+        share = np.arange(1, len(ordered) + 1) / len(ordered)
+        ax.step(ordered, share, where="post", color=color, label=name)
+    ax.set_xscale("log")
+    ax.set(xlabel=f"error ({unit})", ylabel="share of runs", title=title, ylim=(0.0, 1.02))
+    ax.set_xlim(*ERROR_LIMITS[unit])
+
+
+def credibility_panels(axes: Sequence[Axes], result: Credibility, title: str = "") -> None:
+    """NEES, NEES of the credible estimator and credibility ratio of every run, top to bottom.
+
+    The bands hold 95 % of a credible estimator's NEES (chi-square with three degrees of freedom).
+    """
+    run = np.arange(len(result.nees))
+    region = chi2.ppf([0.025, 0.975], 3)
+    for ax, values, name in (
+        (axes[0], result.nees, "NEES"),
+        (axes[1], result.credible_nees, "credible NEES"),
+    ):
+        ax.axhspan(*region, color=SKY, alpha=0.4, lw=0)
+        ax.plot(run, values, ".", color=BLACK, ms=1.5)
+        ax.set_yscale("log")
+        ax.set(ylabel=name, ylim=(5e-3, 1e3))
+    axes[2].plot(run, 10.0 * np.log10(result.ratio), ".", color=BLACK, ms=1.5)
+    axes[2].axhline(0.0, color=BLUE, lw=0.8)
+    axes[2].axhline(result.inclination, color=ORANGE, ls="--", lw=1.0)
+    axes[2].set(ylabel="ratio (dB)", xlabel="run", ylim=(-24.0, 24.0))
+    axes[0].set_title(title)
+    for ax in axes:
+        ax.margins(x=0.0)
+
+
+def arrival_map(ax: Axes, distances: Array, turns: Array, shares: Array, title: str = "") -> Any:
+    """Share of starts (turns, distances) that end at the truth; returns the coloured mesh."""
+    picture = ax.pcolormesh(
+        distances, np.rad2deg(turns), shares, vmin=0.0, vmax=1.0, shading="nearest", rasterized=True
+    )
+    ax.grid(False)
+    ax.set(xlabel="start off by (m)", ylabel="start off by (deg)", title=title)
+    return picture

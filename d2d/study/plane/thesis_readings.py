@@ -1,0 +1,68 @@
+"""Ways in which the thesis's evaluation may differ from this one, each tried on its own."""
+
+import numpy as np
+from scipy.optimize import minimize
+
+from d2d._types import Array
+from d2d.cost import CorruptedGaussian, RegistrationCost
+from d2d.credibility import Credibility, credibility
+from d2d.study.plane.evaluation import (
+    ALPHA,
+    OUTLIER_COVARIANCE,
+    SUMMING,
+    Start,
+    evaluated,
+    same_draws,
+)
+from d2d.study.plane.scenarios import Scenario
+
+
+def bfgs_errors(
+    scenario: Scenario,
+    cost: RegistrationCost,
+    initial: Start,
+    runs: int = 100,
+    *,
+    density: bool = False,
+) -> Array:
+    """Errors (runs, 3) of SciPy's BFGS with our gradient, a stand-in for the thesis's optimiser.
+
+    With ``density`` it maximises the fused density as the thesis writes it, without the logarithm.
+    """
+    fixed, moving = same_draws(scenario, runs)
+    start = scenario.theta * (initial == "truth")
+
+    def error(run: int) -> Array:
+        def objective(theta: Array) -> tuple[float, Array]:
+            value, gradient, _ = cost.derivatives(theta, fixed[run], moving[run])
+            if not density:
+                return float(value), gradient
+            fused = float(np.exp(-value))
+            return -fused, fused * gradient
+
+        return np.asarray(minimize(objective, start, jac=True, method="BFGS").x) - scenario.theta
+
+    return np.array([error(run) for run in range(runs)])
+
+
+def plain_sum_credibility(scenario: Scenario, unit: float = 1.0) -> Credibility:
+    """Credibility of the sum if its Hessian is that of -f, with f the fused density.
+
+    At the optimum the Hessian of -f is f times that of -log f.  f has the unit of 1 / area; lengths
+    are measured in units of ``unit`` metres.
+    """
+    result = evaluated(scenario, SUMMING)
+    fixed, moving = same_draws(scenario, len(result.errors))
+    f = np.exp(-SUMMING.value(result.errors + scenario.theta, fixed, moving)) * unit**2
+    return credibility(result.errors, result.covariances / f[:, np.newaxis, np.newaxis])
+
+
+def unweighted_outlier(targets: int) -> RegistrationCost:
+    """The robust likelihood with the outlier component as thesis eq. 6.4 prints it, without w_i.
+
+    Without w_i, the component weighs N = ``targets`` times too much.  A constant factor of a
+    target's density moves no optimum, so (1 - a) q + a N o is equivalent to the outlier share
+    a N / (1 - a + a N).
+    """
+    share = ALPHA * targets / (1.0 - ALPHA + ALPHA * targets)
+    return RegistrationCost(outlier=CorruptedGaussian(share, OUTLIER_COVARIANCE))

@@ -1,0 +1,1 @@
+"""Registration of range scans: ICP and the NDT (chapter 3)."""

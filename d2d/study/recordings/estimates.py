@@ -1,0 +1,414 @@
+"""Estimates for a RadarScenes sequence, stored in small files that hold no measurements.
+
+    python -m d2d.study.recordings.estimates <root> [--sequence 105]
+
+writes two files, so that the book can be built without the data set.
+``chapters/results/radarscenes_<sequence>.csv`` holds our estimates with their covariances and
+errors, ``radarscenes_<sequence>.json`` what was found about clock, slip, mountings and noise, and
+the computing times.
+"""
+
+import argparse
+import csv
+import json
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from d2d._types import Array
+from d2d.radar import (
+    RadarScan,
+    Recording,
+    Track,
+    doppler_ego_motion,
+    load_radarscenes,
+    track,
+    track_joint,
+)
+from d2d.radar.joint import rounds
+from d2d.study.drives.errors import DriveErrors
+from d2d.study.recordings.calibration import (
+    Correction,
+    during,
+    fit_correction,
+    residual_rms,
+    residual_sigmas,
+    static_targets,
+    turned,
+)
+from d2d.study.results import results_path
+
+SENSORS = (1, 2, 3, 4)
+SECTORS = (0, 15, 30, 45, 60)  # deg, edges of |azimuth|
+OFFSETS = np.arange(0.0, 0.2501, 0.01)  # s
+COLUMNS = (
+    *("run", "time_s", "interval_s", "converged", "vx", "vy", "omega"),
+    *("cov_xx", "cov_xy", "cov_xw", "cov_yy", "cov_yw", "cov_ww"),
+    *("error_vx", "error_vy", "error_omega"),
+)
+_UPPER = np.triu_indices(3)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One way to estimate a drive.
+
+    Attributes
+    ----------
+    sensors : tuple of int
+    method : "registration", "Doppler only" or "Doppler only, equal weights"
+    baseline, doppler
+        Options of the registration, see `d2d.radar.track`.
+    strongest : int, optional
+        See `load_radarscenes`.
+    at_random : int, optional
+        Number of targets kept in each scan, chosen at random.
+    turned : bool
+        Whether to use the mounting angles that the first half of the recording suggests.
+    own_sigmas : bool
+        Whether to use the standard deviations of range and azimuth that the residuals of each
+        sensor's first registration show, instead of the defaults of `load_radarscenes`.
+    """
+
+    sensors: tuple[int, ...]
+    method: str = "registration"
+    baseline: int = 1
+    doppler: bool = True
+    strongest: int | None = None
+    at_random: int | None = None
+    turned: bool = False
+    own_sigmas: bool = False
+
+
+RUNS = {
+    **{f"sensor {s}": Run((s,)) for s in SENSORS},
+    "sensor 2, baseline 2": Run((2,), baseline=2),
+    "sensor 3, baseline 2": Run((3,), baseline=2),
+    "sensor 3, baseline 3": Run((3,), baseline=3),
+    "sensor 3, without Doppler": Run((3,), doppler=False),
+    "sensor 3, strongest 48": Run((3,), strongest=48),
+    "sensor 3, strongest 48, baseline 2": Run((3,), baseline=2, strongest=48),
+    "sensor 3, random 48, baseline 2": Run((3,), baseline=2, at_random=48),
+    "sensor 3, own sigmas, baseline 2": Run((3,), baseline=2, own_sigmas=True),
+    "sensor 3, Doppler only": Run((3,), "Doppler only"),
+    "four sensors": Run(SENSORS),
+    "four sensors, baseline 2": Run(SENSORS, baseline=2),
+    "four sensors, strongest 48, baseline 2": Run(SENSORS, baseline=2, strongest=48),
+    "four sensors, random 48, baseline 2": Run(SENSORS, baseline=2, at_random=48),
+    "four sensors, turned, baseline 2": Run(SENSORS, baseline=2, turned=True),
+    "four sensors, own sigmas, baseline 2": Run(SENSORS, baseline=2, own_sigmas=True),
+    "four sensors, Doppler only": Run(SENSORS, "Doppler only"),
+    "four sensors, Doppler only, equal weights": Run(SENSORS, "Doppler only, equal weights"),
+}
+
+
+class Result(NamedTuple):
+    """The estimates of one run and their errors (n, 3), nan where there is no reference."""
+
+    track: Track
+    errors: Array
+
+    @property
+    def judged(self) -> DriveErrors:
+        """The errors of the converged pairs that have a reference, with their covariances."""
+        return DriveErrors.from_errors(self.track, self.errors)
+
+    @property
+    def reference(self) -> Array:
+        """The reference velocities (n, 3) that the errors are relative to."""
+        return np.asarray(self.track.theta - self.errors)
+
+
+def compute(
+    root: str | os.PathLike[str],
+    sequence: int | str,
+    runs: dict[str, Run] = RUNS,
+    report: Callable[[str], object] = lambda line: None,
+) -> tuple[dict[str, Result], dict[str, Any]]:
+    """Compute all runs on one sequence, and the facts about the recording.
+
+    Errors are relative to the odometry, corrected by the time offset and side slip that the
+    recording's first half suggests.  The facts include the RMSE relative to the odometry with the
+    defaults of `load_radarscenes`.  Times count from the first scan of the first sensor.
+    ``report`` is called with one line for each run.
+    """
+    load = _Loader(root, sequence)
+    raw = [load(s, None, 0.0, 0.0) for s in SENSORS]
+    start, end = raw[0].scans[0].time, raw[0].scans[-1].time
+    facts, correction = recording_facts(raw, end - start)
+    reference = load(1, None, correction.time_offset, correction.side_slip).reference
+    stated = load(1, None).reference
+    results = {}
+    for name, run in runs.items():
+        recordings = [load(s, run.strongest) for s in run.sensors]
+        if run.at_random is not None:
+            recordings = [thinned(recording, run.at_random) for recording in recordings]
+        if run.turned:
+            recordings = [
+                turned(r, correction.yaw[SENSORS.index(s)])
+                for r, s in zip(recordings, run.sensors, strict=True)
+            ]
+        if run.own_sigmas:
+            recordings = [with_own_sigmas(recording) for recording in recordings]
+        begin = time.perf_counter()
+        driven = drive(run, recordings)
+        facts["seconds"][name] = round(time.perf_counter() - begin, 2)
+        errors = driven.theta - reference.at(driven.times).theta
+        against_stated = DriveErrors.from_errors(
+            driven, driven.theta - stated.at(driven.times).theta
+        )
+        facts["stated_rmse"][name] = against_stated.rmse.tolist()
+        from_start = Track(
+            driven.times - start,
+            driven.intervals,
+            driven.theta,
+            driven.covariance,
+            driven.converged,
+        )
+        results[name] = Result(from_start, errors)
+        report(f"{name}: {rmse_text(results[name].judged)}")
+    for s in SENSORS:
+        if f"sensor {s}" in results:
+            sigmas = residual_sigmas(load(s, None), results[f"sensor {s}"].track, SECTORS)
+            facts["sigmas"][f"sensor {s}"] = [sigma._asdict() for sigma in sigmas]
+    return results, facts
+
+
+class _Loader:
+    """Recordings by sensor and options, each read once."""
+
+    def __init__(self, root: str | os.PathLike[str], sequence: int | str) -> None:
+        self.root, self.sequence = root, sequence
+        self.known: dict[tuple[Any, ...], Recording] = {}
+
+    def __call__(self, sensor: int, strongest: int | None, *corrected: float) -> Recording:
+        key = (sensor, strongest, *corrected)
+        if key not in self.known:
+            options = dict(zip(("time_offset", "side_slip"), corrected, strict=False))
+            self.known[key] = load_radarscenes(
+                self.root, self.sequence, sensor, strongest=strongest, **options
+            )
+        return self.known[key]
+
+
+def whole_rounds(recordings: Sequence[Recording]) -> list[list[RadarScan]]:
+    """The scans of each sensor, without those of a last round that lacks a sensor.
+
+    A recording is cut off at a time, not at the end of a round: an incomplete last round would give
+    an estimate from one sensor among those from all sensors.
+    """
+    groups = rounds([r.scans for r in recordings])
+    while groups and len(groups[-1]) < len(recordings):
+        groups.pop()
+    kept = [
+        1 + max((i for group in groups for s, i in group if s == number), default=-1)
+        for number in range(len(recordings))
+    ]
+    return [list(r.scans[:count]) for r, count in zip(recordings, kept, strict=True)]
+
+
+def drive(run: Run, recordings: Sequence[Recording]) -> Track:
+    """Estimate a drive from the recordings of the run's sensors, with the run's options."""
+    recordings = [
+        replace(r, scans=scans)
+        for r, scans in zip(recordings, whole_rounds(recordings), strict=True)
+    ]
+    if run.method != "registration":
+        return _doppler_track(recordings, run.method == "Doppler only")
+    baseline, doppler = run.baseline, run.doppler
+    if len(recordings) == 1:
+        scans, mounting = recordings[0].scans, recordings[0].mounting
+        return track(scans, mounting, baseline=baseline, doppler=doppler)
+    sensors = [(r.scans, r.mounting) for r in recordings]
+    return track_joint(sensors, baseline=baseline, doppler=doppler)
+
+
+def thinned(recording: Recording, count: int) -> Recording:
+    """The recording with at most ``count`` random targets of each scan, the same at every call."""
+    rng = np.random.default_rng(0)
+
+    def some(scan: RadarScan) -> RadarScan:
+        chosen = rng.choice(scan.size, min(count, scan.size), replace=False)
+        return scan[np.sort(chosen)]
+
+    return replace(recording, scans=[some(scan) for scan in recording.scans])
+
+
+def with_own_sigmas(recording: Recording) -> Recording:
+    """The recording with the standard deviations of range and azimuth that its residuals show.
+
+    They are interpolated between the middles of the sectors.
+    """
+    sigmas = residual_sigmas(recording, track(recording.scans, recording.mounting), SECTORS)
+    middles = [0.5 * sum(sigma.sector) for sigma in sigmas]
+
+    def renewed(scan: RadarScan) -> RadarScan:
+        degrees = np.rad2deg(np.abs(scan.azimuth))
+        sigma_range, sigma_azimuth = (
+            np.interp(degrees, middles, [getattr(sigma, name) for sigma in sigmas])
+            for name in ("range", "azimuth")
+        )
+        return RadarScan(
+            scan.time,
+            scan.range,
+            scan.azimuth,
+            scan.doppler,
+            sigma_range,
+            sigma_azimuth,
+            scan.sigma_doppler,
+        )
+
+    return replace(recording, scans=[renewed(scan) for scan in recording.scans])
+
+
+def _doppler_track(recordings: Sequence[Recording], weighted: bool) -> Track:
+    """Least squares on each round's Doppler velocities; with a single sensor, v_y is taken as zero.
+
+    If not ``weighted``, the azimuth error is ignored, both in the weights and in the gate.
+    """
+    groups = rounds([r.scans for r in recordings])
+    motions, times = [], []
+    for group in groups:
+        scans = [recordings[s].scans[i] for s, i in group]
+        views = [
+            (scan if weighted else _with_exact_azimuth(scan), recordings[s].mounting)
+            for scan, (s, _) in zip(scans, group, strict=True)
+        ]
+        motions.append(doppler_ego_motion(views, slips=len(recordings) > 1))
+        times.append(np.mean([scan.time for scan in scans]))
+    covariance = np.array([motion.covariance for motion in motions[1:]])
+    return Track(
+        np.array(times[1:]),
+        np.diff(times),
+        np.array([motion.theta for motion in motions[1:]]),
+        covariance,
+        np.isfinite(covariance).all(axis=(1, 2)),
+    )
+
+
+def _with_exact_azimuth(scan: RadarScan) -> RadarScan:
+    return RadarScan(
+        scan.time,
+        scan.range,
+        scan.azimuth,
+        scan.doppler,
+        scan.sigma_range,
+        1e-9,
+        scan.sigma_doppler,
+    )
+
+
+def recording_facts(raw: Sequence[Recording], duration: float) -> tuple[dict[str, Any], Correction]:
+    """What the Doppler velocities say about clock, slip and mountings, and the correction to use.
+
+    ``raw`` holds the recordings of all sensors, read without a time offset or side slip.  The
+    correction is fitted to all sensors in the first half of the recording, so that the second half
+    is judged with a correction that it did not help to choose.
+    """
+    halves = {"first half": (0.0, 0.5 * duration), "second half": (0.5 * duration, np.inf)}
+    odometry = raw[0].reference
+    fits, profile = [], {"offset": OFFSETS.tolist()}
+    for part, (first, last) in {"all": (0.0, np.inf), **halves}.items():
+        cut = [during(recording, first, last) for recording in raw]
+        groups = {f"sensor {s}": [r] for s, r in zip(SENSORS, cut, strict=True)}
+        for name, chosen in {**groups, "four sensors": cut}.items():
+            targets = static_targets(chosen)
+            fit = fit_correction(targets, odometry)
+            fits.append({"part": part, "sensors": name, **asdict(fit)})
+            if part == "all":
+                profile[name] = [residual_rms(targets, odometry, t)[0] for t in OFFSETS]
+            if (part, name) == ("first half", "four sensors"):
+                correction = fit
+    facts = {
+        "seconds": {},
+        "stated_rmse": {},
+        "sigmas": {},
+        "duration": duration,
+        "targets": {
+            f"sensor {s}": float(np.mean([scan.size for scan in r.scans]))
+            for s, r in zip(SENSORS, raw, strict=True)
+        },
+        "corrections": fits,
+        "profile": profile,
+    }
+    return facts, correction
+
+
+def rmse_text(judged: DriveErrors) -> str:
+    """The RMSE in m/s, m/s and deg/s, as one line of text."""
+    return "v_x {:.3f} m/s, v_y {:.3f} m/s, omega {:.2f} deg/s".format(*judged.rmse)
+
+
+def write_estimates(path: Path, results: dict[str, Result]) -> None:
+    """Write all runs as one comma-separated table in SI units, to five significant digits."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for name, (driven, errors) in results.items():
+            numbers = np.column_stack(
+                [
+                    driven.times,
+                    driven.intervals,
+                    driven.converged,
+                    driven.theta,
+                    driven.covariance[:, _UPPER[0], _UPPER[1]],
+                    errors,
+                ]
+            )
+            writer.writerows([name, *(f"{x:.5g}" for x in row)] for row in numbers)
+
+
+def read_estimates(path: Path) -> dict[str, Result]:
+    """Read what `write_estimates` wrote."""
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))[1:]
+    results = {}
+    for name in dict.fromkeys(row[0] for row in rows):
+        table = np.array([row[1:] for row in rows if row[0] == name], dtype=np.float64)
+        covariance = np.empty((len(table), 3, 3))
+        covariance[:, _UPPER[0], _UPPER[1]] = table[:, 6:12]
+        covariance[:, _UPPER[1], _UPPER[0]] = table[:, 6:12]
+        driven = Track(table[:, 0], table[:, 1], table[:, 3:6], covariance, table[:, 2] > 0)
+        results[name] = Result(driven, table[:, 12:15])
+    return results
+
+
+def read_facts(path: Path) -> dict[str, Any]:
+    """The facts about the recording that belong to the results at ``path``."""
+    facts: dict[str, Any] = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+    return facts
+
+
+def estimates_path(sequence: int | str) -> Path:
+    """Path of the book's estimates for a sequence."""
+    return results_path(f"radarscenes_{sequence}.csv")
+
+
+def data_root() -> Path | None:
+    """Folder of the data set, from the environment variable D2D_RADARSCENES, or None."""
+    root = os.environ.get("D2D_RADARSCENES")
+    return Path(root) if root else None
+
+
+def main() -> None:
+    """Estimate one sequence and write its results."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("root", help="folder of the data set")
+    parser.add_argument("--sequence", default="105")
+    arguments = parser.parse_args()
+    results, facts = compute(arguments.root, arguments.sequence, report=print)
+    path = estimates_path(arguments.sequence)
+    write_estimates(path, results)
+    text = json.dumps(facts, indent=1, default=float)
+    path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
+    print(f"written to {path}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+"""The closed-form fit against truth and against a search; ICP against its own promises."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from d2d import rigid
+from d2d.baselines import fit_rigid, icp, line_normals
+from d2d.study.point_sets.room_scans import MOTION, room_pair
+
+RNG_POINTS = np.random.default_rng(0).uniform(-5.0, 5.0, (30, 2))
+
+
+@pytest.fixture(scope="module")
+def scans():
+    before, after = room_pair(np.random.default_rng(1))
+    return before.points, after.points
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, -2.0, 3.1, np.pi])
+def test_closed_form_recovers_a_noise_free_motion(angle):
+    theta = np.array([1.5, -0.7, angle])
+    found = fit_rigid(rigid.transform_means(theta, RNG_POINTS), RNG_POINTS)
+    np.testing.assert_allclose(found[:2], theta[:2], atol=1e-12)
+    np.testing.assert_allclose(np.exp(1j * found[2]), np.exp(1j * angle), atol=1e-12)
+
+
+def test_closed_form_runs_in_batches():
+    rng = np.random.default_rng(2)
+    thetas = rng.uniform(-1.0, 1.0, (3, 4, 3))
+    moved = rigid.transform_means(thetas, RNG_POINTS)
+    np.testing.assert_allclose(fit_rigid(moved, RNG_POINTS), thetas, atol=1e-12)
+
+
+def test_closed_form_is_the_least_squares_motion_of_noisy_pairs():
+    rng = np.random.default_rng(3)
+    fixed = rigid.transform_means([0.4, 0.2, 0.5], RNG_POINTS) + 0.3 * rng.standard_normal((30, 2))
+
+    def squares(theta):
+        return ((rigid.transform_means(theta, RNG_POINTS) - fixed) ** 2).sum()
+
+    searched = minimize(squares, [0.4, 0.2, 0.5], tol=1e-12)
+    found = fit_rigid(fixed, RNG_POINTS)
+    assert squares(found) <= searched.fun + 1e-10
+    np.testing.assert_allclose(found, searched.x, atol=1e-5)
+
+
+def test_closed_form_never_mirrors():
+    """Mirrored points are best matched by a mirror, which is no rigid motion."""
+    theta = fit_rigid(RNG_POINTS * [1.0, -1.0], RNG_POINTS)
+    assert np.linalg.det(rigid.rotation(theta[2])) == pytest.approx(1.0)
+
+    def squares(angle):
+        turned = rigid.transform_means([0.0, 0.0, angle], RNG_POINTS - RNG_POINTS.mean(axis=0))
+        target = (RNG_POINTS - RNG_POINTS.mean(axis=0)) * [1.0, -1.0]
+        return ((turned - target) ** 2).sum()
+
+    assert squares(theta[2]) <= min(map(squares, np.linspace(-np.pi, np.pi, 400))) + 1e-9
+
+
+def test_closed_form_takes_degenerate_pairs():
+    same = np.ones((4, 2))
+    np.testing.assert_allclose(
+        fit_rigid(same + np.array([2.0, 3.0]), same), [2.0, 3.0, 0.0], atol=1e-15
+    )
+
+
+def test_normals_are_perpendicular_to_a_wall():
+    along = np.linspace(0.0, 3.0, 20)
+    wall = np.stack([along, 0.5 * along], axis=-1)
+    normals = line_normals(wall)
+    np.testing.assert_allclose(normals @ [2.0, 1.0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0)
+
+
+@pytest.mark.parametrize("metric", ["point", "line"])
+def test_a_copy_is_recovered_exactly(scans, metric):
+    fixed, _ = scans
+    theta = np.array([0.02, -0.01, 0.005])  # nearer than the points are to each other
+    moving = rigid.transform_means(rigid.inverse(theta), fixed)
+    result = icp(fixed, moving, metric=metric, tolerance=1e-12)
+    assert result.converged
+    np.testing.assert_allclose(result.theta, theta, atol=1e-10)
+    assert result.rms < 1e-10
+
+
+@pytest.mark.parametrize("metric", ["point", "line"])
+def test_two_scans_of_a_room_are_registered(scans, metric):
+    result = icp(*scans, metric=metric)
+    assert result.converged or metric == "line"  # which may swap between two pairings
+    np.testing.assert_allclose(result.theta, MOTION, atol=0.03)
+
+
+def test_point_to_point_never_raises_its_error(scans):
+    """Besl & McKay 1992, theorem: neither pairing anew nor fitting can raise the mean square."""
+    starts = MOTION + np.random.default_rng(4).uniform(-1.0, 1.0, (20, 3)) * [3.0, 3.0, 2.0]
+    history = icp(*scans, starts).rms_history
+    assert (np.diff(history, axis=0) <= 1e-12).all()
+
+
+def test_point_to_line_needs_fewer_iterations(scans):
+    assert icp(*scans, metric="line").iterations < icp(*scans).iterations
+
+
+@pytest.mark.parametrize("metric", ["point", "line"])
+def test_a_batch_is_its_problems_one_by_one(scans, metric):
+    starts = MOTION + np.random.default_rng(5).uniform(-0.5, 0.5, (2, 3, 3))
+    together = icp(*scans, starts, metric=metric)
+    assert together.theta.shape == (2, 3, 3)
+    assert together.thetas.shape[1:] == (2, 3, 3)
+    np.testing.assert_array_equal(together.thetas[0], starts)
+    np.testing.assert_array_equal(together.thetas[-1], together.theta)
+    np.testing.assert_array_equal(together.rms_history[-1], together.rms)
+    for index in np.ndindex(2, 3):
+        alone = icp(*scans, starts[index], metric=metric)
+        np.testing.assert_allclose(together.theta[index], alone.theta, atol=1e-12)
+        assert together.iterations[index] == alone.iterations
+        assert together.converged[index] == alone.converged
+
+
+def test_an_estimate_that_ran_out_of_iterations_says_so(scans):
+    result = icp(*scans, max_iterations=2)
+    assert not result.converged
+    assert result.iterations == 2
+    assert len(result.thetas) == 3
+
+
+def test_a_corridor_leaves_the_open_direction_alone():
+    along = np.linspace(-10.0, 10.0, 80)
+    fixed = np.concatenate([np.stack([along, np.full(80, y)], -1) for y in (-1.0, 1.0)])
+    moving = fixed[10:70] + np.array([0.0, 0.2])
+    result = icp(fixed, moving, metric="line")
+    np.testing.assert_allclose(result.theta, [0.0, -0.2, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda: fit_rigid(RNG_POINTS, RNG_POINTS[:5]), "paired"),
+        (lambda: fit_rigid(np.zeros((0, 2)), np.zeros((0, 2))), "fixed"),
+        (lambda: fit_rigid(RNG_POINTS, RNG_POINTS * np.nan), "moving"),
+        (lambda: fit_rigid(np.zeros((2, 9, 2)), np.zeros((3, 9, 2))), "axes of fixed and moving"),
+        (lambda: line_normals(RNG_POINTS, 30), "neighbours"),
+        (lambda: icp(RNG_POINTS, RNG_POINTS[None]), "moving"),
+        (lambda: icp(RNG_POINTS[:, :1], RNG_POINTS), "fixed"),
+        (lambda: icp(RNG_POINTS, RNG_POINTS, [0.0, 0.0]), "initial"),
+        (lambda: icp(RNG_POINTS, RNG_POINTS, metric="plane"), "metric"),
+        (lambda: icp(RNG_POINTS[:3], RNG_POINTS, metric="line"), "neighbours"),
+    ],
+)
+def test_bad_input_names_the_argument(call, name):
+    with pytest.raises(ValueError, match=name):
+        call()

@@ -1,0 +1,140 @@
+"""Mixtures as least squares, against loops over targets and components and against the kernel."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from d2d import CorruptedGaussian, PointSet, RegistrationCost, register
+from d2d.baselines.mixtures import Mixture, mixture_residuals, register_mixture
+from d2d.study.plane.scenarios import OVERLAPPED
+
+OUTLIER = CorruptedGaussian(0.2, np.array([[90.0, 35.0], [35.0, 50.0]]))
+MIXTURES: tuple[Mixture, ...] = ("max", "sum", "max-sum")
+
+
+@pytest.fixture(scope="module")
+def sets() -> tuple[PointSet, PointSet]:
+    fixed, moving = OVERLAPPED.sample(1, np.random.default_rng(3))
+    return fixed[0], moving[0]
+
+
+def naive_densities(
+    theta: np.ndarray, fixed: PointSet, moving: PointSet, outlier: CorruptedGaussian | None
+) -> list[list[float]]:
+    """Weighted density of every component of every target, one by one."""
+    c, s = np.cos(theta[2]), np.sin(theta[2])
+    turn = np.array([[c, -s], [s, c]])
+    every = []
+    for mean, spread in zip(moving.means, moving.covariances, strict=True):
+        own = []
+        for centre, width, weight in zip(
+            fixed.means, fixed.covariances, fixed.weights, strict=True
+        ):
+            d = turn @ mean + theta[:2] - centre
+            kinds = [(1.0, turn @ spread @ turn.T + width)]
+            if outlier is not None:
+                kinds = [(1 - outlier.fraction, kinds[0][1])]
+                kinds.append((outlier.fraction, outlier.covariance))
+            for share, matrix in kinds:
+                height = np.exp(-0.5 * d @ np.linalg.inv(matrix) @ d)
+                own.append(share * weight * height / np.sqrt(np.linalg.det(2 * np.pi * matrix)))
+        every.append(own)
+    return every
+
+
+@pytest.mark.parametrize("outlier", [None, OUTLIER], ids=["plain", "robust"])
+@pytest.mark.parametrize("mixture", MIXTURES)
+def test_half_the_squares_are_the_negative_log_likelihood(
+    sets: tuple[PointSet, PointSet], mixture: Mixture, outlier: CorruptedGaussian | None
+) -> None:
+    """Breaks if a weight, a determinant or a normalisation is lost: they shift or bend the cost."""
+    fixed, moving = sets
+    for offset in ([0.0, 0.0, 0.0], [0.4, -0.7, 0.05], [-2.0, 1.0, 0.1]):
+        theta = OVERLAPPED.theta + offset
+        r, constant = mixture_residuals(theta, fixed, moving, mixture, outlier)
+        densities = naive_densities(theta, fixed, moving, outlier)
+        fuse = max if mixture == "max" else sum
+        expected = -sum(np.log(fuse(own)) for own in densities)
+        assert_allclose(0.5 * r @ r - constant.sum(), expected, rtol=1e-9)
+        if mixture != "max":
+            kernel = RegistrationCost(outlier=outlier).value(theta, fixed, moving)
+            assert_allclose(0.5 * r @ r - constant.sum(), kernel, rtol=1e-9)
+
+
+@pytest.mark.parametrize("mixture", MIXTURES)
+def test_a_batch_of_motions_is_a_loop(sets: tuple[PointSet, PointSet], mixture: Mixture) -> None:
+    """Breaks if batch axes are mixed up with targets: the Jacobian's columns come from a batch."""
+    thetas = OVERLAPPED.theta + np.random.default_rng(0).standard_normal((4, 3)) * [1, 1, 0.1]
+    batch, _ = mixture_residuals(thetas, *sets, mixture, OUTLIER)
+    for theta, residuals in zip(thetas, batch, strict=True):
+        alone, _ = mixture_residuals(theta, *sets, mixture, OUTLIER)
+        assert_allclose(residuals, alone, rtol=1e-12)
+
+
+@pytest.mark.parametrize("mixture", MIXTURES)
+def test_gradient_vanishes_and_matches_differences(
+    sets: tuple[PointSet, PointSet], mixture: Mixture
+) -> None:
+    """Breaks if the complex step leaves a part of the residuals out, as abs() or max() would."""
+    theta = OVERLAPPED.theta + np.array([0.3, -0.2, 0.02])
+
+    def half_squares(x: np.ndarray) -> float:
+        r, _ = mixture_residuals(x, *sets, mixture, OUTLIER)
+        return float(0.5 * r @ r)
+
+    steps = 1e-5 * np.eye(3)
+    differences = [(half_squares(theta + h) - half_squares(theta - h)) / 2e-5 for h in steps]
+    complex_steps = theta + 1e-30j * np.eye(3)
+    r, _ = mixture_residuals(complex_steps, *sets, mixture, OUTLIER)
+    assert_allclose((r.real * r.imag).sum(axis=-1) / 1e-30, differences, rtol=1e-5, atol=1e-4)
+    found = register_mixture(*sets, mixture, OUTLIER, OVERLAPPED.theta)
+    assert found.converged
+    assert np.abs(found.gradient @ found.covariance @ found.gradient) < 1e-4
+
+
+@pytest.mark.parametrize("mixture", ["sum", "max-sum"])
+def test_the_exact_mixtures_end_where_register_does(
+    sets: tuple[PointSet, PointSet], mixture: Mixture
+) -> None:
+    """Breaks if they are another cost than the likelihood."""
+    expected = register(*sets, RegistrationCost(outlier=OUTLIER), OVERLAPPED.theta)
+    found = register_mixture(*sets, mixture, OUTLIER, OVERLAPPED.theta)
+    assert_allclose(found.theta, expected.theta, atol=1e-3)
+    assert_allclose(found.value, expected.value, rtol=1e-7)
+
+
+def test_one_component_is_ordinary_least_squares() -> None:
+    """With one pair per target far from all others, max and max-sum know the exact information."""
+    means = np.array([[0.0, 1000.0], [3000.0, 0.0], [-5000.0, 100.0]])
+    covariances = np.array([[[0.5, 0.2], [0.2, 0.3]]] * 3)
+    fixed, moving = (
+        PointSet(means, covariances),
+        PointSet(means + np.array([0.3, -0.1]), covariances),
+    )
+    expected = register(fixed, moving)
+    for mixture in ("max", "max-sum"):
+        found = register_mixture(fixed, moving, mixture)
+        assert_allclose(found.theta, expected.theta, atol=1e-6)
+        assert_allclose(found.covariance, expected.covariance, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"mixture": "mean"}, "mixture"), ({"fixed": 3}, "fixed"), ({"initial": [0.0]}, "initial")],
+)
+def test_bad_input_is_named(
+    sets: tuple[PointSet, PointSet], change: dict[str, object], message: str
+) -> None:
+    arguments = {"fixed": sets[0], "moving": sets[1], "mixture": "max"} | change
+    with pytest.raises(ValueError, match=message):
+        register_mixture(**arguments)  # type: ignore[arg-type]
+
+
+def test_batches_and_lines_are_refused() -> None:
+    """Breaks if a batch is flattened into one wrong problem."""
+    batch, _ = OVERLAPPED.sample(2, np.random.default_rng(0))
+    line = PointSet([[0.0], [1.0]], np.ones((2, 1, 1)))
+    with pytest.raises(ValueError, match="fixed"):
+        register_mixture(batch, batch[0], "max")
+    with pytest.raises(ValueError, match="moving"):
+        register_mixture(batch[0], line, "max")

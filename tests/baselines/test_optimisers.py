@@ -1,0 +1,163 @@
+"""The textbook update rules: their signs, their limits and where they lead."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d import RegistrationCost, register
+from d2d.baselines import optimisers
+from d2d.baselines.optimisers import (
+    descend,
+    descend_damped,
+    gauss_newton,
+    gradient_descent,
+    levenberg_marquardt,
+    newton,
+)
+from d2d.study import scenarios
+from d2d.study.estimation import descent, figures
+
+START = np.array([4.0, -0.8, 0.2])
+
+
+class Parabola:
+    """f(x) = x, F = x^2 / 2."""
+
+    def residuals(self, x):
+        return x
+
+    def jacobian(self, x):
+        return np.eye(len(x))
+
+    def curvature(self, x):
+        return np.zeros((len(x), len(x)))
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    fixed, moving = scenarios.OVERLAPPED.sample(1, np.random.default_rng(3))
+    return descent.PairedTargets(fixed[0], moving[0])
+
+
+def numerical(function, x, step=1e-5):
+    return np.stack(
+        [(function(x + h) - function(x - h)) / (2 * step) for h in step * np.eye(3)], -1
+    )
+
+
+def test_the_derivatives_are_those_of_the_residuals(pairs):
+    """Breaks if a rule is tested on a wrong Jacobian or curvature."""
+    assert_allclose(pairs.jacobian(START), numerical(pairs.residuals, START), rtol=1e-6, atol=1e-6)
+    hessian = numerical(lambda x: optimisers.gradient(pairs, x), START)
+    j = pairs.jacobian(START)
+    assert_allclose(j.T @ j + pairs.curvature(START), hessian, rtol=1e-5, atol=1e-3)
+    assert_allclose(
+        optimisers.gradient(pairs, START),
+        numerical(lambda x: np.array(optimisers.cost(pairs, x)), START),
+        rtol=1e-6,
+    )
+
+
+def test_gradient_descent_from_six_is_a_geometric_series():
+    """Breaks if the step climbs, as it does with the thesis's two signs: 6 (1 - 0.2)^i."""
+    path = descend(Parabola(), [6.0], gradient_descent(0.2), tolerance=1e-9)
+    assert path.converged
+    assert_allclose(path.points[:, 0], 6.0 * 0.8 ** np.arange(len(path.points)), rtol=1e-12)
+    assert_allclose(path.costs, 0.5 * path.points[:, 0] ** 2)
+    climbing = descend(
+        Parabola(), [6.0], lambda p, x: -gradient_descent(0.2)(p, x), max_iterations=20
+    )
+    assert_allclose(climbing.points[:, 0], 6.0 * 1.2 ** np.arange(21))
+
+
+@pytest.mark.parametrize("step", [newton, gauss_newton])
+def test_a_quadratic_takes_one_step(step):
+    """Breaks if the curvature is missing or transposed."""
+    assert_allclose(step(Parabola(), np.array([3.0, -2.0])), [-3.0, 2.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("step", [gradient_descent(1e-9), gauss_newton])
+def test_every_step_goes_downhill(pairs, step):
+    """Breaks if a sign is wrong."""
+    assert step(pairs, START) @ optimisers.gradient(pairs, START) < 0
+
+
+def test_newton_knows_the_residuals_curvature(pairs):
+    """Breaks if Newton leaves out sum f_i d2f_i, and is Gauss-Newton."""
+    j = pairs.jacobian(START)
+    system = j.T @ j + pairs.curvature(START)
+    assert_allclose(system @ newton(pairs, START), -optimisers.gradient(pairs, START), rtol=1e-8)
+    assert not np.allclose(newton(pairs, START), gauss_newton(pairs, START), rtol=1e-3)
+
+
+def test_levenberg_marquardt_lies_between_its_limits(pairs):
+    """Breaks if the damping is on the wrong side: 0 is Gauss-Newton, large is short descent."""
+    assert_allclose(levenberg_marquardt(pairs, START, 0.0), gauss_newton(pairs, START), rtol=1e-9)
+    large = 1e12
+    assert_allclose(
+        large * levenberg_marquardt(pairs, START, large),
+        -optimisers.gradient(pairs, START),
+        rtol=1e-5,
+    )
+
+
+def test_all_four_arrive_where_register_does(pairs):
+    """Breaks if a path leads elsewhere, or reports what it did not reach."""
+    paths = descent.run_all(pairs, np.zeros(3))
+    truth = scenarios.OVERLAPPED.theta
+    expected = register(pairs.fixed, pairs.moving, RegistrationCost("p2d"), truth).theta
+    for name, path in paths.items():
+        assert path.converged, name
+        assert len(path.points) == len(path.costs)
+        assert_allclose(path.points[-1], expected, atol=2e-4, err_msg=name)
+        assert_array_equal(path.points[0], 0.0)
+
+
+def test_a_damped_path_never_climbs(pairs):
+    """Breaks if a step that raises the cost is taken."""
+    path = descend_damped(pairs, [30.0, -20.0, 2.5])
+    assert (np.diff(path.costs) <= 0).all()
+    assert path.evaluations >= len(path.points) - 1
+
+
+def test_too_long_a_step_diverges_and_says_so():
+    """Breaks if a path that leaves the finite numbers counts as converged."""
+    path = descend(Parabola(), [6.0], gradient_descent(2.5), max_iterations=3000)
+    assert not path.converged
+    assert np.isfinite(path.points).all()
+
+
+def test_few_iterations_are_not_converged():
+    """Breaks if the limit on the iterations is taken for arrival."""
+    path = descend(Parabola(), [6.0], gradient_descent(0.2), max_iterations=5)
+    assert not path.converged
+    assert len(path.points) == 6
+
+
+@pytest.mark.parametrize("rate", [0.0, -0.2, np.nan, "fast"])
+def test_a_rate_that_is_none_is_refused(rate):
+    """Breaks if a negative rate climbs silently."""
+    with pytest.raises(ValueError, match="rate"):
+        gradient_descent(rate)
+
+
+def test_the_profile_is_the_least_over_the_third_parameter(pairs):
+    """Breaks if the surface under the paths is not that of the problem."""
+    t_y, angle = np.array([-0.5, 1.0]), np.array([0.2, 0.3])
+    surface = descent.profile(pairs, t_y, angle)
+    t_x = np.linspace(0.0, 10.0, 4001)
+    for a, phi in enumerate(angle):
+        for b, y in enumerate(t_y):
+            costs = [optimisers.cost(pairs, np.array([x, y, phi])) for x in t_x]
+            assert_allclose(surface[a, b], min(costs), rtol=1e-5)
+
+
+def test_frames_are_text_that_does_not_change(pairs):
+    """Breaks if a drawing depends on more than the paths."""
+    paths = descent.run_all(pairs, np.zeros(3))
+    one = figures.descent_frame(pairs, paths, 3)
+    assert one == figures.descent_frame(pairs, paths, 3)
+    assert one.startswith("<svg")
+    assert "nan" not in one

@@ -1,0 +1,111 @@
+"""The benchmark's own functions: a wrong yardstick would make every number on its page wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import approx_fprime, least_squares
+
+from benchmarks.numpy_cost import MatrixCost, NumpyCost, minimise
+from benchmarks.report import number, table
+from benchmarks.scenes import accuracy, draw, known_correspondences, motion, scene, transform
+from benchmarks.timing import exponent
+from d2d import CorruptedGaussian, PointSet, RegistrationCost, register, rigid
+from d2d.study.plane.scenarios import OVERLAPPED
+
+OUTLIERS = {"likelihood": None, "corrupted": CorruptedGaussian(0.2, 100.0 * np.eye(2))}
+OFFSET = np.array([0.4, -0.3, 0.05])
+
+
+@pytest.mark.parametrize("outlier", OUTLIERS.values(), ids=OUTLIERS)
+@pytest.mark.parametrize("offset", [0.0 * OFFSET, OFFSET, 100.0 * OFFSET])
+def test_numpy_cost_is_the_registration_cost(outlier, offset):
+    draws = draw(scene(20), 1, seed=0)
+    fixed, moving, theta = draws.fixed[0], draws.moving[0], draws.theta + offset
+    value, gradient, _ = RegistrationCost(outlier=outlier).derivatives(theta, fixed, moving)
+    ours = NumpyCost(fixed, moving, outlier)
+    assert ours.value(theta) == pytest.approx(float(value), rel=1e-12)
+    assert ours.value_and_gradient(theta)[0] == ours.value(theta)
+    np.testing.assert_allclose(ours.value_and_gradient(theta)[1], gradient, rtol=1e-9, atol=1e-9)
+    if outlier is None:
+        assert MatrixCost(fixed, moving).value(theta) == pytest.approx(float(value), rel=1e-12)
+
+
+@pytest.mark.parametrize("method", ["BFGS", "L-BFGS-B"])
+@pytest.mark.parametrize("with_gradient", [False, True])
+def test_scipy_finds_the_same_optimum(method, with_gradient):
+    draws = draw(OVERLAPPED, 1, seed=1)
+    cost = NumpyCost(draws.fixed[0], draws.moving[0])
+    found = minimise(cost, draws.theta, method, with_gradient)
+    expected = register(draws.fixed[0], draws.moving[0], None, draws.theta).theta
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+
+
+def test_floor_is_the_truth_without_noise():
+    fixed = PointSet.from_polar([10.0, 20.0, 15.0], [0.0, 0.4, -0.5], 0.2, 0.03)
+    theta = np.array([5.0, -1.0, 0.2])
+    pair = fixed.transformed(rigid.inverse(theta))
+    batch = [PointSet(p.means[None], p.covariances[None]) for p in (fixed, pair)]
+    draws = type(draw(OVERLAPPED, 1, seed=0))(*batch, theta + OFFSET)
+    np.testing.assert_allclose(known_correspondences(draws)[0], theta, atol=1e-12)
+
+
+def test_floor_solves_the_weighted_least_squares_of_the_true_pairs():
+    draws = draw(OVERLAPPED, 3, seed=2)
+    floor = known_correspondences(draws)
+    for run, theta in enumerate(floor):
+        moved = draws.moving[run].transformed(theta)
+        roots = np.linalg.cholesky(np.linalg.inv(moved.covariances + draws.fixed[run].covariances))
+
+        def residuals(motion, run=run, roots=roots):
+            means = rigid.transform_means(motion, draws.moving[run].means)
+            d = means - draws.fixed[run].means
+            return np.einsum("kji,kj->ki", roots, d).ravel()
+
+        best = least_squares(residuals, draws.theta, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+        np.testing.assert_allclose(theta, best, atol=1e-7)
+        slope = approx_fprime(theta, lambda x: (residuals(x) ** 2).sum(), 1e-6)
+        assert np.abs(slope).max() < 0.05
+
+
+def test_accuracy_counts_who_ends_at_the_truth():
+    theta = np.array([5.0, 0.0, 3.1])
+    floor = theta + np.array([[0.1, 0.0, 0.01], [-0.1, 0.0, -0.01]])
+    near, far, around = theta + np.array(
+        [[0.2, 0.0, -0.02], [4.0, 0.0, 0.0], [0.0, 0.2, 2.0 * np.pi]]
+    )
+    judged = accuracy(np.array([near, far]), floor, theta, only_at_truth=True)
+    assert judged.at_truth == 0.5
+    assert judged.translation == pytest.approx(0.2)
+    assert judged.over_floor == pytest.approx(2.0)
+    assert judged.rotation == pytest.approx(0.02)
+    judged = accuracy(np.array([near, far]), floor, theta, only_at_truth=False)
+    assert judged.translation == pytest.approx(np.sqrt((0.2**2 + 4.0**2) / 2.0))
+    assert accuracy(around[None], floor, theta, only_at_truth=False).rotation < 1e-9
+
+
+def test_motions_survive_the_way_through_space():
+    theta = np.array([5.0, -1.0, 2.5])
+    np.testing.assert_allclose(motion(transform(theta)), theta)
+    point = np.array([3.0, 4.0])
+    moved = transform(theta) @ [*point, 0.0, 1.0]
+    np.testing.assert_allclose(moved[:2], rigid.transform_means(theta, point[None])[0])
+
+
+def test_exponent_of_a_power():
+    sizes = [8, 64, 512]
+    assert exponent(sizes, [3.0 * size**1.7 for size in sizes]) == pytest.approx(1.7)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(1234.5, "1230"), (9.876, "9.88"), (0.01234, "0.0123"), (0.0, "0")]
+)
+def test_numbers_are_rounded_to_three_digits(value, text):
+    assert number(value) == text
+    assert number(float("nan")) == "–"
+
+
+def test_table_is_aligned():
+    lines = table(("a", "b"), [("x", "1.0"), ("longer", "20.0")], 1).splitlines()
+    assert len({len(line) for line in lines}) == 1
+    assert lines[1] == "| ------ | ---: |"

@@ -1,0 +1,323 @@
+"""The stored outputs of the book's notebooks are complete and clean.
+
+`pytest --nbval` compares stored outputs with fresh ones, but a cell without outputs has nothing
+to compare and so passes. Here each notebook must have been executed in order, to its end and
+without a complaint. Each check returns what it found, and each is shown here to find it in a
+notebook broken on purpose.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbformat import NotebookNode
+from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
+
+CHAPTERS = Path(__file__).resolve().parents[2] / "chapters"
+NOTEBOOKS = sorted(CHAPTERS.glob("*.ipynb"))
+
+MAX_LINES = 30
+WARNING = re.compile(r"\b[A-Z]\w*Warning\b")
+MACHINE_PATH = re.compile(r"(?<![\w.:/])(/(home|root|Users|work|tmp|var|mnt)/|[A-Z]:\\Users\\)")
+ANSI = re.compile(r"\x1b\[[0-9;]*m")
+
+Check = Callable[[NotebookNode], list[str]]
+
+
+def code_cells(notebook: NotebookNode) -> Iterator[tuple[str, NotebookNode]]:
+    """Yield (a name to report, the cell) of every code cell that is not empty."""
+    for position, cell in enumerate(notebook.cells, start=1):
+        if cell.cell_type == "code" and cell.source.strip():
+            yield f"cell {position}", cell
+
+
+def output_texts(cell: NotebookNode) -> Iterator[str]:
+    """Yield everything readable that a cell put out."""
+    for output in cell.outputs:
+        yield output.get("text", "")
+        yield from output.get("traceback", ())
+        for mime, data in output.get("data", {}).items():
+            if mime.startswith("text/"):
+                yield data
+
+
+def unexecuted(notebook: NotebookNode) -> list[str]:
+    """Find cells that were not executed, or not from top to bottom in one go."""
+    found = []
+    for expected, (name, cell) in enumerate(code_cells(notebook), start=1):
+        if cell.execution_count != expected:
+            found.append(f"{name}: execution count {cell.execution_count}, expected {expected}")
+    return found
+
+
+def errors(notebook: NotebookNode) -> list[str]:
+    """Find cells that raised."""
+    return [
+        f"{name}: {output.ename}"
+        for name, cell in code_cells(notebook)
+        for output in cell.outputs
+        if output.output_type == "error"
+    ]
+
+
+def stderr(notebook: NotebookNode) -> list[str]:
+    """Find cells that wrote to stderr."""
+    return [
+        f"{name}: {output.text[:200]}"
+        for name, cell in code_cells(notebook)
+        for output in cell.outputs
+        if output.get("name") == "stderr"
+    ]
+
+
+def warnings_shown(notebook: NotebookNode) -> list[str]:
+    """Find Python warnings in any output."""
+    return matches(notebook, WARNING)
+
+
+def machine_paths(notebook: NotebookNode) -> list[str]:
+    """Find outputs that name a folder of the machine they were made on."""
+    return matches(notebook, MACHINE_PATH)
+
+
+def matches(notebook: NotebookNode, pattern: re.Pattern[str]) -> list[str]:
+    """Find outputs in which `pattern` occurs."""
+    return [
+        f"{name}: {text[match.start() : match.start() + 80]!r}"
+        for name, cell in code_cells(notebook)
+        for text in (ANSI.sub("", text) for text in output_texts(cell))
+        if (match := pattern.search(text))
+    ]
+
+
+def repeated_ids(notebook: NotebookNode) -> list[str]:
+    """Find cells without an id of their own."""
+    counts = Counter(cell.get("id") for cell in notebook.cells)
+    return [
+        f"id {name!r} on {count} cells" for name, count in counts.items() if count > 1 or not name
+    ]
+
+
+def long_cells(notebook: NotebookNode) -> list[str]:
+    """Find code cells that should be functions in d2d."""
+    return [
+        f"{name}: {lines} lines, at most {MAX_LINES}"
+        for name, cell in code_cells(notebook)
+        if (lines := len(cell.source.splitlines())) > MAX_LINES
+    ]
+
+
+def figures(notebook: NotebookNode) -> Iterator[tuple[str, NotebookNode, NotebookNode]]:
+    """Yield (a name to report, the cell, its mystnb metadata) of every figure cell."""
+    for name, cell in code_cells(notebook):
+        options = cell.metadata.get("mystnb", {})
+        if "figure" in options:
+            yield name, cell, options
+
+
+def faulty_figures(notebook: NotebookNode) -> list[str]:
+    """Find figure cells without a proper name, caption, alternative text or picture."""
+    found = []
+    for name, cell, options in figures(notebook):
+        pictures = sum("image/png" in output.get("data", {}) for output in cell.outputs)
+        if not re.fullmatch(r"fig-[a-z0-9-]+", options.figure.get("name", "")):
+            found.append(
+                f"{name}: mystnb.figure.name must be fig-<id>, got {options.figure.get('name')!r}"
+            )
+        if not options.figure.get("caption", "").strip():
+            found.append(f"{name}: no mystnb.figure.caption")
+        if not options.get("image", {}).get("alt", "").strip():
+            found.append(
+                f"{name}: no mystnb.image.alt (what a reader who cannot see the picture is told)"
+            )
+        if pictures != 1:
+            found.append(f"{name}: {pictures} image/png outputs, expected 1")
+    return found
+
+
+def repeated_figures(notebooks: Iterable[NotebookNode]) -> list[str]:
+    """Find figure names that occur more than once in the book."""
+    counts = Counter(
+        options.figure.get("name") for notebook in notebooks for _, _, options in figures(notebook)
+    )
+    return [f"{name} on {count} cells" for name, count in counts.items() if count > 1]
+
+
+CHECKS: tuple[Check, ...] = (
+    unexecuted,
+    errors,
+    stderr,
+    warnings_shown,
+    machine_paths,
+    repeated_ids,
+    long_cells,
+    faulty_figures,
+)
+
+
+def load(path: Path) -> NotebookNode:
+    """Read a notebook and check it against the format."""
+    notebook = nbformat.read(path, as_version=nbformat.NO_CONVERT)
+    nbformat.validate(notebook)
+    return notebook
+
+
+def test_there_are_notebooks():
+    assert NOTEBOOKS, f"no notebooks in {CHAPTERS}: the tests of this file would check nothing"
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook(path: Path, check: Check):
+    assert check(load(path)) == []
+
+
+def test_figure_names_are_unique_across_the_book():
+    assert repeated_figures(map(load, NOTEBOOKS)) == []
+
+
+# ---- The checks themselves ----------------------------------------------------------------------
+
+
+def sound_notebook() -> NotebookNode:
+    """Return a notebook that passes every check: a number, a figure, prose and an empty cell."""
+    figure = {
+        "figure": {"name": "fig-line", "caption": "A line."},
+        "image": {"alt": "A straight line."},
+    }
+    picture = new_output("display_data", {"image/png": "iVBORw0KGgo=", "text/plain": "<Figure>"})
+    return new_notebook(
+        cells=[
+            new_markdown_cell("# Title", id="title"),
+            new_code_cell(
+                "print(1)", id="one", execution_count=1, outputs=[new_output("stream", text="1\n")]
+            ),
+            new_code_cell("", id="empty"),
+            new_code_cell(
+                "plt.show()",
+                id="two",
+                execution_count=2,
+                outputs=[picture],
+                metadata={"mystnb": figure},
+            ),
+        ]
+    )
+
+
+def printed(text: str, name: str = "stdout") -> Callable[[NotebookNode], None]:
+    """Return a change that makes the first code cell put out `text`."""
+
+    def change(notebook: NotebookNode) -> None:
+        notebook.cells[1].outputs = [new_output("stream", name=name, text=text)]
+
+    return change
+
+
+def set_figure(key: str, value: str) -> Callable[[NotebookNode], None]:
+    """Return a change of one entry of the figure's metadata."""
+
+    def change(notebook: NotebookNode) -> None:
+        notebook.cells[3].metadata.mystnb.figure[key] = value
+
+    return change
+
+
+def clear_outputs(notebook: NotebookNode) -> None:
+    for _, cell in code_cells(notebook):
+        cell.outputs, cell.execution_count = [], None
+
+
+def swap_order(notebook: NotebookNode) -> None:
+    first, second = notebook.cells[1], notebook.cells[3]
+    first.execution_count, second.execution_count = second.execution_count, first.execution_count
+
+
+def run_one_cell_again(notebook: NotebookNode) -> None:
+    notebook.cells[3].execution_count += 1
+
+
+def raise_in_cell(notebook: NotebookNode) -> None:
+    notebook.cells[1].outputs = [
+        new_output("error", ename="ValueError", evalue="no", traceback=["ValueError: no"])
+    ]
+
+
+def repeat_id(notebook: NotebookNode) -> None:
+    notebook.cells[3].id = notebook.cells[1].id
+
+
+def remove_id(notebook: NotebookNode) -> None:
+    del notebook.cells[3]["id"]
+
+
+def write_long_cell(notebook: NotebookNode) -> None:
+    notebook.cells[1].source = "x = 1\n" * (MAX_LINES + 1)
+
+
+def remove_picture(notebook: NotebookNode) -> None:
+    del notebook.cells[3].outputs[0].data["image/png"]
+
+
+def draw_twice(notebook: NotebookNode) -> None:
+    notebook.cells[3].outputs.append(copy.deepcopy(notebook.cells[3].outputs[0]))
+
+
+def remove_alt(notebook: NotebookNode) -> None:
+    del notebook.cells[3].metadata.mystnb["image"]
+
+
+FAULTS: list[tuple[Check, Callable[[NotebookNode], None]]] = [
+    (unexecuted, clear_outputs),
+    (unexecuted, swap_order),
+    (unexecuted, run_one_cell_again),
+    (errors, raise_in_cell),
+    (stderr, printed("100%|####|", name="stderr")),
+    (warnings_shown, printed("scan.py:3: RuntimeWarning: divide by zero\n")),
+    (machine_paths, printed("read /home/me/scan.h5")),
+    (machine_paths, printed("<ipython> in '/tmp/x.py'")),
+    (repeated_ids, repeat_id),
+    (repeated_ids, remove_id),
+    (long_cells, write_long_cell),
+    (faulty_figures, remove_picture),
+    (faulty_figures, draw_twice),
+    (faulty_figures, remove_alt),
+    (faulty_figures, set_figure("name", "line")),
+    (faulty_figures, set_figure("caption", "")),
+]
+
+
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+def test_checks_accept_a_sound_notebook(check: Check):
+    assert check(sound_notebook()) == []
+
+
+@pytest.mark.parametrize(("check", "fault"), FAULTS)
+def test_checks_find_a_fault(check: Check, fault: Callable[[NotebookNode], None]):
+    notebook = sound_notebook()
+    fault(notebook)
+    assert check(notebook) != []
+
+
+def test_every_check_is_shown_to_find_something():
+    assert {check for check, _ in FAULTS} == set(CHECKS)
+
+
+def test_a_figure_name_used_in_two_notebooks_is_found():
+    one = sound_notebook()
+    assert repeated_figures([one]) == []
+    assert repeated_figures([one, copy.deepcopy(one)]) == ["fig-line on 2 cells"]
+
+
+@pytest.mark.parametrize(
+    "text", ["ratio 3/4", "https://example.org/home/page", "chapters/results/"]
+)
+def test_ordinary_text_is_not_taken_for_a_machine_path(text: str):
+    notebook = sound_notebook()
+    printed(text)(notebook)
+    assert machine_paths(notebook) == []

@@ -1,0 +1,432 @@
+"""The simulated drive: a lap around a block, a sensor with the noise and the limits it says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.interpolate import CubicSpline
+from scipy.stats import kstest
+
+from d2d.radar import Drive, Mounting, doppler_velocity, simulate_drive, track
+from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED, MAX_STEPS, Sensor
+from d2d.radar.world import KINDS, World, build_world
+from d2d.study.drives.errors import DriveErrors
+from tests.strategies import central_difference
+
+MOUNTING = Mounting(1.2, -0.4, 0.3)
+EXACT = Sensor(quantised=False)
+SILENT = replace(EXACT, sigma_range=1e-9, sigma_azimuth=1e-9, sigma_doppler=1e-9, clutter=0.0)
+KEEN = replace(SILENT, max_targets=10_000, half_range=1e4)  # detects all that is in view
+OUTPUTS = ("range", "azimuth", "doppler")
+
+
+@cache
+def drive(seed: int = 0, duration: float = 30.0, **options) -> Drive:
+    """A drive, simulated once for all tests that look at it."""
+    return simulate_drive(np.random.default_rng(seed), duration, **options)
+
+
+def sensor_frame(pose: np.ndarray, mounting: Mounting) -> tuple[complex, complex]:
+    """Position of the sensor in the world and its direction, as complex numbers."""
+    direction = np.exp(1j * pose[2])
+    at = complex(*pose[:2]) + complex(mounting.x, mounting.y) * direction
+    return at, direction * np.exp(1j * mounting.yaw)
+
+
+def everything(driven: Drive, i: int) -> tuple[np.ndarray, np.ndarray]:
+    """All points of the world in the sensor's frame at scan i, and their velocities over ground."""
+    at, direction = sensor_frame(driven.truth.poses[i], driven.mounting)
+    moving, velocity = driven.world.movers.at(driven.truth.times[i])
+    points = np.concatenate([driven.world.reflectors.positions, moving]) @ [1.0, 1.0j]
+    ground = np.concatenate([np.zeros(len(points) - len(moving)), velocity @ [1.0, 1.0j]])
+    return (points - at) / direction, ground / direction
+
+
+def test_the_same_seed_gives_the_same_drive():
+    """Breaks if anything draws from a state other than the generator."""
+    first, again, other = (simulate_drive(np.random.default_rng(seed), 5.0) for seed in (1, 1, 2))
+    assert_array_equal(first.world.reflectors.positions, again.world.reflectors.positions)
+    for a, b in zip(first.scans, again.scans, strict=True):
+        for name in ("time", *OUTPUTS, "sigma_azimuth"):
+            assert_array_equal(getattr(a, name), getattr(b, name))
+    for a, b in zip(first.targets, again.targets, strict=True):
+        assert_array_equal(a.kind, b.kind)
+    assert not np.array_equal(first.scans[0].azimuth[:5], other.scans[0].azimuth[:5])
+
+
+def test_a_world_can_be_driven_again():
+    """Breaks if a world that is given is not the one that is driven through."""
+    world = build_world(np.random.default_rng(3))
+    driven = simulate_drive(np.random.default_rng(4), 2.0, world=world)
+    assert driven.world is world
+
+
+def test_scans_truth_and_labels_are_given_at_the_same_times():
+    """Breaks if the rate is not 10 Hz or a list has another length."""
+    driven = drive()
+    times = np.array([scan.time for scan in driven.scans])
+    assert_array_equal(times, driven.truth.times)
+    assert_allclose(times, np.arange(301) / 10.0, rtol=0, atol=1e-12)
+    assert driven.truth.theta.shape == driven.truth.poses.shape == (301, 3)
+    assert [scan.size for scan in driven.scans] == [len(true.kind) for true in driven.targets]
+    fast = simulate_drive(np.random.default_rng(0), 0.7, sensor=Sensor(rate=30.0))
+    assert_allclose(fast.truth.times, np.arange(22) / 30.0, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("speed", [2.5, CAR_SPEED])
+def test_velocity_is_the_derivative_of_the_poses(speed):
+    """Breaks if theta is not in the vehicle's axes."""
+    blind = Sensor(rate=50.0, half_range=1e-3)
+    truth = simulate_drive(np.random.default_rng(0), 300.0 / speed, speed, sensor=blind).truth
+    spline = CubicSpline(truth.times, truth.poses)
+    inner = slice(10, -10)  # a spline is less exact at its ends
+    rate = spline(truth.times[inner], 1)
+    cosine, sine = np.cos(truth.poses[inner, 2]), np.sin(truth.poses[inner, 2])
+    forward = cosine * rate[:, 0] + sine * rate[:, 1]
+    left = cosine * rate[:, 1] - sine * rate[:, 0]
+    numeric = np.column_stack([forward, left, rate[:, 2]])
+    assert_allclose(numeric, truth.theta[inner], rtol=0, atol=2e-4 * speed)
+    assert (truth.theta[:, 0] > 0).all()
+    assert_array_equal(truth.theta[:, 1], 0.0)
+    assert truth.theta[:, 2].max() > 0.05 * speed
+    assert truth.theta[:, 2].min() < -0.05 * speed
+    closed = truth.poses[-1] - truth.poses[0]
+    assert_allclose(closed, [0, 0, 2.0 * np.pi], rtol=0, atol=0.1 * speed)
+
+
+def test_a_short_drive_is_a_part_of_the_lap():
+    """Breaks if the lap shrinks with the duration, so that short drives turn faster."""
+    short, long = drive(0, 10.0).truth, drive(0, 30.0).truth
+    assert_allclose(short.poses, long.poses[:101], rtol=0, atol=1e-12)
+    assert_allclose(short.theta, long.theta[:101], rtol=0, atol=1e-12)
+    whole = simulate_drive(np.random.default_rng(0), 120.0, sensor=Sensor(half_range=1e-3)).truth
+    assert_allclose(whole.poses[-1] - whole.poses[0], [0, 0, 2.0 * np.pi], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("mounting", [Mounting(0.4), MOUNTING])
+def test_a_keen_sensor_sees_all_that_nothing_hides(mounting):
+    """Breaks if something is seen through a wall, or the field of view is the vehicle's.
+
+    Each point in view is looked for along 2000 steps of its line of sight.
+    """
+    driven = drive(4, 12.0, mounting=mounting, sensor=KEEN)
+    hidden = 0
+    for i in (0, 40, 80, 120):
+        points, _ = everything(driven, i)
+        inside = (abs(points) > 1.0) & (abs(points) < 50.0)
+        inside &= abs(np.angle(points)) < np.deg2rad(40.0)
+        inside = np.flatnonzero(inside)
+        at, direction = sensor_frame(driven.truth.poses[i], mounting)
+        outlines = np.concatenate([driven.world.buildings, driven.world.cars]) @ [1.0, 1.0j]
+        rays = at + direction * np.linspace(0.0, 1.0, 2001)[:-1] * points[inside, None]
+        free = ~np.any([within(rays, outline) for outline in outlines], axis=(0, 2))
+        hidden += len(inside) - free.sum()
+        wrong = np.setxor1d(driven.targets[i].point, inside[free])
+        assert len(wrong) <= 3, "steps of 2 cm may miss a corner"
+        assert free.sum() > 30
+    assert hidden > 500
+
+
+def within(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
+    """Whether complex points lie inside the convex, counter-clockwise outline."""
+    inside = np.ones(points.shape, dtype=bool)
+    for start, end in zip(outline, np.roll(outline, -1), strict=True):
+        inside &= ((points - start) / (end - start)).imag > 1e-9
+    return inside
+
+
+def test_truth_of_the_targets_is_that_of_their_points():
+    """Breaks if targets and labels change places when the strongest are chosen."""
+    driven = drive(6, mounting=MOUNTING)
+    still = len(driven.world.reflectors.kind)
+    for i in range(0, 301, 10):
+        true = driven.targets[i]
+        real = true.kind != "clutter"
+        assert_array_equal(true.point >= 0, real)
+        assert np.isnan([getattr(true, name)[~real] for name in OUTPUTS]).all()
+        true = true[real]
+        points, _ = everything(driven, i)
+        assert len(set(true.point)) == len(true.point)
+        assert_allclose(true.range, abs(points[true.point]), rtol=0, atol=1e-9)
+        assert_allclose(true.azimuth, np.angle(points[true.point]), rtol=0, atol=1e-9)
+        moving = true.point >= still
+        assert_array_equal(true.kind == "moving", moving)
+        kinds = driven.world.reflectors.kind[true.point[~moving]]
+        assert_array_equal(true.kind[~moving], kinds)
+    assert {kind for true in driven.targets for kind in true.kind} == set(KINDS)
+
+
+def test_doppler_is_the_range_rate_along_the_drive():
+    """Breaks if the Doppler velocities are not those of the moving, turning sensor and target."""
+    driven = drive(6, mounting=MOUNTING)
+    moving = 0
+    for i in range(0, 300, 10):
+        pose, theta, now = driven.truth.poses[i], driven.truth.theta[i], driven.truth.times[i]
+        true = driven.targets[i][driven.targets[i].kind != "clutter"]
+
+        def distances(time, pose=pose, theta=theta, now=now, true=true):
+            """As the vehicle goes on with the velocity of now, and the movers go on."""
+            step = time[0] * theta
+            velocity = theta[0] * np.exp(1j * (pose[2] + 0.5 * step[2]))
+            moved = pose + np.array([time[0] * velocity.real, time[0] * velocity.imag, step[2]])
+            at, _ = sensor_frame(moved, MOUNTING)
+            movers = driven.world.movers.at(now + time[0])[0]
+            points = np.concatenate([driven.world.reflectors.positions, movers]) @ [1.0, 1.0j]
+            return abs(points[true.point] - at)
+
+        rate = central_difference(distances, np.zeros(1), np.array([1e-3]))[:, 0]
+        assert_allclose(true.doppler, rate, rtol=0, atol=1e-5)
+        model = doppler_velocity(theta, true.azimuth, MOUNTING)
+        static = true.kind != "moving"
+        assert_allclose(true.doppler[static], model[static], rtol=0, atol=1e-12)
+        moving += (np.abs(true.doppler - model)[~static] > 0.5).sum()
+    assert moving > 10
+
+
+@pytest.mark.parametrize("quantity", OUTPUTS)
+def test_errors_are_standard_normal_in_units_of_the_reported_sigma(quantity):
+    """Breaks if a sigma is a variance, or two quantities or two scans share their noise."""
+    driven = drive(7, mounting=MOUNTING, sensor=EXACT)
+    every = {}
+    for name in OUTPUTS:
+        every[name] = np.concatenate(
+            [
+                ((getattr(scan, name) - getattr(true, name)) / getattr(scan, f"sigma_{name}"))[
+                    true.kind != "clutter"
+                ]
+                for scan, true in zip(driven.scans, driven.targets, strict=True)
+            ]
+        )
+    z = every.pop(quantity)
+    assert len(z) > 5000
+    assert kstest(z, "norm").pvalue > 0.01
+    assert z.std() == pytest.approx(1.0, abs=3.0 / np.sqrt(2.0 * len(z)))
+    assert np.abs(np.corrcoef(z, np.stack(list(every.values())))[0, 1:]).max() < 4.0 / np.sqrt(
+        len(z)
+    )
+    assert abs(np.corrcoef(z[:-1], z[1:])[0, 1]) < 4.0 / np.sqrt(len(z))
+
+
+def test_sigmas_grow_from_strong_to_weak_targets():
+    """Breaks if the reported sigmas are constant, or not those of the sensor."""
+    for scan in drive(7, mounting=MOUNTING, sensor=EXACT).scans[::50]:
+        for name, least in (("range", 0.1), ("azimuth", 0.009), ("doppler", 0.06)):
+            sigma = getattr(scan, f"sigma_{name}")
+            assert (np.diff(sigma) >= 0.0).all(), "the strongest first"
+            assert (sigma > least).all()
+            assert (sigma < 2.0 * least).all()
+            assert sigma[-1] > 1.1 * sigma[0]
+
+
+def test_quantised_values_lie_on_the_grid_of_the_sensor():
+    """Breaks if a step is wrong, a sigma becomes zero or needs more than six bits."""
+    driven = drive(0, mounting=MOUNTING)
+    coarse = simulate_drive(np.random.default_rng(0), 5.0, sensor=Sensor(sigma_range=6.0))
+    steps = {
+        "range": 0.0625,
+        "azimuth": 0.0002,
+        "doppler": 0.0625,
+        "sigma_range": 0.0625,
+        "sigma_azimuth": 0.001,
+        "sigma_doppler": 0.0625,
+    }
+    for scan in [*driven.scans[::10], *coarse.scans[::10]]:
+        for name, step in steps.items():
+            number = getattr(scan, name) / step
+            assert_allclose(number, np.round(number), rtol=0, atol=1e-6)
+            if name.startswith("sigma"):
+                assert number.min() > 0.999
+                assert number.max() < MAX_STEPS + 1e-6
+    assert max(scan.sigma_range.max() for scan in coarse.scans) == pytest.approx(63 * 0.0625)
+
+
+def test_quantisation_rounds_to_the_nearest_step():
+    """Breaks if values are cut off instead, which shifts all ranges by half a step."""
+    fine, coarse = (
+        simulate_drive(np.random.default_rng(2), 5.0, sensor=replace(SILENT, quantised=quantised))
+        for quantised in (False, True)
+    )
+    for a, b in zip(fine.scans, coarse.scans, strict=True):
+        assert np.abs(a.range - b.range).max() <= 0.0625 / 2 + 1e-9
+        assert np.abs(a.doppler - b.doppler).max() <= 0.0625 / 2 + 1e-9
+        assert np.abs(a.azimuth - b.azimuth).max() <= 0.0002 / 2 + 1e-9
+
+
+def test_a_scan_holds_at_most_48_targets_the_strongest():
+    """Breaks if the cut keeps others than a sensor without the limit would put first."""
+    limited, free = (
+        simulate_drive(np.random.default_rng(5), 0.05, sensor=replace(SILENT, max_targets=most))
+        for most in (20, 1000)
+    )
+    assert limited.scans[0].size == 20
+    assert free.scans[0].size > 30
+    assert_array_equal(limited.targets[0].point, free.targets[0].point[:20])
+    sizes = [scan.size for scan in drive(0).scans]
+    assert max(sizes) == 48
+    assert min(sizes) < 48
+
+
+def test_detection_falls_with_range_as_swerling_says():
+    """Breaks if a point of strength 1 at the half range is not detected every other time."""
+    near = replace(SILENT, max_range=60.0, max_targets=10_000)
+    ranges = np.array([12.0, 25.0, 35.0])
+    found = np.zeros(3)
+    strengths = (1.0, 1.0, 1.0)
+    angle = np.array([-0.3, 0.0, 0.3])
+    points = np.column_stack([ranges * np.cos(angle), ranges * np.sin(angle)])
+    world = bare(points, strengths)
+    still = simulate_drive(
+        np.random.default_rng(0),
+        4000.0,
+        1e-9,
+        mounting=Mounting(),
+        sensor=replace(near, rate=1.0),
+        world=world,
+    )
+    for true in still.targets:
+        found[true.point] += 1
+    expected = 0.5 ** ((ranges / 25.0) ** 4)
+    deviation = np.sqrt(expected * (1.0 - expected) / len(still.scans))
+    assert (np.abs(found / len(still.scans) - expected) < 4.0 * deviation).all()
+
+
+def bare(points: np.ndarray, strengths) -> World:
+    """A world of a few points and nothing else."""
+    world = build_world(np.random.default_rng(0), movers=0)
+    return World(
+        np.empty((0, 4, 2)),
+        np.empty((0, 4, 2)),
+        replace(
+            world.reflectors,
+            positions=points,
+            strength=np.array(strengths),
+            kind=np.full(len(points), "pole"),
+        ),
+        world.movers,
+    )
+
+
+def test_clutter_comes_as_often_as_asked_for_and_from_everywhere():
+    """Breaks if clutter is left out, or keeps to a part of what is in view."""
+    blind = Sensor(half_range=1e-3, clutter=3.0, quantised=False)
+    driven = simulate_drive(np.random.default_rng(1), 120.0, sensor=blind)
+    counts = np.array([scan.size for scan in driven.scans])
+    assert {kind for true in driven.targets for kind in true.kind} == {"clutter"}
+    assert counts.mean() == pytest.approx(3.0, abs=4.0 * np.sqrt(3.0 / len(counts)))
+    assert counts.var() == pytest.approx(3.0, rel=0.2)
+    for name, low, high in (
+        ("range", 1.0, 50.0),
+        ("azimuth", -np.deg2rad(40.0), np.deg2rad(40.0)),
+        ("doppler", -10.0, 10.0),
+    ):
+        values = np.concatenate([getattr(scan, name) for scan in driven.scans])
+        assert kstest(values, "uniform", args=(low, high - low)).pvalue > 0.01
+    none = simulate_drive(np.random.default_rng(1), 5.0, sensor=replace(blind, clutter=0.0))
+    assert {scan.size for scan in none.scans} == {0}
+
+
+def test_reflection_points_persist():
+    """Breaks if every scan draws its points afresh: then no target has a counterpart."""
+    driven = drive(0)
+    shared = [
+        np.isin(now.point[now.kind == "wall"], before.point).mean()
+        for before, now in zip(driven.targets[:-1], driven.targets[1:], strict=True)
+        if (now.kind == "wall").any()
+    ]
+    assert 0.4 < np.mean(shared) < 0.9
+
+
+@pytest.mark.parametrize("name", ["duration", "speed"])
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf, "fast", [1.0, 2.0]], ids=str)
+def test_bad_input_is_refused_by_name(name, bad):
+    """Breaks if a bad number ends in a shape error or an endless drive."""
+    with pytest.raises(ValueError, match=f"^{name} must be"):
+        simulate_drive(np.random.default_rng(0), **{name: bad})
+
+
+@pytest.mark.parametrize(
+    ("name", "bad"),
+    [
+        ("rate", 0.0),
+        ("max_targets", 0),
+        ("max_targets", 4.5),
+        ("field_of_view", 4.0),
+        ("field_of_view", -0.1),
+        ("min_range", 0.0),
+        ("max_range", 0.5),
+        ("half_range", np.nan),
+        ("sigma_range", 0.0),
+        ("sigma_azimuth", -1.0),
+        ("sigma_doppler", [0.1]),
+        ("clutter", -0.1),
+        ("clutter", np.inf),
+    ],
+)
+def test_a_sensor_that_cannot_be_is_refused_by_name(name, bad):
+    """Breaks if an attribute is not looked at."""
+    with pytest.raises(ValueError, match=f"^{name} must"):
+        Sensor(**{name: bad})
+
+
+def test_only_a_generator_is_taken():
+    """Breaks if a seed silently draws from global state."""
+    with pytest.raises(ValueError, match=r"^rng must be"):
+        simulate_drive(7)
+
+
+@pytest.mark.parametrize(
+    ("name", "bad", "kind"),
+    [
+        ("mounting", None, "a Mounting"),
+        ("mounting", (0.4, 0.0, 0.0), "a Mounting"),
+        ("sensor", Sensor, "a Sensor"),
+        ("sensor", 3, "a Sensor"),
+        ("world", "town", "a World"),
+    ],
+)
+def test_what_is_no_part_of_a_drive_is_refused_by_name(name, bad, kind):
+    """Breaks if it ends in an AttributeError somewhere inside."""
+    said = f"^{name} must be {kind}, but is a {type(bad).__name__}"
+    with pytest.raises(ValueError, match=said):
+        simulate_drive(np.random.default_rng(0), 0.1, **{name: bad})
+
+
+def test_a_coarse_range_does_not_end_the_simulation():
+    """Breaks if noise takes a near target's range to zero and the scan refuses it."""
+    coarse = Sensor(sigma_range=1.0)
+    for seed in range(20):
+        driven = simulate_drive(np.random.default_rng(seed), 2.0, sensor=coarse)
+        assert all((scan.range > 0).all() for scan in driven.scans)
+        assert all(s.size == len(t.kind) for s, t in zip(driven.scans, driven.targets, strict=True))
+
+
+def test_an_empty_world_gives_empty_scans():
+    """Breaks if nothing to see is an error."""
+    driven = simulate_drive(
+        np.random.default_rng(0), 5.0, sensor=Sensor(clutter=0.0), world=bare(np.empty((0, 2)), [])
+    )
+    assert {scan.size for scan in driven.scans} == {0}
+
+
+@pytest.mark.parametrize(
+    ("speed", "mounting"), [(2.5, Mounting(0.4)), (CAR_SPEED, CAR_MOUNTING)], ids=["robot", "car"]
+)
+def test_doppler_sharpens_the_velocity(speed, mounting):
+    """Breaks if the Doppler velocities do not help, or the drive is too hard to be estimated.
+
+    Medians, because a few pairs of the car's scans end at another optimum.
+    """
+    driven = simulate_drive(np.random.default_rng(1), 30.0, speed, mounting=mounting)
+    sharp, plain = (
+        DriveErrors.of(track(driven.scans, driven.mounting, doppler=doppler), driven.truth)
+        for doppler in (True, False)
+    )
+    assert sharp.share > 0.99
+    assert plain.share > 0.99
+    sharp_size, plain_size = (np.median(np.abs(each.errors), axis=0) for each in (sharp, plain))
+    assert sharp_size[0] < 0.03
+    assert (plain_size[:2] > 5.0 * sharp_size[:2]).all()

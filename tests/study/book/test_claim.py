@@ -1,0 +1,110 @@
+"""Claims, their evidence, and the record of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import ModuleType
+
+import pytest
+
+from d2d.study.book.claim import Claim, Evidence, claim, claims_of, judge, show
+from d2d.study.book.record import differences, read_record, write_record
+
+
+def test_the_first_condition_that_is_met_is_the_verdict():
+    """Breaks if a claim that is confirmed is told as qualified, or the other way round."""
+    assert judge(confirmed=True, qualified=False) == "confirmed"
+    assert judge(confirmed=False, qualified=True) == "qualified"
+    assert judge(confirmed=False) == judge(confirmed=False, qualified=False) == "refuted"
+
+
+def module_with(*claims: Claim) -> ModuleType:
+    """A module that defines these claims, among other things."""
+    module = ModuleType("some_claims")
+    module.THRESHOLD = 0.5
+    for number, each in enumerate(claims):
+        setattr(module, f"check_{number}", each)
+    return module
+
+
+def some_claim(id: str) -> Claim:
+    """A claim whose check always finds the same."""
+
+    @claim(id, section="9.9", figure="some-figure", telling=("a share",))
+    def check() -> Evidence:
+        """Something
+        holds.
+        """
+        return Evidence("qualified", "it depends.", {"a length (m)": 1.23456, "a share": 1.0})
+
+    return check
+
+
+def test_the_docstring_of_a_check_is_the_claim():
+    """Breaks if line breaks of the source end up in the ledger."""
+    assert some_claim("some-id").text == "Something holds."
+
+
+def test_the_claims_of_modules_are_found_in_their_order():
+    """Breaks if a claim is lost, or the ledger sorts them."""
+    first, second, third = map(some_claim, ("b", "c", "a"))
+    found = claims_of([module_with(first, second), module_with(third, first)])
+    assert list(found) == ["b", "c", "a"]
+    assert found["c"] is second
+
+
+def test_two_claims_of_one_id_are_refused():
+    """Breaks if the registry keeps the last of them."""
+    with pytest.raises(ValueError, match=r"^two claims have the id 'a'"):
+        claims_of([module_with(some_claim("a")), module_with(some_claim("a"))])
+
+
+def test_show_prints_claim_verdict_and_numbers(capsys):
+    """Breaks if a chapter does not print what was measured."""
+    printed = (
+        "[some-id] Something holds. (thesis 9.9)\n"
+        "qualified: it depends.\n  a length (m): 1.23\n  a share: 1\n\n"
+    )
+    show(some_claim("some-id"))
+    assert capsys.readouterr().out == printed
+    show(some_claim("some-id"), record={"some-id": Evidence("refuted", "no.", {})})
+    assert capsys.readouterr().out == "[some-id] Something holds. (thesis 9.9)\nrefuted: no.\n\n"
+
+
+def test_a_record_is_read_as_it_was_written(tmp_path):
+    """Breaks if a field is lost on the way, or more is rounded than four digits."""
+    numbers = {"a length (m)": 1.23456, "n": 12345.0}
+    evidence = Evidence("qualified", "es hängt ab.", numbers, "sometimes.")
+    write_record(tmp_path / "claims.json", {"some-id": evidence})
+    back = read_record(tmp_path / "claims.json")["some-id"]
+    assert back == replace(evidence, numbers={"a length (m)": 1.235, "n": 12340.0})
+    assert differences(evidence, back) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"verdict": "refuted"},
+        {"because": "of something else."},
+        {"holds": "never."},
+        {"numbers": {"a share": 0.5, "a height": -60.0, "new": 1.0}},
+        {"numbers": {"a share": 0.5}},
+        {"numbers": {"a share": 0.53, "a height": -60.0}},
+        {"numbers": {"a share": 0.5, "a height": 60.0}},
+        {"numbers": {"a share": math.nan, "a height": -60.0}},
+    ],
+)
+def test_a_difference_from_the_record_is_found(change):
+    """Breaks if the page could go on telling what is no longer measured."""
+    evidence = Evidence("qualified", "it depends.", {"a share": 0.5, "a height": -60.0})
+    assert differences(replace(evidence, **change), evidence) != []
+
+
+def test_last_bits_are_no_difference_from_the_record():
+    """Breaks if another machine's rounding, one draw in a thousand, fails the tests."""
+    numbers = {"a share": 1.0, "none": 0.0, "steps": 6264.0}
+    evidence = Evidence("confirmed", "100 % of 6264 steps, by -1.5e-3 m.", numbers)
+    numbers = {"a share": 0.999, "none": 0.001, "steps": 6260.0}
+    other = replace(evidence, because="99.9 % of 6260 steps, by +2 m.", numbers=numbers)
+    assert differences(other, evidence) == []

@@ -1,0 +1,62 @@
+"""Every figure of the thesis is drawn again: the list of them, and the labels in the chapters."""
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from d2d.study.book.thesis_figures import FIGURES, PAGES, page_of
+
+CHAPTERS = Path(__file__).resolve().parents[3] / "chapters"
+NAME = re.compile(r"^:name: fig-([a-z0-9-]+)$", re.M)  # of a figure or table written in Markdown
+
+
+def labels(path: Path) -> Iterator[str]:
+    """Labels of the figures of a notebook, without ``fig-``."""
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        figure = cell["metadata"].get("mystnb", {}).get("figure", {}).get("name", "")
+        if figure:
+            yield figure.removeprefix("fig-")
+        elif cell["cell_type"] == "markdown":
+            yield from NAME.findall("".join(cell["source"]))
+
+
+@pytest.mark.parametrize("stem", sorted(set(PAGES.values())))
+def test_every_figure_of_the_thesis_is_on_the_page_that_the_list_names(stem: str) -> None:
+    """Breaks if a figure is dropped from a chapter, renamed, or moved without its row."""
+    found = set(labels(CHAPTERS / f"{stem}.ipynb"))
+    assert {figure.id for figure in FIGURES if figure.page == stem} <= found
+
+
+def test_the_list_has_every_figure_of_the_thesis_once() -> None:
+    """Breaks if a row is lost: the thesis counts without gaps, and has one table."""
+    assert len({figure.id for figure in FIGURES}) == len(FIGURES)
+    numbered = [figure.number for figure in FIGURES if not figure.number.startswith("Table")]
+    assert [figure.number for figure in FIGURES if figure.number not in numbered] == ["Table 5.1"]
+    counts = Counter(number.split(".")[0] for number in numbered)
+    assert counts == {"2": 6, "3": 8, "4": 17, "5": 4, "6": 18, "7": 8}
+    assert set(numbered) == {f"{c}.{n}" for c, last in counts.items() for n in range(1, last + 1)}
+
+
+def test_a_figure_is_filed_under_the_chapter_that_numbers_it() -> None:
+    """Breaks if number and section are of different chapters."""
+    for figure in FIGURES:
+        assert figure.number.removeprefix("Table ").split(".")[0] == figure.section.split(".")[0]
+
+
+@pytest.mark.parametrize(
+    ("section", "expected"),
+    [("4.3", "04a"), ("4.4", "04b"), ("6", "06"), ("6.3", "06"), ("7.1", "07")],
+)
+def test_page_of_a_section(section: str, expected: str) -> None:
+    """Breaks if a section is looked up by its chapter where two pages share that chapter."""
+    assert page_of(section).startswith(expected)
+
+
+def test_page_of_an_unknown_section_is_refused() -> None:
+    """Breaks if a claim of a chapter without a page gets a link to nowhere."""
+    with pytest.raises(ValueError, match=r"^section: no page treats thesis section '9\.1'"):
+        page_of("9.1")

@@ -1,0 +1,136 @@
+"""A check of the simulated drives must be able to come out otherwise."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from d2d.radar import Track, track
+from d2d.study.claims import CLAIMS
+from d2d.study.drives import claims as drives
+
+
+@pytest.fixture
+def short_drives(monkeypatch):
+    """Three drives of two seconds, without the memory of other checks."""
+    monkeypatch.setattr(drives, "DRIVES", 3)
+    monkeypatch.setattr(drives, "DURATION", 2.0)
+    forget()
+    yield monkeypatch
+    forget()
+
+
+def forget():
+    """Forget the drives of other checks."""
+    drives.tracked_drive.cache_clear()
+
+
+def weights(without: float, with_doppler: float):
+    """In the place of `TargetWeights`: so much of every kind is rejected."""
+
+    def of(drive, driven, *, doppler):
+        share = with_doppler if doppler else without
+        return SimpleNamespace(kind=np.array(["moving"]), rejected=lambda chosen: share)
+
+    return SimpleNamespace(of=of)
+
+
+@pytest.mark.parametrize(
+    ("without", "with_doppler", "across", "verdict"),
+    [
+        (0.3, 0.99, 1.0, "confirmed"),
+        (0.3, 0.99, 0.1, "qualified"),
+        (0.99, 0.99, 1.0, "refuted"),
+        (0.3, 0.5, 1.0, "refuted"),
+    ],
+)
+def test_moving_targets_are_judged_by_what_is_rejected(
+    short_drives, without, with_doppler, across, verdict
+):
+    """Breaks if the verdict looks at one of the three shares only."""
+    short_drives.setattr(drives, "TargetWeights", weights(without, with_doppler))
+    short_drives.setattr(drives, "rejected_walkers", lambda *_: np.array([1.0, across]))
+    assert CLAIMS["doppler-rejects-moving"].check().verdict == verdict
+
+
+def test_a_drive_that_meets_nobody_is_left_out(short_drives):
+    """Breaks if its missing share makes the mean of all drives nan."""
+    found = weights(0.3, 0.99)
+    calls = []
+
+    def of(drive, driven, *, doppler):
+        calls.append(doppler)
+        if len(calls) <= 2:
+            return SimpleNamespace(kind=np.array(["wall"]), rejected=lambda chosen: np.nan)
+        return found.of(drive, driven, doppler=doppler)
+
+    short_drives.setattr(drives, "TargetWeights", SimpleNamespace(of=of))
+    short_drives.setattr(drives, "rejected_walkers", lambda *_: np.array([1.0, 0.1]))
+    evidence = CLAIMS["doppler-rejects-moving"].check()
+    assert evidence.verdict == "qualified"
+    assert np.isfinite(list(evidence.numbers.values())).all()
+
+
+def spoiled(annealed: bool, with_doppler: bool):
+    """A track whose annealed, or plain, estimates are off; with Doppler, or without."""
+
+    def run(scans, mounting, *, doppler, scales=(1.0,)):
+        found = track(scans, mounting, doppler=doppler)
+        if (len(scales) > 1) != annealed or doppler != with_doppler:
+            return found
+        return Track(**(vars(found) | {"theta": found.theta + 10.0}))
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("annealed", "with_doppler", "verdict"),
+    [
+        (False, True, "refuted"),  # annealing mends what is off
+        (False, False, "qualified"),
+        (True, True, "confirmed"),  # annealing spoils what was good
+        (True, False, "confirmed"),
+    ],
+)
+def test_annealing_is_judged_by_what_it_gains(short_drives, annealed, with_doppler, verdict):
+    """Breaks if gain and loss change places, or runs are not compared with the truth."""
+    short_drives.setattr(drives, "track", spoiled(annealed, with_doppler))
+    assert CLAIMS["annealing-no-gain"].check().verdict == verdict
+
+
+def without_doppler(scans, mounting, *, doppler):
+    """A track that never looks at the Doppler velocities."""
+    return track(scans, mounting, doppler=False)
+
+
+def useless_doppler(scans, mounting, *, doppler):
+    """A track that is better without."""
+    return track(scans, mounting, doppler=not doppler)
+
+
+@pytest.mark.parametrize("claim", ["doppler-reduces-error", "doppler-more-certain"])
+@pytest.mark.parametrize("tracker", [without_doppler, useless_doppler])
+def test_a_doppler_claim_is_refuted_where_doppler_does_not_help(short_drives, claim, tracker):
+    """Breaks if the drives with and without are not compared."""
+    short_drives.setattr(drives, "track", tracker)
+    assert CLAIMS[claim].check().verdict == "refuted"
+
+
+def test_drift_is_refuted_where_the_path_is_known(short_drives):
+    """Breaks if the verdict does not come from the position errors."""
+    truths = []
+    simulate = drives.simulate_drive
+
+    def remember(*arguments):
+        truths.append(simulate(*arguments))
+        return truths[-1]
+
+    def knowing(scans, mounting, *, doppler):
+        true = truths[-1].truth.poses
+        return SimpleNamespace(poses=lambda start: true)
+
+    short_drives.setattr(drives, "simulate_drive", remember)
+    short_drives.setattr(drives, "track", knowing)
+    assert CLAIMS["trajectory-drifts"].check().verdict == "refuted"

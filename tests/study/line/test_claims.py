@@ -1,0 +1,92 @@
+"""A check of the surfaces on a line must be able to come out otherwise."""
+
+from __future__ import annotations
+
+import pytest
+
+from d2d import RegistrationCost
+from d2d.study.claims import CLAIMS
+from d2d.study.line.claims import surfaces
+from d2d.study.line.scene import line_scene
+
+P2D, D2D, LIKELIHOOD = surfaces.P2D, surfaces.D2D, surfaces.LIKELIHOOD
+
+
+def other_scene(**options):
+    """line_scene with some of its parameters overridden."""
+    return lambda rng, **given: line_scene(rng, **{**given, **options})
+
+
+@pytest.mark.parametrize(
+    ("claim", "world", "verdict"),
+    [
+        # other targets, other peaks
+        ("b-three-peaks", {"line_scene": other_scene(positions=[0, 8, 9.0])}, "refuted"),
+        ("b-three-peaks", {"line_scene": other_scene(positions=[0, 8, 8.1])}, "refuted"),
+        # the two metrics change places, or are the same
+        ("d2d-lower", {"P2D": D2D, "D2D": P2D}, "refuted"),
+        ("equal-sigma-same", {"P2D": D2D}, "confirmed"),
+        ("equal-sigma-same", {"line_scene": other_scene(sigma_moving=3.0)}, "refuted"),
+        ("equal-sigma-same", {"TRUTH": 4.0}, "refuted"),
+        # no noise to speak of, so that nothing fails
+        ("noisy-p2d-fails", {"NOISE_RATIO": 0.25}, "refuted"),
+        ("likelihood-one-peak", {"LIKELIHOOD": D2D}, "refuted"),
+        ("summing-local-peaks", {"line_scene": other_scene(sigma_moving=0.8)}, "qualified"),
+    ],
+)
+def test_a_surface_claim_is_judged_otherwise_in_another_world(monkeypatch, claim, world, verdict):
+    """Breaks if a verdict is a constant, or numbers are not looked at."""
+    monkeypatch.setattr(surfaces, "DRAWS", 200)
+    for name, value in world.items():
+        monkeypatch.setattr(surfaces, name, value)
+    evidence = CLAIMS[claim].check()
+    assert evidence.verdict == verdict, str(evidence)
+
+
+@pytest.mark.parametrize(
+    ("claim", "world"),
+    [
+        # targets so blurred that some draws have a single peak
+        ("summing-local-peaks", {"line_scene": other_scene(sigma_moving=3.0)}),
+        ("summing-local-peaks", {"D2D": LIKELIHOOD}),
+        # no draw has three peaks
+        ("b-three-peaks", {"line_scene": other_scene(positions=[0.0, 8.0])}),
+    ],
+)
+def test_a_surface_claim_that_fails_altogether_is_judged_and_not_a_crash(monkeypatch, claim, world):
+    """Breaks if the check takes for granted what it is to find out (a second, a third peak)."""
+    monkeypatch.setattr(surfaces, "DRAWS", 50)
+    for name, value in world.items():
+        monkeypatch.setattr(surfaces, name, value)
+    assert CLAIMS[claim].check().verdict != "confirmed"
+
+
+SURFACE_CLAIMS = [claim for claim in CLAIMS.values() if claim.section in ("4.2", "4.3")]
+
+
+@pytest.mark.parametrize("claim", SURFACE_CLAIMS, ids=lambda claim: claim.id)
+def test_a_surface_check_repeats_exactly_when_its_surfaces_are_computed_anew(monkeypatch, claim):
+    """Breaks if a check draws from a fresh state, or changes the surfaces that it shares."""
+    monkeypatch.setattr(surfaces, "DRAWS", 50)
+    surfaces.surfaces_of_scene.cache_clear()
+    first, shared = claim.check(), claim.check()
+    surfaces.surfaces_of_scene.cache_clear()
+    assert claim.check() == first == shared
+
+
+@pytest.mark.parametrize("claim", SURFACE_CLAIMS, ids=lambda claim: claim.id)
+def test_surfaces_of_another_scene_are_not_mistaken_for_those_of_this_one(monkeypatch, claim):
+    """Breaks if what is computed once is kept when the scene is another, or a sentence is."""
+    monkeypatch.setattr(surfaces, "DRAWS", 50)
+    evidence = claim.check()
+    monkeypatch.setattr(surfaces, "line_scene", other_scene(sigma_moving=0.5, sigma_fixed=0.4))
+    other = claim.check()
+    assert other.numbers != evidence.numbers
+    assert other.because != evidence.because
+
+
+def test_costs_of_the_claims_are_those_they_are_named_after():
+    """Breaks if the other-world tests above swap something else."""
+    assert RegistrationCost("p2d", "summing") == P2D
+    assert RegistrationCost("d2d", "summing") == D2D
+    assert RegistrationCost("d2d", "likelihood") == LIKELIHOOD

@@ -1,0 +1,59 @@
+"""The animation's HTML: well formed, self-contained, one frame shown without JavaScript."""
+
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+
+from d2d.gaussian import GaussianMixture, fit_mixture
+from d2d.study.book import slider
+from d2d.study.mixtures import em_animation
+
+
+@pytest.fixture(scope="module")
+def run():
+    truth = GaussianMixture([0.5, 0.5], [[0.0, 0.0], [4.0, 1.0]], np.tile(np.eye(2), (2, 1, 1)))
+    x, _ = truth.sample(40, np.random.default_rng(1))
+    return x, fit_mixture(x, 2, np.random.default_rng(2), tolerance=1e-4)
+
+
+def frames(run):
+    x, fit = run
+    return [
+        em_animation.em_frame(x, fit.steps, fit.log_likelihoods, i) for i in range(len(fit.steps))
+    ]
+
+
+def test_a_frame_is_well_formed_and_holds_every_point(run):
+    for frame in frames(run):
+        svg = ElementTree.fromstring(frame)
+        assert len(svg.findall("circle")) == len(run[0]) + 1  # and the mark on the curve
+        assert len(svg.findall("ellipse")) == 4
+
+
+def test_everything_lies_within_the_frame(run):
+    _, _, width, height = map(float, ElementTree.fromstring(frames(run)[0]).get("viewBox").split())
+    for frame in frames(run):
+        for circle in ElementTree.fromstring(frame).findall("circle"):
+            assert 0 <= float(circle.get("cx")) <= width
+            assert 0 <= float(circle.get("cy")) <= height
+
+
+def test_only_the_last_frame_is_shown_without_javascript(run):
+    drawn = frames(run)
+    html = slider.animate("steps", drawn, [f"step {i}" for i in range(len(drawn))])
+    assert html.count("<svg") == len(drawn)
+    assert html.count('" hidden>') == len(drawn) - 1
+    assert f'<div data-frame="{len(drawn) - 1}"><svg' in html
+    assert "<div data-controls hidden>" in html
+    assert "http" not in html
+
+
+def test_the_same_run_gives_the_same_bytes(run):
+    assert frames(run) == frames(run)
+
+
+def test_frames_and_captions_must_match():
+    for drawn, captions in (([], []), (["<svg/>"], [])):
+        with pytest.raises(ValueError, match="frames"):
+            slider.animate("steps", drawn, captions)

@@ -1,0 +1,65 @@
+"""The plane of wrong initial guesses, and what counts as a success."""
+
+import numpy as np
+import pytest
+
+from d2d import rigid
+from d2d.baselines import ndt_p2d
+from d2d.study.point_sets.convergence import (
+    CELL_SIZES,
+    METHODS,
+    draw_offsets,
+    is_registered,
+    ndt_coarse_to_fine,
+    start_plane,
+)
+from d2d.study.point_sets.room_scans import MOTION, room_pair
+
+
+def test_the_plane_has_the_distances_and_rotations_asked_for():
+    distances, rotations = np.array([0.0, 1.0, 2.0]), np.array([-0.5, 0.5])
+    offsets = start_plane(distances, rotations, directions=4)
+    assert offsets.shape == (2, 3, 4, 3)
+    lengths = np.hypot(offsets[..., 0], offsets[..., 1])
+    np.testing.assert_allclose(lengths, np.broadcast_to(distances[:, None], (2, 3, 4)), atol=1e-12)
+    np.testing.assert_array_equal(
+        offsets[..., 2], np.broadcast_to(rotations[:, None, None], (2, 3, 4))
+    )
+    np.testing.assert_allclose(offsets[..., :2].sum(axis=2), 0.0, atol=1e-12)
+
+
+def test_drawn_offsets_stay_within_their_limits():
+    offsets = draw_offsets(np.random.default_rng(0), 1000, 2.0, 0.3)
+    lengths = np.hypot(offsets[:, 0], offsets[:, 1])
+    assert 1.9 < lengths.max() <= 2.0
+    assert 0.29 < np.abs(offsets[:, 2]).max() <= 0.3
+
+
+def test_success_is_judged_in_the_frame_of_the_motion_and_modulo_full_turns():
+    truth = np.array([3.0, -1.0, 2.0])
+    near = rigid.compose(truth, [0.1, 0.1, 0.02])
+    far, turned = rigid.compose(truth, [0.3, 0.0, 0.0]), rigid.compose(truth, [0.0, 0.0, 0.1])
+    full_turn = truth + np.array([0.0, 0.0, 2.0 * np.pi])
+    judged = is_registered(np.stack([truth, near, far, turned, full_turn]), truth)
+    np.testing.assert_array_equal(judged, [True, True, False, False, True])
+    assert is_registered(far, truth, tolerance=2.0)
+
+
+@pytest.mark.parametrize("outliers", [0.0, 0.2])
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_stays_at_the_truth(method, outliers):
+    before, after = room_pair(np.random.default_rng(5), outliers=outliers)
+    assert is_registered(METHODS[method](before, after, MOTION[None]), MOTION).all()
+
+
+def test_coarse_to_fine_starts_each_size_where_the_last_ended():
+    """Breaks if a size is left out, or every size starts from the guess."""
+    before, after = room_pair(np.random.default_rng(5))
+    start = MOTION + np.array([0.8, -0.6, np.deg2rad(15.0)])
+    by_hand = start
+    for size in (4.0, 2.0, 1.0):
+        by_hand = ndt_p2d(before.points, after.points, by_hand, size=size).theta
+    reached = ndt_coarse_to_fine(ndt_p2d, *CELL_SIZES)(before, after, start)
+    np.testing.assert_array_equal(reached, by_hand)
+    assert not np.allclose(reached, ndt_p2d(before.points, after.points, start).theta, atol=1e-3)
+    assert is_registered(reached, MOTION)

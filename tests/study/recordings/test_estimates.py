@@ -1,0 +1,449 @@
+"""The results files of chapter 8, what is computed into them, and what is fitted for them.
+
+The stand-in for the data set is a made-up drive of four sensors whose clock is late, whose axle
+slips and whose mountings are turned by known amounts.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d.radar import (
+    Mounting,
+    RadarScan,
+    Recording,
+    Reference,
+    Track,
+    doppler_velocity,
+    estimate_joint_ego_motion,
+    track,
+)
+from d2d.radar.track import integrate
+from d2d.study.recordings import estimates
+from d2d.study.recordings.calibration import (
+    during,
+    fit_correction,
+    residual_rms,
+    residual_sigmas,
+    static_targets,
+    turned,
+)
+from d2d.study.recordings.estimates import SENSORS, Result, Run, thinned
+
+ROOT = estimates.data_root()
+
+LAG, SLIP, SPEED = 0.08, -0.06, 0.004
+YAW = np.deg2rad([0.2, -0.15, 0.1, -0.25])
+MOUNTINGS = [
+    Mounting(3.7, -0.9, -1.48),
+    Mounting(3.9, -0.7, -0.44),
+    Mounting(3.9, 0.7, 0.44),
+    Mounting(3.7, 0.9, 1.48),
+]
+SIGMAS = (0.1, 0.004, 0.05)
+START = 100.0
+
+
+def velocity(time) -> np.ndarray:
+    """[v_x, v_y, omega] (n, 3) at the odometry's times: braking, and bends to both sides."""
+    time = np.asarray(time, dtype=float) - START
+    v, omega = 12.0 + 3.0 * np.sin(1.3 * time), 0.25 * np.sin(1.7 * time + 1.0)
+    return np.column_stack([v, SLIP * v * omega, omega])
+
+
+def recordings(count: int = 50, time_offset: float = LAG, side_slip: float = SLIP):
+    """Four recordings of one world; the odometry as `load_radarscenes` would correct it."""
+    rng = np.random.default_rng(5)
+    fine = START + np.arange(-0.5, 0.075 * count + 0.5, 0.005)
+    poses = integrate(velocity(fine)[:-1], np.diff(fine))
+    points = rng.uniform([-40.0, -60.0], [110.0, 60.0], (700, 2))
+    found = []
+    for s, mounting in enumerate(MOUNTINGS):
+        scans = []
+        times = START + 0.075 * np.arange(count) + 0.017 * s
+        for time in times:
+            real = time - LAG
+            x, y, yaw = (np.interp(real, fine, column) for column in poses.T)
+            theta = velocity([real])[0] * [1.0 + SPEED, 1.0, 1.0]
+            c, s_yaw = np.cos(yaw), np.sin(yaw)
+            ahead = (points - [x, y]) @ [[c, -s_yaw], [s_yaw, c]] - [mounting.x, mounting.y]
+            true = replace(mounting, yaw=mounting.yaw + YAW[s])
+            azimuth = np.arctan2(ahead[:, 1], ahead[:, 0]) - true.yaw
+            azimuth = np.angle(np.exp(1j * azimuth))
+            distance = np.hypot(*ahead.T)
+            doppler = doppler_velocity(theta, azimuth, true)
+            seen = (np.abs(azimuth) < 0.9) & (distance < 50.0) & (distance > 3.0)
+            noise = rng.standard_normal((3, len(points))) * np.array(SIGMAS)[:, None]
+            measured = (np.stack([distance, azimuth, doppler]) + noise)[:, seen]
+            scans.append(RadarScan(time, *measured, *SIGMAS))
+        odometry = velocity(times - time_offset)
+        odometry[:, 1] = side_slip * odometry[:, 0] * odometry[:, 2]
+        found.append(Recording(scans, mounting, Reference(times, odometry, np.zeros((count, 3)))))
+    return found
+
+
+@pytest.fixture(scope="module")
+def raw():
+    """The recordings with the odometry as it is."""
+    return recordings(time_offset=0.0, side_slip=0.0)
+
+
+@pytest.fixture
+def loader(monkeypatch):
+    """`load_radarscenes` replaced by the stand-in; gives the list of what it was asked for."""
+    asked = []
+
+    def load(root, sequence, sensor, *, strongest=None, time_offset=0.11, side_slip=-0.05):
+        asked.append((root, sequence, sensor, strongest))
+        recording = recordings(30, time_offset, side_slip)[sensor - 1]
+        if strongest is None:
+            return recording
+        return replace(recording, scans=[scan[:strongest] for scan in recording.scans])
+
+    monkeypatch.setattr(estimates, "load_radarscenes", load)
+    return asked
+
+
+# ---- clock, slip, mountings, noise
+
+
+def test_lag_slip_speed_and_mountings_are_found(raw):
+    """Breaks if a parameter enters with the wrong sign or size, or takes over another's part."""
+    fit = fit_correction(static_targets(raw), raw[0].reference)
+    assert fit.time_offset == pytest.approx(LAG, abs=0.003)
+    assert fit.side_slip == pytest.approx(SLIP, abs=0.005)
+    assert fit.speed == pytest.approx(SPEED, abs=0.001)
+    assert_allclose(fit.yaw, YAW, rtol=0, atol=np.deg2rad(0.05))
+    assert fit.rms == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_fit_is_the_lowest_of_the_profile(raw):
+    """Breaks if the search ends at an edge, or another function is drawn than minimised."""
+    targets = static_targets(raw[:1])
+    fit = fit_correction(targets, raw[0].reference)
+    profile = [residual_rms(targets, raw[0].reference, t)[0] for t in np.arange(0.0, 0.25, 0.02)]
+    assert fit.rms <= min(profile) + 1e-9
+    assert profile[4] == pytest.approx(fit.rms, rel=0.01)
+
+
+def test_static_targets_leave_out_what_moves(raw):
+    """Breaks if every target counts as static."""
+    scan = raw[2].scans[0]
+    doppler = scan.doppler.copy()
+    doppler[:10] += 7.0
+    moving = RadarScan(scan.time, scan.range, scan.azimuth, doppler, *SIGMAS)
+    found = static_targets([replace(raw[2], scans=[moving])])
+    assert scan.size - 14 <= len(found.doppler) <= scan.size - 10
+    assert not np.isin(doppler[:10], found.doppler).any()
+    assert_allclose(found.time, scan.time)
+
+
+def test_turning_a_mounting_is_undone_by_the_fit(raw):
+    """Breaks if yaw is to be subtracted from the mounting instead of added."""
+    fit = fit_correction(static_targets(raw), raw[0].reference)
+    mended = [turned(r, yaw) for r, yaw in zip(raw, fit.yaw, strict=True)]
+    again = fit_correction(static_targets(mended), raw[0].reference)
+    assert_allclose(again.yaw, 0.0, atol=np.deg2rad(0.01))
+
+
+def test_during_counts_from_the_first_scan(raw):
+    """Breaks if times are absolute, or the reference stays behind."""
+    part = during(raw[1], 0.29, 0.59)
+    times = np.array([scan.time for scan in part.scans])
+    assert_allclose(times - raw[1].scans[0].time, [0.3, 0.375, 0.45, 0.525], atol=1e-9)
+    assert_array_equal(part.reference.times, times)
+    assert_allclose(part.reference.theta, raw[1].reference.theta[4:8])
+
+
+def test_a_thinned_recording_keeps_that_many_targets_of_each_scan(raw):
+    """Breaks if targets are made up, lose their order, or change from call to call."""
+    least = min(scan.size for scan in raw[1].scans)
+    few, again = (thinned(raw[1], least - 5) for _ in range(2))
+    for scan, kept, same in zip(raw[1].scans, few.scans, again.scans, strict=True):
+        assert kept.size == least - 5
+        places = np.searchsorted(scan.range, kept.range, sorter=np.argsort(scan.range))
+        places = np.argsort(scan.range)[places]
+        assert (np.diff(places) > 0).all()
+        assert_array_equal(scan.doppler[places], kept.doppler)
+        assert_array_equal(kept.range, same.range)
+    assert [s.size for s in thinned(raw[1], 10_000).scans] == [s.size for s in raw[1].scans]
+
+
+def test_sigmas_are_read_off_the_residuals():
+    """Breaks if along and across change places, or the sqrt(2) of two scans is forgotten."""
+    recording = recordings(20)[2]
+    near = [scan[scan.range < 25.0] for scan in recording.scans]
+    recording = replace(recording, scans=near, mounting=turned(recording, YAW[2]).mounting)
+    driven = track(recording.scans, recording.mounting)
+    (found,) = residual_sigmas(recording, driven, (0, 90))
+    assert found.sector == (0, 90)
+    assert found.range == pytest.approx(SIGMAS[0], rel=0.2)
+    assert found.azimuth == pytest.approx(SIGMAS[1], rel=0.2)
+    assert SIGMAS[2] < found.doppler < 2.0 * SIGMAS[2]
+    assert found.pairs > 100
+
+
+# ---- runs
+
+
+def test_each_run_is_what_it_says(loader):
+    """Breaks if an option of a run is not handed on."""
+    runs = {
+        "one": Run((3,), baseline=2),
+        "blind": Run((3,), doppler=False),
+        "few": Run((3,), strongest=20),
+        "any": Run((3,), baseline=2, at_random=15),
+        "all": Run(SENSORS, baseline=2),
+        "turned": Run(SENSORS, turned=True),
+        "sharp": Run((3,), own_sigmas=True),
+        "Doppler": Run(SENSORS, "Doppler only"),
+        "plain": Run(SENSORS, "Doppler only, equal weights"),
+        "alone": Run((3,), "Doppler only"),
+    }
+    lines = []
+    results, facts = estimates.compute("/data", 9, runs, lines.append)
+    assert list(results) == list(runs)
+    assert [line.split(":")[0] for line in lines] == list(runs)
+    assert set(facts["seconds"]) == set(facts["stated_rmse"]) == set(runs)
+    assert {(root, sequence) for root, sequence, *_ in loader} == {("/data", 9)}
+    assert (3, 20) in {row[2:] for row in loader}
+
+    one = recordings(30)[2]
+    direct = track(one.scans, one.mounting, baseline=2)
+    assert_allclose(results["one"].track.theta, direct.theta)
+    assert_allclose(results["one"].track.times, direct.times - START)
+    blind = track(one.scans, one.mounting, doppler=False)
+    assert_allclose(results["blind"].track.theta, blind.theta)
+    sigma = {name: results[name].judged.sigmas.mean(axis=0) for name in results}
+    assert (sigma["few"] > 1.2 * sigma["one"]).all()
+    assert (sigma["any"] > 1.2 * sigma["one"]).all()
+    assert (sigma["all"] < sigma["one"]).all()
+    assert_array_equal(results["alone"].track.theta[:, 1], np.zeros(29))
+    assert not np.allclose(results["Doppler"].track.theta, results["plain"].track.theta, atol=1e-4)
+    assert not np.allclose(results["sharp"].track.covariance, direct.covariance, rtol=1e-3)
+    assert (results["turned"].judged.rmse < results["Doppler"].judged.rmse)[1:].all()
+
+
+def test_errors_are_against_what_the_first_half_suggests(loader):
+    """Breaks if the reference keeps its stated lag and slip, or is taken at other times."""
+    results, facts = estimates.compute("/data", 9, {"all": Run(SENSORS, baseline=2)})
+    used = next(
+        fit
+        for fit in facts["corrections"]
+        if (fit["part"], fit["sensors"]) == ("first half", "four sensors")
+    )
+    assert used["time_offset"] == pytest.approx(LAG, abs=0.01)
+    result = results["all"]
+    times = result.track.times + START - used["time_offset"]
+    expected = velocity(times)
+    known = np.isfinite(result.errors).all(axis=1)
+    assert known.sum() > 25
+    expected[:, 1] *= used["side_slip"] / SLIP
+    assert_allclose(result.reference[known], expected[known], rtol=0, atol=0.01)
+    assert facts["stated_rmse"]["all"][0] > result.judged.rmse[0]
+
+
+def test_an_incomplete_last_round_is_left_out():
+    """Breaks if what one sensor measured last is judged as an estimate of all."""
+    found = recordings(10)
+    cut = [replace(found[0], scans=found[0].scans[:9]), *found[1:]]
+    assert [len(scans) for scans in estimates.whole_rounds(cut)] == [9, 9, 9, 9]
+    assert [len(scans) for scans in estimates.whole_rounds(found)] == [10] * 4
+    result = estimates.drive(Run(SENSORS), cut)
+    assert len(result.times) == 8
+    last = [(r.scans[7], r.scans[8], r.mounting) for r in cut]
+    alone = estimate_joint_ego_motion(last, initial=result.theta[-1])
+    assert_allclose(result.theta[-1], alone.theta, rtol=0, atol=1e-6)
+
+
+# ---- the files
+
+
+@pytest.fixture(scope="module")
+def estimated() -> dict[str, Result]:
+    """Two runs with a gap, and times without a reference."""
+    recording = recordings(25)[2]
+    scans = [*recording.scans[:7], recording.scans[7][:0], *recording.scans[8:]]
+    found = {}
+    for name, doppler in (("with", True), ("without, Doppler", False)):
+        driven = track(scans, recording.mounting, doppler=doppler)
+        errors = driven.theta - recording.reference.theta[1:]
+        errors[-2:] = np.nan
+        found[name] = Result(driven, errors)
+    return found
+
+
+def test_what_was_written_is_read(estimated, tmp_path):
+    """Breaks if columns change places, a covariance loses its symmetry, or nan its place."""
+    path = tmp_path / "new" / "results.csv"
+    estimates.write_estimates(path, estimated)
+    again = estimates.read_estimates(path)
+    assert list(again) == list(estimated)
+    for name, (driven, errors) in estimated.items():
+        other = again[name].track
+        for field in ("times", "intervals", "theta", "covariance"):
+            assert_allclose(getattr(other, field), getattr(driven, field), rtol=1e-4, atol=1e-12)
+        assert_array_equal(other.converged, driven.converged)
+        assert other.converged.dtype == bool
+        assert_allclose(again[name].errors, errors, rtol=1e-4)
+        assert (~driven.converged).sum() == 2
+        assert np.isnan(errors[-2:]).all()
+
+
+def test_reading_and_writing_again_gives_the_same_bytes(estimated, tmp_path):
+    """Breaks if the file would change each time it is touched."""
+    first, second = tmp_path / "first.csv", tmp_path / "second.csv"
+    estimates.write_estimates(first, estimated)
+    estimates.write_estimates(second, estimates.read_estimates(first))
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_columns_are_what_the_header_says(tmp_path):
+    """Breaks if the header and the order of the columns drift apart."""
+    covariance = np.array([[11.0, 12.0, 13.0], [12.0, 22.0, 23.0], [13.0, 23.0, 33.0]])
+    driven = Track(
+        np.array([0.1, 0.3]),
+        np.array([0.1, 0.2]),
+        np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]),
+        np.broadcast_to(covariance, (2, 3, 3)),
+        np.array([True, False]),
+    )
+    path = tmp_path / "results.csv"
+    estimates.write_estimates(
+        path, {"a": Result(driven, np.array([[0.7, 0.8, 0.9], [np.nan] * 3]))}
+    )
+    lines = path.read_text().splitlines()
+    assert lines[0].split(",") == [
+        *("run", "time_s", "interval_s", "converged", "vx", "vy", "omega"),
+        *("cov_xx", "cov_xy", "cov_xw", "cov_yy", "cov_yw", "cov_ww"),
+        *("error_vx", "error_vy", "error_omega"),
+    ]
+    assert lines[1] == "a,0.1,0.1,1,1,2,3,11,12,13,22,23,33,0.7,0.8,0.9"
+    assert lines[2] == "a,0.3,0.2,0,4,5,6,11,12,13,22,23,33,nan,nan,nan"
+
+
+def test_judged_leaves_out_what_is_not_known(estimated):
+    """Breaks if a pair without an estimate or without a reference is judged."""
+    judged = estimated["with"].judged
+    assert len(judged.errors) == 24 - 2 - 2
+    assert judged.share == pytest.approx(20 / 24)
+    assert np.isfinite(judged.rmse).all()
+
+
+@pytest.mark.parametrize(("value", "expected"), [(None, None), ("", None), ("/x/y", Path("/x/y"))])
+def test_the_data_s_place_comes_from_the_environment(monkeypatch, value, expected):
+    """Breaks if an unset or empty variable means the working directory."""
+    if value is None:
+        monkeypatch.delenv("D2D_RADARSCENES", raising=False)
+    else:
+        monkeypatch.setenv("D2D_RADARSCENES", value)
+    assert estimates.data_root() == expected
+
+
+def test_estimates_path_is_beside_the_chapters():
+    """Breaks if the module moves and the path does not."""
+    path = estimates.estimates_path(105)
+    assert path.name == "radarscenes_105.csv"
+    assert path.parent == Path(__file__).resolve().parents[3] / "chapters" / "results"
+
+
+def test_the_command_writes_the_results_of_what_it_is_asked_for(
+    loader, monkeypatch, tmp_path, capsys
+):
+    """Breaks if the sequence is not handed on, or a file goes elsewhere."""
+    compute = estimates.compute
+    monkeypatch.setattr(
+        estimates,
+        "compute",
+        lambda root, sequence, report: compute(root, sequence, {"a": Run((2,))}, report),
+    )
+    monkeypatch.setattr(estimates, "estimates_path", lambda name: tmp_path / f"{name}.csv")
+    monkeypatch.setattr(sys, "argv", ["x", "/data", "--sequence", "9"])
+    estimates.main()
+    assert {row[:2] for row in loader} == {("/data", "9")}
+    assert list(estimates.read_estimates(tmp_path / "9.csv")) == ["a"]
+    assert estimates.read_facts(tmp_path / "9.csv")["seconds"].keys() == {"a"}
+    printed = capsys.readouterr().out
+    assert "a: v_x" in printed
+    assert str(tmp_path / "9.csv") in printed
+
+
+# ---- the committed results
+
+
+def test_the_committed_results_hold_what_the_chapter_claims():
+    """Breaks if the files are not those that the code writes, or a bar is no longer met."""
+    results = estimates.read_estimates(estimates.estimates_path(105))
+    facts = estimates.read_facts(estimates.estimates_path(105))
+    assert list(results) == list(estimates.RUNS)
+    late = 0.5 * facts["duration"]
+
+    def rmse(name):
+        result = results[name]
+        second = result.errors[result.track.times > late]
+        return (
+            result.judged.rmse,
+            np.array(facts["stated_rmse"][name]),
+            np.sqrt(np.nanmean(second**2, axis=0)) * [1.0, 1.0, np.rad2deg(1.0)],
+        )
+
+    for one in rmse("sensor 3, baseline 2")[:2]:
+        assert (one <= [0.05, 0.13, 1.5]).all()
+    for together, plain, weighted in zip(
+        rmse("four sensors, baseline 2"),
+        rmse("four sensors, Doppler only, equal weights"),
+        rmse("four sensors, Doppler only"),
+        strict=True,
+    ):
+        assert together[2] <= 0.8
+        assert (together < plain).all()
+        assert (together[1:] < 0.7 * weighted[1:]).all()
+        assert together[0] < 1.1 * weighted[0]
+    assert results["sensor 3, without Doppler"].judged.rmse[0] >= 10.0 * rmse("sensor 3")[0][0]
+    assert all(result.judged.share > 0.98 for result in results.values())
+
+
+def test_the_results_files_hold_no_measurements():
+    """Breaks if targets get into what is committed: see the data's licence."""
+    path = estimates.estimates_path(105)
+    header = path.read_text().splitlines()[0].split(",")
+    assert not {"range", "azimuth", "vr", "rcs", "x_seq", "y_seq", "yaw_seq"} & set(header)
+    assert set(estimates.read_facts(path)) == {
+        *("seconds", "stated_rmse", "sigmas", "duration", "targets", "corrections", "profile")
+    }
+    assert len(json.dumps(estimates.read_facts(path))) < 20_000
+
+
+@pytest.mark.radarscenes
+@pytest.mark.skipif(
+    ROOT is None, reason="set D2D_RADARSCENES to the folder of the RadarScenes data set"
+)
+def test_the_committed_results_are_what_the_data_give(tmp_path):
+    """Breaks if the code changes the estimates and the chapter still shows the old ones."""
+    names = ("sensor 3, baseline 2", "four sensors, baseline 2", "four sensors, Doppler only")
+    chosen = {name: estimates.RUNS[name] for name in names}
+    results, facts = estimates.compute(ROOT, 105, chosen)
+    estimates.write_estimates(tmp_path / "fresh.csv", results)
+    fresh = estimates.read_estimates(tmp_path / "fresh.csv")
+    path = estimates.estimates_path(105)
+    committed, known = estimates.read_estimates(path), estimates.read_facts(path)
+    for name in names:
+        for field in ("times", "intervals", "theta", "covariance", "converged"):
+            assert_allclose(
+                getattr(fresh[name].track, field),
+                getattr(committed[name].track, field),
+                rtol=2e-4,
+                atol=1e-6,
+                err_msg=f"{name}: {field}",
+            )
+        assert_allclose(fresh[name].errors, committed[name].errors, rtol=1e-3, atol=1e-5)
+        assert_allclose(facts["stated_rmse"][name], known["stated_rmse"][name], rtol=1e-4)
+    for one, other in zip(facts["corrections"], known["corrections"], strict=True):
+        assert one["time_offset"] == pytest.approx(other["time_offset"], abs=1e-4)

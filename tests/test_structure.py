@@ -1,0 +1,99 @@
+"""Imports run one way: chapters, study, radar and baselines, core, kernel."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "d2d"
+MODULES = {
+    ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
+    for path in PACKAGE.rglob("*.py")
+}
+# What a part may not import. A subject of the study may import those that come before it.
+SUBJECTS = (
+    *("book", "mixtures", "point_sets", "line", "plane", "estimation"),
+    *("drives", "recordings", "beyond"),
+)
+OPTIONAL = ("evo", "joblib", "matplotlib", "tqdm")  # of the extra `study`
+
+
+def imports(name: str) -> set[str]:
+    """The modules of the package that a module imports, at its top or within a function."""
+    found = set()
+    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                found.add(whole if whole in MODULES else node.module)
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return found & MODULES.keys()
+
+
+def part(name: str) -> str:
+    """The part of the package that a module belongs to, "" for the core."""
+    second = (*name.split("."), "")[1]
+    return second if second in ("radar", "baselines", "study") else ""
+
+
+GRAPH = {name: imports(name) for name in MODULES}
+
+
+def test_the_package_has_modules():
+    """Breaks if the pattern above finds nothing, and so nothing is checked."""
+    assert len(MODULES) > 50
+    assert "d2d.point_set" in GRAPH["d2d.registration"]
+
+
+def test_no_circle():
+    """Breaks if two modules need each other, directly or through others."""
+    assert list(TopologicalSorter(GRAPH).static_order())
+
+
+@pytest.mark.parametrize("name", sorted(MODULES))
+def test_imports_run_one_way(name):
+    """Breaks if the core learns of radar or of the study, or radar of the study."""
+    allowed = {
+        "": {""},
+        "radar": {"", "radar"},
+        "baselines": {"", "baselines"},
+        "study": {"", "radar", "baselines", "study"},
+    }[part(name)]
+    assert {part(imported) for imported in GRAPH[name]} <= allowed
+
+
+@pytest.mark.parametrize("name", sorted(name for name in MODULES if name.startswith("d2d.study.")))
+def test_a_subject_of_the_study_imports_earlier_ones_only(name):
+    """Breaks if the shared part needs a subject, or an earlier subject a later one."""
+    order = {subject: place for place, subject in enumerate(SUBJECTS)}
+    words = name.split(".")
+    if len(words) == 3 and words[2] == "claims":  # the registry of all subjects
+        return
+    place = order.get(words[2], -1)
+    for imported in GRAPH[name]:
+        if imported.startswith("d2d.study."):
+            assert order.get(imported.split(".")[2], -1) <= place, imported
+
+
+@pytest.mark.parametrize("name", sorted(MODULES))
+def test_no_module_is_too_long_to_read(name):
+    """Breaks if a module outside the kernel grows beyond 450 lines."""
+    if not name.startswith("d2d._kernel"):
+        assert len(MODULES[name].read_text(encoding="utf-8").splitlines()) <= 450
+
+
+def test_core_and_radar_need_no_optional_package():
+    """Breaks if `pip install d2d` is not enough for `import d2d.radar`."""
+    program = f"""
+import sys
+sys.modules.update(dict.fromkeys({OPTIONAL!r}))
+import d2d, d2d.radar, d2d.baselines
+from d2d.baselines import mixtures, optimisers, symmetric
+"""
+    subprocess.run([sys.executable, "-c", program], check=True)
