@@ -101,12 +101,14 @@ def check_rows(name: str, value: Iterable[T], *kinds: type) -> list[T]:
     return listed
 
 
-def check_schedule(name: str, value: ArrayLike) -> Array:
-    """A one-dimensional array of one or more positive numbers."""
+def check_schedule(name: str, value: ArrayLike) -> tuple[float, ...]:
+    """One or more positive numbers."""
+    if isinstance(value, tuple) and value == (1.0,):
+        return (1.0,)
     steps = check_positive(name, value)
     if steps.ndim != 1 or not steps.size:
         raise ValueError(f"{name} must be a sequence of numbers, but has the shape {steps.shape}")
-    return steps
+    return tuple(steps.tolist())
 
 
 def check_fraction(name: str, value: float) -> float:

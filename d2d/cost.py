@@ -2,14 +2,13 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from d2d import _kernel, rigid
 from d2d._checks import (
-    broadcast_batches,
     check_covariances,
     check_finite,
     check_fraction,
@@ -19,6 +18,7 @@ from d2d._checks import (
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
+from d2d.problem import Bound, CostForm, Problem, check_pair
 
 Metric = Literal["d2d", "p2d"]
 Fusion = Literal["likelihood", "summing"]
@@ -109,23 +109,6 @@ class CorruptedGaussian:
 OutlierModel = UniformOutlier | CorruptedGaussian
 
 
-class Problems(NamedTuple):
-    """A batch of registration problems in the layout that the kernel reads."""
-
-    thetas: Array  # (B, 3) copies of the starts, in the kernel's parameters
-    # fixed (., 6, N), moving (., 6, K), order of moving (., K), extremes of fixed (., 3)
-    sets: tuple[Array, Array, NDArray[np.int64], Array]
-    which: NDArray[np.int64]  # (B, 3) index of each problem's fixed set, moving set, measurement
-    d2d: bool
-    planar: bool
-    fusion: int
-    outlier: Array
-    measurements: Array
-    in_twist: bool
-    shape: tuple[int, ...]  # of the batch
-    parameters: int
-
-
 @dataclass(frozen=True)
 class RegistrationCost:
     """The cost that is minimised over the motion: a metric, a fusion and an outlier model.
@@ -199,7 +182,8 @@ class RegistrationCost:
         ValueError
             If an argument is invalid; the message names it.
         """
-        return np.exp(_log_densities(self.bind(theta, fixed, moving, measurement)))
+        problem, bound = self._bound(theta, fixed, moving, measurement)
+        return np.exp(problem.log_densities(bound))
 
     def inlier_probabilities(
         self,
@@ -230,10 +214,8 @@ class RegistrationCost:
         ValueError
             If an argument is invalid; the message names it.
         """
-        problems = self.bind(theta, fixed, moving, measurement)
-        inliers = problems._replace(outlier=_NO_OUTLIER)
-        log_share = problems.outlier[1] + _log_densities(inliers) - _log_densities(problems)
-        return np.asarray(np.exp(np.minimum(log_share, 0.0)))
+        problem, bound = self._bound(theta, fixed, moving, measurement)
+        return problem.inlier_shares(bound)
 
     def value(
         self,
@@ -294,137 +276,46 @@ class RegistrationCost:
         a relative error of about 1e-16, times the squared Mahalanobis distance of the nearest pairs
         and the condition number of their covariances.
         """
-        problems = self.bind(theta, fixed, moving, measurement)
-        value, gradient, hessian = evaluate(problems)
-        p = problems.parameters
-        shape = problems.shape
+        problem, bound = self._bound(theta, fixed, moving, measurement)
+        value, gradient, hessian = problem.derivatives(bound)
+        p, shape = problem.parameters, bound.shape
         return (
             value.reshape(shape),
             gradient[:, :p].reshape(*shape, p),
             hessian[:, :p, :p].reshape(*shape, p, p),
         )
 
-    def bind(
+    def problem(
+        self,
+        fixed: PointSet,
+        moving: PointSet,
+        measurement: LinearMeasurement | None = None,
+    ) -> Problem:
+        """The cost of the motion between two sets, bound to them.
+
+        Raises ``ValueError`` naming the argument that does not fit.
+        """
+        pair = check_pair(fixed, moving, measurement)
+        return Problem(self.form(fixed.dimension), [pair])
+
+    def form(self, dimension: int) -> CostForm:
+        """The cost as the kernel reads it, for sets of this dimension."""
+        outlier = _NO_OUTLIER if self.outlier is None else self.outlier._packed
+        if isinstance(self.outlier, CorruptedGaussian):
+            size = len(self.outlier.covariance)
+            if size != dimension:
+                raise ValueError(
+                    f"the outlier covariance must be {dimension} x {dimension} to match the point "
+                    f"sets, but is {size} x {size}"
+                )
+        return CostForm(self.metric == "d2d", _FUSIONS[self.fusion], outlier)
+
+    def _bound(
         self,
         theta: ArrayLike,
         fixed: PointSet,
         moving: PointSet,
         measurement: LinearMeasurement | None,
-        *,
-        name: str = "theta",
-    ) -> Problems:
-        """Check that the arguments match and lay them out for the kernel.
-
-        ``name`` is the caller's name of ``theta``, for error messages.
-        """
-        check_types(fixed, moving, measurement)
-        dimension = fixed.dimension
-        if moving.dimension != dimension:
-            raise ValueError(
-                f"fixed and moving must have the same dimension, "
-                f"but have {dimension} and {moving.dimension}"
-            )
-        parameters = rigid.PARAMETERS[dimension]
-        start = rigid.motion(name, theta, dimension)
-        self._check_measurement(measurement, moving, parameters)
-
-        batches = [fixed.batch_shape, moving.batch_shape]
-        batches.append(() if measurement is None else measurement.batch_shape)
-        shape = broadcast_batches(
-            f"{name}, fixed, moving and measurement", start.shape[:-1], *batches
-        )
-        count = math.prod(shape)
-        thetas = np.zeros((*shape, 3))
-        thetas[..., :parameters] = start
-        which = np.zeros((count, 3), dtype=np.int64)
-        for column, batch in enumerate(batches):
-            if batch:
-                numbers = np.arange(math.prod(batch)).reshape(batch)
-                which[:, column] = np.broadcast_to(numbers, shape).ravel()
-        return Problems(
-            thetas.reshape(count, 3),
-            (fixed._packed, moving._packed, moving._order, fixed._extremes),
-            which,
-            self.metric == "d2d",
-            dimension == 2,
-            _FUSIONS[self.fusion],
-            self._packed_outlier(dimension),
-            np.empty((1, 0, 9)) if measurement is None else measurement._packed,
-            measurement is not None and measurement.of_twist,
-            shape,
-            parameters,
-        )
-
-    @staticmethod
-    def _check_measurement(
-        measurement: LinearMeasurement | None, moving: PointSet, parameters: int
-    ) -> None:
-        if measurement is None:
-            return
-        if (measurement.size, measurement.parameters) != (moving.size, parameters):
-            raise ValueError(
-                f"measurement must have {moving.size} targets and {parameters} parameters to "
-                f"match moving, but has {measurement.size} and {measurement.parameters}"
-            )
-
-    def _packed_outlier(self, dimension: int) -> Array:
-        if (
-            isinstance(self.outlier, CorruptedGaussian)
-            and len(self.outlier.covariance) != dimension
-        ):
-            size = len(self.outlier.covariance)
-            raise ValueError(
-                f"the outlier covariance must be {dimension} x {dimension} to match the point "
-                f"sets, but is {size} x {size}"
-            )
-        return _NO_OUTLIER if self.outlier is None else self.outlier._packed
-
-
-def check_types(fixed: PointSet, moving: PointSet, measurement: LinearMeasurement | None) -> None:
-    """Raise a ValueError that names an argument of the wrong type."""
-    for name, points in (("fixed", fixed), ("moving", moving)):
-        if not isinstance(points, PointSet):
-            raise ValueError(f"{name} must be a PointSet, but is a {type(points).__name__}")
-    if not isinstance(measurement, LinearMeasurement | None):
-        raise ValueError(
-            f"measurement must be a LinearMeasurement, but is a {type(measurement).__name__}"
-        )
-
-
-def _log_densities(problems: Problems) -> Array:
-    """log q_k (..., K) of every target of every problem."""
-    targets = problems.sets[1].shape[-1]
-    logs = np.empty((len(problems.thetas), targets))
-    _kernel.log_density_batch(
-        problems.thetas,
-        *problems.sets,
-        problems.which,
-        problems.d2d,
-        problems.planar,
-        problems.outlier,
-        problems.measurements,
-        problems.in_twist,
-        logs,
-    )
-    return logs.reshape(*problems.shape, targets)
-
-
-def evaluate(problems: Problems) -> tuple[Array, Array, Array]:
-    """Cost (B), gradient (B, 3) and Hessian (B, 3, 3) in the kernel's parameters."""
-    count = len(problems.thetas)
-    value, gradient, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
-    _kernel.evaluate_batch(
-        problems.thetas,
-        *problems.sets,
-        problems.which,
-        problems.d2d,
-        problems.planar,
-        problems.fusion,
-        problems.outlier,
-        problems.measurements,
-        problems.in_twist,
-        value,
-        gradient,
-        hessian,
-    )
-    return value, gradient, hessian
+    ) -> tuple[Problem, Bound]:
+        problem = self.problem(fixed, moving, measurement)
+        return problem, problem.bind(rigid.motion("theta", theta, fixed.dimension))

@@ -10,13 +10,13 @@ from d2d import rigid
 from d2d._checks import check_finite, check_instance, check_real, symmetrise
 from d2d._kernel import SINGULAR
 from d2d._types import Array
-from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
+from d2d.cost import RegistrationCost
+from d2d.dense import FACTOR_AXES, TURN, Factor, components, factor_of, responsibilities
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 from d2d.registration import Estimate
 
 _PAIRS_AT_ONCE = 50_000  # pairs of a target and a component: about 30 MB of intermediate arrays
-_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # E: d R / d phi = E R
 
 
 def fisher_covariance(hessian: ArrayLike) -> Array:
@@ -146,7 +146,7 @@ def _gram(rows: Array) -> Array:
 
 def _independent(cross: "CrossDerivatives", measurement: LinearMeasurement, theta: Array) -> Array:
     """The measurement's share (..., P, P) of the gradient's covariance, with independent inputs."""
-    sigma = np.sqrt(_factor(measurement, theta).variance)
+    sigma = np.sqrt(factor_of(measurement, theta).variance)
     return _gram(cross.measured * sigma[..., None])
 
 
@@ -208,7 +208,8 @@ def cross_derivatives(
     at the measured point.  The arguments' batch axes broadcast.  An invalid argument raises a
     ``ValueError`` that names it.
     """
-    shape = cost.bind(theta, fixed, moving, measurement).shape
+    problem = cost.problem(fixed, moving, measurement)
+    shape = problem.bind(rigid.motion("theta", theta, fixed.dimension)).shape
     count, n, k, dimension = math.prod(shape), fixed.size, moving.size, fixed.dimension
     p = rigid.PARAMETERS[dimension]
 
@@ -223,8 +224,8 @@ def cross_derivatives(
     thetas = flat(np.asarray(theta, dtype=np.float64), 1)
     factor = None
     if measurement is not None:
-        of_theta = _factor(measurement, np.asarray(theta, dtype=np.float64))
-        factor = tuple(map(flat, of_theta, _FACTOR_AXES))
+        of_theta = factor_of(measurement, np.asarray(theta, dtype=np.float64))
+        factor = tuple(map(flat, of_theta, FACTOR_AXES))
     by_fixed, by_moving = np.empty((count, n, p, dimension)), np.empty((count, k, p, dimension))
     by_value, by_input = np.empty((2, count, k, p))
     step = max(1, _PAIRS_AT_ONCE // (n * k))
@@ -234,7 +235,7 @@ def cross_derivatives(
             PointSet._of(*(array[part] for array in sets[0])),
             PointSet._of(*(array[part] for array in sets[1])),
             cost,
-            None if factor is None else _Factor(*(array[part] for array in factor)),
+            None if factor is None else Factor(*(array[part] for array in factor)),
         )
     return CrossDerivatives(
         by_fixed.reshape(*shape, n, p, dimension),
@@ -244,99 +245,12 @@ def cross_derivatives(
     )
 
 
-class _Pairs(NamedTuple):
-    """log N(0 | d, S) of every pair of moving target and component, and parts of its derivatives.
-
-    With the rotated mean p and covariance C of the target: d = p + t - mu_i, B = S^-1, u = B d.
-    """
-
-    log: Array  # (B, K, N), the mixture's weight included
-    gradient: Array  # (B, K, N, P): [-u, L_phi]
-    by_mean: Array  # (B, K, N, D): u = d L / d mu_i
-    cross: Array  # (B, K, N, P, D): [B, (B v)'] = d2L / d theta d mu_i, v = E p - C_phi u
-
-
-def _pairs(shifted: Array, turned: Array, spread: Array, slope: Array, fixed: PointSet) -> _Pairs:
-    """Every target, ``turned`` to p and ``shifted`` to p + t, paired with every fixed component.
-
-    ``spread`` (B, K, N, D, D) is S and ``slope`` (B, K, D, D) is C_phi.
-    """
-    d = shifted[:, :, None] - fixed.means[:, None]
-    b = np.asarray(np.linalg.inv(spread), dtype=np.float64)
-    u = (b @ d[..., None])[..., 0]
-    log_det = np.linalg.slogdet(2.0 * math.pi * spread)[1]
-    log = np.log(fixed.weights)[:, None] - 0.5 * ((d * u).sum(axis=-1) + log_det)
-    if d.shape[-1] == 1:
-        return _Pairs(log, -u, u, b)
-    lever = (turned @ _TURN.T)[:, :, None]
-    bent = (slope[:, :, None] @ u[..., None])[..., 0]  # C_phi u
-    by_angle = (u * (0.5 * bent - lever)).sum(axis=-1) - 0.5 * np.einsum(
-        "bkixy,bkyx->bki", b, slope
-    )
-    turning = np.swapaxes(b @ (lever - bent)[..., None], -1, -2)
-    return _Pairs(
-        log,
-        np.concatenate([-u, by_angle[..., None]], axis=-1),
-        u,
-        np.concatenate([b, turning], axis=-2),
-    )
-
-
-def _components(
-    theta: Array,
-    fixed: PointSet,
-    moving: PointSet,
-    cost: RegistrationCost,
-    factor: "_Factor | None",
-) -> list[_Pairs]:
-    """The inlier pairs and, with a corrupted Gaussian, the outlier pairs, weighted by fraction."""
-    dimension = fixed.dimension
-    shifted = rigid.transform_means(theta, moving.means)
-    turned = shifted - theta[:, None, :dimension]
-    own = fixed.covariances[:, None].repeat(moving.size, axis=1)
-    spread, still = own, np.zeros((*turned.shape, dimension))
-    slope = still
-    if cost.metric == "d2d":
-        spun = rigid.transform_covariances(theta, moving.covariances)
-        spread = own + spun[:, :, None]
-        if dimension == 2:
-            slope = _TURN @ spun + spun @ _TURN.T
-    inlier = _pairs(shifted, turned, spread, slope, fixed)
-    if factor is not None:
-        inlier = inlier._replace(
-            log=inlier.log + factor.log[..., None],
-            gradient=inlier.gradient + factor.gradient[:, :, None],
-        )
-    if not isinstance(cost.outlier, CorruptedGaussian):
-        return [inlier]
-    wide = np.broadcast_to(cost.outlier.covariance, own.shape)
-    outlier = _pairs(shifted, turned, wide, still, fixed)
-    with np.errstate(divide="ignore"):  # a fraction of 0 or 1: one component has zero weight
-        shares = np.log1p(-cost.outlier.fraction), np.log(cost.outlier.fraction)
-    return [
-        each._replace(log=each.log + share)
-        for each, share in zip((inlier, outlier), shares, strict=True)
-    ]
-
-
-def _responsibilities(components: list[_Pairs], cost: RegistrationCost) -> list[Array]:
-    """gamma (B, K, N) of each component: its share of the target's density, or of all targets'."""
-    alternatives = (-1,) if cost.fusion == "likelihood" else (-2, -1)
-    logs = [each.log for each in components]
-    if isinstance(cost.outlier, UniformOutlier):
-        logs.append(np.full((*logs[0].shape[:2], 1), math.log(cost.outlier.density)))
-    every = np.concatenate(logs, axis=-1)
-    top = every.max(axis=alternatives, keepdims=True)
-    total = top + np.log(np.exp(every - top).sum(axis=alternatives, keepdims=True))
-    return [np.exp(each.log - total) for each in components]
-
-
 def _cross_derivatives(
     theta: Array,
     fixed: PointSet,
     moving: PointSet,
     cost: RegistrationCost,
-    factor: "_Factor | None",
+    factor: "Factor | None",
 ) -> tuple[Array, Array, Array, Array]:
     """The blocks of `CrossDerivatives` for a flat batch.
 
@@ -346,64 +260,30 @@ def _cross_derivatives(
 
         f_theta,z = -sum_ki gamma_ki (L_theta,z + (L_theta - g) L_z').
     """
-    components = _components(theta, fixed, moving, cost, factor)
-    gammas = _responsibilities(components, cost)
+    parts = components(theta, fixed, moving, cost, factor)
+    gammas = responsibilities(parts, cost)
     mean = np.zeros((len(theta), moving.size, 1, theta.shape[-1]))
-    for gamma, each in zip(gammas, components, strict=True):
+    for gamma, each in zip(gammas, parts, strict=True):
         mean += gamma[..., None, :] @ each.gradient
     if cost.fusion == "summing":
         mean = mean.sum(axis=1, keepdims=True)
 
     by_fixed = np.zeros((len(theta), fixed.size, theta.shape[-1], fixed.dimension))
     by_moved = np.zeros((len(theta), moving.size, theta.shape[-1], fixed.dimension))
-    for gamma, each in zip(gammas, components, strict=True):
+    for gamma, each in zip(gammas, parts, strict=True):
         centred = (each.gradient - mean)[..., :, None] * each.by_mean[..., None, :]
         block = gamma[..., None, None] * (each.cross + centred)
         by_fixed -= block.sum(axis=1)
         by_moved += block.sum(axis=2)
         if fixed.dimension == 2:  # d_phi = E p depends on the target's position
-            by_moved[:, :, 2] += (gamma[..., None] * each.by_mean).sum(axis=2) @ _TURN
+            by_moved[:, :, 2] += (gamma[..., None] * each.by_mean).sum(axis=2) @ TURN
     if fixed.dimension == 2:
         by_moved = by_moved @ rigid.rotation(theta[:, 2])[:, None]
 
     by_value, by_input = np.zeros((2, len(theta), moving.size, theta.shape[-1]))
     if factor is not None:
         share = gammas[0].sum(axis=2)[..., None]
-        centred = (gammas[0][..., None] * (components[0].gradient - mean)).sum(axis=2)
+        centred = (gammas[0][..., None] * (parts[0].gradient - mean)).sum(axis=2)
         by_value -= share * factor.cross + centred * factor.by_value[..., None]
         by_input -= share * factor.cross_input + centred * factor.by_input[..., None]
     return by_fixed, by_moved, by_value, by_input
-
-
-class _Factor(NamedTuple):
-    """The measurement's factor of each moving target, log N(v | h' xi, s^2 + q^2 (k' xi)^2)."""
-
-    log: Array  # (..., K)
-    gradient: Array  # (..., K, P)
-    cross: Array  # (..., K, P): derivative of the gradient in v
-    by_value: Array  # (..., K): derivative of log in v
-    variance: Array  # (..., K)
-    cross_input: Array  # (..., K, P): derivative of the gradient in the input of h, where dh = k
-    by_input: Array  # (..., K): derivative of log in the input
-
-
-_FACTOR_AXES = (1, 2, 2, 1, 1, 2, 1)  # number of axes of each field, for one problem
-
-
-def _factor(measurement: LinearMeasurement, theta: Array) -> _Factor:
-    xi = rigid.logarithm(theta) if measurement.of_twist else theta
-    slope = (measurement.slope @ xi[..., None])[..., 0]
-    variance = measurement.sigma**2 + (measurement.sigma_input * slope) ** 2
-    residual = measurement.value - (measurement.gain @ xi[..., None])[..., 0]
-    e = residual / variance
-    variance_by_xi = (2.0 * measurement.sigma_input**2 * slope)[..., None] * measurement.slope
-    gradient = (
-        e[..., None] * measurement.gain + 0.5 * (e * e - 1.0 / variance)[..., None] * variance_by_xi
-    )
-    cross = measurement.gain / variance[..., None] + (e / variance)[..., None] * variance_by_xi
-    cross_input = e[..., None] * measurement.slope - slope[..., None] * cross
-    if measurement.of_twist:
-        jacobian = rigid.logarithm_jacobian(theta)
-        gradient, cross, cross_input = (each @ jacobian for each in (gradient, cross, cross_input))
-    log = -0.5 * (residual * e + np.log(2.0 * math.pi * variance))
-    return _Factor(log, gradient, cross, -e, variance, cross_input, slope * e)

@@ -1,13 +1,13 @@
 """A scalar measurement of each moving target, in addition to its position."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import _kernel
 from d2d._checks import broadcast_batches, check_finite, check_flag, check_positive, check_scalar
+from d2d._lazy import lazy
 from d2d._types import Array
 
 
@@ -90,6 +90,19 @@ class LinearMeasurement:
             full = (*shape, parameters) if name in ("gain", "slope") else shape
             object.__setattr__(self, name, np.broadcast_to(array, full))
 
+    @classmethod
+    def _of(
+        cls, value: Array, sigma: Array, sigma_input: Array, gain: Array, slope: Array, twist: bool
+    ) -> "LinearMeasurement":
+        """A measurement of arrays that are known to be good and of full shape."""
+        measurement = cls.__new__(cls)
+        fields = ("value", "sigma", "sigma_input", "gain", "slope", "of_twist")
+        for name, field in zip(
+            fields, (value, sigma, sigma_input, gain, slope, twist), strict=True
+        ):
+            object.__setattr__(measurement, name, field)
+        return measurement
+
     @property
     def size(self) -> int:
         """Number K of targets."""
@@ -111,7 +124,7 @@ class LinearMeasurement:
         Raises a ``ValueError`` unless ``scale`` is a positive number.
         """
         scale = float(check_positive("scale", check_scalar("scale", scale)))
-        return LinearMeasurement(
+        return LinearMeasurement._of(
             self.value,
             self.sigma * scale,
             self.sigma_input * scale,
@@ -120,13 +133,13 @@ class LinearMeasurement:
             self.of_twist,
         )
 
-    @cached_property
+    @lazy
     def _packed(self) -> Array:
-        """(B, K, 9) array that the kernel reads, one row per target."""
+        """(B K, 9) array that the kernel reads, one row per target."""
         packed = np.zeros((*self.value.shape, 9))
         packed[..., _kernel.VALUE] = self.value
         packed[..., _kernel.VARIANCE] = self.sigma**2
         packed[..., _kernel.INPUT_VARIANCE] = self.sigma_input**2
         packed[..., _kernel.GAIN : _kernel.GAIN + self.parameters] = self.gain
         packed[..., _kernel.SLOPE : _kernel.SLOPE + self.parameters] = self.slope
-        return packed.reshape(-1, self.size, 9)
+        return packed.reshape(-1, 9)

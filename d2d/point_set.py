@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,9 +13,11 @@ from d2d._checks import (
     check_covariances,
     check_finite,
     check_positive,
+    check_real,
     check_scalar,
     is_positive_definite,
 )
+from d2d._lazy import lazy
 from d2d._types import Array
 
 
@@ -51,7 +52,7 @@ class PointSet:
     def __init__(
         self, means: ArrayLike, covariances: ArrayLike, weights: ArrayLike | None = None
     ) -> None:
-        means = check_finite("means", means)
+        means = check_real("means", means)
         if means.ndim < 2 or means.shape[-1] not in rigid.PARAMETERS:
             raise ValueError(
                 f"means must have the shape (..., N, D) with D = 1 or 2, but has {means.shape}"
@@ -61,42 +62,38 @@ class PointSet:
             raise ValueError(
                 f"means must hold at least one target, but has the shape {means.shape}"
             )
-        covariances = check_covariances("covariances", covariances)
-        if covariances.shape[-3:] != (count, dimension, dimension):
-            raise ValueError(
-                f"covariances must have the shape (..., {count}, {dimension}, {dimension}) "
-                f"to match means, but has {covariances.shape}"
+        covariances = check_real("covariances", covariances)
+        given = np.full(count, 1.0 / count) if weights is None else check_real("weights", weights)
+        # all of it in one compiled pass; only what fails there is looked at check by check
+        if not (
+            covariances.shape == (*means.shape, dimension)
+            and given.shape == means.shape[-2:-1]
+            and _kernel.are_good_targets(
+                means.reshape(-1, dimension),
+                covariances.reshape(-1, dimension, dimension),
+                given if means.ndim == 2 else np.tile(given, means.size // (count * dimension)),
             )
-        weights = check_positive(
-            "weights", np.full(count, 1.0 / count) if weights is None else weights
-        )
-        if weights.size and not (weights.min() >= 1e-100 and weights.max() <= 1e100):
-            raise ValueError(
-                "weights must lie within 1e-100 and 1e100, but range from "
-                f"{weights.min():g} to {weights.max():g}"
-            )
-        if weights.shape[-1:] != (count,):
-            raise ValueError(
-                f"weights must have the shape (..., {count}) to match means, "
-                f"but has {weights.shape}"
-            )
-        self._keep(means, covariances, weights)
+        ):
+            check_finite("means", means)
+            covariances = _checked_covariances(covariances, count, dimension)
+            _check_weights(given, count)
+        self._keep(means, covariances, given)
 
     def _keep(self, means: Array, covariances: Array, weights: Array) -> None:
-        batch = broadcast_batches(
-            "means, covariances and weights",
-            means.shape[:-2],
-            covariances.shape[:-3],
-            weights.shape[:-1],
-        )
-        for name, array, own in (
-            ("means", means, 2),
-            ("covariances", covariances, 3),
-            ("weights", weights, 1),
-        ):
-            view = np.broadcast_to(array, batch + array.shape[array.ndim - own :])
-            view.flags.writeable = False
-            object.__setattr__(self, name, view)
+        """Store arrays that are known to be good, broadcast to one batch shape."""
+        shapes = means.shape[:-2], covariances.shape[:-3], weights.shape[:-1]
+        batch = shapes[0]
+        if any(shape != batch for shape in shapes):
+            batch = broadcast_batches("means, covariances and weights", *shapes)
+        self._store("means", means, batch + means.shape[-2:])
+        self._store("covariances", covariances, batch + covariances.shape[-3:])
+        self._store("weights", weights, batch + weights.shape[-1:])
+
+    def _store(self, name: str, array: Array, shape: tuple[int, ...]) -> None:
+        if array.shape != shape:
+            array = np.broadcast_to(array, shape)
+        array.flags.writeable = False
+        object.__setattr__(self, name, array)
 
     @classmethod
     def _of(cls, means: Array, covariances: Array, weights: Array) -> "PointSet":
@@ -116,7 +113,7 @@ class PointSet:
         """Targets measured in polar coordinates, with first-order covariances.
 
         The covariance is J diag(sigma_r^2, sigma_phi^2) J' with J = d(x, y)/d(r, phi) at the
-        measured point (thesis sec. 7.1, with the columns of J in the order of the variances).
+        measured point (thesis eq. 7.3 and 7.4, the columns of J in the order of the variances).
 
         Parameters
         ----------
@@ -142,19 +139,18 @@ class PointSet:
         )
         if 0 in shape:
             raise ValueError(f"range must hold at least one target, but has the shape {r.shape}")
-        r, phi, sr, sp = (np.broadcast_to(a, shape) for a in (r, phi, sr, sp))
         cosine, sine = np.cos(phi), np.sin(phi)
         radial, across = sr**2, (r * sp) ** 2
-        xx = radial * cosine**2 + across * sine**2
-        xy = (radial - across) * cosine * sine
-        yy = radial * sine**2 + across * cosine**2
-        covariances = np.stack([xx, xy, xy, yy], axis=-1).reshape(*shape, 2, 2)
+        means, covariances = np.empty((*shape, 2)), np.empty((*shape, 2, 2))
+        means[..., 0], means[..., 1] = r * cosine, r * sine
+        covariances[..., 0, 0] = radial * cosine**2 + across * sine**2
+        covariances[..., 0, 1] = covariances[..., 1, 0] = (radial - across) * cosine * sine
+        covariances[..., 1, 1] = radial * sine**2 + across * cosine**2
         if not is_positive_definite(covariances):
             raise ValueError(
-                "sigma_range and range * sigma_azimuth must not differ so much that the covariance "
-                "is singular in floating point"
+                "sigma_range and range * sigma_azimuth differ so much that the covariance is "
+                "singular in floating point"
             )
-        means = np.stack([r * cosine, r * sine], axis=-1)
         return cls._of(means, covariances, np.full(shape[-1], 1.0 / shape[-1]))
 
     @property
@@ -207,6 +203,10 @@ class PointSet:
             self.weights,
         )
 
+    def shifted(self, translation: Array) -> "PointSet":
+        """The set moved by a translation (D,)."""
+        return PointSet._of(self.means + translation, self.covariances, self.weights)
+
     def inflated(self, scale: float) -> "PointSet":
         """The set with all standard deviations multiplied by ``scale``.
 
@@ -215,34 +215,59 @@ class PointSet:
         scale = float(check_positive("scale", check_scalar("scale", scale)))
         return PointSet._of(self.means, self.covariances * scale**2, self.weights)
 
-    @cached_property
+    @lazy
     def _packed(self) -> Array:
-        """(B, 6, N) array that the kernel reads, one row per quantity."""
-        packed = np.zeros((*self.batch_shape, 6, self.size))
-        packed[..., _kernel.X, :] = self.means[..., 0]
-        packed[..., _kernel.XX, :] = self.covariances[..., 0, 0]
-        packed[..., _kernel.WEIGHT, :] = self.weights
+        """(6, B N) array as the kernel reads it, one row for each quantity."""
+        packed = np.zeros((6, *self.batch_shape, self.size))
+        packed[_kernel.X] = self.means[..., 0]
+        packed[_kernel.XX] = self.covariances[..., 0, 0]
+        packed[_kernel.WEIGHT] = self.weights
         if self.dimension == 2:
-            packed[..., _kernel.Y, :] = self.means[..., 1]
-            packed[..., _kernel.XY, :] = self.covariances[..., 0, 1]
-            packed[..., _kernel.YY, :] = self.covariances[..., 1, 1]
+            packed[_kernel.Y] = self.means[..., 1]
+            packed[_kernel.XY] = self.covariances[..., 0, 1]
+            packed[_kernel.YY] = self.covariances[..., 1, 1]
         else:
-            packed[..., _kernel.YY, :] = _kernel.UNIT_DENSITY_VARIANCE
-        return packed.reshape(-1, 6, self.size)
+            packed[_kernel.YY] = _kernel.UNIT_DENSITY_VARIANCE
+        return packed.reshape(6, -1)
 
-    @cached_property
+    @lazy
     def _order(self) -> NDArray[np.int64]:
-        """(B, N) order in which the kernel processes the targets, by the size of their covariances.
+        """(B N,) order in which the kernel takes the targets of each set.
 
-        Targets that are processed side by side then have similar numbers of components within the
-        cut-off.
+        By the size of their covariances: those that go side by side then have about as many
+        components within the cut-off.
         """
-        packed = self._packed
-        return np.argsort(packed[:, _kernel.XX] + packed[:, _kernel.YY], axis=-1, kind="stable")
+        traces = self._packed[_kernel.XX] + self._packed[_kernel.YY]
+        return np.argsort(traces.reshape(-1, self.size), axis=-1, kind="stable").ravel()
 
-    @cached_property
+    @lazy
     def _extremes(self) -> Array:
-        """(B, 3) extremes of each set; see `d2d._kernel.find_extremes_batch`."""
-        extremes = np.empty((len(self._packed), 3))
+        """(B, 3) bounds, see `d2d._kernel.pairs.find_extremes`."""
+        extremes = np.empty((self._packed.shape[1] // self.size, 3))
         _kernel.find_extremes_batch(self._packed, extremes)
         return extremes
+
+
+def _checked_covariances(covariances: Array, count: int, dimension: int) -> Array:
+    """Covariances of that many targets, made exactly symmetric."""
+    checked = check_covariances("covariances", covariances)
+    if checked.shape[-3:] != (count, dimension, dimension):
+        raise ValueError(
+            f"covariances must have the shape (..., {count}, {dimension}, {dimension}) "
+            f"to match means, but has {checked.shape}"
+        )
+    return checked
+
+
+def _check_weights(weights: Array, count: int) -> None:
+    check_positive("weights", weights)
+    least, greatest = _kernel.MIN_WEIGHT, _kernel.MAX_WEIGHT
+    if weights.size and not (weights.min() >= least and weights.max() <= greatest):
+        raise ValueError(
+            f"weights must lie within {least:g} and {greatest:g}, but range from "
+            f"{weights.min():g} to {weights.max():g}"
+        )
+    if weights.shape[-1:] != (count,):
+        raise ValueError(
+            f"weights must have the shape (..., {count}) to match means, but has {weights.shape}"
+        )

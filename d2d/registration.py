@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -19,9 +19,10 @@ from d2d._checks import (
     check_schedule,
 )
 from d2d._types import Array
-from d2d.cost import Problems, RegistrationCost, check_types, evaluate
+from d2d.cost import RegistrationCost
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
+from d2d.problem import Bound, Problem, check_pair
 
 TOLERANCE = 1e-14  # of the Newton decrement: 1e-7 standard deviations from the optimum
 MAX_ITERATIONS = 200
@@ -49,6 +50,10 @@ class Estimate:
         step vanishes.  It may be the wrong optimum; see `register`.
     iterations : (...) array of int
         Number of Newton steps tried, over all scales.
+    inliers : (...) array
+        Mean inlier probability of the moving targets at ``theta``, see
+        `RegistrationCost.inlier_probabilities`; 1 without an outlier model, nan where unknown.  A
+        low one reveals a wrong optimum.
     """
 
     theta: Array
@@ -58,6 +63,7 @@ class Estimate:
     hessian: Array
     converged: NDArray[np.bool_]
     iterations: NDArray[np.int64]
+    inliers: Array = field(default_factory=lambda: np.array(np.nan))
 
 
 def register(
@@ -126,20 +132,11 @@ def register(
     check_instance("cost", cost, RegistrationCost)
     steps = check_schedule("scales", scales)
     check_count("threads", threads)
-    if initial is None:
-        check_types(fixed, moving, measurement)
-        initial = np.zeros(rigid.PARAMETERS[fixed.dimension])
-    theta, iterations = initial, np.zeros((), dtype=np.int64)
-    for scale in steps:
-        problems = _inflated_problems(cost, theta, fixed, moving, measurement, scale)
-        optimum = _minimise(problems, threads)
-        iterations = np.asarray(iterations + optimum.iterations)
-        theta = optimum.theta
-    optimum = replace(optimum, iterations=iterations)
-    if len(steps) > 1:
-        problems = _inflated_problems(cost, initial, fixed, moving, measurement, steps[-1])
-        optimum = _no_worse_than_start(optimum, problems, threads)
-    return optimum
+    problem = cost.problem(fixed, moving, measurement)
+    start = np.zeros(problem.parameters)
+    if initial is not None:
+        start = rigid.motion("initial", initial, fixed.dimension)
+    return anneal(problem, start, steps, threads)
 
 
 def multi_start(
@@ -172,7 +169,7 @@ def multi_start(
     ValueError
         If an argument is invalid; the message names it.
     """
-    check_types(fixed, moving, measurement)
+    check_pair(fixed, moving, measurement)
     tried = rigid.motion("starts", starts, fixed.dimension)
     if tried.ndim != 2 or not len(tried):
         raise ValueError(f"starts must have the shape (S, P), but has {tried.shape}")
@@ -181,6 +178,14 @@ def multi_start(
     axes = max(map(len, batches))
     spread = tried.reshape(len(tried), *(1,) * axes, tried.shape[-1])
     found = register(fixed, moving, cost, spread, scales, measurement=measurement, threads=threads)
+    return best_of(found)
+
+
+def best_of(found: Estimate) -> Estimate:
+    """Of estimates from several starts, along the first axis, the converged one of lowest cost.
+
+    It has the iterations of all together.  Where none converged, it is the first.
+    """
     best = np.argmin(np.where(found.converged, found.value, np.inf), axis=0)[np.newaxis]
 
     def pick(array: NDArray[Any]) -> Any:
@@ -222,57 +227,51 @@ def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
     return np.stack([axis.ravel() for axis in grid], axis=-1)
 
 
-def _inflated_problems(
-    cost: RegistrationCost,
-    theta: ArrayLike,
-    fixed: PointSet,
-    moving: PointSet,
-    measurement: LinearMeasurement | None,
-    scale: float,
-) -> Problems:
-    if scale == 1.0:
-        return cost.bind(theta, fixed, moving, measurement, name="initial")
-    check_types(fixed, moving, measurement)
-    inflated = None if measurement is None else measurement.inflated(scale)
-    sets = (fixed.inflated(scale), moving.inflated(scale))
-    return cost.bind(theta, *sets, inflated, name="initial")
+def anneal(
+    problem: Problem, start: Array, scales: Sequence[float] = (1.0,), threads: int = 1
+) -> Estimate:
+    """Minimise a problem from parameters (..., P), its standard deviations inflated by each scale.
+
+    Each optimum starts the next; the result is never worse than the start at the last scale.
+    """
+    if len(scales) == 1:
+        problem = problem.inflated(scales[0])
+        return minimise(problem, problem.bind(start, "initial"), threads)
+    theta, iterations = start, np.zeros((), dtype=np.int64)
+    for scale in scales:
+        inflated = problem.inflated(scale)
+        optimum = minimise(inflated, inflated.bind(theta, "initial"), threads)
+        theta, iterations = optimum.theta, np.asarray(iterations + optimum.iterations)
+    optimum = replace(optimum, iterations=iterations)
+    return _no_worse_than_start(optimum, inflated, inflated.bind(start, "initial"), threads)
 
 
-def _minimise(problems: Problems, threads: int) -> Estimate:
-    count, p, shape = len(problems.thetas), problems.parameters, problems.shape
-    thetas = problems.thetas.copy()
+def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
+    """The optimum of each bound problem near its parameters."""
+    batch, thetas = bound.batch, bound.thetas.copy()
+    count, p, shape = len(thetas), problem.parameters, bound.shape
     value, gradient, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
     covariance = np.full((count, 3, 3), np.nan)
     converged, iterations = np.empty(count, dtype=np.bool_), np.empty(count, dtype=np.int64)
+    shares = np.empty(count)
+    results = value, gradient, hessian, covariance, converged, iterations, shares
 
-    def run(part: slice) -> None:
+    def run(first: int, last: int) -> None:
+        part = batch._replace(first=batch.first[first : last + 1])
+        own = tuple(array[first:last] for array in results)
         _kernel.minimise_batch(
-            thetas[part],
-            *problems.sets,
-            problems.which[part],
-            problems.d2d,
-            problems.planar,
-            problems.fusion,
-            problems.outlier,
-            problems.measurements,
-            problems.in_twist,
-            TOLERANCE,
-            MAX_ITERATIONS,
-            value[part],
-            gradient[part],
-            hessian[part],
-            covariance[part],
-            converged[part],
-            iterations[part],
+            part, thetas[first:last], TOLERANCE, MAX_ITERATIONS, _kernel.make_work(), own
         )
 
     if threads == 1 or count == 1:
-        run(slice(None))
+        _kernel.minimise_batch(
+            batch, thetas, TOLERANCE, MAX_ITERATIONS, _kernel.make_work(), results
+        )
     else:
-        # the kernel releases the GIL; four parts per thread balance problems of unequal cost
+        # the kernel releases the GIL; four parts a thread even out problems of unequal length
         edges = np.linspace(0, count, min(count, 4 * threads) + 1).astype(int)
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(run, map(slice, edges[:-1], edges[1:])))
+            list(pool.map(run, edges[:-1], edges[1:]))
 
     return Estimate(
         theta=thetas[:, :p].reshape(*shape, p),
@@ -282,24 +281,29 @@ def _minimise(problems: Problems, threads: int) -> Estimate:
         hessian=hessian[:, :p, :p].reshape(*shape, p, p),
         converged=converged.reshape(shape),
         iterations=iterations.reshape(shape),
+        inliers=_mean_shares(problem, shares).reshape(shape),
     )
 
 
-def _no_worse_than_start(optimum: Estimate, problems: Problems, threads: int) -> Estimate:
-    """Where the schedule of scales ended above the cost of the start, minimise from the start."""
-    worse = (optimum.value > evaluate(problems)[0].reshape(problems.shape)).ravel()
+def _mean_shares(problem: Problem, shares: Array) -> Array:
+    """What the kernel summed up, or 1 without an outlier component."""
+    without = problem.form.outlier[0] == _kernel.NO_OUTLIER
+    return np.ones_like(shares) if without else shares
+
+
+def _no_worse_than_start(
+    optimum: Estimate, problem: Problem, bound: Bound, threads: int
+) -> Estimate:
+    """Where the detour over the scales ended above the start's own cost, descend from the start."""
+    worse = (optimum.value > problem.derivatives(bound)[0].reshape(bound.shape)).ravel()
     if not worse.any():
         return optimum
-    again = problems._replace(
-        thetas=problems.thetas[worse], which=problems.which[worse], shape=(int(worse.sum()),)
-    )
-    direct = _minimise(again, threads)
+    direct = minimise(problem, bound, threads)
     merged = {}
-    for field in fields(Estimate):
-        array = getattr(optimum, field.name).copy()
-        flat = array.reshape(worse.size, *array.shape[len(problems.shape) :])  # a view
-        flat[worse] = getattr(direct, field.name) + (
-            flat[worse] if field.name == "iterations" else 0
-        )
-        merged[field.name] = array
+    for name in (each.name for each in fields(Estimate)):
+        array = getattr(optimum, name).copy()
+        flat = array.reshape(worse.size, *array.shape[len(bound.shape) :])  # a view
+        other = getattr(direct, name).reshape(flat.shape)
+        flat[worse] = other[worse] + (flat[worse] if name == "iterations" else 0)
+        merged[name] = array
     return Estimate(**merged)

@@ -7,6 +7,7 @@ in 2D, with ``T(m) = R(phi_z) m + t``.  All functions broadcast over leading bat
 import numpy as np
 from numpy.typing import ArrayLike
 
+from d2d import _kernel
 from d2d._checks import check_finite
 from d2d._types import Array
 
@@ -100,40 +101,41 @@ def exponential(twist: ArrayLike) -> Array:
 
     SE(2): t = V(omega) v with V = [[sin w / w, -(1 - cos w) / w], [(1 - cos w) / w, sin w / w]].
     """
-    xi = motion("twist", twist, 2)
-    half = 0.5 * xi[..., 2]
-    chord = np.sinc(half / np.pi)[..., None] * xi[..., :2]
-    turned = np.einsum("...ij,...j->...i", rotation(half), chord)
-    return np.concatenate([turned, xi[..., 2:]], axis=-1)
+    return exponential_derivatives(twist)[0]
+
+
+def exponential_derivatives(twist: ArrayLike) -> tuple[Array, Array, Array]:
+    """The `exponential` (..., 3), with first (..., 3, 3) and second derivatives (..., 3, 3, 3).
+
+    ``first[i, j]`` is the derivative of motion parameter i in twist parameter j, and
+    ``second[i, j, k]`` that in j and k.
+    """
+    return _charted(motion("twist", twist, 2), False)
 
 
 def logarithm(theta: ArrayLike) -> Array:
     """The twist (..., 3) of a motion: exponential(logarithm(theta)) = theta if ``|phi| < 2 pi``."""
-    parameters = motion("theta", theta, 2)
-    half = 0.5 * parameters[..., 2]
-    arc = parameters[..., :2] / np.sinc(half / np.pi)[..., None]
-    turned = np.einsum("...ij,...j->...i", rotation(-half), arc)
-    return np.concatenate([turned, parameters[..., 2:]], axis=-1)
+    return logarithm_derivatives(theta)[0]
 
 
 def logarithm_jacobian(theta: ArrayLike) -> Array:
     """d logarithm / d theta (..., 3, 3), at a motion (..., 3) with ``|phi| < 2 pi``."""
-    parameters = motion("theta", theta, 2)
-    x, y, phi = np.moveaxis(parameters, -1, 0)
-    half = 0.5 * phi
-    # a series where the closed form suffers from cancellation; its next terms are at most 1.4e-15
-    small = np.abs(phi) < 1e-3
-    safe = np.where(small, 1.0, half)
-    a = np.where(small, 1.0 - phi**2 / 12.0, safe / np.tan(safe))
-    slope = np.where(
-        small,
-        -phi / 6.0 - phi**3 / 180.0,
-        0.5 * (1.0 / np.tan(safe) - safe / np.sin(safe) ** 2),
+    return logarithm_derivatives(theta)[1]
+
+
+def logarithm_derivatives(theta: ArrayLike) -> tuple[Array, Array, Array]:
+    """The `logarithm` (..., 3), with derivatives as those of `exponential_derivatives`."""
+    return _charted(motion("theta", theta, 2), True)
+
+
+def _charted(points: Array, inverse: bool) -> tuple[Array, Array, Array]:
+    """Evaluate the charts of ``d2d._kernel.charts``, where the formulas and derivatives are."""
+    batch, count = points.shape[:-1], points.size // 3
+    image, first = np.empty((count, 3)), np.empty((count, 3, 3))
+    second = np.empty((count, 3, 3, 3))
+    _kernel.chart_batch(points.reshape(count, 3), inverse, image, first, second)
+    return (
+        image.reshape(*batch, 3),
+        first.reshape(*batch, 3, 3),
+        second.reshape(*batch, 3, 3, 3),
     )
-    jacobian = np.zeros((*parameters.shape, 3))
-    jacobian[..., 0, 0] = jacobian[..., 1, 1] = a
-    jacobian[..., 0, 1], jacobian[..., 1, 0] = half, -half
-    jacobian[..., 0, 2] = slope * x + 0.5 * y
-    jacobian[..., 1, 2] = slope * y - 0.5 * x
-    jacobian[..., 2, 2] = 1.0
-    return jacobian

@@ -654,3 +654,16 @@ def test_what_does_not_fit_is_refused_by_name(arguments, name, scales):
     good = {"fixed": F, "moving": M, "scales": scales}
     with pytest.raises(ValueError, match=name):
         register(**(good | arguments))
+
+
+@pytest.mark.parametrize(
+    "outlier", [None, UniformOutlier(0.01), CorruptedGaussian(0.2, 100.0 * np.eye(2))]
+)
+def test_an_estimate_tells_the_mean_inlier_probability(outlier):
+    """Breaks if a target of a block that is not full counts, or a rejected trial's shares."""
+    fixed, moving = overlapped_scene(4, np.random.default_rng(2))
+    cost = RegistrationCost(outlier=outlier_model(outlier, 2))
+    for scales in ((1.0,), (4.0, 2.0, 1.0)):
+        found = register(fixed, moving, cost, [4.5, 0.3, 0.2], scales)
+        expected = cost.inlier_probabilities(found.theta, fixed, moving).mean(axis=-1)
+        assert_allclose(found.inliers, expected, rtol=1e-9)

@@ -190,3 +190,26 @@ def test_arrays_of_no_known_dimension_are_refused_by_name(function, arguments, n
     """Breaks if a wrong number of columns ends in a KeyError or IndexError of the inside."""
     with pytest.raises(ValueError, match=name):
         function(*arguments)
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-9, -0.04, 0.06, -0.29, 0.31, 1.0, -2.5, 6.0])
+def test_the_exponential_is_that_of_the_matrix(turn):
+    """Breaks on a wrong sign, or a series that is cut off too early."""
+    x, y = 2.0, -3.0
+    pose = expm(np.array([[0.0, -turn, x], [turn, 0.0, y], [0.0, 0.0, 0.0]]))
+    actual = rigid.exponential([x, y, turn])
+    assert_allclose(actual, [pose[0, 2], pose[1, 2], turn], rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-9, -0.04, 0.06, -0.29, 0.31, 1.0, -2.5])
+@pytest.mark.parametrize(
+    "function", [rigid.exponential_derivatives, rigid.logarithm_derivatives], ids=["exp", "log"]
+)
+def test_derivatives_of_exponential_and_logarithm_by_differences(function, turn):
+    """Breaks on a wrong entry, or a series that is too short for a derivative."""
+    point, steps = np.array([2.0, -3.0, turn]), np.full(3, 1e-3)
+    _, first, second = function(point)
+    slopes = central_difference(lambda p: function(p)[0], point, steps)
+    bends = central_difference(lambda p: function(p)[1], point, steps)
+    assert_allclose(first, slopes, rtol=1e-8, atol=1e-9)
+    assert_allclose(second, bends, rtol=1e-8, atol=1e-9)

@@ -23,9 +23,10 @@ from scipy.optimize import least_squares
 
 from d2d import rigid
 from d2d._types import Array
-from d2d.cost import CorruptedGaussian, check_types
+from d2d.cost import CorruptedGaussian
 from d2d.covariance import fisher_covariance
 from d2d.point_set import PointSet
+from d2d.problem import check_pair
 from d2d.registration import Estimate
 
 Mixture = Literal["max", "sum", "max-sum"]
@@ -199,7 +200,7 @@ def _root(half_squares: NDArray[Any]) -> NDArray[Any]:
 
 
 def _check(fixed: PointSet, moving: PointSet, mixture: str) -> None:
-    check_types(fixed, moving, None)
+    check_pair(fixed, moving)
     for name, points in (("fixed", fixed), ("moving", moving)):
         if points.dimension != 2 or points.batch_shape:
             raise ValueError(

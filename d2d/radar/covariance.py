@@ -10,8 +10,8 @@ from d2d._checks import check_flag, check_instance
 from d2d._types import Array
 from d2d.covariance import propagate_covariance
 from d2d.radar.options import EgoMotionModel, ModelOptions
-from d2d.radar.pair import Pair
 from d2d.radar.scan import Mounting, RadarScan
+from d2d.radar.scan_pair import scan_pair
 from d2d.registration import Estimate
 
 
@@ -63,7 +63,7 @@ def propagate_ego_motion(
     noncredibility index.
     """
     model = EgoMotionModel(**options)
-    pair = Pair.of(previous, current, mounting, model)
+    pair = scan_pair(previous, current, mounting, model)
     shared = check_flag("shared_azimuth", shared_azimuth) and model.doppler
     check_instance("estimate", estimate, Estimate)
     if np.shape(estimate.theta) != (3,):
@@ -71,7 +71,8 @@ def propagate_ego_motion(
             "estimate must be of one velocity with the shape (3,), but its theta has "
             f"{np.shape(estimate.theta)}"
         )
-    motion = pair.motion(rigid.motion("estimate", estimate.theta, 2))
+    twist = pair.interval * rigid.motion("estimate", estimate.theta, 2)
+    motion = twist if model.first_order else rigid.exponential(twist)
     twist_by_motion = np.eye(3) if model.first_order else rigid.logarithm_jacobian(motion)
     jacobian: Array = twist_by_motion / pair.interval  # d velocity / d motion
     back = np.linalg.inv(jacobian)

@@ -1,20 +1,19 @@
 """Ego-motion between two scans of one sensor."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Unpack
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
 from d2d._checks import check_finite
 from d2d._types import Array
+from d2d.problem import Problem
 from d2d.radar.doppler import doppler_starts
 from d2d.radar.options import EgoMotionModel, EstimationOptions, ModelOptions, split_options
-from d2d.radar.pair import Pair
 from d2d.radar.scan import Mounting, RadarScan
-from d2d.registration import Estimate, multi_start, register
+from d2d.radar.scan_pair import scan_pair
+from d2d.registration import Estimate, anneal, best_of
 
 
 def estimate_ego_motion(
@@ -62,9 +61,9 @@ def estimate_ego_motion(
         message names the argument.
     """
     model, scales = split_options(options)
-    pair = Pair.of(previous, current, mounting, model)
+    problem = model.problem([scan_pair(previous, current, mounting, model)])
     start = doppler_starts(current, mounting) if initial is None else check_velocity(initial)
-    return estimate_pair(pair, start, scales)
+    return estimate_velocity(problem, start, scales)
 
 
 def check_velocity(initial: ArrayLike) -> Array:
@@ -75,18 +74,10 @@ def check_velocity(initial: ArrayLike) -> Array:
     return start
 
 
-def estimate_pair(pair: Pair, start: Array, scales: Sequence[float]) -> Estimate:
-    """The optimum found from the velocity ``start`` (3,), or the best one from several (S, 3)."""
-    solve = register if start.ndim == 1 else multi_start
-    estimate = solve(
-        pair.fixed,
-        pair.moving,
-        pair.model.cost,
-        pair.motion(start),
-        scales,
-        measurement=pair.measurement,
-    )
-    return _as_velocity(estimate, pair.interval, pair.model.first_order)
+def estimate_velocity(problem: Problem, start: Array, scales: Sequence[float]) -> Estimate:
+    """The best optimum from one velocity (3,), or from several (S, 3)."""
+    found = anneal(problem, start, scales)
+    return found if start.ndim == 1 else best_of(found)
 
 
 def inlier_probabilities(
@@ -103,21 +94,6 @@ def inlier_probabilities(
     ``scales``.  Targets that move on their own, or that have no counterpart in the previous scan,
     get low probabilities.
     """
-    pair = Pair.of(previous, current, mounting, EgoMotionModel(**options))
-    return pair.inlier_probabilities(rigid.motion("theta", theta, 2))
-
-
-def _as_velocity(estimate: Estimate, interval: float, first_order: bool) -> Estimate:
-    """Convert the estimated motion over the interval to the body velocity that causes it."""
-    motion = estimate.theta
-    twist = motion if first_order else rigid.logarithm(motion)
-    inner = np.eye(3) if first_order else rigid.logarithm_jacobian(motion)
-    jacobian = inner / interval  # d velocity / d motion
-    back = np.linalg.inv(jacobian)
-    return replace(
-        estimate,
-        theta=twist / interval,
-        covariance=jacobian @ estimate.covariance @ jacobian.T,
-        gradient=back.T @ estimate.gradient,
-        hessian=back.T @ estimate.hessian @ back,
-    )
+    model = EgoMotionModel(**options)
+    problem = model.problem([scan_pair(previous, current, mounting, model)])
+    return problem.inlier_shares(problem.bind(rigid.motion("theta", theta, 2)))

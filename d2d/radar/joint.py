@@ -5,24 +5,19 @@ from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
 
 from d2d._checks import check_count, check_members, check_rows
 from d2d._types import Array
 from d2d.radar.doppler import doppler_ego_motion, doppler_starts
-from d2d.radar.ego_motion import check_velocity
+from d2d.radar.ego_motion import check_velocity, estimate_velocity
 from d2d.radar.options import EstimationOptions, split_options
-from d2d.radar.pair import Pair
 from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.track import Attempt, Track, follow, increasing
-from d2d.registration import MAX_ITERATIONS, TOLERANCE, Estimate
+from d2d.radar.scan_pair import scan_pair
+from d2d.radar.track import Attempt, Track, attempt_at, follow, increasing
+from d2d.registration import Estimate
 
 ScanPair = tuple[RadarScan, RadarScan, Mounting]
 Sensor = tuple[Sequence[RadarScan], Mounting]
-
-# Typical standard deviations of a velocity: the units in which the trust region is a sphere.
-_UNITS = np.array([0.1, 0.1, 0.02])  # m/s, m/s, rad/s
-_GRADIENT_TOLERANCE = 1e-3  # in these units: Newton's method takes over below it
 
 
 def estimate_joint_ego_motion(
@@ -64,20 +59,9 @@ def estimate_joint_ego_motion(
     if not pairs:
         raise ValueError("pairs must hold at least one pair of scans, but is empty")
     model, scales = split_options(options)
-    start = None if initial is None else check_velocity(initial)
-    return _estimate([Pair.of(*pair, model) for pair in pairs], pairs, start, scales)
-
-
-def _estimate(
-    problems: Sequence[Pair],
-    pairs: Sequence[ScanPair],
-    initial: Array | None,
-    scales: Sequence[float],
-) -> Estimate:
-    """The best optimum from the given start or, without one, from those that the pairs suggest."""
-    starts = _starts(pairs) if initial is None else initial[np.newaxis]
-    optima = [_anneal(problems, start, scales) for start in starts]
-    return min(optima, key=lambda estimate: (not estimate.converged, estimate.value))
+    start = _starts(pairs) if initial is None else check_velocity(initial)
+    problem = model.problem([scan_pair(*pair, model) for pair in pairs])
+    return estimate_velocity(problem, start, scales)
 
 
 def _starts(pairs: Sequence[ScanPair]) -> Array:
@@ -86,72 +70,6 @@ def _starts(pairs: Sequence[ScanPair]) -> Array:
         return motion.theta[np.newaxis]
     _, current, mounting = max(pairs, key=lambda pair: pair[1].size)
     return doppler_starts(current, mounting)
-
-
-def _anneal(problems: Sequence[Pair], start: Array, scales: Sequence[float]) -> Estimate:
-    for scale in scales:
-        inflated = [p if scale == 1.0 else p.inflated(scale) for p in problems]
-        estimate = _minimise(_Sum(inflated), start)
-        start = estimate.theta
-    return estimate
-
-
-class _Sum:
-    """The sum of the pairs' costs.
-
-    The last result is kept, because the optimiser asks for value, gradient and Hessian separately.
-    """
-
-    def __init__(self, problems: Sequence[Pair]) -> None:
-        self.problems = problems
-        self.theta, self.last = np.full(3, np.nan), (np.inf, np.zeros(3), np.zeros((3, 3)))
-
-    def derivatives(self, theta: Array) -> tuple[float, Array, Array]:
-        """Value, gradient (3,) and Hessian (3, 3) at the velocity theta (3,)."""
-        if not np.array_equal(theta, self.theta):
-            parts = [pair.derivatives(theta) for pair in self.problems]
-            value, gradient, hessian = (sum(column) for column in zip(*parts, strict=True))
-            self.theta, self.last = theta.copy(), (value, gradient, hessian)
-        return self.last
-
-
-def _minimise(total: _Sum, start: Array) -> Estimate:
-    """A trust-region method from the start, then Newton steps to the tolerance of `register`."""
-    result = minimize(
-        lambda z: total.derivatives(z * _UNITS)[0],
-        start / _UNITS,
-        jac=lambda z: total.derivatives(z * _UNITS)[1] * _UNITS,
-        hess=lambda z: total.derivatives(z * _UNITS)[2] * np.outer(_UNITS, _UNITS),
-        method="trust-exact",
-        options={"gtol": _GRADIENT_TOLERANCE, "maxiter": MAX_ITERATIONS},
-    )
-    theta, iterations, decrement = result.x * _UNITS, int(result.nit), np.inf
-    for _ in range(5):
-        value, gradient, hessian = total.derivatives(theta)
-        if not _positive_definite(hessian):
-            break
-        step = np.linalg.solve(hessian, gradient)
-        decrement = float(gradient @ step)
-        if decrement <= TOLERANCE:
-            break
-        theta, iterations = theta - step, iterations + 1
-    converged = decrement <= TOLERANCE
-    covariance = np.linalg.inv(hessian) if converged else np.full((3, 3), np.nan)
-    return Estimate(
-        theta,
-        0.5 * (covariance + covariance.T),
-        np.asarray(value),
-        gradient,
-        hessian,
-        np.asarray(converged),
-        np.asarray(iterations),
-    )
-
-
-def _positive_definite(matrix: Array) -> bool:
-    scaled = matrix * np.outer(_UNITS, _UNITS)
-    eigenvalues = np.linalg.eigvalsh(scaled)
-    return bool(eigenvalues[0] > 1e-12 * eigenvalues[-1] > 0.0)
 
 
 def track_joint(
@@ -207,10 +125,8 @@ def track_joint(
         pairs = joint_pairs(drives, groups[i + 1], baseline)
         if not pairs:
             return None
-        problems = [Pair.of(*pair, model) for pair in pairs]
-        estimate = _estimate(problems, pairs, start, scales)
-        inliers = [problem.inlier_probabilities(estimate.theta) for problem in problems]
-        return Attempt(estimate, float(np.concatenate(inliers).mean()))
+        problem = model.problem([scan_pair(*pair, model) for pair in pairs])
+        return attempt_at(problem, _starts(pairs) if start is None else start, scales)
 
     return follow(times, solve, initial)
 

@@ -6,8 +6,10 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from d2d import _kernel
 from d2d._checks import check_flag, check_schedule
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
+from d2d.problem import CostForm, Pair, Problem
 
 # thesis sec. 7.3: 20 % outliers, with a standard deviation of 10 m along both axes
 DEFAULT_OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
@@ -53,16 +55,25 @@ class EgoMotionModel:
     doppler: bool = True
     outlier: OutlierModel | None = DEFAULT_OUTLIER
     first_order: bool = False
-    cost: RegistrationCost = field(init=False, repr=False)
+    form: CostForm = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_flag("doppler", self.doppler)
         check_flag("first_order", self.first_order)
-        object.__setattr__(self, "cost", RegistrationCost(outlier=self.outlier))
+        object.__setattr__(self, "form", self.cost.form(2))
+
+    @property
+    def cost(self) -> RegistrationCost:
+        """The cost of the motion between two scans."""
+        return RegistrationCost(outlier=self.outlier)
+
+    def problem(self, pairs: Sequence[Pair]) -> Problem:
+        """The cost of the velocity that pairs of scans share."""
+        return Problem(self.form, pairs, _kernel.CHORD if self.first_order else _kernel.ARC)
 
 
 def split_options(options: EstimationOptions) -> tuple[EgoMotionModel, tuple[float, ...]]:
     """The model and the inflation schedule that a function's keyword options specify."""
     keywords: dict[str, Any] = {**options}
     scales = check_schedule("scales", keywords.pop("scales", (1.0,)))
-    return EgoMotionModel(**keywords), tuple(scales.tolist())
+    return EgoMotionModel(**keywords), scales

@@ -156,10 +156,10 @@ class RadarScan:
         """
         interval = float(check_positive("interval", check_scalar("interval", interval)))
         gain, slope = doppler_gradients(self.azimuth, mounting)
-        return LinearMeasurement(
+        sigmas = self.sigma_doppler, self.sigma_azimuth
+        return LinearMeasurement._of(
             self.doppler,
-            self.sigma_doppler,
-            self.sigma_azimuth,
+            *sigmas,
             gain / interval,
             slope / interval,
             of_twist,
@@ -169,8 +169,9 @@ class RadarScan:
 @lru_cache(maxsize=64)
 def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
     """The scan's point set; the latest are cached, because a drive uses each in several pairs."""
-    targets = PointSet.from_polar(scan.range, scan.azimuth, scan.sigma_range, scan.sigma_azimuth)
-    return targets.transformed(mounting.pose)
+    azimuth = scan.azimuth + mounting.yaw
+    targets = PointSet.from_polar(scan.range, azimuth, scan.sigma_range, scan.sigma_azimuth)
+    return targets.shifted(mounting.pose[:2])
 
 
 def doppler_gradients(azimuth: ArrayLike, mounting: Mounting) -> tuple[Array, Array]:
@@ -178,8 +179,11 @@ def doppler_gradients(azimuth: ArrayLike, mounting: Mounting) -> tuple[Array, Ar
     check_instance("mounting", mounting, Mounting)
     angle = check_finite("azimuth", azimuth) + mounting.yaw
     cosine, sine = np.cos(angle), np.sin(angle)
-    gain = np.stack([-cosine, -sine, mounting.y * cosine - mounting.x * sine], axis=-1)
-    slope = np.stack([sine, -cosine, -mounting.y * sine - mounting.x * cosine], axis=-1)
+    gain, slope = np.empty((*angle.shape, 3)), np.empty((*angle.shape, 3))
+    gain[..., 0], gain[..., 1] = -cosine, -sine
+    gain[..., 2] = mounting.y * cosine - mounting.x * sine
+    slope[..., 0], slope[..., 1] = sine, -cosine
+    slope[..., 2] = -mounting.y * sine - mounting.x * cosine
     return gain, slope
 
 

@@ -11,11 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from d2d import rigid
 from d2d._checks import check_count, check_finite, check_members, check_path
 from d2d._types import Array
+from d2d.problem import Problem
 from d2d.radar.doppler import doppler_starts
-from d2d.radar.ego_motion import check_velocity, estimate_pair
+from d2d.radar.ego_motion import check_velocity, estimate_velocity
 from d2d.radar.options import EstimationOptions, split_options
-from d2d.radar.pair import Pair
 from d2d.radar.scan import Mounting, RadarScan
+from d2d.radar.scan_pair import scan_pair
 from d2d.registration import Estimate
 
 # The wide outlier component has an optimum of its own, far from where the scans overlap: all
@@ -167,10 +168,9 @@ def track(
         previous, current = scans[max(i + 1 - baseline, 0)], scans[i + 1]
         if not (previous.size and current.size):
             return None
-        pair = Pair.of(previous, current, mounting, model)
+        problem = model.problem([scan_pair(previous, current, mounting, model)])
         begin = doppler_starts(current, mounting) if start is None else start
-        estimate = estimate_pair(pair, begin, scales)
-        return Attempt(estimate, float(pair.inlier_probabilities(estimate.theta).mean()))
+        return attempt_at(problem, begin, scales)
 
     return follow(times, solve, initial)
 
@@ -203,6 +203,12 @@ class Attempt(NamedTuple):
     def convincing(self) -> bool:
         """Whether the estimate explains so many targets that no other optimum is looked for."""
         return bool(self.estimate.converged) and self.explained >= WELL_EXPLAINED
+
+
+def attempt_at(problem: Problem, start: Array, scales: Sequence[float]) -> Attempt:
+    """Estimate an interval from one velocity, or from several, and see how many targets agree."""
+    estimate = estimate_velocity(problem, start, scales)
+    return Attempt(estimate, float(estimate.inliers))
 
 
 def follow(

@@ -1,6 +1,7 @@
 """Every claim of the thesis with the check that judges it: ``CLAIMS[id].check()``."""
 
-from d2d.study.book.claim import Claim, Evidence, claims_of, judge, show
+from d2d.study.book.claim import Claim, Evidence, claims_of, judge
+from d2d.study.book.record import show
 from d2d.study.drives import claims as drives
 from d2d.study.estimation import claims as estimation
 from d2d.study.line.claims import clusters as line_clusters

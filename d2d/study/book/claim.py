@@ -1,6 +1,6 @@
 """A claim of the thesis, and the evidence that judges it."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Literal
@@ -95,11 +95,3 @@ def claims_of(modules: Iterable[ModuleType]) -> dict[str, Claim]:
             if isinstance(value, Claim) and claims.setdefault(value.id, value) is not value:
                 raise ValueError(f"two claims have the id {value.id!r}")
     return claims
-
-
-def show(*claims: Claim, record: Mapping[str, Evidence] | None = None) -> None:
-    """Print the claims, with a fresh check of each or with the evidence on ``record``."""
-    for shown in claims:
-        print(f"[{shown.id}] {shown.text} (thesis {shown.section})")
-        print(shown.check() if record is None else record[shown.id])
-        print()

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from d2d.study.book.claim import Evidence
+from d2d.study.book.claim import Claim, Evidence
 from d2d.study.results import results_path
 
-RELATIVE, ABSOLUTE = 0.05, 0.02
+RELATIVE, ABSOLUTE = 0.005, 0.002
 _NUMBER = re.compile(r"[-+−]?\d+(\.\d+)?(e[-+]?\d+)?")
 
 
@@ -44,8 +44,8 @@ def read_record(path: Path | None = None) -> dict[str, Evidence]:
 def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
     """List where fresh evidence differs from that on record.
 
-    Numbers may differ by 5 % or by 0.02, because rounding on another machine can change the outcome
-    of single draws.  Sentences are compared without their numbers.
+    Numbers may differ by 0.5 % or by 0.002, because rounding on another machine can change the
+    outcome of single draws.  Sentences are compared without their numbers.
     """
     if fresh.numbers.keys() != recorded.numbers.keys():
         return [f"unmatched numbers: {sorted(fresh.numbers.keys() ^ recorded.numbers.keys())}"]
@@ -60,3 +60,12 @@ def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
         if _NUMBER.sub("#", sentence) != _NUMBER.sub("#", stored):
             differing.append(f"{sentence!r}, on record {stored!r}")
     return differing
+
+
+def show(*claims: Claim) -> None:
+    """Print claims with the evidence on record, as the chapters do."""
+    record = read_record()
+    for claim in claims:
+        print(f"[{claim.id}] {claim.text} (thesis {claim.section})")
+        print(record[claim.id])
+        print()

@@ -8,8 +8,9 @@ from types import ModuleType
 
 import pytest
 
-from d2d.study.book.claim import Claim, Evidence, claim, claims_of, judge, show
-from d2d.study.book.record import differences, read_record, write_record
+from d2d.study.book.claim import Claim, Evidence, claim, claims_of, judge
+from d2d.study.book.record import differences, read_record, show, write_record
+from d2d.study.claims import CLAIMS
 
 
 def test_the_first_condition_that_is_met_is_the_verdict():
@@ -60,16 +61,14 @@ def test_two_claims_of_one_id_are_refused():
         claims_of([module_with(some_claim("a")), module_with(some_claim("a"))])
 
 
-def test_show_prints_claim_verdict_and_numbers(capsys):
-    """Breaks if a chapter does not print what was measured."""
-    printed = (
-        "[some-id] Something holds. (thesis 9.9)\n"
-        "qualified: it depends.\n  a length (m): 1.23\n  a share: 1\n\n"
-    )
-    show(some_claim("some-id"))
-    assert capsys.readouterr().out == printed
-    show(some_claim("some-id"), record={"some-id": Evidence("refuted", "no.", {})})
-    assert capsys.readouterr().out == "[some-id] Something holds. (thesis 9.9)\nrefuted: no.\n\n"
+def test_show_prints_the_claim_and_what_is_on_record(capsys):
+    """Breaks if a chapter prints another claim's evidence."""
+    show(CLAIMS["nci-not-enough"])
+    claim, verdict, *numbers = capsys.readouterr().out.splitlines()
+    recorded = read_record()["nci-not-enough"]
+    assert claim == f"[nci-not-enough] {CLAIMS['nci-not-enough'].text} (thesis 6.4)"
+    assert verdict == f"{recorded.verdict}: {recorded.because}"
+    assert numbers == [f"  {name}: {value:.3g}" for name, value in recorded.numbers.items()] + [""]
 
 
 def test_a_record_is_read_as_it_was_written(tmp_path):
@@ -90,7 +89,7 @@ def test_a_record_is_read_as_it_was_written(tmp_path):
         {"holds": "never."},
         {"numbers": {"a share": 0.5, "a height": -60.0, "new": 1.0}},
         {"numbers": {"a share": 0.5}},
-        {"numbers": {"a share": 0.53, "a height": -60.0}},
+        {"numbers": {"a share": 0.504, "a height": -60.0}},
         {"numbers": {"a share": 0.5, "a height": 60.0}},
         {"numbers": {"a share": math.nan, "a height": -60.0}},
     ],

@@ -1,0 +1,86 @@
+"""The compiled kernel: the cost, its derivatives and its minimum, for many problems in one call.
+
+- ``layout``: constants, the rows of the scratch array, what a pass over the targets needs
+- ``compiling``: how functions are compiled and kept
+- ``elementary``: exponential and logarithm that vectorise
+- ``pairs``: the double sum over targets and components
+- ``densities``: outliers, measurements, their mixture, their fusion
+- ``charts``: a motion, its twist, the velocity that causes it
+- ``evaluation``: the cost of one pair of sets with its derivatives
+- ``newton``: steps in a trust region
+- ``minimisation``: sums of pairs, and their minimum
+- ``batches``: the compiled entries
+"""
+
+from d2d._kernel.batches import (
+    are_good_targets,
+    chart_batch,
+    evaluate_batch,
+    find_extremes_batch,
+    minimise_batch,
+    target_batch,
+)
+from d2d._kernel.layout import (
+    ARC,
+    CHORD,
+    CORRUPTED,
+    GAIN,
+    INPUT_VARIANCE,
+    LIKELIHOOD,
+    LOG_DENSITY,
+    MAX_WEIGHT,
+    MIN_WEIGHT,
+    MOTION,
+    NO_OUTLIER,
+    SHARE,
+    SLOPE,
+    SUMMING,
+    UNIFORM,
+    UNIT_DENSITY_VARIANCE,
+    VALUE,
+    VARIANCE,
+    WEIGHT,
+    XX,
+    XY,
+    YY,
+    X,
+    Y,
+)
+from d2d._kernel.minimisation import Batch, make_work
+from d2d._kernel.newton import SINGULAR
+
+__all__ = [
+    "ARC",
+    "CHORD",
+    "CORRUPTED",
+    "GAIN",
+    "INPUT_VARIANCE",
+    "LIKELIHOOD",
+    "LOG_DENSITY",
+    "MAX_WEIGHT",
+    "MIN_WEIGHT",
+    "MOTION",
+    "NO_OUTLIER",
+    "SHARE",
+    "SINGULAR",
+    "SLOPE",
+    "SUMMING",
+    "UNIFORM",
+    "UNIT_DENSITY_VARIANCE",
+    "VALUE",
+    "VARIANCE",
+    "WEIGHT",
+    "XX",
+    "XY",
+    "YY",
+    "Batch",
+    "X",
+    "Y",
+    "are_good_targets",
+    "chart_batch",
+    "evaluate_batch",
+    "find_extremes_batch",
+    "make_work",
+    "minimise_batch",
+    "target_batch",
+]

@@ -1,0 +1,136 @@
+"""Coordinates of a motion of the plane: itself, its twist, or the velocity that causes it.
+
+A chart maps three coordinates to three others, with the Jacobian [[a, b, c], [-b, a, d], [0, 0, 1]]
+and the second derivatives that both SE(2) maps have.  `d2d.rigid` is their public face.
+"""
+
+import math
+from typing import NamedTuple
+
+from d2d._kernel.compiling import compiled, inlined
+
+# Below these angles (rad) the closed forms cancel, and the series are exact to rounding.
+SERIES, LOGARITHM_SERIES = 0.3, 0.05
+_MEAN = tuple(1j**k / math.factorial(k + 1) for k in range(12, -1, -1))
+
+
+class Chart(NamedTuple):
+    """The image (x, y, phi) of a point, and the derivatives there.
+
+    ``a1`` and ``b1`` are those of ``a`` and ``b`` along the third coordinate, ``(e, f)`` the second
+    derivative of (x, y) along it.
+    """
+
+    x: float
+    y: float
+    phi: float
+    a: float
+    b: float
+    c: float
+    d: float
+    a1: float
+    b1: float
+    e: float
+    f: float
+
+
+@inlined
+def identity_chart(theta):
+    """The motion's own parameters."""
+    return Chart(theta[0], theta[1], theta[2], 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@inlined
+def logarithm_chart(theta):
+    """The twist of a motion: (a x + b y, a y - b x, phi) with b = phi / 2 and a = b cot b."""
+    x, y, phi = theta[0], theta[1], theta[2]
+    beta = 0.5 * phi
+    if abs(phi) < LOGARITHM_SERIES:
+        s = phi * phi
+        a = 1.0 - s * (1.0 / 12.0 + s * (1.0 / 720.0 + s / 30240.0))
+        a1 = -phi * (1.0 / 6.0 + s * (1.0 / 180.0 + s / 5040.0))
+        a2 = -(1.0 / 6.0 + s * (1.0 / 60.0 + s / 1008.0))
+    else:
+        sine, tangent = math.sin(beta), math.tan(beta)
+        a = beta / tangent
+        a1 = 0.5 * (1.0 / tangent - beta / (sine * sine))
+        a2 = 0.5 * (a - 1.0) / (sine * sine)
+    c, d = a1 * x + 0.5 * y, a1 * y - 0.5 * x
+    return Chart(a * x + beta * y, a * y - beta * x, phi, a, beta, c, d, a1, 0.5, a2 * x, a2 * y)
+
+
+@compiled
+def mean_direction(w):
+    """E(w) = (exp(iw) - 1) / (iw), the mean direction while turning by w, and two derivatives."""
+    mean, slope, bend = 0j, 0j, 0j
+    if abs(w) < SERIES:  # sum_k (iw)^k / (k + 1)!, by Horner's rule
+        for coefficient in _MEAN:
+            bend = bend * w + 2.0 * slope
+            slope = slope * w + mean
+            mean = mean * w + coefficient
+        return mean, slope, bend
+    turned = complex(math.cos(w), math.sin(w))
+    mean = (turned - 1.0) / (1j * w)
+    slope = (turned - mean) / w
+    return mean, slope, (1j * turned - 2.0 * slope) / w
+
+
+@inlined
+def exponential_chart(x, y, w):
+    """The motion of a twist: with the plane's vectors as complex numbers, (E(w) (x + iy), w)."""
+    mean, slope, bend = mean_direction(w)
+    v = complex(x, y)
+    moved, along, curved = mean * v, slope * v, bend * v
+    return Chart(
+        moved.real,
+        moved.imag,
+        w,
+        mean.real,
+        -mean.imag,
+        along.real,
+        along.imag,
+        slope.real,
+        -slope.imag,
+        curved.real,
+        curved.imag,
+    )
+
+
+@inlined
+def through_chart(terms, chart):
+    """Chain rule: a value's derivatives in the image become those in the coordinates."""
+    value, g0, g1, g2, h00, h01, h11, h02, h12, h22 = terms
+    a, b, c, d, a1, b1 = chart.a, chart.b, chart.c, chart.d, chart.a1, chart.b1
+    # H J, column by column
+    m00, m10 = h00 * a - h01 * b, h01 * a - h11 * b
+    m01, m11 = h00 * b + h01 * a, h01 * b + h11 * a
+    m02, m12, m22 = h00 * c + h01 * d + h02, h01 * c + h11 * d + h12, h02 * c + h12 * d + h22
+    return (
+        value,
+        a * g0 - b * g1,
+        b * g0 + a * g1,
+        c * g0 + d * g1 + g2,
+        a * m00 - b * m10,
+        a * m01 - b * m11,
+        b * m01 + a * m11,
+        a * m02 - b * m12 + a1 * g0 - b1 * g1,
+        b * m02 + a * m12 + b1 * g0 + a1 * g1,
+        c * m02 + d * m12 + m22 + chart.e * g0 + chart.f * g1,
+    )
+
+
+@compiled
+def write_chart(chart, image, first, second):
+    """Write the image (3), its first (3, 3) and its second derivatives (3, 3, 3)."""
+    image[0], image[1], image[2] = chart.x, chart.y, chart.phi
+    first[0, 0], first[0, 1], first[0, 2] = chart.a, chart.b, chart.c
+    first[1, 0], first[1, 1], first[1, 2] = -chart.b, chart.a, chart.d
+    first[2, 0], first[2, 1], first[2, 2] = 0.0, 0.0, 1.0
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                second[i, j, k] = 0.0
+    second[0, 0, 2] = second[0, 2, 0] = second[1, 1, 2] = second[1, 2, 1] = chart.a1
+    second[0, 1, 2] = second[0, 2, 1] = chart.b1
+    second[1, 0, 2] = second[1, 2, 0] = -chart.b1
+    second[0, 2, 2], second[1, 2, 2] = chart.e, chart.f

@@ -1,0 +1,57 @@
+"""How the functions of the kernel are compiled, and how what was compiled is kept.
+
+- ``compiled``: a function of its own
+- ``inlined``: compiled into its callers
+- ``vectorised``: the same, for loops over the lanes, in which products and sums may be fused
+- ``entry``: called from Python, without the GIL, and kept on disk
+
+All compute without counting references (``_nrt``), which costs as much as a small problem where
+arrays are handed on in tuples; so no function of the kernel allocates memory.
+"""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+from numba.core.caching import FunctionCache
+
+# Products and sums may be fused, but not reordered: LLVM reorders them in one way in the process
+# that compiles and in another in the code that is cached.  NaN is assumed not to occur ("nnan"), so
+# that minima and maxima are single instructions.
+FAST = {"contract", "nnan"}
+
+# A function hands its flags down to those that it calls, unless they set their own.
+compiled = njit(forceinline=False, error_model="numpy", _nrt=False)
+inlined = njit(forceinline=True, error_model="numpy", _nrt=False)
+vectorised = njit(forceinline=True, fastmath=FAST, error_model="numpy", _nrt=False)
+
+
+def source_stamp(folder: Path) -> str:
+    """A hash of all modules in a folder."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+_STAMP = source_stamp(Path(__file__).parent)
+
+
+class _KernelCache(FunctionCache):  # type: ignore[misc]
+    """Numba's cache on disk, out of date as soon as any module of the kernel changes.
+
+    Numba itself looks at the file of the function only, not at those of the functions it calls.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file._source_stamp = _STAMP
+
+
+def entry(function: Callable[..., Any]) -> Any:
+    """Compile a function that Python calls."""
+    dispatcher = njit(nogil=True, error_model="numpy", _nrt=False)(function)
+    dispatcher._cache = _KernelCache(function)
+    return dispatcher

@@ -1,0 +1,217 @@
+"""A cost bound to the pairs of point sets that it is evaluated and minimised for."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from d2d import _kernel, rigid
+from d2d._checks import broadcast_batches
+from d2d._lazy import lazy
+from d2d._types import Array
+from d2d.measurement import LinearMeasurement
+from d2d.point_set import PointSet
+
+_NO_FACTORS = np.empty((0, 9))
+
+
+class Pair(NamedTuple):
+    """Two point sets, a measurement of each moving target, and the time between the two.
+
+    ``interval`` (s) counts only where the parameters are a velocity.
+    """
+
+    fixed: PointSet
+    moving: PointSet
+    measurement: LinearMeasurement | None = None
+    interval: float = 1.0
+
+    def inflated(self, scale: float) -> "Pair":
+        """The pair with all standard deviations multiplied by ``scale``."""
+        measurement = None if self.measurement is None else self.measurement.inflated(scale)
+        return Pair(
+            self.fixed.inflated(scale), self.moving.inflated(scale), measurement, self.interval
+        )
+
+
+class CostForm(NamedTuple):
+    """A registration cost as the kernel reads it."""
+
+    d2d: bool
+    fusion: int
+    outlier: Array  # (6,)
+
+
+class Bound(NamedTuple):
+    """A batch of problems at their parameters, in the layout that the kernel reads."""
+
+    thetas: Array  # (B, 3)
+    batch: _kernel.Batch
+    shape: tuple[int, ...]  # of the batch
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A cost that one or several pairs of point sets share.
+
+    The cost is the sum of those of the pairs; all have a measurement, or none.  The parameters are
+    the motion (one pair), or a velocity [v_x, v_y, omega] that all pairs share: each is moved by
+    the SE(2) exponential of its own interval times the velocity, or, to first order, by that
+    product itself.
+
+    Attributes
+    ----------
+    form : CostForm
+    pairs : sequence of Pair
+        One, which may be a batch, or several single ones.
+    kind : int
+        ``_kernel.MOTION``, ``ARC`` or ``CHORD``.
+    """
+
+    form: CostForm
+    pairs: Sequence[Pair]
+    kind: int = _kernel.MOTION
+
+    @property
+    def parameters(self) -> int:
+        """Number P of parameters."""
+        return rigid.PARAMETERS[self.pairs[0].fixed.dimension]
+
+    def inflated(self, scale: float) -> "Problem":
+        """The problem with all standard deviations multiplied by ``scale``."""
+        if scale == 1.0:
+            return self
+        return Problem(self.form, [pair.inflated(scale) for pair in self.pairs], self.kind)
+
+    def bind(self, theta: Array, name: str = "theta") -> Bound:
+        """Lay the problem out for parameters (..., P), whose axes broadcast with the pair's.
+
+        ``name`` is what the caller calls ``theta``.
+        """
+        batches, batch = self._layout
+        shape = theta.shape[:-1]
+        if any(batches):
+            shape = broadcast_batches(f"{name}, fixed, moving and measurement", shape, *batches)
+        thetas = np.zeros((*shape, 3))
+        thetas[..., : self.parameters] = theta
+        if shape:
+            batch = self._repeated(batch, batches, shape)
+        return Bound(thetas.reshape(-1, 3), batch, shape)
+
+    @lazy
+    def _layout(self) -> tuple[list[tuple[int, ...]], _kernel.Batch]:
+        """The batch shapes of the sets of a single pair, and the layout of one problem."""
+        rows, fixed_start, moving_start = [], 0, 0
+        for number, (fixed, moving, measurement, _) in enumerate(self.pairs):
+            factor_start = -1 if measurement is None else moving_start
+            rows.append((fixed_start, fixed.size, number, moving_start, moving.size, factor_start))
+            fixed_start, moving_start = fixed_start + fixed.size, moving_start + moving.size
+        fixed, moving, measurement, _ = self.pairs[0]
+        batches = [fixed.batch_shape, moving.batch_shape]
+        batches.append(() if measurement is None else measurement.batch_shape)
+        batch = _kernel.Batch(
+            _joined([pair.fixed._packed for pair in self.pairs], 1),
+            _joined([pair.moving._packed for pair in self.pairs], 1),
+            _joined([pair.moving._order for pair in self.pairs], 0),
+            _joined([pair.fixed._extremes for pair in self.pairs], 0),
+            self._factors(),
+            self.form.outlier,
+            np.array(rows),
+            np.array([pair.interval for pair in self.pairs]),
+            np.array([0, len(self.pairs)]),
+            float(self.form.d2d),
+            float(fixed.dimension == 2),
+            self.form.fusion,
+            measurement is not None and measurement.of_twist,
+            self.kind,
+        )
+        return batches, batch
+
+    def _factors(self) -> Array:
+        """The packed measurements of all pairs, or of none."""
+        packed = [pair.measurement._packed for pair in self.pairs if pair.measurement is not None]
+        return _joined(packed, 0) if packed else _NO_FACTORS
+
+    def _repeated(
+        self,
+        batch: _kernel.Batch,
+        batches: list[tuple[int, ...]],
+        shape: tuple[int, ...],
+    ) -> _kernel.Batch:
+        """The layout of a batch of problems, each with its own sets of a single pair's batches."""
+        count = math.prod(shape)
+        pairs = np.tile(batch.pairs, (count, 1))
+        for column, (own, size) in enumerate(zip(batches, pairs[0, [1, 4, 4]], strict=True)):
+            if own:
+                numbers = np.arange(math.prod(own)).reshape(own)
+                which = np.broadcast_to(numbers, shape).ravel()
+                pairs[:, (0, 3, 5)[column]] = which * size
+                if column == 0:
+                    pairs[:, 2] = which
+        return batch._replace(
+            pairs=pairs,
+            intervals=np.tile(batch.intervals, count),
+            first=len(self.pairs) * np.arange(count + 1),
+        )
+
+    def derivatives(self, bound: Bound) -> tuple[Array, Array, Array]:
+        """Value (B,), gradient (B, 3) and Hessian (B, 3, 3) of each bound problem."""
+        count = len(bound.thetas)
+        value, gradient, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
+        work = _kernel.make_work()
+        _kernel.evaluate_batch(bound.batch, bound.thetas, work, value, gradient, hessian)
+        return value, gradient, hessian
+
+    def log_densities(self, bound: Bound) -> Array:
+        """log q_k (..., K) of every target of every pair, one pair after the other."""
+        return self._of_targets(bound, _kernel.LOG_DENSITY)
+
+    def inlier_shares(self, bound: Bound) -> Array:
+        """Share (..., K) of the inlier component in each target's density."""
+        if self.form.outlier[0] == _kernel.NO_OUTLIER:
+            return np.ones((*bound.shape, sum(pair.moving.size for pair in self.pairs)))
+        return self._of_targets(bound, _kernel.SHARE)
+
+    def _of_targets(self, bound: Bound, row: int) -> Array:
+        targets = sum(pair.moving.size for pair in self.pairs)
+        values = np.empty((len(bound.thetas), targets))
+        _kernel.target_batch(bound.batch, bound.thetas, row, _kernel.make_work(), values)
+        return values.reshape(*bound.shape, targets)
+
+
+def check_pair(
+    fixed: PointSet, moving: PointSet, measurement: LinearMeasurement | None = None
+) -> Pair:
+    """A pair whose parts fit together; a ``ValueError`` names the one that does not."""
+    for name, points in (("fixed", fixed), ("moving", moving)):
+        if not isinstance(points, PointSet):
+            raise ValueError(f"{name} must be a PointSet, but is a {type(points).__name__}")
+    if fixed.dimension != moving.dimension:
+        raise ValueError(
+            f"fixed and moving must have the same dimension, "
+            f"but have {fixed.dimension} and {moving.dimension}"
+        )
+    if measurement is not None:
+        _check_measurement(measurement, moving)
+    return Pair(fixed, moving, measurement)
+
+
+def _check_measurement(measurement: LinearMeasurement, moving: PointSet) -> None:
+    if not isinstance(measurement, LinearMeasurement):
+        raise ValueError(
+            f"measurement must be a LinearMeasurement, but is a {type(measurement).__name__}"
+        )
+    parameters = rigid.PARAMETERS[moving.dimension]
+    if (measurement.size, measurement.parameters) != (moving.size, parameters):
+        raise ValueError(
+            f"measurement must have {moving.size} targets and {parameters} parameters to "
+            f"match moving, but has {measurement.size} and {measurement.parameters}"
+        )
+
+
+def _joined(arrays: list[NDArray[Any]], axis: int) -> NDArray[Any]:
+    """The arrays one after the other, without a copy of a single one."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays, axis=axis)
