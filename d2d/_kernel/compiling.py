@@ -1,8 +1,10 @@
 """How the functions of the kernel are compiled, and how what was compiled is kept.
 
 - ``compiled``: a function of its own
-- ``inlined``: compiled into its callers
+- ``inlined``: compiled, then copied into its callers
 - ``vectorised``: the same, for loops over the lanes, in which products and sums may be fused
+- ``merged``: compiled as a part of its caller, of which there are one or two.  Every layer of
+  functions that are compiled and then linked adds up to a second to the first call.
 - ``entry``: called from Python, without the GIL, and kept on disk
 
 All compute without counting references (``_nrt``), which costs as much as a small problem where
@@ -25,6 +27,7 @@ FAST = {"contract", "nnan"}
 # A function hands its flags down to those that it calls, unless they set their own.
 compiled = njit(forceinline=False, error_model="numpy", _nrt=False)
 inlined = njit(forceinline=True, error_model="numpy", _nrt=False)
+merged = njit(inline="always", error_model="numpy", _nrt=False)
 vectorised = njit(forceinline=True, fastmath=FAST, error_model="numpy", _nrt=False)
 
 

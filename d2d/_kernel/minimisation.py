@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from d2d._kernel.charts import exponential_chart, identity_chart, through_chart
-from d2d._kernel.compiling import compiled, inlined
+from d2d._kernel.compiling import compiled, merged
 from d2d._kernel.evaluation import evaluate_pair
 from d2d._kernel.layout import (
     ARC,
@@ -108,7 +108,7 @@ def pair_at(batch, number):
     )
 
 
-@inlined
+@merged
 def motion_chart(batch, number, theta):
     """A pair's motion at theta, as a chart of its twist if theta is a velocity."""
     interval = batch.intervals[number]
@@ -118,7 +118,7 @@ def motion_chart(batch, number, theta):
     return identity_chart((x, y, w))
 
 
-@inlined
+@merged
 def add_derivatives(work, chart, interval, g, h):
     """Add a pair's gradient and Hessian in its motion, which stand in ``work``, in theta."""
     pg, ph = work.gradient, work.hessian
@@ -137,7 +137,7 @@ def add_derivatives(work, chart, interval, g, h):
     h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
 
 
-@inlined
+@merged
 def evaluate(batch, problem, pair, theta, work, g, h):
     """Cost of a problem at theta, and the sum of its targets' inlier shares.
 
@@ -181,7 +181,7 @@ def first_radius(pair, scale):
     return 3.0 * math.sqrt(variance)
 
 
-@inlined
+@merged
 def accept_trial(work, theta, g, h):
     """Make the trial the new parameters, with its gradient and Hessian."""
     for j in range(3):
@@ -191,7 +191,7 @@ def accept_trial(work, theta, g, h):
             h[i, j] = work.trial_hessian[i, j]
 
 
-@compiled
+@merged
 def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     """Newton's method in a trust region, in place; (value, converged, iterations, mean share).
 
