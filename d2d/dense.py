@@ -154,10 +154,10 @@ class Factor(NamedTuple):
 
     log: Array  # (..., K)
     gradient: Array  # (..., K, P)
-    cross: Array  # (..., K, P): derivative of the gradient in v
-    by_value: Array  # (..., K): derivative of log in v
+    cross: Array  # (..., K, P): derivative of the gradient in z
+    by_value: Array  # (..., K): derivative of log in z
     variance: Array  # (..., K)
-    cross_input: Array  # (..., K, P): derivative of the gradient in the input of h, where dh = k
+    cross_input: Array  # (..., K, P): derivative of the gradient in the input of h, where dh = s
     by_input: Array  # (..., K): derivative of log in the input
 
 

@@ -40,7 +40,7 @@ def test_page(page: str, check: Check, visit: Visit, book: Path):
 
 @EACH_PAGE
 def test_figures_of_the_thesis_are_shown(page: str, visit: Visit):
-    """Breaks if a figure of d2d.study.figures is not a picture or a table on its page."""
+    """Breaks if a figure of the thesis is not a picture or a table on its page."""
     expected = {f"fig-{figure.id}" for figure in FIGURES if f"chapters/{figure.page}" == page}
     assert expected <= set(visit(page).figures)
 

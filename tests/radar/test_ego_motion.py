@@ -132,6 +132,28 @@ def derivative_along(function, direction, step=0.03) -> tuple[float, float]:
     return first, second
 
 
+def assert_optimum_of(estimate, cost) -> None:
+    """The estimate is at a minimum of ``cost``, with its value, Hessian and inverse Hessian.
+
+    Derivatives are taken in units of the estimated standard deviations.
+    """
+    root = np.linalg.cholesky(estimate.covariance)
+
+    def shifted(offset):
+        return cost(estimate.theta + root @ offset)
+
+    assert estimate.value == pytest.approx(shifted(np.zeros(3)), rel=1e-10)
+    axes = np.eye(3)
+    slopes, curvatures = np.transpose([derivative_along(shifted, axis) for axis in axes])
+    assert_allclose(slopes, 0.0, atol=1e-5)
+    naive = np.diag(curvatures)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        mixed = derivative_along(shifted, axes[i] + axes[j])[1]
+        naive[i, j] = naive[j, i] = 0.5 * (mixed - curvatures[i] - curvatures[j])
+    assert_allclose(root.T @ estimate.hessian @ root, naive, rtol=0, atol=1e-5)
+    assert_allclose(estimate.covariance @ estimate.hessian, np.eye(3), atol=1e-8)
+
+
 @pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
 @pytest.mark.parametrize("first_order", [True, False], ids=["first-order", "exact"])
 @pytest.mark.parametrize(
@@ -188,30 +210,11 @@ def test_the_estimate_is_the_optimum_of_the_naive_joint_cost(
         first_order=first_order,
     )
     assert estimate.converged
-    root = np.linalg.cholesky(estimate.covariance)
 
-    def cost(offset):
-        return naive_cost(
-            estimate.theta + root @ offset,
-            previous,
-            current,
-            mounting,
-            outlier,
-            doppler,
-            first_order,
-        )
+    def cost(theta):
+        return naive_cost(theta, previous, current, mounting, outlier, doppler, first_order)
 
-    assert estimate.value == pytest.approx(cost(np.zeros(3)), rel=1e-10)
-    axes = np.eye(3)
-    slopes, curvatures = np.transpose([derivative_along(cost, axis) for axis in axes])
-    # 1e-5 standard deviations
-    assert_allclose(slopes, 0.0, atol=1e-5)
-    naive = np.diag(curvatures)
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        mixed = derivative_along(cost, axes[i] + axes[j])[1]
-        naive[i, j] = naive[j, i] = 0.5 * (mixed - curvatures[i] - curvatures[j])
-    assert_allclose(root.T @ estimate.hessian @ root, naive, rtol=0, atol=1e-5)
-    assert_allclose(estimate.covariance @ estimate.hessian, np.eye(3), atol=1e-8)
+    assert_optimum_of(estimate, cost)
 
 
 @pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
@@ -399,22 +402,11 @@ def test_the_joint_estimate_is_the_optimum_of_the_sum_of_naive_costs(doppler, ou
         pairs[1] = previous, with_doppler(current, changed), mounting
     estimate = estimate_joint_ego_motion(pairs, doppler=doppler, outlier=outlier, initial=theta)
     assert estimate.converged
-    root = np.linalg.cholesky(estimate.covariance)
 
-    def cost(offset):
-        at = estimate.theta + root @ offset
-        return sum(naive_cost(at, *pair, outlier, doppler, False) for pair in pairs)
+    def cost(theta):
+        return sum(naive_cost(theta, *pair, outlier, doppler, False) for pair in pairs)
 
-    assert estimate.value == pytest.approx(cost(np.zeros(3)), rel=1e-10)
-    axes = np.eye(3)
-    slopes, curvatures = np.transpose([derivative_along(cost, axis) for axis in axes])
-    assert_allclose(slopes, 0.0, atol=1e-5)
-    naive = np.diag(curvatures)
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        mixed = derivative_along(cost, axes[i] + axes[j])[1]
-        naive[i, j] = naive[j, i] = 0.5 * (mixed - curvatures[i] - curvatures[j])
-    assert_allclose(root.T @ estimate.hessian @ root, naive, rtol=0, atol=1e-5)
-    assert_allclose(estimate.covariance @ estimate.hessian, np.eye(3), atol=1e-8)
+    assert_optimum_of(estimate, cost)
 
 
 @pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
