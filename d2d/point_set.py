@@ -215,6 +215,11 @@ class PointSet:
         scale = float(check_positive("scale", check_scalar("scale", scale)))
         return PointSet._of(self.means, self.covariances * scale**2, self.weights)
 
+    def widened(self, sigma: Array) -> "PointSet":
+        """The set with the variances ``sigma`` (N,) squared added along each axis."""
+        added = sigma[:, None, None] ** 2 * np.eye(self.dimension)
+        return PointSet._of(self.means, self.covariances + added, self.weights)
+
     @lazy
     def _packed(self) -> Array:
         """(6, B N) array as the kernel reads it, one row for each quantity."""

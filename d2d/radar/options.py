@@ -7,10 +7,12 @@ from typing import Any, TypedDict
 import numpy as np
 
 from d2d import _kernel
-from d2d._checks import check_flag, check_schedule
-from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
+from d2d._checks import check_flag, check_positive, check_scalar, check_schedule
+from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost, UniformOutlier
 from d2d.problem import CostForm, Pair, Problem
 
+# m/s: from 20 m/s approaching to 20 m/s receding, about what a moving vehicle sees of others
+DEFAULT_DOPPLER_WIDTH = 40.0
 # thesis sec. 7.3: 20 % outliers, with a standard deviation of 10 m along both axes
 DEFAULT_OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
 
@@ -20,6 +22,7 @@ class ModelOptions(TypedDict, total=False):
 
     doppler: bool
     outlier: OutlierModel | None
+    doppler_width: float
     first_order: bool
 
 
@@ -42,6 +45,10 @@ class EgoMotionModel:
         Whether the cost includes the Doppler velocities.
     outlier : UniformOutlier, CorruptedGaussian or None
         By default the thesis's corrupted Gaussian, with alpha = 0.2 and variances of (10 m)^2.
+    doppler_width : float, m/s
+        An outlier's Doppler velocity is taken as uniform over an interval of this width: the
+        outlier component's density is divided by it, so that it has the unit of the inliers'
+        density.  The thesis leaves this density out of eq. 7.14, which is a width of 1 m/s.
     first_order : bool
         Whether the translation over the interval tau is v tau (thesis eq. 7.2) instead of that of
         the SE(2) exponential, by which a turning vehicle moves at constant velocity.
@@ -54,18 +61,32 @@ class EgoMotionModel:
 
     doppler: bool = True
     outlier: OutlierModel | None = DEFAULT_OUTLIER
+    doppler_width: float = DEFAULT_DOPPLER_WIDTH
     first_order: bool = False
     form: CostForm = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_flag("doppler", self.doppler)
         check_flag("first_order", self.first_order)
+        check_positive("doppler_width", check_scalar("doppler_width", self.doppler_width))
         object.__setattr__(self, "form", self.cost.form(2))
 
     @property
     def cost(self) -> RegistrationCost:
-        """The cost of the motion between two scans."""
-        return RegistrationCost(outlier=self.outlier)
+        """The cost of the motion between two scans.
+
+        Its outlier component contains the density of the Doppler velocity.  Of a corrupted
+        Gaussian, only the ratio of the two weights matters to the optimum: it is divided by the
+        width, and the cost changes by a constant.
+        """
+        if not self.doppler or self.outlier is None:
+            return RegistrationCost(outlier=self.outlier)
+        width = float(self.doppler_width)
+        if isinstance(self.outlier, UniformOutlier):
+            return RegistrationCost(outlier=UniformOutlier(self.outlier.density / width))
+        alpha = self.outlier.fraction
+        fraction = alpha / (alpha + (1.0 - alpha) * width)
+        return RegistrationCost(outlier=CorruptedGaussian(fraction, self.outlier.covariance))
 
     def problem(self, pairs: Sequence[Pair]) -> Problem:
         """The cost of the velocity that pairs of scans share."""

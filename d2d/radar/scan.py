@@ -1,6 +1,6 @@
 """A scan of a Doppler radar, and the mounting of the sensor on the vehicle."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -17,6 +17,9 @@ from d2d._checks import (
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
+
+
+_BROADCAST = ("sigma_range", "sigma_azimuth", "sigma_doppler", "extent")  # numbers or arrays
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,10 @@ class RadarScan:
         positive for receding targets.  K may be 0.
     sigma_range, sigma_azimuth, sigma_doppler : numbers or (K,) arrays in the same units
         Standard deviations, positive.
+    extent : number or (K,) array, m
+        How far a target's reflection point lies from the point that the other scans see, as a
+        standard deviation along each axis.  Objects are extended, and each scan sees other points
+        of them.  Zero for point targets; see `estimate_extent`.
 
     Raises
     ------
@@ -75,6 +82,7 @@ class RadarScan:
     sigma_range: Array
     sigma_azimuth: Array
     sigma_doppler: Array
+    extent: Array
 
     def __init__(
         self,
@@ -85,6 +93,7 @@ class RadarScan:
         sigma_range: ArrayLike,
         sigma_azimuth: ArrayLike,
         sigma_doppler: ArrayLike,
+        extent: ArrayLike = 0.0,
     ) -> None:
         object.__setattr__(self, "time", check_scalar("time", time))
         arrays = {
@@ -94,13 +103,16 @@ class RadarScan:
             "sigma_range": check_positive("sigma_range", sigma_range),
             "sigma_azimuth": check_positive("sigma_azimuth", sigma_azimuth),
             "sigma_doppler": check_positive("sigma_doppler", sigma_doppler),
+            "extent": check_finite("extent", extent),
         }
+        if (arrays["extent"] < 0.0).any():
+            raise ValueError("extent must not be negative")
         shape = arrays["range"].shape
         if len(shape) != 1:
             raise ValueError(f"range must have the shape (K,), but has {shape}")
         for name, array in arrays.items():
             if array.shape != shape and not (
-                name.startswith("sigma") and array.shape in ((), (1,))
+                name in _BROADCAST and array.shape in ((), (1,))
             ):
                 raise ValueError(
                     f"{name} must have the shape {shape} to match range, but has {array.shape}"
@@ -129,12 +141,19 @@ class RadarScan:
             self.sigma_range[index],
             self.sigma_azimuth[index],
             self.sigma_doppler[index],
+            self.extent[index],
         )
+
+    def with_extent(self, extent: ArrayLike) -> "RadarScan":
+        """The scan with another ``extent``, a number or (K,) array in m."""
+        return replace(self, extent=extent)
 
     __iter__ = None  # else Python would try the indices 0, 1, ... and stop at the first IndexError
 
     def point_set(self, mounting: Mounting) -> PointSet:
         """The targets as Gaussians in the vehicle frame (thesis eq. 7.1, 7.3 and 7.4).
+
+        The variance of the extent is added to the measurement's covariance.
 
         Raises a ``ValueError`` if the scan is empty or ``mounting`` is not a `Mounting`.
         """
@@ -171,7 +190,7 @@ def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
     """The scan's point set; the latest are cached, because a drive uses each in several pairs."""
     azimuth = scan.azimuth + mounting.yaw
     targets = PointSet.from_polar(scan.range, azimuth, scan.sigma_range, scan.sigma_azimuth)
-    return targets.shifted(mounting.pose[:2])
+    return targets.shifted(mounting.pose[:2]).widened(scan.extent)
 
 
 def doppler_gradients(azimuth: ArrayLike, mounting: Mounting) -> tuple[Array, Array]:
