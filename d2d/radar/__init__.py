@@ -5,7 +5,8 @@ from d2d.radar.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
 from d2d.radar.ego_motion import estimate_ego_motion, inlier_probabilities
 from d2d.radar.joint import estimate_joint_ego_motion, track_joint
 from d2d.radar.options import EgoMotionModel
-from d2d.radar.radarscenes import Recording, load_radarscenes
+from d2d.radar.radarscenes import load_radarscenes
+from d2d.radar.recording import Recording
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
 from d2d.radar.simulation import Drive, Sensor, TrueTargets, simulate_drive
