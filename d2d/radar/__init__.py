@@ -8,7 +8,7 @@ from d2d.radar.options import EgoMotionModel
 from d2d.radar.radarscenes import load_radarscenes
 from d2d.radar.recording import Recording
 from d2d.radar.reference import Reference
-from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
+from d2d.radar.scan import Mounting, RadarScan, doppler_velocity, quantisation_sigma
 from d2d.radar.simulation import Drive, Sensor, TrueTargets, simulate_drive
 from d2d.radar.track import Track, track
 from d2d.radar.world import World, build_world
@@ -33,6 +33,7 @@ __all__ = [
     "inlier_probabilities",
     "load_radarscenes",
     "propagate_ego_motion",
+    "quantisation_sigma",
     "sensor_velocity",
     "simulate_drive",
     "track",
