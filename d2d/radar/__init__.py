@@ -4,6 +4,7 @@ from d2d.radar.covariance import propagate_ego_motion
 from d2d.radar.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
 from d2d.radar.ego_motion import estimate_ego_motion, inlier_probabilities
 from d2d.radar.joint import estimate_joint_ego_motion, track_joint
+from d2d.radar.nuscenes import load_nuscenes
 from d2d.radar.options import EgoMotionModel
 from d2d.radar.radarscenes import load_radarscenes
 from d2d.radar.recording import Recording
@@ -31,6 +32,7 @@ __all__ = [
     "estimate_ego_motion",
     "estimate_joint_ego_motion",
     "inlier_probabilities",
+    "load_nuscenes",
     "load_radarscenes",
     "propagate_ego_motion",
     "quantisation_sigma",
