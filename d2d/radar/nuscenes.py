@@ -270,8 +270,9 @@ def _motion(root: Path, tables: Path, scene: str, drive: _Drive) -> _Motion:
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise ValueError(f"{path} holds no poses of the vehicle ({error!r})") from None
     columns = np.column_stack([x, y, yaw, speed])
-    if not np.isfinite(columns).all():
-        raise ValueError(f"{path} holds no poses of the vehicle: one is not finite")
+    if not len(columns) or not np.isfinite(columns).all():
+        wrong = "one is not finite" if len(columns) else "it is empty"
+        raise ValueError(f"{path} holds no poses of the vehicle: {wrong}")
     times, first = np.unique(times, return_index=True)  # each sensor has a pose, some at one time
     columns = columns[first]
     return _Motion(times, columns[:, :3], columns[:, 3] if on_bus else None)
