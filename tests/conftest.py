@@ -1,7 +1,9 @@
 """Settings for all tests."""
 
 import os
+from pathlib import Path
 
+import pytest
 from hypothesis import settings
 
 os.environ["MPLBACKEND"] = "Agg"
@@ -14,3 +16,12 @@ collect_ignore = ["book"]
 settings.register_profile("reproducible", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None, max_examples=1000)
 settings.load_profile("reproducible")
+
+
+@pytest.fixture(scope="session")
+def nuscenes() -> Path:
+    """Folder of the nuScenes data set; tests that ask for it are skipped where it is not."""
+    root = os.environ.get("D2D_NUSCENES")
+    if not root:
+        pytest.skip("set D2D_NUSCENES to the folder of the nuScenes data set")
+    return Path(root)

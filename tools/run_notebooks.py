@@ -8,7 +8,8 @@ written to that folder, and those of chapters/ stay as they are.
 Each notebook runs in a fresh kernel and in its own folder. What would differ between two runs or
 two machines is not stored: times, widget state, the patch version of Python. A notebook that raises
 or writes to stderr (a warning, a progress bar) is reported with its cell and left as it was. Stored
-outputs never hold measurements of a data set: D2D_RADARSCENES is not passed on to the kernels.
+outputs never hold measurements of a data set: D2D_RADARSCENES and D2D_NUSCENES are not passed on to
+the kernels.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ LANGUAGE_INFO = {
     "nbconvert_exporter": "python",
     "pygments_lexer": "ipython3",
 }
-UNSET_FOR_KERNELS = ("D2D_RADARSCENES", "MPLBACKEND", "PYTHONWARNINGS")
+UNSET_FOR_KERNELS = ("D2D_RADARSCENES", "D2D_NUSCENES", "MPLBACKEND", "PYTHONWARNINGS")
 
 
 class NotebookError(Exception):

@@ -4,10 +4,12 @@ from d2d.radar.covariance import propagate_ego_motion
 from d2d.radar.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
 from d2d.radar.ego_motion import estimate_ego_motion, inlier_probabilities
 from d2d.radar.joint import estimate_joint_ego_motion, track_joint
+from d2d.radar.nuscenes import load_nuscenes
 from d2d.radar.options import EgoMotionModel
-from d2d.radar.radarscenes import Recording, load_radarscenes
+from d2d.radar.radarscenes import load_radarscenes
+from d2d.radar.recording import Recording
 from d2d.radar.reference import Reference
-from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
+from d2d.radar.scan import Mounting, RadarScan, doppler_velocity, quantisation_sigma
 from d2d.radar.simulation import Drive, Sensor, TrueTargets, simulate_drive
 from d2d.radar.track import Track, track
 from d2d.radar.world import World, build_world
@@ -30,8 +32,10 @@ __all__ = [
     "estimate_ego_motion",
     "estimate_joint_ego_motion",
     "inlier_probabilities",
+    "load_nuscenes",
     "load_radarscenes",
     "propagate_ego_motion",
+    "quantisation_sigma",
     "sensor_velocity",
     "simulate_drive",
     "track",

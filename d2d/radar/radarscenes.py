@@ -3,10 +3,8 @@
 The data set is licensed CC BY-NC-SA 4.0 and is not part of this package.
 """
 
-import json
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +14,8 @@ from numpy.typing import NDArray
 
 from d2d._checks import check_count, check_path, check_positive, check_scalar
 from d2d._types import Array
+from d2d.radar.files import existing, read_json, strongest_targets
+from d2d.radar.recording import Recording
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan
 
@@ -33,23 +33,6 @@ def azimuth_sigma(azimuth: Array) -> Array:
     """
     off = np.abs(np.rad2deg(azimuth))
     return np.deg2rad(np.where(off <= 45.0, 0.3, np.interp(off, [45.0, 60.0], [0.5, 1.0])))
-
-
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """One sensor's scans of a drive, its mounting, and the motion according to the odometry.
-
-    Attributes
-    ----------
-    scans : list of RadarScan
-    mounting : Mounting
-    reference : Reference
-        The motion at the times of the scans; nan outside the odometry's time span.
-    """
-
-    scans: list[RadarScan]
-    mounting: Mounting
-    reference: Reference
 
 
 def load_radarscenes(
@@ -111,14 +94,14 @@ def load_radarscenes(
             f"sequence must be a number or a name like sequence_105, but is {sequence!r}"
         )
     check_count("sensor", sensor)
-    data = _existing(
+    data = existing(
         check_path("root", root), "data", "the folder `data` of the RadarScenes data set"
     )
     name = f"sequence_{sequence}" if str(sequence).isdigit() else str(sequence)
-    folder = _existing(data, name, "the folder of that sequence")
+    folder = existing(data, name, "the folder of that sequence")
     mounting = _mounting(data, sensor)
-    scenes = _scenes(_existing(folder, "scenes.json", "the list of its scans"), sensor)
-    path = _existing(folder, "radar_data.h5", "its targets and odometry")
+    scenes = _scenes(existing(folder, "scenes.json", "the list of its scans"), sensor)
+    path = existing(folder, "radar_data.h5", "its targets and odometry")
     targets, odometry = _tables(path)
 
     scans = []
@@ -148,20 +131,6 @@ def load_radarscenes(
     return Recording(scans, mounting, _reference(times, odometry, offset, slip))
 
 
-def _existing(folder: Path, name: str, what: str) -> Path:
-    path = folder / name
-    if not os.path.exists(path):  # Path.exists() raises an error if the name is too long
-        raise FileNotFoundError(f"{path} does not exist; it should be {what}")
-    return path
-
-
-def _json(path: Path) -> Any:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError, RecursionError) as error:
-        raise ValueError(f"{path} is not a JSON file: {error}") from None
-
-
 def _mounting(data: Path, sensor: int) -> Mounting:
     """The mounting in sensors.json, which is in the data set's root or its folder ``data``."""
     places = [folder / "sensors.json" for folder in (data, data.parent)]
@@ -170,7 +139,7 @@ def _mounting(data: Path, sensor: int) -> Mounting:
         raise FileNotFoundError(
             f"neither {places[0]} nor {places[1]} exists; one should hold the sensors' mountings"
         )
-    entry = _json(found[0])
+    entry = read_json(found[0])
     key = f"radar_{sensor}"
     if not isinstance(entry, dict) or key not in entry:
         raise ValueError(f"sensor must be one of those in {found[0]}, but is {sensor}")
@@ -182,7 +151,7 @@ def _mounting(data: Path, sensor: int) -> Mounting:
 
 def _scenes(path: Path, sensor: int) -> list[tuple[int, tuple[int, int]]]:
     """Time stamp in us and half-open target indices of the sensor's scans, in time order."""
-    content = _json(path)
+    content = read_json(path)
     try:
         chosen = sorted(
             (int(stamp), (int(scene["radar_indices"][0]), int(scene["radar_indices"][1])))
@@ -248,9 +217,7 @@ def _scan(
         )
     good = (distance > 0) & np.isfinite(distance) & np.isfinite(azimuth) & np.isfinite(doppler)
     keep = np.flatnonzero(good)
-    if strongest is not None and len(keep) > strongest:
-        order = np.argsort(-targets["rcs"][keep], kind="stable")
-        keep = np.sort(keep[order[:strongest]])
+    keep = keep[strongest_targets(targets["rcs"][keep], strongest)]
     azimuth = azimuth[keep]
     sigma = sigma_azimuth(azimuth) if callable(sigma_azimuth) else sigma_azimuth
     return RadarScan(

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_finite
+from d2d import rigid
+from d2d._checks import check_finite, check_positive, check_scalar
 from d2d._types import Array
 
 
@@ -27,6 +28,53 @@ class Reference:
     theta: Array
     poses: Array
 
+    @classmethod
+    def from_poses(
+        cls, stamps: ArrayLike, poses: ArrayLike, times: ArrayLike, *, half_width: float = 0.2
+    ) -> "Reference":
+        """The motion at ``times`` from poses alone, such as those of a localisation.
+
+        A parabola is fitted to the poses within ``half_width`` of each time; its value and slope
+        are pose and velocity (a Savitzky-Golay filter for stamps that are not evenly spaced).
+
+        Parameters
+        ----------
+        stamps : (n,) array, s
+            Times of the poses, strictly increasing.
+        poses : (n, 3) array
+            Pose [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw may wrap.
+        times : (m,) array, s
+        half_width : float, s
+
+        Returns
+        -------
+        Reference
+            At ``times``; nan where poses are missing before or after the time, or where fewer than
+            five poses are within reach.
+
+        Raises
+        ------
+        ValueError
+            If a shape is wrong, a value is not finite, ``stamps`` do not increase or ``half_width``
+            is not positive; the message names the argument.
+        """
+        known, wanted = check_finite("stamps", stamps), check_finite("times", times)
+        placed = rigid.motion("poses", poses, 2)
+        if known.ndim != 1 or placed.shape != (len(known), 3):
+            raise ValueError(
+                "stamps and poses must have the shapes (n,) and (n, 3), but have "
+                f"{known.shape} and {placed.shape}"
+            )
+        if wanted.ndim != 1:
+            raise ValueError(f"times must have the shape (m,), but has {wanted.shape}")
+        if not (np.diff(known) > 0).all():
+            raise ValueError("stamps must be strictly increasing, but are not")
+        reach = float(check_positive("half_width", check_scalar("half_width", half_width)))
+        placed = np.column_stack([placed[:, :2], np.unwrap(placed[:, 2])])
+        value, slope = _parabolas(known, placed, wanted, reach)
+        turned = rigid.rotation(-value[:, 2]) @ slope[:, :2, None]
+        return cls(wanted, np.column_stack([turned[..., 0], slope[:, 2]]), value)
+
     def at(self, times: ArrayLike) -> "Reference":
         """The motion at other times (m,) in s, by linear interpolation; nan outside the time span.
 
@@ -42,3 +90,21 @@ class Reference:
             for array in (self.theta, self.poses)
         )
         return Reference(wanted, theta, poses)
+
+
+_MIN_POSES = 5  # of a parabola: two more than it has coefficients
+
+
+def _parabolas(stamps: Array, poses: Array, times: Array, half_width: float) -> tuple[Array, Array]:
+    """Values and slopes, each (m, 3), of the parabolas fitted around each time."""
+    fitted = np.full((2, len(times), 3), np.nan)
+    first = np.searchsorted(stamps, times - half_width)
+    last = np.searchsorted(stamps, times + half_width, side="right")
+    for i, (low, high) in enumerate(zip(first, last, strict=True)):
+        if high - low < _MIN_POSES or not stamps[low] <= times[i] <= stamps[high - 1]:
+            continue
+        distance = (stamps[low:high] - times[i]) / half_width
+        origin = poses[low]  # coordinates in a map are large, displacements within reach small
+        fit = np.linalg.lstsq(np.vander(distance, 3), poses[low:high] - origin, rcond=None)[0]
+        fitted[:, i] = fit[2] + origin, fit[1] / half_width
+    return fitted[0], fitted[1]

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from d2d import rigid
 from d2d._checks import (
     broadcast_batches,
+    check_covariances,
     check_finite,
     check_instance,
     check_positive,
@@ -121,10 +122,91 @@ class RadarScan:
             view.flags.writeable = False
             object.__setattr__(self, name, view)
 
+    @classmethod
+    def from_cartesian(
+        cls,
+        time: float,
+        x: ArrayLike,
+        y: ArrayLike,
+        *,
+        doppler: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
+        grid: float | None = None,
+        sigma_range: ArrayLike = 0.0,
+        sigma_azimuth: ArrayLike = 0.0,
+        sigma_doppler: ArrayLike = 0.0,
+        step: float | None = None,
+    ) -> "RadarScan":
+        """The scan of a radar that reports positions, such as a list of objects or clusters.
+
+        The errors that are given add up: each is one part of the variance.  A scan keeps one
+        standard deviation along the line of sight and one across, so that a covariance is projected
+        onto both, and the correlation between them is dropped.
+
+        Parameters
+        ----------
+        time : float, s
+        x, y : (K,) arrays, m
+            Positions in the sensor frame, x along the boresight, y to the left.
+        doppler : (K,) array, m/s
+            Radial velocity, positive for receding targets; either this or ``velocity``.
+        velocity : (K, 2) array, m/s
+            Velocity relative to the sensor, not compensated for its own motion.  It is projected
+            onto the line of sight: the rest is no measurement of a Doppler radar.
+        covariance : (K, 2, 2) or (2, 2) array, m^2
+            Of the position.
+        grid : float, m
+            Spacing of the values to which x and y are rounded; see `quantisation_sigma`.
+        sigma_range, sigma_azimuth, sigma_doppler : numbers or (K,) arrays in m, rad, m/s
+            Standard deviations, not negative.
+        step : float, m/s
+            Spacing of the values to which the Doppler velocity, or each component of the velocity,
+            is rounded.
+
+        Raises
+        ------
+        ValueError
+            If an argument is not finite or has the wrong shape, a target is at the sensor's
+            position, or there is no error of the range, the azimuth or the Doppler velocity; the
+            message names the argument.
+        """
+        ahead, left = check_finite("x", x), check_finite("y", y)
+        if ahead.ndim != 1 or ahead.shape != left.shape:
+            raise ValueError(
+                f"x and y must have the same shape (K,), but have {ahead.shape} and {left.shape}"
+            )
+        distance = np.hypot(ahead, left)
+        if not (distance > 0).all():
+            raise ValueError("x and y must not both be zero, but a target is at the sensor")
+        size = len(distance)
+        sight = np.stack([ahead, left], axis=-1) / distance[:, None]
+        sideways = np.stack([-sight[:, 1], sight[:, 0]], axis=-1)
+        spread = _position_covariances(covariance, grid, size)
+        along, beside = (np.einsum("ki,kij,kj->k", d, spread, d) for d in (sight, sideways))
+        rounding = 0.0 if step is None else quantisation_sigma(step, "step")
+        return cls(
+            time,
+            distance,
+            np.arctan2(left, ahead),
+            _radial(doppler, velocity, sight),
+            np.sqrt(_variance("sigma_range", sigma_range, size) + along),
+            np.sqrt(_variance("sigma_azimuth", sigma_azimuth, size) + beside / distance**2),
+            np.sqrt(_variance("sigma_doppler", sigma_doppler, size) + rounding**2),
+        )
+
     @property
     def size(self) -> int:
         """Number K of targets."""
         return len(self.range)
+
+    def __len__(self) -> int:
+        """Number K of targets."""
+        return len(self.range)
+
+    def __repr__(self) -> str:
+        """Time and number of targets; the arrays would fill the screen."""
+        return f"RadarScan(time={self.time:.6f} s, {len(self)} targets)"
 
     def __getitem__(self, index: slice | Array) -> "RadarScan":
         """The scan with only some of its targets, selected by a slice, a mask or a list of indices.
@@ -183,6 +265,57 @@ class RadarScan:
             slope / interval,
             of_twist,
         )
+
+
+def quantisation_sigma(step: float, name: str = "step") -> float:
+    """Standard deviation of the error of a value that is rounded to multiples of ``step``.
+
+    The error is uniform over one step, so that the variance is step^2 / 12.  It adds to that of the
+    measurement: ``np.hypot(sigma, quantisation_sigma(step))``.  Where the noise is much smaller
+    than the step, rounding is not independent from one value to the next.
+
+    Raises a ``ValueError``, which calls the argument ``name``, unless it is a positive number.
+    """
+    return float(check_positive(name, check_scalar(name, step)) / np.sqrt(12.0))
+
+
+def _position_covariances(covariance: ArrayLike | None, grid: float | None, size: int) -> Array:
+    """Covariances (K, 2, 2) of positions: those given, and the rounding's."""
+    total = np.zeros((size, 2, 2))
+    if covariance is not None:
+        given = check_covariances("covariance", covariance)
+        if given.shape not in ((size, 2, 2), (2, 2)):
+            raise ValueError(
+                f"covariance must have the shape ({size}, 2, 2) or (2, 2), but has {given.shape}"
+            )
+        total += given
+    if grid is not None:
+        total += quantisation_sigma(grid, "grid") ** 2 * np.eye(2)
+    return total
+
+
+def _radial(doppler: ArrayLike | None, velocity: ArrayLike | None, sight: Array) -> Array:
+    """The Doppler velocities (K,), or velocities (K, 2) projected onto the line of sight."""
+    if doppler is not None and velocity is None:
+        return check_finite("doppler", doppler)
+    if doppler is not None or velocity is None:
+        raise ValueError("either doppler or velocity must be given, and not both")
+    vectors = check_finite("velocity", velocity)
+    if vectors.shape != sight.shape:
+        raise ValueError(
+            f"velocity must have the shape {sight.shape} to match x, but has {vectors.shape}"
+        )
+    return np.asarray(np.einsum("ki,ki->k", vectors, sight))
+
+
+def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
+    """Squares of standard deviations, which may be zero where other errors add to them."""
+    array = check_finite(name, sigma)
+    if array.shape not in ((), (1,), (size,)):
+        raise ValueError(f"{name} must have the shape ({size},) to match x, but has {array.shape}")
+    if not (array >= 0).all():
+        raise ValueError(f"{name} must not be negative, but holds {array.min():g}")
+    return array**2
 
 
 @lru_cache(maxsize=64)

@@ -1,0 +1,23 @@
+"""What a reader of a data set returns: the scans of one sensor, its mounting, the true motion."""
+
+from dataclasses import dataclass
+
+from d2d.radar.reference import Reference
+from d2d.radar.scan import Mounting, RadarScan
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One sensor's scans of a drive, its mounting, and the motion according to other sensors.
+
+    Attributes
+    ----------
+    scans : list of RadarScan
+    mounting : Mounting
+    reference : Reference
+        The motion at the times of the scans; nan outside the time span of the reference's source.
+    """
+
+    scans: list[RadarScan]
+    mounting: Mounting
+    reference: Reference

@@ -1,0 +1,621 @@
+"""The nuScenes reader, on a tiny data set in the official layout and on the real one.
+
+The tiny one has two scenes, two radars, a lidar whose files are not there, an empty scan, targets
+that must be left out, and a vehicle that drives round a bend, so that its velocities are known.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d import rigid
+from d2d.radar import (
+    Mounting,
+    Recording,
+    doppler_ego_motion,
+    doppler_velocity,
+    load_nuscenes,
+    sensor_velocity,
+)
+from d2d.radar.nuscenes import azimuth_sigma
+
+START = 1_532_402_900_000_000  # us
+THETA = np.array([8.0, -0.2, 0.3])  # of the vehicle, all the time
+POSE = np.array([411.0, 1180.0, 3.0])  # at START; yaw goes through pi
+TIMES = START + np.array([0, 75_000, 150_000, 226_000, 299_000]) + 500_000
+MOUNTINGS = {"RADAR_FRONT": (3.4, 0.0, 0.02), "RADAR_BACK_LEFT": (-0.5, 0.6, 3.05)}
+FIELDS = "x y z dyn_prop id rcs vx vy vx_comp vy_comp is_quality_valid ambig_state x_rms y_rms"
+FIELDS += " invalid_state pdh0 vx_rms vy_rms"
+SIZES = [4, 4, 4, 1, 2, 4, 4, 4, 4, 4, 1, 1, 1, 1, 1, 1, 1, 1]
+TYPES = [*"FFFIIFFFFFIIIIIIII"]
+# x, y, rcs, invalid_state, ambig_state of each target
+TARGETS = [
+    (10.0, 2.0, 5.0, 0, 3),
+    (20.0, -4.2, 1.0, 4, 3),
+    (30.2, 0.0, 9.0, 17, 3),
+    (5.0, 6.0, 7.0, 0, 3),
+    (40.0, 1.0, 50.0, 3, 3),  # not valid
+    (41.0, 1.0, 50.0, 7, 3),
+    (42.0, 1.0, 50.0, 0, 0),  # ambiguous
+    (43.0, 1.0, 50.0, 0, 4),
+    (0.0, 0.0, 50.0, 0, 3),  # at the sensor
+    (np.nan, 1.0, 50.0, 0, 3),
+    (44.0, np.inf, 50.0, 0, 3),
+]
+GOOD = 4
+
+
+def quaternion(yaw: float) -> list[float]:
+    """Of a rotation about z."""
+    return [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
+
+
+def pose_at(microseconds: float) -> np.ndarray:
+    """The vehicle's pose; its velocity is always THETA."""
+    step = rigid.exponential(THETA * (microseconds - START) * 1e-6)
+    return np.append(
+        POSE[:2] + rigid.rotation(POSE[2]) @ step[:2],
+        (POSE[2] + step[2] + np.pi) % (2 * np.pi) - np.pi,
+    )
+
+
+def pcd(rows: list[tuple[float, ...]], channel: str, **changes: str) -> bytes:
+    """A point cloud of static targets, with the radar's vx = v_r / cos(azimuth) and vy = 0."""
+    x, y, rcs, invalid, ambiguous = np.array(rows, dtype=float).reshape(-1, 5).T
+    layout = [
+        (name, f"<{'f' if kind == 'F' else 'i'}{size}")
+        for name, size, kind in zip(FIELDS.split(), SIZES, TYPES, strict=True)
+    ]
+    cloud = np.zeros(len(x), dtype=layout)
+    for name in cloud.dtype.names:
+        cloud[name] = 77  # must not be read
+    good = np.isfinite(x) & np.isfinite(y)
+    azimuth = np.arctan2(np.where(good, y, 0.0), np.where(good, x, 1.0))
+    radial = doppler_velocity(THETA, azimuth, mounting_of(channel))
+    columns = {"x": x, "y": y, "rcs": rcs, "invalid_state": invalid, "ambig_state": ambiguous}
+    columns |= {"vx": radial / np.cos(azimuth), "vy": 0.0 * radial}
+    for name, column in columns.items():
+        cloud[name] = column
+    header = {
+        "VERSION": "0.7",
+        "FIELDS": FIELDS,
+        "SIZE": " ".join(map(str, SIZES)),
+        "TYPE": " ".join(TYPES),
+        "COUNT": " ".join(["1"] * len(SIZES)),
+        "WIDTH": str(len(x)),
+        "HEIGHT": "1",
+        "VIEWPOINT": "0 0 0 1 0 0 0",
+        "POINTS": str(len(x)),
+        "DATA": "binary",
+    } | changes
+    lines = ["# .PCD v0.7 - Point Cloud Data file format", *(f"{k} {v}" for k, v in header.items())]
+    return "\n".join(lines).encode() + b"\n" + cloud.tobytes()
+
+
+def mounting_of(channel: str) -> Mounting:
+    """As the reader must find it."""
+    return Mounting(*MOUNTINGS[channel])
+
+
+def tables() -> dict[str, list[dict[str, Any]]]:
+    """The tables, with rows that do not matter among those that do; not in time order."""
+    scenes = ["scene-0001", "scene-0002"]
+    channels = [*MOUNTINGS, "LIDAR_TOP"]
+    content: dict[str, list[dict[str, Any]]] = {
+        "scene": [{"token": f"S{s}", "name": s} for s in scenes],
+        "sample": [{"token": f"K{s}", "scene_token": f"S{s}"} for s in scenes],
+        "sensor": [
+            {"token": c, "channel": c, "modality": c.split("_")[0].lower()} for c in channels
+        ],
+        "calibrated_sensor": [],
+        "sample_data": [],
+        "ego_pose": [],
+    }
+    for scene in scenes:
+        for channel in channels:
+            x, y, yaw = MOUNTINGS.get(channel, (0.9, 0.0, 0.0))
+            if scene != scenes[0]:
+                x += 1.0  # another vehicle
+            content["calibrated_sensor"].append(
+                {
+                    "token": f"C{scene}{channel}",
+                    "sensor_token": channel,
+                    "translation": [x, y, 0.5],
+                    "rotation": quaternion(yaw),
+                }
+            )
+            for number, time in enumerate(reversed(TIMES.tolist())):
+                stamp = time + 11_000 * channels.index(channel)
+                token = f"D{scene}{channel}{stamp}"
+                folder = "sweeps" if number % 2 else "samples"
+                content["sample_data"].append(
+                    {
+                        "token": token,
+                        "sample_token": f"K{scene}",
+                        "ego_pose_token": token,
+                        "calibrated_sensor_token": f"C{scene}{channel}",
+                        "timestamp": stamp,
+                        "filename": f"{folder}/{channel}/{scene}_{stamp}.pcd",
+                    }
+                )
+                x, y, yaw = pose_at(stamp)
+                content["ego_pose"].append(
+                    {
+                        "token": token,
+                        "timestamp": stamp,
+                        "translation": [x, y, 0.3],
+                        "rotation": quaternion(yaw),
+                    }
+                )
+    return content
+
+
+def can_bus() -> list[dict[str, Any]]:
+    """Poses at 50 Hz; the speed is low by a tenth and changes, so that its delay shows."""
+    rows = []
+    for stamp in START + np.arange(0, 1_500_000, 20_000):
+        x, y, yaw = pose_at(stamp)
+        rows.append(
+            {
+                "utime": int(stamp),
+                "pos": [x, y, 0.0],
+                "orientation": quaternion(yaw),
+                "vel": [speed_on_bus(stamp), 0.0, 0.0],
+                "rotation_rate": [0.0, 0.0, 55.0],
+            }
+        )
+    return rows
+
+
+def speed_on_bus(microseconds: float) -> float:
+    """Linear in time, so that interpolation is exact."""
+    return 7.2 + 2.0 * (microseconds - START) * 1e-6
+
+
+def write_dataset(root: Path, *, bus: bool = True) -> Path:
+    """The tiny data set; the first radar's second scan is empty."""
+    (root / "v1.0-mini").mkdir(parents=True)
+    content = tables()
+    for name, rows in content.items():
+        (root / "v1.0-mini" / f"{name}.json").write_text(json.dumps(rows))
+    for row in content["sample_data"]:
+        channel = row["filename"].split("/")[1]
+        if channel in MOUNTINGS:
+            path = root / row["filename"]
+            path.parent.mkdir(parents=True, exist_ok=True)
+            nothing = [(np.nan, np.nan, np.nan, 0, 3)]
+            empty = channel == "RADAR_FRONT" and row["timestamp"] == TIMES[1]
+            path.write_bytes(pcd(nothing if empty else TARGETS, channel))
+    if bus:
+        (root / "can_bus").mkdir()
+        (root / "can_bus" / "scene-0001_pose.json").write_text(json.dumps(can_bus()))
+    return root
+
+
+@pytest.fixture
+def root(tmp_path) -> Path:
+    """The tiny data set."""
+    return write_dataset(tmp_path / "nuScenes")
+
+
+def load(root: Path, **options: Any) -> Recording:
+    """The first scene's front radar."""
+    return load_nuscenes(root, "scene-0001", "RADAR_FRONT", **options)
+
+
+def change(root: Path, name: str, edit: Any) -> None:
+    """Edit a table in place."""
+    path = root / "v1.0-mini" / f"{name}.json"
+    rows = json.loads(path.read_text())
+    path.write_text(json.dumps(edit(rows) or rows))
+
+
+def first_scan(root: Path) -> Path:
+    """The file of the earliest scan of the front radar."""
+    return next(root.glob(f"s*/RADAR_FRONT/scene-0001_{TIMES[0]}.pcd"))
+
+
+# ---- what is read
+
+
+def test_scans_of_one_radar_in_one_scene_in_time_order(root):
+    """Breaks if samples and sweeps are not merged, or scenes or channels get mixed up."""
+    recording = load(root)
+    assert_allclose([s.time for s in recording.scans], TIMES * 1e-6, rtol=0, atol=1e-6)
+    assert [len(s) for s in recording.scans] == [GOOD, 0, GOOD, GOOD, GOOD]
+    back = load_nuscenes(root, "scene-0001", "RADAR_BACK_LEFT")
+    assert_allclose([s.time for s in back.scans], TIMES * 1e-6 + 0.011, rtol=0, atol=1e-6)
+
+
+def test_positions_of_the_valid_targets(root):
+    """Breaks if the list of valid states, the ambiguity or the columns' order is not heeded."""
+    scan = load(root).scans[0]
+    x, y = np.array(TARGETS)[:GOOD, :2].T
+    assert_allclose(scan.range * np.cos(scan.azimuth), x, rtol=1e-6)
+    assert_allclose(scan.range * np.sin(scan.azimuth), y, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("channel", MOUNTINGS)
+def test_velocities_are_projected_onto_the_line_of_sight(root, channel):
+    """Breaks if vx or the speed is taken for the Doppler velocity: both are wrong off the axis."""
+    recording = load_nuscenes(root, "scene-0001", channel)
+    scan = recording.scans[2]
+    expected = doppler_velocity(THETA, scan.azimuth, mounting_of(channel))
+    assert_allclose(scan.doppler, expected, rtol=0, atol=1e-5)
+    assert np.abs(scan.doppler - scan.doppler / np.cos(scan.azimuth)).max() > 0.3
+
+
+def test_mountings_are_those_of_the_scene_s_vehicle(root):
+    """Breaks if the yaw is not that of the quaternion, or another vehicle's calibration is read."""
+    for channel, (x, y, yaw) in MOUNTINGS.items():
+        for scene, shift in (("scene-0001", 0.0), ("scene-0002", 1.0)):
+            mounting = load_nuscenes(root, scene, channel).mounting
+            assert_allclose(mounting.pose, [x + shift, y, yaw], atol=1e-12)
+
+
+def test_a_tilted_radar_keeps_its_direction(root):
+    """Breaks if the yaw is taken from w and z alone, which is wrong once the sensor is tilted."""
+    yaw, pitch = 0.7, 0.1
+    w, z, c, s = np.cos(yaw / 2), np.sin(yaw / 2), np.cos(pitch / 2), np.sin(pitch / 2)
+    tilted = [w * c, -z * s, w * s, z * c]
+
+    def edit(rows):
+        for row in rows:
+            row["rotation"] = tilted
+
+    change(root, "calibrated_sensor", edit)
+    assert load(root).mounting.yaw == pytest.approx(yaw, abs=1e-12)
+
+
+def test_standard_deviations_have_the_rounding_in_them(root):
+    """Breaks if the grid's share is left out, or not divided by the range for the azimuth."""
+    scan = load(root).scans[0]
+    assert_allclose(scan.sigma_range, np.sqrt(0.15**2 + 0.2**2 / 12))
+    assert_allclose(scan.sigma_doppler, np.sqrt(0.06**2 + 0.25**2 / 12))
+    grid = 0.2 / np.sqrt(12.0) / scan.range
+    assert_allclose(scan.sigma_azimuth, np.hypot(azimuth_sigma(scan.azimuth), grid))
+
+
+def test_sigmas_may_be_given(root):
+    """Breaks if an option is not handed on, or a function does not see the kept azimuths."""
+    options = {"sigma_range": 0.4, "sigma_doppler": 0.3}
+    scan = load(root, sigma_azimuth=lambda azimuth: 0.1 + np.abs(azimuth), **options).scans[0]
+    assert_allclose(scan.sigma_range, np.sqrt(0.4**2 + 0.2**2 / 12))
+    assert_allclose(scan.sigma_doppler, np.sqrt(0.3**2 + 0.25**2 / 12))
+    grid = 0.2 / np.sqrt(12.0) / scan.range
+    assert_allclose(scan.sigma_azimuth, np.hypot(0.1 + np.abs(scan.azimuth), grid))
+    assert_allclose(
+        load(root, sigma_azimuth=0.2).scans[0].sigma_azimuth, np.hypot(0.2, grid), rtol=1e-12
+    )
+
+
+def test_azimuth_sigma_grows_off_the_axis():
+    """Breaks if degrees are taken for radians, or it is not even."""
+    azimuth = np.deg2rad([0.0, 30.0, 60.0, -60.0])
+    assert_allclose(np.rad2deg(azimuth_sigma(azimuth)), [0.3, 0.45, 0.6, 0.6])
+
+
+@pytest.mark.parametrize(("strongest", "kept"), [(1, [2]), (3, [0, 2, 3]), (48, [0, 1, 2, 3])])
+def test_the_strongest_targets_are_kept_in_their_order(root, strongest, kept):
+    """Breaks if the weakest are kept, or targets that are left out count."""
+    scan = load(root, strongest=strongest).scans[0]
+    assert_allclose(scan.range, np.hypot(*np.array(TARGETS)[kept, :2].T), rtol=1e-6)
+
+
+# ---- the reference
+
+
+@pytest.mark.parametrize("offset", [0.08, 0.0, -0.05])
+def test_the_reference_is_the_derivative_of_the_poses(root, offset):
+    """Breaks if the offset has the other sign, or velocities are not along the vehicle's axes."""
+    reference = load(root, time_offset=offset, speed_factor=None).reference
+    assert_allclose(reference.times, TIMES * 1e-6, rtol=0, atol=1e-6)
+    assert_allclose(reference.theta, np.tile(THETA, (len(TIMES), 1)), rtol=0, atol=5e-3)
+    poses = np.array([pose_at(t - 1e6 * offset) for t in TIMES])
+    assert_allclose(reference.poses[:, :2], poses[:, :2], rtol=0, atol=5e-3)
+    turns = (reference.poses[:, 2] - poses[:, 2]) / (2 * np.pi)
+    assert_allclose(turns, np.round(turns), rtol=0, atol=1e-6)
+    assert (np.diff(reference.poses[:, 2]) < 0.1).all()
+
+
+@pytest.mark.parametrize("offset", [0.08, -0.05])
+def test_the_speed_on_the_bus_is_late_and_low(root, offset):
+    """Breaks if the factor divides, or the delay has the other sign than the offset."""
+    theta = load(root, time_offset=offset, speed_factor=1.1).reference.theta
+    expected = [1.1 * speed_on_bus(t - 1e6 * offset + 100_000) for t in TIMES]
+    assert_allclose(theta[:, 0], expected, rtol=0, atol=1e-6)
+    assert_allclose(theta[:, 1:], np.tile(THETA[1:], (len(TIMES), 1)), rtol=0, atol=5e-3)
+
+
+def test_the_defaults_are_those_fitted_on_two_scenes(root):
+    """Breaks if they are changed unnoticed."""
+    default = load(root).reference
+    named = load(root, time_offset=-0.03, speed_factor=1.0125, half_width=0.2).reference
+    assert_array_equal(default.theta, named.theta)
+
+
+def test_outside_the_poses_the_reference_is_nan(root):
+    """Breaks if a motion is made up where there is no pose on one side."""
+    theta = load(root, time_offset=-0.7).reference.theta  # up to 1.499 s of 1.48 s
+    assert_array_equal(np.isfinite(theta[:, 1]), [True, True, True, True, False])
+    # the speed is missing a tenth of a second earlier
+    assert_array_equal(np.isfinite(theta[:, 0]), [True, True, True, False, False])
+
+
+def test_without_a_can_bus_the_ego_poses_are_differentiated(tmp_path):
+    """Breaks if poses of the other scene, of one sensor only, or twice at one time are taken."""
+    root = write_dataset(tmp_path / "nuScenes", bus=False)
+    reference = load(root, time_offset=0.0, half_width=0.15).reference
+    known = np.isfinite(reference.theta[:, 0])
+    assert known.sum() >= 4
+    assert_allclose(reference.theta[known], np.tile(THETA, (known.sum(), 1)), rtol=0, atol=5e-3)
+
+
+# ---- what is not there
+
+
+@pytest.mark.parametrize(
+    "gone",
+    [
+        *(f"v1.0-mini/{name}.json" for name in tables() if name != "ego_pose"),
+        "samples/RADAR_FRONT",
+    ],
+)
+def test_what_is_missing_is_named_with_its_path(root, gone):
+    """Breaks if the error comes from open(), or names a file that is not the one missing."""
+    (root / gone).rename(root.parent / "elsewhere")
+    with pytest.raises(FileNotFoundError, match="does not exist; it should be ") as caught:
+        load(root)
+    assert str(caught.value).startswith(str(root / gone))
+
+
+def test_missing_ego_poses_are_named(tmp_path):
+    """Breaks if a recording without a reference comes out."""
+    root = write_dataset(tmp_path / "nuScenes", bus=False)
+    (root / "v1.0-mini/ego_pose.json").unlink()
+    with pytest.raises(FileNotFoundError, match=r"ego_pose\.json does not exist; it should be"):
+        load(root)
+
+
+@pytest.mark.parametrize("folder", [".", "v1.0-mini"])
+def test_a_root_without_tables_is_named(root, folder):
+    """Breaks if an empty recording comes out of a wrong folder."""
+    (root / folder).rename(root.parent / "elsewhere")
+    with pytest.raises(FileNotFoundError, match=r"v1\.0-\* does not exist; it should be"):
+        load(root)
+
+
+def test_several_versions_must_be_chosen_from(root):
+    """Breaks if the first is taken, which may not hold the scene."""
+    (root / "v1.0-trainval").mkdir()
+    with pytest.raises(ValueError, match=r"version must be given.*: v1\.0-mini, v1\.0-trainval"):
+        load(root)
+    assert len(load(root, version="v1.0-mini").scans) == len(TIMES)
+    with pytest.raises(FileNotFoundError, match=r"v1\.0-test does not exist"):
+        load(root, version="v1.0-test")
+
+
+@pytest.mark.parametrize("bad", ["scene-0003", 61, None, ["scene-0001"]], ids=str)
+def test_an_unknown_scene_is_told_which_there_are(root, bad):
+    """Breaks if the reader must open the tables to learn the names."""
+    with pytest.raises(ValueError, match=r"^scene must be one of scene-0001, scene-0002, but is"):
+        load_nuscenes(root, bad, "RADAR_FRONT")
+
+
+@pytest.mark.parametrize("bad", ["RADAR_REAR", "LIDAR_TOP", 3, None], ids=str)
+def test_an_unknown_channel_is_told_which_there_are(root, bad):
+    """Breaks if a lidar is offered, or its point clouds are read as a radar's."""
+    match = r"^channel must be one of RADAR_BACK_LEFT, RADAR_FRONT, but is"
+    with pytest.raises(ValueError, match=match):
+        load_nuscenes(root, "scene-0001", bad)
+
+
+def test_a_radar_without_scans_in_the_scene_is_named(root):
+    """Breaks if a recording without scans is returned."""
+    change(root, "sample_data", lambda rows: [r for r in rows if "FRONT" not in r["filename"]])
+    with pytest.raises(ValueError, match="no scan of RADAR_FRONT in scene-0001"):
+        load(root)
+
+
+def test_two_mountings_in_one_scene_are_refused(root):
+    """Breaks if one of them is taken for all scans."""
+
+    def edit(rows):
+        for row in rows:
+            if row["timestamp"] == TIMES[0]:
+                row["calibrated_sensor_token"] = "Cscene-0002RADAR_FRONT"
+
+    change(root, "sample_data", edit)
+    with pytest.raises(ValueError, match="2 mountings of RADAR_FRONT in scene-0001"):
+        load(root)
+
+
+# ---- what is not right
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.6, 0.9, 0.999])
+def test_a_truncated_scan_is_named(root, share):
+    """Breaks if NumPy's error gets through, or half of the targets."""
+    path = first_scan(root)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    with pytest.raises(ValueError, match="is not a binary PCD file of a radar") as caught:
+        load(root)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"FIELDS": FIELDS.replace("rcs", "intensity")}, "it has no field 'rcs'"),
+        ({"DATA": "ascii"}, "its data are ascii"),
+        ({"DATA": "binary_compressed"}, "its data are binary_compressed"),
+        ({"SIZE": "4 4 4"}, "differ in length"),
+        ({"TYPE": " ".join("X" * len(TYPES))}, "its field 'x' is 1 times X of 4 bytes"),
+        ({"SIZE": " ".join("3" * len(TYPES))}, "'x' is 1 times F of 3 bytes"),
+        ({"COUNT": " ".join("2" * len(TYPES))}, "'x' is 2 times F of 4 bytes"),
+        ({"POINTS": "12"}, "announces 12 points of 43 bytes"),
+        ({"POINTS": "-1"}, "announces -1 points"),
+        ({"POINTS": "many"}, "many"),
+        ({"POINTS": ""}, "its header has no line POINTS"),
+        ({"FIELDS": " ".join(["x"] * len(TYPES))}, "x"),
+    ],
+    ids=str,
+)
+def test_a_foreign_point_cloud_is_named(root, changes, says):
+    """Breaks if columns are read by position, or the error does not say what is wrong."""
+    first_scan(root).write_bytes(pcd(TARGETS, "RADAR_FRONT", **changes))
+    with pytest.raises(ValueError, match="is not a binary PCD file of a radar") as caught:
+        load(root)
+    assert says in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"\x89PNG", b"x,y\n1,2\n", b"\xff" * 9 + b"\nDATA binary\n"]
+)
+def test_what_is_no_point_cloud_is_named(root, content):
+    """Breaks if a UnicodeDecodeError or IndexError gets through."""
+    first_scan(root).write_bytes(content)
+    with pytest.raises(ValueError, match="is not a binary PCD file of a radar"):
+        load(root)
+
+
+def test_a_folder_in_place_of_a_scan_is_named(root):
+    """Breaks if the operating system's error gets through."""
+    path = first_scan(root)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(ValueError, match="is not a binary PCD file of a radar"):
+        load(root)
+
+
+@pytest.mark.parametrize("name", [name for name in tables() if name != "ego_pose"])
+@pytest.mark.parametrize("content", ["{", "{}", "3", "[1]", "[{}]", '[{"token": 3}]'])
+def test_a_foreign_table_is_named(root, name, content):
+    """Breaks if a KeyError, TypeError or JSONDecodeError gets through."""
+    (root / "v1.0-mini" / f"{name}.json").write_text(content)
+    with pytest.raises(ValueError, match=rf"{name}\.json is not a"):
+        load(root)
+
+
+@pytest.mark.parametrize("bad", [None, "noon", float("nan"), float("inf"), [1]], ids=str)
+def test_a_time_stamp_that_is_none_is_named(root, bad):
+    """Breaks if NumPy's words name no file."""
+
+    def edit(rows):
+        rows[0]["timestamp"] = bad
+
+    change(root, "sample_data", edit)
+    with pytest.raises(ValueError, match=r"sample_data\.json: a time stamp is no"):
+        load_nuscenes(root, "scene-0001", "RADAR_FRONT")
+
+
+@pytest.mark.parametrize("key", ["translation", "rotation"])
+@pytest.mark.parametrize("bad", [None, [], [1.0], "abc", [float("nan")] * 4], ids=str)
+def test_a_mounting_that_is_none_is_named(root, key, bad):
+    """Breaks if a sensor at the origin stands in for one that is not described."""
+
+    def edit(rows):
+        rows[0][key] = bad
+
+    change(root, "calibrated_sensor", edit)
+    with pytest.raises(ValueError, match=r"calibrated_sensor\.json is not a table of nuScenes"):
+        load(root)
+
+
+@pytest.mark.parametrize(
+    "content", [{}, [], 3, [1], [{"utime": 1}], None, [{**can_bus()[0], "pos": [float("nan")] * 3}]]
+)
+def test_a_foreign_can_bus_file_is_named(root, content):
+    """Breaks if an error of unpacking gets through, or nan spreads over all velocities."""
+    path = root / "can_bus" / "scene-0001_pose.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"scene-0001_pose\.json") as caught:
+        load(root)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "bad"),
+    [
+        ("strongest", 0),
+        ("strongest", 1.5),
+        ("time_offset", np.nan),
+        ("time_offset", "late"),
+        ("speed_factor", 0.0),
+        ("half_width", -0.2),
+        ("sigma_range", 0.0),
+        ("sigma_doppler", np.nan),
+        ("sigma_azimuth", -0.1),
+        ("version", 1.0),
+    ],
+)
+def test_options_out_of_range_are_refused_by_name(root, name, bad):
+    """Breaks if nan gets into the scans or the reference."""
+    with pytest.raises(ValueError, match=f"^{name} must"):
+        load(root, **{name: bad})
+
+
+@pytest.mark.parametrize("bad", [None, 7])
+def test_a_root_that_is_no_path_is_refused_by_name(bad):
+    """Breaks if pathlib's TypeError gets through."""
+    with pytest.raises(ValueError, match=r"^root must be a path"):
+        load(bad)
+
+
+def test_a_tilde_is_the_home_folder(root, monkeypatch):
+    """Breaks if a folder of that name is looked for."""
+    monkeypatch.setenv("HOME", str(root.parent))
+    assert len(load(Path("~") / root.name).scans) == len(TIMES)
+
+
+# ---- the real data
+
+CHANNELS = [f"RADAR_{place}" for place in ("FRONT", "FRONT_LEFT", "FRONT_RIGHT")]
+CHANNELS += ["RADAR_BACK_LEFT", "RADAR_BACK_RIGHT"]
+
+
+@pytest.mark.nuscenes
+@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize("scene", ["scene-0061", "scene-0103"])
+def test_real_doppler_velocities_are_those_of_the_reference(nuscenes, scene, channel):
+    """Breaks if a sign, a mounting, the projection or the clock is wrong: each costs metres."""
+    recording = load_nuscenes(nuscenes, scene, channel)
+    assert len(recording.scans) > 200
+    errors, lengths = [], []
+    for scan, theta in zip(recording.scans, recording.reference.theta, strict=True):
+        if len(scan) < 10 or not np.isfinite(theta).all():
+            continue
+        x, y = recording.mounting.pose[:2]
+        of_sensor = theta[:2] + theta[2] * np.array([-y, x])
+        errors.append(sensor_velocity(scan, recording.mounting) - of_sensor)
+        lengths.append(np.linalg.norm(of_sensor))
+    assert len(errors) > 200
+    assert np.median(lengths) > 3.0
+    ahead, across = np.median(np.abs(errors), axis=0)
+    assert ahead < 0.12
+    assert across < 0.15
+
+
+@pytest.mark.nuscenes
+@pytest.mark.parametrize("scene", ["scene-0061", "scene-0103"])
+def test_five_real_radars_agree_with_the_reference(nuscenes, scene):
+    """Breaks if a mounting or a Doppler velocity of one radar contradicts the others."""
+    recordings = [load_nuscenes(nuscenes, scene, channel) for channel in CHANNELS]
+    front = recordings[0]
+    errors = []
+    for scan, theta in zip(front.scans[10:-10:10], front.reference.theta[10:-10:10], strict=True):
+        views = [
+            (min(r.scans, key=lambda s: abs(s.time - scan.time)), r.mounting) for r in recordings
+        ]
+        errors.append(doppler_ego_motion(views).theta - theta)
+    vx, vy, omega = np.median(np.abs(errors), axis=0)
+    assert vx < 0.05
+    assert vy < 0.1
+    assert np.rad2deg(omega) < 2.0

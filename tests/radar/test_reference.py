@@ -1,0 +1,73 @@
+"""The reference motion from poses, against motions that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d.radar import Reference
+
+RNG = np.random.default_rng(0)
+STAMPS = 5.0 + np.sort(RNG.uniform(0.0, 3.0, 150))
+TIMES = np.linspace(5.5, 7.5, 9)
+
+
+def straight(t: np.ndarray) -> np.ndarray:
+    """Accelerating along a fixed direction: each pose is a parabola of time."""
+    s = 4e5 + 3.0 * (t - 5.0) + 0.7 * (t - 5.0) ** 2
+    return np.column_stack([s * np.cos(2.0), s * np.sin(2.0), np.full_like(t, 2.0)])
+
+
+def test_parabolas_are_differentiated_exactly():
+    """Breaks if the fit is of lower order, sees the stamps as even, or forgets the heading."""
+    reference = Reference.from_poses(STAMPS, straight(STAMPS), TIMES)
+    speed = 3.0 + 1.4 * (TIMES - 5.0)
+    assert_allclose(reference.theta[:, 0], speed, rtol=0, atol=1e-6)
+    assert_allclose(reference.theta[:, 1:], 0.0, rtol=0, atol=1e-6)
+    assert_allclose(reference.poses, straight(TIMES), rtol=1e-12)
+    assert_array_equal(reference.times, TIMES)
+
+
+def test_a_lateral_velocity_and_a_yaw_that_wraps():
+    """Breaks if v_y has the other sign, or the yaw rate jumps at pi."""
+    yaw = 3.0 + 0.5 * (STAMPS - 5.0)
+    poses = np.column_stack([np.cos(2 * STAMPS), np.sin(2 * STAMPS), yaw])
+    poses[:, 2] = (yaw + np.pi) % (2 * np.pi) - np.pi
+    reference = Reference.from_poses(STAMPS, poses, TIMES, half_width=0.1)
+    along = 2 * TIMES + np.pi / 2 - (3.0 + 0.5 * (TIMES - 5.0))  # of the velocity in the vehicle
+    assert_allclose(reference.theta[:, 0], 2 * np.cos(along), rtol=0, atol=0.02)
+    assert_allclose(reference.theta[:, 1], 2 * np.sin(along), rtol=0, atol=0.02)
+    assert_allclose(reference.theta[:, 2], 0.5, rtol=0, atol=1e-9)
+
+
+def test_it_is_nan_where_poses_are_missing():
+    """Breaks if a motion is made up beyond the poses, or within a gap."""
+    stamps = np.r_[np.arange(0.0, 1.0, 0.02), np.arange(2.0, 3.0, 0.02)]
+    times = np.array([-0.01, 0.0, 0.5, 1.1, 1.5, 2.5, 2.98, 2.99])
+    reference = Reference.from_poses(stamps, straight(stamps + 5.0), times)
+    known = [False, True, True, False, False, True, True, False]
+    assert_array_equal(np.isfinite(reference.theta).all(axis=1), known)
+    assert_array_equal(np.isfinite(reference.poses).all(axis=1), known)
+    few = Reference.from_poses(stamps[::8], straight(stamps[::8]), times)
+    assert np.isnan(few.theta).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"stamps": STAMPS[::-1]}, "stamps must be strictly increasing"),
+        ({"stamps": STAMPS[:9]}, "stamps and poses must have the shapes"),
+        ({"stamps": np.nan * STAMPS}, "stamps must be finite"),
+        ({"poses": np.zeros((150, 2))}, "poses must have the shape"),
+        ({"poses": np.zeros(3)}, "stamps and poses must have the shapes"),
+        ({"times": 6.0}, "times must have the shape"),
+        ({"half_width": 0.0}, "half_width must be positive"),
+    ],
+    ids=str,
+)
+def test_bad_input_is_refused_by_name(change, says):
+    """Breaks if NumPy's words get through."""
+    good = {"stamps": STAMPS, "poses": straight(STAMPS), "times": TIMES}
+    with pytest.raises(ValueError, match=says):
+        Reference.from_poses(**(good | change))
