@@ -1,22 +1,22 @@
 """The covariance of an estimate: Fisher information and propagation of the measurement errors."""
 
-import math
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import check_finite, check_instance, check_real, symmetrise
+from d2d._checks import broadcast_batches, check_finite, check_instance, check_real, symmetrise
 from d2d._kernel import SINGULAR
 from d2d._types import Array
 from d2d.cost import RegistrationCost
-from d2d.dense import FACTOR_AXES, TURN, Factor, components, factor_of, responsibilities
+from d2d.dense import factor_of
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
+from d2d.problem import Bound, CrossDerivatives, Problem, members
 from d2d.registration import Estimate
 
-_PAIRS_AT_ONCE = 50_000  # pairs of a target and a component: about 30 MB of intermediate arrays
+_TARGETS_AT_ONCE = 50_000  # of both sets: about 20 MB of intermediate arrays
 
 
 def fisher_covariance(hessian: ArrayLike) -> Array:
@@ -117,19 +117,63 @@ def propagate_covariance(
     cost = RegistrationCost() if cost is None else cost
     check_instance("cost", cost, RegistrationCost)
     check_instance("estimate", estimate, Estimate)
-    cross = cross_derivatives(estimate.theta, fixed, moving, cost, measurement=measurement)
+    problem, bound = _bound(estimate.theta, fixed, moving, cost, measurement)
     slope = None
     if position_slope is not None:
-        slope = _checked_slope(position_slope, moving, measurement)
-    middle = _spread(cross.fixed, fixed.covariances) + _spread(cross.moving, moving.covariances)
-    if measurement is not None:
-        middle = middle + (
-            _independent(cross, measurement, estimate.theta)
-            if slope is None
-            else _shared(cross, measurement, slope)
-        )
-    covariance: Array = estimate.covariance @ middle @ estimate.covariance
+        slope = _checked_slope(position_slope, moving, measurement, bound.shape)
+    p = problem.parameters
+    middle = np.empty((len(bound.thetas), p, p))
+    for part in _parts(problem, bound):
+        cross = problem.cross_derivatives(bound, part.start, part.stop)
+        middle[part] = _spread(cross.fixed, _own(fixed.covariances, 3, bound, part))
+        middle[part] += _spread(cross.moving, _own(moving.covariances, 3, bound, part))
+        if measurement is not None:
+            measured = _own_measurement(measurement, bound, part)
+            middle[part] += (
+                _independent(cross, measured, bound.thetas[part, :p])
+                if slope is None
+                else _shared(cross, measured, _own(slope, 2, bound, part))
+            )
+    covariance: Array = estimate.covariance @ middle.reshape(*bound.shape, p, p)
+    covariance = covariance @ estimate.covariance
     return 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+
+
+def _bound(
+    theta: ArrayLike,
+    fixed: PointSet,
+    moving: PointSet,
+    cost: RegistrationCost,
+    measurement: LinearMeasurement | None,
+) -> tuple[Problem, Bound]:
+    problem = cost.problem(fixed, moving, measurement)
+    return problem, problem.bind(rigid.motion("theta", theta, fixed.dimension))
+
+
+def _parts(problem: Problem, bound: Bound) -> Iterator[slice]:
+    """The problems of a batch, a bounded number of targets at a time."""
+    count = len(bound.thetas)
+    step = max(1, _TARGETS_AT_ONCE // sum(p.fixed.size + p.moving.size for p in problem.pairs))
+    return (slice(start, min(start + step, count)) for start in range(0, count, step))
+
+
+def _own(array: Array, axes: int, bound: Bound, part: slice) -> Array:
+    """What each problem of a part (C, ...) takes of a batch of arrays with that many axes."""
+    batch, own = array.shape[:-axes], array.shape[-axes:]
+    return np.asarray(array.reshape(-1, *own)[members(batch, bound.shape)[part]])
+
+
+def _own_measurement(
+    measurement: LinearMeasurement, bound: Bound, part: slice
+) -> LinearMeasurement:
+    return LinearMeasurement._of(
+        _own(measurement.value, 1, bound, part),
+        _own(measurement.sigma, 1, bound, part),
+        _own(measurement.sigma_input, 1, bound, part),
+        _own(measurement.gain, 2, bound, part),
+        _own(measurement.slope, 2, bound, part),
+        measurement.of_twist,
+    )
 
 
 def _spread(cross: Array, covariances: Array) -> Array:
@@ -144,13 +188,13 @@ def _gram(rows: Array) -> Array:
     return np.asarray(np.swapaxes(rows, -1, -2) @ rows)
 
 
-def _independent(cross: "CrossDerivatives", measurement: LinearMeasurement, theta: Array) -> Array:
+def _independent(cross: CrossDerivatives, measurement: LinearMeasurement, theta: Array) -> Array:
     """The measurement's share (..., P, P) of the gradient's covariance, with independent inputs."""
     sigma = np.sqrt(factor_of(measurement, theta).variance)
     return _gram(cross.measured * sigma[..., None])
 
 
-def _shared(cross: "CrossDerivatives", measurement: LinearMeasurement, slope: Array) -> Array:
+def _shared(cross: CrossDerivatives, measurement: LinearMeasurement, slope: Array) -> Array:
     """As `_independent`, but an input's error also moves its target along ``slope`` (..., K, D).
 
     The error changes the gradient by a through the position and by b through the prediction.  The
@@ -164,7 +208,10 @@ def _shared(cross: "CrossDerivatives", measurement: LinearMeasurement, slope: Ar
 
 
 def _checked_slope(
-    slope: ArrayLike, moving: PointSet, measurement: LinearMeasurement | None
+    slope: ArrayLike,
+    moving: PointSet,
+    measurement: LinearMeasurement | None,
+    shape: tuple[int, ...],
 ) -> Array:
     """``position_slope`` (..., K, D), checked to be possible with the targets' covariances."""
     if measurement is None:
@@ -175,6 +222,11 @@ def _checked_slope(
             f"position_slope must have the shape (..., {moving.size}, {moving.dimension}) to match "
             f"moving, but has {array.shape}"
         )
+    if broadcast_batches("position_slope and the batch", array.shape[:-2], shape) != shape:
+        raise ValueError(
+            f"position_slope has the batch axes {array.shape[:-2]}, which do not fit the other "
+            f"arguments' {shape}"
+        )
     error = measurement.sigma_input[..., None] * array
     solved = np.linalg.solve(moving.covariances, error[..., None])[..., 0]
     if ((error * solved).sum(axis=-1) > 1.0 + 1e-6).any():
@@ -183,15 +235,6 @@ def _checked_slope(
             "moving allow for"
         )
     return array
-
-
-class CrossDerivatives(NamedTuple):
-    """d2f / d theta d z, one block for each measured quantity."""
-
-    fixed: Array  # (..., N, P, D): in the fixed means
-    moving: Array  # (..., K, P, D): in the moving means
-    measured: Array  # (..., K, P): in the measurement's values; zero without a measurement
-    input: Array  # (..., K, P): in its inputs, through its predictions only; zero without one
 
 
 def cross_derivatives(
@@ -208,82 +251,6 @@ def cross_derivatives(
     at the measured point.  The arguments' batch axes broadcast.  An invalid argument raises a
     ``ValueError`` that names it.
     """
-    problem = cost.problem(fixed, moving, measurement)
-    shape = problem.bind(rigid.motion("theta", theta, fixed.dimension)).shape
-    count, n, k, dimension = math.prod(shape), fixed.size, moving.size, fixed.dimension
-    p = rigid.PARAMETERS[dimension]
-
-    def flat(array: Array, own: int) -> Array:
-        tail = array.shape[array.ndim - own :]
-        return np.broadcast_to(array, shape + tail).reshape(count, *tail)
-
-    sets = [
-        tuple(map(flat, (each.means, each.covariances, each.weights), (2, 3, 1)))
-        for each in (fixed, moving)
-    ]
-    thetas = flat(np.asarray(theta, dtype=np.float64), 1)
-    factor = None
-    if measurement is not None:
-        of_theta = factor_of(measurement, np.asarray(theta, dtype=np.float64))
-        factor = tuple(map(flat, of_theta, FACTOR_AXES))
-    by_fixed, by_moving = np.empty((count, n, p, dimension)), np.empty((count, k, p, dimension))
-    by_value, by_input = np.empty((2, count, k, p))
-    step = max(1, _PAIRS_AT_ONCE // (n * k))
-    for part in (slice(start, start + step) for start in range(0, count, step)):
-        by_fixed[part], by_moving[part], by_value[part], by_input[part] = _cross_derivatives(
-            thetas[part],
-            PointSet._of(*(array[part] for array in sets[0])),
-            PointSet._of(*(array[part] for array in sets[1])),
-            cost,
-            None if factor is None else Factor(*(array[part] for array in factor)),
-        )
-    return CrossDerivatives(
-        by_fixed.reshape(*shape, n, p, dimension),
-        by_moving.reshape(*shape, k, p, dimension),
-        by_value.reshape(*shape, k, p),
-        by_input.reshape(*shape, k, p),
-    )
-
-
-def _cross_derivatives(
-    theta: Array,
-    fixed: PointSet,
-    moving: PointSet,
-    cost: RegistrationCost,
-    factor: "Factor | None",
-) -> tuple[Array, Array, Array, Array]:
-    """The blocks of `CrossDerivatives` for a flat batch.
-
-    Every cost has the gradient f_theta = -sum_ki gamma_ki L_theta,ki with responsibilities gamma
-    that sum to one over a target's components (likelihood) or over all pairs (summing).  With the
-    mean gradient g over the same pairs,
-
-        f_theta,z = -sum_ki gamma_ki (L_theta,z + (L_theta - g) L_z').
-    """
-    parts = components(theta, fixed, moving, cost, factor)
-    gammas = responsibilities(parts, cost)
-    mean = np.zeros((len(theta), moving.size, 1, theta.shape[-1]))
-    for gamma, each in zip(gammas, parts, strict=True):
-        mean += gamma[..., None, :] @ each.gradient
-    if cost.fusion == "summing":
-        mean = mean.sum(axis=1, keepdims=True)
-
-    by_fixed = np.zeros((len(theta), fixed.size, theta.shape[-1], fixed.dimension))
-    by_moved = np.zeros((len(theta), moving.size, theta.shape[-1], fixed.dimension))
-    for gamma, each in zip(gammas, parts, strict=True):
-        centred = (each.gradient - mean)[..., :, None] * each.by_mean[..., None, :]
-        block = gamma[..., None, None] * (each.cross + centred)
-        by_fixed -= block.sum(axis=1)
-        by_moved += block.sum(axis=2)
-        if fixed.dimension == 2:  # d_phi = E p depends on the target's position
-            by_moved[:, :, 2] += (gamma[..., None] * each.by_mean).sum(axis=2) @ TURN
-    if fixed.dimension == 2:
-        by_moved = by_moved @ rigid.rotation(theta[:, 2])[:, None]
-
-    by_value, by_input = np.zeros((2, len(theta), moving.size, theta.shape[-1]))
-    if factor is not None:
-        share = gammas[0].sum(axis=2)[..., None]
-        centred = (gammas[0][..., None] * (parts[0].gradient - mean)).sum(axis=2)
-        by_value -= share * factor.cross + centred * factor.by_value[..., None]
-        by_input -= share * factor.cross_input + centred * factor.by_input[..., None]
-    return by_fixed, by_moved, by_value, by_input
+    problem, bound = _bound(theta, fixed, moving, cost, measurement)
+    cross = problem.cross_derivatives(bound, 0, len(bound.thetas))
+    return CrossDerivatives(*(block.reshape(*bound.shape, *block.shape[1:]) for block in cross))

@@ -1,8 +1,8 @@
 """The cost as its formulas read, in NumPy: every pair of a target and a component at once.
 
 The compiled kernel computes the same without writing the pairs down.  Here they are arrays, with a
-batch axis in front: (B, K, N) for B problems, K moving targets and N fixed components.  The
-covariance's propagation needs them; `value` is the cost itself, for readers and for tests.
+batch axis in front: (B, K, N) for B problems, K moving targets and N fixed components.  `value` is
+the cost itself and `cross_derivatives` what propagation of errors needs, for readers and for tests.
 """
 
 import math
@@ -161,9 +161,6 @@ class Factor(NamedTuple):
     by_input: Array  # (..., K): derivative of log in the input
 
 
-FACTOR_AXES = (1, 2, 2, 1, 1, 2, 1)  # number of axes of each field, for one problem
-
-
 def factor_of(measurement: LinearMeasurement, theta: Array) -> Factor:
     """The measurement's factor at theta (..., P), with its derivatives."""
     xi = rigid.logarithm(theta) if measurement.of_twist else theta
@@ -182,3 +179,52 @@ def factor_of(measurement: LinearMeasurement, theta: Array) -> Factor:
         gradient, cross, cross_input = (each @ jacobian for each in (gradient, cross, cross_input))
     log = -0.5 * (residual * e + np.log(2.0 * math.pi * variance))
     return Factor(log, gradient, cross, -e, variance, cross_input, slope * e)
+
+
+def cross_derivatives(
+    theta: Array,
+    fixed: PointSet,
+    moving: PointSet,
+    cost: RegistrationCost,
+    measurement: LinearMeasurement | None = None,
+) -> tuple[Array, Array, Array, Array]:
+    """d2f / d theta d z: derivatives of the gradient in each measured quantity (Censi 2007).
+
+    In the fixed means (B, N, P, D), the moving means (B, K, P, D), the measurement's values
+    (B, K, P) and, through its predictions only, its inputs (B, K, P).  The covariances and the
+    measurement's variance are held.
+
+    Every cost has the gradient f_theta = -sum_ki gamma_ki L_theta,ki with responsibilities gamma
+    that sum to one over a target's components (likelihood) or over all pairs (summing).  With the
+    mean gradient g over the same pairs,
+
+        f_theta,z = -sum_ki gamma_ki (L_theta,z + (L_theta - g) L_z').
+    """
+    factor = None if measurement is None else factor_of(measurement, theta)
+    parts = components(theta, fixed, moving, cost, factor)
+    gammas = responsibilities(parts, cost)
+    mean = np.zeros((len(theta), moving.size, 1, theta.shape[-1]))
+    for gamma, each in zip(gammas, parts, strict=True):
+        mean += gamma[..., None, :] @ each.gradient
+    if cost.fusion == "summing":
+        mean = mean.sum(axis=1, keepdims=True)
+
+    by_fixed = np.zeros((len(theta), fixed.size, theta.shape[-1], fixed.dimension))
+    by_moved = np.zeros((len(theta), moving.size, theta.shape[-1], fixed.dimension))
+    for gamma, each in zip(gammas, parts, strict=True):
+        centred = (each.gradient - mean)[..., :, None] * each.by_mean[..., None, :]
+        block = gamma[..., None, None] * (each.cross + centred)
+        by_fixed -= block.sum(axis=1)
+        by_moved += block.sum(axis=2)
+        if fixed.dimension == 2:  # d_phi = E p depends on the target's position
+            by_moved[:, :, 2] += (gamma[..., None] * each.by_mean).sum(axis=2) @ TURN
+    if fixed.dimension == 2:
+        by_moved = by_moved @ rigid.rotation(theta[:, 2])[:, None]
+
+    by_value, by_input = np.zeros((2, len(theta), moving.size, theta.shape[-1]))
+    if factor is not None:
+        share = gammas[0].sum(axis=2)[..., None]
+        centred = (gammas[0][..., None] * (parts[0].gradient - mean)).sum(axis=2)
+        by_value -= share * factor.cross + centred * factor.by_value[..., None]
+        by_input -= share * factor.cross_input + centred * factor.by_input[..., None]
+    return by_fixed, by_moved, by_value, by_input

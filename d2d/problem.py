@@ -53,6 +53,15 @@ class Bound(NamedTuple):
     shape: tuple[int, ...]  # of the batch
 
 
+class CrossDerivatives(NamedTuple):
+    """d2f / d theta d z, one block for each measured quantity."""
+
+    fixed: Array  # (..., N, P, D): in the fixed means
+    moving: Array  # (..., K, P, D): in the moving means
+    measured: Array  # (..., K, P): in the measurement's values; zero without a measurement
+    input: Array  # (..., K, P): in its inputs, through its predictions only; zero without one
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """A cost that one or several pairs of point sets share.
@@ -146,8 +155,7 @@ class Problem:
         pairs = np.tile(batch.pairs, (count, 1))
         for column, (own, size) in enumerate(zip(batches, pairs[0, [1, 4, 4]], strict=True)):
             if own:
-                numbers = np.arange(math.prod(own)).reshape(own)
-                which = np.broadcast_to(numbers, shape).ravel()
+                which = members(own, shape)
                 pairs[:, (0, 3, 5)[column]] = which * size
                 if column == 0:
                     pairs[:, 2] = which
@@ -165,6 +173,30 @@ class Problem:
         _kernel.evaluate_batch(bound.batch, bound.thetas, work, value, gradient, hessian)
         return value, gradient, hessian
 
+    def cross_derivatives(self, bound: Bound, begin: int, end: int) -> CrossDerivatives:
+        """Derivatives of the gradients of some bound problems in all that is measured.
+
+        The batch axis counts the problems from ``begin`` to ``end``; the targets are those of all
+        pairs, one pair after the other.
+        """
+        p, dimension, count = self.parameters, self.pairs[0].fixed.dimension, end - begin
+        fixed = sum(pair.fixed.size for pair in self.pairs)
+        moving = sum(pair.moving.size for pair in self.pairs)
+        cross = CrossDerivatives(
+            np.empty((count, fixed, 3, 2)),
+            np.empty((count, moving, 3, 2)),
+            np.empty((count, moving, 3)),
+            np.empty((count, moving, 3)),
+        )
+        work = _kernel.make_propagation_work(max(pair.fixed.size for pair in self.pairs))
+        _kernel.cross_batch(bound.batch, bound.thetas, begin, work, *cross)
+        return CrossDerivatives(
+            cross.fixed[:, :, :p, :dimension],
+            cross.moving[:, :, :p, :dimension],
+            cross.measured[:, :, :p],
+            cross.input[:, :, :p],
+        )
+
     def log_densities(self, bound: Bound) -> Array:
         """log q_k (..., K) of every target of every pair, one pair after the other."""
         return self._of_targets(bound, _kernel.LOG_DENSITY)
@@ -180,6 +212,11 @@ class Problem:
         values = np.empty((len(bound.thetas), targets))
         _kernel.target_batch(bound.batch, bound.thetas, row, _kernel.make_work(), values)
         return values.reshape(*bound.shape, targets)
+
+
+def members(own: tuple[int, ...], shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Which member of a batch of the shape ``own`` each problem of a batch takes, both flat."""
+    return np.broadcast_to(np.arange(math.prod(own)).reshape(own), shape).ravel()
 
 
 def check_pair(

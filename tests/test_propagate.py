@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +15,19 @@ from d2d import (
     LinearMeasurement,
     PointSet,
     RegistrationCost,
+    dense,
     propagate_covariance,
     register,
 )
 from d2d.covariance import cross_derivatives
-from tests.strategies import TRUTH, all_cases, case_id, overlapped_scene, random_problem
+from tests.strategies import (
+    TRUTH,
+    Problem,
+    all_cases,
+    case_id,
+    overlapped_scene,
+    random_problem,
+)
 
 LIKELIHOOD = RegistrationCost()
 ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
@@ -82,6 +91,89 @@ def test_cross_derivatives_are_those_of_the_gradient(case):
     for which in ("measured", "input"):
         expected = [numerical(problem, which, k, 0) for k in range(problem.moving.size)]
         assert_allclose(getattr(cross, which), expected, rtol=1e-7, atol=1e-6)
+
+
+def batch_of_one(problem):
+    """The arguments of `d2d.dense.cross_derivatives`, with a batch axis."""
+
+    def lead(points):
+        return PointSet(points.means[None], points.covariances[None], points.weights)
+
+    sets = lead(problem.fixed), lead(problem.moving)
+    return problem.theta[None], *sets, problem.cost, problem.measurement
+
+
+@pytest.mark.parametrize("case", all_cases(), ids=case_id)
+@pytest.mark.parametrize("layout", ["near", "far"])
+def test_compiled_and_written_down_are_the_same(case, layout):
+    """Breaks if the compiled passes leave a pair out, or count one twice, that matters.
+
+    21 components are three vectors of eight, the last one not full.
+    """
+    problem = random_problem(
+        np.random.default_rng(11), **case, layout=layout, fixed_size=21, moving_size=9
+    )
+    if problem.fixed.dimension == 2:  # targets of unlike sizes have unlike cut-offs
+        scale = np.linspace(0.05, 1.0, 9)[:, None, None]
+        moving = PointSet(problem.moving.means, problem.moving.covariances * scale)
+        problem = replace(problem, moving=moving)
+    compiled = cross_derivatives(*batch_of_one(problem)[:4], measurement=problem.measurement)
+    for block, expected in zip(
+        compiled, dense.cross_derivatives(*batch_of_one(problem)), strict=True
+    ):
+        assert_allclose(block, expected, rtol=1e-8, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("cost", [LIKELIHOOD, ROBUST, SUMMING], ids=["like", "robust", "sum"])
+def test_a_large_set_is_searched_to_its_end(cost):
+    """Breaks if components beyond the first 384 are left out, or only they."""
+    rng = np.random.default_rng(12)
+    spread = np.broadcast_to(0.04 * np.eye(2), (500, 2, 2))
+    fixed = PointSet(rng.uniform(0.0, 40.0, (1, 500, 2)), spread)
+    moving = PointSet(fixed.means[:, ::50] + 0.2, spread[::50])
+    theta = np.array([[0.1, -0.1, 0.01]])
+    compiled = cross_derivatives(theta, fixed, moving, cost)
+    for block, expected in zip(
+        compiled, dense.cross_derivatives(theta, fixed, moving, cost), strict=True
+    ):
+        assert_allclose(block, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("cost", [LIKELIHOOD, ROBUST, SUMMING], ids=["like", "robust", "sum"])
+def test_it_is_how_the_optimum_moves(cost):
+    """Breaks if -H^-1 d2f / d theta d z is not what registration does when a target is moved."""
+    fixed, moving = overlapped_scene(1, np.random.default_rng(13), 0.1, 0.01)
+    problem = Problem(cost, TRUTH, fixed[0], moving[0])
+
+    def optimum(which, step):
+        moved = shifted(problem, which, 3, 1, step)
+        found = register(moved.fixed, moved.moving, cost, TRUTH)
+        assert found.converged
+        return found
+
+    estimate = optimum("fixed", 0.0)
+    cross = cross_derivatives(estimate.theta, problem.fixed, problem.moving, cost)
+    for which in ("fixed", "moving"):
+        change = optimum(which, 1e-4).theta - optimum(which, -1e-4).theta
+        expected = -estimate.covariance @ getattr(cross, which)[3, :, 1]
+        assert_allclose(change / 2e-4, expected, rtol=1e-4, atol=1e-6)
+
+
+def test_memory_does_not_grow_with_the_pairs():
+    """Breaks if an array of the 4 million pairs of two large sets is made: 32 MB and more."""
+    rng = np.random.default_rng(14)
+    spread = np.broadcast_to(0.04 * np.eye(2), (2000, 2, 2))
+    means = rng.uniform(0.0, 150.0, (2000, 2))
+    fixed = PointSet(means, spread)
+    moving = PointSet(means + 0.2 * rng.standard_normal((2000, 2)), spread)
+    estimate = register(fixed, moving, ROBUST)
+    propagate_covariance(estimate, fixed, moving, ROBUST)
+    tracemalloc.start()
+    covariance = propagate_covariance(estimate, fixed, moving, ROBUST)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 4e6
+    assert_allclose(np.diag(covariance) / np.diag(estimate.covariance), 1.0, atol=0.2)
 
 
 @pytest.mark.parametrize("fraction", [0.0, 1.0])
@@ -224,8 +316,9 @@ def test_an_exact_input_shares_no_error():
     assert_allclose(shared, propagate_covariance(estimate, fixed, moving, **options), rtol=1e-12)
 
 
-def test_batches_broadcast_and_come_out_one_by_one():
+def test_batches_broadcast_and_come_out_one_by_one(monkeypatch):
     """Breaks if members of a batch, or the parts that it is cut into, change places."""
+    monkeypatch.setattr("d2d.covariance._TARGETS_AT_ONCE", 5000)
     fixed, moving = overlapped_scene(1200, np.random.default_rng(6))
     estimate = register(fixed, moving, ROBUST, TRUTH)
     batch = propagate_covariance(estimate, fixed, moving, ROBUST)
@@ -236,9 +329,13 @@ def test_batches_broadcast_and_come_out_one_by_one():
         single = propagate_covariance(one, fixed[i], moving[i], ROBUST)
         assert_allclose(single, batch[i], rtol=1e-7)
     many = register(fixed[0], moving[:6], ROBUST, np.broadcast_to(TRUTH, (2, 6, 3)))
+    monkeypatch.setattr("d2d.covariance._TARGETS_AT_ONCE", 1)
     both = propagate_covariance(many, fixed[0], moving[:6], ROBUST)
     assert both.shape == (2, 6, 3, 3)
     assert_allclose(both[0], both[1], rtol=1e-12)
+    for i in range(6):
+        one = register(fixed[0], moving[i], ROBUST, TRUTH)
+        assert_allclose(both[0, i], propagate_covariance(one, fixed[0], moving[i], ROBUST))
 
 
 def test_what_did_not_converge_has_no_covariance():
@@ -277,5 +374,9 @@ def test_a_position_slope_that_does_not_fit_is_refused(slope):
     estimate = register(fixed, moving, LIKELIHOOD, TRUTH, measurement=measured)
     with pytest.raises(ValueError, match="position_slope"):
         propagate_covariance(estimate, fixed, moving, measurement=measured, position_slope=slope)
+    with pytest.raises(ValueError, match="position_slope has the batch axes"):
+        propagate_covariance(
+            estimate, fixed, moving, measurement=measured, position_slope=np.zeros((2, 3, 8, 2))
+        )
     with pytest.raises(ValueError, match="position_slope needs a measurement"):
         propagate_covariance(estimate, fixed, moving, position_slope=np.zeros((8, 2)))

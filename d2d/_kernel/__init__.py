@@ -10,6 +10,7 @@
 - ``newton``: steps in a trust region
 - ``minimisation``: sums of pairs, and their minimum
 - ``batches``: the compiled entries
+- ``responsibilities``, ``propagation``: how the gradient changes with every measured coordinate
 """
 
 from d2d._kernel.batches import (
@@ -48,6 +49,7 @@ from d2d._kernel.layout import (
 )
 from d2d._kernel.minimisation import Batch, make_work
 from d2d._kernel.newton import SINGULAR
+from d2d._kernel.propagation import cross_batch, make_propagation_work
 
 __all__ = [
     "ARC",
@@ -78,8 +80,10 @@ __all__ = [
     "Y",
     "are_good_targets",
     "chart_batch",
+    "cross_batch",
     "evaluate_batch",
     "find_extremes_batch",
+    "make_propagation_work",
     "make_work",
     "minimise_batch",
     "target_batch",

@@ -1,6 +1,6 @@
 """The covariance of an ego-motion estimate, propagated from the sensor's errors."""
 
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
 from typing import Unpack
 
 import numpy as np
@@ -8,10 +8,11 @@ import numpy as np
 from d2d import rigid
 from d2d._checks import check_flag, check_instance
 from d2d._types import Array
-from d2d.covariance import propagate_covariance
+from d2d.problem import Problem
+from d2d.radar.influence import View, distinct_views, influences, noise_covariance
 from d2d.radar.options import EgoMotionModel, ModelOptions
 from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.scan_pair import scan_pair
+from d2d.radar.scan_pair import ScanPair, check_pairs, scan_pair
 from d2d.registration import Estimate
 
 
@@ -63,32 +64,65 @@ def propagate_ego_motion(
     noncredibility index.
     """
     model = EgoMotionModel(**options)
-    pair = scan_pair(previous, current, mounting, model)
-    shared = check_flag("shared_azimuth", shared_azimuth) and model.doppler
+    problem = model.problem([scan_pair(previous, current, mounting, model)])
+    views = [(previous, mounting), (current, mounting)]
+    return _propagated(estimate, problem, views, [(0, 1)], shared_azimuth)
+
+
+def propagate_joint_ego_motion(
+    estimate: Estimate,
+    pairs: Iterable[ScanPair],
+    *,
+    shared_azimuth: bool = True,
+    **options: Unpack[ModelOptions],
+) -> Array:
+    """Covariance of a joint ego-motion estimate by propagating range, azimuth and Doppler errors.
+
+    A scan that is in several pairs, because of several baselines or as the current scan of one and
+    the previous scan of another, errs only once: what it does in all of them is added up before it
+    is squared.  The inverse Hessian takes the pairs as independent.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A result of `estimate_joint_ego_motion` with the same pairs and options.
+    pairs : iterable of (previous, current, mounting)
+        As for `estimate_joint_ego_motion`.  Scans with the same content and mounting are the same
+        scan.
+    shared_azimuth, **options
+        As for `propagate_ego_motion`.
+
+    Returns
+    -------
+    (3, 3) array
+        Covariance of [v_x, v_y, omega] in m/s, m/s, rad/s; nan if the estimate did not converge.
+
+    Raises
+    ------
+    ValueError
+        If an argument is invalid, as in `estimate_joint_ego_motion` and `propagate_ego_motion`; the
+        message names it.
+    """
+    pairs = check_pairs(pairs)
+    model = EgoMotionModel(**options)
+    problem = model.problem([scan_pair(*pair, model) for pair in pairs])
+    return _propagated(estimate, problem, *distinct_views(pairs), shared_azimuth)
+
+
+def _propagated(
+    estimate: Estimate,
+    problem: Problem,
+    views: Sequence[View],
+    sides: Sequence[tuple[int, int]],
+    shared_azimuth: bool,
+) -> Array:
+    check_flag("shared_azimuth", shared_azimuth)
     check_instance("estimate", estimate, Estimate)
     if np.shape(estimate.theta) != (3,):
         raise ValueError(
             "estimate must be of one velocity with the shape (3,), but its theta has "
             f"{np.shape(estimate.theta)}"
         )
-    twist = pair.interval * rigid.motion("estimate", estimate.theta, 2)
-    motion = twist if model.first_order else rigid.exponential(twist)
-    twist_by_motion = np.eye(3) if model.first_order else rigid.logarithm_jacobian(motion)
-    jacobian: Array = twist_by_motion / pair.interval  # d velocity / d motion
-    back = np.linalg.inv(jacobian)
-    covariance = propagate_covariance(
-        replace(estimate, theta=motion, covariance=back @ estimate.covariance @ back.T),
-        pair.fixed,
-        pair.moving,
-        model.cost,
-        measurement=pair.measurement,
-        position_slope=cross_range(current, mounting) if shared else None,
-    )
-    propagated: Array = jacobian @ covariance @ jacobian.T
-    return propagated
-
-
-def cross_range(scan: RadarScan, mounting: Mounting) -> Array:
-    """Derivative (K, 2) of each target's position in its azimuth, in m/rad in the vehicle frame."""
-    angle = scan.azimuth + mounting.yaw
-    return np.asarray(scan.range[:, None] * np.stack([-np.sin(angle), np.cos(angle)], axis=-1))
+    rigid.motion("estimate", estimate.theta, 2)
+    found = influences(problem, estimate, views, sides)
+    return noise_covariance(found, shared_azimuth=shared_azimuth)

@@ -12,11 +12,10 @@ from d2d.radar.doppler import doppler_ego_motion, doppler_starts
 from d2d.radar.ego_motion import check_velocity, estimate_velocity
 from d2d.radar.options import EstimationOptions, split_options
 from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.scan_pair import scan_pair
+from d2d.radar.scan_pair import ScanPair, check_pairs, scan_pair
 from d2d.radar.track import Attempt, Track, attempt_at, follow, increasing
 from d2d.registration import Estimate
 
-ScanPair = tuple[RadarScan, RadarScan, Mounting]
 Sensor = tuple[Sequence[RadarScan], Mounting]
 
 
@@ -55,9 +54,7 @@ def estimate_joint_ego_motion(
         If there is no pair, scans are out of time order or have no targets, or ``initial`` is
         invalid; the message names the argument.
     """
-    pairs = check_rows("pairs", pairs, RadarScan, RadarScan, Mounting)
-    if not pairs:
-        raise ValueError("pairs must hold at least one pair of scans, but is empty")
+    pairs = check_pairs(pairs)
     model, scales = split_options(options)
     start = _starts(pairs) if initial is None else check_velocity(initial)
     problem = model.problem([scan_pair(*pair, model) for pair in pairs])

@@ -1,9 +1,21 @@
 """Two scans of one sensor, as a pair of point sets in the vehicle frame."""
 
-from d2d._checks import check_instance
+from collections.abc import Iterable
+
+from d2d._checks import check_instance, check_rows
 from d2d.problem import Pair
 from d2d.radar.options import EgoMotionModel
 from d2d.radar.scan import Mounting, RadarScan
+
+ScanPair = tuple[RadarScan, RadarScan, Mounting]
+
+
+def check_pairs(pairs: Iterable[ScanPair]) -> list[ScanPair]:
+    """At least one (previous, current, mounting); else a ``ValueError`` names ``pairs``."""
+    rows = check_rows("pairs", pairs, RadarScan, RadarScan, Mounting)
+    if not rows:
+        raise ValueError("pairs must hold at least one pair of scans, but is empty")
+    return rows
 
 
 def scan_pair(

@@ -20,7 +20,7 @@ from d2d.radar import (
     estimate_ego_motion,
     propagate_ego_motion,
 )
-from d2d.radar.covariance import cross_range
+from d2d.radar.influence import cross_range
 from d2d.radar.options import DEFAULT_OUTLIER
 from d2d.radar.scan import doppler_gradients
 
