@@ -185,8 +185,8 @@ def energy_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
     Notes
     -----
     Gneiting & Raftery (2007), sec. 4.3, who estimate the expectations by simulation.  Here they are
-    computed to a relative error below 1e-8.  With |y| as an integral over exp(-s y^2), the mean
-    length of a Gaussian vector Y, of mean m and with variances l_i along the axes of its
+    computed to a relative error below 1e-8.  With ``|y|`` as an integral over exp(-s y^2), the
+    mean length of a Gaussian vector Y, of mean m and with variances l_i along the axes of its
     covariance, is a single integral in any dimension::
 
         E|Y| = 1 / (2 sqrt(pi)) * integral over s > 0 of (1 - phi(s)) s^(-3/2) ds

@@ -15,6 +15,8 @@ WITH_EXAMPLES = {
     "d2d.bootstrap",
     "d2d.cost",
     "d2d.credibility",
+    "d2d.radar.comparison",
+    "d2d.radar.evidence",
     "d2d.radar.track",
     "d2d.registration",
     "d2d.scores",
