@@ -113,7 +113,8 @@ class Comparison:
     @property
     def rmse(self) -> Array:
         """Root mean square error (3,) in m/s, m/s and deg/s."""
-        return self.measures.rmse
+        # of the errors alone: it is known where a covariance is singular too
+        return np.asarray(np.sqrt(np.mean(self.errors**2, axis=0)) * IN_UNITS)
 
     @property
     def sigmas(self) -> Array:
@@ -245,7 +246,8 @@ class Comparison:
         return [
             f"ANEES {judged.anees:.2f} (credible if independent: {low:.2f} to {high:.2f}), "
             f"NCI {judged.nci:.1f} dB, I2 {judged.inclination:+.1f} dB.",
-            "Whitened, -log density, within: omega; v_y given omega; v_x given both; all.",
+            "Whitened squares (ideally 1; all: ANEES), -log density (m/s, rad/s) and shares are of",
+            "omega, of v_y given omega, of v_x given both, and of all three together.",
             f"[95 % intervals] from blocks of {self.block} estimates.",
         ]
 
