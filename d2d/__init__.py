@@ -1,11 +1,13 @@
 """Robust registration of sets of Gaussian targets."""
 
+from d2d.bootstrap import block_bootstrap, block_length
 from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
 from d2d.covariance import fisher_covariance, propagate_covariance
 from d2d.credibility import Credibility, credibility
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 from d2d.registration import ANNEALED, Estimate, multi_start, register, start_grid
+from d2d.scores import Whitened, coverage, crps, energy_score, log_score, whiten
 
 __all__ = [
     "ANNEALED",
@@ -16,10 +18,18 @@ __all__ = [
     "PointSet",
     "RegistrationCost",
     "UniformOutlier",
+    "Whitened",
+    "block_bootstrap",
+    "block_length",
+    "coverage",
     "credibility",
+    "crps",
+    "energy_score",
     "fisher_covariance",
+    "log_score",
     "multi_start",
     "propagate_covariance",
     "register",
     "start_grid",
+    "whiten",
 ]

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtri
 
-from d2d._checks import check_covariances, check_finite, check_fraction
+from d2d._checks import check_fraction
 from d2d._types import Array
+from d2d.scores import checked_errors, normalised_squares
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,18 +86,10 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     >>> verdict.consistent, round(verdict.anees, 1), round(verdict.inclination, 1)
     (False, 4.0, 6.0)
     """
-    e = check_finite("errors", errors)
-    if e.ndim != 2:
-        raise ValueError(f"errors must have the shape (N, n), but has {e.shape}")
+    e, sigma = checked_errors(errors, covariances)
     runs, n = e.shape
-    if not 0 < n < runs:
+    if not n < runs:
         raise ValueError(f"errors must hold more runs than dimensions, but has the shape {e.shape}")
-    sigma = check_covariances("covariances", covariances)
-    if sigma.shape not in ((runs, n, n), (n, n)):
-        raise ValueError(
-            f"covariances must have the shape ({runs}, {n}, {n}) or ({n}, {n}) to match errors, "
-            f"but has {sigma.shape}"
-        )
     tail = 0.5 * (1.0 - check_fraction("confidence", confidence))
     if not 0.0 < tail < 0.5:
         raise ValueError(f"confidence must lie within (0, 1), but is {confidence:g}")
@@ -108,8 +101,8 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     ):
         raise ValueError("errors must span all dimensions: their mean square matrix is singular")
 
-    nees = _normalised_squares(e, sigma)
-    credible = _normalised_squares(e, actual)
+    nees = normalised_squares(e, sigma)
+    credible = normalised_squares(e, actual)
     # an error of exactly zero is perfectly credible: 0 / 0 counts as 1
     ratio = np.divide(nees, credible, out=np.ones_like(nees), where=credible > 0)
     decibel = 10.0 * np.log10(ratio)
@@ -126,11 +119,3 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
         nci=float(np.abs(decibel).mean()),
         inclination=float(decibel.mean()),
     )
-
-
-def _normalised_squares(errors: Array, covariances: Array) -> Array:
-    """e' Sigma^-1 e (N,) of errors (N, n)."""
-    solved = np.linalg.solve(
-        np.broadcast_to(covariances, (*errors.shape, errors.shape[1])), errors[..., None]
-    )
-    return np.asarray(np.einsum("ni,ni->n", errors, solved[..., 0]))

@@ -11,7 +11,16 @@ import pytest
 import d2d
 
 MODULES = sorted({"d2d"} | {module.name for module in pkgutil.walk_packages(d2d.__path__, "d2d.")})
-WITH_EXAMPLES = {"d2d.cost", "d2d.credibility", "d2d.radar.track", "d2d.registration"}
+WITH_EXAMPLES = {
+    "d2d.bootstrap",
+    "d2d.cost",
+    "d2d.credibility",
+    "d2d.radar.comparison",
+    "d2d.radar.evidence",
+    "d2d.radar.track",
+    "d2d.registration",
+    "d2d.scores",
+}
 
 
 def examples(module: str) -> list[doctest.DocTest]:

@@ -21,13 +21,19 @@ from d2d import (
     PointSet,
     RegistrationCost,
     UniformOutlier,
+    block_length,
+    coverage,
     credibility,
+    crps,
+    energy_score,
     fisher_covariance,
+    log_score,
     multi_start,
     propagate_covariance,
     register,
     rigid,
     start_grid,
+    whiten,
 )
 from d2d.baselines import fit_rigid, grid_cells, icp, line_normals, ndt_d2d, ndt_p2d, pooled_cells
 from d2d.radar import (
@@ -632,6 +638,12 @@ CALLS: dict[str, tuple[Any, dict[str, Any]]] = {
         {"estimate": register(*SETS), "fixed": SETS[0], "moving": SETS[1]},
     ),
     "credibility": (credibility, {"errors": POINTS, "covariances": np.eye(2), "confidence": 0.9}),
+    "whiten": (whiten, {"errors": POINTS, "covariances": np.eye(2), "order": (1, 0)}),
+    "log_score": (log_score, {"errors": POINTS, "covariances": np.eye(2)}),
+    "energy_score": (energy_score, {"errors": POINTS, "covariances": np.eye(2)}),
+    "crps": (crps, {"errors": POINTS, "sigmas": 1.0}),
+    "coverage": (coverage, {"errors": POINTS, "covariances": np.eye(2), "levels": 0.9}),
+    "block_length": (block_length, {"series": POINTS}),
     "Mounting": (Mounting, {"x": 0.0, "y": 0.0, "yaw": 0.0}),
     "doppler_velocity": (
         doppler_velocity,

@@ -1,8 +1,10 @@
 """Ego-motion of a vehicle from automotive Doppler radar."""
 
+from d2d.radar.comparison import Comparison, Measures, compare
 from d2d.radar.covariance import propagate_ego_motion, propagate_joint_ego_motion
 from d2d.radar.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
 from d2d.radar.ego_motion import estimate_ego_motion, inlier_probabilities
+from d2d.radar.evidence import compare_halves, compare_tracks
 from d2d.radar.joint import estimate_joint_ego_motion, track_joint
 from d2d.radar.nuscenes import load_nuscenes
 from d2d.radar.options import EgoMotionModel
@@ -15,9 +17,11 @@ from d2d.radar.track import Track, track
 from d2d.radar.world import World, build_world
 
 __all__ = [
+    "Comparison",
     "DopplerMotion",
     "Drive",
     "EgoMotionModel",
+    "Measures",
     "Mounting",
     "RadarScan",
     "Recording",
@@ -27,6 +31,9 @@ __all__ = [
     "TrueTargets",
     "World",
     "build_world",
+    "compare",
+    "compare_halves",
+    "compare_tracks",
     "doppler_ego_motion",
     "doppler_velocity",
     "estimate_ego_motion",

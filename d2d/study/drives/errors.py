@@ -8,60 +8,19 @@ from numpy.typing import ArrayLike
 
 from d2d import rigid
 from d2d._checks import check_positive, check_scalar
-from d2d._types import Array
-from d2d.credibility import Credibility, credibility
-from d2d.radar import Reference, Track
+from d2d.radar import Comparison, Reference, Track
+from d2d.radar.comparison import IN_UNITS, NAMES, UNITS
 
-NAMES = ("v_x", "v_y", "omega")
-UNITS = ("m/s", "m/s", "deg/s")
-IN_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
+__all__ = ["IN_UNITS", "NAMES", "UNITS", "Drift", "DriveErrors"]
 
 
-@dataclass(frozen=True, eq=False)
-class DriveErrors:
-    """Estimate minus reference of a track, where it converged and the reference is known.
-
-    Attributes
-    ----------
-    times : (n,) array, s
-    errors : (n, 3) array
-        Errors of [v_x, v_y, omega] in m/s, m/s, rad/s.
-    covariances : (n, 3, 3) array
-        Estimated covariances, in the same units.
-    share : float
-        Share of the track's pairs that converged and have a reference.
-    """
-
-    times: Array
-    errors: Array
-    covariances: Array
-    share: float
+class DriveErrors(Comparison):
+    """A comparison with a reference as the chapters print it, on one line."""
 
     @classmethod
     def of(cls, track: Track, reference: Reference) -> "DriveErrors":
-        """Compare with a reference that is given at the times of all scans."""
-        return cls.from_errors(track, track.theta - reference.theta[1:])
-
-    @classmethod
-    def from_errors(cls, track: Track, errors: Array) -> "DriveErrors":
-        """Select the usable ones of all errors (n, 3), which are nan without a reference."""
-        good = track.converged & np.isfinite(errors).all(axis=-1)
-        return cls(track.times[good], errors[good], track.covariance[good], float(good.mean()))
-
-    @property
-    def rmse(self) -> Array:
-        """Root mean square error (3,) in m/s, m/s and deg/s."""
-        return np.asarray(np.sqrt(np.mean(self.errors**2, axis=0)) * IN_UNITS)
-
-    @property
-    def sigmas(self) -> Array:
-        """Estimated standard deviations (n, 3) in m/s, m/s and deg/s."""
-        return np.asarray(np.sqrt(np.diagonal(self.covariances, axis1=-2, axis2=-1)) * IN_UNITS)
-
-    @property
-    def credibility(self) -> Credibility:
-        """Credibility of the covariances, given the errors."""
-        return credibility(self.errors, self.covariances)
+        """Compare with a reference, as `d2d.radar.compare` does."""
+        return cls.from_errors(track, track.theta - reference.at(track.times).theta)
 
     def summary(self) -> str:
         """One line of text: RMSE, share of usable pairs, ANEES with its region, NCI and I^2."""

@@ -1,0 +1,158 @@
+"""Confidence intervals of statistics of a time series, by the circular block bootstrap."""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from d2d._checks import check_count, check_finite, check_fraction, check_instance
+from d2d._types import Array
+
+
+def block_bootstrap(
+    statistic: Callable[..., ArrayLike],
+    arrays: Sequence[ArrayLike],
+    block: int,
+    rng: np.random.Generator,
+    *,
+    confidence: float = 0.95,
+    resamples: int = 1000,
+) -> Array:
+    """Confidence interval of a statistic whose data are correlated in time.
+
+    The data are drawn anew in blocks of neighbouring rows, so that what lies within a block keeps
+    its correlation; the series is closed to a ring, so that all rows are drawn equally often
+    (Politis & Romano 1992).  The interval holds the middle ``confidence`` of the statistic's values
+    on the drawn data.
+
+    Parameters
+    ----------
+    statistic : callable
+        ``statistic(*arrays)`` gives a number or an array (...) of finite numbers.
+    arrays : sequence of (N, ...) arrays
+        In time order; the same rows are drawn from all of them.
+    block : int
+        Rows in a block, 1 to N.  It should be several times as long as errors stay correlated;
+        `block_length` suggests one.  With 1, rows are taken as independent.
+    rng : numpy.random.Generator
+    confidence : float
+        Probability content of the interval, within (0, 1).
+    resamples : int
+        How often the data are drawn.
+
+    Returns
+    -------
+    (2, ...) array
+        Lower and upper bounds.
+
+    Raises
+    ------
+    ValueError
+        If the arrays are empty or of different lengths, or another argument is out of range; the
+        message names it.
+
+    Notes
+    -----
+    With fewer than some twenty blocks the interval is too narrow, and what is slower than the whole
+    series leaves no trace in it at all.  A share of exactly 0 or 1 gives an interval of no width.
+
+    Examples
+    --------
+    The mean of 1000 numbers that stay the same ten times in a row is that of 100 numbers:
+
+    >>> import numpy as np
+    >>> from d2d import block_bootstrap
+    >>> rng = np.random.default_rng(0)
+    >>> series = np.repeat(rng.standard_normal(100), 10)
+    >>> for block in (1, 30):
+    ...     low, high = block_bootstrap(np.mean, [series], block, rng)
+    ...     print(f"{high - low:.2f}")
+    0.12
+    0.37
+    """
+    check_instance("arrays", arrays, Sequence)
+    data = [np.asarray(array) for array in arrays]
+    if not data or any(array.ndim < 1 for array in data) or not len(data[0]):
+        raise ValueError("arrays must be a sequence of arrays (N, ...) with at least one row")
+    rows = len(data[0])
+    if any(len(array) != rows for array in data):
+        raise ValueError(
+            f"arrays must have the same number of rows, but have {[len(array) for array in data]}"
+        )
+    if check_count("block", block) > rows:
+        raise ValueError(f"block must be at most the number of rows, {rows}, but is {block}")
+    check_instance("rng", rng, np.random.Generator)
+    tail = 0.5 * (1.0 - check_fraction("confidence", confidence))
+    if not 0.0 < tail < 0.5:
+        raise ValueError(f"confidence must lie within (0, 1), but is {confidence:g}")
+    within = np.arange(block)
+    values = []
+    for _ in range(check_count("resamples", resamples)):
+        starts = rng.integers(rows, size=math.ceil(rows / block))
+        drawn = ((starts[:, np.newaxis] + within) % rows).ravel()[:rows]
+        values.append(statistic(*(array[drawn] for array in data)))
+    drawings = check_finite("the values of statistic", np.array(values))
+    return np.asarray(np.quantile(drawings, [tail, 1.0 - tail], axis=0))
+
+
+def block_length(series: ArrayLike) -> int:
+    """Length of block by which `block_bootstrap` estimates best the variance of a series' mean.
+
+    Parameters
+    ----------
+    series : (N,) or (N, n) array
+        In time order.  Of several columns, the one that needs the longest blocks counts.
+
+    Returns
+    -------
+    int
+        1 for a series without correlation; at most 3 sqrt(N) and N / 3.
+
+    Raises
+    ------
+    ValueError
+        If ``series`` is not such an array, or is empty, nan or inf.
+
+    Notes
+    -----
+    The rule of Politis & White (2004) as corrected by Patton, Politis & White (2009): with the
+    autocovariances R(k), weighted by a flat-top window w(k) whose width is twice the lag after
+    which five or more of them are insignificant::
+
+        block = (3/2 N)^(1/3) (G / S)^(2/3),  G = sum w(k) |k| R(k),  S = sum w(k) R(k)
+
+    A first-order autoregression with coefficient a has G / S = 2 a / (1 - a^2).
+    """
+    values = check_finite("series", series)
+    if values.ndim not in (1, 2) or not values.size:
+        raise ValueError(f"series must have the shape (N,) or (N, n), but has {values.shape}")
+    rows = len(values)
+    longest = max(1, min(math.ceil(3.0 * math.sqrt(rows)), rows // 3))
+    lengths = [_block_length(column) for column in values.reshape(rows, -1).T]
+    return int(min(max(lengths), longest))
+
+
+def _block_length(series: Array) -> int:
+    """The rule of `block_length` for one series (N,), without its upper bound."""
+    rows = len(series)
+    centred = series - series.mean()
+    run = max(5, math.ceil(math.sqrt(math.log10(rows))))
+    lags = min(math.ceil(math.sqrt(rows)) + run, rows - 1)
+    covariance = np.array([centred[: rows - k] @ centred[k:] for k in range(lags + 1)]) / rows
+    if covariance[0] <= 0.0:
+        return 1
+    negligible = 2.0 * math.sqrt(math.log10(rows) / rows) * covariance[0]
+    quiet = np.abs(covariance[1:]) < negligible
+    last = next((m for m in range(lags - run + 1) if quiet[m : m + run].all()), None)
+    if last is None:  # then the largest significant lag
+        last = int(np.flatnonzero(np.append(True, ~quiet))[-1])
+    width = min(2 * last, lags)
+    k = np.arange(1, width + 1)
+    weights = np.clip(2.0 * (1.0 - k / width), 0.0, 1.0) * covariance[1 : width + 1]
+    total = covariance[0] + 2.0 * weights.sum()
+    slow = 2.0 * (k * weights).sum()
+    if total <= 0.0:
+        return 1
+    length: float = (1.5 * rows) ** (1.0 / 3.0) * (abs(slow) / total) ** (2.0 / 3.0)
+    return max(1, math.ceil(length))

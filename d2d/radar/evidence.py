@@ -1,0 +1,230 @@
+"""Evidence about covariances without a reference: independent estimates of the same motion."""
+
+from collections.abc import Iterable
+from typing import Any, Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.cluster.hierarchy import fcluster, linkage
+
+from d2d._checks import check_instance, check_positive, check_rows, check_scalar
+from d2d._types import Array
+from d2d.radar.comparison import Comparison, enough
+from d2d.radar.joint import (
+    ScanPair,
+    estimate_joint_ego_motion,
+    joint_pairs,
+    rounds,
+    track_joint,
+)
+from d2d.radar.options import EstimationOptions
+from d2d.radar.scan import Mounting, RadarScan
+from d2d.radar.track import Track
+
+
+def compare_tracks(first: Track, second: Track) -> Comparison:
+    """Compare two tracks of the same vehicle, each against the other.
+
+    If the tracks come from different measurements and both covariances are true, the differences
+    have the sum of the covariances.  No reference is needed, and none adds errors of its own.
+
+    Parameters
+    ----------
+    first, second : Track
+        From sensors that have no measurement in common, on the same clock.
+
+    Returns
+    -------
+    Comparison
+        At the times of ``first``: ``errors`` are first minus second, ``covariances`` the sums.
+        ``converged`` is the share of ``first`` that converged.
+
+    Raises
+    ------
+    ValueError
+        If an argument is not a `Track`, or fewer than four estimates can be compared.
+
+    Notes
+    -----
+    ``second`` is interpolated linearly between two successive converged estimates, unless they are
+    more than twice the usual interval apart.  The interpolated covariance is that of a weighted
+    mean of independent errors, ``(1 - w)^2 Sigma_i + w^2 Sigma_j``, which is too small for errors
+    that change slowly; estimates at equal times are not affected.
+
+    The difference contains the noise of both, the dependence of their targets, and biases of each
+    sensor, such as those of its mounting; a mean whitened error that is not zero, or one that
+    changes slowly, is a bias.  What both share cancels: a lag of a common clock, a motion that is
+    not constant over the interval.  Credible differences are no proof of credible estimates.  To
+    tell noise and dependence apart without biases, see `compare_halves`.
+    """
+    check_instance("first", first, Track)
+    check_instance("second", second, Track)
+    theta, covariance, good = _interpolated(second, first.times)
+    good &= first.converged
+    return enough(
+        Comparison(
+            first.times[good],
+            (first.theta - theta)[good],
+            first.covariance[good] + covariance[good],
+            float(good.mean()),
+            float(first.converged.mean()),
+        ),
+        "first and second have",
+    )
+
+
+def _interpolated(track: Track, times: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Velocities and covariances at other times, and where they are known."""
+    last = len(track.times) - 1
+    after = np.clip(np.searchsorted(track.times, times), 0, last)
+    before = np.maximum(after - (track.times[after] != times), 0)  # the same at equal times
+    gap = track.times[after] - track.times[before]
+    weight = np.divide(times - track.times[before], gap, out=np.zeros_like(times), where=gap > 0.0)[
+        :, np.newaxis
+    ]
+    inside = (track.times[before] <= times) & (times <= track.times[after])
+    near = gap <= 2.0 * np.median(track.intervals)
+    good = inside & near & track.converged[before] & track.converged[after]
+    own, other = 1.0 - weight, weight
+    theta = own * track.theta[before] + other * track.theta[after]
+    own, other = own[..., np.newaxis] ** 2, other[..., np.newaxis] ** 2
+    return theta, own * track.covariance[before] + other * track.covariance[after], good
+
+
+def compare_halves(
+    sensors: Iterable[tuple[Iterable[RadarScan], Mounting]],
+    rng: np.random.Generator,
+    *,
+    by: str = "target",
+    distance: float = 2.0,
+    baseline: int = 1,
+    **options: Unpack[EstimationOptions],
+) -> Comparison:
+    """Estimate each motion twice, from either half of the targets, and compare the two.
+
+    The targets of each *later* scan are divided at random; either half is registered with the whole
+    scan before, so that every target keeps its counterpart.  Run it with either ``by``: the two
+    ANEES tell apart errors that are too small from errors that are not independent.
+
+    Parameters
+    ----------
+    sensors : iterable of (scans, mounting)
+        One sensor or several, as for `track_joint`.
+    rng : numpy.random.Generator
+    by : {"target", "object"}
+        What is assigned to a half as a whole: each target, or each cluster of targets.  Clusters
+        are formed within one scan, by single linkage: two targets are of the same cluster if a
+        chain of targets joins them in steps of at most ``distance``.  In random order, they go to
+        the half that is smaller so far.
+    distance : float, m
+        Largest step between neighbours in a cluster; only used with ``by="object"``.  It should be
+        longer than the steps within an object, and shorter than those between objects.
+    baseline : int
+        Number of scans between the two of a pair; see `track`.
+    **options
+        ``doppler``, ``outlier``, ``first_order`` and ``scales``, as for `estimate_ego_motion`.
+
+    Returns
+    -------
+    Comparison
+        ``errors`` are first half minus second, ``covariances`` the sums of theirs.  Where an
+        estimate from all targets fails, or one from a half, there is no comparison; ``converged``
+        is the share of the estimates from all targets that converged, at which the halves start.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two rounds of scans, fewer than four estimates can be compared, or
+        another argument is invalid; the message names the argument.
+
+    Notes
+    -----
+    What is the same for all targets of a sensor (mounting, Doppler scale, clock) and what is the
+    same for all estimates (a motion that is not constant over the interval) cancels in the
+    difference.  What is left:
+
+    - **By target** it shows whether the standard deviations of single targets are right.  The
+      targets of an object are in both halves, so that their common error counts as if each had its
+      own.
+    - **By object**, a common error is in one half only, and counts with its full weight.  If all
+      errors are independent, both ways give the same ANEES.  If the targets of an object err
+      together, the ANEES by object is larger: by that factor the covariances are too small because
+      of the dependence.
+
+    Objects also lie in different directions, and some move: a bias that depends on the azimuth, and
+    traffic that is not rejected, show by object too.
+
+    Targets that share a counterpart in the scan before share its error, which makes the differences
+    a little smaller than the covariances say.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from d2d.radar import compare_halves, simulate_drive
+    >>> drive = simulate_drive(np.random.default_rng(0), duration=4.0)
+    >>> for by in ("target", "object"):
+    ...     halves = compare_halves(
+    ...         [(drive.scans, drive.mounting)], np.random.default_rng(1), by=by
+    ...     )
+    ...     print(by, halves.errors.shape)
+    target (40, 3)
+    object (40, 3)
+    """
+    check_instance("rng", rng, np.random.Generator)
+    if by not in ("target", "object"):
+        raise ValueError(f'by must be "target" or "object", but is {by!r}')
+    reach = float(check_positive("distance", check_scalar("distance", distance)))
+    drives = [
+        (list(scans), mounting)
+        for scans, mounting in check_rows("sensors", sensors, Iterable, Mounting)
+    ]
+    whole = track_joint(drives, baseline=baseline, **options)
+    count = len(whole.times)
+    errors, covariances = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+    for i, group in enumerate(rounds([scans for scans, _ in drives])[1:]):
+        if not whole.converged[i]:
+            continue
+        halves: tuple[list[ScanPair], list[ScanPair]] = [], []
+        for previous, current, mounting in joint_pairs(drives, group, baseline):
+            labels = np.arange(current.size) if by == "target" else _clusters(current, reach)
+            first = _half(rng, labels)
+            for pairs, chosen in zip(halves, (first, ~first), strict=True):
+                if chosen.any():
+                    pairs.append((previous, current[chosen], mounting))
+        if not all(halves):
+            continue
+        one, two = (
+            estimate_joint_ego_motion(pairs, initial=whole.theta[i], **options) for pairs in halves
+        )
+        errors[i], covariances[i] = one.theta - two.theta, one.covariance + two.covariance
+    good = np.isfinite(covariances).all(axis=(1, 2))
+    return enough(
+        Comparison(
+            whole.times[good],
+            errors[good],
+            covariances[good],
+            float(good.mean()),
+            float(whole.converged.mean()),
+        ),
+        "the halves have",
+    )
+
+
+def _clusters(scan: RadarScan, distance: float) -> NDArray[np.int_]:
+    """Number (K,) of the single-linkage cluster of each target."""
+    if scan.size < 2:
+        return np.zeros(scan.size, dtype=np.int_)
+    angle = np.asarray(scan.azimuth)
+    points = scan.range[:, np.newaxis] * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.asarray(fcluster(linkage(points, "single"), distance, "distance"), dtype=np.int_)
+
+
+def _half(rng: np.random.Generator, labels: NDArray[np.int_]) -> NDArray[Any]:
+    """Whether (K,) each target belongs to the first half; those of a label stay together."""
+    names, cluster, sizes = np.unique(labels, return_inverse=True, return_counts=True)
+    first = np.zeros(len(names), dtype=np.bool_)
+    lead = 0  # targets that the first half has more than the second
+    for name in rng.permutation(len(names)):
+        first[name] = lead < 0 or (lead == 0 and rng.random() < 0.5)
+        lead += int(sizes[name]) if first[name] else -int(sizes[name])
+    return np.asarray(first[cluster])

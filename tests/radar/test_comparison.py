@@ -1,0 +1,250 @@
+"""A track beside a reference: what is compared, in which units, and how it is shown."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d import block_bootstrap, coverage, credibility, crps, log_score, whiten
+from d2d.radar import Comparison, Reference, Track, compare, simulate_drive, track
+
+N = 400
+SCALE = np.array([0.1, 0.2, 0.02])
+DEGREES = np.array([1.0, 1.0, 180.0 / np.pi])
+
+
+def example(seed: int = 0, factor: float = 1.0) -> tuple[Track, Reference]:
+    """A track with Gaussian errors of ``factor`` times its covariances, and the truth."""
+    rng = np.random.default_rng(seed)
+    times = np.arange(N + 1) / 10.0
+    truth = rng.uniform([5.0, -0.5, -0.3], [15.0, 0.5, 0.3], (N + 1, 3))
+    root = rng.standard_normal((N, 3, 4)) * SCALE[:, None]
+    covariance = root @ np.swapaxes(root, -1, -2)
+    errors = np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), rng.standard_normal((N, 3)))
+    return (
+        Track(
+            times[1:],
+            np.diff(times),
+            truth[1:] + np.sqrt(factor) * errors,
+            covariance,
+            np.ones(N, dtype=bool),
+        ),
+        Reference(times, truth, np.zeros((N + 1, 3))),
+    )
+
+
+# ---- What is compared -------------------------------------------------------------------------
+
+
+def test_errors_are_relative_to_the_reference_at_the_later_scan():
+    """Breaks if an estimate is compared with the motion at the scan before."""
+    driven, reference = example()
+    found = compare(driven, reference)
+    assert_array_equal(found.errors, driven.theta - reference.theta[1:])
+    assert_array_equal(found.times, driven.times)
+    assert_array_equal(found.covariances, driven.covariance)
+    assert found.share == found.converged == 1.0
+
+
+def test_a_reference_at_other_times_is_interpolated():
+    """Breaks if estimates and reference are paired by their numbers."""
+    times = np.arange(20) / 10.0
+    slope, offset = np.array([2.0, -0.3, 0.05]), np.array([8.0, 0.1, 0.0])
+    driven = Track(
+        times[1:],
+        np.diff(times),
+        times[1:, None] * slope + offset,
+        np.tile(np.eye(3), (19, 1, 1)),
+        np.ones(19, dtype=bool),
+    )
+    at = np.array([0.33, 0.5, 1.21, 1.23])
+    reference = Reference(at, at[:, None] * slope + offset, np.zeros((4, 3)))
+    found = compare(driven, reference)
+    assert_allclose(found.times, np.arange(4, 13) / 10.0)  # those within its time span
+    assert_allclose(found.errors, 0.0, atol=1e-12)
+    assert found.share == pytest.approx(9 / 19)
+
+
+def test_what_did_not_converge_or_has_no_reference_is_left_out():
+    """Breaks if a prediction is judged as an estimate, or nan spreads over the drive."""
+    driven, reference = example()
+    driven.converged[4], driven.theta[4], driven.covariance[4] = False, 1e6, np.nan
+    reference.theta[11, 1] = np.nan  # of pair 10
+    found = compare(driven, reference)
+    left = np.delete(np.arange(N), [4, 10])
+    assert_array_equal(found.times, driven.times[left])
+    assert found.share == pytest.approx(1.0 - 2 / N)
+    assert found.converged == pytest.approx(1.0 - 1 / N)
+    assert np.isfinite(np.concatenate([np.ravel(m) for m in found.measures])).all()
+
+
+def test_a_clock_of_its_own_is_told():
+    """Breaks if nothing to compare gives a table of nan."""
+    driven, reference = example()
+    with pytest.raises(ValueError, match=r"track and reference have 0 .* clocks"):
+        compare(driven, Reference(reference.times + 1e6, reference.theta, reference.poses))
+
+
+@pytest.mark.parametrize("name", ["track", "reference"])
+def test_other_types_are_refused_by_name(name):
+    """Breaks if a recording is taken for its reference."""
+    arguments = dict(zip(("track", "reference"), example(), strict=True))
+    with pytest.raises(ValueError, match=name):
+        compare(**{**arguments, name: np.zeros((3, 3))})
+
+
+# ---- Measures ---------------------------------------------------------------------------------
+
+
+def test_measures_are_those_of_the_errors():
+    """Breaks if a column of the table is another than it says, or of another unit."""
+    found = compare(*example(factor=2.0))
+    e, c = found.errors, found.covariances
+    parts = whiten(e, c, (2, 1, 0))
+    m = found.measures
+    assert_allclose(m.mean_error, e.mean(axis=0) * DEGREES)
+    assert_allclose(m.rmse, np.sqrt((e**2).mean(axis=0)) * DEGREES)
+    assert_allclose(found.rmse, m.rmse)
+    sigmas = np.sqrt(np.stack([c[:, i, i] for i in range(3)], axis=1))
+    assert_allclose(found.sigmas, sigmas * DEGREES)
+    assert_allclose(m.crps, crps(e * DEGREES, sigmas * DEGREES).mean(axis=0))
+    assert_allclose(m.whitened_squares, (parts.values**2).mean(axis=0))
+    assert_allclose(m.anees, credibility(e, c).anees)
+    assert_allclose(m.anees, m.whitened_squares.mean())
+    assert_allclose(m.log_scores, parts.log_score.mean(axis=0))
+    assert_allclose(m.log_score, log_score(e, c).mean())
+    assert_allclose(m.coverage, coverage(e, c))
+    assert_allclose(m.coverages, parts.within().mean(axis=0))
+    assert found.credibility.anees == credibility(e, c).anees
+
+
+def test_intervals_are_those_of_each_statistic():
+    """Breaks if bounds are given to another measure, or of the square of an RMSE."""
+    found = compare(*example())
+    bounds = found.intervals(0.9, block=5, rng=np.random.default_rng(3), resamples=200)
+    for name, statistic in {
+        "rmse": lambda e, c: np.sqrt((e**2).mean(axis=0)) * DEGREES,
+        "anees": lambda e, c: credibility(e, c).anees,
+        "log_score": lambda e, c: log_score(e, c).mean(),
+        "coverage": coverage,
+        "coverages": lambda e, c: whiten(e, c, (2, 1, 0)).within().mean(axis=0),
+    }.items():
+        direct = block_bootstrap(
+            statistic,
+            [found.errors, found.covariances],
+            5,
+            np.random.default_rng(3),
+            confidence=0.9,
+            resamples=200,
+        )
+        assert_allclose(getattr(bounds, name), direct, rtol=1e-4)
+    for value, (low, high) in zip(found.measures, bounds, strict=True):
+        assert (low <= value).all()
+        assert (value <= high).all()
+
+
+def test_errors_of_singular_covariances_have_an_rmse():
+    """Breaks if the errors of a track that is sure of a velocity cannot be told."""
+    driven, reference = example()
+    driven.covariance[:, 1, :] = driven.covariance[:, :, 1] = 0.0
+    found = compare(driven, reference)
+    assert_array_equal(found.rmse, compare(*example()).rmse)
+    with pytest.raises(ValueError, match="covariances must be positive definite"):
+        str(found)
+
+
+def test_slow_errors_have_wider_intervals():
+    """Breaks if the errors' correlation in time is not taken into account."""
+    driven, reference = example()
+    slow = np.repeat(np.random.default_rng(4).standard_normal((N // 20, 3)), 20, axis=0)
+    found = Comparison.from_errors(driven, slow * SCALE)
+    assert found.block > 10
+    widths = [np.ptp(found.intervals(block=b).mean_error, axis=0) for b in (1, found.block)]
+    assert (widths[1] > 2.0 * widths[0]).all()
+    assert compare(driven, reference).block <= 5
+
+
+# ---- How it is shown --------------------------------------------------------------------------
+
+
+def test_the_table_holds_each_number_in_its_column():
+    """Breaks if a direction stands below another's name, or columns do not line up."""
+    found = compare(*example(factor=3.0))
+    text, m = str(found), found.measures
+    lines = text.splitlines()
+    assert lines[0].startswith(f"{N} estimates compared, 100.0% of the track; 100.0% converged")
+    head, rows = lines[2], {line[:15].strip(): line for line in lines[3:-5] if line[0] != " "}
+    assert re.split(r"\s{2,}", head.strip()) == ["v_x (m/s)", "v_y (m/s)", "omega (deg/s)", "all"]
+    assert rows["RMSE"].split()[1:] == [f"{value:.3f}" for value in m.rmse]
+    assert rows["whitened square"].split()[2:] == [
+        f"{value:.2f}" for value in (*m.whitened_squares, m.anees)
+    ]
+    assert rows["within 95%"].split()[2:] == [
+        f"{value:.1%}" for value in (*m.coverages[:, 1], m.coverage[1])
+    ]
+    edges = [cell.end() for cell in re.finditer(r"\S(?=  |$)", head)]
+    for line in lines[3:-5]:
+        cells = re.finditer(r"\S(?=  |$)", line[15:])
+        assert {15 + cell.end() for cell in cells} <= set(edges)
+    assert f"ANEES {m.anees:.2f} " in text
+    assert max(map(len, lines)) <= 100
+    assert str(found) == str(compare(*example(factor=3.0)))
+
+
+def test_the_notebook_table_has_the_same_cells():
+    """Breaks if one of the two is out of date."""
+    found = compare(*example())
+    page = found._repr_html_()
+    cells = re.findall(r"<td>(.*?)</td>", page)
+    text = re.sub(r"\s+", " ", str(found))
+    assert len(cells) > 40
+    assert all(cell in text for cell in cells)
+    assert page.count("<tr>") == page.count("</tr>") == 1 + len(cells) // 4
+
+
+def test_plot_draws_errors_bands_and_nees():
+    """Breaks if omega is drawn in radians, or a band is not of three standard deviations."""
+    found = compare(*example())
+    figure = found.plot()
+    *directions, last = figure.axes
+    for i, ax in enumerate(directions):
+        assert_allclose(ax.lines[0].get_ydata(), found.errors[:, i] * DEGREES[i])
+        edge = ax.collections[0].get_paths()[0].vertices[:, 1].max()
+        assert_allclose(edge, 3.0 * found.sigmas[:, i].max())
+    assert_allclose(last.lines[0].get_ydata(), found.credibility.nees, rtol=1e-6)
+    plt.close(figure)
+
+
+def test_only_a_plot_needs_matplotlib():
+    """Breaks if a table asks for a package that `d2d` does not require."""
+    program = """
+import sys
+sys.modules["matplotlib"] = None
+import numpy as np
+from d2d.radar import Comparison
+errors = np.random.default_rng(0).standard_normal((20, 3))
+found = Comparison(np.arange(20.0), errors, np.tile(np.eye(3), (20, 1, 1)), 1.0, 1.0)
+str(found), found._repr_html_()
+try:
+    found.plot()
+except ModuleNotFoundError:
+    print("asked for")
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], check=True, capture_output=True, text=True
+    )
+    assert done.stdout.strip() == "asked for"
+
+
+def test_a_simulated_drive_is_credible_where_its_targets_are_independent():
+    """Breaks if the truth of a drive is not a reference, or degrees meet radians."""
+    drive = simulate_drive(np.random.default_rng(2), 6.0)
+    found = compare(track(drive.scans, drive.mounting), drive.truth)
+    assert found.share > 0.95
+    assert 0.5 < found.measures.anees < 2.0

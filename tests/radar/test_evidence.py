@@ -1,0 +1,267 @@
+"""Covariances judged without a reference: pairs of sensors, halves by target and by object."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d import rigid
+from d2d.radar import (
+    Comparison,
+    Mounting,
+    RadarScan,
+    Reference,
+    Track,
+    compare,
+    compare_halves,
+    compare_tracks,
+    track,
+)
+from d2d.radar.evidence import _clusters, _half
+
+THETA = np.array([3.0, 0.0, 0.1])
+MOUNTING = Mounting(2.0, 0.0, 0.0)
+SIGMA = 0.1  # m, along both axes
+
+
+def drive(seed: int, shared: float, scans: int = 120) -> list[RadarScan]:
+    """Scans of objects of five targets, whose errors have the stated variance.
+
+    The part ``shared`` of the variance is one error of all targets of an object in a scan.
+    """
+    rng = np.random.default_rng(seed)
+    centres = np.stack(np.meshgrid(np.arange(8.0, 62.0, 9.0), np.arange(-27.0, 28.0, 9.0)), -1)
+    centres = centres.reshape(-1, 1, 2)
+    around = 1.5 * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    points = centres + around + rng.uniform(-0.2, 0.2, (len(centres), 5, 2))
+    found, pose, step = [], np.zeros(3), rigid.exponential(0.1 * THETA)
+    for i in range(scans):
+        own = rng.standard_normal(points.shape)
+        common = rng.standard_normal(centres.shape)
+        to_sensor = rigid.inverse(rigid.compose(pose, MOUNTING.pose))
+        local = rigid.transform_means(to_sensor, points.reshape(-1, 2))
+        errors = np.sqrt(1.0 - shared) * own + np.sqrt(shared) * common
+        x, y = (local + SIGMA * errors.reshape(-1, 2)).T
+        distance = np.hypot(x, y)
+        bearing = np.arctan2(y, x)
+        seen = (np.abs(bearing) < 1.2) & (distance > 3.0)
+        away = distance[seen]
+        doppler = np.zeros_like(away)
+        found.append(RadarScan(0.1 * i, away, bearing[seen], doppler, SIGMA, SIGMA / away, 1.0))
+        pose = rigid.compose(pose, step)
+    return found
+
+
+@cache
+def halves(shared: float, by: str) -> Comparison:
+    sensors = [(drive(0, shared), MOUNTING)]
+    return compare_halves(sensors, np.random.default_rng(1), by=by, distance=3.0, doppler=False)
+
+
+# ---- Halves -----------------------------------------------------------------------------------
+
+
+def test_independent_targets_are_credible_both_ways():
+    """Breaks if the halves share errors, or the sum of the covariances is not the difference's."""
+    for by in ("target", "object"):
+        found = halves(0.0, by)
+        assert found.share == 1.0
+        low, high = found.intervals(0.99).anees
+        assert low < 1.0 < high
+        assert high - low < 0.6
+
+
+def test_targets_that_err_together_are_told_by_object_only():
+    """Breaks if an object's targets come into different halves.
+
+    Half of the variance is the object's own, so that the error of five targets' mean has
+    1 + 4 / 2 = 3 times the variance that independent ones would have.
+    """
+    apart, together = halves(0.5, "target"), halves(0.5, "object")
+    low, high = apart.intervals(0.99).anees
+    assert low < 1.0 < high
+    low, high = together.intervals(0.99).anees
+    assert 1.5 < low < 3.0 < high
+    # and that is what the errors themselves say, which need a reference
+    scans = drive(0, 0.5)
+    driven = track(scans, MOUNTING, doppler=False)
+    still = np.tile(THETA, (len(driven.times), 1))
+    true = compare(driven, Reference(driven.times, still, np.zeros_like(still)))
+    assert low < true.measures.anees < high
+
+
+def test_halves_of_several_sensors_are_compared_in_rounds():
+    """Breaks if a half lacks a sensor, or the second one's mounting is the first one's."""
+    scans = drive(1, 0.0, scans=12)
+    later = [RadarScan(**{**vars(scan), "time": scan.time + 0.01}) for scan in scans]
+    sensors = [(scans, MOUNTING), (iter(later), MOUNTING)]
+    found = compare_halves(sensors, np.random.default_rng(2), doppler=False)
+    alone = compare_halves(sensors[:1], np.random.default_rng(2), doppler=False)
+    assert len(found.times) == len(alone.times) == 11
+    assert_allclose(found.times, alone.times + 0.005)
+    assert_allclose(np.mean(found.sigmas / alone.sigmas, axis=0), np.sqrt(0.5), rtol=0.1)
+
+
+def test_a_scan_that_cannot_be_halved_is_left_out():
+    """Breaks if one bad scan loses a drive, or an empty half is an estimate."""
+    scans = drive(2, 0.0, scans=9)
+    scans[3] = scans[3][:0]  # of two pairs
+    labels = _clusters(scans[6], 3.0)
+    scans[6] = scans[6][labels == np.argmax(np.bincount(labels))]  # a single object
+    sensors = [(scans, MOUNTING)]
+    found = compare_halves(
+        sensors, np.random.default_rng(3), by="object", distance=3.0, doppler=False
+    )
+    gone = [scans[i].time for i in (3, 4, 6)]
+    assert not np.isin(found.times, gone).any()
+    assert len(found.times) >= 4
+    assert found.share < found.converged <= 6 / 8  # all targets of scan 6 do give an estimate
+
+
+def test_a_single_cluster_has_no_halves():
+    """Breaks if an estimate is compared with that of no targets."""
+    sensors = [(drive(2, 0.0, scans=8), MOUNTING)]
+    with pytest.raises(ValueError, match="halves have 0 "):
+        compare_halves(sensors, np.random.default_rng(0), by="object", distance=100.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_clusters_are_chains_of_short_steps(seed):
+    """Breaks if distances are taken in range and azimuth, or between centres of clusters."""
+    rng = np.random.default_rng(seed)
+    distance, azimuth = rng.uniform(5.0, 30.0, 40), rng.uniform(-1.0, 1.0, 40)
+    scan = RadarScan(0.0, distance, azimuth, np.zeros(40), 0.1, 0.01, 0.1)
+    points = np.column_stack([distance * np.cos(azimuth), distance * np.sin(azimuth)])
+    near = np.linalg.norm(points[:, None] - points, axis=-1) <= 2.0
+    joined = np.linalg.matrix_power(near.astype(float), 40) > 0.0
+    labels = _clusters(scan, 2.0)
+    assert_array_equal(labels[:, None] == labels, joined)
+    assert 1 < len(set(labels)) < 40
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_a_scan_of_less_than_two_targets_is_one_cluster(count):
+    """Breaks if an empty scan ends in an error of SciPy's."""
+    ones = np.ones(count)
+    assert_array_equal(_clusters(RadarScan(0.0, ones, ones, ones, 1.0, 1.0, 1.0), 1.0), 0 * ones)
+
+
+def test_halves_are_of_equal_size_and_labels_stay_together():
+    """Breaks if one half gets the larger clusters, or the same target always the same half."""
+    rng = np.random.default_rng(5)
+    labels = rng.permutation(np.repeat(np.arange(12), rng.integers(1, 6, 12)))
+    chosen = np.array([_half(rng, labels) for _ in range(400)])
+    for name in range(12):
+        assert (chosen[:, labels == name].std(axis=1) == 0.0).all()
+    assert np.abs(2 * chosen.sum(axis=1) - len(labels)).max() <= 5
+    assert_allclose(chosen.mean(axis=0), 0.5, atol=0.1)
+    single = np.array([_half(rng, np.arange(7)) for _ in range(400)])
+    assert set(single.sum(axis=1)) == {3, 4}
+    assert_allclose(single.mean(axis=0), 0.5, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"by": "scan"}, "by"),
+        ({"by": None}, "by"),
+        ({"distance": 0.0}, "distance"),
+        ({"rng": 1}, "rng"),
+        ({"baseline": 0}, "baseline"),
+        ({"sensors": drive(0, 0.0, 2)}, "sensors"),
+        ({"sensors": []}, "sensors"),
+        ({"scales": -1.0}, "scales"),
+    ],
+)
+def test_arguments_of_halves_are_refused_by_name(change, name):
+    """Breaks if a mistake is found only after the drive has been estimated, or not at all."""
+    good = {"sensors": [(drive(0, 0.0, 2), MOUNTING)], "rng": np.random.default_rng(0)}
+    with pytest.raises(ValueError, match=name):
+        compare_halves(**{**good, **change})
+
+
+# ---- Two tracks -------------------------------------------------------------------------------
+
+SCALE = np.array([0.1, 0.2, 0.02])
+
+
+def noisy(seed: int, times: np.ndarray, factor: float = 1.0) -> Track:
+    """A track of a smooth motion with Gaussian errors of ``factor`` times its covariances."""
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((len(times), 3, 5)) * SCALE[:, None]
+    covariance = root @ np.swapaxes(root, -1, -2)
+    errors = np.linalg.cholesky(covariance) @ rng.standard_normal((len(times), 3, 1))
+    truth = np.column_stack([10.0 + 2.0 * times, 0.1 * times, 0.2 - 0.01 * times])
+    return Track(
+        times,
+        np.diff(times, prepend=times[0] - 0.1),
+        truth + np.sqrt(factor) * errors[..., 0],
+        covariance,
+        np.ones(len(times), dtype=bool),
+    )
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.03, 0.05])
+def test_differences_of_independent_tracks_have_the_sum_of_their_covariances(shift):
+    """Breaks if the interpolated covariance is the mean of its neighbours'."""
+    times = np.arange(600) / 10.0
+    found = compare_tracks(noisy(0, times), noisy(1, times - shift))
+    assert len(found.times) == 600 - (shift > 0.0)
+    low, high = found.intervals(0.99).anees
+    assert low < 1.0 < high
+    assert high - low < 0.35
+    doubled = compare_tracks(noisy(0, times), noisy(1, times - shift, factor=3.0))
+    assert doubled.intervals(0.99).anees[0] > 1.1
+
+
+def test_the_second_track_is_interpolated_to_the_times_of_the_first():
+    """Breaks if weights are exchanged, or their squares are left out."""
+    times = np.arange(6) / 10.0
+    first, second = noisy(2, times), noisy(3, times - 0.03)
+    found = compare_tracks(first, second)
+    assert_array_equal(found.times, times[:-1])
+    for i in range(5):
+        theta = 0.7 * second.theta[i] + 0.3 * second.theta[i + 1]
+        assert_allclose(found.errors[i], first.theta[i] - theta, atol=1e-12)
+        sigma = 0.49 * second.covariance[i] + 0.09 * second.covariance[i + 1]
+        assert_allclose(found.covariances[i], first.covariance[i] + sigma, rtol=1e-9)
+
+
+def test_at_equal_times_nothing_is_interpolated():
+    """Breaks if a neighbour that did not converge takes an estimate with it."""
+    times = np.arange(8) / 10.0
+    first, second = noisy(4, times), noisy(5, times)
+    second.converged[3], second.covariance[3] = False, np.nan
+    first.converged[5], first.covariance[5] = False, np.nan
+    found = compare_tracks(first, second)
+    left = np.array([0, 1, 2, 4, 6, 7])
+    assert_array_equal(found.times, times[left])
+    assert_array_equal(found.errors, (first.theta - second.theta)[left])
+    assert_array_equal(found.covariances, (first.covariance + second.covariance)[left])
+    assert found.share == 6 / 8
+    assert found.converged == 7 / 8
+
+
+def test_gaps_and_failed_estimates_are_not_bridged():
+    """Breaks if a straight line over a gap stands for the motion."""
+    times = np.arange(20) / 10.0
+    kept = np.r_[0:6, 12:20]
+    second = noisy(7, times[kept] - 0.02)
+    second.intervals[:] = 0.1
+    second.converged[10], second.covariance[10] = False, np.nan  # at 1.58 s
+    found = compare_tracks(noisy(6, times), second)
+    assert_allclose(found.times, times[[0, 1, 2, 3, 4, 12, 13, 14, 17, 18]])
+
+
+def test_tracks_that_have_nothing_in_common_are_refused():
+    """Breaks if the clocks of two sensors differ, and nobody is told."""
+    times = np.arange(20) / 10.0
+    with pytest.raises(ValueError, match=r"first and second have 0 .* clocks"):
+        compare_tracks(noisy(0, times), noisy(1, times + 100.0))
+    with pytest.raises(ValueError, match="second"):
+        compare_tracks(noisy(0, times), times)
+    with pytest.raises(ValueError, match="first"):
+        compare_tracks(times, noisy(0, times))

@@ -1,0 +1,164 @@
+"""The block bootstrap, against independent draws of whole series."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.signal import lfilter
+
+from d2d import block_bootstrap, block_length
+
+
+def autoregression(rng: np.random.Generator, coefficient: float, shape) -> np.ndarray:
+    """Stationary first-order autoregressions along the last axis, with variance 1."""
+    noise = rng.standard_normal(shape) * np.sqrt(1.0 - coefficient**2)
+    noise[..., 0] /= np.sqrt(1.0 - coefficient**2)
+    return lfilter([1.0], [1.0, -coefficient], noise, axis=-1)
+
+
+def covered(block: int | None, series: np.ndarray, rng: np.random.Generator) -> float:
+    """Share of the series whose interval for the mean contains the true mean, zero."""
+    inside = []
+    for one in series:
+        length = block_length(one) if block is None else block
+        low, high = block_bootstrap(np.mean, [one], length, rng, resamples=300)
+        inside.append(low <= 0.0 <= high)
+    return float(np.mean(inside))
+
+
+def test_intervals_of_a_correlated_mean_contain_it_as_often_as_they_should():
+    """Breaks if blocks are torn apart: with single rows, the same share is below two thirds."""
+    rng = np.random.default_rng(0)
+    series = autoregression(rng, 0.8, (300, 600))
+    # the percentiles of some twenty blocks are a little too narrow
+    assert 0.87 <= covered(None, series, rng) <= 0.98
+    assert covered(1, series, rng) < 0.65
+
+
+def test_intervals_of_independent_rows_are_those_of_the_normal_distribution():
+    """Breaks if the confidence is of one tail, or the lengths do not add up to N."""
+    rng = np.random.default_rng(1)
+    series = rng.standard_normal(2000)
+    for block in (1, 7):
+        for confidence, quantile in ((0.95, 1.96), (0.5, 0.674)):
+            low, high = block_bootstrap(
+                np.mean, [series], block, rng, confidence=confidence, resamples=2000
+            )
+            assert_allclose(high - low, 2.0 * quantile / np.sqrt(2000), rtol=0.15)
+            assert low < series.mean() < high
+
+
+def test_the_same_rows_are_drawn_from_all_arrays_in_whole_blocks_on_a_ring():
+    """Breaks if arrays are drawn apart, or the first and last rows are drawn less often."""
+    rows = np.arange(10)
+    drawn = []
+
+    def statistic(one, two):
+        assert_array_equal(one, two[:, 0])
+        drawn.append(one)
+        return two.mean(axis=0)
+
+    rng = np.random.default_rng(2)
+    bounds = block_bootstrap(
+        statistic, (rows, np.stack([rows, -rows], axis=1)), 5, rng, resamples=4000
+    )
+    assert bounds.shape == (2, 2)
+    assert_array_equal(bounds[0], -bounds[1, ::-1])
+    whole = np.array(drawn).reshape(-1, 5)
+    assert ((np.diff(whole, axis=1) % 10) == 1).all()
+    often = np.bincount(whole.ravel(), minlength=10)
+    assert_allclose(often / often.mean(), 1.0, atol=0.05)
+
+
+def test_blocks_that_do_not_fill_the_series_are_cut():
+    """Breaks if a drawn series is longer than the data."""
+    lengths = set()
+    block_bootstrap(
+        lambda x: lengths.add(len(x)) or 0.0,
+        [np.arange(10.0)],
+        4,
+        np.random.default_rng(3),
+        resamples=3,
+    )
+    assert lengths == {10}
+
+
+def test_the_same_generator_gives_the_same_interval():
+    """Breaks if anything is drawn from global state."""
+    series = np.arange(30.0)
+    one, two = (block_bootstrap(np.median, [series], 3, np.random.default_rng(4)) for _ in "ab")
+    assert_array_equal(one, two)
+
+
+# ---- Length of the blocks ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("coefficient", [0.5, 0.8, 0.95, -0.5])
+def test_block_length_of_an_autoregression(coefficient):
+    """Breaks if a factor of the rule, or its corrected constant, is off."""
+    series = autoregression(np.random.default_rng(5), coefficient, 200_000)
+    ideal = (1.5 * 200_000) ** (1 / 3) * abs(2 * coefficient / (1 - coefficient**2)) ** (2 / 3)
+    assert_allclose(block_length(series), ideal, rtol=0.2)
+
+
+def test_block_length_without_correlation_is_short():
+    """Breaks if chance correlations of white noise are taken for real."""
+    rng = np.random.default_rng(6)
+    lengths = [block_length(rng.standard_normal(500)) for _ in range(50)]
+    assert np.median(lengths) == 1
+
+
+def test_the_slowest_column_counts_and_a_trend_is_bounded():
+    """Breaks if columns are averaged, or one block holds the whole series."""
+    rng = np.random.default_rng(7)
+    slow = autoregression(rng, 0.9, 2000)
+    both = np.column_stack([rng.standard_normal(2000), slow])
+    assert block_length(both) == block_length(slow) > 10
+    assert block_length(np.arange(400.0)) <= 60
+    assert block_length(np.arange(30.0)) <= 10
+    for constant in ([1.0], [1.0, 1.0], np.ones(50)):
+        assert block_length(constant) == 1
+
+
+# ---- Bad input --------------------------------------------------------------------------------
+
+SERIES = np.arange(6.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"arrays": []}, "arrays"),
+        ({"arrays": SERIES}, "arrays"),
+        ({"arrays": [1.0]}, "arrays"),
+        ({"arrays": [SERIES[:0]]}, "arrays"),
+        ({"arrays": [SERIES, SERIES[1:]]}, r"arrays.*\[6, 5\]"),
+        ({"block": 0}, "block"),
+        ({"block": 7}, "block"),
+        ({"block": 2.5}, "block"),
+        ({"rng": 0}, "rng"),
+        ({"confidence": 1.0}, "confidence"),
+        ({"confidence": 0.0}, "confidence"),
+        ({"resamples": 0}, "resamples"),
+        ({"statistic": lambda *_: np.nan}, "statistic"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused_by_name(change, name):
+    """Breaks if a mistake gives an interval."""
+    good = {
+        "statistic": lambda *arrays: arrays[0].mean(),
+        "arrays": [SERIES],
+        "block": 2,
+        "rng": np.random.default_rng(0),
+    }
+    block_bootstrap(**good)
+    with pytest.raises(ValueError, match=name):
+        block_bootstrap(**{**good, **change})
+
+
+@pytest.mark.parametrize("series", [[], [[]], np.ones((2, 2, 2)), [np.nan], "long", 3.0])
+def test_series_must_be_an_array_of_numbers(series):
+    """Breaks if a series without rows gives a length."""
+    with pytest.raises(ValueError, match="series"):
+        block_length(series)
