@@ -1,7 +1,7 @@
 """The registration cost: a metric, a fusion and an outlier model, with exact derivatives."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from d2d._checks import (
     check_positive,
     check_scalar,
 )
+from d2d._lazy import Frozen, lazy
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
@@ -31,7 +32,7 @@ _FUSIONS = {"likelihood": _kernel.LIKELIHOOD, "summing": _kernel.SUMMING}
 
 
 @dataclass(frozen=True)
-class UniformOutlier:
+class UniformOutlier(Frozen):
     """A constant added to every target's density: q_k + c (thesis eq. 4.14, Blake-Zisserman).
 
     The sum is not a probability density of the target's position: its integral diverges.
@@ -48,18 +49,19 @@ class UniformOutlier:
     """
 
     density: float
-    _packed: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(
             self, "density", float(check_positive("density", check_scalar("density", self.density)))
         )
-        packed = np.array([_kernel.UNIFORM, 0.0, math.log(self.density), 0.0, 0.0, 0.0])
-        object.__setattr__(self, "_packed", packed)
+
+    @lazy
+    def _packed(self) -> Array:
+        return np.array([_kernel.UNIFORM, 0.0, math.log(self.density), 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
-class CorruptedGaussian:
+class CorruptedGaussian(Frozen):
     """A wide Gaussian at every component: (1 - alpha) q_k + alpha sum_i w_i N(T(mu_k) | mu_i, S_o).
 
     The name follows Hartley & Zisserman, Multiple View Geometry, appendix 6.
@@ -80,21 +82,20 @@ class CorruptedGaussian:
 
     fraction: float
     covariance: Array
-    _packed: Array = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "fraction", check_fraction("fraction", self.fraction))
-        covariance = check_covariances(
-            "covariance", np.atleast_2d(check_finite("covariance", self.covariance))
+    def __init__(self, fraction: float, covariance: ArrayLike) -> None:
+        self._keep("fraction", check_fraction("fraction", fraction))
+        matrix = check_covariances(
+            "covariance", np.atleast_2d(check_finite("covariance", covariance))
         )
-        if covariance.ndim != 2 or len(covariance) not in rigid.PARAMETERS:
+        if matrix.ndim != 2 or len(matrix) not in rigid.PARAMETERS:
             raise ValueError(
-                f"covariance must have the shape (D, D) with D = 1 or 2, but has {covariance.shape}"
+                f"covariance must have the shape (D, D) with D = 1 or 2, but has {matrix.shape}"
             )
-        object.__setattr__(self, "covariance", covariance)
-        object.__setattr__(self, "_packed", self._pack())
+        self._keep("covariance", matrix)
 
-    def _pack(self) -> Array:
+    @lazy
+    def _packed(self) -> Array:
         dimension = len(self.covariance)
         precision = np.zeros((2, 2))
         precision[:dimension, :dimension] = np.linalg.inv(self.covariance)

@@ -17,12 +17,12 @@ from d2d._checks import (
     check_scalar,
     is_positive_definite,
 )
-from d2d._lazy import lazy
+from d2d._lazy import Frozen, lazy
 from d2d._types import Array
 
 
 @dataclass(frozen=True, eq=False)
-class PointSet:
+class PointSet(Frozen):
     """Gaussian targets N(mu_k, Sigma_k) with mixture weights, or a batch of such sets.
 
     Leading axes are batch axes and broadcast against each other.
@@ -77,9 +77,9 @@ class PointSet:
             check_finite("means", means)
             covariances = _checked_covariances(covariances, count, dimension)
             _check_weights(given, count)
-        self._keep(means, covariances, given)
+        self._fill(means, covariances, given)
 
-    def _keep(self, means: Array, covariances: Array, weights: Array) -> None:
+    def _fill(self, means: Array, covariances: Array, weights: Array) -> None:
         """Store arrays that are known to be good, broadcast to one batch shape."""
         shapes = means.shape[:-2], covariances.shape[:-3], weights.shape[:-1]
         batch = shapes[0]
@@ -92,14 +92,13 @@ class PointSet:
     def _store(self, name: str, array: Array, shape: tuple[int, ...]) -> None:
         if array.shape != shape:
             array = np.broadcast_to(array, shape)
-        array.flags.writeable = False
-        object.__setattr__(self, name, array)
+        self._keep(name, array)
 
     @classmethod
     def _of(cls, means: Array, covariances: Array, weights: Array) -> "PointSet":
         """A set made of arrays that are known to be valid."""
         points = cls.__new__(cls)
-        points._keep(means, covariances, weights)
+        points._fill(means, covariances, weights)
         return points
 
     @classmethod

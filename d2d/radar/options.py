@@ -1,13 +1,14 @@
 """The options that all ego-motion functions share."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypedDict
 
 import numpy as np
 
 from d2d import _kernel
 from d2d._checks import check_flag, check_schedule
+from d2d._lazy import Frozen, lazy
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
 from d2d.problem import CostForm, Pair, Problem
 
@@ -30,7 +31,7 @@ class EstimationOptions(ModelOptions, total=False):
 
 
 @dataclass(frozen=True)
-class EgoMotionModel:
+class EgoMotionModel(Frozen):
     """The model behind the cost of a velocity.
 
     Its fields are keyword options of all functions that estimate an ego-motion, propagate its
@@ -55,17 +56,21 @@ class EgoMotionModel:
     doppler: bool = True
     outlier: OutlierModel | None = DEFAULT_OUTLIER
     first_order: bool = False
-    form: CostForm = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_flag("doppler", self.doppler)
         check_flag("first_order", self.first_order)
-        object.__setattr__(self, "form", self.cost.form(2))
+        self.form  # noqa: B018 - an outlier of another dimension is refused here
 
     @property
     def cost(self) -> RegistrationCost:
         """The cost of the motion between two scans."""
         return RegistrationCost(outlier=self.outlier)
+
+    @lazy
+    def form(self) -> CostForm:
+        """The cost as the kernel reads it."""
+        return self.cost.form(2)
 
     def problem(self, pairs: Sequence[Pair]) -> Problem:
         """The cost of the velocity that pairs of scans share."""

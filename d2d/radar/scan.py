@@ -14,6 +14,7 @@ from d2d._checks import (
     check_positive,
     check_scalar,
 )
+from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
@@ -50,7 +51,7 @@ class Mounting:
 
 
 @dataclass(frozen=True, eq=False)
-class RadarScan:
+class RadarScan(Frozen):
     """The targets of one scan in the sensor frame, with their standard deviations.
 
     Parameters
@@ -86,7 +87,7 @@ class RadarScan:
         sigma_azimuth: ArrayLike,
         sigma_doppler: ArrayLike,
     ) -> None:
-        object.__setattr__(self, "time", check_scalar("time", time))
+        self._keep("time", check_scalar("time", time))
         arrays = {
             "range": check_positive("range", range),
             "azimuth": check_finite("azimuth", azimuth),
@@ -105,9 +106,7 @@ class RadarScan:
                 raise ValueError(
                     f"{name} must have the shape {shape} to match range, but has {array.shape}"
                 )
-            view = np.broadcast_to(array, shape)
-            view.flags.writeable = False
-            object.__setattr__(self, name, view)
+            self._keep(name, np.broadcast_to(array, shape))
 
     @property
     def size(self) -> int:
