@@ -1,5 +1,6 @@
 """Checks on the arguments of public functions; every error message names the argument."""
 
+import math
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,6 +13,8 @@ from d2d._types import Array
 
 T = TypeVar("T")
 
+# Beyond a full turn an angle is taken to be in degrees; float32 rounds 2 pi up.
+_MAX_ANGLE = 2.0 * math.pi * (1.0 + 1e-6)
 # Asymmetry that passes for rounding, relative to the variances; float32 leaves some 1e-7.
 _ASYMMETRY = 1e-6
 
@@ -42,6 +45,18 @@ def check_positive(name: str, value: ArrayLike) -> Array:
     array = check_finite(name, value)
     if not (array > 0).all():
         raise ValueError(f"{name} must be positive, but holds {array.min():g}")
+    return array
+
+
+def check_angle(name: str, value: ArrayLike) -> Array:
+    """Finite angles in rad, none beyond 2 pi: those are in degrees."""
+    array = check_finite(name, value)
+    if array.size and not np.abs(array).max() <= _MAX_ANGLE:
+        worst = array.flat[np.abs(array).argmax()]
+        raise ValueError(
+            f"{name} must be in radians (rad), within -2 pi and 2 pi, but holds {worst:g}; "
+            "are these degrees?"
+        )
     return array
 
 

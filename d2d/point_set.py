@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from d2d import _kernel, rigid
 from d2d._checks import (
     broadcast_batches,
+    check_angle,
     check_covariances,
     check_finite,
     check_positive,
@@ -117,22 +118,29 @@ class PointSet(Frozen):
         Parameters
         ----------
         range, azimuth : (..., N) arrays, m and rad
-            The azimuth is measured counter-clockwise from the x axis; ranges are positive.
+            The azimuth is measured counter-clockwise from the x axis, within -2 pi and 2 pi; ranges
+            are positive.
         sigma_range, sigma_azimuth : arrays that broadcast to (..., N), m and rad
             Standard deviations, positive.
 
         Raises
         ------
         ValueError
-            If an argument is not finite, not positive or has the wrong shape; the message names it.
+            If an argument is not finite, not positive or has the wrong shape, or azimuths are in
+            degrees; the message names it.
         """
-        r, phi = check_positive("range", range), check_finite("azimuth", azimuth)
+        r, phi = check_positive("range", range), check_angle("azimuth", azimuth)
         sr, sp = (
             check_positive("sigma_range", sigma_range),
             check_positive("sigma_azimuth", sigma_azimuth),
         )
         if r.ndim == 0:
             raise ValueError("range must have the shape (..., N), but is a number")
+        return cls._of_polar(r, phi, sr, sp)
+
+    @classmethod
+    def _of_polar(cls, r: Array, phi: Array, sr: Array, sp: Array) -> "PointSet":
+        """A set made of polar coordinates that are known to be good, at any angle."""
         shape = broadcast_batches(
             "range, azimuth, sigma_range and sigma_azimuth", r.shape, phi.shape, sr.shape, sp.shape
         )

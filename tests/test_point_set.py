@@ -12,7 +12,7 @@ from d2d import PointSet, RegistrationCost, rigid
 from tests.strategies import central_difference, motions, reals, spd
 
 few = settings(max_examples=60, deadline=None, derandomize=True)
-RANGES, ANGLES = reals(0.1, 300.0), reals(-10.0, 10.0)
+RANGES, ANGLES = reals(0.1, 300.0), reals(-2.0 * np.pi, 2.0 * np.pi)
 SIGMA_RANGES, SIGMA_ANGLES = reals(1e-3, 2.0), reals(1e-4, 0.3)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from d2d import rigid
 from d2d._checks import (
     broadcast_batches,
+    check_angle,
     check_finite,
     check_instance,
     check_positive,
@@ -28,12 +29,12 @@ class Mounting:
     ----------
     x, y : float, m
     yaw : float, rad
-        Direction of the boresight, counter-clockwise from the x axis.
+        Direction of the boresight, counter-clockwise from the x axis, within -2 pi and 2 pi.
 
     Raises
     ------
     ValueError
-        If an argument is not a finite number; the message names it.
+        If an argument is not a finite number, or the yaw is in degrees; the message names it.
     """
 
     x: float = 0.0
@@ -43,6 +44,7 @@ class Mounting:
     def __post_init__(self) -> None:
         for name in ("x", "y", "yaw"):
             object.__setattr__(self, name, check_scalar(name, getattr(self, name)))
+        check_angle("yaw", self.yaw)
 
     @property
     def pose(self) -> Array:
@@ -58,15 +60,16 @@ class RadarScan(Frozen):
     ----------
     time : float, s
     range, azimuth, doppler : (K,) arrays in m, rad, m/s
-        The azimuth is measured counter-clockwise from the boresight; the Doppler velocity is
-        positive for receding targets.  K may be 0.
+        The azimuth is measured counter-clockwise from the boresight, within -2 pi and 2 pi; the
+        Doppler velocity is positive for receding targets.  K may be 0.
     sigma_range, sigma_azimuth, sigma_doppler : numbers or (K,) arrays in the same units
         Standard deviations, positive.
 
     Raises
     ------
     ValueError
-        If an argument is not finite, not positive or has the wrong shape; the message names it.
+        If an argument is not finite, not positive or has the wrong shape, or azimuths are in
+        degrees; the message names it.
     """
 
     time: float
@@ -90,7 +93,7 @@ class RadarScan(Frozen):
         self._keep("time", check_scalar("time", time))
         arrays = {
             "range": check_positive("range", range),
-            "azimuth": check_finite("azimuth", azimuth),
+            "azimuth": check_angle("azimuth", azimuth),
             "doppler": check_finite("doppler", doppler),
             "sigma_range": check_positive("sigma_range", sigma_range),
             "sigma_azimuth": check_positive("sigma_azimuth", sigma_azimuth),
@@ -169,14 +172,14 @@ class RadarScan(Frozen):
 def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
     """The scan's point set; the latest are cached, because a drive uses each in several pairs."""
     azimuth = scan.azimuth + mounting.yaw
-    targets = PointSet.from_polar(scan.range, azimuth, scan.sigma_range, scan.sigma_azimuth)
+    targets = PointSet._of_polar(scan.range, azimuth, scan.sigma_range, scan.sigma_azimuth)
     return targets.shifted(mounting.pose[:2])
 
 
 def doppler_gradients(azimuth: ArrayLike, mounting: Mounting) -> tuple[Array, Array]:
     """dV/dtheta and d^2V/(dphi dtheta), each (..., 3), of a static target at ``azimuth`` (...)."""
     check_instance("mounting", mounting, Mounting)
-    angle = check_finite("azimuth", azimuth) + mounting.yaw
+    angle = check_angle("azimuth", azimuth) + mounting.yaw
     cosine, sine = np.cos(angle), np.sin(angle)
     gain, slope = np.empty((*angle.shape, 3)), np.empty((*angle.shape, 3))
     gain[..., 0], gain[..., 1] = -cosine, -sine
@@ -194,7 +197,7 @@ def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -
     theta : (..., 3) array
         Velocity [v_x, v_y, omega] of the vehicle in m/s, m/s, rad/s.
     azimuth : (..., K) array, rad
-        Azimuth of the targets in the sensor frame.
+        Azimuth of the targets in the sensor frame, within -2 pi and 2 pi.
     mounting : Mounting
 
     Returns
