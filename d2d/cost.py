@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from d2d import _kernel, rigid
 from d2d._checks import (
+    check_choice,
     check_covariances,
     check_finite,
     check_fraction,
@@ -144,10 +145,8 @@ class RegistrationCost:
     outlier: OutlierModel | None = None
 
     def __post_init__(self) -> None:
-        if str(self.metric) not in _METRICS:  # str: comparing an array gives an array
-            raise ValueError(f"metric must be one of {', '.join(_METRICS)}, but is {self.metric!r}")
-        if str(self.fusion) not in _FUSIONS:
-            raise ValueError(f"fusion must be one of {', '.join(_FUSIONS)}, but is {self.fusion!r}")
+        check_choice("metric", self.metric, _METRICS)
+        check_choice("fusion", self.fusion, _FUSIONS)
         if not isinstance(self.outlier, OutlierModel | None):
             raise ValueError(
                 "outlier must be None, a UniformOutlier or a CorruptedGaussian, "
