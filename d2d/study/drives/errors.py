@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import check_positive, check_scalar
+from d2d._checks import check_instance, check_positive, check_scalar
 from d2d._types import Array
 from d2d.credibility import Credibility, credibility
 from d2d.radar import Reference, Track
@@ -39,8 +39,21 @@ class DriveErrors:
 
     @classmethod
     def of(cls, track: Track, reference: Reference) -> "DriveErrors":
-        """Compare with a reference that is given at the times of all scans."""
-        return cls.from_errors(track, track.theta - reference.theta[1:])
+        """Compare with a reference, which is interpolated at the times of the track.
+
+        Raises a ``ValueError`` if an argument is of another type, or the reference ends before the
+        track begins, or begins after it ends.
+        """
+        check_instance("track", track, Track)
+        check_instance("reference", reference, Reference)
+        at_track = reference.at(track.times)
+        span = reference.times
+        if not ((track.times >= span[0]) & (track.times <= span[-1])).any():
+            raise ValueError(
+                f"reference must overlap the track in time, but extends from {span[0]:g} s to "
+                f"{span[-1]:g} s, and the track from {track.times[0]:g} s to {track.times[-1]:g} s"
+            )
+        return cls.from_errors(track, track.theta - at_track.theta)
 
     @classmethod
     def from_errors(cls, track: Track, errors: Array) -> "DriveErrors":
