@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +20,7 @@ from d2d._checks import (
     is_positive_definite,
 )
 from d2d._lazy import Frozen, lazy
-from d2d._types import Array
+from d2d._types import Array, Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +176,7 @@ class PointSet(Frozen):
         """Shape of the leading axes, () for one set."""
         return self.means.shape[:-2]
 
-    def __getitem__(self, index: int | slice | tuple[int | slice, ...] | Array) -> "PointSet":
+    def __getitem__(self, index: Index) -> "PointSet":
         """Select sets of a batch; the index applies to the batch axes only.
 
         Raises an ``IndexError`` if this is not a batch or the index is out of range.
@@ -183,8 +184,9 @@ class PointSet(Frozen):
         if not self.batch_shape:
             raise IndexError("this point set has no batch axes")
         sets = np.arange(math.prod(self.batch_shape)).reshape(self.batch_shape)
+        which: Any = index  # NumPy's own types do not take so many kinds at once
         try:
-            chosen = sets[index]
+            chosen = sets[which]
         except IndexError as error:
             raise IndexError(f"invalid index for the batch {self.batch_shape}: {error}") from None
         return PointSet._of(
@@ -210,9 +212,17 @@ class PointSet(Frozen):
             self.weights,
         )
 
-    def shifted(self, translation: Array) -> "PointSet":
-        """The set moved by a translation (D,)."""
-        return PointSet._of(self.means + translation, self.covariances, self.weights)
+    def shifted(self, translation: ArrayLike) -> "PointSet":
+        """The set moved by a translation (D,).
+
+        Raises a ``ValueError`` if ``translation`` is not of this shape, or not finite.
+        """
+        step = check_finite("translation", translation)
+        if step.shape != (self.dimension,):
+            raise ValueError(
+                f"translation must have the shape ({self.dimension},), but has {step.shape}"
+            )
+        return PointSet._of(self.means + step, self.covariances, self.weights)
 
     def inflated(self, scale: float) -> "PointSet":
         """The set with all standard deviations multiplied by ``scale``.

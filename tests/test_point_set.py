@@ -155,6 +155,15 @@ def test_inflation_multiplies_standard_deviations():
     assert_array_equal(points.inflated(3.0).means, [[1.0]])
 
 
+@pytest.mark.parametrize("bad", [1.0, [1.0], np.ones(3), np.ones((2, 2)), [0.0, np.nan], "far"])
+def test_a_shift_is_one_finite_translation(bad):
+    """Breaks if a number is spread over the axes, or nan makes a set that is none."""
+    points = PointSet(np.zeros((2, 2)), np.eye(2)[None].repeat(2, axis=0))
+    assert_array_equal(points.shifted([1, 2]).means, [[1.0, 2.0]] * 2)
+    with pytest.raises(ValueError, match=r"^translation must"):
+        points.shifted(bad)
+
+
 # ---- Bad input --------------------------------------------------------------------------------
 
 MEANS = [[0.0, 0.0], [3.0, 1.0]]

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +17,7 @@ from d2d._checks import (
     check_scalar,
 )
 from d2d._lazy import Frozen
-from d2d._types import Array
+from d2d._types import Array, Selection
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 
@@ -116,21 +117,22 @@ class RadarScan(Frozen):
         """Number K of targets."""
         return len(self.range)
 
-    def __getitem__(self, index: slice | Array) -> "RadarScan":
+    def __getitem__(self, index: Selection) -> "RadarScan":
         """The scan with only some of its targets, selected by a slice, a mask or a list of indices.
 
         Raises an ``IndexError`` for a single number, or if the index is out of range.
         """
-        if np.ndim(self.range[index]) != 1:
+        which: Any = index  # NumPy's own types do not take so many kinds at once
+        if np.ndim(self.range[which]) != 1:
             raise IndexError("a scan is indexed by a slice, a mask or a list, not by a number")
         return RadarScan(
             self.time,
-            self.range[index],
-            self.azimuth[index],
-            self.doppler[index],
-            self.sigma_range[index],
-            self.sigma_azimuth[index],
-            self.sigma_doppler[index],
+            self.range[which],
+            self.azimuth[which],
+            self.doppler[which],
+            self.sigma_range[which],
+            self.sigma_azimuth[which],
+            self.sigma_doppler[which],
         )
 
     __iter__ = None  # else Python would try the indices 0, 1, ... and stop at the first IndexError
