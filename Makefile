@@ -8,6 +8,9 @@ STAMP := $(VENV)/.installed
 BIN := $(VENV)/bin
 # The libraries that `make bench` compares with, in an environment of their own.
 PEERS := .venv-bench
+# The lowest versions that pyproject.toml declares, for `make lowest`, and what finds them.
+LOWEST := .venv-lowest
+UV := uv==0.13.9
 # Parallel test processes.
 JOBS ?= 2
 
@@ -24,7 +27,7 @@ IPYKERNEL_CONFIG := c.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup book html record test test-book coverage notebooks lint format bench sweep lab radarscenes clean distclean
+.PHONY: help setup book html record test test-book lowest coverage notebooks lint format bench sweep lab radarscenes clean distclean
 
 help: ## List what can be made (default)
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -100,6 +103,21 @@ $(VENV)/.book-test: $(STAMP)
 _build/html/index.html:
 	@$(MAKE) --no-print-directory book
 
+# Older versions warn of newer ones beneath them: here, a warning is no error. The wheels of these versions end at
+# Python 3.12.
+lowest: $(LOWEST)/.installed ## Test the package with the lowest versions that pyproject.toml declares
+	$(LOWEST)/bin/python -m pytest -n $(JOBS) --dist loadscope -m 'not slow' -W default \
+	  tests/test_*.py tests/radar tests/baselines tests/study/test_runs.py
+
+$(LOWEST)/.installed: requirements.txt pyproject.toml
+	@$(MAKE) --no-print-directory $(STAMP)
+	$(BIN)/python -m venv --clear $(LOWEST)
+	@echo '*' > $(LOWEST)/.gitignore
+	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check '$(UV)'
+	$(LOWEST)/bin/uv pip install --python $(LOWEST)/bin/python --resolution lowest-direct -e '.[study]' \
+	  $$(sed -nE 's/^((pytest|pytest-xdist|hypothesis|scikit-learn)==[^ ]+).*/\1/p' requirements.txt)
+	@touch $@
+
 coverage: $(STAMP) ## Print which lines of d2d the tests do not run; fails below 95 %
 	$(BIN)/python -m pytest -q -n $(JOBS) --dist loadscope --ignore tests/chapters/test_notebooks.py \
 	  --cov=d2d --cov-report=term --cov-fail-under=95 tests
@@ -152,4 +170,4 @@ clean: ## Remove what was built, but keep .venv
 	  \( -name __pycache__ -o -name .ipynb_checkpoints \) -type d -exec rm -rf {} +
 
 distclean: clean ## Remove the environments as well
-	rm -rf $(VENV) $(PEERS)
+	rm -rf $(VENV) $(PEERS) $(LOWEST)

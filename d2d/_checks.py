@@ -1,7 +1,8 @@
 """Checks on the arguments of public functions; every error message names the argument."""
 
+import math
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,6 +13,8 @@ from d2d._types import Array
 
 T = TypeVar("T")
 
+# Beyond a full turn an angle is taken to be in degrees; float32 rounds 2 pi up.
+_MAX_ANGLE = 2.0 * math.pi * (1.0 + 1e-6)
 # Asymmetry that passes for rounding, relative to the variances; float32 leaves some 1e-7.
 _ASYMMETRY = 1e-6
 
@@ -45,6 +48,18 @@ def check_positive(name: str, value: ArrayLike) -> Array:
     return array
 
 
+def check_angle(name: str, value: ArrayLike) -> Array:
+    """Finite angles in rad, none beyond 2 pi: those are in degrees."""
+    array = check_finite(name, value)
+    if array.size and not np.abs(array).max() <= _MAX_ANGLE:
+        worst = array.flat[np.abs(array).argmax()]
+        raise ValueError(
+            f"{name} must be in radians (rad), within -2 pi and 2 pi, but holds {worst:g}; "
+            "are these degrees?"
+        )
+    return array
+
+
 def check_count(name: str, value: Any, minimum: int = 1) -> int:
     """An integer of at least ``minimum``."""
     if not isinstance(value, int | np.integer) or value < minimum:
@@ -57,6 +72,12 @@ def check_flag(name: str, value: Any) -> bool:
     if not isinstance(value, bool | np.bool_):
         raise ValueError(f"{name} must be True or False, but is {value!r}")
     return bool(value)
+
+
+def check_choice(name: str, value: Any, choices: Collection[str]) -> None:
+    """Raise a ValueError unless ``value`` is a string, and one of the choices."""
+    if not isinstance(value, str) or value not in choices:
+        raise ValueError(f"{name} must be one of {', '.join(choices)}, but is {value!r}")
 
 
 def check_path(name: str, value: str | os.PathLike[str]) -> Path:

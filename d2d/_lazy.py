@@ -1,7 +1,9 @@
-"""A property that is computed once."""
+"""Values that are computed once, and the containers that may keep them: nothing changes those."""
 
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar, overload
+
+import numpy as np
 
 T = TypeVar("T")
 
@@ -31,3 +33,29 @@ class lazy(Generic[T]):
             return self
         value = instance.__dict__[self.name] = self.compute(instance)
         return value
+
+
+class Frozen:
+    """Base of the frozen dataclasses whose arrays are read-only, so that a `lazy` value holds.
+
+    NumPy makes every copied or unpickled array writeable.  A copy of such a dataclass therefore
+    gets read-only arrays again, and computes its lazy values anew.
+    """
+
+    def _keep(self, name: str, value: object) -> None:
+        """Set an attribute; an array, which must be the object's own, becomes read-only."""
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+        object.__setattr__(self, name, value)
+
+    def __getstate__(self) -> dict[str, Any]:
+        kind = type(self)
+        return {
+            name: value
+            for name, value in self.__dict__.items()
+            if not isinstance(getattr(kind, name, None), lazy)
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            self._keep(name, value)

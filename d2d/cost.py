@@ -1,7 +1,7 @@
 """The registration cost: a metric, a fusion and an outlier model, with exact derivatives."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -9,12 +9,14 @@ from numpy.typing import ArrayLike
 
 from d2d import _kernel, rigid
 from d2d._checks import (
+    check_choice,
     check_covariances,
     check_finite,
     check_fraction,
     check_positive,
     check_scalar,
 )
+from d2d._lazy import Frozen, lazy
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
@@ -31,7 +33,7 @@ _FUSIONS = {"likelihood": _kernel.LIKELIHOOD, "summing": _kernel.SUMMING}
 
 
 @dataclass(frozen=True)
-class UniformOutlier:
+class UniformOutlier(Frozen):
     """A constant added to every target's density: q_k + c (thesis eq. 4.14, Blake-Zisserman).
 
     The sum is not a probability density of the target's position: its integral diverges.
@@ -48,18 +50,19 @@ class UniformOutlier:
     """
 
     density: float
-    _packed: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(
             self, "density", float(check_positive("density", check_scalar("density", self.density)))
         )
-        packed = np.array([_kernel.UNIFORM, 0.0, math.log(self.density), 0.0, 0.0, 0.0])
-        object.__setattr__(self, "_packed", packed)
+
+    @lazy
+    def _packed(self) -> Array:
+        return np.array([_kernel.UNIFORM, 0.0, math.log(self.density), 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
-class CorruptedGaussian:
+class CorruptedGaussian(Frozen):
     """A wide Gaussian at every component: (1 - alpha) q_k + alpha sum_i w_i N(T(mu_k) | mu_i, S_o).
 
     The name follows Hartley & Zisserman, Multiple View Geometry, appendix 6.
@@ -80,21 +83,20 @@ class CorruptedGaussian:
 
     fraction: float
     covariance: Array
-    _packed: Array = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "fraction", check_fraction("fraction", self.fraction))
-        covariance = check_covariances(
-            "covariance", np.atleast_2d(check_finite("covariance", self.covariance))
+    def __init__(self, fraction: float, covariance: ArrayLike) -> None:
+        self._keep("fraction", check_fraction("fraction", fraction))
+        matrix = check_covariances(
+            "covariance", np.atleast_2d(check_finite("covariance", covariance))
         )
-        if covariance.ndim != 2 or len(covariance) not in rigid.PARAMETERS:
+        if matrix.ndim != 2 or len(matrix) not in rigid.PARAMETERS:
             raise ValueError(
-                f"covariance must have the shape (D, D) with D = 1 or 2, but has {covariance.shape}"
+                f"covariance must have the shape (D, D) with D = 1 or 2, but has {matrix.shape}"
             )
-        object.__setattr__(self, "covariance", covariance)
-        object.__setattr__(self, "_packed", self._pack())
+        self._keep("covariance", matrix)
 
-    def _pack(self) -> Array:
+    @lazy
+    def _packed(self) -> Array:
         dimension = len(self.covariance)
         precision = np.zeros((2, 2))
         precision[:dimension, :dimension] = np.linalg.inv(self.covariance)
@@ -143,10 +145,8 @@ class RegistrationCost:
     outlier: OutlierModel | None = None
 
     def __post_init__(self) -> None:
-        if str(self.metric) not in _METRICS:  # str: comparing an array gives an array
-            raise ValueError(f"metric must be one of {', '.join(_METRICS)}, but is {self.metric!r}")
-        if str(self.fusion) not in _FUSIONS:
-            raise ValueError(f"fusion must be one of {', '.join(_FUSIONS)}, but is {self.fusion!r}")
+        check_choice("metric", self.metric, _METRICS)
+        check_choice("fusion", self.fusion, _FUSIONS)
         if not isinstance(self.outlier, OutlierModel | None):
             raise ValueError(
                 "outlier must be None, a UniformOutlier or a CorruptedGaussian, "

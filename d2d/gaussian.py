@@ -15,9 +15,11 @@ from d2d._checks import (
     check_flag,
     check_fraction,
 )
+from d2d._lazy import Frozen
 from d2d._types import Array
 
 RELATIVE_FLOOR = 1e-6  # smallest variance of a fitted component, relative to the data's variance
+_LEAST_VARIANCE = 1e-150  # of observations that are all zero; its square does not underflow
 
 
 def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
@@ -53,9 +55,8 @@ def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
     factor = np.linalg.cholesky(sigma)
     # there are few factors and many points: invert each factor once
     whitened = np.einsum("...ij,...j->...i", np.linalg.inv(factor), points - centre)
-    log_root = np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
-    squared = (whitened**2).sum(axis=-1)
-    return np.asarray(-0.5 * (squared + d * math.log(2.0 * math.pi)) - log_root)
+    roots = math.sqrt(2.0 * math.pi) * np.diagonal(factor, axis1=-2, axis2=-1)
+    return np.asarray(-0.5 * (whitened**2).sum(axis=-1) - np.log(roots).sum(axis=-1))
 
 
 def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
@@ -98,6 +99,8 @@ def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
     broadcast_batches("x and weights", points.shape[:-2], w.shape[:-1])
     share = w / total
     mean = np.einsum("...n,...nd->...d", share, points)
+    # once more about the mean: far from the origin, the shares' own rounding moves the first one
+    mean += np.einsum("...n,...nd->...d", share, points - mean[..., None, :])
     centred = points - mean[..., None, :]
     return mean, np.einsum("...n,...ni,...nj->...ij", share, centred, centred)
 
@@ -162,15 +165,14 @@ def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float
         raise ValueError("confidence must be less than 1, because no ellipse contains everything")
     variances, axes = np.linalg.eigh(sigma)
     scale = math.sqrt(chi2.ppf(confidence, df=2))
-    longer = axes[..., :, 1]
-    angle = np.arctan2(longer[..., 1], longer[..., 0])
+    angle = np.arctan2(axes[..., 1, 1], axes[..., 0, 1])  # of the longer axis
     angle = np.where(angle > 0.5 * np.pi, angle - np.pi, angle)
     angle = np.where(angle <= -0.5 * np.pi, angle + np.pi, angle)
     return Ellipse(centre, scale * np.sqrt(variances[..., ::-1]), angle)
 
 
 @dataclass(frozen=True, eq=False)
-class GaussianMixture:
+class GaussianMixture(Frozen):
     """p(x) = sum_k w_k N(x | mu_k, Sigma_k) (thesis eq. 2.8, Bishop 2006, eq. 9.7).
 
     Parameters
@@ -191,27 +193,26 @@ class GaussianMixture:
     means: Array
     covariances: Array
 
-    def __post_init__(self) -> None:
-        weights, means = check_finite("weights", self.weights), check_finite("means", self.means)
-        covariances = check_covariances("covariances", self.covariances)
+    def __init__(self, weights: ArrayLike, means: ArrayLike, covariances: ArrayLike) -> None:
+        weights, means = check_finite("weights", weights), check_finite("means", means)
+        covariances = check_covariances("covariances", covariances)
         if means.ndim != 2 or not means.size:
             raise ValueError(f"means must have the shape (K, D), but has {means.shape}")
         k, d = means.shape
         for name, array, shape in (
             ("weights", weights, (k,)),
+            ("means", means, (k, d)),
             ("covariances", covariances, (k, d, d)),
         ):
             if array.shape != shape:
                 raise ValueError(
                     f"{name} must have the shape {shape} to match means, but has {array.shape}"
                 )
+            self._keep(name, array)
         if (weights < 0).any() or abs(weights.sum() - 1.0) > 1e-9:
             raise ValueError(
                 f"weights must not be negative and must sum to 1, but are {weights.tolist()}"
             )
-        for name, array in (("weights", weights), ("means", means), ("covariances", covariances)):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
 
     @property
     def components(self) -> int:
@@ -283,14 +284,13 @@ class MixtureFit(NamedTuple):
 def variance_floor(x: ArrayLike) -> float:
     """The smallest variance that `fit_mixture` gives a component of the observations x (N, D).
 
-    It is a millionth of their mean variance, but no less than rounding leaves at their magnitude:
-    they may all be equal.  Without a floor the likelihood is unbounded, because a component can
-    shrink onto a single observation (Bishop 2006, sec. 9.2.1).
+    It is a millionth of their mean variance, but no less than rounding leaves at their magnitude,
+    about (1e-15 |x|)^2: they may all be equal.  Without a floor the likelihood is unbounded,
+    because a component can shrink onto a single observation (Bishop 2006, sec. 9.2.1).
     """
     points = _observations(x)
-    spread = points.var(axis=0).mean()
-    size = max(1.0, float(np.abs(points).max()))
-    return max(RELATIVE_FLOOR * float(spread), 1e-12 * size**2)
+    rounding = 4.0 * np.finfo(np.float64).eps * np.abs(points).max()
+    return float(max(RELATIVE_FLOOR * points.var(axis=0).mean(), rounding**2, _LEAST_VARIANCE))
 
 
 def initial_mixture(

@@ -7,12 +7,12 @@ from numpy.typing import ArrayLike
 
 from d2d import _kernel
 from d2d._checks import broadcast_batches, check_finite, check_flag, check_positive, check_scalar
-from d2d._lazy import lazy
+from d2d._lazy import Frozen, lazy
 from d2d._types import Array
 
 
 @dataclass(frozen=True, eq=False)
-class LinearMeasurement:
+class LinearMeasurement(Frozen):
     """Scalars z_k ~ N(h_k' xi, sigma_k^2 + q_k^2 (s_k' xi)^2), one for each moving target.
 
     xi is either the motion theta itself or its twist, the SE(2) logarithm `d2d.rigid.logarithm`: a
@@ -85,10 +85,10 @@ class LinearMeasurement:
         of_twist = check_flag("of_twist", of_twist)
         if of_twist and parameters != 3:
             raise ValueError(f"of_twist needs P = 3 parameters, but gain has {parameters}")
-        object.__setattr__(self, "of_twist", of_twist)
+        self._keep("of_twist", of_twist)
         for name, array in arrays.items():
             full = (*shape, parameters) if name in ("gain", "slope") else shape
-            object.__setattr__(self, name, np.broadcast_to(array, full))
+            self._keep(name, np.broadcast_to(array, full))
 
     @classmethod
     def _of(
@@ -100,7 +100,7 @@ class LinearMeasurement:
         for name, field in zip(
             fields, (value, sigma, sigma_input, gain, slope, twist), strict=True
         ):
-            object.__setattr__(measurement, name, field)
+            measurement._keep(name, field)
         return measurement
 
     @property

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from d2d import _kernel, rigid
 from d2d._checks import (
     broadcast_batches,
+    check_angle,
     check_covariances,
     check_finite,
     check_positive,
@@ -17,12 +19,12 @@ from d2d._checks import (
     check_scalar,
     is_positive_definite,
 )
-from d2d._lazy import lazy
-from d2d._types import Array
+from d2d._lazy import Frozen, lazy
+from d2d._types import Array, Index
 
 
 @dataclass(frozen=True, eq=False)
-class PointSet:
+class PointSet(Frozen):
     """Gaussian targets N(mu_k, Sigma_k) with mixture weights, or a batch of such sets.
 
     Leading axes are batch axes and broadcast against each other.
@@ -77,9 +79,9 @@ class PointSet:
             check_finite("means", means)
             covariances = _checked_covariances(covariances, count, dimension)
             _check_weights(given, count)
-        self._keep(means, covariances, given)
+        self._fill(means, covariances, given)
 
-    def _keep(self, means: Array, covariances: Array, weights: Array) -> None:
+    def _fill(self, means: Array, covariances: Array, weights: Array) -> None:
         """Store arrays that are known to be good, broadcast to one batch shape."""
         shapes = means.shape[:-2], covariances.shape[:-3], weights.shape[:-1]
         batch = shapes[0]
@@ -92,14 +94,13 @@ class PointSet:
     def _store(self, name: str, array: Array, shape: tuple[int, ...]) -> None:
         if array.shape != shape:
             array = np.broadcast_to(array, shape)
-        array.flags.writeable = False
-        object.__setattr__(self, name, array)
+        self._keep(name, array)
 
     @classmethod
     def _of(cls, means: Array, covariances: Array, weights: Array) -> "PointSet":
         """A set made of arrays that are known to be valid."""
         points = cls.__new__(cls)
-        points._keep(means, covariances, weights)
+        points._fill(means, covariances, weights)
         return points
 
     @classmethod
@@ -118,22 +119,29 @@ class PointSet:
         Parameters
         ----------
         range, azimuth : (..., N) arrays, m and rad
-            The azimuth is measured counter-clockwise from the x axis; ranges are positive.
+            The azimuth is measured counter-clockwise from the x axis, within -2 pi and 2 pi; ranges
+            are positive.
         sigma_range, sigma_azimuth : arrays that broadcast to (..., N), m and rad
             Standard deviations, positive.
 
         Raises
         ------
         ValueError
-            If an argument is not finite, not positive or has the wrong shape; the message names it.
+            If an argument is not finite, not positive or has the wrong shape, or azimuths are in
+            degrees; the message names it.
         """
-        r, phi = check_positive("range", range), check_finite("azimuth", azimuth)
+        r, phi = check_positive("range", range), check_angle("azimuth", azimuth)
         sr, sp = (
             check_positive("sigma_range", sigma_range),
             check_positive("sigma_azimuth", sigma_azimuth),
         )
         if r.ndim == 0:
             raise ValueError("range must have the shape (..., N), but is a number")
+        return cls._of_polar(r, phi, sr, sp)
+
+    @classmethod
+    def _of_polar(cls, r: Array, phi: Array, sr: Array, sp: Array) -> "PointSet":
+        """A set made of polar coordinates that are known to be good, at any angle."""
         shape = broadcast_batches(
             "range, azimuth, sigma_range and sigma_azimuth", r.shape, phi.shape, sr.shape, sp.shape
         )
@@ -168,7 +176,7 @@ class PointSet:
         """Shape of the leading axes, () for one set."""
         return self.means.shape[:-2]
 
-    def __getitem__(self, index: int | slice | tuple[int | slice, ...] | Array) -> "PointSet":
+    def __getitem__(self, index: Index) -> "PointSet":
         """Select sets of a batch; the index applies to the batch axes only.
 
         Raises an ``IndexError`` if this is not a batch or the index is out of range.
@@ -176,8 +184,9 @@ class PointSet:
         if not self.batch_shape:
             raise IndexError("this point set has no batch axes")
         sets = np.arange(math.prod(self.batch_shape)).reshape(self.batch_shape)
+        which: Any = index  # NumPy's own types do not take so many kinds at once
         try:
-            chosen = sets[index]
+            chosen = sets[which]
         except IndexError as error:
             raise IndexError(f"invalid index for the batch {self.batch_shape}: {error}") from None
         return PointSet._of(
@@ -203,9 +212,17 @@ class PointSet:
             self.weights,
         )
 
-    def shifted(self, translation: Array) -> "PointSet":
-        """The set moved by a translation (D,)."""
-        return PointSet._of(self.means + translation, self.covariances, self.weights)
+    def shifted(self, translation: ArrayLike) -> "PointSet":
+        """The set moved by a translation (D,).
+
+        Raises a ``ValueError`` if ``translation`` is not of this shape, or not finite.
+        """
+        step = check_finite("translation", translation)
+        if step.shape != (self.dimension,):
+            raise ValueError(
+                f"translation must have the shape ({self.dimension},), but has {step.shape}"
+            )
+        return PointSet._of(self.means + step, self.covariances, self.weights)
 
     def inflated(self, scale: float) -> "PointSet":
         """The set with all standard deviations multiplied by ``scale``.

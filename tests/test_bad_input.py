@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from d2d.radar import (
     RadarScan,
     Sensor,
     doppler_ego_motion,
+    doppler_velocity,
     estimate_ego_motion,
     estimate_joint_ego_motion,
     inlier_probabilities,
@@ -244,3 +246,76 @@ def test_a_tilde_in_a_path_is_the_home_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     track(SCANS, MOUNTING).write_tum("~/driven.tum")
     assert len(np.loadtxt(tmp_path / "driven.tum")) == len(SCANS)
+
+
+# ---- Units
+
+TURN = 2.0 * np.pi
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda a: RadarScan(0.0, [5.0, 8.0], [0.1, a], [0.0, 0.0], 0.1, 0.01, 0.1), "azimuth"),
+        (lambda a: PointSet.from_polar([5.0, 8.0], [0.1, a], 0.1, 0.01), "azimuth"),
+        (lambda a: doppler_velocity([5.0, 0.0, 0.0], [0.1, a], MOUNTING), "azimuth"),
+        (lambda a: Mounting(1.0, 0.5, a), "yaw"),
+    ],
+)
+def test_angles_in_degrees_are_refused(call, name):
+    """Breaks if degrees are taken for radians, and the drive comes out all zero or backwards."""
+    for degrees in (88.0, -6.3, 6.3):
+        said = f"^{name} must be in radians .* but holds {degrees:g}; are these degrees"
+        with pytest.raises(ValueError, match=said):
+            call(degrees)
+    for radians in (TURN, -TURN, np.float32(TURN)):
+        call(radians)
+
+
+def test_a_target_behind_a_sensor_that_looks_back_is_in_front():
+    """Breaks if azimuth and yaw, each within a turn, are refused or placed wrongly in their sum."""
+    scan = RadarScan(0.0, [5.0], [TURN - 0.1], [0.0], 0.1, 0.01, 0.1)
+    placed = scan.point_set(Mounting(1.0, 0.0, TURN - 0.2)).means[0]
+    np.testing.assert_allclose(placed, [1.0 + 5.0 * np.cos(0.3), -5.0 * np.sin(0.3)])
+
+
+def in_unit(scans, factor):
+    """The scans with their times multiplied by a factor."""
+    return [replace(scan, time=factor * scan.time) for scan in scans]
+
+
+TRACKERS = {
+    "track": lambda scans, **options: track(scans, MOUNTING, **options),
+    "track_joint": lambda scans, **options: track_joint([(scans, MOUNTING)], **options),
+    "second-sensor": lambda scans, **options: track_joint(
+        [(SCANS, MOUNTING), (scans, MOUNTING)], **options
+    ),
+}
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e6, 1e9])
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_times_in_milliseconds_are_refused(tracker, factor):
+    """Breaks if the drive is a thousand times as long, and its velocity all zero."""
+    said = r"must have times in seconds \(s\), at most max_interval = 60 apart, but .*microseconds"
+    with pytest.raises(ValueError, match=said):
+        TRACKERS[tracker](in_unit(SCANS, factor))
+
+
+@pytest.mark.parametrize("tracker", TRACKERS)
+def test_a_long_pause_is_taken_where_the_user_allows_it(tracker):
+    """Breaks if a recording with a gap cannot be read at all."""
+    scans = in_unit(SCANS, 700.0)  # 70 s from one to the next
+    assert len(TRACKERS[tracker](scans, max_interval=200.0).times) >= len(scans) - 1
+    with pytest.raises(ValueError, match="max_interval = 60 apart"):
+        TRACKERS[tracker](scans)
+    for bad, word in ((0.0, "positive"), (np.nan, "finite"), ("long", "real numbers")):
+        with pytest.raises(ValueError, match=f"^max_interval must be .*{word}"):
+            TRACKERS[tracker](SCANS, max_interval=bad)
+
+
+def test_sensors_with_clocks_of_different_days_are_refused():
+    """Breaks if a joint track silently joins drives that never overlap."""
+    later = [replace(scan, time=scan.time + 86400.0) for scan in SCANS]
+    with pytest.raises(ValueError, match=r"^the rounds of all sensors must have times in seconds"):
+        track_joint([(SCANS, MOUNTING), (later, MOUNTING)])

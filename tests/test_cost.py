@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -456,6 +458,29 @@ BATCH_OF_THREE = PointSet(np.zeros((3, 2, 2)), np.eye(2)[None].repeat(2, axis=0)
 ZERO = np.zeros(3)
 
 
+class Named:
+    """What reads like a name and is none."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __str__(self) -> str:
+        return self.name
+
+
+class Fusion(StrEnum):
+    SUMMING = "summing"
+
+
+def test_a_name_may_be_a_string_of_another_type():
+    """Breaks if NumPy's strings, or an enumeration's, are refused."""
+    sets = BATCH_OF_THREE, BATCH_OF_THREE
+    expected = RegistrationCost("p2d", "summing").value(ZERO, *sets)
+    for fusion in (Fusion.SUMMING, np.str_("summing")):
+        cost = RegistrationCost(np.str_("p2d"), fusion)
+        assert_array_equal(cost.value(ZERO, *sets), expected)
+
+
 def measurement_of(targets: int = 2, parameters: int = 3, batch: tuple[int, ...] = ()):
     ones = np.ones((targets, parameters))
     return LinearMeasurement(np.zeros((*batch, targets)), 1.0, 0.1, ones, ones)
@@ -467,6 +492,10 @@ def measurement_of(targets: int = 2, parameters: int = 3, batch: tuple[int, ...]
         ({"metric": "d2p"}, "metric"),
         ({"metric": None}, "metric"),
         ({"metric": "D2D"}, "metric"),
+        ({"metric": Named("d2d")}, "metric"),
+        ({"metric": np.array("d2d")}, "metric"),
+        ({"fusion": Named("summing")}, "fusion"),
+        ({"fusion": np.array("summing")}, "fusion"),
         ({"fusion": "product"}, "fusion"),
         ({"fusion": 0}, "fusion"),
         ({"fusion": ["likelihood"]}, "fusion"),

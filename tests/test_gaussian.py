@@ -190,6 +190,49 @@ def test_em_is_scikit_learns(seed):
     assert ours.log_likelihoods[-1] / len(x) == pytest.approx(peer.score(x), abs=1e-9)
 
 
+@pytest.mark.parametrize("offset", [0.0, 5e5, 5e6, 1e7])
+@pytest.mark.parametrize("scale", [1.0, 0.1, 1e-3])
+def test_em_far_from_the_origin_is_scikit_learns_at_it(scale, offset):
+    """Breaks if the smallest variance follows the distance from the origin: map coordinates."""
+    x = scale * MIXTURE.sample(400, np.random.default_rng(20))[0] + offset
+    shift = x.mean(axis=0)
+    start = gaussian.initial_mixture(x, 2, np.random.default_rng(21))
+    ours = fit_mixture(x, 2, np.random.default_rng(), initial=start, tolerance=1e-12).mixture
+    centred = GaussianMixture(start.weights, start.means - shift, start.covariances)
+    peer = sklearn_at(centred, tol=1e-12, max_iter=1000).fit(x - shift)
+    rounding = 1e-15 * offset / scale
+    np.testing.assert_allclose(ours.weights, peer.weights_, atol=1e-5 + rounding)
+    np.testing.assert_allclose(
+        (ours.means - shift) / scale, peer.means_ / scale, atol=1e-4 + rounding
+    )
+    np.testing.assert_allclose(
+        ours.covariances / scale**2, peer.covariances_ / scale**2, atol=1e-4 + rounding
+    )
+
+
+@pytest.mark.parametrize("unit", [1e-60, 1e-9, 1e-6, 1e6])
+def test_the_fit_does_not_depend_on_the_unit(unit):
+    """Breaks if the smallest variance is a number of square metres, whatever the data's size."""
+    x, _ = MIXTURE.sample(200, np.random.default_rng(22))
+    one = fit_mixture(x, 2, np.random.default_rng(0)).mixture
+    other = fit_mixture(unit * x, 2, np.random.default_rng(0)).mixture
+    np.testing.assert_allclose(other.means / unit, one.means, rtol=1e-6)
+    np.testing.assert_allclose(other.covariances / unit**2, one.covariances, rtol=1e-6)
+
+
+@pytest.mark.parametrize("place", [0.0, 1e-9, 1.0, 1e3, 5e6, 1e7])
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_equal_observations_get_the_least_variance(dimension, place):
+    """Breaks if a spread of zero gives a variance of zero, or one that rounding overruns."""
+    x = np.full((30, dimension), place) * np.linspace(0.7, 1.0, dimension)
+    fit = fit_mixture(x, 3, np.random.default_rng(0))
+    assert fit.converged
+    np.testing.assert_allclose(fit.mixture.means, np.tile(x[0], (3, 1)), rtol=1e-14)
+    sigma = np.sqrt(np.linalg.eigvalsh(fit.mixture.covariances))
+    assert (sigma > 0.0).all()
+    assert (sigma <= 1e-74 + 2e-15 * place).all()
+
+
 def random_set(draw, rng):
     """Observations and a number of components; five kinds in turn, four of them degenerate."""
     components, dimension = int(rng.integers(1, 6)), int(rng.integers(1, 4))

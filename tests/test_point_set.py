@@ -12,7 +12,7 @@ from d2d import PointSet, RegistrationCost, rigid
 from tests.strategies import central_difference, motions, reals, spd
 
 few = settings(max_examples=60, deadline=None, derandomize=True)
-RANGES, ANGLES = reals(0.1, 300.0), reals(-10.0, 10.0)
+RANGES, ANGLES = reals(0.1, 300.0), reals(-2.0 * np.pi, 2.0 * np.pi)
 SIGMA_RANGES, SIGMA_ANGLES = reals(1e-3, 2.0), reals(1e-4, 0.3)
 
 
@@ -153,6 +153,15 @@ def test_inflation_multiplies_standard_deviations():
     points = PointSet([[1.0]], [[[4.0]]])
     assert_array_equal(points.inflated(3.0).covariances, [[[36.0]]])
     assert_array_equal(points.inflated(3.0).means, [[1.0]])
+
+
+@pytest.mark.parametrize("bad", [1.0, [1.0], np.ones(3), np.ones((2, 2)), [0.0, np.nan], "far"])
+def test_a_shift_is_one_finite_translation(bad):
+    """Breaks if a number is spread over the axes, or nan makes a set that is none."""
+    points = PointSet(np.zeros((2, 2)), np.eye(2)[None].repeat(2, axis=0))
+    assert_array_equal(points.shifted([1, 2]).means, [[1.0, 2.0]] * 2)
+    with pytest.raises(ValueError, match=r"^translation must"):
+        points.shifted(bad)
 
 
 # ---- Bad input --------------------------------------------------------------------------------

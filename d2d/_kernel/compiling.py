@@ -5,14 +5,16 @@
 - ``vectorised``: the same, for loops over the lanes, in which products and sums may be fused
 - ``merged``: compiled as a part of its caller, of which there are one or two.  Every layer of
   functions that are compiled and then linked adds up to a second to the first call.
-- ``entry``: called from Python, without the GIL, and kept on disk
+- ``entry``: called from Python, without the GIL, and kept on disk where a folder is writable
 
 All compute without counting references (``_nrt``), which costs as much as a small problem where
 arrays are handed on in tuples; so no function of the kernel allocates memory.
 """
 
 import hashlib
+import warnings
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +54,38 @@ class _KernelCache(FunctionCache):  # type: ignore[misc]
         super().__init__(function)
         self._cache_file._source_stamp = _STAMP
 
+    def load_overload(self, *which: Any) -> Any:
+        """What was compiled before, or None if there is nothing that can be read."""
+        try:
+            return super().load_overload(*which)
+        except OSError:
+            return None
+
+    def save_overload(self, *compiled: Any) -> None:
+        """Keep what was compiled; if that fails, the process still has it in memory."""
+        try:
+            super().save_overload(*compiled)
+        except OSError:
+            _warn_that_nothing_is_kept()
+
+
+@cache
+def _warn_that_nothing_is_kept() -> None:
+    """Say so once, in one line: without a place in a file, none of its source is shown."""
+    warnings.warn_explicit(
+        "no folder is writable in which compiled code could be kept, so that every start compiles "
+        "anew, for some ten seconds; set NUMBA_CACHE_DIR to a folder that is",
+        RuntimeWarning,
+        filename="d2d",
+        lineno=0,
+    )
+
 
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a function that Python calls."""
     dispatcher = njit(nogil=True, error_model="numpy", _nrt=False)(function)
-    dispatcher._cache = _KernelCache(function)
+    try:
+        dispatcher._cache = _KernelCache(function)
+    except RuntimeError:  # Numba found no writable folder, beside this file or in the user's home
+        _warn_that_nothing_is_kept()
     return dispatcher

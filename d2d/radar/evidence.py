@@ -11,7 +11,6 @@ from d2d._checks import check_instance, check_positive, check_rows, check_scalar
 from d2d._types import Array
 from d2d.radar.comparison import Comparison, enough
 from d2d.radar.joint import (
-    ScanPair,
     estimate_joint_ego_motion,
     joint_pairs,
     rounds,
@@ -19,6 +18,7 @@ from d2d.radar.joint import (
 )
 from d2d.radar.options import EstimationOptions
 from d2d.radar.scan import Mounting, RadarScan
+from d2d.radar.scan_pair import ScanPair
 from d2d.radar.track import Track
 
 

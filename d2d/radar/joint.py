@@ -13,7 +13,15 @@ from d2d.radar.ego_motion import check_velocity, estimate_velocity
 from d2d.radar.options import EstimationOptions, split_options
 from d2d.radar.scan import Mounting, RadarScan
 from d2d.radar.scan_pair import ScanPair, check_pairs, scan_pair
-from d2d.radar.track import Attempt, Track, attempt_at, follow, increasing
+from d2d.radar.track import (
+    MAX_INTERVAL,
+    Attempt,
+    Track,
+    attempt_at,
+    check_intervals,
+    follow,
+    increasing,
+)
 from d2d.registration import Estimate
 
 Sensor = tuple[Sequence[RadarScan], Mounting]
@@ -74,6 +82,7 @@ def track_joint(
     *,
     baseline: int = 1,
     initial: ArrayLike | None = None,
+    max_interval: float = MAX_INTERVAL,
     **options: Unpack[EstimationOptions],
 ) -> Track:
     """Ego-motion over a whole drive from several sensors that need not be synchronised.
@@ -90,6 +99,8 @@ def track_joint(
         Number of scans between the two of a pair; see `track`.
     initial : (3,) array, optional
         Start [v_x, v_y, omega] of the first estimate.
+    max_interval : float, s
+        Longest time between two scans of a sensor, and between two rounds; see `track`.
     **options
         ``doppler``, ``outlier``, ``first_order`` and ``scales``, as for `estimate_ego_motion`.
 
@@ -102,8 +113,9 @@ def track_joint(
     Raises
     ------
     ValueError
-        If there is no sensor, scans are out of time order, there are fewer than two rounds or
-        another argument is invalid; the message names the argument.
+        If there is no sensor, scans are out of time order or farther apart than ``max_interval``,
+        there are fewer than two rounds or another argument is invalid; the message names the
+        argument.
     """
     check_count("baseline", baseline)
     drives = [
@@ -113,10 +125,11 @@ def track_joint(
         )
     ]
     model, scales = split_options(options)
-    groups = rounds([scans for scans, _ in drives])
+    groups = rounds([scans for scans, _ in drives], max_interval)
     if len(groups) < 2:
         raise ValueError(f"sensors must have at least two rounds of scans, but have {len(groups)}")
     times = np.array([np.mean([drives[s][0][i].time for s, i in group]) for group in groups])
+    check_intervals("the rounds of all sensors", times, max_interval)
 
     def solve(i: int, start: Array | None) -> Attempt | None:
         pairs = joint_pairs(drives, groups[i + 1], baseline)
@@ -128,10 +141,12 @@ def track_joint(
     return follow(times, solve, initial)
 
 
-def rounds(scans: Sequence[Sequence[RadarScan]]) -> list[list[tuple[int, int]]]:
+def rounds(
+    scans: Sequence[Sequence[RadarScan]], max_interval: float = MAX_INTERVAL
+) -> list[list[tuple[int, int]]]:
     """Rounds of (sensor, scan) indices: all scans in time order, no sensor twice in a round."""
     for number, own in enumerate(scans):
-        increasing(f"the scans of sensor {number} (counted from 0)", own)
+        increasing(f"the scans of sensor {number} (counted from 0)", own, max_interval)
     order = sorted((scan.time, s, i) for s, own in enumerate(scans) for i, scan in enumerate(own))
     groups: list[list[tuple[int, int]]] = []
     seen: set[int] = set()

@@ -1,14 +1,16 @@
 """The options that all ego-motion functions share."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypedDict
 
 import numpy as np
 
 from d2d import _kernel
 from d2d._checks import check_flag, check_positive, check_scalar, check_schedule
-from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost, UniformOutlier
+from d2d._lazy import Frozen, lazy
+from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
 from d2d.problem import CostForm, Pair, Problem
 
 # m/s: from 20 m/s approaching to 20 m/s receding, about what a moving vehicle sees of others
@@ -33,7 +35,7 @@ class EstimationOptions(ModelOptions, total=False):
 
 
 @dataclass(frozen=True)
-class EgoMotionModel:
+class EgoMotionModel(Frozen):
     """The model behind the cost of a velocity.
 
     Its fields are keyword options of all functions that estimate an ego-motion, propagate its
@@ -63,30 +65,27 @@ class EgoMotionModel:
     outlier: OutlierModel | None = DEFAULT_OUTLIER
     doppler_width: float = DEFAULT_DOPPLER_WIDTH
     first_order: bool = False
-    form: CostForm = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_flag("doppler", self.doppler)
         check_flag("first_order", self.first_order)
         check_positive("doppler_width", check_scalar("doppler_width", self.doppler_width))
-        object.__setattr__(self, "form", self.cost.form(2))
+        self.form  # noqa: B018 - an outlier of another dimension is refused here
 
     @property
     def cost(self) -> RegistrationCost:
-        """The cost of the motion between two scans.
+        """The cost of the motion between two scans, without the outliers' Doppler density."""
+        return RegistrationCost(outlier=self.outlier)
 
-        Its outlier component contains the density of the Doppler velocity.  Of a corrupted
-        Gaussian, only the ratio of the two weights matters to the optimum: it is divided by the
-        width, and the cost changes by a constant.
-        """
+    @lazy
+    def form(self) -> CostForm:
+        """The cost as the kernel reads it, with the outliers' Doppler density."""
+        form = self.cost.form(2)
         if not self.doppler or self.outlier is None:
-            return RegistrationCost(outlier=self.outlier)
-        width = float(self.doppler_width)
-        if isinstance(self.outlier, UniformOutlier):
-            return RegistrationCost(outlier=UniformOutlier(self.outlier.density / width))
-        alpha = self.outlier.fraction
-        fraction = alpha / (alpha + (1.0 - alpha) * width)
-        return RegistrationCost(outlier=CorruptedGaussian(fraction, self.outlier.covariance))
+            return form
+        outlier = form.outlier.copy()
+        outlier[_kernel.LOG_OUTLIER_WEIGHT] -= math.log(self.doppler_width)
+        return form._replace(outlier=outlier)
 
     def problem(self, pairs: Sequence[Pair]) -> Problem:
         """The cost of the velocity that pairs of scans share."""

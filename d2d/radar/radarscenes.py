@@ -73,8 +73,8 @@ def load_radarscenes(
     Returns
     -------
     Recording
-        Times in s.  Targets are left out if their range is not positive, or if their range, azimuth
-        or Doppler velocity is nan or inf.
+        Times in s.  Targets are left out if their range is not positive, if their range, azimuth
+        or Doppler velocity is nan or inf, or if their azimuth is beyond 2 pi.
 
     Raises
     ------
@@ -215,7 +215,8 @@ def _scan(
         distance, azimuth, doppler = (
             targets[field].astype(np.float64) for field in ("range_sc", "azimuth_sc", "vr")
         )
-    good = (distance > 0) & np.isfinite(distance) & np.isfinite(azimuth) & np.isfinite(doppler)
+    good = (distance > 0) & np.isfinite(distance) & np.isfinite(doppler)
+    good &= np.abs(azimuth) <= 2.0 * np.pi  # not so if it is nan
     keep = np.flatnonzero(good)
     keep = keep[strongest_targets(targets["rcs"][keep], strongest)]
     azimuth = azimuth[keep]

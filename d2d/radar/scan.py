@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,16 +10,17 @@ from numpy.typing import ArrayLike
 from d2d import rigid
 from d2d._checks import (
     broadcast_batches,
+    check_angle,
     check_covariances,
     check_finite,
     check_instance,
     check_positive,
     check_scalar,
 )
-from d2d._types import Array
+from d2d._lazy import Frozen
+from d2d._types import Array, Selection
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-
 
 _BROADCAST = ("sigma_range", "sigma_azimuth", "sigma_doppler", "extent")  # numbers or arrays
 
@@ -31,12 +33,12 @@ class Mounting:
     ----------
     x, y : float, m
     yaw : float, rad
-        Direction of the boresight, counter-clockwise from the x axis.
+        Direction of the boresight, counter-clockwise from the x axis, within -2 pi and 2 pi.
 
     Raises
     ------
     ValueError
-        If an argument is not a finite number; the message names it.
+        If an argument is not a finite number, or the yaw is in degrees; the message names it.
     """
 
     x: float = 0.0
@@ -46,6 +48,7 @@ class Mounting:
     def __post_init__(self) -> None:
         for name in ("x", "y", "yaw"):
             object.__setattr__(self, name, check_scalar(name, getattr(self, name)))
+        check_angle("yaw", self.yaw)
 
     @property
     def pose(self) -> Array:
@@ -54,15 +57,15 @@ class Mounting:
 
 
 @dataclass(frozen=True, eq=False)
-class RadarScan:
+class RadarScan(Frozen):
     """The targets of one scan in the sensor frame, with their standard deviations.
 
     Parameters
     ----------
     time : float, s
     range, azimuth, doppler : (K,) arrays in m, rad, m/s
-        The azimuth is measured counter-clockwise from the boresight; the Doppler velocity is
-        positive for receding targets.  K may be 0.
+        The azimuth is measured counter-clockwise from the boresight, within -2 pi and 2 pi; the
+        Doppler velocity is positive for receding targets.  K may be 0.
     sigma_range, sigma_azimuth, sigma_doppler : numbers or (K,) arrays in the same units
         Standard deviations, positive.
     extent : number or (K,) array, m
@@ -73,7 +76,8 @@ class RadarScan:
     Raises
     ------
     ValueError
-        If an argument is not finite, not positive or has the wrong shape; the message names it.
+        If an argument is not finite, not positive or has the wrong shape, or azimuths are in
+        degrees; the message names it.
     """
 
     time: float
@@ -96,10 +100,10 @@ class RadarScan:
         sigma_doppler: ArrayLike,
         extent: ArrayLike = 0.0,
     ) -> None:
-        object.__setattr__(self, "time", check_scalar("time", time))
+        self._keep("time", check_scalar("time", time))
         arrays = {
             "range": check_positive("range", range),
-            "azimuth": check_finite("azimuth", azimuth),
+            "azimuth": check_angle("azimuth", azimuth),
             "doppler": check_finite("doppler", doppler),
             "sigma_range": check_positive("sigma_range", sigma_range),
             "sigma_azimuth": check_positive("sigma_azimuth", sigma_azimuth),
@@ -112,15 +116,11 @@ class RadarScan:
         if len(shape) != 1:
             raise ValueError(f"range must have the shape (K,), but has {shape}")
         for name, array in arrays.items():
-            if array.shape != shape and not (
-                name in _BROADCAST and array.shape in ((), (1,))
-            ):
+            if array.shape != shape and not (name in _BROADCAST and array.shape in ((), (1,))):
                 raise ValueError(
                     f"{name} must have the shape {shape} to match range, but has {array.shape}"
                 )
-            view = np.broadcast_to(array, shape)
-            view.flags.writeable = False
-            object.__setattr__(self, name, view)
+            self._keep(name, np.broadcast_to(array, shape))
 
     @classmethod
     def from_cartesian(
@@ -208,27 +208,28 @@ class RadarScan:
         """Time and number of targets; the arrays would fill the screen."""
         return f"RadarScan(time={self.time:.6f} s, {len(self)} targets)"
 
-    def __getitem__(self, index: slice | Array) -> "RadarScan":
+    def __getitem__(self, index: Selection) -> "RadarScan":
         """The scan with only some of its targets, selected by a slice, a mask or a list of indices.
 
         Raises an ``IndexError`` for a single number, or if the index is out of range.
         """
-        if np.ndim(self.range[index]) != 1:
+        which: Any = index  # NumPy's own types do not take so many kinds at once
+        if np.ndim(self.range[which]) != 1:
             raise IndexError("a scan is indexed by a slice, a mask or a list, not by a number")
         return RadarScan(
             self.time,
-            self.range[index],
-            self.azimuth[index],
-            self.doppler[index],
-            self.sigma_range[index],
-            self.sigma_azimuth[index],
-            self.sigma_doppler[index],
-            self.extent[index],
+            self.range[which],
+            self.azimuth[which],
+            self.doppler[which],
+            self.sigma_range[which],
+            self.sigma_azimuth[which],
+            self.sigma_doppler[which],
+            self.extent[which],
         )
 
     def with_extent(self, extent: ArrayLike) -> "RadarScan":
         """The scan with another ``extent``, a number or (K,) array in m."""
-        return replace(self, extent=extent)
+        return replace(self, extent=extent)  # type: ignore[arg-type] # what __init__ takes
 
     __iter__ = None  # else Python would try the indices 0, 1, ... and stop at the first IndexError
 
@@ -322,14 +323,14 @@ def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
 def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
     """The scan's point set; the latest are cached, because a drive uses each in several pairs."""
     azimuth = scan.azimuth + mounting.yaw
-    targets = PointSet.from_polar(scan.range, azimuth, scan.sigma_range, scan.sigma_azimuth)
+    targets = PointSet._of_polar(scan.range, azimuth, scan.sigma_range, scan.sigma_azimuth)
     return targets.shifted(mounting.pose[:2]).widened(scan.extent)
 
 
 def doppler_gradients(azimuth: ArrayLike, mounting: Mounting) -> tuple[Array, Array]:
     """dV/dtheta and d^2V/(dphi dtheta), each (..., 3), of a static target at ``azimuth`` (...)."""
     check_instance("mounting", mounting, Mounting)
-    angle = check_finite("azimuth", azimuth) + mounting.yaw
+    angle = check_angle("azimuth", azimuth) + mounting.yaw
     cosine, sine = np.cos(angle), np.sin(angle)
     gain, slope = np.empty((*angle.shape, 3)), np.empty((*angle.shape, 3))
     gain[..., 0], gain[..., 1] = -cosine, -sine
@@ -347,7 +348,7 @@ def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -
     theta : (..., 3) array
         Velocity [v_x, v_y, omega] of the vehicle in m/s, m/s, rad/s.
     azimuth : (..., K) array, rad
-        Azimuth of the targets in the sensor frame.
+        Azimuth of the targets in the sensor frame, within -2 pi and 2 pi.
     mounting : Mounting
 
     Returns

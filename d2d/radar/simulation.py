@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._checks import check_count, check_flag, check_instance, check_positive, check_scalar
-from d2d._types import Array
+from d2d._types import Array, Selection
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
 from d2d.radar.world import (
@@ -114,7 +114,7 @@ class TrueTargets:
     azimuth: Array
     doppler: Array
 
-    def __getitem__(self, index: slice | NDArray[np.bool_] | NDArray[np.int_]) -> "TrueTargets":
+    def __getitem__(self, index: Selection) -> "TrueTargets":
         """Only some of the targets, selected by a slice, a mask or a list of indices.
 
         Raises an ``IndexError`` if the index is out of range.

@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_count, check_finite, check_members, check_path
+from d2d._checks import (
+    check_count,
+    check_finite,
+    check_members,
+    check_path,
+    check_positive,
+    check_scalar,
+)
 from d2d._types import Array
 from d2d.problem import Problem
 from d2d.radar.doppler import doppler_starts
@@ -23,6 +30,8 @@ from d2d.registration import Estimate
 # targets are outliers there, and the Hessian is positive definite.  An optimum at which the mean
 # inlier probability of the targets is below this is not accepted as the vehicle's motion.
 MIN_EXPLAINED = 0.1
+# Times between two scans that are longer than this are taken to be in another unit.
+MAX_INTERVAL = 60.0  # s
 # A wrong optimum rarely explains more than half of the targets (chapter 9).  One that explains at
 # least this fraction is accepted without looking for another.
 WELL_EXPLAINED = 0.6
@@ -113,6 +122,7 @@ def track(
     *,
     baseline: int = 1,
     initial: ArrayLike | None = None,
+    max_interval: float = MAX_INTERVAL,
     **options: Unpack[EstimationOptions],
 ) -> Track:
     """Ego-motion over a whole drive, with each estimate started at the last converged velocity.
@@ -128,6 +138,9 @@ def track(
         velocity is constant and the targets stay in view.
     initial : (3,) array, optional
         Start [v_x, v_y, omega] of the first estimate.
+    max_interval : float, s
+        Longest time between two scans.  Times in milli- or microseconds exceed it; a recording
+        with longer gaps needs a larger one.
     **options
         ``doppler``, ``outlier``, ``first_order`` and ``scales``, as for `estimate_ego_motion`.
 
@@ -143,8 +156,9 @@ def track(
     Raises
     ------
     ValueError
-        If there are fewer than two scans, the scans are out of time order, ``baseline`` is below 1
-        or another argument is invalid; the message names the argument.
+        If there are fewer than two scans, the scans are out of time order or farther apart than
+        ``max_interval``, ``baseline`` is below 1 or another argument is invalid; the message names
+        the argument.
 
     Examples
     --------
@@ -161,7 +175,7 @@ def track(
     if len(scans) < 2:
         raise ValueError(f"scans must hold at least two scans, but holds {len(scans)}")
     check_count("baseline", baseline)
-    times = increasing("scans", scans)
+    times = increasing("scans", scans, max_interval)
     model, scales = split_options(options)
 
     def solve(i: int, start: Array | None) -> Attempt | None:
@@ -175,8 +189,11 @@ def track(
     return follow(times, solve, initial)
 
 
-def increasing(name: str, scans: Sequence[RadarScan]) -> Array:
-    """The scans' times (n,); raises a ValueError if they are not strictly increasing."""
+def increasing(name: str, scans: Sequence[RadarScan], max_interval: float) -> Array:
+    """The scans' times (n,) in s, strictly increasing and at most ``max_interval`` apart.
+
+    Raises a ValueError if they are not.
+    """
     times = np.array([scan.time for scan in scans])
     intervals = np.diff(times)
     if not (intervals > 0).all():
@@ -185,7 +202,20 @@ def increasing(name: str, scans: Sequence[RadarScan]) -> Array:
             f"{name} must be in strictly increasing time, but scan {late} is at "
             f"{times[late]:.6f} s after {times[late - 1]:.6f} s"
         )
+    check_intervals(name, times, max_interval)
     return times
+
+
+def check_intervals(name: str, times: Array, max_interval: float) -> None:
+    """Raise a ValueError if times (n,) in s are farther apart than ``max_interval``."""
+    longest = float(check_positive("max_interval", check_scalar("max_interval", max_interval)))
+    intervals = np.diff(times)
+    if (intervals > longest).any():
+        far = int(np.argmax(intervals))
+        raise ValueError(
+            f"{name} must have times in seconds (s), at most max_interval = {longest:g} apart, but "
+            f"{times[far + 1]:.6f} comes after {times[far]:.6f}; are these milli- or microseconds?"
+        )
 
 
 class Attempt(NamedTuple):

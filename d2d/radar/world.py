@@ -1,7 +1,7 @@
 """A street around a block: the path that a vehicle drives, and what a radar sees along it."""
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,8 @@ from scipy.integrate import simpson
 from scipy.interpolate import CubicHermiteSpline
 
 from d2d import rigid
-from d2d._checks import check_count, check_instance
+from d2d._checks import check_count, check_finite, check_instance
+from d2d._lazy import Frozen, lazy
 from d2d._types import Array
 
 KINDS = ("wall", "car", "pole", "vegetation", "moving", "clutter")
@@ -92,7 +93,7 @@ class Movers:
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class World(Frozen):
     """Everything that the radar can see.
 
     Attributes
@@ -109,7 +110,11 @@ class World:
     reflectors: Reflectors
     movers: Movers
 
-    @cached_property
+    def __post_init__(self) -> None:
+        for name in ("buildings", "cars"):
+            self._keep(name, check_finite(name, getattr(self, name)))
+
+    @lazy
     def walls(self) -> Array:
         """Start and end (S, 2, 2) in m of all wall segments, which block the view."""
         outlines = np.concatenate([self.buildings, self.cars])

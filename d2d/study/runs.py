@@ -6,10 +6,11 @@ on the number and kind of workers nor on where a sweep was interrupted.
 
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import joblib
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from d2d import rigid
+from d2d._checks import check_count, check_instance, check_path, check_schedule
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.credibility import Credibility, credibility
@@ -27,6 +29,7 @@ THREADS = os.cpu_count() or 1  # the kernel releases the GIL; no result depends 
 CHUNK = 1000  # runs in one batched call, a worker's unit of work; bounds the memory
 
 
+@runtime_checkable
 class Scene(Protocol):
     """What `monte_carlo` can run: a true motion, and noisy scans before and after it."""
 
@@ -80,11 +83,14 @@ class Condition:
     runs: int = 1000
     seed: int = 0
     initial: Initial = "truth"
-    scales: tuple[float, ...] = (1.0,)
+    scales: Sequence[float] = (1.0,)
 
     def __post_init__(self) -> None:
-        if self.runs < 1:
-            raise ValueError(f"runs must be at least 1, but is {self.runs}")
+        check_instance("scenario", self.scenario, Scene)
+        check_instance("cost", self.cost, RegistrationCost)
+        check_count("runs", self.runs)
+        check_count("seed", self.seed, minimum=0)
+        object.__setattr__(self, "scales", check_schedule("scales", self.scales))
         self.starts()
 
     def starts(self) -> Array:
@@ -114,7 +120,7 @@ def monte_carlo(
     initial: Initial = "truth",
     n_jobs: int | None = None,
     *,
-    scales: tuple[float, ...] = (1.0,),
+    scales: Sequence[float] = (1.0,),
 ) -> MonteCarlo:
     """Register many noisy draws of a scenario and compare with the truth.
 
@@ -132,7 +138,7 @@ def monte_carlo(
     n_jobs : int, optional
         Number of worker processes; 1 unless given or set by ``joblib.parallel_config``, whose
         backend (for example ``"dask"``) then runs the chunks.
-    scales : sequence of float
+    scales : sequence of positive numbers
         Inflation schedule, see `d2d.register`.
 
     Returns
@@ -144,7 +150,7 @@ def monte_carlo(
     ValueError
         Naming the argument that does not fit.
     """
-    condition = Condition(scenario, cost, runs, seed, initial, tuple(scales))
+    condition = Condition(scenario, cost, runs, seed, initial, scales)
     jobs = [(condition, size, child) for size, child in condition.chunks()]
     return _joined(list(_run_all(jobs, n_jobs)))
 
@@ -157,10 +163,12 @@ def sweep(
     Parameters
     ----------
     conditions : mapping of str to Condition
-        Keyed by the name of the result's file, ``<folder>/<name>.npz``.
+        Keyed by the name of the result's file, ``<folder>/<name>.npz``: a plain file name, without
+        folders.
     folder : path
         Created if it does not exist. A condition whose file exists and has the same parameters is
-        read, not run again: an interrupted sweep resumes where it stopped.
+        read, not run again: an interrupted sweep resumes where it stopped. Half-written files
+        ``*.part``, which a killed sweep leaves in the folder, are removed.
     n_jobs : int, optional
         See `monte_carlo`.
 
@@ -171,10 +179,13 @@ def sweep(
     Raises
     ------
     ValueError
-        If a file exists that is not a result of `sweep`.
+        If a file exists that is not a whole result of `sweep`, or an argument is invalid; the
+        message names the file or the argument.
     """
-    root = Path(folder)
+    _check_conditions(conditions)
+    root = check_path("folder", folder)
     root.mkdir(parents=True, exist_ok=True)
+    _remove_parts(root)
     fingerprints = {name: str(joblib.hash(condition)) for name, condition in conditions.items()}
     results = {}
     for name in conditions:
@@ -196,6 +207,24 @@ def sweep(
             _store(root / f"{name}.npz", fingerprints[name], results[name])
             parts = []
     return {name: results[name] for name in conditions}
+
+
+def _check_conditions(conditions: Mapping[Any, Any]) -> None:
+    check_instance("conditions", conditions, Mapping)
+    for name, condition in conditions.items():
+        plain = isinstance(name, str) and name not in ("", ".", "..") and name.isprintable()
+        if not plain or set(name) & set("/\\:"):
+            raise ValueError(
+                f"conditions must be keyed by plain file names, without folders, but hold {name!r}"
+            )
+        check_instance(f"conditions[{name!r}]", condition, Condition)
+
+
+def _remove_parts(folder: Path) -> None:
+    """Remove what sweeps that were killed left half-written; a running one writes its part anew."""
+    for part in folder.glob("*.part"):
+        with suppress(OSError):  # gone already, a folder, or in use where that forbids it
+            part.unlink()
 
 
 Job = tuple[Condition, int, np.random.SeedSequence]
@@ -231,23 +260,30 @@ def _joined(parts: list[MonteCarlo]) -> MonteCarlo:
 def _store(path: Path, fingerprint: str, result: MonteCarlo) -> None:
     """Write to a temporary file and rename it, so that a reader sees the whole file or none."""
     columns = {f.name: getattr(result, f.name) for f in fields(MonteCarlo)}
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez_compressed(file, mark=fingerprint, **columns)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    while True:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                np.savez_compressed(file, mark=fingerprint, **columns)
+            with suppress(FileNotFoundError):  # a sweep that began just now removed it: write anew
+                os.replace(temporary, path)
+                return
+        except BaseException:
+            with suppress(FileNotFoundError):
+                os.unlink(temporary)
+            raise
 
 
 def _stored(path: Path, fingerprint: str) -> MonteCarlo | None:
     if not path.exists():
         return None
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # opened here, because NumPy leaves a damaged file open
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             if str(file["mark"]) != fingerprint:
                 return None  # other parameters: run again and replace the file
             return MonteCarlo(*(file[f.name] for f in fields(MonteCarlo)))
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise ValueError(f"{path} is not a result of a sweep: {error}") from None
+    except Exception as error:  # what damaged bytes raise is up to zipfile, zlib and NumPy
+        raise ValueError(
+            f"{path} is not a whole result of a sweep ({error}); remove it to run this again"
+        ) from None

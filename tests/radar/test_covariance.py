@@ -12,7 +12,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d import LinearMeasurement, PointSet, RegistrationCost, UniformOutlier, register, rigid
+from d2d import (
+    CorruptedGaussian,
+    LinearMeasurement,
+    PointSet,
+    RegistrationCost,
+    UniformOutlier,
+    register,
+    rigid,
+)
 from d2d.radar import (
     Mounting,
     RadarScan,
@@ -69,6 +77,11 @@ def held_optimum(pair, errors, doppler_error, start, mounting, outlier, first_or
     gain = doppler_gradients(pair[1].azimuth + doppler_error, mounting)[0]
     slope = doppler_gradients(pair[1].azimuth, mounting)[1]
     sigmas = current.sigma_doppler, current.sigma_azimuth
+    if isinstance(outlier, UniformOutlier):  # the outliers' Doppler density, 1 / 40 m/s
+        outlier = UniformOutlier(outlier.density / 40.0)
+    elif outlier is not None:  # the same ratio of the two weights
+        alpha = outlier.fraction / (outlier.fraction + (1.0 - outlier.fraction) * 40.0)
+        outlier = CorruptedGaussian(alpha, outlier.covariance)
     twist = INTERVAL * start
     found = register(
         PointSet(previous.point_set(mounting).means, pair[0].point_set(mounting).covariances),

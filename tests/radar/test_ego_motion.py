@@ -95,7 +95,11 @@ def naive_targets(scan: RadarScan, mounting: Mounting) -> list[tuple[np.ndarray,
 
 
 def naive_cost(theta, previous, current, mounting, outlier, doppler, first_order) -> float:
-    """-sum_k log((1 - alpha) inlier_k Doppler_k + alpha outlier_k), in the velocity theta."""
+    """-sum_k log((1 - alpha) inlier_k Doppler_k + alpha outlier_k / width), in the velocity theta.
+
+    The width is that of an outlier's uniform Doppler density, 1 without Doppler velocities.
+    """
+    width = 40.0 if doppler else 1.0
     tau = current.time - previous.time
     v_x, v_y, omega = theta
     motion = arc([0.0, 0.0, omega], tau) if first_order else arc(theta, tau)
@@ -118,9 +122,9 @@ def naive_cost(theta, previous, current, mounting, outlier, doppler, first_order
             sigma = np.hypot(current.sigma_doppler[k], slope * current.sigma_azimuth[k])
             inlier *= norm.pdf(current.doppler[k], expected, sigma)
         if isinstance(outlier, CorruptedGaussian):
-            total -= np.log((1.0 - outlier.fraction) * inlier + outlier.fraction * far)
+            total -= np.log((1.0 - outlier.fraction) * inlier + outlier.fraction * far / width)
         else:
-            total -= np.log(inlier + (outlier.density if outlier else 0.0))
+            total -= np.log(inlier + (outlier.density / width if outlier else 0.0))
     return total
 
 

@@ -102,6 +102,16 @@ def test_safe_starts_find_the_truth() -> None:
     ("arguments", "message"),
     [
         ({"runs": 0}, "runs"),
+        ({"runs": 10.0}, "runs must be an integer"),
+        ({"runs": "ten"}, "runs must be an integer"),
+        ({"seed": -1}, "seed must be an integer"),
+        ({"seed": 0.5}, "seed must be an integer"),
+        ({"seed": None}, "seed must be an integer"),
+        ({"cost": "d2d"}, "cost must be a RegistrationCost"),
+        ({"scenario": None}, "scenario must be a Scene"),
+        ({"scales": 2.0}, "scales must be a sequence"),
+        ({"scales": "wide"}, "scales must be"),
+        ({"scales": None}, "scales must be"),
         ({"initial": "here"}, "initial"),
         ({"initial": [0.0, 0.0]}, "initial"),
         ({"initial": np.zeros((2, 2, 3))}, "initial"),
@@ -109,8 +119,16 @@ def test_safe_starts_find_the_truth() -> None:
     ],
 )
 def test_bad_arguments_are_named(arguments: dict[str, object], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        monte_carlo(scenarios.OVERLAPPED, ROBUST, **arguments)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=f"^{message}"):
+        monte_carlo(**{"scenario": scenarios.OVERLAPPED, "cost": ROBUST, **arguments})
+
+
+def test_a_schedule_may_be_any_sequence() -> None:
+    """Breaks if a list or an array of scales is another condition than the tuple."""
+    expected = monte_carlo(scenarios.OVERLAPPED, ROBUST, runs=5, scales=(2.0, 1.0))
+    for scales in ([2, 1], np.array([2.0, 1.0])):
+        found = monte_carlo(scenarios.OVERLAPPED, ROBUST, runs=5, scales=scales)
+        assert_identical(found, expected)
 
 
 def conditions() -> dict[str, Condition]:
@@ -143,6 +161,83 @@ def test_sweep_names_a_foreign_file(tmp_path: Path) -> None:
     (tmp_path / "one.npz").write_bytes(b"not a result")
     with pytest.raises(ValueError, match=r"one\.npz"):
         sweep({"one": Condition(scenarios.OVERLAPPED, ROBUST, runs=10)}, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The bytes of a result."""
+    folder = tmp_path_factory.mktemp("sweep")
+    sweep({"one": Condition(scenarios.OVERLAPPED, ROBUST, runs=10)}, folder)
+    return (folder / "one.npz").read_bytes()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.3, 0.6, 0.9, 0.999])
+def test_sweep_names_a_truncated_file(tmp_path: Path, stored: bytes, share: float) -> None:
+    """Breaks if a full disk's remains end in zipfile's words, which do not say where."""
+    (tmp_path / "one.npz").write_bytes(stored[: int(share * len(stored))])
+    with pytest.raises(ValueError, match=r"one\.npz is not a whole result"):
+        sweep({"one": Condition(scenarios.OVERLAPPED, ROBUST, runs=10)}, tmp_path)
+
+
+def test_sweep_reads_a_damaged_file_as_it_was_or_names_it(tmp_path: Path, stored: bytes) -> None:
+    """Breaks if a changed byte raises anything else, or gives other numbers."""
+    condition = {"one": Condition(scenarios.OVERLAPPED, ROBUST, runs=10)}
+    expected = sweep(condition, tmp_path / "whole")["one"]
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        damaged = bytearray(stored)
+        for place in rng.integers(len(stored), size=3):
+            damaged[place] = rng.integers(256)
+        (tmp_path / "one.npz").write_bytes(damaged)
+        try:
+            found = sweep(condition, tmp_path)["one"]
+        except ValueError as error:
+            assert "one.npz" in str(error)  # noqa: PT017
+        else:
+            assert_identical(found, expected)
+
+
+def test_sweep_removes_what_a_killed_one_left(tmp_path: Path) -> None:
+    """Breaks if half-written files pile up; other files in the folder are not touched."""
+    for name in ("tmp0abc.part", "one.npz.part", "notes.txt"):
+        (tmp_path / name).write_bytes(b"half")
+    sweep({"one": Condition(scenarios.OVERLAPPED, ROBUST, runs=10)}, tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["notes.txt", "one.npz"]
+
+
+def test_a_result_is_written_anew_if_another_sweep_removes_its_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if a sweep that begins makes another one fail which shares its folder."""
+    replace, calls = os.replace, []
+
+    def interrupted(source: str, target: Path) -> None:
+        calls.append(source)
+        if len(calls) == 1:
+            runs._remove_parts(tmp_path)
+        replace(source, target)
+
+    monkeypatch.setattr(runs.os, "replace", interrupted)
+    result = sweep({"one": Condition(scenarios.OVERLAPPED, ROBUST, runs=10)}, tmp_path)
+    assert len(calls) == 2
+    monkeypatch.undo()
+    again = sweep({"one": Condition(scenarios.OVERLAPPED, ROBUST, runs=10)}, tmp_path)
+    assert_identical(result["one"], again["one"])
+
+
+@pytest.mark.parametrize("name", ["../x", "/x", "a/b", "a\\b", "c:x", "", ".", "..", "x\0y", 7])
+def test_sweep_writes_into_its_folder_only(tmp_path: Path, name: str) -> None:
+    """Breaks if a name leads out of the folder, or into one that nobody made."""
+    folder = tmp_path / "in" / "side"
+    with pytest.raises(ValueError, match=r"^conditions must be keyed by plain file names"):
+        sweep({name: Condition(scenarios.OVERLAPPED, ROBUST, runs=10)}, folder)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("bad", [None, [], {"one": None}], ids=str)
+def test_sweep_names_what_is_no_condition(tmp_path: Path, bad: object) -> None:
+    with pytest.raises(ValueError, match=r"^conditions"):
+        sweep(bad, tmp_path)  # type: ignore[arg-type]
 
 
 SLOW_SWEEP = """

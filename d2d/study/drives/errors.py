@@ -1,6 +1,6 @@
 """Errors of an estimated drive: of the velocities, with their covariances, and of the path."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from d2d import rigid
 from d2d._checks import check_positive, check_scalar
-from d2d.radar import Comparison, Reference, Track
+from d2d.radar import Comparison, Reference, Track, compare
 from d2d.radar.comparison import IN_UNITS, NAMES, UNITS
 
 __all__ = ["IN_UNITS", "NAMES", "UNITS", "Drift", "DriveErrors"]
@@ -20,7 +20,8 @@ class DriveErrors(Comparison):
     @classmethod
     def of(cls, track: Track, reference: Reference) -> "DriveErrors":
         """Compare with a reference, as `d2d.radar.compare` does."""
-        return cls.from_errors(track, track.theta - reference.at(track.times).theta)
+        compared = compare(track, reference)
+        return cls(**{field.name: getattr(compared, field.name) for field in fields(compared)})
 
     def summary(self) -> str:
         """One line of text: RMSE, share of usable pairs, ANEES with its region, NCI and I^2."""

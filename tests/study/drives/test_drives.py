@@ -79,6 +79,37 @@ def test_pairs_that_did_not_converge_or_have_no_reference_are_left_out():
     assert judged.rmse[0] < 10.0
 
 
+def test_a_reference_at_other_times_is_interpolated():
+    """Breaks if rows are paired by number, or the shapes are left to NumPy to complain about."""
+    driven, reference = example()
+    often = np.linspace(-1.0, 6.0, 71)  # twice as often, and beyond both ends
+    finer = reference.at(np.clip(often, 0.0, 5.0))
+    judged = DriveErrors.of(driven, Reference(often, finer.theta, finer.poses))
+    assert_allclose(judged.errors, driven.theta - reference.theta[1:], atol=1e-12)
+    shifted = Reference(reference.times - 0.05, reference.theta, reference.poses)
+    judged = DriveErrors.of(driven, shifted)
+    between = 0.5 * (reference.theta[1:-1] + reference.theta[2:])
+    assert_allclose(judged.errors, driven.theta[:-1] - between, atol=1e-12)
+    assert judged.share == pytest.approx((N - 1) / N)  # the last is after the reference's end
+
+
+@pytest.mark.parametrize("late", [-100.0, 100.0])
+def test_a_reference_of_another_time_is_refused(late):
+    """Breaks if the error of nothing is reported as nan, with a warning of NumPy's."""
+    driven, reference = example()
+    with pytest.raises(ValueError, match=r"^reference must overlap the track in time, but"):
+        DriveErrors.of(driven, Reference(reference.times + late, reference.theta, reference.poses))
+
+
+def test_what_is_no_track_or_reference_is_named():
+    """Breaks if the user gets Python's words about attributes."""
+    driven, reference = example()
+    with pytest.raises(ValueError, match=r"^track must be a Track"):
+        DriveErrors.of(reference, driven)
+    with pytest.raises(ValueError, match=r"^reference must be a Reference"):
+        DriveErrors.of(driven, driven.theta)
+
+
 def test_errors_given_directly_are_judged_alike():
     """Breaks if a results file is judged by another rule than a fresh track."""
     driven, reference = example()

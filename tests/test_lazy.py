@@ -1,0 +1,155 @@
+"""What is frozen stays so in every copy, and no copy carries values computed for another."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from dataclasses import fields
+
+import joblib
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from d2d import (
+    CorruptedGaussian,
+    LinearMeasurement,
+    PointSet,
+    RegistrationCost,
+    UniformOutlier,
+    register,
+)
+from d2d._lazy import Frozen, lazy
+from d2d.gaussian import GaussianMixture
+from d2d.radar import EgoMotionModel, Mounting, RadarScan, World, build_world, estimate_ego_motion
+from d2d.radar.options import DEFAULT_OUTLIER
+from d2d.radar.simulation import simulate_drive
+
+EYES = np.tile(np.eye(2), (3, 1, 1))
+SCANS = simulate_drive(np.random.default_rng(0), 0.2).scans
+MOUNTING = Mounting(0.4)
+
+# Each with all that it can compute lazily in use.
+MAKERS = {
+    "PointSet": lambda: PointSet([[8.0, 1.0], [5.0, -3.0], [6.0, 4.0]], EYES),
+    "PointSet-batch": lambda: PointSet(np.zeros((4, 3, 2)), EYES),
+    "PointSet-from_polar": lambda: PointSet.from_polar([8.0, 5.0], [0.1, -0.4], 0.2, 0.01),
+    "PointSet-shifted": lambda: PointSet(np.ones((3, 2)), EYES).shifted(np.ones(2)),
+    "RadarScan": lambda: RadarScan(0.0, [5.0, 8.0], [0.1, 0.2], [1.0, 2.0], 0.1, 0.01, 0.1),
+    "RadarScan-part": lambda: SCANS[0][:5],
+    "LinearMeasurement": lambda: LinearMeasurement(
+        np.zeros(3), 1.0, 0.1, np.ones((3, 3)), np.ones((3, 3))
+    ),
+    "LinearMeasurement-doppler": lambda: SCANS[0].doppler_measurement(MOUNTING, 0.1),
+    "LinearMeasurement-inflated": lambda: SCANS[0].doppler_measurement(MOUNTING, 0.1).inflated(2.0),
+    "CorruptedGaussian": lambda: CorruptedGaussian(0.2, 100.0 * np.eye(2)),
+    "CorruptedGaussian-default": lambda: DEFAULT_OUTLIER,
+    "UniformOutlier": lambda: UniformOutlier(0.1),
+    "EgoMotionModel": lambda: EgoMotionModel(),
+    "GaussianMixture": lambda: GaussianMixture([1.0], [[0.0, 1.0]], [np.eye(2)]),
+    "World": lambda: build_world(np.random.default_rng(0)),
+}
+
+WAYS = {
+    "itself": lambda thing: thing,
+    "copy": copy.copy,
+    "deepcopy": copy.deepcopy,
+    **{
+        f"pickle-{number}": lambda thing, number=number: pickle.loads(pickle.dumps(thing, number))
+        for number in range(2, pickle.HIGHEST_PROTOCOL + 1)
+    },
+}
+
+
+def lazy_names(thing: Frozen) -> list[str]:
+    kind = type(thing)
+    return [name for name in dir(kind) if isinstance(getattr(kind, name), lazy)]
+
+
+def in_use(thing: Frozen) -> Frozen:
+    """The same, with every lazy value computed."""
+    for name in lazy_names(thing):
+        getattr(thing, name)
+    return thing
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("kind", MAKERS)
+def test_arrays_are_read_only_in_every_copy(kind, way):
+    """Breaks if an edit of a copy, or of the original, goes through and a cache does not see it."""
+    original = in_use(MAKERS[kind]())
+    other = WAYS[way](original)
+    assert type(other) is type(original)
+    for field in fields(original):
+        value, expected = getattr(other, field.name), getattr(original, field.name)
+        if isinstance(value, np.ndarray):
+            assert_array_equal(value, expected)
+            with pytest.raises(ValueError, match="read-only"):
+                value[...] = 7.0
+
+
+@pytest.mark.parametrize("way", [way for way in WAYS if way != "itself"])
+@pytest.mark.parametrize("kind", MAKERS)
+def test_a_copy_computes_its_own_values(kind, way):
+    """Breaks if what was computed for the original travels along."""
+    original = in_use(MAKERS[kind]())
+    names = lazy_names(original)
+    other = WAYS[way](original)
+    assert not other.__dict__.keys() & set(names)
+    for name in names:
+        assert joblib.hash(getattr(other, name)) == joblib.hash(getattr(original, name))
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_use_does_not_change_what_is_stored(kind):
+    """Breaks if a sweep runs a condition anew because its sets had been registered before."""
+    if kind == "CorruptedGaussian-default":
+        return
+    fresh, used = MAKERS[kind](), in_use(MAKERS[kind]())
+    assert joblib.hash(fresh) == joblib.hash(used)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_copies_give_the_same_estimate(way):
+    """Breaks if a copy loses something that the kernel reads."""
+    duplicate = WAYS[way]
+    sets = MAKERS["PointSet"](), MAKERS["PointSet"]().transformed([0.1, 0.2, 0.05])
+    cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
+    expected = register(*sets, cost)
+    found = register(*map(duplicate, sets), duplicate(cost))
+    assert_array_equal(found.theta, expected.theta)
+    assert_array_equal(found.covariance, expected.covariance)
+    first, second = (duplicate(scan) for scan in SCANS[:2])
+    velocity = estimate_ego_motion(first, second, duplicate(MOUNTING))
+    assert_array_equal(velocity.theta, estimate_ego_motion(*SCANS[:2], MOUNTING).theta)
+
+
+def test_an_edit_of_the_users_array_reaches_no_container():
+    """Breaks if a container keeps the array that it was given."""
+    given = {
+        "one": np.ones(3),
+        "points": np.ones((3, 2)),
+        "eyes": EYES.copy(),
+        "gain": np.ones((3, 3)),
+        "corners": np.ones((1, 4, 2)),
+        "wide": 100.0 * np.eye(2),
+        "mixed": np.full(3, 1.0 / 3.0),
+    }
+    one, points, eyes, gain, corners, wide, mixed = given.values()
+    world = MAKERS["World"]()
+    made = [
+        PointSet(points, eyes, one),
+        RadarScan(0.0, one, one, one, one, one, one),
+        LinearMeasurement(one, one, one, gain, gain),
+        CorruptedGaussian(0.2, wide),
+        GaussianMixture(mixed, points, eyes),
+        World(corners, corners, world.reflectors, world.movers),
+    ]
+    before = copy.deepcopy(made)
+    for array in given.values():
+        array *= 2.0
+    for thing, same in zip(made, before, strict=True):
+        for field in fields(thing):
+            value = getattr(thing, field.name)
+            if isinstance(value, np.ndarray):
+                assert_array_equal(value, getattr(same, field.name))
