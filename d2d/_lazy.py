@@ -1,6 +1,7 @@
 """Values that are computed once, and the containers that may keep them: nothing changes those."""
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
@@ -36,10 +37,10 @@ class lazy(Generic[T]):
 
 
 class Frozen:
-    """Base of the frozen dataclasses whose arrays are read-only, so that a `lazy` value holds.
+    """Base of the frozen dataclasses whose arrays are read-only, so that a cached value holds.
 
     NumPy makes every copied or unpickled array writeable.  A copy of such a dataclass therefore
-    gets read-only arrays again, and computes its lazy values anew.
+    gets read-only arrays again, and computes its cached values anew.
     """
 
     def _keep(self, name: str, value: object) -> None:
@@ -53,7 +54,7 @@ class Frozen:
         return {
             name: value
             for name, value in self.__dict__.items()
-            if not isinstance(getattr(kind, name, None), lazy)
+            if not isinstance(getattr(kind, name, None), lazy | cached_property)
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -467,6 +467,9 @@ class Named:
     def __str__(self) -> str:
         return self.name
 
+    def __repr__(self) -> str:
+        return f"Named({self.name!r})"
+
 
 class Fusion(StrEnum):
     SUMMING = "summing"

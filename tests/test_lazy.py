@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from dataclasses import fields
+from functools import cached_property
 
 import joblib
 import numpy as np
@@ -63,7 +64,7 @@ WAYS = {
 
 def lazy_names(thing: Frozen) -> list[str]:
     kind = type(thing)
-    return [name for name in dir(kind) if isinstance(getattr(kind, name), lazy)]
+    return [name for name in dir(kind) if isinstance(getattr(kind, name), lazy | cached_property)]
 
 
 def in_use(thing: Frozen) -> Frozen:

@@ -396,7 +396,7 @@ def test_polar_targets_are_what_the_formula_says(seed, batch, count, decade, sig
     """Breaks at any range, azimuth or batch shape: eigenvalues are the two variances."""
     rng = np.random.default_rng(seed)
     r = 10.0**decade * rng.uniform(1.0, 10.0, (*batch, count))
-    phi = rng.uniform(-100.0, 100.0, (*batch, count))
+    phi = rng.uniform(-2.0 * np.pi, 2.0 * np.pi, (*batch, count))
     sigma_r, sigma_phi = 10.0**decade * 10.0**sigma, 10.0**sigma
     targets = PointSet.from_polar(r, phi, sigma_r, sigma_phi)
     assert targets.batch_shape == batch

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypedDict
 
 import numpy as np
 
 from d2d import _kernel
 from d2d._checks import check_flag, check_positive, check_scalar, check_schedule
-from d2d._lazy import Frozen, lazy
+from d2d._lazy import Frozen
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
 from d2d.problem import CostForm, Pair, Problem
 
@@ -77,7 +78,7 @@ class EgoMotionModel(Frozen):
         """The cost of the motion between two scans, without the outliers' Doppler density."""
         return RegistrationCost(outlier=self.outlier)
 
-    @lazy
+    @cached_property
     def form(self) -> CostForm:
         """The cost as the kernel reads it, with the outliers' Doppler density."""
         form = self.cost.form(2)

@@ -1,7 +1,7 @@
 """A street around a block: the path that a vehicle drives, and what a radar sees along it."""
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from d2d import rigid
 from d2d._checks import check_count, check_finite, check_instance
-from d2d._lazy import Frozen, lazy
+from d2d._lazy import Frozen
 from d2d._types import Array
 
 KINDS = ("wall", "car", "pole", "vegetation", "moving", "clutter")
@@ -114,7 +114,7 @@ class World(Frozen):
         for name in ("buildings", "cars"):
             self._keep(name, check_finite(name, getattr(self, name)))
 
-    @lazy
+    @cached_property
     def walls(self) -> Array:
         """Start and end (S, 2, 2) in m of all wall segments, which block the view."""
         outlines = np.concatenate([self.buildings, self.cars])
