@@ -43,8 +43,8 @@ class PointSet(Frozen):
     ------
     ValueError
         If the shapes do not match, a set is empty, a value is nan or inf, a covariance is not
-        symmetric positive definite, or a weight is not positive or out of range; the message names
-        the argument.
+        symmetric positive definite or above 1e150 m^2, or a weight is not positive or out of range;
+        the message names the argument.
     """
 
     means: Array
@@ -277,6 +277,10 @@ def _checked_covariances(covariances: Array, count: int, dimension: int) -> Arra
         raise ValueError(
             f"covariances must have the shape (..., {count}, {dimension}, {dimension}) "
             f"to match means, but has {checked.shape}"
+        )
+    if checked.max() > _kernel.MAX_VARIANCE:
+        raise ValueError(
+            f"covariances must be at most {_kernel.MAX_VARIANCE:g} m^2, but reach {checked.max():g}"
         )
     return checked
 

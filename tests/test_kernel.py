@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import shutil
@@ -345,6 +346,40 @@ def test_trust_region_step_on_a_plateau_is_zero():
     )
     assert_array_equal(step, 0.0)
     assert decrease == 0.0
+
+
+def _calls_a_part(h, g, step):
+    return newton.decrease(h, g, step)
+
+
+def test_a_part_without_a_wrapper_may_be_called_from_python():
+    """Breaks if Python jumps to the address 0: a part is compiled for compiled callers alone."""
+    rng = np.random.default_rng(3)
+    h, g, step = rng.standard_normal((3, 3)), *rng.standard_normal((2, 3))
+    expected = -(g @ step + 0.5 * step @ h @ step)
+    assert_allclose(newton.decrease(h, g, step), expected)
+    assert_allclose(njit(_calls_a_part)(h, g, step), expected)
+    assert_allclose(newton.decrease(h, g, step), expected)
+
+
+@pytest.mark.parametrize("collecting", [True, False])
+def test_compiling_leaves_the_collector_as_it_was(collecting):
+    """Breaks if what is switched off while compiling stays off, or is switched on."""
+    seen = []
+
+    def fails():
+        seen.append(gc.isenabled())
+        raise ValueError
+
+    was = gc.isenabled()
+    try:
+        (gc.enable if collecting else gc.disable)()
+        with pytest.raises(ValueError):
+            compiling.uncollected(fails)()
+        assert seen == [False]
+        assert gc.isenabled() == collecting
+    finally:
+        (gc.enable if was else gc.disable)()
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.3])

@@ -313,3 +313,12 @@ def test_weights_whose_sums_would_lose_digits_are_refused(weight):
     """The kernel's sums begin at 1e-300 and may not overflow."""
     with pytest.raises(ValueError, match=r"^weights must lie within 1e-100 and 1e\+100"):
         PointSet(np.zeros((2, 1)), np.ones((2, 1, 1)), [1.0, weight])
+
+
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_variances_whose_products_overflow_are_refused(dimension):
+    """Breaks if det(Sigma_k + Sigma_i) becomes infinite, and the density zero, without a word."""
+    means, unit = np.zeros((1, dimension)), np.eye(dimension)[np.newaxis]
+    PointSet(means, 1e150 * unit)
+    with pytest.raises(ValueError, match="covariances must be at most 1e"):
+        PointSet(means, 1e154 * unit)

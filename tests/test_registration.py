@@ -521,6 +521,27 @@ def test_a_maximum_of_the_cost_is_no_optimum(offset):
         assert estimate.converged
 
 
+@pytest.mark.parametrize("distance", [1e4, 1e6, 1e7])
+def test_what_converged_has_a_small_newton_decrement_however_far_apart_the_pairs_are(distance):
+    """Breaks if "the cost can fall no further in floating point" counts as an optimum.
+
+    At a million standard deviations a cost of 1e13 is rounded to 1e-3, the gain of a step of three
+    hundredths of a standard deviation.
+    """
+    rng, converged = np.random.default_rng(0), 0
+    for _ in range(60):
+        fixed, moving = (
+            PointSet(distance * rng.standard_normal((size, 2)), [np.eye(2)] * size)
+            for size in rng.integers(2, 12, 2)
+        )
+        estimate = register(fixed, moving, RegistrationCost(rng.choice(["d2d", "p2d"])))
+        if estimate.converged:
+            converged += 1
+            step = np.linalg.solve(estimate.hessian, estimate.gradient)
+            assert estimate.gradient @ step <= 1e-7
+    assert converged >= 10
+
+
 @pytest.mark.parametrize("dimension", [1, 2])
 def test_a_plateau_is_no_optimum(dimension):
     """Breaks if a vanishing Hessian gives a covariance, or the motion leaves for nowhere."""

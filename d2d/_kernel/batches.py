@@ -5,7 +5,7 @@ import math
 from d2d._kernel.charts import exponential_chart, logarithm_chart, write_chart
 from d2d._kernel.compiling import entry
 from d2d._kernel.evaluation import evaluate_block, setting_of
-from d2d._kernel.layout import LANES, MAX_WEIGHT, MIN_WEIGHT
+from d2d._kernel.layout import LANES, MAX_VARIANCE, MAX_WEIGHT, MIN_WEIGHT
 from d2d._kernel.minimisation import evaluate, minimise, motion_chart, pair_at
 from d2d._kernel.newton import invert
 from d2d._kernel.pairs import find_extremes
@@ -14,16 +14,16 @@ from d2d._kernel.pairs import find_extremes
 @entry
 def are_good_targets(means, covariances, weights):
     """Whether targets (M, D), (M, D, D), (M,) are finite, with exactly symmetric, positive
-    definite covariances and weights within the range that the sums allow.
+    definite covariances and weights, all within the range that the sums allow.
     """
     d = means.shape[1]
     for k in range(means.shape[0]):
         good = math.isfinite(means[k, 0]) and MIN_WEIGHT <= weights[k] <= MAX_WEIGHT
         xx = covariances[k, 0, 0]
-        good = good and 0.0 < xx < math.inf
+        good = good and 0.0 < xx <= MAX_VARIANCE
         if d == 2:
             xy, yy = covariances[k, 0, 1], covariances[k, 1, 1]
-            good = good and math.isfinite(means[k, 1]) and 0.0 < yy < math.inf
+            good = good and math.isfinite(means[k, 1]) and 0.0 < yy <= MAX_VARIANCE
             good = good and xy == covariances[k, 1, 0] and 0.0 < xx * yy - xy * xy < math.inf
         if not good:
             return False

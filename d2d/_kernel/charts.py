@@ -11,7 +11,9 @@ from d2d._kernel.compiling import compiled, inlined
 
 # Below these angles (rad) the closed forms cancel, and the series are exact to rounding.
 SERIES, LOGARITHM_SERIES = 0.3, 0.05
-_MEAN = tuple(1j**k / math.factorial(k + 1) for k in range(12, -1, -1))
+# The coefficients i^k / (k + 1)! of the exponential's series, the highest first.
+_MEAN = [1j**k / math.factorial(k + 1) for k in range(12, -1, -1)]
+EVEN, ODD = tuple(c.real for c in _MEAN), tuple(c.imag for c in _MEAN)
 
 
 class Chart(NamedTuple):
@@ -60,39 +62,35 @@ def logarithm_chart(theta):
 
 
 @compiled
-def mean_direction(w):
-    """E(w) = (exp(iw) - 1) / (iw), the mean direction while turning by w, and two derivatives."""
-    mean, slope, bend = 0j, 0j, 0j
-    if abs(w) < SERIES:  # sum_k (iw)^k / (k + 1)!, by Horner's rule
-        for coefficient in _MEAN:
-            bend = bend * w + 2.0 * slope
-            slope = slope * w + mean
-            mean = mean * w + coefficient
-        return mean, slope, bend
-    turned = complex(math.cos(w), math.sin(w))
-    mean = (turned - 1.0) / (1j * w)
-    slope = (turned - mean) / w
-    return mean, slope, (1j * turned - 2.0 * slope) / w
-
-
-@inlined
 def exponential_chart(x, y, w):
-    """The motion of a twist: with the plane's vectors as complex numbers, (E(w) (x + iy), w)."""
-    mean, slope, bend = mean_direction(w)
-    v = complex(x, y)
-    moved, along, curved = mean * v, slope * v, bend * v
+    """The motion of a twist, E(w) (x + iy) and w, with the plane's vectors as complex numbers.
+
+    E(w) = (exp(iw) - 1) / (iw) is the mean direction while turning by w: ``p + iq`` below, with its
+    derivatives ``p1 + i q1`` and ``p2 + i q2``.
+    """
+    p, q, p1, q1, p2, q2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    if abs(w) < SERIES:  # sum_k (iw)^k / (k + 1)!, by Horner's rule
+        for k in range(len(EVEN)):
+            p2, q2 = p2 * w + 2.0 * p1, q2 * w + 2.0 * q1
+            p1, q1 = p1 * w + p, q1 * w + q
+            p, q = p * w + EVEN[k], q * w + ODD[k]
+    else:
+        cosine, sine = math.cos(w), math.sin(w)
+        p, q = sine / w, (1.0 - cosine) / w
+        p1, q1 = (cosine - p) / w, (sine - q) / w
+        p2, q2 = (-sine - 2.0 * p1) / w, (cosine - 2.0 * q1) / w
     return Chart(
-        moved.real,
-        moved.imag,
+        p * x - q * y,
+        p * y + q * x,
         w,
-        mean.real,
-        -mean.imag,
-        along.real,
-        along.imag,
-        slope.real,
-        -slope.imag,
-        curved.real,
-        curved.imag,
+        p,
+        -q,
+        p1 * x - q1 * y,
+        p1 * y + q1 * x,
+        p1,
+        -q1,
+        p2 * x - q2 * y,
+        p2 * y + q2 * x,
     )
 
 

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from d2d._kernel.compiling import merged, vectorised
+from d2d._kernel.compiling import inlined, vectorised
 from d2d._kernel.elementary import exp, log
 from d2d._kernel.layout import (
     A00,
@@ -139,7 +139,7 @@ def finish_outliers(w, precision, log_weight):
         )
 
 
-@merged
+@inlined
 def set_uniform(w, log_density):
     """The uniform outlier component: a constant, without derivatives."""
     for k in range(10 * LANES):
@@ -148,7 +148,7 @@ def set_uniform(w, log_density):
         w[OUTLIER + k] = log_density
 
 
-@merged
+@inlined
 def measurement_terms(factor, xi):
     """log N(z | h' xi, sigma^2 + q^2 (s' xi)^2) of one target, its gradient and Hessian."""
     h0, h1, h2 = factor[GAIN], factor[GAIN + 1], factor[GAIN + 2]

@@ -4,8 +4,10 @@ import math
 from typing import Any
 
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
+
+from d2d._kernel.compiling import part
 
 _ROUND = 1.5 * 2.0**52  # adding it leaves the nearest integer in a double's lowest bits
 _BIAS = 1023.0
@@ -26,7 +28,7 @@ def exponent_bits(typingctx: Any, number: Any) -> Any:
 
 # Numba hands a caller's fastmath flags down unless the function sets its own, and reassociation
 # would cancel the rounding constant.
-@njit(forceinline=True, fastmath={"contract"}, error_model="numpy", _nrt=False)
+@part(forceinline=True, fastmath={"contract"})
 def exp(x: float) -> float:
     """exp(x) for x <= 700 by range reduction and its Taylor polynomial of degree 13.
 
@@ -74,7 +76,7 @@ def split(typingctx: Any, number: Any) -> Any:
     return types.UniTuple(types.float64, 2)(types.float64), codegen
 
 
-@njit(forceinline=True, fastmath={"contract"}, error_model="numpy", _nrt=False)
+@part(forceinline=True, fastmath={"contract"})
 def log(x: float) -> float:
     """log(x) of a positive normal number, by the artanh series; vectorises like `_exp`.
 

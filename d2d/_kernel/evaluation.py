@@ -13,7 +13,7 @@ from d2d._kernel.charts import (
     logarithm_chart,
     through_chart,
 )
-from d2d._kernel.compiling import compiled, inlined, merged
+from d2d._kernel.compiling import inlined, merged
 from d2d._kernel.densities import (
     fuse_likelihood,
     fuse_summing,
@@ -54,7 +54,7 @@ from d2d._kernel.layout import (
 from d2d._kernel.pairs import lane_count, load_block, sum_inliers
 
 
-@merged
+@inlined
 def setting_of(pair, theta):
     """A motion with the numbers of a pair."""
     return Setting(
@@ -71,7 +71,7 @@ def setting_of(pair, theta):
     )
 
 
-@merged
+@inlined
 def load_measurements(w, factors, order, chart, first):
     """Logarithms of the densities of the block's measurements, their gradients and Hessians."""
     last = order.shape[0] - 1
@@ -83,7 +83,7 @@ def load_measurements(w, factors, order, chart, first):
             w[FACTOR + row * LANES + k] = terms[row]
 
 
-@merged
+@inlined
 def limit_pairs(w, outlier, setting, measured):
     """Set each target's LIMIT: the half squared distance beyond which no pair matters.
 
@@ -131,7 +131,7 @@ def total(w, row):
     return added
 
 
-@merged
+@inlined
 def align_tops(w):
     """Take the totals of all lanes relative to the largest density of all; its logarithm."""
     top = -np.inf
@@ -144,7 +144,7 @@ def align_tops(w):
     return top
 
 
-@compiled
+@merged
 def evaluate_pair(pair, theta, fusion, w, g, h):
     """Cost of one pair of sets at the motion theta; gradient to g (3), Hessian to h (3, 3)."""
     setting = setting_of(pair, theta)

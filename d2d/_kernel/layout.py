@@ -15,6 +15,7 @@ LIKELIHOOD, SUMMING = range(2)
 MOTION, ARC, CHORD = range(3)
 
 MIN_WEIGHT, MAX_WEIGHT = 1e-100, 1e100  # of a component, so that no sum over- or underflows
+MAX_VARIANCE = 1e150  # m^2, so that no determinant of a sum of two covariances overflows
 # A one-dimensional set is stored as a planar one with y = 0 and this variance along y, so that the
 # density along y is exactly 1.
 UNIT_DENSITY_VARIANCE = 1.0 / (2.0 * math.pi)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from d2d._kernel.charts import exponential_chart, identity_chart, through_chart
-from d2d._kernel.compiling import compiled, merged
+from d2d._kernel.compiling import compiled, inlined, merged
 from d2d._kernel.evaluation import evaluate_pair
 from d2d._kernel.layout import (
     ARC,
@@ -22,6 +22,9 @@ from d2d._kernel.layout import (
 )
 from d2d._kernel.newton import inner_product, shifted_solve, trust_region_step
 from d2d._kernel.pairs import GATE, bounds
+
+ROUNDING = 2e-15  # of a cost, over its size and the number of its targets
+RESOLVED = 1e-8  # Newton decrement: 1e-4 standard deviations from the optimum
 
 FIXED_START, FIXED_SIZE, FIXED_SET, MOVING_START, MOVING_SIZE, FACTOR_START = range(6)
 
@@ -108,7 +111,7 @@ def pair_at(batch, number):
     )
 
 
-@merged
+@inlined
 def motion_chart(batch, number, theta):
     """A pair's motion at theta, as a chart of its twist if theta is a velocity."""
     interval = batch.intervals[number]
@@ -118,7 +121,7 @@ def motion_chart(batch, number, theta):
     return identity_chart((x, y, w))
 
 
-@merged
+@inlined
 def add_derivatives(work, chart, interval, g, h):
     """Add a pair's gradient and Hessian in its motion, which stand in ``work``, in theta."""
     pg, ph = work.gradient, work.hessian
@@ -181,7 +184,7 @@ def first_radius(pair, scale):
     return 3.0 * math.sqrt(variance)
 
 
-@merged
+@inlined
 def accept_trial(work, theta, g, h):
     """Make the trial the new parameters, with its gradient and Hessian."""
     for j in range(3):
@@ -191,14 +194,24 @@ def accept_trial(work, theta, g, h):
             h[i, j] = work.trial_hessian[i, j]
 
 
+@inlined
+def newton_decrement(work, g, h):
+    """The Newton step, to ``work.step``, and g' H^-1 g; infinite unless H is positive definite."""
+    step = work.step
+    definite, _ = shifted_solve(h, g, 0.0, work.scale, step)
+    return -(g[0] * step[0] + g[1] * step[1] + g[2] * step[2]) if definite else np.inf
+
+
 @merged
 def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     """Newton's method in a trust region, in place; (value, converged, iterations, mean share).
 
     A step is taken only if it lowers the cost, so the result is never worse than the start.
     Converged means: the Hessian is positive definite, and the Newton decrement g' H^-1 g, the
-    squared distance to the optimum in estimated standard deviations, is below the tolerance, or
-    the step can no longer lower the cost in floating point.
+    squared distance to the optimum in estimated standard deviations, is below the tolerance.
+
+    Where the cost is large, it no longer shows what a step gains: the gain is less than its
+    rounding.  There a step is taken if it lowers the decrement, and one below RESOLVED is enough.
     """
     pair = pair_at(batch, batch.first[problem])
     step, scale, trial = work.step, work.scale, work.trial
@@ -208,36 +221,44 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     targets = 0
     for number in range(batch.first[problem], batch.first[problem + 1]):
         targets += batch.pairs[number, MOVING_SIZE]
-    value, shares = evaluate(batch, problem, pair, theta, work, g, h)
-    for iteration in range(max_iterations):
+    for j in range(3):
+        trial[j] = theta[j]
+    # the start is the first trial: a second call of `evaluate` would be compiled a second time
+    value, shares, decrement, decrease, norm = np.inf, 0.0, np.inf, np.inf, np.inf
+    for tried in range(max_iterations + 1):
+        trial_value, trial_shares = evaluate(
+            batch, problem, pair, trial, work, work.trial_gradient, work.trial_hessian
+        )
+        gain = value - trial_value
+        better = gain > 0.0 or tried == 0
+        if not better and decrease <= ROUNDING * (abs(value) + targets):
+            after = newton_decrement(work, work.trial_gradient, work.trial_hessian)
+            nearer = after < 0.25 * decrement < np.inf
+            if decrement <= RESOLVED or not nearer:
+                return value, decrement <= RESOLVED, tried, shares / targets
+            better = True
+        elif tried > 0:
+            ratio = gain / decrease if decrease > 0.0 else -1.0
+            if not ratio >= 0.25:
+                radius = 0.25 * min(norm, radius)
+            elif ratio > 0.75 and norm > 0.8 * radius:
+                radius *= 2.0
+        if better:
+            value, shares = trial_value, trial_shares
+            accept_trial(work, theta, g, h)
+        elif norm == 0.0:
+            return value, False, tried, shares / targets
         if not math.isfinite(value):
-            return value, False, iteration, shares / targets
-        definite, _ = shifted_solve(h, g, 0.0, scale, step)
-        decrement = -(g[0] * step[0] + g[1] * step[1] + g[2] * step[2]) if definite else np.inf
+            return value, False, tried, shares / targets
+        decrement = newton_decrement(work, g, h)
         if decrement <= tolerance:
-            return value, True, iteration, shares / targets
+            return value, True, tried, shares / targets
         norm = math.sqrt(inner_product(step, step, scale))
-        if definite and norm <= radius:
+        if norm <= radius and decrement < np.inf:
             decrease = 0.5 * decrement
         else:
             decrease = trust_region_step(h, g, scale, radius, batch.planar, work.vectors, step)
             norm = math.sqrt(inner_product(step, step, scale))
         for j in range(3):
             trial[j] = theta[j] + step[j]
-        trial_value, trial_shares = evaluate(
-            batch, problem, pair, trial, work, work.trial_gradient, work.trial_hessian
-        )
-        gain = value - trial_value
-        if decrease <= 2e-15 * (abs(value) + targets) and not gain > 0.0:
-            return value, definite, iteration + 1, shares / targets
-        ratio = gain / decrease if decrease > 0.0 else -1.0
-        if not ratio >= 0.25:
-            radius = 0.25 * min(norm, radius)
-        elif ratio > 0.75 and norm > 0.8 * radius:
-            radius *= 2.0
-        if gain > 0.0:
-            value, shares = trial_value, trial_shares
-            accept_trial(work, theta, g, h)
-        elif norm == 0.0:
-            return value, False, iteration + 1, shares / targets
     return value, False, max_iterations, shares / targets
