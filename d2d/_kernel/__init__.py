@@ -10,6 +10,7 @@
 - ``newton``: steps in a trust region
 - ``minimisation``: sums of pairs, and their minimum
 - ``batches``: the compiled entries
+- ``shared_errors``: what the errors of a scan's targets do together
 - ``responsibilities``, ``propagation``: how the gradient changes with every measured coordinate
 """
 
@@ -52,6 +53,7 @@ from d2d._kernel.layout import (
 from d2d._kernel.minimisation import Batch, make_work
 from d2d._kernel.newton import SINGULAR
 from d2d._kernel.propagation import cross_batch, make_propagation_work
+from d2d._kernel.shared_errors import add_dependence, add_errors
 
 __all__ = [
     "ARC",
@@ -82,6 +84,8 @@ __all__ = [
     "Batch",
     "X",
     "Y",
+    "add_dependence",
+    "add_errors",
     "are_good_targets",
     "chart_batch",
     "cross_batch",

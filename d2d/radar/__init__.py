@@ -1,5 +1,6 @@
 """Ego-motion of a vehicle from automotive Doppler radar."""
 
+from d2d.radar.budget import CovarianceParts, ErrorBudget
 from d2d.radar.comparison import Comparison, Measures, compare
 from d2d.radar.covariance import propagate_ego_motion, propagate_joint_ego_motion
 from d2d.radar.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
@@ -8,19 +9,23 @@ from d2d.radar.evidence import compare_halves, compare_tracks
 from d2d.radar.joint import estimate_joint_ego_motion, track_joint
 from d2d.radar.nuscenes import load_nuscenes
 from d2d.radar.options import EgoMotionModel
+from d2d.radar.plausibility import VehicleLimits
 from d2d.radar.radarscenes import load_radarscenes
 from d2d.radar.recording import Recording
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity, quantisation_sigma
 from d2d.radar.simulation import Drive, Sensor, TrueTargets, simulate_drive
-from d2d.radar.track import Track, track
+from d2d.radar.track import track
+from d2d.radar.trajectory import Track
 from d2d.radar.world import World, build_world
 
 __all__ = [
     "Comparison",
+    "CovarianceParts",
     "DopplerMotion",
     "Drive",
     "EgoMotionModel",
+    "ErrorBudget",
     "Measures",
     "Mounting",
     "RadarScan",
@@ -29,6 +34,7 @@ __all__ = [
     "Sensor",
     "Track",
     "TrueTargets",
+    "VehicleLimits",
     "World",
     "build_world",
     "compare",

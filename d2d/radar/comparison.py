@@ -16,7 +16,7 @@ from d2d._types import Array
 from d2d.bootstrap import block_bootstrap, block_length
 from d2d.credibility import Credibility, credibility
 from d2d.radar.reference import Reference
-from d2d.radar.track import Track
+from d2d.radar.trajectory import Track
 from d2d.scores import LEVELS, Whitened, crps, whiten, within
 
 if TYPE_CHECKING:

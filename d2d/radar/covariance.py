@@ -41,7 +41,8 @@ def propagate_ego_motion(
         sensor, instead of two independent errors, as in the cost.  Without ``doppler`` it has no
         effect.
     **options
-        ``doppler``, ``outlier`` and ``first_order``, as for `estimate_ego_motion`.
+        ``doppler``, ``outlier``, ``doppler_width`` and ``first_order``, as for
+        `estimate_ego_motion`.
 
     Returns
     -------

@@ -19,7 +19,7 @@ from d2d.radar.joint import (
 from d2d.radar.options import EstimationOptions
 from d2d.radar.scan import Mounting, RadarScan
 from d2d.radar.scan_pair import ScanPair
-from d2d.radar.track import Track
+from d2d.radar.trajectory import Track
 
 
 def compare_tracks(first: Track, second: Track) -> Comparison:
@@ -122,7 +122,8 @@ def compare_halves(
     baseline : int
         Number of scans between the two of a pair; see `track`.
     **options
-        ``doppler``, ``outlier``, ``first_order`` and ``scales``, as for `estimate_ego_motion`.
+        ``doppler``, ``outlier``, ``doppler_width``, ``first_order`` and ``scales``, as for
+        `estimate_ego_motion`.
 
     Returns
     -------

@@ -8,20 +8,15 @@ from numpy.typing import ArrayLike
 
 from d2d._checks import check_count, check_members, check_rows
 from d2d._types import Array
+from d2d.radar.budget import ErrorBudget
 from d2d.radar.doppler import doppler_ego_motion, doppler_starts
 from d2d.radar.ego_motion import check_velocity, estimate_velocity
+from d2d.radar.following import DEFAULT_LIMITS, Interval, Search, check_tracking, follow
 from d2d.radar.options import EstimationOptions, split_options
+from d2d.radar.plausibility import VehicleLimits
 from d2d.radar.scan import Mounting, RadarScan
 from d2d.radar.scan_pair import ScanPair, check_pairs, scan_pair
-from d2d.radar.track import (
-    MAX_INTERVAL,
-    Attempt,
-    Track,
-    attempt_at,
-    check_intervals,
-    follow,
-    increasing,
-)
+from d2d.radar.track import MAX_INTERVAL, Track, check_intervals, increasing
 from d2d.registration import Estimate
 
 Sensor = tuple[Sequence[RadarScan], Mounting]
@@ -48,7 +43,8 @@ def estimate_joint_ego_motion(
         `doppler_ego_motion` finds from all current scans; if they do not determine all of it, the
         starts that `estimate_ego_motion` would take from the scan with the most targets.
     **options
-        ``doppler``, ``outlier``, ``first_order`` and ``scales``, as for `estimate_ego_motion`.
+        ``doppler``, ``outlier``, ``doppler_width``, ``first_order`` and ``scales``, as for
+        `estimate_ego_motion`.
 
     Returns
     -------
@@ -83,6 +79,8 @@ def track_joint(
     baseline: int = 1,
     initial: ArrayLike | None = None,
     max_interval: float = MAX_INTERVAL,
+    budget: ErrorBudget | None = None,
+    limits: VehicleLimits | None = DEFAULT_LIMITS,
     **options: Unpack[EstimationOptions],
 ) -> Track:
     """Ego-motion over a whole drive from several sensors that need not be synchronised.
@@ -101,14 +99,22 @@ def track_joint(
         Start [v_x, v_y, omega] of the first estimate.
     max_interval : float, s
         Longest time between two scans of a sensor, and between two rounds; see `track`.
+    budget, limits
+        As for `track`.  Each sensor has errors of its own, all of the same standard deviations.
     **options
-        ``doppler``, ``outlier``, ``first_order`` and ``scales``, as for `estimate_ego_motion`.
+        ``doppler``, ``outlier``, ``doppler_width``, ``first_order`` and ``scales``, as for
+        `estimate_ego_motion`.
 
     Returns
     -------
     Track
         ``times`` are the mean times of each round's scans.  Pairs with an empty scan are left out.
         Estimates that fail are handled as in `track`.
+
+    Warns
+    -----
+    UserWarning
+        As `track` does.
 
     Raises
     ------
@@ -118,6 +124,7 @@ def track_joint(
         argument.
     """
     check_count("baseline", baseline)
+    check_tracking(budget, limits)
     drives = [
         (check_members(f"sensors[{number}][0]", scans, RadarScan), mounting)
         for number, (scans, mounting) in enumerate(
@@ -131,14 +138,16 @@ def track_joint(
     times = np.array([np.mean([drives[s][0][i].time for s, i in group]) for group in groups])
     check_intervals("the rounds of all sensors", times, max_interval)
 
-    def solve(i: int, start: Array | None) -> Attempt | None:
+    def bind(i: int) -> Interval | None:
         pairs = joint_pairs(drives, groups[i + 1], baseline)
         if not pairs:
             return None
-        problem = model.problem([scan_pair(*pair, model) for pair in pairs])
-        return attempt_at(problem, _starts(pairs) if start is None else start, scales)
+        return Interval(model.problem([scan_pair(*pair, model) for pair in pairs]), pairs)
 
-    return follow(times, solve, initial)
+    def begin(i: int) -> Array:
+        return _starts(joint_pairs(drives, groups[i + 1], baseline))
+
+    return follow(times, Search(bind, begin, scales), initial, budget, limits)
 
 
 def rounds(

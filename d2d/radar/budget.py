@@ -1,0 +1,184 @@
+"""What the targets of a scan share: errors that their standard deviations do not tell."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+
+from d2d import _kernel
+from d2d._checks import check_scalar
+from d2d._types import Array
+from d2d.problem import CrossDerivatives, Problem
+from d2d.radar.influence import cross_range
+from d2d.radar.scan_pair import ScanPair
+from d2d.registration import Estimate
+
+_SLOPE_SPAN = 0.5  # s to either side, over which an acceleration is fitted
+
+
+@dataclass(frozen=True)
+class ErrorBudget:
+    """Standard deviations of the errors that many targets share.
+
+    The inverse Hessian takes the errors of all targets as independent, so it becomes ever smaller
+    with their number.  What they have in common does not average out.  With a budget, the
+    covariance of a track is the propagated noise of the single targets plus what these errors do to
+    the estimate, each through the sum of the influences of the targets that share it.
+
+    Attributes
+    ----------
+    azimuth : float, rad
+        Of an azimuth bias of each sensor, the error of its mounting angle included.
+    doppler : float, m/s
+        Of an error of all Doppler velocities of a sensor's scan: rounding that its static targets
+        share, drift of the oscillator, multipath.
+    scale : float
+        Of a relative error of the Doppler velocities of all sensors, or of the speed of what they
+        are compared with.
+    lag : float, s
+        Of the time to which an estimate belongs; multiplied by the vehicle's acceleration.
+    neighbours : float, m
+        Length over which the position errors of neighbouring targets are correlated, as
+        exp(-distance / length).  Reflections of one object shift together.
+    source : str
+        Where the numbers come from.
+
+    Raises
+    ------
+    ValueError
+        If a number is negative, nan or inf; the message names it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from d2d.radar import ErrorBudget, simulate_drive, track
+    >>> drive = simulate_drive(np.random.default_rng(0), duration=2.0)
+    >>> budget = ErrorBudget(azimuth=np.deg2rad(0.1), doppler=0.02, source="data sheet")
+    >>> driven = track(drive.scans, drive.mounting, budget=budget)
+    >>> bool((driven.parts.total == driven.covariance).all())
+    True
+    """
+
+    azimuth: float = 0.0
+    doppler: float = 0.0
+    scale: float = 0.0
+    lag: float = 0.0
+    neighbours: float = 0.0
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if field.name == "source":
+                continue
+            value = check_scalar(field.name, getattr(self, field.name))
+            if value < 0.0:
+                raise ValueError(f"{field.name} must not be negative, but is {value:g}")
+            object.__setattr__(self, field.name, float(value))
+        if not isinstance(self.source, str):
+            raise ValueError(f"source must be a str, but is a {type(self.source).__name__}")
+
+
+class CovarianceParts(NamedTuple):
+    """The parts of a track's covariances, each (n, 3, 3) in m/s, m/s, rad/s.
+
+    A filter may take the first two as white noise.  The systematic part changes slowly: it belongs
+    into the filter's state, or its steps must be far enough apart.
+
+    Attributes
+    ----------
+    noise : (n, 3, 3) array
+        Of the errors of each target, independent of all others.
+    dependence : (n, 3, 3) array
+        What the correlation of neighbouring targets adds.
+    systematic : (n, 3, 3) array
+        Of the errors that all targets of a scan, or all sensors, share.
+    """
+
+    noise: Array
+    dependence: Array
+    systematic: Array
+
+    @property
+    def total(self) -> Array:
+        """The sum of the parts."""
+        return self.noise + self.dependence + self.systematic
+
+
+def covariance_parts(
+    problem: Problem,
+    estimate: Estimate,
+    pairs: Sequence[ScanPair],
+    budget: ErrorBudget,
+) -> CovarianceParts:
+    """The parts (3, 3) of the covariance of a velocity, without what the lag causes.
+
+    ``pairs`` are those of the problem; no scan is in two of them.
+    """
+    cross = problem.cross_derivatives(problem.bind(estimate.theta), 0, 1)
+    gain = -estimate.covariance
+    noise, dependence, systematic = np.zeros((3, 3, 3))
+    scaled = np.zeros(3)
+    fixed = moving = 0
+    for pair, (previous, current, mounting) in zip(problem.pairs, pairs, strict=True):
+        turned, shifted = np.zeros(3), np.zeros(3)
+        sides = (
+            (previous, pair.fixed, _of_fixed(cross, slice(fixed, fixed + pair.fixed.size))),
+            (current, pair.moving, _of_moving(cross, slice(moving, moving + pair.moving.size))),
+        )
+        for scan, points, (position, doppler, prediction) in sides:
+            lever = cross_range(scan, mounting)
+            turned += np.einsum("kij,kj->i", position, lever) + prediction.sum(axis=0)
+            shifted += doppler.sum(axis=0)
+            scaled += scan.doppler @ doppler
+            sigmas = np.stack([scan.sigma_doppler, scan.sigma_azimuth])
+            _kernel.add_errors(
+                position, doppler, prediction, points.covariances, lever, sigmas, noise
+            )
+            if budget.neighbours:
+                order = np.argsort(points.means[:, 0], kind="stable")
+                _kernel.add_dependence(position, points.means, order, budget.neighbours, dependence)
+        systematic += budget.azimuth**2 * np.outer(turned, turned)
+        systematic += budget.doppler**2 * np.outer(shifted, shifted)
+        fixed, moving = fixed + pair.fixed.size, moving + pair.moving.size
+    systematic += budget.scale**2 * np.outer(scaled, scaled)
+    both = (total + np.triu(total, 1).T for total in (noise, dependence))
+    return CovarianceParts(*(gain @ part @ gain for part in (*both, systematic)))
+
+
+def _of_fixed(cross: CrossDerivatives, part: slice) -> tuple[Array, Array, Array]:
+    """Derivatives of the gradient in what the previous scan measures; only positions count."""
+    position = cross.fixed[0, part]
+    nothing = np.zeros((len(position), 3))
+    return position, nothing, nothing
+
+
+def _of_moving(cross: CrossDerivatives, part: slice) -> tuple[Array, Array, Array]:
+    """Derivatives of the gradient in what the current scan measures."""
+    return cross.moving[0, part], cross.measured[0, part], cross.input[0, part]
+
+
+def with_lag(parts: CovarianceParts, times: Array, theta: Array, lag: float) -> CovarianceParts:
+    """The parts (n, 3, 3) with a lag (s) times the acceleration in the systematic one.
+
+    The acceleration is the slope of the velocities theta (n, 3) at ``times`` (n,) within half a
+    second to either side.
+    """
+    if not lag:
+        return parts
+    moved = lag * accelerations(times, theta)
+    added = moved[:, :, None] * moved[:, None, :]
+    return parts._replace(systematic=parts.systematic + added)
+
+
+def accelerations(times: Array, theta: Array) -> Array:
+    """Slope (n, 3) of velocities (n, 3), by least squares within half a second to either side."""
+    t = (times - times[0])[:, None]
+    columns = np.hstack([np.ones_like(t), t, t**2, theta, t * theta])
+    sums = np.vstack([np.zeros(columns.shape[1]), np.cumsum(columns, axis=0)])
+    first = np.searchsorted(times, times - _SLOPE_SPAN, side="left")
+    last = np.searchsorted(times, times + _SLOPE_SPAN, side="right")
+    count, time, square, value, product = np.split(sums[last] - sums[first], [1, 2, 3, 6], axis=1)
+    spread = square - time**2 / count
+    enough = spread > 1e-9  # s^2: a single estimate has no slope
+    return np.where(enough, (product - time * value / count) / np.where(enough, spread, 1.0), 0.0)

@@ -1,0 +1,171 @@
+"""The intervals of a drive one after the other, each started at the last accepted velocity."""
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from d2d._checks import check_instance
+from d2d._types import Array
+from d2d.problem import Problem
+from d2d.radar.budget import CovarianceParts, ErrorBudget, covariance_parts, with_lag
+from d2d.radar.ego_motion import check_velocity, estimate_velocity
+from d2d.radar.plausibility import State, VehicleLimits
+from d2d.radar.scan_pair import ScanPair
+from d2d.radar.trajectory import Track
+from d2d.registration import Estimate
+
+DEFAULT_LIMITS = VehicleLimits()
+# The wide outlier component has an optimum of its own, far from where the scans overlap: all
+# targets are outliers there, and the Hessian is positive definite.  An optimum at which the mean
+# inlier probability of the targets is below this is not accepted as the vehicle's motion.
+MIN_EXPLAINED = 0.1
+# A wrong optimum rarely explains more than half of the targets (chapter 9).  One that explains at
+# least this fraction is accepted without looking for another.
+WELL_EXPLAINED = 0.6
+_SAMPLE = 50  # intervals whose positions are compared with the Doppler velocities
+
+
+class Interval(NamedTuple):
+    """The cost of one interval's velocity, and the pairs of scans that it sums."""
+
+    problem: Problem
+    pairs: Sequence[ScanPair]
+
+    @property
+    def targets(self) -> int:
+        """Number of targets of the current scans."""
+        return sum(current.size for _, current, _ in self.pairs)
+
+
+class Search(NamedTuple):
+    """How the intervals of a drive are bound and where their search begins.
+
+    ``bind(i)`` gives interval i, or None if there is nothing to estimate; ``begin(i)`` gives starts
+    (S, 3) that need no last velocity.
+    """
+
+    bind: Callable[[int], Interval | None]
+    begin: Callable[[int], Array]
+    scales: Sequence[float]
+
+
+def check_tracking(budget: ErrorBudget | None, limits: VehicleLimits | None) -> None:
+    """Raise a ValueError unless the two are what their names say, or None."""
+    if budget is not None:
+        check_instance("budget", budget, ErrorBudget)
+    if limits is not None:
+        check_instance("limits", limits, VehicleLimits)
+
+
+def is_good(estimate: Estimate) -> bool:
+    """Whether an estimate is an optimum that does not reject nearly all targets."""
+    return bool(estimate.converged) and float(estimate.inliers) >= MIN_EXPLAINED
+
+
+def is_convincing(estimate: Estimate) -> bool:
+    """Whether it explains so many targets that no other optimum is looked for."""
+    return bool(estimate.converged) and float(estimate.inliers) >= WELL_EXPLAINED
+
+
+def follow(
+    times: Array,
+    search: Search,
+    initial: ArrayLike | None,
+    budget: ErrorBudget | None,
+    limits: VehicleLimits | None,
+) -> Track:
+    """Estimate the n - 1 intervals between n times in turn."""
+    velocity = None if initial is None else check_velocity(initial)
+    last: State | None = None
+    count = len(times) - 1
+    theta, covariance = np.zeros((count, 3)), np.full((count, 3, 3), np.nan)
+    parts = np.full((3, count, 3, 3), np.nan)
+    inliers, targets = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
+    reasons = [""] * count
+    for i in range(count):
+        interval = search.bind(i)
+        if interval is None:
+            reasons[i] = "a scan without targets"
+        else:
+            estimate = _estimate(search, i, interval.problem, velocity)
+            inliers[i], targets[i] = float(estimate.inliers), interval.targets
+            reasons[i] = _reason(estimate)
+        if interval is not None and not reasons[i]:
+            stated = estimate.covariance
+            if budget is not None:
+                parts[:, i] = covariance_parts(interval.problem, estimate, interval.pairs, budget)
+                stated = parts[:, i].sum(axis=0)
+            state = State(times[i + 1], estimate.theta, np.sqrt(np.diagonal(stated)))
+            reasons[i] = "" if limits is None else limits.exceeded(state, last)
+            if not reasons[i]:
+                last, velocity, covariance[i] = state, estimate.theta, stated
+        theta[i] = 0.0 if velocity is None else velocity
+    converged = np.array([not reason for reason in reasons])
+    track = Track(
+        times[1:], np.diff(times), theta, covariance, converged, np.array(reasons), targets, inliers
+    )
+    _warn_of_contradiction(track, search)
+    return track if budget is None else _with_budget(track, parts, budget)
+
+
+def _estimate(search: Search, i: int, problem: Problem, velocity: Array | None) -> Estimate:
+    """The optimum near the last velocity; where it is doubtful, the better of two."""
+    start = search.begin(i) if velocity is None else velocity
+    first = estimate_velocity(problem, start, search.scales)
+    if velocity is None or is_convincing(first):
+        return first
+    second = estimate_velocity(problem, search.begin(i), search.scales)
+    return min(first, second, key=lambda each: (not is_good(each), float(each.value)))
+
+
+def _reason(estimate: Estimate) -> str:
+    """Why an estimate is not accepted; empty if nothing speaks against it."""
+    if not estimate.converged:
+        return "no optimum near the start"
+    if not is_good(estimate):
+        return f"an optimum that rejects {1.0 - float(estimate.inliers):.0%} of the targets"
+    return ""
+
+
+def _with_budget(track: Track, parts: Array, budget: ErrorBudget) -> Track:
+    """The track with the covariances' parts, the one caused by the lag included."""
+    parts[:, ~track.converged] = np.nan
+    complete = with_lag(CovarianceParts(*parts), track.times, track.theta, budget.lag)
+    return replace(track, covariance=complete.total, parts=complete)
+
+
+def _warn_of_contradiction(track: Track, search: Search) -> None:
+    """Warn if most positions fit the opposite of what the Doppler velocities say.
+
+    A flipped sign of the Doppler velocities, or of the azimuths, gives an optimum all the same:
+    the positions decide little about the speed.
+    """
+    accepted = np.flatnonzero(track.converged)
+    sample = accepted[:: max(1, len(accepted) // _SAMPLE)]
+    better = compared = 0
+    for i in sample:
+        interval = search.bind(i)
+        if interval is None or interval.problem.pairs[0].measurement is None:
+            return
+        problem = _of_positions(interval.problem)
+        forward = np.array([track.theta[i], track.theta[i] * [-1.0, -1.0, 1.0]])
+        values, _, _ = problem.derivatives(problem.bind(forward))
+        compared += 1
+        better += bool(values[1] < values[0])
+    if compared >= 5 and better > 0.8 * compared:
+        warnings.warn(
+            f"Doppler velocities and positions contradict each other: in {better} of {compared} "
+            "intervals the positions fit the opposite velocity better.  Are the Doppler velocities "
+            "positive for receding targets, and the azimuths counter-clockwise?",
+            UserWarning,
+            stacklevel=4,
+        )
+
+
+def _of_positions(problem: Problem) -> Problem:
+    """The problem without its measurements."""
+    return replace(problem, pairs=[pair._replace(measurement=None) for pair in problem.pairs])

@@ -1,0 +1,76 @@
+"""What a vehicle can do, and what it cannot."""
+
+from dataclasses import dataclass, fields
+from typing import NamedTuple
+
+import numpy as np
+
+from d2d._checks import check_positive, check_scalar
+from d2d._types import Array
+
+_SIGMAS = 3.0  # standard deviations that an estimate may lie beyond a limit
+
+
+class State(NamedTuple):
+    """A velocity [v_x, v_y, omega] at its time, with its standard deviations."""
+
+    time: float  # s
+    theta: Array  # (3,)
+    sigmas: Array  # (3,)
+
+
+@dataclass(frozen=True)
+class VehicleLimits:
+    """How fast a vehicle moves, and how fast its velocity changes.
+
+    The defaults are far beyond what a road vehicle does in traffic.  An estimate that exceeds a
+    limit by more than three of its own standard deviations is not accepted: radar alone sometimes
+    finds an optimum that no vehicle could follow, and its inlier probability does not tell.
+
+    Attributes
+    ----------
+    speed : float, m/s
+        Of the vehicle frame's origin.
+    yaw_rate : float, rad/s
+    acceleration : float, m/s^2
+        Of v_x and of v_y, from one accepted estimate to the next.
+    yaw_acceleration : float, rad/s^2
+
+    Raises
+    ------
+    ValueError
+        If a limit is not positive; the message names it.  ``math.inf`` switches one off.
+    """
+
+    speed: float = 100.0
+    yaw_rate: float = 3.0
+    acceleration: float = 20.0
+    yaw_acceleration: float = 2.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            limit = getattr(self, field.name)
+            if limit != np.inf:
+                check_positive(field.name, check_scalar(field.name, limit))
+
+    def exceeded(self, state: State, last: State | None) -> str:
+        """What the state exceeds, in words; empty if it is plausible after the last one."""
+        spread = _SIGMAS * state.sigmas
+        speed, turn = float(np.hypot(*state.theta[:2])), abs(float(state.theta[2]))
+        if speed > self.speed + float(np.hypot(*spread[:2])):
+            return f"a speed of {speed:.1f} m/s"
+        if turn > self.yaw_rate + spread[2]:
+            return f"a yaw rate of {np.rad2deg(turn):.1f} deg/s"
+        if last is None:
+            return ""
+        interval = state.time - last.time
+        change = np.abs(state.theta - last.theta)
+        allowed = interval * np.array([self.acceleration, self.acceleration, self.yaw_acceleration])
+        beyond = change > allowed + _SIGMAS * np.hypot(state.sigmas, last.sigmas)
+        if not beyond.any():
+            return ""
+        which = int(np.argmax(beyond))
+        rate = change[which] / interval
+        if which == 2:
+            return f"a yaw acceleration of {rate:.1f} rad/s^2"
+        return f"an acceleration of {rate:.1f} m/s^2 along {'xy'[which]}"
