@@ -18,7 +18,8 @@ from d2d._types import Array
 # out; the step is then taken to be at most ten times that of the first order.
 _MAX_LEVERAGE = 0.9
 _CHANCE = 2.0  # standard deviations of what chance explains
-_ROWS_AT_ONCE = 256  # of the matrix of all targets' correlations
+_ROWS_AT_ONCE = 32  # of the matrix of all targets' correlations
+_REACH = 7.0  # lengths, beyond which a correlation is below 3e-11
 
 Sums = Callable[[Array], Array]
 
@@ -50,16 +51,22 @@ def nearby(positions: Array, length: float) -> Neighbours:
 
     This is positive definite in any dimension.  Its square is the same with another length.
     """
+    order = np.argsort(positions[:, 0], kind="stable")
 
     def summing(scale: float) -> Sums:
-        scaled = positions / scale
+        scaled = positions[order] / scale
+        along = scaled[:, 0]
 
         def sums(values: Array) -> Array:
-            total = np.empty(values.shape)
+            total, ordered = np.empty(values.shape), values[order]
             for first in range(0, len(values), _ROWS_AT_ONCE):
                 rows = slice(first, first + _ROWS_AT_ONCE)
-                apart = scaled[rows, None] - scaled[None]
-                total[rows] = np.exp(-0.5 * (apart * apart).sum(axis=-1)) @ values
+                reach = along[rows][0] - _REACH, along[rows][-1] + _REACH
+                columns = slice(*np.searchsorted(along, reach))
+                square = np.zeros((len(along[rows]), len(along[columns])))
+                for axis in scaled.T:
+                    square += (axis[rows, None] - axis[columns]) ** 2
+                total[order[rows]] = np.exp(-0.5 * square) @ ordered[columns]
             return total
 
         return sums
@@ -96,17 +103,18 @@ def godambe(
     root = np.linalg.cholesky(reference)
     to_reference = back @ np.linalg.inv(root).T
 
-    def away(power: float) -> Array:
-        """W - I of the corrected scores."""
-        steps = np.einsum("kij,kj->ki", axes, along * rest**power) @ to_reference
-        scatter = steps.T @ neighbours.weighted(steps)
-        return np.asarray(0.5 * (scatter + scatter.T) - np.eye(p))
+    def corrected(power: float) -> Array:
+        return np.asarray(np.einsum("kij,kj->ki", axes, along * rest**power) @ to_reference)
 
+    both = np.concatenate([corrected(-0.5), corrected(-1.0)], axis=1)
+    scatter = both.T @ neighbours.weighted(both)
+    scatter = 0.5 * (scatter + scatter.T)
+    unbiased, jackknife = (scatter[i : i + p, i : i + p] - np.eye(p) for i in (0, p))
     share = np.trace(information, axis1=1, axis2=2)[:, None] / p
     chance = _CHANCE**2 * p * (p + 1) * float((share * neighbours.squared(share)).sum())
-    seen = float((away(-0.5) ** 2).sum())
+    seen = float((unbiased * unbiased).sum())
     kept = 1.0 - chance / seen if seen > chance else 0.0
-    values, vectors = np.linalg.eigh(np.eye(p) + kept * away(-1.0))
+    values, vectors = np.linalg.eigh(np.eye(p) + kept * jackknife)
     if floor:
         values = np.maximum(values, 1.0)
     whole = root @ vectors

@@ -111,8 +111,8 @@ def test_neighbours_are_weighted_by_their_distance(length):
     apart = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
     kernel = np.exp(-0.5 * (apart / length) ** 2)
     near = nearby(positions, length)
-    assert_allclose(near.weighted(values), kernel @ values, rtol=1e-9, atol=1e-12)
-    assert_allclose(near.squared(values), kernel**2 @ values, rtol=1e-9, atol=1e-12)
+    assert_allclose(near.weighted(values), kernel @ values, rtol=1e-9, atol=1e-9)
+    assert_allclose(near.squared(values), kernel**2 @ values, rtol=1e-9, atol=1e-9)
 
 
 def test_clear_scores_of_neighbours_give_the_formula():
