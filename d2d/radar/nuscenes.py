@@ -105,9 +105,9 @@ def load_nuscenes(
     Recording
         With the budget `NUSCENES_BUDGET`.  Times in s, in the frame whose origin is the middle of
         the rear axle.  Targets are kept if the radar calls them valid and their velocity
-        unambiguous, and if position and velocity are finite.  The radar's velocity is projected onto the line of sight.  The reference's v_y and
-        omega are the derivatives of the poses on the CAN bus, or else of those in
-        ``ego_pose.json``.
+        unambiguous, and if position and velocity are finite.  The radar's velocity is projected
+        onto the line of sight.  The reference's v_y and omega are the derivatives of the poses on
+        the CAN bus, or else of those in ``ego_pose.json``.
 
     Raises
     ------
