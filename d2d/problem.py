@@ -199,19 +199,66 @@ class Problem:
 
     def log_densities(self, bound: Bound) -> Array:
         """log q_k (..., K) of every target of every pair, one pair after the other."""
-        return self._of_targets(bound, _kernel.LOG_DENSITY)
+        return self._of_targets(bound, (_kernel.LOG_DENSITY,))[..., 0, :]
 
     def inlier_shares(self, bound: Bound) -> Array:
         """Share (..., K) of the inlier component in each target's density."""
         if self.form.outlier[0] == _kernel.NO_OUTLIER:
             return np.ones((*bound.shape, sum(pair.moving.size for pair in self.pairs)))
-        return self._of_targets(bound, _kernel.SHARE)
+        return self._of_targets(bound, (_kernel.SHARE,))[..., 0, :]
 
-    def _of_targets(self, bound: Bound, row: int) -> Array:
+    def scores(self, bound: Bound, begin: int, end: int) -> tuple[Array, Array]:
+        """What each target adds to the gradient (C, K, P) and Hessian (C, K, P, P) of the cost.
+
+        Of the bound problems from ``begin`` to ``end``; targets as in `cross_derivatives`.
+        """
+        first = bound.batch.first[begin : end + 1]
+        part = Bound(bound.thetas[begin:end], bound.batch._replace(first=first), (end - begin,))
+        rows = (_kernel.LOG_DENSITY, *_kernel.GRADIENT, *_kernel.CURVATURE)
+        terms = np.swapaxes(self._of_targets(part, rows), 1, 2)
+        gradients, hessians, start = [], [], 0
+        for pair in self.pairs:
+            own = terms[:, start : start + pair.moving.size]
+            g, second = own[..., 1:4], own[..., 4:].reshape(*own.shape[:2], 3, 3)
+            outer = g[..., :, None] * g[..., None, :]
+            if self.form.fusion == _kernel.SUMMING:
+                share = np.exp(own[..., 0] - own[..., 0].max(axis=1, keepdims=True))
+                share /= share.sum(axis=1, keepdims=True)
+                mean = (share[..., None] * g).sum(axis=1)[:, None]
+                outer = 0.5 * (g[..., :, None] * mean[..., None, :])
+                outer = outer + np.swapaxes(outer, -1, -2)
+                g, second = share[..., None] * g, share[..., None, None] * second
+                outer = share[..., None, None] * outer
+            gradient, hessian = -g, outer - second
+            if self.kind != _kernel.MOTION:
+                gradient, hessian = self._in_velocity(part.thetas, pair, gradient, hessian)
+            gradients.append(gradient)
+            hessians.append(hessian)
+            start += pair.moving.size
+        p = self.parameters
+        return (
+            np.concatenate(gradients, axis=1)[..., :p],
+            np.concatenate(hessians, axis=1)[..., :p, :p],
+        )
+
+    def _in_velocity(
+        self, thetas: Array, pair: Pair, gradient: Array, hessian: Array
+    ) -> tuple[Array, Array]:
+        """Derivatives (B, K, ...) in a pair's motion become those in the velocity (B, 3)."""
+        tau = pair.interval
+        if self.kind == _kernel.CHORD:
+            return tau * gradient, tau**2 * hessian
+        _, first, second = rigid.exponential_derivatives(tau * thetas)
+        bent = np.einsum("bki,biuv->bkuv", gradient, second)
+        turned = np.swapaxes(first, -1, -2)[:, None] @ hessian @ first[:, None]
+        return tau * (gradient @ first), tau**2 * (turned + bent)
+
+    def _of_targets(self, bound: Bound, rows: tuple[int, ...]) -> Array:
+        """Rows of the kernel's results for each target (..., rows, K)."""
         targets = sum(pair.moving.size for pair in self.pairs)
-        values = np.empty((len(bound.thetas), targets))
-        _kernel.target_batch(bound.batch, bound.thetas, row, _kernel.make_work(), values)
-        return values.reshape(*bound.shape, targets)
+        values = np.empty((len(bound.thetas), len(rows), targets))
+        _kernel.target_batch(bound.batch, bound.thetas, np.array(rows), _kernel.make_work(), values)
+        return values.reshape(*bound.shape, len(rows), targets)
 
 
 def members(own: tuple[int, ...], shape: tuple[int, ...]) -> NDArray[np.int64]:

@@ -47,10 +47,11 @@ def evaluate_batch(batch, thetas, work, value, gradient, hessian):
 
 
 @entry
-def target_batch(batch, thetas, row, work, values):
-    """A row of the scratch array for every target of every problem (B, targets), at its theta.
+def target_batch(batch, thetas, rows, work, values):
+    """Rows of the scratch array for every target of every problem (B, rows, targets), at its theta.
 
-    LOG_DENSITY holds log q_k, SHARE the inlier component's share in it.
+    LOG_DENSITY holds log q_k, GRADIENT its gradient in the motion, CURVATURE the second derivatives
+    of q_k over q_k, and SHARE the inlier component's share in q_k.
     """
     w = work.scratch
     for b in range(thetas.shape[0]):
@@ -65,7 +66,8 @@ def target_batch(batch, thetas, row, work, values):
             for first in range(0, targets, LANES):
                 evaluate_block(w, fixed, moving, order, factors, outlier, setting, first)
                 for k in range(min(LANES, targets - first)):
-                    values[b, done + order[first + k]] = w[row + k]
+                    for r in range(rows.shape[0]):
+                        values[b, r, done + order[first + k]] = w[rows[r] + k]
             done += targets
 
 
