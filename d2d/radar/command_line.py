@@ -204,7 +204,8 @@ def _add_estimation(parser: argparse.ArgumentParser) -> None:
         "--extent",
         type=float,
         metavar="M",
-        help="how far reflections wander on objects from scan to scan, as a standard deviation",
+        help="how far reflections wander on objects from scan to scan, as a standard deviation "
+        "(default: the data set's own, or 0 for a log)",
     )
     how.add_argument(
         "--max-interval",
@@ -221,7 +222,8 @@ def _add_budget(parser: argparse.ArgumentParser) -> None:
     shared = parser.add_argument_group(
         "error budget",
         "Standard deviations of errors that many targets share. They do not average out, so that\n"
-        "covariances without them are too small. What is not given is zero, or the data set's own.",
+        "covariances without them are too small. What is not given is the data set's own,\n"
+        "or zero for a log.",
     )
     shared.add_argument(
         "--budget-azimuth", type=float, metavar="DEG", help="of each sensor's azimuth and mounting"
@@ -269,7 +271,7 @@ def _source(arguments: argparse.Namespace) -> Source:
     else:
         recordings = _recordings(arguments)
         sensors = [(each.scans, each.mounting) for each in recordings]
-        budget = getattr(recordings[0], "budget", None) or ErrorBudget()
+        budget = recordings[0].budget or ErrorBudget()
     if arguments.extent is not None:
         sensors = [
             ([scan.with_extent(arguments.extent) for scan in scans], mounting)

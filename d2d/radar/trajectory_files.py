@@ -31,9 +31,8 @@ COLUMNS = {
 }
 _TITLE = "# Velocities of a vehicle and their covariances, written by d2d, format 1"
 _EXPLAINED = (
-    "# v_x forward and v_y left of the vehicle frame's origin, omega counter-clockwise, each over",
-    "# the interval that ends at the time. Where converged is 0, the covariance is nan and the",
-    "# velocity is the last one that was accepted.",
+    "# v_x forward and v_y left of the vehicle frame's origin, omega counter-clockwise. Where",
+    "# converged is 0, the covariance is nan and the velocity is the last one that was accepted.",
 )
 
 

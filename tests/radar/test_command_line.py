@@ -115,7 +115,7 @@ def test_a_log_in_degrees_without_standard_deviations(tmp_path):
         RadarScan(scan.time, scan.range, scan.azimuth, scan.doppler, 0.125, 0.5 * DEGREE, 0.0625)
         for scan in DRIVE.scans
     ]
-    expected = track(scans, DRIVE.mounting)
+    expected = track(scans, DRIVE.mounting, budget=ErrorBudget())
     assert_allclose(Track.load(tmp_path / "drive.npz").theta, expected.theta, atol=1e-6)
 
 

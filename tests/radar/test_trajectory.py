@@ -293,8 +293,8 @@ def test_a_table_that_was_cut_off_is_refused_wherever_that_was(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda row: row + " 1.0", "line 9: there must be 12 numbers, but are 13"),
-        (lambda row: row.replace(row.split()[3], "fast"), "line 9: could not .* 'fast'"),
+        (lambda row: row + " 1.0", "line 8: there must be 12 numbers, but are 13"),
+        (lambda row: row.replace(row.split()[3], "fast"), "line 8: could not .* 'fast'"),
         (lambda row: "", "is not whole: its last line must be '# end of 39 estimates'"),
     ],
     ids=["too-many", "word", "none"],
@@ -303,7 +303,7 @@ def test_a_row_that_cannot_be_read_is_named(tmp_path, change, said):
     file = tmp_path / "drive.txt"
     example().write_velocities(file)
     lines = file.read_text(encoding="utf-8").splitlines()
-    lines[8] = change(lines[8])
+    lines[7] = change(lines[7])
     file.write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(ValueError, match=rf"drive\.txt.* ?{said}"):
         Track.read_velocities(file)
