@@ -108,7 +108,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 if all went well, 1 if not; what was wrong is said on the standard error.
+        0 if all went well, 1 if not, 130 if interrupted; what was wrong is said on the standard
+        error.
 
     Raises
     ------
@@ -126,6 +127,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"{_PROGRAM}: error: {error}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        print(f"{_PROGRAM}: interrupted, nothing is written", file=sys.stderr)
+        return 130  # as shells report it
     return 0
 
 

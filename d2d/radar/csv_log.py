@@ -140,8 +140,7 @@ def _header(source: Path, file: TextIO) -> _Header:
         if line.strip() and not line.startswith("#"):
             raise ValueError(
                 f"{source}, line {number}: the first line must name the columns "
-                f"{', '.join(_MEASURED)}, but {', '.join(missing)} is not among "
-                f"{', '.join(map(repr, names))}"
+                f"{', '.join(_MEASURED)}, but names {', '.join(map(repr, names))}"
             )
     raise ValueError(f"{source} is empty: its first line must name the columns")
 

@@ -191,6 +191,26 @@ def test_all_files_are_written_or_none(log, capsys, monkeypatch):
     assert os.listdir(log.parent) == ["log.csv"]
 
 
+def test_an_interruption_leaves_nothing_behind(log, capsys, monkeypatch):
+    """Breaks if Ctrl-C gives a traceback, or files that look like a result."""
+
+    def interrupted(*_arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Track, "save", interrupted)
+    assert main(["track", "--csv", str(log), *FRONT, "--output", str(log.parent / "drive")]) == 130
+    assert "interrupted, nothing is written" in capsys.readouterr().err
+    assert os.listdir(log.parent) == ["log.csv"]
+
+
+def test_without_matplotlib_there_is_no_picture(log, capsys, monkeypatch):
+    """Breaks if what can be written is not, or the picture is left out without a word."""
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(["track", "--csv", str(log), *FRONT, "--output", str(log.parent / "drive")]) == 0
+    assert "no picture" in capsys.readouterr().err
+    assert written(log.parent, "drive") == [f"drive{end}" for end in FILES if end != ".png"]
+
+
 def test_a_track_without_an_estimate_is_no_success(tmp_path, capsys):
     """Breaks if a file full of nan passes for a result."""
     rng = np.random.default_rng(0)

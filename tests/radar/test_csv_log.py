@@ -143,7 +143,7 @@ def test_wrong_standard_deviations_degrees_and_names_are_named_with_their_line(l
         ("", "is empty: its first line must name the columns"),
         (f"{HEADER}\n\n", "has no line with a target"),
         ("0,5,0,0\n", "line 1: the first line must name the columns time, range, azimuth, doppler"),
-        ("time,range,phi,doppler\n", "but azimuth is not among 'time', 'range', 'phi', 'doppler'"),
+        ("time,range,phi,doppler\n", "doppler, but names 'time', 'range', 'phi', 'doppler'"),
         (f"{HEADER},range\n", "line 1: the column 'range' is named twice"),
     ],
     ids=["empty", "header-only", "no-header", "misnamed", "twice"],
