@@ -163,7 +163,7 @@ def test_neighbours_share_what_their_distance_says():
 def test_the_delay_is_how_far_an_accelerating_vehicle_is_ahead():
     """Breaks if an estimate is not carried from the middle of the interval to its time."""
     drives = sensors()
-    pairs, estimate, _, delay = applied(ErrorBudget(), drives)
+    pairs, _, _, delay = applied(ErrorBudget(), drives)
     acceleration = np.array([2.0, 0.0, 0.5])
 
     def change(pair, by):
@@ -285,7 +285,7 @@ def test_estimates_that_no_vehicle_follows_are_not_accepted():
         ([20.0, 0.0, -3.5], 0.1, "a yaw rate of 200.5 deg/s"),
         ([20.0, 1.1, 0.0], 9.0, "a side slip of 1.10 m/s"),
         ([23.0, 0.0, 0.0], 0.1, "an acceleration of 30.0 m/s^2 along x"),
-        ([23.0, 0.0, 0.0], 0.3, ""),
+        ([23.0, 0.0, 0.0], 0.4, ""),
         ([20.0, 0.0, 0.7], 0.1, "a yaw acceleration of 7.0 rad/s^2"),
     ],
 )
