@@ -369,12 +369,12 @@ def test_compiling_leaves_the_collector_as_it_was(collecting):
 
     def fails():
         seen.append(gc.isenabled())
-        raise ValueError
+        raise ValueError("stopped")
 
     was = gc.isenabled()
     try:
         (gc.enable if collecting else gc.disable)()
-        with pytest.raises(ValueError):
+        with pytest.raises(ValueError, match="stopped"):
             compiling.uncollected(fails)()
         assert seen == [False]
         assert gc.isenabled() == collecting
