@@ -116,6 +116,10 @@ def register(
     targets may lack a counterpart, an outlier model.  Then check the
     `RegistrationCost.inlier_probabilities` of the optimum: low throughout, they reveal a wrong one.
 
+    A set whose mean is a thousand times as far from the origin as its targets lie apart, as in map
+    coordinates, is computed about its mean, unless there is a measurement.  All that goes in and
+    comes out is in the coordinates of the sets.
+
     Examples
     --------
     >>> import numpy as np
@@ -273,6 +277,10 @@ def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
         with ThreadPoolExecutor(threads) as pool:
             list(pool.map(run, edges[:-1], edges[1:]))
 
+    if bound.frame is not None:
+        covariance = bound.frame.covariance(thetas, covariance)
+        covariance, converged = _if_definite(covariance, converged, p)
+        thetas, value, gradient, hessian = _in_the_users_frame(problem, bound, thetas)
     return Estimate(
         theta=thetas[:, :p].reshape(*shape, p),
         covariance=covariance[:, :p, :p].reshape(*shape, p, p),
@@ -283,6 +291,37 @@ def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
         iterations=iterations.reshape(shape),
         inliers=_mean_shares(problem, shares).reshape(shape),
     )
+
+
+def _in_the_users_frame(
+    problem: Problem, bound: Bound, thetas: Array
+) -> tuple[Array, Array, Array, Array]:
+    """The optima as the user reads them, with the cost and its derivatives just there.
+
+    Far from the origin their coordinates are rounded, by which the start may be the better one.
+    """
+    assert bound.frame is not None
+    assert bound.given is not None
+    outer = bound.frame.outward(thetas)
+    found = outer, *problem.derivatives(bound._replace(thetas=bound.frame.inward(outer)))
+    start = bound.given, *problem.derivatives(bound)
+    better = start[1] < found[1]
+    for own, other in zip(found, start, strict=True):
+        own[better] = other[better]
+    return found
+
+
+def _if_definite(
+    covariance: Array, converged: NDArray[np.bool_], p: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Where doubles cannot tell a covariance (B, 3, 3) from a singular one, nothing converged."""
+    own = covariance[:, :p, :p]
+    size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))
+    unit = np.where(
+        converged[:, None, None], own / (size[:, :, None] * size[:, None, :]), np.eye(p)
+    )
+    converged = converged & (np.linalg.eigvalsh(unit)[:, 0] > 0.0)
+    return np.where(converged[:, None, None], covariance, np.nan), converged
 
 
 def _mean_shares(problem: Problem, shares: Array) -> Array:
