@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from d2d import _kernel, rigid
 from d2d._checks import broadcast_batches
 from d2d._lazy import lazy
+from d2d._slices import run_in_slices
 from d2d._types import Array
 from d2d.frame import Frame, packed_about_origins
 from d2d.measurement import LinearMeasurement
@@ -55,6 +56,10 @@ class Bound(NamedTuple):
     frame: Frame | None = None  # of the thetas, if it is not the user's
     given: Array | None = None  # (B, 3) in the user's frame, if there is another
 
+    def part(self, first: int, last: int) -> _kernel.Batch:
+        """The problems from ``first`` to ``last``."""
+        return self.batch._replace(first=self.batch.first[first : last + 1])
+
 
 class CrossDerivatives(NamedTuple):
     """d2f / d theta d z, one block for each measured quantity."""
@@ -91,6 +96,11 @@ class Problem:
     def parameters(self) -> int:
         """Number P of parameters."""
         return rigid.PARAMETERS[self.pairs[0].fixed.dimension]
+
+    @property
+    def size(self) -> int:
+        """Number of pairs of a target and a component in one problem."""
+        return sum(pair.fixed.size * pair.moving.size for pair in self.pairs)
 
     def inflated(self, scale: float) -> "Problem":
         """The problem with all standard deviations multiplied by ``scale``."""
@@ -190,7 +200,12 @@ class Problem:
         count = len(bound.thetas)
         value, gradient, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
         work = _kernel.make_work()
-        _kernel.evaluate_batch(bound.batch, bound.thetas, work, value, gradient, hessian)
+
+        def run(first: int, last: int) -> None:
+            own = (a[first:last] for a in (value, gradient, hessian))
+            _kernel.evaluate_batch(bound.part(first, last), bound.thetas[first:last], work, *own)
+
+        run_in_slices(run, count, self.size)
         if bound.frame is not None:
             gradient, hessian = bound.frame.derivatives(bound.thetas, gradient, hessian)
         return value, gradient, hessian
@@ -232,7 +247,13 @@ class Problem:
     def _of_targets(self, bound: Bound, row: int) -> Array:
         targets = sum(pair.moving.size for pair in self.pairs)
         values = np.empty((len(bound.thetas), targets))
-        _kernel.target_batch(bound.batch, bound.thetas, row, _kernel.make_work(), values)
+        work = _kernel.make_work()
+
+        def run(first: int, last: int) -> None:
+            thetas, own = bound.thetas[first:last], values[first:last]
+            _kernel.target_batch(bound.part(first, last), thetas, row, work, own)
+
+        run_in_slices(run, len(values), self.size)
         return values.reshape(*bound.shape, targets)
 
 

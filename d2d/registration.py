@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -18,6 +17,7 @@ from d2d._checks import (
     check_scalar,
     check_schedule,
 )
+from d2d._slices import run_in_slices
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.measurement import LinearMeasurement
@@ -252,7 +252,7 @@ def anneal(
 
 def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
     """The optimum of each bound problem near its parameters."""
-    batch, thetas = bound.batch, bound.thetas.copy()
+    thetas = bound.thetas.copy()
     count, p, shape = len(thetas), problem.parameters, bound.shape
     value, gradient, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
     covariance = np.full((count, 3, 3), np.nan)
@@ -261,22 +261,11 @@ def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
     results = value, gradient, hessian, covariance, converged, iterations, shares
 
     def run(first: int, last: int) -> None:
-        part = batch._replace(first=batch.first[first : last + 1])
         own = tuple(array[first:last] for array in results)
-        _kernel.minimise_batch(
-            part, thetas[first:last], TOLERANCE, MAX_ITERATIONS, _kernel.make_work(), own
-        )
+        part, begin = bound.part(first, last), thetas[first:last]
+        _kernel.minimise_batch(part, begin, TOLERANCE, MAX_ITERATIONS, _kernel.make_work(), own)
 
-    if threads == 1 or count == 1:
-        _kernel.minimise_batch(
-            batch, thetas, TOLERANCE, MAX_ITERATIONS, _kernel.make_work(), results
-        )
-    else:
-        # the kernel releases the GIL; four parts a thread even out problems of unequal length
-        edges = np.linspace(0, count, min(count, 4 * threads) + 1).astype(int)
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(run, edges[:-1], edges[1:]))
-
+    run_in_slices(run, count, problem.size, threads)
     if bound.frame is not None:
         covariance = bound.frame.covariance(thetas, covariance)
         covariance, converged = _if_definite(covariance, converged, p)
