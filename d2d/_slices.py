@@ -30,7 +30,7 @@ def run_in_slices(
         they end after their present slice.
     """
     size = max(1, _FIRST // pairs)
-    if count <= size and (threads == 1 or count == 1):
+    if count == 1 or (count <= size and threads == 1):
         run(0, count)
         return
     lock, stopped, done = Lock(), Event(), 0

@@ -258,11 +258,14 @@ def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
     covariance = np.full((count, 3, 3), np.nan)
     converged, iterations = np.empty(count, dtype=np.bool_), np.empty(count, dtype=np.int64)
     shares = np.empty(count)
+    results: tuple[NDArray[Any], ...]
     results = value, gradient, hessian, covariance, converged, iterations, shares
 
     def run(first: int, last: int) -> None:
-        own = tuple(array[first:last] for array in results)
-        part, begin = bound.part(first, last), thetas[first:last]
+        part, begin, own = bound.batch, thetas, results
+        if last - first < count:
+            part, begin = bound.part(first, last), thetas[first:last]
+            own = tuple(array[first:last] for array in results)
         _kernel.minimise_batch(part, begin, TOLERANCE, MAX_ITERATIONS, _kernel.make_work(), own)
 
     run_in_slices(run, count, problem.size, threads)
