@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 
 _NO_FACTORS = np.empty((0, 9))
+_NO_PRIOR = np.zeros(3)
 
 
 class Pair(NamedTuple):
@@ -86,11 +87,15 @@ class Problem:
         One, which may be a batch, or several single ones.
     kind : int
         ``_kernel.MOTION``, ``ARC`` or ``CHORD``.
+    prior : (3,) array
+        Precisions of a Gaussian prior of the parameters about zero, whose negative logarithm is
+        added, without its constant.
     """
 
     form: CostForm
     pairs: Sequence[Pair]
     kind: int = _kernel.MOTION
+    prior: Array = field(default_factory=lambda: _NO_PRIOR)
 
     @property
     def parameters(self) -> int:
@@ -103,10 +108,10 @@ class Problem:
         return sum(pair.fixed.size * pair.moving.size for pair in self.pairs)
 
     def inflated(self, scale: float) -> "Problem":
-        """The problem with all standard deviations multiplied by ``scale``."""
+        """The problem with all standard deviations but the prior's multiplied by ``scale``."""
         if scale == 1.0:
             return self
-        return Problem(self.form, [pair.inflated(scale) for pair in self.pairs], self.kind)
+        return replace(self, pairs=[pair.inflated(scale) for pair in self.pairs])
 
     def bind(self, theta: Array, name: str = "theta") -> Bound:
         """Lay the problem out for parameters (..., P), whose axes broadcast with the pair's.
@@ -166,6 +171,7 @@ class Problem:
             self.form.fusion,
             measurement is not None and measurement.of_twist,
             self.kind,
+            self.prior,
         )
         return batches, batch
 

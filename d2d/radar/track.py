@@ -73,8 +73,8 @@ def track(
     limits : VehicleLimits, optional
         What the vehicle can do; None accepts any motion.
     **options
-        ``doppler``, ``outlier``, ``doppler_width``, ``first_order`` and ``scales``, as for
-        `estimate_ego_motion`.
+        ``doppler``, ``outlier``, ``doppler_width``, ``slips``, ``first_order`` and ``scales``, as
+        for `estimate_ego_motion`.
 
     Returns
     -------

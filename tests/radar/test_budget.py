@@ -329,3 +329,31 @@ def test_a_flipped_doppler_sign_is_told():
         track(flipped, drive.mounting, limits=None)
     with pytest.warns(UserWarning, match="contradict each other"):
         track_joint([(flipped, drive.mounting)], limits=None)
+
+
+@pytest.mark.parametrize("slips", [False, 0.05])
+def test_what_is_known_of_the_side_slip_is_a_prior(slips):
+    """Breaks if the prior is not in the cost, in its optimum or in both covariances."""
+    drives = sensors()
+    pairs = joint_pairs(drives, [(0, 1)])
+    sigma = slips or 1e-3
+    free = estimate_joint_ego_motion(pairs, initial=THETA)
+    bound = estimate_joint_ego_motion(pairs, initial=THETA, slips=slips)
+    model = EgoMotionModel()
+    problem = model.problem([scan_pair(*pair, model) for pair in pairs])
+    value, gradient, hessian = problem.derivatives(problem.bind(bound.theta))
+    precision = np.diag([0.0, sigma**-2, 0.0])
+    assert_allclose(bound.value, value[0] + 0.5 * bound.theta @ precision @ bound.theta)
+    assert_allclose(gradient[0] + precision @ bound.theta, 0.0, atol=1e-5 * sigma**-2)
+    assert_allclose(np.linalg.inv(bound.covariance), hessian[0] + precision, rtol=1e-6, atol=1e-3)
+    assert abs(bound.theta[1]) < abs(free.theta[1])
+    assert bound.covariance[2, 2] < 0.7 * free.covariance[2, 2]
+    propagated = propagate_joint_ego_motion(bound, pairs, slips=slips)
+    assert propagated[1, 1] == pytest.approx(bound.covariance[1, 1], rel=0.3)
+
+
+@pytest.mark.parametrize("slips", [0.0, -0.1, np.nan, "no", [0.1, 0.2]])
+def test_a_side_slip_is_a_flag_or_a_standard_deviation(slips):
+    """Breaks if a prior without a width makes the cost nan."""
+    with pytest.raises(ValueError, match=r"^slips must"):
+        EgoMotionModel(slips=slips)
