@@ -146,9 +146,18 @@ def propagate_covariance(
                 if slope is None
                 else _shared(cross, measured, _own(slope, 2, bound, part))
             )
-    covariance: Array = estimate.covariance @ middle.reshape(*bound.shape, p, p)
-    covariance = covariance @ estimate.covariance
-    return 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+    if bound.frame is None:
+        return _sandwich(estimate.covariance, middle.reshape(*bound.shape, p, p))
+    own = np.broadcast_to(estimate.covariance, (*bound.shape, p, p)).reshape(-1, p, p)
+    inner = bound.frame.inner_covariance(bound.thetas, own)
+    outer = bound.frame.covariance(bound.thetas, _sandwich(inner, middle))
+    return outer.reshape(*bound.shape, p, p)
+
+
+def _sandwich(inverse: Array, middle: Array) -> Array:
+    """H^-1 M H^-1, exactly symmetric."""
+    product = inverse @ middle @ inverse
+    return np.asarray(0.5 * (product + np.swapaxes(product, -1, -2)))
 
 
 def sandwich_covariance(
@@ -410,4 +419,9 @@ def cross_derivatives(
     """
     problem, bound = _bound(theta, fixed, moving, cost, measurement)
     cross = problem.cross_derivatives(bound, 0, len(bound.thetas))
+    if bound.frame is not None:
+        across = np.swapaxes(bound.frame.slope(bound.thetas), -1, -2)
+        p = problem.parameters
+        across = across[:, np.newaxis, :p, :p]
+        cross = cross._replace(fixed=across @ cross.fixed, moving=across @ cross.moving)
     return CrossDerivatives(*(block.reshape(*bound.shape, *block.shape[1:]) for block in cross))

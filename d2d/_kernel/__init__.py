@@ -18,8 +18,8 @@ from d2d._kernel.batches import (
     are_good_targets,
     chart_batch,
     evaluate_batch,
-    find_extremes_batch,
     minimise_batch,
+    survey_batch,
     target_batch,
 )
 from d2d._kernel.layout import (
@@ -94,9 +94,9 @@ __all__ = [
     "chart_batch",
     "cross_batch",
     "evaluate_batch",
-    "find_extremes_batch",
     "make_propagation_work",
     "make_work",
     "minimise_batch",
+    "survey_batch",
     "target_batch",
 ]

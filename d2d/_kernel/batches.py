@@ -8,7 +8,7 @@ from d2d._kernel.evaluation import evaluate_block, setting_of
 from d2d._kernel.layout import LANES, MAX_VARIANCE, MAX_WEIGHT, MIN_WEIGHT
 from d2d._kernel.minimisation import evaluate, minimise, motion_chart, pair_at
 from d2d._kernel.newton import invert
-from d2d._kernel.pairs import find_extremes
+from d2d._kernel.pairs import find_extremes, find_origin
 
 
 @entry
@@ -31,11 +31,17 @@ def are_good_targets(means, covariances, weights):
 
 
 @entry
-def find_extremes_batch(packed, extremes):
-    """Fill the bounds (B, 3) of sets (6, B N) of equal size, see `find_extremes`."""
-    size = packed.shape[1] // extremes.shape[0]
+def survey_batch(packed, planar, extremes, origins):
+    """Fill the bounds (B, 3) and origins (B, 2) of sets (6, B N) of equal size; whether any is far.
+
+    See `find_extremes` and `find_origin`.
+    """
+    size, far = packed.shape[1] // extremes.shape[0], False
     for b in range(extremes.shape[0]):
-        find_extremes(packed[:, b * size : (b + 1) * size], extremes[b])
+        points = packed[:, b * size : (b + 1) * size]
+        find_extremes(points, extremes[b])
+        far |= find_origin(points, planar, origins[b])
+    return far
 
 
 @entry

@@ -97,7 +97,8 @@ class CovarianceParts(NamedTuple):
     dependence : (n, 3, 3) array
         What the correlation of neighbouring targets adds.
     systematic : (n, 3, 3) array
-        Of the errors that all targets of a scan, or all sensors, share.
+        Of the errors that all targets of a scan, or all sensors, share, and of what was known
+        beforehand of the side slip.
     """
 
     noise: Array
@@ -152,7 +153,7 @@ def apply_budget(
         systematic += budget.azimuth**2 * np.outer(turned, turned)
         systematic += budget.doppler**2 * np.outer(shifted, shifted)
         fixed, moving = fixed + pair.fixed.size, moving + pair.moving.size
-    systematic += budget.scale**2 * np.outer(scaled, scaled)
+    systematic += budget.scale**2 * np.outer(scaled, scaled) + np.diag(problem.prior)
     both = (total + np.triu(total, 1).T for total in (noise, dependence))
     parts = CovarianceParts(*(gain @ part @ gain for part in (*both, systematic)))
     middle = float(np.mean([previous.time + current.time for previous, current, _ in pairs])) / 2.0

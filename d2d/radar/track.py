@@ -77,8 +77,8 @@ def track(
         Whether a bar on the standard error counts the estimates, for which tqdm must be installed.
         By default, one appears after two seconds if that is a terminal; not in a notebook.
     **options
-        ``doppler``, ``outlier``, ``doppler_width``, ``first_order`` and ``scales``, as for
-        `estimate_ego_motion`.
+        ``doppler``, ``outlier``, ``doppler_width``, ``slips``, ``first_order`` and ``scales``, as
+        for `estimate_ego_motion`.
 
     Returns
     -------
