@@ -1,6 +1,7 @@
 """Ego-motion of a vehicle from automotive Doppler radar."""
 
 from d2d.radar.budget import CovarianceParts, ErrorBudget
+from d2d.radar.calibration import Calibration, calibrate
 from d2d.radar.comparison import Comparison, Measures, compare
 from d2d.radar.covariance import propagate_ego_motion, propagate_joint_ego_motion
 from d2d.radar.csv_log import load_csv, write_csv
@@ -16,11 +17,13 @@ from d2d.radar.recording import Recording
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity, quantisation_sigma
 from d2d.radar.simulation import Drive, Sensor, TrueTargets, simulate_drive
+from d2d.radar.slip import SlipLaw
 from d2d.radar.track import track
 from d2d.radar.trajectory import Track, Velocities
 from d2d.radar.world import World, build_world
 
 __all__ = [
+    "Calibration",
     "Comparison",
     "CovarianceParts",
     "DopplerMotion",
@@ -33,12 +36,14 @@ __all__ = [
     "Recording",
     "Reference",
     "Sensor",
+    "SlipLaw",
     "Track",
     "TrueTargets",
     "VehicleLimits",
     "Velocities",
     "World",
     "build_world",
+    "calibrate",
     "compare",
     "compare_halves",
     "compare_tracks",

@@ -25,7 +25,7 @@ from d2d import (
 )
 from d2d.baselines import fit_rigid
 from d2d.gaussian import density
-from d2d.radar import Mounting, RadarScan, doppler_velocity
+from d2d.radar import Mounting, RadarScan, doppler_velocity, inlier_probabilities
 from d2d.radar.scan import doppler_gradients
 from d2d.study import scenarios
 from d2d.study.line.scene import FIXED_POSITIONS, TRUTH
@@ -364,6 +364,29 @@ def test_v_tau_is_the_first_order_of_the_arc():
     arc = rigid.exponential(np.array([v, 0.0, omega]) * tau)
     assert_allclose(arc[:2] - [v * tau, 0.0], [0.0, v * omega * tau**2 / 2], atol=5e-4)
     assert arc[1] == pytest.approx(0.025, rel=1e-3)  # m
+
+
+def test_the_outliers_lack_a_doppler_density():
+    """Eq. 7.13 and 7.14: the share of the outliers depends on the unit of the Doppler velocity."""
+    theta, mounting = np.array([10.0, 0.0, 0.1]), Mounting(3.0, 0.0, 0.0)
+    rng, azimuth = np.random.default_rng(4), np.linspace(-0.6, 0.6, 9)
+    doppler = doppler_velocity(theta, azimuth, mounting) + 0.1 * rng.standard_normal(9)
+    scans = [
+        RadarScan(t, np.linspace(10, 30, 9) - 10.0 * t, azimuth, doppler, 0.15, 0.01, 0.06)
+        for t in (0.0, 0.1)
+    ]
+
+    def odds(**options):
+        inside = inlier_probabilities(theta, *scans, mounting, **options)
+        return (1.0 - inside) / inside
+
+    # a density per m/s is 3.6 times that per km/h: as printed, the outliers weigh 3.6 times less
+    printed = odds(doppler_width=1.0)
+    assert_allclose(printed, 3.6 * odds(doppler_width=3.6), rtol=1e-9)
+    # against outliers uniform over 40 m/s, the printed fraction of 0.2 acts like this one
+    acts_like = CorruptedGaussian(0.2 * 40.0 / (0.2 * 40.0 + 0.8), 100.0 * np.eye(2))
+    assert acts_like.fraction == pytest.approx(0.91, abs=0.005)
+    assert_allclose(odds(outlier=acts_like, doppler_width=40.0), printed, rtol=1e-9)
 
 
 def test_position_and_doppler_share_the_error_of_the_azimuth():

@@ -16,7 +16,7 @@ import pytest
 from numpy.lib.recfunctions import repack_fields
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.radar import Mounting, doppler_velocity, load_radarscenes, track
+from d2d.radar import Mounting, SlipLaw, doppler_velocity, load_radarscenes, track
 from d2d.radar.radarscenes import azimuth_sigma
 from d2d.radar.scan import doppler_gradients
 from d2d.study.drives.errors import DriveErrors
@@ -250,8 +250,19 @@ def test_reference_is_the_odometry_at_the_offset_time(root, offset, slip):
 def test_the_defaults_are_a_late_clock_and_a_slipping_axle(root):
     """Breaks if the measured defaults of the data set are changed unnoticed."""
     default = load_radarscenes(root, 7, 3).reference
-    named = load_radarscenes(root, 7, 3, time_offset=0.11, side_slip=-0.05).reference
+    named = load_radarscenes(root, 7, 3, time_offset=0.11, slip=SlipLaw(0.0, 0.0045)).reference
     assert_array_equal(default.theta, named.theta)
+
+
+def test_the_axle_slips_by_a_law_or_in_proportion(root):
+    """Breaks if the law is not that of the lateral acceleration, or both slips add up."""
+    law = SlipLaw(ahead=0.3, compliance=0.006)
+    theta = load_radarscenes(root, 7, 3, slip=law).reference.theta
+    v_x, v_y, omega = theta[np.isfinite(theta).all(axis=1)].T
+    assert_allclose(v_y, (0.3 - 0.006 * v_x**2) * omega, rtol=1e-12)
+    theta = load_radarscenes(root, 7, 3, slip=law, side_slip=-0.05).reference.theta
+    v_x, v_y, omega = theta[np.isfinite(theta).all(axis=1)].T
+    assert_allclose(v_y, -0.05 * v_x * omega, rtol=1e-12)
 
 
 @pytest.mark.parametrize("offset", [0.3, -0.2], ids=["before", "after"])
@@ -560,6 +571,7 @@ def test_indices_that_do_not_fit_the_targets_are_refused(root, indices, match):
         ("sigma_azimuth", np.zeros_like),
         ("time_offset", np.nan),
         ("side_slip", np.inf),
+        ("slip", (0.0, 0.0045)),
     ],
 )
 def test_options_out_of_range_are_refused_by_name(root, name, bad):

@@ -1,8 +1,9 @@
 """What a recording reveals about its own clock, side slip, mountings and noise.
 
 RadarScenes states no time offset, side slip or standard deviations.  The Doppler velocities of
-static targets give the time offset, the side slip and the errors of the mounting angles; the
-residuals after registration give the standard deviations.
+static targets give the time offset, the side slip and the errors of the mounting angles, as in
+`d2d.radar.calibrate`, but with the side slip proportional to v_x omega and without standard
+deviations; the residuals after registration give those of the measurements.
 """
 
 from collections.abc import Sequence
@@ -11,13 +12,12 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 
 from d2d import rigid
 from d2d._types import Array
-from d2d.radar import Recording, Reference, Track, doppler_ego_motion, inlier_probabilities
+from d2d.radar import Recording, Reference, Track, inlier_probabilities
+from d2d.radar.alignment import Alignment, ScanVelocities, fit, fit_at, scan_velocities
 from d2d.radar.scan import Mounting, RadarScan, doppler_gradients
 
 MAX_OFFSET = 0.25  # s, the largest time offset considered
@@ -49,74 +49,29 @@ class Correction:
     rms: float
 
 
-class StaticTargets(NamedTuple):
-    """Targets whose Doppler velocities agree with one velocity of their sensor.
-
-    The arrays have n entries, those of ``gain`` and ``slope`` the shape (n, 3).
-    """
-
-    sensor: NDArray[np.int64]
-    time: Array
-    doppler: Array
-    sigma: Array
-    gain: Array  # derivative of the Doppler velocity with respect to [v_x, v_y, omega]
-    slope: Array  # derivative of the gain with respect to the azimuth
+def static_targets(recordings: Sequence[Recording]) -> ScanVelocities:
+    """What the static targets of every scan say, found from its own Doppler velocities alone."""
+    return scan_velocities((recording.scans, recording.mounting) for recording in recordings)
 
 
-def static_targets(recordings: Sequence[Recording]) -> StaticTargets:
-    """The static targets of every scan, found from the scan's own Doppler velocities alone."""
-    parts = []
-    for s, recording in enumerate(recordings):
-        for scan in recording.scans:
-            motion = doppler_ego_motion([(scan, recording.mounting)])
-            chosen = motion.inliers[0]
-            gain, slope = doppler_gradients(scan.azimuth[chosen], recording.mounting)
-            sigma = np.hypot(
-                scan.sigma_doppler[chosen], scan.sigma_azimuth[chosen] * (slope @ motion.theta)
-            )
-            ones = np.ones(len(sigma))
-            parts.append((s * ones, scan.time * ones, scan.doppler[chosen], sigma, gain, slope))
-    sensor, *columns = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return StaticTargets(sensor.astype(np.int64), *columns)
+def residual_rms(velocities: ScanVelocities, odometry: Reference, time_offset: float) -> float:
+    """RMS Doppler residual, in standard deviations, of the best correction at a time offset."""
+    return float(np.sqrt(fit_at(_model(velocities, odometry), time_offset).mean_square))
 
 
-def residual_rms(
-    targets: StaticTargets, odometry: Reference, time_offset: float
-) -> tuple[float, Array]:
-    """RMS Doppler residual at a time offset, and the other parameters that fit best there.
-
-    The residual is in standard deviations.  The other parameters, [side_slip, speed, yaw of each
-    sensor], enter linearly for small angles.
-    """
-    theta = odometry.at(targets.time - time_offset).theta
-    known = np.isfinite(theta).all(axis=1)
-    theta, sigma = theta[known], targets.sigma[known]
-    v, omega = theta[:, 0], theta[:, 2]
-    uncorrected = np.column_stack([v, np.zeros_like(v), omega])
-    gain, slope = targets.gain[known], targets.slope[known]
-    yaw_gain = np.einsum("kp,kp->k", slope, uncorrected)
-    sensors = targets.sensor[known]
-    columns = [gain[:, 1] * v * omega, gain[:, 0] * v]
-    columns += [yaw_gain * (sensors == s) for s in range(int(targets.sensor.max()) + 1)]
-    system = np.column_stack(columns) / sigma[:, None]
-    unexplained = (targets.doppler[known] - np.einsum("kp,kp->k", gain, uncorrected)) / sigma
-    best = np.linalg.lstsq(system, unexplained, rcond=None)[0]
-    return float(np.sqrt(np.mean((unexplained - system @ best) ** 2))), best
-
-
-def fit_correction(targets: StaticTargets, odometry: Reference) -> Correction:
+def fit_correction(velocities: ScanVelocities, odometry: Reference) -> Correction:
     """The time offset between 0 and 0.25 s, the slip, the speed and the yaws that fit best.
 
-    ``odometry`` must be uncorrected: read with ``time_offset=0`` and ``side_slip=0``.
+    ``odometry`` must be uncorrected: read with ``time_offset=0``.
     """
-    minimum = minimize_scalar(
-        lambda offset: residual_rms(targets, odometry, offset)[0],
-        bounds=(0.0, MAX_OFFSET),
-        method="bounded",
-        options={"xatol": 1e-5},
-    )
-    rms, (slip, speed, *yaw) = residual_rms(targets, odometry, float(minimum.x))
-    return Correction(float(minimum.x), float(slip), float(speed), tuple(map(float, yaw)), rms)
+    found = fit(_model(velocities, odometry), 0.0, MAX_OFFSET)
+    speed, slip, *yaw = map(float, found.parameters)
+    return Correction(found.lag, slip, speed, tuple(yaw), float(np.sqrt(found.mean_square)))
+
+
+def _model(velocities: ScanVelocities, odometry: Reference) -> Alignment:
+    """All sensors beside one odometry, with a side slip proportional to v_x omega."""
+    return Alignment.of(velocities, [odometry] * velocities.sensors, (1,))
 
 
 def during(recording: Recording, first: float, last: float) -> Recording:

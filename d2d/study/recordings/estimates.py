@@ -45,6 +45,7 @@ from d2d.study.results import results_path
 
 SENSORS = (1, 2, 3, 4)
 SECTORS = (0, 15, 30, 45, 60)  # deg, edges of |azimuth|
+STATED = (0.11, -0.05)  # s, time offset and side slip of most sequences, as chapter 8 states them
 OFFSETS = np.arange(0.0, 0.2501, 0.01)  # s
 COLUMNS = (
     *("run", "time_s", "interval_s", "converged", "vx", "vy", "omega"),
@@ -134,7 +135,7 @@ def compute(
 
     Errors are relative to the odometry, corrected by the time offset and side slip that the
     recording's first half suggests.  The facts include the RMSE relative to the odometry with the
-    defaults of `load_radarscenes`.  Times count from the first scan of the first sensor.
+    stated time offset and side slip.  Times count from the first scan of the first sensor.
     ``report`` is called with one line for each run.
     """
     load = _Loader(root, sequence)
@@ -142,7 +143,7 @@ def compute(
     start, end = raw[0].scans[0].time, raw[0].scans[-1].time
     facts, correction = recording_facts(raw, end - start)
     reference = load(1, None, correction.time_offset, correction.side_slip).reference
-    stated = load(1, None).reference
+    stated = load(1, None, *STATED).reference
     results = {}
     for name, run in runs.items():
         recordings = [load(s, run.strongest) for s in run.sensors]
@@ -189,7 +190,8 @@ class _Loader:
     def __call__(self, sensor: int, strongest: int | None, *corrected: float) -> Recording:
         key = (sensor, strongest, *corrected)
         if key not in self.known:
-            options = dict(zip(("time_offset", "side_slip"), corrected, strict=False))
+            names = ("time_offset", "side_slip")
+            options: dict[str, Any] = dict(zip(names, corrected, strict=False))
             self.known[key] = load_radarscenes(
                 self.root, self.sequence, sensor, strongest=strongest, **options
             )
@@ -321,7 +323,7 @@ def recording_facts(raw: Sequence[Recording], duration: float) -> tuple[dict[str
             fit = fit_correction(targets, odometry)
             fits.append({"part": part, "sensors": name, **asdict(fit)})
             if part == "all":
-                profile[name] = [residual_rms(targets, odometry, t)[0] for t in OFFSETS]
+                profile[name] = [residual_rms(targets, odometry, t) for t in OFFSETS]
             if (part, name) == ("first half", "four sensors"):
                 correction = fit
     facts = {

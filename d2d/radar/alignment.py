@@ -1,0 +1,311 @@
+"""The clock, speed, slip and mounting angles with which a reference fits Doppler velocities best.
+
+All static targets of a scan see one velocity u of their sensor.  The sum of their squared Doppler
+residuals is a quadratic function of u, whatever the reference says; its coefficients are all that
+a fit needs to know of a scan.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from d2d._types import Array
+from d2d.bootstrap import block_length
+from d2d.radar.doppler import doppler_ego_motion
+from d2d.radar.reference import Reference
+from d2d.radar.scan import Mounting, RadarScan, doppler_gradients
+
+_STEP = 0.02  # s, of the search for the lag before it is refined
+_HALF_DIFFERENCE = 0.05  # s, for derivatives in the lag: references jitter from row to row
+_MAX_ITERATIONS = 10  # of Gauss and Newton; the angles are small, so that three are enough
+_TOLERANCE = 1e-10
+_RIDGE = 1e-12  # of the scaled information: what is not observable gets a variance of 1e12
+_GATE = 5.0  # times the median deviation of a sensor's scans
+
+
+class ScanVelocities(NamedTuple):
+    """What the static targets of n scans say about the velocity of their sensors.
+
+    A scan's sum of squared Doppler residuals, each over its standard deviation, is
+    square - 2 projection' u + u' information u, if its sensor moves with u (m/s) along the
+    vehicle's axes and is mounted as stated.
+    """
+
+    sensor: NDArray[np.int64]  # (n,)
+    place: Array  # (n, 2), m, of the sensor
+    time: Array  # (n,), s
+    information: Array  # (n, 2, 2)
+    projection: Array  # (n, 2)
+    square: Array  # (n,)
+    targets: NDArray[np.int64]  # (n,), number of static ones
+
+    @property
+    def sensors(self) -> int:
+        """Number of sensors."""
+        return int(self.sensor.max()) + 1
+
+
+def scan_velocities(views: Iterable[tuple[Iterable[RadarScan], Mounting]]) -> ScanVelocities:
+    """Find the static targets of every scan from its own Doppler velocities alone.
+
+    Scans without targets are left out.
+    """
+    rows = [
+        (s, (mounting.x, mounting.y), scan.time, *_quadratic(scan, mounting))
+        for s, (scans, mounting) in enumerate(views)
+        for scan in scans
+        if scan.size
+    ]
+    return ScanVelocities(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _quadratic(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array, float, int]:
+    """Coefficients of the sum of squares of a scan's static targets, and their number."""
+    motion = doppler_ego_motion([(scan, mounting)])
+    static = motion.inliers[0]
+    gain, slope = doppler_gradients(scan.azimuth[static], mounting)
+    sigma = np.hypot(
+        scan.sigma_doppler[static], scan.sigma_azimuth[static] * (slope @ motion.theta)
+    )
+    direction = gain[:, :2] / sigma[:, None]
+    doppler = scan.doppler[static] / sigma
+    return direction.T @ direction, direction.T @ doppler, float(doppler @ doppler), len(sigma)
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """A model of sensors that move with a corrected reference.
+
+    The parameters are [speed, a coefficient of each power, yaw of each sensor] in the velocities
+    v_x (1 + speed), v_y = sum_j c_j v_x^(p_j) omega, and the angles (rad) to be added to the
+    mountings.
+
+    Attributes
+    ----------
+    velocities : ScanVelocities
+    references : sequence of Reference
+        One for each sensor; its v_y is not used.
+    powers : tuple of int
+    start : (P,) array
+        Parameters to begin with.
+    free : (P,) array of bool
+        Which of them are fitted.
+    used : (n,) array of bool
+        Which scans count.
+    """
+
+    velocities: ScanVelocities
+    references: Sequence[Reference]
+    powers: tuple[int, ...]
+    start: Array
+    free: NDArray[np.bool_]
+    used: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls, velocities: ScanVelocities, references: Sequence[Reference], powers: tuple[int, ...]
+    ) -> "Alignment":
+        """With all parameters free, from zero, and all scans."""
+        count = 1 + len(powers) + velocities.sensors
+        everything = np.ones(len(velocities.time), dtype=np.bool_)
+        return cls(
+            velocities, references, powers, np.zeros(count), np.ones(count, np.bool_), everything
+        )
+
+    def predicted(self, lag: float, parameters: Array) -> tuple[Array, Array]:
+        """Velocities (n, 2) of the sensors and their derivatives (n, 2, P); nan where unknown.
+
+        A sensor whose mounting is to be turned by yaw measures, in terms of the stated mounting, a
+        velocity that is turned back by it.
+        """
+        sensor, place = self.velocities.sensor, self.velocities.place
+        v, omega = self._odometry(lag)
+        speed, slips, yaw = np.split(parameters, [1, 1 + len(self.powers)])
+        columns = [v**power * omega for power in self.powers]
+        lateral = sum((c * column for c, column in zip(slips, columns, strict=True)), 0.0 * v)
+        velocity = [v * (1.0 + speed) - omega * place[:, 1], lateral + omega * place[:, 0]]
+        cosine, sine = np.cos(yaw[sensor]), np.sin(yaw[sensor])
+        predicted = np.stack(
+            [
+                cosine * velocity[0] + sine * velocity[1],
+                cosine * velocity[1] - sine * velocity[0],
+            ],
+            axis=-1,
+        )
+        derivatives = np.zeros((*predicted.shape, len(parameters)))
+        derivatives[..., 0] = np.stack([cosine, -sine], axis=-1) * v[:, None]
+        for j, column in enumerate(columns, start=1):
+            derivatives[..., j] = np.stack([sine, cosine], axis=-1) * column[:, None]
+        turned = np.stack([predicted[:, 1], -predicted[:, 0]], axis=-1)
+        derivatives[np.arange(len(v)), :, 1 + len(self.powers) + sensor] = turned
+        return predicted, derivatives
+
+    def _odometry(self, lag: float) -> Array:
+        """v_x and omega (2, n) at the times of the scans, less the lag."""
+        found = np.full((2, len(self.velocities.time)), np.nan)
+        for s, reference in enumerate(self.references):
+            own = self.velocities.sensor == s
+            times = self.velocities.time[own] - lag
+            for row, column in zip(found, (0, 2), strict=True):
+                values = reference.theta[:, column]
+                row[own] = np.interp(times, reference.times, values, left=np.nan, right=np.nan)
+        return found
+
+
+class Fit(NamedTuple):
+    """The parameters that fit best, at one lag or at the best one."""
+
+    lag: float  # s
+    parameters: Array  # (P,), see `Alignment`
+    mean_square: float  # of the static targets' residuals over their standard deviations
+    known: NDArray[np.bool_]  # (n,): scans that count and have a reference
+
+
+def fit_at(model: Alignment, lag: float) -> Fit:
+    """The best parameters at one lag, by Gauss-Newton steps.
+
+    Raises a ``ValueError`` if the reference is not known at the time of any scan.
+    """
+    parameters = model.start.copy()
+    for _ in range(_MAX_ITERATIONS):
+        predicted, derivatives, known = _where_known(model, lag, parameters)
+        scores, information = _normal_equations(model, predicted, derivatives[..., model.free])
+        scale = _scale(information)
+        step = np.linalg.lstsq(
+            information / np.outer(scale, scale), scores.sum(axis=0) / scale, rcond=_RIDGE
+        )[0]
+        parameters[model.free] += step / scale
+        if np.abs(step / scale).max() < _TOLERANCE:
+            break
+    predicted, _, known = _where_known(model, lag, parameters)
+    quadratic = np.einsum("ki,kij,kj->k", predicted, model.velocities.information, predicted)
+    linear = np.einsum("ki,ki->k", predicted, model.velocities.projection)
+    squares = (model.velocities.square - 2.0 * linear + quadratic)[known]
+    count = model.velocities.targets[known].sum()
+    return Fit(lag, parameters, float(squares.sum() / count), known)
+
+
+def fit(model: Alignment, low: float, high: float) -> Fit:
+    """The best parameters and the best lag from ``low`` to ``high`` (s).
+
+    The lowest point of a grid is refined; a bound is returned exactly if it fits best.
+    """
+    if low == high:
+        return fit_at(model, low)
+    grid = np.linspace(low, high, max(2, round((high - low) / _STEP)) + 1)
+    coarse = [fit_at(model, float(lag)) for lag in grid]
+    best = int(np.argmin([found.mean_square for found in coarse]))
+    refined = minimize_scalar(
+        lambda lag: fit_at(model, lag).mean_square,
+        bounds=(grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]),
+        method="bounded",
+        options={"xatol": 1e-5},
+    )
+    finer = fit_at(model, float(refined.x))
+    return finer if finer.mean_square < coarse[best].mean_square else coarse[best]
+
+
+def agreeing(model: Alignment, found: Fit) -> NDArray[np.bool_]:
+    """Which scans (n,) are not grossly off: in dense traffic what most targets share may move.
+
+    The deviation of a scan is that of its sensor's velocity, over the standard deviations that its
+    targets give it.  Errors of the reference make it larger than 1, so that it is compared with
+    the median of the sensor's scans.
+    """
+    predicted, _ = model.predicted(found.lag, found.parameters)
+    information = model.velocities.information
+    residual = model.velocities.projection - np.einsum("kij,kj->ki", information, predicted)
+    inverse = np.linalg.pinv(information, rcond=1e-9, hermitian=True)
+    deviation = np.sqrt(np.einsum("ki,kij,kj->k", residual, inverse, residual))
+    agree = np.zeros(len(deviation), dtype=np.bool_)
+    for s in range(model.velocities.sensors):
+        own = (model.velocities.sensor == s) & np.isfinite(deviation)
+        if own.any():
+            agree[own] = deviation[own] <= _GATE * np.median(deviation[own])
+    return agree
+
+
+def covariance(model: Alignment, found: Fit, *, with_lag: bool) -> tuple[Array, float]:
+    """Covariance of the free parameters, and the length of the blocks behind it in s.
+
+    If ``with_lag``, the lag comes first.
+
+    The errors of the reference, and so the residuals, are correlated in time and between sensors.
+    The influences of all scans of a short time are added up, and the variance of the sum of these
+    is that of sums over blocks, as drawn by the circular block bootstrap; it is enlarged by
+    blocks / (blocks - parameters of a sensor), because the fit makes residuals smaller than errors.
+    No variance is taken as smaller than that of independent targets.
+    """
+    predicted, derivatives, known = _where_known(model, found.lag, found.parameters)
+    derivatives = derivatives[..., model.free]
+    if with_lag:
+        later, earlier = (
+            model.predicted(found.lag + shift, found.parameters)[0]
+            for shift in (_HALF_DIFFERENCE, -_HALF_DIFFERENCE)
+        )
+        slope = np.nan_to_num((later - earlier) / (2.0 * _HALF_DIFFERENCE))
+        slope[~known] = 0.0
+        derivatives = np.concatenate([slope[..., None], derivatives], axis=-1)
+    scores, information = _normal_equations(model, predicted, derivatives)
+    scale = _scale(information)
+    ridge = _RIDGE * np.eye(len(scale))
+    inverse = np.linalg.inv(information / np.outer(scale, scale) + ridge) / np.outer(scale, scale)
+    series, interval = _in_time(model.velocities, known, scores[known] @ inverse)
+    series -= series.mean(axis=0)
+    block = block_length(series)
+    ring = np.concatenate([np.zeros((1, len(scale))), series, series[:block]]).cumsum(axis=0)
+    sums = ring[block : block + len(series)] - ring[: len(series)]
+    # the fit takes these degrees of freedom from the residuals of each sensor
+    own = len(scale) - (model.velocities.sensors - 1)
+    blocks = len(series) / block
+    sandwich = sums.T @ sums / block * blocks / max(blocks - own, 1.0)
+    least = found.mean_square * np.diag(inverse)
+    return sandwich + np.diag(np.maximum(least - np.diag(sandwich), 0.0)), block * interval
+
+
+def _where_known(
+    model: Alignment, lag: float, parameters: Array
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Predictions and derivatives, zero for scans that do not count or have no reference."""
+    predicted, derivatives = model.predicted(lag, parameters)
+    known = model.used & np.isfinite(predicted).all(axis=1)
+    if not known.any():
+        raise ValueError(
+            "the references of recordings must cover the times of the scans, but cover none"
+        )
+    predicted[~known], derivatives[~known] = 0.0, 0.0
+    return predicted, derivatives, known
+
+
+def _normal_equations(
+    model: Alignment, predicted: Array, derivatives: Array
+) -> tuple[Array, Array]:
+    """Score (n, P) of each scan and the information (P, P) of all."""
+    data = model.velocities
+    residual = data.projection - np.einsum("kij,kj->ki", data.information, predicted)
+    scores = np.einsum("kia,ki->ka", derivatives, residual)
+    weighted = np.einsum("kij,kja->kia", data.information, derivatives)
+    return scores, np.tensordot(derivatives, weighted, axes=([0, 1], [0, 1]))
+
+
+def _scale(information: Array) -> Array:
+    """Square roots of the diagonal, 1 where it is zero."""
+    scale = np.sqrt(np.diag(information))
+    return np.where(scale > 0.0, scale, 1.0)
+
+
+def _in_time(
+    data: ScanVelocities, known: NDArray[np.bool_], influences: Array
+) -> tuple[Array, float]:
+    """Influences summed over intervals as long as that between a sensor's scans, and its length."""
+    times, sensor = data.time[known], data.sensor[known]
+    gaps = [np.diff(np.sort(times[sensor == s])) for s in range(data.sensors)]
+    interval = float(np.median(np.concatenate(gaps)))
+    _, row = np.unique(np.floor((times - times.min()) / interval), return_inverse=True)
+    series = np.zeros((row.max() + 1, influences.shape[1]))
+    np.add.at(series, row, influences)
+    return series, interval

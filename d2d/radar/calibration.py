@@ -1,0 +1,285 @@
+"""Clock, speed, side slip and mounting angles, found from Doppler velocities alone."""
+
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from d2d._checks import check_instance, check_members, check_positive, check_rows, check_scalar
+from d2d._types import Array
+from d2d.radar.alignment import Alignment, Fit, agreeing, covariance, fit, scan_velocities
+from d2d.radar.recording import Recording
+from d2d.radar.reference import Reference
+from d2d.radar.scan import Mounting, RadarScan
+from d2d.radar.slip import SlipLaw
+
+_POWERS = (0, 2)  # of v_x in the slip law
+_LAG, _AHEAD, _COMPLIANCE = 0, 2, 3  # places among the parameters
+# Larger standard deviations than these mean that the drive cannot tell the parameter.
+_LIMITS = {_LAG: 0.1, _AHEAD: 0.3, _COMPLIANCE: 0.01}  # s, m, s^2/m
+_AT_BOUND = 1e-3  # s
+_MAX_SELECTIONS = 10  # of scans that are not grossly off
+_MIN_SPEED = 0.5  # m/s
+
+View = tuple[Iterable[RadarScan], Mounting, Reference]
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What Doppler velocities say about the reference and the mountings; printed, it is a table.
+
+    Attributes
+    ----------
+    lag : float, s
+        The radars' time stamps are late by this much, early if it is negative: a scan at t shows
+        the motion that the reference gives for t - lag.
+    speed_factor : float
+        v_x is this times the reference's.
+    slip : SlipLaw
+        The lateral velocity.
+    yaw : (S,) array, rad
+        Angle to be added to the mounting angle of each sensor.
+    covariance : (4 + S, 4 + S) array
+        Covariance of [lag, speed_factor, slip.ahead, slip.compliance, yaw]; nan for what was held.
+    mountings : list of Mounting
+        The mountings with the angles added.
+    rms : float
+        Root mean square of the static targets' Doppler residuals over their standard deviations.
+    share : float
+        Share of the scans that were used; the others have no reference or are grossly off.
+    scans : int
+        Number of scans with targets.
+    duration, block : float, s
+        Length of the recordings, and of the blocks from which the covariance comes.
+    """
+
+    lag: float
+    speed_factor: float
+    slip: SlipLaw
+    yaw: Array
+    covariance: Array
+    mountings: list[Mounting]
+    rms: float
+    share: float
+    scans: int
+    duration: float
+    block: float
+
+    @property
+    def sigmas(self) -> Array:
+        """Standard deviations (4 + S,), in the order of ``covariance``; nan for what was held."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def reference(self, reference: Reference) -> Reference:
+        """The motion that the radars see according to ``reference``, at the same times.
+
+        Lag and speed factor are applied, and v_y is that of the slip law.  The poses are those of
+        the lag, otherwise as they are.  What lies before the reference's first or after its last
+        time is nan.  Raises a ``ValueError`` if ``reference`` is not a `Reference`.
+        """
+        check_instance("reference", reference, Reference)
+        moved = reference.at(reference.times - self.lag)
+        v_x, omega = self.speed_factor * moved.theta[:, 0], moved.theta[:, 2]
+        theta = np.column_stack([v_x, self.slip.lateral(v_x, omega), omega])
+        return Reference(reference.times, theta, moved.poses)
+
+    def __str__(self) -> str:
+        degrees = np.rad2deg(1.0)
+        rows = [
+            ("lag", self.lag, 1.0, 4, "s"),
+            ("speed factor", self.speed_factor, 1.0, 5, ""),
+            ("ahead of the rear axle", self.slip.ahead, 1.0, 3, "m"),
+            ("compliance", self.slip.compliance, 1.0, 5, "s^2/m"),
+        ]
+        rows += [
+            (f"yaw of sensor {s} of {len(self.yaw)}", angle, degrees, 3, "deg")
+            for s, angle in enumerate(self.yaw, start=1)
+        ]
+        lines = [
+            f"{self.scans} scans over {self.duration:.1f} s, {self.share:.1%} of them used; "
+            f"Doppler residuals {self.rms:.2f} sigma",
+            "",
+        ]
+        for (name, value, unit, digits, text), sigma in zip(rows, self.sigmas, strict=True):
+            error = f"+- {sigma * unit:.{digits}f}" if np.isfinite(sigma) else ""
+            lines.append(f"{name:22}  {value * unit:+9.{digits}f} {error:10} {text}".rstrip())
+        blocks = f"Standard deviations from blocks of {self.block:.1f} s."
+        return "\n".join([*lines, "", blocks, *self._notes()])
+
+    def _notes(self) -> list[str]:
+        """What the drive cannot tell."""
+        held = np.isnan(self.sigmas)
+        names = {_LAG: "the lag", _AHEAD: "the place of the axle", _COMPLIANCE: "the compliance"}
+        return [f"Held, not fitted: {name}." for place, name in names.items() if held[place]]
+
+
+def calibrate(
+    recordings: Recording | Iterable[Recording | View],
+    *,
+    max_lag: float = 0.5,
+    ahead: float | None = None,
+) -> Calibration:
+    """Find the clock, speed, side slip and mounting angles that fit the Doppler velocities best.
+
+    The static targets of each scan, found as in `doppler_ego_motion`, show the velocity of their
+    sensor.  It is compared with the one that the reference's v_x and omega give, corrected by a
+    lag, a factor on v_x, the side slip of `SlipLaw`, and an angle added to each mounting.  No
+    registration is needed.
+
+    Parameters
+    ----------
+    recordings : Recording, or iterable of Recording or (scans, mounting, reference)
+        One entry for each sensor of one vehicle, on one clock.  Of the references only times, v_x
+        and omega are used.  They should be uncorrected: ``load_radarscenes(..., time_offset=0)``,
+        ``load_nuscenes(..., time_offset=0, speed_factor=1)``.
+    max_lag : float, s
+        The lag is searched for from -max_lag to max_lag.
+    ahead : float, m, optional
+        How far the vehicle frame's origin lies ahead of the rear axle.  By default it is fitted.
+
+    Returns
+    -------
+    Calibration
+        Prints as a table; ``reference`` and ``mountings`` are corrected by it.
+
+    Warns
+    -----
+    UserWarning
+        If the best lag is at a bound of the search, or the drive has too little acceleration to
+        tell it (standard deviation above 0.1 s); it is then held at zero.
+
+    Raises
+    ------
+    ValueError
+        If an argument is of the wrong type or out of range, a sensor has fewer than two scans with
+        targets, the vehicle stands still, or the references cover no scan; the message names the
+        argument.
+
+    Notes
+    -----
+    Residuals are correlated in time, because those of the reference are, and between sensors.  The
+    covariance is that of a circular block bootstrap over time, in closed form, with the length of
+    `d2d.block_length`, and enlarged by what the fit takes from the residuals.  What is slower than
+    the recording leaves no trace in it.
+
+    Scans are left out whose sensor's velocity deviates from the reference by more than five times
+    the median of that sensor, in standard deviations: in dense traffic most targets may move.
+
+    ``ahead`` and ``compliance`` differ only where bends are driven at different speeds.  If the
+    standard deviation of ``ahead`` exceeds 0.3 m, it is held at zero; if then that of
+    ``compliance`` exceeds 0.01 s^2/m, so is ``compliance``.  In ``ahead`` are, besides, errors that
+    all sensors have in common along the vehicle, and those of a factor on omega.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from d2d.radar import Reference, calibrate, simulate_drive
+    >>> drive = simulate_drive(np.random.default_rng(0), duration=20.0)
+    >>> late = Reference(drive.truth.times - 0.2, drive.truth.theta, drive.truth.poses)
+    >>> found = calibrate([(drive.scans, drive.mounting, late)])
+    >>> bool(abs(found.lag - 0.2) < 3.0 * found.sigmas[0])
+    True
+    """
+    views = _views(recordings)
+    bound = float(check_positive("max_lag", check_scalar("max_lag", max_lag)))
+    given = None if ahead is None else check_scalar("ahead", ahead)
+    velocities = scan_velocities((scans, mounting) for scans, mounting, _ in views)
+    model = Alignment.of(velocities, [reference for *_, reference in views], _POWERS)
+    if given is not None:
+        model.start[_AHEAD - 1] = given
+        model.free[_AHEAD - 1] = False
+    model, found = _selected(model, -bound, bound)
+    spread, block = covariance(model, found, with_lag=True)
+    free = np.concatenate([[True], model.free])
+    for place, limit in _LIMITS.items():
+        if not free[place] or np.sqrt(_placed(spread, free)[place, place]) <= limit:
+            continue
+        if place == _LAG:
+            _warn("the drive has too little acceleration to tell the lag, which is held at 0 s")
+            bound = 0.0
+        free[place] = False
+        model.free[:] = free[1:]
+        model, found = _selected(model, -bound, bound)
+        spread, block = covariance(model, found, with_lag=bool(free[_LAG]))
+    if free[_LAG] and abs(found.lag) > bound - _AT_BOUND:
+        _warn(
+            f"the best lag, {found.lag:+.3f} s, is at the bound of the search; the clock may be "
+            "off by more (max_lag), or the reference belong to another drive"
+        )
+    speed, offset, square, *yaw = found.parameters
+    speed_factor = 1.0 + float(speed)
+    unit = np.ones(len(free))
+    unit[_COMPLIANCE] = -1.0 / speed_factor**2  # the fit multiplies the reference's v_x^2
+    return Calibration(
+        lag=found.lag,
+        speed_factor=speed_factor,
+        slip=SlipLaw(float(offset), float(square) * unit[_COMPLIANCE]),
+        yaw=np.array(yaw),
+        covariance=_placed(spread, free) * np.outer(unit, unit),
+        mountings=[
+            Mounting(mounting.x, mounting.y, _wrapped(mounting.yaw + angle))
+            for (_, mounting, _), angle in zip(views, yaw, strict=True)
+        ],
+        rms=float(np.sqrt(found.mean_square)),
+        share=float(found.known.mean()),
+        scans=len(velocities.time),
+        duration=float(np.ptp(velocities.time)),
+        block=block,
+    )
+
+
+def _views(recordings: Recording | Iterable[Recording | View]) -> list[View]:
+    """The arguments as (scans, mounting, reference), checked."""
+    if isinstance(recordings, Recording):
+        recordings = [recordings]
+    rows = [
+        (entry.scans, entry.mounting, entry.reference) if isinstance(entry, Recording) else entry
+        for entry in check_members("recordings", recordings, object)
+    ]
+    views: list[View] = []
+    for s, (scans, mounting, reference) in enumerate(
+        check_rows("recordings", rows, object, Mounting, Reference)
+    ):
+        name = f"recordings[{s}]"
+        listed = check_members(f"the scans of {name}", scans, RadarScan)
+        if len({scan.time for scan in listed if scan.size}) < 2:
+            raise ValueError(f"{name} must have at least two scans with targets")
+        if len(reference.times) < 2 or not (np.diff(reference.times) > 0).all():
+            raise ValueError(f"{name} must have a reference with at least two times, increasing")
+        if not (np.abs(reference.theta[:, 0]) > _MIN_SPEED).any():
+            raise ValueError(f"{name} must be of a moving vehicle, but its reference stands still")
+        views.append((listed, mounting, reference))
+    if not views:
+        raise ValueError("recordings must hold at least one sensor, but is empty")
+    return views
+
+
+def _selected(model: Alignment, low: float, high: float) -> tuple[Alignment, Fit]:
+    """The fit to the scans that agree with it, and the model with these."""
+    found = fit(model, low, high)
+    for _ in range(_MAX_SELECTIONS):
+        used = agreeing(model, found)
+        if (used == model.used).all():
+            break
+        model = replace(model, used=used)
+        found = fit(model, low, high)
+    return model, found
+
+
+def _placed(covariance: Array, free: NDArray[np.bool_]) -> Array:
+    """A covariance of the free parameters among all, nan for the others."""
+    placed = np.full((len(free), len(free)), np.nan)
+    placed[np.ix_(free, free)] = covariance
+    return placed
+
+
+def _wrapped(angle: float) -> float:
+    """The angle within -2 pi and 2 pi."""
+    return float(np.fmod(angle, 2.0 * np.pi))
+
+
+def _warn(message: str) -> None:
+    """A warning at the caller of `calibrate`."""
+    warnings.warn(message, UserWarning, stacklevel=3)

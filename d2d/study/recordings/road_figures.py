@@ -1,0 +1,85 @@
+"""Tables and drawings of the covariances on the road."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+
+from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, PINK
+
+MODELS = {
+    "inverse Hessian": (BLACK, "o"),
+    "inverse Hessian, one factor": (PINK, "s"),
+    "one constant matrix": (GREEN, "D"),
+    "propagated noise": (ORANGE, "^"),
+    "noise and budget": (BLUE, "*"),
+}
+
+
+def score_table(judged: Mapping[str, Mapping[str, Any]]) -> str:
+    """ANEES, share in the 95 % region, whitened squares and log score, a row for each model."""
+    lines = [
+        f"{'':14} {'covariance':28} {'ANEES':>6} {'(95 %)':>13}  {'inside':>6}   "
+        f"{'v_x':>5} {'v_y':>5} {'omega':>5}  {'log score':>9}"
+    ]
+    for where, models in judged.items():
+        for name, found in models.items():
+            low, high = found["anees_interval"]
+            v_x, v_y, omega = found["whitened"]
+            lines.append(
+                f"{where:14} {name:28} {found['anees']:6.2f} {f'{low:.2f}-{high:.2f}':>13}  "
+                f"{found['inside']:6.0%}   {v_x:5.2f} {v_y:5.2f} {omega:5.2f}  "
+                f"{found['log_score']:9.2f}"
+            )
+    return "\n".join(lines)
+
+
+def error_table(judged: Mapping[str, Mapping[str, Any]], model: str = "noise and budget") -> str:
+    """RMSE and mean errors of one model's estimates, a row for each drive."""
+    lines = [f"{'':14} {'RMSE m/s, m/s, deg/s':>22}   {'mean error':>22}   estimates"]
+    for where, models in judged.items():
+        found = models[model]
+        rmse = " ".join(f"{value:6.3f}" for value in found["rmse"])
+        mean = " ".join(f"{value:+6.3f}" for value in found["mean"])
+        lines.append(f"{where:14} {rmse:>22}   {mean:>22}   {found['estimates']:9}")
+    return "\n".join(lines)
+
+
+def draw_scores(judged: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """ANEES with its interval, and the share inside the 95 % region, of every model and drive."""
+    figure, axes = plt.subplots(1, 2, sharey=True, figsize=(7.6, 0.9 + 0.62 * len(judged)))
+    places = np.arange(len(judged))[::-1]
+    for k, (name, (color, marker)) in enumerate(MODELS.items()):
+        offset = 0.3 - 0.15 * k
+        found = [models[name] for models in judged.values()]
+        anees = np.array([each["anees"] for each in found])
+        spread = np.abs(np.array([each["anees_interval"] for each in found]).T - anees)
+        axes[0].errorbar(
+            anees, places + offset, xerr=spread, fmt=marker, color=color, ms=6, lw=1.2, label=name
+        )
+        inside = [100.0 * each["inside"] for each in found]
+        axes[1].plot(inside, places + offset, marker, color=color, ms=6)
+    axes[0].set_xscale("log")
+    axes[0].axvline(1.0, color="0.5", lw=1.0)
+    axes[1].axvline(95.0, color="0.5", lw=1.0)
+    axes[0].set(xlabel="ANEES", yticks=places, yticklabels=list(judged))
+    axes[1].set(xlabel="errors in the 95 % region (%)", xlim=(0, 102))
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def draw_extents(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Error of the yaw rate and ANEES of omega against the extent that the targets are given."""
+    figure, axes = plt.subplots(1, 2, figsize=(7.2, 2.9))
+    extent = [row["extent"] for row in rows]
+    axes[0].plot(extent, [row["inverse Hessian"]["rmse"][2] for row in rows], "o-", color=BLUE)
+    axes[0].set(xlabel="extent (m)", ylabel="RMSE of ω (deg/s)", ylim=(0, None))
+    for name, color, marker in (("inverse Hessian", BLACK, "o"), ("propagated", ORANGE, "^")):
+        omega = [row[name]["whitened"][2] for row in rows]
+        axes[1].plot(extent, omega, f"{marker}-", color=color, label=name)
+    axes[1].axhline(1.0, color="0.5", lw=1.0)
+    axes[1].set(xlabel="extent (m)", ylabel="mean square of ω's error / σ²", yscale="log")
+    axes[1].legend()
+    return figure

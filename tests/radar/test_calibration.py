@@ -1,0 +1,439 @@
+"""Clock, speed, slip and mountings from Doppler velocities alone.
+
+The drives are made up: static targets in random directions, seen by sensors whose mountings are
+turned, on a vehicle whose axle slips, beside an odometry that is late or early, too slow or fast.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d import rigid
+from d2d.radar import (
+    Mounting,
+    RadarScan,
+    Recording,
+    Reference,
+    SlipLaw,
+    calibrate,
+    doppler_velocity,
+    load_nuscenes,
+    load_radarscenes,
+)
+from d2d.radar.alignment import (
+    Alignment,
+    ScanVelocities,
+    covariance,
+    fit,
+    fit_at,
+    scan_velocities,
+)
+
+MOUNTINGS = (Mounting(3.8, 0.7, 0.5), Mounting(3.6, -0.9, -1.5))
+YAW = np.deg2rad([0.8, -0.5])
+SIGMAS = (0.1, 0.005, 0.05)
+LAW = SlipLaw(ahead=0.4, compliance=0.005)
+FACTOR = 1.02
+
+
+def driven(times) -> np.ndarray:
+    """v_x and omega (n, 2): bends to both sides, taken at different speeds."""
+    times = np.asarray(times)
+    v_x = 12.0 + 6.0 * np.sin(0.5 * times) + 1.5 * np.sin(1.7 * times)
+    return np.column_stack([v_x, 0.2 * np.sin(0.9 * times) + 0.15 * np.sin(0.31 * times + 1.0)])
+
+
+def steady(times) -> np.ndarray:
+    """Bends at a constant speed."""
+    return driven(times) * [0.0, 1.0] + [10.0, 0.0]
+
+
+def straight(times) -> np.ndarray:
+    return driven(times) * [1.0, 0.0]
+
+
+def uniform(times) -> np.ndarray:
+    """A circle at a constant speed."""
+    return np.full((len(times), 2), [10.0, 0.2])
+
+
+def drive(
+    seed: int = 0,
+    lag: float = 0.0,
+    motion=driven,
+    *,
+    duration: float = 30.0,
+    jitter: float = 0.0,
+    law: SlipLaw = LAW,
+    factor: float = FACTOR,
+    scans: bool = True,
+) -> list[Recording]:
+    """Two sensors; ``jitter`` (m/s, and 0.1 rad/s) is that of the odometry, correlated over 0.5 s.
+
+    The odometry's v_y is not to be believed.
+    """
+    rng = np.random.default_rng(seed)
+    stamps = np.arange(-1.0, duration + 1.0, 0.02)
+    odometry = motion(stamps) / [factor, 1.0]
+    noise = rng.standard_normal((len(stamps) + 24, 2))
+    smooth = np.stack([np.convolve(column, np.ones(25) / 5.0, "valid") for column in noise.T], -1)
+    odometry += jitter * smooth * [1.0, 0.1]
+    theta = np.insert(odometry, 1, 99.0, axis=1)
+    reference = Reference(stamps, theta, np.column_stack([stamps, stamps, 0.0 * stamps]))
+    found = []
+    for s, (mounting, yaw) in enumerate(zip(MOUNTINGS, YAW, strict=True)):
+        times = np.arange(0.03 * s, duration, 0.1)
+        v_x, omega = motion(times - lag).T
+        true = np.column_stack([v_x, law.lateral(v_x, omega), omega])
+        placed = Mounting(mounting.x, mounting.y, mounting.yaw + yaw)
+        listed: list[RadarScan] = []
+        for time, moved in zip(times, true, strict=True) if scans else ():
+            azimuth = rng.uniform(-0.9, 0.9, 12)
+            doppler = doppler_velocity(moved, azimuth, placed)
+            noise = rng.standard_normal((2, 12)) * [[SIGMAS[1]], [SIGMAS[2]]]
+            listed.append(
+                RadarScan(time, np.full(12, 20.0), azimuth + noise[0], doppler + noise[1], *SIGMAS)
+            )
+        found.append(Recording(listed, mounting, reference))
+    return found
+
+
+def values(found) -> np.ndarray:
+    """All parameters in the order of the covariance."""
+    law = found.slip
+    return np.array([found.lag, found.speed_factor, law.ahead, law.compliance, *found.yaw])
+
+
+TRUE = np.array([0.0, FACTOR, LAW.ahead, LAW.compliance, *YAW])
+
+
+# ---- what is found
+
+
+@pytest.mark.parametrize("lag", [-0.27, 0.0, 0.13])
+def test_what_was_put_in_is_found(lag):
+    """Breaks if a parameter has the wrong sign or size, or the odometry's v_y is used."""
+    found = calibrate(drive(1, lag, jitter=0.02))
+    error = values(found) - TRUE
+    error[0] -= lag
+    assert (np.abs(error) < 3.0 * found.sigmas).all()
+    assert (found.sigmas < [0.005, 0.002, 0.1, 0.001, 0.002, 0.002]).all()
+    assert found.share > 0.99
+    assert found.scans == 600
+    for corrected, stated, yaw in zip(found.mountings, MOUNTINGS, found.yaw, strict=True):
+        assert corrected == Mounting(stated.x, stated.y, stated.yaw + yaw)
+
+
+def measured(rng, lag: float, duration: float) -> ScanVelocities:
+    """What the scans of `drive` say, without the search for their static targets."""
+    sensor = np.repeat([0, 1], round(10 * duration))
+    time = 0.1 * (np.arange(len(sensor)) % round(10 * duration)) + 0.03 * sensor
+    place = np.array([[m.x, m.y] for m in MOUNTINGS])[sensor]
+    v_x, omega = driven(time - lag).T
+    velocity = np.column_stack(
+        [v_x - omega * place[:, 1], LAW.lateral(v_x, omega) + omega * place[:, 0]]
+    )
+    turned = np.einsum("kij,kj->ki", rigid.rotation(-YAW[sensor]), velocity)
+    turned += 0.02 * rng.standard_normal(turned.shape)
+    information = np.tile(2500.0 * np.eye(2), (len(sensor), 1, 1))
+    square = 2500.0 * (turned**2).sum(axis=1)
+    ones = np.ones(len(sensor), dtype=np.int64)
+    return ScanVelocities(sensor, place, time, information, 2500.0 * turned, square, ones)
+
+
+def test_the_standard_deviations_are_those_of_the_errors():
+    """Breaks if the correlation in time is left out: the errors are then several times as large."""
+    scores = []
+    for seed in range(25):
+        reference = drive(seed, jitter=0.06, duration=40.0, scans=False)[0].reference
+        velocities = measured(np.random.default_rng(seed), 0.1, 40.0)
+        model = Alignment.of(velocities, [reference] * 2, (0, 2))
+        found = fit(model, 0.06, 0.14)
+        spread, block = covariance(model, found, with_lag=True)
+        truth = [0.1, FACTOR - 1.0, LAW.ahead, -LAW.compliance * FACTOR**2, *YAW]
+        error = np.array([found.lag, *found.parameters]) - truth
+        scores.append(error / np.sqrt(np.diag(spread)))
+        assert block > 0.5
+    size = np.sqrt(np.mean(np.square(scores), axis=0))
+    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.25
+    assert (size > 0.4).all()
+    assert (size < 1.6).all()
+
+
+def test_a_wrong_clock_and_mounting_are_mended():
+    """Breaks if what is handed back is corrected the other way round."""
+    sensors = drive(2, 0.15)
+    found = calibrate(sensors)
+    again = calibrate(
+        [
+            (recording.scans, mounting, found.reference(recording.reference))
+            for recording, mounting in zip(sensors, found.mountings, strict=True)
+        ]
+    )
+    assert again.lag == pytest.approx(0.0, abs=2e-3)
+    assert again.speed_factor == pytest.approx(1.0, abs=1e-4)
+    assert_allclose(again.yaw, 0.0, atol=1e-4)
+    assert again.slip.compliance == pytest.approx(found.slip.compliance, abs=1e-4)
+
+
+def test_the_corrected_reference_is_what_the_radars_see():
+    """Breaks if v_y is not that of the law, or unknown times are made up."""
+    sensors = drive(3, 0.15)
+    found = calibrate(sensors)
+    reference = found.reference(sensors[0].reference)
+    known = np.isfinite(reference.theta).all(axis=1)
+    assert_array_equal(known, reference.times - found.lag >= reference.times[0])
+    v_x, omega = driven(reference.times[known] - 0.15).T
+    expected = np.column_stack([v_x, LAW.lateral(v_x, omega), omega])
+    assert_allclose(reference.theta[known], expected, rtol=0, atol=0.03)
+    assert_allclose(reference.poses[known, 0], reference.times[known] - found.lag)
+
+
+def test_one_sensor_is_enough():
+    """Breaks if a single recording is refused, or the wrong mounting is turned."""
+    sensors = drive(4, 0.1, law=SlipLaw())
+    found = calibrate(sensors[0])
+    assert found.lag == pytest.approx(0.1, abs=0.01)
+    assert found.yaw == pytest.approx(YAW[:1], abs=0.003)
+    assert found.covariance.shape == (5, 5)
+
+
+def test_scans_that_follow_traffic_are_left_out():
+    """Breaks if a column of lorries, which fills some scans, counts as the ground."""
+    sensors = drive(5, 0.1)
+    scans = sensors[0].scans
+    faster = [
+        replace(scan, doppler=scan.doppler + 4.0 * np.cos(scan.azimuth)) if 100 <= i < 120 else scan
+        for i, scan in enumerate(scans)
+    ]
+    clean, found = calibrate(sensors), calibrate([replace(sensors[0], scans=faster), sensors[1]])
+    assert found.share == pytest.approx(clean.share - 20 / 600, abs=0.004)
+    assert (np.abs(values(found) - values(clean)) < clean.sigmas).all()
+
+
+# ---- what a drive cannot tell
+
+
+@pytest.mark.parametrize("lag", [-0.3, 0.3])
+def test_a_lag_at_the_bound_is_said(lag):
+    """Breaks if a user believes the bound of the search."""
+    with pytest.warns(UserWarning, match="is at the bound of the search"):
+        found = calibrate(drive(6, lag), max_lag=0.2)
+    assert found.lag == pytest.approx(np.copysign(0.2, lag), abs=1e-3)
+
+
+def test_no_acceleration_tells_no_lag():
+    """Breaks if the lowest point of a flat line is believed."""
+    with pytest.warns(UserWarning, match="too little acceleration to tell the lag"):
+        found = calibrate(drive(7, 0.1, uniform))
+    assert found.lag == 0.0
+    assert np.isnan(found.sigmas[0])
+    assert found.speed_factor == pytest.approx(FACTOR, abs=0.001)
+    assert "the lag" in str(found).splitlines()[-2] + str(found).splitlines()[-3]
+
+
+def test_one_speed_in_all_bends_does_not_tell_axle_from_tyres():
+    """Breaks if two parameters share one effect by chance."""
+    found = calibrate(drive(8, 0.1, steady))
+    assert found.slip.ahead == 0.0
+    assert np.isnan(found.sigmas[2])
+    assert found.slip.compliance == pytest.approx(0.005 - 0.4 / 100.0, abs=3e-4)
+    assert "Held, not fitted: the place of the axle." in str(found)
+    given = calibrate(drive(8, 0.1, steady), ahead=0.4)
+    assert given.slip.ahead == 0.4
+    assert given.slip.compliance == pytest.approx(0.005, abs=3e-4)
+
+
+def test_a_straight_drive_tells_no_slip():
+    """Breaks if noise is given out as a slip law."""
+    found = calibrate(drive(9, 0.1, straight))
+    assert found.slip == SlipLaw()
+    assert np.isnan(found.sigmas[2:4]).all()
+    assert_allclose(found.yaw, YAW, atol=0.002)
+    assert found.lag == pytest.approx(0.1, abs=0.01)
+
+
+# ---- how it is computed
+
+
+def test_a_scan_s_squares_are_kept_as_a_quadratic():
+    """Breaks if a weight, a sign or a target is lost."""
+    (recording, _) = drive(10)
+    kept = scan_velocities([(recording.scans[:3], recording.mounting)])
+    angle = recording.scans[1].azimuth + recording.mounting.yaw
+    for u in ([9.0, 0.5], [11.0, -2.0]):
+        quadratic = kept.square[1] - 2.0 * kept.projection[1] @ u + u @ kept.information[1] @ u
+        residual = recording.scans[1].doppler + np.cos(angle) * u[0] + np.sin(angle) * u[1]
+        truth = 12.0 + 1.5 * np.sin(1.7 * 0.1) + 6.0 * np.sin(0.05)  # for the azimuth's share
+        sigma = np.hypot(SIGMAS[2], SIGMAS[1] * truth * np.sin(angle))
+        assert kept.targets[1] == 12
+        assert quadratic == pytest.approx(np.sum((residual / sigma) ** 2), rel=0.1)
+
+
+def test_the_prediction_is_the_doppler_model_s_and_its_derivatives_are_exact():
+    """Breaks if a mounting is turned the wrong way, or a derivative is wrong."""
+    sensors = drive(11)
+    kept = scan_velocities((r.scans[:20], r.mounting) for r in sensors)
+    model = Alignment.of(kept, [r.reference for r in sensors], (0, 2))
+    parameters = np.array([0.02, 0.4, -0.005, *YAW])
+    predicted, derivatives = model.predicted(0.13, parameters)
+    azimuth = np.linspace(-1.0, 1.0, 5)
+    for k in (3, 25):
+        s = kept.sensor[k]
+        v_x, omega = np.array(
+            [
+                np.interp(kept.time[k] - 0.13, sensors[s].reference.times, column)
+                for column in sensors[s].reference.theta[:, [0, 2]].T
+            ]
+        )
+        theta = [1.02 * v_x, (0.4 - 0.005 * v_x**2) * omega, omega]
+        stated = sensors[s].mounting
+        turned = replace(stated, yaw=stated.yaw + YAW[s])
+        angle = azimuth + stated.yaw
+        assert_allclose(
+            -np.cos(angle) * predicted[k, 0] - np.sin(angle) * predicted[k, 1],
+            doppler_velocity(theta, azimuth, turned),
+            rtol=1e-9,
+        )
+    for j, step in enumerate(1e-6 * np.eye(5)):
+        upper, lower = (model.predicted(0.13, parameters + d)[0] for d in (step, -step))
+        assert_allclose(derivatives[..., j], (upper - lower) / 2e-6, rtol=1e-5, atol=1e-5)
+
+
+def test_the_best_parameters_have_a_lower_sum_than_their_neighbours():
+    """Breaks if the steps stop early, or the mean square is not that of the targets."""
+    sensors = drive(12, 0.1, jitter=0.05)
+    kept = scan_velocities((r.scans, r.mounting) for r in sensors)
+    model = Alignment.of(kept, [r.reference for r in sensors], (0, 2))
+    best = fit_at(model, 0.1)
+    held = np.zeros(5, dtype=bool)
+    for j in range(5):
+        free = held.copy()
+        free[(j + 1) % 5] = True  # one parameter less near its best, the others held
+        for shift in (-1e-3, 1e-3):
+            start = best.parameters.copy()
+            start[j] += shift
+            assert fit_at(replace(model, start=start, free=free), 0.1).mean_square > (
+                best.mean_square
+            )
+
+
+# ---- the result, and what is refused
+
+
+def test_the_result_prints_with_units_and_is_frozen():
+    """Breaks if a number has no unit, or a result can be changed by accident."""
+    found = calibrate(drive(13, 0.1))
+    lines = str(found).splitlines()
+    assert lines[0].startswith("600 scans over 29.9 s")
+    for name, unit in (("lag", "s"), ("compliance", "s^2/m"), ("yaw of sensor 2 of 2", "deg")):
+        (line,) = (line for line in lines if line.startswith(name))
+        assert "+-" in line
+        assert line.endswith(f" {unit}")
+    assert f"{np.rad2deg(found.yaw[1]):+.3f}" in str(found)
+    assert "Held" not in str(found)
+    with pytest.raises(FrozenInstanceError):
+        found.lag = 0.0
+
+
+def test_the_slip_law_refuses_what_is_no_number():
+    """Breaks if nan gets into every v_y."""
+    assert SlipLaw(1, 0).lateral([1.0, 2.0], [0.1, np.nan])[0] == pytest.approx(0.1)
+    for name in ("ahead", "compliance"):
+        with pytest.raises(ValueError, match=f"^{name} must be"):
+            SlipLaw(**{name: np.nan})
+
+
+def bad(name):
+    """Arguments that `calibrate` refuses."""
+    (first, _) = drive(14, duration=2.0)
+    still = Reference(first.reference.times, 0.0 * first.reference.theta, first.reference.poses)
+    late = replace(first.reference, times=first.reference.times + 100.0)
+    back = replace(first.reference, times=first.reference.times[::-1])
+    entry = (first.scans, first.mounting, first.reference)
+    return {
+        "nothing": [],
+        "a number": 3,
+        "a pair": [entry[:2]],
+        "no scan": [("abc", *entry[1:])],
+        "one scan": [(first.scans[:1], *entry[1:])],
+        "empty scans": [([scan[:0] for scan in first.scans], *entry[1:])],
+        "standing": [(*entry[:2], still)],
+        "another day": [(*entry[:2], late)],
+        "backwards": [(*entry[:2], back)],
+    }[name]
+
+
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [
+        ("nothing", "^recordings must hold at least one sensor"),
+        ("a number", "^recordings must be a sequence"),
+        ("a pair", r"^recordings\[0\] must be a tuple"),
+        ("no scan", r"^the scans of recordings\[0\]"),
+        ("one scan", r"^recordings\[0\] must have at least two scans"),
+        ("empty scans", r"^recordings\[0\] must have at least two scans"),
+        ("standing", r"^recordings\[0\] must be of a moving vehicle"),
+        ("another day", "^the references of recordings must cover the times of the scans"),
+        ("backwards", r"^recordings\[0\] must have a reference .* increasing"),
+    ],
+)
+def test_what_cannot_be_calibrated_is_refused_by_name(name, match):
+    """Breaks if a user gets a number, or an error that does not say what is wrong."""
+    with pytest.raises(ValueError, match=match):
+        calibrate(bad(name))
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("max_lag", 0.0), ("max_lag", "long"), ("ahead", np.nan)]
+)
+def test_options_out_of_range_are_refused(option, value):
+    """Breaks if the search has no width, or nan is held."""
+    with pytest.raises(ValueError, match=f"^{option} must be"):
+        calibrate(drive(15, duration=2.0), **{option: value})
+
+
+# ---- real data
+
+
+@pytest.mark.radarscenes
+@pytest.mark.skipif(
+    "D2D_RADARSCENES" not in os.environ,
+    reason="set D2D_RADARSCENES to the folder of the RadarScenes data set",
+)
+def test_radarscenes_has_a_late_clock_and_no_other_large_error():
+    """Breaks if the defaults of `load_radarscenes` are not what the data say."""
+    root = os.environ["D2D_RADARSCENES"]
+    sensors = [load_radarscenes(root, 105, s, time_offset=0.0) for s in (1, 2, 3, 4)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = calibrate(sensors)
+    assert found.lag == pytest.approx(0.12, abs=0.015)
+    assert found.speed_factor == pytest.approx(1.0, abs=0.002)
+    assert found.slip.ahead == pytest.approx(0.0, abs=3.0 * found.sigmas[2])
+    assert found.slip.compliance == pytest.approx(0.0045, abs=3.0 * found.sigmas[3])
+    assert np.abs(np.rad2deg(found.yaw)).max() < 0.25
+
+
+@pytest.mark.nuscenes
+@pytest.mark.skipif(
+    "D2D_NUSCENES" not in os.environ,
+    reason="set D2D_NUSCENES to the folder of the nuScenes data set",
+)
+def test_nuscenes_has_an_early_clock_and_a_slow_speedometer():
+    """Breaks if a lag below zero is not found, or the defaults of `load_nuscenes` are wrong."""
+    root = os.environ["D2D_NUSCENES"]
+    channels = ("FRONT", "FRONT_LEFT", "FRONT_RIGHT", "BACK_LEFT", "BACK_RIGHT")
+    options = {"time_offset": 0.0, "speed_factor": 1.0}
+    found = calibrate(
+        [load_nuscenes(root, "scene-0103", f"RADAR_{name}", **options) for name in channels]
+    )
+    assert found.lag == pytest.approx(-0.03, abs=0.015)
+    assert found.speed_factor == pytest.approx(1.0125, abs=0.004)
+    assert found.slip.ahead == 0.0
