@@ -23,11 +23,14 @@ from d2d._kernel.batches import (
     target_batch,
 )
 from d2d._kernel.layout import (
+    A00,
+    A11,
     ARC,
     CHORD,
     CORRUPTED,
     GAIN,
     INPUT_VARIANCE,
+    KIND,
     LIKELIHOOD,
     LOG_DENSITY,
     LOG_OUTLIER_WEIGHT,
@@ -56,11 +59,14 @@ from d2d._kernel.propagation import cross_batch, make_propagation_work
 from d2d._kernel.shared_errors import add_dependence, add_errors
 
 __all__ = [
+    "A00",
+    "A11",
     "ARC",
     "CHORD",
     "CORRUPTED",
     "GAIN",
     "INPUT_VARIANCE",
+    "KIND",
     "LIKELIHOOD",
     "LOG_DENSITY",
     "LOG_OUTLIER_WEIGHT",

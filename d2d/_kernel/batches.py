@@ -50,7 +50,8 @@ def evaluate_batch(batch, thetas, work, value, gradient, hessian):
 def target_batch(batch, thetas, row, work, values):
     """A row of the scratch array for every target of every problem (B, targets), at its theta.
 
-    LOG_DENSITY holds log q_k, SHARE the inlier component's share in it.
+    LOG_DENSITY holds log q_k, SHARE the inlier component's share in it, A00 to A22 the second
+    derivatives of q_k along t_x, t_y and phi over q_k.
     """
     w = work.scratch
     for b in range(thetas.shape[0]):
