@@ -2,7 +2,7 @@
 
 from d2d.bootstrap import block_bootstrap, block_length
 from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
-from d2d.covariance import fisher_covariance, propagate_covariance
+from d2d.covariance import fisher_covariance, propagate_covariance, sandwich_covariance
 from d2d.credibility import Credibility, credibility
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
@@ -30,6 +30,7 @@ __all__ = [
     "multi_start",
     "propagate_covariance",
     "register",
+    "sandwich_covariance",
     "start_grid",
     "whiten",
 ]

@@ -263,11 +263,22 @@ class PointSet(Frozen):
         return np.argsort(traces.reshape(-1, self.size), axis=-1, kind="stable").ravel()
 
     @lazy
+    def _survey(self) -> tuple[Array, Array | None]:
+        """What the kernel needs to know of each set before it begins."""
+        count = self._packed.shape[1] // self.size
+        extremes, origins = np.empty((count, 3)), np.empty((count, 2))
+        far = _kernel.survey_batch(self._packed, float(self.dimension == 2), extremes, origins)
+        return extremes, origins if far else None
+
+    @property
     def _extremes(self) -> Array:
         """(B, 3) bounds, see `d2d._kernel.pairs.find_extremes`."""
-        extremes = np.empty((self._packed.shape[1] // self.size, 3))
-        _kernel.find_extremes_batch(self._packed, extremes)
-        return extremes
+        return self._survey[0]
+
+    @property
+    def _origins(self) -> Array | None:
+        """(B, 2) origins of sets of which one at least is far away, see `d2d.frame`."""
+        return self._survey[1]
 
 
 def _checked_covariances(covariances: Array, count: int, dimension: int) -> Array:

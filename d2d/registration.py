@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -18,6 +17,7 @@ from d2d._checks import (
     check_scalar,
     check_schedule,
 )
+from d2d._slices import run_in_slices
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.measurement import LinearMeasurement
@@ -115,6 +115,10 @@ def register(
     cost has several.  If the start is far off, use ``scales=ANNEALED`` or `multi_start`, and if
     targets may lack a counterpart, an outlier model.  Then check the
     `RegistrationCost.inlier_probabilities` of the optimum: low throughout, they reveal a wrong one.
+
+    A set whose mean is a thousand times as far from the origin as its targets lie apart, as in map
+    coordinates, is computed about its mean, unless there is a measurement.  All that goes in and
+    comes out is in the coordinates of the sets.
 
     Examples
     --------
@@ -248,7 +252,7 @@ def anneal(
 
 def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
     """The optimum of each bound problem near its parameters."""
-    batch, thetas = bound.batch, bound.thetas.copy()
+    thetas = bound.thetas.copy()
     count, p, shape = len(thetas), problem.parameters, bound.shape
     value, gradient, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
     covariance = np.full((count, 3, 3), np.nan)
@@ -257,22 +261,18 @@ def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
     results = value, gradient, hessian, covariance, converged, iterations, shares
 
     def run(first: int, last: int) -> None:
-        part = batch._replace(first=batch.first[first : last + 1])
-        own = tuple(array[first:last] for array in results)
-        _kernel.minimise_batch(
-            part, thetas[first:last], TOLERANCE, MAX_ITERATIONS, _kernel.make_work(), own
-        )
+        part, begin = bound.batch, thetas
+        own: tuple[NDArray[Any], ...] = results
+        if last - first < count:
+            part, begin = bound.part(first, last), thetas[first:last]
+            own = tuple(array[first:last] for array in results)
+        _kernel.minimise_batch(part, begin, TOLERANCE, MAX_ITERATIONS, _kernel.make_work(), own)
 
-    if threads == 1 or count == 1:
-        _kernel.minimise_batch(
-            batch, thetas, TOLERANCE, MAX_ITERATIONS, _kernel.make_work(), results
-        )
-    else:
-        # the kernel releases the GIL; four parts a thread even out problems of unequal length
-        edges = np.linspace(0, count, min(count, 4 * threads) + 1).astype(int)
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(run, edges[:-1], edges[1:]))
-
+    run_in_slices(run, count, problem.size, threads)
+    if bound.frame is not None:
+        covariance = bound.frame.covariance(thetas, covariance)
+        covariance, converged = _if_definite(covariance, converged, p)
+        thetas, value, gradient, hessian = _in_the_users_frame(problem, bound, thetas)
     return Estimate(
         theta=thetas[:, :p].reshape(*shape, p),
         covariance=covariance[:, :p, :p].reshape(*shape, p, p),
@@ -283,6 +283,37 @@ def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
         iterations=iterations.reshape(shape),
         inliers=_mean_shares(problem, shares).reshape(shape),
     )
+
+
+def _in_the_users_frame(
+    problem: Problem, bound: Bound, thetas: Array
+) -> tuple[Array, Array, Array, Array]:
+    """The optima as the user reads them, with the cost and its derivatives just there.
+
+    Far from the origin their coordinates are rounded, by which the start may be the better one.
+    """
+    assert bound.frame is not None
+    assert bound.given is not None
+    outer = bound.frame.outward(thetas)
+    found = outer, *problem.derivatives(bound._replace(thetas=bound.frame.inward(outer)))
+    start = bound.given, *problem.derivatives(bound)
+    better = start[1] < found[1]
+    for own, other in zip(found, start, strict=True):
+        own[better] = other[better]
+    return found
+
+
+def _if_definite(
+    covariance: Array, converged: NDArray[np.bool_], p: int
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Where doubles cannot tell a covariance (B, 3, 3) from a singular one, nothing converged."""
+    own = covariance[:, :p, :p]
+    size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))
+    unit = np.where(
+        converged[:, None, None], own / (size[:, :, None] * size[:, None, :]), np.eye(p)
+    )
+    converged = converged & (np.linalg.eigvalsh(unit)[:, 0] > 0.0)
+    return np.where(converged[:, None, None], covariance, np.nan), converged
 
 
 def _mean_shares(problem: Problem, shares: Array) -> Array:

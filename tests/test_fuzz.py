@@ -155,6 +155,35 @@ def test_no_result_is_dishonest(dimension, metric, fusion, outlier):
     assert converged > 0.1 * BATCH * ROUNDS  # else the problems are too hopeless to tell anything
 
 
+@CASES
+@pytest.mark.parametrize("fusion", FUSIONS)
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_no_result_in_map_coordinates_is_dishonest(dimension, fusion, outlier):
+    """Breaks if what is computed about the sets' means is not what is said of the user's frame.
+
+    The sets lie a kilometre to ten thousand from the origin, both together or each on its own.
+    """
+    rng = np.random.default_rng([5, dimension, FUSIONS.index(fusion), OUTLIERS.index(outlier)])
+    converged = 0
+    for number in range(ROUNDS):
+        problem = random_batch(rng, dimension, METRICS[number % 2], fusion, outlier, False)
+        away = 10.0 ** rng.uniform(3.0, 7.0, (2, BATCH, 1, 1))
+        away = away * rng.standard_normal((2, BATCH, 1, dimension))
+        away[1, ::2] = away[0, ::2]
+        fixed, moving = (
+            PointSet(points.means + shift, points.covariances, points.weights)
+            for points, shift in zip((problem.fixed, problem.moving), away, strict=True)
+        )
+        theta = problem.theta.copy()
+        theta[:, dimension:] = 0.0
+        theta[:, :dimension] += (away[0] - away[1])[:, 0]
+        problem = problem.with_(fixed=fixed, moving=moving, theta=theta)
+        estimate = register(fixed, moving, problem.cost, theta)
+        assert_honest(problem, estimate)
+        converged += int(estimate.converged.sum())
+    assert converged > 0.1 * BATCH * ROUNDS
+
+
 def member(problem: Problem, i: int) -> Problem:
     """One problem of a batch."""
     f, m, z = problem.fixed, problem.moving, problem.measurement

@@ -141,7 +141,7 @@ def test_the_order_of_targets_and_components_does_not_matter(seed, case, size):
         assert_allclose(one, two, rtol=1e-9, atol=1e-9 * np.abs(two).max())
 
 
-@given(seeds, costs, sizes, reals(-1e3, 1e3), reals(-10.0, 10.0))
+@given(seeds, costs, sizes, reals(-1e7, 1e7), reals(-10.0, 10.0))
 def test_moving_both_sets_alike_changes_nothing(seed, case, size, shift, angle):
     """Breaks if origin or axes play a role: f(theta; G F, M) = f(G^-1 theta; F, M) for any G."""
     problem = problem_of(seed, case, size)
@@ -152,8 +152,9 @@ def test_moving_both_sets_alike_changes_nothing(seed, case, size, shift, angle):
     turned = problem.with_(
         theta=rigid.compose(by, problem.theta), fixed=problem.fixed.transformed(by)
     )
-    assert_allclose(turned.value(), problem.value(), rtol=1e-8, atol=1e-7)
-    assert_allclose(turned.densities(), problem.densities(), rtol=1e-6)
+    rounding = max(1.0, abs(shift) / 1e3)
+    assert_allclose(turned.value(), problem.value(), rtol=1e-8, atol=1e-7 * rounding)
+    assert_allclose(turned.densities(), problem.densities(), rtol=1e-6 * rounding)
     # and of the moving set alone: f(theta; F, G M) = f(theta G; F, M)
     there = problem.with_(
         theta=rigid.compose(problem.theta, rigid.inverse(by)),

@@ -18,17 +18,17 @@ from d2d._kernel.batches import (
     are_good_targets,
     chart_batch,
     evaluate_batch,
-    find_extremes_batch,
     minimise_batch,
+    survey_batch,
     target_batch,
 )
 from d2d._kernel.layout import (
-    A00,
-    A11,
     ARC,
     CHORD,
     CORRUPTED,
+    CURVATURE,
     GAIN,
+    GRADIENT,
     INPUT_VARIANCE,
     KIND,
     LIKELIHOOD,
@@ -59,12 +59,12 @@ from d2d._kernel.propagation import cross_batch, make_propagation_work
 from d2d._kernel.shared_errors import add_dependence, add_errors
 
 __all__ = [
-    "A00",
-    "A11",
     "ARC",
     "CHORD",
     "CORRUPTED",
+    "CURVATURE",
     "GAIN",
+    "GRADIENT",
     "INPUT_VARIANCE",
     "KIND",
     "LIKELIHOOD",
@@ -96,9 +96,9 @@ __all__ = [
     "chart_batch",
     "cross_batch",
     "evaluate_batch",
-    "find_extremes_batch",
     "make_propagation_work",
     "make_work",
     "minimise_batch",
+    "survey_batch",
     "target_batch",
 ]

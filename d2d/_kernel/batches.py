@@ -8,7 +8,7 @@ from d2d._kernel.evaluation import evaluate_block, setting_of
 from d2d._kernel.layout import LANES, MAX_VARIANCE, MAX_WEIGHT, MIN_WEIGHT
 from d2d._kernel.minimisation import evaluate, minimise, motion_chart, pair_at
 from d2d._kernel.newton import invert
-from d2d._kernel.pairs import find_extremes
+from d2d._kernel.pairs import find_extremes, find_origin
 
 
 @entry
@@ -31,11 +31,17 @@ def are_good_targets(means, covariances, weights):
 
 
 @entry
-def find_extremes_batch(packed, extremes):
-    """Fill the bounds (B, 3) of sets (6, B N) of equal size, see `find_extremes`."""
-    size = packed.shape[1] // extremes.shape[0]
+def survey_batch(packed, planar, extremes, origins):
+    """Fill the bounds (B, 3) and origins (B, 2) of sets (6, B N) of equal size; whether any is far.
+
+    See `find_extremes` and `find_origin`.
+    """
+    size, far = packed.shape[1] // extremes.shape[0], False
     for b in range(extremes.shape[0]):
-        find_extremes(packed[:, b * size : (b + 1) * size], extremes[b])
+        points = packed[:, b * size : (b + 1) * size]
+        find_extremes(points, extremes[b])
+        far |= find_origin(points, planar, origins[b])
+    return far
 
 
 @entry
@@ -47,11 +53,11 @@ def evaluate_batch(batch, thetas, work, value, gradient, hessian):
 
 
 @entry
-def target_batch(batch, thetas, row, work, values):
-    """A row of the scratch array for every target of every problem (B, targets), at its theta.
+def target_batch(batch, thetas, rows, work, values):
+    """Rows of the scratch array for every target of every problem (B, rows, targets), at its theta.
 
-    LOG_DENSITY holds log q_k, SHARE the inlier component's share in it, A00 to A22 the second
-    derivatives of q_k along t_x, t_y and phi over q_k.
+    LOG_DENSITY holds log q_k, GRADIENT its gradient in the motion, CURVATURE the second derivatives
+    of q_k over q_k, and SHARE the inlier component's share in q_k.
     """
     w = work.scratch
     for b in range(thetas.shape[0]):
@@ -66,7 +72,8 @@ def target_batch(batch, thetas, row, work, values):
             for first in range(0, targets, LANES):
                 evaluate_block(w, fixed, moving, order, factors, outlier, setting, first)
                 for k in range(min(LANES, targets - first)):
-                    values[b, done + order[first + k]] = w[row + k]
+                    for r in range(rows.shape[0]):
+                        values[b, r, done + order[first + k]] = w[rows[r] + k]
             done += targets
 
 

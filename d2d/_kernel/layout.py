@@ -28,7 +28,12 @@ LOG_2PI = math.log(2.0 * math.pi)
 LANES = 8
 G0, G1, G2, A00, A01, A11, A02, A12, A22 = range(LANES, 10 * LANES, LANES)
 INLIER, OUTLIER, FACTOR, TOTAL = range(0, 40 * LANES, 10 * LANES)
-LOG_DENSITY = INLIER  # in the end: log q_k, with the measurement and the outliers in it
+# In the end, with the measurement and the outliers in it: log q_k and its derivatives.
+LOG_DENSITY = INLIER
+GRADIENT = (INLIER + G0, INLIER + G1, INLIER + G2)
+CURVATURE = tuple(
+    INLIER + row for row in (A00, A01, A02, A01, A11, A12, A02, A12, A22)
+)  # a full matrix, row by row
 # The rotated mean and covariance of each target, whether it counts (the last block may be filled
 # up), its cut-off and limit (see pairs.py), an offset and a maximum of logarithms,
 # and the inlier component's share, with its sum over the blocks.

@@ -50,6 +50,7 @@ class Batch(NamedTuple):
     fusion: int
     in_twist: bool
     kind: int  # of the parameters: MOTION, ARC or CHORD
+    prior: Any  # (3,) precisions of the parameters' prior, a Gaussian about zero
     gate: float = GATE  # see pairs.py
 
 
@@ -144,8 +145,8 @@ def add_derivatives(work, chart, interval, g, h):
 def evaluate(batch, problem, pair, theta, work, g, h):
     """Cost of a problem at theta, and the sum of its targets' inlier shares.
 
-    The cost is the sum over the problem's pairs, of which ``pair`` is the first; its gradient goes
-    to g (3), its Hessian to h (3, 3).
+    The cost is the sum over the problem's pairs, of which ``pair`` is the first, and the prior's;
+    its gradient goes to g (3), its Hessian to h (3, 3).
     """
     w, motion = work.scratch, work.motion
     for k in range(LANES):
@@ -161,6 +162,11 @@ def evaluate(batch, problem, pair, theta, work, g, h):
         motion[0], motion[1], motion[2] = chart.x, chart.y, chart.phi
         value += evaluate_pair(pair, motion, batch.fusion, w, work.gradient, work.hessian)
         add_derivatives(work, chart, batch.intervals[number], g, h)
+    for j in range(3):
+        weighted = batch.prior[j] * theta[j]
+        value += 0.5 * weighted * theta[j]
+        g[j] += weighted
+        h[j, j] += batch.prior[j]
     for k in range(LANES):
         shares += w[SHARES + k]
     return value, shares

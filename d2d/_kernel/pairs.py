@@ -62,6 +62,7 @@ NEAR = 12.5  # half a squared distance of five standard deviations
 # however far away it is.  So all passes compute the distance by one formula, the offset is a little
 # larger than it, and exponents above MAX_EXPONENT are cut off.
 ABOVE, MAX_EXPONENT = 1.0 + 1e-14, 200.0
+FAR = 1000.0  # times its own size away, a set is computed about its mean, see `d2d.frame`
 TINY = 1e-300  # where each sum begins, so that the logarithm of an empty one is finite
 
 
@@ -331,3 +332,21 @@ def find_extremes(points, extremes):
         weight = min(weight, points[WEIGHT, i])
         trace = max(trace, xx + yy)
     extremes[0], extremes[1], extremes[2] = peak, weight, trace
+
+
+@compiled
+def find_origin(points, planar, origin):
+    """The mean of a set that is FAR times as far away as the set reaches, or zero; whether it is.
+
+    It reaches as far as its targets lie from the mean, their errors included, by the mean square.
+    """
+    x, y, square, count = 0.0, 0.0, 0.0, points.shape[1]
+    for i in range(count):
+        x += points[X, i] / count
+        y += points[Y, i] / count
+    for i in range(count):
+        dx, dy = points[X, i] - x, points[Y, i] - y
+        square += (dx * dx + dy * dy + points[XX, i] + planar * points[YY, i]) / count
+    far = x * x + y * y > FAR * FAR * square
+    origin[0], origin[1] = x if far else 0.0, y if far else 0.0
+    return far

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._kernel.compiling import compiled, entry, inlined, vectorised
+from d2d._kernel.compiling import compiled, entry, inlined, merged, vectorised
 from d2d._kernel.evaluation import setting_of
 from d2d._kernel.layout import (
     CORRUPTED,
@@ -57,8 +57,8 @@ def make_propagation_work(size: int) -> tuple[Array, Array, NDArray[np.int64], A
     )
 
 
-@compiled
-def add_inliers(w, target, factor, share, scale, mean, near, within, weights, moved):
+@merged
+def add_inliers(w, target, factor, scale, mean, near, within, weights, moved):
     """Add a target's pairs within its cut-off to the cross derivatives of both of their means."""
     m0, m1, m2 = mean
     for n in range(within):
@@ -141,30 +141,7 @@ def write_measured(factor, share, centred, by_value, by_input):
     by_input[2] = -share * factor.i2 - d2 * factor.by_input
 
 
-@compiled
-def sum_targets(w, sums, moving, factors, outlier, setting, near, weights):
-    """log sum_k q_k of all targets, and its gradient."""
-    top, total, g0, g1, g2 = -np.inf, 0.0, 0.0, 0.0, 0.0
-    for k in range(moving.shape[1]):
-        target, factor = load_target(moving, k, setting), factor_of(factors, k, setting.chart)
-        outliers = outliers_of(w, sums, target, outlier)
-        log_weight = outlier[LOG_INLIER_WEIGHT]
-        found = weigh(w, sums, target, factor, outliers, log_weight, setting, near, weights)
-        keep, own = 1.0, 0.0
-        if found.log > top:
-            keep, own, top = math.exp(top - found.log), 1.0, found.log
-        else:
-            own = math.exp(found.log - top)
-        total = keep * total + own
-        g0, g1, g2 = (
-            keep * g0 + own * found.g0,
-            keep * g1 + own * found.g1,
-            keep * g2 + own * found.g2,
-        )
-    return top + math.log(total), g0 / total, g1 / total, g2 / total
-
-
-@compiled
+@merged
 def rotate_back(moved, setting):
     """Derivatives in a rotated mean become those in the mean itself: G R."""
     cosine, sine = setting.cosine, setting.sine
@@ -180,44 +157,59 @@ def scale_rows(rows, chart, interval):
     rows[0], rows[1], rows[2] = interval * g0, interval * g1, interval * g2
 
 
-@compiled
+@merged
 def cross_pair(pair, setting, fusion, work, by_fixed, by_moving, by_value, by_input):
-    """Cross derivatives of one pair of sets, of the gradient in the motion."""
+    """Cross derivatives of one pair of sets, of the gradient in the motion.
+
+    Summed, all targets share one density and one mean gradient, which a round of its own finds.
+    """
     w, sums, near, weights = work
     fixed, moving, factors, outlier = pair.fixed, pair.moving, pair.factors, pair.outlier
     precision = outlier[PRECISION_XX], outlier[PRECISION_XY], outlier[PRECISION_YY]
     log_weight = outlier[LOG_INLIER_WEIGHT]
     w = w[: (fixed.shape[1] + LANES - 1) // LANES * BLOCK]
     load_components(w, fixed, setting)
-    total, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0
-    if fusion == SUMMING:
-        total, m0, m1, m2 = sum_targets(w, sums, moving, factors, outlier, setting, near, weights)
-    for k in range(moving.shape[1]):
+    top, total, m0, m1, m2 = -np.inf, 0.0, 0.0, 0.0, 0.0
+    targets = moving.shape[1]
+    rounds = 2 if fusion == SUMMING else 1
+    for visit in range(rounds * targets):
+        k = visit % targets
         target, factor = load_target(moving, k, setting), factor_of(factors, k, setting.chart)
         outliers = outliers_of(w, sums, target, outlier)
         found = weigh(w, sums, target, factor, outliers, log_weight, setting, near, weights)
+        if visit < (rounds - 1) * targets:
+            keep = math.exp(min(top - found.log, 0.0))
+            own = math.exp(min(found.log - top, 0.0))
+            top = max(top, found.log)
+            total = keep * total + own
+            m0 = keep * m0 + own * found.g0
+            m1 = keep * m1 + own * found.g1
+            m2 = keep * m2 + own * found.g2
+            continue
         weight = 1.0
         if fusion == SUMMING:
-            weight = math.exp(found.log - total)
+            weight = math.exp(found.log - top) / total
+            mean = m0 / total, m1 / total, m2 / total
         else:
-            m0, m1, m2 = found.g0, found.g1, found.g2
-        mean, share, moved = (m0, m1, m2), weight * found.share, by_moving[k]
-        moved[:] = 0.0
+            mean = found.g0, found.g1, found.g2
+        share, moved = weight * found.share, by_moving[k]
+        for i in range(3):
+            moved[i, 0] = moved[i, 1] = by_value[k, i] = by_input[k, i] = 0.0
         add_inliers(
-            w, target, factor, share, weight * found.scale, mean, near, found.within, weights, moved
+            w, target, factor, weight * found.scale, mean, near, found.within, weights, moved
         )
         if outlier[KIND] == CORRUPTED and found.outlier_scale > 0.0:
-            scale = weight * found.outlier_scale
+            scale, rest = weight * found.outlier_scale, weight * (1.0 - found.share)
             add_outliers_fixed(w, sums, target, precision, scale, mean)
-            rest = weight * (1.0 - found.share)
             add_outliers_moving(target, outliers, precision, rest, mean, moved)
         rotate_back(moved, setting)
         if factors.shape[0] > 0:
-            centred = share * (found.i0 - m0), share * (found.i1 - m1), share * (found.i2 - m2)
+            centred = (
+                share * (found.i0 - mean[0]),
+                share * (found.i1 - mean[1]),
+                share * (found.i2 - mean[2]),
+            )
             write_measured(factor, share, centred, by_value[k], by_input[k])
-        else:
-            by_value[k, :] = 0.0
-            by_input[k, :] = 0.0
     for i in range(fixed.shape[1]):
         at = (i // LANES) * BLOCK + i % LANES + CROSS * LANES
         for row in range(6):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from d2d._kernel.compiling import compiled, inlined, vectorised
+from d2d._kernel.compiling import compiled, inlined, merged, vectorised
 from d2d._kernel.densities import VANISHING, measurement_terms
 from d2d._kernel.elementary import exp, lowest_bit
 from d2d._kernel.layout import (
@@ -129,7 +129,7 @@ def count_lanes(sums):
     return sums.shape[0] // (SUMS // LANES)
 
 
-@compiled
+@merged
 def load_components(w, fixed, setting):
     """Copy the components into blocks, means less the translation, cross derivatives of zero.
 
@@ -202,7 +202,7 @@ def moment(sums, number):
     return added
 
 
-@compiled
+@merged
 def sum_outliers(w, sums, target, outlier):
     """The corrupted Gaussian's component; leaves the weight of every pair in its row."""
     precision = outlier[PRECISION_XX], outlier[PRECISION_XY], outlier[PRECISION_YY]
@@ -231,7 +231,7 @@ def sum_outliers(w, sums, target, outlier):
     )
 
 
-@inlined
+@merged
 def outliers_of(w, sums, target, outlier):
     """The outlier component of any kind."""
     if outlier[KIND] == CORRUPTED:
@@ -315,7 +315,7 @@ def find_within(w, sums, target, cut_off, near):
     return found
 
 
-@compiled
+@merged
 def find_nearest(w, target):
     """The smallest half squared Mahalanobis distance of a target."""
     nearest = np.inf
@@ -353,7 +353,7 @@ def to_motion(g0, g1, g2, chart):
     )
 
 
-@inlined
+@merged
 def factor_of(factors, k, chart):
     """A target's measurement at the motion of a chart; one of density 1 if there is none."""
     if factors.shape[0] == 0:
@@ -374,7 +374,7 @@ def factor_of(factors, k, chart):
     return Factor(terms[0], g0, g1, g2, -e, v0, v1, v2, slope * e, i0, i1, i2)
 
 
-@compiled
+@merged
 def weigh(w, sums, target, factor, outliers, log_inlier_weight, setting, near, weights):
     """Weigh a target's pairs; its density, with gradient, and the inlier component's share.
 

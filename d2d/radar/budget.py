@@ -11,6 +11,7 @@ from d2d._checks import check_scalar
 from d2d._types import Array
 from d2d.problem import CrossDerivatives, Problem
 from d2d.radar.influence import cross_range
+from d2d.radar.scan import doppler_gradients
 from d2d.radar.scan_pair import ScanPair
 from d2d.registration import Estimate
 
@@ -26,6 +27,10 @@ class ErrorBudget:
     covariance of a track is the propagated noise of the single targets plus what these errors do to
     the estimate, each through the sum of the influences of the targets that share it.
 
+    With a budget, also an empty one, a track's estimates are those at its times: positions tell the
+    mean velocity of their interval, which is half an interval late where the vehicle accelerates,
+    and that is corrected with the acceleration that the track itself shows.
+
     Attributes
     ----------
     azimuth : float, rad
@@ -37,7 +42,7 @@ class ErrorBudget:
         Of a relative error of the Doppler velocities of all sensors, or of the speed of what they
         are compared with.
     lag : float, s
-        Of the time to which an estimate belongs; multiplied by the vehicle's acceleration.
+        Of the time to which an estimate belongs; it counts times the vehicle's acceleration.
     neighbours : float, m
         Length over which the position errors of neighbouring targets are correlated, as
         exp(-distance / length).  Reflections of one object shift together.
@@ -92,7 +97,8 @@ class CovarianceParts(NamedTuple):
     dependence : (n, 3, 3) array
         What the correlation of neighbouring targets adds.
     systematic : (n, 3, 3) array
-        Of the errors that all targets of a scan, or all sensors, share.
+        Of the errors that all targets of a scan, or all sensors, share, and of what was known
+        beforehand of the side slip.
     """
 
     noise: Array
@@ -105,20 +111,23 @@ class CovarianceParts(NamedTuple):
         return self.noise + self.dependence + self.systematic
 
 
-def covariance_parts(
+def apply_budget(
     problem: Problem,
     estimate: Estimate,
     pairs: Sequence[ScanPair],
     budget: ErrorBudget,
-) -> CovarianceParts:
-    """The parts (3, 3) of the covariance of a velocity, without what the lag causes.
+    time: float,
+) -> tuple[CovarianceParts, Array]:
+    """The parts (3, 3) of a velocity's covariance, without the lag's, and its delay (3, 3) in s.
 
-    ``pairs`` are those of the problem; no scan is in two of them.
+    ``pairs`` are those of the problem; no scan is in two of them.  The delay times the acceleration
+    is how far the estimate is from the velocity at ``time``: what positions tell is the mean of
+    their interval, and each sensor's Doppler velocities belong to its own scan.
     """
     cross = problem.cross_derivatives(problem.bind(estimate.theta), 0, 1)
     gain = -estimate.covariance
     noise, dependence, systematic = np.zeros((3, 3, 3))
-    scaled = np.zeros(3)
+    scaled, doppler_share, doppler_delay = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     fixed = moving = 0
     for pair, (previous, current, mounting) in zip(problem.pairs, pairs, strict=True):
         turned, shifted = np.zeros(3), np.zeros(3)
@@ -138,12 +147,18 @@ def covariance_parts(
             if budget.neighbours:
                 order = np.argsort(points.means[:, 0], kind="stable")
                 _kernel.add_dependence(position, points.means, order, budget.neighbours, dependence)
+        share = sides[1][2][1].T @ doppler_gradients(current.azimuth, mounting)[0]
+        doppler_share += share
+        doppler_delay += (current.time - time) * share
         systematic += budget.azimuth**2 * np.outer(turned, turned)
         systematic += budget.doppler**2 * np.outer(shifted, shifted)
         fixed, moving = fixed + pair.fixed.size, moving + pair.moving.size
-    systematic += budget.scale**2 * np.outer(scaled, scaled)
+    systematic += budget.scale**2 * np.outer(scaled, scaled) + np.diag(problem.prior)
     both = (total + np.triu(total, 1).T for total in (noise, dependence))
-    return CovarianceParts(*(gain @ part @ gain for part in (*both, systematic)))
+    parts = CovarianceParts(*(gain @ part @ gain for part in (*both, systematic)))
+    middle = float(np.mean([previous.time + current.time for previous, current, _ in pairs])) / 2.0
+    delay = gain @ doppler_delay + (middle - time) * (np.eye(3) - gain @ doppler_share)
+    return parts, delay
 
 
 def _of_fixed(cross: CrossDerivatives, part: slice) -> tuple[Array, Array, Array]:
@@ -158,15 +173,9 @@ def _of_moving(cross: CrossDerivatives, part: slice) -> tuple[Array, Array, Arra
     return cross.moving[0, part], cross.measured[0, part], cross.input[0, part]
 
 
-def with_lag(parts: CovarianceParts, times: Array, theta: Array, lag: float) -> CovarianceParts:
-    """The parts (n, 3, 3) with a lag (s) times the acceleration in the systematic one.
-
-    The acceleration is the slope of the velocities theta (n, 3) at ``times`` (n,) within half a
-    second to either side.
-    """
-    if not lag:
-        return parts
-    moved = lag * accelerations(times, theta)
+def with_lag(parts: CovarianceParts, acceleration: Array, lag: float) -> CovarianceParts:
+    """The parts (n, 3, 3) with a lag (s) times the acceleration (n, 3) in the systematic one."""
+    moved = lag * acceleration
     added = moved[:, :, None] * moved[:, None, :]
     return parts._replace(systematic=parts.systematic + added)
 

@@ -41,7 +41,7 @@ def propagate_ego_motion(
         sensor, instead of two independent errors, as in the cost.  Without ``doppler`` it has no
         effect.
     **options
-        ``doppler``, ``outlier``, ``doppler_width`` and ``first_order``, as for
+        ``doppler``, ``outlier``, ``doppler_width``, ``slips`` and ``first_order``, as for
         `estimate_ego_motion`.
 
     Returns
@@ -126,4 +126,5 @@ def _propagated(
         )
     rigid.motion("estimate", estimate.theta, 2)
     found = influences(problem, estimate, views, sides)
-    return noise_covariance(found, shared_azimuth=shared_azimuth)
+    prior = estimate.covariance @ np.diag(problem.prior) @ estimate.covariance
+    return noise_covariance(found, shared_azimuth=shared_azimuth) + prior

@@ -122,8 +122,8 @@ def compare_halves(
     baseline : int
         Number of scans between the two of a pair; see `track`.
     **options
-        ``doppler``, ``outlier``, ``doppler_width``, ``first_order`` and ``scales``, as for
-        `estimate_ego_motion`.
+        ``doppler``, ``outlier``, ``doppler_width``, ``slips``, ``first_order`` and ``scales``, as
+        for `estimate_ego_motion`.
 
     Returns
     -------

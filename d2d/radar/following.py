@@ -11,7 +11,13 @@ from numpy.typing import ArrayLike
 from d2d._checks import check_instance
 from d2d._types import Array
 from d2d.problem import Problem
-from d2d.radar.budget import CovarianceParts, ErrorBudget, covariance_parts, with_lag
+from d2d.radar.budget import (
+    CovarianceParts,
+    ErrorBudget,
+    accelerations,
+    apply_budget,
+    with_lag,
+)
 from d2d.radar.ego_motion import check_velocity, estimate_velocity
 from d2d.radar.plausibility import State, VehicleLimits
 from d2d.radar.scan_pair import ScanPair
@@ -83,7 +89,7 @@ def follow(
     last: State | None = None
     count = len(times) - 1
     theta, covariance = np.zeros((count, 3)), np.full((count, 3, 3), np.nan)
-    parts = np.full((3, count, 3, 3), np.nan)
+    parts, delays = np.full((3, count, 3, 3), np.nan), np.zeros((count, 3, 3))
     inliers, targets = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
     reasons = [""] * count
     for i in range(count):
@@ -97,7 +103,9 @@ def follow(
         if interval is not None and not reasons[i]:
             stated = estimate.covariance
             if budget is not None:
-                parts[:, i] = covariance_parts(interval.problem, estimate, interval.pairs, budget)
+                parts[:, i], delays[i] = apply_budget(
+                    interval.problem, estimate, interval.pairs, budget, float(times[i + 1])
+                )
                 stated = parts[:, i].sum(axis=0)
             state = State(times[i + 1], estimate.theta, np.sqrt(np.diagonal(stated)))
             reasons[i] = "" if limits is None else limits.exceeded(state, last)
@@ -109,7 +117,7 @@ def follow(
         times[1:], np.diff(times), theta, covariance, converged, np.array(reasons), targets, inliers
     )
     _warn_of_contradiction(track, search)
-    return track if budget is None else _with_budget(track, parts, budget)
+    return track if budget is None else _with_budget(track, parts, delays, budget.lag)
 
 
 def _estimate(search: Search, i: int, problem: Problem, velocity: Array | None) -> Estimate:
@@ -131,11 +139,15 @@ def _reason(estimate: Estimate) -> str:
     return ""
 
 
-def _with_budget(track: Track, parts: Array, budget: ErrorBudget) -> Track:
-    """The track with the covariances' parts, the one caused by the lag included."""
-    parts[:, ~track.converged] = np.nan
-    complete = with_lag(CovarianceParts(*parts), track.times, track.theta, budget.lag)
-    return replace(track, covariance=complete.total, parts=complete)
+def _with_budget(track: Track, parts: Array, delays: Array, lag: float) -> Track:
+    """The track with its velocities at its times, and the parts of the covariances with the lag."""
+    good = track.converged
+    parts[:, ~good] = np.nan
+    acceleration = accelerations(track.times, track.theta)
+    theta = track.theta.copy()
+    theta[good] -= np.einsum("nij,nj->ni", delays[good], acceleration[good])
+    complete = with_lag(CovarianceParts(*parts), acceleration, lag)
+    return replace(track, theta=theta, covariance=complete.total, parts=complete)
 
 
 def _warn_of_contradiction(track: Track, search: Search) -> None:

@@ -120,9 +120,9 @@ def noise_covariance(found: Sequence[Influence], *, shared_azimuth: bool = True)
     """
     total = np.zeros((3, 3))
     for each in found:
-        by_x, by_y, root = *np.moveaxis(each.position, 2, 0), np.linalg.cholesky(each.covariances)
-        total += _gram(by_x * root[:, :1, 0] + by_y * root[:, 1:, 0])
-        total += _gram(by_y * root[:, 1:, 1])
+        by_x, by_y = each.position[:, :, 0], each.position[:, :, 1]
+        xx, xy, yy = (each.covariances[:, i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
+        total += by_x.T @ (xx * by_x + xy * by_y) + by_y.T @ (xy * by_x + yy * by_y)
         total += _gram(each.doppler * each.scan.sigma_doppler[:, None])
         sigma = each.scan.sigma_azimuth[:, None]
         predicted = each.prediction * sigma

@@ -43,8 +43,8 @@ def estimate_joint_ego_motion(
         `doppler_ego_motion` finds from all current scans; if they do not determine all of it, the
         starts that `estimate_ego_motion` would take from the scan with the most targets.
     **options
-        ``doppler``, ``outlier``, ``doppler_width``, ``first_order`` and ``scales``, as for
-        `estimate_ego_motion`.
+        ``doppler``, ``outlier``, ``doppler_width``, ``slips``, ``first_order`` and ``scales``, as
+        for `estimate_ego_motion`.
 
     Returns
     -------
@@ -102,8 +102,8 @@ def track_joint(
     budget, limits
         As for `track`.  Each sensor has errors of its own, all of the same standard deviations.
     **options
-        ``doppler``, ``outlier``, ``doppler_width``, ``first_order`` and ``scales``, as for
-        `estimate_ego_motion`.
+        ``doppler``, ``outlier``, ``doppler_width``, ``slips``, ``first_order`` and ``scales``, as
+        for `estimate_ego_motion`.
 
     Returns
     -------

@@ -11,11 +11,13 @@ import numpy as np
 from d2d import _kernel
 from d2d._checks import check_flag, check_positive, check_scalar, check_schedule
 from d2d._lazy import Frozen
+from d2d._types import Array
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
 from d2d.problem import CostForm, Pair, Problem
 
 # m/s: from 20 m/s approaching to 20 m/s receding, about what a moving vehicle sees of others
 DEFAULT_DOPPLER_WIDTH = 40.0
+_NO_SLIP = 1e-3  # m/s, the standard deviation of a v_y that is said to be zero
 # thesis sec. 7.3: 20 % outliers, with a standard deviation of 10 m along both axes
 DEFAULT_OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
 
@@ -26,6 +28,7 @@ class ModelOptions(TypedDict, total=False):
     doppler: bool
     outlier: OutlierModel | None
     doppler_width: float
+    slips: bool | float
     first_order: bool
 
 
@@ -52,6 +55,10 @@ class EgoMotionModel(Frozen):
         An outlier's Doppler velocity is taken as uniform over an interval of this width: the
         outlier component's density is divided by it, so that it has the unit of the inliers'
         density.  The thesis leaves this density out of eq. 7.14, which is a width of 1 m/s.
+    slips : bool or float, m/s
+        Whether the vehicle's origin may move sideways.  False says that v_y is zero, a number is
+        the standard deviation of v_y about zero.  A single sensor that sees few targets knows
+        v_y + omega x_s well and the two apart badly, so it gains most from knowing one.
     first_order : bool
         Whether the translation over the interval tau is v tau (thesis eq. 7.2) instead of that of
         the SE(2) exponential, by which a turning vehicle moves at constant velocity.
@@ -65,11 +72,14 @@ class EgoMotionModel(Frozen):
     doppler: bool = True
     outlier: OutlierModel | None = DEFAULT_OUTLIER
     doppler_width: float = DEFAULT_DOPPLER_WIDTH
+    slips: bool | float = True
     first_order: bool = False
 
     def __post_init__(self) -> None:
         check_flag("doppler", self.doppler)
         check_flag("first_order", self.first_order)
+        if not isinstance(self.slips, bool | np.bool_):
+            check_positive("slips", check_scalar("slips", self.slips))
         check_positive("doppler_width", check_scalar("doppler_width", self.doppler_width))
         self.form  # noqa: B018 - an outlier of another dimension is refused here
 
@@ -90,7 +100,18 @@ class EgoMotionModel(Frozen):
 
     def problem(self, pairs: Sequence[Pair]) -> Problem:
         """The cost of the velocity that pairs of scans share."""
-        return Problem(self.form, pairs, _kernel.CHORD if self.first_order else _kernel.ARC)
+        kind = _kernel.CHORD if self.first_order else _kernel.ARC
+        return Problem(self.form, pairs, kind, self.prior)
+
+    @cached_property
+    def prior(self) -> Array:
+        """Precisions (3,) of what is known of the velocity beforehand."""
+        precision = np.zeros(3)
+        if not isinstance(self.slips, bool | np.bool_):
+            precision[1] = 1.0 / float(self.slips) ** 2
+        elif not self.slips:
+            precision[1] = 1.0 / _NO_SLIP**2
+        return precision
 
 
 def split_options(options: EstimationOptions) -> tuple[EgoMotionModel, tuple[float, ...]]:

@@ -35,6 +35,11 @@ class VehicleLimits:
     acceleration : float, m/s^2
         Of v_x and of v_y, from one accepted estimate to the next.
     yaw_acceleration : float, rad/s^2
+    slip, slip_angle : float, m/s and rad
+        Largest v_y, slip + slip_angle |v_x|, whatever its standard deviation.  A single sensor
+        beside the axle knows its own lateral velocity well and the yaw rate badly; an error of the
+        yaw rate then shows as side slip.  The default is for an origin near the rear axle: where it
+        is far from the axle, or the wheels turn all ways, take a larger one.
 
     Raises
     ------
@@ -46,6 +51,8 @@ class VehicleLimits:
     yaw_rate: float = 3.0
     acceleration: float = 20.0
     yaw_acceleration: float = 2.0
+    slip: float = 0.4
+    slip_angle: float = 0.03
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -61,6 +68,9 @@ class VehicleLimits:
             return f"a speed of {speed:.1f} m/s"
         if turn > self.yaw_rate + spread[2]:
             return f"a yaw rate of {np.rad2deg(turn):.1f} deg/s"
+        slip = abs(float(state.theta[1]))
+        if slip > self.slip + self.slip_angle * abs(float(state.theta[0])):
+            return f"a side slip of {slip:.2f} m/s"
         if last is None:
             return ""
         interval = state.time - last.time

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from d2d.radar.budget import ErrorBudget
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan
 
@@ -16,8 +17,11 @@ class Recording:
     mounting : Mounting
     reference : Reference
         The motion at the times of the scans; nan outside the time span of the reference's source.
+    budget : ErrorBudget, optional
+        What the targets of this data set's radars share, for ``track(..., budget=)``.
     """
 
     scans: list[RadarScan]
     mounting: Mounting
     reference: Reference
+    budget: ErrorBudget | None = None

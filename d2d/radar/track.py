@@ -67,13 +67,14 @@ def track(
         with longer gaps needs a larger one.
     budget : ErrorBudget, optional
         Errors that the targets share.  With a budget, also an empty one, the covariance is
-        propagated from the targets' errors and contains the budget's; without one it is the inverse
-        Hessian.  The estimates themselves do not change.
+        propagated from the targets' errors and contains the budget's, and the velocities are those
+        at the track's times; see `ErrorBudget`.  Without one, the covariance is the inverse
+        Hessian.
     limits : VehicleLimits, optional
         What the vehicle can do; None accepts any motion.
     **options
-        ``doppler``, ``outlier``, ``doppler_width``, ``first_order`` and ``scales``, as for
-        `estimate_ego_motion`.
+        ``doppler``, ``outlier``, ``doppler_width``, ``slips``, ``first_order`` and ``scales``, as
+        for `estimate_ego_motion`.
 
     Returns
     -------

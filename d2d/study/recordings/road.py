@@ -1,0 +1,309 @@
+"""Whether covariances are true on the road: every model of them, on every recording at hand.
+
+    python -m d2d.study.recordings.road --radarscenes <root> --nuscenes <root>
+
+writes ``chapters/results/road.json``: errors and scores of our estimates, no measurements.  What is
+fitted is fitted on one part of the data and judged on another; see `Part`.
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from d2d._types import Array
+from d2d.radar import (
+    Comparison,
+    ErrorBudget,
+    Recording,
+    Reference,
+    Track,
+    VehicleLimits,
+    compare,
+    compare_halves,
+    compare_tracks,
+    load_nuscenes,
+    load_radarscenes,
+    track,
+    track_joint,
+)
+from d2d.study.results import results_path
+
+SEQUENCE = 105
+SENSORS = (1, 2, 3, 4)
+CHANNELS = tuple(
+    f"RADAR_{place}" for place in ("FRONT", "FRONT_LEFT", "FRONT_RIGHT", "BACK_LEFT", "BACK_RIGHT")
+)
+SIDE_CHANNELS = CHANNELS[1:3]
+FITTED_SCENES, OTHER_SCENES = ("scene-0061", "scene-0103"), ("scene-0916", "scene-1077")
+BASELINES = (2, 3)
+EXTENTS = (0.0, 0.1, 0.2, 0.3, 0.5)  # m
+SIDE_ERROR = np.deg2rad(15.0)  # rad/s: a yaw rate that is farther off is a gross error
+
+
+class Part(NamedTuple):
+    """A stretch of a drive, with the tracks that are judged on it."""
+
+    name: str
+    plain: Comparison  # with the inverse Hessian
+    noise: Comparison  # with the propagated noise of the targets
+    budget: Comparison  # with the data set's budget
+
+
+def load_sequence(root: str | Path) -> list[Recording]:
+    """All sensors of the RadarScenes sequence."""
+    return [load_radarscenes(root, SEQUENCE, sensor) for sensor in SENSORS]
+
+
+def load_scene(root: str | Path, scene: str) -> list[Recording]:
+    """All radars of a nuScenes scene."""
+    return [load_nuscenes(root, scene, channel) for channel in CHANNELS]
+
+
+def joint_reference(recordings: Sequence[Recording]) -> Reference:
+    """The reference at the times of all sensors' scans."""
+    columns = np.concatenate(
+        [
+            np.column_stack([r.reference.times, r.reference.theta, r.reference.poses])
+            for r in recordings
+        ]
+    )
+    columns = columns[np.argsort(columns[:, 0], kind="stable")]
+    return Reference(columns[:, 0], columns[:, 1:4], columns[:, 4:])
+
+
+def joint_track(recordings: Sequence[Recording], **options: Any) -> Track:
+    """The track of all sensors together."""
+    return track_joint([(r.scans, r.mounting) for r in recordings], **options)
+
+
+def whole(name: str, recordings: Sequence[Recording], baseline: int) -> Part:
+    """A drive with the three covariances that need nothing fitted here."""
+    reference = joint_reference(recordings)
+    tracks = [
+        joint_track(recordings, baseline=baseline, budget=budget)
+        for budget in (None, ErrorBudget(), recordings[0].budget)
+    ]
+    return Part(name, *(compare(each, reference) for each in tracks))
+
+
+def between(part: Part, name: str, first: float, last: float) -> Part:
+    """The estimates from a share ``first`` to a share ``last`` of the drive."""
+
+    def cut(found: Comparison) -> Comparison:
+        begin, end = found.times[[0, -1]]
+        share = (found.times - begin) / (end - begin)
+        inside = (share >= first) & (share <= last)
+        return Comparison(
+            found.times[inside],
+            found.errors[inside],
+            found.covariances[inside],
+            found.share,
+            found.converged,
+        )
+
+    return Part(name, *(cut(each) for each in part[1:]))
+
+
+def with_covariances(found: Comparison, covariances: Array) -> Comparison:
+    """The same errors beside other covariances (n, 3, 3)."""
+    return Comparison(found.times, found.errors, covariances, found.share, found.converged)
+
+
+def models(part: Part, fitted: Sequence[Part]) -> dict[str, Comparison]:
+    """Every model of the covariance on one part, the simple ones fitted on others.
+
+    One factor makes the inverse Hessian's ANEES one, a constant matrix is the mean square of the
+    errors.
+    """
+    errors = np.concatenate([each.plain.errors for each in fitted])
+    covariances = np.concatenate([each.plain.covariances for each in fitted])
+    nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors)
+    constant = np.broadcast_to(errors.T @ errors / len(errors), part.plain.covariances.shape)
+    return {
+        "inverse Hessian": part.plain,
+        "inverse Hessian, one factor": with_covariances(
+            part.plain, part.plain.covariances * nees.mean() / 3.0
+        ),
+        "one constant matrix": with_covariances(part.plain, constant),
+        "propagated noise": part.noise,
+        "noise and budget": part.budget,
+    }
+
+
+def scores(found: Comparison) -> dict[str, Any]:
+    """What a comparison measures, as plain numbers."""
+    measures, (low, high) = found.measures, found.intervals().anees
+    return {
+        "rmse": found.rmse.tolist(),
+        "mean": measures.mean_error.tolist(),
+        "anees": float(measures.anees),
+        "anees_interval": [float(low), float(high)],
+        "inside": float(measures.coverage[1]),
+        "whitened": measures.whitened_squares.tolist(),
+        "log_score": float(measures.log_score),
+        "estimates": len(found.times),
+    }
+
+
+def judge_radarscenes(recordings: Sequence[Recording]) -> dict[str, Any]:
+    """The whole sequence, and each half with the simple models fitted on the other."""
+    judged = {}
+    for baseline in BASELINES:
+        part = whole("all", recordings, baseline)
+        halves = [
+            between(part, name, *span)
+            for name, span in (("first half", (0.0, 0.5)), ("second half", (0.5, 1.0)))
+        ]
+        rows = {"all": models(part, [part])}
+        rows |= {halves[i].name: models(halves[i], [halves[1 - i]]) for i in (0, 1)}
+        judged[f"baseline {baseline}"] = {
+            where: {name: scores(found) for name, found in row.items()}
+            for where, row in rows.items()
+        }
+    return judged
+
+
+def judge_nuscenes(root: str | Path) -> dict[str, Any]:
+    """Every scene, with the simple models fitted on the two training scenes."""
+    judged = {}
+    scenes = {name: load_scene(root, name) for name in FITTED_SCENES + OTHER_SCENES}
+    for baseline in BASELINES:
+        parts = {name: whole(name, own, baseline) for name, own in scenes.items()}
+        fitted = [parts[name] for name in FITTED_SCENES]
+        judged[f"baseline {baseline}"] = {
+            name: {model: scores(found) for model, found in models(part, fitted).items()}
+            for name, part in parts.items()
+        }
+    return judged
+
+
+def with_extent(recordings: Sequence[Recording], extent: float) -> list[Recording]:
+    """Recordings whose targets scatter by another extent."""
+    return [
+        Recording([scan.with_extent(extent) for scan in r.scans], r.mounting, r.reference, r.budget)
+        for r in recordings
+    ]
+
+
+def extents(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
+    """Errors and inverse Hessian of all sensors together against the extent, baseline 2."""
+    reference = joint_reference(recordings)
+    rows = []
+    for extent in EXTENTS:
+        own = with_extent(recordings, extent)
+        plain = compare(joint_track(own, baseline=2), reference)
+        noise = compare(joint_track(own, baseline=2, budget=ErrorBudget()), reference)
+        rows.append(
+            {"extent": extent, "inverse Hessian": scores(plain), "propagated": scores(noise)}
+        )
+    return rows
+
+
+def widths(recordings: Sequence[Recording]) -> dict[str, Any]:
+    """All sensors together with the thesis's outliers (a width of 1 m/s) and with ours."""
+    reference = joint_reference(recordings)
+    return {
+        f"{width:g} m/s": scores(
+            compare(joint_track(recordings, baseline=2, doppler_width=width), reference)
+        )
+        for width in (1.0, 40.0)
+    }
+
+
+def side_radars(root: str | Path) -> list[dict[str, Any]]:
+    """How many estimates of single side radars are kept, and how many of these are grossly off."""
+    ways: dict[str, dict[str, Any]] = {
+        "thesis: width 1 m/s, no limits": {"doppler_width": 1.0, "limits": None},
+        "width 40 m/s, no limits": {"limits": None},
+        "width 40 m/s, vehicle limits": {"limits": VehicleLimits()},
+        "vehicle limits, no side slip": {"slips": False},
+    }
+    rows = []
+    for way, options in ways.items():
+        for scenes in (FITTED_SCENES, OTHER_SCENES):
+            kept, errors, known = 0, [], 0
+            for scene in scenes:
+                for channel in SIDE_CHANNELS:
+                    own = load_nuscenes(root, scene, channel)
+                    driven = track(own.scans, own.mounting, **options)
+                    error = driven.theta - own.reference.at(driven.times).theta
+                    told = np.isfinite(error).all(axis=1)
+                    kept += int((told & driven.converged).sum())
+                    known += int(told.sum())
+                    errors.append(error[told & driven.converged, 2])
+            omega = np.concatenate(errors)
+            rows.append(
+                {
+                    "way": way,
+                    "scenes": list(scenes),
+                    "kept": kept / known,
+                    "gross": float((np.abs(omega) > SIDE_ERROR).mean()),
+                    "rmse": float(np.rad2deg(np.sqrt(np.mean(omega**2)))),
+                }
+            )
+    return rows
+
+
+def without_reference(recordings: Sequence[Recording]) -> dict[str, Any]:
+    """Covariances judged by halves of scans and by pairs of sensors, with and without a budget."""
+    rng = np.random.default_rng(0)
+    third = recordings[2]
+    view = [(third.scans, third.mounting)]
+    found: dict[str, Comparison] = {
+        f"halves by {by}, inverse Hessian": compare_halves(view, rng, by=by, baseline=2)
+        for by in ("target", "object")
+    }
+    for name, budget in (("inverse Hessian", None), ("noise and budget", third.budget)):
+        pair = [
+            track(r.scans, r.mounting, baseline=2, budget=budget) for r in (third, recordings[1])
+        ]
+        found[f"sensor 3 against sensor 2, {name}"] = compare_tracks(*pair)
+    return {name: scores(each) for name, each in found.items()}
+
+
+def compute(radarscenes: str | Path, nuscenes: str | Path) -> dict[str, Any]:
+    """Everything that the page shows."""
+    recordings = load_sequence(radarscenes)
+    return {
+        "radarscenes": judge_radarscenes(recordings),
+        "nuscenes": judge_nuscenes(nuscenes),
+        "extents": extents(recordings),
+        "widths": widths(recordings),
+        "side_radars": side_radars(nuscenes),
+        "without_reference": without_reference(recordings),
+    }
+
+
+def read_road() -> dict[str, Any]:
+    """What `main` wrote."""
+    found: dict[str, Any] = json.loads(results_path("road.json").read_text(encoding="utf-8"))
+    return found
+
+
+def main() -> None:
+    """Judge all covariances on the recordings and write the results."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--radarscenes", required=True, help="folder of the RadarScenes data set")
+    parser.add_argument("--nuscenes", required=True, help="folder of the nuScenes data set")
+    arguments = parser.parse_args()
+    text = json.dumps(_rounded(compute(arguments.radarscenes, arguments.nuscenes)), indent=1)
+    path = results_path("road.json")
+    path.write_text(text + "\n", encoding="utf-8")
+    print(f"written to {path}")
+
+
+def _rounded(value: Any) -> Any:
+    """Numbers to five significant digits, so that the last bits of two machines do not differ."""
+    if isinstance(value, dict):
+        return {key: _rounded(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_rounded(each) for each in value]
+    return float(f"{value:.5g}") if isinstance(value, float) else value
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,162 @@
+"""Registration in map coordinates: far from the origin all is as near it, in the user's frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d import (
+    CorruptedGaussian,
+    PointSet,
+    RegistrationCost,
+    propagate_covariance,
+    register,
+    rigid,
+)
+from d2d.covariance import cross_derivatives
+from tests.strategies import central_difference
+
+COSTS = (
+    RegistrationCost(),
+    RegistrationCost("p2d", "summing"),
+    RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2))),
+)
+TRUTH = np.array([0.5, -0.2, 0.05])
+
+
+def scene(seed=0, batch=()):
+    """Two sets of twelve targets within 40 m of the origin."""
+    rng = np.random.default_rng(seed)
+    means = rng.uniform(-40.0, 40.0, (*batch, 12, 2))
+    root = rng.standard_normal((*batch, 12, 2, 2))
+    covariances = 0.09 * (root @ np.swapaxes(root, -1, -2) + 0.3 * np.eye(2))
+    moved = rigid.transform_means(rigid.inverse(TRUTH), means)
+    moving = PointSet(moved + 0.2 * rng.standard_normal(moved.shape), covariances)
+    return PointSet(means, covariances), moving
+
+
+def seen_from(origins, theta):
+    """The motion (3,) with the fixed and the moving set moved to these origins, and its slope."""
+    fixed, moving = origins
+    turned = rigid.rotation(theta[2]) @ moving
+    slope = np.eye(3)
+    slope[:2, 2] = turned[1], -turned[0]
+    return np.append(theta[:2] + fixed - turned, theta[2]), slope
+
+
+def at(origins, sets):
+    return [points.shifted(origin) for points, origin in zip(sets, origins, strict=True)]
+
+
+@pytest.mark.parametrize("cost", COSTS, ids=["likelihood", "sum", "outliers"])
+@pytest.mark.parametrize("distance", [2e5, 1e6, 1e7])
+@pytest.mark.parametrize("both", [True, False])
+def test_far_from_the_origin_is_as_near_it(cost, distance, both):
+    """Breaks if the rotation's lever is the distance to the map's origin: nothing converges then.
+
+    The sets lie about one place, or the moving one about another.
+    """
+    origins = distance * np.array([[1.0, -0.7], [1.0, -0.7] if both else [-0.3, 0.4]])
+    near = scene()
+    far = at(origins, near)
+    expected = register(*near, cost, TRUTH)
+    estimate = register(*far, cost, seen_from(origins, TRUTH)[0])
+    assert estimate.converged
+    theta, slope = seen_from(origins, expected.theta)
+    assert_allclose(estimate.theta[2], theta[2], rtol=0.0, atol=1e-8)
+    assert_allclose(
+        rigid.transform_means(estimate.theta, far[1].means)[:, 0],
+        origins[0, 0] + (rigid.transform_means(expected.theta, near[1].means)[:, 0]),
+        rtol=0.0,
+        atol=1e-6,
+    )
+    assert_allclose(estimate.value, expected.value, atol=1e-7)
+    assert_allclose(estimate.covariance, slope @ expected.covariance @ slope.T, rtol=1e-5)
+    propagated = propagate_covariance(expected, *near, cost)
+    assert_allclose(
+        propagate_covariance(estimate, *far, cost), slope @ propagated @ slope.T, rtol=1e-5
+    )
+    again = cost.derivatives(estimate.theta, *far)
+    assert_allclose(again[0], estimate.value, atol=1e-7)
+    assert_allclose(again[2], estimate.hessian, rtol=1e-6)
+
+
+@pytest.mark.parametrize("cost", COSTS, ids=["likelihood", "sum", "outliers"])
+def test_derivatives_are_those_in_the_users_frame(cost):
+    """Breaks if a lever, or the bend of the circle that the map's origin runs on, is left out."""
+    origins = np.array([[3e5, -2e5], [3e5, -2e5]])
+    fixed, moving = at(origins, scene())
+    theta, _ = seen_from(origins, TRUTH + np.array([0.1, 0.1, 0.01]))
+    steps = np.array([1e-3, 1e-3, 1e-8])
+    _, gradient, hessian = cost.derivatives(theta, fixed, moving)
+
+    def value(x):
+        return cost.value(x, fixed, moving)
+
+    def slope(x):
+        return cost.derivatives(x, fixed, moving)[1]
+
+    size = np.sqrt(np.abs(np.diag(hessian)))
+    assert_allclose(gradient / size, central_difference(value, theta, steps) / size, atol=2e-2)
+    outer = np.outer(size, size)
+    assert_allclose(hessian / outer, central_difference(slope, theta, steps) / outer, atol=1e-4)
+
+
+def test_cross_derivatives_are_those_in_the_users_frame():
+    """Breaks if the gradient's rotation lacks the lever there, and only there."""
+    origins = np.array([[3e5, -2e5], [3e5, -2e5]])
+    cost, sets = COSTS[0], at(origins, scene())
+    theta, _ = seen_from(origins, TRUTH)
+    cross = cross_derivatives(theta, *sets, cost)
+    step, moved = 1e-3, []
+    for sign in (1.0, -1.0):
+        means = sets[1].means.copy()
+        means[3, 1] += sign * step
+        moved.append(cost.derivatives(theta, sets[0], PointSet(means, sets[1].covariances))[1])
+    expected = (moved[0] - moved[1]) / (2.0 * step)
+    assert_allclose(cross.moving[3, :, 1], expected, rtol=1e-4)
+
+
+def test_the_default_start_is_zero_in_the_users_frame():
+    """Breaks if the start is zero about the means: then sets a mile apart would be registered."""
+    sets = at(np.full((2, 2), 1e6), scene())
+    by_default = register(*sets, COSTS[2])
+    assert by_default.converged
+    assert_array_equal(by_default.theta, register(*sets, COSTS[2], np.zeros(3)).theta)
+    assert_allclose(by_default.theta[2], TRUTH[2], atol=0.05)
+    apart = at(np.array([[1e6, 1e6], [1e6, 1.0016e6]]), scene())
+    assert register(*apart, COSTS[2]).inliers < 0.5 < by_default.inliers
+
+
+def test_a_batch_near_and_far_is_its_problems_one_by_one():
+    """Breaks if one far set moves the origin of all, or batch axes meet the wrong origins."""
+    fixed, moving = scene(batch=(3,))
+    shift = np.array([[0.0, 0.0], [4e5, 1e5], [1e7, 1e7]])[:, None]
+    far = [PointSet(each.means + shift, each.covariances) for each in (fixed, moving)]
+    starts = np.array([[[0.0, 0.0, 0.0]], [[0.2, 0.1, 0.0]]])
+    together = register(*far, COSTS[2], starts, threads=2)
+    for i, j in np.ndindex(2, 3):
+        one = register(far[0][j], far[1][j], COSTS[2], starts[i, 0])
+        assert_array_equal(one.theta, together.theta[i, j])
+        assert_array_equal(one.covariance, together.covariance[i, j])
+        assert_array_equal(one.hessian, together.hessian[i, j])
+    assert together.converged.all()
+
+
+def test_sets_on_a_line_far_away():
+    """Breaks if the origin is taken off only in the plane."""
+    rng = np.random.default_rng(1)
+    means, unit = rng.uniform(-9.0, 9.0, (7, 1)), np.full((7, 1, 1), 0.04)
+    noise = 0.1 * rng.standard_normal((7, 1))
+    near = register(PointSet(means, unit), PointSet(means + noise, unit))
+    sets = PointSet(means + 1e7, unit), PointSet(means + noise - 2e7, unit)
+    far = register(*sets, initial=[3e7])
+    assert far.converged
+    assert_allclose(far.theta - 3e7, near.theta, atol=1e-7)
+    assert_allclose(far.covariance, near.covariance, rtol=1e-6)
+    assert_allclose(
+        propagate_covariance(far, *sets),
+        propagate_covariance(near, PointSet(means, unit), PointSet(means + noise, unit)),
+        rtol=1e-6,
+    )

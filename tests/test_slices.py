@@ -1,0 +1,108 @@
+"""Long batches: each problem done once, and an interrupt answered in between."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from threading import Lock
+
+import numpy as np
+import pytest
+
+from d2d import _slices
+from d2d._slices import run_in_slices
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("count", [0, 1, 2, 7, 1000])
+@pytest.mark.parametrize("pairs", [1, 30_000, 10**9])
+def test_every_problem_is_done_once(threads, count, pairs):
+    """Breaks if a slice's end is off by one, or two threads take the same."""
+    done, lock = np.zeros(count, dtype=int), Lock()
+
+    def run(first, last):
+        assert first < last or count == 0
+        with lock:
+            done[first:last] += 1
+
+    run_in_slices(run, count, pairs, threads)
+    assert (done == 1).all()
+
+
+def test_slices_follow_the_time_that_they_take(monkeypatch):
+    """Breaks if a slice of slow problems stays as large as guessed, or a small one never grows."""
+    clock, sizes = [0.0], []
+    monkeypatch.setattr(_slices, "perf_counter", lambda: clock[0])
+
+    def slow(first, last):
+        sizes.append(last - first)
+        clock[0] += 2.0**-7 * (last - first)  # 6.4 in a slice
+
+    run_in_slices(slow, 1000, 1000)
+    assert sizes[0] == 100
+    assert set(sizes[1:-1]) == {6}
+    sizes.clear()
+    run_in_slices(slow, 1000, 10**9)
+    assert sizes[:3] == [1, 4, 6]
+
+
+def test_an_interrupt_ends_all_threads():
+    """Breaks if the threads go on with what is left, and the caller waits for them."""
+    calls = []
+
+    def run(first, last):
+        calls.append(first)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        time.sleep(0.001)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_in_slices(run, 100_000, 10**9, threads=2)
+    assert calls[-1] < 50_000
+
+
+SCRIPT = """
+import sys
+import numpy as np
+from d2d import CorruptedGaussian, PointSet, RegistrationCost, register, rigid
+rng = np.random.default_rng(0)
+means = rng.uniform(-30.0, 30.0, (60, 2))
+fixed = PointSet(means, [0.04 * np.eye(2)] * 60)
+moving = fixed.transformed([0.3, -0.2, 0.02])
+cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
+starts = rng.normal(0.0, 0.3, (500_000, 3)) * [1.0, 1.0, 0.1]
+call = {call}
+expected = call(starts[:5])
+print("ready", flush=True)
+try:
+    call(starts)
+except KeyboardInterrupt:
+    assert all(np.array_equal(a, b) for a, b in zip(call(starts[:5]), expected))
+    print("stopped", flush=True)
+"""
+CALLS = {
+    "register": "lambda x: (lambda e: (e.theta, e.hessian))(register(fixed, moving, cost, x))",
+    "threads": "lambda x: (register(fixed, moving, cost, x, threads=2).theta,)",
+    "derivatives": "lambda x: cost.derivatives(x, fixed, moving)",
+    "densities": "lambda x: (cost.target_densities(x, fixed, moving),)",
+}
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_an_interrupted_batch_ends_and_the_next_call_is_right(call):
+    """Breaks if Ctrl-C waits for the whole batch, which takes longer than the test would wait."""
+    script = SCRIPT.replace("{call}", CALLS[call])
+    process = subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    try:
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(0.3)
+        process.send_signal(signal.SIGINT)
+        output, error = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert (output, error) == ("stopped\n", "")
