@@ -7,6 +7,7 @@ from d2d.radar.covariance import propagate_ego_motion, propagate_joint_ego_motio
 from d2d.radar.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
 from d2d.radar.ego_motion import estimate_ego_motion, inlier_probabilities
 from d2d.radar.evidence import compare_halves, compare_tracks
+from d2d.radar.extent import ExtentEstimate, estimate_extent
 from d2d.radar.joint import estimate_joint_ego_motion, track_joint
 from d2d.radar.nuscenes import load_nuscenes
 from d2d.radar.options import EgoMotionModel
@@ -29,6 +30,7 @@ __all__ = [
     "Drive",
     "EgoMotionModel",
     "ErrorBudget",
+    "ExtentEstimate",
     "Measures",
     "Mounting",
     "RadarScan",
@@ -48,6 +50,7 @@ __all__ = [
     "doppler_ego_motion",
     "doppler_velocity",
     "estimate_ego_motion",
+    "estimate_extent",
     "estimate_joint_ego_motion",
     "inlier_probabilities",
     "load_nuscenes",
