@@ -16,8 +16,10 @@ WITH_EXAMPLES = {
     "d2d.cost",
     "d2d.credibility",
     "d2d.radar.comparison",
+    "d2d.radar.csv_log",
     "d2d.radar.evidence",
     "d2d.radar.track",
+    "d2d.radar.trajectory",
     "d2d.registration",
     "d2d.scores",
 }

@@ -20,7 +20,7 @@ SUBJECTS = (
     *("book", "mixtures", "point_sets", "line", "plane", "estimation"),
     *("drives", "recordings", "beyond"),
 )
-OPTIONAL = ("evo", "joblib", "matplotlib", "tqdm")  # of the extra `study`
+OPTIONAL = ("evo", "joblib", "matplotlib", "pandas", "tqdm")  # of the extras `study` and `track`
 
 
 def imports(name: str) -> set[str]:

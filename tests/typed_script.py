@@ -30,11 +30,13 @@ from d2d.radar import (
     Reference,
     Sensor,
     Track,
+    Velocities,
     doppler_ego_motion,
     doppler_velocity,
     estimate_ego_motion,
     estimate_joint_ego_motion,
     inlier_probabilities,
+    load_csv,
     propagate_ego_motion,
     simulate_drive,
     track,
@@ -119,3 +121,14 @@ assert_type(together.poses([0, 0, 0]), Array)
 track((each for each in drive.scans), drive.mounting, max_interval=100)
 reference = Reference(driven.times, driven.theta, driven.poses()[1:])
 assert_type(reference.at([0.1, 0.2]), Reference)
+assert_type(driven.at([0.1, 0.2]), Velocities)
+assert_type(driven.at(driven.times).covariance, Array)
+track(drive.scans, drive.mounting, progress=False)
+
+
+def from_log(path: str) -> list[RadarScan]:
+    """Checked by mypy, not run: the files are not there."""
+    read = load_csv(path, degrees=True, sigma_range=np.float64(0.1))
+    assert_type(Track.load(path), Track)
+    assert_type(Track.read_velocities(path), Track)
+    return read["front"]

@@ -4,6 +4,7 @@ from d2d.radar.budget import CovarianceParts, ErrorBudget
 from d2d.radar.calibration import Calibration, calibrate
 from d2d.radar.comparison import Comparison, Measures, compare
 from d2d.radar.covariance import propagate_ego_motion, propagate_joint_ego_motion
+from d2d.radar.csv_log import load_csv, write_csv
 from d2d.radar.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
 from d2d.radar.ego_motion import estimate_ego_motion, inlier_probabilities
 from d2d.radar.evidence import compare_halves, compare_tracks
@@ -19,7 +20,7 @@ from d2d.radar.scan import Mounting, RadarScan, doppler_velocity, quantisation_s
 from d2d.radar.simulation import Drive, Sensor, TrueTargets, simulate_drive
 from d2d.radar.slip import SlipLaw
 from d2d.radar.track import track
-from d2d.radar.trajectory import Track
+from d2d.radar.trajectory import Track, Velocities
 from d2d.radar.world import World, build_world
 
 __all__ = [
@@ -41,6 +42,7 @@ __all__ = [
     "Track",
     "TrueTargets",
     "VehicleLimits",
+    "Velocities",
     "World",
     "build_world",
     "calibrate",
@@ -53,6 +55,7 @@ __all__ = [
     "estimate_extent",
     "estimate_joint_ego_motion",
     "inlier_probabilities",
+    "load_csv",
     "load_nuscenes",
     "load_radarscenes",
     "propagate_ego_motion",
@@ -62,4 +65,5 @@ __all__ = [
     "simulate_drive",
     "track",
     "track_joint",
+    "write_csv",
 ]

@@ -19,7 +19,7 @@ from d2d.radar.joint import (
 from d2d.radar.options import EstimationOptions
 from d2d.radar.scan import Mounting, RadarScan
 from d2d.radar.scan_pair import ScanPair
-from d2d.radar.trajectory import Track
+from d2d.radar.trajectory import Track, neighbours
 
 
 def compare_tracks(first: Track, second: Track) -> Comparison:
@@ -75,17 +75,8 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
 
 def _interpolated(track: Track, times: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Velocities and covariances at other times, and where they are known."""
-    last = len(track.times) - 1
-    after = np.clip(np.searchsorted(track.times, times), 0, last)
-    before = np.maximum(after - (track.times[after] != times), 0)  # the same at equal times
-    gap = track.times[after] - track.times[before]
-    weight = np.divide(times - track.times[before], gap, out=np.zeros_like(times), where=gap > 0.0)[
-        :, np.newaxis
-    ]
-    inside = (track.times[before] <= times) & (times <= track.times[after])
-    near = gap <= 2.0 * np.median(track.intervals)
-    good = inside & near & track.converged[before] & track.converged[after]
-    own, other = 1.0 - weight, weight
+    before, after, weight, good = neighbours(track, times)
+    own, other = 1.0 - weight[:, np.newaxis], weight[:, np.newaxis]
     theta = own * track.theta[before] + other * track.theta[after]
     own, other = own[..., np.newaxis] ** 2, other[..., np.newaxis] ** 2
     return theta, own * track.covariance[before] + other * track.covariance[after], good

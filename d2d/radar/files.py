@@ -1,9 +1,12 @@
-"""What the readers of data sets share: files that must be there, JSON, the strongest targets."""
+"""What readers and writers share: files that must be there, JSON, whole files, strong targets."""
 
 import json
 import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,3 +34,23 @@ def strongest_targets(cross_section: ArrayLike, count: int | None) -> NDArray[np
     if count is None or len(values) <= count:
         return np.arange(len(values))
     return np.sort(np.argsort(-values, kind="stable")[:count])
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[IO[bytes]]:
+    """A file to write to, which takes the place of ``path`` only when all of it is written."""
+    target = Path(os.path.realpath(path))  # a link stays one
+    if not target.parent.is_dir():
+        raise FileNotFoundError(f"{path} cannot be written: there is no folder {target.parent}")
+    if target.exists() and not target.is_file():  # a device or a pipe is written to, not replaced
+        with target.open("wb") as file:
+            yield file
+        return
+    part = target.with_name(f".{secrets.token_hex(8)}.part")
+    try:
+        with part.open("xb") as file:
+            yield file
+        os.replace(part, target)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise

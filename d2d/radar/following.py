@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_instance
+from d2d._checks import check_flag, check_instance
 from d2d._types import Array
 from d2d.problem import Problem
 from d2d.radar.budget import (
@@ -20,6 +20,7 @@ from d2d.radar.budget import (
 )
 from d2d.radar.ego_motion import check_velocity, estimate_velocity
 from d2d.radar.plausibility import State, VehicleLimits
+from d2d.radar.progress import counted
 from d2d.radar.scan_pair import ScanPair
 from d2d.radar.trajectory import Track
 from d2d.registration import Estimate
@@ -59,12 +60,16 @@ class Search(NamedTuple):
     scales: Sequence[float]
 
 
-def check_tracking(budget: ErrorBudget | None, limits: VehicleLimits | None) -> None:
-    """Raise a ValueError unless the two are what their names say, or None."""
+def check_tracking(
+    budget: ErrorBudget | None, limits: VehicleLimits | None, progress: bool | None
+) -> None:
+    """Raise a ValueError unless the three are what their names say, or None."""
     if budget is not None:
         check_instance("budget", budget, ErrorBudget)
     if limits is not None:
         check_instance("limits", limits, VehicleLimits)
+    if progress is not None:
+        check_flag("progress", progress)
 
 
 def is_good(estimate: Estimate) -> bool:
@@ -83,6 +88,7 @@ def follow(
     initial: ArrayLike | None,
     budget: ErrorBudget | None,
     limits: VehicleLimits | None,
+    progress: bool | None,
 ) -> Track:
     """Estimate the n - 1 intervals between n times in turn."""
     velocity = None if initial is None else check_velocity(initial)
@@ -92,7 +98,7 @@ def follow(
     parts, delays = np.full((3, count, 3, 3), np.nan), np.zeros((count, 3, 3))
     inliers, targets = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
     reasons = [""] * count
-    for i in range(count):
+    for i in counted(count, progress):
         interval = search.bind(i)
         if interval is None:
             reasons[i] = "a scan without targets"

@@ -81,6 +81,7 @@ def track_joint(
     max_interval: float = MAX_INTERVAL,
     budget: ErrorBudget | None = None,
     limits: VehicleLimits | None = DEFAULT_LIMITS,
+    progress: bool | None = None,
     **options: Unpack[EstimationOptions],
 ) -> Track:
     """Ego-motion over a whole drive from several sensors that need not be synchronised.
@@ -99,7 +100,7 @@ def track_joint(
         Start [v_x, v_y, omega] of the first estimate.
     max_interval : float, s
         Longest time between two scans of a sensor, and between two rounds; see `track`.
-    budget, limits
+    budget, limits, progress
         As for `track`.  Each sensor has errors of its own, all of the same standard deviations.
     **options
         ``doppler``, ``outlier``, ``doppler_width``, ``slips``, ``first_order`` and ``scales``, as
@@ -124,7 +125,7 @@ def track_joint(
         argument.
     """
     check_count("baseline", baseline)
-    check_tracking(budget, limits)
+    check_tracking(budget, limits, progress)
     drives = [
         (check_members(f"sensors[{number}][0]", scans, RadarScan), mounting)
         for number, (scans, mounting) in enumerate(
@@ -147,7 +148,7 @@ def track_joint(
     def begin(i: int) -> Array:
         return _starts(joint_pairs(drives, groups[i + 1], baseline))
 
-    return follow(times, Search(bind, begin, scales), initial, budget, limits)
+    return follow(times, Search(bind, begin, scales), initial, budget, limits, progress)
 
 
 def rounds(

@@ -47,6 +47,7 @@ def track(
     max_interval: float = MAX_INTERVAL,
     budget: ErrorBudget | None = None,
     limits: VehicleLimits | None = DEFAULT_LIMITS,
+    progress: bool | None = None,
     **options: Unpack[EstimationOptions],
 ) -> Track:
     """Ego-motion over a whole drive, with each estimate started at the last converged velocity.
@@ -72,6 +73,9 @@ def track(
         Hessian.
     limits : VehicleLimits, optional
         What the vehicle can do; None accepts any motion.
+    progress : bool, optional
+        Whether a bar on the standard error counts the estimates, for which tqdm must be installed.
+        By default, one appears after two seconds if that is a terminal; not in a notebook.
     **options
         ``doppler``, ``outlier``, ``doppler_width``, ``slips``, ``first_order`` and ``scales``, as
         for `estimate_ego_motion`.
@@ -113,7 +117,7 @@ def track(
     if len(scans) < 2:
         raise ValueError(f"scans must hold at least two scans, but holds {len(scans)}")
     check_count("baseline", baseline)
-    check_tracking(budget, limits)
+    check_tracking(budget, limits, progress)
     times = increasing("scans", scans, max_interval)
     model, scales = split_options(options)
 
@@ -127,7 +131,7 @@ def track(
     def begin(i: int) -> Array:
         return doppler_starts(scans[i + 1], mounting)
 
-    return follow(times, Search(bind, begin, scales), initial, budget, limits)
+    return follow(times, Search(bind, begin, scales), initial, budget, limits, progress)
 
 
 def increasing(name: str, scans: Sequence[RadarScan], max_interval: float) -> Array:

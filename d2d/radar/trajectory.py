@@ -1,7 +1,12 @@
 """The motion along a drive, as `d2d.radar.track` and `d2d.radar.track_joint` give it."""
 
+from __future__ import annotations
+
 import os
+import re
+from collections import Counter
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +15,52 @@ from d2d import rigid
 from d2d._checks import check_finite, check_path
 from d2d._types import Array
 from d2d.radar.budget import CovarianceParts
+from d2d.radar.files import written_whole
+from d2d.radar.trajectory_files import (
+    Arrays,
+    load_arrays,
+    read_velocity_table,
+    save_arrays,
+    velocity_columns,
+    write_velocity_table,
+)
+from d2d.radar.trajectory_plot import draw
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+_REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
+_OPTIONAL = ("reasons", "targets", "inliers")
+_SHOWN_REASONS = 3
+# A number in a reason, but no exponent of a unit such as m/s^2.
+_NUMBER = re.compile(r"(?<![\^\w.])\d+(\.\d+)?")
+
+
+class Velocities(NamedTuple):
+    """Velocities at given times, with their covariances.
+
+    Attributes
+    ----------
+    times : (m,) array, s
+    theta : (m, 3) array
+        [v_x, v_y, omega] in m/s, m/s, rad/s; nan where not known.
+    covariance : (m, 3, 3) array
+        Nan where not known.
+    """
+
+    times: Array
+    theta: Array
+    covariance: Array
+
+
+class Neighbours(NamedTuple):
+    """The estimates between which each of m times lies."""
+
+    before: NDArray[np.intp]
+    after: NDArray[np.intp]  # the same as before where an estimate is at the time itself
+    weight: Array  # of the one after
+    known: NDArray[np.bool_]  # whether both were accepted and are not too far apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +109,104 @@ class Track:
         """
         return integrate(self.theta, self.intervals, start)
 
+    def at(self, times: ArrayLike) -> Velocities:
+        """The velocities at other times, by linear interpolation.
+
+        Parameters
+        ----------
+        times : (m,) array, s
+
+        Returns
+        -------
+        Velocities
+            Nan outside the track's time span, next to an estimate that failed, and in gaps of more
+            than twice the usual interval; at the time of an estimate, that estimate itself.  The
+            covariance is interpolated linearly too.  It is then an upper bound for the interpolated
+            error, however the errors of the two neighbours are correlated; what the velocity does
+            between their times is not in it.
+
+        Raises
+        ------
+        ValueError
+            Unless ``times`` is a one-dimensional array of finite numbers.
+        """
+        wanted = check_finite("times", times)
+        if wanted.ndim != 1:
+            raise ValueError(f"times must have the shape (m,), but has {wanted.shape}")
+        before, after, weight, known = neighbours(self, wanted)
+
+        def between(values: Array, weights: Array) -> Array:
+            mixed = (1.0 - weights) * values[before] + weights * values[after]
+            return np.asarray(np.where(known.reshape(weights.shape), mixed, np.nan))
+
+        return Velocities(
+            wanted,
+            between(self.theta, weight[:, None]),
+            between(self.covariance, weight[:, None, None]),
+        )
+
+    # ---- Files
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write all of the track to a file, from which `load` gives the same numbers bit by bit.
+
+        Parameters
+        ----------
+        path : path
+            Path of the file, best ending in ``.npz``.  An existing file is replaced once all is
+            written; a leading ``~`` stands for the home folder.
+
+        Raises
+        ------
+        ValueError
+            If ``path`` is not a path.
+        OSError
+            If the file cannot be written.
+        """
+        arrays: Arrays = {name: getattr(self, name) for name in _REQUIRED}
+        for name in _OPTIONAL:
+            if getattr(self, name) is not None:
+                arrays[name] = getattr(self, name)
+        if self.parts is not None:
+            arrays |= {f"parts_{name}": part for name, part in self.parts._asdict().items()}
+        save_arrays(check_path("path", path), arrays)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Track:
+        """The track that `save` wrote.
+
+        Raises
+        ------
+        ValueError
+            If ``path`` is not a path, or the file not a whole one of `save`; the message names it.
+        OSError
+            If the file cannot be read.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> import numpy as np
+        >>> from d2d.radar import Track, simulate_drive, track
+        >>> drive = simulate_drive(np.random.default_rng(0), duration=1.0)
+        >>> driven = track(drive.scans, drive.mounting)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     driven.save(f"{folder}/drive.npz")
+        ...     again = Track.load(f"{folder}/drive.npz")
+        >>> bool((again.theta == driven.theta).all())
+        True
+        """
+        source = check_path("path", path)
+        arrays = load_arrays(source)
+        names = [f"parts_{name}" for name in CovarianceParts._fields]
+        with_parts = names[0] in arrays
+        needed = (*_REQUIRED, *(names if with_parts else ()))
+        missing = [name for name in needed if name not in arrays]
+        if missing:
+            raise ValueError(f"{source} is not a whole file of Track.save: it lacks {missing}")
+        parts = CovarianceParts(*(arrays[name] for name in names)) if with_parts else None
+        fields: dict[str, Any] = {name: arrays.get(name) for name in (*_REQUIRED, *_OPTIONAL)}
+        return cls(**fields, parts=parts)
+
     def write_tum(self, path: str | os.PathLike[str], start: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Write the poses as a TUM trajectory file, one line "t x y z qx qy qz qw" per pose.
 
@@ -66,8 +215,7 @@ class Track:
         Parameters
         ----------
         path : path
-            Path of the file; an existing file is overwritten, and a leading ``~`` is replaced by
-            the home folder.
+            Path of the file, as for `save`.
         start : (3,) array, m, m, rad
             The first pose, as for `poses`.
 
@@ -83,7 +231,141 @@ class Track:
         zero = np.zeros_like(x)
         turn = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
         columns = [np.concatenate([first, self.times]), x, y, zero, zero, zero, *turn]
-        np.savetxt(check_path("path", path), np.column_stack(columns), "%.9f")
+        with written_whole(check_path("path", path)) as file:
+            np.savetxt(file, np.column_stack(columns), "%.9f")
+
+    def write_velocities(self, path: str | os.PathLike[str]) -> None:
+        """Write the velocities with their covariances as a table of text.
+
+        Parameters
+        ----------
+        path : path
+            Path of the file, as for `save`.
+
+        Raises
+        ------
+        ValueError
+            If ``path`` is not a path.
+        OSError
+            If the file cannot be written.
+
+        Notes
+        -----
+        Lines that begin with # are the header and the end; the last line of the header names the
+        columns with their units.  All others hold twelve numbers with a space between them:
+
+        ========== ================================================ =====================
+        number     what                                             unit
+        ========== ================================================ =====================
+        1          time of the estimate                             s
+        2          interval, the time since the scan before         s
+        3, 4, 5    v_x, v_y, omega                                  m/s, m/s, rad/s
+        6          1 if the estimate was accepted, otherwise 0
+        7          variance of v_x                                  m^2/s^2
+        8          covariance of v_x and v_y                        m^2/s^2
+        9          covariance of v_x and omega                      m rad/s^2
+        10         variance of v_y                                  m^2/s^2
+        11         covariance of v_y and omega                      m rad/s^2
+        12         variance of omega                                rad^2/s^2
+        ========== ================================================ =====================
+
+        Numbers have all their digits.  Where an estimate was not accepted, the (co)variances are
+        ``nan`` and the velocity is the last one that was.  ``numpy.loadtxt`` reads the file too.
+        """
+        write_velocity_table(check_path("path", path), self._columns())
+
+    @classmethod
+    def read_velocities(cls, path: str | os.PathLike[str]) -> Track:
+        """The track in a table of `write_velocities`, bit by bit, without what is not in it.
+
+        Raises
+        ------
+        ValueError
+            If ``path`` is not a path, or the file not a whole one of `write_velocities`; the
+            message names the file and the line.
+        OSError
+            If the file cannot be read.
+        """
+        return cls(**read_velocity_table(check_path("path", path)))
+
+    def to_dataframe(self) -> DataFrame:
+        """The estimates as a table of pandas, one row for each.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The columns of `write_velocities` named ``time``, ``interval``, ``v_x``, ``v_y``,
+            ``omega``, ``converged``, ``var_v_x``, ``cov_v_x_v_y`` and so on and, where known,
+            ``reasons``, ``targets`` and ``inliers``.
+
+        Raises
+        ------
+        ModuleNotFoundError
+            If pandas, which `d2d` itself does not need, is not installed.
+        """
+        try:
+            import pandas
+        except ModuleNotFoundError:
+            raise ModuleNotFoundError(
+                "to_dataframe needs pandas, which is not installed: pip install pandas"
+            ) from None
+        known = {name: getattr(self, name) for name in _OPTIONAL}
+        columns = self._columns() | {n: each for n, each in known.items() if each is not None}
+        return pandas.DataFrame(columns)
+
+    def _columns(self) -> Arrays:
+        return velocity_columns(
+            self.times, self.intervals, self.theta, self.covariance, self.converged
+        )
+
+    # ---- Seen by people
+
+    def plot(self) -> Figure:
+        """Draw the path, the velocities in a band of 3 sigma, the inlier share and the failures.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The inlier share is left out if it is not known.
+
+        Raises
+        ------
+        ModuleNotFoundError
+            If matplotlib, which `d2d` itself does not need, is not installed.
+        """
+        return draw(
+            self.poses(), self.times, self.theta, self.covariance, self.converged, self.inliers
+        )
+
+    def __repr__(self) -> str:
+        """Number of estimates and share of those accepted; the arrays would fill the screen."""
+        count = len(self.times)
+        share = float(np.mean(self.converged)) if count else 0.0
+        span = f" from {self.times[0]:.3f} s to {self.times[-1]:.3f} s" if count else ""
+        return f"Track({count} estimates{span}, {share:.1%} converged)"
+
+    def __str__(self) -> str:
+        """The same, and below it the commonest reasons of failure."""
+        if self.reasons is None:
+            return repr(self)
+        alike = Counter(_NUMBER.sub("...", reason) for reason in self.reasons.tolist() if reason)
+        lines = [f"  {n} failed: {reason}" for reason, n in alike.most_common(_SHOWN_REASONS)]
+        other = sum(alike.values()) - sum(n for _, n in alike.most_common(_SHOWN_REASONS))
+        return "\n".join([repr(self), *lines, *[f"  {other} failed otherwise"] * (other > 0)])
+
+
+def neighbours(track: Track, times: Array) -> Neighbours:
+    """The estimates of a track around each of ``times`` (m,), for linear interpolation."""
+    last = len(track.times) - 1
+    after = np.clip(np.searchsorted(track.times, times), 0, last)
+    before = np.maximum(after - (track.times[after] != times), 0)  # the same at equal times
+    gap = track.times[after] - track.times[before]
+    distance = times - track.times[before]
+    weight = np.divide(distance, gap, out=np.zeros_like(distance), where=gap > 0.0)
+    inside = (track.times[before] <= times) & (times <= track.times[after])
+    near = gap <= 2.0 * np.median(track.intervals)
+    good = track.converged[before] & track.converged[after]
+    return Neighbours(before, after, weight, inside & near & good)
 
 
 def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:

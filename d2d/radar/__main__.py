@@ -1,0 +1,8 @@
+"""`python -m d2d.radar`: from a recording to a path, without a line of Python."""
+
+import sys
+
+from d2d.radar.command_line import main
+
+if __name__ == "__main__":
+    sys.exit(main())

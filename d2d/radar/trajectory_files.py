@@ -1,0 +1,130 @@
+"""The files of a track: arrays that load bit by bit, and a table of velocities as text."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from d2d._types import Array
+from d2d.radar.files import written_whole
+
+Arrays = dict[str, NDArray[Any]]
+
+_MARK, _FORMAT = "format", "d2d.radar.Track 1"
+# The entries of a covariance that are written: the upper triangle.
+_UPPER = np.triu_indices(3)
+COLUMNS = {
+    "time": "s",
+    "interval": "s",
+    "v_x": "m/s",
+    "v_y": "m/s",
+    "omega": "rad/s",
+    "converged": "0/1",
+    "var_v_x": "m^2/s^2",
+    "cov_v_x_v_y": "m^2/s^2",
+    "cov_v_x_omega": "m*rad/s^2",
+    "var_v_y": "m^2/s^2",
+    "cov_v_y_omega": "m*rad/s^2",
+    "var_omega": "rad^2/s^2",
+}
+_TITLE = "# Velocities of a vehicle and their covariances, written by d2d, format 1"
+_EXPLAINED = (
+    "# v_x forward and v_y left of the vehicle frame's origin, omega counter-clockwise. Where",
+    "# converged is 0, the covariance is nan and the velocity is the last one that was accepted.",
+)
+
+
+def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Write named arrays as a compressed npz file that `load_arrays` reads."""
+    content: dict[str, Any] = {_MARK: np.array(_FORMAT), **arrays}
+    with written_whole(path) as file:
+        np.savez_compressed(file, **content)
+
+
+def load_arrays(path: Path) -> Arrays:
+    """The arrays that `save_arrays` wrote; raises a ValueError if they are not whole."""
+    with path.open("rb") as raw:
+        try:
+            opened = np.load(raw, allow_pickle=False)
+            if not isinstance(opened, np.lib.npyio.NpzFile):
+                raise ValueError("it holds a single array")
+            with opened as file:
+                arrays = {name: file[name] for name in file.files}
+            mark = str(arrays.pop(_MARK))
+        except Exception as error:  # what damaged bytes raise is up to zipfile, zlib and NumPy
+            raise ValueError(f"{path} is not a whole file of Track.save ({error!r})") from None
+    if mark != _FORMAT:
+        raise ValueError(f"{path} has the format {mark!r}, but this version reads {_FORMAT!r}")
+    return arrays
+
+
+def velocity_columns(
+    times: Array,
+    intervals: Array,
+    theta: Array,
+    covariance: Array,
+    converged: NDArray[np.bool_],
+) -> Arrays:
+    """The columns (n,) of a table of velocities, named as in `COLUMNS`."""
+    entries = covariance[:, _UPPER[0], _UPPER[1]].T
+    return dict(zip(COLUMNS, [times, intervals, *theta.T, converged, *entries], strict=True))
+
+
+def write_velocity_table(path: Path, columns: Arrays) -> None:
+    """Write the columns as text, each number with all its digits."""
+    lists = [
+        column.astype(int).tolist() if column.dtype == np.bool_ else column.tolist()
+        for column in columns.values()
+    ]
+    units = " ".join(f"{name}[{unit}]" for name, unit in COLUMNS.items())
+    rows = (" ".join(map(repr, row)) for row in zip(*lists, strict=True))
+    end = _end(len(lists[0]))
+    with written_whole(path) as file:
+        for line in (_TITLE, *_EXPLAINED, f"# {units}", *rows, end):
+            file.write(f"{line}\n".encode())
+
+
+def read_velocity_table(path: Path) -> dict[str, Any]:
+    """The arguments of `velocity_columns` from what `write_velocity_table` wrote.
+
+    Raises a ValueError that names the file and the line if it wrote something else, or more.
+    """
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    if not lines or lines[0].rstrip() != _TITLE:
+        raise ValueError(f"{path} is no table of velocities: line 1 must be {_TITLE!r}")
+    rows = []
+    for number, line in enumerate(lines, start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        rows.append(_row(line.split(), f"{path}, line {number}"))
+    if lines[-1].rstrip() != _end(len(rows)):
+        raise ValueError(
+            f"{path} is not whole: its last line must be {_end(len(rows))!r} after as many rows"
+        )
+    table = np.array(rows).reshape(-1, len(COLUMNS))
+    covariance = np.empty((len(table), 3, 3))
+    covariance[:, _UPPER[0], _UPPER[1]] = covariance[:, _UPPER[1], _UPPER[0]] = table[:, 6:]
+    return {
+        "times": table[:, 0].copy(),
+        "intervals": table[:, 1].copy(),
+        "theta": table[:, 2:5].copy(),
+        "covariance": covariance,
+        "converged": table[:, 5] > 0.0,
+    }
+
+
+def _row(words: list[str], where: str) -> list[float]:
+    """The numbers of a row."""
+    if len(words) != len(COLUMNS):
+        raise ValueError(f"{where}: there must be {len(COLUMNS)} numbers, but are {len(words)}")
+    try:
+        return [float(word) for word in words]
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _end(count: int) -> str:
+    """The last line, by which a file that was cut off is known."""
+    return f"# end of {count} estimates"

@@ -1,0 +1,309 @@
+"""The command line: from a log or a data set to files, or to a message that helps."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d.radar import (
+    ErrorBudget,
+    Mounting,
+    RadarScan,
+    Track,
+    load_radarscenes,
+    simulate_drive,
+    track,
+    track_joint,
+    write_csv,
+)
+from d2d.radar.command_line import main
+
+DEGREE = np.deg2rad(1.0)
+SIDE = Mounting(0.3, 0.2, 60.0 * DEGREE)
+DRIVE = simulate_drive(np.random.default_rng(0), duration=1.5)
+FROM_SIDE = simulate_drive(np.random.default_rng(0), duration=1.5, mounting=SIDE)
+FRONT = ("--mounting", "front", "0.4", "0", "0")
+BOTH = (*FRONT, "--mounting", "side", "0.3", "0.2", "60")
+
+
+@pytest.fixture
+def log(tmp_path) -> Path:
+    """A folder of its own with the log of the front radar."""
+    write_csv(tmp_path / "log.csv", {"front": DRIVE.scans})
+    return tmp_path / "log.csv"
+
+
+def written(folder: Path, prefix: str) -> list[str]:
+    return sorted(name for name in os.listdir(folder) if name.startswith(prefix))
+
+
+FILES = [".npz", ".png", ".tum", "_velocities.txt"]
+
+
+def test_a_log_becomes_a_path_with_covariances(log, capsys):
+    """Breaks if the files hold another track than Python would give, or one is missing."""
+    assert main(["track", "--csv", str(log), *FRONT, "--output", str(log.parent / "drive")]) == 0
+    assert written(log.parent, "drive") == [f"drive{end}" for end in FILES]
+    expected = track(DRIVE.scans, DRIVE.mounting, budget=ErrorBudget())
+    found = Track.load(log.parent / "drive.npz")
+    assert_array_equal(found.theta, expected.theta)
+    assert_array_equal(found.covariance, expected.covariance)
+    table = Track.read_velocities(log.parent / "drive_velocities.txt")
+    assert_array_equal(table.theta, expected.theta)
+    poses = np.loadtxt(log.parent / "drive.tum")
+    assert_allclose(poses[:, 1:3], expected.poses()[:, :2], atol=1e-8)
+    assert (log.parent / "drive.png").read_bytes().startswith(b"\x89PNG")
+    said = capsys.readouterr()
+    assert str(expected) in said.out
+    assert f"wrote {log.parent / 'drive.tum'}" in said.out
+    assert said.err == ""
+
+
+def test_evo_reads_what_is_written(log):
+    """Breaks if another program cannot read the path."""
+    file_interface = pytest.importorskip("evo.tools.file_interface")
+    output = f"{log.parent}/new/"
+    main(["track", "--csv", str(log), *FRONT, "--output", output, "--no-picture"])
+    assert written(log.parent / "new", "") == ["track.npz", "track.tum", "track_velocities.txt"]
+    read = file_interface.read_tum_trajectory_file(log.parent / "new" / "track.tum")
+    assert read.check()[0]
+    assert read.num_poses == len(DRIVE.scans)
+    assert_allclose(read.timestamps, [scan.time for scan in DRIVE.scans], atol=1e-8)
+
+
+def test_options_reach_the_estimate(tmp_path):
+    """Breaks if one is dropped, or degrees stay degrees."""
+    write_csv(tmp_path / "log.csv", {"front": DRIVE.scans, "side": FROM_SIDE.scans})
+    wide = [[scan.with_extent(0.1) for scan in each.scans] for each in (DRIVE, FROM_SIDE)]
+    sensors = list(zip(wide, (DRIVE.mounting, SIDE), strict=True))
+    budget = ErrorBudget(0.2 * DEGREE, 0.03, 0.001, 0.02, 1.5)
+    expected = track_joint(sensors, baseline=2, budget=budget)
+    options = "--baseline 2 --extent 0.1 --budget-azimuth 0.2 --budget-doppler 0.03"
+    options += " --budget-scale 0.001 --budget-lag 0.02 --budget-neighbours 1.5 --no-picture"
+    call = ["track", "--csv", str(tmp_path / "log.csv"), *BOTH, "--output", str(tmp_path / "both")]
+    assert main([*call, *options.split()]) == 0
+    found = Track.load(tmp_path / "both.npz")
+    assert_allclose(found.theta, expected.theta, rtol=1e-12)
+    assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
+    assert_allclose(found.parts, expected.parts, rtol=1e-9, atol=1e-18)
+    assert main([*call, *options.split(), "--no-budget"]) == 0
+    without = Track.load(tmp_path / "both.npz")
+    assert without.parts is None
+    assert_allclose(without.covariance, track_joint(sensors, baseline=2).covariance, rtol=1e-9)
+
+
+def test_a_log_in_degrees_without_standard_deviations(tmp_path):
+    """Breaks if the angle of an option is taken for rad."""
+    rows = [
+        (scan.time, distance, np.rad2deg(azimuth), doppler)
+        for scan in DRIVE.scans
+        for distance, azimuth, doppler in zip(scan.range, scan.azimuth, scan.doppler, strict=True)
+    ]
+    np.savetxt(tmp_path / "log.csv", rows, "%.12g", ",", header="time,range,azimuth,doppler")
+    call = ["track", "--csv", str(tmp_path / "log.csv"), "--mounting", "radar", "0.4", "0", "0"]
+    call += ["--degrees", "--sigma-range", "0.125", "--sigma-doppler", "0.0625", "--no-picture"]
+    call += ["--sigma-azimuth", "0.5", "--output", str(tmp_path / "drive")]
+    assert main(call) == 0
+    scans = [
+        RadarScan(scan.time, scan.range, scan.azimuth, scan.doppler, 0.125, 0.5 * DEGREE, 0.0625)
+        for scan in DRIVE.scans
+    ]
+    expected = track(scans, DRIVE.mounting, budget=ErrorBudget())
+    assert_allclose(Track.load(tmp_path / "drive.npz").theta, expected.theta, atol=1e-6)
+
+
+# ---- Messages
+
+
+def failed(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """What is said when the program ends with status 1."""
+    assert main(arguments) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("python -m d2d.radar: error: ")
+    return said.removeprefix("python -m d2d.radar: error: ").strip()
+
+
+def test_a_line_that_cannot_be_read_is_named_and_nothing_written(log, capsys):
+    """Breaks if there is a traceback, or files of half a drive."""
+    lines = log.read_text(encoding="utf-8").splitlines()
+    lines[6] = lines[6].replace("front", "front,")
+    log.write_text("\n".join(lines), encoding="utf-8")
+    output = log.parent / "new" / "drive"
+    said = failed(["track", "--csv", str(log), *FRONT, "--output", str(output)], capsys)
+    assert said == f"{log}, line 7: there must be 8 values as in the first line, but are 9"
+    assert os.listdir(log.parent) == ["log.csv"]
+
+
+@pytest.mark.parametrize(
+    ("mountings", "said"),
+    [
+        (("--mounting", "radar", "0", "0", "0"), "are front, but --mounting names radar"),
+        (BOTH, "are front, but --mounting names front, side"),
+        ((*FRONT, *FRONT), "front is given twice"),
+        (("--mounting", "front", "0", "0", "left"), "--mounting front 0 0 left: could not convert"),
+        (("--mounting", "front", "0", "0", "900"), "--mounting front 0 0 900: yaw must be"),
+    ],
+    ids=["other", "more", "twice", "word", "turns"],
+)
+def test_mountings_must_fit_the_log(log, capsys, mountings, said):
+    assert said in failed(["track", "--csv", str(log), *mountings], capsys)
+
+
+def test_missing_files_and_wrong_values_are_named(log, capsys):
+    assert "No such file" in failed(["track", "--csv", f"{log}x", *FRONT], capsys)
+    call = ["track", "--csv", str(log), *FRONT]
+    assert failed([*call, "--baseline", "0"], capsys).startswith("baseline must be")
+    assert failed([*call, "--budget-lag", "-1"], capsys).startswith("lag must not be negative")
+    scenes = ["track", "--radarscenes", str(log.parent), "--sequence", "105", "--sensor", "1"]
+    assert "should be the folder `data`" in failed(scenes, capsys)
+    assert failed([*scenes, "2", "1"], capsys) == "1 is given twice"
+
+
+def test_where_nothing_can_be_written_is_known_before_the_work(log, capsys, monkeypatch):
+    """Breaks if a long drive is estimated and then lost."""
+
+    def never(*_arguments, **_options):
+        raise AssertionError
+
+    monkeypatch.setattr("d2d.radar.command_line.track", never)
+    call = ["track", "--csv", str(log), *FRONT, "--output"]
+    assert "is no folder" in failed([*call, f"{log}/drive"], capsys)
+    (log.parent / "drive.npz").mkdir()
+    assert "drive.npz is a folder" in failed([*call, str(log.parent / "drive")], capsys)
+
+
+def test_all_files_are_written_or_none(log, capsys, monkeypatch):
+    """Breaks if an error in the last one leaves the others behind."""
+
+    def full(*_arguments):
+        raise OSError("no space left")
+
+    monkeypatch.setattr(Track, "save", full)
+    call = ["track", "--csv", str(log), *FRONT, "--output", str(log.parent / "drive")]
+    assert failed(call, capsys) == "no space left"
+    assert os.listdir(log.parent) == ["log.csv"]
+
+
+def test_an_interruption_leaves_nothing_behind(log, capsys, monkeypatch):
+    """Breaks if Ctrl-C gives a traceback, or files that look like a result."""
+
+    def interrupted(*_arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Track, "save", interrupted)
+    assert main(["track", "--csv", str(log), *FRONT, "--output", str(log.parent / "drive")]) == 130
+    assert "interrupted, nothing is written" in capsys.readouterr().err
+    assert os.listdir(log.parent) == ["log.csv"]
+
+
+def test_without_matplotlib_there_is_no_picture(log, capsys, monkeypatch):
+    """Breaks if what can be written is not, or the picture is left out without a word."""
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(["track", "--csv", str(log), *FRONT, "--output", str(log.parent / "drive")]) == 0
+    assert "no picture" in capsys.readouterr().err
+    assert written(log.parent, "drive") == [f"drive{end}" for end in FILES if end != ".png"]
+
+
+def test_a_track_without_an_estimate_is_no_success(tmp_path, capsys):
+    """Breaks if a file full of nan passes for a result."""
+    rng = np.random.default_rng(0)
+    rows = [(t, rng.uniform(5, 50), rng.uniform(-1, 1), rng.uniform(-30, 30)) for t in range(5)]
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="time,range,azimuth,doppler")
+    call = ["track", "--csv", str(tmp_path / "log.csv"), "--mounting", "radar", "0", "0", "0"]
+    call += ["--sigma-range", "0.1", "--sigma-azimuth", "0.5", "--sigma-doppler", "0.1"]
+    assert "no estimate was accepted" in failed([*call, "--output", str(tmp_path / "d")], capsys)
+    assert os.listdir(tmp_path) == ["log.csv"]
+
+
+def test_a_flipped_sign_is_warned_of(tmp_path, capsys):
+    """Breaks if the warning of the estimate is lost, or shown as a line of source."""
+    scans = [replace(scan, doppler=-scan.doppler) for scan in DRIVE.scans]
+    write_csv(tmp_path / "log.csv", {"front": scans})
+    call = ["track", "--csv", str(tmp_path / "log.csv"), *FRONT, "--no-picture"]
+    assert main([*call, "--output", str(tmp_path / "drive")]) == 0
+    said = capsys.readouterr().err
+    assert said.startswith("python -m d2d.radar: warning: Doppler velocities and positions contr")
+    assert len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["track"], "one of the arguments --csv --radarscenes --nuscenes is required"),
+        (["track", "--csv", "log.csv"], "--csv needs --mounting"),
+        (["track", "--radarscenes", "R", "--sequence", "1"], "--radarscenes needs --sensor"),
+        (["track", "--nuscenes", "R", "--channel", "F"], "--nuscenes needs --scene"),
+        (
+            ["track", "--nuscenes", "R", "--scene", "s", "--channel", "F", "--degrees"],
+            "--degrees belongs to --csv",
+        ),
+        (["track", "--csv", "l", "--sensor", "1"], "--sensor belongs to --radarscenes"),
+        (["fly"], "invalid choice: 'fly'"),
+    ],
+    ids=lambda each: " ".join(each) if isinstance(each, list) else "",
+)
+def test_arguments_that_do_not_fit_are_refused(arguments, said, capsys):
+    """Breaks if an option has no effect and nobody is told."""
+    with pytest.raises(SystemExit) as left:
+        main(arguments)
+    assert left.value.code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_the_help_teaches(capsys):
+    """Breaks if units, conventions, files or examples are missing."""
+    with pytest.raises(SystemExit) as left:
+        main(["track", "--help"])
+    assert left.value.code == 0
+    said = capsys.readouterr().out
+    for word in ("PREFIX_velocities.txt", "counter-clockwise", "m/s, positive if", "examples:"):
+        assert word in said
+    assert max(map(len, said.splitlines())) <= 110
+
+
+# ---- As a program, and on real data
+
+
+def test_the_program_writes_an_example_that_it_can_read(tmp_path):
+    """Breaks if `python -m d2d.radar` does not run, or the command that it names fails."""
+    run = {"cwd": tmp_path, "capture_output": True, "text": True, "check": True}
+    program = [sys.executable, "-m", "d2d.radar"]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).resolve().parents[2])}
+    done = subprocess.run([*program, "example", "log.csv"], env=environment, **run)
+    named = done.stdout.splitlines()[-1].split()
+    assert named[:4] == ["python", "-m", "d2d.radar", "track"]
+    done = subprocess.run([*program, *named[3:], "--no-picture"], env=environment, **run)
+    assert written(tmp_path, "track") == ["track.npz", "track.tum", "track_velocities.txt"]
+    assert done.stderr == ""
+    driven = Track.load(tmp_path / "track.npz")
+    assert driven.converged.mean() > 0.95
+    assert driven.poses()[-1, 1] == pytest.approx(70.0, abs=5.0)  # m, seen in its picture
+
+
+@pytest.mark.radarscenes
+def test_radarscenes_from_the_command_line(tmp_path):
+    """Breaks if a sensor is left out or the data set's own numbers are replaced."""
+    root = os.environ.get("D2D_RADARSCENES")
+    if not root:
+        pytest.skip("set D2D_RADARSCENES to the folder of the RadarScenes data set")
+    call = ["track", "--radarscenes", root, "--sequence", "105", "--sensor", "3", "1"]
+    assert main([*call, "--no-picture", "--no-budget", "--output", str(tmp_path / "drive")]) == 0
+    recordings = [load_radarscenes(root, 105, sensor) for sensor in (3, 1)]
+    expected = track_joint([(each.scans, each.mounting) for each in recordings])
+    assert_array_equal(Track.load(tmp_path / "drive.npz").theta, expected.theta)
+
+
+@pytest.mark.nuscenes
+def test_nuscenes_from_the_command_line(tmp_path, nuscenes):
+    """Breaks if the scene or the channel does not arrive at the reader."""
+    call = ["track", "--nuscenes", str(nuscenes), "--scene", "scene-0061"]
+    call += ["--channel", "RADAR_FRONT", "--no-picture", "--output", str(tmp_path / "drive")]
+    assert main(call) == 0
+    assert Track.load(tmp_path / "drive.npz").converged.mean() > 0.9
