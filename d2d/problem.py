@@ -250,6 +250,21 @@ class Problem:
             return np.ones((*bound.shape, sum(pair.moving.size for pair in self.pairs)))
         return self._of_targets(bound, (_kernel.SHARE,))[..., 0, :]
 
+    def widening_slopes(self, bound: Bound) -> Array:
+        """Derivatives (..., K) of each log q_k in a variance added to all targets, of either set.
+
+        With variances v added along each axis, S = S_0 + 2 v I for every pair of targets.  By the
+        heat equation dN / dS = N_dd / 2, so that dN / dv is the Laplacian of N in the translation:
+        the slope is the inlier component's share times the Laplacian of the density of the position
+        over itself.  The factor of the measurement does not depend on v.
+        """
+        outlier, pairs = self.form.outlier.copy(), bound.batch.pairs.copy()
+        outlier[_kernel.KIND] = _kernel.NO_OUTLIER
+        pairs[:, -1] = -1  # no measurements
+        positions = bound._replace(batch=bound.batch._replace(outlier=outlier, pairs=pairs))
+        second = self._of_targets(positions, (_kernel.CURVATURE[0], _kernel.CURVATURE[4]))
+        return np.asarray(self.inlier_shares(bound) * second.sum(axis=-2))
+
     def scores(self, bound: Bound, begin: int, end: int) -> tuple[Array, Array]:
         """What each target adds to the gradient (C, K, P) and Hessian (C, K, P, P) of the cost.
 

@@ -8,6 +8,7 @@ from d2d.radar.csv_log import load_csv, write_csv
 from d2d.radar.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
 from d2d.radar.ego_motion import estimate_ego_motion, inlier_probabilities
 from d2d.radar.evidence import compare_halves, compare_tracks
+from d2d.radar.extent import ExtentEstimate, estimate_extent
 from d2d.radar.joint import estimate_joint_ego_motion, track_joint
 from d2d.radar.nuscenes import load_nuscenes
 from d2d.radar.options import EgoMotionModel
@@ -30,6 +31,7 @@ __all__ = [
     "Drive",
     "EgoMotionModel",
     "ErrorBudget",
+    "ExtentEstimate",
     "Measures",
     "Mounting",
     "RadarScan",
@@ -50,6 +52,7 @@ __all__ = [
     "doppler_ego_motion",
     "doppler_velocity",
     "estimate_ego_motion",
+    "estimate_extent",
     "estimate_joint_ego_motion",
     "inlier_probabilities",
     "load_csv",

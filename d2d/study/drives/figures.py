@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._types import Array
-from d2d.radar import Mounting
+from d2d.radar import ExtentEstimate, Mounting
 from d2d.radar.simulation import Sensor
 from d2d.radar.world import KINDS, World
 from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, PINK, SKY, YELLOW
 from d2d.study.drives.errors import IN_UNITS, UNITS, DriveErrors
+from d2d.study.drives.extended import COVARIANCES, MODELS, ExtendedStudy
 
 SYMBOLS = ("$v_x$", "$v_y$", "ω")
 COLOURS = dict(zip(KINDS, (BLACK, BLUE, PINK, GREEN, ORANGE, YELLOW), strict=True))
 WALL, CAR = "0.85", SKY
+CURVES = (ORANGE, BLUE, GREEN, BLACK)
 
 # Heights of the camera and of what it sees, in m.
 _EYE, _HOUSE, _CAR, _POLE, _BUSH = 1.2, 7.0, 1.5, 4.0, 0.9
@@ -259,3 +261,43 @@ def track_lines(ax: Axes, poses: Array, true: Array) -> None:
     ax.plot(*true[:, :2].T, "--", color=ORANGE, label="truth")
     ax.plot(*poses[:, :2].T, color=BLUE, label="estimate")
     ax.plot(*true[0, :2], "o", color=BLACK, ms=4)
+
+
+def likelihood_curves(ax: Axes, found: Mapping[str, ExtentEstimate]) -> None:
+    """Log-likelihood per target less its maximum against the extent; each estimate with 2 sigma."""
+    for (name, each), colour in zip(found.items(), CURVES, strict=False):
+        curve = each.log_likelihoods - each.log_likelihoods.max()
+        ax.plot(each.candidates, curve, "o-", ms=3, color=colour, label=name)
+        ax.axvspan(
+            each.extent - 2.0 * each.sigma, each.extent + 2.0 * each.sigma, color=colour, alpha=0.3
+        )
+    ax.set(
+        xlim=(0.0, 1.65), ylim=(-1.5, 0.1), xlabel="extent in m", ylabel="log-likelihood per target"
+    )
+    ax.legend()
+
+
+def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> None:
+    """ANEES (first axes) and RMSE of omega (second) against the objects' half width, per model.
+
+    Objects whose points stay where they are, without an extent, are drawn for comparison.
+    """
+    redrawn = [study for study in studies if study.redrawn]
+    still = [study for study in studies if not study.redrawn]
+    groups = [(redrawn, model, model) for model in MODELS]
+    groups.append((still, MODELS[0], "same points in all scans"))
+    for (chosen, model, name), colour in zip(groups, CURVES, strict=True):
+        widths = [study.half_width for study in chosen]
+        for covariance, line in zip(COVARIANCES, ("o-", "s:"), strict=True):
+            anees = [study.credibility(model, covariance).anees for study in chosen]
+            axes[0].plot(widths, anees, line, color=colour)
+        rmse = [study.rmse(model)[2] for study in chosen]
+        axes[1].plot(widths, rmse, "o-", color=colour, label=name)
+    axes[0].axhline(1.0, color="0.6", lw=0.8)
+    for covariance, line in zip(COVARIANCES, ("o-", "s:"), strict=True):
+        axes[0].plot([], [], line, color="0.5", label=covariance)
+    axes[0].set(yscale="log", ylabel="ANEES")
+    axes[1].set(ylabel="RMSE of ω in °/s")
+    for ax in axes:
+        ax.set_xlabel("half width of the objects in m")
+        ax.legend()

@@ -1,0 +1,169 @@
+"""Objects that are larger than a point: what it does to errors, and to the covariances."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from d2d import credibility, rigid
+from d2d._types import Array
+from d2d.credibility import Credibility
+from d2d.radar import (
+    ExtentEstimate,
+    Mounting,
+    RadarScan,
+    doppler_velocity,
+    estimate_ego_motion,
+    estimate_extent,
+    propagate_ego_motion,
+)
+from d2d.radar.radarscenes import azimuth_sigma
+from d2d.study.drives.errors import IN_UNITS
+
+THETA = np.array([15.0, 0.0, 0.05])  # m/s, m/s, rad/s
+MOUNTING = Mounting(3.7, 0.0, 0.0)
+INTERVAL = 0.07  # s
+SIGMA_RANGE, SIGMA_DOPPLER = 0.15, 0.06  # m, m/s; with `azimuth_sigma`, as for RadarScenes
+NEAREST, FARTHEST, WIDEST = 5.0, 50.0, np.deg2rad(60.0)  # m, m, rad: what the sensor sees
+OBJECTS = 40  # in view on average
+
+COVARIANCES = ("inverse Hessian", "propagated")
+MODELS = ("no extent", "likeliest extent", "true extent")
+
+
+def extended_drive(
+    rng: np.random.Generator,
+    half_width: float,
+    *,
+    redrawn: bool = True,
+    most: int = 8,
+    count: int = 100,
+) -> list[RadarScan]:
+    """Scans of objects that return several targets each, from a vehicle of velocity `THETA`.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+    half_width : float, m
+        The points that reflect lie uniformly within this of the object's middle, along both axes;
+        their standard deviation along each is ``half_width / sqrt(3)``.
+    redrawn : bool
+        Whether they are drawn anew for every scan, or stay where they are.
+    most : int
+        An object has 1 to ``most`` of them.  About 40 objects are in view.
+    count : int
+        Number of scans.
+    """
+    middles = _middles(rng, count * INTERVAL)
+    numbers = rng.integers(1, most + 1, len(middles))
+    owners = np.repeat(middles, numbers, axis=0)
+
+    def drawn() -> Array:
+        return owners + rng.uniform(-half_width, half_width, owners.shape)
+
+    points, scans = drawn(), []
+    for i in range(count):
+        points = drawn() if redrawn else points
+        pose = rigid.exponential(i * INTERVAL * THETA)
+        to_sensor = rigid.inverse(rigid.compose(pose, MOUNTING.pose))
+        x, y = rigid.transform_means(to_sensor, points).T
+        distance, azimuth = np.hypot(x, y), np.arctan2(y, x)
+        seen = (distance > NEAREST) & (distance < FARTHEST) & (np.abs(azimuth) < WIDEST)
+        distance, azimuth = distance[seen], azimuth[seen]
+        doppler = doppler_velocity(THETA, azimuth, MOUNTING)
+        sigmas = SIGMA_RANGE, azimuth_sigma(azimuth), SIGMA_DOPPLER
+        noise = rng.standard_normal((3, len(distance)))
+        scans.append(
+            RadarScan(
+                i * INTERVAL,
+                distance + sigmas[0] * noise[0],
+                azimuth + sigmas[1] * noise[1],
+                doppler + sigmas[2] * noise[2],
+                *sigmas,
+            )
+        )
+    return scans
+
+
+def _middles(rng: np.random.Generator, duration: float) -> Array:
+    """Middles of objects (M, 2), spread evenly over all that is seen during the drive."""
+    ends = rigid.exponential(np.linspace(0.0, duration, 20)[:, None] * THETA)[:, :2]
+    low, high = ends.min(axis=0) - FARTHEST, ends.max(axis=0) + FARTHEST
+    in_view = WIDEST * (FARTHEST**2 - NEAREST**2)  # m^2
+    number = round(OBJECTS * float(np.prod(high - low)) / in_view)
+    return rng.uniform(low, high, (number, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class ExtendedStudy:
+    """Errors of the estimates between successive scans, and their covariances.
+
+    Attributes
+    ----------
+    half_width : float, m
+        Of the objects.
+    redrawn : bool
+        Whether each scan shows other points of them.
+    found : ExtentEstimate
+        The extent at which the scans are most likely.
+    errors : dict of (n, 3) arrays
+        Of [v_x, v_y, omega] in m/s, m/s, rad/s, for each of `MODELS`.
+    covariances : dict of dicts of (n, 3, 3) arrays
+        For each of `MODELS`, each of `COVARIANCES`.
+    """
+
+    half_width: float
+    redrawn: bool
+    found: ExtentEstimate
+    errors: dict[str, Array]
+    covariances: dict[str, dict[str, Array]]
+
+    @property
+    def true_extent(self) -> float:
+        """Standard deviation (m) of the points that differ from scan to scan."""
+        return _true_extent(self.half_width, self.redrawn)
+
+    def credibility(self, model: str, covariance: str) -> Credibility:
+        """Credibility of one of the covariances with one of the models."""
+        return credibility(self.errors[model], self.covariances[model][covariance])
+
+    def rmse(self, model: str) -> Array:
+        """Root mean square errors (3,) in m/s, m/s, deg/s."""
+        return np.asarray(np.sqrt(np.mean(self.errors[model] ** 2, axis=0)) * IN_UNITS)
+
+
+def extended_study(
+    rng: np.random.Generator, half_width: float, *, redrawn: bool = True, count: int = 100
+) -> ExtendedStudy:
+    """Estimate a drive among extended objects without an extent, and with two.
+
+    See `extended_drive` for the arguments.  Every estimate starts at the true velocity.
+    """
+    scans = extended_drive(rng, half_width, redrawn=redrawn, count=count)
+    found = estimate_extent(scans, MOUNTING, max_pairs=25)
+    true = _true_extent(half_width, redrawn)
+    errors: dict[str, Array] = {}
+    covariances: dict[str, dict[str, Array]] = {}
+    for model, extent in zip(MODELS, (0.0, found.extent, true), strict=True):
+        errors[model], covariances[model] = _estimates([scan.with_extent(extent) for scan in scans])
+    return ExtendedStudy(half_width, redrawn, found, errors, covariances)
+
+
+def _true_extent(half_width: float, redrawn: bool) -> float:
+    return half_width / math.sqrt(3.0) if redrawn else 0.0
+
+
+def _estimates(scans: Sequence[RadarScan]) -> tuple[Array, dict[str, Array]]:
+    """Errors of the estimates that converged, and both covariances."""
+    errors, inverse, propagated = [], [], []
+    for pair in pairwise(scans):
+        estimate = estimate_ego_motion(*pair, MOUNTING, initial=THETA)
+        if not estimate.converged:
+            continue
+        errors.append(estimate.theta - THETA)
+        inverse.append(estimate.covariance)
+        propagated.append(propagate_ego_motion(estimate, *pair, MOUNTING))
+    found = dict(zip(COVARIANCES, (np.array(inverse), np.array(propagated)), strict=True))
+    return np.array(errors), found

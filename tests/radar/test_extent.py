@@ -1,0 +1,206 @@
+"""The extent of targets by maximum likelihood: scores, the maximum, its standard error, errors.
+
+The references are the cost as its formulas read, in NumPy, and scans whose scatter is known.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d import CorruptedGaussian, UniformOutlier, dense, rigid
+from d2d.radar import (
+    ExtentEstimate,
+    Mounting,
+    RadarScan,
+    doppler_velocity,
+    estimate_ego_motion,
+    estimate_extent,
+)
+from d2d.radar import extent as module
+from d2d.radar.extent import CANDIDATES, widened
+from d2d.radar.options import EgoMotionModel
+from d2d.radar.scan_pair import scan_pair
+
+THETA, STILL = np.array([6.0, 0.2, 0.1]), np.zeros(3)
+MOUNTING = Mounting(2.0, 0.5, 0.1)
+SIGMAS = (0.1, 0.004, 0.05)
+OUTLIERS = {
+    "none": None,
+    "uniform": UniformOutlier(1e-5),
+    "corrupted": CorruptedGaussian(0.2, 100.0 * np.eye(2)),
+}
+
+
+def drive(seed: int, scatter: float, pairs: int = 20, velocity=STILL) -> list[RadarScan]:
+    """Scans of 40 points; every scan sees each elsewhere, by a normal deviation."""
+    rng = np.random.default_rng(seed)
+    middles = rng.uniform([8.0, -40.0], [70.0, 40.0], (40, 2))
+    found = []
+    for i in range(pairs + 1):
+        pose = rigid.compose(rigid.exponential(0.1 * i * velocity), MOUNTING.pose)
+        points = middles + scatter * rng.standard_normal(middles.shape)
+        x, y = rigid.transform_means(rigid.inverse(pose), points).T
+        azimuth = np.arctan2(y, x)
+        values = np.stack([np.hypot(x, y), azimuth, doppler_velocity(velocity, azimuth, MOUNTING)])
+        values += np.array(SIGMAS)[:, None] * rng.standard_normal((3, 40))
+        found.append(RadarScan(0.1 * i, *values, *SIGMAS))
+    return found
+
+
+@pytest.mark.parametrize("doppler", [True, False])
+@pytest.mark.parametrize("outlier", OUTLIERS)
+@pytest.mark.parametrize("extent", [0.1, 0.5])
+def test_scores_are_derivatives_of_the_cost_as_its_formulas_read(doppler, outlier, extent):
+    """Breaks if the outliers or the Doppler velocities take part, or one of the sets is left out.
+
+    The reference is a central difference, in the square of the extent, of the dense logarithms.
+    """
+    previous, current = (scan[:12] for scan in drive(0, 0.3, 1, THETA))
+    current = RadarScan(  # one target far from all others
+        current.time,
+        np.append(current.range, 90.0),
+        np.append(current.azimuth, -0.9),
+        np.append(current.doppler, -4.0),
+        *SIGMAS,
+    )
+    model = EgoMotionModel(doppler=doppler, outlier=OUTLIERS[outlier], doppler_width=1.0)
+    problem = model.problem([scan_pair(previous, current, MOUNTING, model)])
+    theta = THETA + np.array([0.3, -0.2, 0.02])
+    motion = rigid.exponential(0.1 * theta)[None]
+
+    def log_densities(square: float) -> np.ndarray:
+        wider = np.sqrt(square)
+        pair = scan_pair(previous.with_extent(wider), current.with_extent(wider), MOUNTING, model)
+        sets = pair.fixed, pair.moving
+        fixed, moving = (type(s)(s.means[None], s.covariances[None], s.weights[None]) for s in sets)
+        factor = dense.factor_of(pair.measurement, motion) if doppler else None
+        parts = dense.components(motion, fixed, moving, model.cost, factor)
+        return dense.target_log_densities(parts, model.cost)[0]
+
+    step = 1e-3 * extent**2
+    numerical = log_densities(extent**2 + step) - log_densities(extent**2 - step)
+    wider = widened(problem, extent)
+    scores = wider.widening_slopes(wider.bind(theta))
+    assert_allclose(scores, numerical / (2.0 * step), rtol=2e-5, atol=1e-5)
+    assert_allclose(wider.log_densities(wider.bind(theta)), log_densities(extent**2), rtol=1e-9)
+
+
+@pytest.mark.parametrize("first_order", [True, False])
+def test_the_curve_is_the_value_of_the_estimates_with_that_extent(first_order):
+    """Breaks if the likelihood is not that of the ego-motion, or its maximum is not the largest."""
+    scans = drive(1, 0.3, pairs=4)
+    found = estimate_extent(scans, MOUNTING, first_order=first_order)
+
+    def log_likelihood(extent: float) -> float:
+        wider = [scan.with_extent(extent) for scan in scans]
+        return -sum(
+            float(estimate_ego_motion(*pair, MOUNTING, first_order=first_order).value)
+            for pair in pairwise(wider)
+        )
+
+    assert found.pairs == 4
+    assert found.targets == 160
+    assert_array_equal(found.candidates, np.sort([*CANDIDATES, found.extent]))
+    curve = [log_likelihood(extent) / 160 for extent in found.candidates]
+    assert_allclose(found.log_likelihoods, curve, rtol=1e-9)
+    assert found.candidates[found.log_likelihoods.argmax()] == found.extent
+    best = log_likelihood(found.extent)
+    assert best > max(log_likelihood(found.extent + off) for off in (-0.01, 0.01))
+
+
+@pytest.mark.parametrize("scatter", [0.15, 0.5, 1.0])
+def test_the_scatter_of_single_points_is_found_with_its_standard_error(scatter):
+    """Breaks if the variance counts once instead of twice, or the standard error is of e^2."""
+    found = [estimate_extent(drive(seed, scatter), MOUNTING) for seed in range(12)]
+    extents = np.array([each.extent for each in found])
+    sigmas = np.array([[each.sigma, each.sigma_independent] for each in found])
+    assert_allclose(extents.mean(), scatter, rtol=0.04)
+    normalised = (extents - scatter)[:, None] / sigmas
+    # 12 squares: a 99.9 % chi-square region is 0.2 to 2.7
+    assert (np.mean(normalised**2, axis=0) > 0.2).all()
+    assert np.mean(normalised[:, 0] ** 2) < 2.7
+
+
+def test_points_that_stay_have_no_extent():
+    """Breaks if the boundary is not recognised, or its standard error is nan.
+
+    The estimate of the square would be negative in half of the drives.
+    """
+    found = [estimate_extent(drive(seed, 0.0), MOUNTING) for seed in range(12)]
+    extents, sigmas = np.array([[each.extent, each.sigma] for each in found]).T
+    assert 2 <= (extents == 0.0).sum() <= 10
+    assert extents.max() < 0.04
+    assert ((sigmas > 0.0) & (sigmas < 0.04)).all()
+
+
+def test_scores_that_stay_the_same_for_a_while_widen_the_standard_error():
+    """Breaks if dependent pairs count as independent."""
+    rng = np.random.default_rng(0)
+    short = rng.standard_normal(60)
+    series = np.repeat(short, 8)
+    apart, together = map(module._variance_of_sum, (rng.permutation(series), series))
+    assert_allclose(apart, 480.0, rtol=0.4)
+    assert 4.0 < together / apart < 14.0
+
+
+def test_what_the_scans_carry_and_where_they_are_does_not_matter():
+    """Breaks if an extent is added to one that is there already."""
+    scans = drive(3, 0.3, pairs=3)
+    wide = [scan.with_extent(1.0) for scan in scans]
+    assert estimate_extent(wide, MOUNTING).extent == estimate_extent(scans, MOUNTING).extent
+
+
+def test_pairs_are_spread_over_the_recording():
+    """Breaks if only the beginning counts, empty scans are paired, or the baseline is ignored."""
+    scans = drive(4, 0.3, pairs=9)
+    scans[2] = scans[2][:0]
+    assert estimate_extent(scans, MOUNTING).pairs == 7
+    assert estimate_extent(scans, MOUNTING, max_pairs=3).pairs == 3
+    assert estimate_extent(scans, MOUNTING, max_pairs=None, baseline=7).pairs == 2
+    later = scans[:5] + drive(5, 1.0, pairs=9)[5:]  # the second half scatters more
+    few, all_of_them = (estimate_extent(later, MOUNTING, max_pairs=n) for n in (3, None))
+    assert few.extent > 0.4 < all_of_them.extent
+
+
+def test_it_is_printed_in_a_line():
+    """Breaks if the arrays fill the screen."""
+    found = ExtentEstimate(0.31234, 0.02, 0.01, 7, 210, CANDIDATES, CANDIDATES)
+    assert str(found) == (
+        "ExtentEstimate(0.312 m, standard error 0.020 m, 7 pairs of scans, 210 targets)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"scans": 3}, "scans"),
+        ({"scans": drive(0, 0.1, pairs=1)}, "two pairs"),
+        ({"scans": drive(0, 0.1, pairs=3)[::-1]}, "scans"),
+        ({"mounting": None}, "mounting"),
+        ({"baseline": 0}, "baseline"),
+        ({"baseline": 3}, "baseline = 3"),
+        ({"max_pairs": 1}, "max_pairs"),
+        ({"max_interval": 0.05}, "max_interval"),
+        ({"doppler_width": -1.0}, "doppler_width"),
+    ],
+)
+def test_arguments_are_refused_by_name(change, name):
+    """Breaks if a mistake is found late, or not named."""
+    good = {"scans": drive(0, 0.1, pairs=3), "mounting": MOUNTING}
+    with pytest.raises(ValueError, match=name):
+        estimate_extent(**{**good, **change})
+
+
+def test_scans_that_have_nothing_in_common_are_refused():
+    """Breaks if the largest candidate is returned as if it were the extent."""
+    rng = np.random.default_rng(6)
+    scans = [
+        RadarScan(0.1 * i, rng.uniform(5, 80, 9), rng.uniform(-1, 1, 9), np.zeros(9), *SIGMAS)
+        for i in range(4)
+    ]
+    with pytest.raises(ValueError, match=r"scans are ever more likely up to an extent of 3\.2 m"):
+        estimate_extent(scans, MOUNTING, outlier=None)

@@ -1,0 +1,101 @@
+"""Extended objects: what their scatter does, and what the extent mends."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from d2d.radar import estimate_extent
+from d2d.study.drives import figures
+from d2d.study.drives.extended import (
+    COVARIANCES,
+    MODELS,
+    MOUNTING,
+    ExtendedStudy,
+    extended_drive,
+    extended_study,
+)
+
+NONE, LIKELIEST, TRUE = MODELS
+INVERSE, PROPAGATED = COVARIANCES
+
+
+@cache
+def study(half_width: float, redrawn: bool = True) -> ExtendedStudy:
+    rng = np.random.default_rng(2)
+    return extended_study(rng, half_width, redrawn=redrawn, count=60)
+
+
+def test_about_forty_objects_are_in_view():
+    """Breaks if objects are missing where the vehicle arrives, or targets outnumber the radar's."""
+    sizes = [scan.size for scan in extended_drive(np.random.default_rng(0), 0.3, most=1)]
+    assert 25 < min(sizes) <= max(sizes) < 60
+    many = [scan.size for scan in extended_drive(np.random.default_rng(0), 0.3)]
+    assert_allclose(np.mean(many), 4.5 * np.mean(sizes), rtol=0.2)
+
+
+def test_other_points_in_every_scan_make_the_inverse_hessian_too_small():
+    """Breaks if points are the same in all scans, or the true extent does not mend it."""
+    found = study(2.0)
+    assert len(found.errors[NONE]) >= 58
+    inverse = found.credibility(NONE, INVERSE).anees
+    propagated = found.credibility(NONE, PROPAGATED).anees
+    assert inverse > 5.0
+    assert 1.3 < propagated < 0.5 * inverse, "propagation feels part of it"
+    for covariance in COVARIANCES:
+        assert 0.7 < found.credibility(TRUE, covariance).anees < 1.3
+        assert 0.7 < found.credibility(LIKELIEST, covariance).anees < 1.7
+    for model in (LIKELIEST, TRUE):
+        assert (found.rmse(model)[1:] < 0.8 * found.rmse(NONE)[1:]).all()
+
+
+@pytest.mark.parametrize("half_width", [0.3, 2.0])
+def test_the_same_points_in_all_scans_are_credible_without_an_extent(half_width):
+    """Breaks if the likelihood takes the size of an object for scatter."""
+    found = study(half_width, redrawn=False)
+    assert found.true_extent == 0.0
+    assert found.found.extent < 0.04
+    for covariance in COVARIANCES:
+        assert 0.7 < found.credibility(NONE, covariance).anees < 1.3
+
+
+def test_of_single_targets_the_scatter_is_found_of_several_less():
+    """Breaks if the estimate has another bias than its documentation says."""
+    rng = np.random.default_rng(4)
+    single = estimate_extent(extended_drive(rng, 1.0, most=1, count=60), MOUNTING)
+    assert_allclose(single.extent, study(1.0).true_extent, rtol=0.1)
+    found = study(1.0).found
+    assert 0.4 < found.extent / study(1.0).true_extent < 0.75
+    assert found.sigma < 0.02
+
+
+def test_a_study_depends_on_its_seed_only():
+    """Breaks if something draws from a global state."""
+    first, second = (extended_study(np.random.default_rng(3), 0.3, count=8) for _ in range(2))
+    assert first.found.extent == second.found.extent
+    for model in MODELS:
+        assert (first.errors[model] == second.errors[model]).all()
+
+
+def test_figures_show_what_was_computed():
+    """Breaks if models are exchanged, or the curve is not of the estimate."""
+    figure, axes = plt.subplots(1, 3)
+    found = study(1.0)
+    figures.likelihood_curves(axes[0], {"1 m": found.found})
+    (line,) = axes[0].lines
+    assert_allclose(line.get_xdata(), found.found.candidates)
+    assert line.get_ydata().max() == 0.0
+    still = study(2.0, redrawn=False)
+    figures.anees_and_error(axes[1:], [found, still])
+    drawn = [float(each.get_ydata()[0]) for each in axes[1].lines[:8]]
+    expected = [found.credibility(m, c).anees for m in MODELS for c in COVARIANCES]
+    assert drawn[:6] == expected
+    assert drawn[6] == still.credibility(NONE, INVERSE).anees
+    labels = [*MODELS, "same points in all scans"]
+    assert [each.get_label() for each in axes[2].lines] == labels
+    assert axes[2].lines[1].get_ydata() == [found.rmse(LIKELIEST)[2]]
+    plt.close(figure)
