@@ -113,7 +113,7 @@ def follow(
                     interval.problem, estimate, interval.pairs, budget, float(times[i + 1])
                 )
                 stated = parts[:, i].sum(axis=0)
-            state = State(times[i + 1], estimate.theta, np.sqrt(np.diagonal(stated)))
+            state = State(times[i + 1], estimate.theta, stated)
             reasons[i] = "" if limits is None else limits.exceeded(state, last)
             if not reasons[i]:
                 last, velocity, covariance[i] = state, estimate.theta, stated

@@ -133,6 +133,7 @@ def track_joint(
         )
     ]
     model, scales = split_options(options)
+    limits = None if limits is None else limits.for_doppler(model.doppler)
     groups = rounds([scans for scans, _ in drives], max_interval)
     if len(groups) < 2:
         raise ValueError(f"sensors must have at least two rounds of scans, but have {len(groups)}")

@@ -1,6 +1,6 @@
 """What a vehicle can do, and what it cannot."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -8,22 +8,35 @@ import numpy as np
 from d2d._checks import check_positive, check_scalar
 from d2d._types import Array
 
+_TORN = 0.8  # correlation of v_y and omega, above which they can hardly be told apart
 _SIGMAS = 3.0  # standard deviations that an estimate may lie beyond a limit
 
 
 class State(NamedTuple):
-    """A velocity [v_x, v_y, omega] at its time, with its standard deviations."""
+    """A velocity [v_x, v_y, omega] at its time, with its covariance."""
 
     time: float  # s
     theta: Array  # (3,)
-    sigmas: Array  # (3,)
+    covariance: Array  # (3, 3)
+
+    @property
+    def sigmas(self) -> Array:
+        """Standard deviations (3,)."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    @property
+    def is_torn(self) -> bool:
+        """Whether side slip and yaw rate can hardly be told apart."""
+        covariance = self.covariance
+        product = np.sqrt(covariance[1, 1] * covariance[2, 2])
+        return bool(abs(covariance[1, 2]) > _TORN * product)
 
 
 @dataclass(frozen=True)
 class VehicleLimits:
     """How fast a vehicle moves, and how fast its velocity changes.
 
-    The defaults are far beyond what a road vehicle does in traffic.  An estimate that exceeds a
+    The defaults are far beyond what a road vehicle does.  An estimate that exceeds a
     limit by more than three of its own standard deviations is not accepted: radar alone sometimes
     finds an optimum that no vehicle could follow, and its inlier probability does not tell.
 
@@ -36,10 +49,11 @@ class VehicleLimits:
         Of v_x and of v_y, from one accepted estimate to the next.
     yaw_acceleration : float, rad/s^2
     slip, slip_angle : float, m/s and rad
-        Largest v_y, slip + slip_angle |v_x|, whatever its standard deviation.  A single sensor
-        beside the axle knows its own lateral velocity well and the yaw rate badly; an error of the
-        yaw rate then shows as side slip.  The default is for an origin near the rear axle: where it
-        is far from the axle, or the wheels turn all ways, take a larger one.
+        Largest v_y, slip + slip_angle |v_x|, of an estimate that can hardly tell v_y from omega
+        (a correlation beyond 0.8), whatever its standard deviation.  A single sensor ahead of the
+        axle knows its own lateral velocity well and the yaw rate badly, and an error of the yaw
+        rate then shows as side slip.  The default is for an origin near the rear axle: where it is
+        far from the axle, or the wheels turn all ways, take a larger one.
 
     Raises
     ------
@@ -49,9 +63,9 @@ class VehicleLimits:
 
     speed: float = 100.0
     yaw_rate: float = 3.0
-    acceleration: float = 20.0
-    yaw_acceleration: float = 2.0
-    slip: float = 0.4
+    acceleration: float = 50.0
+    yaw_acceleration: float = 5.0
+    slip: float = 0.5
     slip_angle: float = 0.03
 
     def __post_init__(self) -> None:
@@ -59,6 +73,13 @@ class VehicleLimits:
             limit = getattr(self, field.name)
             if limit != np.inf:
                 check_positive(field.name, check_scalar(field.name, limit))
+
+    def for_doppler(self, doppler: bool) -> "VehicleLimits":
+        """The limits of an estimate with or without Doppler velocities.
+
+        Without them no sensor knows its lateral velocity, and a side slip tells nothing of omega.
+        """
+        return self if doppler else replace(self, slip=np.inf)
 
     def exceeded(self, state: State, last: State | None) -> str:
         """What the state exceeds, in words; empty if it is plausible after the last one."""
@@ -69,7 +90,7 @@ class VehicleLimits:
         if turn > self.yaw_rate + spread[2]:
             return f"a yaw rate of {np.rad2deg(turn):.1f} deg/s"
         slip = abs(float(state.theta[1]))
-        if slip > self.slip + self.slip_angle * abs(float(state.theta[0])):
+        if state.is_torn and slip > self.slip + self.slip_angle * abs(float(state.theta[0])):
             return f"a side slip of {slip:.2f} m/s"
         if last is None:
             return ""

@@ -120,6 +120,7 @@ def track(
     check_tracking(budget, limits, progress)
     times = increasing("scans", scans, max_interval)
     model, scales = split_options(options)
+    limits = None if limits is None else limits.for_doppler(model.doppler)
 
     def bind(i: int) -> Interval | None:
         previous, current = scans[max(i + 1 - baseline, 0)], scans[i + 1]
