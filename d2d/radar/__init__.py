@@ -14,6 +14,7 @@ from d2d.radar.radarscenes import load_radarscenes
 from d2d.radar.recording import Recording
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity, quantisation_sigma
+from d2d.radar.sensor_errors import SensorErrors
 from d2d.radar.simulation import Drive, Sensor, TrueTargets, simulate_drive
 from d2d.radar.track import track
 from d2d.radar.trajectory import Track
@@ -32,6 +33,7 @@ __all__ = [
     "Recording",
     "Reference",
     "Sensor",
+    "SensorErrors",
     "Track",
     "TrueTargets",
     "VehicleLimits",
