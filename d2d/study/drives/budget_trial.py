@@ -147,7 +147,7 @@ def budget_trial(
     off.  A sensor that rounds also rounds the standard deviations that it reports, more often down
     than up, which adds another 0.1.
 
-    A budget's ``neighbours`` correlates all of the positions' errors, the simulator only the extent.
+    A budget's ``neighbours`` correlates all errors of the positions, the simulator only the extent.
     Where the noise is not small against the extent, the covariance is therefore a little too large:
     an ANEES of 0.85 with an extent of 0.1 m and a length of 3 m, 1.04 with 1 m and 3 m.
     """

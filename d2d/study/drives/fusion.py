@@ -39,7 +39,7 @@ GYRO_NOISE, GYRO_BIAS = (float(x) for x in np.deg2rad([0.1, 1.0]))  # rad/s, sta
 # and its side slip, each with a standard deviation and a time constant, and steps of the yaw rate.
 _ACCELERATION, _SLIP = (2.0, 0.5), (0.1, 1.0)  # m/s^2 and s, m/s and s
 _YAW_STEP = 0.03  # rad/s from one scan to the next
-_V, _W, _BIAS, _A, _SLOW = slice(0, 3), 2, 3, 4, 5  # of the state; the slow errors come last
+_W, _BIAS, _A, _SLOW = 2, 3, 4, 5  # places in the state; v_x and v_y come first, slow errors last
 
 
 class Measured(NamedTuple):
@@ -195,8 +195,8 @@ def fuse(measured: Measured, name: str, gate: float = GATE) -> Fused:
     }[name]
     size = _SLOW + slow.shape[-1]
     state, covariance = np.zeros(size), np.eye(size)
-    state[_V] = measured.radar.theta[0]
-    covariance[range(5), range(5)] = np.square([1.0, _SLIP[0], 0.3, 2 * GYRO_BIAS, 2.0])
+    state[0] = measured.radar.theta[0, 0]
+    covariance[range(5), range(5)] = np.square([1.0, _SLIP[0], 0.5, GYRO_BIAS, _ACCELERATION[0]])
     to_gyro = np.eye(size)[[_W]] + np.eye(size)[[_BIAS]]
     results = []
     for i, interval in enumerate(measured.radar.intervals):
