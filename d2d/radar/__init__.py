@@ -17,6 +17,7 @@ from d2d.radar.radarscenes import load_radarscenes
 from d2d.radar.recording import Recording
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity, quantisation_sigma
+from d2d.radar.sensor_errors import SensorErrors
 from d2d.radar.simulation import Drive, Sensor, TrueTargets, simulate_drive
 from d2d.radar.slip import SlipLaw
 from d2d.radar.track import track
@@ -38,6 +39,7 @@ __all__ = [
     "Recording",
     "Reference",
     "Sensor",
+    "SensorErrors",
     "SlipLaw",
     "Track",
     "TrueTargets",

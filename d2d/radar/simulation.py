@@ -11,6 +11,7 @@ from d2d._checks import check_count, check_flag, check_instance, check_positive,
 from d2d._types import Array, Selection
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
+from d2d.radar.sensor_errors import SensorErrors
 from d2d.radar.world import (
     World,
     build_world,
@@ -105,7 +106,7 @@ class TrueTargets:
         Index of the reflection point in the world, with the movers' points after the stationary
         ones; -1 for clutter.
     range, azimuth, doppler : (K,) arrays, m, rad, m/s
-        Values without the sensor's errors; nan for clutter.
+        Values without the sensor's errors, of where the point is seen; nan for clutter.
     """
 
     kind: NDArray[np.str_]
@@ -151,9 +152,11 @@ def simulate_drive(
     duration: float = 120.0,
     speed: float = ROBOT_SPEED,
     *,
+    start: float = 0.0,
     mounting: Mounting = ROBOT_MOUNTING,
     sensor: Sensor | None = None,
     world: World | None = None,
+    errors: SensorErrors | None = None,
 ) -> Drive:
     """Drive around a block of houses with a radar.
 
@@ -167,12 +170,17 @@ def simulate_drive(
     speed : float, m/s
         Mean speed over a lap.  The default is that of a robot; for a car in town, use `CAR_SPEED`
         and `CAR_MOUNTING`.
+    start : float, s
+        How long the vehicle has driven when the drive begins, at time 0.
     mounting : Mounting
         Pose of the sensor in the vehicle frame.
     sensor : Sensor, optional
         By default, the thesis's sensor.
     world : World, optional
         By default, it is drawn by `d2d.radar.world.build_world`.
+    errors : SensorErrors, optional
+        What else is wrong with the sensor; by default, nothing.  They change neither what is
+        detected nor the targets' own noise, unless there is a lag.
 
     Returns
     -------
@@ -186,25 +194,39 @@ def simulate_drive(
     check_instance("rng", rng, np.random.Generator)
     duration = float(check_positive("duration", check_scalar("duration", duration)))
     speed = float(check_positive("speed", check_scalar("speed", speed)))
+    start = check_scalar("start", start)
     check_instance("mounting", mounting, Mounting)
     sensor = Sensor() if sensor is None else sensor
     check_instance("sensor", sensor, Sensor)
     world = build_world(rng) if world is None else world
     check_instance("world", world, World)
+    errors = SensorErrors() if errors is None else errors
+    check_instance("errors", errors, SensorErrors)
     times = np.arange(int(np.floor(duration * sensor.rate + 1e-9)) + 1) / sensor.rate
-    along, forward = lap_progress(times, speed)
-    turning = forward * lap_curvature(along)
-    theta = np.stack([forward, np.zeros_like(forward), turning], axis=-1)
-    truth = Reference(times, theta, lap_poses(along))
-    places, velocities = world.movers.at(times)
+    truth = _motion(times, start, speed)
+    seen = _motion(times - errors.lag, start, speed)
+    places, velocities = world.movers.at(seen.times)
+    moving = rng.spawn(1)[0] if errors.extent else None  # a stream of its own: the others stay
     scans, targets = [], []
     for i, time in enumerate(times):
-        scene = _Scene.seen_from(truth.poses[i], mounting, world, places[i], velocities[i])
-        true, power = _detections(rng, scene, truth.theta[i], mounting, sensor)
-        scan, kept = _measured(rng, float(time), true, power, sensor)
+        scene = _Scene.seen_from(seen.poses[i], mounting, world, places[i], velocities[i])
+        point, power = _detected(rng, scene, sensor)
+        at = scene.points[point] if moving is None else errors.moved(moving, scene.points[point])
+        true, power = _with_clutter(
+            rng, _true_targets(scene, point, at, seen.theta[i], mounting), power, sensor
+        )
+        scan, kept = _measured(rng, float(time), true, power, sensor, errors)
         scans.append(scan)
         targets.append(kept)
     return Drive(scans, mounting, truth, targets, world)
+
+
+def _motion(times: Array, start: float, speed: float) -> Reference:
+    """The vehicle's motion at times (n,) in s, without side slip."""
+    along, forward = lap_progress(times + start, speed)
+    turning = forward * lap_curvature(along)
+    theta = np.stack([forward, np.zeros_like(forward), turning], axis=-1)
+    return Reference(times, theta, lap_poses(along))
 
 
 class _Scene(NamedTuple):
@@ -234,10 +256,10 @@ class _Scene(NamedTuple):
         )
 
 
-def _detections(
-    rng: np.random.Generator, scene: _Scene, theta: Array, mounting: Mounting, sensor: Sensor
-) -> tuple[TrueTargets, Array]:
-    """The detections, strongest first, and their power relative to the threshold."""
+def _detected(
+    rng: np.random.Generator, scene: _Scene, sensor: Sensor
+) -> tuple[NDArray[np.int_], Array]:
+    """The points that are detected, and their power relative to the threshold."""
     distance = np.hypot(*scene.points.T)
     azimuth = np.arctan2(scene.points[:, 1], scene.points[:, 0])
     inside = (distance > sensor.min_range) & (distance < sensor.max_range)
@@ -246,26 +268,45 @@ def _detections(
     power = mean * rng.exponential(size=len(point))
     point, power = point[power > 1.0], power[power > 1.0]
     seen = visible(scene.points[point], scene.walls)
-    point, power = point[seen], power[seen]
-    sight = scene.points[point] / distance[point, None]
-    away = (scene.velocities[point] * sight).sum(axis=1)
+    return point[seen], power[seen]
+
+
+def _true_targets(
+    scene: _Scene, point: NDArray[np.int_], at: Array, theta: Array, mounting: Mounting
+) -> TrueTargets:
+    """What an exact sensor measures of points that are seen at the places (K, 2)."""
+    distance, azimuth = np.hypot(*at.T), np.arctan2(at[:, 1], at[:, 0])
+    away = (scene.velocities[point] * (at / distance[:, None])).sum(axis=1)
+    doppler = doppler_velocity(theta, azimuth, mounting) + away
+    return TrueTargets(scene.kind[point], point, distance, azimuth, doppler)
+
+
+def _with_clutter(
+    rng: np.random.Generator, true: TrueTargets, power: Array, sensor: Sensor
+) -> tuple[TrueTargets, Array]:
+    """The targets with false ones among them, strongest first, and their power."""
     false = rng.poisson(sensor.clutter)
     unknown = np.full(false, np.nan)
-    true = TrueTargets(
-        np.concatenate([scene.kind[point], np.full(false, "clutter")]),
-        np.concatenate([point, np.full(false, -1)]),
-        np.concatenate([distance[point], unknown]),
-        np.concatenate([azimuth[point], unknown]),
-        np.concatenate([doppler_velocity(theta, azimuth[point], mounting) + away, unknown]),
+    both = TrueTargets(
+        np.concatenate([true.kind, np.full(false, "clutter")]),
+        np.concatenate([true.point, np.full(false, -1)]),
+        np.concatenate([true.range, unknown]),
+        np.concatenate([true.azimuth, unknown]),
+        np.concatenate([true.doppler, unknown]),
     )
     # noise that exceeds the threshold exceeds it only slightly
     power = np.concatenate([power, 1.0 + rng.exponential(size=false)])
     order = np.argsort(-power)[: sensor.max_targets]
-    return true[order], power[order]
+    return both[order], power[order]
 
 
 def _measured(
-    rng: np.random.Generator, time: float, true: TrueTargets, power: Array, sensor: Sensor
+    rng: np.random.Generator,
+    time: float,
+    true: TrueTargets,
+    power: Array,
+    sensor: Sensor,
+    errors: SensorErrors,
 ) -> tuple[RadarScan, TrueTargets]:
     """The scan with its errors, and the truth behind its targets.
 
@@ -273,14 +314,15 @@ def _measured(
     """
     worse = np.sqrt(1.0 + 3.0 / power)
     sigma = np.array([[sensor.sigma_range], [sensor.sigma_azimuth], [sensor.sigma_doppler]]) * worse
-    values = np.stack([true.range, true.azimuth, true.doppler])
+    values = errors.measured(np.stack([true.range, true.azimuth, true.doppler]))
     values += sigma * rng.standard_normal(values.shape)
     clutter = true.kind == "clutter"
     low = np.array([sensor.min_range, -sensor.field_of_view, -_MAX_CLUTTER_DOPPLER])
     high = np.array([sensor.max_range, sensor.field_of_view, _MAX_CLUTTER_DOPPLER])
     values[:, clutter] = rng.uniform(low, high, (clutter.sum(), 3)).T
     if sensor.quantised:
-        values = np.round(values / STEPS) * STEPS
+        steps = errors.rounding * STEPS
+        values = np.round(values / steps) * steps
         sigma = np.clip(np.round(sigma / SIGMA_STEPS), 1, MAX_STEPS) * SIGMA_STEPS
     kept = values[0] > 0.0
     return RadarScan(time, *values[:, kept], *sigma[:, kept]), true[kept]

@@ -1,4 +1,4 @@
-"""The figures of the simulated drives: frames, platform, street, errors, rejected targets."""
+"""The figures of the simulated drives: frames, platform, street, errors, targets, fusion."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,8 +15,11 @@ from d2d.radar import ExtentEstimate, Mounting
 from d2d.radar.simulation import Sensor
 from d2d.radar.world import KINDS, World
 from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, PINK, SKY, YELLOW
+from d2d.study.drives import budget_trial, extended
+from d2d.study.drives.budget_trial import BudgetTrial
 from d2d.study.drives.errors import IN_UNITS, UNITS, DriveErrors
-from d2d.study.drives.extended import COVARIANCES, MODELS, ExtendedStudy
+from d2d.study.drives.extended import MODELS, ExtendedStudy
+from d2d.study.drives.fusion import GATE, REGION, Fused
 
 SYMBOLS = ("$v_x$", "$v_y$", "ω")
 COLOURS = dict(zip(KINDS, (BLACK, BLUE, PINK, GREEN, ORANGE, YELLOW), strict=True))
@@ -288,16 +291,69 @@ def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> N
     groups.append((still, MODELS[0], "same points in all scans"))
     for (chosen, model, name), colour in zip(groups, CURVES, strict=True):
         widths = [study.half_width for study in chosen]
-        for covariance, line in zip(COVARIANCES, ("o-", "s:"), strict=True):
+        for covariance, line in zip(extended.COVARIANCES, ("o-", "s:"), strict=True):
             anees = [study.credibility(model, covariance).anees for study in chosen]
             axes[0].plot(widths, anees, line, color=colour)
         rmse = [study.rmse(model)[2] for study in chosen]
         axes[1].plot(widths, rmse, "o-", color=colour, label=name)
     axes[0].axhline(1.0, color="0.6", lw=0.8)
-    for covariance, line in zip(COVARIANCES, ("o-", "s:"), strict=True):
+    for covariance, line in zip(extended.COVARIANCES, ("o-", "s:"), strict=True):
         axes[0].plot([], [], line, color="0.5", label=covariance)
     axes[0].set(yscale="log", ylabel="ANEES")
     axes[1].set(ylabel="RMSE of ω in °/s")
     for ax in axes:
         ax.set_xlabel("half width of the objects in m")
         ax.legend()
+
+
+def ingredients(ax: Axes, trial: BudgetTrial) -> None:
+    """ANEES of each covariance, a row for each ingredient; a bar is a 95 % interval."""
+    rows = np.arange(len(trial.names))
+    for k, (name, color, marker) in enumerate(
+        zip(budget_trial.COVARIANCES, (ORANGE, YELLOW, BLUE), "osD", strict=True)
+    ):
+        places, anees = rows + 0.22 * (k - 1), trial.anees[:, k]
+        spread = np.abs(trial.intervals[:, :, k].T - anees)
+        ax.errorbar(anees, places, xerr=spread, fmt=marker, ms=4, lw=1.2, color=color, label=name)
+    ax.axvline(1.0, color=BLACK, lw=1.0)
+    ax.set_yticks(rows, trial.names)
+    ax.invert_yaxis()
+    ax.set(xscale="log", xlabel="ANEES")
+    ax.set_xticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
+    ax.minorticks_off()
+    ax.grid(axis="y", visible=False)
+    ax.legend()
+
+
+def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
+    """A column (3 axes) for each filter: NIS, error of v_x, error of the gyro's bias.
+
+    Crosses are innovations beyond the gate, bands are two of the filter's standard deviations.
+    """
+    for column, (name, result) in enumerate(fused.items()):
+        top, *below = axes[:, column]
+        top.semilogy(result.times[result.used], result.nis[result.used], ".", ms=2.5, color=BLUE)
+        top.semilogy(result.times[~result.used], result.nis[~result.used], "x", ms=4, color=ORANGE)
+        for limit, label, below_line in ((REGION, "95 %", True), (GATE, "gate", False)):
+            top.axhline(limit, color=BLACK, lw=0.8, ls="--")
+            top.annotate(
+                label,
+                (result.times[-1], limit),
+                (0, -2 if below_line else 2),
+                textcoords="offset points",
+                ha="right",
+                va="top" if below_line else "bottom",
+                fontsize=7,
+            )
+        top.set(ylim=(0.05, 200.0))
+        top.set_title(f"({'abc'[column]}) {name}", fontsize=9)
+        for ax, entry, unit in zip(below, (0, 3), (1.0, np.rad2deg(1.0)), strict=True):
+            sigma = np.sqrt(result.covariances[:, entry, entry]) * unit
+            ax.fill_between(result.times, -2.0 * sigma, 2.0 * sigma, color=SKY, alpha=0.4, lw=0)
+            ax.plot(result.times, result.errors[:, entry] * unit, color=BLUE, lw=1.0)
+            ax.axhline(0.0, color=BLACK, lw=0.6)
+        below[-1].set_xlabel("time (s)")
+    for ax, label in zip(
+        axes[:, 0], ("NIS", "error of $v_x$ (m/s)", "of the gyro bias (°/s)"), strict=True
+    ):
+        ax.set_ylabel(label)
