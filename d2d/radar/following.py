@@ -30,6 +30,9 @@ DEFAULT_LIMITS = VehicleLimits()
 # targets are outliers there, and the Hessian is positive definite.  An optimum at which the mean
 # inlier probability of the targets is below this is not accepted as the vehicle's motion.
 MIN_EXPLAINED = 0.1
+# A velocity has three components.  An optimum that rests on fewer targets is an accident, whatever
+# share of the scan they are.
+MIN_AGREEING = 2.5  # sum of the inlier probabilities
 # A wrong optimum rarely explains more than half of the targets (chapter 9).  One that explains at
 # least this fraction is accepted without looking for another.
 WELL_EXPLAINED = 0.6
@@ -105,7 +108,7 @@ def follow(
         else:
             estimate = _estimate(search, i, interval.problem, velocity)
             inliers[i], targets[i] = float(estimate.inliers), interval.targets
-            reasons[i] = _reason(estimate)
+            reasons[i] = _reason(estimate, interval.targets)
         if interval is not None and not reasons[i]:
             stated = estimate.covariance
             if budget is not None:
@@ -136,12 +139,15 @@ def _estimate(search: Search, i: int, problem: Problem, velocity: Array | None) 
     return min(first, second, key=lambda each: (not is_good(each), float(each.value)))
 
 
-def _reason(estimate: Estimate) -> str:
+def _reason(estimate: Estimate, targets: int) -> str:
     """Why an estimate is not accepted; empty if nothing speaks against it."""
     if not estimate.converged:
         return "no optimum near the start"
     if not is_good(estimate):
         return f"an optimum that rejects {1.0 - float(estimate.inliers):.0%} of the targets"
+    agreeing = targets * float(estimate.inliers)
+    if agreeing < MIN_AGREEING:
+        return f"an optimum that rests on {agreeing:.1f} targets"
     return ""
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from d2d._checks import check_positive, check_scalar
 from d2d._types import Array
 
-_TORN = 0.8  # correlation of v_y and omega, above which they can hardly be told apart
 _SIGMAS = 3.0  # standard deviations that an estimate may lie beyond a limit
 
 
@@ -25,11 +24,9 @@ class State(NamedTuple):
         return np.sqrt(np.diagonal(self.covariance))
 
     @property
-    def is_torn(self) -> bool:
-        """Whether side slip and yaw rate can hardly be told apart."""
-        covariance = self.covariance
-        product = np.sqrt(covariance[1, 1] * covariance[2, 2])
-        return bool(abs(covariance[1, 2]) > _TORN * product)
+    def yaw_rate_of_slip(self) -> float:
+        """How far omega would move, in rad/s, if v_y were known to be zero."""
+        return float(self.theta[1] * self.covariance[1, 2] / self.covariance[1, 1])
 
 
 @dataclass(frozen=True)
@@ -48,12 +45,14 @@ class VehicleLimits:
     acceleration : float, m/s^2
         Of v_x and of v_y, from one accepted estimate to the next.
     yaw_acceleration : float, rad/s^2
-    slip, slip_angle : float, m/s and rad
-        Largest v_y, slip + slip_angle |v_x|, of an estimate that can hardly tell v_y from omega
-        (a correlation beyond 0.8), whatever its standard deviation.  A single sensor ahead of the
-        axle knows its own lateral velocity well and the yaw rate badly, and an error of the yaw
-        rate then shows as side slip.  The default is for an origin near the rear axle: where it is
-        far from the axle, or the wheels turn all ways, take a larger one.
+    uncertainty : float, rad/s
+        Of the standard deviation of omega, beyond which an estimate tells nothing.
+    slip : float, rad/s
+        By how much the yaw rate may move if v_y is taken as zero, whatever its standard deviation.
+        A single sensor ahead of the axle knows its own lateral velocity well and the yaw rate
+        badly: an error of the yaw rate then shows as side slip.  The default is for an origin near
+        the rear axle; where it is far from the axle, or the wheels turn all ways, take a larger
+        one.
 
     Raises
     ------
@@ -63,10 +62,10 @@ class VehicleLimits:
 
     speed: float = 100.0
     yaw_rate: float = 3.0
-    acceleration: float = 50.0
+    acceleration: float = 40.0
     yaw_acceleration: float = 5.0
-    slip: float = 0.5
-    slip_angle: float = 0.03
+    uncertainty: float = 0.12
+    slip: float = 0.17
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -89,9 +88,10 @@ class VehicleLimits:
             return f"a speed of {speed:.1f} m/s"
         if turn > self.yaw_rate + spread[2]:
             return f"a yaw rate of {np.rad2deg(turn):.1f} deg/s"
-        slip = abs(float(state.theta[1]))
-        if state.is_torn and slip > self.slip + self.slip_angle * abs(float(state.theta[0])):
-            return f"a side slip of {slip:.2f} m/s"
+        if state.sigmas[2] > self.uncertainty:
+            return f"a standard deviation of {np.rad2deg(state.sigmas[2]):.1f} deg/s"
+        if abs(state.yaw_rate_of_slip) > self.slip:
+            return f"a side slip of {state.theta[1]:.2f} m/s"
         if last is None:
             return ""
         interval = state.time - last.time
