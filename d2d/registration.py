@@ -258,11 +258,11 @@ def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
     covariance = np.full((count, 3, 3), np.nan)
     converged, iterations = np.empty(count, dtype=np.bool_), np.empty(count, dtype=np.int64)
     shares = np.empty(count)
-    results: tuple[NDArray[Any], ...]
     results = value, gradient, hessian, covariance, converged, iterations, shares
 
     def run(first: int, last: int) -> None:
-        part, begin, own = bound.batch, thetas, results
+        part, begin = bound.batch, thetas
+        own: tuple[NDArray[Any], ...] = results
         if last - first < count:
             part, begin = bound.part(first, last), thetas[first:last]
             own = tuple(array[first:last] for array in results)
