@@ -67,9 +67,9 @@ def _with_room(function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
     return function(*args)
 
 
-# Python keeps the frames of its calls in chunks of 16 KB, and where a chunk ends within the compiler
-# it allocates and frees the next one at millions of calls: up to two seconds, depending on how deep
-# the user's own calls are.  A frame that claims 320 KB makes it allocate one chunk with room for all.
+# Python keeps the frames of its calls in chunks of 16 KB.  Where one ends within the compiler, the
+# next is allocated and freed at millions of calls: up to two seconds, by how deep the own calls of
+# the user are.  A frame that claims 320 KB makes Python allocate one chunk with room for all.
 _with_room.__code__ = _with_room.__code__.replace(co_stacksize=40_000)
 
 
