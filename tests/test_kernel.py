@@ -375,7 +375,7 @@ def test_compiling_leaves_the_collector_as_it_was(collecting):
     try:
         (gc.enable if collecting else gc.disable)()
         with pytest.raises(ValueError, match="it fails"):
-            compiling.uncollected(fails)()
+            compiling.unhindered(fails)()
         assert seen == [False]
         assert gc.isenabled() == collecting
     finally:

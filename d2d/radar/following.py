@@ -158,7 +158,7 @@ def _with_budget(track: Track, parts: Array, delays: Array, lag: float) -> Track
     acceleration = accelerations(track.times, track.theta)
     theta = track.theta.copy()
     theta[good] -= np.einsum("nij,nj->ni", delays[good], acceleration[good])
-    complete = with_lag(CovarianceParts(*parts), acceleration, lag)
+    complete = with_lag(CovarianceParts(*parts), accelerations(track.times, theta), lag)
     return replace(track, theta=theta, covariance=complete.total, parts=complete)
 
 

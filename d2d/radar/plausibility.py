@@ -76,9 +76,10 @@ class VehicleLimits:
     def for_doppler(self, doppler: bool) -> "VehicleLimits":
         """The limits of an estimate with or without Doppler velocities.
 
-        Without them no sensor knows its lateral velocity, and a side slip tells nothing of omega.
+        Without them no sensor knows its lateral velocity, so that a side slip tells nothing of
+        omega; and what is known at all is known badly.
         """
-        return self if doppler else replace(self, slip=np.inf)
+        return self if doppler else replace(self, slip=np.inf, uncertainty=np.inf)
 
     def exceeded(self, state: State, last: State | None) -> str:
         """What the state exceeds, in words; empty if it is plausible after the last one."""

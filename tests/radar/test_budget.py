@@ -208,7 +208,7 @@ def test_a_track_contains_its_budget():
     assert_array_equal(found.targets, [scan.size for scan in drive.scans[1:]])
     assert ((found.inliers > 0.1) & (found.inliers <= 1.0)).all()
     late = track(drive.scans, drive.mounting, budget=replace(budget, lag=0.1))
-    moved = 0.1 * accelerations(plain.times, plain.theta)
+    moved = 0.1 * accelerations(found.times, found.theta)
     assert_allclose(
         late.parts.systematic - found.parts.systematic,
         moved[:, :, None] * moved[:, None, :],
@@ -288,7 +288,7 @@ def test_limits_count_beyond_three_standard_deviations(theta, sigma, reason):
     """Breaks if a limit is compared with another quantity, or without the uncertainty of both."""
     last = State(1.0, np.array([20.0, 0.0, 0.0]), 0.1**2 * np.eye(3))
     state = State(1.1, np.array(theta), sigma**2 * np.eye(3))
-    assert VehicleLimits().exceeded(state, last) == reason
+    assert VehicleLimits(uncertainty=np.inf).exceeded(state, last) == reason
 
 
 def test_a_side_slip_counts_where_it_may_be_a_yaw_rate():
@@ -299,7 +299,11 @@ def test_a_side_slip_counts_where_it_may_be_a_yaw_rate():
     torn[1, 2] = torn[2, 1] = -0.95 * 0.3 * 0.1
     assert VehicleLimits().exceeded(State(0.0, theta, apart), None) == ""
     assert VehicleLimits().exceeded(State(0.0, theta, torn), None) == "a side slip of 1.10 m/s"
-    assert VehicleLimits(slip=1.0).exceeded(State(0.0, theta, torn), None) == ""
+    assert State(0.0, theta, torn).yaw_rate_of_slip == pytest.approx(-0.95 * 0.1 / 0.3 * 1.1)
+    assert VehicleLimits(slip=0.4).exceeded(State(0.0, theta, torn), None) == ""
+    assert VehicleLimits().for_doppler(False).exceeded(State(0.0, theta, torn), None) == ""
+    vague = State(0.0, np.array([20.0, 0.0, 0.0]), np.diag([0.1, 0.1, 0.2]) ** 2)
+    assert VehicleLimits().exceeded(vague, None) == "a standard deviation of 11.5 deg/s"
 
 
 def test_a_jump_is_refused_until_the_vehicle_could_have_made_it():
