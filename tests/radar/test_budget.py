@@ -280,7 +280,7 @@ def test_estimates_that_no_vehicle_follows_are_not_accepted():
         ([101.0, 0.0, 0.0], 1.0, "an acceleration of 810.0 m/s^2 along x"),
         ([20.0, 0.0, -3.5], 0.1, "a yaw rate of 200.5 deg/s"),
         ([26.0, 0.0, 0.0], 0.1, "an acceleration of 60.0 m/s^2 along x"),
-        ([26.0, 0.0, 0.0], 0.4, ""),
+        ([26.0, 0.0, 0.0], 0.8, ""),
         ([20.0, 0.0, 1.2], 0.1, "a yaw acceleration of 12.0 rad/s^2"),
     ],
 )
