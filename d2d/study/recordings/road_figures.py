@@ -20,8 +20,9 @@ MODELS = {
 
 def score_table(judged: Mapping[str, Mapping[str, Any]]) -> str:
     """ANEES, share in the 95 % region, whitened squares and log score, a row for each model."""
+    wide = max(len(name) for models in judged.values() for name in models)
     lines = [
-        f"{'':14} {'covariance':28} {'ANEES':>6} {'(95 %)':>13}  {'inside':>6}   "
+        f"{'':12} {'covariance':{wide}} {'ANEES':>6} {'(95 %)':>13}  {'inside':>6}   "
         f"{'v_x':>5} {'v_y':>5} {'omega':>5}  {'log score':>9}"
     ]
     for where, models in judged.items():
@@ -29,7 +30,7 @@ def score_table(judged: Mapping[str, Mapping[str, Any]]) -> str:
             low, high = found["anees_interval"]
             v_x, v_y, omega = found["whitened"]
             lines.append(
-                f"{where:14} {name:28} {found['anees']:6.2f} {f'{low:.2f}-{high:.2f}':>13}  "
+                f"{where:12} {name:{wide}} {found['anees']:6.2f} {f'{low:.2f}-{high:.2f}':>13}  "
                 f"{found['inside']:6.0%}   {v_x:5.2f} {v_y:5.2f} {omega:5.2f}  "
                 f"{found['log_score']:9.2f}"
             )
@@ -38,12 +39,12 @@ def score_table(judged: Mapping[str, Mapping[str, Any]]) -> str:
 
 def error_table(judged: Mapping[str, Mapping[str, Any]], model: str = "noise and budget") -> str:
     """RMSE and mean errors of one model's estimates, a row for each drive."""
-    lines = [f"{'':14} {'RMSE m/s, m/s, deg/s':>22}   {'mean error':>22}   estimates"]
+    lines = [f"{'':12} {'RMSE m/s, m/s, deg/s':>22}   {'mean error':>22}   estimates"]
     for where, models in judged.items():
         found = models[model]
         rmse = " ".join(f"{value:6.3f}" for value in found["rmse"])
         mean = " ".join(f"{value:+6.3f}" for value in found["mean"])
-        lines.append(f"{where:14} {rmse:>22}   {mean:>22}   {found['estimates']:9}")
+        lines.append(f"{where:12} {rmse:>22}   {mean:>22}   {found['estimates']:9}")
     return "\n".join(lines)
 
 
