@@ -27,7 +27,7 @@ IPYKERNEL_CONFIG := c.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup book html record test test-book lowest coverage notebooks lint format bench sweep lab radarscenes clean distclean
+.PHONY: help setup book html record test test-book lowest coverage notebooks lint format bench sweep lab radarscenes nuscenes clean distclean
 
 help: ## List what can be made (default)
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -163,6 +163,13 @@ radarscenes: $(STAMP) ## Recompute chapters/results from the data set: D2D_RADAR
 	  echo "D2D_RADARSCENES is not a folder: $$D2D_RADARSCENES" >&2; exit 2; \
 	fi
 	$(BIN)/python -m d2d.study.recordings.estimates "$$D2D_RADARSCENES"
+	$(BIN)/python -m d2d.study.recordings.road --radarscenes "$$D2D_RADARSCENES"
+
+nuscenes: $(STAMP) ## Recompute chapters/results from the data set: D2D_NUSCENES=<root>
+	@if [ ! -d "$$D2D_NUSCENES" ]; then \
+	  echo "Say where the nuScenes data set is: make nuscenes D2D_NUSCENES=/path/to/nuscenes" >&2; exit 2; \
+	fi
+	$(BIN)/python -m d2d.study.recordings.road --nuscenes "$$D2D_NUSCENES"
 
 clean: ## Remove what was built, but keep .venv
 	rm -rf _build build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage htmlcov

@@ -19,6 +19,15 @@ settings.load_profile("reproducible")
 
 
 @pytest.fixture(scope="session")
+def radarscenes() -> Path:
+    """Folder of the RadarScenes data set; tests that ask for it are skipped where it is not."""
+    root = os.environ.get("D2D_RADARSCENES")
+    if not root:
+        pytest.skip("set D2D_RADARSCENES to the folder of the RadarScenes data set")
+    return Path(root)
+
+
+@pytest.fixture(scope="session")
 def nuscenes() -> Path:
     """Folder of the nuScenes data set; tests that ask for it are skipped where it is not."""
     root = os.environ.get("D2D_NUSCENES")

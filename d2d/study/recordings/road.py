@@ -1,9 +1,9 @@
 """Whether covariances are true on the road: every model of them, on every recording at hand.
 
-    python -m d2d.study.recordings.road --radarscenes <root> --nuscenes <root>
+    python -m d2d.study.recordings.road [--radarscenes <root>] [--nuscenes <root>]
 
-writes ``chapters/results/road.json``: errors and scores of our estimates, no measurements.  What is
-fitted is fitted on one part of the data and judged on another; see `Part`.
+renews what it can of ``chapters/results/road.json``: errors and scores of our estimates, no
+measurements.  What is fitted is fitted on one part of the data and judged on another; see `Part`.
 """
 
 import argparse
@@ -265,17 +265,20 @@ def without_reference(recordings: Sequence[Recording]) -> dict[str, Any]:
     return {name: scores(each) for name, each in found.items()}
 
 
-def compute(radarscenes: str | Path, nuscenes: str | Path) -> dict[str, Any]:
-    """Everything that the page shows."""
-    recordings = load_sequence(radarscenes)
+def of_radarscenes(root: str | Path) -> dict[str, Any]:
+    """What the page shows of RadarScenes."""
+    recordings = load_sequence(root)
     return {
         "radarscenes": judge_radarscenes(recordings),
-        "nuscenes": judge_nuscenes(nuscenes),
         "extents": extents(recordings),
         "widths": widths(recordings),
-        "side_radars": side_radars(nuscenes),
         "without_reference": without_reference(recordings),
     }
+
+
+def of_nuscenes(root: str | Path) -> dict[str, Any]:
+    """What the page shows of nuScenes."""
+    return {"nuscenes": judge_nuscenes(root), "side_radars": side_radars(root)}
 
 
 def read_road() -> dict[str, Any]:
@@ -285,14 +288,18 @@ def read_road() -> dict[str, Any]:
 
 
 def main() -> None:
-    """Judge all covariances on the recordings and write the results."""
+    """Judge all covariances on the recordings at hand and write the results."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--radarscenes", required=True, help="folder of the RadarScenes data set")
-    parser.add_argument("--nuscenes", required=True, help="folder of the nuScenes data set")
+    parser.add_argument("--radarscenes", help="folder of the RadarScenes data set")
+    parser.add_argument("--nuscenes", help="folder of the nuScenes data set")
     arguments = parser.parse_args()
-    text = json.dumps(_rounded(compute(arguments.radarscenes, arguments.nuscenes)), indent=1)
+    found = read_road()
+    if arguments.radarscenes:
+        found |= of_radarscenes(arguments.radarscenes)
+    if arguments.nuscenes:
+        found |= of_nuscenes(arguments.nuscenes)
     path = results_path("road.json")
-    path.write_text(text + "\n", encoding="utf-8")
+    path.write_text(json.dumps(_rounded(found), indent=1) + "\n", encoding="utf-8")
     print(f"written to {path}")
 
 

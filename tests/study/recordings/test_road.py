@@ -1,0 +1,127 @@
+"""Covariances on the road: their models, tables and drawings, and what they reach on real data."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from d2d.radar import ErrorBudget, Recording, compare, load_nuscenes, simulate_drive, track
+from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED
+from d2d.study.recordings import road, road_figures
+
+
+@pytest.fixture(scope="module")
+def recordings():
+    """Two sensors that see the same street from one car, as recordings."""
+    made = []
+    for seed in (0, 1):
+        drive = simulate_drive(np.random.default_rng(seed), 4.0, CAR_SPEED, mounting=CAR_MOUNTING)
+        budget = ErrorBudget(azimuth=0.002, doppler=0.02)
+        made.append(Recording(drive.scans, drive.mounting, drive.truth, budget))
+    return made
+
+
+@pytest.fixture(scope="module")
+def judged(recordings):
+    part = road.whole("all", recordings[:1], 2)
+    halves = [road.between(part, name, *span) for name, span in (("a", (0, 0.5)), ("b", (0.5, 1)))]
+    return part, halves
+
+
+def test_the_simple_models_are_fitted_where_they_are_said_to_be(judged):
+    """Breaks if a factor or a constant matrix is fitted to what it is judged on, or to nothing."""
+    part, (first, second) = judged
+    own = road.models(part, [part])
+    assert own["inverse Hessian, one factor"].measures.anees == pytest.approx(1.0)
+    assert own["one constant matrix"].measures.anees == pytest.approx(1.0)
+    errors = second.plain.errors
+    other = road.models(first, [second])["one constant matrix"].covariances
+    assert_allclose(other[0], errors.T @ errors / len(errors))
+    assert_allclose(own["noise and budget"].covariances, part.budget.covariances)
+    assert (np.linalg.eigvalsh(part.budget.covariances - part.noise.covariances) > -1e-12).all()
+
+
+def test_halves_share_the_drive(judged):
+    """Breaks if an estimate is in neither half, or the halves overlap by more than the middle."""
+    part, halves = judged
+    counts = [len(half.plain.times) for half in halves]
+    assert sum(counts) in (len(part.plain.times), len(part.plain.times) + 1)
+    assert halves[0].plain.times[-1] <= halves[1].plain.times[0]
+
+
+def test_tables_and_drawings_show_what_was_judged(judged):
+    """Breaks if a model is missing, or the numbers are not those of the comparison."""
+    part, _ = judged
+    found = {name: road.scores(each) for name, each in road.models(part, [part]).items()}
+    table = road_figures.score_table({"drive": found})
+    assert all(name in table for name in road_figures.MODELS)
+    assert f"{found['noise and budget']['anees']:.2f}" in table
+    assert f"{found['noise and budget']['rmse'][0]:6.3f}" in road_figures.error_table(
+        {"drive": found}
+    )
+    figure = road_figures.draw_scores({"drive": found})
+    assert len(figure.axes) == 2
+    plt.close(figure)
+
+
+def test_the_page_has_its_results():
+    """Breaks if the stored results lack what the page shows."""
+    stored = road.read_road()
+    for baseline in road.BASELINES:
+        key = f"baseline {baseline}"
+        assert set(stored["radarscenes"][key]) == {"all", "first half", "second half"}
+        assert set(stored["nuscenes"][key]) == {*road.FITTED_SCENES, *road.OTHER_SCENES}
+    assert [row["extent"] for row in stored["extents"]] == list(road.EXTENTS)
+    figure = road_figures.draw_extents(stored["extents"])
+    plt.close(figure)
+
+
+@pytest.mark.radarscenes
+def test_four_sensors_are_credible_with_their_budget(radarscenes):
+    """Breaks if the covariance on the road is no longer true, or the estimates become worse."""
+    own = road.load_sequence(radarscenes)
+    part = road.whole("excerpt", own, 2)
+    measures = part.budget.measures
+    assert part.plain.measures.anees > 5.0
+    assert 0.4 < measures.anees < 1.4
+    assert measures.coverage[1] > 0.9
+    assert (measures.rmse < [0.035, 0.065, 0.65]).all()
+    assert measures.log_score < road.models(part, [part])["inverse Hessian, one factor"].measures[6]
+
+
+@pytest.mark.nuscenes
+def test_five_radars_are_credible_with_their_budget(nuscenes):
+    """Breaks if the covariance on the training scenes is no longer true."""
+    for scene in road.FITTED_SCENES:
+        part = road.whole(scene, road.load_scene(nuscenes, scene), 2)
+        measures = part.budget.measures
+        assert part.plain.measures.anees > 5.0
+        assert 0.25 < measures.anees < 1.5
+        assert measures.coverage[1] > 0.9
+        assert (measures.rmse < [0.09, 0.11, 0.7]).all()
+
+
+@pytest.mark.nuscenes
+@pytest.mark.parametrize("baseline", [1, 2])
+def test_side_radars_rarely_end_far_off(nuscenes, baseline):
+    """Breaks if an estimate of a lone side radar is grossly wrong and said to be good."""
+    kept = gross = known = 0
+    for scene in road.FITTED_SCENES + road.OTHER_SCENES:
+        for channel in road.SIDE_CHANNELS:
+            own = load_nuscenes(nuscenes, scene, channel)
+            driven = track(own.scans, own.mounting, baseline=baseline)
+            error = np.abs(driven.theta - own.reference.at(driven.times).theta)[:, 2]
+            told = np.isfinite(error)
+            kept += (told & driven.converged).sum()
+            gross += (told & driven.converged & (error > road.SIDE_ERROR)).sum()
+            known += told.sum()
+    assert gross <= 0.01 * kept
+    assert kept >= 0.6 * known
+
+
+def test_a_comparison_of_parts_is_that_of_compare(recordings):
+    """Breaks if the parts are compared in another way than the users' function does."""
+    own = recordings[:1]
+    part = road.whole("all", own, 2)
+    alone = compare(road.joint_track(own, baseline=2), road.joint_reference(own))
+    assert_allclose(part.plain.errors, alone.errors)
