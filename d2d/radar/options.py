@@ -15,8 +15,10 @@ from d2d._types import Array
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
 from d2d.problem import CostForm, Pair, Problem
 
-# m/s: from 20 m/s approaching to 20 m/s receding, about what a moving vehicle sees of others
-DEFAULT_DOPPLER_WIDTH = 40.0
+# m/s: most targets without a partner stand still, and their Doppler velocities scatter about those
+# of the inliers.  All possible velocities of traffic, 40 m/s, cost a tenth of the yaw rate's
+# accuracy on the road (chapter 8b).
+DEFAULT_DOPPLER_WIDTH = 4.0
 _NO_SLIP = 1e-3  # m/s, the standard deviation of a v_y that is said to be zero
 # thesis sec. 7.3: 20 % outliers, with a standard deviation of 10 m along both axes
 DEFAULT_OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))

@@ -77,10 +77,10 @@ def held_optimum(pair, errors, doppler_error, start, mounting, outlier, first_or
     gain = doppler_gradients(pair[1].azimuth + doppler_error, mounting)[0]
     slope = doppler_gradients(pair[1].azimuth, mounting)[1]
     sigmas = current.sigma_doppler, current.sigma_azimuth
-    if isinstance(outlier, UniformOutlier):  # the outliers' Doppler density, 1 / 40 m/s
-        outlier = UniformOutlier(outlier.density / 40.0)
+    if isinstance(outlier, UniformOutlier):  # the outliers' Doppler density, 1 / 4 m/s
+        outlier = UniformOutlier(outlier.density / 4.0)
     elif outlier is not None:  # the same ratio of the two weights
-        alpha = outlier.fraction / (outlier.fraction + (1.0 - outlier.fraction) * 40.0)
+        alpha = outlier.fraction / (outlier.fraction + (1.0 - outlier.fraction) * 4.0)
         outlier = CorruptedGaussian(alpha, outlier.covariance)
     twist = INTERVAL * start
     found = register(

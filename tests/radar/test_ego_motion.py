@@ -99,7 +99,7 @@ def naive_cost(theta, previous, current, mounting, outlier, doppler, first_order
 
     The width is that of an outlier's uniform Doppler density, 1 without Doppler velocities.
     """
-    width = 40.0 if doppler else 1.0
+    width = 4.0 if doppler else 1.0
     tau = current.time - previous.time
     v_x, v_y, omega = theta
     motion = arc([0.0, 0.0, omega], tau) if first_order else arc(theta, tau)

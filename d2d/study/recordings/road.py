@@ -204,13 +204,13 @@ def extents(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
 
 
 def widths(recordings: Sequence[Recording]) -> dict[str, Any]:
-    """All sensors together with the thesis's outliers (a width of 1 m/s) and with ours."""
+    """All sensors together with the thesis's outliers (a width of 1 m/s), ours, and wide ones."""
     reference = joint_reference(recordings)
     return {
         f"{width:g} m/s": scores(
             compare(joint_track(recordings, baseline=2, doppler_width=width), reference)
         )
-        for width in (1.0, 40.0)
+        for width in (1.0, 4.0, 40.0)
     }
 
 
@@ -218,8 +218,9 @@ def side_radars(root: str | Path) -> list[dict[str, Any]]:
     """How many estimates of single side radars are kept, and how many of these are grossly off."""
     ways: dict[str, dict[str, Any]] = {
         "thesis: width 1 m/s, no limits": {"doppler_width": 1.0, "limits": None},
-        "width 40 m/s, no limits": {"limits": None},
-        "width 40 m/s, vehicle limits": {"limits": VehicleLimits()},
+        "width 4 m/s, no limits": {"limits": None},
+        "width 40 m/s, no limits": {"doppler_width": 40.0, "limits": None},
+        "vehicle limits": {"limits": VehicleLimits()},
         "vehicle limits, no side slip": {"slips": False},
     }
     rows = []
