@@ -44,8 +44,9 @@ def estimate_ego_motion(
         one for a vehicle without side slip; the lower optimum wins.
     **options
         ``doppler=True``, ``outlier=CorruptedGaussian(0.2, 100 I)``, ``doppler_width=4.0``,
-        ``slips=True`` and ``first_order=False``: see `EgoMotionModel`; and ``scales=(1.0,)``, the inflation schedule of all standard deviations:
-        see `d2d.register`.  All functions that estimate an ego-motion share these options.
+        ``slips=True`` and ``first_order=False``: see `EgoMotionModel`; and ``scales=(1.0,)``, the
+        inflation schedule of all standard deviations: see `d2d.register`.  All functions that
+        estimate an ego-motion share these options.
 
     Returns
     -------
