@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from d2d import _kernel
-from d2d._checks import check_scalar
+from d2d._checks import check_angle, check_scalar
 from d2d._types import Array
 from d2d.problem import CrossDerivatives, Problem
 from d2d.radar.influence import cross_range
@@ -16,6 +16,7 @@ from d2d.radar.scan_pair import ScanPair
 from d2d.registration import Estimate
 
 _SLOPE_SPAN = 0.5  # s to either side, over which an acceleration is fitted
+_LARGEST = 1e3  # in any unit: beyond it a covariance holds nothing but the budget, or overflows
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class ErrorBudget:
     Raises
     ------
     ValueError
-        If a number is negative, nan or inf; the message names it.
+        If a number is negative, nan or above 1000, or the azimuth's above 2 pi; the message names
+        it.
 
     Examples
     --------
@@ -79,7 +81,10 @@ class ErrorBudget:
             value = check_scalar(field.name, getattr(self, field.name))
             if value < 0.0:
                 raise ValueError(f"{field.name} must not be negative, but is {value:g}")
+            if value > _LARGEST:
+                raise ValueError(f"{field.name} must be at most {_LARGEST:g}, but is {value:g}")
             object.__setattr__(self, field.name, float(value))
+        check_angle("azimuth", self.azimuth)
         if not isinstance(self.source, str):
             raise ValueError(f"source must be a str, but is a {type(self.source).__name__}")
 
@@ -155,7 +160,7 @@ def apply_budget(
         fixed, moving = fixed + pair.fixed.size, moving + pair.moving.size
     systematic += budget.scale**2 * np.outer(scaled, scaled) + np.diag(problem.prior)
     both = (total + np.triu(total, 1).T for total in (noise, dependence))
-    parts = CovarianceParts(*(gain @ part @ gain for part in (*both, systematic)))
+    parts = CovarianceParts(*(_moved(gain, part) for part in (*both, systematic)))
     middle = float(np.mean([previous.time + current.time for previous, current, _ in pairs])) / 2.0
     delay = gain @ doppler_delay + (middle - time) * (np.eye(3) - gain @ doppler_share)
     return parts, delay
@@ -173,6 +178,12 @@ def _of_moving(cross: CrossDerivatives, part: slice) -> tuple[Array, Array, Arra
     return cross.moving[0, part], cross.measured[0, part], cross.input[0, part]
 
 
+def _moved(gain: Array, covariance: Array) -> Array:
+    """The covariance (3, 3) that errors of the gradient give the estimate, exactly symmetric."""
+    moved = gain @ covariance @ gain
+    return np.asarray(0.5 * (moved + moved.T))
+
+
 def with_lag(parts: CovarianceParts, acceleration: Array, lag: float) -> CovarianceParts:
     """The parts (n, 3, 3) with a lag (s) times the acceleration (n, 3) in the systematic one."""
     moved = lag * acceleration
@@ -182,12 +193,17 @@ def with_lag(parts: CovarianceParts, acceleration: Array, lag: float) -> Covaria
 
 def accelerations(times: Array, theta: Array) -> Array:
     """Slope (n, 3) of velocities (n, 3), by least squares within half a second to either side."""
-    t = (times - times[0])[:, None]
-    columns = np.hstack([np.ones_like(t), t, t**2, theta, t * theta])
-    sums = np.vstack([np.zeros(columns.shape[1]), np.cumsum(columns, axis=0)])
-    first = np.searchsorted(times, times - _SLOPE_SPAN, side="left")
-    last = np.searchsorted(times, times + _SLOPE_SPAN, side="right")
-    count, time, square, value, product = np.split(sums[last] - sums[first], [1, 2, 3, 6], axis=1)
+    place = np.arange(len(times))
+    first = np.searchsorted(times, times - _SLOPE_SPAN, side="left") - place
+    last = np.searchsorted(times, times + _SLOPE_SPAN, side="right") - place
+    sums = np.zeros((len(times), 9))
+    # relative to each estimate: sums along the whole drive lose the digits that a slope needs
+    for shift in range(int(first.min(initial=0)), int(last.max(initial=0))):
+        near = np.flatnonzero((first <= shift) & (shift < last))
+        t = (times[near + shift] - times[near])[:, None]
+        value = theta[near + shift] - theta[near]
+        sums[near] += np.hstack([np.ones_like(t), t, t**2, value, t * value])
+    count, time, square, value, product = np.split(sums, [1, 2, 3, 6], axis=1)
     spread = square - time**2 / count
-    enough = spread > 1e-9  # s^2: a single estimate has no slope
+    enough = count > 1.0  # a single estimate has no slope
     return np.where(enough, (product - time * value / count) / np.where(enough, spread, 1.0), 0.0)

@@ -155,10 +155,15 @@ def _with_budget(track: Track, parts: Array, delays: Array, lag: float) -> Track
     """The track with its velocities at its times, and the parts of the covariances with the lag."""
     good = track.converged
     parts[:, ~good] = np.nan
-    acceleration = accelerations(track.times, track.theta)
-    theta = track.theta.copy()
-    theta[good] -= np.einsum("nij,nj->ni", delays[good], acceleration[good])
-    complete = with_lag(CovarianceParts(*parts), accelerations(track.times, theta), lag)
+    theta, slopes = track.theta.copy(), np.zeros_like(track.theta)
+    # velocities that are held, or never began, show no acceleration
+    times, shown = track.times[good], track.theta[good]
+    theta[good] -= np.einsum("nij,nj->ni", delays[good], accelerations(times, shown))
+    slopes[good] = accelerations(times, theta[good])
+    last = np.maximum.accumulate(np.where(good, np.arange(len(good)), -1))
+    held = ~good & (last >= 0)
+    theta[held] = theta[last[held]]
+    complete = with_lag(CovarianceParts(*parts), slopes, lag)
     return replace(track, theta=theta, covariance=complete.total, parts=complete)
 
 

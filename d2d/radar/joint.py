@@ -1,6 +1,7 @@
 """Ego-motion from several sensors at once: one velocity, the sum of their costs."""
 
 from collections.abc import Iterable, Sequence
+from itertools import groupby
 from typing import Unpack
 
 import numpy as np
@@ -87,8 +88,8 @@ def track_joint(
     """Ego-motion over a whole drive from several sensors that need not be synchronised.
 
     The scans of all sensors, in time order, are divided into rounds.  A new round begins whenever a
-    sensor already has a scan in the current one; a sensor may be missing from a round.  Each round
-    gives one estimate.
+    sensor already has a scan in the current one; scans of the same time stay together, and a sensor
+    may be missing from a round.  Each round gives one estimate.
 
     Parameters
     ----------
@@ -155,18 +156,23 @@ def track_joint(
 def rounds(
     scans: Sequence[Sequence[RadarScan]], max_interval: float = MAX_INTERVAL
 ) -> list[list[tuple[int, int]]]:
-    """Rounds of (sensor, scan) indices: all scans in time order, no sensor twice in a round."""
+    """Rounds of (sensor, scan) indices: all scans in time order, no sensor twice in a round.
+
+    Scans of the same time are in the same round, so that the sensors' order does not count.
+    """
     for number, own in enumerate(scans):
         increasing(f"the scans of sensor {number} (counted from 0)", own, max_interval)
     order = sorted((scan.time, s, i) for s, own in enumerate(scans) for i, scan in enumerate(own))
     groups: list[list[tuple[int, int]]] = []
     seen: set[int] = set()
-    for _, sensor, scan in order:
-        if not groups or sensor in seen:
+    for _, entries in groupby(order, key=lambda entry: entry[0]):
+        together = [(sensor, scan) for _, sensor, scan in entries]
+        sensors = {sensor for sensor, _ in together}
+        if not groups or sensors & seen:
             groups.append([])
             seen = set()
-        groups[-1].append((sensor, scan))
-        seen.add(sensor)
+        groups[-1] += together
+        seen |= sensors
     return groups
 
 

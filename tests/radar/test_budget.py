@@ -58,6 +58,24 @@ def sensors(seed: int = 0, scans: int = 2) -> list[tuple[list[RadarScan], Mounti
     return made
 
 
+SPEEDING = 4.0  # m/s^2
+
+
+def speeding(time: float, rng) -> RadarScan:
+    """Points as the first sensor of a vehicle sees them that speeds up from 5 m/s."""
+    mounting = MOUNTINGS[0]
+    ahead = 5.0 * time + 0.5 * SPEEDING * time**2
+    grid = np.stack(np.meshgrid([8.0, 15.0, 23.0, 34.0], [-5.0, 2.0, 7.0, 13.0]), axis=-1)
+    seen = grid.reshape(-1, 2) + np.sin(np.arange(32.0)).reshape(-1, 2) - [ahead, 0.0]
+    seen -= [mounting.x, mounting.y]
+    azimuth = np.arctan2(seen[:, 1], seen[:, 0]) - mounting.yaw
+    doppler = doppler_velocity([5.0 + SPEEDING * time, 0.0, 0.0], azimuth, mounting)
+    noise = rng.standard_normal((3, len(seen))) * 0.1 * np.array(SIGMAS)[:, None]
+    return RadarScan(
+        time, np.hypot(*seen.T) + noise[0], azimuth + noise[1], doppler + noise[2], *SIGMAS
+    )
+
+
 def applied(budget: ErrorBudget, drives=None, time: float = INTERVAL):
     """Estimate, parts and delay of the last round of two sensors."""
     drives = sensors() if drives is None else drives
@@ -192,6 +210,36 @@ def test_accelerations_are_slopes_of_half_a_second_to_either_side():
         expected = np.polyfit(times[near] - t, theta[near], 1)[0] if near.sum() > 1 else 0.0
         assert_allclose(found[i], expected, rtol=1e-4, atol=1e-4)
     assert_array_equal(accelerations(np.array([1.0, 9.0]), np.ones((2, 3))), 0.0)
+    assert accelerations(np.empty(0), np.empty((0, 3))).shape == (0, 3)
+
+
+def test_a_long_drive_at_constant_velocity_shows_no_acceleration():
+    """Breaks if sums along the drive lose the digits that the slope of a few estimates needs."""
+    rng = np.random.default_rng(1)
+    times = np.cumsum(rng.uniform(0.2, 0.8, 40000))  # five and a half hours, many alone
+    velocity = np.tile([30.0, 0.1, 0.02], (len(times), 1))
+    assert_array_equal(accelerations(times, velocity), 0.0)
+
+
+@pytest.mark.parametrize("missing", [[0, 1, 2], [8, 9, 10, 11]], ids=["at-first", "between"])
+def test_a_failure_shows_no_acceleration(missing):
+    """Breaks if the zero before the first estimate, or a held velocity, counts as driven."""
+    empty = {i + 1 for i in missing}
+    quick = ErrorBudget(lag=0.1)
+    rng = np.random.default_rng(2)
+    scans = [
+        RadarScan(t, *np.empty((3, 0)), *SIGMAS) if i in empty else speeding(t, rng)
+        for i, t in enumerate(0.1 * np.arange(20))
+    ]
+    found = track(scans, MOUNTINGS[0], budget=quick)
+    good = found.converged
+    assert good.any()
+    assert not good.all()
+    expected = (0.1 * SPEEDING) ** 2
+    assert_allclose(found.parts.systematic[good, 0, 0], expected, rtol=0.3)
+    for i in np.flatnonzero(~good):
+        before = np.flatnonzero(good[:i])
+        assert_array_equal(found.theta[i], found.theta[before[-1]] if before.size else 0.0)
 
 
 def test_a_track_contains_its_budget():
@@ -214,6 +262,8 @@ def test_a_track_contains_its_budget():
         moved[:, :, None] * moved[:, None, :],
         atol=1e-12,
     )
+    for each in (found.covariance, *found.parts):  # else a table of the upper triangle differs
+        assert_array_equal(each, np.swapaxes(each, 1, 2))
     joint = track_joint([(drive.scans, drive.mounting)], budget=budget)
     assert_allclose(joint.covariance, found.covariance, rtol=1e-9)
     assert_allclose(joint.theta, found.theta, rtol=1e-9)
@@ -232,7 +282,7 @@ def test_failures_have_no_parts_and_a_reason():
 
 
 @pytest.mark.parametrize("name", ["azimuth", "doppler", "scale", "lag", "neighbours"])
-@pytest.mark.parametrize("value", [-0.1, np.nan, np.inf, "a", [0.1, 0.2]])
+@pytest.mark.parametrize("value", [-0.1, np.nan, np.inf, 1e150, "a", [0.1, 0.2]])
 def test_a_budget_of_no_standard_deviation_is_refused(name, value):
     """Breaks if a budget makes covariances nan or smaller."""
     with pytest.raises(ValueError, match=f"^{name} must"):

@@ -492,8 +492,11 @@ def test_no_pair_or_an_empty_or_swapped_scan_is_refused_by_name():
         ([[0.0, 1.0, 2.0], [0.1, 2.1]], [[(0, 0), (1, 0)], [(0, 1)], [(0, 2), (1, 1)]]),
         ([[0.0, 1.0], [0.0, 1.0]], [[(0, 0), (1, 0)], [(0, 1), (1, 1)]]),
         ([[], [0.0]], [[(1, 0)]]),
+        # at equal times, sensors stay together whichever is named first and starts late
+        ([[0.0, 1.0, 2.0], [1.0, 2.0]], [[(0, 0)], [(0, 1), (1, 0)], [(0, 2), (1, 1)]]),
+        ([[1.0, 2.0], [0.0, 1.0, 2.0]], [[(1, 0)], [(0, 0), (1, 1)], [(0, 1), (1, 2)]]),
     ],
-    ids=["alone", "in-turn", "other-first", "missing", "same-time", "never"],
+    ids=["alone", "in-turn", "other-first", "missing", "same-time", "never", "late", "late-first"],
 )
 def test_rounds_hold_each_sensor_once_and_follow_time(times, expected):
     """Breaks if a scan is used twice or never, or a gap of one sensor stops the others."""

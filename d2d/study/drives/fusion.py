@@ -175,7 +175,8 @@ def slow_errors(
         columns[i, :, 0] = before.azimuth.sum(axis=0) + after.azimuth.sum(axis=0)
         columns[i, :, 1] = after.doppler.sum(axis=0)
         columns[i, :, 2] = scans[i + 1].doppler @ after.doppler
-    columns[:, :, 3] = -accelerations(driven.times, driven.theta)
+    good = driven.converged
+    columns[good, :, 3] = -accelerations(driven.times[good], driven.theta[good])
     return columns * [budget.azimuth, budget.doppler, budget.scale, budget.lag]
 
 
