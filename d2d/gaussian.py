@@ -285,7 +285,7 @@ def variance_floor(x: ArrayLike) -> float:
     """The smallest variance that `fit_mixture` gives a component of the observations x (N, D).
 
     It is a millionth of their mean variance, but no less than rounding leaves at their magnitude,
-    about (1e-15 |x|)^2: they may all be equal.  Without a floor the likelihood is unbounded,
+    about ``(1e-15 |x|)^2``: they may all be equal.  Without a floor the likelihood is unbounded,
     because a component can shrink onto a single observation (Bishop 2006, sec. 9.2.1).
     """
     points = _observations(x)
