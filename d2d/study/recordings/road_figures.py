@@ -19,20 +19,18 @@ MODELS = {
 
 
 def score_table(judged: Mapping[str, Mapping[str, Any]]) -> str:
-    """ANEES, share in the 95 % region, whitened squares and log score, a row for each model."""
+    """ANEES, share in the 95 % region, whitened squares, log score: a row for each model."""
     wide = max(len(name) for models in judged.values() for name in models)
     lines = [
-        f"{'':12} {'covariance':{wide}} {'ANEES':>6} {'(95 %)':>13}  {'inside':>6}   "
-        f"{'v_x':>5} {'v_y':>5} {'omega':>5}  {'log score':>9}"
+        f"{'':12} {'covariance':{wide}} {'ANEES':>5} {'inside':>6} "
+        f"{'v_x':>5} {'v_y':>5} {'omega':>5} {'log':>6}"
     ]
     for where, models in judged.items():
         for name, found in models.items():
-            low, high = found["anees_interval"]
             v_x, v_y, omega = found["whitened"]
             lines.append(
-                f"{where:12} {name:{wide}} {found['anees']:6.2f} {f'{low:.2f}-{high:.2f}':>13}  "
-                f"{found['inside']:6.0%}   {v_x:5.2f} {v_y:5.2f} {omega:5.2f}  "
-                f"{found['log_score']:9.2f}"
+                f"{where:12} {name:{wide}} {found['anees']:5.2f} {found['inside']:6.0%} "
+                f"{v_x:5.2f} {v_y:5.2f} {omega:5.2f} {found['log_score']:6.2f}"
             )
     return "\n".join(lines)
 
