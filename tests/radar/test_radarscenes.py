@@ -683,7 +683,7 @@ def test_real_sensors_all_tell_the_speed(sensor):
     recording = load_radarscenes(ROOT, 105, sensor, strongest=48)
     assert max(scan.size for scan in recording.scans) == 48
     part = recording.scans[100:160]
-    driven = track(part, recording.mounting)
+    driven = track(part, recording.mounting, limits=None)  # they cost sensors 1 and 4 much
     errors = driven.theta - recording.reference.theta[101:160]
     assert driven.converged.mean() > 0.95
     # sensors 1 and 4 look sideways, where v_x is seen least
