@@ -65,7 +65,7 @@ class VehicleLimits:
     acceleration: float = 40.0
     yaw_acceleration: float = 5.0
     uncertainty: float = 0.12
-    slip: float = 0.17
+    slip: float = 0.15
 
     def __post_init__(self) -> None:
         for field in fields(self):
