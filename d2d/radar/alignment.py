@@ -275,7 +275,8 @@ def _where_known(
     known = model.used & np.isfinite(predicted).all(axis=1)
     if not known.any():
         raise ValueError(
-            "the references of recordings must cover the times of the scans, but cover none"
+            "the references of recordings must cover the times of the scans, but cover none at a "
+            f"lag of {lag:+.3f} s; is max_lag longer than the drive?"
         )
     predicted[~known], derivatives[~known] = 0.0, 0.0
     return predicted, derivatives, known

@@ -384,13 +384,15 @@ def compare(track: Track, reference: Reference) -> Comparison:
     """
     check_instance("track", track, Track)
     check_instance("reference", reference, Reference)
+    if not len(track.times):
+        raise ValueError("track must hold at least one estimate, but is empty")
+    errors = track.theta - reference.at(track.times).theta
     first, last = reference.times[[0, -1]]
     if not ((track.times >= first) & (track.times <= last)).any():
         raise ValueError(
             f"reference must overlap the track in time, but extends from {first:g} s to {last:g} s "
             f"and the track from {track.times[0]:g} s to {track.times[-1]:g} s"
         )
-    errors = track.theta - reference.at(track.times).theta
     return enough(Comparison.from_errors(track, errors), "track and reference have")
 
 

@@ -59,6 +59,8 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
     """
     check_instance("first", first, Track)
     check_instance("second", second, Track)
+    if not len(first.times):
+        raise ValueError("first must hold at least one estimate, but is empty")
     theta, covariance, good = _interpolated(second, first.times)
     good &= first.converged
     return enough(

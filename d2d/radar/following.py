@@ -117,7 +117,10 @@ def follow(
                 )
                 stated = parts[:, i].sum(axis=0)
             state = State(times[i + 1], estimate.theta, stated)
-            reasons[i] = "" if limits is None else limits.exceeded(state, last)
+            if not np.isfinite(stated).all():
+                reasons[i] = "a covariance that is not finite"
+            elif limits is not None:
+                reasons[i] = limits.exceeded(state, last)
             if not reasons[i]:
                 last, velocity, covariance[i] = state, estimate.theta, stated
         theta[i] = 0.0 if velocity is None else velocity

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import check_finite, check_positive, check_scalar
+from d2d._checks import check_finite, check_positive, check_real, check_scalar
 from d2d._types import Array
 
 
@@ -22,11 +22,31 @@ class Reference:
         vehicle's axes.
     poses : (n, 3) array
         Pose [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw is continuous.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not match, or ``times`` are not finite; velocities and poses may be nan where
+        they are not known.  The message names the argument.
     """
 
     times: Array
     theta: Array
     poses: Array
+
+    def __post_init__(self) -> None:
+        times = check_finite("times", self.times)
+        if times.ndim != 1:
+            raise ValueError(f"times must have the shape (n,), but has {times.shape}")
+        object.__setattr__(self, "times", times)
+        for name in ("theta", "poses"):
+            values = check_real(name, getattr(self, name))
+            if values.shape != (len(times), 3):
+                raise ValueError(
+                    f"{name} must have the shape {(len(times), 3)} to match times, but has "
+                    f"{values.shape}"
+                )
+            object.__setattr__(self, name, values)
 
     @classmethod
     def from_poses(
@@ -78,9 +98,12 @@ class Reference:
     def at(self, times: ArrayLike) -> "Reference":
         """The motion at other times (m,) in s, by linear interpolation; nan outside the time span.
 
-        Raises a ``ValueError`` unless ``times`` is a one-dimensional array of finite numbers.
+        Raises a ``ValueError`` unless ``times`` is a one-dimensional array of finite numbers, and
+        the reference's own times do not decrease.
         """
         wanted = check_finite("times", times)
+        if not len(self.times) or (np.diff(self.times) < 0.0).any():
+            raise ValueError("the reference must have times, in order, to be interpolated")
         if wanted.ndim != 1:
             raise ValueError(f"times must have the shape (m,), but has {wanted.shape}")
         theta, poses = (

@@ -6,6 +6,7 @@ import os
 import re
 from collections import Counter
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -90,6 +91,12 @@ class Track:
         Mean inlier probability of these targets; nan where there was nothing to estimate.
     parts : CovarianceParts or None
         The parts of the covariance, nan where not converged; None without a budget.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not match, times are not finite and strictly increasing, or a converged
+        estimate or its covariance is not finite; the message names the field.
     """
 
     times: Array
@@ -101,6 +108,25 @@ class Track:
     targets: NDArray[np.int64] | None = None
     inliers: Array | None = None
     parts: CovarianceParts | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.times)
+        shapes = {"intervals": (), "theta": (3,), "covariance": (3, 3), "converged": ()}
+        fields = {name: getattr(self, name) for name in (*_REQUIRED, *_OPTIONAL)}
+        for name, values in fields.items():
+            shape = (count, *shapes.get(name, ()))
+            if values is not None and np.shape(values) != shape:
+                raise ValueError(f"{name} must have the shape {shape}, but has {np.shape(values)}")
+        for name, part in ({} if self.parts is None else self.parts._asdict()).items():
+            if np.shape(part) != (count, 3, 3):
+                raise ValueError(
+                    f"parts.{name} must have the shape {(count, 3, 3)}, but has {np.shape(part)}"
+                )
+        if not (np.isfinite(self.times).all() and (np.diff(self.times) > 0.0).all()):
+            raise ValueError("times must be finite and strictly increasing")
+        for name in ("theta", "covariance"):
+            if not np.isfinite(fields[name][np.asarray(self.converged, dtype=bool)]).all():
+                raise ValueError(f"{name} must be finite wherever converged is true")
 
     def poses(self, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """The path driven: (n + 1, 3) poses [x, y, yaw] in m, m, rad, beginning at ``start``.
@@ -128,7 +154,7 @@ class Track:
         Raises
         ------
         ValueError
-            Unless ``times`` is a one-dimensional array of finite numbers.
+            Unless ``times`` is a one-dimensional array of finite numbers, or if the track is empty.
         """
         wanted = check_finite("times", times)
         if wanted.ndim != 1:
@@ -205,7 +231,7 @@ class Track:
             raise ValueError(f"{source} is not a whole file of Track.save: it lacks {missing}")
         parts = CovarianceParts(*(arrays[name] for name in names)) if with_parts else None
         fields: dict[str, Any] = {name: arrays.get(name) for name in (*_REQUIRED, *_OPTIONAL)}
-        return cls(**fields, parts=parts)
+        return cls._from_file(source, fields | {"parts": parts})
 
     def write_tum(self, path: str | os.PathLike[str], start: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Write the poses as a TUM trajectory file, one line "t x y z qx qy qz qw" per pose.
@@ -222,11 +248,14 @@ class Track:
         Raises
         ------
         ValueError
-            If ``path`` is not a path or ``start`` is not a pose; the message names the argument.
+            If ``path`` is not a path or ``start`` is not a pose, in words that name the argument,
+            or the track is empty.
         OSError
             If the file cannot be written.
         """
         x, y, yaw = self.poses(start).T
+        if not len(self.times):
+            raise ValueError("the track must hold at least one estimate, but is empty")
         first = self.times[:1] - self.intervals[:1]
         zero = np.zeros_like(x)
         turn = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
@@ -286,7 +315,16 @@ class Track:
         OSError
             If the file cannot be read.
         """
-        return cls(**read_velocity_table(check_path("path", path)))
+        source = check_path("path", path)
+        return cls._from_file(source, read_velocity_table(source))
+
+    @classmethod
+    def _from_file(cls, source: Path, fields: dict[str, Any]) -> Track:
+        """The track of what a file holds; raises a ValueError that names it if that is none."""
+        try:
+            return cls(**fields)
+        except ValueError as error:
+            raise ValueError(f"{source} holds no track: {error}") from None
 
     def to_dataframe(self) -> DataFrame:
         """The estimates as a table of pandas, one row for each.
@@ -355,7 +393,12 @@ class Track:
 
 
 def neighbours(track: Track, times: Array) -> Neighbours:
-    """The estimates of a track around each of ``times`` (m,), for linear interpolation."""
+    """The estimates of a track around each of ``times`` (m,), for linear interpolation.
+
+    Raises a ``ValueError`` if the track has no estimates.
+    """
+    if not len(track.times):
+        raise ValueError("the track must hold at least one estimate, but is empty")
     last = len(track.times) - 1
     after = np.clip(np.searchsorted(track.times, times), 0, last)
     before = np.maximum(after - (track.times[after] != times), 0)  # the same at equal times

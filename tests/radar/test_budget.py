@@ -281,6 +281,20 @@ def test_failures_have_no_parts_and_a_reason():
     assert np.isnan(found.inliers[4:6]).all()
 
 
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
+def test_a_covariance_that_overflows_is_no_estimate():
+    """Breaks if nan, which exceeds no limit, passes for plausible."""
+    drive = simulate_drive(np.random.default_rng(1), duration=0.3)
+    scans = [
+        altered(scan, sigma_doppler=np.append(scan.sigma_doppler[1:], 1e160))
+        for scan in drive.scans
+    ]
+    for limits in (None, VehicleLimits()):
+        found = track(scans, drive.mounting, budget=ErrorBudget(), limits=limits)
+        assert set(found.reasons) == {"a covariance that is not finite"}
+        assert np.isnan(found.covariance).all()
+
+
 @pytest.mark.parametrize("name", ["azimuth", "doppler", "scale", "lag", "neighbours"])
 @pytest.mark.parametrize("value", [-0.1, np.nan, np.inf, 1e150, "a", [0.1, 0.2]])
 def test_a_budget_of_no_standard_deviation_is_refused(name, value):

@@ -25,6 +25,7 @@ from d2d.radar import (
     doppler_velocity,
     load_nuscenes,
     load_radarscenes,
+    simulate_drive,
 )
 from d2d.radar.alignment import (
     Alignment,
@@ -437,3 +438,10 @@ def test_nuscenes_has_an_early_clock_and_a_slow_speedometer():
     assert found.lag == pytest.approx(-0.03, abs=0.015)
     assert found.speed_factor == pytest.approx(1.0125, abs=0.004)
     assert found.slip.ahead == 0.0
+
+
+def test_a_lag_longer_than_the_drive_is_told():
+    """Breaks if the references are blamed, which do cover the scans."""
+    drive = simulate_drive(np.random.default_rng(0), duration=1.0)
+    with pytest.raises(ValueError, match=r"at a lag of -5.000 s; is max_lag longer than the drive"):
+        calibrate([(drive.scans, drive.mounting, drive.truth)], max_lag=5.0)

@@ -18,6 +18,7 @@ from d2d.radar import (
     compare,
     compare_halves,
     compare_tracks,
+    simulate_drive,
     track,
 )
 from d2d.radar.evidence import _clusters, _half
@@ -265,3 +266,17 @@ def test_tracks_that_have_nothing_in_common_are_refused():
         compare_tracks(noisy(0, times), times)
     with pytest.raises(ValueError, match="first"):
         compare_tracks(times, noisy(0, times))
+
+
+def test_an_empty_track_is_told():
+    """Breaks if the mean of nothing is a warning of NumPy."""
+    none = Track(*np.zeros((2, 0)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, bool))
+    drive = simulate_drive(np.random.default_rng(0), duration=1.0)
+    driven = track(drive.scans, drive.mounting)
+    for call in (
+        lambda: compare_tracks(none, driven),
+        lambda: compare_tracks(driven, none),
+        lambda: compare(none, drive.truth),
+    ):
+        with pytest.raises(ValueError, match=r"track must hold at least one|first must hold"):
+            call()

@@ -71,3 +71,33 @@ def test_bad_input_is_refused_by_name(change, says):
     good = {"stamps": STAMPS, "poses": straight(STAMPS), "times": TIMES}
     with pytest.raises(ValueError, match=says):
         Reference.from_poses(**(good | change))
+
+
+@pytest.mark.parametrize(
+    ("times", "theta", "poses", "said"),
+    [
+        ([[0.0]], np.zeros((1, 3)), np.zeros((1, 3)), r"^times must have the shape \(n,\)"),
+        ([np.nan], np.zeros((1, 3)), np.zeros((1, 3)), r"^times must be finite"),
+        ([0.0, 1.0], np.zeros((1, 3)), np.zeros((2, 3)), r"^theta must have the shape \(2, 3\)"),
+        ([0.0, 1.0], np.zeros((2, 3)), np.zeros((2, 2)), r"^poses must have the shape \(2, 3\)"),
+    ],
+    ids=["matrix", "nan", "theta", "poses"],
+)
+def test_what_is_no_reference_is_refused_by_name(times, theta, poses, said):
+    """Breaks if the rows of one time are taken for those of another."""
+    with pytest.raises(ValueError, match=said):
+        Reference(times, theta, poses)
+
+
+def test_lists_and_unknown_rows_are_a_reference():
+    """Breaks if nan, which says that a velocity is not known, is refused."""
+    found = Reference([0.0, 1.0], [[1.0, 0.0, 0.0], [np.nan] * 3], [[0.0] * 3] * 2).at([0.0])
+    assert_array_equal(found.theta, [[1.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize("times", [[0.0, 2.0, 1.0], []], ids=["out-of-order", "empty"])
+def test_a_reference_without_order_is_not_interpolated(times):
+    """Breaks if interpolation gives velocities of other times without a word."""
+    reference = Reference(times, np.zeros((len(times), 3)), np.zeros((len(times), 3)))
+    with pytest.raises(ValueError, match=r"^the reference must have times, in order"):
+        reference.at([0.5])

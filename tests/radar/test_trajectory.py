@@ -61,6 +61,45 @@ def assert_same(one: Track, other: Track) -> None:
             assert mine.tobytes() == theirs.tobytes(), field.name
 
 
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"theta": np.zeros((3, 3))}, r"^theta must have the shape \(40, 3\)"),
+        ({"reasons": np.array(["a"])}, r"^reasons must have the shape \(40,\)"),
+        ({"parts": CovarianceParts(*np.zeros((3, 2, 3, 3)))}, r"^parts.noise must have the shape"),
+        ({"times": np.zeros(N)}, r"^times must be finite and strictly increasing"),
+        ({"times": np.append(np.arange(N - 1.0), np.nan)}, r"^times must be finite"),
+        ({"converged": np.ones(N, dtype=bool)}, r"^covariance must be finite wherever converged"),
+        ({"theta": np.full((N, 3), np.nan)}, r"^theta must be finite wherever converged"),
+    ],
+    ids=["rows", "reasons", "parts", "order", "nan-time", "nan-covariance", "nan-velocity"],
+)
+def test_what_is_no_track_is_refused(changed, said):
+    """Breaks if times out of order are interpolated, or nan passes for an estimate."""
+    with pytest.raises(ValueError, match=said):
+        replace(example(), **changed)
+
+
+def test_a_table_that_holds_no_track_is_named(tmp_path):
+    """Breaks if a nan in an accepted row is read as a velocity."""
+    path = tmp_path / "velocities.txt"
+    example().write_velocities(path)
+    lines = path.read_text().splitlines()
+    words = lines[5].split()
+    words[2] = "nan"
+    path.write_text("\n".join([*lines[:5], " ".join(words), *lines[6:]]))
+    with pytest.raises(ValueError, match=f"^{path} holds no track: theta must be finite"):
+        Track.read_velocities(path)
+
+
+def test_an_empty_track_is_refused_where_an_estimate_is_needed(tmp_path):
+    """Breaks if it is told in NumPy's words about indices."""
+    driven = Track(*np.zeros((2, 0)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, bool))
+    for call in (lambda: driven.at([1.0]), lambda: driven.write_tum(tmp_path / "empty.tum")):
+        with pytest.raises(ValueError, match=r"^the track must hold at least one estimate"):
+            call()
+
+
 # ---- At other times
 
 
