@@ -139,15 +139,20 @@ def crps(errors: ArrayLike, sigmas: ArrayLike) -> Array:
     -------
     (...) array
         Smaller is better; 0.234 sigma for an error of zero, and about ``|e| - 0.564 sigma`` for a
-        large one.  In closed form with z = e / sigma (Gneiting & Raftery 2007, sec. 4.2)::
-
-            sigma (z (2 Phi(z) - 1) + 2 phi(z) - 1 / sqrt(pi))
+        large one.
 
     Raises
     ------
     ValueError
         If a value is nan or inf, a standard deviation is not positive, or the shapes do not
         broadcast; the message names the argument.
+
+    Notes
+    -----
+    In closed form with z = e / sigma (Gneiting & Raftery 2007, sec. 4.2)::
+
+        sigma (z (2 Phi(z) - 1) + 2 phi(z)
+               - 1 / sqrt(pi))
     """
     e, s = check_finite("errors", errors), check_positive("sigmas", sigmas)
     try:
