@@ -253,5 +253,7 @@ def _in_time_order(
         if not isinstance(name, str) or not name.isprintable() or name != name.strip() or not name:
             raise ValueError(f"sensors must be keyed by names, but hold {name!r}")
         members = check_members(f"sensors[{name!r}]", own, RadarScan)
+        if len({scan.time for scan in members}) < len(members):
+            raise ValueError(f"sensors[{name!r}] must hold one scan of each time")
         scans += [(scan.time, name, scan) for scan in members]
     return sorted(scans, key=lambda entry: entry[:2])

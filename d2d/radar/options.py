@@ -105,7 +105,7 @@ class EgoMotionModel(Frozen):
         kind = _kernel.CHORD if self.first_order else _kernel.ARC
         return Problem(self.form, pairs, kind, self.prior)
 
-    @cached_property
+    @property
     def prior(self) -> Array:
         """Precisions (3,) of what is known of the velocity beforehand."""
         precision = np.zeros(3)

@@ -122,6 +122,10 @@ class Track:
                 raise ValueError(
                     f"parts.{name} must have the shape {(count, 3, 3)}, but has {np.shape(part)}"
                 )
+        if np.asarray(self.converged).dtype != np.bool_:
+            raise ValueError("converged must be an array of bool")
+        if not (np.isfinite(self.intervals).all() and (np.asarray(self.intervals) > 0.0).all()):
+            raise ValueError("intervals must be finite and positive")
         if not (np.isfinite(self.times).all() and (np.diff(self.times) > 0.0).all()):
             raise ValueError("times must be finite and strictly increasing")
         for name in ("theta", "covariance"):

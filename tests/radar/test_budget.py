@@ -431,3 +431,26 @@ def test_a_side_slip_is_a_flag_or_a_standard_deviation(slips):
     """Breaks if a prior without a width makes the cost nan."""
     with pytest.raises(ValueError, match=r"^slips must"):
         EgoMotionModel(slips=slips)
+
+
+def test_a_prior_cannot_be_edited():
+    """Breaks if what a caller does to the array changes later problems of the same model."""
+    model = EgoMotionModel(slips=0.1)
+    model.prior[1] = 0.0
+    assert model.prior[1] == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("converged", lambda found: found.converged.astype(int)),
+        ("intervals", lambda found: -found.intervals),
+        ("intervals", lambda found: np.nan * found.intervals),
+    ],
+)
+def test_a_track_is_made_of_what_it_says(name, change):
+    """Breaks if integers choose rows where a mask is meant, or a path is driven backwards."""
+    drive = simulate_drive(np.random.default_rng(1), duration=0.5)
+    found = track(drive.scans, drive.mounting)
+    with pytest.raises(ValueError, match=f"^{name} must be"):
+        replace(found, **{name: change(found)})

@@ -175,3 +175,11 @@ def test_only_scans_under_names_are_written(tmp_path):
     with pytest.raises(ValueError, match=r"^sensors must be a Mapping"):
         write_csv(path, [scan])
     assert not path.exists()
+
+
+def test_two_scans_of_one_time_are_not_written(tmp_path):
+    """Breaks if they become one scan when they are read."""
+    scan = RadarScan(0.0, [10.0], [0.1], [1.0], 0.1, 0.01, 0.1)
+    with pytest.raises(ValueError, match=r"^sensors\['a'\] must hold one scan of each time"):
+        write_csv(tmp_path / "log.csv", {"a": [scan, scan]})
+    assert not list(tmp_path.iterdir())
