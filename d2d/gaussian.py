@@ -250,13 +250,13 @@ class GaussianMixture(Frozen):
         return np.asarray(np.exp(logs - np.logaddexp.reduce(logs, axis=-1, keepdims=True)))
 
     def log_likelihood(self, x: ArrayLike) -> float:
-        """Sum of log p over the observations x (N, D)."""
+        """Sum of log p over all observations x (..., N, D)."""
         return float(self.log_pdf(_observations(x)).sum())
 
     def bic(self, x: ArrayLike) -> float:
-        """Bayesian information criterion -2 log L + P log N at x (N, D); lower is better."""
+        """Bayesian information criterion -2 log L + P log N of all x (..., N, D): lower, better."""
         points = _observations(x)
-        return self.parameters * math.log(len(points)) - 2.0 * self.log_likelihood(points)
+        return self.parameters * math.log(points[..., 0].size) - 2.0 * self.log_likelihood(points)
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
         """Draws (count, D), and the component (count,) that each came from."""

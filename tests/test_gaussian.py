@@ -336,3 +336,11 @@ X = np.zeros((5, 2))
 def test_bad_input_names_the_argument(call, name):
     with pytest.raises(ValueError, match=name):
         call()
+
+
+def test_the_bic_of_a_batch_counts_all_its_observations():
+    """Breaks if a batch counts as many observations as it has members."""
+    x = np.random.default_rng(0).standard_normal((2, 30, 1))
+    mixture = fit_mixture(x[0], 1, np.random.default_rng(0)).mixture
+    assert mixture.bic(x) == pytest.approx(mixture.bic(x.reshape(60, 1)))
+    assert mixture.log_likelihood(x) == pytest.approx(sum(map(mixture.log_likelihood, x)))
