@@ -16,8 +16,8 @@ from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
 from d2d.problem import CostForm, Pair, Problem
 
 # m/s: most targets without a partner stand still, and their Doppler velocities scatter about those
-# of the inliers.  All possible velocities of traffic, 40 m/s, cost a tenth of the yaw rate's
-# accuracy on the road (chapter 8b).
+# of the inliers.  With all velocities that traffic can have, 40 m/s, the errors of v_x and omega
+# on the road are larger by a few percent (chapter 8b).
 DEFAULT_DOPPLER_WIDTH = 4.0
 _NO_SLIP = 1e-3  # m/s, the standard deviation of a v_y that is said to be zero
 # thesis sec. 7.3: 20 % outliers, with a standard deviation of 10 m along both axes
