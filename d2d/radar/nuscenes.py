@@ -39,7 +39,7 @@ NUSCENES_BUDGET = ErrorBudget(
     scale=0.004,
     lag=0.03,
     neighbours=1.0,
-    source="nuScenes, five radars, fitted to scenes 0061 and 0103 and widened by one half",
+    source="nuScenes, five radars, fitted to scenes 0061 and 0103, then widened",
 )
 
 # The speed on the CAN bus is that much later than the poses there (fitted as below).
