@@ -37,6 +37,16 @@ MIN_AGREEING = 2.5  # sum of the inlier probabilities
 # least this fraction is accepted without looking for another.
 WELL_EXPLAINED = 0.6
 _SAMPLE = 50  # intervals whose positions are compared with the Doppler velocities
+_TELLING = 1.0  # nats by which they must fit better: a vehicle at rest fits any multiple of zero
+# What the velocity is multiplied by if the mistake is undone.
+_MISTAKES = {
+    "the opposite velocity better.  Are the Doppler velocities positive for receding targets, and "
+    "the azimuths counter-clockwise?": (-1.0, -1.0, 1.0),
+    "a 3.6 times slower one better.  Are the Doppler velocities in m/s, not in km/h?": (
+        *[1.0 / 3.6] * 2,
+        1.0,
+    ),
+}
 
 
 class Interval(NamedTuple):
@@ -171,28 +181,29 @@ def _with_budget(track: Track, parts: Array, delays: Array, lag: float) -> Track
 
 
 def _warn_of_contradiction(track: Track, search: Search) -> None:
-    """Warn if most positions fit the opposite of what the Doppler velocities say.
+    """Warn if most positions fit the opposite, or a multiple, of what the Doppler velocities say.
 
-    A flipped sign of the Doppler velocities, or of the azimuths, gives an optimum all the same:
-    the positions decide little about the speed.
+    A flipped sign of the Doppler velocities, or of the azimuths, and a wrong unit give an optimum
+    all the same: the positions decide little about the speed.
     """
     accepted = np.flatnonzero(track.converged)
     sample = accepted[:: max(1, len(accepted) // _SAMPLE)]
-    better = compared = 0
+    better, compared = np.zeros(len(_MISTAKES), dtype=int), 0
     for i in sample:
         interval = search.bind(i)
         if interval is None or interval.problem.pairs[0].measurement is None:
             return
         problem = _of_positions(interval.problem)
-        forward = np.array([track.theta[i], track.theta[i] * [-1.0, -1.0, 1.0]])
-        values, _, _ = problem.derivatives(problem.bind(forward))
+        stated, *mistaken = problem.derivatives(
+            problem.bind(track.theta[i] * np.array([[1.0, 1.0, 1.0], *_MISTAKES.values()]))
+        )[0]
         compared += 1
-        better += bool(values[1] < values[0])
-    if compared >= 5 and better > 0.8 * compared:
+        better += stated - np.array(mistaken) > _TELLING
+    which = int(np.argmax(better))
+    if compared >= 5 and better[which] > 0.8 * compared:
         warnings.warn(
-            f"Doppler velocities and positions contradict each other: in {better} of {compared} "
-            "intervals the positions fit the opposite velocity better.  Are the Doppler velocities "
-            "positive for receding targets, and the azimuths counter-clockwise?",
+            f"Doppler velocities and positions contradict each other: in {better[which]} of "
+            f"{compared} intervals the positions fit {list(_MISTAKES)[which]}",
             UserWarning,
             stacklevel=4,
         )

@@ -95,24 +95,43 @@ class Reference:
         turned = rigid.rotation(-value[:, 2]) @ slope[:, :2, None]
         return cls(wanted, np.column_stack([turned[..., 0], slope[:, 2]]), value)
 
-    def at(self, times: ArrayLike) -> "Reference":
-        """The motion at other times (m,) in s, by linear interpolation; nan outside the time span.
+    def at(self, times: ArrayLike, *, max_gap: float = 1.0) -> "Reference":
+        """The motion at other times, by linear interpolation.
 
-        Raises a ``ValueError`` unless ``times`` is a one-dimensional array of finite numbers, and
-        the reference's own times do not decrease.
+        Parameters
+        ----------
+        times : (m,) array, s
+        max_gap : float, s
+            Longest gap between two times of the reference that is interpolated.
+
+        Returns
+        -------
+        Reference
+            At ``times``; nan outside the time span and in longer gaps.
+
+        Raises
+        ------
+        ValueError
+            Unless ``times`` is a one-dimensional array of finite numbers, ``max_gap`` is positive,
+            and the reference's own times do not decrease.
         """
         wanted = check_finite("times", times)
+        longest = float(check_positive("max_gap", check_scalar("max_gap", max_gap)))
         if not len(self.times) or (np.diff(self.times) < 0.0).any():
             raise ValueError("the reference must have times, in order, to be interpolated")
         if wanted.ndim != 1:
             raise ValueError(f"times must have the shape (m,), but has {wanted.shape}")
-        theta, poses = (
-            np.column_stack(
-                [np.interp(wanted, self.times, c, left=np.nan, right=np.nan) for c in array.T]
-            )
-            for array in (self.theta, self.poses)
-        )
-        return Reference(wanted, theta, poses)
+        after = np.clip(np.searchsorted(self.times, wanted), 0, len(self.times) - 1)
+        before = np.maximum(after - (self.times[after] != wanted), 0)
+        hole = self.times[after] - self.times[before] > longest
+
+        def between(values: Array) -> Array:
+            columns = [
+                np.interp(wanted, self.times, c, left=np.nan, right=np.nan) for c in values.T
+            ]
+            return np.where(hole[:, None], np.nan, np.column_stack(columns))
+
+        return Reference(wanted, between(self.theta), between(self.poses))
 
 
 _MIN_POSES = 5  # of a parabola: two more than it has coefficients

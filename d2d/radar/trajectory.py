@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 _REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
 _OPTIONAL = ("reasons", "targets", "inliers")
 _SHOWN_REASONS = 3
+_ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 # A number in a reason, but no exponent of a unit such as m/s^2.
 _NUMBER = re.compile(r"(?<![\^\w.])\d+(\.\d+)?")
 
@@ -95,8 +96,8 @@ class Track:
     Raises
     ------
     ValueError
-        If shapes do not match, times are not finite and strictly increasing, or a converged
-        estimate or its covariance is not finite; the message names the field.
+        If shapes do not match, times are not finite and strictly increasing, or where converged an
+        estimate is not finite or its covariance is none; the message names the field.
     """
 
     times: Array
@@ -129,8 +130,18 @@ class Track:
         if not (np.isfinite(self.times).all() and (np.diff(self.times) > 0.0).all()):
             raise ValueError("times must be finite and strictly increasing")
         for name in ("theta", "covariance"):
-            if not np.isfinite(fields[name][np.asarray(self.converged, dtype=bool)]).all():
+            if not np.isfinite(np.asarray(fields[name])[self.converged]).all():
                 raise ValueError(f"{name} must be finite wherever converged is true")
+        stated = np.asarray(self.covariance)[self.converged]
+        sigmas = np.sqrt(np.clip(np.diagonal(stated, axis1=1, axis2=2), 0.0, None))
+        scale = sigmas[:, :, None] * sigmas[:, None, :]
+        if (np.abs(stated - stated.swapaxes(1, 2)) > _ROUNDING * scale).any():
+            raise ValueError("covariance must be symmetric wherever converged is true")
+        if (np.abs(stated) > (1.0 + _ROUNDING) * scale).any():
+            raise ValueError(
+                "covariance must have variances that are not negative, and correlations between "
+                "-1 and 1, wherever converged is true"
+            )
 
     def poses(self, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """The path driven: (n + 1, 3) poses [x, y, yaw] in m, m, rad, beginning at ``start``.

@@ -95,6 +95,17 @@ def test_lists_and_unknown_rows_are_a_reference():
     assert_array_equal(found.theta, [[1.0, 0.0, 0.0]])
 
 
+def test_a_hole_is_not_bridged():
+    """Breaks if a line through a tunnel passes for a reference."""
+    times = np.array([0.0, 0.5, 10.0, 10.5])
+    reference = Reference(times, np.tile(times[:, None], 3), np.zeros((4, 3)))
+    wanted = [0.25, 0.5, 3.0, 10.0, 10.25]
+    found = reference.at(wanted)
+    assert_allclose(found.theta[:, 0], [0.25, 0.5, np.nan, 10.0, 10.25])
+    assert np.isnan(found.poses[2]).all()
+    assert_allclose(reference.at(wanted, max_gap=9.5).theta[:, 0], wanted)
+
+
 @pytest.mark.parametrize("times", [[0.0, 2.0, 1.0], []], ids=["out-of-order", "empty"])
 def test_a_reference_without_order_is_not_interpolated(times):
     """Breaks if interpolation gives velocities of other times without a word."""

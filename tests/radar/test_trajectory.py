@@ -46,6 +46,11 @@ def example(*, parts: bool = True, known: bool = True) -> Track:
     return replace(track, reasons=reasons, targets=rng.integers(0, 90, N), inliers=inliers)
 
 
+def all_with(covariance) -> dict[str, np.ndarray]:
+    """The change of a track that states one covariance everywhere."""
+    return {"covariance": np.broadcast_to(np.asarray(covariance, dtype=float), (N, 3, 3))}
+
+
 def assert_same(one: Track, other: Track) -> None:
     """Equal in all fields, types and bits, nan included."""
     for field in fields(Track):
@@ -71,8 +76,14 @@ def assert_same(one: Track, other: Track) -> None:
         ({"times": np.append(np.arange(N - 1.0), np.nan)}, r"^times must be finite"),
         ({"converged": np.ones(N, dtype=bool)}, r"^covariance must be finite wherever converged"),
         ({"theta": np.full((N, 3), np.nan)}, r"^theta must be finite wherever converged"),
+        (all_with([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), "^covariance must be sym"),
+        (all_with(-np.eye(3)), "^covariance must have variances that are not negative"),
+        (all_with([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), "^covariance must have"),
     ],
-    ids=["rows", "reasons", "parts", "order", "nan-time", "nan-covariance", "nan-velocity"],
+    ids=[
+        *["rows", "reasons", "parts", "order", "nan-time", "nan-covariance", "nan-velocity"],
+        *["one-sided", "negative", "correlated"],
+    ],
 )
 def test_what_is_no_track_is_refused(changed, said):
     """Breaks if times out of order are interpolated, or nan passes for an estimate."""
@@ -334,9 +345,13 @@ def test_a_table_that_was_cut_off_is_refused_wherever_that_was(tmp_path):
     [
         (lambda row: row + " 1.0", "line 8: there must be 12 numbers, but are 13"),
         (lambda row: row.replace(row.split()[3], "fast"), "line 8: could not .* 'fast'"),
+        (
+            lambda row: row.replace(" 1 ", " 0.5 ", 1),
+            "line 8: converged must be 0 or 1, but is 0.5",
+        ),
         (lambda row: "", "is not whole: its last line must be '# end of 39 estimates'"),
     ],
-    ids=["too-many", "word", "none"],
+    ids=["too-many", "word", "half", "none"],
 )
 def test_a_row_that_cannot_be_read_is_named(tmp_path, change, said):
     file = tmp_path / "drive.txt"
