@@ -5,13 +5,14 @@ The data set is licensed CC BY-NC-SA 4.0 and is not part of this package.
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import check_count, check_path, check_positive, check_scalar
+from d2d._checks import check_count, check_flag, check_path, check_positive, check_scalar
 from d2d._types import Array
 from d2d.radar.budget import ErrorBudget
 from d2d.radar.files import existing, read_json, strongest_targets
@@ -30,13 +31,13 @@ _UNAMBIGUOUS = 3
 _FIELDS = ("x", "y", "vx", "vy", "rcs", "invalid_state", "ambig_state")
 
 # Fitted to the errors of all five radars together in scenes 0061 and 0103, by maximum likelihood,
-# and then widened: two scenes are two draws of what differs from scene to scene, and with the
-# fitted values two other scenes, in tighter turns and at twice the speed, had an ANEES of 4.2
-# (0916) and 1.7 (1077).
+# baseline 2, and then widened by a factor of 1.6: two scenes are two draws of what differs from
+# scene to scene.  As fitted, two other scenes had an ANEES of 2.4 (0916, in tight turns) and 1.0
+# (1077).
 NUSCENES_BUDGET = ErrorBudget(
-    azimuth=float(np.deg2rad(1.0)),
-    doppler=0.065,
-    scale=0.004,
+    azimuth=float(np.deg2rad(0.55)),
+    doppler=0.055,
+    scale=0.0026,
     lag=0.03,
     neighbours=1.0,
     source="nuScenes, five radars, fitted to scenes 0061 and 0103, then widened",
@@ -44,6 +45,18 @@ NUSCENES_BUDGET = ErrorBudget(
 
 # The speed on the CAN bus is that much later than the poses there (fitted as below).
 _SPEED_DELAY = 0.1  # s
+WHEELBASE = 2.588  # m, of the Renault Zoe
+
+# What is to be added to the mounting angles (deg), by channel and by the angle that the tables
+# state: one vehicle has them from scene 0061, the other from scene 0103
+# (d2d.study.recordings.turning).
+MOUNTING_ERRORS: dict[str, dict[float, float]] = {
+    "RADAR_FRONT": {0.2: -0.84, -0.26: 0.24},
+    "RADAR_FRONT_LEFT": {88.36: 0.92, 90.68: -0.03},
+    "RADAR_FRONT_RIGHT": {-90.98: 1.02, -89.74: -0.23},
+    "RADAR_BACK_LEFT": {174.41: 0.42, 174.74: 0.06},
+    "RADAR_BACK_RIGHT": {-176.11: 0.15, -175.0: -0.09},
+}
 
 Table = list[dict[str, Any]]
 
@@ -66,6 +79,8 @@ def load_nuscenes(
     strongest: int | None = None,
     time_offset: float = -0.03,
     speed_factor: float | None = 1.0125,
+    prediction_time: float = 0.0375,
+    stated_mounting: bool = False,
     half_width: float = 0.2,
     sigma_range: float = 0.15,
     sigma_azimuth: float | Callable[[Array], ArrayLike] = azimuth_sigma,
@@ -91,8 +106,15 @@ def load_nuscenes(
         Delay of the radar's time stamps: a scan at t shows the motion that the poses give for
         t - time_offset.
     speed_factor : float or None
-        v_x is this times the speed on the CAN bus, which is too low and 0.1 s later than the poses;
-        None, or if there is no CAN bus: v_x is the derivative of the poses too.
+        v_x is that of the rear axle if this times the speed on the CAN bus, which is too low and
+        0.1 s later than the poses, is that of the front axle; None, or if there is no CAN bus: v_x
+        is the derivative of the poses too.
+    prediction_time : float, s
+        In a turn the radar reports the velocity of a static target at range r as larger by
+        omega^2 r times this, which is removed with the yaw rate of the reference; 0 leaves the
+        velocities as they are.
+    stated_mounting : bool
+        Whether the mounting angle is the one that the tables state, without `MOUNTING_ERRORS`.
     half_width : float, s
         Poses within this time are smoothed and differentiated; see `Reference.from_poses`.
     sigma_range, sigma_doppler : float, m and m/s
@@ -126,12 +148,18 @@ def load_nuscenes(
     derivative of the positions best at an offset of -0.03 s, the speed of the CAN bus at -0.13 s
     and a factor of 1.012; what remains in v_x is 0.065 and 0.031 m/s: the positions of the
     localisation jitter, the speed does not.  Residuals of single targets, with the rounding: 0.15 m
-    in range, 0.09 to 0.10 m/s in Doppler velocity.  The data sheet's codes ``x_rms`` and ``vx_rms``
-    in the files (0.6 to 1.3 m, 0.29 to 0.37 m/s) are several times that, and are not used.
+    in range, 0.09 to 0.10 m/s in Doppler velocity.  A target that is moved on along a straight line
+    for a time t, at the velocity that it has in the turning sensor's frame, recedes by omega^2 r t;
+    the radar seems to do that for half of its cycle of 75 ms.  In bends the speed on the CAN bus
+    exceeds that of the rear axle as the speed of the front axle does.  The data sheet's codes
+    ``x_rms`` and ``vx_rms`` in the files (0.6 to 1.3 m, 0.29 to 0.37 m/s) are several times the
+    residuals, and are not used.
     """
     if strongest is not None:
         check_count("strongest", strongest)
     offset = check_scalar("time_offset", time_offset)
+    check_flag("stated_mounting", stated_mounting)
+    prediction = check_scalar("prediction_time", prediction_time)
     for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):
         check_positive(name, check_scalar(name, sigma))
     if speed_factor is not None:
@@ -141,18 +169,29 @@ def load_nuscenes(
     drive = _drive(tables, scene, channel)
     motion = _motion(folder, tables, scene, drive)
 
+    times = np.array([time for time, _ in drive.files])
+    moved = Reference.from_poses(motion.times, motion.poses, times - offset, half_width=half_width)
+    theta = moved.theta
+    if speed_factor is not None and motion.speed is not None:
+        late = times - offset + _SPEED_DELAY
+        speed = np.interp(late, motion.times, motion.speed, left=np.nan, right=np.nan)
+        theta[:, 0] = _of_rear_axle(speed_factor * speed, theta[:, 2])
+    reference = Reference(times, theta, moved.poses)
+
     scans = []
-    for time, file in drive.files:
+    excesses = prediction * _filled(theta[:, 2]) ** 2
+    for (time, file), excess in zip(drive.files, excesses, strict=True):
         path = existing(folder, file, f"a scan of {channel}")
         targets = _valid(read_pcd(path, _FIELDS), strongest)
         x, y = targets["x"], targets["y"]
         azimuth = np.arctan2(y, x)
+        velocity = np.stack([targets["vx"] - excess * x, targets["vy"] - excess * y], axis=-1)
         scans.append(
             RadarScan.from_cartesian(
                 time,
                 x,
                 y,
-                velocity=np.column_stack([targets["vx"], targets["vy"]]),
+                velocity=velocity,
                 grid=GRID,
                 step=STEP,
                 sigma_range=sigma_range,
@@ -160,15 +199,30 @@ def load_nuscenes(
                 sigma_doppler=sigma_doppler,
             ).with_extent(extent)
         )
-    times = np.array([scan.time for scan in scans])
-    moved = Reference.from_poses(motion.times, motion.poses, times - offset, half_width=half_width)
-    theta = moved.theta
-    if speed_factor is not None and motion.speed is not None:
-        late = times - offset + _SPEED_DELAY
-        speed = np.interp(late, motion.times, motion.speed, left=np.nan, right=np.nan)
-        theta[:, 0] = speed_factor * speed
-    reference = Reference(times, theta, moved.poses)
-    return Recording(scans, drive.mounting, reference, NUSCENES_BUDGET)
+    mounting = drive.mounting if stated_mounting else _corrected(drive.mounting, channel)
+    return Recording(scans, mounting, reference, NUSCENES_BUDGET)
+
+
+def _of_rear_axle(speed: Array, omega: Array) -> Array:
+    """Speed (n,) of the rear axle, from that of the front axle and the yaw rate."""
+    return np.sign(speed) * np.sqrt(np.maximum(speed**2 - (WHEELBASE * omega) ** 2, 0.0))
+
+
+def _filled(values: Array) -> Array:
+    """Values (n,) with those that are not known taken from the nearest ones, or as zero."""
+    known = np.flatnonzero(np.isfinite(values))
+    if not len(known):
+        return np.zeros_like(values)
+    return np.interp(np.arange(len(values)), known, values[known])
+
+
+def _corrected(mounting: Mounting, channel: str) -> Mounting:
+    """The mounting with the error of its angle removed, if that is known."""
+    stated = float(np.rad2deg(mounting.yaw))
+    for angle, error in MOUNTING_ERRORS.get(channel, {}).items():
+        if abs(stated - angle) < 0.01:
+            return replace(mounting, yaw=mounting.yaw + float(np.deg2rad(error)))
+    return mounting
 
 
 def _tables(root: Path, version: Any) -> Path:
