@@ -91,6 +91,7 @@ def compare_halves(
     by: str = "target",
     distance: float = 2.0,
     baseline: int = 1,
+    horizon: float | None = None,
     **options: Unpack[EstimationOptions],
 ) -> Comparison:
     """Estimate each motion twice, from either half of the targets, and compare the two.
@@ -112,8 +113,8 @@ def compare_halves(
     distance : float, m
         Largest step between neighbours in a cluster; only used with ``by="object"``.  It should be
         longer than the steps within an object, and shorter than those between objects.
-    baseline : int
-        Number of scans between the two of a pair; see `track`.
+    baseline, horizon : int, or float in s
+        How many scans, or how long, before its second scan the first one of a pair is; see `track`.
     **options
         ``doppler``, ``outlier``, ``doppler_width``, ``slips``, ``first_order`` and ``scales``, as
         for `estimate_ego_motion`.
@@ -172,14 +173,14 @@ def compare_halves(
         (list(scans), mounting)
         for scans, mounting in check_rows("sensors", sensors, Iterable, Mounting)
     ]
-    whole = track_joint(drives, baseline=baseline, **options)
+    whole = track_joint(drives, baseline=baseline, horizon=horizon, **options)
     count = len(whole.times)
     errors, covariances = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
     for i, group in enumerate(rounds([scans for scans, _ in drives])[1:]):
         if not whole.converged[i]:
             continue
         halves: tuple[list[ScanPair], list[ScanPair]] = [], []
-        for previous, current, mounting in joint_pairs(drives, group, baseline):
+        for previous, current, mounting in joint_pairs(drives, group, baseline, horizon):
             labels = np.arange(current.size) if by == "target" else _clusters(current, reach)
             first = _half(rng, labels)
             for pairs, chosen in zip(halves, (first, ~first), strict=True):

@@ -7,7 +7,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_count, check_members, check_rows
+from d2d._checks import check_members, check_rows
 from d2d._types import Array
 from d2d.radar.budget import ErrorBudget
 from d2d.radar.doppler import doppler_ego_motion, doppler_starts
@@ -16,7 +16,13 @@ from d2d.radar.following import DEFAULT_LIMITS, Interval, Search, check_tracking
 from d2d.radar.options import EstimationOptions, split_options
 from d2d.radar.plausibility import VehicleLimits
 from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.scan_pair import ScanPair, check_pairs, scan_pair
+from d2d.radar.scan_pair import (
+    ScanPair,
+    check_pairs,
+    check_separation,
+    scan_before,
+    scan_pair,
+)
 from d2d.radar.track import MAX_INTERVAL, Track, check_intervals, increasing
 from d2d.registration import Estimate
 
@@ -78,6 +84,7 @@ def track_joint(
     sensors: Iterable[tuple[Iterable[RadarScan], Mounting]],
     *,
     baseline: int = 1,
+    horizon: float | None = None,
     initial: ArrayLike | None = None,
     max_interval: float = MAX_INTERVAL,
     budget: ErrorBudget | None = None,
@@ -95,8 +102,8 @@ def track_joint(
     ----------
     sensors : iterable of (scans, mounting)
         The scans of each sensor, an iterable in strictly increasing time, and its mounting.
-    baseline : int
-        Number of scans between the two of a pair; see `track`.
+    baseline, horizon : int, or float in s
+        How many scans, or how long, before its second scan the first one of a pair is; see `track`.
     initial : (3,) array, optional
         Start [v_x, v_y, omega] of the first estimate.
     max_interval : float, s
@@ -125,7 +132,7 @@ def track_joint(
         there are fewer than two rounds or another argument is invalid; the message names the
         argument.
     """
-    check_count("baseline", baseline)
+    check_separation(baseline, horizon)
     check_tracking(budget, limits, progress)
     drives = [
         (check_members(f"sensors[{number}][0]", scans, RadarScan), mounting)
@@ -142,13 +149,13 @@ def track_joint(
     check_intervals("the rounds of all sensors", times, max_interval)
 
     def bind(i: int) -> Interval | None:
-        pairs = joint_pairs(drives, groups[i + 1], baseline)
+        pairs = joint_pairs(drives, groups[i + 1], baseline, horizon)
         if not pairs:
             return None
         return Interval(model.problem([scan_pair(*pair, model) for pair in pairs]), pairs)
 
     def begin(i: int) -> Array:
-        return _starts(joint_pairs(drives, groups[i + 1], baseline))
+        return _starts(joint_pairs(drives, groups[i + 1], baseline, horizon))
 
     return follow(times, Search(bind, begin, scales), initial, budget, limits, progress)
 
@@ -177,14 +184,17 @@ def rounds(
 
 
 def joint_pairs(
-    sensors: Sequence[Sensor], group: Sequence[tuple[int, int]], baseline: int = 1
+    sensors: Sequence[Sensor],
+    group: Sequence[tuple[int, int]],
+    baseline: int = 1,
+    horizon: float | None = None,
 ) -> list[ScanPair]:
-    """Each scan of a round, paired with the one ``baseline`` scans before or else the first one.
+    """Each scan of a round, paired with the one of its sensor that `track` would take.
 
     A sensor's first scan and pairs with an empty scan are left out.
     """
     chosen = [
-        (sensors[s][0][max(i - baseline, 0)], sensors[s][0][i], sensors[s][1])
+        (scan_before(sensors[s][0], i, baseline, horizon), sensors[s][0][i], sensors[s][1])
         for s, i in group
         if i > 0
     ]

@@ -51,11 +51,11 @@ WHEELBASE = 2.588  # m, of the Renault Zoe
 # state: one vehicle has them from scene 0061, the other from scene 0103
 # (d2d.study.recordings.turning).
 MOUNTING_ERRORS: dict[str, dict[float, float]] = {
-    "RADAR_FRONT": {0.2: -0.84, -0.26: 0.24},
-    "RADAR_FRONT_LEFT": {88.36: 0.92, 90.68: -0.03},
-    "RADAR_FRONT_RIGHT": {-90.98: 1.02, -89.74: -0.23},
-    "RADAR_BACK_LEFT": {174.41: 0.42, 174.74: 0.06},
-    "RADAR_BACK_RIGHT": {-176.11: 0.15, -175.0: -0.09},
+    "RADAR_FRONT": {0.2: -0.74, -0.26: 0.24},
+    "RADAR_FRONT_LEFT": {88.36: 0.99, 90.68: -0.02},
+    "RADAR_FRONT_RIGHT": {-90.98: 1.11, -89.74: -0.21},
+    "RADAR_BACK_LEFT": {174.41: 0.51, 174.74: 0.07},
+    "RADAR_BACK_RIGHT": {-176.11: 0.24, -175.0: -0.08},
 }
 
 Table = list[dict[str, Any]]
@@ -79,7 +79,7 @@ def load_nuscenes(
     strongest: int | None = None,
     time_offset: float = -0.03,
     speed_factor: float | None = 1.0125,
-    prediction_time: float = 0.0375,
+    prediction_time: float = 0.037,
     stated_mounting: bool = False,
     half_width: float = 0.2,
     sigma_range: float = 0.15,

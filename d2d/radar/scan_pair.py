@@ -1,13 +1,42 @@
 """Two scans of one sensor, as a pair of point sets in the vehicle frame."""
 
-from collections.abc import Iterable
+from bisect import bisect_left
+from collections.abc import Iterable, Sequence
 
-from d2d._checks import check_instance, check_rows
+from d2d._checks import check_count, check_instance, check_positive, check_rows, check_scalar
 from d2d.problem import Pair
 from d2d.radar.options import EgoMotionModel
 from d2d.radar.scan import Mounting, RadarScan
 
 ScanPair = tuple[RadarScan, RadarScan, Mounting]
+
+
+def check_separation(baseline: int, horizon: float | None) -> None:
+    """Raise a ValueError unless one of the two says how far apart the scans of a pair are."""
+    check_count("baseline", baseline)
+    if horizon is None:
+        return
+    check_positive("horizon", check_scalar("horizon", horizon))
+    if baseline != 1:
+        raise ValueError(
+            f"horizon and baseline must not both be given, but are {horizon:g} s and {baseline}"
+        )
+
+
+def scan_before(
+    scans: Sequence[RadarScan], i: int, baseline: int, horizon: float | None
+) -> RadarScan:
+    """The scan with which scan i > 0 is registered: so many before, or nearest to so long before.
+
+    The first scan if there are not that many.
+    """
+    if horizon is None:
+        return scans[max(i - baseline, 0)]
+    wanted = scans[i].time - horizon
+    after = bisect_left(scans, wanted, hi=i, key=lambda scan: scan.time)
+    near = [j for j in (after, after - 1) if 0 <= j < i]
+    # rounding of times must not decide between two scans that are equally near
+    return scans[min(near, key=lambda j: round(abs(scans[j].time - wanted), 6))]
 
 
 def check_pairs(pairs: Iterable[ScanPair]) -> list[ScanPair]:

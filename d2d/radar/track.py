@@ -6,7 +6,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_count, check_members, check_positive, check_scalar
+from d2d._checks import check_members, check_positive, check_scalar
 from d2d._types import Array
 from d2d.radar.budget import ErrorBudget
 from d2d.radar.doppler import doppler_starts
@@ -21,7 +21,7 @@ from d2d.radar.following import (
 from d2d.radar.options import EstimationOptions, split_options
 from d2d.radar.plausibility import VehicleLimits
 from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.scan_pair import scan_pair
+from d2d.radar.scan_pair import check_separation, scan_before, scan_pair
 from d2d.radar.trajectory import Track, integrate
 
 __all__ = [
@@ -43,6 +43,7 @@ def track(
     mounting: Mounting,
     *,
     baseline: int = 1,
+    horizon: float | None = None,
     initial: ArrayLike | None = None,
     max_interval: float = MAX_INTERVAL,
     budget: ErrorBudget | None = None,
@@ -61,6 +62,9 @@ def track(
         Each scan is registered with the one this many scans before, or with the first scan.  Over a
         longer interval, the same position error causes a smaller velocity error, as long as the
         velocity is constant and the targets stay in view.
+    horizon : float, s, optional
+        The same as a time: each scan is registered with the one whose time is nearest to this long
+        before.  On the road 0.3 s was best, for the yaw rate and for the covariance (chapter 8b).
     initial : (3,) array, optional
         Start [v_x, v_y, omega] of the first estimate.
     max_interval : float, s
@@ -99,8 +103,8 @@ def track(
     ------
     ValueError
         If there are fewer than two scans, the scans are out of time order or farther apart than
-        ``max_interval``, ``baseline`` is below 1 or another argument is invalid; the message names
-        the argument.
+        ``max_interval``, ``baseline`` is below 1, ``horizon`` is given beside it, or another
+        argument is invalid; the message names the argument.
 
     Examples
     --------
@@ -116,14 +120,14 @@ def track(
     scans = check_members("scans", scans, RadarScan)
     if len(scans) < 2:
         raise ValueError(f"scans must hold at least two scans, but holds {len(scans)}")
-    check_count("baseline", baseline)
+    check_separation(baseline, horizon)
     check_tracking(budget, limits, progress)
     times = increasing("scans", scans, max_interval)
     model, scales = split_options(options)
     limits = None if limits is None else limits.for_doppler(model.doppler)
 
     def bind(i: int) -> Interval | None:
-        previous, current = scans[max(i + 1 - baseline, 0)], scans[i + 1]
+        previous, current = scan_before(scans, i + 1, baseline, horizon), scans[i + 1]
         if not (previous.size and current.size):
             return None
         pairs = [(previous, current, mounting)]

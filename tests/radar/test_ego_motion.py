@@ -723,6 +723,23 @@ def test_a_wrong_baseline_is_refused_by_name(driven_by, baseline):
         driven_by(surround_scans(3), baseline=baseline)
 
 
+@either_tracker
+@pytest.mark.parametrize(("horizon", "baseline"), [(0.3, 3), (0.26, 3), (0.05, 1), (0.35, 3)])
+def test_a_horizon_is_the_baseline_nearest_to_it(driven_by, horizon, baseline):
+    """Breaks if another scan is taken, or if rounding decides between two that are equally near."""
+    sensors = surround_scans(12)
+    found = driven_by(sensors, horizon=horizon)
+    assert_array_equal(found.theta, driven_by(sensors, baseline=baseline).theta)
+
+
+@either_tracker
+@pytest.mark.parametrize("options", [{"horizon": 0.0}, {"horizon": 0.3, "baseline": 2}])
+def test_a_wrong_horizon_is_refused_by_name(driven_by, options):
+    """Breaks if one of two contradicting options is ignored."""
+    with pytest.raises(ValueError, match=r"^horizon"):
+        driven_by(surround_scans(3), **options)
+
+
 def test_a_joint_track_estimates_each_round():
     """Breaks if pairs of a round are lost, or its time is not the mean of its scans' times."""
     sensors, theta = surround_scans(), np.array([12.0, 0.0, 0.1])

@@ -244,11 +244,32 @@ def test_positions_of_the_valid_targets(root):
 @pytest.mark.parametrize("channel", MOUNTINGS)
 def test_velocities_are_projected_onto_the_line_of_sight(root, channel):
     """Breaks if vx or the speed is taken for the Doppler velocity: both are wrong off the axis."""
-    recording = load_nuscenes(root, "scene-0001", channel)
+    recording = load_nuscenes(root, "scene-0001", channel, prediction_time=0.0)
     scan = recording.scans[2]
     expected = doppler_velocity(THETA, scan.azimuth, mounting_of(channel))
     assert_allclose(scan.doppler, expected, rtol=0, atol=1e-5)
     assert np.abs(scan.doppler - scan.doppler / np.cos(scan.azimuth)).max() > 0.3
+
+
+def test_what_the_radar_adds_in_turns_is_removed(root):
+    """Breaks if the sign, or the square of the yaw rate, is wrong."""
+    reported, corrected = (load(root, prediction_time=t).scans[2] for t in (0.0, 0.037))
+    added = 0.037 * THETA[2] ** 2 * reported.range
+    assert_allclose(reported.doppler - corrected.doppler, added, rtol=2e-2)
+    assert_array_equal(reported.range, corrected.range)
+
+
+def test_a_known_error_of_the_mounting_is_removed(root):
+    """Breaks if it is subtracted, or added to the radars of other vehicles."""
+
+    def edit(rows):
+        for row in rows:
+            row["rotation"] = [np.cos(np.deg2rad(0.1)), 0.0, 0.0, np.sin(np.deg2rad(0.1))]
+
+    assert load(root).mounting.yaw == load(root, stated_mounting=True).mounting.yaw
+    change(root, "calibrated_sensor", edit)
+    assert np.rad2deg(load(root, stated_mounting=True).mounting.yaw) == pytest.approx(0.2)
+    assert np.rad2deg(load(root).mounting.yaw) == pytest.approx(0.2 - 0.74)
 
 
 def test_mountings_are_those_of_the_scene_s_vehicle(root):
@@ -328,8 +349,9 @@ def test_the_reference_is_the_derivative_of_the_poses(root, offset):
 def test_the_speed_on_the_bus_is_late_and_low(root, offset):
     """Breaks if the factor divides, or the delay has the other sign than the offset."""
     theta = load(root, time_offset=offset, speed_factor=1.1).reference.theta
-    expected = [1.1 * speed_on_bus(t - 1e6 * offset + 100_000) for t in TIMES]
-    assert_allclose(theta[:, 0], expected, rtol=0, atol=1e-6)
+    front = np.array([1.1 * speed_on_bus(t - 1e6 * offset + 100_000) for t in TIMES])
+    sideways = 2.588 * THETA[2]  # of the front axle, about the rear one
+    assert_allclose(theta[:, 0], np.sqrt(front**2 - sideways**2), rtol=0, atol=1e-3)
     assert_allclose(theta[:, 1:], np.tile(THETA[1:], (len(TIMES), 1)), rtol=0, atol=5e-3)
 
 

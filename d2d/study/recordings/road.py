@@ -30,16 +30,15 @@ from d2d.radar import (
     track,
     track_joint,
 )
+from d2d.study.recordings.turning import CHANNELS, of_turning
 from d2d.study.results import results_path
 
 SEQUENCE = 105
 SENSORS = (1, 2, 3, 4)
-CHANNELS = tuple(
-    f"RADAR_{place}" for place in ("FRONT", "FRONT_LEFT", "FRONT_RIGHT", "BACK_LEFT", "BACK_RIGHT")
-)
 SIDE_CHANNELS = CHANNELS[1:3]
 FITTED_SCENES, OTHER_SCENES = ("scene-0061", "scene-0103"), ("scene-0916", "scene-1077")
-BASELINES = (2, 3)
+BASELINES = (2, 4)  # about 0.15 and 0.3 s
+LONGER = (1, 2, 3, 4, 6, 8)
 EXTENTS = (0.0, 0.1, 0.2, 0.3, 0.5)  # m
 SIDE_ERROR = np.deg2rad(15.0)  # rad/s: a yaw rate that is farther off is a gross error
 
@@ -167,10 +166,9 @@ def judge_radarscenes(recordings: Sequence[Recording]) -> dict[str, Any]:
     return judged
 
 
-def judge_nuscenes(root: str | Path) -> dict[str, Any]:
+def judge_nuscenes(scenes: dict[str, list[Recording]]) -> dict[str, Any]:
     """Every scene, with the simple models fitted on the two training scenes."""
     judged = {}
-    scenes = {name: load_scene(root, name) for name in FITTED_SCENES + OTHER_SCENES}
     for baseline in BASELINES:
         parts = {name: whole(name, own, baseline) for name, own in scenes.items()}
         fitted = [parts[name] for name in FITTED_SCENES]
@@ -212,6 +210,27 @@ def widths(recordings: Sequence[Recording]) -> dict[str, Any]:
         )
         for width in (1.0, 4.0, 40.0)
     }
+
+
+def horizons(drives: dict[str, list[Recording]]) -> dict[str, list[dict[str, Any]]]:
+    """Scores with the budget, and the mean time between the scans of a pair, by baseline."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for name, recordings in drives.items():
+        reference = joint_reference(recordings)
+        step = float(np.median(np.diff([scan.time for scan in recordings[0].scans])))
+        found[name] = [
+            {
+                "horizon": baseline * step,
+                **scores(
+                    compare(
+                        joint_track(recordings, baseline=baseline, budget=recordings[0].budget),
+                        reference,
+                    )
+                ),
+            }
+            for baseline in LONGER
+        ]
+    return found
 
 
 def side_radars(root: str | Path) -> list[dict[str, Any]]:
@@ -273,13 +292,20 @@ def of_radarscenes(root: str | Path) -> dict[str, Any]:
         "radarscenes": judge_radarscenes(recordings),
         "extents": extents(recordings),
         "widths": widths(recordings),
+        "horizons of RadarScenes": horizons({"sequence 105": recordings}),
         "without_reference": without_reference(recordings),
     }
 
 
 def of_nuscenes(root: str | Path) -> dict[str, Any]:
     """What the page shows of nuScenes."""
-    return {"nuscenes": judge_nuscenes(root), "side_radars": side_radars(root)}
+    scenes = {name: load_scene(root, name) for name in FITTED_SCENES + OTHER_SCENES}
+    return {
+        "nuscenes": judge_nuscenes(scenes),
+        "horizons of nuScenes": horizons(scenes),
+        "turning": of_turning(root),
+        "side_radars": side_radars(root),
+    }
 
 
 def read_road() -> dict[str, Any]:

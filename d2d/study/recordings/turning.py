@@ -1,0 +1,141 @@
+"""What the radars of nuScenes report in turns, and how wrong the stated mounting angles are.
+
+A static target of a sensor that turns with omega moves across its line of sight with omega r.
+Moved on along that line for a time t, it would be farther away and recede by omega^2 r t.  The
+Doppler velocities of these radars contain that, and each mounting angle that is wrong by beta
+makes the sensor seem to move sideways with beta v_x.  Both are fitted to the Doppler velocities of
+all targets that agree with the reference.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from d2d._types import Array
+from d2d.radar import Recording, load_nuscenes
+from d2d.radar.scan import doppler_gradients
+
+CHANNELS = tuple(
+    f"RADAR_{place}" for place in ("FRONT", "FRONT_LEFT", "FRONT_RIGHT", "BACK_LEFT", "BACK_RIGHT")
+)
+SCENES = ("scene-0061", "scene-0916", "scene-1077")  # of one vehicle; the first is fitted to
+_AGREES = 1.0  # m/s: a target that is farther off moves
+_TRIMMED = 0.3  # m/s, of the residuals of the fit
+_ITERATIONS = 15
+_EDGES = np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0])  # m/s^2, omega^2 r
+
+
+class Residuals(NamedTuple):
+    """What the Doppler velocities of n targets exceed those that the reference predicts by.
+
+    Attributes
+    ----------
+    excess : (n,) array, m/s
+    outward : (n,) array, m/s^2
+        omega^2 r.
+    ahead, sideways : (n,) arrays
+        Cosine of the direction in the vehicle frame, and its sine times v_x in m/s.
+    sensor : (n,) array of int
+    """
+
+    excess: Array
+    outward: Array
+    ahead: Array
+    sideways: Array
+    sensor: NDArray[np.int64]
+
+
+class Turning(NamedTuple):
+    """The fit to one drive.
+
+    Attributes
+    ----------
+    prediction_time : float, s
+    mounting_errors : (S,) array, rad
+        To be added to the stated angles.
+    """
+
+    prediction_time: float
+    mounting_errors: Array
+
+
+def load_stated(root: str | Path, scene: str) -> list[Recording]:
+    """All radars of a scene, with what they report and the mounting angles as stated."""
+    return [
+        load_nuscenes(root, scene, channel, prediction_time=0.0, stated_mounting=True)
+        for channel in CHANNELS
+    ]
+
+
+def doppler_residuals(recordings: Sequence[Recording]) -> Residuals:
+    """The residuals of all targets that may be static, where the reference is known."""
+    columns: list[tuple[Any, ...]] = []
+    for sensor, recording in enumerate(recordings):
+        for scan, theta in zip(recording.scans, recording.reference.theta, strict=True):
+            if not scan.size or not np.isfinite(theta).all():
+                continue
+            gain, _ = doppler_gradients(scan.azimuth, recording.mounting)
+            excess = scan.doppler - gain @ theta
+            static = np.abs(excess) < _AGREES
+            direction = scan.azimuth[static] + recording.mounting.yaw
+            columns.append(
+                (
+                    excess[static],
+                    theta[2] ** 2 * scan.range[static],
+                    np.cos(direction),
+                    theta[0] * np.sin(direction),
+                    np.full(static.sum(), sensor),
+                )
+            )
+    return Residuals(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+
+def fit_turning(residuals: Residuals) -> Turning:
+    """Least squares of what is left after the largest residuals are cut off.
+
+    Each sensor has a speed of its own besides, so that an error of the reference's does not count.
+    """
+    own = residuals.sensor[:, None] == np.arange(residuals.sensor.max() + 1)
+    design = np.column_stack(
+        [
+            residuals.outward,
+            own * residuals.sideways[:, None],
+            own * residuals.ahead[:, None],
+        ]
+    )
+    keep = np.ones(len(design), dtype=bool)
+    for _ in range(_ITERATIONS):
+        fitted = np.linalg.lstsq(design[keep], residuals.excess[keep], rcond=None)[0]
+        keep = np.abs(residuals.excess - design @ fitted) < _TRIMMED
+    sensors = own.shape[1]
+    return Turning(float(fitted[0]), fitted[1 : 1 + sensors])
+
+
+def binned_excess(residuals: Residuals, sensor: int) -> dict[str, list[float]]:
+    """Median excess of one sensor's targets in intervals of omega^2 r, less that at the lowest."""
+    own = residuals.sensor == sensor
+    place = np.digitize(residuals.outward[own], _EDGES) - 1
+    excess, outward = residuals.excess[own], residuals.outward[own]
+    rows = [
+        (float(np.median(outward[place == b])), float(np.median(excess[place == b])))
+        for b in range(len(_EDGES) - 1)
+        if (place == b).sum() >= 50
+    ]
+    return {"outward": [x for x, _ in rows], "excess": [y - rows[0][1] for _, y in rows]}
+
+
+def of_turning(root: str | Path) -> dict[str, Any]:
+    """What the page shows, scene by scene."""
+    found = {}
+    for scene in SCENES:
+        residuals = doppler_residuals(load_stated(root, scene))
+        fit = fit_turning(residuals)
+        found[scene] = {
+            "prediction_time": fit.prediction_time,
+            "mounting_errors": np.rad2deg(fit.mounting_errors).tolist(),
+            "front": binned_excess(residuals, 0),
+        }
+    return found
