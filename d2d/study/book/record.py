@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from d2d.study.book.claim import Claim, Evidence
+from d2d.study.book.claim import Evidence
 from d2d.study.results import results_path
 
 RELATIVE, ABSOLUTE = 0.005, 0.002
@@ -60,12 +60,3 @@ def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
         if _NUMBER.sub("#", sentence) != _NUMBER.sub("#", stored):
             differing.append(f"{sentence!r}, on record {stored!r}")
     return differing
-
-
-def show(*claims: Claim) -> None:
-    """Print claims with the evidence on record, as the chapters do."""
-    record = read_record()
-    for claim in claims:
-        print(f"[{claim.id}] {claim.text} (thesis {claim.section})")
-        print(record[claim.id])
-        print()

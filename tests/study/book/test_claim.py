@@ -9,8 +9,7 @@ from types import ModuleType
 import pytest
 
 from d2d.study.book.claim import Claim, Evidence, claim, claims_of, judge
-from d2d.study.book.record import differences, read_record, show, write_record
-from d2d.study.claims import CLAIMS
+from d2d.study.book.record import differences, read_record, write_record
 
 
 def test_the_first_condition_that_is_met_is_the_verdict():
@@ -59,16 +58,6 @@ def test_two_claims_of_one_id_are_refused():
     """Breaks if the registry keeps the last of them."""
     with pytest.raises(ValueError, match=r"^two claims have the id 'a'"):
         claims_of([module_with(some_claim("a")), module_with(some_claim("a"))])
-
-
-def test_show_prints_the_claim_and_what_is_on_record(capsys):
-    """Breaks if a chapter prints another claim's evidence."""
-    show(CLAIMS["nci-not-enough"])
-    claim, verdict, *numbers = capsys.readouterr().out.splitlines()
-    recorded = read_record()["nci-not-enough"]
-    assert claim == f"[nci-not-enough] {CLAIMS['nci-not-enough'].text} (thesis 6.4)"
-    assert verdict == f"{recorded.verdict}: {recorded.because}"
-    assert numbers == [f"  {name}: {value:.3g}" for name, value in recorded.numbers.items()] + [""]
 
 
 def test_a_record_is_read_as_it_was_written(tmp_path):
