@@ -63,18 +63,28 @@ class Table:
         Which columns hold numbers, and so are set flush right.
     caption : str
         What the table shows, in one sentence.
+    groups : tuple of (str, int)
+        Headings over several columns each, with how many, from the first column on.
     """
 
     header: tuple[tuple[str, str], ...]
     rows: tuple[tuple[str, ...], ...]
     numeric: tuple[bool, ...]
     caption: str = ""
+    groups: tuple[tuple[str, int], ...] = ()
 
     def __str__(self) -> str:
         """The caption and the columns, aligned."""
         heads = [f"{name} ({unit})" if unit else name for name, unit in self.header]
         lines = [tuple(heads), *self.rows] if heads else list(self.rows)
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        over, first = [], 0
+        for title, span in self.groups:
+            last = first + span - 1
+            width = sum(widths[first : last + 1]) + len(GAP) * (span - 1)
+            widths[last] += max(len(title) - width, 0)
+            over.append(title.center(width, "-" if title else " "))
+            first = last + 1
         aligned = [
             GAP.join(
                 text.rjust(width) if right else text.ljust(width)
@@ -82,7 +92,8 @@ class Table:
             ).rstrip()
             for line in lines
         ]
-        return "\n".join([*([self.caption] if self.caption else []), *aligned])
+        above = [self.caption] if self.caption else []
+        return "\n".join([*above, *([GAP.join(over)] if over else []), *aligned])
 
     __repr__ = __str__
 
@@ -93,10 +104,21 @@ class Table:
             f'<th scope="col"{_number(right)}>{typeset(name)}{_unit(unit)}</th>'
             for (name, unit), right in zip(self.header, self.numeric, strict=bool(self.header))
         )
+        over = "".join(
+            f'<th scope="colgroup" colspan="{span}">{typeset(title)}</th>'
+            if title
+            else f'<td colspan="{span}"></td>'
+            for title, span in self.groups
+        )
+        over = f"<tr>{over}</tr>" if over else ""
         body = "\n".join(f"<tr>{self._html_row(row)}</tr>" for row in self.rows)
         return (
             f'<figure class="measured">{caption}<div class="measured-scroll"><table>\n'
-            + (f"<thead><tr>{head}</tr></thead>\n" if head else "")
+            + (
+                f"<thead>{f'<tr>{over}</tr>' if over else ''}<tr>{head}</tr></thead>\n"
+                if head
+                else ""
+            )
             + f"<tbody>\n{body}\n</tbody></table></div></figure>"
         )
 
@@ -110,7 +132,11 @@ class Table:
 
 
 def table(
-    rows: Mapping[Any, Any] | Iterable[Sequence[Any]], columns: Sequence[Column], caption: str = ""
+    rows: Mapping[Any, Any] | Iterable[Sequence[Any]],
+    columns: Sequence[Column],
+    caption: str = "",
+    *,
+    groups: Mapping[str, int] | None = None,
 ) -> Table:
     """Set values as a table; end a cell with it.
 
@@ -125,6 +151,8 @@ def table(
         three significant digits.
     caption : str
         What the table shows.
+    groups : mapping of str to int
+        Headings over several columns, with how many columns each; together the last ones.
 
     Returns
     -------
@@ -134,7 +162,8 @@ def table(
     Raises
     ------
     ValueError
-        If there are no rows, or a row has not one cell for each column.
+        If there are no rows, a row has not one cell for each column, or there are more columns in
+        groups than in the table.
 
     Examples
     --------
@@ -161,7 +190,8 @@ def table(
         not any(isinstance(value, str) for value in column) for column in zip(*listed, strict=True)
     )
     header = tuple((name, unit) for name, unit, _ in specified)
-    return Table(header, cells, (False, *numeric[1:]), caption)
+    over = _groups(groups or {}, len(header))
+    return Table(header, cells, (False, *numeric[1:]), caption, over)
 
 
 def values(*quantities: tuple[Any, ...], caption: str = "") -> Table:
@@ -203,6 +233,14 @@ def _complete(column: Column) -> tuple[str, str, str]:
         raise ValueError(f"columns: expected a heading or (heading, unit, format), got {column!r}")
     name, unit, form = (*parts, "", "")[:3]
     return name, unit, form
+
+
+def _groups(groups: Mapping[str, int], columns: int) -> tuple[tuple[str, int], ...]:
+    """The groups, after one without a title over the columns before them."""
+    before = columns - sum(groups.values())
+    if before < 1:
+        raise ValueError(f"groups: {dict(groups)} leave no column of {columns} for the rows' names")
+    return (("", before), *groups.items()) if groups else ()
 
 
 def _rest(value: Any, headings: Sequence[str]) -> tuple[Any, ...]:

@@ -53,6 +53,17 @@ def test_numbers_are_set_flush_right_and_words_are_not():
     assert str(shown).splitlines()[-1] == "b         10  ten"
 
 
+def test_a_group_stands_over_its_columns():
+    """Breaks if a heading over several columns is set over others, or read to others."""
+    shown = table({"a": (1, 2, 3)}, ["name", "x", "y", "z"], groups={"one": 2, "other": 1})
+    assert str(shown).splitlines() == [
+        "      one-  other",
+        "name  x  y      z",
+        "a     1  2      3",
+    ]
+    assert '<td colspan="1"></td><th scope="colgroup" colspan="2">one</th>' in shown._repr_html_()
+
+
 @pytest.mark.parametrize(
     ("rows", "expected"),
     [
@@ -110,6 +121,7 @@ def test_a_truth_value_is_a_word():
         (lambda: table([], ["a"]), "^rows: a table needs at least one"),
         (lambda: table([("a", 1)], ["a"]), r"^rows: .* has 2 cells for 1 columns"),
         (lambda: table([("a", 1)], ["a", ("b", "m", ".1f", "?")]), "^columns: expected a heading"),
+        (lambda: table([("a", 1)], ["a", "b"], groups={"c": 2}), "^groups: .* leave no column"),
         (lambda: values(), "^quantities: at least one"),
         (lambda: values(("a",)), "^quantities: expected"),
     ],
