@@ -1,7 +1,7 @@
 """Tables that a cell shows: HTML for a reader, aligned text for the tests.
 
-A cell ends with ``table(rows, columns)`` or ``values(...)``.  The book shows the HTML; ``nbval``
-compares the text, which holds the same words and numbers.
+A cell ends with ``table(rows, columns)`` or ``quantities(...)``.  The book shows the HTML;
+``nbval`` compares the text, which holds the same words and numbers.
 """
 
 import math
@@ -194,12 +194,12 @@ def table(
     return Table(header, cells, (False, *numeric[1:]), caption, over)
 
 
-def values(*quantities: tuple[Any, ...], caption: str = "") -> Table:
+def quantities(*named: tuple[Any, ...], caption: str = "") -> Table:
     """Set single quantities one below the other; end a cell with it.
 
     Parameters
     ----------
-    *quantities : (str, value) or (str, value, str) or (str, value, str, str)
+    *named : (str, value) or (str, value, str) or (str, value, str, str)
         The name of each with its value, unit ("" for none) and format, as in `table`.
     caption : str
         What they belong to.
@@ -211,16 +211,16 @@ def values(*quantities: tuple[Any, ...], caption: str = "") -> Table:
 
     Examples
     --------
-    >>> values(("points", 180), ("true motion, x", 0.5, "m", ".1f"))
+    >>> quantities(("points", 180), ("true motion, x", 0.5, "m", ".1f"))
     points            180
     true motion, x  0.5 m
     """
-    if not quantities:
-        raise ValueError("quantities: at least one is needed")
+    if not named:
+        raise ValueError("named: at least one is needed")
     rows = []
-    for quantity in quantities:
+    for quantity in named:
         if not 2 <= len(quantity) <= 4:
-            raise ValueError(f"quantities: expected (name, value, unit, format), got {quantity}")
+            raise ValueError(f"named: expected (name, value, unit, format), got {quantity}")
         name, value, unit, form = (*quantity, "", "")[:4]
         rows.append((str(name), f"{cell(value, form)} {unit}".rstrip()))
     return Table((), tuple(rows), (False, True), caption)

@@ -8,7 +8,7 @@ from html import unescape
 import numpy as np
 import pytest
 
-from d2d.study.book.table import Table, cell, significant, table, values
+from d2d.study.book.table import Table, cell, quantities, significant, table
 
 
 def words(html: str) -> list[str]:
@@ -85,7 +85,7 @@ def test_a_mapping_of_single_values_has_two_columns():
 
 def test_single_quantities_stand_one_below_the_other():
     """Breaks if a unit or format is dropped."""
-    shown = values(("points", 180), ("motion, x", 0.5, "m", ".2f"), ("share", 0.07, "", ".0%"))
+    shown = quantities(("points", 180), ("motion, x", 0.5, "m", ".2f"), ("share", 0.07, "", ".0%"))
     assert str(shown).splitlines() == [
         "points        180",
         "motion, x  0.50 m",
@@ -122,8 +122,8 @@ def test_a_truth_value_is_a_word():
         (lambda: table([("a", 1)], ["a"]), r"^rows: .* has 2 cells for 1 columns"),
         (lambda: table([("a", 1)], ["a", ("b", "m", ".1f", "?")]), "^columns: expected a heading"),
         (lambda: table([("a", 1)], ["a", "b"], groups={"c": 2}), "^groups: .* leave no column"),
-        (lambda: values(), "^quantities: at least one"),
-        (lambda: values(("a",)), "^quantities: expected"),
+        (lambda: quantities(), "^named: at least one"),
+        (lambda: quantities(("a",)), "^named: expected"),
     ],
 )
 def test_what_is_no_table_is_refused(call, message: str):
