@@ -1,7 +1,7 @@
 """A Sphinx extension for what the theme does not do for a page.
 
-Each page gets a description, and loads only the parts of MathJax and the icons that are used; there is a page
-for addresses that do not exist.
+Each page gets a description, and loads only the parts of MathJax and the icons that are used; there
+is a page for addresses that do not exist.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PRELOADED = re.compile(r'<link rel="preload"[^>]*webfonts[^>]*>\s*')
 GLYPH = re.compile(r'(?:\.fa-[a-z0-9-]+:{1,2}before,?)+\{content:"[^"]*"\}')
 # A server shows this page in whatever folder was asked for: its links start from the book's root.
 LOST_BASE = """<script>
-const root = location.pathname.replace(/(chapters|api|_\\w+)\\/.*$|[^/]*$/, "");
+const root = location.pathname.replace(/(chapters|api|_images|_static)\\/.*$|[^/]*$/, "");
 document.write(`<base href="${root}">`);
 </script>"""
 LOST = """<section><h1>This page does not exist</h1>
