@@ -83,7 +83,10 @@ FAULTS: list[tuple[Check, str]] = [
     (faint, "<p style='color: rgb(0 0 0 / 40%); background: white'>see-through</p>"),
     (shared, "<script src='_static/large.js'></script>"),
     (cut, "<pre style='overflow: auto'>{}</pre>".format(200 * "code ")),
-    (cut, "<div class='math' style='overflow: hidden; width: 90px'><b>{}</b></div>".format(50 * "x")),
+    (
+        cut,
+        "<div class='math' style='overflow: hidden; width: 90px'><b>{}</b></div>".format(50 * "x"),
+    ),
     (pale, "<figure><figcaption style='font-weight: 300'>thin</figcaption></figure>"),
     (pale, "<figure><figcaption style='color: #999'>grey</figcaption></figure>"),
     (unmarked, "<button style='outline: none'>no ring</button>"),
