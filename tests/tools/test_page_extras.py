@@ -59,10 +59,9 @@ def test_only_fonts_of_icons_are_no_longer_loaded_ahead():
 
 def test_a_description_is_the_first_paragraph_without_formulas():
     """Breaks if TeX is shown to a search engine."""
-    page = document(
-        "Title\n=====\n\nShort.\n\nThe motion :math:`\\theta` is what a registration finds.\n"
-    )
-    assert summary(page) == "The motion is what a registration finds."
+    sentence = "The motion :math:`\\theta` is what a registration of two scans finds."
+    found = summary(document(f"Title\n=====\n\nShort.\n\n{sentence}\n"))
+    assert found == "The motion is what a registration of two scans finds."
 
 
 def test_a_description_is_cut_at_a_word():
