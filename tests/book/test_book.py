@@ -50,7 +50,6 @@ TO_DO = {
     too_long: {
         "chapters/02_gaussian_background",
         "chapters/03_point_set_registration",
-        "chapters/04a_cost_surfaces_1d",
         "chapters/04b_outliers_and_clusters_1d",
         "chapters/05_estimation_and_covariance",
         "chapters/06_credibility_2d",
