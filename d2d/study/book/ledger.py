@@ -7,6 +7,7 @@ of the book fails if there is none.
 from collections.abc import Iterable, Mapping
 
 from d2d.study.book.claim import Claim, Evidence, Verdict
+from d2d.study.book.measured import Measured
 from d2d.study.book.thesis_figures import ThesisFigure, page_of
 
 SIGNS: dict[Verdict, str] = {"confirmed": "✓", "qualified": "≈", "refuted": "✗"}
@@ -53,15 +54,13 @@ def claims_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> str
             raise ValueError(f"record: has no evidence for {claim.id}")
         page = page_of(claim.section)
         shown = f"[chapter {_chapter(page)}]({page}.ipynb), [figure](#fig-{claim.figure})"
-        numbers = "<br>".join(
-            f"**{_significant(evidence.numbers[name])}** {name}" for name in claim.telling
-        )
+        numbers = "<br>".join(f"{_told(evidence.numbers[name])} {name}" for name in claim.telling)
         why = evidence.because[0].upper() + evidence.because[1:]
         if evidence.verdict != "confirmed":
             why = f"**Holds:** {evidence.holds}<br>**Why:** {why}"
         lines.append(
             f"| {claim.section} {claim.text}<br>`{claim.id}`<br>{shown} "
-            f"| {badge(evidence.verdict)} | {numbers} | {why} |"
+            f"| {badge(evidence.verdict)} | {numbers}<br>over {evidence.over} | {why} |"
         )
     return "\n".join(lines)
 
@@ -81,6 +80,14 @@ def figures_table(figures: Iterable[ThesisFigure]) -> str:
 def _counts(evidence: Iterable[Evidence]) -> dict[Verdict, int]:
     verdicts = [item.verdict for item in evidence]
     return {verdict: verdicts.count(verdict) for verdict in SIGNS}
+
+
+def _told(value: float) -> str:
+    """A number in bold, with its 95 % interval if it has one."""
+    if isinstance(value, Measured):
+        bounds = f"{_significant(value.low)}, {_significant(value.high)}"
+        return f"**{_significant(value)}** [{bounds}]"
+    return f"**{_significant(value)}**"
 
 
 def _significant(value: float) -> str:
