@@ -11,7 +11,8 @@ A number counts with its 95 % interval (`d2d.study.book.measured`), never alone:
   percentage points, one draw in twenty.  Offsets: a third of a standard deviation, which raises an
   RMSE by 5 %.
 - What is said of all draws must happen in *nearly all*: the interval of the share lies above 95 %.
-  *Hardly any* is below 5 %, *most* is above one half.
+  *Hardly any* is below 5 %, *some* is above it, *most* is above one half.  To be qualified, what is
+  said to work must work in most draws, and what is said to go wrong must go wrong in some.
 
 A claim is *confirmed* if all that it says passes, in the thesis's scene and, where its layout is
 not known, on random layouts; *qualified* if a part of it passes, or the whole under a condition
@@ -72,6 +73,11 @@ def nearly_all(share: Measured) -> bool:
 def most(share: Measured) -> bool:
     """Whether the share is above one half."""
     return share.low > 0.5
+
+
+def some(share: Measured) -> bool:
+    """Whether the share is above the margin of a share."""
+    return share.low > SHARE.high
 
 
 def hardly_any(share: Measured) -> bool:

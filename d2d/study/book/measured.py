@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
@@ -93,7 +93,9 @@ def geometric_mean_of(values: ArrayLike) -> Measured:
     return Measured(np.exp(logs), np.exp(logs.low), np.exp(logs.high))
 
 
-def bootstrapped(statistic: Callable[..., ArrayLike], *arrays: Array, block: int = 1) -> Measured:
+def bootstrapped(
+    statistic: Callable[..., ArrayLike], *arrays: Array | NDArray[np.bool_], block: int = 1
+) -> Measured:
     """A statistic of cases (N, ...), with the interval of `d2d.block_bootstrap`.
 
     The cases are independent, or with ``block`` above 1 rows of a series that are correlated.

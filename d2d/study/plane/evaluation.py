@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
@@ -211,6 +212,8 @@ class LayoutStudy:
     inclination: Array  # dB
     pessimistic: Array  # share of runs with a credibility ratio below -0.3 dB
     optimistic: Array  # and above +0.3 dB
+    nci: Array  # dB
+    coverage: Array  # share of runs whose error lies within the claimed 95 % region
 
 
 @cache
@@ -241,7 +244,8 @@ def over_layouts(
         credible = result.credibility
         ratio = 10.0 * np.log10(credible.ratio)
         parts = float((ratio < -NOTICEABLE).mean()), float((ratio > NOTICEABLE).mean())
-        return share, rms(distance), credible.inclination, *parts
+        covered = float((credible.nees < chi2.ppf(0.95, result.errors.shape[1])).mean())
+        return share, rms(distance), credible.inclination, *parts, credible.nci, covered
 
     with ThreadPoolExecutor(THREADS) as pool:
         columns = np.array(list(pool.map(one, range(layouts)))).T

@@ -110,10 +110,11 @@ def _effect_of_tight_cluster(cost: RegistrationCost) -> _Effect:
     )
 
 
-def _paired(over: Spread, under: Spread, field: str) -> list[Array]:
+def _paired(over: Spread, under: Spread, field: str) -> tuple[Array, Array]:
     """That field of both, cut to the same number of draws; the draws are independent."""
-    values = [getattr(each, field) for each in (over, under)]
-    return [value[: min(map(len, values))] for value in values]
+    first, second = getattr(over, field), getattr(under, field)
+    count = min(len(first), len(second))
+    return first[:count], second[:count]
 
 
 def _share_of_sweep(

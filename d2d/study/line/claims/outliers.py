@@ -20,6 +20,7 @@ from d2d.study.book.claim import (
     nearly_all,
     same,
     smaller,
+    some,
 )
 from d2d.study.book.measured import (
     Measured,
@@ -216,7 +217,7 @@ def outlier_moving_likelihood() -> Evidence:
     right, limit = _share_right(found), 3.0 * SIGMA
     near = f"within {RIGHT:g} m"
     return Evidence(
-        judge(confirmed=nearly_all(vanished), qualified=most(invisible)),
+        judge(confirmed=nearly_all(vanished), qualified=some(invisible)),
         "the outlier costs more than six decades, too many for the rest to be visible on a plot, "
         f"in {invisible:.0%} of the draws and more than {VANISHED:.0f} in {vanished:.0%} (the "
         f"median is {np.median(drop):.1f}), unless it "
