@@ -69,6 +69,15 @@ def share_over(shares: ArrayLike, cases: int) -> Measured:
     return _wilson(share, float(np.clip(effective, groups, groups * cases)))
 
 
+def share_in_series(condition: ArrayLike, block: int) -> Measured:
+    """Share of the rows (N,) of a series in which a condition is met, with Wilson's interval.
+
+    The rows count as N / block independent cases.
+    """
+    met = np.asarray(condition, dtype=np.float64)
+    return _wilson(float(met.mean()), len(met) / block)
+
+
 def _wilson(share: float, count: float) -> Measured:
     """A share of independent cases with Wilson's interval."""
     z2 = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) ** 2 / count

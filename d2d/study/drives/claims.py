@@ -27,7 +27,7 @@ from d2d.study.book.measured import (
     geometric_mean_of,
     mean_of,
     rms_ratio,
-    share_over,
+    share_in_series,
 )
 from d2d.study.drives.errors import NAMES, DriveErrors
 from d2d.study.drives.moving_targets import TargetWeights, rejected_walkers
@@ -286,8 +286,8 @@ def annealing_no_gain() -> Evidence:
         "gives to a doubtful pair. Share of pairs that annealing brings nearer to the true v_x and "
         "takes farther from it, and the RMSE from plain starts over that with annealing: "
         f"{'; '.join(told)}. Where the last velocity lies within the basin of the best optimum "
-        f"both end there. In {lost:.0f} of the runs a pair goes astray, the next ones start from its "
-        "velocity, and inflated standard deviations lead back.",
+        f"both end there. In {lost:.0f} of the runs a pair goes astray, the next ones start from "
+        "its velocity, and inflated standard deviations lead back.",
         numbers,
         holds=(
             "For the robot, the thesis's own vehicle"
@@ -327,8 +327,10 @@ def _gain_of_annealing(by_car: bool, doppler: bool) -> _Gain:
         farther.append((off[1] > off[0] + 1e-3) * 1.0)
         errors.append(off)
     plain, annealed = (np.concatenate(each) for each in zip(*errors, strict=True))
-    pairs = len(errors[0][0])
-    ratio = rms_ratio(plain, annealed, max(block_length(plain**2), block_length(annealed**2)))
+    block = max(block_length(plain**2), block_length(annealed**2))
+    ratio = rms_ratio(plain, annealed, block)
     gains = [np.sqrt(np.mean(a**2) / np.mean(b**2)) > RATIO.high for a, b in errors]
-    closer, worse = (share_over(np.mean(each, axis=1), pairs) for each in (nearer, farther))
+    closer, worse = (
+        share_in_series(each, block_length(each)) for each in map(np.concatenate, (nearer, farther))
+    )
     return _Gain(closer, worse, ratio, float(sum(gains)))

@@ -38,7 +38,7 @@ from d2d.study.plane.measures import times_off
 from d2d.study.plane.scenarios import OVERLAPPED
 
 FIRST_ORDER = "gradient descent"
-PROBLEMS = 24  # on which gradient descent is run: each run takes thousands of steps
+PROBLEMS = 12  # on which gradient descent is run: each run takes thousands of steps
 STARTS = 300  # of the second-order methods, within 5 m and 30 degrees of the truth
 
 

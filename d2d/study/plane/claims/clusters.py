@@ -57,6 +57,7 @@ def cluster_summing_wrong() -> Evidence:
         other = random_scene("clusters", LAYOUTS["clusters"], np.random.default_rng(seed))
         layouts.append(local_minima(other, SUMMING))
     right = {name: share_lowest_at_truth(draws) for name, draws in found.items()}
+    right_in_all = share_lowest_at_truth(sum(found.values(), ()))
     right_on_layouts = share_over([share_lowest_at_truth(draws) for draws in layouts], 5)
     kind, searched = worst(KINDS, SCENES)
     eight, _ = worst([each for each in KINDS if each.targets == 8], SCENES)
@@ -66,7 +67,7 @@ def cluster_summing_wrong() -> Evidence:
     )
     return Evidence(
         judge(
-            confirmed=all(map(hardly_any, (*right.values(), right_on_layouts))),
+            confirmed=hardly_any(right_in_all) and right_on_layouts.high < 0.5,
             qualified=some(wrong),
         ),
         "with two clusters of five the lowest minimum that descents from 847 starts find is at the "

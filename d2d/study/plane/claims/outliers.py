@@ -110,10 +110,10 @@ def outlier_likelihood_vanishes() -> Evidence:
         f"10^{before:.0f} to 10^{after:.0f}, by more than {-VANISHED:.0f} decades in {here:.0%} of "
         f"the draws, and on {VALUED} random layouts in {on_layouts:.0%}. Its highest value "
         f"anywhere, which descents from 847 starts find, falls by as much in {everywhere:.0%}, "
-        f"its median from 10^{np.median(highest_before):.0f} to 10^{np.median(highest):.0f}. The logarithm "
-        f"keeps an optimum near the truth, from which {stays:.0%} of the descents do not stray by "
-        f"1.5 m or 6 degrees, but with {ratio:.1f} times the RMSE and with a covariance that is "
-        f"{times_off(tilt)}.",
+        f"its median from 10^{np.median(highest_before):.0f} to 10^{np.median(highest):.0f}. "
+        f"The logarithm keeps an optimum near the truth, from which {stays:.0%} of the descents do "
+        f"not stray by 1.5 m or 6 degrees, but with {ratio:.1f} times the RMSE and with a "
+        f"covariance that is {times_off(tilt)}.",
         {
             "median log10 of the likelihood at the truth, overlapped": before,
             "median log10 of the likelihood at the truth, with outliers": after,
