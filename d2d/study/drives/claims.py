@@ -286,8 +286,8 @@ def annealing_no_gain() -> Evidence:
         "gives to a doubtful pair. Share of pairs that annealing brings nearer to the true v_x and "
         "takes farther from it, and the RMSE from plain starts over that with annealing: "
         f"{'; '.join(told)}. Where the last velocity lies within the basin of the best optimum "
-        f"both end there. In {lost:.0f} of the runs a pair goes astray, the next ones start from "
-        "its velocity, and inflated standard deviations lead back.",
+        "both end there. Where a pair goes astray, the next ones start from its velocity, and "
+        "inflated standard deviations can lead back.",
         numbers,
         holds=(
             "For the robot, the thesis's own vehicle"
@@ -299,8 +299,7 @@ def annealing_no_gain() -> Evidence:
                 if passed
             )
         )
-        + ". For a drive that loses its velocity, as one of the car's with Doppler does, annealing "
-        "is what brings it back.",
+        + f". In {lost:.0f} of the {2 * DRIVES} runs a pair went astray; there annealing leads back.",
         over=f"{DRIVES} drives of {DURATION:g} s, half by robot and half by car, each pair started "
         "at the last velocity",
     )

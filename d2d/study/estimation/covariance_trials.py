@@ -13,12 +13,13 @@ from d2d.covariance import propagate_covariance
 from d2d.credibility import Credibility, credibility
 from d2d.point_set import PointSet
 from d2d.registration import register
+from d2d.study.book.claim import DECIBELS
 from d2d.study.book.measured import Measured, anees_of, mean_of
 from d2d.study.plane.scenarios import OVERLAPPED, cartesian
 
 SEED = 5
 RUNS = 20_000  # a variance is known to 1 % (one standard error)
-CREDIBLE_INCLINATION = 0.5  # dB, limit of |I^2|; it corresponds to an ANEES of 1.12 or 0.89
+CREDIBLE_INCLINATION = DECIBELS.high  # dB, limit of |I^2|: an ANEES of 1.12 or 0.89
 COSTS = {
     "likelihood": RegistrationCost(),
     "robust likelihood": RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2))),

@@ -77,17 +77,6 @@ def rms_interval(values: Array, resamples: int = 1000, seed: int = 0) -> tuple[f
     return float(low), float(high)
 
 
-def ratio_interval(
-    over: Array, under: Array, resamples: int = 1000, seed: int = 0
-) -> tuple[float, float]:
-    """95 % interval of the ratio of two root mean squares, of values (N,) from the same draws."""
-    rng = np.random.default_rng(seed)
-    chosen = rng.integers(len(over), size=(resamples, len(over)))
-    ratios = np.sqrt((over**2)[chosen].mean(axis=1) / (under**2)[chosen].mean(axis=1))
-    low, high = np.quantile(ratios, [0.025, 0.975])
-    return float(low), float(high)
-
-
 @dataclass(frozen=True, eq=False)
 class Row:
     """One scenario with one cost.
