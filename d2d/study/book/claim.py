@@ -103,7 +103,8 @@ class Evidence:
     because : str
         One sentence that gives the reason, composed from the numbers.
     numbers : dict of str to float
-        What was measured, by name with its unit; a `Measured` number has its 95 % interval.
+        What was measured, by name with its unit; a number with a 95 % interval is
+        `d2d.study.book.measured.Measured`.
     holds : str
         The condition under which the claim holds, composed from the numbers; not used if the claim
         is confirmed as it stands.

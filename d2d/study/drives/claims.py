@@ -299,7 +299,8 @@ def annealing_no_gain() -> Evidence:
                 if passed
             )
         )
-        + f". In {lost:.0f} of the {2 * DRIVES} runs a pair went astray; there annealing leads back.",
+        + f". In {lost:.0f} of the {2 * DRIVES} runs a pair went astray; there annealing leads "
+        "back.",
         over=f"{DRIVES} drives of {DURATION:g} s, half by robot and half by car, each pair started "
         "at the last velocity",
     )
