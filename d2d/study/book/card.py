@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from d2d.study.book.claim import Claim, Evidence, Verdict
+from d2d.study.book.measured import Measured
 from d2d.study.book.table import significant, typeset
 
 SIGNS: dict[Verdict, str] = {"confirmed": "✓", "qualified": "≈", "refuted": "✗"}
@@ -29,6 +30,16 @@ def anchor(id: str) -> str:
 def ledger_link(id: str, text: str) -> str:
     """A link, as HTML, from any chapter to a claim's row in the ledger."""
     return f'<a href="{LEDGER}#{anchor(id)}">{text}</a>'
+
+
+def told(value: float, mark: str = "") -> str:
+    """A number between marks and, if it has one, its 95 % interval."""
+    number = f"{mark}{significant(value)}{mark}"
+    return f"{number} {_interval(value)}" if isinstance(value, Measured) else number
+
+
+def _interval(value: Measured) -> str:
+    return f"[{significant(value.low)}, {significant(value.high)}]"
 
 
 @dataclass(frozen=True)
@@ -73,8 +84,9 @@ def _text(claim: Claim, evidence: Evidence) -> str:
         f"[{claim.id}] {claim.text} (thesis {claim.section})",
         *([f"holds: {evidence.holds}"] if _conditional(evidence) else []),
         f"{evidence.verdict}: {evidence.because}",
+        *([f"measured over {evidence.over}"] if evidence.over else []),
     ]
-    numbers = [f"  {name}: {significant(value)}" for name, value in evidence.numbers.items()]
+    numbers = [f"  {name}: {told(value)}" for name, value in evidence.numbers.items()]
     return "\n".join([*(textwrap.fill(sentence, WIDTH) for sentence in sentences), *numbers])
 
 
@@ -82,6 +94,7 @@ def _html(claim: Claim, evidence: Evidence) -> str:
     telling = {name: evidence.numbers[name] for name in claim.telling}
     others = {name: value for name, value in evidence.numbers.items() if name not in telling}
     holds = f'<p class="claim-holds"><b>Holds:</b> {typeset(evidence.holds)}</p>\n'
+    over = f'<p class="claim-over">Measured over {typeset(evidence.over)}</p>\n'
     folded = (
         f"<details><summary>The other {len(others)} numbers</summary>\n"
         f"{_numbers(others)}\n</details>\n"
@@ -95,6 +108,7 @@ def _html(claim: Claim, evidence: Evidence) -> str:
         f"{holds if _conditional(evidence) else ''}"
         f'<p class="claim-why">{typeset(_capital(evidence.because))}</p>\n'
         f"{_numbers(telling)}\n"
+        f"{over if evidence.over else ''}"
         f"{folded if others else ''}"
         "</div>"
     )
@@ -102,10 +116,18 @@ def _html(claim: Claim, evidence: Evidence) -> str:
 
 def _numbers(numbers: Mapping[str, float]) -> str:
     rows = "\n".join(
-        f"<div><dt>{typeset(name)}</dt><dd>{typeset(significant(value))}</dd></div>"
+        f"<div><dt>{typeset(name)}{_between(value)}</dt>"
+        f"<dd>{typeset(significant(value))}</dd></div>"
         for name, value in numbers.items()
     )
     return f'<dl class="claim-numbers">\n{rows}\n</dl>'
+
+
+def _between(value: float) -> str:
+    if not isinstance(value, Measured):
+        return ""
+    bounds = f"{typeset(significant(value.low))} to {typeset(significant(value.high))}"
+    return f' <span class="interval">{bounds}</span>'
 
 
 def _conditional(evidence: Evidence) -> bool:

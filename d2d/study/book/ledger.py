@@ -6,9 +6,8 @@ of the book fails if there is none.
 
 from collections.abc import Iterable, Mapping
 
-from d2d.study.book.card import SIGNS, anchor, badge
+from d2d.study.book.card import SIGNS, anchor, badge, told
 from d2d.study.book.claim import Claim, Evidence, Verdict
-from d2d.study.book.table import significant
 from d2d.study.book.thesis_figures import ThesisFigure, page_of
 
 
@@ -48,7 +47,7 @@ def claims_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> str
         page = page_of(claim.section)
         shown = f"[chapter {_chapter(page)}]({page}.ipynb), [figure](#fig-{claim.figure})"
         numbers = "<br>".join(
-            f"**{significant(evidence.numbers[name])}** {name}" for name in claim.telling
+            f"{told(evidence.numbers[name], '**')} {name}" for name in claim.telling
         )
         why = evidence.because[0].upper() + evidence.because[1:]
         if evidence.verdict != "confirmed":
@@ -56,7 +55,7 @@ def claims_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> str
         lines.append(
             f'| <span id="{anchor(claim.id)}"></span>{claim.section} {claim.text}'
             f"<br>`{claim.id}`<br>{shown} "
-            f"| {badge(evidence.verdict)} | {numbers} | {why} |"
+            f"| {badge(evidence.verdict)} | {numbers}<br>over {evidence.over} | {why} |"
         )
     return "\n".join(lines)
 

@@ -11,6 +11,7 @@ from d2d.study.book.card import LEDGER, SIGNS, anchor, badge, cards
 from d2d.study.book.chapter_box import ChapterBox, chapter_box
 from d2d.study.book.claim import Claim, Evidence
 from d2d.study.book.ledger import claims_table
+from d2d.study.book.measured import Measured
 from d2d.study.book.record import read_record
 from d2d.study.claims import CLAIMS, show
 
@@ -60,6 +61,16 @@ def test_the_card_says_what_its_text_says():
     assert "Not told." not in first
     assert first.index("ratio &lt; 2") < first.index("<details>") < first.index("steps")
     assert "<details>" not in html[len(first) :]
+
+
+def test_a_number_has_its_interval_and_a_card_its_draws():
+    """Breaks if a number is told without how well it is known."""
+    evidence = Evidence("confirmed", "so.", {"ratio < 2": Measured(1.5, 1.4, 1.6)}, over="9 draws")
+    shown = cards([A], {"a": evidence})
+    assert "  ratio < 2: 1.5 [1.4, 1.6]" in str(shown)
+    assert "1.4 to 1.6" in read(shown._repr_html_())
+    for told in (str(shown), read(shown._repr_html_())):
+        assert "easured over 9 draws" in told
 
 
 def test_each_card_leads_to_its_row_of_the_ledger():

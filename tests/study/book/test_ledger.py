@@ -4,11 +4,14 @@ import pytest
 
 from d2d.study.book import ledger
 from d2d.study.book.claim import Claim, Evidence
+from d2d.study.book.measured import Measured
 from d2d.study.book.thesis_figures import ThesisFigure
 
 EVIDENCE = {
-    "a": Evidence("confirmed", "it is so.", {"ratio": 1.23456, "other": 2.0}),
-    "b": Evidence("refuted", "it is not.", {"steps": 6080.0}, "Never."),
+    "a": Evidence(
+        "confirmed", "it is so.", {"ratio": Measured(1.23456, 1.1, 2), "other": 2.0}, over="9 draws"
+    ),
+    "b": Evidence("refuted", "it is not.", {"steps": 6080.0}, "Never.", "one drive"),
 }
 CLAIMS = (
     Claim("a", "4.4", "A.", "outlier-cost", ("ratio",), lambda: EVIDENCE["a"]),
@@ -26,9 +29,9 @@ def test_each_claim_is_a_row_with_verdict_number_place_and_reason() -> None:
     head, rule, first, second = ledger.claims_table(CLAIMS, EVIDENCE).splitlines()
     assert head.count("|") == rule.count("|") == first.count("|") == second.count("|") == 5
     assert "✓ confirmed" in first
-    assert "**1.23** ratio" in first
+    assert "**1.23** [1.1, 2] ratio<br>over 9 draws" in first
     assert "other" not in first
-    assert "**6080** steps" in second
+    assert "**6080** steps<br>over one drive" in second
     assert "[chapter 4b](04b_outliers_and_clusters_1d.ipynb), [figure](#fig-outlier-cost)" in first
     assert first.startswith('| <span id="claim-a"></span>4.4 A.')
     assert first.endswith("| It is so. |")
