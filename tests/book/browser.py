@@ -95,6 +95,8 @@ class Visit:
     """Errors on the console, requests that failed or left this machine."""
     bytes: int
     """Of the page itself and its pictures: what is in _static serves the whole book."""
+    shared_bytes: int
+    """Of what is in _static and needed here, as a first visitor loads it."""
     images: list[dict[str, Any]]
     """Each with its source, its alternative text and the variation of its pixels."""
     figures: list[str]
@@ -113,6 +115,16 @@ class Visit:
     """Pictures that a phone shows too small."""
     faint: dict[str, list[str]]
     """By theme: text with too little contrast."""
+    screens: float
+    """The length of the page in windows of 1400 by 900 px, as it opens."""
+    cut: list[str]
+    """Code, printed text and formulas wider than their box on a desk, as the page opens."""
+    pale: dict[str, list[str]]
+    """By theme: captions that are thin or have too little contrast."""
+    unmarked: list[str]
+    """What looks the same with the keyboard's focus as without."""
+    uncited: list[str]
+    """Labels of figures that stand before the text refers to them."""
 
 
 def visit(driver: webdriver.Chrome, address: str) -> Visit:
@@ -125,21 +137,27 @@ def visit(driver: webdriver.Chrome, address: str) -> Visit:
     formulas = ask(driver, "await inspectBook.formulas()")
     images = ask(driver, "await inspectBook.images()")
     links = ask(driver, "inspectBook.links()")
-    complaints, size = traffic(driver, address)
+    complaints, size, shared = traffic(driver, address)
+    screens = ask(driver, "inspectBook.screens()")
+    uncited = ask(driver, "inspectBook.uncited()")
+    cut = ask(driver, "inspectBook.cut()")
     ask(driver, "inspectBook.settle()")
+    unmarked = ask(driver, "inspectBook.unmarked()")
     overflows = {}
     for width in (WIDE, NARROW):
         resize(driver, width)
         overflows[width] = ask(driver, "inspectBook.overflows()")
     shrunken = ask(driver, f"inspectBook.shrunken({LEGIBLE})")
-    faint = {}
+    faint, pale = {}, {}
     for theme in THEMES:
         driver.execute_script("document.documentElement.dataset.theme = arguments[0]", theme)
         faint[theme] = ask(driver, f"inspectBook.faint({CONTRAST})")
+        pale[theme] = ask(driver, f"inspectBook.pale({CONTRAST})")
     return Visit(
         address,
         complaints,
         size,
+        shared,
         images,
         ask(driver, "inspectBook.figures()"),
         formulas["count"],
@@ -150,6 +168,11 @@ def visit(driver: webdriver.Chrome, address: str) -> Visit:
         overflows,
         shrunken,
         faint,
+        screens,
+        cut,
+        pale,
+        unmarked,
+        uncited,
     )
 
 
@@ -184,15 +207,15 @@ def drain(driver: webdriver.Chrome) -> None:
         driver.get_log(log)
 
 
-def traffic(driver: webdriver.Chrome, address: str) -> tuple[list[str], int]:
-    """Complaints and the page's own bytes since the logs were drained."""
+def traffic(driver: webdriver.Chrome, address: str) -> tuple[list[str], int, int]:
+    """Complaints, the page's own and its shared bytes since the logs were drained."""
     complaints = [
         f"console: {entry['message']}"
         for entry in driver.get_log("browser")
         if entry["level"] == "SEVERE"
     ]
     addresses: dict[str, str] = {}
-    size = 0
+    own = shared = 0
     for entry in driver.get_log("performance"):
         event = json.loads(entry["message"])["message"]
         parameters = event["params"]
@@ -208,6 +231,8 @@ def traffic(driver: webdriver.Chrome, address: str) -> tuple[list[str], int]:
             case "Network.loadingFailed" if not parameters.get("canceled"):
                 failed = addresses.get(parameters["requestId"], "?")
                 complaints.append(f"{parameters['errorText']}: {failed}")
-            case "Network.loadingFinished" if "/_static/" not in addresses[parameters["requestId"]]:
-                size += int(parameters["encodedDataLength"])
-    return complaints, size
+            case "Network.loadingFinished" if "/_static/" in addresses[parameters["requestId"]]:
+                shared += int(parameters["encodedDataLength"])
+            case "Network.loadingFinished":
+                own += int(parameters["encodedDataLength"])
+    return complaints, own, shared

@@ -11,6 +11,8 @@ from urllib.parse import unquote, urlsplit
 from tests.book.browser import Visit
 
 MAX_BYTES = 3_000_000
+MAX_SHARED_BYTES = 1_800_000
+MAX_SCREENS = 15
 BLANK = 30
 """Pixels of a picture that differ by less than this in each channel, of 255, show nothing."""
 
@@ -122,6 +124,37 @@ def faint(visit: Visit, book: Path) -> list[str]:
     return [f"{theme}: {place}" for theme, places in visit.faint.items() for place in places]
 
 
+def shared(visit: Visit, book: Path) -> list[str]:
+    """More bytes of icons, formulas and styles than half of what they once were."""
+    size = visit.shared_bytes
+    return [f"{size / 1e6:.2f} MB"] if size > MAX_SHARED_BYTES else []
+
+
+def cut(visit: Visit, book: Path) -> list[str]:
+    """Code, printed text and formulas that are wider than their box on a desk."""
+    return visit.cut
+
+
+def pale(visit: Visit, book: Path) -> list[str]:
+    """Captions that are thinner than the text, or have too little contrast."""
+    return [f"{theme}: {place}" for theme, places in visit.pale.items() for place in places]
+
+
+def unmarked(visit: Visit, book: Path) -> list[str]:
+    """What the keyboard reaches without a sign of it, and formulas that it reaches."""
+    return visit.unmarked
+
+
+def too_long(visit: Visit, book: Path) -> list[str]:
+    """A page of more windows than a reader stays with."""
+    return [f"{visit.screens:.1f} screens"] if visit.screens > MAX_SCREENS else []
+
+
+def uncited(visit: Visit, book: Path) -> list[str]:
+    """Figures that stand before the text has told what they are for."""
+    return visit.uncited
+
+
 CHECKS: tuple[Check, ...] = (
     complaints,
     too_heavy,
@@ -131,6 +164,12 @@ CHECKS: tuple[Check, ...] = (
     too_wide,
     too_small,
     faint,
+    shared,
+    cut,
+    pale,
+    unmarked,
+    too_long,
+    uncited,
 )
 
 

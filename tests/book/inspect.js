@@ -187,5 +187,54 @@ window.inspectBook = (() => {
     return [...found.values()];
   }
 
-  return { settle, figures, images, formulas, links, overflows, shrunken, faint };
+  /** Code, printed text and formulas that are wider than the box they stand in: cut, or to be scrolled. */
+  function cut() {
+    return [...main().querySelectorAll("pre, div.math, mjx-container[display], .claim, .chapter-box")]
+      .filter((box) => visible(box) && box.scrollWidth > box.clientWidth + 1)
+      .map((box) => `${box.scrollWidth - box.clientWidth} px: ${name(box)}`);
+  }
+
+  /** Captions that are thinner than the text, or have less contrast than `least`. */
+  function pale(least) {
+    return [...main().querySelectorAll("figcaption, caption")].filter((caption) => {
+      const style = getComputedStyle(caption);
+      const ground = background(caption);
+      return style.fontWeight < 400 || ratio(over(rgba(style.color), ground), ground) < least;
+    }).map(name);
+  }
+
+  /** Whatever the keyboard reaches and then looks as before, and formulas that it should not reach. */
+  function unmarked() {
+    const found = [...main().querySelectorAll("mjx-container[tabindex]")].map((each) => "a formula: " + name(each));
+    const look = (element) => {
+      const { outlineStyle, outlineWidth, boxShadow } = getComputedStyle(element);
+      return { line: outlineStyle !== "none" && parseFloat(outlineWidth) > 0, boxShadow };
+    };
+    const reached = "a[href], button, input:not([type=hidden]), select, textarea, summary, [tabindex='0']";
+    for (const element of document.querySelectorAll(reached)) {
+      if (!visible(element) || element.disabled || element.tabIndex < 0) continue;
+      const before = look(element);
+      element.focus({ preventScroll: true, focusVisible: true });
+      if (document.activeElement !== element) continue;
+      const after = look(element);
+      if (!after.line && after.boxShadow === before.boxShadow) found.push(name(element));
+      element.blur();
+    }
+    return found;
+  }
+
+  /** Figures that the text has not referred to by then. */
+  function uncited() {
+    const links = [...main().querySelectorAll("a[href^='#fig-'], a[href*='.html#fig-']")];
+    return figures().filter((id) => {
+      const figure = document.getElementById(id);
+      return !links.some((link) => link.hash === `#${id}` && link.pathname === location.pathname
+        && link.compareDocumentPosition(figure) & Node.DOCUMENT_POSITION_FOLLOWING && !figure.contains(link));
+    });
+  }
+
+  /** How many windows the page is long. */
+  const screens = () => document.scrollingElement.scrollHeight / window.innerHeight;
+
+  return { cut, pale, unmarked, uncited, screens, settle, figures, images, formulas, links, overflows, shrunken, faint };
 })();

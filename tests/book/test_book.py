@@ -9,6 +9,8 @@ test_checks.py shows that each finds what it is for. `make test-book` runs both.
 from __future__ import annotations
 
 import os
+import re
+import shutil
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -16,10 +18,14 @@ from pathlib import Path
 import pytest
 import yaml
 from selenium import webdriver
+from selenium.webdriver.common.by import By
 
+from d2d.study.book.card import anchor
+from d2d.study.book.record import read_record
 from d2d.study.book.thesis_figures import FIGURES
+from d2d.study.claims import CLAIMS
 from tests.book import browser
-from tests.book.checks import CHECKS, Check, pages
+from tests.book.checks import CHECKS, Check, cut, pages, too_long, uncited
 
 ROOT = Path(__file__).resolve().parents[2]
 TOC = Path(os.environ.get("D2D_BOOK_TOC", ROOT / "_toc.yml"))
@@ -29,13 +35,72 @@ EACH_PAGE = pytest.mark.parametrize(
     "page", [pytest.param(page, id=page, marks=pytest.mark.xdist_group(page)) for page in PAGES]
 )
 
+# Pages that are looked things up in, not read from the first line to the last.
+LOOKED_UP = {
+    "chapters/10_claims",
+    "chapters/11_errata",
+    "chapters/notation",
+    "chapters/benchmarks",
+    "chapters/references",
+    *(page for page in PAGES if page.startswith("api/")),
+}
+# What remains to be done, by check: a page that passes has to leave its list.
+TO_DO = {
+    # Shorten, or divide into pages of one question each.
+    too_long: {
+        "chapters/02_gaussian_background",
+        "chapters/03_point_set_registration",
+        "chapters/04b_outliers_and_clusters_1d",
+        "chapters/05_estimation_and_covariance",
+        "chapters/06_credibility_2d",
+        "chapters/07_radar_ego_motion",
+        "chapters/08_real_radar",
+        "chapters/09_beyond_the_thesis",
+    },
+    # Make tables of the numbers that these pages print in long lines, and split code.
+    cut: {
+        "chapters/02_gaussian_background",
+        "chapters/04b_outliers_and_clusters_1d",
+        "chapters/05_estimation_and_covariance",
+        "chapters/07_radar_ego_motion",
+        "chapters/08_real_radar",
+        "chapters/09_beyond_the_thesis",
+    },
+    # Say with {numref} what each figure is for, in the text before it.
+    uncited: {
+        "intro",
+        "chapters/01_motivation",
+        "chapters/02_gaussian_background",
+        "chapters/04b_outliers_and_clusters_1d",
+        "chapters/05_estimation_and_covariance",
+        "chapters/06_credibility_2d",
+        "chapters/06b_panel_by_panel",
+        "chapters/07_radar_ego_motion",
+        "chapters/08_real_radar",
+        "chapters/08b_true_covariance",
+        "chapters/09_beyond_the_thesis",
+        "chapters/benchmarks",
+    },
+}
+
 Visit = Callable[[str], browser.Visit]
 
 
 @EACH_PAGE
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 def test_page(page: str, check: Check, visit: Visit, book: Path):
-    assert check(visit(page), book) == []
+    if check is too_long and page in LOOKED_UP:
+        pytest.skip("looked things up in, not read from the first line to the last")
+    found = check(visit(page), book)
+    if page in TO_DO.get(check, ()):
+        assert found, f"{page} passes: take it off the list of {check.__name__}"
+        pytest.xfail(f"to be done: {found}")
+    assert found == []
+
+
+def test_the_lists_name_pages_of_the_book():
+    """Breaks if a page is renamed or divided and its old name stays on a list."""
+    assert set.union(LOOKED_UP, *TO_DO.values()) <= set(PAGES)
 
 
 @EACH_PAGE
@@ -71,6 +136,81 @@ def test_search_finds_a_word_of_the_book(driver: webdriver.Chrome, address: str)
         "return [...document.querySelectorAll('#search-results .search li a')].map(a => a.href)"
     )
     assert any("06_credibility_2d.html" in link for link in found)
+
+
+def test_an_excerpt_of_the_search_is_prose(driver: webdriver.Chrome, address: str):
+    """Breaks if excerpts show imports or TeX."""
+    driver.get(f"{address}search.html?q=likelihood")
+    context = "#search-results .search li p.context"
+    browser.wait(driver, f"return document.querySelectorAll('{context}').length > 5")
+    shown = driver.execute_script(
+        f"return [...document.querySelectorAll('{context}')].map(p => p.textContent)"
+    )
+    assert [text for text in shown if "import " in text or "\\" in text] == []
+
+
+def choose(driver: webdriver.Chrome, list: str, text: str) -> None:
+    """Type into a list, as somebody without a mouse does."""
+    driver.find_element(By.CSS_SELECTOR, f".ledger-filter select[name={list}]").send_keys(text)
+
+
+def test_the_ledger_is_filtered_from_the_keyboard(driver: webdriver.Chrome, address: str):
+    """Breaks if a choice shows other claims, or the link of a card leads to a hidden row."""
+    driver.get(f"{address}chapters/10_claims.html")
+    browser.wait(driver, "return document.querySelector('.ledger-filter') !== null")
+    rows = "return [...document.querySelectorAll('tr:has([id^=claim-])')]"
+    everything = driver.execute_script(f"{rows}.length")
+    assert everything == len(CLAIMS)
+    choose(driver, "verdict", "✗")
+    expected = {id for id, evidence in read_record().items() if evidence.verdict == "refuted"}
+    shown = driver.execute_script(
+        f"{rows}.filter(r => r.checkVisibility()).map(r => r.querySelector('[id]').id)"
+    )
+    assert set(shown) == {anchor(id) for id in expected}
+    driver.execute_script("location.hash = 'claim-em-monotone'")
+    browser.wait(driver, "return document.getElementById('claim-em-monotone').checkVisibility()")
+
+
+def test_what_is_folded_is_opened_on_paper(driver: webdriver.Chrome, address: str):
+    """Breaks if a printed page hides answers, or shows the bars of folded code."""
+    driver.get(f"{address}chapters/03_point_set_registration.html")
+    opened = "[...document.querySelectorAll('article details:not(.hide)')].every(d => d.open)"
+    assert driver.execute_script(f"return {opened}") is False
+    driver.execute_script("window.dispatchEvent(new Event('beforeprint'))")
+    assert driver.execute_script(f"return {opened}") is True
+    driver.execute_script("window.dispatchEvent(new Event('afterprint'))")
+    assert driver.execute_script(f"return {opened}") is False
+    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    folded = "[...document.querySelectorAll('details.hide')].some(d => d.checkVisibility())"
+    try:
+        assert driver.execute_script(f"return {folded}") is False
+    finally:
+        driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
+@EACH_PAGE
+def test_a_page_says_what_it_is_about(page: str, book: Path):
+    """Breaks if a search engine has to guess, or is shown TeX."""
+    source = (book / f"{page}.html").read_text(encoding="utf-8")
+    found = re.findall(r'<meta name="description" content="([^"]*)"', source)
+    assert len(found) == 1
+    assert len(found[0]) > 40
+    assert "\\" not in found[0]
+
+
+@pytest.mark.parametrize("missing", ["nowhere.html", "chapters/nowhere.html"])
+def test_somebody_lost_finds_the_book(
+    driver: webdriver.Chrome, book: Path, tmp_path: Path, missing: str
+):
+    """Breaks if the page for addresses that do not exist has dead links in a folder."""
+    shutil.copytree(book / "_static", tmp_path / "_static")
+    (tmp_path / missing).parent.mkdir(exist_ok=True)
+    shutil.copy(book / "404.html", tmp_path / missing)
+    with browser.serve(tmp_path) as served:
+        driver.get(f"{served}{missing}")
+        link = driver.find_element(By.CSS_SELECTOR, "article a[href$='intro.html']")
+        assert link.get_attribute("href") == f"{served}intro.html"
+        assert driver.execute_script("return document.styleSheets.length") > 5
 
 
 def test_search_finds_nothing_for_a_word_that_is_nowhere(driver: webdriver.Chrome, address: str):

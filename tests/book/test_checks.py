@@ -11,16 +11,24 @@ from tests.book import browser
 from tests.book.checks import (
     CHECKS,
     MAX_BYTES,
+    MAX_SCREENS,
+    MAX_SHARED_BYTES,
     Check,
     complaints,
+    cut,
     faint,
     formulas,
     pages,
+    pale,
     pictures,
     references,
+    shared,
     too_heavy,
+    too_long,
     too_small,
     too_wide,
+    uncited,
+    unmarked,
 )
 
 PAGE = """<!doctype html><html data-theme="light"><head><meta charset="utf-8"><title>Page</title>
@@ -30,7 +38,8 @@ html[data-theme="dark"] {{ background: #111; color: #ddd; }}
 </style></head><body><article id="main"><p>Text, and a <code>\\(formula\\)</code> as code.</p>
 <div style="overflow-x: auto"><pre style="width: 2000px">wide, but in a box of its own</pre></div>
 <a href="#main">here</a> <a href="other.html#place">there</a> <a href="https://doi.org/10.1">far</a>
-{picture}{fault}</article></body></html>"""
+<a href="#fig-b">Figure 2</a><figure id="fig-b">{picture}<figcaption>dark</figcaption></figure>
+<pre>short</pre>{fault}</article></body></html>"""
 
 
 def svg(color: str) -> str:
@@ -72,6 +81,20 @@ FAULTS: list[tuple[Check, str]] = [
     (faint, "<p style='color: #888; background: white'>grey on white</p>"),
     (faint, "<p style='color: #222'>black on black in the dark theme</p>"),
     (faint, "<p style='color: rgb(0 0 0 / 40%); background: white'>see-through</p>"),
+    (shared, "<script src='_static/large.js'></script>"),
+    (cut, "<pre style='overflow: auto'>{}</pre>".format(200 * "code ")),
+    (
+        cut,
+        "<div class='math' style='overflow: hidden; width: 90px'><b>{}</b></div>".format(50 * "x"),
+    ),
+    (pale, "<figure><figcaption style='font-weight: 300'>thin</figcaption></figure>"),
+    (pale, "<figure><figcaption style='color: #999'>grey</figcaption></figure>"),
+    (unmarked, "<button style='outline: none'>no ring</button>"),
+    (unmarked, "<mjx-container tabindex='0'>x</mjx-container>"),
+    (too_long, f"<div style='height: {900 * MAX_SCREENS}px'></div>"),
+    (uncited, f"<div id='fig-a'>{PICTURE}</div>"),
+    (uncited, f"<div id='fig-a'>{PICTURE}</div><a href='#fig-a'>Figure 1</a>"),
+    (uncited, f"<div id='fig-a'>{PICTURE}<a href='#fig-a'>#</a></div>"),
 ]
 
 
@@ -79,6 +102,8 @@ def find(check: Check, fault: str, driver: webdriver.Chrome, folder: Path) -> li
     """Run a check on a page with a fault."""
     (folder / "page.html").write_text(PAGE.format(picture=PICTURE, fault=fault), encoding="utf-8")
     (folder / "other.html").write_text("<p id='place'>There.</p>", encoding="utf-8")
+    (folder / "_static").mkdir(exist_ok=True)
+    (folder / "_static" / "large.js").write_text(f"//{'x' * MAX_SHARED_BYTES}", encoding="utf-8")
     with browser.serve(folder) as address:
         return check(browser.visit(driver, f"{address}page.html"), folder)
 

@@ -9,7 +9,7 @@ import pytest
 from matplotlib import pyplot as plt
 
 from d2d.radar.command_line import main
-from d2d.study.book.ledger import SIGNS
+from d2d.study.book.card import SIGNS
 from d2d.study.book.record import read_record
 
 README = Path(__file__).resolve().parents[2] / "README.md"

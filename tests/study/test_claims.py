@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from d2d.study import CLAIMS
+from d2d.study.book.measured import Measured
 from d2d.study.book.record import differences, read_record
 from d2d.study.line.claims import surfaces
 
@@ -102,6 +103,11 @@ def test_a_claim_is_filled_in(claim):
     assert claim.telling
     assert set(claim.telling) <= evidence.numbers.keys()
     assert claim.figure in FIGURES
+    for name in claim.telling:
+        bounds = evidence.numbers[name]
+        assert isinstance(bounds, Measured), f"no interval: {name}"
+        assert bounds.low <= bounds <= bounds.high, name
+    assert re.search(r"draws|drives|rooms|sets", evidence.over), "over what?"
     assert evidence.holds or evidence.verdict == "confirmed", "when does it hold?"
 
 

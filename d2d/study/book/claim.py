@@ -1,13 +1,88 @@
-"""A claim of the thesis, and the evidence that judges it."""
+"""A claim of the thesis, the evidence that judges it, and the rule by which it does.
+
+A number counts with its 95 % interval (`d2d.study.book.measured`), never alone:
+
+- A difference is *larger* or *smaller* if the whole interval lies beyond a margin, and *the same*
+  if the whole interval lies within it (two one-sided tests, Schuirmann 1987).  An interval that
+  contains a bound of the margin shows neither, and confirms nothing.
+- The margin is the smallest effect that counts.  Ratios of errors or of standard deviations: 5 %,
+  what a tenth more targets brings, and what a thousand runs can tell.  I^2 and NCI: 0.5 dB, a
+  covariance that is 12 % off, which is 6 % of a standard deviation.  ANEES: those 12 %.  Shares: 5
+  percentage points, one draw in twenty.  Offsets: a third of a standard deviation, which raises an
+  RMSE by 5 %.
+- What is said of all draws must happen in *nearly all*: the interval of the share lies above 95 %.
+  *Hardly any* is below 5 %, *some* is above it, *most* is above one half.  To be qualified, what is
+  said to work must work in most draws, and what is said to go wrong must go wrong in some.
+
+A claim is *confirmed* if all that it says passes, in the thesis's scene and, where its layout is
+not known, on random layouts; *qualified* if a part of it passes, or the whole under a condition
+that was measured and is stated; *refuted* if no part does, or the contrary passes.  The evidence
+says over which draws, layouts or drives it was taken.
+"""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from d2d.study.book.measured import Measured
+
 Verdict = Literal["confirmed", "qualified", "refuted"]
+
+
+class Margin(NamedTuple):
+    """What is too close to no effect to count, between two bounds."""
+
+    low: float
+    high: float
+
+    def times(self, unit: float) -> "Margin":
+        """Both bounds times a unit, say a standard deviation in m."""
+        return Margin(unit * self.low, unit * self.high)
+
+
+RATIO = Margin(1.0 / 1.05, 1.05)  # of errors, of standard deviations
+DECIBELS = Margin(-0.5, 0.5)  # of I^2 and NCI
+ANEES = Margin(10.0**-0.05, 10.0**0.05)  # the same as a factor of the variance
+SHARE = Margin(-0.05, 0.05)  # differences of shares
+MEAN = Margin(-0.32, 0.32)  # standard deviations: an offset that raises an RMSE by 5 %
+
+
+def larger(number: Measured, margin: Margin) -> bool:
+    """Whether the whole interval lies above the margin."""
+    return number.low > margin.high
+
+
+def smaller(number: Measured, margin: Margin) -> bool:
+    """Whether the whole interval lies below the margin."""
+    return number.high < margin.low
+
+
+def same(number: Measured, margin: Margin) -> bool:
+    """Whether the whole interval lies within the margin."""
+    return margin.low < number.low and number.high < margin.high
+
+
+def nearly_all(share: Measured) -> bool:
+    """Whether the share of exceptions is below the margin of a share."""
+    return share.low > 1.0 - SHARE.high
+
+
+def most(share: Measured) -> bool:
+    """Whether the share is above one half."""
+    return share.low > 0.5
+
+
+def some(share: Measured) -> bool:
+    """Whether the share is above the margin of a share."""
+    return share.low > SHARE.high
+
+
+def hardly_any(share: Measured) -> bool:
+    """Whether the share is below the margin of a share."""
+    return share.high < SHARE.high
 
 
 def judge(*, confirmed: bool | np.bool_, qualified: bool | np.bool_ = False) -> Verdict:
@@ -28,21 +103,20 @@ class Evidence:
     because : str
         One sentence that gives the reason, composed from the numbers.
     numbers : dict of str to float
-        What was measured, by name with its unit.
+        What was measured, by name with its unit; a number with a 95 % interval is
+        `d2d.study.book.measured.Measured`.
     holds : str
         The condition under which the claim holds, composed from the numbers; not used if the claim
         is confirmed as it stands.
+    over : str
+        The draws, layouts or drives over which it was measured.
     """
 
     verdict: Verdict
     because: str
     numbers: dict[str, float]
     holds: str = ""
-
-    def __str__(self) -> str:
-        """The verdict and the numbers, three significant digits each."""
-        numbers = [f"  {name}: {value:.3g}" for name, value in self.numbers.items()]
-        return "\n".join([f"{self.verdict}: {self.because}", *numbers])
+    over: str = ""
 
 
 @dataclass(frozen=True)

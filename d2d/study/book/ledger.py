@@ -6,16 +6,9 @@ of the book fails if there is none.
 
 from collections.abc import Iterable, Mapping
 
+from d2d.study.book.card import SIGNS, anchor, badge, told
 from d2d.study.book.claim import Claim, Evidence, Verdict
 from d2d.study.book.thesis_figures import ThesisFigure, page_of
-
-SIGNS: dict[Verdict, str] = {"confirmed": "✓", "qualified": "≈", "refuted": "✗"}
-"""The sign beside the word of each verdict, so that no verdict is marked by its colour alone."""
-
-
-def badge(verdict: Verdict) -> str:
-    """A verdict as HTML; ``_static/ledger.css`` colours it."""
-    return f'<span class="verdict verdict-{verdict}">{SIGNS[verdict]} {verdict}</span>'
 
 
 def count_verdicts(record: Mapping[str, Evidence]) -> str:
@@ -54,14 +47,15 @@ def claims_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> str
         page = page_of(claim.section)
         shown = f"[chapter {_chapter(page)}]({page}.ipynb), [figure](#fig-{claim.figure})"
         numbers = "<br>".join(
-            f"**{_significant(evidence.numbers[name])}** {name}" for name in claim.telling
+            f"{told(evidence.numbers[name], '**')} {name}" for name in claim.telling
         )
         why = evidence.because[0].upper() + evidence.because[1:]
         if evidence.verdict != "confirmed":
             why = f"**Holds:** {evidence.holds}<br>**Why:** {why}"
         lines.append(
-            f"| {claim.section} {claim.text}<br>`{claim.id}`<br>{shown} "
-            f"| {badge(evidence.verdict)} | {numbers} | {why} |"
+            f'| <span id="{anchor(claim.id)}"></span>{claim.section} {claim.text}'
+            f"<br>`{claim.id}`<br>{shown} "
+            f"| {badge(evidence.verdict)} | {numbers}<br>over {evidence.over} | {why} |"
         )
     return "\n".join(lines)
 
@@ -81,11 +75,6 @@ def figures_table(figures: Iterable[ThesisFigure]) -> str:
 def _counts(evidence: Iterable[Evidence]) -> dict[Verdict, int]:
     verdicts = [item.verdict for item in evidence]
     return {verdict: verdicts.count(verdict) for verdict in SIGNS}
-
-
-def _significant(value: float) -> str:
-    """Three significant digits; a whole number is kept as it is."""
-    return f"{value:.0f}" if float(value).is_integer() else f"{value:.3g}"
 
 
 def _chapter(page: str) -> str:

@@ -8,10 +8,11 @@ import json
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import asdict
+from itertools import zip_longest
 from pathlib import Path
 
-from d2d.study.book.claim import Claim, Evidence
+from d2d.study.book.claim import Evidence
+from d2d.study.book.measured import Measured
 from d2d.study.results import results_path
 
 RELATIVE, ABSOLUTE = 0.005, 0.002
@@ -24,48 +25,67 @@ def record_path() -> Path:
 
 
 def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
-    """Write the evidence, with its numbers rounded to four significant digits."""
+    """Write the evidence, with its numbers rounded to four significant digits.
+
+    A number with an interval becomes a list of itself and the two bounds.
+    """
     rounded = {
-        key: {
-            **asdict(item),
-            "numbers": {name: float(f"{value:.4g}") for name, value in item.numbers.items()},
-        }
+        key: vars(item)
+        | {"numbers": {name: _rounded(value) for name, value in item.numbers.items()}}
         for key, item in evidence.items()
     }
     path.write_text(json.dumps(rounded, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
+def _rounded(value: float) -> float | list[float]:
+    """Four significant digits of a number, or of one with its bounds."""
+    if isinstance(value, Measured):
+        return [float(f"{part:.4g}") for part in (value, value.low, value.high)]
+    return float(f"{value:.4g}")
+
+
 def read_record(path: Path | None = None) -> dict[str, Evidence]:
     """Read what `write_record` wrote; by default the book's record."""
     stored = json.loads((path or record_path()).read_text(encoding="utf-8"))
-    return {key: Evidence(**entries) for key, entries in stored.items()}
+    return {
+        key: Evidence(**entries | {"numbers": _with_bounds(entries["numbers"])})
+        for key, entries in stored.items()
+    }
+
+
+def _with_bounds(numbers: Mapping[str, float | list[float]]) -> dict[str, float]:
+    """The numbers of a record, those with an interval as `Measured`."""
+    return {
+        name: Measured(*value) if isinstance(value, list) else value
+        for name, value in numbers.items()
+    }
 
 
 def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
     """List where fresh evidence differs from that on record.
 
-    Numbers may differ by 0.5 % or by 0.002, because rounding on another machine can change the
-    outcome of single draws.  Sentences are compared without their numbers.
+    Numbers and bounds may differ by 0.5 % or by 0.002, because rounding on another machine can
+    change the outcome of single draws.  Sentences are compared without their numbers.
     """
     if fresh.numbers.keys() != recorded.numbers.keys():
         return [f"unmatched numbers: {sorted(fresh.numbers.keys() ^ recorded.numbers.keys())}"]
     differing = [
-        f"{name}: {value:.4g}, on record {recorded.numbers[name]:.4g}"
-        for name, value in fresh.numbers.items()
-        if not math.isclose(value, recorded.numbers[name], rel_tol=RELATIVE, abs_tol=ABSOLUTE)
+        f"{name}: {value:.4g}, on record {stored:.4g}"
+        for name in fresh.numbers
+        for value, stored in zip_longest(
+            _parts(fresh.numbers[name]), _parts(recorded.numbers[name]), fillvalue=math.nan
+        )
+        if not math.isclose(value, stored, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
     ]
     if fresh.verdict != recorded.verdict:
         differing.append(f"{fresh.verdict}, on record {recorded.verdict}")
-    for sentence, stored in ((fresh.because, recorded.because), (fresh.holds, recorded.holds)):
-        if _NUMBER.sub("#", sentence) != _NUMBER.sub("#", stored):
-            differing.append(f"{sentence!r}, on record {stored!r}")
+    for field in ("because", "holds", "over"):
+        sentence, written = getattr(fresh, field), getattr(recorded, field)
+        if _NUMBER.sub("#", sentence) != _NUMBER.sub("#", written):
+            differing.append(f"{sentence!r}, on record {written!r}")
     return differing
 
 
-def show(*claims: Claim) -> None:
-    """Print claims with the evidence on record, as the chapters do."""
-    record = read_record()
-    for claim in claims:
-        print(f"[{claim.id}] {claim.text} (thesis {claim.section})")
-        print(record[claim.id])
-        print()
+def _parts(value: float) -> tuple[float, ...]:
+    """A number, and its bounds if it has any."""
+    return (value, value.low, value.high) if isinstance(value, Measured) else (value,)

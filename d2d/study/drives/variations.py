@@ -43,6 +43,21 @@ def track_from(drive: Drive, start: ArrayLike, **options: Any) -> Track:
     )
 
 
+def followed(drive: Drive, **options: Any) -> Array:
+    """Velocities (n, 3), each pair started at the last velocity that was found, and only there.
+
+    The first pair starts at the true velocity.  Other than `d2d.radar.track`, this gives no second
+    start to a pair that went astray.  ``options`` are those of `d2d.radar.estimate_ego_motion`.
+    """
+    found = [drive.truth.theta[0]]
+    for previous, current in pairwise(drive.scans):
+        estimate = estimate_ego_motion(
+            previous, current, drive.mounting, initial=found[-1], **options
+        )
+        found.append(estimate.theta if estimate.converged else found[-1])
+    return np.array(found[1:])
+
+
 def propagated_covariances(
     drive: Drive, driven: Track, pairs: Sequence[int], *, shared_azimuth: bool
 ) -> Array:

@@ -1,22 +1,44 @@
 """Claims of thesis sections 5.1 and 5.2: optimisers and covariances on the overlapped scene."""
 
 import numpy as np
-from scipy import stats
 
-from d2d.study.book.claim import Evidence, claim, judge
+from d2d.study.book.claim import (
+    ANEES,
+    DECIBELS,
+    RATIO,
+    SHARE,
+    Evidence,
+    claim,
+    judge,
+    larger,
+    nearly_all,
+    same,
+)
+from d2d.study.book.measured import (
+    Measured,
+    anees_of,
+    bootstrapped,
+    geometric_mean_of,
+    inclination_of,
+    mean_of,
+    share_of,
+)
 from d2d.study.estimation.covariance_trials import (
     COSTS,
-    CREDIBLE_INCLINATION,
+    RUNS,
     SEED,
+    Shape,
     covariance_study,
     over_layouts,
-    quadratic_ratio,
+    quadratic_ratios,
+    shape_of,
 )
 from d2d.study.estimation.descent import PairedTargets, run_all
 from d2d.study.plane.measures import times_off
 from d2d.study.plane.scenarios import OVERLAPPED
 
-PROBLEMS = 6  # started at zero: each takes thousands of gradient descent steps
+FIRST_ORDER = "gradient descent"
+PROBLEMS = 12  # on which gradient descent is run: each run takes thousands of steps
 STARTS = 300  # of the second-order methods, within 5 m and 30 degrees of the truth
 
 
@@ -25,8 +47,8 @@ STARTS = 300  # of the second-order methods, within 5 m and 30 degrees of the tr
     section="5.1",
     figure="optimizer-paths",
     telling=(
-        "median iterations, gradient descent, from zero",
-        "median iterations, Newton, from zero",
+        "ratio of the iterations, gradient descent / slowest of the others",
+        "share that reaches the minimum, Newton",
     ),
 )
 def second_order_faster() -> Evidence:
@@ -36,38 +58,54 @@ def second_order_faster() -> Evidence:
     fixed, moving = OVERLAPPED.sample(STARTS, np.random.default_rng(SEED))
     iterations: dict[str, list[int]] = {}
     arrived: dict[str, list[bool]] = {}
+    ratios, rescued = [], []
     rng = np.random.default_rng(SEED)
     for run in range(STARTS):
         problem = PairedTargets(fixed[run], moving[run])
-        near = OVERLAPPED.theta + np.array([5.0, 5.0, np.deg2rad(30.0)]) * rng.uniform(-1, 1, 3)
-        from_zero = run < PROBLEMS
-        paths = run_all(problem, np.zeros(3) if from_zero else near, first_order=from_zero)
-        best = min(paths.values(), key=lambda path: path.costs[-1]).costs[-1]
+        start = OVERLAPPED.theta + np.array([5.0, 5.0, np.deg2rad(30.0)]) * rng.uniform(-1, 1, 3)
+        paths = run_all(problem, start, first_order=run < PROBLEMS)
+        best = min(path.costs[-1] for path in paths.values())
+        reached = {
+            name: path.converged and path.costs[-1] - best < 1e-3 for name, path in paths.items()
+        }
         for name, path in paths.items():
-            same = path.converged and path.costs[-1] - best < 1e-3
-            key = f"{name}, from zero" if from_zero else name
-            iterations.setdefault(key, []).append(len(path.points) - 1)
-            arrived.setdefault(key, []).append(same)
-    medians = {key: float(np.median(each)) for key, each in iterations.items()}
-    shares = {key: float(np.mean(each)) for key, each in arrived.items()}
-    slow = medians["gradient descent, from zero"]
-    fast = max(value for key, value in medians.items() if not key.startswith("gradient"))
-    faster = slow > 10.0 * fast
-    all_arrive = min(shares.values()) > 0.99
-    newton = f"{shares['Newton']:.1%} of {len(arrived['Newton'])} starts near the truth"
-    others = (
-        f"Gauss-Newton from {shares['Gauss-Newton']:.1%} and Levenberg-Marquardt from "
-        f"{shares['Levenberg-Marquardt']:.1%}"
+            iterations.setdefault(name, []).append(len(path.points) - 1)
+            arrived.setdefault(name, []).append(reached[name])
+        if run < PROBLEMS:
+            slowest = max(iterations[name][-1] for name in paths if name != FIRST_ORDER)
+            ratios.append(iterations[FIRST_ORDER][-1] / slowest)
+        elif not all(reached.values()):  # then gradient descent runs from there as well
+            path = run_all(problem, start)[FIRST_ORDER]
+            rescued.append(path.converged and path.costs[-1] - best < 1e-3)
+    ratio = geometric_mean_of(ratios)
+    shares = {name: share_of(each) for name, each in arrived.items()}
+    medians = {name: float(np.median(each)) for name, each in iterations.items()}
+    faster = larger(ratio, RATIO)
+    # so few starts of gradient descent can only be all right, or not
+    all_arrive = all(arrived[FIRST_ORDER]) and all(
+        nearly_all(share) for name, share in shares.items() if name != FIRST_ORDER
     )
     return Evidence(
         judge(confirmed=faster and all_arrive, qualified=faster),
-        f"gradient descent takes a median of {slow:.0f} iterations from zero, the other three take "
-        f"{fast:.1f} at most. But without a safeguard Newton's method accepts any stationary "
-        f"point: it reaches the minimum from {newton}, {others}.",
-        {f"median iterations, {key}": value for key, value in medians.items()}
-        | {f"share that reaches the minimum, {key}": value for key, value in shares.items()},
-        holds="For methods whose step always points downhill. Newton's method without a safeguard "
-        f"reaches the minimum from {newton}, {others}.",
+        f"gradient descent takes a median of {medians[FIRST_ORDER]:.0f} iterations and the others "
+        f"{max(value for name, value in medians.items() if name != FIRST_ORDER):.0f} at most, "
+        f"{ratio:.0f} times fewer. All four reach the minimum from nearly every start within 5 m "
+        f"and 30 degrees: gradient descent from {shares[FIRST_ORDER]:.0%}, Newton's method from "
+        f"{shares['Newton']:.1%}, Gauss-Newton from {shares['Gauss-Newton']:.1%} and "
+        f"Levenberg-Marquardt from {shares['Levenberg-Marquardt']:.1%}. Newton's method without a "
+        "safeguard accepts any stationary point; gradient descent reaches the minimum from "
+        f"{sum(rescued)} of the {len(rescued)} starts from which that happens.",
+        {"ratio of the iterations, gradient descent / slowest of the others": ratio}
+        | {f"median iterations, {name}": value for name, value in medians.items()}
+        | {f"share that reaches the minimum, {name}": value for name, value in shares.items()}
+        | {
+            "starts from which one of the three does not reach it": float(len(rescued)),
+            "of these, starts from which gradient descent does": float(sum(rescued)),
+        },
+        holds="For the number of iterations; Newton's method without a safeguard reaches the "
+        f"minimum from {shares['Newton']:.1%} of the starts.",
+        over=f"{STARTS} draws of the noise with a start each, {PROBLEMS} of them with gradient "
+        "descent, and those from which another method fails",
     )
 
 
@@ -85,23 +123,25 @@ def fisher_suffices() -> Evidence:
     needed.
     """
     numbers: dict[str, float] = {}
-    inverse, propagated = {}, {}
+    inverse, propagated, credible = {}, {}, {}
     for name in COSTS:
         study = covariance_study(name)
         hessian, spread = study.fisher_credibility, study.propagated_credibility
-        inverse[name], propagated[name] = hessian.inclination, spread.inclination
+        inverse[name], propagated[name] = inclination_of(hessian), inclination_of(spread)
+        anees = anees_of(hessian)
+        credible[name] = same(inverse[name], DECIBELS) and same(anees, ANEES)
         numbers |= {
-            f"I2 of the inverse Hessian, {name} (dB)": hessian.inclination,
-            f"ANEES of the inverse Hessian, {name}": hessian.anees,
-            f"I2 of the propagated covariance, {name} (dB)": spread.inclination,
-            f"ANEES of the propagated covariance, {name}": spread.anees,
+            f"I2 of the inverse Hessian, {name} (dB)": inverse[name],
+            f"ANEES of the inverse Hessian, {name}": anees,
+            f"I2 of the propagated covariance, {name} (dB)": propagated[name],
+            f"ANEES of the propagated covariance, {name}": anees_of(spread),
         }
     layouts = over_layouts("likelihood")
-    low, high = float(layouts.min()), float(layouts.max())
+    low, high, mean = float(layouts.min()), float(layouts.max()), mean_of(layouts)
+    numbers["mean ANEES of the inverse Hessian on random layouts, likelihood"] = mean
     numbers["lowest ANEES of the inverse Hessian on random layouts, likelihood"] = low
     numbers["highest ANEES of the inverse Hessian on random layouts, likelihood"] = high
-    credible = {name: abs(value) < CREDIBLE_INCLINATION for name, value in inverse.items()}
-    likely = credible["likelihood"] and credible["robust likelihood"]
+    likely = credible["likelihood"] and credible["robust likelihood"] and same(mean, ANEES)
     return Evidence(
         judge(confirmed=likely and credible["summing"], qualified=likely),
         "for the D2D likelihood of targets that stand apart I2 is "
@@ -117,6 +157,8 @@ def fisher_suffices() -> Evidence:
         f"{inverse['likelihood']:+.2f} dB, and for the robust one with "
         f"{inverse['robust likelihood']:+.2f} dB; on {len(layouts)} random layouts the ANEES lies "
         f"between {low:.2f} and {high:.2f}.",
+        over=f"{RUNS} draws of the noise of the overlapped scene, and 1000 on each of "
+        f"{len(layouts)} random layouts, all started at the truth",
     )
 
 
@@ -125,39 +167,47 @@ def fisher_suffices() -> Evidence:
     section="5.2",
     figure="covariance-credibility",
     telling=(
-        "cost at 2 claimed deviations over its quadratic model, likelihood",
+        "Mardia's kurtosis of the errors over that of a Gaussian, summing",
         "cost at 2 claimed deviations over its quadratic model, summing",
     ),
 )
 def summing_not_gaussian() -> Evidence:
     """The likelihood violates no Gaussian assumption, and the summing does."""
     numbers: dict[str, float] = {}
-    kurtosis, distance, quadratic = {}, {}, {}
+    shape: dict[str, Shape] = {}
+    quadratic: dict[str, Measured] = {}
     passed: dict[str, int] = {}
     for name in ("likelihood", "summing"):
-        study = covariance_study(name)
-        nees = study.fisher_credibility.nees
-        kurtosis[name] = float(np.abs(stats.kurtosis(study.errors)).max())
-        distance[name] = float(stats.kstest(nees, "chi2", args=(3,)).statistic)
-        quadratic[name] = quadratic_ratio(name, 2.0)
+        found = shape[name] = shape_of(covariance_study(name).errors)
+        ratios = quadratic_ratios(name, 2.0)
+        quadratic[name] = bootstrapped(lambda drawn: np.median(drawn), ratios)
         numbers |= {
-            f"largest excess kurtosis of the errors, {name}": kurtosis[name],
-            f"largest distance of the NEES from chi-square, {name}": distance[name],
+            f"Mardia's kurtosis of the errors over that of a Gaussian, {name}": found.kurtosis,
+            f"root of Mardia's skewness of the errors, {name}": found.skewness,
+            f"distance of their Mahalanobis distances from chi-square, {name}": found.distance,
             f"cost at 2 claimed deviations over its quadratic model, {name}": quadratic[name],
         }
-        tests = kurtosis[name] < 0.15, distance[name] < 0.02, abs(quadratic[name] - 1.0) < 0.1
+        tests = (
+            same(found.kurtosis, RATIO),
+            found.distance < SHARE.high,
+            same(quadratic[name], RATIO),
+        )
         passed[name] = sum(tests)
-    likely, summed = passed["likelihood"] == 3, passed["summing"] == 3
+    likely, summed = passed["likelihood"] == len(tests), passed["summing"] == len(tests)
     return Evidence(
-        judge(confirmed=likely and not summed, qualified=likely),
+        judge(confirmed=likely and not summed, qualified=likely or not summed),
         "at two claimed standard deviations from the optimum the negative log-likelihood of "
         f"targets that stand apart is {quadratic['likelihood']:.2f} times its quadratic model, and "
-        f"the sum's logarithm {quadratic['summing']:.2f} times. The errors have an excess kurtosis "
-        f"of up to {kurtosis['likelihood']:.2f} with the likelihood and "
-        f"{kurtosis['summing']:.2f} with the sum, and the distribution of the NEES differs from "
-        f"chi-square by up to {distance['likelihood']:.3f} and {distance['summing']:.3f}.",
+        f"the sum's logarithm {quadratic['summing']:.2f} times. The errors, divided by the root of "
+        f"their own covariance, have {shape['likelihood'].kurtosis:.2f} times the kurtosis of a "
+        f"Gaussian with the likelihood and {shape['summing'].kurtosis:.2f} times with the sum; "
+        "their Mahalanobis distances differ from chi-square by up to "
+        f"{shape['likelihood'].distance:.3f} and {shape['summing'].distance:.3f}: the sum's "
+        "errors have longer tails.",
         numbers,
-        holds=f"For the likelihood, which passes {passed['likelihood']} of the 3 tests of "
-        "normality (quadratic cost, kurtosis of the errors, distribution of the NEES); the sum "
-        f"passes {passed['summing']}.",
+        holds=f"For the likelihood, which passes {passed['likelihood']} of the {len(tests)} tests "
+        "of shape (kurtosis and distances of the whitened errors, quadratic cost); the sum passes "
+        f"{passed['summing']}.",
+        over=f"{RUNS} draws of the noise of the overlapped scene, started at the truth; 500 for "
+        "the cost",
     )

@@ -13,6 +13,7 @@ from d2d.study.line.scene import TRUTH, line_scene
 from d2d.study.line.surfaces import Survey, log_surface, survey
 
 DRAWS = 400  # the standard error of a share is 2.5 % or less
+MAP_DRAWS = 120  # for each pair of parameters
 TRANSLATIONS = np.arange(-16.0, 20.0, 0.03)  # m
 SEED = 42
 RIGHT = 1.1  # m: half way from the true alignment to the next distance at which targets meet
@@ -49,7 +50,9 @@ def share(condition: NDArray[np.bool_]) -> float:
 
 @cache
 def outlier_map(
-    fractions: tuple[float, ...] = FRACTIONS, widths: tuple[float, ...] = WIDTHS, draws: int = 120
+    fractions: tuple[float, ...] = FRACTIONS,
+    widths: tuple[float, ...] = WIDTHS,
+    draws: int = MAP_DRAWS,
 ) -> tuple[Array, Array, Array]:
     """Corrupted Gaussians of each fraction and width (m), with a randomly placed outlier in M.
 

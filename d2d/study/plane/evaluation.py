@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import chi2
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
@@ -73,17 +74,6 @@ def rms_interval(values: Array, resamples: int = 1000, seed: int = 0) -> tuple[f
     rng = np.random.default_rng(seed)
     chosen = rng.integers(len(values), size=(resamples, len(values)))
     low, high = np.quantile(np.sqrt((values**2)[chosen].mean(axis=1)), [0.025, 0.975])
-    return float(low), float(high)
-
-
-def ratio_interval(
-    over: Array, under: Array, resamples: int = 1000, seed: int = 0
-) -> tuple[float, float]:
-    """95 % interval of the ratio of two root mean squares, of values (N,) from the same draws."""
-    rng = np.random.default_rng(seed)
-    chosen = rng.integers(len(over), size=(resamples, len(over)))
-    ratios = np.sqrt((over**2)[chosen].mean(axis=1) / (under**2)[chosen].mean(axis=1))
-    low, high = np.quantile(ratios, [0.025, 0.975])
     return float(low), float(high)
 
 
@@ -211,6 +201,8 @@ class LayoutStudy:
     inclination: Array  # dB
     pessimistic: Array  # share of runs with a credibility ratio below -0.3 dB
     optimistic: Array  # and above +0.3 dB
+    nci: Array  # dB
+    coverage: Array  # share of runs whose error lies within the claimed 95 % region
 
 
 @cache
@@ -241,7 +233,8 @@ def over_layouts(
         credible = result.credibility
         ratio = 10.0 * np.log10(credible.ratio)
         parts = float((ratio < -NOTICEABLE).mean()), float((ratio > NOTICEABLE).mean())
-        return share, rms(distance), credible.inclination, *parts
+        covered = float((credible.nees < chi2.ppf(0.95, result.errors.shape[1])).mean())
+        return share, rms(distance), credible.inclination, *parts, credible.nci, covered
 
     with ThreadPoolExecutor(THREADS) as pool:
         columns = np.array(list(pool.map(one, range(layouts)))).T

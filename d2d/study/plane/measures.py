@@ -4,11 +4,20 @@ import numpy as np
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
+from d2d.study.book.measured import (
+    Measured,
+    inclination_of,
+    mean_of,
+    rms_ratio,
+    share_of,
+    share_over,
+)
 from d2d.study.plane.evaluation import (
     Start,
     at_truth,
     distance_and_rotation,
     evaluated,
+    over_layouts,
 )
 from d2d.study.plane.optima import Minima
 from d2d.study.plane.scenarios import (
@@ -17,16 +26,17 @@ from d2d.study.plane.scenarios import (
     Scenario,
 )
 
-PESSIMISTIC = -3.0  # dB: the covariance is twice too large or worse
-SAME_ERROR = 1.1  # a ratio of errors within 10 % of one
+SEARCHED = 80  # draws whose minima are searched for: without an exception, nearly all
+THOUSAND = "1000 draws of the noise of this scene"
 BOTH = {"A": OUTLIERS_AND_CLUSTERS_A, "B": OUTLIERS_AND_CLUSTERS_B}
+Condition = tuple[Scenario, RegistrationCost]
 MinimaOfDraws = tuple[Minima, ...]
 """The local minima of a cost, for each of several draws."""
 
 
-def mean_count_near(draws: MinimaOfDraws) -> float:
+def mean_count_near(draws: MinimaOfDraws) -> Measured:
     """Mean number of minima within 10 m and 45 degrees of the truth."""
-    return float(np.mean([each.near for each in draws]))
+    return mean_of([each.near for each in draws])
 
 
 def counts_visible(draws: MinimaOfDraws) -> list[int]:
@@ -34,14 +44,14 @@ def counts_visible(draws: MinimaOfDraws) -> list[int]:
     return [each.visible for each in draws]
 
 
-def has_one_visible(draws: MinimaOfDraws) -> bool:
-    """Whether every draw has only one minimum above 1 % of the highest density."""
-    return set(counts_visible(draws)) == {1}
+def share_one_visible(draws: MinimaOfDraws) -> Measured:
+    """Share of the draws with only one minimum above 1 % of the highest density."""
+    return share_of([count == 1 for count in counts_visible(draws)])
 
 
-def share_lowest_at_truth(draws: MinimaOfDraws) -> float:
+def share_lowest_at_truth(draws: MinimaOfDraws) -> Measured:
     """Share of the draws whose lowest minimum is at the truth."""
-    return float(np.mean([each.right for each in draws]))
+    return share_of([each.right for each in draws])
 
 
 def strongest_rival(draws: MinimaOfDraws) -> float:
@@ -61,9 +71,31 @@ def decades_to_second(draws: MinimaOfDraws) -> float:
 
 def share_ending_at_truth(
     scenario: Scenario, cost: RegistrationCost, initial: Start = "truth"
-) -> float:
+) -> Measured:
     """Share of the runs that end at the truth."""
-    return float(at_truth(evaluated(scenario, cost, initial).errors).mean())
+    return share_of(at_truth(evaluated(scenario, cost, initial).errors))
+
+
+def share_of_layouts(kind: str, cost: RegistrationCost, initial: Start = "truth") -> Measured:
+    """Share of the runs on 200 random layouts that end at the truth."""
+    return share_over(over_layouts(kind, cost, initial).share, 100)
+
+
+def error_ratio(over: Condition, under: Condition) -> Measured:
+    """Ratio of the RMSEs of the translation in two conditions, started at the truth."""
+    return rms_ratio(errors_of(*over)[0], errors_of(*under)[0])
+
+
+def error_ratio_of_layouts(
+    over: tuple[str, RegistrationCost], under: tuple[str, RegistrationCost]
+) -> Array:
+    """The same ratio on each of 200 random layouts."""
+    return over_layouts(*over).rmse / over_layouts(*under).rmse
+
+
+def inclination(scenario: Scenario, cost: RegistrationCost) -> Measured:
+    """I2 in dB, started at the truth."""
+    return inclination_of(evaluated(scenario, cost).credibility)
 
 
 def errors_of(scenario: Scenario, cost: RegistrationCost) -> tuple[Array, Array]:

@@ -1,7 +1,7 @@
 """Where the optima of a planar registration cost are, and from where they are reached."""
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from d2d import rigid
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.registration import register, start_grid
+from d2d.registration import Estimate, register, start_grid
 from d2d.study.plane.evaluation import at_truth
 from d2d.study.plane.scenarios import Scenario
 from d2d.study.point_sets.convergence import start_plane
@@ -63,10 +63,7 @@ def local_minima(scenario: Scenario, cost: RegistrationCost, draws: int = 5) -> 
     Found by descents from a grid of 847 starts within 10 m and 45 degrees of the truth: what is
     counted there is a lower bound.
     """
-    fixed, moving = scenario.sample(draws, np.random.default_rng(5))
-    angles = np.linspace(-SEARCH_ROTATION, SEARCH_ROTATION, ROTATIONS)
-    starts = scenario.theta + start_grid(SEARCH_DISTANCE, SPACING, angles)
-    found = register(fixed, moving, cost, starts[:, np.newaxis], threads=THREADS)
+    found = _descents(scenario, cost, draws)
     errors = found.theta - scenario.theta
     errors[..., 2] = np.angle(np.exp(1j * errors[..., 2]))
     reached = found.converged
@@ -74,6 +71,22 @@ def local_minima(scenario: Scenario, cost: RegistrationCost, draws: int = 5) -> 
         _distinct(errors[reached[:, draw], draw], found.value[reached[:, draw], draw])
         for draw in range(draws)
     )
+
+
+def highest_density(scenario: Scenario, cost: RegistrationCost, draws: int) -> Array:
+    """Logarithm (draws,) of the highest fused density that the same descents find in each draw."""
+    found = _descents(scenario, cost, draws)
+    heights = np.where(found.converged, -found.value, -np.inf)
+    return np.asarray(heights.max(axis=0))
+
+
+@lru_cache(maxsize=4)
+def _descents(scenario: Scenario, cost: RegistrationCost, draws: int) -> Estimate:
+    """Estimates (847, draws) from the grid of starts."""
+    fixed, moving = scenario.sample(draws, np.random.default_rng(5))
+    angles = np.linspace(-SEARCH_ROTATION, SEARCH_ROTATION, ROTATIONS)
+    starts = scenario.theta + start_grid(SEARCH_DISTANCE, SPACING, angles)
+    return register(fixed, moving, cost, starts[:, np.newaxis], threads=THREADS)
 
 
 def _distinct(errors: Array, values: Array) -> Minima:

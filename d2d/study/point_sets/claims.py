@@ -1,14 +1,23 @@
 """Claims of thesis chapter 3: ICP and the NDT."""
 
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
 from d2d._types import Array
 from d2d.baselines import icp, ndt_d2d, ndt_p2d
 from d2d.baselines.icp import Metric
-from d2d.study.book.claim import Evidence, claim, judge
+from d2d.study.book.claim import (
+    SHARE,
+    Evidence,
+    claim,
+    judge,
+    larger,
+    most,
+    nearly_all,
+    smaller,
+)
+from d2d.study.book.measured import Measured, mean_of, share_over
 from d2d.study.point_sets.convergence import (
     CELL_SIZES,
     MAX_DISTANCE,
@@ -37,11 +46,13 @@ COARSE = {
     "NDT, P2D, cells of 4, 2 and 1 m in turn": ndt_coarse_to_fine(ndt_p2d, *CELL_SIZES),
     "NDT, D2D, cells of 4, 2 and 1 m in turn": ndt_coarse_to_fine(ndt_d2d, *CELL_SIZES),
 }
-RELIABLE = 0.95  # share of starts
-QUANTILE = 2.20  # Student's t, 97.5 %, 11 degrees of freedom
 
 NEAR = f"within {NEAR_DISTANCE:g} m and {np.rad2deg(NEAR_ROTATION):.0f} deg"
 FAR = f"within {MAX_DISTANCE:g} m and {np.rad2deg(MAX_ROTATION):.0f} deg"
+OVER = (
+    f"{ROOMS} random rooms in each of {len(SCENES)} scenes, with {FAR_STARTS} far and "
+    f"{NEAR_STARTS} near starts in each room"
+)
 
 
 def _scan_pair(scene: str, number: int) -> tuple[RoomScan, RoomScan, np.random.Generator]:
@@ -68,44 +79,40 @@ def _success_shares() -> dict[tuple[str, str], Array]:
     return shares
 
 
-class Interval(NamedTuple):
-    """A mean over the rooms and its 95 % interval."""
-
-    mean: float
-    low: float
-    high: float
+# The rooms are independent, but the starts in one room are not: intervals are over the rooms.
 
 
-def _mean_over_rooms(per_room: Array) -> Interval:
-    """The rooms are independent, but the starts in one room are not."""
-    mean = float(per_room.mean())
-    half = QUANTILE * float(per_room.std(ddof=1)) / np.sqrt(len(per_room))
-    return Interval(mean, mean - half, mean + half)
+def _far(scene: str, method: str) -> Measured:
+    """Share of successes from far starts."""
+    return share_over(_success_shares()[scene, method][:, 0], FAR_STARTS)
 
 
-def _far(scene: str, method: str) -> Interval:
-    return _mean_over_rooms(_success_shares()[scene, method][:, 0])
+def _near(scene: str, method: str) -> Measured:
+    """Share of successes from near starts."""
+    return share_over(_success_shares()[scene, method][:, 1], NEAR_STARTS)
 
 
-def _near(scene: str, method: str) -> Interval:
-    return _mean_over_rooms(_success_shares()[scene, method][:, 1])
-
-
-def _loss_with_distance(scene: str, method: str) -> Interval:
+def _loss_with_distance(scene: str, method: str) -> Measured:
     """By how much the share of successes from far starts is below that from near ones."""
     far, near = _success_shares()[scene, method].T
-    return _mean_over_rooms(near - far)
+    return mean_of(near - far)
+
+
+def _lead(scene: str, method: str, other: str) -> Measured:
+    """Difference of two methods' shares of successes from far starts, room by room."""
+    shares = _success_shares()
+    return mean_of(shares[scene, method][:, 0] - shares[scene, other][:, 0])
 
 
 def _far_range(*methods: str) -> str:
     """The lowest and the highest share of successes from far starts, over scenes and methods."""
-    shares = [_far(scene, method).mean for scene in SCENES for method in methods]
+    shares = [_far(scene, method) for scene in SCENES for method in methods]
     return f"{min(shares):.0%} to {max(shares):.0%}"
 
 
 def _near_minimum(method: str) -> str:
     """The lowest share of successes from near starts over the scenes."""
-    return f"{min(_near(scene, method).mean for scene in SCENES):.0%}"
+    return f"{min(_near(scene, method) for scene in SCENES):.0%}"
 
 
 def _median_iterations(metric: Metric) -> float:
@@ -132,23 +139,21 @@ def icp_feeble() -> Evidence:
     """The convergence of standard ICP is feeble: it needs a good initial guess."""
     numbers: dict[str, float] = {}
     for scene in SCENES:
-        numbers[f"{scene}: share from near starts, {ICP}"] = _near(scene, ICP).mean
+        numbers[f"{scene}: share from near starts, {ICP}"] = _near(scene, ICP)
         for method in (*COMPARED, *COARSE):
-            numbers[f"{scene}: share from far starts, {method}"] = _far(scene, method).mean
+            numbers[f"{scene}: share from far starts, {method}"] = _far(scene, method)
         for method in COARSE:
-            numbers[f"{scene}: share from near starts, {method}"] = _near(scene, method).mean
-        icp_far = _far(scene, ICP)
-        numbers[f"{scene}: half-width of ICP's 95 % interval"] = icp_far.high - icp_far.mean
+            numbers[f"{scene}: share from near starts, {method}"] = _near(scene, method)
     numbers["median iterations from near starts, point to point"] = _median_iterations("point")
     numbers["median iterations from near starts, point to line"] = _median_iterations("line")
 
     needs_guess = all(
-        _near(scene, ICP).mean >= RELIABLE and _loss_with_distance(scene, ICP).low > 0.0
+        most(_near(scene, ICP)) and larger(_loss_with_distance(scene, ICP), SHARE)
         for scene in SCENES
     )
-    below_ndt = all(_far(s, ICP).high < _far(s, ndt).low for s in SCENES for ndt in NDT)
-    above_ndt = all(_far(s, ICP).low > _far(s, ndt).high for s in SCENES for ndt in NDT)
-    above_coarse = all(_far(s, ICP).mean > _far(s, ndt).mean for s in SCENES for ndt in COARSE)
+    below_ndt = all(smaller(_lead(s, ICP, ndt), SHARE) for s in SCENES for ndt in NDT)
+    above_ndt = all(larger(_lead(s, ICP, ndt), SHARE) for s in SCENES for ndt in NDT)
+    above_coarse = all(_lead(s, ICP, ndt) > 0.0 for s in SCENES for ndt in COARSE)
     if above_ndt and above_coarse:
         comparison = "ICP is ahead of all of them in every scene"
     elif above_ndt:
@@ -167,6 +172,7 @@ def icp_feeble() -> Evidence:
         numbers,
         holds=f"For far starts on their own, from {_far_range(ICP)} of which ICP succeeds. It does "
         f"not hold {'' if above_ndt else 'throughout '}in comparison with the NDTs: {comparison}.",
+        over=OVER,
     )
 
 
@@ -184,16 +190,13 @@ def ndt_registers() -> Evidence:
     numbers: dict[str, float] = {}
     for scene in SCENES:
         for method in NDT:
-            numbers[f"{scene}: share from near starts, {method}"] = _near(scene, method).mean
-            numbers[f"{scene}: share from far starts, {method}"] = _far(scene, method).mean
-    # by the upper bounds: no share is significantly below what counts as reliable
-    from_near, from_far = (
-        all(mean(scene, method).high >= RELIABLE for scene in SCENES for method in NDT)
-        for mean in (_near, _far)
-    )
+            numbers[f"{scene}: share from near starts, {method}"] = _near(scene, method)
+            numbers[f"{scene}: share from far starts, {method}"] = _far(scene, method)
+    near = [_near(scene, method) for scene in SCENES for method in NDT]
+    far = [_far(scene, method) for scene in SCENES for method in NDT]
     p2d, d2d = NDT
     return Evidence(
-        judge(confirmed=from_near and from_far, qualified=from_near),
+        judge(confirmed=all(map(nearly_all, near + far)), qualified=all(map(most, near))),
         f"in its worst scene P2D succeeds from {_near_minimum(p2d)} of the near starts ({NEAR}) "
         f"and D2D from {_near_minimum(d2d)}. From the far starts ({FAR}) P2D succeeds in "
         f"{_far_range(p2d)} of the cases, depending on the scene, and D2D in {_far_range(d2d)}.",
@@ -201,4 +204,5 @@ def ndt_registers() -> Evidence:
         holds=f"The start is {NEAR} of the truth, as between two scans of a moving vehicle whose "
         f"motion is predicted; from far ones P2D succeeds in {_far_range(p2d)} of the cases and "
         f"D2D in {_far_range(d2d)}.",
+        over=OVER,
     )

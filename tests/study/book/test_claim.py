@@ -8,9 +8,24 @@ from types import ModuleType
 
 import pytest
 
-from d2d.study.book.claim import Claim, Evidence, claim, claims_of, judge
-from d2d.study.book.record import differences, read_record, show, write_record
-from d2d.study.claims import CLAIMS
+from d2d.study.book.claim import (
+    DECIBELS,
+    RATIO,
+    Claim,
+    Evidence,
+    claim,
+    claims_of,
+    hardly_any,
+    judge,
+    larger,
+    most,
+    nearly_all,
+    same,
+    smaller,
+    some,
+)
+from d2d.study.book.measured import Measured
+from d2d.study.book.record import differences, read_record, write_record
 
 
 def test_the_first_condition_that_is_met_is_the_verdict():
@@ -18,6 +33,45 @@ def test_the_first_condition_that_is_met_is_the_verdict():
     assert judge(confirmed=True, qualified=False) == "confirmed"
     assert judge(confirmed=False, qualified=True) == "qualified"
     assert judge(confirmed=False) == judge(confirmed=False, qualified=False) == "refuted"
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (1.06, 1.30, {larger}),
+        (1.01, 1.30, set()),  # surely larger than one, but perhaps not by enough
+        (0.97, 1.03, {same}),
+        (0.97, 1.06, set()),
+        (0.80, 0.94, {smaller}),
+    ],
+)
+def test_an_interval_is_beyond_a_margin_within_it_or_says_nothing(low, high, expected):
+    """Breaks if a small but certain effect counts, or a wide interval shows equality."""
+    number = Measured(0.5 * (low + high), low, high)
+    assert {rule for rule in (larger, same, smaller) if rule(number, RATIO)} == expected
+
+
+def test_margins_of_decibels_are_the_same_to_either_side():
+    """Breaks if a bound changes its sign."""
+    assert same(Measured(0.0, -0.4, 0.4), DECIBELS)
+    assert larger(Measured(1.0, 0.6, 1.4), DECIBELS)
+    assert smaller(Measured(-1.0, -1.4, -0.6), DECIBELS)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (0.96, 1.00, {nearly_all, most, some}),
+        (0.90, 1.00, {most, some}),
+        (0.40, 0.60, {some}),
+        (0.02, 0.08, set()),
+        (0.00, 0.04, {hardly_any}),
+    ],
+)
+def test_shares_have_words(low, high, expected):
+    """Breaks if a verdict looks at the share itself and not at its interval."""
+    share = Measured(0.5 * (low + high), low, high)
+    assert {rule for rule in (nearly_all, most, some, hardly_any) if rule(share)} == expected
 
 
 def module_with(*claims: Claim) -> ModuleType:
@@ -61,23 +115,15 @@ def test_two_claims_of_one_id_are_refused():
         claims_of([module_with(some_claim("a")), module_with(some_claim("a"))])
 
 
-def test_show_prints_the_claim_and_what_is_on_record(capsys):
-    """Breaks if a chapter prints another claim's evidence."""
-    show(CLAIMS["nci-not-enough"])
-    claim, verdict, *numbers = capsys.readouterr().out.splitlines()
-    recorded = read_record()["nci-not-enough"]
-    assert claim == f"[nci-not-enough] {CLAIMS['nci-not-enough'].text} (thesis 6.4)"
-    assert verdict == f"{recorded.verdict}: {recorded.because}"
-    assert numbers == [f"  {name}: {value:.3g}" for name, value in recorded.numbers.items()] + [""]
-
-
 def test_a_record_is_read_as_it_was_written(tmp_path):
     """Breaks if a field is lost on the way, or more is rounded than four digits."""
-    numbers = {"a length (m)": 1.23456, "n": 12345.0}
-    evidence = Evidence("qualified", "es hängt ab.", numbers, "sometimes.")
+    numbers = {"a length (m)": Measured(1.23456, 1.2, 1.27777), "n": 12345.0}
+    evidence = Evidence("qualified", "es hängt ab.", numbers, "sometimes.", "3 draws")
     write_record(tmp_path / "claims.json", {"some-id": evidence})
     back = read_record(tmp_path / "claims.json")["some-id"]
     assert back == replace(evidence, numbers={"a length (m)": 1.235, "n": 12340.0})
+    length = back.numbers["a length (m)"]
+    assert (length.low, length.high) == (1.2, 1.278)
     assert differences(evidence, back) == []
 
 
@@ -87,6 +133,8 @@ def test_a_record_is_read_as_it_was_written(tmp_path):
         {"verdict": "refuted"},
         {"because": "of something else."},
         {"holds": "never."},
+        {"over": "one draw"},
+        {"numbers": {"a share": Measured(0.5, 0.4, 0.6), "a height": -60.0}},
         {"numbers": {"a share": 0.5, "a height": -60.0, "new": 1.0}},
         {"numbers": {"a share": 0.5}},
         {"numbers": {"a share": 0.504, "a height": -60.0}},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from d2d.study.estimation import covariance_trials
@@ -13,3 +14,27 @@ def test_sums_of_many_equal_targets_approach_the_limits_of_chapter_5():
     assert sums.actual == pytest.approx(16 / 9, rel=0.06)  # a variance of 6000 values: 2 %
     assert sums.fisher == pytest.approx(2 * 128, rel=0.02)
     assert sums.propagated == pytest.approx(112 / 27, rel=0.03)
+
+
+def test_the_shape_of_errors_is_not_their_scale():
+    """Breaks if the claimed covariance, or any scale or correlation, has a part in it."""
+    rng = np.random.default_rng(2)
+    normal = rng.standard_normal((20_000, 3))
+    mixed = 7.0 * normal @ np.array([[1.0, 0.3, 0.0], [0.0, 0.01, 0.2], [0.1, 0.0, 2.0]]) + 5.0
+    found, same = covariance_trials.shape_of(normal), covariance_trials.shape_of(mixed)
+    assert same == pytest.approx(found)
+    assert found.kurtosis == pytest.approx(1.0, abs=0.03)
+    assert found.skewness < 0.15
+    assert found.distance < 0.015
+    heavy = covariance_trials.shape_of(normal * rng.gamma(3.0, size=(20_000, 1)))
+    assert heavy.kurtosis > 1.3
+    assert heavy.distance > 0.05
+    assert covariance_trials.shape_of(rng.exponential(size=(20_000, 3))).skewness > 1.0
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_shared_partner_counts_once_for_every_target(count):
+    """Breaks if the Hessian knew of it, or if error propagation did not."""
+    found = covariance_trials.shared_partner(count)
+    assert found.fisher == pytest.approx(found.expected, rel=0.06)
+    assert found.propagated == pytest.approx(1.0, abs=0.05)

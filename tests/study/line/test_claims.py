@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from d2d import RegistrationCost
+from d2d import RegistrationCost, UniformOutlier
 from d2d.study.claims import CLAIMS
-from d2d.study.line.claims import surfaces
+from d2d.study.line.claims import outliers, surfaces
 from d2d.study.line.scene import line_scene
 
 P2D, D2D, LIKELIHOOD = surfaces.P2D, surfaces.D2D, surfaces.LIKELIHOOD
@@ -59,6 +59,24 @@ def test_a_surface_claim_that_fails_altogether_is_judged_and_not_a_crash(monkeyp
     for name, value in world.items():
         monkeypatch.setattr(surfaces, name, value)
     assert CLAIMS[claim].check().verdict != "confirmed"
+
+
+@pytest.mark.parametrize(
+    ("density", "verdict"),
+    [(0.01, "qualified"), (1.0, "confirmed")],
+)
+def test_the_uniform_component_is_judged_by_the_covariance_too(monkeypatch, density, verdict):
+    """Breaks if the area alone decides, which no measurement could refute."""
+    monkeypatch.setattr(outliers, "UNIFORM_DENSITY", density)
+    monkeypatch.setattr(outliers, "UNIFORM", RegistrationCost(outlier=UniformOutlier(density)))
+    evidence = CLAIMS["uniform-not-a-density"].check()
+    assert evidence.verdict == verdict, str(evidence)
+
+
+def test_a_uniform_component_with_an_area_of_one_refutes_the_claim(monkeypatch):
+    """Breaks if the area is not measured."""
+    monkeypatch.setattr(outliers, "UNIFORM", outliers.ROBUST)
+    assert CLAIMS["uniform-not-a-density"].check().verdict == "refuted"
 
 
 SURFACE_CLAIMS = [claim for claim in CLAIMS.values() if claim.section in ("4.2", "4.3")]

@@ -1,15 +1,43 @@
 """Claims of thesis section 4.5: clusters on the line."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from d2d._types import Array
 from d2d.cost import RegistrationCost
-from d2d.study.book.claim import Evidence, claim, judge
-from d2d.study.line.cluster_study import ESTIMATES, NEAR, SPACINGS, cluster_sweep, without_cluster
+from d2d.study.book.claim import (
+    ANEES,
+    RATIO,
+    Evidence,
+    claim,
+    hardly_any,
+    judge,
+    most,
+    nearly_all,
+    same,
+    smaller,
+)
+from d2d.study.book.measured import Measured, bootstrapped, mean_of, rms_ratio, share_of
+from d2d.study.line.cluster_study import (
+    ESTIMATES,
+    NEAR,
+    SEARCHED,
+    SPACINGS,
+    Spread,
+    cluster_sweep,
+    spread,
+    without_cluster,
+)
 from d2d.study.line.outlier_study import LIKELIHOOD, SUMMING
 
 TIGHT = 1.0  # standard deviations between neighbours, or less
+OVER = (
+    f"{ESTIMATES} draws of the noise for each of {len(SPACINGS)} spacings of the cluster on the "
+    f"line, {SEARCHED} of them searched for maxima"
+)
 
 
 @claim(
@@ -17,25 +45,20 @@ TIGHT = 1.0  # standard deviations between neighbours, or less
     section="4.5",
     figure="cluster-tight-cost",
     telling=(
-        "claimed standard deviation without the cluster, likelihood (sigma)",
-        "maximum claimed standard deviation with it, spacings up to 1 sigma, likelihood (sigma)",
+        "ratio of the claimed standard deviations, with / without, likelihood",
+        "ratio of the claimed standard deviations, with / without, sum",
     ),
 )
 def tight_cluster_certain() -> Evidence:
     """Very close targets act as one and make the peak more certain."""
     likelihood, summing = _effect_of_tight_cluster(LIKELIHOOD), _effect_of_tight_cluster(SUMMING)
-    several = cluster_sweep(SUMMING).several[np.array(SPACINGS) <= TIGHT].max()
-    more_certain = likelihood.more_certain and summing.more_certain
-    acts_as_one = several < 0.05
-    certain = [
-        name
-        for name, effect in (("the likelihood", likelihood), ("the sum", summing))
-        if effect.more_certain
-    ]
+    several = _share_of_sweep(SUMMING, np.array(SPACINGS) <= TIGHT, max)
+    effects = {"the likelihood": likelihood, "the sum": summing}
+    certain = [name for name, effect in effects.items() if effect.more_certain]
     return Evidence(
         judge(
-            confirmed=more_certain and acts_as_one and likelihood.more_accurate,
-            qualified=likelihood.more_accurate,
+            confirmed=len(certain) == 2 and hardly_any(several) and likelihood.more_accurate,
+            qualified=bool(certain) and likelihood.more_accurate,
         ),
         f"the likelihood claims a standard deviation of {likelihood.claimed_without:.2f} sigma "
         f"without the cluster and up to {likelihood.claimed:.2f} sigma with it (spacings up to "
@@ -46,34 +69,60 @@ def tight_cluster_certain() -> Evidence:
         "cluster's own spread widens.",
         _numbers("likelihood", likelihood) | _numbers("sum", summing),
         holds=f"For {' and '.join(certain) or 'the error alone'}. With the cluster the sum's error "
-        f"is up to {summing.error / summing.error_without:.2f} times and its claimed standard "
-        f"deviation up to {summing.claimed / summing.claimed_without:.2f} times that without it.",
+        f"is up to {summing.error_ratio:.2f} times and its claimed standard deviation up to "
+        f"{summing.claimed_ratio:.2f} times that without it.",
+        over=OVER,
     )
 
 
 class _Effect(NamedTuple):
-    """What a tight cluster does to one cost, in sigma: without it, and the maximum with it."""
+    """What a tight cluster does to one cost: the maxima over its spacings, in sigma and as ratios.
+
+    Each ratio is that to the three targets without a cluster.
+    """
 
     claimed_without: float
     claimed: float
+    claimed_ratio: Measured
     error_without: float
     error: float
+    error_ratio: Measured
 
     @property
     def more_certain(self) -> bool:
-        return self.claimed < self.claimed_without
+        return smaller(self.claimed_ratio, RATIO)
 
     @property
     def more_accurate(self) -> bool:
-        return self.error < self.error_without
+        return smaller(self.error_ratio, RATIO)
 
 
 def _effect_of_tight_cluster(cost: RegistrationCost) -> _Effect:
-    sweep, (claimed, error) = cluster_sweep(cost), without_cluster(cost)
-    tight = np.array(SPACINGS) <= TIGHT
-    return _Effect(
-        claimed, float(sweep.claimed[tight].max()), error, float(sweep.actual[tight].max())
+    without, (claimed, error) = spread(cost, None), without_cluster(cost)
+    tight = [spread(cost, spacing) for spacing in SPACINGS if spacing <= TIGHT]
+    claimed_ratio = max(
+        bootstrapped(lambda a, b: np.median(a) / np.median(b), *_paired(each, without, "claimed"))
+        for each in tight
     )
+    error_ratio = max(rms_ratio(*_paired(each, without, "errors")) for each in tight)
+    return _Effect(
+        claimed, claimed * claimed_ratio, claimed_ratio, error, error * error_ratio, error_ratio
+    )
+
+
+def _paired(over: Spread, under: Spread, field: str) -> tuple[Array, Array]:
+    """That field of both, cut to the same number of draws; the draws are independent."""
+    first, second = getattr(over, field), getattr(under, field)
+    count = min(len(first), len(second))
+    return first[:count], second[:count]
+
+
+def _share_of_sweep(
+    cost: RegistrationCost, spacings: NDArray[np.bool_], pick: Callable[[Array], float]
+) -> Measured:
+    """The largest or smallest share of draws with several maxima, over those spacings."""
+    share = pick(cluster_sweep(cost).several[spacings])
+    return share_of(np.arange(SEARCHED) < round(SEARCHED * float(share)))
 
 
 def _numbers(name: str, effect: _Effect) -> dict[str, float]:
@@ -81,8 +130,10 @@ def _numbers(name: str, effect: _Effect) -> dict[str, float]:
     return {
         f"claimed standard deviation without the cluster, {name} (sigma)": effect.claimed_without,
         f"maximum claimed standard deviation with it, {within}, {name} (sigma)": effect.claimed,
+        f"ratio of the claimed standard deviations, with / without, {name}": effect.claimed_ratio,
         f"root mean square error without the cluster, {name} (sigma)": effect.error_without,
         f"maximum root mean square error with it, {within}, {name} (sigma)": effect.error,
+        f"ratio of the root mean square errors, with / without, {name}": effect.error_ratio,
     }
 
 
@@ -99,13 +150,13 @@ def loose_cluster_summing() -> Evidence:
     """Close targets add local peaks beside the global one to the sum."""
     sweep = cluster_sweep(SUMMING)
     spacing = np.array(SPACINGS)
-    several = dict(zip(SPACINGS, map(float, sweep.several), strict=True))
+    several = {at: _share_of_sweep(SUMMING, spacing == at, max) for at in (1.0, 2.0, 3.0)}
     near = dict(zip(SPACINGS, map(float, sweep.near), strict=True))
     loose = (spacing >= 4.0) & (spacing <= 6.0)
-    several_if_loose = float(sweep.several[loose].min())
+    several_if_loose = _share_of_sweep(SUMMING, loose, min)
     what = f"share of draws with several maxima within {NEAR:g} m"
     return Evidence(
-        judge(confirmed=several_if_loose > 0.95, qualified=several_if_loose > 0.5),
+        judge(confirmed=nearly_all(several_if_loose), qualified=most(several_if_loose)),
         "neighbours that meet each other's partners add peaks one and two spacings away, which "
         "without noise separate at a spacing of 2 sqrt(2) sigma. Several maxima lie within "
         f"{NEAR:g} m of the truth in {several[2.0]:.0%} of the draws at 2 sigma, in "
@@ -119,6 +170,7 @@ def loose_cluster_summing() -> Evidence:
         },
         holds="At spacings of 4 to 6 sigma, with several maxima in at least "
         f"{several_if_loose:.1%} of the draws; at 2 sigma there are several in {several[2.0]:.0%}.",
+        over=OVER,
     )
 
 
@@ -137,11 +189,11 @@ def loose_cluster_likelihood() -> Evidence:
     spacing = np.array(SPACINGS)
     anees = dict(zip(SPACINGS, map(float, sweep.anees), strict=True))
     loose = (spacing >= 3.0) & (spacing <= 6.0)
-    single = 1.0 - float(sweep.several[loose].max())
-    largest, largest_outside = sweep.anees[loose].max(), sweep.anees[~loose].max()
-    credible = 1.0 + 3.0 * np.sqrt(2.0 / ESTIMATES)  # three standard errors above an ideal ANEES
+    single = _complement(_share_of_sweep(LIKELIHOOD, loose, max))
+    largest = max(mean_of(spread(LIKELIHOOD, at).nees) for at in spacing[loose])
+    largest_outside = sweep.anees[~loose].max()
     return Evidence(
-        judge(confirmed=single > 0.95 and largest < credible, qualified=single > 0.75),
+        judge(confirmed=nearly_all(single) and same(largest, ANEES), qualified=most(single)),
         f"between 3 and 6 sigma the likelihood has one maximum within {NEAR:g} m in at least "
         f"{single:.1%} of the draws, but noise can make a target side with the wrong neighbour, "
         f"which the inverse Hessian does not account for. The ANEES is up to {largest:.2f} there, "
@@ -153,11 +205,17 @@ def loose_cluster_likelihood() -> Evidence:
             "ANEES at a spacing of 1 sigma": anees[1.0],
             "ANEES at a spacing of 5 sigma": anees[5.0],
             "ANEES at a spacing of 10 sigma": anees[10.0],
-            "maximum ANEES over spacings of 3 to 6 sigma": float(largest),
+            "maximum ANEES over spacings of 3 to 6 sigma": largest,
         },
         holds="For the place of the peak, whose error is at most "
         f"{sweep.actual.max():.2f} sigma over all spacings, "
         f"{without_cluster(LIKELIHOOD)[1]:.2f} sigma without the cluster; for the covariance only "
         f"outside 3 to 6 sigma, where the ANEES is up to {largest_outside:.2f} instead of "
         f"{largest:.2f}.",
+        over=OVER,
     )
+
+
+def _complement(share: Measured) -> Measured:
+    """The share of the other draws."""
+    return Measured(1.0 - share, 1.0 - share.high, 1.0 - share.low)

@@ -4,11 +4,26 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.study.book.claim import Evidence, claim, judge
+from d2d.study.book.claim import (
+    MEAN,
+    RATIO,
+    SHARE,
+    Evidence,
+    claim,
+    hardly_any,
+    judge,
+    larger,
+    most,
+    nearly_all,
+    same,
+    smaller,
+)
+from d2d.study.book.measured import Measured, bootstrapped, mean_of, share_of
 from d2d.study.line.scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
 from d2d.study.line.surfaces import Peaks, basin_of_attraction, log_surface, peaks
 
@@ -56,15 +71,25 @@ def _median_basin_width(cost: RegistrationCost, sigma_moving: float = SIGMA) -> 
     return float(np.median(right - left))
 
 
-def _share_right(found: Peaks) -> float:
+def _share_right(found: Peaks) -> Measured:
     """Share of the draws whose highest peak is that of the true alignment."""
-    return float((np.abs(found.positions[:, 0] - TRUTH) < RIGHT).mean())
+    return share_of(np.abs(found.positions[:, 0] - TRUTH) < RIGHT)
 
 
-def _share_outstanding(found: Peaks) -> float:
-    """Share of the draws in which that peak also stands out from all others."""
+def _outstanding(found: Peaks) -> NDArray[np.bool_]:
+    """Whether that peak also stands out from all others, for each draw."""
     right = np.abs(found.positions[:, 0] - TRUTH) < RIGHT
-    return float((right & (found.second_log_height < OUTSTANDING)).mean())
+    return np.asarray(right & (found.second_log_height < OUTSTANDING))
+
+
+def _mean_number(found: Peaks) -> Measured:
+    """Mean number of peaks."""
+    return mean_of(found.number)
+
+
+def _over() -> str:
+    """Over what these claims are measured."""
+    return f"{DRAWS} draws of the noise of the thesis's scene on a line"
 
 
 def _median_second_log_height(found: Peaks) -> float:
@@ -84,21 +109,24 @@ def _median_second_log_height(found: Peaks) -> float:
 )
 def b_three_peaks() -> Evidence:
     """The cost surface of target B has three peaks, at t_x = 2, 10 and 12.2 m."""
-    found = peaks(TRANSLATIONS, _surfaces(P2D, of_b_alone=True))
-    has_three = found.number == 3
-    share = float(has_three.mean())
+    of_b = peaks(TRANSLATIONS, _surfaces(P2D, of_b_alone=True))
+    has_three = of_b.number == 3
+    share = share_of(has_three)
     if share < 0.5:
         return Evidence(
             "refuted",
             f"target B meets other components: {share:.0%} of the draws have exactly three peaks.",
             {"share of draws with exactly three peaks": share},
+            over=_over(),
         )
-    positions = np.sort(found.positions[has_three, :3])
-    mean, spread = positions.mean(axis=0), positions.std(axis=0)
-    offset = np.abs(mean - (TRUTH + FIXED_POSITIONS)).max()
-    in_place = offset < 3.0 * spread.max() / np.sqrt(has_three.sum()) + 0.02
+    positions = np.sort(of_b.positions[has_three, :3])
+    mean, spread = [mean_of(column) for column in positions.T], positions.std(axis=0)
+    in_place = all(
+        same(found.plus(-true), MEAN.times(deviation))
+        for found, true, deviation in zip(mean, TRUTH + FIXED_POSITIONS, spread, strict=True)
+    )
     return Evidence(
-        judge(confirmed=share > 0.99 and in_place),
+        judge(confirmed=nearly_all(share) and in_place),
         "target B meets the three components of F one after the other: "
         f"{share:.0%} of the draws have exactly three peaks, on average at {mean[0]:.2f}, "
         f"{mean[1]:.2f} and {mean[2]:.2f} m. A single draw moves each peak by the noise of both "
@@ -110,6 +138,7 @@ def b_three_peaks() -> Evidence:
             "mean position of the third peak (m)": mean[2],
             "standard deviation of a peak's position (m)": spread.mean(),
         },
+        over=_over(),
     )
 
 
@@ -127,11 +156,15 @@ def d2d_lower() -> Evidence:
     p2d, d2d = _surfaces(P2D), _surfaces(D2D)
     highest = np.exp(d2d.max(axis=-1) - p2d.max(axis=-1))
     p2d_of_b, d2d_of_b = (_surfaces(cost, of_b_alone=True).max(axis=-1) for cost in (P2D, D2D))
-    peak_is_lower = float((highest < 1.0).mean())
-    along = float((d2d < p2d).mean())
-    ratio, ratio_of_b = float(np.median(highest)), float(np.median(np.exp(d2d_of_b - p2d_of_b)))
+    peak_is_lower = share_of(highest < 1.0)
+    along = mean_of((d2d < p2d).mean(axis=-1))
+    ratio = bootstrapped(np.median, highest)
+    ratio_of_b = bootstrapped(np.median, np.exp(d2d_of_b - p2d_of_b))
     return Evidence(
-        judge(confirmed=along > 0.99, qualified=peak_is_lower > 0.99),
+        judge(
+            confirmed=nearly_all(along),
+            qualified=nearly_all(peak_is_lower) and smaller(ratio, RATIO),
+        ),
         f"D2D's highest value is lower in {peak_is_lower:.0%} of the draws, since adding equal "
         "covariances divides the height of each term by sqrt(2); the median ratio is "
         f"{ratio_of_b:.2f} for target B alone and {ratio:.2f} for the sum of three targets, where "
@@ -145,6 +178,7 @@ def d2d_lower() -> Evidence:
         },
         holds=f"At the highest peak, which is lower in {peak_is_lower:.0%} of the draws; along the "
         f"t_x axis D2D is lower on {along:.0%}.",
+        over=_over(),
     )
 
 
@@ -163,25 +197,27 @@ def equal_sigma_same() -> Evidence:
     """
     p2d, d2d = _peaks(P2D), _peaks(D2D)
     right_p2d, right_d2d = (_share_right(found) for found in (p2d, d2d))
-    local_p2d, local_d2d = (float((found.number > 1).mean()) for found in (p2d, d2d))
-    same = float((p2d.number == d2d.number).mean())
-    global_and_local = min(right_p2d, right_d2d, local_p2d, local_d2d) > 0.99
+    local_p2d, local_d2d = (share_of(found.number > 1) for found in (p2d, d2d))
+    alike = share_of(p2d.number == d2d.number)
+    number_p2d, number_d2d = _mean_number(p2d), _mean_number(d2d)
+    global_and_local = all(map(nearly_all, (right_p2d, right_d2d, local_p2d, local_d2d)))
     return Evidence(
-        judge(confirmed=global_and_local and same > 0.95, qualified=global_and_local),
+        judge(confirmed=global_and_local and nearly_all(alike), qualified=global_and_local),
         f"the highest peak is at the true alignment in {right_p2d:.0%} of the draws with P2D and "
         f"in {right_d2d:.0%} with D2D, with local ones besides in {local_p2d:.0%} and "
-        f"{local_d2d:.0%}; the number of peaks is the same in {same:.0%}. P2D's terms have the "
+        f"{local_d2d:.0%}; the number of peaks is the same in {alike:.0%}. P2D's terms have the "
         "width of one point's noise and are scattered by that of two, so its peaks can split: it "
-        f"has {p2d.number.mean():.2f} on average, D2D {d2d.number.mean():.2f}.",
+        f"has {number_p2d:.2f} on average, D2D {number_d2d:.2f}.",
         {
             "share of draws with P2D's highest peak at the true alignment": right_p2d,
             "share of draws with D2D's highest peak at the true alignment": right_d2d,
-            "share of draws with as many peaks in both": same,
-            "mean number of peaks, P2D": float(p2d.number.mean()),
-            "mean number of peaks, D2D": float(d2d.number.mean()),
+            "share of draws with as many peaks in both": alike,
+            "mean number of peaks, P2D": number_p2d,
+            "mean number of peaks, D2D": number_d2d,
         },
         holds="For the place of the highest peak and the presence of local ones; the number of "
-        f"peaks is the same in {same:.0%} of the draws.",
+        f"peaks is the same in {alike:.0%} of the draws.",
+        over=_over(),
     )
 
 
@@ -198,12 +234,12 @@ def noisy_p2d_fails() -> Evidence:
     """With a noisier current set P2D has no global peak, while D2D keeps one."""
     sigma = NOISE_RATIO * SIGMA
     p2d, d2d = _peaks(P2D, sigma), _peaks(D2D, sigma)
-    clear_p2d, clear_d2d = (_share_outstanding(found) for found in (p2d, d2d))
-    error = np.sqrt((clear_p2d * (1 - clear_p2d) + clear_d2d * (1 - clear_d2d)) / DRAWS)
+    clear_p2d, clear_d2d = (share_of(_outstanding(found)) for found in (p2d, d2d))
+    lead = mean_of(_outstanding(d2d) * 1.0 - _outstanding(p2d))
     return Evidence(
         judge(
-            confirmed=clear_p2d < 0.05 and clear_d2d > 0.95,
-            qualified=clear_d2d - clear_p2d > 3.0 * error,
+            confirmed=hardly_any(clear_p2d) and nearly_all(clear_d2d),
+            qualified=larger(lead, SHARE),
         ),
         f"with {NOISE_RATIO:g} times the noise in M, the highest peak is at the true alignment and "
         f"all others are below {np.exp(OUTSTANDING):.0%} of it in {clear_d2d:.0%} of the draws "
@@ -214,8 +250,9 @@ def noisy_p2d_fails() -> Evidence:
             "share of draws with D2D's highest peak at the true alignment": _share_right(d2d),
             "share of draws with all other peaks below 80 % of the true one, P2D": clear_p2d,
             "share of draws with all other peaks below 80 % of the true one, D2D": clear_d2d,
-            "mean number of peaks, P2D": float(p2d.number.mean()),
-            "mean number of peaks, D2D": float(d2d.number.mean()),
+            "difference of these shares": lead,
+            "mean number of peaks, P2D": _mean_number(p2d),
+            "mean number of peaks, D2D": _mean_number(d2d),
             "median width of the basin around the true alignment, P2D (m)": _median_basin_width(
                 P2D, sigma
             ),
@@ -225,6 +262,7 @@ def noisy_p2d_fails() -> Evidence:
         },
         holds=f"In the {1 - clear_p2d:.0%} of the draws in which P2D has no outstanding peak at "
         f"the true alignment; D2D has none in {1 - clear_d2d:.0%}.",
+        over=_over(),
     )
 
 
@@ -241,15 +279,18 @@ def summing_local_peaks() -> Evidence:
     """The summing surface has one global maximum and many local ones."""
     found = _peaks(D2D)
     right = _share_right(found)
-    many = float((found.number >= 3).mean())
+    many = share_of(found.number >= 3)
+    number = _mean_number(found)
     return Evidence(
-        judge(confirmed=right > 0.99 and many > 0.99, qualified=right > 0.5 and many > 0.5),
+        judge(
+            confirmed=nearly_all(right) and nearly_all(many), qualified=most(right) and most(many)
+        ),
         "every pair of targets that meet adds a peak, at the scene's seven different distances: "
-        f"the sum has {found.number.mean():.1f} peaks on average, and the highest is at the true "
+        f"the sum has {number:.1f} peaks on average, and the highest is at the true "
         f"alignment in {right:.0%} of the draws.",
         {
             "share of draws with the highest peak at the true alignment": right,
-            "mean number of peaks": float(found.number.mean()),
+            "mean number of peaks": number,
             "median height of the second peak over the first": float(
                 np.exp(_median_second_log_height(found))
             ),
@@ -257,6 +298,7 @@ def summing_local_peaks() -> Evidence:
         },
         holds=f"In the draws with the highest peak at the true alignment ({right:.0%}) and with "
         f"three peaks or more ({many:.0%}).",
+        over=_over(),
     )
 
 
@@ -273,10 +315,13 @@ def likelihood_one_peak() -> Evidence:
     """The likelihood surface has a single maximum."""
     found = _peaks(LIKELIHOOD)
     right = _share_right(found)
-    one_visible = float(((found.log_heights > VISIBLE).sum(axis=-1) == 1).mean())
-    one = float((found.number == 1).mean())
+    one_visible = share_of((found.log_heights > VISIBLE).sum(axis=-1) == 1)
+    one = share_of(found.number == 1)
     return Evidence(
-        judge(confirmed=min(right, one) > 0.99, qualified=min(right, one_visible) > 0.99),
+        judge(
+            confirmed=nearly_all(right) and nearly_all(one),
+            qualified=nearly_all(right) and nearly_all(one_visible),
+        ),
         f"the density has a single visible peak (one above {np.exp(VISIBLE):.0%} of the highest) "
         f"in {one_visible:.0%} of the draws, and the highest is at the true alignment in "
         f"{right:.0%}. The logarithm, which an optimiser follows, keeps the local optima that the "
@@ -285,7 +330,7 @@ def likelihood_one_peak() -> Evidence:
             "share of draws with the highest peak at the true alignment": right,
             "share of draws with one visible peak (above 1 % of the highest)": one_visible,
             "share of draws with one peak in the logarithm": one,
-            "mean number of peaks in the logarithm": float(found.number.mean()),
+            "mean number of peaks in the logarithm": _mean_number(found),
             "median log10 of the second peak over the first": (
                 _median_second_log_height(found) / float(np.log(10.0))
             ),
@@ -295,6 +340,7 @@ def likelihood_one_peak() -> Evidence:
         },
         holds=f"For the density as plotted, with one visible peak in {one_visible:.0%} of the "
         f"draws; the logarithm has a single maximum in {one:.0%}.",
+        over=_over(),
     )
 
 
@@ -313,14 +359,14 @@ def summing_smoother() -> Evidence:
         (surfaces - surfaces.max(axis=-1, keepdims=True) > np.log(0.5)).sum(axis=-1)
         for surfaces in (_surfaces(D2D), _surfaces(LIKELIHOOD))
     )
-    peaks_of_sum, peaks_of_product = (
-        float(_peaks(cost).number.mean()) for cost in (D2D, LIKELIHOOD)
-    )
-    wider = float((width_of_sum > width_of_product).mean())
-    ratio = float(np.median(width_of_sum / width_of_product))
-    is_wider = wider > 0.99
+    sum_found, product_found = _peaks(D2D), _peaks(LIKELIHOOD)
+    peaks_of_sum, peaks_of_product = _mean_number(sum_found), _mean_number(product_found)
+    no_more = share_of(sum_found.number <= product_found.number)
+    wider = share_of(width_of_sum > width_of_product)
+    ratio = bootstrapped(np.median, width_of_sum / width_of_product)
+    is_wider = nearly_all(wider) and larger(ratio, RATIO)
     return Evidence(
-        judge(confirmed=is_wider and peaks_of_sum <= peaks_of_product, qualified=is_wider),
+        judge(confirmed=is_wider and nearly_all(no_more), qualified=is_wider),
         f"the sum is wider at half height in {wider:.0%} of the draws, by a median factor of "
         f"{ratio:.2f}: a product of three Gaussians is narrower than each of them by sqrt(3), and "
         "noise additionally spreads the terms of the sum. Width is not smoothness, though: the sum "
@@ -330,7 +376,9 @@ def summing_smoother() -> Evidence:
             "median ratio of the half-height widths, sum / likelihood": ratio,
             "mean number of peaks of the sum": peaks_of_sum,
             "mean number of peaks of the log-likelihood": peaks_of_product,
+            "share of draws in which the sum has no more peaks": no_more,
         },
         holds="If smoother means a wider peak at the truth, not fewer optima: the sum has "
         f"{peaks_of_sum:.2f} on average, the log-likelihood {peaks_of_product:.2f}.",
+        over=_over(),
     )

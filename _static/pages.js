@@ -1,0 +1,85 @@
+// What a page does beside showing itself. Everything can be read without it.
+document.addEventListener("DOMContentLoaded", () => {
+  filterLedger();
+  readableExcerpts();
+});
+
+// On paper nothing can be opened: answers and numbers are, code stays folded.
+const opened = new Set();
+window.addEventListener("beforeprint", () => {
+  for (const details of document.querySelectorAll("article details:not(.hide, [open])")) {
+    details.open = true;
+    opened.add(details);
+  }
+});
+window.addEventListener("afterprint", () => {
+  opened.forEach((details) => (details.open = false));
+  opened.clear();
+});
+
+/** Above the table of claims: two lists to choose from. The address keeps the choice. */
+function filterLedger() {
+  const rows = [...document.querySelectorAll("article tbody tr")].filter((row) => row.querySelector("[id^='claim-']"));
+  if (!rows.length) return;
+  const properties = rows.map((row) => ({
+    verdict: row.querySelector(".verdict").textContent.trim(),
+    chapter: row.querySelector("td a").textContent.trim(),
+  }));
+  const form = document.createElement("form");
+  form.className = "ledger-filter";
+  form.setAttribute("role", "search");
+  form.setAttribute("aria-label", "Claims shown");
+  const lists = Object.fromEntries(["verdict", "chapter"].map((name) => {
+    const label = form.appendChild(document.createElement("label"));
+    label.textContent = name[0].toUpperCase() + name.slice(1);
+    const list = label.appendChild(document.createElement("select"));
+    list.name = name;
+    list.add(new Option("all", ""));
+    new Set(properties.map((each) => each[name])).forEach((value) => list.add(new Option(value)));
+    return [name, list];
+  }));
+  const count = form.appendChild(document.createElement("output"));
+  const table = rows[0].closest("table");
+  const box = table.closest(".pst-scrollable-table-container") ?? table;
+  box.before(form);
+
+  function show() {
+    let shown = 0;
+    rows.forEach((row, number) => {
+      row.hidden = Object.entries(lists).some(([name, list]) => list.value && list.value !== properties[number][name]);
+      shown += !row.hidden;
+    });
+    count.textContent = `${shown} of ${rows.length} claims`;
+  }
+  /** A link to a row shows it, whatever was chosen. */
+  function reveal() {
+    const row = document.getElementById(decodeURIComponent(location.hash.slice(1)))?.closest("tr");
+    if (!row?.hidden) return;
+    form.reset();
+    show();
+    row.scrollIntoView();
+  }
+  form.addEventListener("change", show);
+  form.addEventListener("submit", (event) => event.preventDefault());
+  window.addEventListener("hashchange", reveal);
+  window.addEventListener("pageshow", show); // after the browser has put back an earlier choice
+  show();
+}
+
+/** Excerpts of the search are taken from prose: without code, and without formulas that would be TeX there. */
+function readableExcerpts() {
+  if (typeof Search === "undefined") return;
+  const whole = Search.htmlToText;
+  Search.htmlToText = (html, anchor) => {
+    const page = new DOMParser().parseFromString(html, "text/html");
+    page.querySelectorAll(".cell_input, summary, div.math, .bd-header-article").forEach((element) => element.remove());
+    for (const formula of page.querySelectorAll("span.math")) formula.textContent = plain(formula.textContent);
+    return whole(page.documentElement.outerHTML, anchor).replace(/\s+/g, " ");
+  };
+}
+
+/** A formula in a line of text: kept if it reads as text once its brackets are off, or else an ellipsis. */
+function plain(tex) {
+  const bare = tex.replace(/^\\\(|\\\)$/g, "").trim();
+  return /^[\w\s=+−<>.,()-]*$/.test(bare) ? bare : "…";
+}

@@ -1,0 +1,154 @@
+"""Measured numbers with their 95 % intervals."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from d2d._types import Array
+from d2d.bootstrap import block_bootstrap
+from d2d.credibility import Credibility
+
+CONFIDENCE = 0.95
+RESAMPLES = 500
+
+
+class Measured(float):
+    """A number, which counts and prints as a float, with its 95 % interval.
+
+    Attributes
+    ----------
+    low, high : float
+        Bounds of the interval.
+    """
+
+    low: float
+    high: float
+
+    def __new__(cls, value: float, low: float, high: float) -> "Measured":
+        """Attach bounds to a value."""
+        self = super().__new__(cls, value)
+        self.low, self.high = float(low), float(high)
+        return self
+
+    def __getnewargs__(self) -> tuple[float, float, float]:  # type: ignore[override]
+        """What a copy is made from."""
+        return float(self), self.low, self.high
+
+    def between(self, spec: str) -> str:
+        """Both bounds in that format: "1.32 to 1.43", say."""
+        return f"{self.low:{spec}} to {self.high:{spec}}"
+
+    def plus(self, shift: float) -> "Measured":
+        """The number and its bounds, all shifted."""
+        return Measured(self + shift, self.low + shift, self.high + shift)
+
+
+def share_of(condition: ArrayLike) -> Measured:
+    """Share of independent cases (N,) in which a condition is met, with Wilson's interval.
+
+    It has a width at 0 and 1 too, where resampling gives none: of N cases without an exception, 4
+    in N could still be exceptions.
+    """
+    met = np.asarray(condition, dtype=np.float64).ravel()
+    return _wilson(float(met.mean()), len(met))
+
+
+def share_over(shares: ArrayLike, cases: int) -> Measured:
+    """Mean of the shares (G,) of groups, say layouts, with ``cases`` each, with Wilson's interval.
+
+    The groups are independent, the cases within a group need not be.  They count as so many cases
+    as would give the variance that is seen between the groups, at least one for each group.
+    """
+    each = np.asarray(shares, dtype=np.float64).ravel()
+    share, groups = float(each.mean()), len(each)
+    variance = float(each.var(ddof=1)) / groups
+    effective = share * (1.0 - share) / variance if variance > 0.0 else 0.0
+    return _wilson(share, float(np.clip(effective, groups, groups * cases)))
+
+
+def share_in_series(condition: ArrayLike, block: int) -> Measured:
+    """Share of the rows (N,) of a series in which a condition is met, with Wilson's interval.
+
+    The rows count as N / block independent cases.
+    """
+    met = np.asarray(condition, dtype=np.float64)
+    return _wilson(float(met.mean()), len(met) / block)
+
+
+def _wilson(share: float, count: float) -> Measured:
+    """A share of independent cases with Wilson's interval."""
+    z2 = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) ** 2 / count
+    middle = (share + 0.5 * z2) / (1.0 + z2)
+    half = np.sqrt(z2 * (share * (1.0 - share) + 0.25 * z2)) / (1.0 + z2)
+    low, high = max(middle - half, 0.0), min(middle + half, 1.0)
+    return Measured(share, min(low, share), max(high, share))
+
+
+def mean_of(values: ArrayLike) -> Measured:
+    """Mean of independent values (N,), with Student's interval."""
+    each = np.asarray(values, dtype=np.float64).ravel()
+    half = student.ppf(0.5 + 0.5 * CONFIDENCE, len(each) - 1) * each.std(ddof=1)
+    half /= np.sqrt(len(each))
+    mean = float(each.mean())
+    return Measured(mean, mean - half, mean + half)
+
+
+def geometric_mean_of(values: ArrayLike) -> Measured:
+    """Geometric mean of independent positive values (N,), with Student's interval of the log."""
+    logs = mean_of(np.log(values))
+    return Measured(np.exp(logs), np.exp(logs.low), np.exp(logs.high))
+
+
+def bootstrapped(
+    statistic: Callable[..., ArrayLike], *arrays: Array | NDArray[np.bool_], block: int = 1
+) -> Measured:
+    """A statistic of cases (N, ...), with the interval of `d2d.block_bootstrap`.
+
+    The cases are independent, or with ``block`` above 1 rows of a series that are correlated.
+    """
+    low, high = block_bootstrap(
+        statistic, arrays, block, np.random.default_rng(0), resamples=RESAMPLES
+    )
+    return Measured(float(np.asarray(statistic(*arrays))), float(low), float(high))
+
+
+def quantile_of(values: Array, fraction: float) -> Measured:
+    """Quantile of independent values (N,), say one for each layout."""
+    return bootstrapped(lambda drawn: np.quantile(drawn, fraction), values)
+
+
+def rms_ratio(over: Array, under: Array, block: int = 1) -> Measured:
+    """Ratio of the root mean squares of two series (N,) from the same draws."""
+    return bootstrapped(
+        lambda a, b: np.sqrt(np.mean(a) / np.mean(b)), over**2, under**2, block=block
+    )
+
+
+def anees_of(found: Credibility) -> Measured:
+    """ANEES of independent runs."""
+    return mean_of(found.nees * (found.anees / found.nees.mean()))
+
+
+def inclination_of(found: Credibility) -> Measured:
+    """I^2 of independent runs, in dB."""
+    return mean_of(_inclinations(found))
+
+
+def inclination_change(after: Credibility, before: Credibility) -> Measured:
+    """Difference of two I^2 of the same runs, in dB."""
+    return mean_of(_inclinations(after) - _inclinations(before))
+
+
+def _inclinations(found: Credibility) -> Array:
+    """One term (N,) in dB for each run, whose mean is I^2 and whose scatter is that of I^2.
+
+    The actual covariance in the credibility ratio is estimated from the same runs.  To first order,
+    and for errors whose shape is that of a Gaussian, this adds credible NEES / dimension - 1, whose
+    mean is 0, to the logarithm of each run's ratio.
+    """
+    credible = found.credible_nees
+    terms = np.log(found.ratio) + credible / credible.mean() - 1.0
+    return np.asarray(10.0 / np.log(10.0) * terms)

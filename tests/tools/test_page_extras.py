@@ -1,0 +1,76 @@
+"""What the book's own Sphinx extension does to a page."""
+
+from __future__ import annotations
+
+from docutils import nodes
+from docutils.core import publish_doctree
+
+from tools.page_extras import DESCRIPTION, GLYPH, PRELOADED, icons_of, summary, without_unused
+
+ICONS = (
+    'var s={"circle-half-stroke":[512,512,[9680,"adjust"],"f042","M448 256c0"],'
+    'bars:[448,512,["navicon"],"f0c9","M0 96"],'
+    'two:[448,512,[],"f0ca",["M0 96","M1 97"]],'
+    "f:function(c){return c.x}}"
+)
+
+
+def document(text: str) -> nodes.document:
+    """A page of reStructuredText."""
+    return publish_doctree(text)
+
+
+def test_only_the_icons_that_are_used_are_kept():
+    """Breaks if an icon is lost that a page calls by another of its names, or code is cut."""
+    kept = without_unused(ICONS, {"adjust"})
+    assert kept == (
+        'var s={"circle-half-stroke":[512,512,[9680,"adjust"],"f042","M448 256c0"],'
+        "f:function(c){return c.x}}"
+    )
+    assert without_unused(ICONS, {"bars", "two", "circle-half-stroke"}) == ICONS
+    assert without_unused('var s={bars:[448,512,[],"f0c9","M0"]}', set()) == "var s={}"
+
+
+def test_icons_are_found_in_pages_and_scripts():
+    """Breaks if an icon that a script puts in is cut."""
+    assert icons_of(iter(['<i class="fa-solid fa-bars">', "add('fa-xmark')"])) == {
+        "solid",
+        "bars",
+        "xmark",
+    }
+
+
+def test_glyphs_are_cut_and_other_styles_are_not():
+    """Breaks if the size or the turning of icons is lost."""
+    styles = (
+        '.fa-lg{font-size:1.25em}.fa-bars:before,.fa-navicon:before{content:"\\f0c9"}.fa-spin{a:b}'
+    )
+    assert GLYPH.sub("", styles) == ".fa-lg{font-size:1.25em}.fa-spin{a:b}"
+
+
+def test_only_fonts_of_icons_are_no_longer_loaded_ahead():
+    """Breaks if a script is no longer loaded ahead."""
+    font = (
+        '<link rel="preload" as="font" href="../_static/vendor/x/webfonts/fa-solid-900.woff2" />\n'
+    )
+    script = '<link rel="preload" as="script" href="_static/scripts/bootstrap.js" />'
+    assert PRELOADED.sub("", font + script) == script
+
+
+def test_a_description_is_the_first_paragraph_without_formulas():
+    """Breaks if TeX is shown to a search engine."""
+    sentence = "The motion :math:`\\theta` is what a registration of two scans finds."
+    found = summary(document(f"Title\n=====\n\nShort.\n\n{sentence}\n"))
+    assert found == "The motion is what a registration of two scans finds."
+
+
+def test_a_description_is_cut_at_a_word():
+    """Breaks if half a word ends it, or it is as long as the page."""
+    text = summary(document("Title\n=====\n\n" + "word " * 100))
+    assert text.endswith("word …")
+    assert len(text) <= DESCRIPTION + 2
+
+
+def test_a_page_without_a_paragraph_has_no_description():
+    """Breaks if a page of pictures cannot be built."""
+    assert summary(document("Title\n=====\n\n.. image:: x.png\n")) == ""

@@ -1,0 +1,108 @@
+"""A Sphinx extension for what the theme does not do for a page.
+
+Each page gets a description, and loads only the parts of MathJax and the icons that are used; there
+is a page for addresses that do not exist.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+
+MATHJAX = "mathjax/startup.js"
+# Without the menu, which makes every formula a tab stop, and the parts that speak.
+MATHJAX_PARTS = ["core", "input/tex", "output/chtml", "a11y/assistive-mml"]
+DESCRIPTION = 160
+ICONS = "_static/vendor/fontawesome"
+ICON = re.compile(
+    r'(?:"([a-z0-9-]+)"|([a-z0-9]+)):\[\d+,\d+,(\[[^\]]*\]),"[0-9a-f]+",(?:"[^"]*"|\[[^\]]*\])\],?'
+)
+PRELOADED = re.compile(r'<link rel="preload"[^>]*webfonts[^>]*>\s*')
+GLYPH = re.compile(r'(?:\.fa-[a-z0-9-]+:{1,2}before,?)+\{content:"[^"]*"\}')
+# A server shows this page in whatever folder was asked for: its links start from the book's root.
+LOST_BASE = """<script>
+const root = location.pathname.replace(/(chapters|api|_images|_static)\\/.*$|[^/]*$/, "");
+document.write(`<base href="${root}">`);
+</script>"""
+LOST = """<section><h1>This page does not exist</h1>
+<p>It may have moved. The <a href="intro.html">first page</a> has the contents, and
+<a href="search.html">the search</a> finds words in all pages.</p></section>"""
+
+
+def summary(document: nodes.document) -> str:
+    """The first paragraph without its formulas and references, cut at a word."""
+    for paragraph in document.findall(nodes.paragraph):
+        copy = paragraph.deepcopy()
+        for formula in [*copy.findall(nodes.math), *copy.findall(nodes.citation_reference)]:
+            formula.parent.remove(formula)
+        text = " ".join(copy.astext().split())
+        if len(text) > DESCRIPTION // 4:
+            short = text[:DESCRIPTION].rsplit(" ", 1)[0] + " …"
+            return text if len(text) <= DESCRIPTION else short
+    return ""
+
+
+def without_unused(script: str, used: set[str]) -> str:
+    """The icons' script without the icons whose names and other names are not used."""
+
+    def keep(match: re.Match[str]) -> str:
+        names = {match[1] or match[2], *re.findall(r'"([a-z0-9-]+)"', match[3])}
+        return match[0] if names & used else ""
+
+    return re.sub(r",\}", "}", ICON.sub(keep, script))
+
+
+def icons_of(pages: Iterator[str]) -> set[str]:
+    """The names of the icons that pages or scripts mention."""
+    return {name for page in pages for name in re.findall(r"\bfa-([a-z0-9-]+)", page)}
+
+
+def choose_formulas(app: Any, config: Any) -> None:
+    """Load the parts of MathJax that typeset, and no others."""
+    config.mathjax_path = MATHJAX
+    config.mathjax3_config = {**(config.mathjax3_config or {}), "loader": {"load": MATHJAX_PARTS}}
+
+
+def describe(app: Any, page: str, template: str, context: dict[str, Any], document: Any) -> None:
+    """Give a page a description for search engines and previews."""
+    text = summary(document) if document else ""
+    if text:
+        tag = f'<meta name="description" content="{escape(text)}" />\n'
+        context["metatags"] = tag + context.get("metatags", "")
+
+
+def lost_page(app: Any) -> Iterator[tuple[str, dict[str, Any], str]]:
+    """The page that a server shows for an address that does not exist."""
+    yield "404", {"title": "Not found", "body": LOST, "metatags": LOST_BASE}, "page.html"
+
+
+def cut_icons(app: Any, exception: Exception | None) -> None:
+    """Cut what no page shows from the icons' script.
+
+    The script draws the icons, so that their glyphs need no style, and no fonts to be loaded ahead.
+    """
+    folder = Path(app.outdir)
+    if exception or app.builder.name != "html":
+        return
+    sources = [*folder.rglob("*.html"), *(folder / "_static" / "scripts").glob("*.js")]
+    used = icons_of(path.read_text(encoding="utf-8") for path in sources)
+    for path in folder.rglob("*.html"):
+        page = path.read_text(encoding="utf-8")
+        path.write_text(PRELOADED.sub("", page), encoding="utf-8")
+    for path in (folder / ICONS).rglob("all.min.js"):
+        path.write_text(without_unused(path.read_text(encoding="utf-8"), used), encoding="utf-8")
+    for path in (folder / ICONS).rglob("all.min.css"):
+        path.write_text(GLYPH.sub("", path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def setup(app: Any) -> dict[str, bool]:
+    app.connect("config-inited", choose_formulas)
+    app.connect("html-page-context", describe)
+    app.connect("html-collect-pages", lost_page)
+    app.connect("build-finished", cut_icons)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
