@@ -9,14 +9,14 @@ from matplotlib.axes import Axes
 from d2d._types import Array
 from d2d.baselines.optimisers import Path
 from d2d.study.book import svg
-from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, PINK
+from d2d.study.book.grammar import BLACK, OCHRE, PURPLE, SKY
 from d2d.study.estimation.descent import PairedTargets, profile
 
 COLOURS = {
-    "gradient descent": ORANGE,
-    "Newton": PINK,
-    "Gauss-Newton": BLUE,
-    "Levenberg-Marquardt": GREEN,
+    "gradient descent": OCHRE,
+    "Newton": PURPLE,
+    "Gauss-Newton": BLACK,
+    "Levenberg-Marquardt": SKY,
 }
 WIDTH, HEIGHT, MARGIN = 620.0, 420.0, 56.0  # of a frame, in SVG units
 
@@ -101,7 +101,7 @@ def propagation_panel(
     ax.plot(x, y, color=BLACK)
     size_x, size_y = 0.18 * float(np.ptp(y)), 0.22 * (high - low)
     bottom, left = float(y.min()) - 0.25 * float(np.ptp(y)), low - 0.3 * (high - low)
-    for color, x0 in zip((ORANGE, BLUE), centres, strict=False):
+    for color, x0 in zip((OCHRE, PURPLE), centres, strict=False):
         y0, spread = float(function(np.array(x0))), abs(slope(x0)) * sigma
         near = x0 + sigma * np.linspace(-4.0, 4.0, 200)
         ax.fill_between(

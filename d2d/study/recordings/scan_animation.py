@@ -8,14 +8,14 @@ import numpy as np
 from d2d._types import Array
 from d2d.radar import Mounting, RadarScan
 from d2d.study.book import slider, svg
-from d2d.study.book.style import BLUE, ORANGE, YELLOW
+from d2d.study.book.grammar import PINK, PURPLE, YELLOW
 
 WIDTH, HEIGHT = 600.0, 560.0  # of the drawing, in SVG units
 # Classes of the inlier probability: upper limit, colour, size of the points, label.
 CLASSES = (
-    (0.2, ORANGE, 3.0, "rejected: below 0.2"),
-    (0.8, YELLOW, 4.5, "0.2 to 0.8"),
-    (1.01, BLUE, 4.5, "trusted: above 0.8"),
+    (0.2, PINK, 6.0, "rejected: below 0.2"),
+    (0.8, YELLOW, 8.0, "0.2 to 0.8"),
+    (1.01, PURPLE, 8.0, "trusted: above 0.8"),
 )
 
 
