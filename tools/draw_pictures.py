@@ -30,7 +30,7 @@ def overview() -> Figure:
     offset = np.linspace(-6.0, 6.0, 161)
     grid = np.stack([*np.meshgrid(offset, offset), np.zeros((161, 161))], axis=-1)
 
-    figure, panels = plt.subplot_mosaic(["ab", "cc"], figsize=(5.0, 5.2), height_ratios=(1, 1.1))
+    figure, panels = plt.subplot_mosaic("ab;cc", figsize=(5.0, 5.2), height_ratios=(1, 1.1))
     axes = [panels[name] for name in "abc"]
     drawing.radar_scan(axes[0], current, drive.mounting)
     style.label_planar_axes(axes[0], "one scan")

@@ -1,5 +1,6 @@
 """The figures of the simulated drives: frames, platform, street, errors, targets, fusion."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -365,7 +366,7 @@ def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
                 fontsize=7,
             )
         top.set(ylim=(0.05, 200.0))
-        top.set_title(f"({'abc'[column]}) {name}", fontsize=9)
+        top.set_title(textwrap.fill(f"({'abc'[column]}) {name}", 20), fontsize=8)
         for ax, entry, unit in zip(below, (0, 3), (1.0, np.rad2deg(1.0)), strict=True):
             sigma = np.sqrt(result.covariances[:, entry, entry]) * unit
             ax.fill_between(result.times, -2.0 * sigma, 2.0 * sigma, color=SKY, alpha=0.4, lw=0)

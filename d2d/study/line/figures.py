@@ -55,7 +55,9 @@ def _target_line(k: int, name: str) -> dict[str, Any]:
 
 def _write_letters(ax: Axes, places: Sequence[tuple[float, float, str]], span: float) -> None:
     """Letters above places (x, height, letter); where they would overprint, they form one word."""
-    letter_width = _LETTER * span / (ax.get_position().width * ax.figure.get_figwidth())
+    figure = ax.get_figure(root=True)
+    width = 5.0 if figure is None else float(figure.get_figwidth())  # inches
+    letter_width = _LETTER * span / (ax.get_position().width * width)
     groups: list[list[tuple[float, float, str]]] = []
     for place in sorted(places):
         if groups:
