@@ -38,14 +38,15 @@ def overview() -> Figure:
         offset, offset, cost.value(grid, fixed, moving), 24, cmap=grammar.COST_MAP
     )
     grammar.mark_truth(axes[1], *motion[:2])
-    figure.colorbar(contours, ax=axes[1], label="−log density", location="bottom")
+    bar = figure.colorbar(contours, ax=axes[1], label="−log density", location="bottom")
+    bar.set_ticks([150, 250, 350])
     style.label_planar_axes(axes[1], "cost of a translation")
     axes[1].set(xlabel="$t_x$ (m)", ylabel="$t_y$ (m)")
     poses = track(drive.scans, drive.mounting).poses(drive.truth.poses[0])
     drawing.path(axes[2], poses, **grammar.cost_line("robust", label="estimate"))
     drawing.path(axes[2], drive.truth.poses, **grammar.TRUTH, label="truth")
     style.label_planar_axes(axes[2], "the path")
-    axes[2].legend()
+    axes[2].legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
     return figure
 
 
@@ -72,22 +73,22 @@ def start() -> Figure:
 def summing() -> Figure:
     """The errors of the three costs in every scene, and how credible their covariances are."""
     figure, axes = plt.subplots(1, 2, figsize=(5.0, 2.8), sharey=True)
-    heights = np.arange(5)[::-1]
-    for name in grammar.COSTS:
-        marks = grammar.cost_marks(name)
+    rows = np.arange(5)[::-1]
+    for name, shift in zip(grammar.COSTS, (0.22, 0.0, -0.22), strict=True):
+        marks, heights = grammar.cost_marks(name), rows + shift
         results = [monte_carlo(scene, COSTS[name]) for scene in scenarios.ALL]
         errors = [np.sqrt(np.mean(np.sum(run.errors[:, :2] ** 2, axis=1))) for run in results]
         axes[0].plot(errors, heights, **marks)
         axes[1].plot([run.credibility.anees for run in results], heights, **marks)
     names = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
-    axes[0].set_yticks(heights, names)
+    axes[0].set_yticks(rows, names)
     axes[0].set_xlabel("RMSE (m)")
     axes[0].set_xlim(0, None)
     axes[1].axvline(1.0, **grammar.TRUTH)
     axes[1].set_xscale("log")
     axes[1].set_xlabel("ANEES, 1 is credible")
     style.letter_panels(axes)
-    figure.legend(loc="outside upper center", ncols=3)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 

@@ -61,8 +61,9 @@ def _write_letters(ax: Axes, places: Sequence[tuple[float, float, str]], span: f
     groups: list[list[tuple[float, float, str]]] = []
     for place in sorted(places):
         if groups:
-            letters = {letter for *_, letter in groups[-1]}
-            if place[0] - groups[-1][-1][0] < (1.0 + 0.4 * len(letters)) * letter_width:
+            word = {letter for *_, letter in groups[-1]}
+            middle = float(np.mean([x for x, *_ in groups[-1]]))
+            if place[0] - middle < 0.5 * (len(word) + 1.5) * letter_width:
                 groups[-1].append(place)
                 continue
         groups.append([place])

@@ -55,7 +55,7 @@ def cost_columns(
 ) -> None:
     """A column for each cost: maps over the translation, profiles over the rotation."""
     _, axes = plt.subplots(
-        4, len(costs), figsize=(1.75 * len(costs), 8.2), height_ratios=[2, 2, 1, 1], squeeze=False
+        4, len(costs), figsize=(1.75 * len(costs), 7.4), height_ratios=[2, 2, 1, 1], squeeze=False
     )
     for column, (name, cost) in zip(axes.T, costs.items(), strict=True):
         surface = translation_surface(cost, *sets, scenario.theta, OFFSETS)
