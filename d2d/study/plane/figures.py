@@ -55,7 +55,7 @@ def cost_columns(
 ) -> None:
     """A column for each cost: maps over the translation, profiles over the rotation."""
     _, axes = plt.subplots(
-        4, len(costs), figsize=(1.75 * len(costs), 7.4), height_ratios=[2, 2, 1, 1], squeeze=False
+        4, len(costs), figsize=(5.0 * len(costs) / 3, 7.4), height_ratios=[2, 2, 1, 1], squeeze=False
     )
     for column, (name, cost) in zip(axes.T, costs.items(), strict=True):
         surface = translation_surface(cost, *sets, scenario.theta, OFFSETS)
@@ -89,7 +89,7 @@ def error_panels(scenario: Scenario, names: Sequence[str]) -> None:
 
 def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
     """Errors of the first 200 runs over bands of three reported sigmas, a column per cost."""
-    _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(5.2, 5.2))
+    _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(5.0, 5.2))
     results = [evaluated(scenario, COSTS[name]) for name in names]
     sigmas = [
         np.sqrt(np.diagonal(r.covariances, axis1=1, axis2=2)) * IN_LABEL_UNITS for r in results
@@ -110,7 +110,7 @@ def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
 
 def credibility_columns(scenario: Scenario, names: Sequence[str]) -> None:
     """NEES, NEES of the credible estimator and credibility ratio of each run, a column per cost."""
-    _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(5.2, 5.6))
+    _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(5.0, 5.6))
     for letter, column, name in zip("abc", axes.T, names, strict=False):
         result = evaluated(scenario, COSTS[name]).credibility
         credibility_panels(column, result, name, f"({letter}) {LOOKS[name].name}")

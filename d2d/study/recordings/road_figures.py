@@ -40,7 +40,7 @@ def error_table(judged: Mapping[str, Mapping[str, Any]], model: str = "noise and
 
 def draw_scores(judged: Mapping[str, Mapping[str, Any]]) -> Figure:
     """ANEES with its interval, and the share inside the 95 % region, of every model and drive."""
-    figure, axes = plt.subplots(1, 2, sharey=True, figsize=(5.2, 1.2 + 0.66 * len(judged)))
+    figure, axes = plt.subplots(1, 2, sharey=True, figsize=(5.0, 1.2 + 0.66 * len(judged)))
     places = np.arange(len(judged))[::-1]
     for k, name in enumerate(COVARIANCES):
         offset = 0.3 - 0.15 * k
@@ -62,7 +62,7 @@ def draw_scores(judged: Mapping[str, Mapping[str, Any]]) -> Figure:
 
 def draw_extents(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Error of the yaw rate and ANEES of omega against the extent that the targets are given."""
-    figure, axes = plt.subplots(1, 2, figsize=(5.2, 2.7))
+    figure, axes = plt.subplots(1, 2, figsize=(5.0, 2.7))
     extent = [row["extent"] for row in rows]
     axes[0].plot(extent, [row["inverse Hessian"]["rmse"][2] for row in rows], "o-", color=BLACK)
     axes[0].set(xlabel="extent (m)", ylabel="RMSE of ω (deg/s)", ylim=(0, None))
