@@ -110,12 +110,12 @@ def flow_chart(text: str, width: float = 4.8) -> Figure:
     ax.axis("off")
     for box in chart.boxes.values():
         _draw_box(ax, box, centre(box), box_width)
-    for arrow in chart.arrows:
+    for order, arrow in enumerate(chart.arrows):
         tail, head = chart.boxes[arrow.tail], chart.boxes[arrow.head]
         path = _path(arrow.kind, centre(tail), centre(head))
         path[0] = _border_point(path[0], path[1], 0.5 * box_width, 0.5 * _height(tail))
         path[-1] = _border_point(path[-1], path[-2], 0.5 * box_width, 0.5 * _height(head))
-        _draw_arrow(ax, path, arrow.label)
+        _draw_arrow(ax, path, arrow.label, order)
     return figure
 
 
@@ -183,19 +183,36 @@ def _draw_box(ax: Axes, box: Box, centre: Point, width: float) -> None:
             facecolor=NEW_FILL if box.new else TERMINAL_FILL if box.terminal else FILL,
             edgecolor=EDGE,
             linewidth=2.0 if box.new else 1.0,
+            zorder=3.0,
         )
     )
-    ax.text(*centre, box.label, ha="center", va="center", fontsize=FONT_SIZE, linespacing=1.25)
+    ax.text(
+        *centre,
+        box.label,
+        ha="center",
+        va="center",
+        fontsize=FONT_SIZE,
+        linespacing=1.25,
+        zorder=4.0,
+    )
 
 
-def _draw_arrow(ax: Axes, path: list[Point], label: str) -> None:
+def _draw_arrow(ax: Axes, path: list[Point], label: str, order: int) -> None:
     *_, (x, y), (u, v) = path
-    # a white edge lets one line pass visibly below the other where they cross
-    ax.plot(*zip(*path, strict=True), color=FILL, linewidth=6.0, solid_capstyle="butt")
+    level = 2.0 + 0.01 * order  # below the boxes
+    # a white edge: where two lines cross, the earlier one passes visibly below the later
+    ax.plot(*zip(*path, strict=True), color=FILL, linewidth=6.0, zorder=level)
     if len(path) > 2:
-        ax.plot(*zip(*path[:-1], strict=True), color=EDGE, linewidth=1.2, solid_capstyle="round")
-    style = {"arrowstyle": "-|>", "color": EDGE, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
-    ax.annotate("", (u, v), (x, y), arrowprops=style)
+        corner = zip(*path[:-1], strict=True)
+        ax.plot(*corner, color=EDGE, linewidth=1.2, solid_capstyle="round", zorder=level)
+    style: dict[str, str | float] = {
+        "arrowstyle": "-|>",
+        "color": EDGE,
+        "linewidth": 1.2,
+        "shrinkA": 0,
+        "shrinkB": 0,
+    }
+    ax.annotate("", (u, v), (x, y), arrowprops=style, zorder=level)
     if label:
         (x, y), (u, v) = path[-2:]
         upright = abs(v - y) > abs(u - x)

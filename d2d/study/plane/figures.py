@@ -55,7 +55,11 @@ def cost_columns(
 ) -> None:
     """A column for each cost: maps over the translation, profiles over the rotation."""
     _, axes = plt.subplots(
-        4, len(costs), figsize=(5.0 * len(costs) / 3, 7.4), height_ratios=[2, 2, 1, 1], squeeze=False
+        4,
+        len(costs),
+        figsize=(5.0 * len(costs) / 3, 7.4),
+        height_ratios=[2, 2, 1, 1],
+        squeeze=False,
     )
     for column, (name, cost) in zip(axes.T, costs.items(), strict=True):
         surface = translation_surface(cost, *sets, scenario.theta, OFFSETS)

@@ -12,11 +12,12 @@ from d2d.study.book.grammar import PINK, PURPLE, YELLOW
 
 WIDTH, KEY = 600.0, 34.0  # of the drawing, and the height of its key, in SVG units
 MARGIN = 3.0  # m around the targets
+TALLEST = 1.1  # height of the field in units of its width
 # Classes of the inlier probability: upper limit, colour, size of the points, label.
 CLASSES = (
-    (0.2, PINK, 6.0, "rejected: below 0.2"),
-    (0.8, YELLOW, 8.0, "0.2 to 0.8"),
-    (1.01, PURPLE, 8.0, "trusted: above 0.8"),
+    (0.2, PINK, 8.0, "rejected: below 0.2"),
+    (0.8, YELLOW, 10.0, "0.2 to 0.8"),
+    (1.01, PURPLE, 10.0, "trusted: above 0.8"),
 )
 
 
@@ -62,17 +63,15 @@ def _places(view: View) -> Array:
 
 
 def _field(rounds: Sequence[Sequence[View]], ahead: float) -> Field:
-    """As much of the ground as 98 of 100 targets need that are not farther than ``ahead`` m."""
+    """As much of the ground as most targets need that are not farther than ``ahead`` m."""
     where = np.concatenate([_places(view) for views in rounds for view in views])
     x, y = where[np.hypot(*where.T) < ahead].T
     if not len(x):
         return Field(0.5 * ahead, ahead, 0.5 * ahead)
-    behind, before = (float(value) for value in np.percentile(x, [1.0, 99.0]))
-    return Field(
-        max(-behind, 2.0) + MARGIN,
-        max(before, 2.0) + MARGIN,
-        float(np.percentile(np.abs(y), 98.0)) + MARGIN,
-    )
+    low, high = (float(value) for value in np.percentile(x, [3.0, 97.0]))
+    behind, before = max(-low, 2.0) + MARGIN, max(high, 2.0) + MARGIN
+    aside = float(np.percentile(np.abs(y), 97.0)) + MARGIN
+    return Field(behind, before, max(aside, 0.5 * (behind + before) / TALLEST))
 
 
 def _frame(views: Sequence[View], field: Field) -> str:

@@ -26,6 +26,7 @@ from d2d.study.plane import figures as plane_figures
 
 ROOT = Path(__file__).resolve().parents[3]
 COST_COLORS = {look.color.upper(): key for key, look in grammar.COSTS.items()}
+WIDEST = 5.0  # inches: two thirds of that at 110 pixels an inch are 367 pixels
 TRANSLATIONS = np.arange(-6.0, 10.0, 0.05)
 
 
@@ -249,3 +250,16 @@ def test_colours_of_costs_and_maps_come_from_the_grammar() -> None:
         if found:
             by_hand[name] = found
     assert by_hand == {}
+
+
+def test_figures_fit_a_phone() -> None:
+    """Breaks if a figure grows wider than a phone shows, where panels and legends would be cut."""
+    wide = {}
+    for name, source in sources():
+        if name.endswith(".ipynb") or "figures" in name:
+            sizes = re.findall(r"figsize=\((\d+(?:\.\d+)?), ", source)
+            sizes += re.findall(r"\bwidth=(\d\.\d+),\n\)", source)  # of a flow chart
+            found = [size for size in sizes if float(size) > WIDEST]
+            if found:
+                wide[name] = found
+    assert wide == {}

@@ -24,7 +24,9 @@ def view(time, distance, azimuth, probabilities, mounting=AHEAD) -> View:
 def dots(html: str) -> dict[str, list[tuple[float, float]]]:
     """Places of the targets by colour."""
     found = {}
-    for path, colour in re.findall(r'<path d="([^"]*)" stroke="(#\w+)" stroke-width="[68]', html):
+    for path, colour in re.findall(
+        r'<path d="([^"]*)" stroke="(#\w+)" stroke-width="(?:8|10)', html
+    ):
         found[colour] = [tuple(map(float, p)) for p in re.findall(r"M(\S+) (\S+)h0", path)]
     return found
 
