@@ -164,6 +164,7 @@ radarscenes: $(STAMP) ## Recompute chapters/results from the data set: D2D_RADAR
 	fi
 	$(BIN)/python -m d2d.study.recordings.estimates "$$D2D_RADARSCENES"
 	$(BIN)/python -m d2d.study.recordings.road --radarscenes "$$D2D_RADARSCENES"
+	$(BIN)/python -m d2d.study.recordings.scan_profile "$$D2D_RADARSCENES"
 
 nuscenes: $(STAMP) ## Recompute chapters/results from the data set: D2D_NUSCENES=<root>
 	@if [ ! -d "$$D2D_NUSCENES" ]; then \

@@ -11,7 +11,8 @@ import numpy as np
 from benchmarks import methods
 from benchmarks.drive import Throughput
 from benchmarks.scenes import Accuracy
-from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, use_style
+from d2d.study.book.grammar import BLACK, PURPLE, SKY, YELLOW
+from d2d.study.book.style import use_style
 
 RESULTS = Path(__file__).resolve().parents[1] / "chapters" / "results"
 
@@ -278,7 +279,7 @@ def chart(m: Measured, path: Path) -> None:
     )
     _methods(left, m.rows)
     sizes, micro = np.array(m.sizes), np.array(m.seconds) * 1e6
-    right.loglog(sizes, micro, "o", color=BLUE)
+    right.loglog(sizes, micro, "o", color=PURPLE)
     level = np.exp(np.mean(np.log(micro) - m.exponent * np.log(sizes)))
     right.loglog(sizes, level * sizes**m.exponent, color=BLACK, lw=0.8)
     right.set_xlabel("targets in each set")
@@ -293,7 +294,7 @@ def _methods(ax: plt.Axes, rows: Sequence[Row]) -> None:
     shown = [row for row in shown if np.isfinite(row.best) and "arrays" not in row.name]
     names = list(dict.fromkeys(row.name.split(" (")[0] for row in shown))
     for size, color in zip(
-        sorted({row.size for row in shown}), (BLUE, ORANGE, GREEN), strict=False
+        sorted({row.size for row in shown}), (PURPLE, YELLOW, SKY), strict=False
     ):
         points = [
             (row.best * 1e6, names.index(row.name.split(" (")[0]))

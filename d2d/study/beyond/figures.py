@@ -1,6 +1,7 @@
 """The figures of the exhaustive evaluation."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,7 +20,19 @@ from d2d.study.beyond.exhaustive import (
     select,
     success,
 )
-from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, PINK, SKY, YELLOW
+from d2d.study.book.grammar import (
+    BLACK,
+    COSTS,
+    GREY,
+    PINK,
+    PURPLE,
+    SHARE_MAP,
+    SKY,
+    TRUTH,
+    YELLOW,
+    cost_line,
+    covariance_marks,
+)
 from d2d.study.estimation.covariance_trials import CREDIBLE_INCLINATION
 from d2d.study.plane.scenarios import OVERLAPPED, RANGES
 
@@ -33,8 +46,8 @@ FACTORS: dict[str, tuple[str, str, bool]] = {
     "field": ("field_deg", "half field of view (deg)", True),
     "reported": ("reported", "reported / actual σ", True),
 }
-COLORS = {"sum": ORANGE, "likelihood": BLUE, "robust": GREEN}
-MARKERS = {"sum": "s", "likelihood": "o", "robust": "^"}
+# The costs as the stored results name them, and their keys in the grammar.
+STORED = {"sum": "summing", "likelihood": "likelihood", "robust": "robust"}
 
 Measure = Callable[[Outcome], float]
 
@@ -48,13 +61,14 @@ def factor_panels(
     """
     panels = axes.ravel()
     for ax, (factor, (parameter, label, logarithmic)) in zip(panels, FACTORS.items(), strict=False):
-        for cost, color in COLORS.items():
+        for cost, key in STORED.items():
             chosen = select(rows, factor, cost=cost, distance_m=0.0)
-            _line(ax, chosen, parameter, measure, color=color, marker=MARKERS[cost], label=cost)
+            style = cost_line(key) | {"marker": COSTS[key].marker}
+            _line(ax, chosen, parameter, measure, **style)
         if annealed:
             chosen = select(rows, factor, cost="robust", scales=ANNEALING)
-            style = {"color": BLACK, "marker": "x", "ls": "--"}
-            _line(ax, chosen, parameter, measure, label="robust, annealed, from afar", **style)
+            style = cost_line("robust", label="robust, annealed,\nfrom afar")
+            _line(ax, chosen, parameter, measure, **style, marker="x", zorder=3)
         ax.set(xlabel=label, ylim=(-0.03, 1.03))
         if logarithmic:
             ax.set_xscale("log")
@@ -64,9 +78,9 @@ def factor_panels(
         empty.legend(*panels[0].get_legend_handles_labels(), loc="center")
 
 
-def _line(ax: Axes, rows: Rows, parameter: str, measure: Measure, **style: str) -> None:
+def _line(ax: Axes, rows: Rows, parameter: str, measure: Measure, **style: Any) -> None:
     values = [getattr(trial, parameter) for trial, _ in rows]
-    ax.plot(values, [measure(outcome) for _, outcome in rows], ms=4, lw=1.2, **style)  # type: ignore[arg-type]
+    ax.plot(values, [measure(outcome) for _, outcome in rows], ms=4, lw=1.2, **style)
 
 
 def _plain_ticks(ax: Axes, values: Sequence[float]) -> None:
@@ -115,7 +129,7 @@ def _mean_success(rows: Rows, **wanted: float) -> float:
 
 
 def _percent_map(ax: Axes, values: Array, columns: Sequence[float], lines: Sequence[float]) -> None:
-    ax.imshow(values, vmin=0.0, vmax=1.0, aspect="auto", origin="lower", cmap="viridis")
+    ax.imshow(values, vmin=0.0, vmax=1.0, aspect="auto", origin="lower", cmap=SHARE_MAP)
     ax.grid(False)
     ax.set_xticks(range(len(columns)), [f"{value:g}" for value in columns])
     ax.set_yticks(range(len(lines)), [f"{value:g}" for value in lines])
@@ -132,7 +146,7 @@ def cross_range_sigma(trial: Trial) -> float:
 def first_scale_panel(ax: Axes, rows: Rows) -> None:
     """Success over the standard deviation at the first scale, in units of the start's distance."""
     noises = sorted({trial.noise for trial, _ in select(rows, "first scale")})
-    marks = zip(noises, (ORANGE, YELLOW, GREEN, SKY, BLUE), "osv^D", strict=True)
+    marks = zip(noises, (BLACK, YELLOW, PINK, SKY, PURPLE), "Pvx^*", strict=True)
     for noise, color, marker in marks:
         chosen = select(rows, "first scale", noise=noise)
         ratio = [
@@ -141,7 +155,7 @@ def first_scale_panel(ax: Axes, rows: Rows) -> None:
         ]
         shares = [success(outcome) for _, outcome in chosen]
         ax.plot(ratio, shares, marker, color=color, ms=5, label=f"noise {noise:g}")
-    ax.axvline(1.0, color="0.5", ls="--", lw=0.9)
+    ax.axvline(1.0, color=GREY, lw=0.9)
     ax.set_xscale("log")
     ax.set(xlabel="first scale · σ / start error", ylabel="share at the truth", ylim=(-0.03, 1.03))
     ax.legend(fontsize=8, loc="lower right")
@@ -158,7 +172,7 @@ def effort_panel(ax: Axes, rows: Rows, distance: float) -> None:
         "both": [row for row in chosen if row[0].starts > 1 and row[0].scales != "1"],
     }
     for (name, of_kind), color, marker in zip(
-        kinds.items(), (BLACK, YELLOW, GREEN, BLUE, PINK), "xos^D", strict=True
+        kinds.items(), (BLACK, YELLOW, SKY, PURPLE, PINK), "xv^*P", strict=True
     ):
         effort = [outcome.iterations for _, outcome in of_kind]
         ax.plot(effort, [success(o) for _, o in of_kind], marker, color=color, ms=6, label=name)
@@ -176,16 +190,18 @@ def covariance_panel(
 ) -> None:
     """I^2 of both covariances, one row for each name; within the band they count as credible."""
     ax.axvspan(-CREDIBLE_INCLINATION, CREDIBLE_INCLINATION, color=SKY, alpha=0.4, lw=0)
-    ax.axvline(0.0, color="0.4", lw=0.8)
+    ax.axvline(0.0, **TRUTH)
     heights = np.arange(len(covariances))[::-1]
-    for kind, color, marker, label in (
-        ("fisher", ORANGE, "s", "inverse Hessian"),
-        ("propagated", BLUE, "o", "propagation"),
-    ):
+    for kind, name in (("fisher", "inverse Hessian"), ("propagated", "propagated noise")):
         values = [getattr(both, kind).inclination for both in covariances.values()]
-        ax.plot(values, heights, marker, color=color, ms=6, mfc="none", mew=1.4, label=label)
-    ax.set_yticks(heights, list(covariances) if named else [""] * len(heights))
+        ax.plot(values, heights, **covariance_marks(name), ms=6)
+    ax.set_yticks(heights, _cost_names(covariances) if named else [""] * len(heights))
     ax.set_xscale("symlog", linthresh=1.0, linscale=0.7)
     ax.set_xticks([-10, -1, 0, 1, 10], ["−10", "−1", "0", "1", "10"])
     ax.minorticks_off()
     ax.set(xlabel="I² (dB)", title=title, ylim=(-0.6, len(covariances) - 0.4), xlim=(-40, 40))
+
+
+def _cost_names(keys: Iterable[str]) -> list[str]:
+    """The costs' names in figures; what is no cost of the grammar keeps its own."""
+    return [COSTS[key].name if key in COSTS else key for key in keys]

@@ -10,7 +10,7 @@ from d2d import rigid
 from d2d._types import Array
 from d2d.point_set import PointSet
 from d2d.radar import Mounting, RadarScan
-from d2d.study.book.style import BLACK, BLUE, FIXED, ORANGE, SKY
+from d2d.study.book.grammar import BLACK, FIXED, MOVING, OCHRE, SKY
 
 
 def ellipses(ax: Axes, points: PointSet, sigmas: float = 3.0, **style: Any) -> None:
@@ -53,12 +53,12 @@ def radar_scan(
         seconds * scan.doppler[:, None]
     )
     lines = np.stack([placed.means, ends], axis=1)
-    ax.add_collection(LineCollection(list(lines), colors=ORANGE, linestyles="--", linewidths=0.8))
-    ax.plot(*placed.means.T, "*", color=BLUE, ms=5)
-    ellipses(ax, placed, edgecolor=BLUE, linewidth=0.7)
-    ax.plot(*frame[:2], "^", color=BLACK)
+    ax.add_collection(LineCollection(list(lines), colors=OCHRE, linestyles="--", linewidths=0.8))
+    ax.plot(*placed.means.T, "*", color=MOVING, ms=5)
+    ellipses(ax, placed, edgecolor=MOVING, linewidth=0.7)
+    ax.plot(*frame[:2], "D", color=BLACK, mfc="none")
 
 
-def path(ax: Axes, poses: Array, *, color: str, label: str) -> None:
+def path(ax: Axes, poses: Array, **style: Any) -> None:
     """A driven path in metres."""
-    ax.plot(poses[:, 0], poses[:, 1], color=color, label=label)
+    ax.plot(poses[:, 0], poses[:, 1], **style)

@@ -13,9 +13,10 @@ A chart is a table of boxes and the arrows between them::
     fit -> guess
 
 Each line of boxes is a row; ``|`` separates its columns, and a cell may stay empty.  A box is a
-name and a label: ``//`` starts a new line of the label, and round brackets around it make a
-terminal.  ``->`` joins boxes in one row or column, ``-|`` goes across first and then up or down,
-``|-`` the other way round.  A text after the last box of a line of arrows labels its last arrow.
+name and a label: ``//`` starts a new line of the label, round brackets around it make a terminal,
+and stars around it mark what is new in this chart.  ``->`` joins boxes in one row or column,
+``-|`` goes across first and then up or down, ``|-`` the other way round.  A text after the last
+box of a line of arrows labels its last arrow.
 """
 
 import re
@@ -29,18 +30,19 @@ from matplotlib.patches import FancyBboxPatch
 FONT_SIZE = 10.5  # pt: eleven pixels high if a three-column chart is 370 pixels wide
 LINE_HEIGHT, PADDING, GAP = 0.19, 0.17, 0.34  # inches: of a text line, inside and between boxes
 BOX_SHARE = 0.84  # of a column's width
-FILL, TERMINAL_FILL, EDGE = "#FFFFFF", "#DCEEF8", "#333333"
+FILL, TERMINAL_FILL, NEW_FILL, EDGE = "#FFFFFF", "#DCEEF8", "#FFE7B3", "#333333"
 
 _ARROW = re.compile(r"\s(->|-\||\|-)\s")
 
 
 class Box(NamedTuple):
-    """A box: its label, its place in the table, and whether it starts or ends the chart."""
+    """A box: its label, its place in the table, whether it starts or ends the chart or is new."""
 
     label: str
     row: int
     column: int
     terminal: bool
+    new: bool
 
 
 class Arrow(NamedTuple):
@@ -108,12 +110,12 @@ def flow_chart(text: str, width: float = 4.8) -> Figure:
     ax.axis("off")
     for box in chart.boxes.values():
         _draw_box(ax, box, centre(box), box_width)
-    for arrow in chart.arrows:
+    for order, arrow in enumerate(chart.arrows):
         tail, head = chart.boxes[arrow.tail], chart.boxes[arrow.head]
         path = _path(arrow.kind, centre(tail), centre(head))
         path[0] = _border_point(path[0], path[1], 0.5 * box_width, 0.5 * _height(tail))
         path[-1] = _border_point(path[-1], path[-2], 0.5 * box_width, 0.5 * _height(head))
-        _draw_arrow(ax, path, arrow.label)
+        _draw_arrow(ax, path, arrow.label, order)
     return figure
 
 
@@ -121,9 +123,11 @@ def _box(cell: str, row: int, column: int) -> tuple[str, Box]:
     name, colon, label = (part.strip() for part in cell.partition(":"))
     if not colon or not name or not label:
         raise ValueError(f"text must define a box as 'name: label', but has {cell.strip()!r}")
+    new = label.startswith("*") and label.endswith("*")
+    label = label.strip("*").strip() if new else label
     terminal = label.startswith("(") and label.endswith(")")
     lines = (label[1:-1] if terminal else label).split("//")
-    return name, Box("\n".join(line.strip() for line in lines), row, column, terminal)
+    return name, Box("\n".join(line.strip() for line in lines), row, column, terminal, new)
 
 
 def _arrows(line: str, boxes: dict[str, Box]) -> list[Arrow]:
@@ -176,20 +180,39 @@ def _draw_box(ax: Axes, box: Box, centre: Point, width: float) -> None:
             width,
             height,
             boxstyle=f"round,pad=0,rounding_size={rounding}",
-            facecolor=TERMINAL_FILL if box.terminal else FILL,
+            facecolor=NEW_FILL if box.new else TERMINAL_FILL if box.terminal else FILL,
             edgecolor=EDGE,
-            linewidth=1.0,
+            linewidth=2.0 if box.new else 1.0,
+            zorder=3.0,
         )
     )
-    ax.text(*centre, box.label, ha="center", va="center", fontsize=FONT_SIZE, linespacing=1.25)
+    ax.text(
+        *centre,
+        box.label,
+        ha="center",
+        va="center",
+        fontsize=FONT_SIZE,
+        linespacing=1.25,
+        zorder=4.0,
+    )
 
 
-def _draw_arrow(ax: Axes, path: list[Point], label: str) -> None:
+def _draw_arrow(ax: Axes, path: list[Point], label: str, order: int) -> None:
     *_, (x, y), (u, v) = path
+    level = 2.0 + 0.01 * order  # below the boxes
+    # a white edge: where two lines cross, the earlier one passes visibly below the later
+    ax.plot(*zip(*path, strict=True), color=FILL, linewidth=6.0, zorder=level)
     if len(path) > 2:
-        ax.plot(*zip(*path[:-1], strict=True), color=EDGE, linewidth=1.2, solid_capstyle="round")
-    style = {"arrowstyle": "-|>", "color": EDGE, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
-    ax.annotate("", (u, v), (x, y), arrowprops=style)
+        corner = zip(*path[:-1], strict=True)
+        ax.plot(*corner, color=EDGE, linewidth=1.2, solid_capstyle="round", zorder=level)
+    style: dict[str, str | float] = {
+        "arrowstyle": "-|>",
+        "color": EDGE,
+        "linewidth": 1.2,
+        "shrinkA": 0,
+        "shrinkB": 0,
+    }
+    ax.annotate("", (u, v), (x, y), arrowprops=style, zorder=level)
     if label:
         (x, y), (u, v) = path[-2:]
         upright = abs(v - y) > abs(u - x)

@@ -28,7 +28,7 @@ _SCRIPT = """
 def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
     """HTML that shows one frame at a time, chosen with a slider or played in order.
 
-    Without JavaScript the last frame is shown.
+    The first frame is shown; without JavaScript, a line of text says that there are more.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
         )
     last = len(frames) - 1
     shown = "\n".join(
-        f'<div data-frame="{i}"{"" if i == last else " hidden"}>{frame}'
+        f'<div data-frame="{i}"{" hidden" if i else ""}>{frame}'
         f'<div style="text-align:center;min-height:3em">{caption}</div></div>'
         for i, (frame, caption) in enumerate(zip(frames, captions, strict=True))
     )
@@ -58,9 +58,9 @@ def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
 <div data-controls hidden>
 <div style="display:flex;gap:0.6em;align-items:center;padding:0.3em 0.6em">
 <button type="button" style="min-width:4.5em">Play</button>
-<input type="range" min="0" max="{last}" value="{last}" step="1" style="flex:1"
+<input type="range" min="0" max="{last}" value="0" step="1" style="flex:1"
  aria-label="Step of the animation">
 </div></div>
-<noscript>The slider needs JavaScript: this is the last step.</noscript>
+<noscript>The slider needs JavaScript: this is the first step.</noscript>
 <script>{_SCRIPT.format(name=name)}</script>
 </div>"""

@@ -1,4 +1,4 @@
-"""The colours and the figure style of the book."""
+"""The figure style of the book; which colour means what is in `d2d.study.book.grammar`."""
 
 from importlib.resources import as_file, files
 
@@ -6,18 +6,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
-
-# Okabe & Ito's palette, which colour-blind readers can tell apart.
-BLUE, ORANGE, GREEN, PINK, YELLOW, SKY, BLACK = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#E69F00",
-    "#56B4E9",
-    "#000000",
-)
-FIXED, MOVING = BLUE, ORANGE
 
 
 def use_style() -> None:

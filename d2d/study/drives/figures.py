@@ -1,5 +1,6 @@
 """The figures of the simulated drives: frames, platform, street, errors, targets, fusion."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -14,7 +15,19 @@ from d2d._types import Array
 from d2d.radar import ExtentEstimate, Mounting
 from d2d.radar.simulation import Sensor
 from d2d.radar.world import KINDS, World
-from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, PINK, SKY, YELLOW
+from d2d.study.book.grammar import (
+    BLACK,
+    COSTS,
+    GREY,
+    OCHRE,
+    PINK,
+    PURPLE,
+    SKY,
+    TRUTH,
+    YELLOW,
+    cost_line,
+    covariance_marks,
+)
 from d2d.study.drives import budget_trial, extended
 from d2d.study.drives.budget_trial import BudgetTrial
 from d2d.study.drives.errors import IN_UNITS, UNITS, DriveErrors
@@ -22,9 +35,11 @@ from d2d.study.drives.extended import MODELS, ExtendedStudy
 from d2d.study.drives.fusion import GATE, REGION, Fused
 
 SYMBOLS = ("$v_x$", "$v_y$", "ω")
-COLOURS = dict(zip(KINDS, (BLACK, BLUE, PINK, GREEN, ORANGE, YELLOW), strict=True))
+# Things of the street have colours of their own: parked cars sky, vegetation olive, movers purple.
+COLOURS = dict(zip(KINDS, (BLACK, "#2B83BA", PINK, "#6B8E23", PURPLE, YELLOW), strict=True))
 WALL, CAR = "0.85", SKY
-CURVES = (ORANGE, BLUE, GREEN, BLACK)
+CURVES = (YELLOW, PURPLE, SKY, BLACK)
+ROBUST = COSTS["robust"].color  # every estimate of a drive is the robust likelihood's
 
 # Heights of the camera and of what it sees, in m.
 _EYE, _HOUSE, _CAR, _POLE, _BUSH = 1.2, 7.0, 1.5, 4.0, 0.9
@@ -40,7 +55,7 @@ def coordinate_frames(ax: Axes) -> None:
     ax.add_patch(Polygon(body, facecolor="0.94", edgecolor="0.6"))
     for origin, angle, lengths, color, name in (
         ((0.0, 0.0), 0.0, (1.3, 1.9), BLACK, "vehicle"),
-        ((x, y), yaw, (2.9, 1.9), BLUE, "sensor"),
+        ((x, y), yaw, (2.9, 1.9), PURPLE, "sensor"),
     ):
         for turn, length, axis in ((0.0, lengths[0], "x"), (0.5 * np.pi, lengths[1], "y")):
             end = np.array(origin) + length * np.array([np.cos(angle + turn), np.sin(angle + turn)])
@@ -53,21 +68,21 @@ def coordinate_frames(ax: Axes) -> None:
     ax.plot([x, x + 2.6], [y, y], ":", color="0.3", lw=1.2)
     for low, high, size, name, color in (
         (0.0, yaw, 4.0, r"$\alpha_s$", BLACK),
-        (yaw, sight, 3.0, r"$\phi_k$", ORANGE),
+        (yaw, sight, 3.0, r"$\phi_k$", OCHRE),
     ):
         ax.add_patch(Arc((x, y), size, size, theta1=np.rad2deg(low), theta2=np.rad2deg(high)))
         middle = 0.5 * (low + high)
         where = sensor + (0.5 * size + 0.2) * np.array([np.cos(middle), np.sin(middle)])
         _label(ax, where, name, color, (0, -4))
-    ax.plot(*np.stack([sensor, target]).T, color=ORANGE, lw=1.2)
-    _label(ax, 0.45 * sensor + 0.55 * target, "$r_k$", ORANGE, (-16, 6))
-    _arrow(ax, target, target + 1.2 * (sensor - target) / distance, ORANGE, ls="--", lw=2.0)
-    _label(ax, target - 0.6 * (target - sensor) / distance, "$v_k$", ORANGE, (8, -12))
-    ax.plot(*target, "*", color=ORANGE, ms=13)
-    _label(ax, target, "target $k$", ORANGE, (8, 2))
-    ax.add_patch(Arc((0, 0), 1.5, 1.5, theta1=200, theta2=340, color=GREEN, lw=1.6))
-    _arrow(ax, (0.66, -0.36), (0.72, -0.2), GREEN)
-    _label(ax, (0.0, -0.75), "ω", GREEN, (-4, -14))
+    ax.plot(*np.stack([sensor, target]).T, color=OCHRE, lw=1.2)
+    _label(ax, 0.45 * sensor + 0.55 * target, "$r_k$", OCHRE, (-16, 6))
+    _arrow(ax, target, target + 1.2 * (sensor - target) / distance, OCHRE, ls="--", lw=2.0)
+    _label(ax, target - 0.6 * (target - sensor) / distance, "$v_k$", OCHRE, (8, -12))
+    ax.plot(*target, "*", color=OCHRE, ms=13)
+    _label(ax, target, "target $k$", OCHRE, (8, 2))
+    ax.add_patch(Arc((0, 0), 1.5, 1.5, theta1=200, theta2=340, color=GREY, lw=1.6))
+    _arrow(ax, (0.66, -0.36), (0.72, -0.2), GREY)
+    _label(ax, (0.0, -0.75), "ω", GREY, (-4, -14))
     ax.plot(0, 0, "o", color=BLACK, ms=4)
     ax.set(xlim=(-1.4, 6.6), ylim=(-1.6, 4.6))
     ax.set_aspect("equal")
@@ -104,9 +119,9 @@ def platform(ax: Axes, mounting: Mounting, sensor: Sensor, view_length: float = 
     ax.add_patch(
         Wedge(place, view_length, middle - half, middle + half, facecolor=SKY, alpha=0.35, lw=0)
     )
-    ax.plot(*place, "s", color=BLUE, ms=8)
-    _label(ax, place, "radar", BLUE, (9, -4))
-    _label(ax, (mounting.x + 0.55 * view_length, 0.0), f"±{half:.0f}°", BLUE, (-14, -4))
+    ax.plot(*place, "s", color=PURPLE, ms=8)
+    _label(ax, place, "radar", PURPLE, (9, -4))
+    _label(ax, (mounting.x + 0.55 * view_length, 0.0), f"±{half:.0f}°", PURPLE, (-14, -4))
     _arrow(ax, (0, 0), (0.3, 0), BLACK)
     _arrow(ax, (0, 0), (0, 0.3), BLACK)
     _label(ax, (0.24, 0), "$x$", BLACK, (-2, 4))
@@ -159,7 +174,7 @@ def camera_view(ax: Axes, world: World, frame: Array, time: float, view: float) 
     faces: list[tuple[float, Array, str, str]] = []
     for outlines, height, shades in (
         (world.buildings, _HOUSE, ("0.80", "0.70")),
-        (world.cars, _CAR, (SKY, "#3E9AC9")),
+        (world.cars, _CAR, (SKY, "#2B83BA")),
     ):
         for outline in rigid.transform_means(rigid.inverse(frame), outlines.reshape(-1, 2)).reshape(
             -1, 4, 2
@@ -224,13 +239,14 @@ def error_columns(
             values = of_track.errors[:, row] * IN_UNITS[row]
             limit = limits[column][row]
             outside = np.abs(values) > limit
-            ax.plot(of_track.times, values, ".", ms=1.5, color=BLUE)
+            ax.plot(of_track.times, values, ".", ms=1.5, color=ROBUST)
             edge = np.sign(values[outside]) * 0.97 * limit
-            ax.plot(of_track.times[outside], edge, "x", ms=3, color=ORANGE)
+            ax.plot(of_track.times[outside], edge, "x", ms=3, color=BLACK)
+            ax.axhline(0.0, **TRUTH)
             ax.set_ylim(-limit, limit)
             if column == 0:
                 ax.set_ylabel(f"{SYMBOLS[row]} ({UNITS[row]})")
-        axes[0, column].set_title(f"({'abc'[column]}) {name}")
+        axes[0, column].set_title(f"({'abc'[column]}) {name}", fontsize=9)
         axes[-1, column].set_xlabel("time (s)")
 
 
@@ -239,7 +255,7 @@ def rejected_kinds(ax: Axes, shares: Mapping[str, Mapping[str, float]]) -> None:
     width = 0.8 / len(shares)
     for k, (name, share) in enumerate(shares.items()):
         places = np.arange(len(share)) + (k - 0.5 * (len(shares) - 1)) * width
-        bars = ax.barh(places, list(share.values()), width, label=name, color=(YELLOW, BLUE)[k])
+        bars = ax.barh(places, list(share.values()), width, label=name, color=(GREY, ROBUST)[k])
         ax.bar_label(bars, fmt="%.2f", padding=2, fontsize=8)
     kinds = list(next(iter(shares.values())))
     ax.set_yticks(range(len(kinds)), kinds)
@@ -251,7 +267,7 @@ def rejected_kinds(ax: Axes, shares: Mapping[str, Mapping[str, float]]) -> None:
 
 def rejected_directions(ax: Axes, angles: Array, shares: Mapping[str, Array]) -> None:
     """Rejected share over the direction (A,) in rad in which a target walks."""
-    for color, (name, share) in zip((YELLOW, BLUE), shares.items(), strict=False):
+    for color, (name, share) in zip((GREY, ROBUST), shares.items(), strict=False):
         ax.plot(np.rad2deg(angles), share, "o-", ms=3, color=color, label=name)
     ax.set(xlabel="direction to the line of sight (°)", ylabel="share rejected", ylim=(0.0, 1.03))
     ax.set_xticks([0, 30, 60, 90])
@@ -261,8 +277,8 @@ def track_lines(ax: Axes, poses: Array, true: Array) -> None:
     """The integrated path over the true one, with lines that join poses of the same time."""
     links = np.stack([poses[::100, :2], true[::100, :2]], axis=1)
     ax.add_collection(LineCollection(list(links), colors="0.5", linewidths=0.8))
-    ax.plot(*true[:, :2].T, "--", color=ORANGE, label="truth")
-    ax.plot(*poses[:, :2].T, color=BLUE, label="estimate")
+    ax.plot(*poses[:, :2].T, **cost_line("robust", label="estimate"))
+    ax.plot(*true[:, :2].T, **TRUTH, label="truth")
     ax.plot(*true[0, :2], "o", color=BLACK, ms=4)
 
 
@@ -275,7 +291,7 @@ def likelihood_curves(ax: Axes, found: Mapping[str, ExtentEstimate]) -> None:
             each.extent - 2.0 * each.sigma, each.extent + 2.0 * each.sigma, color=colour, alpha=0.3
         )
     ax.set(
-        xlim=(0.0, 1.65), ylim=(-1.5, 0.1), xlabel="extent in m", ylabel="log-likelihood per target"
+        xlim=(0.0, 1.65), ylim=(-1.5, 0.1), xlabel="extent (m)", ylabel="log-likelihood per target"
     )
     ax.legend()
 
@@ -291,31 +307,29 @@ def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> N
     groups.append((still, MODELS[0], "same points in all scans"))
     for (chosen, model, name), colour in zip(groups, CURVES, strict=True):
         widths = [study.half_width for study in chosen]
-        for covariance, line in zip(extended.COVARIANCES, ("o-", "s:"), strict=True):
+        for covariance, line in zip(extended.COVARIANCES, ("P-", "^:"), strict=True):
             anees = [study.credibility(model, covariance).anees for study in chosen]
             axes[0].plot(widths, anees, line, color=colour)
         rmse = [study.rmse(model)[2] for study in chosen]
-        axes[1].plot(widths, rmse, "o-", color=colour, label=name)
-    axes[0].axhline(1.0, color="0.6", lw=0.8)
-    for covariance, line in zip(extended.COVARIANCES, ("o-", "s:"), strict=True):
-        axes[0].plot([], [], line, color="0.5", label=covariance)
+        axes[1].plot(widths, rmse, ".-", color=colour, label=name)
+    axes[0].axhline(1.0, **TRUTH)
+    for covariance, line in zip(extended.COVARIANCES, ("P-", "^:"), strict=True):
+        axes[0].plot([], [], line, color=GREY, label=covariance)
     axes[0].set(yscale="log", ylabel="ANEES")
-    axes[1].set(ylabel="RMSE of ω in °/s")
+    axes[1].set(ylabel="RMSE of ω (°/s)")
     for ax in axes:
-        ax.set_xlabel("half width of the objects in m")
-        ax.legend()
+        ax.set_xlabel("half width of the objects (m)")
+        ax.legend(fontsize=8)
 
 
 def ingredients(ax: Axes, trial: BudgetTrial) -> None:
     """ANEES of each covariance, a row for each ingredient; a bar is a 95 % interval."""
     rows = np.arange(len(trial.names))
-    for k, (name, color, marker) in enumerate(
-        zip(budget_trial.COVARIANCES, (ORANGE, YELLOW, BLUE), "osD", strict=True)
-    ):
+    for k, name in enumerate(budget_trial.COVARIANCES):
         places, anees = rows + 0.22 * (k - 1), trial.anees[:, k]
         spread = np.abs(trial.intervals[:, :, k].T - anees)
-        ax.errorbar(anees, places, xerr=spread, fmt=marker, ms=4, lw=1.2, color=color, label=name)
-    ax.axvline(1.0, color=BLACK, lw=1.0)
+        ax.errorbar(anees, places, xerr=spread, ms=6, elinewidth=1.2, **_marks(name))
+    ax.axvline(1.0, **TRUTH)
     ax.set_yticks(rows, trial.names)
     ax.invert_yaxis()
     ax.set(xscale="log", xlabel="ANEES")
@@ -325,6 +339,12 @@ def ingredients(ax: Axes, trial: BudgetTrial) -> None:
     ax.legend()
 
 
+def _marks(covariance: str) -> dict[str, Any]:
+    """The look of a covariance that `budget_trial` names."""
+    known = {"noise + budget": "noise and budget"}
+    return covariance_marks(known.get(covariance, covariance))
+
+
 def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
     """A column (3 axes) for each filter: NIS, error of v_x, error of the gyro's bias.
 
@@ -332,8 +352,8 @@ def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
     """
     for column, (name, result) in enumerate(fused.items()):
         top, *below = axes[:, column]
-        top.semilogy(result.times[result.used], result.nis[result.used], ".", ms=2.5, color=BLUE)
-        top.semilogy(result.times[~result.used], result.nis[~result.used], "x", ms=4, color=ORANGE)
+        top.semilogy(result.times[result.used], result.nis[result.used], ".", ms=2.5, color=GREY)
+        top.semilogy(result.times[~result.used], result.nis[~result.used], "x", ms=4, color=PURPLE)
         for limit, label, below_line in ((REGION, "95 %", True), (GATE, "gate", False)):
             top.axhline(limit, color=BLACK, lw=0.8, ls="--")
             top.annotate(
@@ -346,12 +366,12 @@ def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
                 fontsize=7,
             )
         top.set(ylim=(0.05, 200.0))
-        top.set_title(f"({'abc'[column]}) {name}", fontsize=9)
+        top.set_title(textwrap.fill(f"({'abc'[column]}) {name}", 20), fontsize=8)
         for ax, entry, unit in zip(below, (0, 3), (1.0, np.rad2deg(1.0)), strict=True):
             sigma = np.sqrt(result.covariances[:, entry, entry]) * unit
             ax.fill_between(result.times, -2.0 * sigma, 2.0 * sigma, color=SKY, alpha=0.4, lw=0)
-            ax.plot(result.times, result.errors[:, entry] * unit, color=BLUE, lw=1.0)
-            ax.axhline(0.0, color=BLACK, lw=0.6)
+            ax.plot(result.times, result.errors[:, entry] * unit, color=PURPLE, lw=1.0)
+            ax.axhline(0.0, **TRUTH)
         below[-1].set_xlabel("time (s)")
     for ax, label in zip(
         axes[:, 0], ("NIS", "error of $v_x$ (m/s)", "of the gyro bias (°/s)"), strict=True

@@ -9,14 +9,15 @@ from matplotlib.axes import Axes
 from d2d._types import Array
 from d2d.baselines.optimisers import Path
 from d2d.study.book import svg
-from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, PINK
+from d2d.study.book.grammar import BLACK, COSTS, OCHRE, PURPLE, SKY, TRUTH
+from d2d.study.estimation.covariance_trials import CovarianceStudy
 from d2d.study.estimation.descent import PairedTargets, profile
 
 COLOURS = {
-    "gradient descent": ORANGE,
-    "Newton": PINK,
-    "Gauss-Newton": BLUE,
-    "Levenberg-Marquardt": GREEN,
+    "gradient descent": OCHRE,
+    "Newton": PURPLE,
+    "Gauss-Newton": BLACK,
+    "Levenberg-Marquardt": SKY,
 }
 WIDTH, HEIGHT, MARGIN = 620.0, 420.0, 56.0  # of a frame, in SVG units
 
@@ -101,7 +102,7 @@ def propagation_panel(
     ax.plot(x, y, color=BLACK)
     size_x, size_y = 0.18 * float(np.ptp(y)), 0.22 * (high - low)
     bottom, left = float(y.min()) - 0.25 * float(np.ptp(y)), low - 0.3 * (high - low)
-    for color, x0 in zip((ORANGE, BLUE), centres, strict=False):
+    for color, x0 in zip((OCHRE, PURPLE), centres, strict=False):
         y0, spread = float(function(np.array(x0))), abs(slope(x0)) * sigma
         near = x0 + sigma * np.linspace(-4.0, 4.0, 200)
         ax.fill_between(
@@ -122,3 +123,39 @@ def propagation_panel(
         ax.plot(x0, y0, "o", color=color)
         ax.plot([x0, x0, left], [bottom, y0, y0], ":", color=color, lw=0.8)
     ax.set(xlabel="x", ylabel="y", xlim=(left, high), ylim=(bottom, None))
+
+
+def claimed_over_actual(
+    ax: Axes, studies: Mapping[str, tuple[str, CovarianceStudy]], kind: str
+) -> None:
+    """Boxes of the claimed over the actual sigma of t_x, t_y and phi, a group for each cost.
+
+    ``studies`` holds, by the name below each group, the cost's key in the grammar and its study;
+    ``kind`` is ``fisher`` or ``propagated``.  Boxes are quartiles, whiskers reach to 5 % and 95 %;
+    those of P2D are dotted.
+    """
+    for row, (name, (key, study)) in enumerate(studies.items()):
+        claimed = np.diagonal(getattr(study, kind), axis1=1, axis2=2)
+        line = {"color": COSTS[key].color, "ls": ":" if "P2D" in name else "-"}
+        places = row + np.array([-0.25, 0.0, 0.25])
+        ax.boxplot(
+            np.sqrt(claimed / study.actual),
+            positions=places,
+            widths=0.18,
+            whis=(5, 95),
+            showfliers=False,
+            manage_ticks=False,
+            boxprops=line,
+            whiskerprops=line,
+            capprops=line,
+            medianprops=line,
+        )
+        for place, component in zip(places, ("$t_x$", "$t_y$", "φ"), strict=True):
+            ax.annotate(component, (place, 0.42), ha="center", fontsize=7)
+    ax.axhline(1.0, **TRUTH)
+    ax.set_yscale("log")
+    ax.set_ylim(0.38, 6.0)
+    ax.set_yticks([0.5, 1, 2, 4], ["0.5", "1", "2", "4"])
+    ax.minorticks_off()
+    ax.set_ylabel("claimed σ / actual σ")
+    ax.set_xticks(range(len(studies)), list(studies))

@@ -1,6 +1,7 @@
 """The panels of the scenes on a line."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,36 +9,75 @@ from matplotlib.axes import Axes
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, PINK, SKY, YELLOW
-from d2d.study.line.scene import TRUTH
+from d2d.study.book.grammar import BLACK, DASH_DOTTED, DASHED, DOTTED, TRUTH, cost_key, cost_line
+from d2d.study.line import scene
 from d2d.study.line.surfaces import Peaks, log_surface, peaks, target_log_surfaces
 
-TARGET_COLOURS = (ORANGE, BLUE, GREEN, PINK, YELLOW, SKY)
+# Targets are grey and known by their letters; the lines tell them apart where curves cross.
+TARGETS = (
+    ("0.25", "-"),
+    ("0.45", DASHED),
+    ("0.6", "-"),
+    ("0.25", DOTTED),
+    ("0.45", DASH_DOTTED),
+)
+OUTLIER = "O"
+_LETTER = 0.07  # inches: the width of a letter
+LOWEST = 1e-60  # 1/m to the number of targets: the lower end of a logarithmic axis
 
 
 def line_targets(ax: Axes, points: PointSet, true: Array, names: Sequence[str]) -> None:
     """Targets of a 1D set: true position (circle), observed one (star), density (curve)."""
     low, high = true.min() - 2.0, true.max() + 2.0
     x = np.linspace(low, high, 1201)
+    peak = 0.0
     for k, name in enumerate(names):
         mean, variance = points.means[k, 0], points.covariances[k, 0, 0]
         density = np.exp(-0.5 * (x - mean) ** 2 / variance) / np.sqrt(2.0 * np.pi * variance)
-        color = TARGET_COLOURS[k]
-        ax.plot(x, density, color=color)
-        ax.plot(true[k], 0.0, "o", mfc="none", color=color, clip_on=False)
-        ax.plot(mean, 0.0, "*", ms=8, color=color, clip_on=False)
-        ax.annotate(
-            name,
-            (mean, density.max()),
-            (0, 3),
-            textcoords="offset points",
-            ha="center",
-            color=color,
-        )
+        style = _target_line(k, name)
+        ax.plot(x, density, **style)
+        ax.plot(true[k], 0.0, "o", mfc="none", color=style["color"], clip_on=False)
+        ax.plot(mean, 0.0, "*", ms=8, color=style["color"], clip_on=False)
+        peak = max(peak, float(density.max()))
+    places = [(float(mean), peak, name) for (mean,), name in zip(points.means, names, strict=True)]
+    _write_letters(ax, places, high - low)
     ax.set_xlabel("x (m)")
     ax.set_ylabel("density (1/m)")
     ax.set_ylim(0.0, None)
     ax.margins(y=0.15)
+
+
+def _target_line(k: int, name: str) -> dict[str, Any]:
+    """Style of a target's curve; an outlier's is black."""
+    color, line = (BLACK, "-") if name == OUTLIER else TARGETS[k]
+    return {"color": color, "ls": line, "lw": 1.2}
+
+
+def _write_letters(ax: Axes, places: Sequence[tuple[float, float, str]], span: float) -> None:
+    """Letters above places (x, height, letter); where they would overprint, they form one word."""
+    figure = ax.get_figure(root=True)
+    width = 5.0 if figure is None else float(figure.get_figwidth())  # inches
+    letter_width = _LETTER * span / (ax.get_position().width * width)
+    groups: list[list[tuple[float, float, str]]] = []
+    for place in sorted(places):
+        if groups:
+            word = {letter for *_, letter in groups[-1]}
+            middle = float(np.mean([x for x, *_ in groups[-1]]))
+            if place[0] - middle < 0.5 * (len(word) + 1.5) * letter_width:
+                groups[-1].append(place)
+                continue
+        groups.append([place])
+    for group in groups:
+        x, height = np.mean([x for x, *_ in group]), max(height for _, height, _ in group)
+        ax.annotate(
+            "".join(dict.fromkeys(letter for *_, letter in group)),
+            (float(x), height),
+            (0, 2),
+            textcoords="offset points",
+            ha="center",
+            color="0.25",
+            fontsize=8,
+        )
 
 
 def surface(
@@ -45,15 +85,19 @@ def surface(
     translations: Array,
     values: Array,
     *,
-    color: str = BLACK,
-    label: str | None = None,
     ylabel: str = "density (1/m)",
+    **style: Any,
 ) -> None:
     """A cost surface over t_x."""
-    ax.plot(translations, values, color=color, label=label)
+    ax.plot(translations, values, **({"color": BLACK} | style))
     ax.set_xlabel("$t_x$ (m)")
     ax.set_ylabel(ylabel)
     ax.margins(x=0.0)
+
+
+def mark_truth(ax: Axes) -> None:
+    """The true translation."""
+    ax.axvline(scene.TRUTH, **TRUTH)
 
 
 def both_sets(
@@ -78,18 +122,23 @@ def every_target(
     *,
     negative_log: bool = False,
 ) -> None:
-    """The surface of each moving target, as a density or as a cost."""
+    """The surface of each moving target, as a density or as a cost.
+
+    A letter above each maximum of a density names the target.
+    """
     logs = target_log_surfaces(cost, translations, *sets)
+    places = []
     for k, name in enumerate(names):
-        surface(
-            ax,
-            translations,
-            -logs[k] if negative_log else np.exp(logs[k]),
-            color=TARGET_COLOURS[k],
-            label=name,
-            ylabel="−log density" if negative_log else "density (1/m)",
-        )
-    ax.axvline(TRUTH, color="0.6", ls="--", lw=0.8)
+        values = -logs[k] if negative_log else np.exp(logs[k])
+        ylabel = "−log density" if negative_log else "density (1/m)"
+        surface(ax, translations, values, ylabel=ylabel, label=name, **_target_line(k, name))
+        inner = values[1:-1]
+        top = np.flatnonzero((inner > values[:-2]) & (inner >= values[2:])) + 1
+        places += [(float(translations[i]), float(values[i]), name) for i in top]
+    if not negative_log:
+        _write_letters(ax, places, float(np.ptp(translations)))
+        ax.margins(y=0.1)
+    mark_truth(ax)
     ax.set_title("targets, −log" if negative_log else "targets")
 
 
@@ -105,9 +154,24 @@ def fused(
     Returns its peaks.
     """
     values = log_surface(cost, translations, *sets)
-    surface(axes[0], translations, np.exp(values), ylabel="density")
-    surface(axes[1], translations, -values, ylabel="−log density")
+    style = cost_line(cost_key(cost), cost.metric)
+    surface(axes[0], translations, np.exp(values), ylabel="density", **style)
+    surface(axes[1], translations, -values, ylabel="−log density", **style)
     for ax, suffix in zip(axes, ("", ", −log"), strict=False):
-        ax.axvline(TRUTH, color="0.6", ls="--", lw=0.8)
+        mark_truth(ax)
         ax.set_title(title + suffix)
     return peaks(translations, values)
+
+
+def log_axis(
+    ax: Axes,
+    translations: Array,
+    cost: RegistrationCost,
+    sets: tuple[PointSet, PointSet],
+    **style: Any,
+) -> None:
+    """The fused density on a logarithmic axis, which shows how small it is where it seems zero."""
+    values = np.exp(np.maximum(log_surface(cost, translations, *sets), np.log(0.1 * LOWEST)))
+    surface(ax, translations, values, ylabel="density", **style)
+    ax.set_yscale("log")
+    ax.set_ylim(LOWEST, 1e3)

@@ -10,9 +10,9 @@ from d2d._checks import check_finite
 from d2d._types import Array
 from d2d.gaussian import GaussianMixture
 from d2d.study.book import svg
-from d2d.study.book.style import BLUE, GREEN, ORANGE, PINK
+from d2d.study.book.grammar import BLACK, GREY, PURPLE, SKY, YELLOW
 
-COLOURS = (BLUE, ORANGE, GREEN, PINK)
+COLOURS = (PURPLE, YELLOW, SKY, GREY)
 WIDTH, HEIGHT, STRIP, MARGIN = 600.0, 390.0, 130.0, 46.0  # of the drawing, in SVG units
 
 
@@ -112,6 +112,6 @@ def _likelihood_strip(values: Array, step: int) -> list[str]:
     return [
         svg.path(f"M {MARGIN:.0f} {bottom + 8:.0f} H {WIDTH - MARGIN:.0f}", stroke="#999"),
         svg.polyline(np.column_stack([xs, ys]), "#111", 2.0),
-        svg.circle(xs[step], ys[step], 6.0, ORANGE),
+        svg.circle(xs[step], ys[step], 6.0, BLACK),
         svg.text(middle, low, "log-likelihood over the steps", text_anchor="middle"),
     ]

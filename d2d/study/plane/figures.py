@@ -13,17 +13,24 @@ from d2d.cost import RegistrationCost
 from d2d.credibility import Credibility
 from d2d.point_set import PointSet
 from d2d.study.book.drawing import ellipses, error_bands
-from d2d.study.book.style import (
+from d2d.study.book.grammar import (
     BLACK,
-    BLUE,
+    COST_MAP,
+    DENSITY_MAP,
     FIXED,
-    GREEN,
+    GREY,
     MOVING,
-    ORANGE,
+    SHARE_MAP,
     SKY,
-    label_planar_axes,
-    letter_panels,
+    TRUTH,
+    YELLOW,
+    cost_line,
+    mark_truth,
 )
+from d2d.study.book.grammar import (
+    COSTS as LOOKS,
+)
+from d2d.study.book.style import label_planar_axes, letter_panels
 from d2d.study.plane.evaluation import COSTS, distance_and_rotation, evaluated
 from d2d.study.plane.optima import rotation_profile, translation_surface
 from d2d.study.plane.scenarios import Scenario
@@ -31,6 +38,7 @@ from d2d.study.plane.scenarios import Scenario
 FAR = 45.0  # m: outliers beyond this range lie outside the scene
 ERROR_LIMITS = {"m": (0.01, 12.0), "deg": (0.05, 50.0)}
 OFFSETS: Array = np.linspace(-8.0, 8.0, 129)  # from the true translation, in m
+NEAR_OFFSETS: Array = np.linspace(-1.0, 1.0, 65)  # of the inset, in m
 ROTATIONS: Array = np.deg2rad(np.linspace(-40.0, 40.0, 321))
 IN_LABEL_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
 LABELS = (("m", "$t_x$"), ("m", "$t_y$"), ("deg", "φ"))
@@ -47,23 +55,28 @@ def cost_columns(
 ) -> None:
     """A column for each cost: maps over the translation, profiles over the rotation."""
     _, axes = plt.subplots(
-        4, len(costs), figsize=(2.6 * len(costs), 8.2), height_ratios=[2, 2, 1, 1], squeeze=False
+        4,
+        len(costs),
+        figsize=(5.0 * len(costs) / 3, 7.4),
+        height_ratios=[2, 2, 1, 1],
+        squeeze=False,
     )
     for column, (name, cost) in zip(axes.T, costs.items(), strict=True):
         surface = translation_surface(cost, *sets, scenario.theta, OFFSETS)
-        density_map(column[0], OFFSETS, surface, name)
-        cost_map(column[1], OFFSETS, surface, "−log")
+        near = translation_surface(cost, *sets, scenario.theta, NEAR_OFFSETS)
+        density_map(column[0], OFFSETS, surface, near)
+        cost_map(column[1], OFFSETS, surface)
         profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
-        rotation_profiles(column[2:], ROTATIONS, profile)
+        rotation_profiles(column[2:], ROTATIONS, profile, name)
     for ax in axes[:, 1:].ravel():
         ax.set_ylabel("")
-    for letter, ax in zip("abc", axes[0], strict=False):
-        ax.set_title(f"({letter}) {ax.get_title()}")
+    for letter, ax, name in zip("abc", axes[0], costs, strict=False):
+        ax.set_title(f"({letter}) {LOOKS[name].name}", fontsize=9)
 
 
 def error_panels(scenario: Scenario, names: Sequence[str]) -> None:
     """Share of the runs below each error, started at the truth (above) and at zero (below)."""
-    _, axes = plt.subplots(2, 2, sharey=True, figsize=(7.2, 4.8))
+    figure, axes = plt.subplots(2, 2, sharey=True, figsize=(5.0, 4.6))
     for row, start in zip(axes, ("truth", "zero"), strict=True):
         errors = {
             name: distance_and_rotation(evaluated(scenario, COSTS[name], start).errors)
@@ -73,13 +86,14 @@ def error_panels(scenario: Scenario, names: Sequence[str]) -> None:
         error_shares(row[0], metres, "m", f"from {start}")
         degrees = {name: np.rad2deg(turn) for name, (_, turn) in errors.items()}
         error_shares(row[1], degrees, "deg", f"from {start}")
-    axes[0, 0].legend(loc="upper left")
+    handles = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside upper center", ncols=3)
     letter_panels(axes)
 
 
 def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
     """Errors of the first 200 runs over bands of three reported sigmas, a column per cost."""
-    _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(7.4, 5.2))
+    _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(5.0, 5.2))
     results = [evaluated(scenario, COSTS[name]) for name in names]
     sigmas = [
         np.sqrt(np.diagonal(r.covariances, axis1=1, axis2=2)) * IN_LABEL_UNITS for r in results
@@ -92,7 +106,7 @@ def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
         for k, ax in enumerate(column):
             ax.set_ylim(-limits[k], limits[k])
             error_bands(ax, np.arange(200.0), errors[:, k], sigma[:200, k], *LABELS[k])
-        column[0].set_title(f"({letter}) {name}")
+        column[0].set_title(f"({letter}) {LOOKS[name].name}", fontsize=9)
         column[2].set_xlabel("run")
     for ax in axes[:, 1:].ravel():
         ax.set_ylabel("")
@@ -100,10 +114,10 @@ def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
 
 def credibility_columns(scenario: Scenario, names: Sequence[str]) -> None:
     """NEES, NEES of the credible estimator and credibility ratio of each run, a column per cost."""
-    _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(7.6, 5.6))
+    _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(5.0, 5.6))
     for letter, column, name in zip("abc", axes.T, names, strict=False):
         result = evaluated(scenario, COSTS[name]).credibility
-        credibility_panels(column, result, f"({letter}) {name}")
+        credibility_panels(column, result, name, f"({letter}) {LOOKS[name].name}")
     for ax in axes[:, 1:].ravel():
         ax.set_ylabel("")
 
@@ -120,29 +134,51 @@ def credibility_line(scenario: Scenario, name: str) -> str:
 def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet) -> None:
     """Both scans of a scene, each in its own frame, with 3-sigma ellipses.
 
-    A ring marks each outlier: grey if it is close to a target, green if it is far from all.
+    A ring marks each outlier: black if it is close to a target, yellow if it is far from all.
     """
     for points, outliers, color, name in (
         (fixed, scenario.outliers_fixed, FIXED, "previous F"),
         (moving, scenario.outliers_moving, MOVING, "current M"),
     ):
         ellipses(ax, points, edgecolor=color)
-        ax.plot(*points.means.T, ".", color=color, ms=4, label=name)
+        mark = "." if color == FIXED else "^"
+        ax.plot(*points.means.T, mark, color=color, ms=4, label=name)
         far = np.hypot(*outliers.T) > FAR
-        for mask, ring, kind in ((~far, "0.45", "close"), (far, GREEN, "far")):
+        for mask, ring, kind in ((~far, BLACK, "close"), (far, YELLOW, "far")):
             if mask.any():
                 label = f"{kind} outlier" if color == FIXED else None
                 ax.plot(*outliers[mask].T, "o", color=ring, mfc="none", ms=15, mew=1.4, label=label)
-    ax.plot(0.0, 0.0, "^", color=BLACK)
+    ax.plot(0.0, 0.0, "D", color=BLACK, mfc="none", label="sensor")
     label_planar_axes(ax)
 
 
-def density_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> None:
-    """A fused density over t_x and t_y around the truth (cross), relative to its maximum."""
-    relative = np.exp(log_values - log_values.max())
-    picture = ax.pcolormesh(offsets, offsets, relative, vmin=0.0, vmax=1.0, rasterized=True)
-    _map_axes(ax, title)
-    _map_bar(ax, picture, [0.0, 0.5, 1.0])
+def density_map(ax: Axes, offsets: Array, log_values: Array, near: Array, title: str = "") -> None:
+    """A fused density over t_x and t_y around the truth (cross), relative to its maximum.
+
+    The inset enlarges what is within 1 m of the truth: ``near`` holds the logarithms there, on the
+    grid of `NEAR_OFFSETS`.
+    """
+    highest = max(log_values.max(), near.max())
+    inset = ax.inset_axes((0.58, 0.58, 0.42, 0.42))
+    for panel, grid, values in ((ax, offsets, log_values), (inset, NEAR_OFFSETS, near)):
+        relative = np.exp(values - highest)
+        settings: dict[str, Any] = {
+            "vmin": 0.0,
+            "vmax": 1.0,
+            "cmap": DENSITY_MAP,
+            "rasterized": True,
+        }
+        picture = panel.pcolormesh(grid, grid, relative, **settings)
+        panel.grid(False)
+    ax.plot([-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1], color=BLACK, lw=0.7)
+    inset.set_aspect("equal")
+    inset.set(xticks=[], yticks=[])
+    for spine in inset.spines.values():
+        spine.set(visible=True, linewidth=0.7)
+    inset.text(0.05, 0.78, "±1 m", transform=inset.transAxes, fontsize=6)
+    _map_axes(ax, title, cross=False)
+    mark_truth(inset, size=5.0)
+    _map_bar(ax, picture, "density / its highest")
 
 
 def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> None:
@@ -151,26 +187,29 @@ def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> No
     Contours enclose the regions where the density is above 50 %, 10 % and 1 % of its maximum.
     """
     above = log_values.max() - log_values
-    picture = ax.pcolormesh(offsets, offsets, above, cmap="viridis_r", rasterized=True)
+    picture = ax.pcolormesh(offsets, offsets, above, cmap=COST_MAP, rasterized=True)
     levels = -np.log([0.5, 0.1, 0.01])
-    ax.contour(offsets, offsets, above, levels, colors=BLACK, linewidths=0.5)
+    ax.contour(offsets, offsets, above, levels, colors="white", linewidths=0.5)
     _map_axes(ax, title)
-    _map_bar(ax, picture, None)
+    _map_bar(ax, picture, "−log density")
 
 
-def _map_axes(ax: Axes, title: str) -> None:
-    ax.plot(0.0, 0.0, "+", color=ORANGE, ms=9, mew=1.4)
-    ax.grid(False)
-    ax.set_aspect("equal")
-    ax.set(xlabel="$t_x$ − truth (m)", ylabel="$t_y$ − truth (m)", title=title)
-
-
-def _map_bar(ax: Axes, picture: Any, ticks: Sequence[float] | None) -> None:
-    bar = ax.figure.colorbar(picture, ax=ax, shrink=0.8, pad=0.02, ticks=ticks)
+def _map_bar(ax: Axes, picture: Any, label: str) -> None:
+    bar = ax.figure.colorbar(picture, ax=ax, location="bottom", shrink=0.9, pad=0.02)
+    bar.set_label(label, fontsize=8)
     bar.ax.tick_params(labelsize=7)
 
 
-def rotation_profiles(axes: Sequence[Axes], turns: Array, log_values: Array) -> None:
+def _map_axes(ax: Axes, title: str, *, cross: bool = True) -> None:
+    if cross:
+        mark_truth(ax)
+    ax.grid(False)
+    ax.set_aspect("equal")
+    ax.set(xlabel="$t_x$ − truth (m)", ylabel="$t_y$ − truth (m)", title=title)
+    ax.set(xticks=[-5, 0, 5], yticks=[-5, 0, 5])
+
+
+def rotation_profiles(axes: Sequence[Axes], turns: Array, log_values: Array, cost: str) -> None:
     """A density relative to its maximum, and the cost above its minimum, over the rotation."""
     degrees = np.rad2deg(turns)
     above = log_values.max() - log_values
@@ -178,31 +217,42 @@ def rotation_profiles(axes: Sequence[Axes], turns: Array, log_values: Array) -> 
         (axes[0], np.exp(-above), "density"),
         (axes[1], above, "−log density"),
     ):
-        ax.plot(degrees, values, color=BLACK)
-        ax.axvline(0.0, color=ORANGE, ls="--", lw=0.8)
+        ax.plot(degrees, values, **cost_line(cost))
+        ax.axvline(0.0, **TRUTH)
         ax.set(xlabel="φ − truth (deg)", ylabel=label, ylim=(0.0, None))
         ax.margins(x=0.0)
 
 
-def error_shares(ax: Axes, errors: Mapping[str, Array], unit: str, title: str = "") -> None:
-    """Share of the runs below each error, for each named array of errors (N,).
+def error_shares(
+    ax: Axes,
+    errors: Mapping[str, Array],
+    unit: str,
+    title: str = "",
+    styles: Mapping[str, Mapping[str, Any]] | None = None,
+) -> None:
+    """Share of the runs below each error, for the array of errors (N,) of each cost.
 
-    ``unit`` is m or deg.
+    ``unit`` is m or deg.  ``styles`` draws an entry that is not named after a cost.
     """
-    for (name, values), color in zip(errors.items(), (ORANGE, BLUE, GREEN), strict=False):
+    for name, values in errors.items():
         ordered = np.sort(values)
         share = np.arange(1, len(ordered) + 1) / len(ordered)
-        ax.step(ordered, share, where="post", color=color, label=name)
+        style = styles[name] if styles and name in styles else cost_line(name)
+        ax.step(ordered, share, where="post", **style)
     ax.set_xscale("log")
     ax.set(xlabel=f"error ({unit})", ylabel="share of runs", title=title, ylim=(0.0, 1.02))
     ax.set_xlim(*ERROR_LIMITS[unit])
 
 
-def credibility_panels(axes: Sequence[Axes], result: Credibility, title: str = "") -> None:
+def credibility_panels(
+    axes: Sequence[Axes], result: Credibility, cost: str, title: str = ""
+) -> None:
     """NEES, NEES of the credible estimator and credibility ratio of every run, top to bottom.
 
     The bands hold 95 % of a credible estimator's NEES (chi-square with three degrees of freedom).
+    A dashed line marks the ratio 0 dB of a credible estimator, a solid one the mean ratio.
     """
+    dots: dict[str, Any] = {"color": LOOKS[cost].color, "ms": 1.5}
     run = np.arange(len(result.nees))
     region = chi2.ppf([0.025, 0.975], 3)
     for ax, values, name in (
@@ -210,23 +260,22 @@ def credibility_panels(axes: Sequence[Axes], result: Credibility, title: str = "
         (axes[1], result.credible_nees, "credible NEES"),
     ):
         ax.axhspan(*region, color=SKY, alpha=0.4, lw=0)
-        ax.plot(run, values, ".", color=BLACK, ms=1.5)
+        ax.plot(run, values, ".", **dots)
         ax.set_yscale("log")
         ax.set(ylabel=name, ylim=(5e-3, 1e3))
-    axes[2].plot(run, 10.0 * np.log10(result.ratio), ".", color=BLACK, ms=1.5)
-    axes[2].axhline(0.0, color=BLUE, lw=0.8)
-    axes[2].axhline(result.inclination, color=ORANGE, ls="--", lw=1.0)
+    axes[2].plot(run, 10.0 * np.log10(result.ratio), ".", **dots)
+    axes[2].axhline(0.0, **TRUTH)
+    axes[2].axhline(result.inclination, color=GREY, lw=1.2)
     axes[2].set(ylabel="ratio (dB)", xlabel="run", ylim=(-24.0, 24.0))
-    axes[0].set_title(title)
+    axes[0].set_title(title, fontsize=9)
     for ax in axes:
         ax.margins(x=0.0)
 
 
 def arrival_map(ax: Axes, distances: Array, turns: Array, shares: Array, title: str = "") -> Any:
     """Share of starts (turns, distances) that end at the truth; returns the coloured mesh."""
-    picture = ax.pcolormesh(
-        distances, np.rad2deg(turns), shares, vmin=0.0, vmax=1.0, shading="nearest", rasterized=True
-    )
+    settings: dict[str, Any] = {"vmin": 0.0, "vmax": 1.0, "cmap": SHARE_MAP, "shading": "nearest"}
+    picture = ax.pcolormesh(distances, np.rad2deg(turns), shares, rasterized=True, **settings)
     ax.grid(False)
     ax.set(xlabel="start off by (m)", ylabel="start off by (deg)", title=title)
     return picture

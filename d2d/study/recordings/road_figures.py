@@ -7,15 +7,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
-from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE, PINK
-
-MODELS = {
-    "inverse Hessian": (BLACK, "o"),
-    "inverse Hessian, one factor": (PINK, "s"),
-    "one constant matrix": (GREEN, "D"),
-    "propagated noise": (ORANGE, "^"),
-    "noise and budget": (BLUE, "*"),
-}
+from d2d.study.book.grammar import BLACK, COVARIANCES, TRUTH, covariance_marks
 
 
 def score_table(judged: Mapping[str, Mapping[str, Any]]) -> str:
@@ -48,37 +40,36 @@ def error_table(judged: Mapping[str, Mapping[str, Any]], model: str = "noise and
 
 def draw_scores(judged: Mapping[str, Mapping[str, Any]]) -> Figure:
     """ANEES with its interval, and the share inside the 95 % region, of every model and drive."""
-    figure, axes = plt.subplots(1, 2, sharey=True, figsize=(7.6, 0.9 + 0.62 * len(judged)))
+    figure, axes = plt.subplots(1, 2, sharey=True, figsize=(5.0, 1.2 + 0.66 * len(judged)))
     places = np.arange(len(judged))[::-1]
-    for k, (name, (color, marker)) in enumerate(MODELS.items()):
+    for k, name in enumerate(COVARIANCES):
         offset = 0.3 - 0.15 * k
         found = [models[name] for models in judged.values()]
         anees = np.array([each["anees"] for each in found])
         spread = np.abs(np.array([each["anees_interval"] for each in found]).T - anees)
-        axes[0].errorbar(
-            anees, places + offset, xerr=spread, fmt=marker, color=color, ms=6, lw=1.2, label=name
-        )
+        marks = covariance_marks(name) | {"ms": 6}
+        axes[0].errorbar(anees, places + offset, xerr=spread, elinewidth=1.2, **marks)
         inside = [100.0 * each["inside"] for each in found]
-        axes[1].plot(inside, places + offset, marker, color=color, ms=6)
+        axes[1].plot(inside, places + offset, **marks)
     axes[0].set_xscale("log")
-    axes[0].axvline(1.0, color="0.5", lw=1.0)
-    axes[1].axvline(95.0, color="0.5", lw=1.0)
+    axes[0].axvline(1.0, **TRUTH)
+    axes[1].axvline(95.0, **TRUTH)
     axes[0].set(xlabel="ANEES", yticks=places, yticklabels=list(judged))
-    axes[1].set(xlabel="errors in the 95 % region (%)", xlim=(0, 102))
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    axes[1].set(xlabel="in the 95 % region (%)", xlim=(0, 102))
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return figure
 
 
 def draw_extents(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """Error of the yaw rate and ANEES of omega against the extent that the targets are given."""
-    figure, axes = plt.subplots(1, 2, figsize=(7.2, 2.9))
+    figure, axes = plt.subplots(1, 2, figsize=(5.0, 2.7))
     extent = [row["extent"] for row in rows]
-    axes[0].plot(extent, [row["inverse Hessian"]["rmse"][2] for row in rows], "o-", color=BLUE)
+    axes[0].plot(extent, [row["inverse Hessian"]["rmse"][2] for row in rows], "o-", color=BLACK)
     axes[0].set(xlabel="extent (m)", ylabel="RMSE of ω (deg/s)", ylim=(0, None))
-    for name, color, marker in (("inverse Hessian", BLACK, "o"), ("propagated", ORANGE, "^")):
-        omega = [row[name]["whitened"][2] for row in rows]
-        axes[1].plot(extent, omega, f"{marker}-", color=color, label=name)
-    axes[1].axhline(1.0, color="0.5", lw=1.0)
+    for entry, name in (("inverse Hessian", "inverse Hessian"), ("propagated", "propagated noise")):
+        omega = [row[entry]["whitened"][2] for row in rows]
+        axes[1].plot(extent, omega, **covariance_marks(name) | {"ls": COVARIANCES[name].line})
+    axes[1].axhline(1.0, **TRUTH)
     axes[1].set(xlabel="extent (m)", ylabel="mean square of ω's error / σ²", yscale="log")
     axes[1].legend()
     return figure

@@ -8,14 +8,16 @@ import numpy as np
 from d2d._types import Array
 from d2d.radar import Mounting, RadarScan
 from d2d.study.book import slider, svg
-from d2d.study.book.style import BLUE, ORANGE, YELLOW
+from d2d.study.book.grammar import PINK, PURPLE, YELLOW
 
-WIDTH, HEIGHT = 600.0, 560.0  # of the drawing, in SVG units
+WIDTH, KEY = 600.0, 34.0  # of the drawing, and the height of its key, in SVG units
+MARGIN = 3.0  # m around the targets
+TALLEST = 1.1  # height of the field in units of its width
 # Classes of the inlier probability: upper limit, colour, size of the points, label.
 CLASSES = (
-    (0.2, ORANGE, 3.0, "rejected: below 0.2"),
-    (0.8, YELLOW, 4.5, "0.2 to 0.8"),
-    (1.01, BLUE, 4.5, "trusted: above 0.8"),
+    (0.2, PINK, 8.0, "rejected: below 0.2"),
+    (0.8, YELLOW, 10.0, "0.2 to 0.8"),
+    (1.01, PURPLE, 10.0, "trusted: above 0.8"),
 )
 
 
@@ -41,40 +43,66 @@ def animate_scans(name: str, rounds: Sequence[Sequence[View]], ahead: float = 60
             f"{views[0].scan.time - rounds[0][0].scan.time:.2f} s: {len(trusted)} targets, "
             f"mean inlier probability {trusted.mean() if len(trusted) else 0.0:.2f}"
         )
-    return slider.animate(name, [_frame(views, ahead) for views in rounds], captions)
+    field = _field(rounds, ahead)
+    return slider.animate(name, [_frame(views, field) for views in rounds], captions)
 
 
-def _frame(views: Sequence[View], ahead: float) -> str:
-    scale = 0.62 * HEIGHT / ahead
-    origin = np.array([0.5 * WIDTH, 0.68 * HEIGHT])
-    marks = _vehicle_and_key(origin, scale)
+class Field(NamedTuple):
+    """The part of the ground that all frames show, in m in the vehicle frame."""
+
+    behind: float
+    ahead: float
+    aside: float
+
+
+def _places(view: View) -> Array:
+    """Positions (K, 2) of the targets in the vehicle frame, in m."""
+    angle = view.scan.azimuth + view.mounting.yaw
+    x = view.mounting.x + view.scan.range * np.cos(angle)
+    return np.column_stack([x, view.mounting.y + view.scan.range * np.sin(angle)])
+
+
+def _field(rounds: Sequence[Sequence[View]], ahead: float) -> Field:
+    """As much of the ground as most targets need that are not farther than ``ahead`` m."""
+    where = np.concatenate([_places(view) for views in rounds for view in views])
+    x, y = where[np.hypot(*where.T) < ahead].T
+    if not len(x):
+        return Field(0.5 * ahead, ahead, 0.5 * ahead)
+    low, high = (float(value) for value in np.percentile(x, [3.0, 97.0]))
+    behind, before = max(-low, 2.0) + MARGIN, max(high, 2.0) + MARGIN
+    aside = float(np.percentile(np.abs(y), 97.0)) + MARGIN
+    return Field(behind, before, max(aside, 0.5 * (behind + before) / TALLEST))
+
+
+def _frame(views: Sequence[View], field: Field) -> str:
+    scale = 0.5 * WIDTH / field.aside
+    height = scale * (field.ahead + field.behind) + KEY
+    origin = np.array([0.5 * WIDTH, scale * field.ahead])
+    marks = _vehicle_and_key(origin, scale, height)
     lower = (-1.0, *(upper for upper, *_ in CLASSES))
     for low, (high, colour, size, _) in zip(lower, CLASSES, strict=False):
         places = []
-        for scan, mounting, probability in views:
-            angle = scan.azimuth + mounting.yaw
-            x = mounting.x + scan.range * np.cos(angle)
-            y = mounting.y + scan.range * np.sin(angle)
-            inside = (probability >= low) & (probability < high)
-            places.append(origin + scale * np.column_stack([-y, -x])[inside])
+        for view in views:
+            inside = (view.probabilities >= low) & (view.probabilities < high)
+            places.append(origin - scale * _places(view)[inside, ::-1])
         where = np.concatenate(places)
-        shown = where[((where > 4.0) & (where < [WIDTH - 4.0, HEIGHT - 30.0])).all(axis=1)]
+        shown = where[((where > 4.0) & (where < [WIDTH - 4.0, height - KEY])).all(axis=1)]
         # dots in one path take a fifth of the bytes that circles would
         dots = "".join(f"M{px:.0f} {py:.0f}h0" for px, py in shown)
         marks.append(svg.path(dots, stroke=colour, stroke_width=size, stroke_linecap="round"))
     label = "Targets around the vehicle, coloured by how far they are trusted"
-    return svg.picture(WIDTH, HEIGHT, label, marks)
+    return svg.picture(WIDTH, height, label, marks)
 
 
-def _vehicle_and_key(origin: Array, scale: float) -> list[str]:
+def _vehicle_and_key(origin: Array, scale: float, height: float) -> list[str]:
     x, y = origin
     arrow = f"M{x - 6:.0f} {y + 10:.0f}L{x:.0f} {y - 12:.0f}L{x + 6:.0f} {y + 10:.0f}Z"
     scale_bar = svg.path(
-        f"M20 {HEIGHT - 40:.0f}h{10.0 * scale:.0f}", stroke="#111", stroke_width=3.0
+        f"M20 {height - 44:.0f}h{10.0 * scale:.0f}", stroke="#111", stroke_width=3.0
     )
-    marks = [svg.path(arrow), scale_bar, svg.text(20.0, HEIGHT - 48.0, "10 m")]
+    marks = [svg.path(arrow), scale_bar, svg.text(20.0, height - 50.0, "10 m")]
     for i, (_, colour, _, label) in enumerate(CLASSES):
         left = 20.0 + 195.0 * i
-        marks.append(svg.circle(left, HEIGHT - 14.0, 5.0, colour))
-        marks.append(svg.text(left + 12.0, HEIGHT - 8.0, label))
+        marks.append(svg.circle(left, height - 14.0, 5.0, colour))
+        marks.append(svg.text(left + 12.0, height - 8.0, label))
     return marks

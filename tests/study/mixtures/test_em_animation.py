@@ -39,12 +39,14 @@ def test_everything_lies_within_the_frame(run):
             assert 0 <= float(circle.get("cy")) <= height
 
 
-def test_only_the_last_frame_is_shown_without_javascript(run):
+def test_it_opens_on_the_first_frame(run):
+    """Breaks if a reader sees the end before having moved the slider."""
     drawn = frames(run)
     html = slider.animate("steps", drawn, [f"step {i}" for i in range(len(drawn))])
     assert html.count("<svg") == len(drawn)
     assert html.count('" hidden>') == len(drawn) - 1
-    assert f'<div data-frame="{len(drawn) - 1}"><svg' in html
+    assert '<div data-frame="0"><svg' in html
+    assert 'value="0"' in html
     assert "<div data-controls hidden>" in html
     assert "http" not in html
 

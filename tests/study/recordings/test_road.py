@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 
 from d2d.radar import ErrorBudget, Recording, compare, load_nuscenes, simulate_drive, track
 from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED
+from d2d.study.book import grammar
 from d2d.study.recordings import road, road_figures
 
 
@@ -54,7 +55,7 @@ def test_tables_and_drawings_show_what_was_judged(judged):
     part, _ = judged
     found = {name: road.scores(each) for name, each in road.models(part, [part]).items()}
     table = road_figures.score_table({"drive": found})
-    assert all(name in table for name in road_figures.MODELS)
+    assert all(name in table for name in grammar.COVARIANCES)
     assert f"{found['noise and budget']['anees']:.2f}" in table
     assert f"{found['noise and budget']['rmse'][0]:6.3f}" in road_figures.error_table(
         {"drive": found}

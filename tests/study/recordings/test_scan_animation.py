@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from d2d.radar import Mounting, RadarScan
+from d2d.study.book.grammar import PINK, PURPLE, YELLOW
 from d2d.study.recordings.scan_animation import View, animate_scans
 
 AHEAD = Mounting(3.0, 0.0, 0.0)
@@ -23,7 +24,9 @@ def view(time, distance, azimuth, probabilities, mounting=AHEAD) -> View:
 def dots(html: str) -> dict[str, list[tuple[float, float]]]:
     """Places of the targets by colour."""
     found = {}
-    for path, colour in re.findall(r'<path d="([^"]*)" stroke="(#\w+)" stroke-width="[34]', html):
+    for path, colour in re.findall(
+        r'<path d="([^"]*)" stroke="(#\w+)" stroke-width="(?:8|10)', html
+    ):
         found[colour] = [tuple(map(float, p)) for p in re.findall(r"M(\S+) (\S+)h0", path)]
     return found
 
@@ -33,7 +36,7 @@ def test_each_target_is_drawn_once_in_the_colour_of_its_class():
     shares = [0.0, 0.1, 0.2, 0.5, 0.8, 1.0]
     html = animate_scans("x", [[view(0.0, [10.0] * 6, np.linspace(-0.5, 0.5, 6), shares)]])
     found = dots(html)
-    assert [len(found[c]) for c in ("#D55E00", "#E69F00", "#0072B2")] == [2, 2, 2]
+    assert [len(found[c]) for c in (PINK, YELLOW, PURPLE)] == [2, 2, 2]
 
 
 def test_forward_is_up_and_left_is_left():
@@ -42,7 +45,7 @@ def test_forward_is_up_and_left_is_left():
         "x",
         [[view(0.0, [20.0], [0.0], [1.0]), view(0.0, [20.0], [0.0], [0.0], Mounting(0, 0, 1.0))]],
     )
-    ((ahead_x, ahead_y),), ((left_x, left_y),) = dots(html)["#0072B2"], dots(html)["#D55E00"]
+    ((ahead_x, ahead_y),), ((left_x, left_y),) = dots(html)[PURPLE], dots(html)[PINK]
     triangle = re.search(r'd="M(\S+) (\S+)L(\S+) (\S+)L', html)
     x = float(triangle[3])
     assert ahead_x == pytest.approx(x, abs=1.0)

@@ -1,0 +1,122 @@
+"""The one look that each cost, reference and set of targets has in every figure of the book.
+
+- A cost is known by its colour, its marker and its line; `COSTS` lists them in the order of the
+  columns of a figure.  A dotted line is P2D, whatever the cost.
+- The truth, or the reference that stands in for it, is a black dashed line; in a map it is a
+  white cross.
+- The fixed set is grey, the moving set purple, a start pink.
+- In every map of a cost, or of the density that it belongs to, low cost is dark.
+
+No other artist has the colour of a cost: `tests/study/book/test_grammar.py` holds that.
+"""
+
+from typing import Any, NamedTuple
+
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import Stroke
+
+from d2d.cost import RegistrationCost
+
+# Okabe & Ito's palette, which colour-blind readers can tell apart.  These three are the costs'.
+_VERMILLION, _BLUE, _GREEN = "#D55E00", "#0072B2", "#009E73"
+# For everything else: the rest of that palette, and two darker hues for what is read on white.
+BLACK, GREY, PURPLE, OCHRE = "#000000", "#595959", "#8E3B7E", "#9A6A00"
+PINK, YELLOW, SKY = "#CC79A7", "#E69F00", "#56B4E9"
+OTHERS = (PURPLE, YELLOW, SKY, PINK, GREY)
+
+FIXED, MOVING, START = GREY, PURPLE, PINK
+TRUTH: dict[str, Any] = {"color": BLACK, "ls": "--", "lw": 0.9, "zorder": 1.5}
+
+COST_MAP, DENSITY_MAP = "viridis", "viridis_r"  # low cost, and so high density, is dark
+SHARE_MAP = "cividis"  # of shares, where bright is more
+
+
+class Look(NamedTuple):
+    """How something is drawn: its name, colour, marker and line."""
+
+    name: str
+    color: str
+    marker: str
+    line: Any
+
+
+DASHED, DOTTED, DASH_DOTTED = (0, (5, 1.2)), (0, (1, 0.9)), (0, (6, 1.2, 1.2, 1.2))
+COSTS = {
+    "summing": Look("sum", _VERMILLION, "s", DASHED),
+    "likelihood": Look("likelihood", _BLUE, "D", "-"),
+    "robust": Look("robust likelihood", _GREEN, "o", DASH_DOTTED),
+}
+"""The look of each cost, by its name in the code, in the order of the columns of a figure."""
+
+COVARIANCES = {
+    "inverse Hessian": Look("inverse Hessian", BLACK, "P", "-"),
+    "inverse Hessian, one factor": Look("inverse Hessian, one factor", GREY, "v", ":"),
+    "one constant matrix": Look("one constant matrix", YELLOW, "X", "-."),
+    "propagated noise": Look("propagated noise", SKY, "^", "--"),
+    "noise and budget": Look("noise and budget", PURPLE, "*", "-"),
+}
+"""The look of each covariance of one and the same estimate."""
+
+
+def cost_key(cost: RegistrationCost) -> str:
+    """The key in `COSTS` of a cost with any metric."""
+    if cost.fusion == "summing":
+        return "summing"
+    return "likelihood" if cost.outlier is None else "robust"
+
+
+def cost_line(key: str, metric: str = "d2d", label: str | None = None) -> dict[str, Any]:
+    """Style of a curve of a cost; ``label`` names it otherwise than the cost is named."""
+    look = COSTS[key]
+    line = DOTTED if metric == "p2d" else look.line
+    return {"color": look.color, "ls": line, "label": look.name if label is None else label}
+
+
+def cost_marks(key: str, label: str | None = None) -> dict[str, Any]:
+    """Style of the marks of a cost, without a line between them."""
+    return cost_line(key, label=label) | {"marker": COSTS[key].marker, "ls": "none"}
+
+
+def covariance_marks(name: str) -> dict[str, Any]:
+    """Style of the marks of a covariance, without a line between them."""
+    look = COVARIANCES[name]
+    return {"color": look.color, "marker": look.marker, "ls": "none", "label": look.name}
+
+
+def mark_truth(ax: Axes, x: float = 0.0, y: float = 0.0, size: float = 9.0) -> None:
+    """The truth in a map: a white cross with a black edge, which dark and bright ground show."""
+    (cross,) = ax.plot(x, y, "+", color="white", ms=size, mew=1.4)
+    cross.set_path_effects([Stroke(linewidth=3.0, foreground=BLACK), Stroke(linewidth=1.4)])
+
+
+def key() -> Figure:
+    """The key to all figures: costs, metrics, truth, sets, start and maps."""
+    figure, axes = plt.subplots(1, 2, figsize=(5.0, 1.75), width_ratios=(1.0, 1.15))
+    costs = [
+        Line2D([], [], color=look.color, marker=look.marker, ls=look.line, label=look.name)
+        for look in COSTS.values()
+    ]
+    p2d = Line2D([], [], **{**cost_line("summing", "p2d"), "label": "dotted: P2D"})
+    rest = [
+        Line2D([], [], **TRUTH, label="truth, reference"),
+        Line2D([], [], color=FIXED, marker="o", ls="none", label="fixed set F; targets"),
+        Line2D([], [], color=MOVING, marker="^", ls="none", label="moving set M"),
+        Line2D([], [], color=START, marker="v", ls="none", label="start"),
+    ]
+    for ax, handles in zip(axes, ([*costs, p2d], rest), strict=True):
+        ax.axis("off")
+        ax.legend(handles=handles, loc="upper left", handlelength=3.2, borderaxespad=0.0)
+    for left, name, ends in (
+        (0.06, COST_MAP, ("low cost", "high cost")),
+        (0.56, SHARE_MAP, ("share 0", "share 1")),
+    ):
+        bar = figure.add_axes((left, 0.17, 0.36, 0.1), in_layout=False)
+        bar.imshow([[k / 255 for k in range(256)]], cmap=name, aspect="auto")
+        bar.set(xticks=[0, 255], xticklabels=ends, yticks=[])
+        bar.grid(False)
+        if name == COST_MAP:
+            mark_truth(bar, 20.0)
+    return figure

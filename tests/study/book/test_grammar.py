@@ -1,0 +1,265 @@
+"""One look for each cost, reference and set in every figure: what a reader learns once, holds."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
+from matplotlib.lines import Line2D
+
+from d2d.study import scenarios
+from d2d.study.beyond import exhaustive
+from d2d.study.beyond import figures as beyond_figures
+from d2d.study.book import drawing, grammar
+from d2d.study.drives import figures as drive_figures
+from d2d.study.line import disturbed_scenes, outlier_study
+from d2d.study.line import figures as line_figures
+from d2d.study.line.scene import NAMES, line_scene
+from d2d.study.plane import evaluation
+from d2d.study.plane import figures as plane_figures
+
+ROOT = Path(__file__).resolve().parents[3]
+COST_COLORS = {look.color.upper(): key for key, look in grammar.COSTS.items()}
+WIDEST = 5.0  # inches: two thirds of that at 110 pixels an inch are 367 pixels
+TRANSLATIONS = np.arange(-6.0, 10.0, 0.05)
+
+
+def cost_of(label: str) -> str | None:
+    """The cost that a label names, if it names one."""
+    text = label.lower()
+    if "robust" in text:
+        return "robust"
+    if re.match(r"(\(\w\) )?sum", text):
+        return "summing"
+    return "likelihood" if re.match(r"(\(\w\) )?(plain |d2d )?likelihood", text) else None
+
+
+def breaches(figure) -> list[str]:
+    """What in a figure breaks the grammar."""
+    found = []
+    for ax in figure.axes:
+        found += [f"map with {mesh.get_cmap().name}" for mesh in ax.collections if _foreign(mesh)]
+        for line in ax.lines:
+            label, color = str(line.get_label()), to_hex(line.get_color()).upper()
+            cost = cost_of(label)
+            if cost is not None:
+                found += _line_breaches(line, grammar.COSTS[cost], label)
+            elif _takes_a_cost_color(line, ax, COST_COLORS.get(color)):
+                found.append(f"{label!r} has the colour of {COST_COLORS[color]}")
+            reference = any(word in label for word in ("truth", "odometry", "reference"))
+            if reference and (color != "#000000" or line.get_linestyle() != "--"):
+                found.append(f"{label!r} is no black dashed line")
+    return found
+
+
+ESTIMATES = ("estimate", "with Doppler", "four sensors, baseline 2")  # of the robust likelihood
+
+
+def _takes_a_cost_color(line, ax, cost: str | None) -> bool:
+    """Whether a line that a legend names has a cost's colour without standing for that cost."""
+    label = str(line.get_label())
+    named = not label.startswith("_") and label not in ESTIMATES
+    return cost is not None and named and cost_of(ax.get_title()) != cost
+
+
+def _foreign(mesh) -> bool:
+    own = (grammar.COST_MAP, grammar.DENSITY_MAP, grammar.SHARE_MAP)
+    return isinstance(mesh, QuadMesh) and mesh.get_cmap().name not in own
+
+
+def _line_breaches(line: Line2D, look, label: str) -> list[str]:
+    found = []
+    if to_hex(line.get_color()).upper() != look.color:
+        found.append(f"{label!r} has the colour {to_hex(line.get_color())}")
+    if line.get_marker() not in (look.marker, "x", "None", ".", None, ""):
+        found.append(f"{label!r} has the marker {line.get_marker()}")
+    pattern = line._unscaled_dash_pattern  # no public way to read a dash pattern
+    allowed = [Line2D([], [], ls=ls)._unscaled_dash_pattern for ls in (look.line, grammar.DOTTED)]
+    if line.get_linestyle() != "None" and pattern not in allowed:
+        found.append(f"{label!r} has the line {pattern}")
+    return found
+
+
+def in_order(figure) -> bool:
+    """Whether the costs that the titles of each row name come in the order of the grammar."""
+    rows: dict[int, list[str]] = {}
+    for ax in figure.axes:
+        place = ax.get_subplotspec()
+        title = ax.get_title() or ax.get_title(loc="left")
+        if place is not None and cost_of(title) is not None:
+            rows.setdefault(place.rowspan.start, []).append(cost_of(title))
+    order = list(grammar.COSTS)
+    return all(row == sorted(row, key=order.index) for row in rows.values())
+
+
+def line_surfaces():
+    """The targets and both fused surfaces of the scene on a line, and the robust one."""
+    sets = disturbed_scenes.with_outlier(np.random.default_rng(1), "moving", at=4.0)
+    _, axes = plt.subplots(2, 4)
+    line_figures.every_target(
+        axes[0, 0], TRANSLATIONS, outlier_study.LIKELIHOOD, sets, (*NAMES, "O")
+    )
+    costs = (outlier_study.SUMMING, outlier_study.LIKELIHOOD, outlier_study.ROBUST)
+    for column, cost in zip(axes[:, 1:].T, costs, strict=True):
+        name = grammar.COSTS[grammar.cost_key(cost)].name
+        line_figures.fused(column, TRANSLATIONS, cost, sets, name)
+
+
+def sets_on_a_line():
+    """Both sets of the scene on a line."""
+    _, axes = plt.subplots(1, 2)
+    fixed, moving = line_scene(np.random.default_rng(1))
+    line_figures.both_sets(
+        axes, (fixed, moving), (fixed.means[:, 0], moving.means[:, 0]), (NAMES, NAMES)
+    )
+
+
+def plane_costs():
+    """The maps and profiles of chapter 6."""
+    scene = scenarios.OUTLIERS
+    plane_figures.cost_columns(scene, plane_figures.one_draw(scene), evaluation.COSTS)
+
+
+def plane_errors():
+    plane_figures.error_panels(scenarios.OVERLAPPED, tuple(evaluation.COSTS))
+
+
+def plane_bounds():
+    plane_figures.bounds_columns(scenarios.OVERLAPPED, tuple(evaluation.COSTS))
+
+
+def plane_credibility():
+    plane_figures.credibility_columns(scenarios.OVERLAPPED, tuple(evaluation.COSTS))
+
+
+def plane_scene():
+    _, ax = plt.subplots()
+    plane_figures.planar_scene(ax, scenarios.OUTLIERS, *plane_figures.one_draw(scenarios.OUTLIERS))
+
+
+def sweep():
+    """The factors of chapter 9, from the stored results."""
+    _, axes = plt.subplots(4, 2)
+    rows = exhaustive.read_table()
+    beyond_figures.factor_panels(axes, rows, exhaustive.success, annealed=True)
+
+
+def driven_path():
+    _, ax = plt.subplots()
+    poses = np.zeros((201, 3))
+    drive_figures.track_lines(ax, poses, poses)
+    drawing.path(ax, poses, **grammar.TRUTH, label="truth")
+
+
+DRAWINGS = (
+    line_surfaces,
+    sets_on_a_line,
+    plane_costs,
+    plane_errors,
+    plane_bounds,
+    plane_credibility,
+    plane_scene,
+    sweep,
+    driven_path,
+    grammar.key,
+)
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+@pytest.mark.parametrize("draw", DRAWINGS, ids=lambda draw: draw.__name__)
+def test_a_figure_keeps_the_grammar(draw) -> None:
+    """Breaks if a cost changes its colour, marker, line or column, or anything else takes one."""
+    draw()
+    (number,) = plt.get_fignums()
+    figure = plt.figure(number)
+    assert breaches(figure) == []
+    assert in_order(figure)
+
+
+@pytest.mark.parametrize(
+    ("label", "style"),
+    [
+        ("sum", {"color": grammar.PURPLE, "ls": grammar.DASHED}),
+        ("likelihood", {"color": grammar.COSTS["likelihood"].color, "marker": "s"}),
+        ("robust likelihood", {"color": grammar.COSTS["robust"].color, "ls": "-"}),
+        ("something else", {"color": grammar.COSTS["robust"].color}),
+        ("truth", {"color": grammar.PURPLE, "ls": "--"}),
+    ],
+)
+def test_a_breach_is_noticed(label, style) -> None:
+    """Breaks if the check above passes whatever is drawn."""
+    figure, ax = plt.subplots()
+    ax.plot([0, 1], [0, 1], label=label, **style)
+    assert breaches(figure)
+
+
+def test_a_wrong_order_is_noticed() -> None:
+    """Breaks if the columns are not compared."""
+    figure, axes = plt.subplots(1, 2)
+    axes[0].set_title("(a) robust likelihood")
+    axes[1].set_title("(b) sum")
+    assert not in_order(figure)
+
+
+@pytest.mark.parametrize(("draw", "map_name"), [("cost", "viridis"), ("density", "viridis_r")])
+def test_low_cost_is_dark(draw, map_name) -> None:
+    """Breaks if a map is turned round: what a reader takes for a well would be a hill."""
+    logs = -np.add.outer(np.linspace(-1, 1, 65) ** 2, np.linspace(-1, 1, 65) ** 2)
+    figure, ax = plt.subplots()
+    if draw == "cost":
+        plane_figures.cost_map(ax, plane_figures.NEAR_OFFSETS, logs)
+    else:
+        plane_figures.density_map(ax, plane_figures.NEAR_OFFSETS, logs, logs)
+    mesh = next(each for each in ax.collections if isinstance(each, QuadMesh))
+    assert mesh.get_cmap().name == map_name
+    values = np.asarray(mesh.get_array()).reshape(65, 65)
+    at_truth, at_edge = (np.sum(mesh.to_rgba(values)[i, j, :3]) for i, j in ((32, 32), (0, 0)))
+    assert at_truth < 0.5 * at_edge
+    assert any(axes.get_ylabel() or axes.get_xlabel() for axes in figure.axes[1:]), "bar unlabelled"
+
+
+def sources() -> list[tuple[str, str]]:
+    """Drawing code outside the grammar: modules of the study, tools, cells of the notebooks."""
+    paths = [*(ROOT / "d2d" / "study").rglob("*.py"), *(ROOT / "tools").glob("*.py")]
+    found = [(path.name, path.read_text()) for path in paths if path.name != "grammar.py"]
+    for path in sorted((ROOT / "chapters").glob("*.ipynb")):
+        cells = json.loads(path.read_text())["cells"]
+        code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+        found.append((path.name, "\n".join(code)))
+    return found
+
+
+def test_colours_of_costs_and_maps_come_from_the_grammar() -> None:
+    """Breaks if a figure writes a cost's colour or a colour map by hand, where none checks it."""
+    by_hand = {}
+    for name, source in sources():
+        found = [color for color in COST_COLORS if color in source.upper()]
+        found += re.findall(r"cmap=\"\w+\"|[\"']C[0-9][\"']", source)
+        found += re.findall(r"color=\"(?:tab:)?(?:blue|orange|green|red)\"", source)
+        if found:
+            by_hand[name] = found
+    assert by_hand == {}
+
+
+def test_figures_fit_a_phone() -> None:
+    """Breaks if a figure grows wider than a phone shows, where panels and legends would be cut."""
+    wide = {}
+    for name, source in sources():
+        if name.endswith(".ipynb") or "figures" in name:
+            sizes = re.findall(r"figsize=\((\d+(?:\.\d+)?), ", source)
+            sizes += re.findall(r"\bwidth=(\d\.\d+),\n\)", source)  # of a flow chart
+            found = [size for size in sizes if float(size) > WIDEST]
+            if found:
+                wide[name] = found
+    assert wide == {}

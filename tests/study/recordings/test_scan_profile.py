@@ -1,0 +1,46 @@
+"""How the targets of scans spread, and the stored summary of the recording that cannot be shown."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from d2d.radar import RadarScan
+from d2d.study.recordings import scan_profile
+from d2d.study.recordings.scan_profile import EDGES
+
+
+def scan(time, ranges, azimuth, doppler) -> RadarScan:
+    return RadarScan(time, ranges, azimuth, doppler, 0.1, 0.01, 0.1)
+
+
+def test_a_profile_counts_each_target_in_its_bin():
+    """Breaks if scans are weighted wrongly, or azimuths are counted in radians."""
+    scans = [
+        scan(0.0, [5.0, 15.0, 15.0], np.deg2rad([-40.0, 20.0, 20.0]), [-12.0, -12.0, 3.0]),
+        scan(0.1, [5.0], np.deg2rad([20.0]), [3.0]),
+    ]
+    profile = scan_profile.scan_profile(scans)
+    assert profile["scans"] == 2
+    assert profile["targets"] == 2.0
+    assert profile["range (m)"][:3] == [1.0, 1.0, 0.0]
+    of_azimuth = dict(zip(EDGES["azimuth (deg)"], profile["azimuth (deg)"], strict=False))
+    assert of_azimuth[-45.0] == 0.5
+    assert of_azimuth[15.0] == 1.5
+    assert sum(profile["Doppler velocity (m/s)"]) == 2.0
+
+
+def test_without_scans_there_is_no_profile():
+    with pytest.raises(ValueError, match="scans"):
+        scan_profile.scan_profile([])
+
+
+def test_the_stored_profile_fits_the_bins_and_is_drawn():
+    """Breaks if the bins change and the stored counts do not."""
+    stored = scan_profile.read_profile()
+    assert all(len(stored[name]) == len(edges) - 1 for name, edges in EDGES.items())
+    figure, axes = plt.subplots(3, 1)
+    scan_profile.profile_panels(axes, {"stored": stored})
+    assert [ax.get_xlabel() for ax in axes] == list(EDGES)
+    plt.close(figure)
