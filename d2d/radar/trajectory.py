@@ -35,7 +35,7 @@ _REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
 _OPTIONAL = ("reasons", "targets", "inliers")
 _SHOWN_REASONS = 3
 # A number in a reason, but no exponent of a unit such as m/s^2.
-_NUMBER = re.compile(r"(?<![\^\w.])\d+(\.\d+)?")
+_NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
 
 
 class Velocities(NamedTuple):
