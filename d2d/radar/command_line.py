@@ -19,6 +19,7 @@ from d2d.radar.command_help import HELP, PROGRAM, TRACK_EPILOG, TRACK_HELP
 from d2d.radar.csv_log import load_csv, write_csv
 from d2d.radar.joint import track_joint
 from d2d.radar.nuscenes import load_nuscenes
+from d2d.radar.plausibility import VehicleLimits
 from d2d.radar.radarscenes import load_radarscenes
 from d2d.radar.recording import Recording
 from d2d.radar.scan import Mounting, RadarScan
@@ -170,6 +171,15 @@ def _add_estimation(parser: argparse.ArgumentParser) -> None:
         "nothing is known of it). It helps a single radar most: the yaw rate becomes more accurate",
     )
     how.add_argument(
+        "--max-acceleration",
+        type=float,
+        default=VehicleLimits().acceleration,
+        metavar="M/S^2",
+        help="estimates that need a larger one are not accepted (default: "
+        f"{VehicleLimits().acceleration:g}, far beyond a car's); with few targets in dense traffic "
+        "take what your vehicle can do, such as 8",
+    )
+    how.add_argument(
         "--max-interval",
         type=float,
         default=MAX_INTERVAL,
@@ -312,6 +322,7 @@ def _track(arguments: argparse.Namespace) -> None:
         "budget": None if arguments.no_budget else source.budget,
         "progress": False if arguments.no_progress else None,
         "slips": _slips(arguments.side_slip),
+        "limits": VehicleLimits(acceleration=arguments.max_acceleration),
     }
     count = sum(len(scans) for scans, _ in source.sensors)
     several = "s" * (len(source.sensors) > 1)

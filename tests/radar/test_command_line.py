@@ -17,6 +17,7 @@ from d2d.radar import (
     Mounting,
     RadarScan,
     Track,
+    VehicleLimits,
     load_radarscenes,
     simulate_drive,
     track,
@@ -109,6 +110,17 @@ def test_the_side_slip_reaches_the_estimate(log, said, slips):
     assert_array_equal(found.theta, expected.theta)
     free = track(DRIVE.scans, DRIVE.mounting, budget=ErrorBudget())
     assert np.abs(found.theta[:, 1]).max() < np.abs(free.theta[:, 1]).max()
+
+
+def test_what_the_vehicle_can_do_reaches_the_estimate(log, capsys):
+    """Breaks if the limit is dropped, or one that is none is not refused."""
+    call = ["track", "--csv", str(log), *FRONT, "--no-picture", "--no-budget"]
+    call += ["--output", str(log.parent / "drive")]
+    assert main([*call, "--max-acceleration", "2"]) == 0
+    expected = track(DRIVE.scans, DRIVE.mounting, limits=VehicleLimits(acceleration=2.0))
+    assert_array_equal(Track.load(log.parent / "drive.npz").converged, expected.converged)
+    said = failed([*call, "--max-acceleration", "-1"], capsys)
+    assert said.startswith("acceleration must be positive")
 
 
 @pytest.mark.parametrize("said", ["-0.1", "nan", "inf"])
