@@ -70,8 +70,8 @@ FAULTS: dict[str, Fault] = {
     "mounting place left out": _placed(lambda m: Mounting(0.0, 0.0, m.yaw)),
     "Doppler over ground": _compensated,
     "Doppler folded at 8 m/s": _each(_folded),
-    "all sigmas 5 times too small": _each(lambda scan: scaled(scan, 0.2)),
-    "all sigmas 5 times too large": _each(lambda scan: scaled(scan, 5.0)),
+    "sigmas 5 x too small": _each(lambda scan: scaled(scan, 0.2)),
+    "sigmas 5 x too large": _each(lambda scan: scaled(scan, 5.0)),
     "azimuths in degrees": _each(lambda scan: replace(scan, azimuth=np.rad2deg(scan.azimuth))),
     "times in microseconds": _each(lambda scan: replace(scan, time=1e6 * scan.time)),
 }
@@ -132,6 +132,13 @@ def _slope(driven: Track, truth: Reference, which: int) -> float:
     return float(driven.theta[driven.converged, which] @ true / (true @ true))
 
 
+def _said(symptom: Symptom) -> str:
+    """The reason of most failures without its number, or what an error asks at its end."""
+    if symptom.reason:
+        return symptom.reason.split(" of ...")[0]
+    return symptom.message and f"error: {symptom.message.split('are these ')[-1]}"
+
+
 def symptom_table(found: Sequence[Symptom]) -> str:
     """A line for each fault, with the reason of most failures or the end of the error's message."""
     width = max(len(each.fault) for each in found)
@@ -142,6 +149,6 @@ def symptom_table(found: Sequence[Symptom]) -> str:
             if np.isfinite(each.accepted)
             else f"{'':27}"
         )
-        said = each.reason or f"error: {each.message.split('; ')[-1]}"
+        said = _said(each)
         lines.append(f"{each.fault:{width}} {numbers}  {said}".rstrip())
     return "\n".join(lines)
