@@ -80,19 +80,29 @@ def halves(
     moving: PointSet,
     cost: RegistrationCost,
     initial: ArrayLike,
-    first: NDArray[np.bool_],
+    labels: NDArray[np.int_],
+    seed: int = 0,
 ) -> Credibility:
     """Register two halves of the moving sets (N, K) with the fixed ones, and judge the difference.
 
-    ``first`` (K,) says which targets are in the first half.  If both covariances are true, and the
-    errors of the halves are independent, the differences have the sum of the covariances.
+    Each run draws its own halves.  Targets of the same label (K,) stay together; each label has the
+    same number of them.  If both covariances are true, and the errors of the halves independent,
+    the differences have the sum of the covariances.
     """
-    one, two = (
-        register(fixed, PointSet(moving.means[:, own], moving.covariances[:, own]), cost, initial)
-        for own in (first, ~first)
-    )
+    names, runs = np.unique(labels), len(moving.means)
+    drawn = np.random.default_rng(seed).permuted(np.tile(names, (runs, 1)), axis=1)
+    chosen = drawn[:, : len(names) // 2]
+    first = (labels[None, :, None] == chosen[:, None, :]).any(axis=-1)
+    one, two = (register(fixed, _only(moving, own), cost, initial) for own in (first, ~first))
     both = one.converged & two.converged
     return credibility((one.theta - two.theta)[both], (one.covariance + two.covariance)[both])
+
+
+def _only(points: PointSet, chosen: NDArray[np.bool_]) -> PointSet:
+    """Of each set (N, K) the targets that are chosen (N, K), as many of each."""
+    shape = len(chosen), int(chosen[0].sum())
+    means, covariances = points.means[chosen], points.covariances[chosen]
+    return PointSet(means.reshape(*shape, 2), covariances.reshape(*shape, 2, 2))
 
 
 class Halves(NamedTuple):
@@ -108,15 +118,14 @@ class _Case(NamedTuple):
     moving: PointSet
     cost: RegistrationCost
     initial: ArrayLike
-    first: NDArray[np.bool_]  # (K,): which of the moving targets are in the first half
+    labels: NDArray[np.int_]  # (K,): which of the moving targets stay together
 
 
 @cache
 def halves_of_each_reason(runs: int = 1000, seed: int = 0) -> list[Halves]:
     """What the halves of the moving set say of each reason, in the scenes of chapter 6.
 
-    Every other target is in the first half; of repeated targets every other copy, or every copy of
-    every other target.
+    Halves are drawn by target; where targets are repeated, by copy or by target.
     """
     return [
         Halves(
@@ -132,20 +141,20 @@ def _cases(runs: int, seed: int) -> dict[str, _Case]:
     theta, zero = OVERLAPPED.theta, np.zeros(3)
     whole = OVERLAPPED.sample(runs, np.random.default_rng(seed))
     partly = OUTLIERS.sample(runs, np.random.default_rng(seed))
-    half, of_ten, copies = (np.arange(count) % 2 == 0 for count in (8, 10, 8 * COPIES))
+    eight, ten, copies = (np.arange(count) for count in (8, 10, 8 * COPIES))
     fixed, moving = (repeated(each, COPIES) for each in whole)
     narrow_fixed, narrow_moving = (each.inflated(0.5) for each in whole)
     turned = whole[1].transformed([0.0, 0.0, TURN])
     return {
-        "nothing wrong": _Case(*whole, LIKELIHOOD, theta, half),
-        "1 sigmas half as large": _Case(narrow_fixed, narrow_moving, LIKELIHOOD, theta, half),
-        "2 start at zero": _Case(*partly, ROBUST, zero, of_ten),
+        "nothing wrong": _Case(*whole, LIKELIHOOD, theta, eight),
+        "1 sigmas half as large": _Case(narrow_fixed, narrow_moving, LIKELIHOOD, theta, eight),
+        "2 start at zero": _Case(*partly, ROBUST, zero, ten),
         "3 repeated, by point": _Case(fixed, moving, LIKELIHOOD, theta, copies),
-        "3 repeated, by target": _Case(fixed, moving, LIKELIHOOD, theta, np.repeat(half, COPIES)),
-        "4 turned by 5 deg": _Case(whole[0], turned, LIKELIHOOD, theta, half),
-        "5 P2D": _Case(*whole, RegistrationCost("p2d"), theta, half),
-        "5 sum": _Case(*whole, SUMMING, theta, half),
-        "6 no partner": _Case(*partly, LIKELIHOOD, theta, of_ten),
+        "3 repeated, by target": _Case(fixed, moving, LIKELIHOOD, theta, np.repeat(eight, COPIES)),
+        "4 turned by 5 deg": _Case(whole[0], turned, LIKELIHOOD, theta, eight),
+        "5 P2D": _Case(*whole, RegistrationCost("p2d"), theta, eight),
+        "5 sum": _Case(*whole, SUMMING, theta, eight),
+        "6 no partner": _Case(*partly, LIKELIHOOD, theta, ten),
     }
 
 

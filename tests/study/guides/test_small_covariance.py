@@ -67,12 +67,15 @@ def test_halves_see_all_reasons_but_the_shared_bias():
 
 
 def test_halves_are_of_different_targets():
-    """Breaks if both halves hold the same targets: their difference would vanish."""
-    half = np.arange(8) < 4
-    one = small.halves(FIXED, MOVING, LIKELIHOOD, THETA, half)
-    other = small.halves(FIXED, MOVING, LIKELIHOOD, THETA, ~half)
-    assert one.anees == pytest.approx(other.anees, rel=1e-6)
-    assert one.anees == pytest.approx(1.0, abs=0.15)
+    """Breaks if both halves hold the same targets, or the first half always the same ones."""
+    each = small.halves(FIXED, MOVING, LIKELIHOOD, THETA, np.arange(8))
+    assert each.anees == pytest.approx(1.0, abs=0.15)
+    pairs = small.halves(FIXED, MOVING, LIKELIHOOD, THETA, np.arange(8) // 2)
+    assert pairs.anees == pytest.approx(1.0, abs=0.15)
+    assert abs(pairs.nees - each.nees).max() > 0.1
+    two = small.repeated(FIXED, 2), small.repeated(MOVING, 2)
+    together = small.halves(*two, LIKELIHOOD, THETA, np.repeat(np.arange(8), 2))
+    assert_allclose(together.nees, 2.0 * each.nees, rtol=0.05)
 
 
 def test_stated_noise_counts_squared():
