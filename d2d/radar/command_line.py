@@ -1,6 +1,7 @@
 """The command line `python -m d2d.radar`: tracks from logs and data sets, written to files."""
 
 import argparse
+import math
 import os
 import sys
 import tempfile
@@ -14,72 +15,17 @@ import numpy as np
 
 from d2d._checks import check_path
 from d2d.radar.budget import ErrorBudget
+from d2d.radar.command_help import HELP, PROGRAM, TRACK_EPILOG, TRACK_HELP
 from d2d.radar.csv_log import load_csv, write_csv
 from d2d.radar.joint import track_joint
 from d2d.radar.nuscenes import load_nuscenes
+from d2d.radar.plausibility import VehicleLimits
 from d2d.radar.radarscenes import load_radarscenes
 from d2d.radar.recording import Recording
 from d2d.radar.scan import Mounting, RadarScan
 from d2d.radar.simulation import simulate_drive
 from d2d.radar.track import MAX_INTERVAL, track
 from d2d.radar.trajectory import Track
-
-_PROGRAM = "python -m d2d.radar"
-
-_HELP = f"""\
-Estimates how a vehicle moved from what its Doppler radars measured.
-
-A first try, with a simulated log that the program writes itself:
-
-  {_PROGRAM} example log.csv
-  {_PROGRAM} track --csv log.csv --mounting radar 0.4 0 0 --output drive
-
-Help on each command: {_PROGRAM} track --help
-"""
-
-_TRACK_HELP = """\
-Estimates the velocity of a vehicle from one radar or several, integrates it to a path, and writes
-
-  PREFIX.tum              the path, a line "t x y z qx qy qz qw" per pose, for evo and others
-  PREFIX_velocities.txt   v_x, v_y, omega and their covariances; its header names the columns
-  PREFIX.npz              all of it, for d2d.radar.Track.load
-  PREFIX.png              a picture (if matplotlib is installed)
-
-All of them are written at the end, or none. The first run compiles for up to a minute.
-"""
-
-_TRACK_EPILOG = f"""\
-A CSV file has a line for each target and a first line that names the columns:
-
-  time,sensor,range,azimuth,doppler,sigma_range,sigma_azimuth,sigma_doppler
-  12.05,front,14.21,-0.31,-8.92,0.15,0.009,0.06
-
-  time            s; lines with equal time and sensor are one scan
-  sensor          a name; without this column there is one sensor, called "radar"
-  range           m
-  azimuth         rad (with --degrees: degrees), 0 along the boresight, counter-clockwise positive
-  doppler         m/s, positive if the target moves away: ahead of a moving car it is negative
-  sigma_...       standard deviations in the same units; or --sigma-range and so on for all targets
-
-Where a sensor sits: x forward and y left of the vehicle's origin (best the middle of the rear axle)
-in m, and the direction of its boresight in degrees, counter-clockwise from straight ahead.
-
-examples:
-  one radar at the front bumper, standard deviations for all targets:
-    {_PROGRAM} track --csv log.csv --degrees --mounting radar 3.7 0 0 \\
-        --sigma-range 0.15 --sigma-azimuth 0.5 --sigma-doppler 0.06
-
-  two corner radars together, each scan with its last but one, errors that targets share:
-    {_PROGRAM} track --csv log.csv --mounting left 3.6 0.8 45 --mounting right 3.6 -0.8 -45 \\
-        --baseline 2 --budget-azimuth 0.2 --budget-doppler 0.04 --output results/drive
-
-  data sets in their own layout:
-    {_PROGRAM} track --radarscenes RadarScenes --sequence 105 --sensor 1 2 3 4
-    {_PROGRAM} track --nuscenes nuscenes --scene scene-0061 --channel RADAR_FRONT RADAR_FRONT_LEFT
-
-If the path runs backwards, the sign of the Doppler velocities or the yaw of a mounting is wrong; if
-it bends the wrong way, the sign of the azimuths.
-"""
 
 # The options that belong to each source, and those of them that it needs.
 _OF_SOURCE = {
@@ -88,6 +34,7 @@ _OF_SOURCE = {
     "csv": ("mounting", "degrees", "sigma_range", "sigma_azimuth", "sigma_doppler"),
 }
 _NEEDED = ("sequence", "sensor", "scene", "channel", "mounting")
+_BUDGET = ("azimuth", "doppler", "scale", "lag", "neighbours")
 
 
 class Source(NamedTuple):
@@ -123,12 +70,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             _write_example(arguments.file)
         else:
             _check_source(of_track, arguments)
+            _check_budget(of_track, arguments)
             _track(arguments)
     except (ValueError, OSError) as error:
-        print(f"{_PROGRAM}: error: {error}", file=sys.stderr)
+        print(f"{PROGRAM}: error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print(f"{_PROGRAM}: interrupted, nothing is written", file=sys.stderr)
+        print(f"{PROGRAM}: interrupted, nothing is written", file=sys.stderr)
         return 130  # as shells report it
     return 0
 
@@ -136,13 +84,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parsers() -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
     """The parser of the program and that of its command ``track``."""
     plain = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(_PROGRAM, description=_HELP, formatter_class=plain)
+    parser = argparse.ArgumentParser(PROGRAM, description=HELP, formatter_class=plain)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     found = commands.add_parser(
         "track",
         help="estimate a drive and write its path and velocities",
-        description=_TRACK_HELP,
-        epilog=_TRACK_EPILOG,
+        description=TRACK_HELP,
+        epilog=TRACK_EPILOG,
         formatter_class=plain,
         allow_abbrev=False,
     )
@@ -160,7 +108,7 @@ def _add_sources(parser: argparse.ArgumentParser) -> None:
     source.add_argument("--csv", metavar="FILE", help="a log, as described below")
     source.add_argument("--radarscenes", metavar="ROOT", help="folder of the RadarScenes data set")
     source.add_argument("--nuscenes", metavar="ROOT", help="folder of the nuScenes data set")
-    log = parser.add_argument_group("of a CSV file")
+    log = parser.add_argument_group("options of a CSV file")
     log.add_argument(
         "--mounting",
         action="append",
@@ -169,16 +117,19 @@ def _add_sources(parser: argparse.ArgumentParser) -> None:
         help="where a sensor sits, in m, m, degrees; once for each sensor",
     )
     log.add_argument(
-        "--degrees", action="store_true", default=None, help="its angles are in degrees"
+        "--degrees",
+        action="store_true",
+        default=None,
+        help="the file's azimuths and their standard deviations are in degrees",
     )
     for name, unit in (("range", "M"), ("azimuth", "DEG"), ("doppler", "M/S")):
         log.add_argument(
             f"--sigma-{name}",
             type=float,
             metavar=unit,
-            help=f"of the {name} of all targets, instead of a column",
+            help=f"standard deviation of the {name} of all targets, instead of a column",
         )
-    scenes = parser.add_argument_group("of a data set")
+    scenes = parser.add_argument_group("options of a data set")
     scenes.add_argument("--sequence", metavar="N", help="RadarScenes: number of the sequence")
     scenes.add_argument("--sensor", type=int, nargs="+", metavar="N", help="RadarScenes: 1 to 4")
     scenes.add_argument("--scene", metavar="NAME", help="nuScenes: name, such as scene-0061")
@@ -212,6 +163,23 @@ def _add_estimation(parser: argparse.ArgumentParser) -> None:
         "(default: the data set's own, or 0 for a log)",
     )
     how.add_argument(
+        "--side-slip",
+        type=float,
+        metavar="M/S",
+        help="standard deviation of the sideways velocity of the vehicle's origin about zero; 0 if "
+        "it never moves sideways, as the middle of a rear axle that does not slip (default: "
+        "nothing is known of it). It helps a single radar most: the yaw rate becomes more accurate",
+    )
+    how.add_argument(
+        "--max-acceleration",
+        type=float,
+        default=VehicleLimits().acceleration,
+        metavar="M/S^2",
+        help="estimates that need a larger one are not accepted (default: "
+        f"{VehicleLimits().acceleration:g}, far beyond a car's); with few targets in dense traffic "
+        "take what your vehicle can do, such as 8",
+    )
+    how.add_argument(
         "--max-interval",
         type=float,
         default=MAX_INTERVAL,
@@ -238,17 +206,20 @@ def _add_budget(parser: argparse.ArgumentParser) -> None:
     shared.add_argument(
         "--budget-scale", type=float, metavar="SHARE", help="relative, of all Doppler velocities"
     )
-    shared.add_argument("--budget-lag", type=float, metavar="S", help="of the time stamps")
+    shared.add_argument(
+        "--budget-lag", type=float, metavar="S", help="of the scans' time stamps (a common delay)"
+    )
     shared.add_argument(
         "--budget-neighbours",
         type=float,
         metavar="M",
-        help="length over which the errors of neighbouring targets are alike",
+        help="length over which the position errors of neighbouring targets are alike",
     )
     shared.add_argument(
         "--no-budget",
         action="store_true",
-        help="state the inverse Hessian, the noise of the targets alone",
+        help="state the inverse Hessian of the cost as covariance, which knows nothing of shared "
+        "errors; not together with the options above",
     )
 
 
@@ -262,7 +233,14 @@ def _check_source(parser: argparse.ArgumentParser, arguments: argparse.Namespace
             if given and not chosen:
                 parser.error(f"{flag} belongs to --{source}")
             if chosen and not given and option in _NEEDED:
-                parser.error(f"--{source} needs {flag}; see {_PROGRAM} track --help")
+                parser.error(f"--{source} needs {flag}; see {PROGRAM} track --help")
+
+
+def _check_budget(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
+    """Leave with a message if a budget is given and refused at once."""
+    given = [name for name in _BUDGET if getattr(arguments, f"budget_{name}") is not None]
+    if arguments.no_budget and given:
+        parser.error(f"--no-budget contradicts --budget-{given[0]}: leave one of them out")
 
 
 # ---- Reading
@@ -281,10 +259,7 @@ def _source(arguments: argparse.Namespace) -> Source:
             ([scan.with_extent(arguments.extent) for scan in scans], mounting)
             for scans, mounting in sensors
         ]
-    given = {
-        name: getattr(arguments, f"budget_{name}")
-        for name in ("azimuth", "doppler", "scale", "lag", "neighbours")
-    }
+    given = {name: getattr(arguments, f"budget_{name}") for name in _BUDGET}
     if given["azimuth"] is not None:
         given["azimuth"] = np.deg2rad(given["azimuth"])
     known = {name: value for name, value in given.items() if value is not None}
@@ -346,6 +321,8 @@ def _track(arguments: argparse.Namespace) -> None:
         "max_interval": arguments.max_interval,
         "budget": None if arguments.no_budget else source.budget,
         "progress": False if arguments.no_progress else None,
+        "slips": _slips(arguments.side_slip),
+        "limits": VehicleLimits(acceleration=arguments.max_acceleration),
     }
     count = sum(len(scans) for scans, _ in source.sensors)
     several = "s" * (len(source.sensors) > 1)
@@ -357,12 +334,21 @@ def _track(arguments: argparse.Namespace) -> None:
         else:
             driven = track_joint(source.sensors, **options)
     for each in said:
-        print(f"{_PROGRAM}: warning: {each.message}", file=sys.stderr)
+        print(f"{PROGRAM}: warning: {each.message}", file=sys.stderr)
     print(driven)
     if not driven.converged.any():
         raise ValueError("no estimate was accepted, so that nothing is written")
     for path in _write(driven, prefix, picture=not arguments.no_picture):
         print(f"wrote {path}")
+
+
+def _slips(sigma: float | None) -> bool | float:
+    """What the option ``slips`` takes for a standard deviation of v_y, or for none."""
+    if sigma is None:
+        return True
+    if not 0.0 <= sigma < math.inf:
+        raise ValueError(f"--side-slip must be a number from 0 on, but is {sigma:g}")
+    return sigma or False
 
 
 def _prefix(output: str) -> Path:
@@ -406,7 +392,7 @@ def _draw(driven: Track, path: Path) -> None:
     try:
         figure = driven.plot()
     except ModuleNotFoundError as error:
-        print(f"{_PROGRAM}: no picture: {error} (pip install matplotlib)", file=sys.stderr)
+        print(f"{PROGRAM}: no picture: {error} (pip install matplotlib)", file=sys.stderr)
         return
     from matplotlib import pyplot as plt
 
@@ -420,6 +406,6 @@ def _write_example(file: str) -> None:
     place = drive.mounting
     print(f"wrote {file}, a minute of a simulated robot; now try")
     print(
-        f"  {_PROGRAM} track --csv {file} "
+        f"  {PROGRAM} track --csv {file} "
         f"--mounting radar {place.x:g} {place.y:g} {np.rad2deg(place.yaw):g}"
     )

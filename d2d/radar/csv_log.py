@@ -148,12 +148,13 @@ def _header(source: Path, file: TextIO) -> _Header:
 def _columns(source: Path, header: _Header, sigmas: Mapping[str, float]) -> dict[str, int]:
     """The place of each column that is read."""
     places = {name: place for place, name in enumerate(header.names)}
-    for name in _SIGMAS:
-        if name not in places and name not in sigmas:
-            raise ValueError(
-                f"{source} has no column {name}, so the standard deviation must be given as "
-                f"{name} (on the command line --{name.replace('_', '-')})"
-            )
+    missing = [name for name in _SIGMAS if name not in places and name not in sigmas]
+    if missing:
+        flags = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
+        raise ValueError(
+            f"{source} has no column {', '.join(missing)}, so that what is missing must be given "
+            f"for all targets, as an argument of the same name (on the command line: {flags})"
+        )
     wanted = (*_MEASURED, *(name for name in _SIGMAS if name not in sigmas), "sensor")
     return {name: places[name] for name in wanted if name in places}
 
@@ -192,8 +193,11 @@ def _target(row: list[str], columns: Mapping[str, int], degrees: bool) -> tuple[
 
 def _number(name: str, text: str, degrees: bool) -> float:
     """A finite number, angles in rad."""
+    plain = text.strip()
     try:
-        value = float(text)
+        if "_" in plain or not plain.isascii():  # a slip of the pen, but a number to Python
+            raise ValueError
+        value = float(plain)
     except ValueError:
         raise ValueError(f"{name} must be a number, but is {text!r}") from None
     if not math.isfinite(value):
@@ -203,7 +207,11 @@ def _number(name: str, text: str, degrees: bool) -> float:
     if degrees:
         value = math.radians(value)
     if name == "azimuth" and abs(value) > _TURN:
-        unit, hint = ("degrees", "") if degrees else ("radians", "; are these degrees?")
+        unit, hint = (
+            ("degrees", "")
+            if degrees
+            else ("radians", "; are these degrees (degrees=True, on the command line --degrees)?")
+        )
         raise ValueError(f"azimuth must be in {unit}, within a turn, but is {text.strip()}{hint}")
     return value
 

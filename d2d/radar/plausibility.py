@@ -90,7 +90,7 @@ class VehicleLimits:
         if turn > self.yaw_rate + spread[2]:
             return f"a yaw rate of {np.rad2deg(turn):.1f} deg/s"
         if state.sigmas[2] > self.uncertainty:
-            return f"a standard deviation of {np.rad2deg(state.sigmas[2]):.1f} deg/s"
+            return f"a yaw rate with a sigma of {np.rad2deg(state.sigmas[2]):.1f} deg/s"
         if abs(state.yaw_rate_of_slip) > self.slip:
             return f"a side slip of {state.theta[1]:.2f} m/s"
         if last is None:

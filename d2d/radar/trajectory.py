@@ -36,7 +36,7 @@ _OPTIONAL = ("reasons", "targets", "inliers")
 _SHOWN_REASONS = 3
 _ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 # A number in a reason, but no exponent of a unit such as m/s^2.
-_NUMBER = re.compile(r"(?<![\^\w.])\d+(\.\d+)?")
+_NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
 
 
 class Velocities(NamedTuple):

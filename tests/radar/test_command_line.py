@@ -17,6 +17,7 @@ from d2d.radar import (
     Mounting,
     RadarScan,
     Track,
+    VehicleLimits,
     load_radarscenes,
     simulate_drive,
     track,
@@ -93,10 +94,39 @@ def test_options_reach_the_estimate(tmp_path):
     assert_allclose(found.theta, expected.theta, rtol=1e-12)
     assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
     assert_allclose(found.parts, expected.parts, rtol=1e-9, atol=1e-18)
-    assert main([*call, *options.split(), "--no-budget"]) == 0
+    assert main([*call, *options.split()[:4], "--no-budget", "--no-picture"]) == 0
     without = Track.load(tmp_path / "both.npz")
     assert without.parts is None
     assert_allclose(without.covariance, track_joint(sensors, baseline=2).covariance, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("said", "slips"), [("0", False), ("0.05", 0.05)])
+def test_the_side_slip_reaches_the_estimate(log, said, slips):
+    """Breaks if 0 is taken for "unknown" or for a standard deviation."""
+    call = ["track", "--csv", str(log), *FRONT, "--side-slip", said, "--no-picture"]
+    assert main([*call, "--output", str(log.parent / "drive")]) == 0
+    found = Track.load(log.parent / "drive.npz")
+    expected = track(DRIVE.scans, DRIVE.mounting, slips=slips, budget=ErrorBudget())
+    assert_array_equal(found.theta, expected.theta)
+    free = track(DRIVE.scans, DRIVE.mounting, budget=ErrorBudget())
+    assert np.abs(found.theta[:, 1]).max() < np.abs(free.theta[:, 1]).max()
+
+
+def test_what_the_vehicle_can_do_reaches_the_estimate(log, capsys):
+    """Breaks if the limit is dropped, or one that is none is not refused."""
+    call = ["track", "--csv", str(log), *FRONT, "--no-picture", "--no-budget"]
+    call += ["--output", str(log.parent / "drive")]
+    assert main([*call, "--max-acceleration", "2"]) == 0
+    expected = track(DRIVE.scans, DRIVE.mounting, limits=VehicleLimits(acceleration=2.0))
+    assert_array_equal(Track.load(log.parent / "drive.npz").converged, expected.converged)
+    said = failed([*call, "--max-acceleration", "-1"], capsys)
+    assert said.startswith("acceleration must be positive")
+
+
+@pytest.mark.parametrize("said", ["-0.1", "nan", "inf"])
+def test_a_side_slip_that_is_none_is_refused(log, capsys, said):
+    call = ["track", "--csv", str(log), *FRONT, f"--side-slip={said}"]
+    assert failed(call, capsys) == f"--side-slip must be a number from 0 on, but is {said}"
 
 
 def test_a_log_in_degrees_without_standard_deviations(tmp_path):
@@ -245,6 +275,10 @@ def test_a_flipped_sign_is_warned_of(tmp_path, capsys):
             "--degrees belongs to --csv",
         ),
         (["track", "--csv", "l", "--sensor", "1"], "--sensor belongs to --radarscenes"),
+        (
+            ["track", "--csv", "l", *FRONT, "--no-budget", "--budget-lag", "0.01"],
+            "--no-budget contradicts --budget-lag: leave one of them out",
+        ),
         (["fly"], "invalid choice: 'fly'"),
     ],
     ids=lambda each: " ".join(each) if isinstance(each, list) else "",
@@ -265,6 +299,9 @@ def test_the_help_teaches(capsys):
     said = capsys.readouterr().out
     for word in ("PREFIX_velocities.txt", "counter-clockwise", "m/s, positive if", "examples:"):
         assert word in said
+    reasons = ("a scan without targets", "no optimum near the start", "an optimum that rejects")
+    for reason in (*reasons, "an optimum that rests on", "a yaw rate with a sigma of"):
+        assert reason in said  # as tracks word them, and what to do
     assert max(map(len, said.splitlines())) <= 110
 
 

@@ -108,12 +108,18 @@ def test_what_programs_write_is_read(log, text):
     [
         ("0,abc,0,0", "range must be a number, but is 'abc'"),
         ("0,,0,0", "range must be a number, but is ''"),
+        ("0,1_0,0,0", "range must be a number, but is '1_0'"),
+        ("0,\u0661\u0662,0,0", "range must be a number, but is '\u0661\u0662'"),
+        ("0,0x10,0,0", "range must be a number, but is '0x10'"),
         ("0,5,0", "there must be 4 values as in the first line, but are 3"),
         ("0,5,0,0,", "there must be 4 values as in the first line, but are 5"),
         ("0,-5,0,0", "range must be positive, but is -5"),
         ("0,5,nan,0", "azimuth must be finite, but is nan"),
         ("0,5,0,inf", "doppler must be finite, but is inf"),
-        ("0,5,45,0", "azimuth must be in radians, within a turn, but is 45; are these degrees?"),
+        (
+            "0,5,45,0",
+            "azimuth must be in radians, within a turn, but is 45; are these degrees (deg",
+        ),
         ('0,5,"0,0', "unexpected end of data"),
         (b"0,5,0,\xff1", "doppler must be a number, but is '\ufffd1'"),
     ],
@@ -156,8 +162,10 @@ def test_a_file_that_is_no_log_is_refused(log, text, said):
 def test_standard_deviations_must_come_from_somewhere(log):
     """Breaks if a default stands in that the user never saw."""
     some = {name: ALL[name] for name in ("sigma_range", "sigma_doppler")}
-    with pytest.raises(ValueError, match=r"no column sigma_azimuth.* given as sigma_azimuth"):
+    with pytest.raises(ValueError, match=r"no column sigma_azimuth,.* line: --sigma-azimuth\)"):
         load_csv(log(f"{HEADER}\n0,5,0,0"), **some)
+    with pytest.raises(ValueError, match=r"column sigma_range, sigma_azimuth, sigma_doppler, so"):
+        load_csv(log(f"{HEADER}\n0,5,0,0"))
     with pytest.raises(ValueError, match=r"^sigma_range must be positive"):
         load_csv(log(f"{HEADER}\n0,5,0,0"), **(ALL | {"sigma_range": 0.0}))
     with pytest.raises(ValueError, match=r"^degrees must be True or False"):

@@ -425,6 +425,14 @@ def test_rare_reasons_are_counted_together():
     assert sum(int(line.split()[0]) for line in words[1:]) == 11
 
 
+def test_slips_to_either_side_are_counted_together():
+    """Breaks if the sign of a number makes two reasons of one."""
+    driven = example()
+    reasons = np.array(["a side slip of -1.20 m/s", "a side slip of 0.90 m/s", *(N - 2) * [""]])
+    words = str(replace(driven, reasons=reasons)).splitlines()
+    assert words[1:] == ["  2 failed: a side slip of ... m/s"]
+
+
 @pytest.mark.parametrize("known", [False, True])
 def test_the_picture_shows_velocities_bands_and_failures(known):
     """Breaks if an axis lacks its unit, a failed estimate is drawn, or the band is one sigma."""

@@ -1,0 +1,81 @@
+"""One line for each way to track a drive: what was accepted, how far off, how credible."""
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from d2d._types import Array
+from d2d.radar import (
+    ErrorBudget,
+    Mounting,
+    RadarScan,
+    Reference,
+    Track,
+    compare,
+    compare_halves,
+    compare_tracks,
+    track,
+)
+
+_FEWEST = 4  # estimates that `compare` needs
+View = tuple[Sequence[RadarScan], Mounting]
+
+
+class Row(NamedTuple):
+    """How well a track agrees with the true motion.
+
+    ``rmse`` (3,) is in m/s, m/s, deg/s; it and ``anees`` are nan if nearly all estimates failed.
+    ``reason`` is why most of those failed that did, without its numbers.
+    """
+
+    name: str
+    accepted: float
+    rmse: Array
+    anees: float
+    reason: str
+
+
+def row(name: str, driven: Track, truth: Reference) -> Row:
+    """Compare a track with the true motion."""
+    accepted, reason = float(driven.converged.mean()), _commonest(driven)
+    if driven.converged.sum() < _FEWEST:
+        return Row(name, accepted, np.full(3, np.nan), float("nan"), reason)
+    found = compare(driven, truth)
+    return Row(name, accepted, found.rmse, found.credibility.anees, reason)
+
+
+def _commonest(driven: Track) -> str:
+    """The reason of most failures, as a printed track says it; empty if there is none."""
+    lines = str(driven).splitlines()[1:]
+    return lines[0].split(" failed: ")[1] if lines else ""
+
+
+def table(rows: Iterable[Row]) -> str:
+    """The rows below each other, errors in m/s, m/s and deg/s, the ANEES to three digits."""
+    rows = list(rows)
+    width = max(len(each.name) for each in rows)
+    lines = [f"{'':{width}} accepted    v_x    v_y  omega  ANEES"]
+    for each in rows:
+        x, y, turn = each.rmse
+        lines.append(
+            f"{each.name:{width}} {each.accepted:8.1%} {x:6.3f} {y:6.3f} {turn:6.2f} "
+            f"{each.anees:6.3g}"
+        )
+    return "\n".join(lines)
+
+
+def halves(view: View, *, seed: int = 0) -> dict[str, float]:
+    """ANEES of the differences between halves of one sensor's scans, by target and by object."""
+    return {
+        f"halves by {by}": compare_halves(
+            [view], np.random.default_rng(seed), by=by
+        ).credibility.anees
+        for by in ("target", "object")
+    }
+
+
+def two_sensors(first: View, second: View, *, budget: ErrorBudget | None = None) -> float:
+    """ANEES of the differences between the tracks of two sensors, each on its own."""
+    tracks = [track(*each, budget=budget) for each in (first, second)]
+    return compare_tracks(*tracks).credibility.anees

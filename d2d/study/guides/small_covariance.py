@@ -1,0 +1,283 @@
+"""Why a covariance is too small, and which tests without a reference can tell."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike, NDArray
+
+from d2d import Credibility, Estimate, PointSet, RegistrationCost, credibility, register, rigid
+from d2d._types import Array
+from d2d.radar import (
+    Drive,
+    ErrorBudget,
+    Mounting,
+    Sensor,
+    SensorErrors,
+    build_world,
+    compare,
+    compare_halves,
+    compare_tracks,
+    simulate_drive,
+    track,
+)
+from d2d.radar.simulation import CAR_SPEED
+from d2d.study.book.style import BLUE, GREEN, ORANGE
+from d2d.study.guides.stated_sigmas import scaled
+from d2d.study.plane.evaluation import LIKELIHOOD, ROBUST, SUMMING
+from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED
+
+COUNTS = (12, 24, 48, 96)  # targets that a scan keeps
+BIAS = float(np.deg2rad(1.0))  # of all azimuths of a sensor
+
+COPIES = 5  # of each target, where targets are repeated
+TURN = float(np.deg2rad(5.0))  # of a whole point set, about its sensor
+
+_DURATION = 20.0  # s
+_PLACES = (Mounting(3.7, 0.5, 0.0), Mounting(3.7, -0.5, 0.0))  # two radars that look ahead
+
+
+# ---- Point sets
+
+
+def judged(estimate: Estimate, theta: ArrayLike, covariance: Array | None = None) -> Credibility:
+    """Credibility of a batch of estimates (N,) of the motion ``theta`` (3,), of those converged.
+
+    ``covariance`` (N, 3, 3) takes the place of the inverse Hessian.
+    """
+    stated = estimate.covariance if covariance is None else covariance
+    good = np.isfinite(stated).all(axis=(1, 2))
+    return credibility((estimate.theta - np.asarray(theta))[good], stated[good])
+
+
+def unit_weights(points: PointSet) -> PointSet:
+    """The points with variances of 1 m^2, as if nothing were known of their errors."""
+    return PointSet(points.means, np.broadcast_to(np.eye(2), points.covariances.shape))
+
+
+def residual_variance(theta: Array, fixed: PointSet, moving: PointSet) -> Array:
+    """Variance (N,) in m^2 of the residuals of paired points (N, K, 2) at the motions (N, 3).
+
+    Per coordinate, with the three degrees of freedom of the motion taken off.
+    """
+    residuals = rigid.transform_means(theta, moving.means) - fixed.means
+    freedom = 2 * fixed.size - 3
+    return np.asarray((residuals**2).sum(axis=(1, 2)) / freedom)
+
+
+def repeated(points: PointSet, times: int) -> PointSet:
+    """Each target as often as ``times``, with the same error in all copies."""
+    return PointSet(
+        np.repeat(points.means, times, axis=-2), np.repeat(points.covariances, times, axis=-3)
+    )
+
+
+def halves(
+    fixed: PointSet,
+    moving: PointSet,
+    cost: RegistrationCost,
+    initial: ArrayLike,
+    labels: NDArray[np.int_],
+    seed: int = 0,
+) -> Credibility:
+    """Register two halves of the moving sets (N, K) with the fixed ones, and judge the difference.
+
+    Each run draws its own halves.  Targets of the same label (K,) stay together; each label has the
+    same number of them.  If both covariances are true, and the errors of the halves independent,
+    the differences have the sum of the covariances.
+    """
+    names, runs = np.unique(labels), len(moving.means)
+    drawn = np.random.default_rng(seed).permuted(np.tile(names, (runs, 1)), axis=1)
+    chosen = drawn[:, : len(names) // 2]
+    first = (labels[None, :, None] == chosen[:, None, :]).any(axis=-1)
+    one, two = (register(fixed, _only(moving, own), cost, initial) for own in (first, ~first))
+    both = one.converged & two.converged
+    return credibility((one.theta - two.theta)[both], (one.covariance + two.covariance)[both])
+
+
+def _only(points: PointSet, chosen: NDArray[np.bool_]) -> PointSet:
+    """Of each set (N, K) the targets that are chosen (N, K), as many of each."""
+    shape = len(chosen), int(chosen[0].sum())
+    means, covariances = points.means[chosen], points.covariances[chosen]
+    return PointSet(means.reshape(*shape, 2), covariances.reshape(*shape, 2, 2))
+
+
+class Halves(NamedTuple):
+    """ANEES of whole sets against the truth, and of the difference of their halves."""
+
+    name: str
+    truth: float
+    halves: float
+
+
+class _Case(NamedTuple):
+    fixed: PointSet
+    moving: PointSet
+    cost: RegistrationCost
+    initial: ArrayLike
+    labels: NDArray[np.int_]  # (K,): which of the moving targets stay together
+
+
+@cache
+def halves_of_each_reason(runs: int = 1000, seed: int = 0) -> list[Halves]:
+    """What the halves of the moving set say of each reason, in the scenes of chapter 6.
+
+    Halves are drawn by target; where targets are repeated, by copy or by target.
+    """
+    return [
+        Halves(
+            name,
+            float(judged(register(*case[:4]), OVERLAPPED.theta).anees),
+            float(halves(*case).anees),
+        )
+        for name, case in _cases(runs, seed).items()
+    ]
+
+
+def _cases(runs: int, seed: int) -> dict[str, _Case]:
+    theta, zero = OVERLAPPED.theta, np.zeros(3)
+    whole = OVERLAPPED.sample(runs, np.random.default_rng(seed))
+    partly = OUTLIERS.sample(runs, np.random.default_rng(seed))
+    eight, ten, copies = (np.arange(count) for count in (8, 10, 8 * COPIES))
+    fixed, moving = (repeated(each, COPIES) for each in whole)
+    narrow_fixed, narrow_moving = (each.inflated(0.5) for each in whole)
+    turned = whole[1].transformed([0.0, 0.0, TURN])
+    return {
+        "nothing wrong": _Case(*whole, LIKELIHOOD, theta, eight),
+        "1 sigmas half as large": _Case(narrow_fixed, narrow_moving, LIKELIHOOD, theta, eight),
+        "2 start at zero": _Case(*partly, ROBUST, zero, ten),
+        "3 repeated, by point": _Case(fixed, moving, LIKELIHOOD, theta, copies),
+        "3 repeated, by target": _Case(fixed, moving, LIKELIHOOD, theta, np.repeat(eight, COPIES)),
+        "4 turned by 5 deg": _Case(whole[0], turned, LIKELIHOOD, theta, eight),
+        "5 P2D": _Case(*whole, RegistrationCost("p2d"), theta, eight),
+        "5 sum": _Case(*whole, SUMMING, theta, eight),
+        "6 no partner": _Case(*partly, LIKELIHOOD, theta, ten),
+    }
+
+
+def halves_table(rows: Sequence[Halves]) -> str:
+    """The rows below each other, to three digits."""
+    width = max(len(each.name) for each in rows)
+    lines = [f"{'ANEES':{width}}  truth  halves"]
+    lines += [f"{each.name:{width}} {each.truth:6.3g} {each.halves:7.3g}" for each in rows]
+    return "\n".join(lines)
+
+
+# ---- Drives
+
+
+class BiasRow(NamedTuple):
+    """Lateral velocities of drives whose sensors' azimuths are all off by the same angle."""
+
+    targets: float  # of a scan on average
+    rmse: float  # m/s
+    stated: float  # m/s, inverse Hessian
+    budgeted: float  # m/s, with the bias in the budget
+
+
+@cache
+def bias_against_targets(counts: Sequence[int] = COUNTS) -> list[BiasRow]:
+    """The lateral velocity of a front radar turned by `BIAS`, with more and more targets."""
+    rows = []
+    for count in counts:
+        sensor = Sensor(max_targets=count, half_range=60.0, max_range=80.0, quantised=False)
+        drive = _driven(_PLACES[0], sensor, SensorErrors(azimuth=BIAS), 11)
+        plain = compare(track(drive.scans, drive.mounting), drive.truth)
+        budget = ErrorBudget(azimuth=BIAS)
+        wide = compare(track(drive.scans, drive.mounting, budget=budget), drive.truth)
+        rows.append(
+            BiasRow(
+                float(np.mean([len(scan) for scan in drive.scans])),
+                float(plain.rmse[1]),
+                *(float(np.sqrt(np.mean(each.sigmas[:, 1] ** 2))) for each in (plain, wide)),
+            )
+        )
+    return rows
+
+
+def draw_bias(ax: Axes, rows: Sequence[BiasRow]) -> None:
+    """Error and standard deviations against the number of targets."""
+    count = [each.targets for each in rows]
+    ax.plot(count, [each.rmse for each in rows], "o-", color=BLUE, label="error (RMSE)")
+    ax.plot(count, [each.stated for each in rows], "s--", color=ORANGE, label="inverse Hessian")
+    ax.plot(count, [each.budgeted for each in rows], "^:", color=GREEN, label="with a budget")
+    ax.set(xscale="log", xlabel="targets in a scan", ylabel="$v_y$ (m/s)", ylim=(0.0, None))
+    ax.set_xticks(count, [f"{each:.0f}" for each in count])
+    ax.minorticks_off()
+    ax.legend()
+
+
+class Reason(NamedTuple):
+    """What is wrong in a drive: unknown errors, and standard deviations stated off by a factor.
+
+    Each radar is turned by ``turned`` times `BIAS`.
+    """
+
+    errors: SensorErrors = SensorErrors()
+    factor: float = 1.0
+    turned: tuple[float, float] = (0.0, 0.0)
+
+
+REASONS = {
+    "nothing wrong": Reason(),
+    "all sigmas half as large": Reason(factor=0.5),
+    "objects that err as a whole": Reason(SensorErrors(extent=0.3, neighbours=2.0)),
+    "each sensor turned": Reason(turned=(1.0, -1.0)),
+    "both sensors turned alike": Reason(turned=(1.0, 1.0)),
+    "a clock 50 ms late": Reason(SensorErrors(lag=0.05)),
+}
+
+
+class Evidence(NamedTuple):
+    """ANEES of one radar against the truth, and what three tests without it find."""
+
+    truth: float
+    by_target: float
+    by_object: float
+    two_sensors: float
+
+
+@cache
+def without_truth(names: Sequence[str] = tuple(REASONS)) -> dict[str, Evidence]:
+    """Judge the inverse Hessian of drives of two front radars in which one thing is wrong."""
+    return {name: _evidence(REASONS[name]) for name in names}
+
+
+def _evidence(reason: Reason) -> Evidence:
+    sensor = Sensor(quantised=False)
+    drives = [
+        _driven(place, sensor, replace(reason.errors, azimuth=turned * BIAS), 21 + number)
+        for number, (place, turned) in enumerate(zip(_PLACES, reason.turned, strict=True))
+    ]
+    scans = [[scaled(scan, reason.factor) for scan in drive.scans] for drive in drives]
+    tracks = [track(own, place) for own, place in zip(scans, _PLACES, strict=True)]
+    by = [
+        compare_halves([(scans[0], _PLACES[0])], np.random.default_rng(1), by=each)
+        for each in ("target", "object")
+    ]
+    found = [compare(tracks[0], drives[0].truth), *by, compare_tracks(*tracks)]
+    return Evidence(*(float(each.credibility.anees) for each in found))
+
+
+def _driven(place: Mounting, sensor: Sensor, errors: SensorErrors, seed: int) -> Drive:
+    """A drive of 20 s, always through the same world."""
+    world = build_world(np.random.default_rng(5))
+    rng = np.random.default_rng(seed)
+    return simulate_drive(
+        rng, _DURATION, CAR_SPEED, mounting=place, sensor=sensor, world=world, errors=errors
+    )
+
+
+def evidence_table(found: dict[str, Evidence]) -> str:
+    """The ANEES of each reason, with the truth and without."""
+    width = max(map(len, found))
+    lines = [f"{'ANEES':{width}}   truth  by target  by object  two sensors"]
+    for name, each in found.items():
+        lines.append(
+            f"{name:{width}} {each.truth:7.2f} {each.by_target:10.2f} "
+            f"{each.by_object:10.2f} {each.two_sensors:12.2f}"
+        )
+    return "\n".join(lines)

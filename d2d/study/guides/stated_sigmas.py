@@ -1,0 +1,88 @@
+"""What becomes of estimates if the stated standard deviations are too small or too large."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from d2d.radar import Drive, RadarScan, Sensor, simulate_drive, track
+from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED
+from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE
+from d2d.study.guides.rows import Row, row
+
+FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
+MEASURED = ("range", "azimuth", "doppler")
+_LOOKS = {"range": (GREEN, "^"), "azimuth": (BLUE, "o"), "doppler": (ORANGE, "s")}
+_DURATION = 40.0  # s, a lap
+
+
+@cache
+def front_drive(seed: int = 5) -> Drive:
+    """A lap of the car with a front radar that knows its errors exactly."""
+    rng, sensor = np.random.default_rng(seed), Sensor(quantised=False)
+    return simulate_drive(rng, _DURATION, CAR_SPEED, mounting=CAR_MOUNTING, sensor=sensor)
+
+
+@cache
+def stated_sigmas(factors: Sequence[float] = FACTORS) -> dict[str, list[Row]]:
+    """Track the same drive with one of the three standard deviations multiplied by each factor.
+
+    Limits of the vehicle are as by default.  The errors themselves stay what they are.
+    """
+    drive, found = front_drive(), {}
+    for name in MEASURED:
+        field = f"sigma_{name}"
+        found[name] = [
+            row(
+                f"{name} x {factor:g}",
+                track(
+                    [replace(s, **{field: factor * getattr(s, field)}) for s in drive.scans],
+                    drive.mounting,
+                ),
+                drive.truth,
+            )
+            for factor in factors
+        ]
+    return found
+
+
+def scaled(scan: RadarScan, factor: float) -> RadarScan:
+    """The scan with all three standard deviations multiplied by ``factor``."""
+    names = (f"sigma_{name}" for name in MEASURED)
+    return replace(scan, **{name: factor * getattr(scan, name) for name in names})
+
+
+def rounded(scans: Sequence[RadarScan], step: float, told: float = 0.0) -> list[RadarScan]:
+    """Doppler velocities rounded to multiples of ``step``, and ``told`` added to their sigmas."""
+    return [
+        replace(
+            scan,
+            doppler=np.round(scan.doppler / step) * step,
+            sigma_doppler=np.hypot(scan.sigma_doppler, told),
+        )
+        for scan in scans
+    ]
+
+
+def draw_stated_sigmas(axes: Sequence[Axes], found: dict[str, list[Row]]) -> None:
+    """Errors of v_x and omega over those with the true values, and the ANEES."""
+    for name, rows in found.items():
+        color, marker = _LOOKS[name]
+        right = rows[FACTORS.index(1.0)]
+        curves = (
+            [each.rmse[0] / right.rmse[0] for each in rows],
+            [each.rmse[2] / right.rmse[2] for each in rows],
+            [each.anees for each in rows],
+        )
+        for ax, values in zip(axes, curves, strict=True):
+            ax.plot(FACTORS, values, marker=marker, color=color, label=name)
+    for ax, label in zip(axes, ("error of v_x", "error of omega", "ANEES"), strict=True):
+        ax.axhline(1.0, color=BLACK, lw=0.8, ls=":")
+        ax.set(xscale="log", xlabel="stated over true", title=label)
+        ax.set_xticks(FACTORS, [f"{factor:g}" for factor in FACTORS])
+        ax.minorticks_off()
+    axes[2].set_yscale("log")
+    axes[0].set_ylabel("relative to the true values")
+    axes[0].legend()

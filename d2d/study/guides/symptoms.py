@@ -1,0 +1,154 @@
+"""What a track looks like if the log or the mounting is wrong in one of the usual ways."""
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from d2d._types import Array
+from d2d.radar import (
+    Mounting,
+    RadarScan,
+    Reference,
+    Track,
+    doppler_velocity,
+    track,
+)
+from d2d.study.guides.rows import row
+from d2d.study.guides.stated_sigmas import front_drive, scaled
+
+Scans = list[RadarScan]
+Fault = Callable[[Scans, Mounting, Reference], tuple[Scans, Mounting]]
+_NYQUIST = 8.0  # m/s: a sensor that folds its velocities into this, to either side
+
+
+class Symptom(NamedTuple):
+    """What shows if one thing is wrong.
+
+    ``forward`` and ``turning`` are the slopes of the estimated v_x and omega over the true ones,
+    of what was accepted; ``message`` is an error or a warning, empty if there is none.
+    """
+
+    fault: str
+    accepted: float
+    forward: float
+    turning: float
+    anees: float
+    reason: str
+    message: str
+
+
+def _each(change: Callable[[RadarScan], RadarScan]) -> Fault:
+    return lambda scans, mounting, truth: ([change(scan) for scan in scans], mounting)
+
+
+def _placed(change: Callable[[Mounting], Mounting]) -> Fault:
+    return lambda scans, mounting, truth: (scans, change(mounting))
+
+
+def _compensated(scans: Scans, mounting: Mounting, truth: Reference) -> tuple[Scans, Mounting]:
+    """Doppler velocities over ground, as some sensors report them."""
+    return [
+        replace(scan, doppler=scan.doppler - doppler_velocity(theta, scan.azimuth, mounting))
+        for scan, theta in zip(scans, truth.theta, strict=True)
+    ], mounting
+
+
+def _folded(scan: RadarScan) -> RadarScan:
+    return replace(scan, doppler=(scan.doppler + _NYQUIST) % (2.0 * _NYQUIST) - _NYQUIST)
+
+
+FAULTS: dict[str, Fault] = {
+    "nothing": _each(lambda scan: scan),
+    "Doppler sign flipped": _each(lambda scan: replace(scan, doppler=-scan.doppler)),
+    "azimuth sign flipped": _each(lambda scan: replace(scan, azimuth=-scan.azimuth)),
+    "mounted backwards": _placed(lambda m: replace(m, yaw=m.yaw + np.pi)),
+    "mounting 5 deg off": _placed(lambda m: replace(m, yaw=m.yaw + np.deg2rad(5.0))),
+    "mounting place left out": _placed(lambda m: Mounting(0.0, 0.0, m.yaw)),
+    "Doppler over ground": _compensated,
+    "Doppler folded at 8 m/s": _each(_folded),
+    "sigmas 5 x too small": _each(lambda scan: scaled(scan, 0.2)),
+    "sigmas 5 x too large": _each(lambda scan: scaled(scan, 5.0)),
+    "azimuths in degrees": _each(lambda scan: replace(scan, azimuth=np.rad2deg(scan.azimuth))),
+    "times in microseconds": _each(lambda scan: replace(scan, time=1e6 * scan.time)),
+}
+
+
+def over_ground_undone(
+    scans: Sequence[RadarScan], theta: Array, mounting: Mounting
+) -> list[RadarScan]:
+    """Doppler velocities as measured, from those over ground and velocities (n, 3) of the vehicle.
+
+    They must be the velocities with which the sensor compensated its own motion.
+    """
+    return [
+        replace(scan, doppler=scan.doppler + doppler_velocity(own, scan.azimuth, mounting))
+        for scan, own in zip(scans, theta, strict=True)
+    ]
+
+
+def unfolded(
+    scans: Sequence[RadarScan], theta: Array, mounting: Mounting, limit: float
+) -> list[RadarScan]:
+    """Doppler velocities that were folded into +-``limit`` (m/s), as close as static targets' are.
+
+    Velocities (n, 3) of the vehicle need not be exact: to within ``limit`` is enough.
+    """
+    found = []
+    for scan, own in zip(scans, theta, strict=True):
+        gap = doppler_velocity(own, scan.azimuth, mounting) - scan.doppler
+        turns = np.round(gap / (2.0 * limit))
+        found.append(replace(scan, doppler=scan.doppler + 2.0 * limit * turns))
+    return found
+
+
+@cache
+def symptoms(names: Sequence[str] = tuple(FAULTS)) -> list[Symptom]:
+    """Track a lap of the car with one fault of `FAULTS` after the other."""
+    drive = front_drive()
+    return [_tried(name, drive.scans, drive.mounting, drive.truth) for name in names]
+
+
+def _tried(name: str, scans: Scans, mounting: Mounting, truth: Reference) -> Symptom:
+    nan = float("nan")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", UserWarning)
+        try:
+            driven = track(*FAULTS[name](scans, mounting, truth))
+        except ValueError as error:
+            return Symptom(name, nan, nan, nan, nan, "", f"ValueError: {error}")
+    message = str(said[0].message) if said else ""
+    judged = row(name, driven, truth)
+    forward, turning = (_slope(driven, truth, which) for which in (0, 2))
+    return Symptom(name, judged.accepted, forward, turning, judged.anees, judged.reason, message)
+
+
+def _slope(driven: Track, truth: Reference, which: int) -> float:
+    """Estimated over true velocity, by least squares through the origin."""
+    true = truth.at(driven.times).theta[driven.converged, which]
+    return float(driven.theta[driven.converged, which] @ true / (true @ true))
+
+
+def _said(symptom: Symptom) -> str:
+    """The reason of most failures without its number, or what an error asks at its end."""
+    if symptom.reason:
+        return symptom.reason.split(" of ...")[0]
+    return symptom.message and f"error: {symptom.message.split('are these ')[-1]}"
+
+
+def symptom_table(found: Sequence[Symptom]) -> str:
+    """A line for each fault, with the reason of most failures or the end of the error's message."""
+    width = max(len(each.fault) for each in found)
+    lines = [f"{'what is wrong':{width}} accepted  v_x omega   ANEES  most failures"]
+    for each in found:
+        numbers = (
+            f"{each.accepted:8.1%} {each.forward:4.1f} {each.turning:5.1f} {each.anees:7.2g}"
+            if np.isfinite(each.accepted)
+            else f"{'':27}"
+        )
+        said = _said(each)
+        lines.append(f"{each.fault:{width}} {numbers}  {said}".rstrip())
+    return "\n".join(lines)

@@ -1,0 +1,39 @@
+"""The reference page of `d2d.radar` shows all of its public names."""
+
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+import d2d.radar
+
+PAGE = Path(__file__).resolve().parents[2] / "api" / "radar.md"
+
+
+def test_the_page_shows_every_public_name():
+    """Breaks if the page is narrowed to some names, or a name is handed on without `__all__`."""
+    text = PAGE.read_text(encoding="utf-8")
+    block = re.search(r"automodule:: d2d\.radar\n((?:   :.*\n)+)", text)
+    assert block is not None
+    options = {line.strip() for line in block[1].splitlines()}
+    assert {":members:", ":imported-members:"} <= options  # those of __all__
+    public = {
+        name
+        for name, value in vars(d2d.radar).items()
+        if not name.startswith("_") and not inspect.ismodule(value)
+    }
+    assert public == set(d2d.radar.__all__)
+
+
+@pytest.mark.parametrize("name", d2d.radar.__all__)
+def test_whatever_is_public_has_words_of_its_own(name):
+    """Breaks if something would be missing from the page: what has no docstring is left out."""
+    value = getattr(d2d.radar, name)
+    members = vars(value).items() if inspect.isclass(value) else ()
+    shown = {name: value} | {
+        f"{name}.{member}": each
+        for member, each in members
+        if not member.startswith("_") and (inspect.isroutine(each) or isinstance(each, property))
+    }
+    assert [each for each, what in shown.items() if not inspect.getdoc(what)] == []
