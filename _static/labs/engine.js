@@ -15,7 +15,7 @@
 //    interval: null,              // s: the parameters are a velocity; null: they are the motion itself
 //    dopplerWidth: 4,             // m/s: an outlier's Doppler velocity is uniform over this width
 //    line: false}                 // true: targets on a line, of which only x and xx count
-// A moving target may have `doppler`, see `dopplerMeasurement`.
+// A moving target may have `doppler`, see `dopplerMeasurement`; a target with `count` stands for so many equal ones.
 globalThis.d2d = (() => {
   "use strict";
 
@@ -31,13 +31,16 @@ globalThis.d2d = (() => {
   /** The jet of a product of densities. */
   const product = (jets) => jets.reduce((sum, jet) => sum.map((s, i) => s + jet[i]), new Array(10).fill(0));
 
-  const largest = (values) => values.reduce((a, b) => Math.max(a, b), -Infinity);
+  /** As many densities as `count` multiplied. */
+  const power = (jet, count) => jet.map((each) => count * each);
 
-  /** log(sum(exp(values))), without overflow. */
-  function logSum(values) {
-    const top = largest(values);
-    return top === -Infinity ? top : top + Math.log(values.reduce((sum, v) => sum + Math.exp(v - top), 0));
+  /** The logarithm of each component's weight; weights sum to one. */
+  function logWeights(targets) {
+    const total = targets.reduce((sum, target) => sum + (target.count ?? 1), 0);
+    return targets.map((target) => Math.log((target.count ?? 1) / total));
   }
+
+  const largest = (values) => values.reduce((a, b) => Math.max(a, b), -Infinity);
 
   /** The jet of a sum of densities: log-sum-exp; the curvatures are averaged and the gradients' scatter added. */
   function mix(jets) {
@@ -79,6 +82,11 @@ globalThis.d2d = (() => {
     return { xx: component.xx + own * p.xx, xy: problem.line ? 0 : component.xy + own * p.xy, yy };
   }
 
+  /** S of the corrupted Gaussian, the same for all pairs. */
+  function outlierSpread({ outlier, line }) {
+    return line ? { xx: outlier.xx, xy: 0, yy: UNIT_VARIANCE } : { xx: outlier.xx, xy: outlier.xy, yy: outlier.yy };
+  }
+
   /** log N(0 | d, S). */
   function logGaussian(dx, dy, s) {
     const determinant = s.xx * s.yy - s.xy * s.xy;
@@ -111,13 +119,13 @@ globalThis.d2d = (() => {
   }
 
   /** The jet of a target's position under all components, weights 1/N: its inlier or its outlier density. */
-  function positionJet(p, tx, ty, problem, outlier) {
-    const { fixed } = problem;
-    const wide = outlier && { xx: outlier.xx, xy: problem.line ? 0 : outlier.xy, yy: problem.line ? UNIT_VARIANCE : outlier.yy };
-    const pairs = fixed.map((component) => {
+  function positionJet(p, tx, ty, problem, outlying) {
+    const { fixed } = problem, weights = logWeights(fixed);
+    const wide = outlying ? outlierSpread(problem) : null;
+    const pairs = fixed.map((component, i) => {
       const dx = p.x + tx - component.x, dy = problem.line ? 0 : p.y + ty - component.y;
       const s = wide ?? spread(p, component, problem);
-      return { dx, dy, s, log: logGaussian(dx, dy, s) - Math.log(fixed.length) };
+      return { dx, dy, s, log: logGaussian(dx, dy, s) + weights[i] };
     });
     const top = largest(pairs.map((pair) => pair.log));
     const turning = !wide && problem.metric !== "p2d" && !problem.line;
@@ -227,7 +235,7 @@ globalThis.d2d = (() => {
     const own = (jet) => (chart ? inVelocity(jet, chart, interval) : jet);
     return problem.moving.map((target) => {
       const p = turned(target, cosine, sine);
-      let inlier = own(positionJet(p, tx, ty, problem, null));
+      let inlier = own(positionJet(p, tx, ty, problem, false));
       if (target.doppler) inlier = product([inlier, dopplerJet(target.doppler, theta)]);
       if (!outlier) return { jet: inlier, share: 1 };
       let other = new Array(10).fill(0);
@@ -235,7 +243,7 @@ globalThis.d2d = (() => {
         other[0] = Math.log(outlier.density);
       } else {
         inlier[0] += Math.log1p(-outlier.fraction);
-        other = own(positionJet(p, tx, ty, problem, outlier));
+        other = own(positionJet(p, tx, ty, problem, true));
         other[0] += Math.log(outlier.fraction);
       }
       if (target.doppler) other[0] -= Math.log(problem.dopplerWidth ?? 4);
@@ -247,8 +255,10 @@ globalThis.d2d = (() => {
   /** What is minimised, at theta: {value, gradient, hessian, logs, shares}; logs are log q_k of each target. */
   function evaluate(problem, theta) {
     const targets = targetJets(problem, theta);
-    const jets = targets.map((target) => target.jet);
-    const fused = problem.fusion === "summing" ? mix(jets) : product(jets);
+    const jets = targets.map((target) => target.jet), counts = problem.moving.map((target) => target.count ?? 1);
+    const fused = problem.fusion === "summing"
+      ? mix(jets.map(([log, ...rest], k) => [log + Math.log(counts[k]), ...rest]))
+      : product(jets.map((jet, k) => power(jet, counts[k])));
     const [value, g0, g1, g2, h00, h01, h02, h11, h12, h22] = fused.map((each) => -each);
     const result = { value, logs: jets.map((jet) => jet[0]), shares: targets.map((target) => target.share) };
     return problem.line // t_y and phi do not exist: a unit curvature keeps the step along them at zero
@@ -256,29 +266,31 @@ globalThis.d2d = (() => {
       : { ...result, gradient: [g0, g1, g2], hessian: [[h00, h01, h02], [h01, h11, h12], [h02, h12, h22]] };
   }
 
-  /** The cost over a grid of translations at one angle, row by row of `ys`: the same as `evaluate`, without derivatives. */
+  /** The cost over a grid of translations at one angle, row by row of `ys`: as `evaluate`, without derivatives. */
   function surface(problem, xs, ys, phi) {
     const { fixed, moving, outlier = null } = problem;
-    const cosine = Math.cos(phi), sine = Math.sin(phi), n = fixed.length;
+    const cosine = Math.cos(phi), sine = Math.sin(phi), n = fixed.length, weights = logWeights(fixed);
     const summing = problem.fusion === "summing";
     const values = new Float64Array(xs.length * ys.length).fill(summing ? -Infinity : 0);
-    const inside = outlier && outlier.fraction !== undefined ? Math.log1p(-outlier.fraction) : 0;
+    const corrupted = outlier !== null && outlier.fraction !== undefined;
+    const inside = corrupted ? Math.log1p(-outlier.fraction) : 0;
     const parts = new Float64Array(2 * n);
     for (const target of moving) {
       const p = turned(target, cosine, sine);
       // where each component would have to be moved from, the three precisions, and the logarithm at its peak
       const pairs = [];
-      for (const wide of outlier && outlier.fraction !== undefined ? [null, outlier] : [null]) {
-        for (const component of fixed) {
+      for (const wide of corrupted ? [null, outlierSpread(problem)] : [null]) {
+        for (const [i, component] of fixed.entries()) {
           const s = wide ?? spread(p, component, problem);
           const determinant = s.xx * s.yy - s.xy * s.xy;
           pairs.push([
             component.x - p.x, component.y - p.y, s.yy / determinant, -s.xy / determinant, s.xx / determinant,
-            -0.5 * Math.log(determinant) - LOG_2PI - Math.log(n) + (wide ? Math.log(outlier.fraction) : inside),
+            -0.5 * Math.log(determinant) - LOG_2PI + weights[i] + (wide ? Math.log(outlier.fraction) : inside),
           ]);
         }
       }
       const floor = outlier && outlier.density !== undefined ? Math.log(outlier.density) : -Infinity;
+      const count = target.count ?? 1;
       let cell = 0;
       for (const ty of ys) {
         for (const tx of xs) {
@@ -290,8 +302,11 @@ globalThis.d2d = (() => {
           }
           let sum = floor === -Infinity ? 0 : Math.exp(floor - top);
           for (let j = 0; j < pairs.length; j++) if (parts[j] > top - 30) sum += Math.exp(parts[j] - top);
-          const log = top + Math.log(sum);
-          values[cell] = summing ? logSum([values[cell], log]) : values[cell] + log;
+          const log = top + Math.log(sum), before = values[cell];
+          if (summing) {
+            const higher = Math.max(before, log);
+            values[cell] = higher + Math.log(Math.exp(before - higher) + count * Math.exp(log - higher));
+          } else values[cell] = before + count * log;
           cell += 1;
         }
       }
@@ -379,7 +394,8 @@ globalThis.d2d = (() => {
   /** The trust region's first radius and its scale: a rotation counts by the displacement that it causes. */
   function firstRegion(problem) {
     const planar = problem.line ? 0 : 1, own = problem.metric === "p2d" ? 0 : 1;
-    const mean = (targets, of) => targets.reduce((sum, target) => sum + of(target), 0) / targets.length;
+    const number = (target) => target.count ?? 1, total = (targets, of) => targets.reduce((sum, target) => sum + of(target), 0);
+    const mean = (targets, of) => total(targets, (target) => number(target) * of(target)) / total(targets, number);
     const size = (target) => target.xx + planar * target.yy;
     const lever = mean(problem.moving, (target) => target.x ** 2 + target.y ** 2);
     const radius = 3 * Math.sqrt(mean(problem.fixed, size) + own * mean(problem.moving, size));

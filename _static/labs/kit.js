@@ -67,7 +67,7 @@ globalThis.labs = (() => {
     return { step, values: Array.from({ length: Math.max(0, last - first + 1) }, (_, i) => (first + i) * step) };
   }
 
-  const MARGIN = { left: 46, right: 10, top: 8, bottom: 38 };
+  const MARGIN = { left: 50, right: 10, top: 8, bottom: 38 };
 
   /** Axes in an SVG that fills its box. `shape` is height over width, on a phone `narrow`; `equal` makes a metre a metre. */
   class Plot {
@@ -178,7 +178,7 @@ globalThis.labs = (() => {
       const image = new ImageData(columns, rows), scale = 1 / Math.log1p(Math.max(1e-9, high - low));
       for (let row = 0; row < rows; row++) {
         for (let column = 0; column < columns; column++) {
-          const share = Math.log1p(values[row * columns + column] - low) * scale;
+          const share = (Math.log1p(values[row * columns + column] - low) * scale) ** 1.6; // most of the shades near the bottom
           image.data.set(shade(share), 4 * ((rows - 1 - row) * columns + column));
         }
       }
@@ -271,8 +271,8 @@ globalThis.labs = (() => {
 
     plot(options) { return new Plot(this, options); }
 
-    /** A native slider for a number of the state. */
-    slider(key, { label, min, max, step, show = (v) => `${v}` }) {
+    /** A native slider for a number of the state, shown while `when()`. */
+    slider(key, { label, min, max, step, show = (v) => `${v}`, when = () => true }) {
       const input = html("input", { type: "range", min, max, step, id: `${this.id}-${key}` });
       const output = html("output", { for: input.id });
       input.addEventListener("input", () => {
@@ -284,7 +284,9 @@ globalThis.labs = (() => {
         output.textContent = show(this.state[key]);
         input.setAttribute("aria-valuetext", output.textContent);
       });
-      return html("div", { class: "lab-control" }, html("label", { for: input.id }, label), input, output);
+      const row = html("div", { class: "lab-control" }, html("label", { for: input.id }, label), input, output);
+      this.controls.push(() => (row.hidden = !when()));
+      return row;
     }
 
     /** Radio buttons for a string of the state. */

@@ -274,6 +274,34 @@ def test_the_surface_is_the_cost(page: Any):
             np.testing.assert_allclose(got, expected, rtol=1e-11)
 
 
+@pytest.mark.parametrize("fusion", ["likelihood", "summing"])
+def test_a_count_stands_for_equal_targets(page: Any, fusion: Any):
+    """Breaks if a target that counts three times is not what three equal targets are to d2d."""
+    rng = np.random.default_rng(1)
+    fixed, moving = (
+        PointSet(each.means[0], each.covariances[0]) for each in scenarios.OUTLIERS.sample(1, rng)
+    )
+    times = np.where(np.arange(fixed.size) == 2, 3, 1)
+    every = [
+        PointSet(each.means.repeat(times, axis=0), each.covariances.repeat(times, axis=0))
+        for each in (fixed, moving)
+    ]
+    at = scenarios.OUTLIERS.theta + 0.3
+    case = case_of(*every, RegistrationCost("d2d", fusion, OUTLIERS["corrupted"]), at, at)
+    counted = [
+        [{**row, "count": int(n)} for row, n in zip(targets(each), times, strict=True)]
+        for each in (fixed, moving)
+    ]
+    problem = {**case.problem, "fixed": counted[0], "moving": counted[1]}
+    got = page(EVALUATE, problem, at.tolist(), at.tolist())
+    for field in ("value", "gradient", "hessian", "theta", "covariance"):
+        expected = np.asarray(getattr(case, field))
+        scale = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(got[field], expected, atol=EXACT * scale, err_msg=field)
+    alone = page("return [...d2d.surface(...arguments)]", problem, [at[0]], [at[1]], at[2])
+    assert alone[0] == pytest.approx(case.value, rel=1e-11)
+
+
 def test_annealing_ends_where_that_of_d2d_does(page: Any):
     """Breaks if standard deviations are inflated otherwise."""
     case, _ = planar_case("corrupted", "d2d", "likelihood", 0.4)
