@@ -481,15 +481,16 @@ globalThis.d2d = (() => {
 
   /** `minimise` with the standard deviations inflated by each scale in turn, each optimum starting the next. */
   function register(problem, start = [0, 0, 0], scales = [1]) {
-    let theta = start, path = [], found = null, last = problem;
+    let theta = start, path = [], iterations = 0, found = null, last = problem;
     for (const factor of scales) {
       last = factor === 1 ? problem : inflated(problem, factor);
       found = minimise(last, theta);
       theta = found.theta;
       path = path.concat(found.path);
+      iterations += found.iterations;
     }
     if (scales.length > 1 && found.value > evaluate(last, start).value) return minimise(last, start);
-    return { ...found, path };
+    return { ...found, path, iterations };
   }
 
   // ---- Motions and measurements --------------------------------------------------------------------------------------------

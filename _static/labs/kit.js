@@ -67,7 +67,7 @@ globalThis.labs = (() => {
     return { step, values: Array.from({ length: Math.max(0, last - first + 1) }, (_, i) => (first + i) * step) };
   }
 
-  const MARGIN = { left: 50, right: 10, top: 8, bottom: 38 };
+  const MARGIN = { left: 54, right: 10, top: 8, bottom: 38 };
 
   /** Axes in an SVG that fills its box. `shape` is height over width, on a phone `narrow`; `equal` makes a metre a metre. */
   class Plot {

@@ -11,6 +11,7 @@ labs.define("plane", () => ({
   alpha: 0.2,
   width: 10, // m
   inflate: 1,
+  anneal: 0, // whether the descent steps the standard deviations down
   draw: 0,
 }), (lab) => {
   const { svg, html, fixed: number, range, letter, COSTS } = labs;
@@ -82,11 +83,11 @@ labs.define("plane", () => ({
     get: () => [lab.state.x, lab.state.y], set: (x, y) => Object.assign(lab.state, { x, y }),
   });
 
-  const BUDGET = 3e5; // pairs of a target and a component that may be worked out between two frames
+  const BUDGET = 3e5; // pairs of a target and a component that are worked out between two frames; ten times that at rest
   function paint(found, fine) {
     const { fixed, moving, cost } = lab.state;
     const pairs = (fixed.length / 2) * (moving.length / 2) * (cost === "robust" ? 2 : 1);
-    const size = fine ? 100 : Math.round(Math.min(64, Math.sqrt(BUDGET / pairs)));
+    const size = Math.round(fine ? Math.min(100, Math.sqrt((10 * BUDGET) / pairs)) : Math.min(64, Math.sqrt(BUDGET / pairs)));
     const cells = ([low, high], middle) => range(low, high, 2 * size + 1).filter((_, i) => i % 2).map((each) => each + middle);
     const began = performance.now();
     map.paint(d2d.surface(problem(), cells(map.x, TRUTH[0]), cells(map.y, TRUTH[1]), found.theta[2]), size, size);
@@ -170,13 +171,14 @@ labs.define("plane", () => ({
     html("div", { class: "lab-row" },
       panel("Targets: F squares, M circles", scene), panel("Cost, low is dark; start: white ring", map)),
     bar(lab.button("Watch the descent", watch), lab.button("Next draw", () => { lab.state.draw += 1; draw(); lab.touched("draw"); }),
-      lab.button("Add an outlier", () => { addOutlier(); lab.touched("outlier"); }), lab.reset()),
+      lab.button("Add an outlier", () => { addOutlier(); lab.touched("outlier"); }),
+      lab.check("anneal", "anneal (10, 5.5, 3.2, 1.7, 1)"), lab.reset()),
     bar(lab.slider("turn", { label: "rotation of the start", min: -60, max: 60, step: 1, show: (v) => `${number(v, 0)}°` }),
       lab.slider("inflate", { label: "inflate every σ by", min: 1, max: 10, step: 0.1, show: (v) => number(v, 1) }),
       lab.slider("alpha", { label: "share of outliers α", min: 0.01, max: 0.9, step: 0.01, show: (v) => number(v), when: robust }),
       lab.slider("width", { label: "their width σₒ", min: 1, max: 30, step: 0.5, show: (v) => `${number(v, 1)} m`, when: robust })),
   ], () => {
-    const others = Object.fromEntries(Object.keys(COSTS).map((name) => [name, d2d.register(problem(name), start())]));
+    const others = Object.fromEntries(Object.keys(COSTS).map((name) => [name, d2d.register(problem(name), start(), lab.state.anneal ? d2d.ANNEALED : [1])]));
     const found = others[lab.state.cost];
     lab.result = { problem: problem(), start: start(), found };
     drawScene(found);
