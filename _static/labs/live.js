@@ -85,7 +85,8 @@ labs.define("live", () => ({
   function tell(found) {
     const off = found.theta.map((each, i) => each - TRUTH[i]), distance = Math.hypot(off[0], off[1]);
     const inside = found.covariance && d2d.nees(off, found.covariance) < 14.156; // 3 sigma: 99.73 % of chi-square with 3 degrees of freedom
-    lab.tell(html("p", {}, labs.inlineMark(lab.state.cost), ` From here the ${COSTS[lab.state.cost].name} goes to a motion that is `,
+    const now = `The scan is shifted by ${number(lab.state.x)} m and ${number(lab.state.y)} m, and turned by ${number(lab.state.turn, 0)}°. `;
+    lab.tell(html("p", {}, now, labs.inlineMark(lab.state.cost), ` From here the ${COSTS[lab.state.cost].name} goes to a motion that is `,
       html("strong", {}, `${number(distance)} m and ${number(Math.abs(off[2]) / DEGREE, 1)}°`), " off the truth. Its covariance ",
       !found.covariance ? "is not defined." : inside ? "allows for such an error." : "says that such an error is next to impossible."));
   }
