@@ -78,8 +78,7 @@ labs.define("credible", () => ({
   function drawScatter(errors, covariances, own, judged) {
     scatter.extent([-1.5, 1.5], [-1.5, 1.5]);
     scatter.clear();
-    scatter.line([[0, -9], [0, 9]], "lab-zero");
-    scatter.line([[-9, 0], [9, 0]], "lab-zero");
+    for (const axis of ["x", "y"]) scatter.rule(axis, 0, "lab-zero");
     errors.forEach(([x, y], k) => scatter.mark("circle", x, y, 2.5, own[k] <= CHI3 ? "lab-inside" : "lab-outside"));
     if (!judged) return;
     const part = (of) => ({ xx: of(0, 0), xy: of(0, 1), yy: of(1, 1) }), sigmas = Math.sqrt(CHI2);
@@ -99,14 +98,14 @@ labs.define("credible", () => ({
     })));
     const density = (x) => Math.sqrt(x / (2 * Math.PI)) * Math.exp(-x / 2); // chi-square with 3 degrees of freedom
     histogram.line(range(0, TOP, 200).map((x) => [x, density(x) * WIDTH]), "lab-truth");
-    histogram.line([[CHI3, 0], [CHI3, 9]], "lab-zero");
-    histogram.text(CHI3 + 0.2, histogram.y[1] * 0.93, "95 % should be left of this");
+    histogram.rule("x", CHI3, "lab-zero");
+    histogram.text(CHI3 + 0.2, histogram.y[1] * 0.93, "95 % left of this");
     histogram.text(TOP - 0.2, histogram.y[1] * 0.06, "≥ 19", { "text-anchor": "end" });
   }
 
   function tell(own, judged) {
     const covered = own.nees.filter((each) => each <= CHI3).length, failed = results.length - own.nees.length;
-    const pair = (of) => [0, 1].map((i) => number(of(i))).join(", ");
+    const pair = (of) => [0, 1].map((i) => number(of(i))).join(",\u00a0");
     if (!judged) return lab.tell(html("p", {}, `${results.length} registrations so far.`));
     const { anees, bounds, inclination } = judged;
     const verdict = anees > bounds[1] ? "too small" : anees < bounds[0] ? "too large" : "credible";
@@ -115,7 +114,7 @@ labs.define("credible", () => ({
       html("p", {}, labs.inlineMark(lab.state.cost), ` ${results.length} registrations: the stated covariance is `, html("strong", {}, verdict), `${size}.`,
         failed ? ` ${failed} did not converge and are left out.` : ""),
       lab.table(["", "here", "if it were true"], [
-        ["mean NEES per dimension (ANEES)", number(anees), `${number(bounds[0])} to ${number(bounds[1])}`],
+        ["mean NEES per dimension (ANEES)", number(anees), `${number(bounds[0])} to\u00a0${number(bounds[1])}`],
         ["errors inside their own 95 % region", `${number((100 * covered) / own.nees.length, 0)} %`, "95 %"],
         ["inclination I² (dB; above 0 is optimistic)", number(inclination, 1), "0"],
         ["root mean square error in x, y (m)", pair((i) => Math.sqrt(judged.actual[i][i])), pair((i) => Math.sqrt(mean(own.covariances.map((each) => each[i][i]))))],
@@ -135,8 +134,8 @@ labs.define("credible", () => ({
       lab.button("Other noise", () => { lab.state.seed += 1; lab.touched("seed"); }), lab.reset()),
     bar(lab.slider("stated", { label: "stated σ over actual σ", min: 0.3, max: 3, step: 0.05, show: (v) => number(v) }),
       lab.slider("bias", { label: "shared bias in x", min: 0, max: 1, step: 0.02, show: (v) => `${number(v)} m` }),
-      lab.slider("echoes", { label: "count a target", min: 1, max: 6, step: 1, show: (v) => (v === 1 ? "once" : `${v} times`) }),
-      lab.choice("who", "Count so often", { one: "target D", all: "every target" })),
+      lab.choice("who", "Count", { one: "target D", all: "every target" }),
+      lab.slider("echoes", { label: "how often", min: 1, max: 6, step: 1, show: (v) => (v === 1 ? "once" : `${v} times`) })),
   ], () => {
     line.setAttribute("class", `lab-line lab-strong lab-${lab.state.cost}`);
     draw();

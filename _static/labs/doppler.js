@@ -86,7 +86,7 @@ labs.define("doppler", () => ({
   function drawFan({ now }) {
     fan.extent([-56, 56], [-14, 4]);
     fan.clear();
-    fan.line([[-99, 0], [99, 0]], "lab-zero");
+    fan.rule("y", 0, "lab-zero");
     const angles = range(-56, 56, 113);
     fan.line(angles.map((angle) => [angle, predicted(steered(), angle * DEGREE)]), "lab-robust lab-strong");
     now.forEach((target, k) => {
@@ -125,7 +125,7 @@ labs.define("doppler", () => ({
     const [vx, vy, w] = steered(), agree = now.filter((target) => agrees(target, steered())).length;
     const cells = (velocity, covariance) => velocity.map((each, i) => {
       const unit = i === 2 ? 1 / DEGREE : 1, decimals = i === 2 ? 1 : 2;
-      return number(each * unit, decimals) + (covariance ? ` ± ${number(Math.sqrt(covariance[i][i]) * unit, decimals)}` : "");
+      return number(each * unit, decimals) + (covariance ? ` ±\u00a0${number(Math.sqrt(covariance[i][i]) * unit, decimals)}` : "");
     });
     const share = Math.round(100 * found.shares[now.length - 1]);
     lab.tell(

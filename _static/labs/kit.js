@@ -154,6 +154,12 @@ globalThis.labs = (() => {
       this.add(svg("path", { d, class: `lab-line ${name}`, ...attributes }));
     }
 
+    /** A line across the whole plot at one x or one y. */
+    rule(axis, value, name) {
+      const [x, y] = axis === "x" ? [[value, value], this.y] : [this.x, [value, value]];
+      if (value >= this[axis][0] && value <= this[axis][1]) this.line([[x[0], y[0]], [x[1], y[1]]], name);
+    }
+
     mark(kind, x, y, r, name) { this.add(mark(kind, this.X(x), this.Y(y), r, { class: name })); }
 
     text(x, y, text, attributes = {}) {

@@ -74,8 +74,8 @@ labs.define("line", (data) => ({
       x.filter((at) => Math.abs(at - mean) < 5 * state.noise).map((at) => [at, floor + 0.55 * Math.exp(-0.5 * ((at - mean) / state.noise) ** 2)]), name);
     state.fixed.forEach((mean) => bell(mean, ROW, ""));
     moving().forEach((mean) => bell(mean + state.t, 0, `lab-${state.cost}`));
-    sets.line([[-8, ROW], [20, ROW]], "lab-outline");
-    sets.line([[-8, 0], [20, 0]], "lab-outline");
+    sets.rule("y", ROW, "lab-outline");
+    sets.rule("y", 0, "lab-outline");
     sets.text(-7.8, 1.92, "previous scan F");
     sets.text(-7.8, 0.4, "current scan M, moved by tₓ");
   }
@@ -111,7 +111,7 @@ labs.define("line", (data) => ({
       const own = Math.max(...logs);
       curve.line(T.map((t, i) => [t, log ? low - logs[i] + own : Math.exp(logs[i] - own)]), "lab-outline", { "stroke-opacity": 0.45, "data-target": NAMES[k] });
     });
-    curve.line([[TRUTH, -1e4], [TRUTH, 1e4]], "lab-truth");
+    curve.rule("x", TRUTH, "lab-truth");
     curve.line(T.map((t, i) => [t, costs[i]]), `lab-${state.cost} lab-strong`);
     trail.forEach((t) => curve.mark(COSTS[state.cost].mark, t, height(t), 3.5, `lab-fill-${state.cost}`));
     return { peaks: maxima(all), all };

@@ -66,7 +66,7 @@ labs.define("live", () => ({
     const low = costs.reduce((a, b) => Math.min(a, b), Infinity), top = Math.min(600, costs.reduce((a, b) => Math.max(a, b), -Infinity) - low);
     curve.extent([-8, 8], [-0.06 * top, 1.06 * top]);
     curve.clear();
-    curve.line([[TRUTH[0], -1e5], [TRUTH[0], 1e5]], "lab-truth");
+    curve.rule("x", TRUTH[0], "lab-truth");
     curve.line(xs.map((x, i) => [x, costs[i] - low]), `lab-${lab.state.cost} lab-strong`);
     const here = Math.min(top, d2d.evaluate(problem(), pose()).value - low);
     curve.mark("circle", lab.state.x, here, 7, "lab-knob");
@@ -76,8 +76,7 @@ labs.define("live", () => ({
     const [x, y] = [found.theta[0] - TRUTH[0], found.theta[1] - TRUTH[1]], size = Math.max(1, 1.3 * Math.abs(y));
     error.extent([-size, size], [-size, size]);
     error.clear();
-    error.line([[0, -99], [0, 99]], "lab-truth");
-    error.line([[-99, 0], [99, 0]], "lab-truth");
+    for (const axis of ["x", "y"]) error.rule(axis, 0, "lab-truth");
     if (found.covariance) error.ellipse(x, y, covariance(found), 3, `lab-line lab-${lab.state.cost} lab-strong`);
     error.mark(COSTS[lab.state.cost].mark, x, y, 6, `lab-fill-${lab.state.cost}`);
   }
@@ -106,8 +105,10 @@ labs.define("live", () => ({
   lab.build([
     bar(lab.costs(), lab.check("outlier", "add an outlier")),
     html("div", { class: "lab-row" },
-      panel("Drag the coloured scan; turn its ring", scene),
+      panel("Drag the coloured scan, turn it by the ring", scene),
       html("div", {}, panel("The cost if it is shifted along x", curve), panel("Where the registration ends: error and 3σ", error))),
+    html("p", { class: "lab-key" }, html("span", {}, "▷ radar, previous scan"), html("span", {}, "▶ radar, current scan"),
+      html("span", {}, "small ellipse: where the registration puts ▶"), html("span", {}, "dashed: the truth"), html("span", {}, "● in the curve: now")),
     bar(lab.button("Register from here", slide), lab.reset()),
   ], () => {
     const found = d2d.register(problem(), pose());

@@ -102,8 +102,7 @@ labs.define("plane", () => ({
     clearTimeout(refining);
     refining = setTimeout(() => paint(found, true), 250);
     const off = (theta) => [theta[0] - TRUTH[0], theta[1] - TRUTH[1]];
-    map.line([[0, -99], [0, 99]], "lab-cross");
-    map.line([[-99, 0], [99, 0]], "lab-cross");
+    for (const axis of ["x", "y"]) map.rule(axis, 0, "lab-cross");
     map.line(found.path.map(off), "lab-over");
     found.path.slice(1).forEach((theta) => map.mark("circle", ...off(theta), 2.5, "lab-step"));
     for (const [name, other] of Object.entries(others)) {
@@ -123,7 +122,7 @@ labs.define("plane", () => ({
     const rows = Object.entries(others).map(([name, found]) => {
       const error = found.theta.map((each, i) => each - TRUTH[i]);
       const sigma = found.covariance ? [0, 1, 2].map((i) => Math.sqrt(found.covariance[i][i])) : null;
-      const pm = (i, unit, decimals) => `${number(error[i] * unit, decimals)}${sigma ? ` ± ${number(sigma[i] * unit, decimals)}` : ""}`;
+      const pm = (i, unit, decimals) => `${number(error[i] * unit, decimals)}${sigma ? ` ±\u00a0${number(sigma[i] * unit, decimals)}` : ""}`;
       return [[labs.inlineMark(name), ` ${COSTS[name].name}`], pm(0, 1, 2), pm(1, 1, 2), pm(2, 1 / DEGREE, 1), found.covariance ? number(d2d.nees(error, found.covariance), 1) : "none"];
     });
     const own = others[lab.state.cost];
