@@ -181,10 +181,10 @@ globalThis.labs = (() => {
     /** Paint values over the axes' ranges, the lowest dark. `values` goes row by row from the lower left. */
     paint(values, columns, rows) {
       const low = values.reduce((a, b) => Math.min(a, b), Infinity), high = values.reduce((a, b) => Math.max(a, b), -Infinity);
-      const image = new ImageData(columns, rows), scale = 1 / Math.log1p(Math.max(1e-9, high - low));
+      const image = new ImageData(columns, rows), span = Math.max(1e-9, high - low);
       for (let row = 0; row < rows; row++) {
         for (let column = 0; column < columns; column++) {
-          const share = (Math.log1p(values[row * columns + column] - low) * scale) ** 1.6; // most of the shades near the bottom
+          const share = ((values[row * columns + column] - low) / span) ** 0.6; // more shades near the bottom
           image.data.set(shade(share), 4 * ((rows - 1 - row) * columns + column));
         }
       }

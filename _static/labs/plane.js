@@ -79,7 +79,7 @@ labs.define("plane", () => ({
 
   map.handle({
     name: "Start of the descent, relative to the truth", step: 0.25, low: -REACH, high: REACH,
-    draw: svg("circle", { class: "lab-start", r: 8 }),
+    draw: [svg("circle", { class: "lab-start-rim", r: 8 }), svg("circle", { class: "lab-start", r: 8 })],
     get: () => [lab.state.x, lab.state.y], set: (x, y) => Object.assign(lab.state, { x, y }),
   });
 
