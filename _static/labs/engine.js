@@ -100,30 +100,41 @@ globalThis.d2d = (() => {
    */
   function pairJet(log, p, dx, dy, s, turning) {
     const determinant = s.xx * s.yy - s.xy * s.xy;
-    const bxx = s.yy / determinant, bxy = -s.xy / determinant, byy = s.xx / determinant;
-    const ux = bxx * dx + bxy * dy, uy = bxy * dx + byy * dy;
+    const bxx = s.yy / determinant,
+      bxy = -s.xy / determinant,
+      byy = s.xx / determinant;
+    const ux = bxx * dx + bxy * dy,
+      uy = bxy * dx + byy * dy;
     // first and second derivative of S in the angle: [[-2b, a], [a, 2b]] and [[-2a, -4b], [-4b, 2a]]
-    const a = turning ? p.xx - p.yy : 0, b = turning ? p.xy : 0;
-    const cux = -2 * b * ux + a * uy, cuy = a * ux + 2 * b * uy; // C_phi u
-    const vx = -p.y - cux, vy = p.x - cuy; // v = d_phi - C_phi u
-    const bvx = bxx * vx + bxy * vy, bvy = bxy * vx + byy * vy;
+    const a = turning ? p.xx - p.yy : 0,
+      b = turning ? p.xy : 0;
+    const cux = -2 * b * ux + a * uy,
+      cuy = a * ux + 2 * b * uy; // C_phi u
+    const vx = -p.y - cux,
+      vy = p.x - cuy; // v = d_phi - C_phi u
+    const bvx = bxx * vx + bxy * vy,
+      bvy = bxy * vx + byy * vy;
     // M = B C_phi, for the derivatives of the determinant
-    const m00 = -2 * b * bxx + a * bxy, m01 = a * bxx + 2 * b * bxy;
-    const m10 = -2 * b * bxy + a * byy, m11 = a * bxy + 2 * b * byy;
+    const m00 = -2 * b * bxx + a * bxy,
+      m01 = a * bxx + 2 * b * bxy;
+    const m10 = -2 * b * bxy + a * byy,
+      m11 = a * bxy + 2 * b * byy;
     const g2 = ux * p.y - uy * p.x + 0.5 * (ux * cux + uy * cuy) - 0.5 * (m00 + m11);
     const bent = -a * ux * ux - 4 * b * ux * uy + a * uy * uy; // u' C_phiphi u / 2
     const trace = -2 * a * bxx - 8 * b * bxy + 2 * a * byy; // of B C_phiphi
-    const h22 = -(vx * bvx + vy * bvy) + ux * p.x + uy * p.y + bent
-      + 0.5 * (m00 * m00 + 2 * m01 * m10 + m11 * m11) - 0.5 * trace;
+    const h22 =
+      -(vx * bvx + vy * bvy) + ux * p.x + uy * p.y + bent + 0.5 * (m00 * m00 + 2 * m01 * m10 + m11 * m11) - 0.5 * trace;
     return [log, -ux, -uy, g2, -bxx, -bxy, -bvx, -byy, -bvy, h22];
   }
 
   /** The jet of a target's position under all components, weights 1/N: its inlier or its outlier density. */
   function positionJet(p, tx, ty, problem, outlying) {
-    const { fixed } = problem, weights = logWeights(fixed);
+    const { fixed } = problem,
+      weights = logWeights(fixed);
     const wide = outlying ? outlierSpread(problem) : null;
     const pairs = fixed.map((component, i) => {
-      const dx = p.x + tx - component.x, dy = problem.line ? 0 : p.y + ty - component.y;
+      const dx = p.x + tx - component.x,
+        dy = problem.line ? 0 : p.y + ty - component.y;
       const s = wide ?? spread(p, component, problem);
       return { dx, dy, s, log: logGaussian(dx, dy, s) + weights[i] };
     });
@@ -144,25 +155,50 @@ globalThis.d2d = (() => {
    */
   function exponential(x, y, w) {
     // p + iq = (exp(iw) - 1) / (iw) and its two derivatives
-    let p = 0, q = 0, p1 = 0, q1 = 0, p2 = 0, q2 = 0;
-    if (Math.abs(w) < 0.3) { // sum of (iw)^k / (k + 1)!, by Horner's rule
+    let p = 0,
+      q = 0,
+      p1 = 0,
+      q1 = 0,
+      p2 = 0,
+      q2 = 0;
+    if (Math.abs(w) < 0.3) {
+      // sum of (iw)^k / (k + 1)!, by Horner's rule
       for (let k = 12; k >= 0; k--) {
         let factorial = 1;
         for (let i = 2; i <= k + 1; i++) factorial *= i;
-        const [even, odd] = [[1, 0], [0, 1], [-1, 0], [0, -1]][k % 4];
-        p2 = p2 * w + 2 * p1; q2 = q2 * w + 2 * q1;
-        p1 = p1 * w + p; q1 = q1 * w + q;
-        p = p * w + even / factorial; q = q * w + odd / factorial;
+        const [even, odd] = [
+          [1, 0],
+          [0, 1],
+          [-1, 0],
+          [0, -1],
+        ][k % 4];
+        p2 = p2 * w + 2 * p1;
+        q2 = q2 * w + 2 * q1;
+        p1 = p1 * w + p;
+        q1 = q1 * w + q;
+        p = p * w + even / factorial;
+        q = q * w + odd / factorial;
       }
     } else {
-      const cosine = Math.cos(w), sine = Math.sin(w);
-      p = sine / w; q = (1 - cosine) / w;
-      p1 = (cosine - p) / w; q1 = (sine - q) / w;
-      p2 = (-sine - 2 * p1) / w; q2 = (cosine - 2 * q1) / w;
+      const cosine = Math.cos(w),
+        sine = Math.sin(w);
+      p = sine / w;
+      q = (1 - cosine) / w;
+      p1 = (cosine - p) / w;
+      q1 = (sine - q) / w;
+      p2 = (-sine - 2 * p1) / w;
+      q2 = (cosine - 2 * q1) / w;
     }
     return {
       motion: [p * x - q * y, p * y + q * x, w],
-      a: p, b: -q, c: p1 * x - q1 * y, d: p1 * y + q1 * x, a1: p1, b1: -q1, e: p2 * x - q2 * y, f: p2 * y + q2 * x,
+      a: p,
+      b: -q,
+      c: p1 * x - q1 * y,
+      d: p1 * y + q1 * x,
+      a1: p1,
+      b1: -q1,
+      e: p2 * x - q2 * y,
+      f: p2 * y + q2 * x,
     };
   }
 
@@ -170,9 +206,13 @@ globalThis.d2d = (() => {
   function inVelocity(jet, chart, interval) {
     const [log, g0, g1, g2, h00, h01, h02, h11, h12, h22] = jet;
     const { a, b, c, d, a1, b1, e, f } = chart;
-    const m00 = h00 * a - h01 * b, m10 = h01 * a - h11 * b;
-    const m01 = h00 * b + h01 * a, m11 = h01 * b + h11 * a;
-    const m02 = h00 * c + h01 * d + h02, m12 = h01 * c + h11 * d + h12, m22 = h02 * c + h12 * d + h22;
+    const m00 = h00 * a - h01 * b,
+      m10 = h01 * a - h11 * b;
+    const m01 = h00 * b + h01 * a,
+      m11 = h01 * b + h11 * a;
+    const m02 = h00 * c + h01 * d + h02,
+      m12 = h01 * c + h11 * d + h12,
+      m22 = h02 * c + h12 * d + h22;
     const square = interval * interval;
     return [
       log,
@@ -190,7 +230,8 @@ globalThis.d2d = (() => {
 
   /** The Doppler velocity of a static target is gain' velocity (m/s, positive when receding); slope: along the azimuth. */
   function dopplerGradients(azimuth, mounting) {
-    const cosine = Math.cos(azimuth + mounting.yaw), sine = Math.sin(azimuth + mounting.yaw);
+    const cosine = Math.cos(azimuth + mounting.yaw),
+      sine = Math.sin(azimuth + mounting.yaw);
     return {
       gain: [-cosine, -sine, mounting.y * cosine - mounting.x * sine],
       slope: [sine, -cosine, -mounting.y * sine - mounting.x * cosine],
@@ -207,12 +248,14 @@ globalThis.d2d = (() => {
 
   /** The jet of log N(value | gain' theta, variance + input variance (slope' theta)^2) in the velocity theta. */
   function dopplerJet({ value, variance, inputVariance, gain, slope }, theta) {
-    const residual = value - dot(gain, theta), along = dot(slope, theta);
+    const residual = value - dot(gain, theta),
+      along = dot(slope, theta);
     const total = variance + inputVariance * along * along;
     const e = residual / total;
     const dv = 2 * inputVariance * along; // d total / d theta = dv slope
     const first = 0.5 * (e * e - 1 / total);
-    const hh = -1 / total, hs = (-e / total) * dv;
+    const hh = -1 / total,
+      hs = (-e / total) * dv;
     const ss = first * 2 * inputVariance - ((e * e - 0.5 / total) / total) * dv * dv;
     const jet = [-0.5 * (residual * e + Math.log(total) + LOG_2PI)];
     for (let i = 0; i < 3; i++) jet.push(e * gain[i] + first * dv * slope[i]);
@@ -231,7 +274,8 @@ globalThis.d2d = (() => {
     const { interval = null, outlier = null } = problem;
     const chart = interval === null ? null : exponential(...theta.map((each) => interval * each));
     const [tx, ty, phi] = chart ? chart.motion : theta;
-    const cosine = Math.cos(phi), sine = Math.sin(phi);
+    const cosine = Math.cos(phi),
+      sine = Math.sin(phi);
     const own = (jet) => (chart ? inVelocity(jet, chart, interval) : jet);
     return problem.moving.map((target) => {
       const p = turned(target, cosine, sine);
@@ -255,21 +299,42 @@ globalThis.d2d = (() => {
   /** What is minimised, at theta: {value, gradient, hessian, logs, shares}; logs are log q_k of each target. */
   function evaluate(problem, theta) {
     const targets = targetJets(problem, theta);
-    const jets = targets.map((target) => target.jet), counts = problem.moving.map((target) => target.count ?? 1);
-    const fused = problem.fusion === "summing"
-      ? mix(jets.map(([log, ...rest], k) => [log + Math.log(counts[k]), ...rest]))
-      : product(jets.map((jet, k) => power(jet, counts[k])));
+    const jets = targets.map((target) => target.jet),
+      counts = problem.moving.map((target) => target.count ?? 1);
+    const fused =
+      problem.fusion === "summing"
+        ? mix(jets.map(([log, ...rest], k) => [log + Math.log(counts[k]), ...rest]))
+        : product(jets.map((jet, k) => power(jet, counts[k])));
     const [value, g0, g1, g2, h00, h01, h02, h11, h12, h22] = fused.map((each) => -each);
     const result = { value, logs: jets.map((jet) => jet[0]), shares: targets.map((target) => target.share) };
     return problem.line // t_y and phi do not exist: a unit curvature keeps the step along them at zero
-      ? { ...result, gradient: [g0, 0, 0], hessian: [[h00, 0, 0], [0, 1, 0], [0, 0, 1]] }
-      : { ...result, gradient: [g0, g1, g2], hessian: [[h00, h01, h02], [h01, h11, h12], [h02, h12, h22]] };
+      ? {
+          ...result,
+          gradient: [g0, 0, 0],
+          hessian: [
+            [h00, 0, 0],
+            [0, 1, 0],
+            [0, 0, 1],
+          ],
+        }
+      : {
+          ...result,
+          gradient: [g0, g1, g2],
+          hessian: [
+            [h00, h01, h02],
+            [h01, h11, h12],
+            [h02, h12, h22],
+          ],
+        };
   }
 
   /** The cost over a grid of translations at one angle, row by row of `ys`: as `evaluate`, without derivatives. */
   function surface(problem, xs, ys, phi) {
     const { fixed, moving, outlier = null } = problem;
-    const cosine = Math.cos(phi), sine = Math.sin(phi), n = fixed.length, weights = logWeights(fixed);
+    const cosine = Math.cos(phi),
+      sine = Math.sin(phi),
+      n = fixed.length,
+      weights = logWeights(fixed);
     const summing = problem.fusion === "summing";
     const values = new Float64Array(xs.length * ys.length).fill(summing ? -Infinity : 0);
     const corrupted = outlier !== null && outlier.fraction !== undefined;
@@ -284,7 +349,11 @@ globalThis.d2d = (() => {
           const s = wide ?? spread(p, component, problem);
           const determinant = s.xx * s.yy - s.xy * s.xy;
           pairs.push([
-            component.x - p.x, component.y - p.y, s.yy / determinant, -s.xy / determinant, s.xx / determinant,
+            component.x - p.x,
+            component.y - p.y,
+            s.yy / determinant,
+            -s.xy / determinant,
+            s.xx / determinant,
             -0.5 * Math.log(determinant) - LOG_2PI + weights[i] + (wide ? Math.log(outlier.fraction) : inside),
           ]);
         }
@@ -296,13 +365,16 @@ globalThis.d2d = (() => {
         for (const tx of xs) {
           let top = floor;
           for (let j = 0; j < pairs.length; j++) {
-            const pair = pairs[j], dx = tx - pair[0], dy = ty - pair[1];
+            const pair = pairs[j],
+              dx = tx - pair[0],
+              dy = ty - pair[1];
             parts[j] = pair[5] - 0.5 * (pair[2] * dx * dx + 2 * pair[3] * dx * dy + pair[4] * dy * dy);
             if (parts[j] > top) top = parts[j];
           }
           let sum = floor === -Infinity ? 0 : Math.exp(floor - top);
           for (let j = 0; j < pairs.length; j++) if (parts[j] > top - 30) sum += Math.exp(parts[j] - top);
-          const log = top + Math.log(sum), before = values[cell];
+          const log = top + Math.log(sum),
+            before = values[cell];
           if (summing) {
             const higher = Math.max(before, log);
             values[cell] = higher + Math.log(Math.exp(before - higher) + count * Math.exp(log - higher));
@@ -317,27 +389,42 @@ globalThis.d2d = (() => {
   // ---- Newton's method in a trust region, step for step that of d2d ------------------------------------------------------
 
   const SINGULAR = 1e-8; // a pivot below this part of its diagonal counts as zero
-  const TOLERANCE = 1e-14, RESOLVED = 1e-8, ROUNDING = 2e-15, MAX_ITERATIONS = 200;
+  const TOLERANCE = 1e-14,
+    RESOLVED = 1e-8,
+    ROUNDING = 2e-15,
+    MAX_ITERATIONS = 200;
 
   /** Solve (H + shift diag(scale)) step = -g by L D L'; null unless positive definite; `slope` as the search needs it. */
   function shiftedSolve(h, g, shift, scale) {
     const d0 = h[0][0] + shift * scale[0];
     if (!(d0 > SINGULAR * Math.abs(h[0][0]))) return null;
-    const l10 = h[1][0] / d0, l20 = h[2][0] / d0;
+    const l10 = h[1][0] / d0,
+      l20 = h[2][0] / d0;
     const d1 = h[1][1] + shift * scale[1] - l10 * h[1][0];
     if (!(d1 > SINGULAR * Math.abs(h[1][1]))) return null;
-    const e21 = h[2][1] - l20 * h[1][0], l21 = e21 / d1;
+    const e21 = h[2][1] - l20 * h[1][0],
+      l21 = e21 / d1;
     const d2 = h[2][2] + shift * scale[2] - l20 * h[2][0] - l21 * e21;
     if (!(d2 > SINGULAR * Math.abs(h[2][2]))) return null;
-    const y0 = -g[0], y1 = -g[1] - l10 * y0, y2 = -g[2] - l20 * y0 - l21 * y1;
-    const s2 = y2 / d2, s1 = y1 / d1 - l21 * s2, s0 = y0 / d0 - l10 * s1 - l20 * s2;
-    const z0 = scale[0] * s0, z1 = scale[1] * s1 - l10 * z0, z2 = scale[2] * s2 - l20 * z0 - l21 * z1;
+    const y0 = -g[0],
+      y1 = -g[1] - l10 * y0,
+      y2 = -g[2] - l20 * y0 - l21 * y1;
+    const s2 = y2 / d2,
+      s1 = y1 / d1 - l21 * s2,
+      s0 = y0 / d0 - l10 * s1 - l20 * s2;
+    const z0 = scale[0] * s0,
+      z1 = scale[1] * s1 - l10 * z0,
+      z2 = scale[2] * s2 - l20 * z0 - l21 * z1;
     return { step: [s0, s1, s2], slope: (z0 * z0) / d0 + (z1 * z1) / d1 + (z2 * z2) / d2 };
   }
 
   /** The inverse of a positive definite 3 x 3 matrix; null if it is not. */
   function inverse3(h) {
-    const columns = [[-1, 0, 0], [0, -1, 0], [0, 0, -1]].map((unit) => shiftedSolve(h, unit, 0, [1, 1, 1])?.step);
+    const columns = [
+      [-1, 0, 0],
+      [0, -1, 0],
+      [0, 0, -1],
+    ].map((unit) => shiftedSolve(h, unit, 0, [1, 1, 1])?.step);
     if (!columns[0]) return null;
     return [0, 1, 2].map((i) => [0, 1, 2].map((j) => columns[Math.min(i, j)][Math.max(i, j)]));
   }
@@ -350,7 +437,12 @@ globalThis.d2d = (() => {
   function toBoundary(h, g, shift, scale, radius, generic, step) {
     const length = lengthIn(scale, step);
     if (shiftedSolve(h, g, 0, scale) || length >= 0.9 * radius) return step;
-    const along = shiftedSolve(h, generic.map((each, i) => each * Math.sqrt(scale[i])), shift, scale)?.step;
+    const along = shiftedSolve(
+      h,
+      generic.map((each, i) => each * Math.sqrt(scale[i])),
+      shift,
+      scale,
+    )?.step;
     if (!along) return step;
     const size = lengthIn(scale, along);
     const onStep = along.reduce((sum, a, i) => sum + a * scale[i] * step[i], 0) / size;
@@ -362,7 +454,8 @@ globalThis.d2d = (() => {
 
   /** Minimise the quadratic model within the radius (More & Sorensen 1983). */
   function trustRegionStep(h, g, scale, radius, generic) {
-    let low = 0, high = 0;
+    let low = 0,
+      high = 0;
     for (let i = 0; i < 3; i++) {
       let off = 0;
       for (let j = 0; j < 3; j++) if (j !== i) off += Math.abs(h[i][j]) / Math.sqrt(scale[i] * scale[j]);
@@ -370,7 +463,9 @@ globalThis.d2d = (() => {
       high = Math.max(high, Math.abs(h[i][i] / scale[i]) + off);
     }
     high += Math.sqrt(g.reduce((sum, each, i) => sum + (each * each) / scale[i], 0)) / radius;
-    let shift = low === 0 ? 0 : low + 1e-3 * (high - low), solved = null, step = [0, 0, 0];
+    let shift = low === 0 ? 0 : low + 1e-3 * (high - low),
+      solved = null,
+      step = [0, 0, 0];
     for (let tried = 0; tried < 60; tried++) {
       solved = shiftedSolve(h, g, shift, scale);
       if (!solved) {
@@ -393,8 +488,10 @@ globalThis.d2d = (() => {
 
   /** The trust region's first radius and its scale: a rotation counts by the displacement that it causes. */
   function firstRegion(problem) {
-    const planar = problem.line ? 0 : 1, own = problem.metric === "p2d" ? 0 : 1;
-    const number = (target) => target.count ?? 1, total = (targets, of) => targets.reduce((sum, target) => sum + of(target), 0);
+    const planar = problem.line ? 0 : 1,
+      own = problem.metric === "p2d" ? 0 : 1;
+    const number = (target) => target.count ?? 1,
+      total = (targets, of) => targets.reduce((sum, target) => sum + of(target), 0);
     const mean = (targets, of) => total(targets, (target) => number(target) * of(target)) / total(targets, number);
     const size = (target) => target.xx + planar * target.yy;
     const lever = mean(problem.moving, (target) => target.x ** 2 + target.y ** 2);
@@ -414,11 +511,21 @@ globalThis.d2d = (() => {
    */
   function minimise(problem, start) {
     let { radius, scale, generic } = firstRegion(problem);
-    let theta = [...start], trial = [...start], at = null, path = [];
-    let decrement = Infinity, step = [0, 0, 0], gainExpected = Infinity, norm = Infinity, tried = 0, converged = false;
+    let theta = [...start],
+      trial = [...start],
+      at = null,
+      path = [];
+    let decrement = Infinity,
+      step = [0, 0, 0],
+      gainExpected = Infinity,
+      norm = Infinity,
+      tried = 0,
+      converged = false;
     const newton = (place) => {
       const solved = shiftedSolve(place.hessian, place.gradient, 0, scale);
-      return solved ? { step: solved.step, decrement: -dot(place.gradient, solved.step) } : { step: null, decrement: Infinity };
+      return solved
+        ? { step: solved.step, decrement: -dot(place.gradient, solved.step) }
+        : { step: null, decrement: Infinity };
     };
     for (tried = 0; tried <= MAX_ITERATIONS; tried++) {
       const next = evaluate(problem, trial);
@@ -467,7 +574,10 @@ globalThis.d2d = (() => {
   function inflated(problem, factor) {
     const square = factor * factor;
     const wider = (target) => ({
-      ...target, xx: square * target.xx, xy: square * target.xy, yy: square * target.yy,
+      ...target,
+      xx: square * target.xx,
+      xy: square * target.xy,
+      yy: square * target.yy,
       ...(target.doppler && {
         doppler: {
           ...target.doppler,
@@ -481,7 +591,11 @@ globalThis.d2d = (() => {
 
   /** `minimise` with the standard deviations inflated by each scale in turn, each optimum starting the next. */
   function register(problem, start = [0, 0, 0], scales = [1]) {
-    let theta = start, path = [], iterations = 0, found = null, last = problem;
+    let theta = start,
+      path = [],
+      iterations = 0,
+      found = null,
+      last = problem;
     for (const factor of scales) {
       last = factor === 1 ? problem : inflated(problem, factor);
       found = minimise(last, theta);
@@ -505,14 +619,17 @@ globalThis.d2d = (() => {
 
   /** The motion that undoes another. */
   function inverseMotion([tx, ty, phi]) {
-    const cosine = Math.cos(phi), sine = Math.sin(phi);
+    const cosine = Math.cos(phi),
+      sine = Math.sin(phi);
     return [-(cosine * tx + sine * ty), sine * tx - cosine * ty, -phi];
   }
 
   /** A target measured in polar coordinates (m, rad), its covariance to first order. */
   function fromPolar(range, azimuth, sigmaRange, sigmaAzimuth) {
-    const cosine = Math.cos(azimuth), sine = Math.sin(azimuth);
-    const radial = sigmaRange ** 2, across = (range * sigmaAzimuth) ** 2;
+    const cosine = Math.cos(azimuth),
+      sine = Math.sin(azimuth);
+    const radial = sigmaRange ** 2,
+      across = (range * sigmaAzimuth) ** 2;
     return {
       x: range * cosine,
       y: range * sine,
@@ -524,7 +641,8 @@ globalThis.d2d = (() => {
 
   /** Semi-axes and direction (rad) of the ellipse of `sigmas` standard deviations of {xx, xy, yy}. */
   function ellipse({ xx, xy, yy }, sigmas = 3) {
-    const middle = 0.5 * (xx + yy), root = Math.hypot(0.5 * (xx - yy), xy);
+    const middle = 0.5 * (xx + yy),
+      root = Math.hypot(0.5 * (xx - yy), xy);
     return {
       major: sigmas * Math.sqrt(middle + root),
       minor: sigmas * Math.sqrt(Math.max(0, middle - root)),
@@ -566,7 +684,8 @@ globalThis.d2d = (() => {
 
   /** A generator of standard normal numbers from a seed: mulberry32, and Box & Muller. */
   function normals(seed) {
-    let state = seed >>> 0, spare = null;
+    let state = seed >>> 0,
+      spare = null;
     const uniform = () => {
       state = (state + 0x6d2b79f5) >>> 0;
       let t = Math.imul(state ^ (state >>> 15), 1 | state);
@@ -579,15 +698,30 @@ globalThis.d2d = (() => {
         spare = null;
         return kept;
       }
-      const radius = Math.sqrt(-2 * Math.log(1 - uniform())), angle = 2 * Math.PI * uniform();
+      const radius = Math.sqrt(-2 * Math.log(1 - uniform())),
+        angle = 2 * Math.PI * uniform();
       spare = radius * Math.sin(angle);
       return radius * Math.cos(angle);
     };
   }
 
   return {
-    evaluate, surface, minimise, register, inflated, inverse3, exponential, move, inverseMotion, fromPolar, ellipse,
-    dopplerGradients, dopplerMeasurement, nees, credibility, normals,
+    evaluate,
+    surface,
+    minimise,
+    register,
+    inflated,
+    inverse3,
+    exponential,
+    move,
+    inverseMotion,
+    fromPolar,
+    ellipse,
+    dopplerGradients,
+    dopplerMeasurement,
+    nees,
+    credibility,
+    normals,
     ANNEALED: [10, 5.5, 3.2, 1.7, 1],
   };
 })();

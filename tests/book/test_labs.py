@@ -26,6 +26,7 @@ from d2d import CorruptedGaussian, PointSet, RegistrationCost, _kernel
 from d2d.measurement import LinearMeasurement
 from d2d.problem import Pair, Problem
 from d2d.registration import anneal
+from d2d.study.plane.scenarios import EIGHT_TARGETS, OVERLAPPED
 from tests.book import browser
 
 Array = NDArray[np.float64]
@@ -110,7 +111,7 @@ def doppler(problem: dict[str, Any], interval: float) -> LinearMeasurement:
     )
 
 
-# ---- A hand on the page ------------------------------------------------------------------------
+# ---- Real events in the page --------------------------------------------------------------------
 
 
 class Hand:
@@ -315,8 +316,8 @@ def test_without_scripts_it_points_to_the_printed_figure(
 
 
 @EACH_LAB
-def test_it_is_told_to_who_cannot_see_it(lab: Laboratory, hand: Hand, address: str):
-    """Everything that can be worked has a name, and results are spoken."""
+def test_controls_have_names_and_results_are_announced(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if a screen reader finds a control without a name, or hears no result."""
     hand.open(f"{address}{lab.page}.html")
     nameless = """[...lab.element.querySelectorAll('input, button, [tabindex="0"]')]
       .filter((each) => !each.getAttribute('aria-label') && !each.textContent.trim())
@@ -329,10 +330,8 @@ def test_it_is_told_to_who_cannot_see_it(lab: Laboratory, hand: Hand, address: s
 
 
 @pytest.mark.parametrize("lab", [LABS[1]], ids=["lab-line"])
-def test_nothing_moves_by_itself_where_motion_is_unwelcome(
-    lab: Laboratory, hand: Hand, address: str
-):
-    """With reduced motion the ball is at the bottom at once."""
+def test_reduced_motion_skips_the_animation(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if the ball still rolls for a reader whose system asks for less motion."""
     feature = {"name": "prefers-reduced-motion", "value": "reduce"}
     hand.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
     hand.driver.get("about:blank")
@@ -341,6 +340,17 @@ def test_nothing_moves_by_itself_where_motion_is_unwelcome(
     hand.driver.execute_script("document.querySelector('#lab-line .lab-button').click()")
     shown = hand.ask("({t: lab.state.t, problem: lab.result.problem})")
     assert shown["t"] == pytest.approx(optimum(shown["problem"], [6.4]).item(), abs=1e-6)
+
+
+@pytest.mark.parametrize("lab", [LABS[3]], ids=["lab-plane"])
+def test_the_scene_is_that_of_the_study(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if the laboratories of the plane leave the scene that chapter 6 evaluates."""
+    hand.open(f"{address}{lab.page}.html")
+    scene = hand.ask("labs.SCENE")
+    assert scene["polar"] == EIGHT_TARGETS.tolist()
+    np.testing.assert_allclose(scene["theta"], OVERLAPPED.theta)
+    assert scene["sigmaRange"] == OVERLAPPED.sigma_range
+    assert scene["sigmaAzimuth"] == OVERLAPPED.sigma_azimuth
 
 
 def test_only_pages_with_a_laboratory_load_one(book: Path):
