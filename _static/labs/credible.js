@@ -105,7 +105,10 @@ labs.define(
     const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
 
     function drawScatter(errors, covariances, own, judged) {
-      scatter.extent([-1.5, 1.5], [-1.5, 1.5]);
+      // wide enough for the stated ellipse, in steps, so that the axes do not move with every run
+      const widest = 2.45 * Math.sqrt(Math.max(0, ...covariances.map((each) => Math.max(each[0][0], each[1][1]))));
+      const size = [1.5, 3, 6].find((each) => each > 0.9 * widest) ?? 12;
+      scatter.extent([-size, size], [-size, size]);
       scatter.clear();
       for (const axis of ["x", "y"]) scatter.rule(axis, 0, "lab-zero");
       errors.forEach(([x, y], k) => scatter.mark("circle", x, y, 2.5, own[k] <= CHI3 ? "lab-inside" : "lab-outside"));
