@@ -27,7 +27,7 @@ IPYKERNEL_CONFIG := c.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup book html record test test-book lowest coverage notebooks lint format bench sweep lab radarscenes nuscenes clean distclean
+.PHONY: help setup book html record test test-book test-engine lowest coverage notebooks lint format bench sweep lab radarscenes nuscenes clean distclean
 
 help: ## List what can be made (default)
 	@awk 'BEGIN { FS = ":.*## " } /^[a-z-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -95,6 +95,9 @@ test: $(STAMP) ## Run the tests, then every notebook against its stored outputs
 
 test-book: $(VENV)/.book-test _build/html/index.html ## Test the built book in a real browser, if one is installed
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup tests/book
+
+test-engine: $(VENV)/.book-test ## Compare the engine of the laboratories with d2d, in a real browser
+	$(BIN)/python -m pytest tests/book/test_engine.py
 
 $(VENV)/.book-test: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'd2d[book-test]'

@@ -1,0 +1,263 @@
+// "Is this covariance true?": hundreds of registrations of one scene, their errors beside the covariances that they state.
+labs.define(
+  "credible",
+  () => ({
+    cost: "likelihood",
+    runs: 100,
+    stated: 1, // stated over actual standard deviation of the targets
+    echoes: 1, // how often the echoed target or targets are counted
+    who: "one", // which are: one target, or all
+    bias: 0, // m along x, of all targets of the current scan
+    seed: 1,
+  }),
+  (lab) => {
+    const { svg, html, fixed: number, range, clamp, bar, panel, formOf, COSTS, SCENE } = labs;
+    const { theta: TRUTH, sigmaRange: SIGMA_RANGE, sigmaAzimuth: SIGMA_AZIMUTH } = SCENE,
+      MOST = 1000;
+    const inPolar = ({ x, y }) => ({ azimuth: Math.atan2(y, x), distance: Math.hypot(x, y) });
+    const FIXED = labs.SCENE_TARGETS.map(inPolar);
+    const MOVING = labs.SCENE_TARGETS.map((p) => inPolar(d2d.move(p, d2d.inverseMotion(TRUTH))));
+    lab.sound = (state) =>
+      state.cost in COSTS &&
+      state.runs >= 1 &&
+      state.runs <= MOST &&
+      state.stated > 0.1 &&
+      state.echoes >= 1 &&
+      state.echoes <= 10;
+
+    const scatter = lab.plot({
+      label: "Errors of the translation",
+      xlabel: "error in x (m)",
+      ylabel: "error in y (m)",
+      shape: 0.95,
+      equal: true,
+    });
+    const histogram = lab.plot({
+      label: "Histogram of the NEES",
+      xlabel: "NEES",
+      ylabel: "share of runs",
+      shape: 0.95,
+    });
+
+    // ---- Registrations, a few in each frame -------------------------------------------------------------------------------------
+
+    let results = [],
+      noise = null,
+      made = "";
+
+    /** One registration: fresh noise, from the truth. */
+    function run() {
+      const { state } = lab;
+      const sigmas = [SIGMA_RANGE * state.stated, SIGMA_AZIMUTH * state.stated];
+      const observe = (targets, shift) =>
+        targets.map(({ distance, azimuth }, i) => {
+          const target = d2d.fromPolar(distance + SIGMA_RANGE * noise(), azimuth + SIGMA_AZIMUTH * noise(), ...sigmas);
+          const count = state.who === "all" || i === 3 ? state.echoes : 1; // D is in the middle of the scene
+          return { ...target, x: target.x + shift, count };
+        });
+      const problem = {
+        fixed: observe(FIXED, 0),
+        moving: observe(MOVING, state.bias),
+        ...formOf(state.cost),
+      };
+      const found = d2d.minimise(problem, TRUTH);
+      return {
+        problem,
+        theta: found.theta,
+        error: found.theta.map((each, i) => each - TRUTH[i]),
+        covariance: found.covariance,
+      };
+    }
+
+    /** Begin again where anything but the number of runs changed; the noise stays the same, so that pictures compare. */
+    function ready() {
+      const { runs, ...rest } = lab.state,
+        now = JSON.stringify(rest);
+      if (now !== made) {
+        made = now;
+        results = [];
+        noise = d2d.normals(lab.state.seed);
+      }
+      results.length = Math.min(results.length, runs);
+      const began = performance.now();
+      while (results.length < runs && performance.now() - began < 12) results.push(run());
+      if (results.length < runs) lab.update();
+    }
+
+    // ---- Pictures ---------------------------------------------------------------------------------------------------------------
+
+    const CHI3 = 7.814728,
+      CHI2 = 5.991465; // 95 % of chi-square with 3 and 2 degrees of freedom
+
+    function draw() {
+      ready();
+      const good = results.filter((result) => result.covariance);
+      const errors = good.map((result) => result.error),
+        covariances = good.map((result) => result.covariance);
+      const judged = good.length > 3 ? d2d.credibility(errors, covariances) : null;
+      lab.result = { results, judged };
+      const own = good.map((result, k) => (judged ? judged.nees[k] : d2d.nees(result.error, result.covariance)));
+      drawScatter(errors, covariances, own, judged);
+      drawHistogram(own);
+      tell({ nees: own, covariances }, judged);
+    }
+
+    const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
+
+    function drawScatter(errors, covariances, own, judged) {
+      // wide enough for the stated ellipse, in steps, so that the axes do not move with every run
+      const widest = 2.45 * Math.sqrt(Math.max(0, ...covariances.map((each) => Math.max(each[0][0], each[1][1]))));
+      const size = [1.5, 3, 6].find((each) => each > 0.9 * widest) ?? 12;
+      scatter.extent([-size, size], [-size, size]);
+      scatter.clear();
+      for (const axis of ["x", "y"]) scatter.rule(axis, 0, "lab-zero");
+      errors.forEach(([x, y], k) => scatter.mark("circle", x, y, 2.5, own[k] <= CHI3 ? "lab-inside" : "lab-outside"));
+      if (!judged) return;
+      const part = (of) => ({ xx: of(0, 0), xy: of(0, 1), yy: of(1, 1) }),
+        sigmas = Math.sqrt(CHI2);
+      scatter.ellipse(
+        0,
+        0,
+        part((i, j) => mean(covariances.map((each) => each[i][j]))),
+        sigmas,
+        `lab-line lab-strong lab-${lab.state.cost}`,
+      );
+      scatter.ellipse(
+        0,
+        0,
+        part((i, j) => judged.actual[i][j]),
+        sigmas,
+        "lab-truth",
+      );
+    }
+
+    const WIDTH = 1,
+      TOP = 20; // of a bar, and of the last one, which takes all above it
+    function drawHistogram(own) {
+      const bars = new Array(TOP).fill(0);
+      for (const each of own) bars[clamp(Math.floor(each / WIDTH), 0, TOP - 1)] += 1 / Math.max(1, own.length);
+      histogram.extent([0, TOP], [0, Math.max(0.3, ...bars) * 1.06]);
+      histogram.clear();
+      bars.forEach((share, i) =>
+        histogram.add(
+          svg("rect", {
+            class: `lab-fill-${lab.state.cost}`,
+            "fill-opacity": 0.6,
+            x: histogram.X(i * WIDTH) + 0.5,
+            width: histogram.X(WIDTH) - histogram.X(0) - 1,
+            y: histogram.Y(share),
+            height: Math.max(0, histogram.Y(0) - histogram.Y(share)),
+          }),
+        ),
+      );
+      const density = (x) => Math.sqrt(x / (2 * Math.PI)) * Math.exp(-x / 2); // chi-square with 3 degrees of freedom
+      histogram.line(
+        range(0, TOP, 200).map((x) => [x, density(x) * WIDTH]),
+        "lab-truth",
+      );
+      histogram.rule("x", CHI3, "lab-zero");
+      histogram.text(CHI3 + 0.2, histogram.y[1] * 0.93, "95 % left of this");
+      histogram.text(TOP - 0.2, histogram.y[1] * 0.06, "≥ 19", { "text-anchor": "end" });
+    }
+
+    function tell(own, judged) {
+      const covered = own.nees.filter((each) => each <= CHI3).length,
+        failed = results.length - own.nees.length;
+      const pair = (of) => [0, 1].map((i) => number(of(i))).join(",\u00a0");
+      if (!judged) return lab.tell(html("p", {}, `${results.length} registrations so far.`));
+      const { anees, bounds, inclination } = judged;
+      const verdict = anees > bounds[1] ? "too small" : anees < bounds[0] ? "too large" : "credible";
+      const size =
+        verdict === "credible" ? "" : ` by a factor of ${number(anees > 1 ? anees : 1 / anees, 1)} in the variance`;
+      lab.tell(
+        html(
+          "p",
+          {},
+          labs.inlineMark(lab.state.cost),
+          ` ${results.length} registrations: the stated covariance is `,
+          html("strong", {}, verdict),
+          `${size}.`,
+          failed ? ` ${failed} did not converge and are left out.` : "",
+        ),
+        lab.table(
+          ["", "here", "expected"],
+          [
+            ["mean NEES per dimension (ANEES)", number(anees), `${number(bounds[0])} to\u00a0${number(bounds[1])}`],
+            ["errors inside their own 95 % region", `${number((100 * covered) / own.nees.length, 0)} %`, "95 %"],
+            ["inclination I² (dB; above 0 is optimistic)", number(inclination, 1), "0"],
+            [
+              "root mean square error in x, y (m)",
+              pair((i) => Math.sqrt(judged.actual[i][i])),
+              pair((i) => Math.sqrt(mean(own.covariances.map((each) => each[i][i])))),
+            ],
+          ],
+        ),
+      );
+    }
+
+    const key = (name, text) =>
+      html(
+        "span",
+        {},
+        svg(
+          "svg",
+          { class: "lab-key-line", viewBox: "0 0 28 10", "aria-hidden": "true" },
+          svg("path", { d: "M1,5H27", class: name }),
+        ),
+        ` ${text}`,
+      );
+    const stated = key("lab-line lab-strong", "stated 95 % ellipse"),
+      line = stated.querySelector("path");
+    lab.build(
+      [
+        bar(lab.costs()),
+        html(
+          "div",
+          { class: "lab-row" },
+          panel("Errors of the registrations", scatter),
+          panel("Errors in units of what was stated", histogram),
+        ),
+        html(
+          "p",
+          { class: "lab-key" },
+          stated,
+          key("lab-truth", "95 % ellipse of the errors; expected histogram"),
+          html("span", {}, "● inside its own 95 % region, ○ outside"),
+        ),
+        bar(
+          lab.button("100 more registrations", () => {
+            lab.state.runs = Math.min(MOST, lab.state.runs + 100);
+            lab.touched("runs");
+          }),
+          lab.button("Other noise", () => {
+            lab.state.seed += 1;
+            lab.touched("seed");
+          }),
+          lab.reset(),
+        ),
+        bar(
+          lab.slider("stated", {
+            label: "stated σ over actual σ",
+            min: 0.3,
+            max: 3,
+            step: 0.05,
+            show: (v) => number(v),
+          }),
+          lab.slider("bias", { label: "shared bias in x", min: 0, max: 1, step: 0.02, show: (v) => `${number(v)} m` }),
+          lab.choice("who", "Count", { one: "target D", all: "every target" }),
+          lab.slider("echoes", {
+            label: "how often",
+            min: 1,
+            max: 6,
+            step: 1,
+            show: (v) => (v === 1 ? "once" : `${v} times`),
+          }),
+        ),
+      ],
+      () => {
+        line.setAttribute("class", `lab-line lab-strong lab-${lab.state.cost}`);
+        draw();
+      },
+    );
+  },
+);

@@ -1,0 +1,346 @@
+// The Doppler fan: one scan of a radar on a car. Steer the velocity until the predicted Doppler velocities meet the measured
+// ones; a mover sticks out, unless it crosses the line of sight.
+labs.define(
+  "doppler",
+  () => ({
+    vx: 3, // m/s, m/s, deg/s: what is steered
+    vy: 0,
+    w: 0,
+    px: 22, // m: the mover, in the vehicle frame
+    py: 2.5,
+    speed: 5, // m/s, over ground
+    heading: 0, // deg from straight ahead
+    use: "both",
+    drive: 0,
+  }),
+  (lab) => {
+    const { svg, html, fixed: number, range, bar, corrupted } = labs;
+    const DEGREE = Math.PI / 180,
+      MOUNTING = { x: 3.6, y: 0, yaw: 0 },
+      INTERVAL = 0.1;
+    const SIGMA_RANGE = 0.15,
+      SIGMA_AZIMUTH = 0.5 * DEGREE,
+      SIGMA_DOPPLER = 0.1;
+    lab.sound = (state) => ["both", "positions"].includes(state.use) && state.drive >= 0;
+
+    // a street: a wall to the left, parked cars to the right, poles
+    const STREET = [
+      [9, 6.5],
+      [12, 6.6],
+      [15, 6.4],
+      [18, 6.6],
+      [21, 6.5],
+      [24, 6.6],
+      [28, 6.5],
+      [32, 6.4],
+      [8.5, -4.2],
+      [11, -4.5],
+      [13, -4.3],
+      [17, -4.4],
+      [19.5, -4.5],
+      [25, -4.3],
+      [27.5, -4.5],
+      [34, -4.4],
+      [14, 1.2],
+      [30, -1],
+      [36, 3],
+      [20, -8],
+      [26, 9.5],
+    ].map(([x, y]) => ({ x, y }));
+
+    const fan = lab.plot({
+      label: "Doppler velocity over azimuth",
+      xlabel: "azimuth (°), left is positive",
+      ylabel: "Doppler velocity (m/s)",
+      shape: 0.5,
+      narrow: 0.85,
+    });
+    const top = lab.plot({
+      label: "The scan from above",
+      xlabel: "x (m), ahead",
+      ylabel: "y (m), left",
+      shape: 0.5,
+      narrow: 0.72,
+      equal: true,
+    });
+
+    const steered = () => [lab.state.vx, lab.state.vy, lab.state.w * DEGREE];
+
+    /** The velocity that the scans were made at: not shown until asked for. */
+    function truth() {
+      const noise = d2d.normals(100 + lab.state.drive);
+      return lab.state.drive === 0 ? [6, 0.2, 15 * DEGREE] : [7 + 2 * noise(), 0.3 * noise(), 15 * DEGREE * noise()];
+    }
+
+    /** The previous and the current scan; the mover is the last target of both. */
+    function scans() {
+      const { px, py, speed, heading, drive } = lab.state,
+        velocity = truth(),
+        noise = d2d.normals(drive);
+      const own = [speed * Math.cos(heading * DEGREE), speed * Math.sin(heading * DEGREE)];
+      const { motion } = d2d.exponential(...velocity.map((each) => each * INTERVAL));
+      const seen = ({ x, y }) => {
+        const distance = Math.hypot(x - MOUNTING.x, y - MOUNTING.y) + SIGMA_RANGE * noise();
+        const azimuth = Math.atan2(y - MOUNTING.y, x - MOUNTING.x) + SIGMA_AZIMUTH * noise();
+        const target = d2d.fromPolar(distance, azimuth, SIGMA_RANGE, SIGMA_AZIMUTH);
+        return { ...target, x: target.x + MOUNTING.x, azimuth };
+      };
+      const places = [...STREET, { x: px, y: py }];
+      const before = places.map((place, i) => {
+        const there = d2d.move(
+          i < STREET.length ? place : { x: px - own[0] * INTERVAL, y: py - own[1] * INTERVAL },
+          motion,
+        );
+        return seen(there);
+      });
+      const now = places.map((place, i) => {
+        const target = seen(place),
+          angle = Math.atan2(place.y - MOUNTING.y, place.x - MOUNTING.x);
+        const moves = i < STREET.length ? 0 : own[0] * Math.cos(angle) + own[1] * Math.sin(angle);
+        const doppler = predicted(velocity, angle) + moves + SIGMA_DOPPLER * noise();
+        return {
+          ...target,
+          measured: doppler,
+          doppler: d2d.dopplerMeasurement(doppler, target.azimuth, SIGMA_DOPPLER, SIGMA_AZIMUTH, MOUNTING),
+        };
+      });
+      return { before, now };
+    }
+
+    function predicted(velocity, azimuth) {
+      const { gain } = d2d.dopplerGradients(azimuth, MOUNTING);
+      return gain.reduce((sum, each, i) => sum + each * velocity[i], 0);
+    }
+
+    /** Whether a measured Doppler velocity agrees with the steered one: within three standard deviations. */
+    function agrees(target, velocity) {
+      const { slope } = d2d.dopplerGradients(target.azimuth, MOUNTING),
+        along = slope.reduce((sum, each, i) => sum + each * velocity[i], 0);
+      return (
+        Math.abs(target.measured - predicted(velocity, target.azimuth)) <
+        3 * Math.hypot(SIGMA_DOPPLER, SIGMA_AZIMUTH * along)
+      );
+    }
+
+    function problem({ before, now }) {
+      const moving = lab.state.use === "both" ? now : now.map(({ doppler, ...target }) => target);
+      return { fixed: before, moving, fusion: "likelihood", outlier: corrupted(), interval: INTERVAL, dopplerWidth: 4 };
+    }
+
+    // ---- Pictures ---------------------------------------------------------------------------------------------------------------
+
+    top.handle({
+      name: "The mover",
+      step: 0.5,
+      low: -20,
+      high: 38,
+      draw: [svg("circle", { class: "lab-mover", r: 8 }), svg("text", { y: -13, "text-anchor": "middle" }, "mover")],
+      get: () => [lab.state.px, lab.state.py],
+      set: (x, y) => Object.assign(lab.state, { px: Math.max(6, x), py: y }),
+    });
+
+    function drawFan({ now }) {
+      fan.extent([-56, 56], [-14, 4]);
+      fan.clear();
+      fan.rule("y", 0, "lab-zero");
+      const angles = range(-56, 56, 113);
+      fan.line(
+        angles.map((angle) => [angle, predicted(steered(), angle * DEGREE)]),
+        "lab-robust lab-strong",
+      );
+      now.forEach((target, k) => {
+        const x = target.azimuth / DEGREE,
+          expected = predicted(steered(), target.azimuth);
+        fan.line(
+          [
+            [x, target.measured],
+            [x, expected],
+          ],
+          "lab-residual",
+        );
+        const last = k === now.length - 1;
+        fan.mark(
+          "circle",
+          x,
+          target.measured,
+          last ? 6 : 4,
+          last ? "lab-mover" : agrees(target, steered()) ? "lab-inside" : "lab-outside",
+        );
+        if (last) fan.text(x, target.measured, "mover", { dx: 9, dy: 4 });
+      });
+    }
+
+    function drawTop({ now }) {
+      top.extent([-1, 38], [-11, 12]);
+      top.clear();
+      const box = [
+        [-1, -0.9],
+        [3.6, -0.9],
+        [3.6, 0.9],
+        [-1, 0.9],
+        [-1, -0.9],
+      ];
+      top.line(box, "lab-outline");
+      now.forEach((target, k) => {
+        const cosine = Math.cos(target.azimuth),
+          sine = Math.sin(target.azimuth),
+          good = agrees(target, steered());
+        top.line(
+          [
+            [MOUNTING.x, MOUNTING.y],
+            [target.x, target.y],
+          ],
+          "lab-ray",
+        );
+        // the Doppler velocity along the line of sight: 1 m/s is 0.5 m
+        top.line(
+          [
+            [target.x, target.y],
+            [target.x + 0.5 * target.measured * cosine, target.y + 0.5 * target.measured * sine],
+          ],
+          good ? "lab-line lab-robust lab-strong" : "lab-line",
+        );
+        if (k < now.length - 1) top.mark("circle", target.x, target.y, 3.5, good ? "lab-inside" : "lab-outside");
+      });
+      const [vx, vy, w] = steered(),
+        sensor = [vx - w * MOUNTING.y, vy + w * MOUNTING.x];
+      top.line(
+        [
+          [MOUNTING.x, 0],
+          [MOUNTING.x + sensor[0], sensor[1]],
+        ],
+        "lab-velocity",
+      );
+      top.mark("square", MOUNTING.x, 0, 4, "lab-fill-target");
+      const { px, py, speed, heading } = lab.state;
+      top.line(
+        [
+          [px, py],
+          [px + speed * Math.cos(heading * DEGREE), py + speed * Math.sin(heading * DEGREE)],
+        ],
+        "lab-velocity",
+      );
+    }
+
+    // ---- What came out ---------------------------------------------------------------------------------------------------------------
+
+    const sub = (name, index) => [name, html("sub", {}, index)];
+    let revealed = false;
+    function tell({ now }, found) {
+      const [vx, vy, w] = steered(),
+        agree = now.filter((target) => agrees(target, steered())).length;
+      const cells = (velocity, covariance) =>
+        velocity.map((each, i) => {
+          const unit = i === 2 ? 1 / DEGREE : 1,
+            decimals = i === 2 ? 1 : 2;
+          return (
+            number(each * unit, decimals) +
+            (covariance ? ` ±\u00a0${number(Math.sqrt(covariance[i][i]) * unit, decimals)}` : "")
+          );
+        });
+      const share = Math.round(100 * found.shares[now.length - 1]);
+      lab.tell(
+        html(
+          "p",
+          {},
+          html("strong", {}, `${agree} of ${now.length} targets`),
+          ` agree with the velocity that you steer. The curve depends on the velocity of the radar only: ahead `,
+          `${number(vx - w * MOUNTING.y)} m/s, to the left `,
+          ...sub("v", "y"),
+          " + ω ",
+          ...sub("x", "s"),
+          ` = ${number(vy + w * MOUNTING.x)} m/s, with `,
+          ...sub("x", "s"),
+          ` = ${MOUNTING.x} m.`,
+        ),
+        lab.table(
+          ["", [...sub("v", "x"), " (m/s)"], [...sub("v", "y"), " (m/s)"], "ω (°/s)"],
+          [
+            ["steered", ...cells(steered())],
+            [
+              [labs.inlineMark("robust"), " robust likelihood from there"],
+              ...(found.converged ? cells(found.theta, found.covariance) : ["not converged", "", ""]),
+            ],
+            ...(revealed ? [["truth", ...cells(truth())]] : []),
+          ],
+        ),
+        html("p", {}, `The estimate takes the mover for an inlier with a probability of ${share} %.`),
+      );
+    }
+
+    lab.changed = (key) => {
+      if (key === "reset" || key === "drive") revealed = false;
+    };
+    const steer = (target) => {
+      const from = steered();
+      lab.animate(
+        1,
+        (share) => {
+          const [vx, vy, w] = from.map((each, i) => each + share * (target[i] - each));
+          Object.assign(lab.state, { vx, vy, w: w / DEGREE });
+          lab.update();
+        },
+        () => lab.touched(),
+      );
+    };
+
+    const speed = (v) => `${number(v, 1)} m/s`;
+    lab.build(
+      [
+        bar(
+          lab.slider("vx", {
+            label: html("span", {}, "ahead ", ...sub("v", "x")),
+            min: 0,
+            max: 14,
+            step: 0.05,
+            show: (v) => `${number(v)} m/s`,
+          }),
+          lab.slider("vy", {
+            label: html("span", {}, "sideways ", ...sub("v", "y")),
+            min: -4,
+            max: 4,
+            step: 0.05,
+            show: (v) => `${number(v)} m/s`,
+          }),
+          lab.slider("w", { label: "yaw rate ω", min: -50, max: 50, step: 0.5, show: (v) => `${number(v, 1)} °/s` }),
+        ),
+        fan.box,
+        top.box,
+        bar(
+          lab.slider("speed", { label: "speed of the mover", min: 0, max: 10, step: 0.1, show: speed }),
+          lab.slider("heading", {
+            label: "its direction",
+            min: -180,
+            max: 180,
+            step: 5,
+            show: (v) => `${number(v, 0)}°`,
+          }),
+        ),
+        bar(lab.choice("use", "The estimate uses", { both: "positions and Doppler", positions: "positions only" })),
+        bar(
+          lab.button("Go to the estimate", () => {
+            if (lab.result.found.converged) steer(lab.result.found.theta);
+          }),
+          lab.button("Show the truth", () => {
+            revealed = true;
+            lab.update();
+          }),
+          lab.button("Another drive", () => {
+            lab.state.drive += 1;
+            lab.touched("drive");
+          }),
+          lab.reset(),
+        ),
+      ],
+      () => {
+        const pair = scans(),
+          posed = problem(pair),
+          found = d2d.minimise(posed, steered());
+        lab.result = { problem: posed, start: steered(), found };
+        drawFan(pair);
+        drawTop(pair);
+        tell(pair, found);
+      },
+    );
+  },
+);

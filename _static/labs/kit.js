@@ -1,0 +1,620 @@
+// What the laboratories share: plots in SVG, handles that pointer, touch and keys can drag, native controls, and a state
+// that lives in the page's address.  Like engine.js a classic script; it defines one name, `labs`.
+globalThis.labs = (() => {
+  "use strict";
+
+  const SVG = "http://www.w3.org/2000/svg";
+  const all = {}; // the laboratories of this page by id
+  const still = matchMedia("(prefers-reduced-motion: reduce)");
+
+  /** An element with attributes and children; children may be text. */
+  function make(space, tag, attributes = {}, ...children) {
+    const element = space ? document.createElementNS(space, tag) : document.createElement(tag);
+    for (const [name, value] of Object.entries(attributes)) {
+      if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+      else if (value !== null && value !== undefined) element.setAttribute(name, value);
+    }
+    element.append(...children);
+    return element;
+  }
+  const svg = (tag, attributes, ...children) => make(SVG, tag, attributes, ...children);
+  const html = (tag, attributes, ...children) => make(null, tag, attributes, ...children);
+
+  /** A number with so many decimals, with a proper minus sign. */
+  const fixed = (value, decimals = 2) => {
+    const text = value.toFixed(decimals);
+    return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
+  };
+
+  const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
+  const range = (low, high, count) => Array.from({ length: count }, (_, i) => low + ((high - low) * i) / (count - 1));
+  const letter = (i) => "ABCDEFGHIJKLMNOPQRSTUVWXYZ"[i % 26];
+
+  // The scene of chapter 6: eight targets (azimuth in rad and range in m), the motion and the noise, as in
+  // d2d.study.plane.scenarios; tests/book/test_labs.py compares them.
+  const SCENE = {
+    polar: [
+      [0.2458, 15.5935],
+      [0.4928, 21.4556],
+      [0.3532, 31.7386],
+      [0.077, 23.3288],
+      [-0.0364, 32.8625],
+      [-0.675, 14.4914],
+      [-0.533, 24.3163],
+      [-0.3608, 31.1166],
+    ],
+    theta: [5, 0, (15 * Math.PI) / 180],
+    sigmaRange: 0.2,
+    sigmaAzimuth: 0.03,
+  };
+  const SCENE_TARGETS = SCENE.polar.map(([azimuth, range_]) => ({
+    x: range_ * Math.cos(azimuth),
+    y: range_ * Math.sin(azimuth),
+  }));
+
+  /** The thesis's outlier component: a share of outliers, and a standard deviation along both axes (m). */
+  const corrupted = (fraction = 0.2, width = 10) => ({ fraction, xx: width ** 2, xy: 0, yy: width ** 2 });
+
+  // ---- Costs and their marks: one look everywhere ------------------------------------------------------------------------
+
+  const COSTS = {
+    summing: { name: "sum", mark: "square", form: { fusion: "summing" } },
+    likelihood: { name: "likelihood", mark: "diamond", form: { fusion: "likelihood" } },
+    robust: { name: "robust likelihood", mark: "circle", form: { fusion: "likelihood" } },
+  };
+
+  /** The part of a problem that the choice of a cost decides. */
+  const formOf = (cost, outlier = corrupted()) => ({
+    ...COSTS[cost].form,
+    outlier: cost === "robust" ? outlier : null,
+  });
+
+  /** A square, diamond, circle, cross or triangle of about 2 r pixels. */
+  function mark(kind, x, y, r, attributes = {}) {
+    if (kind === "circle") return svg("circle", { cx: x, cy: y, r, ...attributes });
+    const d = {
+      square: `M${x - r},${y - r}h${2 * r}v${2 * r}h${-2 * r}z`,
+      diamond: `M${x},${y - 1.3 * r}l${1.3 * r},${1.3 * r}l${-1.3 * r},${1.3 * r}l${-1.3 * r},${-1.3 * r}z`,
+      cross: `M${x - r},${y}h${2 * r}M${x},${y - r}v${2 * r}`,
+      triangle: `M${x + 1.3 * r},${y}l${-2.1 * r},${r}v${-2 * r}z`,
+    }[kind];
+    return svg("path", { d, ...attributes });
+  }
+
+  /** A mark in a line of text. */
+  function inlineMark(cost) {
+    const picture = svg("svg", { class: "lab-mark", viewBox: "-8 -8 16 16", "aria-hidden": "true" });
+    picture.append(mark(COSTS[cost].mark, 0, 0, 5, { class: `lab-fill-${cost}` }));
+    return picture;
+  }
+
+  // ---- Plots ---------------------------------------------------------------------------------------------------------------
+
+  /** About `count` round numbers within a range. */
+  function ticks([low, high], count) {
+    const raw = (high - low) / count,
+      power = 10 ** Math.floor(Math.log10(raw));
+    const step = power * [1, 2, 5, 10].find((m) => m * power >= raw);
+    const first = Math.ceil(low / step - 1e-9),
+      last = Math.floor(high / step + 1e-9);
+    return { step, values: Array.from({ length: Math.max(0, last - first + 1) }, (_, i) => (first + i) * step) };
+  }
+
+  const MARGIN = { left: 54, right: 10, top: 8, bottom: 38 };
+
+  /** Axes in an SVG that fills its box. `shape` is height over width, on a phone `narrow`; `equal` makes a metre a metre. */
+  class Plot {
+    constructor(
+      lab,
+      { label, xlabel, ylabel = "", shape = 0.6, narrow = shape, equal = false, heat = false, yTicks = true },
+    ) {
+      Object.assign(this, { lab, xlabel, ylabel, shape, narrow, equal, yTicks });
+      this.box = html("div", { class: "lab-plot" });
+      if (heat) this.box.append((this.canvas = html("canvas", { "aria-hidden": "true" })));
+      this.svg = svg("svg", { role: "group", "aria-label": label });
+      this.axes = svg("g", { class: "lab-axes" });
+      this.clip = `${lab.id}-clip-${lab.plots.length}`;
+      this.frame = svg("rect");
+      this.content = svg("g", { "clip-path": `url(#${this.clip})` });
+      this.front = svg("g");
+      this.svg.append(svg("clipPath", { id: this.clip }, this.frame), this.axes, this.content, this.front);
+      this.box.append(this.svg);
+      this.handles = [];
+      lab.plots.push(this);
+    }
+
+    /** Lay out for the box's present width and draw the axes. */
+    extent(x, y) {
+      const width = Math.max(240, this.box.clientWidth || 600);
+      const height = Math.round(width * (width < 480 ? this.narrow : this.shape));
+      const left = MARGIN.left,
+        top = MARGIN.top,
+        w = width - left - MARGIN.right,
+        h = height - top - MARGIN.bottom;
+      if (this.equal) {
+        // widen one axis about its middle
+        const scale = Math.max((x[1] - x[0]) / w, (y[1] - y[0]) / h);
+        const around = ([low, high], half) => [0.5 * (low + high) - half, 0.5 * (low + high) + half];
+        x = around(x, 0.5 * scale * w);
+        y = around(y, 0.5 * scale * h);
+      }
+      const key = [width, height, ...x, ...y].join();
+      Object.assign(this, { x, y, left, top, w, h, width, height });
+      if (key === this.key) return;
+      this.key = key;
+      this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+      this.svg.style.height = `${height}px`;
+      for (const [name, value] of Object.entries({ x: left, y: top, width: w, height: h }))
+        this.frame.setAttribute(name, value);
+      if (this.canvas) {
+        Object.assign(this.canvas.style, {
+          left: `${(100 * left) / width}%`,
+          top: `${top}px`,
+          width: `${(100 * w) / width}%`,
+          height: `${h}px`,
+        });
+      }
+      this.axes.replaceChildren(svg("rect", { class: "lab-frame", x: left, y: top, width: w, height: h }));
+      const across = ticks(x, clamp(w / 70, 3, 8));
+      for (const value of across.values) {
+        const at = this.X(value);
+        this.axes.append(
+          svg("line", { x1: at, x2: at, y1: top, y2: top + h }),
+          svg("text", { x: at, y: top + h + 15, "text-anchor": "middle" }, tickText(value, across.step)),
+        );
+      }
+      const up = ticks(y, clamp(h / 45, 2, 7));
+      for (const value of this.yTicks ? up.values : []) {
+        const at = this.Y(value);
+        this.axes.append(
+          svg("line", { x1: left, x2: left + w, y1: at, y2: at }),
+          svg("text", { x: left - 6, y: at + 4, "text-anchor": "end" }, tickText(value, up.step)),
+        );
+      }
+      this.axes.append(
+        svg("text", { x: left + w / 2, y: height - 5, "text-anchor": "middle" }, this.xlabel),
+        svg(
+          "text",
+          { transform: `translate(${this.yTicks ? 11 : 30} ${top + h / 2}) rotate(-90)`, "text-anchor": "middle" },
+          this.ylabel,
+        ),
+      );
+    }
+
+    X(x) {
+      return this.left + ((x - this.x[0]) / (this.x[1] - this.x[0])) * this.w;
+    }
+    Y(y) {
+      return this.top + this.h - ((y - this.y[0]) / (this.y[1] - this.y[0])) * this.h;
+    }
+
+    /** Where an event is, in the axes' units. */
+    at(event) {
+      const box = this.svg.getBoundingClientRect();
+      const px = ((event.clientX - box.left) / box.width) * this.width,
+        py = ((event.clientY - box.top) / box.height) * this.height;
+      return [
+        this.x[0] + ((px - this.left) / this.w) * (this.x[1] - this.x[0]),
+        this.y[0] + ((this.top + this.h - py) / this.h) * (this.y[1] - this.y[0]),
+      ];
+    }
+
+    /** Forget what was drawn, except for the handles. */
+    clear() {
+      this.content.replaceChildren();
+    }
+
+    add(...elements) {
+      this.content.append(...elements);
+    }
+
+    line(points, name, attributes = {}) {
+      const d = points
+        .map(([x, y], i) => `${i ? "L" : "M"}${this.X(x).toFixed(1)},${clamp(this.Y(y), -2000, 4000).toFixed(1)}`)
+        .join("");
+      this.add(svg("path", { d, class: `lab-line ${name}`, ...attributes }));
+    }
+
+    /** A line across the whole plot at one x or one y. */
+    rule(axis, value, name) {
+      const [x, y] = axis === "x" ? [[value, value], this.y] : [this.x, [value, value]];
+      if (value >= this[axis][0] && value <= this[axis][1])
+        this.line(
+          [
+            [x[0], y[0]],
+            [x[1], y[1]],
+          ],
+          name,
+        );
+    }
+
+    mark(kind, x, y, r, name) {
+      this.add(mark(kind, this.X(x), this.Y(y), r, { class: name }));
+    }
+
+    text(x, y, text, attributes = {}) {
+      this.add(svg("text", { x: this.X(x), y: this.Y(y), class: "lab-label", ...attributes }, text));
+    }
+
+    ellipse(x, y, covariance, sigmas, name) {
+      const { major, minor, angle } = d2d.ellipse(covariance, sigmas);
+      const sx = this.w / (this.x[1] - this.x[0]),
+        sy = this.h / (this.y[1] - this.y[0]);
+      const turn = Array.from({ length: 49 }, (_, i) => (2 * Math.PI * i) / 48);
+      const points = turn.map((t) => {
+        const a = major * Math.cos(t),
+          b = minor * Math.sin(t);
+        const px = this.X(x) + sx * (a * Math.cos(angle) - b * Math.sin(angle));
+        return `${px.toFixed(1)},${(this.Y(y) - sy * (a * Math.sin(angle) + b * Math.cos(angle))).toFixed(1)}`;
+      });
+      this.add(svg("path", { d: `M${points.join("L")}z`, class: name }));
+    }
+
+    /** Paint values over the axes' ranges, the lowest dark. `values` goes row by row from the lower left. */
+    paint(values, columns, rows) {
+      const low = values.reduce((a, b) => Math.min(a, b), Infinity),
+        high = values.reduce((a, b) => Math.max(a, b), -Infinity);
+      const image = new ImageData(columns, rows),
+        span = Math.max(1e-9, high - low);
+      for (let row = 0; row < rows; row++) {
+        for (let column = 0; column < columns; column++) {
+          const share = ((values[row * columns + column] - low) / span) ** 0.6; // more shades near the bottom
+          image.data.set(shade(share), 4 * ((rows - 1 - row) * columns + column));
+        }
+      }
+      this.small ??= document.createElement("canvas");
+      Object.assign(this.small, { width: columns, height: rows });
+      this.small.getContext("2d").putImageData(image, 0, 0);
+      const pixels = Math.min(2, devicePixelRatio || 1);
+      Object.assign(this.canvas, { width: Math.round(this.w * pixels), height: Math.round(this.h * pixels) });
+      const context = this.canvas.getContext("2d");
+      context.imageSmoothingQuality = "high";
+      context.drawImage(this.small, 0, 0, this.canvas.width, this.canvas.height);
+    }
+
+    /**
+     * Something to drag: `get` gives its place, `set(x, y)` moves it; `step` is what an arrow key does, ten times as much
+     * with Shift.  `axis: "x"` moves along x only.  `hidden()` takes it away.
+     */
+    handle({
+      name,
+      get,
+      set,
+      draw,
+      step = 0.1,
+      axis = "both",
+      hidden = () => false,
+      unit = "m",
+      low = -1e3,
+      high = 1e3,
+    }) {
+      const group = svg("g", { class: "lab-handle", tabindex: "0", role: "slider", "aria-label": name });
+      group.append(svg("circle", { class: "lab-reach", r: 20 }), ...[].concat(draw));
+      const to = (x, y) => {
+        set(clamp(x, low, high), axis === "x" ? get()[1] : clamp(y, low, high));
+        this.lab.touched();
+      };
+      let grip = null;
+      group.addEventListener("pointerdown", (event) => {
+        if (event.button) return;
+        group.setPointerCapture(event.pointerId);
+        const [x, y] = get(),
+          [ex, ey] = this.at(event);
+        grip = [x - ex, y - ey];
+        group.focus({ preventScroll: true });
+        event.preventDefault();
+      });
+      group.addEventListener("pointermove", (event) => {
+        if (!grip) return;
+        const [x, y] = this.at(event);
+        to(x + grip[0], y + grip[1]);
+      });
+      for (const end of ["pointerup", "pointercancel"]) group.addEventListener(end, () => (grip = null));
+      group.addEventListener("keydown", (event) => {
+        const by = {
+          ArrowLeft: [-1, 0],
+          ArrowRight: [1, 0],
+          ArrowUp: axis === "x" ? [1, 0] : [0, 1],
+          ArrowDown: axis === "x" ? [-1, 0] : [0, -1],
+        }[event.key];
+        if (!by) return;
+        const [x, y] = get(),
+          size = step * (event.shiftKey ? 10 : 1);
+        to(x + size * by[0], y + size * by[1]);
+        event.preventDefault();
+      });
+      this.front.append(group);
+      this.handles.push({
+        place: () => {
+          const gone = hidden();
+          group.style.display = gone ? "none" : "";
+          if (gone) return;
+          const [x, y] = get();
+          group.setAttribute("transform", `translate(${this.X(x).toFixed(1)} ${this.Y(y).toFixed(1)})`);
+          const text = axis === "x" ? `${fixed(x)} ${unit}` : `x ${fixed(x)} ${unit}, y ${fixed(y)} ${unit}`;
+          const values = { now: x.toFixed(2), min: low, max: high, text };
+          for (const [key, value] of Object.entries(values)) group.setAttribute(`aria-value${key}`, value);
+        },
+      });
+      return group;
+    }
+
+    place() {
+      this.handles.forEach((handle) => handle.place());
+    }
+  }
+
+  const tickText = (value, step) => fixed(value, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
+
+  // From dark to light: what is low is dark, in both themes.
+  const RAMP = [
+    [8, 18, 42],
+    [22, 56, 100],
+    [45, 105, 150],
+    [110, 165, 195],
+    [190, 215, 225],
+    [246, 247, 244],
+  ];
+  function shade(share) {
+    const banded = Math.round(clamp(share, 0, 1) * 40) / 40;
+    const place = banded * (RAMP.length - 1),
+      i = Math.min(RAMP.length - 2, Math.floor(place)),
+      part = place - i;
+    return [...RAMP[i].map((value, c) => value + part * (RAMP[i + 1][c] - value)), 255];
+  }
+
+  // ---- A laboratory ----------------------------------------------------------------------------------------------------------
+
+  /** What a module is given: the element, the state, and makers of plots and controls. */
+  class Lab {
+    constructor(element, defaults) {
+      this.element = element;
+      this.id = element.id;
+      this.defaults = defaults;
+      this.state = structuredClone(defaults);
+      this.plots = [];
+      this.controls = [];
+      this.spoken = html("p", { class: "lab-hidden", "aria-live": "polite" });
+      this.told = html("div", { class: "lab-told" });
+    }
+
+    plot(options) {
+      return new Plot(this, options);
+    }
+
+    /** A native slider for a number of the state, shown while `when()`. */
+    slider(key, { label, min, max, step, show = (v) => `${v}`, when = () => true }) {
+      const input = html("input", { type: "range", min, max, step, id: `${this.id}-${key}` });
+      const output = html("output", { for: input.id });
+      input.addEventListener("input", () => {
+        this.state[key] = Number(input.value);
+        this.touched(key);
+      });
+      this.controls.push(() => {
+        input.value = this.state[key];
+        output.textContent = show(this.state[key]);
+        input.setAttribute("aria-valuetext", output.textContent);
+      });
+      const row = html("div", { class: "lab-control" }, html("label", { for: input.id }, label), input, output);
+      this.controls.push(() => (row.hidden = !when()));
+      return row;
+    }
+
+    /** Radio buttons for a string of the state. */
+    choice(key, legend, options) {
+      const inputs = Object.entries(options).map(([value, content]) => {
+        const input = html("input", { type: "radio", name: `${this.id}-${key}`, value });
+        input.addEventListener("change", () => {
+          this.state[key] = value;
+          this.touched(key);
+        });
+        return [input, html("label", {}, input, ...[].concat(content))];
+      });
+      this.controls.push(() => inputs.forEach(([input]) => (input.checked = input.value === this.state[key])));
+      return html("fieldset", { class: "lab-choice" }, html("legend", {}, legend), ...inputs.map(([, label]) => label));
+    }
+
+    costs(key = "cost", legend = "Cost", names = Object.keys(COSTS)) {
+      return this.choice(
+        key,
+        legend,
+        Object.fromEntries(names.map((name) => [name, [inlineMark(name), ` ${COSTS[name].name}`]])),
+      );
+    }
+
+    /** A checkbox for a 0 or 1 of the state. */
+    check(key, label) {
+      const input = html("input", { type: "checkbox" });
+      input.addEventListener("change", () => {
+        this.state[key] = input.checked ? 1 : 0;
+        this.touched(key);
+      });
+      this.controls.push(() => (input.checked = Boolean(this.state[key])));
+      return html("label", { class: "lab-check" }, input, ` ${label}`);
+    }
+
+    button(label, act) {
+      return html("button", { type: "button", class: "lab-button", onclick: () => act() }, label);
+    }
+
+    /** Back to the first view. */
+    reset() {
+      return this.button("Start over", () => {
+        this.stop();
+        Object.assign(this.state, structuredClone(this.defaults));
+        this.touched("reset");
+      });
+    }
+
+    /** Put the parts on the page in place of the printed fallback. */
+    build(parts, draw) {
+      this.drawing = draw;
+      this.element.replaceChildren(...parts, this.told, this.spoken);
+      this.element.classList.add("lab-live");
+      addEventListener("hashchange", () => {
+        if (this.read()) this.update();
+      });
+      const shown = this.read();
+      this.draw();
+      let width = this.element.clientWidth;
+      new ResizeObserver(() => {
+        if (this.element.clientWidth === width) return;
+        width = this.element.clientWidth;
+        this.update();
+      }).observe(this.element);
+      if (shown) this.element.scrollIntoView();
+      all[this.id] = this;
+    }
+
+    /** After a change: draw, and write the state to the address. */
+    touched(key) {
+      this.changed?.(key);
+      this.update();
+      clearTimeout(this.writing);
+      this.writing = setTimeout(() => this.write(), 400);
+    }
+
+    update() {
+      this.waiting ??= requestAnimationFrame(() => {
+        this.waiting = null;
+        this.draw();
+      });
+    }
+
+    draw() {
+      const began = performance.now();
+      this.controls.forEach((refresh) => refresh());
+      this.drawing();
+      this.plots.forEach((plot) => plot.place());
+      this.took = performance.now() - began;
+    }
+
+    /** Show a result; screen readers announce it once the input pauses. */
+    tell(...content) {
+      this.told.replaceChildren(...content);
+      clearTimeout(this.speaking);
+      this.speaking = setTimeout(() => (this.spoken.textContent = this.told.textContent), 700);
+    }
+
+    /** A table of numbers: the first cell of each row is its heading. */
+    table(head, rows) {
+      const row = (cells, tag) =>
+        html(
+          "tr",
+          {},
+          ...cells.map((cell, i) =>
+            html(
+              i ? tag : "th",
+              { scope: i && tag === "td" ? null : tag === "th" ? "col" : "row" },
+              ...[].concat(cell),
+            ),
+          ),
+        );
+      return html(
+        "div",
+        { class: "lab-table" },
+        html(
+          "table",
+          {},
+          html("thead", {}, row(head, "th")),
+          html("tbody", {}, ...rows.map((cells) => row(cells, "td"))),
+        ),
+      );
+    }
+
+    /** Call `frame(share)` with shares from 0 to 1; at once with 1 if reduced motion is preferred. */
+    animate(seconds, frame, done = () => {}) {
+      this.stop();
+      if (still.matches) {
+        frame(1);
+        done();
+        return;
+      }
+      const began = performance.now();
+      const next = (now) => {
+        const share = clamp((now - began) / (1000 * seconds), 0, 1);
+        frame(share);
+        if (share < 1) this.running = requestAnimationFrame(next);
+        else done();
+      };
+      this.running = requestAnimationFrame(next);
+    }
+
+    stop() {
+      cancelAnimationFrame(this.running);
+    }
+
+    // The address holds what differs from the first view: #lab-line?cost=robust&fixed=0,8,10.2
+    write() {
+      const parts = Object.entries(this.state)
+        .filter(([key, value]) => JSON.stringify(value) !== JSON.stringify(this.defaults[key]))
+        .map(
+          ([key, value]) =>
+            `${key}=${[]
+              .concat(value)
+              .map((v) => (typeof v === "number" ? Number(v.toPrecision(7)) : v))
+              .join(",")}`,
+        );
+      try {
+        history.replaceState(history.state, "", `#${this.id}${parts.length ? `?${parts.join("&")}` : ""}`);
+      } catch {
+        /* a browser that allows no history for files: the view is then not in the address */
+      }
+    }
+
+    /** Take the state from the address; whether it names this laboratory. Invalid values are ignored. */
+    read() {
+      const [id, query = ""] = decodeURIComponent(location.hash.slice(1)).split("?");
+      if (id !== this.id || !query) return id === this.id;
+      const state = structuredClone(this.defaults);
+      for (const part of query.split("&")) {
+        const [key, text = ""] = part.split("=");
+        if (!Object.hasOwn(state, key)) continue;
+        const own = state[key],
+          numbers = text.split(",").map(Number),
+          sound = text !== "" && numbers.every((n) => Math.abs(n) <= 1e6);
+        if (typeof own === "string") state[key] = /^[a-z]+$/.test(text) ? text : own;
+        else if (sound && Array.isArray(own)) state[key] = numbers.length <= 200 ? numbers : own;
+        else if (sound) state[key] = numbers[0];
+      }
+      this.state = this.sound?.(state) === false ? structuredClone(this.defaults) : state;
+      return true;
+    }
+  }
+
+  /** A row of controls. */
+  const bar = (...parts) => html("div", { class: "lab-bar" }, ...parts);
+
+  /** A plot under a title. */
+  const panel = (title, plot) => html("div", {}, html("p", { class: "lab-title" }, title), plot.box);
+
+  /** Set up every laboratory of this name on the page; `setup(lab)` builds it. */
+  function define(name, defaults, setup) {
+    const begin = () =>
+      document.querySelectorAll(`.lab[data-lab="${name}"]`).forEach((element, i) => {
+        element.id ||= `lab-${name}${i || ""}`;
+        setup(new Lab(element, defaults(element.dataset)));
+      });
+    if (document.readyState === "loading") addEventListener("DOMContentLoaded", begin);
+    else begin();
+  }
+
+  return {
+    define,
+    all,
+    svg,
+    html,
+    inlineMark,
+    fixed,
+    clamp,
+    range,
+    letter,
+    bar,
+    panel,
+    corrupted,
+    formOf,
+    COSTS,
+    SCENE,
+    SCENE_TARGETS,
+  };
+})();

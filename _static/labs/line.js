@@ -1,0 +1,288 @@
+// The line laboratory: targets on a line that can be dragged, the cost over the translation, and a ball that rolls on it.
+labs.define(
+  "line",
+  (data) => ({
+    fixed: [0.05, 8.12, 10.25], // m, observed: the draw of the printed figures
+    moving: [-2.2, 6.14, 8.27],
+    outlier: data.outlier ? 1 : 0, // whether M has the target O, without a partner
+    o: 3.92,
+    t: data.outlier ? 6 : 6.4, // m, where the ball is
+    cost: data.outlier ? "likelihood" : "summing",
+    view: "log",
+    noise: 0.15, // m
+    alpha: 0.2,
+    width: 10, // m
+    draw: 0,
+  }),
+  (lab) => {
+    const { svg, html, fixed: number, range, bar, formOf, corrupted, COSTS } = labs;
+    const ROW = 1.35; // where F is drawn; M is at 0
+    const TRUTH = 2,
+      TRUE = [0, 8, 10.2],
+      NAMES = ["B", "A", "C", "O"];
+    const T = range(-12, 16, 1121);
+    lab.sound = (state) =>
+      state.fixed.length === 3 &&
+      state.moving.length === 3 &&
+      state.cost in COSTS &&
+      state.noise > 0 &&
+      state.width > 0;
+
+    const sets = lab.plot({
+      label: "The targets of both scans",
+      xlabel: "x (m)",
+      ylabel: "",
+      shape: 0.28,
+      narrow: 0.62,
+      yTicks: false,
+    });
+    const curve = lab.plot({
+      label: "The cost over the translation",
+      xlabel: "translation tₓ (m)",
+      shape: 0.42,
+      narrow: 0.75,
+    });
+    let result = null,
+      trail = [];
+
+    const moving = () => [...lab.state.moving, ...(lab.state.outlier ? [lab.state.o] : [])];
+
+    /** The problem as the engine reads it. */
+    function problem(cost = lab.state.cost, targets = moving()) {
+      const target = (x) => ({ x, y: 0, xx: lab.state.noise ** 2, xy: 0, yy: 0 });
+      const form = formOf(cost, corrupted(lab.state.alpha, lab.state.width));
+      return { fixed: lab.state.fixed.map(target), moving: targets.map(target), line: true, ...form };
+    }
+
+    /** Log densities over T: of every target, and of all together. */
+    function surfaces() {
+      const { cost } = lab.state;
+      const each = moving().map((x) =>
+        d2d.surface({ ...problem(cost, [x]), fusion: "likelihood" }, T, [0], 0).map((v) => -v),
+      );
+      const all = d2d.surface(problem(), T, [0], 0).map((v) => -v);
+      return { each, all };
+    }
+
+    const maxima = (values) =>
+      T.map((t, i) => i).filter(
+        (i) => i > 0 && i < T.length - 1 && values[i] > values[i - 1] && values[i] >= values[i + 1],
+      );
+
+    // ---- The two scans ------------------------------------------------------------------------------------------------------
+
+    const letterAt = (name) => [
+      svg("circle", { class: "lab-knob", r: 6 }),
+      svg("text", { y: 21, "text-anchor": "middle" }, name),
+    ];
+    for (let i = 0; i < 3; i++) {
+      sets.handle({
+        name: `Target ${NAMES[i]} of the previous scan F`,
+        axis: "x",
+        step: 0.05,
+        low: -16,
+        high: 20,
+        draw: letterAt(NAMES[i]),
+        get: () => [lab.state.fixed[i], ROW],
+        set: (x) => {
+          lab.state.fixed[i] = x;
+          trail = [];
+        },
+      });
+    }
+    for (let k = 0; k < 4; k++) {
+      sets.handle({
+        name: `Target ${NAMES[k]} of the current scan M, where the translation puts it`,
+        axis: "x",
+        step: 0.05,
+        low: -30,
+        high: 34,
+        draw: letterAt(NAMES[k]),
+        hidden: () => k === 3 && !lab.state.outlier,
+        get: () => [moving()[k] + lab.state.t, 0],
+        set: (x) => {
+          if (k < 3) lab.state.moving[k] = x - lab.state.t;
+          else lab.state.o = x - lab.state.t;
+          trail = [];
+        },
+      });
+    }
+
+    function drawSets() {
+      const { state } = lab,
+        x = range(-8, 20, 561);
+      sets.extent([-8, 20], [-0.8, 2.3]);
+      sets.clear();
+      const bell = (mean, floor, name) =>
+        sets.line(
+          x
+            .filter((at) => Math.abs(at - mean) < 5 * state.noise)
+            .map((at) => [at, floor + 0.55 * Math.exp(-0.5 * ((at - mean) / state.noise) ** 2)]),
+          name,
+        );
+      state.fixed.forEach((mean) => bell(mean, ROW, ""));
+      moving().forEach((mean) => bell(mean + state.t, 0, `lab-${state.cost}`));
+      sets.rule("y", ROW, "lab-outline");
+      sets.rule("y", 0, "lab-outline");
+      sets.text(-7.8, 1.92, "previous scan F");
+      sets.text(-7.8, 0.4, "current scan M, moved by tₓ");
+    }
+
+    // ---- The cost over the translation ----------------------------------------------------------------------------------------
+
+    const value = (log, top) => (lab.state.view === "log" ? -log : Math.exp(log - top));
+    let shown = null;
+    curve.handle({
+      name: "Translation, the ball",
+      axis: "x",
+      step: 0.05,
+      low: -12,
+      high: 16,
+      draw: svg("circle", { class: "lab-knob lab-ball", r: 8 }),
+      get: () => [lab.state.t, shown ? height(lab.state.t) : 0],
+      set: (x) => {
+        lab.state.t = x;
+        trail = [];
+      },
+    });
+
+    /** The height of the curve at a translation. */
+    const height = (t) => value(-d2d.evaluate(problem(), [t, 0, 0]).value, shown.top);
+
+    function drawCurve() {
+      const { state } = lab,
+        { each, all } = surfaces();
+      const top = Math.max(...all),
+        log = state.view === "log";
+      shown = { top };
+      const costs = all.map((v) => value(v, top));
+      const high = Math.max(...costs);
+      // in the logarithm a product's walls are hundreds high: what is told apart is near the bottom
+      const low = Math.min(...costs, ...(log ? [] : [0]));
+      const span = log ? Math.min(high - low, 160) : 1;
+      curve.ylabel = log ? "−log density" : "density, highest = 1";
+      curve.key = null;
+      curve.extent([-12, 16], log ? [low - 0.08 * span, low + 1.08 * span] : [-0.04, 1.08]);
+      curve.clear();
+      each.forEach((logs, k) => {
+        const own = Math.max(...logs);
+        curve.line(
+          T.map((t, i) => [t, log ? low - logs[i] + own : Math.exp(logs[i] - own)]),
+          "lab-outline",
+          { "stroke-opacity": 0.45, "data-target": NAMES[k] },
+        );
+      });
+      curve.rule("x", TRUTH, "lab-truth");
+      curve.line(
+        T.map((t, i) => [t, costs[i]]),
+        `lab-${state.cost} lab-strong`,
+      );
+      trail.forEach((t) => curve.mark(COSTS[state.cost].mark, t, height(t), 3.5, `lab-fill-${state.cost}`));
+      return { peaks: maxima(all), all };
+    }
+
+    /** How much each target says of the present translation, and where the valleys are. */
+    function tell({ peaks, all }) {
+      const { state } = lab;
+      const best = peaks.reduce((a, b) => (all[a] >= all[b] ? a : b), peaks[0] ?? 0);
+      const here = d2d.evaluate({ ...problem(), fusion: "likelihood" }, [state.t, 0, 0]);
+      const factors = here.logs.map((log, k) => [
+        NAMES[k],
+        log === -Infinity ? "0" : short(log),
+        ...(state.cost === "robust" ? [`${Math.round(100 * here.shares[k])} %`] : []),
+      ]);
+      result = { problem: problem(), minima: peaks.length, lowest: d2d.register(problem(), [T[best], 0, 0]).theta[0] };
+      lab.result = result;
+      const p = html("p", {});
+      p.append(
+        labs.inlineMark(state.cost),
+        ` ${COSTS[state.cost].name}: `,
+        html("strong", {}, `${result.minima} ${result.minima === 1 ? "valley" : "valleys"}`),
+        `, the deepest at ${number(result.lowest)} m (the targets moved by ${TRUTH} m). The ball is at ${number(state.t)} m.`,
+      );
+      lab.tell(
+        p,
+        lab.table(["target", "its density there (1/m)", ...(state.cost === "robust" ? ["is an inlier"] : [])], factors),
+      );
+    }
+
+    /** A density from its logarithm: 0.42, or a power of ten. */
+    function short(log) {
+      const ten = log / Math.LN10;
+      return ten > -2 ? number(Math.exp(log), 3) : html("span", {}, "10", html("sup", {}, number(ten, 0)));
+    }
+
+    function roll() {
+      const path = d2d.register(problem(), [lab.state.t, 0, 0]).path.map(([t]) => t);
+      trail = path;
+      lab.animate(
+        Math.min(2, 0.25 * path.length),
+        (share) => {
+          const at = share * (path.length - 1),
+            i = Math.min(Math.floor(at), path.length - 1),
+            next = path[Math.min(i + 1, path.length - 1)];
+          lab.state.t = path[i] + (at - i) * (next - path[i]);
+          lab.update();
+        },
+        () => lab.touched(),
+      );
+    }
+
+    function draw() {
+      const noise = d2d.normals(lab.state.draw),
+        observe = (true_) => Number((true_ + lab.state.noise * noise()).toFixed(2));
+      lab.state.fixed = TRUE.map(observe);
+      lab.state.moving = TRUE.map((x) => observe(x - TRUTH));
+      trail = [];
+    }
+
+    lab.changed = (key) => {
+      if (key !== undefined) trail = [];
+    };
+
+    const robust = () => lab.state.cost === "robust";
+    lab.build(
+      [
+        bar(lab.costs(), lab.choice("view", "Show", { log: "−log density", density: "density" })),
+        sets.box,
+        curve.box,
+        bar(
+          lab.button("Let the ball roll", roll),
+          lab.button("Next draw", () => {
+            lab.state.draw += 1;
+            draw();
+            lab.touched("draw");
+          }),
+          lab.check("outlier", "outlier O in M"),
+          lab.reset(),
+        ),
+        bar(
+          lab.slider("t", { label: "translation tₓ", min: -12, max: 16, step: 0.01, show: (v) => `${number(v)} m` }),
+          lab.slider("noise", { label: "σ of a target", min: 0.05, max: 1, step: 0.01, show: (v) => `${number(v)} m` }),
+        ),
+        bar(
+          lab.slider("alpha", {
+            label: "share of outliers α",
+            min: 0.001,
+            max: 0.9,
+            step: 0.001,
+            show: (v) => number(v, 3),
+            when: robust,
+          }),
+          lab.slider("width", {
+            label: "their width σₒ",
+            min: 0.3,
+            max: 30,
+            step: 0.1,
+            show: (v) => `${number(v, 1)} m`,
+            when: robust,
+          }),
+        ),
+      ],
+      () => {
+        drawSets();
+        tell(drawCurve());
+      },
+    );
+  },
+);

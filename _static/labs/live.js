@@ -1,0 +1,228 @@
+// The live picture of the first page: lay one scan onto the other by hand, and see what the cost makes of it.
+labs.define(
+  "live",
+  () => ({
+    x: 0, // the motion at which the current scan is drawn: m, m, deg
+    y: 2,
+    turn: 0,
+    outlier: 0,
+    cost: "likelihood",
+  }),
+  (lab) => {
+    const { svg, html, fixed: number, range, bar, panel, formOf, COSTS } = labs;
+    const DEGREE = Math.PI / 180,
+      TRUTH = [2, 0.5, 10 * DEGREE],
+      SIGMA_RANGE = 0.15,
+      SIGMA_AZIMUTH = 0.03,
+      REACH = 17;
+    lab.sound = (state) => state.cost in COSTS;
+
+    const PLACES = [
+      [7, 3],
+      [9.5, 6.5],
+      [14.5, 4],
+      [12, 0.5],
+      [16, -2.5],
+      [7.5, -3.5],
+      [11.5, -6],
+    ];
+    const STRAY = [13.5, -9]; // m, in the previous scan's frame at the true motion: seen in the current scan only
+    const home = d2d.inverseMotion(TRUTH),
+      noise = d2d.normals(4);
+    const observe = ({ x, y }) =>
+      d2d.fromPolar(
+        Math.hypot(x, y) + SIGMA_RANGE * noise(),
+        Math.atan2(y, x) + SIGMA_AZIMUTH * noise(),
+        SIGMA_RANGE,
+        SIGMA_AZIMUTH,
+      );
+    const previous = PLACES.map(([x, y]) => observe({ x, y })),
+      current = [...PLACES, STRAY].map(([x, y]) => observe(d2d.move({ x, y }, home)));
+
+    const scene = lab.plot({ label: "Both scans", xlabel: "x (m)", ylabel: "y (m)", shape: 0.98, equal: true });
+    const curve = lab.plot({
+      label: "The cost over the shift along x",
+      xlabel: "shift along x (m)",
+      ylabel: "cost",
+      shape: 0.55,
+    });
+    const error = lab.plot({
+      label: "Error of the registration with its 3-sigma ellipse",
+      xlabel: "error in x (m)",
+      ylabel: "in y (m)",
+      shape: 0.5,
+      equal: true,
+    });
+
+    const pose = () => [lab.state.x, lab.state.y, lab.state.turn * DEGREE];
+    const seen = () => current.slice(0, PLACES.length + lab.state.outlier);
+    const problem = () => ({
+      fixed: previous,
+      moving: seen(),
+      ...formOf(lab.state.cost),
+    });
+
+    const body = svg("g");
+    scene.handle({
+      name: "The current scan: move it",
+      step: 0.1,
+      low: -12,
+      high: 12,
+      draw: [svg("path", { class: "lab-knob", d: "M9,0L-6,7V-7z" }), body],
+      get: () => [lab.state.x, lab.state.y],
+      set: (x, y) => Object.assign(lab.state, { x, y }),
+    });
+    scene.handle({
+      name: "The current scan: turn it",
+      step: 0.3,
+      low: -30,
+      high: 40,
+      draw: svg("circle", { class: "lab-turn", r: 8 }),
+      get: () => {
+        const [x, y, phi] = pose();
+        return [x + REACH * Math.cos(phi), y + REACH * Math.sin(phi)];
+      },
+      set: (x, y) => {
+        lab.state.turn = Math.max(-60, Math.min(60, Math.atan2(y - lab.state.y, x - lab.state.x) / DEGREE));
+      },
+    });
+
+    function drawScene(found) {
+      scene.extent([-4, 20], [-12, 11]);
+      scene.clear();
+      scene.mark("triangle", 0, 0, 7, "lab-outline");
+      for (const target of previous) {
+        scene.ellipse(target.x, target.y, target, 3, "lab-soft");
+        scene.mark("square", target.x, target.y, 3, "lab-fill-target");
+      }
+      const [x, y, phi] = pose();
+      scene.line(
+        [
+          [x, y],
+          [x + REACH * Math.cos(phi), y + REACH * Math.sin(phi)],
+        ],
+        "lab-ray",
+      );
+      body.replaceChildren();
+      seen().forEach((target, k) => {
+        const there = d2d.move(target, pose());
+        scene.ellipse(there.x, there.y, there, 3, `lab-line lab-${lab.state.cost}`);
+        const at = { cx: scene.X(there.x) - scene.X(x), cy: scene.Y(there.y) - scene.Y(y) };
+        body.append(
+          svg("circle", { class: "lab-reach", r: 16, ...at }),
+          svg("circle", { class: `lab-fill-${lab.state.cost}`, r: 5, ...at }),
+        );
+        if (k === PLACES.length) body.append(svg("text", { x: at.cx + 9, y: at.cy + 4 }, "outlier"));
+      });
+      scene.ellipse(
+        found.theta[0],
+        found.theta[1],
+        covariance(found) ?? { xx: 0, xy: 0, yy: 0 },
+        3,
+        `lab-line lab-${lab.state.cost} lab-strong`,
+      );
+    }
+
+    const covariance = ({ covariance: c }) => c && { xx: c[0][0], xy: c[0][1], yy: c[1][1] };
+
+    function drawCurve() {
+      const xs = range(-8, 8, 241),
+        costs = d2d.surface(problem(), xs, [lab.state.y], lab.state.turn * DEGREE);
+      const low = costs.reduce((a, b) => Math.min(a, b), Infinity),
+        top = Math.min(600, costs.reduce((a, b) => Math.max(a, b), -Infinity) - low);
+      curve.extent([-8, 8], [-0.06 * top, 1.06 * top]);
+      curve.clear();
+      curve.rule("x", TRUTH[0], "lab-truth");
+      curve.line(
+        xs.map((x, i) => [x, costs[i] - low]),
+        `lab-${lab.state.cost} lab-strong`,
+      );
+      const here = Math.min(top, d2d.evaluate(problem(), pose()).value - low);
+      curve.mark("circle", lab.state.x, here, 7, "lab-knob");
+    }
+
+    function drawError(found) {
+      const [x, y] = [found.theta[0] - TRUTH[0], found.theta[1] - TRUTH[1]],
+        size = Math.max(1, 1.3 * Math.abs(y));
+      error.extent([-size, size], [-size, size]);
+      error.clear();
+      for (const axis of ["x", "y"]) error.rule(axis, 0, "lab-truth");
+      if (found.covariance) error.ellipse(x, y, covariance(found), 3, `lab-line lab-${lab.state.cost} lab-strong`);
+      error.mark(COSTS[lab.state.cost].mark, x, y, 6, `lab-fill-${lab.state.cost}`);
+    }
+
+    function tell(found) {
+      const off = found.theta.map((each, i) => each - TRUTH[i]),
+        distance = Math.hypot(off[0], off[1]);
+      const inside = found.covariance && d2d.nees(off, found.covariance) < 14.156; // 3 sigma: 99.73 % of chi-square with 3 degrees of freedom
+      const now = `The scan is shifted by ${number(lab.state.x)} m and ${number(lab.state.y)} m, and turned by ${number(lab.state.turn, 0)}°. `;
+      lab.tell(
+        html(
+          "p",
+          {},
+          now,
+          labs.inlineMark(lab.state.cost),
+          ` From here the ${COSTS[lab.state.cost].name} goes to a motion that is `,
+          html("strong", {}, `${number(distance)} m and ${number(Math.abs(off[2]) / DEGREE, 1)}°`),
+          " off the truth. Its covariance ",
+          !found.covariance
+            ? "is not defined."
+            : inside
+              ? "allows for such an error."
+              : "says that such an error is next to impossible.",
+        ),
+      );
+    }
+
+    function slide() {
+      const { path } = lab.result.found;
+      lab.animate(
+        Math.min(2.5, 0.3 * path.length),
+        (share) => {
+          const at = share * (path.length - 1),
+            i = Math.floor(at),
+            next = path[Math.min(i + 1, path.length - 1)];
+          const [x, y, phi] = path[i].map((each, j) => each + (at - i) * (next[j] - each));
+          Object.assign(lab.state, { x, y, turn: phi / DEGREE });
+          lab.update();
+        },
+        () => lab.touched(),
+      );
+    }
+
+    lab.build(
+      [
+        bar(lab.costs(), lab.check("outlier", "add an outlier")),
+        html(
+          "div",
+          { class: "lab-row" },
+          panel("Drag the coloured scan, turn it by the ring", scene),
+          html(
+            "div",
+            {},
+            panel("The cost if it is shifted along x", curve),
+            panel("Where the registration ends: error and 3σ", error),
+          ),
+        ),
+        html(
+          "p",
+          { class: "lab-key" },
+          html("span", {}, "▷ radar, previous scan"),
+          html("span", {}, "▶ radar, current scan"),
+          html("span", {}, "small ellipse: where the registration puts ▶"),
+          html("span", {}, "dashed: the truth"),
+          html("span", {}, "● in the curve: now"),
+        ),
+        bar(lab.button("Register from here", slide), lab.reset()),
+      ],
+      () => {
+        const found = d2d.register(problem(), pose());
+        lab.result = { problem: problem(), start: pose(), found };
+        drawScene(found);
+        drawCurve();
+        drawError(found);
+        tell(found);
+      },
+    );
+  },
+);

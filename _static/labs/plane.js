@@ -1,0 +1,315 @@
+// The plane laboratory: two scans whose targets can be dragged, the cost over the translation, and the descent from a start
+// that can be dragged to an optimum with its covariance.
+labs.define(
+  "plane",
+  () => ({
+    // m, each scan in its own frame, x and y of each target in turn: the draw of the printed figures
+    fixed: [
+      15.15, 3.98, 18.96, 10.4, 29.83, 11.03, 22.97, 2.15, 32.99, -1.93, 11.34, -9.17, 20.67, -12.6, 29.42, -10.5,
+    ],
+    moving: [
+      10.82, 0.17, 16.33, 5.27, 26.64, 4.03, 18.01, -3.21, 26.64, -8.19, 3.8, -10.3, 13.37, -15.45, 20.03, -17.66,
+    ],
+    x: -5, // of the start, relative to the true motion: m, m, deg
+    y: 3,
+    turn: 0,
+    cost: "likelihood",
+    alpha: 0.2,
+    width: 10, // m
+    inflate: 1,
+    anneal: 0, // whether the descent steps the standard deviations down
+    draw: 0,
+  }),
+  (lab) => {
+    const { svg, html, fixed: number, range, letter, bar, panel, formOf, corrupted, COSTS, SCENE } = labs;
+    const TRUTH = SCENE.theta,
+      DEGREE = Math.PI / 180,
+      REACH = 10;
+    const { sigmaRange: SIGMA_RANGE, sigmaAzimuth: SIGMA_AZIMUTH } = SCENE,
+      MOST = 20; // targets of a scan
+    const TRUE = labs.SCENE_TARGETS;
+    const sized = (list) => list.length >= 6 && list.length <= 2 * MOST && list.length % 2 === 0;
+    lab.sound = (state) =>
+      sized(state.fixed) && sized(state.moving) && state.cost in COSTS && state.inflate > 0 && state.width > 0;
+
+    const scene = lab.plot({ label: "Both scans", xlabel: "x (m)", ylabel: "y (m)", shape: 0.95, equal: true });
+    const map = lab.plot({
+      label: "The cost over the translation",
+      xlabel: "off the truth in x (m)",
+      ylabel: "off the truth in y (m)",
+      shape: 0.95,
+      equal: true,
+      heat: true,
+    });
+
+    const counts = (list) => range(0, list.length / 2 - 1, list.length / 2);
+    const point = (list, i) => ({ x: list[2 * i], y: list[2 * i + 1] });
+    const setPoint = (list, i, p) => list.splice(2 * i, 2, p.x, p.y);
+    const measured = (p) => d2d.fromPolar(Math.hypot(p.x, p.y), Math.atan2(p.y, p.x), SIGMA_RANGE, SIGMA_AZIMUTH);
+    const targets = (list) => counts(list).map((i) => measured(point(list, i)));
+    const start = () => [TRUTH[0] + lab.state.x, TRUTH[1] + lab.state.y, TRUTH[2] + lab.state.turn * DEGREE];
+
+    function problem(cost = lab.state.cost) {
+      const { fixed, moving, alpha, width, inflate } = lab.state;
+      const plain = { fixed: targets(fixed), moving: targets(moving), ...formOf(cost, corrupted(alpha, width)) };
+      return inflate === 1 ? plain : d2d.inflated(plain, inflate);
+    }
+
+    // ---- The scene -------------------------------------------------------------------------------------------------------------
+
+    const home = d2d.inverseMotion(TRUTH);
+    for (let i = 0; i < MOST; i++) {
+      scene.handle({
+        name: `Target ${letter(i)} of the previous scan F`,
+        step: 0.2,
+        low: -40,
+        high: 70,
+        draw: svg("rect", { class: "lab-knob", x: -4.5, y: -4.5, width: 9, height: 9 }),
+        hidden: () => 2 * i >= lab.state.fixed.length,
+        get: () => lab.state.fixed.slice(2 * i, 2 * i + 2),
+        set: (x, y) => setPoint(lab.state.fixed, i, { x, y }),
+      });
+    }
+    const marks = range(0, MOST - 1, MOST).map((i) => {
+      const knob = svg("circle", { class: "lab-knob lab-moving", r: 6 });
+      scene.handle({
+        name: `Target ${letter(i)} of the current scan M, at the true motion`,
+        step: 0.2,
+        low: -40,
+        high: 70,
+        draw: [knob, svg("text", { x: 9, y: -7 }, letter(i))],
+        hidden: () => 2 * i >= lab.state.moving.length,
+        get: () => {
+          const p = d2d.move(point(lab.state.moving, i), TRUTH);
+          return [p.x, p.y];
+        },
+        set: (x, y) => setPoint(lab.state.moving, i, d2d.move({ x, y }, home)),
+      });
+      return knob;
+    });
+
+    let shownAt = null; // while the descent is watched: the motion at which M is drawn
+    function drawScene(found) {
+      scene.extent([-3, 38], [-19, 20]);
+      scene.clear();
+      scene.mark("triangle", 0, 0, 6, "lab-fill-target");
+      scene.text(1.2, -1.8, "radar");
+      for (const target of targets(lab.state.fixed))
+        scene.ellipse(target.x, target.y, target, 3 * lab.state.inflate, "lab-soft");
+      const place = shownAt ?? TRUTH;
+      targets(lab.state.moving).forEach((target, k) => {
+        const there = d2d.move(target, place);
+        scene.ellipse(there.x, there.y, there, 3 * lab.state.inflate, `lab-line lab-${lab.state.cost}`);
+        if (shownAt) scene.mark("circle", there.x, there.y, 4, `lab-fill-${lab.state.cost}`);
+        if (marks[k]) marks[k].style.fillOpacity = found.shares[k];
+      });
+    }
+
+    // ---- The cost over the translation, through the optimum's rotation --------------------------------------------------------------
+
+    map.handle({
+      name: "Start of the descent, relative to the truth",
+      step: 0.25,
+      low: -REACH,
+      high: REACH,
+      draw: [svg("circle", { class: "lab-start-rim", r: 8 }), svg("circle", { class: "lab-start", r: 8 })],
+      get: () => [lab.state.x, lab.state.y],
+      set: (x, y) => Object.assign(lab.state, { x, y }),
+    });
+
+    // How many pairs of a target and a component are worked out between two frames: what takes about 8 ms here. At rest, 3e6.
+    let budget = 2e5;
+    function paint(found, fine) {
+      const { fixed, moving, cost } = lab.state;
+      const pairs = (fixed.length / 2) * (moving.length / 2) * (cost === "robust" ? 2 : 1);
+      const size = Math.round(
+        fine ? Math.min(100, Math.sqrt(3e6 / pairs)) : labs.clamp(Math.sqrt(budget / pairs), 14, 64),
+      );
+      const cells = ([low, high], middle) =>
+        range(low, high, 2 * size + 1)
+          .filter((_, i) => i % 2)
+          .map((each) => each + middle);
+      const began = performance.now();
+      map.paint(d2d.surface(problem(), cells(map.x, TRUTH[0]), cells(map.y, TRUTH[1]), found.theta[2]), size, size);
+      const ms = performance.now() - began;
+      if (!fine) budget = labs.clamp(budget * labs.clamp(8 / ms, 0.5, 1.4), 2e4, 3e5);
+      lab.painted = { size, ms };
+    }
+
+    let refining = null;
+    function drawMap(found, others) {
+      map.extent([-REACH, REACH], [-REACH, REACH]);
+      map.clear();
+      paint(found, false);
+      clearTimeout(refining);
+      refining = setTimeout(() => paint(found, true), 250);
+      const off = (theta) => [theta[0] - TRUTH[0], theta[1] - TRUTH[1]];
+      for (const axis of ["x", "y"]) map.rule(axis, 0, "lab-cross");
+      map.line(found.path.map(off), "lab-over");
+      found.path.slice(1).forEach((theta) => map.mark("circle", ...off(theta), 2.5, "lab-step"));
+      for (const [name, other] of Object.entries(others)) {
+        const [x, y] = off(other.theta),
+          own = name === lab.state.cost;
+        if (own && other.covariance) {
+          const [[xx, xy], [, yy]] = other.covariance;
+          map.ellipse(x, y, { xx, xy, yy }, 3, "lab-halo");
+          map.ellipse(x, y, { xx, xy, yy }, 3, `lab-line lab-${name} lab-strong`);
+        }
+        map.mark(COSTS[name].mark, x, y, own ? 6 : 4.5, `lab-optimum lab-fill-${name}`);
+      }
+    }
+
+    // ---- What came out ---------------------------------------------------------------------------------------------------------------
+
+    function tell(others) {
+      const rows = Object.entries(others).map(([name, found]) => {
+        const error = found.theta.map((each, i) => each - TRUTH[i]);
+        const sigma = found.covariance ? [0, 1, 2].map((i) => Math.sqrt(found.covariance[i][i])) : null;
+        const pm = (i, unit, decimals) =>
+          `${number(error[i] * unit, decimals)}${sigma ? ` ±\u00a0${number(sigma[i] * unit, decimals)}` : ""}`;
+        return [
+          [labs.inlineMark(name), ` ${COSTS[name].name}`],
+          pm(0, 1, 2),
+          pm(1, 1, 2),
+          pm(2, 1 / DEGREE, 1),
+          found.covariance ? number(d2d.nees(error, found.covariance), 1) : "none",
+        ];
+      });
+      const own = others[lab.state.cost];
+      const out = counts(lab.state.moving)
+        .filter((k) => own.shares[k] < 0.5)
+        .map(letter);
+      const end = own.converged
+        ? `${own.iterations} steps from the start to the optimum.`
+        : `After ${own.iterations} steps the descent had not converged.`;
+      const rejected =
+        lab.state.cost === "robust" ? ` Taken for outliers: ${out.length ? out.join(", ") : "none"}.` : "";
+      lab.tell(
+        html("p", {}, labs.inlineMark(lab.state.cost), ` ${COSTS[lab.state.cost].name}: ${end}${rejected}`),
+        lab.table(["error ± stated σ", "x (m)", "y (m)", "rotation (°)", "NEES"], rows),
+      );
+    }
+
+    function watch() {
+      const { path } = lab.result.found;
+      lab.animate(
+        Math.min(3, 0.3 * path.length),
+        (share) => {
+          const at = share * (path.length - 1),
+            i = Math.floor(at),
+            next = path[Math.min(i + 1, path.length - 1)];
+          shownAt = path[i].map((each, j) => each + (at - i) * (next[j] - each));
+          lab.update();
+        },
+        () =>
+          setTimeout(() => {
+            shownAt = null;
+            lab.update();
+          }, 900),
+      );
+    }
+
+    function draw() {
+      const noise = d2d.normals(lab.state.draw);
+      const observe = (p) => {
+        const distance = Math.hypot(p.x, p.y) + SIGMA_RANGE * noise(),
+          azimuth = Math.atan2(p.y, p.x) + SIGMA_AZIMUTH * noise();
+        return [distance * Math.cos(azimuth), distance * Math.sin(azimuth)].map((each) => Number(each.toFixed(2)));
+      };
+      lab.state.fixed = TRUE.flatMap(observe);
+      lab.state.moving = TRUE.map((p) => d2d.move(p, home)).flatMap(observe);
+    }
+
+    /** A target more in M, without a partner, at places spread over the field of view. */
+    function addOutlier() {
+      const n = lab.state.moving.length / 2;
+      if (n >= MOST) return;
+      const spots = [
+        [24, -6],
+        [12, 14],
+        [35, 8],
+        [9, -3],
+        [27, 17],
+        [34, -15],
+        [6, -14],
+        [18, 3],
+        [26, 5],
+        [15, -16],
+        [36, 1],
+        [8, 8],
+      ];
+      const [x, y] = spots[(n - 8 + spots.length) % spots.length],
+        p = d2d.move({ x, y }, home);
+      lab.state.moving.push(Number(p.x.toFixed(2)), Number(p.y.toFixed(2)));
+    }
+
+    lab.changed = () => {
+      shownAt = null;
+    };
+    const robust = () => lab.state.cost === "robust";
+    lab.build(
+      [
+        bar(lab.costs()),
+        html(
+          "div",
+          { class: "lab-row" },
+          panel("Targets: F squares, M circles", scene),
+          panel("Cost, low is dark; start: white ring", map),
+        ),
+        bar(
+          lab.button("Watch the descent", watch),
+          lab.button("Next draw", () => {
+            lab.state.draw += 1;
+            draw();
+            lab.touched("draw");
+          }),
+          lab.button("Add an outlier", () => {
+            addOutlier();
+            lab.touched("outlier");
+          }),
+          lab.check("anneal", "anneal (10, 5.5, 3.2, 1.7, 1)"),
+          lab.reset(),
+        ),
+        bar(
+          lab.slider("turn", {
+            label: "rotation of the start",
+            min: -60,
+            max: 60,
+            step: 1,
+            show: (v) => `${number(v, 0)}°`,
+          }),
+          lab.slider("inflate", { label: "inflate every σ by", min: 1, max: 10, step: 0.1, show: (v) => number(v, 1) }),
+          lab.slider("alpha", {
+            label: "share of outliers α",
+            min: 0.01,
+            max: 0.9,
+            step: 0.01,
+            show: (v) => number(v),
+            when: robust,
+          }),
+          lab.slider("width", {
+            label: "their width σₒ",
+            min: 1,
+            max: 30,
+            step: 0.5,
+            show: (v) => `${number(v, 1)} m`,
+            when: robust,
+          }),
+        ),
+      ],
+      () => {
+        const others = Object.fromEntries(
+          Object.keys(COSTS).map((name) => [
+            name,
+            d2d.register(problem(name), start(), lab.state.anneal ? d2d.ANNEALED : [1]),
+          ]),
+        );
+        const found = others[lab.state.cost];
+        lab.result = { problem: problem(), start: start(), found };
+        drawScene(found);
+        drawMap(found, others);
+        tell(others);
+      },
+    );
+  },
+);

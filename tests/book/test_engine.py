@@ -1,0 +1,385 @@
+"""The engine of the laboratories computes what d2d computes, in a real browser.
+
+Python draws the problems and solves them; the page is handed the problems only.  Breaks if a sign,
+a term of a derivative, a weight or a step of the search differs.  `make test-engine` runs it
+without a built book.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+from selenium import webdriver
+
+from d2d import (
+    ANNEALED,
+    CorruptedGaussian,
+    PointSet,
+    RegistrationCost,
+    UniformOutlier,
+    credibility,
+    register,
+    rigid,
+)
+from d2d.cost import OutlierModel
+from d2d.radar import EgoMotionModel, RadarScan, estimate_ego_motion, simulate_drive
+from d2d.radar.scan_pair import scan_pair
+from d2d.study import scenarios
+from d2d.study.line.scene import line_scene
+from tests.book import browser
+
+ENGINE = Path(__file__).resolve().parents[2] / "_static" / "labs" / "engine.js"
+EXACT = 1e-9
+PAGE = """<!doctype html><link rel="icon" href="data:,">
+<script>const names = () => Object.getOwnPropertyNames(window), before = new Set(names());</script>
+<script src="engine.js"></script>
+<script>const added = names().filter((name) => !before.has(name));</script>"""
+Array = NDArray[np.float64]
+OUTLIERS: dict[str, OutlierModel | None] = {
+    "none": None,
+    "corrupted": CorruptedGaussian(0.2, [[100.0, 0.0], [0.0, 100.0]]),
+    "oblique": CorruptedGaussian(0.35, [[30.0, 8.0], [8.0, 12.0]]),
+    "uniform": UniformOutlier(0.003),
+}
+
+
+class Case(NamedTuple):
+    """A problem as the engine reads it, a start, and what d2d makes of it."""
+
+    problem: dict[str, Any]
+    start: Array
+    value: float
+    gradient: Array
+    hessian: Array
+    theta: Array
+    covariance: Array
+    shares: Array
+    iterations: int
+
+
+@pytest.fixture(scope="module")
+def page(driver: webdriver.Chrome, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Runs a script with its arguments in a page that has loaded nothing but the engine."""
+    folder = tmp_path_factory.mktemp("engine")
+    (folder / "engine.js").write_bytes(ENGINE.read_bytes())
+    (folder / "page.html").write_text(PAGE, encoding="utf-8")
+    with browser.serve(folder) as address:
+        driver.get(f"{address}page.html")
+        yield driver.execute_script
+
+
+def targets(points: PointSet) -> list[dict[str, Any]]:
+    """The set as the engine reads it; a line's has no second coordinate."""
+    if points.dimension == 1:
+        rows = zip(points.means[:, 0], points.covariances[:, 0, 0], strict=True)
+        return [{"x": x, "y": 0.0, "xx": xx, "xy": 0.0, "yy": 0.0} for x, xx in rows]
+    return [
+        {"x": x, "y": y, "xx": s[0, 0], "xy": s[0, 1], "yy": s[1, 1]}
+        for (x, y), s in zip(points.means, points.covariances, strict=True)
+    ]
+
+
+def outlier(model: OutlierModel | None) -> dict[str, float] | None:
+    """The outlier model as the engine reads it."""
+    if model is None:
+        return None
+    if isinstance(model, UniformOutlier):
+        return {"density": model.density}
+    s = np.zeros((2, 2))
+    s[: len(model.covariance), : len(model.covariance)] = model.covariance
+    return {"fraction": model.fraction, "xx": s[0, 0], "xy": s[0, 1], "yy": s[1, 1]}
+
+
+def padded(array: ArrayLike, unit: float = 0.0) -> Array:
+    """Derivatives of a line's problem as the engine gives them, in three parameters."""
+    given = np.asarray(array)
+    if given.shape[-1] == 3:
+        return given
+    full = unit * np.eye(3) if given.ndim == 2 else np.zeros(3)
+    full[(0,) * given.ndim] = given.item()
+    return full
+
+
+def case_of(
+    fixed: PointSet, moving: PointSet, cost: RegistrationCost, start: ArrayLike, at: ArrayLike
+) -> Case:
+    """A registration: derivatives at one motion, the optimum from another."""
+    value, gradient, hessian = cost.derivatives(at, fixed, moving)
+    found = register(fixed, moving, cost, start)
+    problem = {
+        "fixed": targets(fixed),
+        "moving": targets(moving),
+        "fusion": cost.fusion,
+        "metric": cost.metric,
+        "outlier": outlier(cost.outlier),
+        "line": fixed.dimension == 1,
+    }
+    shares = cost.inlier_probabilities(at, fixed, moving)
+    return Case(
+        problem,
+        padded(start),
+        float(value),
+        padded(gradient),
+        padded(hessian, 1.0),
+        padded(found.theta),
+        padded(found.covariance, 1.0),
+        shares,
+        int(found.iterations),
+    )
+
+
+def planar_case(
+    name: str, metric: Any, fusion: Any, off: float, scenario: Any = scenarios.OUTLIERS
+) -> tuple[Case, Array]:
+    """A draw of the outlier scene, started off the truth, and the motion it is evaluated at."""
+    rng = np.random.default_rng(len(name))
+    sets = scenario.sample(1, rng)
+    fixed, moving = (PointSet(each.means[0], each.covariances[0]) for each in sets)
+    at = scenario.theta + off * np.array([1.0, -0.7, 0.15])
+    return case_of(fixed, moving, RegistrationCost(metric, fusion, OUTLIERS[name]), at, at), at
+
+
+def line_case(name: str, fusion: Any) -> tuple[Case, Array]:
+    """The scene on a line, with a wide outlier component or none."""
+    fixed, moving = line_scene(np.random.default_rng(3))
+    model = {"none": None, "corrupted": CorruptedGaussian(0.2, [[100.0]])}[name]
+    at = np.array([2.4])
+    return case_of(fixed, moving, RegistrationCost("d2d", fusion, model), at, at), at
+
+
+def doppler_case(start: ArrayLike) -> tuple[Case, Array]:
+    """A pair of scans of a simulated drive, in a bend."""
+    drive = simulate_drive(np.random.default_rng(7), duration=30.0)
+    previous, current = drive.scans[-2], drive.scans[-1]
+    few = slice(0, 20)
+    previous, current = (thinned(scan, few) for scan in (previous, current))
+    model = EgoMotionModel()
+    problem = model.problem([scan_pair(previous, current, drive.mounting, model)])
+    at = np.asarray(start)
+    bound = problem.bind(at)
+    value, gradient, hessian = problem.derivatives(bound)
+    found = estimate_ego_motion(previous, current, drive.mounting, initial=at)
+    pair = scan_pair(previous, current, drive.mounting, model)
+    rows = targets(pair.moving)
+    for row, doppler, azimuth, sigma, sigma_azimuth in zip(
+        rows,
+        current.doppler,
+        current.azimuth,
+        np.broadcast_to(current.sigma_doppler, current.doppler.shape),
+        np.broadcast_to(current.sigma_azimuth, current.doppler.shape),
+        strict=True,
+    ):
+        row["measured"] = [doppler, azimuth, sigma, sigma_azimuth]
+    described = {
+        "fixed": targets(pair.fixed),
+        "moving": rows,
+        "fusion": "likelihood",
+        "outlier": outlier(model.outlier),
+        "interval": pair.interval,
+        "dopplerWidth": model.doppler_width,
+        "mounting": {"x": drive.mounting.x, "y": drive.mounting.y, "yaw": drive.mounting.yaw},
+    }
+    case = Case(
+        described,
+        at,
+        value.item(),
+        gradient[0],
+        hessian[0],
+        found.theta,
+        found.covariance,
+        problem.inlier_shares(bound),
+        int(found.iterations),
+    )
+    return case, at
+
+
+def thinned(scan: RadarScan, rows: slice) -> RadarScan:
+    """Some of a scan's targets."""
+    per_target = {
+        name: np.broadcast_to(getattr(scan, name), scan.range.shape)[rows]
+        for name in (
+            *("range", "azimuth", "doppler", "extent"),
+            *("sigma_range", "sigma_azimuth", "sigma_doppler"),
+        )
+    }
+    return replace(scan, **per_target)
+
+
+CASES = {
+    **{
+        f"{fusion}-{metric}-{name}": lambda n=name, m=metric, f=fusion: planar_case(n, m, f, 0.4)
+        for fusion in ("likelihood", "summing")
+        for metric in ("d2d", "p2d")
+        for name in OUTLIERS
+    },
+    **{
+        f"line-{fusion}-{name}": lambda n=name, f=fusion: line_case(n, f)
+        for fusion in ("likelihood", "summing")
+        for name in ("none", "corrupted")
+    },
+    **{
+        f"far-{off}-{name}": lambda n=name, o=off: planar_case(n, "d2d", "likelihood", o)
+        for off in (2.0, 6.0, -4.0)
+        for name in OUTLIERS
+    },
+    "doppler": lambda: doppler_case([1.9, 0.05, 0.02]),
+    "doppler-far": lambda: doppler_case([1.0, 0.3, 0.4]),
+}
+
+EVALUATE = """
+const [problem, start, at] = arguments;
+for (const target of problem.moving) {
+  const own = target.measured;
+  if (own) target.doppler = d2d.dopplerMeasurement(...own, problem.mounting);
+}
+const found = d2d.register(problem, start);
+const {value, gradient, hessian, shares} = d2d.evaluate(problem, at);
+return {value, gradient, hessian, shares, theta: found.theta, covariance: found.covariance,
+        converged: found.converged, iterations: found.iterations};
+"""
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_engine_equals_d2d(page: Any, name: str):
+    """Value, gradient, Hessian, inlier probabilities, optimum and covariance, to 1e-9."""
+    case, at = CASES[name]()
+    got = page(EVALUATE, case.problem, case.start.tolist(), padded(at).tolist())
+    assert got["converged"]
+    assert got["iterations"] == pytest.approx(case.iterations, abs=2)
+    for field in ("value", "gradient", "hessian", "shares", "theta", "covariance"):
+        expected = np.asarray(getattr(case, field))
+        size = np.abs(expected).max()
+        off = np.abs(np.array(got[field]) - expected).max()
+        assert off <= EXACT * max(1.0, size), f"{field} is {off:.2e} off"
+
+
+def test_the_surface_is_the_cost(page: Any):
+    """The fast surface of a map equals the cost, cell by cell, for every outlier model."""
+    xs, ys, turn = [3.0, 4.5, 6.0], [-2.0, 0.5], 0.2
+    for name in OUTLIERS:
+        for fusion in ("likelihood", "summing"):
+            case, _ = planar_case(name, "d2d", fusion, 0.4)
+            got = page("return [...d2d.surface(...arguments)]", case.problem, xs, ys, turn)
+            expected = [
+                page("return d2d.evaluate(...arguments).value", case.problem, [x, y, turn])
+                for y in ys
+                for x in xs
+            ]
+            np.testing.assert_allclose(got, expected, rtol=1e-11)
+
+
+@pytest.mark.parametrize("fusion", ["likelihood", "summing"])
+def test_a_count_stands_for_equal_targets(page: Any, fusion: Any):
+    """Breaks if a target that counts three times is not what three equal targets are to d2d."""
+    rng = np.random.default_rng(1)
+    fixed, moving = (
+        PointSet(each.means[0], each.covariances[0]) for each in scenarios.OUTLIERS.sample(1, rng)
+    )
+    times = np.where(np.arange(fixed.size) == 2, 3, 1)
+    every = [
+        PointSet(each.means.repeat(times, axis=0), each.covariances.repeat(times, axis=0))
+        for each in (fixed, moving)
+    ]
+    at = scenarios.OUTLIERS.theta + 0.3
+    case = case_of(*every, RegistrationCost("d2d", fusion, OUTLIERS["corrupted"]), at, at)
+    counted = [
+        [{**row, "count": int(n)} for row, n in zip(targets(each), times, strict=True)]
+        for each in (fixed, moving)
+    ]
+    problem = {**case.problem, "fixed": counted[0], "moving": counted[1]}
+    got = page(EVALUATE, problem, at.tolist(), at.tolist())
+    for field in ("value", "gradient", "hessian", "theta", "covariance"):
+        expected = np.asarray(getattr(case, field))
+        scale = max(1.0, np.abs(expected).max())
+        np.testing.assert_allclose(got[field], expected, atol=EXACT * scale, err_msg=field)
+    alone = page("return [...d2d.surface(...arguments)]", problem, [at[0]], [at[1]], at[2])
+    assert alone[0] == pytest.approx(case.value, rel=1e-11)
+
+
+def test_annealing_ends_where_that_of_d2d_does(page: Any):
+    """Breaks if standard deviations are inflated otherwise."""
+    case, _ = planar_case("corrupted", "d2d", "likelihood", 0.4)
+    fixed, moving = (
+        PointSet(
+            [[row["x"], row["y"]] for row in case.problem[name]],
+            [[[row["xx"], row["xy"]], [row["xy"], row["yy"]]] for row in case.problem[name]],
+        )
+        for name in ("fixed", "moving")
+    )
+    cost = RegistrationCost(outlier=OUTLIERS["corrupted"])
+    expected = register(fixed, moving, cost, scales=ANNEALED)
+    got = page("return d2d.register(arguments[0], [0, 0, 0], d2d.ANNEALED)", case.problem)
+    np.testing.assert_allclose(got["theta"], expected.theta, atol=EXACT)
+    np.testing.assert_allclose(got["covariance"], expected.covariance, atol=EXACT)
+
+
+def test_polar_measurements_have_the_covariances_of_d2d(page: Any):
+    expected = targets(PointSet.from_polar([20.0], [0.7], 0.2, 0.03))[0]
+    got = page("return d2d.fromPolar(20, 0.7, 0.2, 0.03)")
+    assert got == pytest.approx(expected, rel=1e-12)
+
+
+def test_motions_are_those_of_d2d(page: Any):
+    theta, point = [1.2, -0.4, 0.9], [3.0, 7.0]
+    moved = page(
+        "return d2d.move({x: arguments[1][0], y: arguments[1][1]}, arguments[0])", theta, point
+    )
+    np.testing.assert_allclose(
+        [moved["x"], moved["y"]], rigid.transform_means(theta, [point])[0], rtol=1e-13
+    )
+    np.testing.assert_allclose(
+        page("return d2d.inverseMotion(arguments[0])", theta), rigid.inverse(theta), rtol=1e-13
+    )
+    for twist in ([1.0, 2.0, 0.1], [1.0, 2.0, 1.4]):
+        got = page("return d2d.exponential(...arguments[0]).motion", twist)
+        np.testing.assert_allclose(got, rigid.exponential(twist), rtol=1e-13)
+
+
+def test_credibility_is_that_of_d2d(page: Any):
+    rng = np.random.default_rng(0)
+    errors = rng.standard_normal((200, 3)) * [0.3, 0.2, 0.02]
+    factors = rng.standard_normal((200, 3, 3)) * [[0.1], [0.1], [0.01]]
+    covariances = factors @ factors.swapaxes(-1, -2) + np.diag([0.05, 0.04, 0.0005])
+    expected = credibility(errors, covariances)
+    got = page("return d2d.credibility(...arguments)", errors.tolist(), covariances.tolist())
+    for field, own in (
+        ("nees", expected.nees),
+        ("credibleNees", expected.credible_nees),
+        ("anees", expected.anees),
+        ("nci", expected.nci),
+        ("inclination", expected.inclination),
+    ):
+        np.testing.assert_allclose(got[field], own, rtol=EXACT, err_msg=field)
+    np.testing.assert_allclose(got["bounds"], expected.bounds, rtol=1e-4)
+
+
+def test_noise_is_standard_normal(page: Any):
+    """Breaks if the generator repeats itself or has another variance; its seed fixes it."""
+    draw = "const next = d2d.normals(arguments[0]); return Array.from({length: 20000}, next);"
+    numbers = np.array(page(draw, 5))
+    assert abs(numbers.mean()) < 0.03
+    assert abs(numbers.std() - 1.0) < 0.02
+    assert abs(np.mean(numbers[1:] * numbers[:-1])) < 0.03
+    assert np.mean(np.abs(numbers) < 1.0) == pytest.approx(0.6827, abs=0.015)
+    assert page(draw, 5) == numbers.tolist()
+    assert page(draw, 6) != numbers.tolist()
+
+
+def test_the_engine_is_small_and_alone(page: Any):
+    """Breaks if the engine outgrows 40 kB or leaves more than its one name on the page."""
+    assert ENGINE.stat().st_size < 40_000
+    assert page("return added") == ["d2d"]
+
+
+def test_the_engine_can_be_imported_as_a_module(page: Any, driver: webdriver.Chrome):
+    """Breaks if it no longer parses as an ES module."""
+    script = (
+        "const done = arguments[0]; import('./engine.js').then(() => done(typeof d2d.register))"
+    )
+    assert driver.execute_async_script(script) == "function"

@@ -1,0 +1,367 @@
+"""The laboratories in the built pages, by mouse, finger and keys, in both themes, at both widths.
+
+Breaks if something can no longer be dragged, if what is shown is not what d2d computes, if the
+page's address does not bring the view back, or if a laboratory needs more than the page's own
+files. The numbers of the engine itself are tested in test_engine.py.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.remote.webelement import WebElement
+
+from d2d import CorruptedGaussian, PointSet, RegistrationCost, _kernel
+from d2d.measurement import LinearMeasurement
+from d2d.problem import Pair, Problem
+from d2d.registration import anneal
+from d2d.study.plane.scenarios import EIGHT_TARGETS, OVERLAPPED
+from tests.book import browser
+
+Array = NDArray[np.float64]
+WIDTHS = {"desk": browser.WIDE, "phone": browser.NARROW}
+
+
+class Laboratory(NamedTuple):
+    """Where a laboratory is, and what in it can be dragged, slid and pressed."""
+
+    page: str
+    id: str
+    handle: str
+    """Begin of the label of something to drag; empty if there is nothing."""
+    slider: str
+    button: str
+
+
+LABS = (
+    Laboratory("intro", "lab-live", "The current scan: move", "", "Register from here"),
+    Laboratory(
+        "chapters/04a_cost_surfaces_1d", "lab-line", "Target C of the cur", "t", "Let the ball roll"
+    ),
+    Laboratory(
+        "chapters/04b_outliers_and_clusters_1d", "lab-outlier", "Target O", "noise", "Next draw"
+    ),
+    Laboratory(
+        "chapters/06_credibility_2d", "lab-plane", "Target F of the cur", "turn", "Add an outlier"
+    ),
+    Laboratory(
+        "chapters/07_radar_ego_motion", "lab-doppler", "The mover", "vx", "Go to the estimate"
+    ),
+    Laboratory(
+        "chapters/08b_true_covariance", "lab-credible", "", "stated", "100 more registrations"
+    ),
+)
+EACH_LAB = pytest.mark.parametrize(
+    "lab", [pytest.param(lab, id=lab.id, marks=pytest.mark.xdist_group(lab.id)) for lab in LABS]
+)
+
+
+# ---- What d2d makes of a laboratory's problem ---------------------------------------------------
+
+
+def optimum(problem: dict[str, Any], start: list[float]) -> Array:
+    """Where d2d ends from the same start."""
+    line = bool(problem.get("line"))
+    own = [slice(0, 1), slice(0, 1)] if line else [slice(0, 2), slice(0, 2)]
+    fixed, moving = (point_set(problem[name], line) for name in ("fixed", "moving"))
+    model = problem["outlier"]
+    if model is not None:
+        s = np.array([[model["xx"], model["xy"]], [model["xy"], model["yy"]]])
+        model = CorruptedGaussian(model["fraction"], s[tuple(own)])
+    form = RegistrationCost(fusion=problem["fusion"], outlier=model).form(1 if line else 2)
+    interval = problem.get("interval")
+    measurement = None
+    if interval is not None and "doppler" in problem["moving"][0]:
+        measurement = doppler(problem, interval)
+        outlier = form.outlier.copy()
+        outlier[_kernel.LOG_OUTLIER_WEIGHT] -= np.log(problem["dopplerWidth"])
+        form = form._replace(outlier=outlier)
+    kind = _kernel.MOTION if interval is None else _kernel.ARC
+    bound = Problem(form, [Pair(fixed, moving, measurement, interval or 1.0)], kind)
+    return anneal(bound, np.array(start[: 1 if line else 3])).theta
+
+
+def point_set(rows: list[dict[str, Any]], line: bool) -> PointSet:
+    """Targets of the engine; one that counts several times is repeated."""
+    rows = [row for row in rows for _ in range(row.get("count", 1))]
+    if line:
+        return PointSet([[row["x"]] for row in rows], [[[row["xx"]]] for row in rows])
+    means = [[row["x"], row["y"]] for row in rows]
+    return PointSet(means, [[[r["xx"], r["xy"]], [r["xy"], r["yy"]]] for r in rows])
+
+
+def doppler(problem: dict[str, Any], interval: float) -> LinearMeasurement:
+    """The Doppler velocities as d2d takes them, of the twist over the interval."""
+    rows = [row["doppler"] for row in problem["moving"]]
+    of = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    sigmas = np.sqrt(of["variance"]), np.sqrt(of["inputVariance"])
+    return LinearMeasurement(
+        of["value"], *sigmas, of["gain"] / interval, of["slope"] / interval, of_twist=True
+    )
+
+
+# ---- Real events in the page --------------------------------------------------------------------
+
+
+class Hand:
+    """Opens a laboratory and works it with real events."""
+
+    def __init__(self, driver: webdriver.Chrome, lab: Laboratory) -> None:
+        self.driver, self.lab, self.it = driver, lab, f"labs.all['{lab.id}']"
+
+    def open(self, address: str, width: int = browser.WIDE, theme: str = "light") -> None:
+        """Load the page afresh."""
+        browser.resize(self.driver, width)
+        browser.prefer(self.driver, theme)
+        self.driver.get("about:blank")
+        browser.drain(self.driver)
+        self.driver.get(address)
+        browser.wait(self.driver, f"return Boolean(window.labs && {self.it}?.result)")
+        browser.wait(self.driver, "return document.readyState === 'complete'")
+
+    def ask(self, expression: str) -> Any:
+        """Something of the laboratory, once it is drawn."""
+        script = """const [id, done] = arguments, lab = labs.all[id];
+        const rest = () => (lab.waiting ? requestAnimationFrame(rest) : done(JSON.stringify(%s)));
+        requestAnimationFrame(rest);"""
+        return json.loads(self.driver.execute_async_script(script % expression, self.lab.id))
+
+    def find(self, selector: str) -> WebElement:
+        """An element of the laboratory, scrolled to the middle of the window."""
+        found = self.driver.find_element(By.CSS_SELECTOR, f"#{self.lab.id} {selector}")
+        self.driver.execute_script(
+            "arguments[0].scrollIntoView({block: 'center', behavior: 'instant'})", found
+        )
+        return found
+
+    def middle(self, element: WebElement) -> tuple[float, float]:
+        """The middle of an element in the window, px."""
+        box = "const b = arguments[0].getBoundingClientRect();"
+        x, y = self.driver.execute_script(
+            f"{box} return [b.x + b.width / 2, b.y + b.height / 2]", element
+        )
+        return x, y
+
+    def drag(self, kind: str, element: WebElement, dx: float, dy: float) -> None:
+        """Drag by some pixels, with the mouse or with a finger."""
+        grip = element.find_elements(By.CSS_SELECTOR, ".lab-reach") or [element]
+        x, y = self.middle(grip[0])
+        for share, event in ((0.0, "down"), (0.5, "move"), (1.0, "move"), (1.0, "up")):
+            self.point(kind, event, x + share * dx, y + share * dy)
+
+    def point(self, kind: str, event: str, x: float, y: float) -> None:
+        """One event of the mouse or of a finger."""
+        if kind == "mouse":
+            names = {"down": "mousePressed", "move": "mouseMoved", "up": "mouseReleased"}
+            pressed = {"button": "left", "buttons": 1, "clickCount": 1}
+            self.driver.execute_cdp_cmd(
+                "Input.dispatchMouseEvent", {"type": names[event], "x": x, "y": y, **pressed}
+            )
+        else:
+            names = {"down": "touchStart", "move": "touchMove", "up": "touchEnd"}
+            points = [] if event == "up" else [{"x": x, "y": y}]
+            self.driver.execute_cdp_cmd(
+                "Input.dispatchTouchEvent", {"type": names[event], "touchPoints": points}
+            )
+
+    def tap(self, kind: str, element: WebElement) -> None:
+        """Press and let go."""
+        self.drag(kind, element, 0.0, 0.0)
+
+
+@pytest.fixture
+def hand(driver: webdriver.Chrome, lab: Laboratory) -> Iterator[Hand]:
+    """A hand on a laboratory; the window and the colours are put back afterwards."""
+    yield Hand(driver, lab)
+    browser.prefer(driver, "")
+    driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
+    browser.resize(driver, browser.WIDE)
+
+
+def assert_agrees_with_python(hand: Hand) -> Array:
+    """What the laboratory shows is what d2d finds; returns it."""
+    if hand.lab.id == "lab-credible":
+        shown = hand.ask("lab.result.results.slice(0, 3)")
+        theta = np.array([run["theta"] for run in shown])
+        start = [5.0, 0.0, np.deg2rad(15.0)]
+        expected = np.array([optimum(run["problem"], start) for run in shown])
+    elif hand.lab.id in ("lab-line", "lab-outlier"):
+        shown = hand.ask("({...lab.result})")
+        theta, start = np.array([shown["lowest"]]), [shown["lowest"] + 0.02]
+        expected = optimum(shown["problem"], start)
+    else:
+        shown = hand.ask("lab.result")
+        theta = np.array(shown["found"]["theta"])
+        expected = optimum(shown["problem"], shown["start"])
+    np.testing.assert_allclose(theta, expected, atol=1e-8)
+    return theta
+
+
+@EACH_LAB
+@pytest.mark.parametrize("theme", browser.THEMES)
+@pytest.mark.parametrize("width", WIDTHS)
+def test_by_mouse_finger_and_keys(
+    lab: Laboratory, width: str, theme: str, hand: Hand, address: str
+):
+    """Each gesture changes the optimum, to what d2d gives; nothing complains or is fetched."""
+    home = f"{address}{lab.page}.html"
+    hand.open(home, WIDTHS[width], theme)
+    touch = {"enabled": width == "phone", "maxTouchPoints": 1}
+    hand.driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", touch)
+    assert hand.driver.execute_script("return document.documentElement.dataset.theme") == theme
+    fetched = "return performance.getEntriesByType('resource').length"
+    loaded = hand.driver.execute_script(fetched)
+    seen = [assert_agrees_with_python(hand)]
+    if lab.handle:
+        handle = hand.find(f"[aria-label^='{lab.handle}']")
+        for gesture in (
+            partial(hand.drag, "mouse", handle, 14.0, 9.0),
+            partial(hand.drag, "finger", handle, 14.0, 9.0),
+            partial(handle.send_keys, Keys.ARROW_RIGHT, Keys.ARROW_UP),
+        ):
+            state = hand.ask("lab.state")
+            gesture()
+            assert hand.ask("lab.state") != state
+            seen.append(assert_agrees_with_python(hand))
+        assert hand.driver.switch_to.active_element == handle
+    if lab.slider:
+        state = f"lab.state.{lab.slider}"
+        value = hand.ask(state)
+        hand.find(f"#{lab.id}-{lab.slider}").send_keys(Keys.ARROW_RIGHT)
+        assert hand.ask(state) > value
+        seen.append(assert_agrees_with_python(hand))
+    state = hand.ask("JSON.stringify(lab.state)")
+    pressed = hand.find(f".lab-button:nth-of-type({button(hand, lab.button)})")
+    hand.tap("mouse", pressed)
+    browser.wait(hand.driver, f"return JSON.stringify({hand.it}.state) !== {json.dumps(state)}")
+    assert_agrees_with_python(hand)
+    hand.tap("finger", pressed)
+    assert_agrees_with_python(hand)
+    if lab.handle and lab.id != "lab-live":  # there it is the start that moves, not a target
+        moved = [np.abs(after - before).max() for before, after in pairwise(seen)]
+        assert max(moved) > 1e-4
+    assert hand.driver.execute_script(fetched) == loaded
+    complaints, _ = browser.traffic(hand.driver, home)
+    assert complaints == []
+
+
+def button(hand: Hand, label: str) -> int:
+    """Which of the buttons beside it has this label, counted from 1."""
+    script = """const [id, label] = arguments;
+    const found = [...document.querySelectorAll(`#${id} button`)]
+      .find((each) => each.textContent === label);
+    return [...found.parentElement.children].filter((each) => each.tagName === 'BUTTON')
+      .indexOf(found) + 1;"""
+    return int(hand.driver.execute_script(script, hand.lab.id, label))
+
+
+@EACH_LAB
+def test_the_address_brings_the_view_back(lab: Laboratory, hand: Hand, address: str):
+    """A view that is sent to somebody else is the same there; nonsense is ignored."""
+    home = f"{address}{lab.page}.html"
+    hand.open(home)
+    first = hand.ask("lab.state")
+    if lab.handle:
+        hand.drag("mouse", hand.find(f"[aria-label^='{lab.handle}']"), 20.0, 10.0)
+    else:
+        hand.find(f"#{lab.id}-{lab.slider}").send_keys(Keys.ARROW_RIGHT)
+    state = hand.ask("lab.state")
+    browser.wait(hand.driver, "return location.hash.includes('?')")
+    shared = hand.driver.current_url
+    hand.open(shared)
+    again = hand.ask("lab.state")
+    assert again.keys() == state.keys()
+    for key, value in state.items():
+        if isinstance(value, str):
+            assert again[key] == value
+        else:
+            np.testing.assert_allclose(again[key], value, rtol=1e-6)
+    assert state != first
+    hand.open(f"{home}#{lab.id}?cost=nonsense&fixed=1,x&moving=&draw=-1&alpha=9e99&%22=3")
+    assert hand.ask("lab.element.querySelectorAll('svg').length") > 0
+    complaints, _ = browser.traffic(hand.driver, home)
+    assert complaints == []
+
+
+@EACH_LAB
+def test_it_works_from_a_folder(lab: Laboratory, hand: Hand, book: Path):
+    """Breaks if a script cannot be loaded by a book that is opened from disk."""
+    hand.open((book / f"{lab.page}.html").as_uri())
+    assert_agrees_with_python(hand)
+
+
+@EACH_LAB
+def test_without_scripts_it_points_to_the_printed_figure(
+    lab: Laboratory, driver: webdriver.Chrome, address: str
+):
+    driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
+    try:
+        driver.get(f"{address}{lab.page}.html")
+        fallback = driver.find_element(By.ID, lab.id)
+        assert "needs JavaScript" in fallback.text
+        assert fallback.find_elements(By.CSS_SELECTOR, "a[href*='#fig-']")
+    finally:
+        driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
+
+
+@EACH_LAB
+def test_controls_have_names_and_results_are_announced(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if a screen reader finds a control without a name, or hears no result."""
+    hand.open(f"{address}{lab.page}.html")
+    nameless = """[...lab.element.querySelectorAll('input, button, [tabindex="0"]')]
+      .filter((each) => !each.getAttribute('aria-label') && !each.textContent.trim())
+      .filter((each) => !each.labels?.length).length"""
+    assert hand.ask(nameless) == 0
+    browser.wait(
+        hand.driver,
+        f"return document.querySelector('#{lab.id} [aria-live=polite]').textContent.length > 20",
+    )
+
+
+@pytest.mark.parametrize("lab", [LABS[1]], ids=["lab-line"])
+def test_reduced_motion_skips_the_animation(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if the ball still rolls for a reader whose system asks for less motion."""
+    feature = {"name": "prefers-reduced-motion", "value": "reduce"}
+    hand.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
+    hand.driver.get("about:blank")
+    hand.driver.get(f"{address}{lab.page}.html")
+    browser.wait(hand.driver, f"return Boolean(window.labs && {hand.it}?.result)")
+    hand.driver.execute_script("document.querySelector('#lab-line .lab-button').click()")
+    shown = hand.ask("({t: lab.state.t, problem: lab.result.problem})")
+    assert shown["t"] == pytest.approx(optimum(shown["problem"], [6.4]).item(), abs=1e-6)
+
+
+@pytest.mark.parametrize("lab", [LABS[3]], ids=["lab-plane"])
+def test_the_scene_is_that_of_the_study(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if the laboratories of the plane leave the scene that chapter 6 evaluates."""
+    hand.open(f"{address}{lab.page}.html")
+    scene = hand.ask("labs.SCENE")
+    assert scene["polar"] == EIGHT_TARGETS.tolist()
+    np.testing.assert_allclose(scene["theta"], OVERLAPPED.theta)
+    assert scene["sigmaRange"] == OVERLAPPED.sigma_range
+    assert scene["sigmaAzimuth"] == OVERLAPPED.sigma_azimuth
+
+
+def test_only_pages_with_a_laboratory_load_one(book: Path):
+    """Breaks if every page loads every script again, as Jupyter Book does by itself."""
+    scripts = {"lab-outlier": "line"}
+    expected = {
+        lab.page: {"engine", "kit", scripts.get(lab.id, lab.id.removeprefix("lab-"))}
+        for lab in LABS
+    }
+    for page in [*expected, "chapters/notation", "chapters/01_motivation"]:
+        text = (book / f"{page}.html").read_text(encoding="utf-8")
+        loaded = {part.split(".js")[0] for part in text.split("_static/labs/")[1:] if ".js" in part}
+        loaded = {name for name in loaded if "." not in name}
+        assert loaded == expected.get(page, set())

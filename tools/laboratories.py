@@ -1,0 +1,41 @@
+"""A Sphinx extension that loads the laboratories' scripts on those pages that have one.
+
+A page has a laboratory where its text has ``<div class="lab" data-lab="name">``; the scripts are
+``engine.js``, ``kit.js`` and ``name.js`` in ``_static/labs``.  Jupyter Book by itself would load
+every script of ``_static`` on every page.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from sphinx.application import Sphinx
+from sphinx.config import Config
+
+FOLDER = "labs/"
+LABORATORY = re.compile(r'<div class="lab"[^>]* data-lab="([a-z]+)"')
+SHARED = ("engine", "kit")
+
+
+def leave_out(app: Sphinx, config: Config) -> None:
+    """Take the laboratories' files out of those that every page loads."""
+    for name in ("html_js_files", "html_css_files"):
+        kept = [file for file in getattr(config, name) if not str(file).startswith(FOLDER)]
+        setattr(config, name, kept)
+
+
+def load(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """Load what the laboratories of a page need."""
+    names = sorted(set(LABORATORY.findall(context.get("body", ""))))
+    if not names:
+        return
+    app.add_css_file(f"{FOLDER}labs.css")
+    for name in (*SHARED, *names):
+        app.add_js_file(f"{FOLDER}{name}.js", loading_method="defer")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    app.connect("config-inited", leave_out)
+    app.connect("html-page-context", load)
+    return {"parallel_read_safe": True}
