@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Arc, Rectangle
 
 from d2d.radar import Mounting
-from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE
+from d2d.study.book.grammar import BLACK, GREY, OCHRE, PURPLE
 
 # Places in the picture are complex numbers, x + iy in m.
 _AZIMUTH, _RANGE = math.radians(35.0), 4.6  # of the target that is drawn
@@ -20,14 +20,14 @@ def draw_conventions(ax: Axes, mounting: Mounting) -> None:
     _sensor(ax, mounting, place)
     sight = cmath.rect(1.0, mounting.yaw + _AZIMUTH)
     target = place + _RANGE * sight
-    _line(ax, place, target, color=ORANGE, lw=1.0)
-    ax.plot(target.real, target.imag, "*", color=ORANGE, ms=11)
-    _text(ax, place + 0.62 * _RANGE * sight - 0.85, "range", ORANGE)
-    _arc(ax, place, 2.3, mounting.yaw, mounting.yaw + _AZIMUTH, ORANGE)
+    _line(ax, place, target, color=OCHRE, lw=1.0)
+    ax.plot(target.real, target.imag, "*", color=OCHRE, ms=11)
+    _text(ax, place + 0.62 * _RANGE * sight - 0.85, "range", OCHRE)
+    _arc(ax, place, 2.3, mounting.yaw, mounting.yaw + _AZIMUTH, OCHRE)
     middle = place + cmath.rect(2.6, mounting.yaw + 0.85 * _AZIMUTH)
-    _text(ax, middle, "azimuth > 0", ORANGE)
-    _arrow(ax, target, target + 1.3 * sight, GREEN)
-    _text(ax, target + 1.3 * sight - 2.1, "doppler > 0:\nmoves away", GREEN)
+    _text(ax, middle, "azimuth > 0", OCHRE)
+    _arrow(ax, target, target + 1.3 * sight, GREY)
+    _text(ax, target + 1.3 * sight - 2.1, "doppler > 0:\nmoves away", GREY)
     ax.set(xlim=(-2.2, 8.2), ylim=(-2.7, 7.3), xlabel="x (m)", ylabel="y (m)", aspect="equal")
 
 
@@ -47,16 +47,16 @@ def _vehicle(ax: Axes) -> None:
 
 
 def _sensor(ax: Axes, mounting: Mounting, place: complex) -> None:
-    ax.plot(place.real, place.imag, "s", color=BLUE, ms=7)
+    ax.plot(place.real, place.imag, "s", color=PURPLE, ms=7)
     end = place + cmath.rect(3.6, mounting.yaw)
-    _line(ax, place, end, color=BLUE, lw=1.0, ls="-.")
-    _text(ax, end + complex(-0.3, 0.15), "boresight", BLUE)
+    _line(ax, place, end, color=PURPLE, lw=1.0, ls="-.")
+    _text(ax, end + complex(-0.3, 0.15), "boresight", PURPLE)
     _line(ax, place, place + 2.4, color="0.4", lw=1.0, ls=":")
-    _arc(ax, place, 1.7, 0.0, mounting.yaw, BLUE)
-    _text(ax, place + cmath.rect(1.85, 0.5 * mounting.yaw) - 0.1j, "yaw > 0", BLUE)
-    _line(ax, place, complex(place.real, -2.0), color=BLUE, lw=0.6)
+    _arc(ax, place, 1.7, 0.0, mounting.yaw, PURPLE)
+    _text(ax, place + cmath.rect(1.85, 0.5 * mounting.yaw) - 0.1j, "yaw > 0", PURPLE)
+    _line(ax, place, complex(place.real, -2.0), color=PURPLE, lw=0.6)
     words = f"mounting: x = {mounting.x:g} m, y = {mounting.y:g} m"
-    _text(ax, complex(place.real - 2.2, -2.4), words, BLUE)
+    _text(ax, complex(place.real - 2.2, -2.4), words, PURPLE)
 
 
 def _text(ax: Axes, at: complex, words: str, color: str) -> None:

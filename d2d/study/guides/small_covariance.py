@@ -25,7 +25,7 @@ from d2d.radar import (
     track,
 )
 from d2d.radar.simulation import CAR_SPEED
-from d2d.study.book.style import BLUE, GREEN, ORANGE
+from d2d.study.book.grammar import GREY, OCHRE, PURPLE
 from d2d.study.guides.stated_sigmas import scaled
 from d2d.study.plane.evaluation import LIKELIHOOD, ROBUST, SUMMING
 from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED
@@ -201,9 +201,9 @@ def bias_against_targets(counts: Sequence[int] = COUNTS) -> list[BiasRow]:
 def draw_bias(ax: Axes, rows: Sequence[BiasRow]) -> None:
     """Error and standard deviations against the number of targets."""
     count = [each.targets for each in rows]
-    ax.plot(count, [each.rmse for each in rows], "o-", color=BLUE, label="error (RMSE)")
-    ax.plot(count, [each.stated for each in rows], "s--", color=ORANGE, label="inverse Hessian")
-    ax.plot(count, [each.budgeted for each in rows], "^:", color=GREEN, label="with a budget")
+    ax.plot(count, [each.rmse for each in rows], "o-", color=OCHRE, label="error (RMSE)")
+    ax.plot(count, [each.stated for each in rows], "s--", color=GREY, label="inverse Hessian")
+    ax.plot(count, [each.budgeted for each in rows], "^:", color=PURPLE, label="with a budget")
     ax.set(xscale="log", xlabel="targets in a scan", ylabel="$v_y$ (m/s)", ylim=(0.0, None))
     ax.set_xticks(count, [f"{each:.0f}" for each in count])
     ax.minorticks_off()

@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 
 from d2d.radar import Drive, RadarScan, Sensor, simulate_drive, track
 from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED
-from d2d.study.book.style import BLACK, BLUE, GREEN, ORANGE
+from d2d.study.book.grammar import BLACK, GREY, OCHRE, PURPLE
 from d2d.study.guides.rows import Row, row
 
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 MEASURED = ("range", "azimuth", "doppler")
-_LOOKS = {"range": (GREEN, "^"), "azimuth": (BLUE, "o"), "doppler": (ORANGE, "s")}
+_LOOKS = {"range": (GREY, "^"), "azimuth": (PURPLE, "o"), "doppler": (OCHRE, "s")}
 _DURATION = 40.0  # s, a lap
 
 
