@@ -53,7 +53,11 @@ LABS = (
         "chapters/04b_outliers_and_clusters_1d", "lab-outlier", "Target O", "noise", "Next draw"
     ),
     Laboratory(
-        "chapters/06_credibility_2d", "lab-plane", "Target F of the cur", "turn", "Add an outlier"
+        "chapters/06c_outliers_and_clusters_2d",
+        "lab-plane",
+        "Target F of the cur",
+        "turn",
+        "Add an outlier",
     ),
     Laboratory(
         "chapters/07_radar_ego_motion", "lab-doppler", "The mover", "vx", "Go to the estimate"
