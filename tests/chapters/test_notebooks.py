@@ -30,7 +30,6 @@ CROWDED_AS_YET = {
     "04b_outliers_and_clusters_1d": {"04b-40"},
     "05_estimation_and_covariance": {"05-39"},
     "07_radar_ego_motion": {"07-38"},
-    "08b_true_covariance": {"change"},
 }
 WARNING = re.compile(r"\b[A-Z]\w*Warning\b")
 MACHINE_PATH = re.compile(r"(?<![\w.:/])(/(home|root|Users|work|tmp|var|mnt)/|[A-Z]:\\Users\\)")
@@ -127,7 +126,7 @@ def crowded_cells(notebook: NotebookNode) -> list[str]:
     return [
         str(cell.get("id"))
         for _, cell in code_cells(notebook)
-        if not {"hide-input", "remove-input"} & set(cell.metadata.get("tags", ()))
+        if not {"hide-input", "hide-cell", "remove-input"} & set(cell.metadata.get("tags", ()))
         and (
             len(lines := cell.source.splitlines()) > VISIBLE_LINES
             or max(map(len, lines)) > VISIBLE_COLUMNS
