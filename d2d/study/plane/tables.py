@@ -50,18 +50,22 @@ def credibility_table(scenario: Scenario, names: Sequence[str] = tuple(COSTS)) -
     )
 
 
+def short_name(scene: str) -> str:
+    """The name of a scene in a table with many columns."""
+    return scene.replace("outliers and clusters", "both,")
+
+
 def summary_table(rows: Iterable[Row], caption: str) -> Table:
     """Every scene with every cost: a row for each."""
     return table(
         [
             (
-                row.scenario,
+                short_name(row.scenario),
                 LOOKS[row.cost].name,
                 row.from_truth,
                 row.from_zero,
                 row.rmse,
-                "{:.2f} to {:.2f}".format(*row.rmse_interval),
-                np.rad2deg(row.rmse_rotation),
+                "{:.2f}\xa0to\xa0{:.2f}".format(*row.rmse_interval),
                 row.credibility.anees,
                 row.credibility.nci,
                 row.credibility.inclination,
@@ -74,8 +78,7 @@ def summary_table(rows: Iterable[Row], caption: str) -> Table:
             ("from truth", "", ".1%"),
             ("from zero", "", ".1%"),
             ("RMSE", "m", ".3f"),
-            ("95 %", "m"),
-            ("RMSE", "deg", ".2f"),
+            ("95\xa0%", "m"),
             ("ANEES", "", ".3f"),
             ("NCI", "dB", ".2f"),
             ("I²", "dB", "+.2f"),
