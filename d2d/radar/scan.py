@@ -22,6 +22,7 @@ from d2d._types import Array, Selection
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 
+_MAX_LEVER = 100.0  # m from the vehicle's origin to a sensor; beyond it, they are millimetres
 _BROADCAST = ("sigma_range", "sigma_azimuth", "sigma_doppler", "extent")  # numbers or arrays
 
 
@@ -38,7 +39,8 @@ class Mounting:
     Raises
     ------
     ValueError
-        If an argument is not a finite number, or the yaw is in degrees; the message names it.
+        If an argument is not a finite number, a sensor is more than 100 m from the origin, or the
+        yaw is in degrees; the message names it.
     """
 
     x: float = 0.0
@@ -48,6 +50,12 @@ class Mounting:
     def __post_init__(self) -> None:
         for name in ("x", "y", "yaw"):
             object.__setattr__(self, name, check_scalar(name, getattr(self, name)))
+        for name in ("x", "y"):
+            if abs(getattr(self, name)) > _MAX_LEVER:
+                raise ValueError(
+                    f"{name} must be in m, at most {_MAX_LEVER:g} from the vehicle's origin, but "
+                    f"is {getattr(self, name):g}; are these millimetres?"
+                )
         check_angle("yaw", self.yaw)
 
     @property
