@@ -152,7 +152,15 @@ def propagate_covariance(
 def _sandwich(inverse: Array, middle: Array) -> Array:
     """H^-1 M H^-1, exactly symmetric."""
     product = inverse @ middle @ inverse
-    return np.asarray(0.5 * (product + np.swapaxes(product, -1, -2)))
+    product = 0.5 * (product + np.swapaxes(product, -1, -2))
+    lost = (np.diagonal(product, axis1=-2, axis2=-1) < 0.0).any(axis=-1)
+    if lost.any():  # rounding of nearly singular matrices; a product of roots has no such variances
+        size = np.sqrt(np.diagonal(middle[lost], axis1=-2, axis2=-1)) + 1e-300
+        values, axes = np.linalg.eigh(middle[lost] / (size[:, :, None] * size[:, None, :]))
+        inverse = np.broadcast_to(inverse, product.shape)[lost]
+        root = inverse @ (size[:, :, None] * axes * np.sqrt(np.clip(values, 0.0, None))[:, None])
+        product[lost] = root @ np.swapaxes(root, -1, -2)
+    return np.asarray(product)
 
 
 def bind_pair(

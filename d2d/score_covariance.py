@@ -215,7 +215,10 @@ def _neighbours(
         positions = np.concatenate(means, axis=1)
         return lambda b: nearby(positions[b], scale)
     size = sum(pair.moving.size for pair in problem.pairs)
-    labels = np.arange(size) if groups is None else np.asarray(groups)
+    try:
+        labels = np.arange(size) if groups is None else np.asarray(groups)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"groups must be an array: {error}") from None
     if labels.shape[-1:] != (size,):
         raise ValueError(
             f"groups must have the shape (..., {size}) to match moving, but has {labels.shape}"

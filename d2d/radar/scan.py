@@ -13,9 +13,11 @@ from d2d._checks import (
     check_angle,
     check_covariances,
     check_finite,
+    check_flag,
     check_instance,
     check_positive,
     check_scalar,
+    check_within,
 )
 from d2d._lazy import Frozen
 from d2d._types import Array, Selection
@@ -265,6 +267,7 @@ class RadarScan(Frozen):
         number.
         """
         interval = float(check_positive("interval", check_scalar("interval", interval)))
+        check_flag("of_twist", of_twist)
         gain, slope = doppler_gradients(self.azimuth, mounting)
         sigmas = self.sigma_doppler, self.sigma_azimuth
         return LinearMeasurement._of(
@@ -283,9 +286,10 @@ def quantisation_sigma(step: float, name: str = "step") -> float:
     measurement: ``np.hypot(sigma, quantisation_sigma(step))``.  Where the noise is much smaller
     than the step, rounding is not independent from one value to the next.
 
-    Raises a ``ValueError``, which calls the argument ``name``, unless it is a positive number.
+    Raises a ``ValueError``, which calls the argument ``name``, unless it is a number within 1e-50
+    and 1e50.
     """
-    return float(check_positive(name, check_scalar(name, step)) / np.sqrt(12.0))
+    return float(check_within(name, step, 1e-50, 1e50) / np.sqrt(12.0))
 
 
 def _position_covariances(covariance: ArrayLike | None, grid: float | None, size: int) -> Array:
