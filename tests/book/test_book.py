@@ -48,8 +48,6 @@ LOOKED_UP = {
 TO_DO = {
     # Shorten, or divide into pages of one question each.
     too_long: {
-        "chapters/02_gaussian_background",
-        "chapters/03_point_set_registration",
         "chapters/04b_outliers_and_clusters_1d",
         "chapters/05_estimation_and_covariance",
         "chapters/07_radar_ego_motion",
@@ -57,7 +55,6 @@ TO_DO = {
     },
     # Make tables of the numbers that these pages print in long lines, and split code.
     cut: {
-        "chapters/02_gaussian_background",
         "chapters/04b_outliers_and_clusters_1d",
         "chapters/05_estimation_and_covariance",
         "chapters/07_radar_ego_motion",
@@ -67,7 +64,6 @@ TO_DO = {
     uncited: {
         "intro",
         "chapters/01_motivation",
-        "chapters/02_gaussian_background",
         "chapters/04b_outliers_and_clusters_1d",
         "chapters/05_estimation_and_covariance",
         "chapters/07_radar_ego_motion",

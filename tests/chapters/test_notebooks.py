@@ -26,7 +26,6 @@ MAX_LINES = 30
 VISIBLE_LINES, VISIBLE_COLUMNS = 10, 80
 # Cells that show more: to be split into what a reader turns, and a folded cell that shows the rest.
 CROWDED_AS_YET = {
-    "02_gaussian_background": {"change-this"},
     "04b_outliers_and_clusters_1d": {"04b-40"},
     "05_estimation_and_covariance": {"05-39"},
     "07_radar_ego_motion": {"07-38"},

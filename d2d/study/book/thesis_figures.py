@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 PAGES = {
     "2": "02_gaussian_background",
+    "2.3": "02a_mixtures",
     "3": "03_point_set_registration",
     "4.1": "04a_cost_surfaces_1d",
     "4.2": "04a_cost_surfaces_1d",
