@@ -50,8 +50,6 @@ TO_DO = {
     too_long: {
         "chapters/02_gaussian_background",
         "chapters/03_point_set_registration",
-        "chapters/04b_outliers_and_clusters_1d",
-        "chapters/05_estimation_and_covariance",
         "chapters/06_credibility_2d",
         "chapters/07_radar_ego_motion",
         "chapters/08_real_radar",
@@ -60,8 +58,6 @@ TO_DO = {
     # Make tables of the numbers that these pages print in long lines, and split code.
     cut: {
         "chapters/02_gaussian_background",
-        "chapters/04b_outliers_and_clusters_1d",
-        "chapters/05_estimation_and_covariance",
         "chapters/07_radar_ego_motion",
         "chapters/08_real_radar",
         "chapters/09_beyond_the_thesis",
@@ -71,8 +67,6 @@ TO_DO = {
         "intro",
         "chapters/01_motivation",
         "chapters/02_gaussian_background",
-        "chapters/04b_outliers_and_clusters_1d",
-        "chapters/05_estimation_and_covariance",
         "chapters/06_credibility_2d",
         "chapters/06b_panel_by_panel",
         "chapters/07_radar_ego_motion",

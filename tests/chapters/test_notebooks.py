@@ -28,8 +28,6 @@ VISIBLE_LINES, VISIBLE_COLUMNS = 10, 80
 # Cells that show more: to be split into what a reader turns, and a folded cell that shows the rest.
 CROWDED_AS_YET = {
     "02_gaussian_background": {"change-this"},
-    "04b_outliers_and_clusters_1d": {"04b-40"},
-    "05_estimation_and_covariance": {"05-39"},
     "06_credibility_2d": {"06-79"},
     "06b_panel_by_panel": {"06b-04"},
     "07_radar_ego_motion": {"07-38"},
