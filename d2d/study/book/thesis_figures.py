@@ -9,7 +9,7 @@ PAGES = {
     "4.2": "04a_cost_surfaces_1d",
     "4.3": "04a_cost_surfaces_1d",
     "4.4": "04b_outliers_and_clusters_1d",
-    "4.5": "04b_outliers_and_clusters_1d",
+    "4.5": "04c_clusters_1d",
     "5": "05_estimation_and_covariance",
     "5.1": "05b_finding_the_optimum",
     "6": "06_credibility_2d",
