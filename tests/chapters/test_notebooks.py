@@ -129,7 +129,7 @@ def crowded_cells(notebook: NotebookNode) -> list[str]:
     return [
         str(cell.get("id"))
         for _, cell in code_cells(notebook)
-        if not {"hide-input", "remove-input"} & set(cell.metadata.get("tags", ()))
+        if not {"hide-input", "hide-cell", "remove-input"} & set(cell.metadata.get("tags", ()))
         and (
             len(lines := cell.source.splitlines()) > VISIBLE_LINES
             or max(map(len, lines)) > VISIBLE_COLUMNS

@@ -79,7 +79,9 @@ def draw_terms(axes: Sequence[Axes], translations: Array, terms: Terms) -> None:
         ax.set_ylabel(name)
         ax.margins(x=0.0)
     for ax in axes[1:]:
-        ax.legend(fontsize=7, loc="upper right")
+        ax.legend(
+            fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0
+        )
     axes[-1].set_xlabel("$t_x$ (m)")
 
 
