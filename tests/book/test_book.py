@@ -48,15 +48,11 @@ LOOKED_UP = {
 TO_DO = {
     # Shorten, or divide into pages of one question each.
     too_long: {
-        "chapters/04b_outliers_and_clusters_1d",
-        "chapters/05_estimation_and_covariance",
         "chapters/07_radar_ego_motion",
         "chapters/08_real_radar",
     },
     # Make tables of the numbers that these pages print in long lines, and split code.
     cut: {
-        "chapters/04b_outliers_and_clusters_1d",
-        "chapters/05_estimation_and_covariance",
         "chapters/07_radar_ego_motion",
         "chapters/08_real_radar",
     },
@@ -64,8 +60,6 @@ TO_DO = {
     uncited: {
         "intro",
         "chapters/01_motivation",
-        "chapters/04b_outliers_and_clusters_1d",
-        "chapters/05_estimation_and_covariance",
         "chapters/07_radar_ego_motion",
         "chapters/08_real_radar",
         "chapters/08b_true_covariance",
