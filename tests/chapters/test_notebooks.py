@@ -31,7 +31,6 @@ CROWDED_AS_YET = {
     "05_estimation_and_covariance": {"05-39"},
     "06_credibility_2d": {"06-79"},
     "06b_panel_by_panel": {"06b-04"},
-    "07_radar_ego_motion": {"07-38"},
     "08b_true_covariance": {"change"},
     "09_beyond_the_thesis": {"09-change-code"},
 }
