@@ -53,8 +53,6 @@ TO_DO = {
         "chapters/04b_outliers_and_clusters_1d",
         "chapters/05_estimation_and_covariance",
         "chapters/06_credibility_2d",
-        "chapters/07_radar_ego_motion",
-        "chapters/08_real_radar",
         "chapters/09_beyond_the_thesis",
     },
     # Make tables of the numbers that these pages print in long lines, and split code.
@@ -62,8 +60,6 @@ TO_DO = {
         "chapters/02_gaussian_background",
         "chapters/04b_outliers_and_clusters_1d",
         "chapters/05_estimation_and_covariance",
-        "chapters/07_radar_ego_motion",
-        "chapters/08_real_radar",
         "chapters/09_beyond_the_thesis",
     },
     # Say with {numref} what each figure is for, in the text before it.
@@ -75,8 +71,6 @@ TO_DO = {
         "chapters/05_estimation_and_covariance",
         "chapters/06_credibility_2d",
         "chapters/06b_panel_by_panel",
-        "chapters/07_radar_ego_motion",
-        "chapters/08_real_radar",
         "chapters/08b_true_covariance",
         "chapters/09_beyond_the_thesis",
         "chapters/benchmarks",

@@ -13,6 +13,7 @@ PAGES = {
     "5": "05_estimation_and_covariance",
     "6": "06_credibility_2d",
     "7": "07_radar_ego_motion",
+    "7.3": "07b_the_whole_drive",
 }
 """The page on each chapter of the thesis, or on each section where two pages share a chapter."""
 
