@@ -48,20 +48,14 @@ LOOKED_UP = {
 TO_DO = {
     # Shorten, or divide into pages of one question each.
     too_long: {
-        "chapters/07_radar_ego_motion",
-        "chapters/08_real_radar",
     },
     # Make tables of the numbers that these pages print in long lines, and split code.
     cut: {
-        "chapters/07_radar_ego_motion",
-        "chapters/08_real_radar",
     },
     # Say with {numref} what each figure is for, in the text before it.
     uncited: {
         "intro",
         "chapters/01_motivation",
-        "chapters/07_radar_ego_motion",
-        "chapters/08_real_radar",
         "chapters/08b_true_covariance",
         "chapters/benchmarks",
     },

@@ -27,7 +27,6 @@ MAX_LINES = 30
 VISIBLE_LINES, VISIBLE_COLUMNS = 10, 80
 # Cells that show more: to be split into what a reader turns, and a folded cell that shows the rest.
 CROWDED_AS_YET = {
-    "07_radar_ego_motion": {"07-38"},
 }
 WARNING = re.compile(r"\b[A-Z]\w*Warning\b")
 MACHINE_PATH = re.compile(r"(?<![\w.:/])(/(home|root|Users|work|tmp|var|mnt)/|[A-Z]:\\Users\\)")

@@ -19,6 +19,7 @@ PAGES = {
     "6.3 all": "06d_start_and_layout",
     "6.4": "06d_start_and_layout",
     "7": "07_radar_ego_motion",
+    "7.3": "07b_the_whole_drive",
 }
 """The page on each chapter of the thesis, or on each section where two pages share a chapter.
 
