@@ -267,7 +267,7 @@ labs.define(
             addOutlier();
             lab.touched("outlier");
           }),
-          lab.check("anneal", "anneal (10, 5.5, 3.2, 1.7, 1)"),
+          lab.check("anneal", "anneal (σ × 10, 5.5, 3.2, 1.7, 1)"),
           lab.reset(),
         ),
         bar(

@@ -353,6 +353,107 @@ def test_the_scene_is_that_of_the_study(lab: Laboratory, hand: Hand, address: st
     assert scene["sigmaAzimuth"] == OVERLAPPED.sigma_azimuth
 
 
+class Fact(NamedTuple):
+    """A number in the text beside a laboratory, and the view that shows it."""
+
+    id: str
+    view: str
+    number: str
+    """What the laboratory computes."""
+    sentence: str
+    """The words that the text has around it."""
+
+
+OFF = "Math.hypot(...[0, 1].map((i) => lab.result.found.theta[i] - {}[i]))"
+SPREAD = "Math.sqrt(lab.result.found.covariance[{0}][{0}])"
+OUTLIERS = (
+    "moving=10.82,0.17,16.33,5.27,26.64,4.03,18.01,-3.21,26.64,-8.19,3.8,-10.3,13.37,-15.45,"
+    "20.03,-17.66,16.8,-10.7,10.39,11.71"
+)
+FACTS = (
+    Fact(
+        "lab-line",
+        "cost=summing",
+        "d2d.register(lab.result.problem, [6.4, 0, 0]).theta[0]",
+        "takes the ball to {:.1f} m",
+    ),
+    Fact(
+        "lab-line",
+        "cost=robust&moving=-2.2,6.14,9.27",
+        "lab.result.lowest",
+        "stay at {:.1f} m with A and B",
+    ),
+    Fact("lab-outlier", "cost=likelihood", "lab.result.lowest", "deepest valley is at {:.1f} m"),
+    Fact("lab-outlier", "cost=summing", "lab.result.lowest", "The sum is at {:.2f} m"),
+    Fact(
+        "lab-outlier", "cost=robust&width=0.3", "lab.result.lowest", "pulls the valley to {:.1f} m"
+    ),
+    Fact("lab-outlier", "cost=robust", "lab.result.lowest", "the three others agree on {:.2f} m"),
+    Fact("lab-line", "cost=summing", "lab.result.lowest", "and not to {:.2f} m"),
+    Fact("lab-outlier", "cost=robust", "lab.result.lowest", "the valley is back at {:.1f} m"),
+    Fact("lab-plane", "cost=summing", OFF.format("[5, 0]"), "the sum ends {:.0f} m off"),
+    Fact(
+        "lab-plane",
+        OUTLIERS,
+        "15 - lab.result.found.theta[2] * 180 / Math.PI",
+        "likelihood is turned by {:.1f}°",
+    ),
+    Fact("lab-plane", OUTLIERS, f"{SPREAD.format(2)} * 180 / Math.PI", "deviation of {:.1f}°"),
+    Fact(
+        "lab-plane",
+        OUTLIERS,
+        "d2d.nees(lab.result.found.theta.map((t, i) => t - labs.SCENE.theta[i]),"
+        " lab.result.found.covariance)",
+        "its NEES is {:.0f}",
+    ),
+    Fact(
+        "lab-doppler",
+        "vx=6&vy=1.15",
+        "Number(lab.told.textContent.match(/[0-9]+/)[0])",
+        "all {:.0f} static targets agree",
+    ),
+    Fact(
+        "lab-doppler",
+        "vx=6&vy=1.15",
+        f"{SPREAD.format(2)} * 180 / Math.PI",
+        "the yaw rate is known to {:.1f} °/s",
+    ),
+    Fact("lab-doppler", "vx=6&use=positions", SPREAD.format(0), "uncertain by {:.1f} m/s"),
+    Fact("lab-credible", "who=all&echoes=5", "lab.result.judged.anees", "ANEES is close to {:.0f}"),
+    Fact(
+        "lab-credible", "who=one&echoes=5", "lab.result.judged.anees", "D alone it is about {:.0f}"
+    ),
+    Fact("lab-credible", "bias=0.2", "lab.result.judged.anees", "m the ANEES is about {:.0f}"),
+    Fact("lab-live", "cost=likelihood", OFF.format("[2, 0.5]"), "ends {:.2f} m off the truth"),
+    Fact(
+        "lab-live",
+        "outlier=1",
+        "Math.abs(10 - lab.result.found.theta[2] * 180 / Math.PI)",
+        "The outlier turns it by {:.1f}°",
+    ),
+    Fact(
+        "lab-live",
+        "turn=-40",
+        "Math.abs(10 - lab.result.found.theta[2] * 180 / Math.PI)",
+        "ends four metres and {:.0f}° off",
+    ),
+)
+
+
+@EACH_LAB
+def test_the_text_says_what_is_seen(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if a number in the text beside a laboratory is not the one that it shows."""
+    for fact in (fact for fact in FACTS if fact.id == lab.id):
+        hand.open(f"{address}{lab.page}.html#{lab.id}?{fact.view}")
+        if lab.id == "lab-credible":
+            browser.wait(
+                hand.driver, f"return {hand.it}.result.results.length >= {hand.it}.state.runs"
+            )
+        text = " ".join(hand.ask("lab.element.closest('section').textContent").split())
+        sentence = fact.sentence.format(hand.ask(fact.number))
+        assert sentence in text, sentence
+
+
 def test_only_pages_with_a_laboratory_load_one(book: Path):
     """Breaks if every page loads every script again, as Jupyter Book does by itself."""
     scripts = {"lab-outlier": "line"}

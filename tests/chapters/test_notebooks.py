@@ -32,7 +32,6 @@ CROWDED_AS_YET = {
     "06_credibility_2d": {"06-79"},
     "06b_panel_by_panel": {"06b-04"},
     "07_radar_ego_motion": {"07-38"},
-    "08b_true_covariance": {"change"},
     "09_beyond_the_thesis": {"09-change-code"},
 }
 WARNING = re.compile(r"\b[A-Z]\w*Warning\b")
@@ -130,7 +129,7 @@ def crowded_cells(notebook: NotebookNode) -> list[str]:
     return [
         str(cell.get("id"))
         for _, cell in code_cells(notebook)
-        if not {"hide-input", "remove-input"} & set(cell.metadata.get("tags", ()))
+        if not {"hide-input", "hide-cell", "remove-input"} & set(cell.metadata.get("tags", ()))
         and (
             len(lines := cell.source.splitlines()) > VISIBLE_LINES
             or max(map(len, lines)) > VISIBLE_COLUMNS

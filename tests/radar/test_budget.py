@@ -170,7 +170,7 @@ def test_neighbours_share_what_their_distance_says():
         ):
             rooted = block @ np.linalg.cholesky(points.covariances)
             apart = np.linalg.norm(points.means[:, None] - points.means, axis=-1)
-            alike = np.where(apart < 6.0 * length, np.exp(-apart / length), 0.0)
+            alike = np.where(apart < 5.0 * length, np.exp(-apart / length), 0.0)
             np.fill_diagonal(alike, 0.0)
             expected += np.einsum("kl,kid,ljd->ij", alike, rooted, rooted)
         fixed, moving = fixed + pair.fixed.size, moving + pair.moving.size

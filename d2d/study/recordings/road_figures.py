@@ -7,35 +7,42 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
-from d2d.study.book.grammar import BLACK, COVARIANCES, TRUTH, covariance_marks
+from d2d.radar.comparison import NAMES, UNITS
+from d2d.study.book.grammar import BLACK, COVARIANCES, OTHERS, TRUTH, covariance_marks
+from d2d.study.book.table import Column, Table, table
+
+_MARKS = "oDs^v"
 
 
-def score_table(judged: Mapping[str, Mapping[str, Any]]) -> str:
+def score_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
     """ANEES, share in the 95 % region, whitened squares, log score: a row for each model."""
-    wide = max(len(name) for models in judged.values() for name in models)
-    lines = [
-        f"{'':12} {'covariance':{wide}} {'ANEES':>5} {'inside':>6} "
-        f"{'v_x':>5} {'v_y':>5} {'omega':>5} {'log':>6}"
+    rows = [
+        (where, name, found["anees"], found["inside"], *found["whitened"], found["log_score"])
+        for where, models in judged.items()
+        for name, found in models.items()
     ]
-    for where, models in judged.items():
-        for name, found in models.items():
-            v_x, v_y, omega = found["whitened"]
-            lines.append(
-                f"{where:12} {name:{wide}} {found['anees']:5.2f} {found['inside']:6.0%} "
-                f"{v_x:5.2f} {v_y:5.2f} {omega:5.2f} {found['log_score']:6.2f}"
-            )
-    return "\n".join(lines)
+    columns: list[Column] = [
+        *("drive", "covariance", ("ANEES", "", ".2f"), ("inside", "", ".0%")),
+        *((name, "", ".2f") for name in (*NAMES, "log score")),
+    ]
+    return table(rows, columns, caption)
 
 
-def error_table(judged: Mapping[str, Mapping[str, Any]], model: str = "noise and budget") -> str:
+def error_table(
+    judged: Mapping[str, Mapping[str, Any]], caption: str = "", model: str = "noise and budget"
+) -> Table:
     """RMSE and mean errors of one model's estimates, a row for each drive."""
-    lines = [f"{'':12} {'RMSE m/s, m/s, deg/s':>22}   {'mean error':>22}   estimates"]
-    for where, models in judged.items():
-        found = models[model]
-        rmse = " ".join(f"{value:6.3f}" for value in found["rmse"])
-        mean = " ".join(f"{value:+6.3f}" for value in found["mean"])
-        lines.append(f"{where:12} {rmse:>22}   {mean:>22}   {found['estimates']:9}")
-    return "\n".join(lines)
+    rows = {
+        where: (*models[model]["rmse"], *models[model]["mean"], models[model]["estimates"])
+        for where, models in judged.items()
+    }
+    columns: list[Column] = [
+        "drive",
+        *((name, unit, ".3f") for name, unit in zip(NAMES, UNITS, strict=True)),
+        *((name, unit, "+.3f") for name, unit in zip(NAMES, UNITS, strict=True)),
+        "estimates",
+    ]
+    return table(rows, columns, caption, groups={"RMSE": 3, "mean error": 3, "": 1})
 
 
 def draw_scores(judged: Mapping[str, Mapping[str, Any]]) -> Figure:
@@ -72,4 +79,34 @@ def draw_extents(rows: Sequence[Mapping[str, Any]]) -> Figure:
     axes[1].axhline(1.0, **TRUTH)
     axes[1].set(xlabel="extent (m)", ylabel="mean square of ω's error / σ²", yscale="log")
     axes[1].legend()
+    return figure
+
+
+def draw_turning(turning: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """What the front radar's Doppler velocities exceed those of static targets by, in turns."""
+    figure, ax = plt.subplots(figsize=(5.0, 3.0))
+    for (scene, found), color, mark in zip(turning.items(), OTHERS, _MARKS, strict=False):
+        label = f"{scene[-4:]}: fit {1e3 * found['prediction_time']:.0f} ms"
+        ax.plot(found["front"]["outward"], found["front"]["excess"], mark, color=color, label=label)
+        reach = np.array([0.0, found["front"]["outward"][-1]])
+        ax.plot(reach, found["prediction_time"] * reach, color=color, lw=0.9)
+    ax.set(xlabel="ω² r (m/s²)", ylabel="excess of the Doppler velocity (m/s)")
+    ax.legend()
+    return figure
+
+
+def draw_horizons(drives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
+    """Error of the yaw rate, and the log score, against the time between the scans of a pair."""
+    figure, axes = plt.subplots(1, 2, figsize=(5.0, 3.4), sharex=True)
+    looks = zip(drives.items(), (BLACK, *OTHERS), _MARKS, strict=False)
+    for (name, rows), color, mark in looks:
+        horizon = [row["horizon"] for row in rows]
+        style: dict[str, Any] = {"marker": mark, "ms": 4.5, "color": color, "label": name}
+        axes[0].plot(horizon, [row["rmse"][2] for row in rows], **style)
+        axes[1].plot(horizon, [row["log_score"] for row in rows], **style)
+    for ax in axes:
+        ax.axvline(0.3, **TRUTH)
+    axes[0].set(xlabel="horizon (s)", ylabel="RMSE of ω (deg/s)", ylim=(0, None))
+    axes[1].set(xlabel="horizon (s)", ylabel="log score (lower is better)")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure

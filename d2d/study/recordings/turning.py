@@ -25,6 +25,7 @@ SCENES = ("scene-0061", "scene-0916", "scene-1077")  # of one vehicle; the first
 _AGREES = 1.0  # m/s: a target that is farther off moves
 _TRIMMED = 0.3  # m/s, of the residuals of the fit
 _ITERATIONS = 15
+_FEW = 50  # targets that a median needs
 _EDGES = np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0])  # m/s^2, omega^2 r
 
 
@@ -56,10 +57,13 @@ class Turning(NamedTuple):
     prediction_time : float, s
     mounting_errors : (S,) array, rad
         To be added to the stated angles.
+    speed_errors : (S,) array, m/s
+        What each sensor's speed exceeds the reference's by.
     """
 
     prediction_time: float
     mounting_errors: Array
+    speed_errors: Array
 
 
 def load_stated(root: str | Path, scene: str) -> list[Recording]:
@@ -110,21 +114,24 @@ def fit_turning(residuals: Residuals) -> Turning:
     for _ in range(_ITERATIONS):
         fitted = np.linalg.lstsq(design[keep], residuals.excess[keep], rcond=None)[0]
         keep = np.abs(residuals.excess - design @ fitted) < _TRIMMED
-    sensors = own.shape[1]
-    return Turning(float(fitted[0]), fitted[1 : 1 + sensors])
+    return Turning(float(fitted[0]), *np.split(fitted[1:], 2))
 
 
-def binned_excess(residuals: Residuals, sensor: int) -> dict[str, list[float]]:
-    """Median excess of one sensor's targets in intervals of omega^2 r, less that at the lowest."""
+def binned_excess(residuals: Residuals, fit: Turning, sensor: int) -> dict[str, list[float]]:
+    """Median excess of one sensor's targets by omega^2 r, without what else was fitted."""
     own = residuals.sensor == sensor
-    place = np.digitize(residuals.outward[own], _EDGES) - 1
-    excess, outward = residuals.excess[own], residuals.outward[own]
-    rows = [
-        (float(np.median(outward[place == b])), float(np.median(excess[place == b])))
-        for b in range(len(_EDGES) - 1)
-        if (place == b).sum() >= 50
-    ]
-    return {"outward": [x for x, _ in rows], "excess": [y - rows[0][1] for _, y in rows]}
+    outward = residuals.outward[own]
+    excess = (
+        residuals.excess[own]
+        - fit.mounting_errors[sensor] * residuals.sideways[own]
+        - fit.speed_errors[sensor] * residuals.ahead[own]
+    )
+    place = np.digitize(outward, _EDGES) - 1
+    bins = [place == b for b in range(len(_EDGES) - 1) if (place == b).sum() >= _FEW]
+    return {
+        "outward": [float(np.median(outward[each])) for each in bins],
+        "excess": [float(np.median(excess[each])) for each in bins],
+    }
 
 
 def of_turning(root: str | Path) -> dict[str, Any]:
@@ -136,6 +143,6 @@ def of_turning(root: str | Path) -> dict[str, Any]:
         found[scene] = {
             "prediction_time": fit.prediction_time,
             "mounting_errors": np.rad2deg(fit.mounting_errors).tolist(),
-            "front": binned_excess(residuals, 0),
+            "front": binned_excess(residuals, fit, 0),
         }
     return found
