@@ -139,15 +139,22 @@ def _start(name: str) -> str:
 
 
 def _at_least(what: str, value: float | None, aim: float, unit: str = "×") -> Bar:
+    bar = _unbroken(f"≥ {aim:g} {unit}")
     if value is None:
-        return Bar(what, f"≥ {aim:g} {unit}", "not measured", None)
-    return Bar(what, f"≥ {aim:g} {unit}", f"{number(value, 4)} {unit}", value >= aim)
+        return Bar(what, bar, "not measured", None)
+    return Bar(what, bar, _unbroken(f"{number(value, 4)} {unit}"), value >= aim)
 
 
 def _at_most(what: str, value: float | None, aim: float, unit: str) -> Bar:
+    bar = _unbroken(f"≤ {aim:g} {unit}")
     if value is None:
-        return Bar(what, f"≤ {aim:g} {unit}", "not measured", None)
-    return Bar(what, f"≤ {aim:g} {unit}", f"{number(value, 4)} {unit}", value <= aim)
+        return Bar(what, bar, "not measured", None)
+    return Bar(what, bar, _unbroken(f"{number(value, 4)} {unit}"), value <= aim)
+
+
+def _unbroken(text: str) -> str:
+    """A number with its sign and unit, which a narrow screen does not set on several lines."""
+    return "\N{NO-BREAK SPACE}".join(text.split(" ", 2))
 
 
 def bars(m: Measured) -> list[Bar]:

@@ -224,12 +224,12 @@ def main() -> None:
         ("finding-start", start, DPI),
         ("finding-sum", summing, DPI),
         ("finding-road", road, DPI),
-        ("tile-start", start_tile, 2 * DPI),
-        ("tile-sum", sum_tile, 2 * DPI),
-        ("tile-road", road_tile, 2 * DPI),
-        ("tile-learn", learn_tile, 2 * DPI),
-        ("tile-path", path_tile, 2 * DPI),
-        ("tile-check", check_tile, 2 * DPI),
+        ("tile-start", start_tile, 3 * DPI // 2),
+        ("tile-sum", sum_tile, 3 * DPI // 2),
+        ("tile-road", road_tile, 3 * DPI // 2),
+        ("tile-learn", learn_tile, 3 * DPI // 2),
+        ("tile-path", path_tile, 3 * DPI // 2),
+        ("tile-check", check_tile, 3 * DPI // 2),
         ("figure-key", grammar.key, DPI),
     ):
         figure = draw()

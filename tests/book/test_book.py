@@ -68,8 +68,6 @@ TO_DO = {
     },
     # Say with {numref} what each figure is for, in the text before it.
     uncited: {
-        "intro",
-        "chapters/01_motivation",
         "chapters/02_gaussian_background",
         "chapters/04b_outliers_and_clusters_1d",
         "chapters/05_estimation_and_covariance",
@@ -79,7 +77,6 @@ TO_DO = {
         "chapters/08_real_radar",
         "chapters/08b_true_covariance",
         "chapters/09_beyond_the_thesis",
-        "chapters/benchmarks",
     },
 }
 
