@@ -51,8 +51,7 @@ TO_DO = {
     # Make tables of the numbers that these pages print in long lines, and split code.
     cut: set(),
     # Say with {numref} what each figure is for, in the text before it.
-    uncited: {
-    },
+    uncited: set(),
 }
 
 Visit = Callable[[str], browser.Visit]

@@ -25,9 +25,6 @@ NUMBERED = [path for path in NOTEBOOKS if path.stem[0].isdigit()]
 
 MAX_LINES = 30
 VISIBLE_LINES, VISIBLE_COLUMNS = 10, 80
-# Cells that show more: to be split into what a reader turns, and a folded cell that shows the rest.
-CROWDED_AS_YET = {
-}
 WARNING = re.compile(r"\b[A-Z]\w*Warning\b")
 MACHINE_PATH = re.compile(r"(?<![\w.:/])(/(home|root|Users|work|tmp|var|mnt)/|[A-Z]:\\Users\\)")
 ANSI = re.compile(r"\x1b\[[0-9;]*m")
@@ -200,8 +197,8 @@ def test_notebook(path: Path, check: Check):
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_visible_code_is_short(path: Path):
-    """Breaks if a cell shows long or wide code, or one that was mended is still on the list."""
-    assert set(crowded_cells(load(path))) == CROWDED_AS_YET.get(path.stem, set())
+    """Breaks if a cell shows long or wide code."""
+    assert crowded_cells(load(path)) == []
 
 
 @pytest.mark.parametrize("path", NUMBERED, ids=lambda path: path.stem)
