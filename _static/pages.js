@@ -2,7 +2,18 @@
 document.addEventListener("DOMContentLoaded", () => {
   filterLedger();
   readableExcerpts();
+  openPanel();
+  window.addEventListener("hashchange", openPanel);
 });
+
+/** A link to a panel behind a tab, or to a figure in one, opens that tab. */
+function openPanel() {
+  const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  const label = target?.closest(".sd-tab-label") ?? target?.closest(".sd-tab-content")?.previousElementSibling;
+  if (!label) return;
+  label.click();
+  target.scrollIntoView();
+}
 
 // On paper nothing can be opened: answers and numbers are, code stays folded.
 const opened = new Set();

@@ -2,11 +2,12 @@
 
 from d2d.bootstrap import block_bootstrap, block_length
 from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
-from d2d.covariance import fisher_covariance, propagate_covariance, sandwich_covariance
+from d2d.covariance import fisher_covariance, propagate_covariance
 from d2d.credibility import Credibility, credibility
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 from d2d.registration import ANNEALED, Estimate, multi_start, register, start_grid
+from d2d.score_covariance import sandwich_covariance
 from d2d.scores import Whitened, coverage, crps, energy_score, log_score, whiten
 
 __all__ = [

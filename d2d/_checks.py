@@ -23,13 +23,20 @@ def check_real(name: str, value: ArrayLike) -> Array:
     """A float64 copy of ``value``; nan and inf are allowed."""
     try:
         raw = np.asarray(value)
-    except ValueError as error:
+    except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of real numbers: {error}") from None
     if raw.dtype.kind not in "biuf":
         raise ValueError(f"{name} must be an array of real numbers, but is of type {raw.dtype}")
-    if isinstance(value, np.ma.MaskedArray) and np.any(value.mask):
+    if _is_masked(value):
         raise ValueError(f"{name} must not hold masked entries; remove them first")
     return raw.astype(np.float64)
+
+
+def _is_masked(value: object) -> bool:
+    """Whether an array, or one in a list or tuple, hides entries; NumPy would bring them back."""
+    if isinstance(value, list | tuple):
+        return bool(value) and not np.isscalar(value[0]) and any(map(_is_masked, value))
+    return bool(np.ma.is_masked(value))
 
 
 def check_finite(name: str, value: ArrayLike) -> Array:
@@ -146,6 +153,14 @@ def check_scalar(name: str, value: Any) -> float:
     if array.ndim:
         raise ValueError(f"{name} must be a number, but has the shape {array.shape}")
     return float(array)
+
+
+def check_within(name: str, value: Any, least: float, greatest: float) -> float:
+    """A number within two positive bounds, where its square and inverse do not overflow."""
+    number = float(check_positive(name, check_scalar(name, value)))
+    if not least <= number <= greatest:
+        raise ValueError(f"{name} must lie within {least:g} and {greatest:g}, but is {number:g}")
+    return number
 
 
 def check_covariances(name: str, value: ArrayLike) -> Array:

@@ -44,9 +44,10 @@ class Frozen:
     """
 
     def _keep(self, name: str, value: object) -> None:
-        """Set an attribute; an array, which must be the object's own, becomes read-only."""
-        if isinstance(value, np.ndarray):
-            value.flags.writeable = False
+        """Set an attribute; an array, or a tuple of them, the object's own, becomes read-only."""
+        for array in value if isinstance(value, tuple) else (value,):
+            if isinstance(array, np.ndarray):
+                array.flags.writeable = False
         object.__setattr__(self, name, value)
 
     def __getstate__(self) -> dict[str, Any]:

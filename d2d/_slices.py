@@ -10,6 +10,7 @@ from threading import Event, Lock
 from time import perf_counter
 
 _SECONDS = 0.05  # that a slice should take
+_MAX_THREADS = 256
 _FIRST = 100_000  # pairs of a target and a component in the first one: a few milliseconds
 
 
@@ -29,7 +30,7 @@ def run_in_slices(
         Number of threads that share the problems.  If the one that waits for them is interrupted,
         they end after their present slice.
     """
-    size = max(1, _FIRST // pairs)
+    size, threads = max(1, _FIRST // pairs), min(threads, max(1, count), _MAX_THREADS)
     if count == 1 or (count <= size and threads == 1):
         run(0, count)
         return

@@ -73,6 +73,8 @@ def block_bootstrap(
     """
     check_instance("arrays", arrays, Sequence)
     data = [np.asarray(array) for array in arrays]
+    if any(np.ma.is_masked(array) for array in arrays):
+        raise ValueError("arrays must not hold masked entries; remove them first")
     if not data or any(array.ndim < 1 for array in data) or not len(data[0]):
         raise ValueError("arrays must be a sequence of arrays (N, ...) with at least one row")
     rows = len(data[0])

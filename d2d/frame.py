@@ -22,6 +22,13 @@ def packed_about_origins(points: PointSet) -> Array:
     return packed
 
 
+def about_mean(points: PointSet) -> tuple[PointSet, Array]:
+    """Planar sets with coordinates about their means, and these means (..., 2)."""
+    origins = points.means.mean(axis=-2)
+    means = points.means - origins[..., np.newaxis, :]
+    return PointSet._of(means, points.covariances, points.weights), origins
+
+
 class Frame(NamedTuple):
     """The origins of the sets of each problem of a batch, in the user's coordinates.
 

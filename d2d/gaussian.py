@@ -10,15 +10,22 @@ from scipy.stats import chi2
 
 from d2d._checks import (
     broadcast_batches,
+    check_count,
     check_covariances,
     check_finite,
     check_flag,
     check_fraction,
+    check_instance,
+    check_positive,
+    check_scalar,
 )
 from d2d._lazy import Frozen
 from d2d._types import Array
+from d2d.eigenvalues import raise_eigenvalues
 
-RELATIVE_FLOOR = 1e-6  # smallest variance of a fitted component, relative to the data's variance
+# Smallest variance of a fitted component, relative to the data's.  With a smaller one, the rounding
+# of an oblique covariance lets the likelihood fall.
+RELATIVE_FLOOR = 1e-10
 _LEAST_VARIANCE = 1e-150  # of observations that are all zero; its square does not underflow
 
 
@@ -103,26 +110,6 @@ def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
     mean += np.einsum("...n,...nd->...d", share, points - mean[..., None, :])
     centred = points - mean[..., None, :]
     return mean, np.einsum("...n,...ni,...nj->...ij", share, centred, centred)
-
-
-def raise_eigenvalues(
-    matrices: ArrayLike, floor: ArrayLike = 0.0, smallest_ratio: float = 0.0
-) -> Array:
-    """Raise the eigenvalues of symmetric matrices (..., D, D) that lie below a floor to that floor.
-
-    The floor is ``floor`` (...) or ``smallest_ratio`` times each matrix's largest eigenvalue,
-    whichever is larger.  For an empirical covariance S, the result has the largest likelihood of
-    all covariances without an eigenvalue below ``floor``: ``-log|Sigma| - tr(Sigma^-1 S)`` is
-    largest with the eigenvectors of S, and along each of them ``-log s - lambda / s`` falls beyond
-    s = lambda.
-    """
-    given = check_finite("matrices", matrices)
-    values, vectors = np.linalg.eigh(given)
-    lowest = np.maximum(np.asarray(floor)[..., None], smallest_ratio * values[..., -1:])
-    raised = (vectors * np.maximum(values, lowest)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
-    symmetric = 0.5 * (raised + np.swapaxes(raised, -1, -2))
-    kept = np.asarray((values >= lowest).all(axis=-1))
-    return np.where(kept[..., None, None], given, symmetric)
 
 
 class Ellipse(NamedTuple):
@@ -260,8 +247,8 @@ class GaussianMixture(Frozen):
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
         """Draws (count, D), and the component (count,) that each came from."""
-        if count < 1:
-            raise ValueError(f"count must be at least 1, but is {count}")
+        check_count("count", count)
+        check_instance("rng", rng, np.random.Generator)
         which = rng.choice(self.components, size=count, p=self.weights)
         factors = np.linalg.cholesky(self.covariances)
         noise = rng.standard_normal((count, self.means.shape[1]))
@@ -284,9 +271,9 @@ class MixtureFit(NamedTuple):
 def variance_floor(x: ArrayLike) -> float:
     """The smallest variance that `fit_mixture` gives a component of the observations x (N, D).
 
-    It is a millionth of their mean variance, but no less than rounding leaves at their magnitude,
-    about ``(1e-15 |x|)^2``: they may all be equal.  Without a floor the likelihood is unbounded,
-    because a component can shrink onto a single observation (Bishop 2006, sec. 9.2.1).
+    It is ``(1e-5 s)^2`` with their root mean variance s, but no less than rounding leaves at their
+    magnitude, about ``(1e-15 |x|)^2``: they may all be equal.  Without a floor the likelihood is
+    unbounded, because a component can shrink onto a single observation (Bishop 2006, sec. 9.2.1).
     """
     points = _observations(x)
     rounding = 4.0 * np.finfo(np.float64).eps * np.abs(points).max()
@@ -312,8 +299,8 @@ def initial_mixture(
         Smallest variance; by default that of `variance_floor`.
     """
     points = _observations(x)
-    if components < 1:
-        raise ValueError(f"components must be at least 1, but is {components}")
+    check_count("components", components)
+    check_instance("rng", rng, np.random.Generator)
     floor = _floor(points, floor)
     chosen = [int(rng.integers(len(points)))]
     while len(chosen) < components:
@@ -333,6 +320,7 @@ def initial_mixture(
 
 def expect(x: ArrayLike, mixture: GaussianMixture) -> tuple[Array, float]:
     """The E step: responsibilities (N, K) for the observations x (N, D), and log-likelihood."""
+    check_instance("mixture", mixture, GaussianMixture)
     logs = mixture.log_components(_observations(x))
     totals = np.logaddexp.reduce(logs, axis=-1, keepdims=True)
     return np.exp(logs - totals), float(totals.sum())
@@ -354,6 +342,7 @@ def maximise(
     constraint (`raise_eigenvalues`), so that the likelihood still cannot fall.  A component
     without any responsibility keeps its mean and covariance from ``previous``.
     """
+    check_instance("previous", previous, GaussianMixture)
     points, z = _observations(x), check_finite("responsibilities", responsibilities)
     n, k = len(points), previous.components
     if z.shape != (n, k):
@@ -412,7 +401,10 @@ def fit_mixture(
     """
     points = _observations(x)
     floor = _floor(points, floor)
+    least_gain = check_scalar("tolerance", tolerance) * len(points)
+    check_count("max_iterations", max_iterations, 0)
     start = initial_mixture(points, components, rng, floor=floor) if initial is None else initial
+    check_instance("initial", start, GaussianMixture)
     if start.components != components:
         raise ValueError(f"initial must have {components} components, but has {start.components}")
     start = GaussianMixture(start.weights, start.means, raise_eigenvalues(start.covariances, floor))
@@ -421,7 +413,7 @@ def fit_mixture(
         responsibilities, log_likelihood = expect(points, steps[-1])
         history.append(log_likelihood)
         gain = history[-1] - history[-2] if len(history) > 1 else np.inf
-        converged = gain <= tolerance * len(points)
+        converged = gain <= least_gain
         if converged or len(history) > max_iterations:
             return MixtureFit(steps[-1], np.array(history), converged, tuple(steps))
         steps.append(
@@ -430,10 +422,9 @@ def fit_mixture(
 
 
 def _floor(points: Array, floor: float | None) -> float:
-    value = variance_floor(points) if floor is None else float(floor)
-    if not (math.isfinite(value) and value > 0):
-        raise ValueError(f"floor must be positive, but is {value:g}")
-    return value
+    if floor is None:
+        return variance_floor(points)
+    return float(check_positive("floor", check_scalar("floor", floor)))
 
 
 def _vectors(name: str, value: ArrayLike) -> Array:

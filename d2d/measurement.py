@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import _kernel
-from d2d._checks import broadcast_batches, check_finite, check_flag, check_positive, check_scalar
+from d2d._checks import broadcast_batches, check_finite, check_flag, check_positive, check_within
 from d2d._lazy import Frozen, lazy
 from d2d._types import Array
 
@@ -121,9 +121,9 @@ class LinearMeasurement(Frozen):
     def inflated(self, scale: float) -> "LinearMeasurement":
         """The measurement with all standard deviations multiplied by ``scale``.
 
-        Raises a ``ValueError`` unless ``scale`` is a positive number.
+        Raises a ``ValueError`` unless ``scale`` is a number within 1e-50 and 1e50.
         """
-        scale = float(check_positive("scale", check_scalar("scale", scale)))
+        scale = check_within("scale", scale, 1e-50, 1e50)
         return LinearMeasurement._of(
             self.value,
             self.sigma * scale,

@@ -16,7 +16,7 @@ from d2d._checks import (
     check_finite,
     check_positive,
     check_real,
-    check_scalar,
+    check_within,
     is_positive_definite,
 )
 from d2d._lazy import Frozen, lazy
@@ -227,9 +227,9 @@ class PointSet(Frozen):
     def inflated(self, scale: float) -> "PointSet":
         """The set with all standard deviations multiplied by ``scale``.
 
-        Raises a ``ValueError`` unless ``scale`` is a positive number.
+        Raises a ``ValueError`` unless ``scale`` is a number within 1e-50 and 1e50.
         """
-        scale = float(check_positive("scale", check_scalar("scale", scale)))
+        scale = check_within("scale", scale, 1e-50, 1e50)
         return PointSet._of(self.means, self.covariances * scale**2, self.weights)
 
     def widened(self, sigma: Array) -> "PointSet":
@@ -283,6 +283,8 @@ class PointSet(Frozen):
 
 def _checked_covariances(covariances: Array, count: int, dimension: int) -> Array:
     """Covariances of that many targets, made exactly symmetric."""
+    if not covariances.size:
+        raise ValueError(f"covariances must not be empty, but has the shape {covariances.shape}")
     checked = check_covariances("covariances", covariances)
     if checked.shape[-3:] != (count, dimension, dimension):
         raise ValueError(
@@ -298,8 +300,10 @@ def _checked_covariances(covariances: Array, count: int, dimension: int) -> Arra
 
 def _check_weights(weights: Array, count: int) -> None:
     check_positive("weights", weights)
+    if not weights.size:
+        raise ValueError(f"weights must not be empty, but has the shape {weights.shape}")
     least, greatest = _kernel.MIN_WEIGHT, _kernel.MAX_WEIGHT
-    if weights.size and not (weights.min() >= least and weights.max() <= greatest):
+    if not (weights.min() >= least and weights.max() <= greatest):
         raise ValueError(
             f"weights must lie within {least:g} and {greatest:g}, but range from "
             f"{weights.min():g} to {weights.max():g}"

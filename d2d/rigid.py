@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import _kernel
-from d2d._checks import check_finite
+from d2d._checks import broadcast_batches, check_finite
 from d2d._types import Array
 
 PARAMETERS = {1: 1, 2: 3}  # number of parameters of a rigid motion, by dimension
@@ -48,6 +48,7 @@ def transform_means(theta: ArrayLike, means: ArrayLike) -> Array:
             f"means must have the shape (..., N, D) with D = 1 or 2, but has {points.shape}"
         )
     parameters = motion("theta", theta, points.shape[-1])
+    broadcast_batches("theta and means", parameters.shape[:-1], points.shape[:-2])
     if points.shape[-1] == 1:
         return points + parameters[..., None, :]
     turned = points @ np.swapaxes(rotation(parameters[..., 2]), -1, -2)
@@ -64,6 +65,7 @@ def transform_covariances(theta: ArrayLike, covariances: ArrayLike) -> Array:
             f"but has {matrices.shape}"
         )
     parameters = motion("theta", theta, matrices.shape[-1])
+    broadcast_batches("theta and covariances", parameters.shape[:-1], matrices.shape[:-3])
     if matrices.shape[-1] == 1:
         return np.broadcast_to(
             matrices, np.broadcast_shapes(matrices.shape, (*parameters.shape[:-1], 1, 1, 1))
@@ -75,6 +77,7 @@ def transform_covariances(theta: ArrayLike, covariances: ArrayLike) -> Array:
 def compose(first: ArrayLike, second: ArrayLike) -> Array:
     """The motion that applies ``second``, then ``first``: T(m, compose(a, b)) = T(T(m, b), a)."""
     a, b = _any_motion("first", first), _any_motion("second", second)
+    broadcast_batches("first and second", a.shape[:-1], b.shape[:-1])
     if a.shape[-1] != b.shape[-1]:
         raise ValueError(
             "first and second must have the same number of parameters, "

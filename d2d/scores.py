@@ -305,7 +305,7 @@ def _permutation(order: Sequence[int], n: int) -> np.ndarray[tuple[int], np.dtyp
     try:
         places = np.array([int(place) for place in order])
         fits = sorted(places.tolist()) == list(range(n)) and list(order) == places.tolist()
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, np.ma.MaskError):
         fits = False
     if not fits:
         raise ValueError(f"order must be a permutation of the {n} components, but is {order!r}")

@@ -6,6 +6,7 @@ from scipy import integrate, stats
 from sklearn.mixture import GaussianMixture as SklearnMixture
 
 from d2d import gaussian
+from d2d.eigenvalues import raise_eigenvalues
 from d2d.gaussian import GaussianMixture, fit_mixture
 
 SIGMA = np.array([[2.0, -0.6], [-0.6, 0.5]])
@@ -69,17 +70,17 @@ def test_raised_eigenvalues_are_the_constrained_maximum():
     def log_likelihood(sigma):
         return -np.linalg.slogdet(sigma)[1] - np.trace(np.linalg.solve(sigma, empirical))
 
-    raised = gaussian.raise_eigenvalues(empirical, floor)
+    raised = raise_eigenvalues(empirical, floor)
     np.testing.assert_allclose(raised, np.diag([3.0, 0.2]), atol=1e-15)
     for _ in range(200):
         other = raised + 0.3 * rng.random() * random_covariances(rng, 2)
-        turned = gaussian.raise_eigenvalues(other, floor)
+        turned = raise_eigenvalues(other, floor)
         assert log_likelihood(turned) <= log_likelihood(raised) + 1e-12
 
 
 def test_raise_eigenvalues_leaves_good_matrices_bit_for_bit():
-    np.testing.assert_array_equal(gaussian.raise_eigenvalues(SIGMA, 1e-3), SIGMA)
-    ratio = gaussian.raise_eigenvalues(np.diag([4.0, 0.0]), smallest_ratio=0.25)
+    np.testing.assert_array_equal(raise_eigenvalues(SIGMA, 1e-3), SIGMA)
+    ratio = raise_eigenvalues(np.diag([4.0, 0.0]), smallest_ratio=0.25)
     np.testing.assert_allclose(ratio, np.diag([4.0, 1.0]))
 
 
@@ -233,6 +234,33 @@ def test_equal_observations_get_the_least_variance(dimension, place):
     assert (sigma <= 1e-74 + 2e-15 * place).all()
 
 
+@pytest.mark.parametrize(("sigma", "apart"), [(0.1, 1e3), (1.0, 3e4)])
+def test_tight_clusters_far_apart_keep_their_width(sigma, apart):
+    """Breaks if the smallest variance grows with the distance between the clusters."""
+    x = sigma * np.random.default_rng(23).standard_normal((400, 1))
+    x[200:] += apart
+    fit = fit_mixture(x, 2, np.random.default_rng(0)).mixture
+    expected = [x[:200].var(), x[200:].var()]
+    order = np.argsort(fit.means[:, 0])
+    np.testing.assert_allclose(fit.covariances[order, 0, 0], expected, rtol=1e-6)
+
+
+def test_a_long_thin_component_keeps_its_width():
+    """Breaks if the smallest variance grows with the largest one."""
+    x = np.random.default_rng(24).standard_normal((500, 2)) * [1e4, 1.0]
+    fitted = fit_mixture(x, 1, np.random.default_rng(0)).mixture
+    np.testing.assert_allclose(fitted.covariances[0], gaussian.fit(x)[1], rtol=1e-9)
+
+
+def test_by_default_no_component_shrinks_onto_one_observation():
+    """Breaks if the likelihood is unbounded."""
+    x = np.concatenate([np.random.default_rng(11).standard_normal((50, 2)), [[1e3, 1e3]]])
+    fit = fit_mixture(x, 2, np.random.default_rng(0))
+    smallest = np.linalg.eigvalsh(fit.mixture.covariances).min()
+    assert smallest == pytest.approx(gaussian.variance_floor(x))
+    assert fit.converged
+
+
 def random_set(draw, rng):
     """Observations and a number of components; five kinds in turn, four of them degenerate."""
     components, dimension = int(rng.integers(1, 6)), int(rng.integers(1, 4))
@@ -331,6 +359,17 @@ X = np.zeros((5, 2))
         (lambda: fit_mixture(X, 2, np.random.default_rng(), floor=0.0), "floor"),
         (lambda: fit_mixture(X, 3, np.random.default_rng(), initial=MIXTURE), "initial"),
         (lambda: gaussian.maximise(X, np.ones((4, 2)), MIXTURE, floor=1.0), "responsibilities"),
+        (lambda: gaussian.maximise(X, np.ones((3, 2)), "mixture", floor=1.0), "previous"),
+        (lambda: gaussian.expect(X, "mixture"), "mixture"),
+        (lambda: MIXTURE.sample(2, 7), "rng"),
+        (lambda: fit_mixture(X, np.inf, np.random.default_rng()), "components"),
+        (lambda: fit_mixture(X, 2, 7), "rng"),
+        (lambda: fit_mixture(X, 2, np.random.default_rng(), initial=X), "initial"),
+        (lambda: fit_mixture(X, 2, np.random.default_rng(), floor="low"), "floor"),
+        (lambda: fit_mixture(X, 2, np.random.default_rng(), tolerance=np.nan), "tolerance"),
+        (lambda: fit_mixture(X, 2, np.random.default_rng(), max_iterations=1.5), "max_iterations"),
+        (lambda: raise_eigenvalues(np.eye(2), np.nan), "floor"),
+        (lambda: raise_eigenvalues(np.eye(2), smallest_ratio=np.nan), "smallest_ratio"),
     ],
 )
 def test_bad_input_names_the_argument(call, name):

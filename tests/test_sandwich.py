@@ -17,10 +17,10 @@ from d2d import (
     register,
     sandwich_covariance,
 )
-from d2d.covariance import problem_sandwich
 from d2d.problem import Pair
 from d2d.radar.options import EgoMotionModel
 from d2d.sandwich import godambe, grouped, nearby
+from d2d.score_covariance import problem_sandwich
 from d2d.study.plane.scenarios import ALL
 from tests.strategies import all_cases, case_id, doppler_like, overlapped_scene, random_problem
 
@@ -313,3 +313,33 @@ def test_bad_input_is_refused_by_name(options, name):
         sandwich_covariance(estimate, fixed, moving, **options)
     with pytest.raises(ValueError, match="estimate"):
         sandwich_covariance(estimate.theta, fixed, moving)
+
+
+@pytest.mark.parametrize("reference", [False, True], ids=["Hessian", "propagated"])
+@pytest.mark.parametrize("distance", [3e2, 1e4, 1e7])
+def test_the_origin_does_not_matter(distance, reference):
+    """Breaks if leaving a target out is a step in coordinates about wherever the origin is."""
+    fixed, moving, theta = extended_objects(1, np.random.default_rng(19), 0.3)
+    fixed, moving = fixed[0], moving[0]
+    origin = distance * np.array([1.0, -0.7])
+    found = []
+    for sets in ((fixed, moving), (fixed.shifted(origin), moving.shifted(origin))):
+        turned = d2d.rigid.rotation(theta[2]) @ origin
+        moved = [*(origin - turned), 0.0]
+        start = theta if sets[0] is fixed else theta + moved
+        estimate = register(*sets, ROBUST, start)
+        assert estimate.converged
+        own = d2d.propagate_covariance(estimate, *sets, ROBUST) if reference else None
+        found.append(
+            sandwich_covariance(estimate, *sets, ROBUST, length=0.5, reference=own)[2, 2] ** 0.5
+        )
+    assert_allclose(found[1], found[0], rtol=1e-3)
+
+
+def test_another_costs_estimate_is_refused_by_name():
+    """Breaks if NumPy's error about a matrix that nobody gave comes out."""
+    fixed, moving = overlapped_scene(1, np.random.default_rng(18))
+    estimate = register(fixed[0], moving[0], ROBUST, [5.0, 0.0, np.deg2rad(15.0)])
+    far = replace(estimate, theta=estimate.theta + np.array([2.0, 0.0, 0.0]))
+    with pytest.raises(ValueError, match="estimate must be an optimum"):
+        sandwich_covariance(far, fixed[0], moving[0], ROBUST)

@@ -13,6 +13,7 @@ from d2d import gaussian
 from d2d._checks import check_count, check_finite, check_fraction, check_positive, check_scalar
 from d2d._types import Array
 from d2d.cost import RegistrationCost
+from d2d.eigenvalues import raise_eigenvalues
 from d2d.point_set import PointSet
 from d2d.registration import Estimate, register
 
@@ -225,7 +226,7 @@ def _cells(
         )
     means = np.stack([mean for mean, _ in fitted])
     covariances = np.stack([sigma for _, sigma in fitted])
-    return means, gaussian.raise_eigenvalues(covariances, smallest_ratio=smallest_ratio)
+    return means, raise_eigenvalues(covariances, smallest_ratio=smallest_ratio)
 
 
 def _weighted(means: Array, covariances: Array) -> PointSet:

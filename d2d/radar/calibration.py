@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import check_instance, check_members, check_positive, check_rows, check_scalar
+from d2d._checks import check_instance, check_members, check_rows, check_scalar, check_within
 from d2d._types import Array
 from d2d.radar.alignment import Alignment, Fit, agreeing, covariance, fit, scan_velocities
 from d2d.radar.recording import Recording
@@ -20,6 +20,7 @@ _LAG, _AHEAD, _COMPLIANCE = 0, 2, 3  # places among the parameters
 # Larger standard deviations than these mean that the drive cannot tell the parameter.
 _LIMITS = {_LAG: 0.1, _AHEAD: 0.3, _COMPLIANCE: 0.01}  # s, m, s^2/m
 _AT_BOUND = 1e-3  # s
+_LONGEST_LAG = 1e4  # s
 _MAX_SELECTIONS = 10  # of scans that are not grossly off
 _MIN_SPEED = 0.5  # m/s
 
@@ -183,7 +184,7 @@ def calibrate(
     True
     """
     views = _views(recordings)
-    bound = float(check_positive("max_lag", check_scalar("max_lag", max_lag)))
+    bound = check_within("max_lag", max_lag, 1e-6, _LONGEST_LAG)
     given = None if ahead is None else check_scalar("ahead", ahead)
     velocities = scan_velocities((scans, mounting) for scans, mounting, _ in views)
     model = Alignment.of(velocities, [reference for *_, reference in views], _POWERS)

@@ -48,9 +48,9 @@ examples:
     {PROGRAM} track --csv log.csv --degrees --mounting radar 3.7 0 0 \\
         --sigma-range 0.15 --sigma-azimuth 0.5 --sigma-doppler 0.06
 
-  two corner radars together, each scan with its last but one, errors that targets share:
+  two corner radars together, each scan with the one 0.3 s before, errors that targets share:
     {PROGRAM} track --csv log.csv --mounting left 3.6 0.8 45 --mounting right 3.6 -0.8 -45 \\
-        --baseline 2 --budget-azimuth 0.2 --budget-doppler 0.04 --output results/drive
+        --horizon 0.3 --budget-azimuth 0.2 --budget-doppler 0.04 --output results/drive
 
   a single side radar of a car that does not slip sideways:
     {PROGRAM} track --csv log.csv --mounting left 3.6 0.8 90 --side-slip 0.05
@@ -66,7 +66,7 @@ What is printed at the end says how many estimates were accepted, and why the ot
   an optimum that rejects ...     scans do not fit each other: too small standard deviations, a
                                   wrong mounting, azimuths of the wrong sign
   an optimum that rests on ...    too few targets agree: --side-slip, more sensors
-  a yaw rate with a sigma of ...  the targets tell too little: --baseline 2, --side-slip
+  a yaw rate with a sigma of ...  the targets tell too little: --horizon 0.3, --side-slip
   a side slip, an acceleration,   no vehicle moves like that: a wrong optimum, or a wrong mounting
   a speed or a yaw rate of ...    if it is most of them
 

@@ -156,6 +156,13 @@ def _add_estimation(parser: argparse.ArgumentParser) -> None:
         "accurate where the motion is smooth",
     )
     how.add_argument(
+        "--horizon",
+        type=float,
+        metavar="S",
+        help="instead of --baseline: register each scan with the one nearest to S seconds before; "
+        "0.3 is a good choice on the road",
+    )
+    how.add_argument(
         "--extent",
         type=float,
         metavar="M",
@@ -318,6 +325,7 @@ def _track(arguments: argparse.Namespace) -> None:
     prefix = _prefix(arguments.output)
     options = {
         "baseline": arguments.baseline,
+        "horizon": arguments.horizon,
         "max_interval": arguments.max_interval,
         "budget": None if arguments.no_budget else source.budget,
         "progress": False if arguments.no_progress else None,

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from d2d._checks import check_instance
-from d2d._lazy import lazy
+from d2d._lazy import Frozen, lazy
 from d2d._types import Array
 from d2d.bootstrap import block_bootstrap, block_length
 from d2d.credibility import Credibility, credibility
@@ -70,7 +70,7 @@ class Measures(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Frozen):
     """The errors of a track's velocities, and what they say about its covariances.
 
     Printed, it is a table; in a notebook it is shown as one.
@@ -94,6 +94,10 @@ class Comparison:
     covariances: Array
     share: float
     converged: float
+
+    def __post_init__(self) -> None:
+        for name in ("times", "errors", "covariances"):
+            self._keep(name, np.array(getattr(self, name)))
 
     @classmethod
     def from_errors(cls, track: Track, errors: Array) -> Self:

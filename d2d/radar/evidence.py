@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
 
-from d2d._checks import check_instance, check_positive, check_rows, check_scalar
+from d2d._checks import check_choice, check_instance, check_positive, check_rows, check_scalar
 from d2d._types import Array
 from d2d.radar.comparison import Comparison, enough
 from d2d.radar.joint import (
@@ -166,8 +166,7 @@ def compare_halves(
     object (40, 3)
     """
     check_instance("rng", rng, np.random.Generator)
-    if by not in ("target", "object"):
-        raise ValueError(f'by must be "target" or "object", but is {by!r}')
+    check_choice("by", by, ("target", "object"))
     reach = float(check_positive("distance", check_scalar("distance", distance)))
     drives = [
         (list(scans), mounting)

@@ -1,6 +1,5 @@
 """The intervals of a drive one after the other, each started at the last accepted velocity."""
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -18,6 +17,7 @@ from d2d.radar.budget import (
     apply_budget,
     with_lag,
 )
+from d2d.radar.contradiction import warn_of_contradiction
 from d2d.radar.ego_motion import check_velocity, estimate_velocity
 from d2d.radar.plausibility import State, VehicleLimits
 from d2d.radar.progress import counted
@@ -36,17 +36,6 @@ MIN_AGREEING = 2.5  # sum of the inlier probabilities
 # A wrong optimum rarely explains more than half of the targets (chapter 9).  One that explains at
 # least this fraction is accepted without looking for another.
 WELL_EXPLAINED = 0.6
-_SAMPLE = 50  # intervals whose positions are compared with the Doppler velocities
-_TELLING = 1.0  # nats by which they must fit better: a vehicle at rest fits any multiple of zero
-# What the velocity is multiplied by if the mistake is undone.
-_MISTAKES = {
-    "the opposite velocity better.  Are the Doppler velocities positive for receding targets, and "
-    "the azimuths counter-clockwise?": (-1.0, -1.0, 1.0),
-    "a 3.6 times slower one better.  Are the Doppler velocities in m/s, not in km/h?": (
-        *[1.0 / 3.6] * 2,
-        1.0,
-    ),
-}
 
 
 class Interval(NamedTuple):
@@ -138,7 +127,7 @@ def follow(
     track = Track(
         times[1:], np.diff(times), theta, covariance, converged, np.array(reasons), targets, inliers
     )
-    _warn_of_contradiction(track, search)
+    _check_positions(track, search)
     return track if budget is None else _with_budget(track, parts, delays, budget.lag)
 
 
@@ -180,35 +169,14 @@ def _with_budget(track: Track, parts: Array, delays: Array, lag: float) -> Track
     return replace(track, theta=theta, covariance=complete.total, parts=complete)
 
 
-def _warn_of_contradiction(track: Track, search: Search) -> None:
-    """Warn if most positions fit the opposite, or a multiple, of what the Doppler velocities say.
-
-    A flipped sign of the Doppler velocities, or of the azimuths, and a wrong unit give an optimum
-    all the same: the positions decide little about the speed.
-    """
+def _check_positions(track: Track, search: Search) -> None:
+    """Warn if the positions contradict the Doppler velocities of the accepted intervals."""
     accepted = np.flatnonzero(track.converged)
-    sample = accepted[:: max(1, len(accepted) // _SAMPLE)]
-    better, compared = np.zeros(len(_MISTAKES), dtype=int), 0
-    for i in sample:
-        interval = search.bind(i)
+
+    def bind(i: int) -> Problem | None:
+        interval = search.bind(int(accepted[i]))
         if interval is None or interval.problem.pairs[0].measurement is None:
-            return
-        problem = _of_positions(interval.problem)
-        stated, *mistaken = problem.derivatives(
-            problem.bind(track.theta[i] * np.array([[1.0, 1.0, 1.0], *_MISTAKES.values()]))
-        )[0]
-        compared += 1
-        better += stated - np.array(mistaken) > _TELLING
-    which = int(np.argmax(better))
-    if compared >= 5 and better[which] > 0.8 * compared:
-        warnings.warn(
-            f"Doppler velocities and positions contradict each other: in {better[which]} of "
-            f"{compared} intervals the positions fit {list(_MISTAKES)[which]}",
-            UserWarning,
-            stacklevel=4,
-        )
+            return None
+        return interval.problem
 
-
-def _of_positions(problem: Problem) -> Problem:
-    """The problem without its measurements."""
-    return replace(problem, pairs=[pair._replace(measurement=None) for pair in problem.pairs])
+    warn_of_contradiction(track.theta[accepted], bind)

@@ -9,7 +9,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from d2d import _kernel
-from d2d._checks import check_flag, check_positive, check_scalar, check_schedule
+from d2d._checks import check_flag, check_positive, check_scalar, check_schedule, check_within
 from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
@@ -20,6 +20,7 @@ from d2d.problem import CostForm, Pair, Problem
 # on the road are larger by a few percent (chapter 8b).
 DEFAULT_DOPPLER_WIDTH = 4.0
 _NO_SLIP = 1e-3  # m/s, the standard deviation of a v_y that is said to be zero
+_SLIPS = (1e-6, 1e6)  # m/s, whose inverse squares the cost can hold beside its other terms
 # thesis sec. 7.3: 20 % outliers, with a standard deviation of 10 m along both axes
 DEFAULT_OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
 
@@ -81,7 +82,7 @@ class EgoMotionModel(Frozen):
         check_flag("doppler", self.doppler)
         check_flag("first_order", self.first_order)
         if not isinstance(self.slips, bool | np.bool_):
-            check_positive("slips", check_scalar("slips", self.slips))
+            check_within("slips", self.slips, *_SLIPS)
         check_positive("doppler_width", check_scalar("doppler_width", self.doppler_width))
         self.form  # noqa: B018 - an outlier of another dimension is refused here
 

@@ -70,7 +70,7 @@ class VehicleLimits:
     def __post_init__(self) -> None:
         for field in fields(self):
             limit = getattr(self, field.name)
-            if limit != np.inf:
+            if not (np.isscalar(limit) and limit == np.inf):
                 check_positive(field.name, check_scalar(field.name, limit))
 
     def for_doppler(self, doppler: bool) -> "VehicleLimits":

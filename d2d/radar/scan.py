@@ -13,15 +13,18 @@ from d2d._checks import (
     check_angle,
     check_covariances,
     check_finite,
+    check_flag,
     check_instance,
     check_positive,
     check_scalar,
+    check_within,
 )
 from d2d._lazy import Frozen
 from d2d._types import Array, Selection
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 
+_MAX_LEVER = 100.0  # m from the vehicle's origin to a sensor; beyond it, they are millimetres
 _BROADCAST = ("sigma_range", "sigma_azimuth", "sigma_doppler", "extent")  # numbers or arrays
 
 
@@ -38,7 +41,8 @@ class Mounting:
     Raises
     ------
     ValueError
-        If an argument is not a finite number, or the yaw is in degrees; the message names it.
+        If an argument is not a finite number, a sensor is more than 100 m from the origin, or the
+        yaw is in degrees; the message names it.
     """
 
     x: float = 0.0
@@ -48,6 +52,12 @@ class Mounting:
     def __post_init__(self) -> None:
         for name in ("x", "y", "yaw"):
             object.__setattr__(self, name, check_scalar(name, getattr(self, name)))
+        for name in ("x", "y"):
+            if abs(getattr(self, name)) > _MAX_LEVER:
+                raise ValueError(
+                    f"{name} must be in m, at most {_MAX_LEVER:g} from the vehicle's origin, but "
+                    f"is {getattr(self, name):g}; are these millimetres?"
+                )
         check_angle("yaw", self.yaw)
 
     @property
@@ -257,6 +267,7 @@ class RadarScan(Frozen):
         number.
         """
         interval = float(check_positive("interval", check_scalar("interval", interval)))
+        check_flag("of_twist", of_twist)
         gain, slope = doppler_gradients(self.azimuth, mounting)
         sigmas = self.sigma_doppler, self.sigma_azimuth
         return LinearMeasurement._of(
@@ -275,9 +286,10 @@ def quantisation_sigma(step: float, name: str = "step") -> float:
     measurement: ``np.hypot(sigma, quantisation_sigma(step))``.  Where the noise is much smaller
     than the step, rounding is not independent from one value to the next.
 
-    Raises a ``ValueError``, which calls the argument ``name``, unless it is a positive number.
+    Raises a ``ValueError``, which calls the argument ``name``, unless it is a number within 1e-50
+    and 1e50.
     """
-    return float(check_positive(name, check_scalar(name, step)) / np.sqrt(12.0))
+    return float(check_within(name, step, 1e-50, 1e50) / np.sqrt(12.0))
 
 
 def _position_covariances(covariance: ArrayLike | None, grid: float | None, size: int) -> Array:

@@ -31,7 +31,7 @@ def scan_before(
     The first scan if there are not that many.
     """
     if horizon is None:
-        return scans[max(i - baseline, 0)]
+        return scans[max(i - int(baseline), 0)]
     wanted = scans[i].time - horizon
     after = bisect_left(scans, wanted, hi=i, key=lambda scan: scan.time)
     near = [j for j in (after, after - 1) if 0 <= j < i]

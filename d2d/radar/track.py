@@ -97,7 +97,9 @@ def track(
     Warns
     -----
     UserWarning
-        If most positions fit the opposite motion better than what the Doppler velocities say.
+        If in most intervals the positions alone fit another velocity clearly better than the one
+        that the Doppler velocities say: the opposite one, a 3.6 times slower one or a faster one,
+        as where they are compensated for the ego-motion.
 
     Raises
     ------

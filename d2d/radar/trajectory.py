@@ -14,9 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
 from d2d._checks import check_finite, check_path
+from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.radar.budget import CovarianceParts
 from d2d.radar.files import written_whole
+from d2d.radar.trajectory_checks import REQUIRED, check_track
 from d2d.radar.trajectory_files import (
     Arrays,
     load_arrays,
@@ -31,10 +33,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-_REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
 _OPTIONAL = ("reasons", "targets", "inliers")
 _SHOWN_REASONS = 3
-_ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 # A number in a reason, but no exponent of a unit such as m/s^2.
 _NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
 
@@ -66,8 +66,10 @@ class Neighbours(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class Track(Frozen):
     """The motion along a drive, one row for each scan (or round of scans) after the first.
+
+    It keeps read-only copies of what it is given; `dataclasses.replace` makes another one.
 
     Attributes
     ----------
@@ -96,8 +98,8 @@ class Track:
     Raises
     ------
     ValueError
-        If shapes do not match, times are not finite and strictly increasing, or where converged an
-        estimate is not finite or its covariance is none; the message names the field.
+        If shapes or types do not match, times are not finite and strictly increasing, or where
+        converged an estimate is not finite or its covariance is none; the message names the field.
     """
 
     times: Array
@@ -111,37 +113,8 @@ class Track:
     parts: CovarianceParts | None = None
 
     def __post_init__(self) -> None:
-        count = len(self.times)
-        shapes = {"intervals": (), "theta": (3,), "covariance": (3, 3), "converged": ()}
-        fields = {name: getattr(self, name) for name in (*_REQUIRED, *_OPTIONAL)}
-        for name, values in fields.items():
-            shape = (count, *shapes.get(name, ()))
-            if values is not None and np.shape(values) != shape:
-                raise ValueError(f"{name} must have the shape {shape}, but has {np.shape(values)}")
-        for name, part in ({} if self.parts is None else self.parts._asdict()).items():
-            if np.shape(part) != (count, 3, 3):
-                raise ValueError(
-                    f"parts.{name} must have the shape {(count, 3, 3)}, but has {np.shape(part)}"
-                )
-        if np.asarray(self.converged).dtype != np.bool_:
-            raise ValueError("converged must be an array of bool")
-        if not (np.isfinite(self.intervals).all() and (np.asarray(self.intervals) > 0.0).all()):
-            raise ValueError("intervals must be finite and positive")
-        if not (np.isfinite(self.times).all() and (np.diff(self.times) > 0.0).all()):
-            raise ValueError("times must be finite and strictly increasing")
-        for name in ("theta", "covariance"):
-            if not np.isfinite(np.asarray(fields[name])[self.converged]).all():
-                raise ValueError(f"{name} must be finite wherever converged is true")
-        stated = np.asarray(self.covariance)[self.converged]
-        sigmas = np.sqrt(np.clip(np.diagonal(stated, axis1=1, axis2=2), 0.0, None))
-        scale = sigmas[:, :, None] * sigmas[:, None, :]
-        if (np.abs(stated - stated.swapaxes(1, 2)) > _ROUNDING * scale).any():
-            raise ValueError("covariance must be symmetric wherever converged is true")
-        if (np.abs(stated) > (1.0 + _ROUNDING) * scale).any():
-            raise ValueError(
-                "covariance must have variances that are not negative, and correlations between "
-                "-1 and 1, wherever converged is true"
-            )
+        for name, value in check_track(vars(self)).items():
+            self._keep(name, value)
 
     def poses(self, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """The path driven: (n + 1, 3) poses [x, y, yaw] in m, m, rad, beginning at ``start``.
@@ -204,7 +177,7 @@ class Track:
         OSError
             If the file cannot be written.
         """
-        arrays: Arrays = {name: getattr(self, name) for name in _REQUIRED}
+        arrays: Arrays = {name: getattr(self, name) for name in REQUIRED}
         for name in _OPTIONAL:
             if getattr(self, name) is not None:
                 arrays[name] = getattr(self, name)
@@ -240,12 +213,12 @@ class Track:
         arrays = load_arrays(source)
         names = [f"parts_{name}" for name in CovarianceParts._fields]
         with_parts = names[0] in arrays
-        needed = (*_REQUIRED, *(names if with_parts else ()))
+        needed = (*REQUIRED, *(names if with_parts else ()))
         missing = [name for name in needed if name not in arrays]
         if missing:
             raise ValueError(f"{source} is not a whole file of Track.save: it lacks {missing}")
         parts = CovarianceParts(*(arrays[name] for name in names)) if with_parts else None
-        fields: dict[str, Any] = {name: arrays.get(name) for name in (*_REQUIRED, *_OPTIONAL)}
+        fields: dict[str, Any] = {name: arrays.get(name) for name in (*REQUIRED, *_OPTIONAL)}
         return cls._from_file(source, fields | {"parts": parts})
 
     def write_tum(self, path: str | os.PathLike[str], start: ArrayLike = (0.0, 0.0, 0.0)) -> None:

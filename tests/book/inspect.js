@@ -11,11 +11,12 @@ window.inspectBook = (() => {
     return `${label} in #${id ?? "?"}: ${text(element)}`;
   }
 
-  /** Unfold everything that is folded away, and stop what moves: a colour in transition is neither the old nor the new. */
+  /** Unfold everything that is folded away, open every tab, and stop what moves: a colour in transition is neither the old nor the new. */
   function settle() {
     document.querySelectorAll("details").forEach((details) => (details.open = true));
     const still = document.createElement("style");
-    still.textContent = "* { transition: none !important; animation: none !important; }";
+    still.textContent = "* { transition: none !important; animation: none !important; }"
+      + ".sd-tab-set > .sd-tab-content { display: block !important; }";
     document.head.append(still);
   }
 

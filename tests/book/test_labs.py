@@ -53,7 +53,11 @@ LABS = (
         "chapters/04b_outliers_and_clusters_1d", "lab-outlier", "Target O", "noise", "Next draw"
     ),
     Laboratory(
-        "chapters/06_credibility_2d", "lab-plane", "Target F of the cur", "turn", "Add an outlier"
+        "chapters/06c_outliers_and_clusters_2d",
+        "lab-plane",
+        "Target F of the cur",
+        "turn",
+        "Add an outlier",
     ),
     Laboratory(
         "chapters/07_radar_ego_motion", "lab-doppler", "The mover", "vx", "Go to the estimate"
@@ -252,7 +256,7 @@ def test_by_mouse_finger_and_keys(
         moved = [np.abs(after - before).max() for before, after in pairwise(seen)]
         assert max(moved) > 1e-4
     assert hand.driver.execute_script(fetched) == loaded
-    complaints, _ = browser.traffic(hand.driver, home)
+    complaints, *_ = browser.traffic(hand.driver, home)
     assert complaints == []
 
 
@@ -290,7 +294,7 @@ def test_the_address_brings_the_view_back(lab: Laboratory, hand: Hand, address: 
     assert state != first
     hand.open(f"{home}#{lab.id}?cost=nonsense&fixed=1,x&moving=&draw=-1&alpha=9e99&%22=3")
     assert hand.ask("lab.element.querySelectorAll('svg').length") > 0
-    complaints, _ = browser.traffic(hand.driver, home)
+    complaints, *_ = browser.traffic(hand.driver, home)
     assert complaints == []
 
 

@@ -1,7 +1,6 @@
 """Error budgets: each term against re-estimation, their parts, and what they do to a track."""
 
 import pickle
-import warnings
 from dataclasses import fields, replace
 
 import numpy as np
@@ -390,44 +389,6 @@ def test_a_limit_is_a_positive_number(name, value):
     with pytest.raises(ValueError, match=f"^{name} must"):
         VehicleLimits(**{name: value})
     assert getattr(VehicleLimits(**{name: np.inf}), name) == np.inf
-
-
-def test_a_flipped_doppler_sign_is_told():
-    """Breaks if a drive runs backwards without a word."""
-    drive = simulate_drive(np.random.default_rng(3), duration=4.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        track(drive.scans, drive.mounting)
-    flipped = [altered(scan, doppler=-scan.doppler) for scan in drive.scans]
-    with pytest.warns(UserWarning, match="contradict each other"):
-        track(flipped, drive.mounting, limits=None)
-    with pytest.warns(UserWarning, match="contradict each other"):
-        track_joint([(flipped, drive.mounting)], limits=None)
-
-
-def test_a_wrong_unit_of_the_doppler_velocities_is_told():
-    """Breaks if km/h are taken for m/s without a word, or a vehicle at rest is accused of it."""
-    drive = simulate_drive(np.random.default_rng(3), duration=4.0)
-    wrong = [
-        altered(scan, doppler=3.6 * scan.doppler, sigma_doppler=3.6 * scan.sigma_doppler)
-        for scan in drive.scans
-    ]
-    with pytest.warns(UserWarning, match="3.6 times slower .* not in km/h"):
-        track(wrong, drive.mounting, limits=None)
-    rng = np.random.default_rng(4)
-    first = drive.scans[0]
-    still = [
-        altered(
-            first,
-            time=0.1 * i,
-            doppler=0.05 * rng.standard_normal(first.size),
-            azimuth=first.azimuth + first.sigma_azimuth * rng.standard_normal(first.size),
-        )
-        for i in range(20)
-    ]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        track(still, drive.mounting)
 
 
 @pytest.mark.parametrize("slips", [False, 0.05])

@@ -98,6 +98,9 @@ def test_options_reach_the_estimate(tmp_path):
     without = Track.load(tmp_path / "both.npz")
     assert without.parts is None
     assert_allclose(without.covariance, track_joint(sensors, baseline=2).covariance, rtol=1e-9)
+    assert main([*call, "--horizon", "0.3", "--extent", "0.1", "--no-budget", "--no-picture"]) == 0
+    longer = Track.load(tmp_path / "both.npz")
+    assert_allclose(longer.theta, track_joint(sensors, horizon=0.3).theta, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("said", "slips"), [("0", False), ("0.05", 0.05)])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,6 +38,14 @@ def example(seed: int = 0, factor: float = 1.0) -> tuple[Track, Reference]:
         ),
         Reference(times, truth, np.zeros((N + 1, 3))),
     )
+
+
+def without(driven: Track, rows, **changed) -> Track:
+    """The track with some of its estimates as not converged, and what is then in their place."""
+    arrays = {name: getattr(driven, name).copy() for name in ("converged", *changed)}
+    for name, value in ({"converged": False} | changed).items():
+        arrays[name][rows] = value
+    return replace(driven, **arrays)
 
 
 # ---- What is compared -------------------------------------------------------------------------
@@ -74,7 +83,7 @@ def test_a_reference_at_other_times_is_interpolated():
 def test_what_did_not_converge_or_has_no_reference_is_left_out():
     """Breaks if a prediction is judged as an estimate, or nan spreads over the drive."""
     driven, reference = example()
-    driven.converged[4], driven.theta[4], driven.covariance[4] = False, 1e6, np.nan
+    driven = without(driven, 4, theta=1e6, covariance=np.nan)
     reference.theta[11, 1] = np.nan  # of pair 10
     found = compare(driven, reference)
     left = np.delete(np.arange(N), [4, 10])
@@ -152,7 +161,7 @@ def test_intervals_are_those_of_each_statistic():
 def test_errors_of_singular_covariances_have_an_rmse():
     """Breaks if the errors of a track that is sure of a velocity cannot be told."""
     driven, reference = example()
-    driven.covariance[:, 1, :] = driven.covariance[:, :, 1] = 0.0
+    driven = replace(driven, covariance=driven.covariance * np.outer([1, 0, 1], [1, 0, 1]))
     found = compare(driven, reference)
     assert_array_equal(found.rmse, compare(*example()).rmse)
     with pytest.raises(ValueError, match="covariances must be positive definite"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -231,12 +232,18 @@ def test_the_second_track_is_interpolated_to_the_times_of_the_first():
         assert_allclose(found.covariances[i], first.covariance[i] + sigma, rtol=1e-9)
 
 
+def failed(driven: Track, row: int) -> Track:
+    """The track with one estimate that did not converge."""
+    here = np.arange(len(driven.times)) == row
+    covariance = np.where(here[:, None, None], np.nan, driven.covariance)
+    return replace(driven, converged=~here, covariance=covariance)
+
+
 def test_at_equal_times_nothing_is_interpolated():
     """Breaks if a neighbour that did not converge takes an estimate with it."""
     times = np.arange(8) / 10.0
     first, second = noisy(4, times), noisy(5, times)
-    second.converged[3], second.covariance[3] = False, np.nan
-    first.converged[5], first.covariance[5] = False, np.nan
+    first, second = failed(first, 5), failed(second, 3)
     found = compare_tracks(first, second)
     left = np.array([0, 1, 2, 4, 6, 7])
     assert_array_equal(found.times, times[left])
@@ -251,8 +258,7 @@ def test_gaps_and_failed_estimates_are_not_bridged():
     times = np.arange(20) / 10.0
     kept = np.r_[0:6, 12:20]
     second = noisy(7, times[kept] - 0.02)
-    second.intervals[:] = 0.1
-    second.converged[10], second.covariance[10] = False, np.nan  # at 1.58 s
+    second = failed(replace(second, intervals=np.full(14, 0.1)), 10)  # at 1.58 s
     found = compare_tracks(noisy(6, times), second)
     assert_allclose(found.times, times[[0, 1, 2, 3, 4, 12, 13, 14, 17, 18]])
 

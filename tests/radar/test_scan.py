@@ -311,3 +311,11 @@ def test_mounting_acts_on_a_point_set_as_a_rigid_motion():
     at_origin = scan.point_set(Mounting())
     moved = rigid.transform_means(mounting.pose, at_origin.means)
     assert_allclose(scan.point_set(mounting).means, moved, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["x", "y"])
+def test_a_mounting_in_millimetres_is_refused(name):
+    """Breaks if a sensor 3.7 km ahead of its vehicle is believed."""
+    with pytest.raises(ValueError, match=f"^{name} must be in m, .* millimetres"):
+        Mounting(**{name: -3700.0})
+    assert getattr(Mounting(**{name: 30.0}), name) == 30.0

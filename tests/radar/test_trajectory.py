@@ -504,3 +504,46 @@ except ModuleNotFoundError as error:
         "[0, 1, 2]",
         "progress=True needs tqdm, which is not installed: pip install tqdm",
     ]
+
+
+def test_a_track_keeps_its_own_arrays():
+    """Breaks if a later change of an argument, or of the track, changes what was estimated."""
+    given = example(parts=True)
+    values = {field.name: getattr(given, field.name) for field in fields(Track)}
+    mine = {n: v.copy() for n, v in values.items() if isinstance(v, np.ndarray)}
+    driven = Track(**(values | mine))
+    mine["theta"][:] = 7.0
+    assert_array_equal(driven.theta, given.theta)
+    for array in (driven.theta, driven.times, driven.reasons, *driven.parts):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = array[1]
+    listed = {n: v.tolist() if n != "covariance" else v for n, v in mine.items()}
+    assert_array_equal(replace(given, **(listed | {"theta": given.theta})).times, given.times)
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("theta", lambda v: v * 1j),
+        ("theta", lambda v: np.ma.array(v, mask=v > 10.0)),
+        ("theta", lambda v: np.where(v > 10.0, None, v)),
+        ("times", lambda v: v[::-1].astype(np.uint64)),
+        ("times", lambda v: "now"),
+        ("converged", lambda v: v.astype(float)),
+        ("converged", lambda v: np.ma.array(v, mask=~v)),
+        ("reasons", lambda v: v.astype(object)),
+        ("targets", lambda v: v + 0.5),
+        ("parts", lambda _: "noise"),
+    ],
+)
+def test_what_no_track_holds_is_refused(name, change):
+    """Breaks if numbers of another kind are stored, and surprise whoever computes with them."""
+    driven = example()
+    with pytest.raises(ValueError, match=f"^{name} must"):
+        replace(driven, **{name: change(getattr(driven, name))})
+
+
+def test_an_indefinite_covariance_is_refused():
+    """Breaks if only pairs of components are looked at."""
+    with pytest.raises(ValueError, match=r"^covariance must be positive semidefinite"):
+        replace(example(), **all_with([[1.0, 0.9, 0.9], [0.9, 1.0, -0.9], [0.9, -0.9, 1.0]]))

@@ -281,19 +281,22 @@ def stepped_down(first: float) -> str:
     return " ".join(f"{scale:.3g}" for scale in np.geomspace(first, 1.0, steps))
 
 
+def simulate(trial: Trial) -> MonteCarlo:
+    """The runs of one trial, drawn from its seed."""
+    condition = trial.condition
+    return monte_carlo(
+        condition.scenario,
+        condition.cost,
+        condition.runs,
+        condition.seed,
+        condition.initial,
+        scales=condition.scales,
+    )
+
+
 def recompute(trial: Trial) -> Outcome:
     """Recompute the outcome of one trial from its seed."""
-    condition = trial.condition
-    return Outcome.of(
-        monte_carlo(
-            condition.scenario,
-            condition.cost,
-            condition.runs,
-            condition.seed,
-            condition.initial,
-            scales=condition.scales,
-        )
-    )
+    return Outcome.of(simulate(trial))
 
 
 def inlier_shares(trial: Trial) -> tuple[Array, NDArray[np.bool_]]:

@@ -99,7 +99,9 @@ def chapter_box(
     """
     if minutes <= 0:
         raise ValueError(f"minutes: expected a positive number, got {minutes}")
-    own = [claim.id for claim in claims if page_of(claim.section).startswith(f"{chapter}_")]
+    own = [
+        claim.id for claim in claims if page_of(claim.section, claim.id).startswith(f"{chapter}_")
+    ]
     verdicts = {verdict: [id for id in own if record[id].verdict == verdict] for verdict in SIGNS}
     found_verdicts = {verdict: ids for verdict, ids in verdicts.items() if ids}
     return ChapterBox(_sentences(asked), _sentences(found), found_verdicts, minutes, needs)

@@ -22,7 +22,7 @@ def verdicts_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> s
     """A table of the number of claims with each verdict, by page, with a last row for all pages."""
     by_page: dict[str, list[Evidence]] = {}
     for claim in claims:
-        by_page.setdefault(page_of(claim.section), []).append(record[claim.id])
+        by_page.setdefault(page_of(claim.section, claim.id), []).append(record[claim.id])
     lines = [f"| chapter | claims | {' | '.join(SIGNS)} |", "|" + " --- |" * (2 + len(SIGNS))]
     linked = {f"[{_chapter(page)}]({page}.ipynb)": listed for page, listed in by_page.items()}
     for name, evidence in (linked | {"all": list(record.values())}).items():
@@ -44,7 +44,7 @@ def claims_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> str
         evidence = record.get(claim.id)
         if evidence is None:
             raise ValueError(f"record: has no evidence for {claim.id}")
-        page = page_of(claim.section)
+        page = page_of(claim.section, claim.id)
         shown = f"[chapter {_chapter(page)}]({page}.ipynb), [figure](#fig-{claim.figure})"
         numbers = "<br>".join(
             f"{told(evidence.numbers[name], '**')} {name}" for name in claim.telling

@@ -4,25 +4,38 @@ from dataclasses import dataclass
 
 PAGES = {
     "2": "02_gaussian_background",
+    "2.3": "02a_mixtures",
     "3": "03_point_set_registration",
     "4.1": "04a_cost_surfaces_1d",
     "4.2": "04a_cost_surfaces_1d",
     "4.3": "04a_cost_surfaces_1d",
     "4.4": "04b_outliers_and_clusters_1d",
-    "4.5": "04b_outliers_and_clusters_1d",
+    "4.5": "04c_clusters_1d",
     "5": "05_estimation_and_covariance",
+    "5.1": "05b_finding_the_optimum",
     "6": "06_credibility_2d",
+    "6.3 outlier": "06c_outliers_and_clusters_2d",
+    "6.3 cluster": "06c_outliers_and_clusters_2d",
+    "6.3 all": "06d_start_and_layout",
+    "6.4": "06d_start_and_layout",
     "7": "07_radar_ego_motion",
+    "7.3": "07b_the_whole_drive",
 }
-"""The page on each chapter of the thesis, or on each section where two pages share a chapter."""
+"""The page on each chapter of the thesis, or on each section where two pages share a chapter.
+
+Where two pages share a section, its scenes have a page of their own: "6.3 outlier" has the figures
+and claims of section 6.3 whose ids begin with "outlier-".
+"""
 
 
-def page_of(section: str) -> str:
+def page_of(section: str, id: str = "") -> str:
     """The page (a file of ``chapters/`` without its suffix) on a section of the thesis.
 
-    Raises ``ValueError`` if there is none.
+    ``id`` is that of a figure or of a claim of this section.  Raises ``ValueError`` if there is no
+    page.
     """
-    page = PAGES.get(section) or PAGES.get(section.split(".")[0])
+    named = (f"{section} {id.split('-')[0]}", section, section.split(".")[0])
+    page = next((PAGES[name] for name in named if name in PAGES), None)
     if page is None:
         raise ValueError(f"section: no page treats thesis section {section!r}")
     return page
@@ -51,7 +64,7 @@ class ThesisFigure:
     @property
     def page(self) -> str:
         """The page of the book that shows it."""
-        return page_of(self.section)
+        return page_of(self.section, self.id)
 
 
 FIGURES = (

@@ -144,30 +144,6 @@ THESIS = {
 }
 
 
-def table(rows: Iterable[Row]) -> str:
-    """The rows as text, with what the thesis says beside them."""
-    lines = [
-        f"{'cost':10} {'at truth,':>10} {'RMSE':>5} {'95 %':>13} {'RMSE':>5} "
-        f"{'ANEES':>6} {'NCI':>5} {'I2':>6}",
-        f"{'':10} {'from zero':>10} {'m':>5} {'m':>13} {'deg':>5} {'':>6} {'dB':>5} {'dB':>6}",
-    ]
-    previous = ""
-    for row in rows:
-        if row.scenario != previous:
-            lines.append(f"-- {row.scenario}")
-            previous = row.scenario
-        low, high = row.rmse_interval
-        c = row.credibility
-        lines.append(
-            f"{row.cost:10} {row.from_truth:5.1%}{row.from_zero:6.1%} {row.rmse:5.3f} "
-            f"{low:6.3f}-{high:5.3f} {np.rad2deg(row.rmse_rotation):5.2f} {c.anees:6.3f} "
-            f"{c.nci:5.2f} {c.inclination:+6.2f}"
-        )
-        if (row.scenario, row.cost) in THESIS:
-            lines.append(f"{'':17}thesis: {THESIS[row.scenario, row.cost]}")
-    return "\n".join(lines)
-
-
 def markdown_table(rows: Iterable[Row]) -> str:
     """The rows as the table of the book's first chapter."""
     lines = [

@@ -6,6 +6,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from scipy.stats import chi2
 
 from d2d._types import Array
@@ -122,20 +123,14 @@ def credibility_columns(scenario: Scenario, names: Sequence[str]) -> None:
         ax.set_ylabel("")
 
 
-def credibility_line(scenario: Scenario, name: str) -> str:
-    """One line of text on the credibility of a cost started at the truth."""
-    c = evaluated(scenario, COSTS[name]).credibility
-    return (
-        f"{name:10}: ANEES {c.anees:6.3f} in [{c.bounds[0]:.3f}, {c.bounds[1]:.3f}] "
-        f"{c.consistent!s:5}, NCI {c.nci:5.2f} dB, I2 {c.inclination:+6.2f} dB"
-    )
-
-
 def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet) -> None:
     """Both scans of a scene, each in its own frame, with 3-sigma ellipses.
 
-    A ring marks each outlier: black if it is close to a target, yellow if it is far from all.
+    A thin line joins what both scans see of a target.  A ring marks each outlier: black if it is
+    close to a target, yellow if it is far from all.
     """
+    pairs = np.stack([fixed.means, moving.means], axis=1)[: len(scenario.targets)]
+    ax.add_collection(LineCollection(list(pairs), colors=GREY, linewidths=0.4, zorder=1))
     for points, outliers, color, name in (
         (fixed, scenario.outliers_fixed, FIXED, "previous F"),
         (moving, scenario.outliers_moving, MOVING, "current M"),

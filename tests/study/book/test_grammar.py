@@ -263,3 +263,10 @@ def test_figures_fit_a_phone() -> None:
             if found:
                 wide[name] = found
     assert wide == {}
+
+
+def test_the_laboratories_have_the_colours_of_the_figures() -> None:
+    """Breaks if a cost has another colour where it is played with than where it is printed."""
+    css = (ROOT / "_static" / "labs" / "labs.css").read_text(encoding="utf-8")
+    for key, look in grammar.COSTS.items():
+        assert f"--lab-{key}: {look.color.lower()};" in css

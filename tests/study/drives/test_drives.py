@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -19,7 +20,7 @@ from d2d.radar import (
     track,
 )
 from d2d.radar.covariance import propagate_ego_motion
-from d2d.study.drives.errors import Drift, DriveErrors
+from d2d.study.drives.errors import Drift, DriveErrors, errors_table
 from d2d.study.drives.moving_targets import TargetWeights, rejected_walkers
 from d2d.study.drives.variations import propagated_covariances, sparse, track_from
 
@@ -52,6 +53,14 @@ def test_errors_are_estimate_minus_reference_at_the_later_scan():
     assert judged.share == 1.0
 
 
+def without(driven: Track, rows, **changed) -> Track:
+    """The track with some of its estimates as not converged, and what is then in their place."""
+    arrays = {name: getattr(driven, name).copy() for name in ("converged", *changed)}
+    for name, value in ({"converged": False} | changed).items():
+        arrays[name][rows] = value
+    return replace(driven, **arrays)
+
+
 def test_rmse_and_sigmas_are_in_metres_and_degrees():
     """Breaks if omega stays in radians, or a variance is reported for a standard deviation."""
     driven, reference = example()
@@ -65,9 +74,7 @@ def test_rmse_and_sigmas_are_in_metres_and_degrees():
 def test_pairs_that_did_not_converge_or_have_no_reference_are_left_out():
     """Breaks if a prediction is judged as an estimate, or nan spreads over the drive."""
     driven, reference = example()
-    driven.converged[4] = False
-    driven.theta[4] = 1e6
-    driven.covariance[4] = np.nan
+    driven = without(driven, 4, theta=1e6, covariance=np.nan)
     reference.theta[11, 1] = np.nan  # of pair 10
     reference.theta[0] = np.nan  # of no pair
     judged = DriveErrors.of(driven, reference)
@@ -128,22 +135,25 @@ def test_credibility_is_that_of_the_errors_in_si_units():
     assert judged.credibility.consistent
 
 
-def test_summary_says_what_was_measured():
+def test_the_table_says_what_was_measured():
     """Breaks if a number is printed in another place or unit than it says."""
     driven, reference = example()
-    driven.converged[:5] = False
+    driven = without(driven, slice(5))
     judged = DriveErrors.of(driven, reference)
-    text = judged.summary()
-    for part in (
-        f"v_x {judged.rmse[0]:.3f} m/s",
-        f"v_y {judged.rmse[1]:.3f} m/s",
-        f"omega {judged.rmse[2]:.3f} deg/s",
-        "usable 90.0%",
-        f"ANEES {judged.credibility.anees:.2f} [",
-        f"I2 {judged.credibility.inclination:+.1f} dB",
-    ):
-        assert part in text
-    assert "\n" not in text
+    shown = errors_table({"one": judged}, "Errors.")
+    low, high = judged.intervals().anees
+    assert dict(zip([name for name, _ in shown.header], shown.rows[0], strict=True)) == {
+        "": "one",
+        "v_x": f"{judged.rmse[0]:.3f}",
+        "v_y": f"{judged.rmse[1]:.3f}",
+        "omega": f"{judged.rmse[2]:.3f}",
+        "usable": "90.0%",
+        "ANEES": f"{judged.credibility.anees:.2f}",
+        "95 % interval": f"{low:.2f} to {high:.2f}",
+        "NCI": f"{judged.credibility.nci:.1f}",
+        "I²": f"{judged.credibility.inclination:+.1f}",
+    }
+    assert dict(shown.header)["omega"] == "deg/s"
 
 
 @cache
@@ -156,8 +166,7 @@ def driven() -> tuple[Drive, Track]:
 def test_weights_are_the_probabilities_of_all_targets_of_all_good_pairs():
     """Breaks if targets and labels of different scans are put together."""
     drive, result = driven()
-    bad = Track(**(vars(result) | {"converged": result.converged.copy()}))
-    bad.converged[3] = False
+    bad = without(result, 3)
     weights = TargetWeights.of(drive, bad)
     kept = [i for i in range(60) if i != 3]
     assert_array_equal(weights.kind, np.concatenate([drive.targets[i + 1].kind for i in kept]))
@@ -175,8 +184,8 @@ def test_weights_are_the_probabilities_of_all_targets_of_all_good_pairs():
     assert np.abs(weights.own_speed[moving]).max() > 1.0
     assert weights.rejected(moving) > weights.rejected(still) + 0.5
     assert np.isnan(weights.rejected(weights.kind == "nothing"))
-    without = TargetWeights.of(drive, bad, doppler=False)
-    assert without.rejected(moving) < weights.rejected(moving)
+    blind = TargetWeights.of(drive, bad, doppler=False)
+    assert blind.rejected(moving) < weights.rejected(moving)
 
 
 def test_walkers_are_told_by_their_doppler_velocity_alone():

@@ -16,8 +16,6 @@ from d2d.study.plane.evaluation import (
     rms,
     rms_interval,
     same_draws,
-    summary,
-    table,
 )
 from d2d.study.plane.optima import (
     arrival_shares,
@@ -71,15 +69,6 @@ def test_bootstrap_interval_covers_as_often_as_it_says() -> None:
         low, high = rms_interval(rng.standard_normal(300), 200, seed)
         hits += low <= 1.0 <= high
     assert 0.89 < hits / 200 < 0.99
-
-
-def test_table_names_every_scene_and_cost() -> None:
-    rows = summary(scenarios.ALL)
-    assert len(rows) == 15
-    text = table(rows)
-    assert all(f"-- {scenario.name}\n" in text for scenario in scenarios.ALL)
-    assert len(text.splitlines()) == 2 + 5 + 15 + 12
-    assert max(map(len, text.splitlines())) < 85
 
 
 def test_minima_are_minima_and_the_truth_is_among_them() -> None:

@@ -1,0 +1,100 @@
+"""Whether the positions of a drive's targets contradict their Doppler velocities.
+
+A flipped sign, a wrong unit, or velocities that are already compensated for the ego-motion give an
+optimum all the same: a Doppler velocity is so precise that the positions decide little about the
+speed.  Left alone, the positions then fit another velocity clearly better.
+
+They may do so on correct data, too.  What a sensor sees of a guardrail beside the road travels with
+the vehicle, so that the positions seem to be at rest.  So only velocities are looked at that are
+farther from the stated one than rest is, and those that a known mistake would give.
+"""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from d2d._types import Array
+from d2d.problem import Problem
+from d2d.registration import ANNEALED, anneal
+
+_SAMPLE = 20  # intervals at most
+_FEW = 5  # after which the search ends if at most one of them contradicts
+_TELLING = 3.0  # nats by which another velocity must fit the positions better
+_SLOW = 2.0  # m/s, below which a velocity's multiples do not show what it should be
+_MARGIN = 0.5  # m/s
+# What the velocity is multiplied by if a mistake is undone.
+_OPPOSITE, _SLOWER, _FASTER, _MUCH_FASTER = np.array(
+    [[-1.0, -1.0, 1.0], [1.0 / 3.6, 1.0 / 3.6, 1.0], [3.6, 3.6, 1.0], [10.0, 10.0, 10.0]]
+)
+_QUESTIONS = {
+    "the opposite velocity": "Are the Doppler velocities positive for receding targets, and the "
+    "azimuths counter-clockwise?",
+    "a 3.6 times slower one": "Are the Doppler velocities in m/s, not in km/h?",
+    "a faster one": "Are the Doppler velocities those that the sensor measured, not compensated "
+    "for the ego-motion?",
+}
+_OTHERS = "Azimuths in degrees, times in another unit than s and a wrong mounting look alike."
+
+
+def warn_of_contradiction(theta: Array, bind: Callable[[int], Problem | None]) -> None:
+    """Warn if in most intervals the positions alone fit another velocity clearly better.
+
+    Parameters
+    ----------
+    theta : (n, 3) array
+        The accepted velocities.
+    bind : callable
+        ``bind(i)`` is the problem of row i, or None if its targets have no Doppler velocities.
+    """
+    if len(theta) < _FEW:
+        return
+    count = min(_SAMPLE, len(theta))
+    spread = np.linspace(0, len(theta) - 1, count).astype(int)
+    step = count // _FEW
+    compared = 0
+    against: list[tuple[str, Array]] = []
+    for i in np.concatenate([spread[first::step] for first in range(step)]):
+        problem = bind(int(i))
+        if problem is None or (compared == _FEW and len(against) < 2):
+            return
+        compared += 1
+        against += _contradiction(problem, theta[i])
+    # what fits by chance has any direction
+    headings = np.array([heading for _, heading in against])
+    if against and 2.0 * np.hypot(*headings.sum(axis=0)) > compared:
+        kinds = [kind for kind, _ in against]
+        kind = max(_QUESTIONS, key=kinds.count)
+        warnings.warn(
+            f"Doppler velocities and positions contradict each other: in {len(against)} of "
+            f"{compared} intervals the positions fit another velocity better, mostly {kind}.  "
+            f"{_QUESTIONS[kind]}  {_OTHERS}",
+            UserWarning,
+            stacklevel=5,
+        )
+
+
+def _contradiction(problem: Problem, theta: Array) -> list[tuple[str, Array]]:
+    """What the positions fit better than a velocity (3,), and its direction (2,); or nothing."""
+    alone = replace(problem, pairs=[pair._replace(measurement=None) for pair in problem.pairs])
+    speed = float(np.hypot(*theta[:2]))
+    tried = theta * np.array([np.ones(3), np.zeros(3), _OPPOSITE, _SLOWER, _FASTER, _MUCH_FASTER])
+    stated, rest, *values = alone.derivatives(alone.bind(tried))[0]
+    other = anneal(alone, tried[2 + int(np.argmin(values))])
+    if speed < _SLOW:
+        searched = anneal(alone, np.zeros(3), ANNEALED)
+        other = min(other, searched, key=lambda each: float(each.value))
+    if not (other.converged and stated - other.value > _TELLING):
+        return []
+
+    def away(multiple: Array) -> float:
+        return float(np.hypot(*(other.theta - multiple * theta)[:2]))
+
+    heading = other.theta[:2] / max(float(np.hypot(*other.theta[:2])), 1e-9)
+    if away(np.ones(3)) > 1.15 * speed + _MARGIN:
+        opposite = away(_OPPOSITE) < 0.5 * speed
+        return [("the opposite velocity" if opposite else "a faster one", heading)]
+    if speed > _SLOW and away(_SLOWER) < 0.15 * speed and rest - other.value > _TELLING:
+        return [("a 3.6 times slower one", heading)]
+    return []

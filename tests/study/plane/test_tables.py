@@ -1,0 +1,41 @@
+"""The tables of chapter 6 hold the runs that they are said to hold."""
+
+import numpy as np
+import pytest
+
+from d2d.study import scenarios
+from d2d.study.plane.evaluation import COSTS, SUMMING, at_truth, evaluated, summary
+from d2d.study.plane.tables import credibility_table, error_table, short_name, summary_table
+
+
+def test_the_summary_has_a_row_for_every_scene_and_cost() -> None:
+    """Breaks if a condition is left out or two columns change places."""
+    shown = summary_table(summary(scenarios.ALL), "All.")
+    assert shown.caption == "All."
+    assert [row[0] for row in shown.rows[::3]] == [
+        short_name(scene.name) for scene in scenarios.ALL
+    ]
+    assert [row[1] for row in shown.rows[:3]] == ["sum", "likelihood", "robust likelihood"]
+    headings = [name for name, _ in shown.header]
+    sum_row = dict(zip(headings, shown.rows[0], strict=True))
+    result = evaluated(scenarios.OVERLAPPED, SUMMING)
+    assert sum_row["from truth"] == f"{at_truth(result.errors).mean():.1%}"
+    assert sum_row["I²"] == f"{result.credibility.inclination:+.2f}"
+
+
+def test_errors_from_both_starts() -> None:
+    """Breaks if the start is ignored: the sum never arrives from zero."""
+    rows = error_table(scenarios.OVERLAPPED, ("summing",)).rows
+    assert [row[:3] for row in rows] == [("the truth", "sum", "100.0%"), ("zero", "sum", "0.0%")]
+
+
+@pytest.mark.parametrize("name", COSTS)
+def test_the_verdict_on_an_anees_is_that_of_its_region(name: str) -> None:
+    """Breaks if the column and the region of the caption disagree."""
+    shown = credibility_table(scenarios.OVERLAPPED, (name,))
+    low, high = (float(word) for word in shown.caption.split() if word[:2] in ("0.", "1."))
+    anees = float(shown.rows[0][1])
+    assert shown.rows[0][2] == ("yes" if low < anees < high else "no")
+    assert np.isclose(
+        anees, evaluated(scenarios.OVERLAPPED, COSTS[name]).credibility.anees, atol=1e-3
+    )
