@@ -127,47 +127,6 @@ def _row(scenario: Scenario, name: str) -> Row:
     )
 
 
-# What the thesis says of each condition (its sec. 6.3), in a few words; "-": nothing.
-THESIS = {
-    ("overlapped", "summing"): "larger error; hurt by zero; pessimistic",
-    ("overlapped", "likelihood"): "one minimum; same from zero; credible",
-    ("overlapped", "robust"): "same error; more pessimistic",
-    ("outliers", "summing"): "larger error; pessimistic as before",
-    ("outliers", "likelihood"): "vanishes",
-    ("outliers", "robust"): "one minimum; pessimistic and optimistic",
-    ("clusters", "summing"): "wrong global minimum; larger error",
-    ("clusters", "likelihood"): "as without clusters",
-    ("outliers and clusters A", "summing"): "differs from scene B",
-    ("outliers and clusters A", "robust"): "one minimum near the truth",
-    ("outliers and clusters B", "summing"): "differs from scene A",
-    ("outliers and clusters B", "robust"): "one minimum near the truth",
-}
-
-
-def markdown_table(rows: Iterable[Row]) -> str:
-    """The rows as the table of the book's first chapter."""
-    lines = [
-        "| scene | cost | at truth | from zero | RMSE (m) | ANEES | NCI (dB) | I² (dB) | thesis |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
-    ]
-    for row in rows:
-        low, high = row.rmse_interval
-        c = row.credibility
-        cells = (
-            row.scenario,
-            row.cost,
-            f"{row.from_truth:.1%}",
-            f"{row.from_zero:.1%}",
-            f"{row.rmse:.3f} [{low:.3f}, {high:.3f}]",
-            f"{c.anees:.3f}",
-            f"{c.nci:.2f}",
-            f"{c.inclination:+.2f}".replace("-", "−"),
-            THESIS.get((row.scenario, row.cost), "–"),
-        )
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
 @dataclass(frozen=True, eq=False)
 class LayoutStudy:
     """One measure of each kind per random layout, arrays (layouts,)."""
