@@ -98,7 +98,10 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def main_tables(rows: Sequence[Row]) -> str:
-    """Time and accuracy of every method, in one table for each number of targets and start."""
+    """Time and accuracy of every method, in one table for each number of targets and start.
+
+    The container's class sets each row of ten cells in two lines on a phone, see `ledger.css`.
+    """
     header = (
         *("cost", "method", "µs, best", "µs, median", "× batch"),
         *("RMSE, m", "× floor", "RMSE, °", "at truth, %", "runs"),
@@ -127,7 +130,7 @@ def main_tables(rows: Sequence[Row]) -> str:
                 )
             )
         parts.append(f"### {size} × {size} targets, started at {_start(start)}")
-        parts.append(table(header, lines, 2))
+        parts.append(f":::{{container}} methods\n\n{table(header, lines, 2)}\n\n:::")
     return "\n\n".join(parts)
 
 
@@ -136,15 +139,22 @@ def _start(name: str) -> str:
 
 
 def _at_least(what: str, value: float | None, aim: float, unit: str = "×") -> Bar:
+    bar = _unbroken(f"≥ {aim:g} {unit}")
     if value is None:
-        return Bar(what, f"≥ {aim:g} {unit}", "not measured", None)
-    return Bar(what, f"≥ {aim:g} {unit}", f"{number(value, 4)} {unit}", value >= aim)
+        return Bar(what, bar, "not measured", None)
+    return Bar(what, bar, _unbroken(f"{number(value, 4)} {unit}"), value >= aim)
 
 
 def _at_most(what: str, value: float | None, aim: float, unit: str) -> Bar:
+    bar = _unbroken(f"≤ {aim:g} {unit}")
     if value is None:
-        return Bar(what, f"≤ {aim:g} {unit}", "not measured", None)
-    return Bar(what, f"≤ {aim:g} {unit}", f"{number(value, 4)} {unit}", value <= aim)
+        return Bar(what, bar, "not measured", None)
+    return Bar(what, bar, _unbroken(f"{number(value, 4)} {unit}"), value <= aim)
+
+
+def _unbroken(text: str) -> str:
+    """A number with its sign and unit, which a narrow screen does not set on several lines."""
+    return "\N{NO-BREAK SPACE}".join(text.split(" ", 2))
 
 
 def bars(m: Measured) -> list[Bar]:

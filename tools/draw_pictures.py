@@ -1,20 +1,27 @@
 """Draw the pictures of the README and the book's first pages: `python tools/draw_pictures.py`."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
+from scipy.stats import chi2
 
-from d2d import ANNEALED, CorruptedGaussian, RegistrationCost, rigid
+from d2d import ANNEALED, CorruptedGaussian, PointSet, RegistrationCost, rigid
 from d2d.radar import simulate_drive, track
 from d2d.study import monte_carlo, scenarios
 from d2d.study.book import drawing, grammar, style
-from d2d.study.drives.errors import DriveErrors
+from d2d.study.book.card import SIGNS
+from d2d.study.book.record import read_record
 from d2d.study.plane.evaluation import COSTS, at_truth
 from d2d.study.recordings.estimates import estimates_path, read_estimates
+from d2d.study.recordings.road import read_road
 
 DPI = 110  # as in the chapters; 5 inches fit a phone
+TILE = (2.6, 2.0)  # inches: three beside each other on the first pages
 STATIC = Path(__file__).resolve().parents[1] / "_static"
 ROBUST = COSTS["robust"]
 
@@ -93,34 +100,140 @@ def summing() -> Figure:
 
 
 def road() -> Figure:
-    """Errors of v_x and bands of three standard deviations, simulated and on a road."""
-    drive = simulate_drive(np.random.default_rng(7), duration=30.0)
-    simulated = DriveErrors.of(track(drive.scans, drive.mounting), drive.truth)
+    """Errors of v_x on a road, and how many errors lie in the regions that are stated for them."""
     recorded = read_estimates(estimates_path(105))["sensor 3"].judged
-    figure, axes = plt.subplots(1, 2, figsize=(5.0, 2.6))
-    for ax, judged, name in zip(
-        axes, (simulated, recorded), ("simulated drive", "RadarScenes"), strict=True
-    ):
-        drawing.error_bands(
-            ax, judged.times, judged.errors[:, 0], judged.sigmas[:, 0], "m/s", "$v_x$"
+    figure, axes = plt.subplots(1, 2, figsize=(5.0, 2.6), width_ratios=(1.2, 1.0))
+    drawing.error_bands(
+        axes[0], recorded.times, recorded.errors[:, 0], recorded.sigmas[:, 0], "m/s", "$v_x$"
+    )
+    axes[0].set_xlabel("time (s)")
+    _shares_inside(axes[1])
+    style.letter_panels(axes)
+    return figure
+
+
+def _shares_inside(ax: Axes) -> None:
+    """The share of the errors of four radars on RadarScenes that lie in the 95 % region."""
+    found = read_road()["radarscenes"]["baseline 2"]["all"]
+    names = ("inverse Hessian", "noise and budget")
+    shares = [found[name]["inside"] for name in names]
+    colors = [grammar.COVARIANCES[name].color for name in names]
+    bars = ax.bar(["inverse\nHessian", "with error\nbudget"], shares, 0.6, color=colors)
+    _label_shares(ax, bars, shares)
+    ax.axhline(0.95, **grammar.TRUTH)
+    ax.set(ylim=(0.0, 1.05), yticks=[0.0, 0.5, 0.95], yticklabels=["0", "50 %", "95 %"])
+    ax.set_ylabel("in the 95 % region")
+
+
+def _label_shares(ax: Axes, bars: BarContainer, shares: Sequence[float]) -> None:
+    """Write each share above its bar or, if the bar is high, into it."""
+    for bar, share in zip(bars, shares, strict=True):
+        inside = share > 0.5
+        ax.annotate(
+            f"{share:.0%}".replace("%", " %"),
+            (bar.get_x() + 0.5 * bar.get_width(), share),
+            (0, -14 if inside else 3),
+            textcoords="offset points",
+            ha="center",
+            color="white" if inside else grammar.BLACK,
         )
-        ax.set_title(f"{name}:\nANEES {judged.credibility.anees:.1f}")
-        ax.set_xlabel("time (s)")
+
+
+def start_tile() -> Figure:
+    """How many runs from zero find the truth, plain and annealed, in the scene with outliers."""
+    schedules = {"plain": (1.0,), "blurred first,\nthen sharpened": ANNEALED}
+    runs = [
+        monte_carlo(scenarios.OUTLIERS, ROBUST, initial="zero", scales=scales)
+        for scales in schedules.values()
+    ]
+    shares = [float(at_truth(each.errors).mean()) for each in runs]
+    figure, ax = plt.subplots(figsize=TILE)
+    colors = [grammar.GREY, grammar.COSTS["robust"].color]
+    _label_shares(ax, ax.bar(list(schedules), shares, 0.6, color=colors), shares)
+    ax.set(ylim=(0.0, 1.05), yticks=[0.0, 0.5, 1.0], yticklabels=["0", "50 %", "100 %"])
+    ax.set_ylabel("runs at the truth")
+    return figure
+
+
+def sum_tile() -> Figure:
+    """Errors of the three costs with outliers, and the 95 % ellipse that each states on average."""
+    figure, axes = plt.subplots(1, 3, figsize=TILE, sharex=True, sharey=True)
+    words = ("sum:\ntoo wide", "likelihood:\ntoo narrow", "robust:\nright")
+    for ax, (name, look), title in zip(axes, grammar.COSTS.items(), words, strict=True):
+        runs = monte_carlo(scenarios.OUTLIERS, COSTS[name])
+        ax.plot(*runs.errors[:300, :2].T, ".", color=look.color, ms=1.5)
+        stated = PointSet(np.zeros((1, 2)), np.nanmean(runs.covariances, axis=0)[None, :2, :2])
+        outline = {"edgecolor": grammar.BLACK, "linewidth": 1.2, "zorder": 3}
+        drawing.ellipses(ax, stated, np.sqrt(chi2.ppf(0.95, 2)), **outline)
+        ax.set_title(title, fontsize=9)
+        ax.set(xlim=(-1.25, 1.25), ylim=(-2.0, 2.0), aspect="equal", xticks=[-1, 0, 1])
+    axes[1].set_xlabel("error of the translation (m)")
+    return figure
+
+
+def road_tile() -> Figure:
+    """How many errors on a road lie in the regions that are stated for them."""
+    figure, ax = plt.subplots(figsize=TILE)
+    _shares_inside(ax)
+    return figure
+
+
+def learn_tile() -> Figure:
+    """The cost of the eight targets over the translation, as it is seen from chapter 4 on."""
+    scene = scenarios.OVERLAPPED
+    fixed, moving = (each[0] for each in scene.sample(1, np.random.default_rng(0)))
+    offset = np.linspace(-8.0, 8.0, 161)
+    grid = scene.theta + np.stack([*np.meshgrid(offset, offset), np.zeros((161, 161))], axis=-1)
+    figure, ax = plt.subplots(figsize=TILE)
+    ax.contourf(
+        grid[0, :, 0], grid[:, 0, 1], ROBUST.value(grid, fixed, moving), 24, cmap=grammar.COST_MAP
+    )
+    grammar.mark_truth(ax, *scene.theta[:2])
+    ax.set(xlabel="$t_x$ (m)", ylabel="$t_y$ (m)")
+    return figure
+
+
+def path_tile() -> Figure:
+    """The path of a simulated drive, estimated and true."""
+    drive = simulate_drive(np.random.default_rng(7), duration=130.0)
+    poses = track(drive.scans, drive.mounting).poses(drive.truth.poses[0])
+    figure, ax = plt.subplots(figsize=TILE)
+    drawing.path(ax, poses, **grammar.cost_line("robust", label="estimate"))
+    drawing.path(ax, drive.truth.poses, **grammar.TRUTH, label="truth")
+    ax.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    return figure
+
+
+def check_tile() -> Figure:
+    """How many claims have each verdict."""
+    verdicts = [evidence.verdict for evidence in read_record().values()]
+    counts = [verdicts.count(verdict) for verdict in SIGNS]
+    figure, ax = plt.subplots(figsize=TILE)
+    bars = ax.barh(list(SIGNS), counts, 0.6, color=(grammar.PURPLE, grammar.YELLOW, grammar.GREY))
+    ax.bar_label(bars, padding=3)
+    ax.invert_yaxis()
+    ax.set(xlabel="claims", xlim=(0, 1.15 * max(counts)))
     return figure
 
 
 def main() -> None:
     """Draw all pictures and save them."""
     style.use_style()
-    for name, draw in (
-        ("overview", overview),
-        ("finding-start", start),
-        ("finding-sum", summing),
-        ("finding-road", road),
-        ("figure-key", grammar.key),
+    for name, draw, dpi in (
+        ("overview", overview, DPI),
+        ("finding-start", start, DPI),
+        ("finding-sum", summing, DPI),
+        ("finding-road", road, DPI),
+        ("tile-start", start_tile, 3 * DPI // 2),
+        ("tile-sum", sum_tile, 3 * DPI // 2),
+        ("tile-road", road_tile, 3 * DPI // 2),
+        ("tile-learn", learn_tile, 3 * DPI // 2),
+        ("tile-path", path_tile, 3 * DPI // 2),
+        ("tile-check", check_tile, 3 * DPI // 2),
+        ("figure-key", grammar.key, DPI),
     ):
         figure = draw()
-        figure.savefig(STATIC / f"{name}.png", dpi=DPI, metadata={"Software": None})
+        figure.savefig(STATIC / f"{name}.png", dpi=dpi, metadata={"Software": None})
         plt.close(figure)
 
 

@@ -207,9 +207,11 @@ window.inspectBook = (() => {
   /** Whatever the keyboard reaches and then looks as before, and formulas that it should not reach. */
   function unmarked() {
     const found = [...main().querySelectorAll("mjx-container[tabindex]")].map((each) => "a formula: " + name(each));
+    const outlined = ({ outlineStyle, outlineWidth }) => outlineStyle !== "none" && parseFloat(outlineWidth) > 0;
+    // The link of a whole tile has its outline on what it spreads over the tile.
     const look = (element) => {
-      const { outlineStyle, outlineWidth, boxShadow } = getComputedStyle(element);
-      return { line: outlineStyle !== "none" && parseFloat(outlineWidth) > 0, boxShadow };
+      const [own, spread] = [getComputedStyle(element), getComputedStyle(element, "::after")];
+      return { line: outlined(own) || (spread.content !== "none" && outlined(spread)), boxShadow: own.boxShadow };
     };
     const reached = "a[href], button, input:not([type=hidden]), select, textarea, summary, [tabindex='0']";
     for (const element of document.querySelectorAll(reached)) {

@@ -47,34 +47,11 @@ LOOKED_UP = {
 # What remains to be done, by check: a page that passes has to leave its list.
 TO_DO = {
     # Shorten, or divide into pages of one question each.
-    too_long: {
-        "chapters/02_gaussian_background",
-        "chapters/03_point_set_registration",
-        "chapters/04b_outliers_and_clusters_1d",
-        "chapters/05_estimation_and_covariance",
-        "chapters/07_radar_ego_motion",
-        "chapters/08_real_radar",
-    },
+    too_long: set(),
     # Make tables of the numbers that these pages print in long lines, and split code.
-    cut: {
-        "chapters/02_gaussian_background",
-        "chapters/04b_outliers_and_clusters_1d",
-        "chapters/05_estimation_and_covariance",
-        "chapters/07_radar_ego_motion",
-        "chapters/08_real_radar",
-    },
+    cut: set(),
     # Say with {numref} what each figure is for, in the text before it.
-    uncited: {
-        "intro",
-        "chapters/01_motivation",
-        "chapters/02_gaussian_background",
-        "chapters/04b_outliers_and_clusters_1d",
-        "chapters/05_estimation_and_covariance",
-        "chapters/07_radar_ego_motion",
-        "chapters/08_real_radar",
-        "chapters/08b_true_covariance",
-        "chapters/benchmarks",
-    },
+    uncited: set(),
 }
 
 Visit = Callable[[str], browser.Visit]

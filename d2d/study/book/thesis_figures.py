@@ -4,19 +4,22 @@ from dataclasses import dataclass
 
 PAGES = {
     "2": "02_gaussian_background",
+    "2.3": "02a_mixtures",
     "3": "03_point_set_registration",
     "4.1": "04a_cost_surfaces_1d",
     "4.2": "04a_cost_surfaces_1d",
     "4.3": "04a_cost_surfaces_1d",
     "4.4": "04b_outliers_and_clusters_1d",
-    "4.5": "04b_outliers_and_clusters_1d",
+    "4.5": "04c_clusters_1d",
     "5": "05_estimation_and_covariance",
+    "5.1": "05b_finding_the_optimum",
     "6": "06_credibility_2d",
     "6.3 outlier": "06c_outliers_and_clusters_2d",
     "6.3 cluster": "06c_outliers_and_clusters_2d",
     "6.3 all": "06d_start_and_layout",
     "6.4": "06d_start_and_layout",
     "7": "07_radar_ego_motion",
+    "7.3": "07b_the_whole_drive",
 }
 """The page on each chapter of the thesis, or on each section where two pages share a chapter.
 

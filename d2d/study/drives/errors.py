@@ -1,5 +1,6 @@
 """Errors of an estimated drive: of the velocities, with their covariances, and of the path."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -10,12 +11,13 @@ from d2d import rigid
 from d2d._checks import check_positive, check_scalar
 from d2d.radar import Comparison, Reference, Track, compare
 from d2d.radar.comparison import IN_UNITS, NAMES, UNITS
+from d2d.study.book.table import Column, Table, table
 
-__all__ = ["IN_UNITS", "NAMES", "UNITS", "Drift", "DriveErrors"]
+__all__ = ["IN_UNITS", "NAMES", "UNITS", "Drift", "DriveErrors", "errors_table"]
 
 
 class DriveErrors(Comparison):
-    """A comparison with a reference as the chapters print it, on one line."""
+    """A comparison with a reference; see `errors_table` for how the chapters print it."""
 
     @classmethod
     def of(cls, track: Track, reference: Reference) -> "DriveErrors":
@@ -23,18 +25,34 @@ class DriveErrors(Comparison):
         compared = compare(track, reference)
         return cls(**{field.name: getattr(compared, field.name) for field in fields(compared)})
 
-    def summary(self) -> str:
-        """One line of text: RMSE, share of usable pairs, ANEES with its region, NCI and I^2."""
-        judged = self.credibility
-        rmse = "  ".join(
-            f"{name} {value:.3f} {unit}"
-            for name, value, unit in zip(NAMES, self.rmse, UNITS, strict=True)
+
+def errors_table(found: Mapping[str, DriveErrors], caption: str) -> Table:
+    """What the chapters print of each comparison: errors, usable estimates and credibility.
+
+    The ANEES stands with its 95 % interval by a block bootstrap, since errors along a drive go
+    together; it is credible if 1 lies inside.
+    """
+    rows = {
+        name: (
+            *each.rmse,
+            each.share,
+            each.measures.anees,
+            "{:.2f} to {:.2f}".format(*each.intervals().anees),
+            each.credibility.nci,
+            each.credibility.inclination,
         )
-        return (
-            f"RMSE {rmse}; usable {self.share:.1%}; ANEES {judged.anees:.2f} "
-            f"[{judged.bounds[0]:.2f}, {judged.bounds[1]:.2f}], NCI {judged.nci:.1f} dB, "
-            f"I2 {judged.inclination:+.1f} dB"
-        )
+        for name, each in found.items()
+    }
+    columns: list[Column] = [
+        "",
+        *((name, unit, ".3f") for name, unit in zip(NAMES, UNITS, strict=True)),
+        ("usable", "", ".1%"),
+        ("ANEES", "", ".2f"),
+        "95 % interval",
+        ("NCI", "dB", ".1f"),
+        ("I²", "dB", "+.1f"),
+    ]
+    return table(rows, columns, caption)
 
 
 @dataclass(frozen=True)

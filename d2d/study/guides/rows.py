@@ -17,6 +17,7 @@ from d2d.radar import (
     compare_tracks,
     track,
 )
+from d2d.study.book.table import Table, table
 
 _FEWEST = 4  # estimates that `compare` needs
 View = tuple[Sequence[RadarScan], Mounting]
@@ -51,18 +52,20 @@ def _commonest(driven: Track) -> str:
     return lines[0].split(" failed: ")[1] if lines else ""
 
 
-def table(rows: Iterable[Row]) -> str:
-    """The rows below each other, errors in m/s, m/s and deg/s, the ANEES to three digits."""
-    rows = list(rows)
-    width = max(len(each.name) for each in rows)
-    lines = [f"{'':{width}} accepted    v_x    v_y  omega  ANEES"]
-    for each in rows:
-        x, y, turn = each.rmse
-        lines.append(
-            f"{each.name:{width}} {each.accepted:8.1%} {x:6.3f} {y:6.3f} {turn:6.2f} "
-            f"{each.anees:6.3g}"
-        )
-    return "\n".join(lines)
+def row_table(rows: Iterable[Row], caption: str = "") -> Table:
+    """The rows as a table that shows itself."""
+    return table(
+        [(each.name, each.accepted, *each.rmse, each.anees) for each in rows],
+        [
+            "",
+            ("accepted", "", ".1%"),
+            ("v_x", "m/s", ".3f"),
+            ("v_y", "m/s", ".3f"),
+            ("omega", "deg/s", ".2f"),
+            "ANEES",
+        ],
+        caption,
+    )
 
 
 def halves(view: View, *, seed: int = 0) -> dict[str, float]:

@@ -26,6 +26,7 @@ from d2d.radar import (
 )
 from d2d.radar.simulation import CAR_SPEED
 from d2d.study.book.grammar import GREY, OCHRE, PURPLE
+from d2d.study.book.table import Table, table
 from d2d.study.guides.stated_sigmas import scaled
 from d2d.study.plane.evaluation import LIKELIHOOD, ROBUST, SUMMING
 from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED
@@ -158,12 +159,9 @@ def _cases(runs: int, seed: int) -> dict[str, _Case]:
     }
 
 
-def halves_table(rows: Sequence[Halves]) -> str:
-    """The rows below each other, to three digits."""
-    width = max(len(each.name) for each in rows)
-    lines = [f"{'ANEES':{width}}  truth  halves"]
-    lines += [f"{each.name:{width}} {each.truth:6.3g} {each.halves:7.3g}" for each in rows]
-    return "\n".join(lines)
+def halves_table(rows: Sequence[Halves], caption: str = "") -> Table:
+    """The rows as a table that shows itself."""
+    return table(rows, ["ANEES", "truth", "halves"], caption)
 
 
 # ---- Drives
@@ -271,13 +269,7 @@ def _driven(place: Mounting, sensor: Sensor, errors: SensorErrors, seed: int) ->
     )
 
 
-def evidence_table(found: dict[str, Evidence]) -> str:
-    """The ANEES of each reason, with the truth and without."""
-    width = max(map(len, found))
-    lines = [f"{'ANEES':{width}}   truth  by target  by object  two sensors"]
-    for name, each in found.items():
-        lines.append(
-            f"{name:{width}} {each.truth:7.2f} {each.by_target:10.2f} "
-            f"{each.by_object:10.2f} {each.two_sensors:12.2f}"
-        )
-    return "\n".join(lines)
+def evidence_table(found: dict[str, Evidence], caption: str = "") -> Table:
+    """The ANEES of each reason as a table: with the truth, and by each test without it."""
+    tests = [(name, "", ".2f") for name in ("truth", "by target", "by object", "two sensors")]
+    return table(found, ["ANEES", *tests], caption)

@@ -17,6 +17,7 @@ from d2d.radar import (
     doppler_velocity,
     track,
 )
+from d2d.study.book.table import Table, table
 from d2d.study.guides.rows import row
 from d2d.study.guides.stated_sigmas import front_drive, scaled
 
@@ -139,16 +140,20 @@ def _said(symptom: Symptom) -> str:
     return symptom.message and f"error: {symptom.message.split('are these ')[-1]}"
 
 
-def symptom_table(found: Sequence[Symptom]) -> str:
-    """A line for each fault, with the reason of most failures or the end of the error's message."""
-    width = max(len(each.fault) for each in found)
-    lines = [f"{'what is wrong':{width}} accepted  v_x omega   ANEES  most failures"]
-    for each in found:
-        numbers = (
-            f"{each.accepted:8.1%} {each.forward:4.1f} {each.turning:5.1f} {each.anees:7.2g}"
-            if np.isfinite(each.accepted)
-            else f"{'':27}"
-        )
-        said = _said(each)
-        lines.append(f"{each.fault:{width}} {numbers}  {said}".rstrip())
-    return "\n".join(lines)
+def symptom_table(found: Sequence[Symptom], caption: str = "") -> Table:
+    """A row for each fault, with the reason of most failures or the end of the error's message."""
+    return table(
+        [
+            (each.fault, each.accepted, each.forward, each.turning, each.anees, _said(each) or "–")
+            for each in found
+        ],
+        [
+            "what is wrong",
+            ("accepted", "", ".1%"),
+            ("v_x", "", ".1f"),
+            ("omega", "", ".1f"),
+            ("ANEES", "", ".2g"),
+            "most failures",
+        ],
+        caption,
+    )

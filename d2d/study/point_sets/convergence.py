@@ -10,7 +10,7 @@ from d2d._types import Array
 from d2d.baselines import icp, ndt_d2d, ndt_p2d
 from d2d.cost import CorruptedGaussian, RegistrationCost
 from d2d.registration import Estimate, register
-from d2d.study.point_sets.room_scans import RoomScan
+from d2d.study.point_sets.room_scans import MOTION, RoomScan
 from d2d.study.runs import THREADS
 
 MAX_DISTANCE, MAX_ROTATION = 4.0, np.deg2rad(90.0)  # m, rad: half a room, a quarter turn
@@ -49,8 +49,8 @@ METHODS: dict[str, Method] = {
     "ICP, point to line": lambda f, m, s: icp(f.points, m.points, s, metric="line").theta,
     "NDT, P2D": lambda f, m, s: ndt_p2d(f.points, m.points, s).theta,
     "NDT, D2D": lambda f, m, s: ndt_d2d(f.points, m.points, s).theta,
-    "D2D likelihood": _likelihood(1.0),
-    "D2D likelihood, annealed": _likelihood(*SCALES),
+    "robust likelihood": _likelihood(1.0),
+    "robust, annealed": _likelihood(*SCALES),
 }
 
 
@@ -83,10 +83,18 @@ def is_registered(theta: ArrayLike, truth: ArrayLike, tolerance: float = 1.0) ->
 
     ``tolerance`` multiplies both limits.
     """
-    error = rigid.compose(rigid.inverse(truth), theta)
-    distance = np.hypot(error[..., 0], error[..., 1])
-    turn = np.abs(np.angle(np.exp(1j * error[..., 2])))
-    close: NDArray[np.bool_] = (distance < tolerance * CLOSE_DISTANCE) & (
-        turn < tolerance * CLOSE_ROTATION
+    millimetres, degrees = motion_errors(theta, truth)
+    close: NDArray[np.bool_] = (millimetres < 1e3 * tolerance * CLOSE_DISTANCE) & (
+        np.abs(degrees) < np.rad2deg(tolerance * CLOSE_ROTATION)
     )
     return close
+
+
+def motion_errors(theta: ArrayLike, truth: ArrayLike = MOTION) -> tuple[Array, Array]:
+    """Errors (...) of motions (..., 3) against the truth: translation in mm, rotation in degrees.
+
+    The rotation's has a sign, and lies within -180 and 180 degrees.
+    """
+    error = rigid.compose(rigid.inverse(truth), theta)
+    turn = np.angle(np.exp(1j * error[..., 2]))
+    return 1e3 * np.hypot(error[..., 0], error[..., 1]), np.rad2deg(turn)

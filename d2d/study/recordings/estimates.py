@@ -41,9 +41,11 @@ from d2d.study.recordings.calibration import (
     static_targets,
     turned,
 )
+from d2d.study.recordings.suspects import judge_halves
 from d2d.study.results import results_path
 
 SENSORS = (1, 2, 3, 4)
+FORWARD = 3  # the sensor that is shown alone
 SECTORS = (0, 15, 30, 45, 60)  # deg, edges of |azimuth|
 STATED = (0.11, -0.05)  # s, time offset and side slip of most sequences, as chapter 8 states them
 OFFSETS = np.arange(0.0, 0.2501, 0.01)  # s
@@ -74,6 +76,8 @@ class Run:
     own_sigmas : bool
         Whether to use the standard deviations of range and azimuth that the residuals of each
         sensor's first registration show, instead of the defaults of `load_radarscenes`.
+    extent : float, optional, m
+        Position scatter of every target instead of the default of `load_radarscenes`.
     """
 
     sensors: tuple[int, ...]
@@ -84,6 +88,7 @@ class Run:
     at_random: int | None = None
     turned: bool = False
     own_sigmas: bool = False
+    extent: float | None = None
 
 
 RUNS = {
@@ -103,6 +108,10 @@ RUNS = {
     "four sensors, random 48, baseline 2": Run(SENSORS, baseline=2, at_random=48),
     "four sensors, turned, baseline 2": Run(SENSORS, baseline=2, turned=True),
     "four sensors, own sigmas, baseline 2": Run(SENSORS, baseline=2, own_sigmas=True),
+    **{
+        f"four sensors, extent {extent:g} m, baseline 2": Run(SENSORS, baseline=2, extent=extent)
+        for extent in (0.0, 0.3)
+    },
     "four sensors, Doppler only": Run(SENSORS, "Doppler only"),
     "four sensors, Doppler only, equal weights": Run(SENSORS, "Doppler only, equal weights"),
 }
@@ -156,6 +165,8 @@ def compute(
             ]
         if run.own_sigmas:
             recordings = [with_own_sigmas(recording) for recording in recordings]
+        if run.extent is not None:
+            recordings = [with_extent(recording, run.extent) for recording in recordings]
         begin = time.perf_counter()
         driven = drive(run, recordings)
         facts["seconds"][name] = round(time.perf_counter() - begin, 2)
@@ -177,6 +188,7 @@ def compute(
         if f"sensor {s}" in results:
             sigmas = residual_sigmas(load(s, None), results[f"sensor {s}"].track, SECTORS)
             facts["sigmas"][f"sensor {s}"] = [sigma._asdict() for sigma in sigmas]
+    facts["halves"] = judge_halves(load(FORWARD, None))
     return results, facts
 
 
@@ -239,6 +251,11 @@ def thinned(recording: Recording, count: int) -> Recording:
         return scan[np.sort(chosen)]
 
     return replace(recording, scans=[some(scan) for scan in recording.scans])
+
+
+def with_extent(recording: Recording, extent: float) -> Recording:
+    """The recording with another position scatter ``extent`` (m) of its targets."""
+    return replace(recording, scans=[scan.with_extent(extent) for scan in recording.scans])
 
 
 def with_own_sigmas(recording: Recording) -> Recording:

@@ -65,5 +65,5 @@ def test_each_figure_leads_to_ours() -> None:
     ).splitlines()[2:]
     assert rows == [
         "| Figure 4.6 | a surface | [chapter 4a, overall-noisy](#fig-overall-noisy) |",
-        "| Table 5.1 | steps | [chapter 5, optimizer-steps](#fig-optimizer-steps) |",
+        "| Table 5.1 | steps | [chapter 5b, optimizer-steps](#fig-optimizer-steps) |",
     ]

@@ -20,7 +20,7 @@ from d2d.radar import (
     track,
 )
 from d2d.radar.covariance import propagate_ego_motion
-from d2d.study.drives.errors import Drift, DriveErrors
+from d2d.study.drives.errors import Drift, DriveErrors, errors_table
 from d2d.study.drives.moving_targets import TargetWeights, rejected_walkers
 from d2d.study.drives.variations import propagated_covariances, sparse, track_from
 
@@ -135,22 +135,25 @@ def test_credibility_is_that_of_the_errors_in_si_units():
     assert judged.credibility.consistent
 
 
-def test_summary_says_what_was_measured():
+def test_the_table_says_what_was_measured():
     """Breaks if a number is printed in another place or unit than it says."""
     driven, reference = example()
     driven = without(driven, slice(5))
     judged = DriveErrors.of(driven, reference)
-    text = judged.summary()
-    for part in (
-        f"v_x {judged.rmse[0]:.3f} m/s",
-        f"v_y {judged.rmse[1]:.3f} m/s",
-        f"omega {judged.rmse[2]:.3f} deg/s",
-        "usable 90.0%",
-        f"ANEES {judged.credibility.anees:.2f} [",
-        f"I2 {judged.credibility.inclination:+.1f} dB",
-    ):
-        assert part in text
-    assert "\n" not in text
+    shown = errors_table({"one": judged}, "Errors.")
+    low, high = judged.intervals().anees
+    assert dict(zip([name for name, _ in shown.header], shown.rows[0], strict=True)) == {
+        "": "one",
+        "v_x": f"{judged.rmse[0]:.3f}",
+        "v_y": f"{judged.rmse[1]:.3f}",
+        "omega": f"{judged.rmse[2]:.3f}",
+        "usable": "90.0%",
+        "ANEES": f"{judged.credibility.anees:.2f}",
+        "95 % interval": f"{low:.2f} to {high:.2f}",
+        "NCI": f"{judged.credibility.nci:.1f}",
+        "I²": f"{judged.credibility.inclination:+.1f}",
+    }
+    assert dict(shown.header)["omega"] == "deg/s"
 
 
 @cache

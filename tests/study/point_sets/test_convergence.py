@@ -10,6 +10,7 @@ from d2d.study.point_sets.convergence import (
     METHODS,
     draw_offsets,
     is_registered,
+    motion_errors,
     ndt_coarse_to_fine,
     start_plane,
 )
@@ -63,3 +64,13 @@ def test_coarse_to_fine_starts_each_size_where_the_last_ended():
     np.testing.assert_array_equal(reached, by_hand)
     assert not np.allclose(reached, ndt_p2d(before.points, after.points, start).theta, atol=1e-3)
     assert is_registered(reached, MOTION)
+
+
+def test_motion_errors_are_millimetres_and_signed_degrees() -> None:
+    """Breaks if units change, the sign of a rotation is lost, or a full turn counts as an error."""
+    truth = np.array([1.0, 2.0, 0.3])
+    off = rigid.compose(truth, [0.003, 0.004, np.deg2rad(-2.0)])
+    full_turn = np.array([0.0, 0.0, 2.0 * np.pi])
+    millimetres, degrees = motion_errors(np.stack([off, off + full_turn]), truth)
+    np.testing.assert_allclose(millimetres, 5.0)
+    np.testing.assert_allclose(degrees, -2.0)

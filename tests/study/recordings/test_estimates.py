@@ -191,6 +191,7 @@ def test_each_run_is_what_it_says(loader):
         "all": Run(SENSORS, baseline=2),
         "turned": Run(SENSORS, turned=True),
         "sharp": Run((3,), own_sigmas=True),
+        "wide": Run((3,), baseline=2, extent=0.5),
         "Doppler": Run(SENSORS, "Doppler only"),
         "plain": Run(SENSORS, "Doppler only, equal weights"),
         "alone": Run((3,), "Doppler only"),
@@ -213,6 +214,7 @@ def test_each_run_is_what_it_says(loader):
     assert (sigma["few"] > 1.2 * sigma["one"]).all()
     assert (sigma["any"] > 1.2 * sigma["one"]).all()
     assert (sigma["all"] < sigma["one"]).all()
+    assert sigma["wide"][2] > 1.2 * sigma["one"][2]
     assert_array_equal(results["alone"].track.theta[:, 1], np.zeros(29))
     assert not np.allclose(results["Doppler"].track.theta, results["plain"].track.theta, atol=1e-4)
     assert not np.allclose(results["sharp"].track.covariance, direct.covariance, rtol=1e-3)
@@ -405,7 +407,8 @@ def test_the_results_files_hold_no_measurements():
     header = path.read_text().splitlines()[0].split(",")
     assert not {"range", "azimuth", "vr", "rcs", "x_seq", "y_seq", "yaw_seq"} & set(header)
     assert set(estimates.read_facts(path)) == {
-        *("seconds", "stated_rmse", "sigmas", "duration", "targets", "corrections", "profile")
+        *("seconds", "stated_rmse", "sigmas", "duration", "targets", "corrections", "profile"),
+        "halves",
     }
     assert len(json.dumps(estimates.read_facts(path))) < 20_000
 

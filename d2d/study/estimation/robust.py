@@ -1,0 +1,127 @@
+"""The robust likelihood from inside: the terms of its derivatives, and costs as robust kernels."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from d2d._types import Array
+from d2d.cost import CorruptedGaussian
+from d2d.point_set import PointSet
+from d2d.study.book.grammar import BLACK, DASHED, DOTTED, GREY, PURPLE, TRUTH, cost_line
+from d2d.study.line.scene import TRUTH as TRUE_TRANSLATION
+
+
+class Terms(NamedTuple):
+    """What the robust D2D likelihood and its derivatives are made of, over translations (T,)."""
+
+    value: Array  # the cost
+    inliers: Array  # (1/m) the inlier components' part of the gradient
+    outliers: Array  # (1/m) the outlier components' part of it
+    curvature: Array  # (1/m^2) mean curvature of the pairs, the first term of the Hessian
+    spread: Array  # (1/m^2) variance of their pulls, which the Hessian subtracts
+
+
+def line_terms(
+    translations: Array, fixed: PointSet, moving: PointSet, outlier: CorruptedGaussian
+) -> Terms:
+    """The terms on a line, summed over the moving targets.
+
+    Parameters
+    ----------
+    translations : (T,) array, m
+    fixed, moving : PointSet
+        One-dimensional, one set each.
+    outlier : CorruptedGaussian
+    """
+    d = translations[:, None, None] + moving.means - fixed.means.T  # (T, K, N)
+    inner = moving.covariances[:, :, 0] + fixed.covariances[:, 0, 0]
+    spread = np.concatenate([inner, np.full_like(inner, outlier.covariance[0, 0])], axis=1)
+    share = (1.0 - outlier.fraction, outlier.fraction)
+    weights = np.concatenate([part * fixed.weights for part in share])
+    pulls = np.concatenate([d, d], axis=-1) / spread
+    densities = weights * np.exp(-0.5 * pulls**2 * spread) / np.sqrt(2.0 * np.pi * spread)
+    q = densities.sum(axis=-1, keepdims=True)
+    gamma = densities / q
+    pulled, n = gamma * pulls, fixed.size
+    mean = pulled.sum(axis=-1)
+    return Terms(
+        -np.log(q).sum(axis=(-2, -1)),
+        pulled[..., :n].sum(axis=(-2, -1)),
+        pulled[..., n:].sum(axis=(-2, -1)),
+        (gamma / spread).sum(axis=(-2, -1)),
+        ((pulled * pulls).sum(axis=-1) - mean**2).sum(axis=-1),
+    )
+
+
+def draw_terms(axes: Sequence[Axes], translations: Array, terms: Terms) -> None:
+    """The cost, the parts of its gradient and the terms of its Hessian, a panel each."""
+    gradient, hessian = terms.inliers + terms.outliers, terms.curvature - terms.spread
+    curves = (
+        ((terms.value, cost_line("robust")),),
+        (
+            (gradient, {"color": BLACK, "label": "gradient"}),
+            (terms.inliers, {"color": PURPLE, "ls": DASHED, "label": "inliers' part"}),
+            (terms.outliers, {"color": GREY, "ls": DOTTED, "label": "outliers' part"}),
+        ),
+        (
+            (hessian, {"color": BLACK, "label": "Hessian"}),
+            (terms.curvature, {"color": PURPLE, "ls": DASHED, "label": "mean curvature"}),
+            (-terms.spread, {"color": GREY, "ls": DOTTED, "label": "−spread of the pulls"}),
+        ),
+    )
+    names = ("cost", "gradient (1/m)", "Hessian (1/m²)")
+    for ax, name, panel in zip(axes, names, curves, strict=True):
+        for values, look in panel:
+            ax.plot(translations, values, **look)
+        ax.axvline(TRUE_TRANSLATION, **TRUTH)
+        ax.set_ylabel(name)
+        ax.margins(x=0.0)
+    for ax in axes[1:]:
+        ax.legend(
+            fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0
+        )
+    axes[-1].set_xlabel("$t_x$ (m)")
+
+
+class Kernel(NamedTuple):
+    """An M-estimator's kernel over normalised residuals (R,)."""
+
+    loss: Array  # rho(r)
+    influence: Array  # psi(r) = d rho / d r
+    weight: Array  # psi(r) / r
+
+
+def kernels(residuals: Array, ratio: float) -> dict[str, Kernel]:
+    """The kernels that the three costs apply to the residual r = d / s of a single pair.
+
+    Parameters
+    ----------
+    residuals : (R,) array
+    ratio : float
+        Height of the outlier component over that of the inliers, alpha o / ((1 - alpha) q(0)).
+    """
+    squares = residuals**2
+    peak = np.exp(-0.5 * squares)  # q over its highest value
+    inlier = peak / (peak + ratio)
+    return {
+        "summing": Kernel(1.0 - peak, residuals * peak, peak),
+        "likelihood": Kernel(0.5 * squares, residuals, np.ones_like(residuals)),
+        "robust": Kernel(
+            np.log1p(ratio) - np.log(peak + ratio), residuals * inlier, np.asarray(inlier)
+        ),
+    }
+
+
+def draw_kernels(axes: Sequence[Axes], residuals: Array, ratio: float) -> None:
+    """Loss, influence and weight of the three kernels, a panel each."""
+    for key, kernel in kernels(residuals, ratio).items():
+        for ax, values in zip(axes, kernel, strict=True):
+            ax.plot(residuals, values, **cost_line(key))
+    limits = ((0.0, 8.0), (-4.0, 4.0), (0.0, 1.08))
+    for ax, name, limit in zip(
+        axes, ("loss ρ", "influence ρ′", "weight ρ′/r"), limits, strict=True
+    ):
+        ax.set(xlabel="residual r", title=name, ylim=limit)
+        ax.margins(x=0.0)

@@ -1,0 +1,126 @@
+"""What makes the errors on the road larger than their covariances say: one experiment a suspect.
+
+All of them need only what `d2d.study.recordings.estimates` stores: tracks and their errors.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from d2d._types import Array
+from d2d.radar import Comparison, Recording, Track, compare_halves
+from d2d.study.book.grammar import BLACK, GREY, OCHRE, TRUTH
+from d2d.study.book.table import Table, table
+
+DIRECTIONS = ("v_x", "v_y", "omega")
+_MARKS = {"v_x": ("o", BLACK), "v_y": ("s", OCHRE), "omega": ("D", GREY)}
+
+
+def judge_halves(recording: Recording) -> dict[str, Any]:
+    """Two halves of each scan against each other, divided target by target or object by object.
+
+    Of either division: the mean whitened squares of v_x, v_y and omega, their mean (the ANEES) and
+    its 95 % interval.  No reference is involved.  See `d2d.radar.compare_halves`.
+    """
+    view = [(recording.scans, recording.mounting)]
+    return {
+        by: parts(compare_halves(view, np.random.default_rng(0), by=by, baseline=2))
+        for by in ("target", "object")
+    }
+
+
+def parts(found: Comparison) -> dict[str, Any]:
+    """The ANEES of a comparison, its 95 % interval, and the mean whitened squares it consists of.
+
+    The interval is a block bootstrap's, since errors along a drive go together.
+    """
+    return {
+        "whitened": found.measures.whitened_squares.tolist(),
+        "anees": float(found.measures.anees),
+        "interval": found.intervals().anees.tolist(),
+    }
+
+
+def without_slow_part(found: Comparison, seconds: float) -> Comparison:
+    """The comparison with the mean of each error's neighbours within ``seconds`` taken off it.
+
+    What is left varies faster.  Of errors that are independent from one estimate to the next, it
+    takes off a share of one over the number of neighbours.
+
+    Raises
+    ------
+    ValueError
+        If ``seconds`` is not positive.
+    """
+    if not seconds > 0.0:
+        raise ValueError(f"seconds must be positive, but is {seconds:g}")
+    near = np.abs(found.times[:, np.newaxis] - found.times) <= 0.5 * seconds
+    slow = (near @ found.errors) / near.sum(axis=1, keepdims=True)
+    return Comparison(
+        found.times, found.errors - slow, found.covariances, found.share, found.converged
+    )
+
+
+def beside_changed_reference(
+    track: Track, errors: Array, lag: float = 0.0, speed: float = 0.0
+) -> Comparison:
+    """The track beside its reference read ``lag`` (s) earlier and faster by a factor 1 + ``speed``.
+
+    The reference is known at the times of the estimates, from the track and its errors (n, 3); in
+    between it is interpolated linearly.
+    """
+    known = np.asarray(np.isfinite(errors).all(axis=-1))
+    reference = (track.theta - errors)[known]
+    times = track.times[known]
+    changed = np.column_stack(
+        [
+            np.interp(track.times - lag, times, column, left=np.nan, right=np.nan)
+            for column in reference.T
+        ]
+    )
+    changed[:, 0] *= 1.0 + speed
+    return Comparison.from_errors(
+        track, np.where(known[:, np.newaxis], track.theta - changed, np.nan)
+    )
+
+
+def parts_table(judged: Mapping[str, Mapping[str, Any]], caption: str) -> Table:
+    """ANEES with its interval and the three parts, a row for each of what `parts` gives."""
+    return table(
+        {
+            name: (
+                found["anees"],
+                "{:.1f} to {:.1f}".format(*found["interval"]),
+                *found["whitened"],
+            )
+            for name, found in judged.items()
+        },
+        [
+            "experiment",
+            ("ANEES", "", ".1f"),
+            "95 % interval",
+            *((f"part of {name}", "", ".1f") for name in DIRECTIONS),
+        ],
+        caption,
+    )
+
+
+def draw_parts(ax: Axes, judged: Mapping[str, Mapping[str, Any]], groups: Sequence[int]) -> None:
+    """The three parts of each experiment's ANEES on a line; ``groups`` begin below a thin rule.
+
+    A credible covariance has all of them at one, the dashed line.
+    """
+    rows = np.arange(len(judged))[::-1]
+    for k, name in enumerate(DIRECTIONS):
+        marker, color = _MARKS[name]
+        values = [found["whitened"][k] for found in judged.values()]
+        ax.plot(values, rows, marker, color=color, ms=6, label=("$v_x$", "$v_y$", "ω")[k])
+    for first in groups:
+        ax.axhline(len(judged) - first - 0.5, color="0.8", lw=0.8)
+    ax.axvline(1.0, **TRUTH)
+    ax.set(xscale="log", xlabel="mean squared error over stated variance")
+    ax.set_xticks((1, 3, 10, 30), ("1", "3", "10", "30"))
+    ax.minorticks_off()
+    ax.set_yticks(rows, list(judged))
