@@ -75,7 +75,7 @@ def check_count(name: str, value: Any, minimum: int = 1) -> int:
 
 
 def check_flag(name: str, value: Any) -> bool:
-    """True or False; other values are refused, even those that Python treats as true or false."""
+    """True or False; other values are refused, even 0 and 1."""
     if not isinstance(value, bool | np.bool_):
         raise ValueError(f"{name} must be True or False, but is {value!r}")
     return bool(value)

@@ -1,4 +1,4 @@
-"""Values that are computed once, and the containers that may keep them: nothing changes those."""
+"""Values that are computed once, and the immutable containers that store them."""
 
 from collections.abc import Callable
 from functools import cached_property

@@ -13,7 +13,7 @@ from d2d.scores import checked_errors, normalised_squares
 
 @dataclass(frozen=True, eq=False)
 class Credibility:
-    """The verdict on N errors and their estimated covariances.
+    """How N errors compare with their covariances and their estimated covariances.
 
     Attributes
     ----------

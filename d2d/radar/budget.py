@@ -1,4 +1,4 @@
-"""What the targets of a scan share: errors that their standard deviations do not tell."""
+"""What the targets of a scan share: errors that their standard deviations do not contain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields

@@ -170,7 +170,7 @@ def calibrate(
 
     ``ahead`` and ``compliance`` differ only where bends are driven at different speeds.  If the
     standard deviation of ``ahead`` exceeds 0.3 m, it is held at zero; if then that of
-    ``compliance`` exceeds 0.01 s^2/m, so is ``compliance``.  In ``ahead`` are, besides, errors that
+    ``compliance`` exceeds 0.01 s^2/m, so is ``compliance``.  ``ahead`` also contains errors that
     all sensors have in common along the vehicle, and those of a factor on omega.
 
     Examples

@@ -71,6 +71,7 @@ What is printed at the end says how many estimates were accepted, and why the ot
   a speed or a yaw rate of ...    if it is most of them
 
 If the path runs backwards, the sign of the Doppler velocities or the yaw of a mounting is wrong; if
-it bends the wrong way, the sign of the azimuths. The book's page "Your own radar" has the rest:
-how to choose standard deviations and a budget, and how to test a covariance.
+it bends the wrong way, the sign of the azimuths. The book's pages "Your own radar" and "When a path
+looks wrong" have the rest: how to choose standard deviations and a budget, and how to test a
+covariance.
 """

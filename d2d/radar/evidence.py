@@ -54,7 +54,7 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
     The difference contains the noise of both, the dependence of their targets, and biases of each
     sensor, such as those of its mounting; a mean whitened error that is not zero, or one that
     changes slowly, is a bias.  What both share cancels: a lag of a common clock, a motion that is
-    not constant over the interval.  Credible differences are no proof of credible estimates.  To
+    not constant over the interval.  Credible differences do not prove credible estimates.  To
     tell noise and dependence apart without biases, see `compare_halves`.
     """
     check_instance("first", first, Track)

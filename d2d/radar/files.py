@@ -41,7 +41,7 @@ def written_whole(path: Path) -> Iterator[IO[bytes]]:
     """A file to write to, which takes the place of ``path`` only when all of it is written."""
     target = Path(os.path.realpath(path))  # a link stays one
     if not target.parent.is_dir():
-        raise FileNotFoundError(f"{path} cannot be written: there is no folder {target.parent}")
+        raise FileNotFoundError(f"{path} cannot be written: {target.parent} does not exist")
     if target.exists() and not target.is_file():  # a device or a pipe is written to, not replaced
         with target.open("wb") as file:
             yield file

@@ -26,7 +26,7 @@ from d2d.radar.trajectory import Track
 from d2d.registration import Estimate
 
 DEFAULT_LIMITS = VehicleLimits()
-# The wide outlier component has an optimum of its own, far from where the scans overlap: all
+# The wide outlier component has a separate optimum, far from where the scans overlap: all
 # targets are outliers there, and the Hessian is positive definite.  An optimum at which the mean
 # inlier probability of the targets is below this is not accepted as the vehicle's motion.
 MIN_EXPLAINED = 0.1

@@ -76,7 +76,7 @@ class VehicleLimits:
     def for_doppler(self, doppler: bool) -> "VehicleLimits":
         """The limits of an estimate with or without Doppler velocities.
 
-        Without them no sensor knows its lateral velocity, so that a side slip tells nothing of
+        Without them no sensor knows its lateral velocity, so that a side slip says nothing about
         omega; and what is known at all is known badly.
         """
         return self if doppler else replace(self, slip=np.inf, uncertainty=np.inf)

@@ -163,7 +163,7 @@ class RadarScan(Frozen):
             Radial velocity, positive for receding targets; either this or ``velocity``.
         velocity : (K, 2) array, m/s
             Velocity relative to the sensor, not compensated for its own motion.  It is projected
-            onto the line of sight: the rest is no measurement of a Doppler radar.
+            onto the line of sight: a Doppler radar measures nothing else.
         covariance : (K, 2, 2) or (2, 2) array, m^2
             Of the position.
         grid : float, m

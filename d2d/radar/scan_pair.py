@@ -26,7 +26,7 @@ def check_separation(baseline: int, horizon: float | None) -> None:
 def scan_before(
     scans: Sequence[RadarScan], i: int, baseline: int, horizon: float | None
 ) -> RadarScan:
-    """The scan with which scan i > 0 is registered: so many before, or nearest to so long before.
+    """The scan with which scan i > 0 is registered: ``baseline`` earlier, or ``horizon`` s earlier.
 
     The first scan if there are not that many.
     """

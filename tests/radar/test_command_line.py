@@ -207,7 +207,7 @@ def test_where_nothing_can_be_written_is_known_before_the_work(log, capsys, monk
 
     monkeypatch.setattr("d2d.radar.command_line.track", never)
     call = ["track", "--csv", str(log), *FRONT, "--output"]
-    assert "is no folder" in failed([*call, f"{log}/drive"], capsys)
+    assert "is not a writable folder" in failed([*call, f"{log}/drive"], capsys)
     (log.parent / "drive.npz").mkdir()
     assert "drive.npz is a folder" in failed([*call, str(log.parent / "drive")], capsys)
 

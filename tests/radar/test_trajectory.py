@@ -286,7 +286,7 @@ def test_a_file_has_the_usual_rights_and_a_link_stays_one(tmp_path, write):
 @each_writer
 def test_a_folder_that_is_not_there_is_named(tmp_path, write):
     """Breaks if the error names a temporary file that nobody has heard of."""
-    with pytest.raises(FileNotFoundError, match=r"there is no folder .*nowhere"):
+    with pytest.raises(FileNotFoundError, match=r"nowhere does not exist"):
         write(example(), tmp_path / "nowhere" / "drive")
 
 
