@@ -20,7 +20,7 @@ import yaml
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 
-from d2d.study.book.card import anchor
+from d2d.study.book.card import SIGNS, anchor
 from d2d.study.book.record import read_record
 from d2d.study.book.thesis_figures import FIGURES
 from d2d.study.claims import CLAIMS
@@ -119,14 +119,15 @@ def test_the_ledger_is_filtered_from_the_keyboard(driver: webdriver.Chrome, addr
     rows = "return [...document.querySelectorAll('tr:has([id^=claim-])')]"
     everything = driver.execute_script(f"{rows}.length")
     assert everything == len(CLAIMS)
-    choose(driver, "verdict", "✗")
-    expected = {id for id, evidence in read_record().items() if evidence.verdict == "refuted"}
+    choose(driver, "verdict", SIGNS["qualified"])
+    expected = {id for id, evidence in read_record().items() if evidence.verdict == "qualified"}
     shown = driver.execute_script(
         f"{rows}.filter(r => r.checkVisibility()).map(r => r.querySelector('[id]').id)"
     )
     assert set(shown) == {anchor(id) for id in expected}
-    driver.execute_script("location.hash = 'claim-em-monotone'")
-    browser.wait(driver, "return document.getElementById('claim-em-monotone').checkVisibility()")
+    hidden = anchor(next(id for id in CLAIMS if id not in expected))
+    driver.execute_script(f"location.hash = '{hidden}'")
+    browser.wait(driver, f"return document.getElementById('{hidden}').checkVisibility()")
 
 
 def test_what_is_folded_is_opened_on_paper(driver: webdriver.Chrome, address: str):
