@@ -3,6 +3,7 @@
 import math
 
 from d2d._kernel.compiling import compiled, entry
+from d2d._kernel.elementary import exp
 
 
 @compiled
@@ -68,7 +69,7 @@ def add_dependence(rooted, means, order, length, dependence):
                 break
             square = dx * dx + dy * dy
             if square < reach * reach:
-                weight = math.exp(-math.sqrt(square) / length)
+                weight = exp(-math.sqrt(square) / length)
                 x0 += weight * rooted[j, 0, 0]
                 x1 += weight * rooted[j, 1, 0]
                 x2 += weight * rooted[j, 2, 0]

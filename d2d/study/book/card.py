@@ -95,10 +95,8 @@ def _html(claim: Claim, evidence: Evidence) -> str:
     others = {name: value for name, value in evidence.numbers.items() if name not in telling}
     holds = f'<p class="claim-holds"><b>Holds:</b> {typeset(evidence.holds)}</p>\n'
     over = f'<p class="claim-over">Measured over {typeset(evidence.over)}</p>\n'
-    folded = (
-        f"<details><summary>The other {len(others)} numbers</summary>\n"
-        f"{_numbers(others)}\n</details>\n"
-    )
+    summary = "The other number" if len(others) == 1 else f"The other {len(others)} numbers"
+    folded = f"<details><summary>{summary}</summary>\n{_numbers(others)}\n</details>\n"
     return (
         f'<div class="claim claim-{evidence.verdict}" role="group" aria-label="Claim {claim.id}">\n'
         f'<p class="claim-head">{badge(evidence.verdict)} '
