@@ -147,8 +147,7 @@ def unmarked(visit: Visit, book: Path) -> list[str]:
 
 def too_long(visit: Visit, book: Path) -> list[str]:
     """A page of more windows than a reader stays with."""
-    # rounded: the fonts of another machine make a page up to a third of a window longer
-    return [f"{visit.screens:.1f} screens"] if round(visit.screens) > MAX_SCREENS else []
+    return [f"{visit.screens:.1f} screens"] if visit.screens > MAX_SCREENS else []
 
 
 def uncited(visit: Visit, book: Path) -> list[str]:

@@ -91,7 +91,7 @@ FAULTS: list[tuple[Check, str]] = [
     (pale, "<figure><figcaption style='color: #999'>grey</figcaption></figure>"),
     (unmarked, "<button style='outline: none'>no ring</button>"),
     (unmarked, "<mjx-container tabindex='0'>x</mjx-container>"),
-    (too_long, f"<div style='height: {900 * (MAX_SCREENS + 1)}px'></div>"),
+    (too_long, f"<div style='height: {900 * MAX_SCREENS}px'></div>"),
     (uncited, f"<div id='fig-a'>{PICTURE}</div>"),
     (uncited, f"<div id='fig-a'>{PICTURE}</div><a href='#fig-a'>Figure 1</a>"),
     (uncited, f"<div id='fig-a'>{PICTURE}<a href='#fig-a'>#</a></div>"),

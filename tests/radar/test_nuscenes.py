@@ -350,8 +350,8 @@ def test_the_speed_on_the_bus_is_late_and_low(root, offset):
     """Breaks if the factor divides, or the delay has the other sign than the offset."""
     theta = load(root, time_offset=offset, speed_factor=1.1).reference.theta
     front = np.array([1.1 * speed_on_bus(t - 1e6 * offset + 100_000) for t in TIMES])
-    sideways = 2.588 * THETA[2]  # of the front axle, about the rear one
-    assert_allclose(theta[:, 0], np.sqrt(front**2 - sideways**2), rtol=0, atol=1e-3)
+    sideways = 2.588 * theta[:, 2]  # of the front axle, about the rear one
+    assert_allclose(theta[:, 0], np.sqrt(front**2 - sideways**2), rtol=0, atol=1e-6)
     assert_allclose(theta[:, 1:], np.tile(THETA[1:], (len(TIMES), 1)), rtol=0, atol=5e-3)
 
 

@@ -13,9 +13,7 @@ OBSERVATIONS, HELD_OUT = 200, 2000
 MANY, NEAR_HUMPS = 1000, 3.0
 SEPARATIONS = (0.0, 2.5, 3.0, 3.5, 4.0)  # standard deviations; one hump up to 2
 TWO_HUMPS = 2.0
-# Of the log-likelihood, relative: where a component has collapsed to a line, its variance across is
-# 1e-10 of the spread, and its density has lost as many digits.
-ROUNDING = 1e-9
+ROUNDING = 1e-12  # of the log-likelihood, relative
 TOLERANCE = 1e-5  # of EM, per observation: far below the gains that are compared
 MAX_STEPS = 2000  # of EM
 
