@@ -4,15 +4,16 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm
+from scipy.stats import kstest, norm
 from scipy.stats import t as student
 
 from d2d._types import Array
 from d2d.bootstrap import block_bootstrap
-from d2d.credibility import Credibility
+from d2d.credibility import Credibility, credibility
 
 CONFIDENCE = 0.95
 RESAMPLES = 500
+NORMAL = float(norm.ppf(0.5 + 0.5 * CONFIDENCE))  # half the interval, in standard deviations
 
 
 class Measured(float):
@@ -53,10 +54,10 @@ def share_of(condition: ArrayLike) -> Measured:
     in N could still be exceptions.
     """
     met = np.asarray(condition, dtype=np.float64).ravel()
-    return _wilson(float(met.mean()), len(met))
+    return share_counted(float(met.mean()), len(met))
 
 
-def share_over(shares: ArrayLike, cases: int) -> Measured:
+def share_over(shares: ArrayLike, cases: float) -> Measured:
     """Mean of the shares (G,) of groups, say layouts, with ``cases`` each, with Wilson's interval.
 
     The groups are independent, the cases within a group need not be.  They count as so many cases
@@ -66,7 +67,7 @@ def share_over(shares: ArrayLike, cases: int) -> Measured:
     share, groups = float(each.mean()), len(each)
     variance = float(each.var(ddof=1)) / groups
     effective = share * (1.0 - share) / variance if variance > 0.0 else 0.0
-    return _wilson(share, float(np.clip(effective, groups, groups * cases)))
+    return share_counted(share, float(np.clip(effective, groups, groups * cases)))
 
 
 def share_in_series(condition: ArrayLike, block: int) -> Measured:
@@ -75,16 +76,31 @@ def share_in_series(condition: ArrayLike, block: int) -> Measured:
     The rows count as N / block independent cases.
     """
     met = np.asarray(condition, dtype=np.float64)
-    return _wilson(float(met.mean()), len(met) / block)
+    return share_counted(float(met.mean()), len(met) / block)
 
 
-def _wilson(share: float, count: float) -> Measured:
-    """A share of independent cases with Wilson's interval."""
-    z2 = float(norm.ppf(0.5 + 0.5 * CONFIDENCE)) ** 2 / count
+def share_counted(share: float, cases: float) -> Measured:
+    """A share of so many independent cases, with Wilson's interval."""
+    z2 = NORMAL**2 / cases
     middle = (share + 0.5 * z2) / (1.0 + z2)
     half = np.sqrt(z2 * (share * (1.0 - share) + 0.25 * z2)) / (1.0 + z2)
     low, high = max(middle - half, 0.0), min(middle + half, 1.0)
     return Measured(share, min(low, share), max(high, share))
+
+
+def share_difference(of: ArrayLike, minus: ArrayLike) -> Measured:
+    """Difference of the shares of the same independent cases (N,) that meet two conditions.
+
+    The interval of Bonett & Price (2012), which like Wilson's has a width if no case differs: one
+    case in either direction is added to those that do.
+    """
+    differences = np.asarray(of, dtype=np.float64) - np.asarray(minus, dtype=np.float64)
+    count = len(differences) + 2
+    gained = (np.sum(differences > 0.0) + 1) / count
+    lost = (np.sum(differences < 0.0) + 1) / count
+    half = NORMAL * np.sqrt((gained + lost - (gained - lost) ** 2) / count)
+    low, high = max(gained - lost - half, -1.0), min(gained - lost + half, 1.0)
+    return Measured(float(differences.mean()), low, high)
 
 
 def mean_of(values: ArrayLike) -> Measured:
@@ -120,6 +136,16 @@ def quantile_of(values: Array, fraction: float) -> Measured:
     return bootstrapped(lambda drawn: np.quantile(drawn, fraction), values)
 
 
+def median_of(values: Array) -> Measured:
+    """Median of independent values (N,), or of all values in independent rows (N, n)."""
+    return quantile_of(values, 0.5)
+
+
+def rms_of(errors: Array) -> Measured:
+    """Root mean square of independent errors (N,)."""
+    return bootstrapped(lambda squares: np.sqrt(np.mean(squares)), errors**2)
+
+
 def rms_ratio(over: Array, under: Array, block: int = 1) -> Measured:
     """Ratio of the root mean squares of two series (N,) from the same draws."""
     return bootstrapped(
@@ -127,9 +153,36 @@ def rms_ratio(over: Array, under: Array, block: int = 1) -> Measured:
     )
 
 
+def length_of(vectors: Array) -> Measured:
+    """Length of the mean of independent vectors (N, n).
+
+    Scatter lengthens a mean, which resampling would add a second time.  The bounds are as far to
+    either side as 97.5 % of the resampled means are from the mean, in whatever direction.
+    """
+    mean = vectors.mean(axis=0)
+    off = bootstrapped(lambda drawn: np.linalg.norm(drawn.mean(axis=0) - mean), vectors)
+    length = float(np.linalg.norm(mean))
+    return Measured(length, max(length - off.high, 0.0), length + off.high)
+
+
+def kolmogorov_distance(values: Array, distribution: str, *parameters: float) -> Measured:
+    """Largest difference between the distribution of independent values (N,) and a given one.
+
+    The interval follows from Massart's inequality (1990).
+    """
+    distance = float(kstest(values, distribution, args=parameters).statistic)
+    off = float(np.sqrt(np.log(2.0 / (1.0 - CONFIDENCE)) / (2.0 * len(values))))
+    return Measured(distance, max(distance - off, 0.0), distance + off)
+
+
 def anees_of(found: Credibility) -> Measured:
     """ANEES of independent runs."""
     return mean_of(found.nees * (found.anees / found.nees.mean()))
+
+
+def nci_of(errors: Array, covariances: Array) -> Measured:
+    """NCI of independent runs, in dB."""
+    return bootstrapped(lambda e, c: credibility(e, c).nci, errors, covariances)
 
 
 def inclination_of(found: Credibility) -> Measured:

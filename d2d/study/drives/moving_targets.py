@@ -57,16 +57,16 @@ class TargetWeights:
         return float((self.probability[chosen] < 0.5).mean()) if chosen.any() else float("nan")
 
 
-def rejected_walkers(
+def walkers_by_pair(
     drive: Drive, driven: Track, speed: float, angles: Array, *, doppler: bool = True
-) -> Array:
-    """Share (A,) of targets that would be rejected if they walked.
+) -> list[NDArray[np.bool_]]:
+    """Whether targets would be rejected if they walked, (A, n) for each of the pairs used.
 
     Static targets that the previous scan shows as well are given the Doppler velocity and the
     displacement of somebody who walks at ``speed`` in m/s, at each of the ``angles`` (A,) in rad to
     the line of sight; 0 is away from the sensor.  Every tenth pair is used.
     """
-    probabilities: list[list[Array]] = [[] for _ in angles]
+    rejected = []
     for i in range(0, len(drive.scans) - 1, 10):
         previous, current = drive.scans[i : i + 2]
         true = drive.targets[i + 1]
@@ -74,7 +74,8 @@ def rejected_walkers(
         chosen &= true.kind != "moving"
         if not driven.converged[i] or not chosen.any():
             continue
-        for k, angle in enumerate(angles):
+        at_angle = []
+        for angle in angles:
             away, aside = speed * np.cos(angle), speed * np.sin(angle)
             walked = RadarScan(
                 current.time,
@@ -87,5 +88,14 @@ def rejected_walkers(
             )
             pair = previous, walked, drive.mounting
             judged = inlier_probabilities(driven.theta[i], *pair, doppler=doppler)
-            probabilities[k].append(judged[chosen])
-    return np.array([(np.concatenate(at_angle) < 0.5).mean() for at_angle in probabilities])
+            at_angle.append(judged[chosen] < 0.5)
+        rejected.append(np.array(at_angle))
+    return rejected
+
+
+def rejected_walkers(
+    drive: Drive, driven: Track, speed: float, angles: Array, *, doppler: bool = True
+) -> Array:
+    """Share (A,) of the targets of `walkers_by_pair` that would be rejected."""
+    rejected = walkers_by_pair(drive, driven, speed, angles, doppler=doppler)
+    return np.asarray(np.concatenate(rejected, axis=1).mean(axis=1))

@@ -17,10 +17,10 @@ from d2d.study.book.claim import (
 from d2d.study.book.measured import (
     Measured,
     anees_of,
-    bootstrapped,
     geometric_mean_of,
     inclination_of,
     mean_of,
+    median_of,
     share_of,
 )
 from d2d.study.estimation.covariance_trials import (
@@ -38,7 +38,7 @@ from d2d.study.plane.measures import times_off
 from d2d.study.plane.scenarios import OVERLAPPED
 
 FIRST_ORDER = "gradient descent"
-PROBLEMS = 12  # on which gradient descent is run: each run takes thousands of steps
+PROBLEMS = 80  # on which gradient descent is run: without an exception, nearly all
 STARTS = 300  # of the second-order methods, within 5 m and 30 degrees of the truth
 
 
@@ -74,19 +74,15 @@ def second_order_faster() -> Evidence:
         if run < PROBLEMS:
             slowest = max(iterations[name][-1] for name in paths if name != FIRST_ORDER)
             ratios.append(iterations[FIRST_ORDER][-1] / slowest)
-        elif not all(reached.values()):  # then gradient descent runs from there as well
-            path = run_all(problem, start)[FIRST_ORDER]
+        if not all(reached[name] for name in paths if name != FIRST_ORDER):
+            path = (paths if run < PROBLEMS else run_all(problem, start))[FIRST_ORDER]
             rescued.append(path.converged and path.costs[-1] - best < 1e-3)
     ratio = geometric_mean_of(ratios)
     shares = {name: share_of(each) for name, each in arrived.items()}
-    medians = {name: float(np.median(each)) for name, each in iterations.items()}
+    medians = {name: median_of(np.array(each)) for name, each in iterations.items()}
     faster = larger(ratio, RATIO)
-    # so few starts of gradient descent can only be all right, or not
-    all_arrive = all(arrived[FIRST_ORDER]) and all(
-        nearly_all(share) for name, share in shares.items() if name != FIRST_ORDER
-    )
     return Evidence(
-        judge(confirmed=faster and all_arrive, qualified=faster),
+        judge(confirmed=faster and all(map(nearly_all, shares.values())), qualified=faster),
         f"gradient descent takes a median of {medians[FIRST_ORDER]:.0f} iterations and the others "
         f"{max(value for name, value in medians.items() if name != FIRST_ORDER):.0f} at most, "
         f"{ratio:.0f} times fewer. All four reach the minimum from nearly every start within 5 m "
@@ -137,7 +133,7 @@ def fisher_suffices() -> Evidence:
             f"ANEES of the propagated covariance, {name}": anees_of(spread),
         }
     layouts = over_layouts("likelihood")
-    low, high, mean = float(layouts.min()), float(layouts.max()), mean_of(layouts)
+    low, high, mean = min(layouts), max(layouts), mean_of(layouts)
     numbers["mean ANEES of the inverse Hessian on random layouts, likelihood"] = mean
     numbers["lowest ANEES of the inverse Hessian on random layouts, likelihood"] = low
     numbers["highest ANEES of the inverse Hessian on random layouts, likelihood"] = high
@@ -180,7 +176,7 @@ def summing_not_gaussian() -> Evidence:
     for name in ("likelihood", "summing"):
         found = shape[name] = shape_of(covariance_study(name).errors)
         ratios = quadratic_ratios(name, 2.0)
-        quadratic[name] = bootstrapped(lambda drawn: np.median(drawn), ratios)
+        quadratic[name] = median_of(ratios)
         numbers |= {
             f"Mardia's kurtosis of the errors over that of a Gaussian, {name}": found.kurtosis,
             f"root of Mardia's skewness of the errors, {name}": found.skewness,
@@ -189,7 +185,7 @@ def summing_not_gaussian() -> Evidence:
         }
         tests = (
             same(found.kurtosis, RATIO),
-            found.distance < SHARE.high,
+            found.distance.high < SHARE.high,
             same(quadratic[name], RATIO),
         )
         passed[name] = sum(tests)

@@ -5,7 +5,6 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import kstest
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
@@ -14,7 +13,7 @@ from d2d.credibility import Credibility, credibility
 from d2d.point_set import PointSet
 from d2d.registration import register
 from d2d.study.book.claim import DECIBELS
-from d2d.study.book.measured import Measured, anees_of, mean_of
+from d2d.study.book.measured import Measured, anees_of, kolmogorov_distance, length_of, mean_of
 from d2d.study.plane.scenarios import OVERLAPPED, cartesian
 
 SEED = 5
@@ -88,8 +87,8 @@ class Shape(NamedTuple):
     """
 
     kurtosis: Measured  # Mardia's, over that of a Gaussian, n (n + 2)
-    skewness: float  # root of Mardia's; 0 for a Gaussian
-    distance: float  # Kolmogorov's, of the squared Mahalanobis distances from chi-square
+    skewness: Measured  # root of Mardia's; 0 for a Gaussian
+    distance: Measured  # Kolmogorov's, of the squared Mahalanobis distances from chi-square
 
 
 def shape_of(errors: Array) -> Shape:
@@ -99,12 +98,11 @@ def shape_of(errors: Array) -> Shape:
     covariance = centred.T @ centred / count
     white = np.linalg.solve(np.linalg.cholesky(covariance), centred.T)
     squares = (white**2).sum(axis=0)
-    third = np.einsum("in,jn,kn->ijk", white, white, white) / count
-    distance = kstest(squares, "chi2", args=(dimension,)).statistic
+    third = np.einsum("in,jn,kn->nijk", white, white, white).reshape(count, -1)
     return Shape(
         mean_of(squares**2 / (dimension * (dimension + 2))),
-        float(np.sqrt((third**2).sum())),
-        float(distance),
+        length_of(third),
+        kolmogorov_distance(squares, "chi2", dimension),
     )
 
 
@@ -197,8 +195,8 @@ def equal_targets(count: int, runs: int = 5000) -> EqualTargets:
 
 
 @cache
-def over_layouts(name: str, layouts: int = 12, runs: int = 1000) -> Array:
-    """ANEES (layouts,) of the inverse Hessian on random layouts.
+def over_layouts(name: str, layouts: int = 12, runs: int = 1000) -> tuple[Measured, ...]:
+    """ANEES of the inverse Hessian on each of some random layouts.
 
     Each layout has eight targets, uniform in azimuth and range over the scene's field of view; they
     may lie next to each other.
@@ -211,5 +209,5 @@ def over_layouts(name: str, layouts: int = 12, runs: int = 1000) -> Array:
         estimates = register(*scenario.sample(runs, rng), COSTS[name], scenario.theta)
         good = estimates.converged
         errors = (estimates.theta - scenario.theta)[good]
-        anees.append(credibility(errors, estimates.covariance[good]).anees)
-    return np.array(anees)
+        anees.append(anees_of(credibility(errors, estimates.covariance[good])))
+    return tuple(anees)

@@ -50,37 +50,37 @@ def spread(cost: RegistrationCost, spacing: float | None) -> Spread:
 class ClusterSweep(NamedTuple):
     """One entry for each spacing of the cluster."""
 
-    near: Array  # mean number of maxima within 1.75 m of the true alignment
-    several: Array  # share of the draws with more than one of them
-    claimed: Array  # median claimed standard deviation, in units of sigma
-    actual: Array  # root mean square error in units of sigma
-    anees: Array
+    maxima: Array  # (spacings, draws) number within 1.75 m of the true alignment
+    spreads: tuple[Spread, ...]
+
+    @property
+    def near(self) -> Array:
+        """Mean number of maxima within 1.75 m of the true alignment."""
+        return np.asarray(self.maxima.mean(axis=1))
+
+    @property
+    def claimed(self) -> Array:
+        """Median claimed standard deviation, in units of sigma."""
+        return np.array([np.median(found.claimed) for found in self.spreads])
+
+    @property
+    def actual(self) -> Array:
+        """Root mean square error in units of sigma."""
+        return np.array([np.sqrt(np.mean(found.errors**2)) for found in self.spreads])
+
+    @property
+    def anees(self) -> Array:
+        """ANEES; a single parameter is estimated."""
+        return np.array([found.nees.mean() for found in self.spreads])
 
 
 @cache
 def cluster_sweep(cost: RegistrationCost, spacings: tuple[float, ...] = SPACINGS) -> ClusterSweep:
     """The fused surface near the true alignment, and its optimum, over the cluster's spacing."""
     window = np.arange(TRUTH - NEAR, TRUTH + NEAR, 0.02)
-    rows = []
+    maxima = []
     for spacing in spacings:
         sets = clustered(np.random.default_rng(SEED), spacing * SIGMA, (ESTIMATES,))
         some = tuple(points[:SEARCHED] for points in sets)
-        counts = peaks(window, log_surface(cost, window, *some)).number
-        found = spread(cost, spacing)
-        rows.append(
-            (
-                counts.mean(),
-                np.mean(counts > 1),
-                np.median(found.claimed),
-                np.sqrt(np.mean(found.errors**2)),
-                found.nees.mean(),
-            )
-        )
-    return ClusterSweep(*np.array(rows).T)
-
-
-@cache
-def without_cluster(cost: RegistrationCost) -> tuple[float, float]:
-    """Median claimed standard deviation and root mean square error of three targets, in sigma."""
-    found = spread(cost, None)
-    return float(np.median(found.claimed)), float(np.sqrt(np.mean(found.errors**2)))
+        maxima.append(peaks(window, log_surface(cost, window, *some)).number)
+    return ClusterSweep(np.array(maxima), tuple(spread(cost, spacing) for spacing in spacings))

@@ -48,6 +48,12 @@ def share(condition: NDArray[np.bool_]) -> float:
     return float(np.mean(condition))
 
 
+def survey_corrupted(fraction: float, width: float, draws: int) -> Survey:
+    """A corrupted Gaussian of that fraction and width (m), with a randomly placed outlier in M."""
+    outlier = CorruptedGaussian(fraction, np.array([[width**2]]))
+    return survey_scene(RegistrationCost(outlier=outlier), "moving", draws)
+
+
 @cache
 def outlier_map(
     fractions: tuple[float, ...] = FRACTIONS,
@@ -62,8 +68,7 @@ def outlier_map(
     table = np.empty((3, len(fractions), len(widths)))
     for i, fraction in enumerate(fractions):
         for j, width in enumerate(widths):
-            outlier = CorruptedGaussian(fraction, np.array([[width**2]]))
-            found = survey_scene(RegistrationCost(outlier=outlier), "moving", draws)
+            found = survey_corrupted(fraction, width, draws)
             table[:, i, j] = (
                 found.right(TRUTH, RIGHT),
                 share(found.rival > COMPARABLE),

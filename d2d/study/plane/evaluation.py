@@ -14,6 +14,7 @@ from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
 from d2d.credibility import Credibility
 from d2d.point_set import PointSet
+from d2d.study.book.measured import Measured, rms_of
 from d2d.study.plane.scenarios import LAYOUTS, Layout, Scenario, random_scene
 from d2d.study.runs import THREADS, MonteCarlo, monte_carlo
 
@@ -69,14 +70,6 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def rms_interval(values: Array, resamples: int = 1000, seed: int = 0) -> tuple[float, float]:
-    """95 % percentile bootstrap interval of the root mean square of independent values (N,)."""
-    rng = np.random.default_rng(seed)
-    chosen = rng.integers(len(values), size=(resamples, len(values)))
-    low, high = np.quantile(np.sqrt((values**2)[chosen].mean(axis=1)), [0.025, 0.975])
-    return float(low), float(high)
-
-
 @dataclass(frozen=True, eq=False)
 class Row:
     """One scenario with one cost.
@@ -86,7 +79,7 @@ class Row:
     scenario, cost : str
     from_truth, from_zero : float
         Shares of runs that end at the truth, by where they start.
-    rmse, rmse_interval : float and (low, high), m
+    rmse : Measured, m
         Of the translation, started at the truth, over all runs.
     rmse_rotation : float, rad
     rmse_from_zero : float, m
@@ -98,8 +91,7 @@ class Row:
     cost: str
     from_truth: float
     from_zero: float
-    rmse: float
-    rmse_interval: tuple[float, float]
+    rmse: Measured
     rmse_rotation: float
     rmse_from_zero: float
     credibility: Credibility
@@ -119,8 +111,7 @@ def _row(scenario: Scenario, name: str) -> Row:
         cost=name,
         from_truth=float(at_truth(good.errors).mean()),
         from_zero=float(at_truth(zero.errors).mean()),
-        rmse=rms(distance),
-        rmse_interval=rms_interval(distance),
+        rmse=rms_of(distance),
         rmse_rotation=rms(turn),
         rmse_from_zero=rms(distance_and_rotation(zero.errors)[0]),
         credibility=good.credibility,

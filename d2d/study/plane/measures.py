@@ -8,6 +8,7 @@ from d2d.study.book.measured import (
     Measured,
     inclination_of,
     mean_of,
+    median_of,
     rms_ratio,
     share_of,
     share_over,
@@ -54,19 +55,19 @@ def share_lowest_at_truth(draws: MinimaOfDraws) -> Measured:
     return share_of([each.right for each in draws])
 
 
-def strongest_rival(draws: MinimaOfDraws) -> float:
-    """Highest density of an optimum elsewhere, over that of the highest at the truth."""
+def rivals(draws: MinimaOfDraws) -> Array:
+    """Highest density elsewhere in each draw, over that of the highest optimum at the truth."""
     drops = []
     for each in draws:
         right = at_truth(each.errors)
         elsewhere, there = each.log_heights[~right], each.log_heights[right]
         drops.append(elsewhere.max(initial=-np.inf) - there.max(initial=-np.inf))
-    return float(np.exp(max(drops)))
+    return np.exp(drops)
 
 
-def decades_to_second(draws: MinimaOfDraws) -> float:
+def decades_to_second(draws: MinimaOfDraws) -> Measured:
     """Median log10 of the density at the second optimum over that at the first."""
-    return float(np.median([each.log_heights[1] for each in draws]) / np.log(10.0))
+    return median_of(np.array([each.log_heights[1] for each in draws]) / np.log(10.0))
 
 
 def share_ending_at_truth(

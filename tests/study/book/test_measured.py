@@ -10,13 +10,19 @@ from d2d import credibility
 from d2d.study.book.measured import (
     Measured,
     anees_of,
-    bootstrapped,
     geometric_mean_of,
     inclination_change,
     inclination_of,
+    kolmogorov_distance,
+    length_of,
     mean_of,
+    median_of,
+    nci_of,
     quantile_of,
+    rms_of,
     rms_ratio,
+    share_counted,
+    share_difference,
     share_in_series,
     share_of,
     share_over,
@@ -39,6 +45,8 @@ def test_wilsons_interval_is_the_published_one() -> None:
     """Breaks if it is the normal approximation: Newcombe (1998), 81 of 263 and 0 of 20."""
     share = share_of(np.arange(263) < 81)
     assert (share.low, share.high) == pytest.approx((0.2553, 0.3662), abs=1e-4)
+    counted = share_counted(81 / 263, 263)
+    assert (counted, counted.low, counted.high) == (share, share.low, share.high)
     none = share_of(np.zeros(20))
     assert (none, none.low, none.high) == pytest.approx((0.0, 0.0, 0.1611), abs=1e-4)
 
@@ -59,8 +67,12 @@ def test_cases_of_a_group_that_go_together_count_less() -> None:
     [
         (mean_of, 0.5),
         (lambda x: geometric_mean_of(np.exp(x)), np.exp(0.5)),
-        (lambda x: bootstrapped(np.median, x), 0.5),
+        (median_of, 0.5),
+        (lambda x: median_of(x.reshape(-1, 1).repeat(3, axis=1)), 0.5),  # three of each draw
         (lambda x: quantile_of(x, 0.5), 0.5),
+        (lambda x: share_difference(x > 0.5, x > 0.5 + 0.6745), 0.25),
+        (lambda x: kolmogorov_distance(x, "norm", 0.2), 0.1192),  # 2 Phi(0.15) - 1
+        (lambda x: length_of(x.reshape(50, 3)), 0.5 * np.sqrt(3.0)),
         (lambda x: rms_ratio(2.0 * (x[:75] - 0.5), x[75:] - 0.5), 2.0),
     ],
 )
@@ -72,6 +84,41 @@ def test_an_interval_holds_the_truth_about_as_often_as_it_says(interval, truth) 
         found = interval(x)
         held.append(found.low < truth < found.high)
     assert 0.87 <= np.mean(held) <= 1.0
+
+
+def test_a_difference_that_was_not_seen_may_still_be_there() -> None:
+    """Breaks if cases that all agree, or all differ, give an interval of no width."""
+    same = share_difference(np.ones(1000), np.ones(1000))
+    assert same.low == pytest.approx(-same.high)
+    assert 0.002 < same.high < 0.004
+    lost = share_difference(np.zeros(1000), np.ones(1000))
+    assert (lost, lost.low) == (-1.0, -1.0)
+    assert -0.998 < lost.high < -0.99
+
+
+def test_what_cannot_be_below_zero_is_not_said_to_be_above_it_for_its_scatter() -> None:
+    """Breaks if the scatter that makes a length, or a distance, positive counts as an effect."""
+    held = []
+    for seed in range(100):
+        x = np.random.default_rng(seed).standard_normal((200, 3))
+        held.append((length_of(x).low == 0.0, kolmogorov_distance(x[:, 0], "norm").low == 0.0))
+    assert np.mean(held, axis=0).min() > 0.9
+
+
+def test_the_nci_has_the_interval_of_its_runs() -> None:
+    """Breaks if it is that of another index: errors twice as large as claimed have 6 dB."""
+    errors = 2.0 * np.random.default_rng(4).standard_normal((500, 2))
+    covariances = np.tile(np.eye(2), (500, 1, 1))
+    found = nci_of(errors, covariances)
+    assert found == credibility(errors, covariances).nci
+    assert 5.5 < found.low < 6.02 < found.high < 6.6
+
+
+def test_the_interval_of_a_root_mean_square_covers_as_often_as_it_says() -> None:
+    """Breaks if it is that of the mean size: errors with a known root mean square."""
+    rng = np.random.default_rng(1)
+    found = [rms_of(rng.standard_normal(300)) for _ in range(200)]
+    assert 0.89 < np.mean([each.low < 1.0 < each.high for each in found]) < 0.99
 
 
 def test_the_interval_of_i2_allows_for_the_covariance_estimated_from_the_same_runs() -> None:

@@ -30,13 +30,22 @@ def forget():
 
 
 def weights(without: float, with_doppler: float):
-    """In the place of `TargetWeights`: so much of every kind is rejected."""
+    """In the place of `TargetWeights`: about so much of every kind is rejected."""
+    rng = np.random.default_rng(0)
 
     def of(drive, driven, *, doppler):
-        share = with_doppler if doppler else without
-        return SimpleNamespace(kind=np.array(["moving"]), rejected=lambda chosen: share)
+        share = (with_doppler if doppler else without) + rng.uniform(-0.005, 0.005)
+        return SimpleNamespace(
+            kind=np.repeat(["moving", "wall"], 400), rejected=lambda chosen: share
+        )
 
     return SimpleNamespace(of=of)
+
+
+def walkers(across: float):
+    """In the place of `walkers_by_pair`: along the line of sight all are rejected."""
+    rejected = np.array([np.ones(20), np.arange(20) < round(20 * across)]) > 0.0
+    return lambda *_: [rejected] * 100
 
 
 @pytest.mark.parametrize(
@@ -53,7 +62,7 @@ def test_moving_targets_are_judged_by_what_is_rejected(
 ):
     """Breaks if the verdict looks at one of the three shares only."""
     short_drives.setattr(drives, "TargetWeights", weights(without, with_doppler))
-    short_drives.setattr(drives, "rejected_walkers", lambda *_: np.array([1.0, across]))
+    short_drives.setattr(drives, "walkers_by_pair", walkers(across))
     assert CLAIMS["doppler-rejects-moving"].check().verdict == verdict
 
 
@@ -69,7 +78,7 @@ def test_a_drive_that_meets_nobody_is_left_out(short_drives):
         return found.of(drive, driven, doppler=doppler)
 
     short_drives.setattr(drives, "TargetWeights", SimpleNamespace(of=of))
-    short_drives.setattr(drives, "rejected_walkers", lambda *_: np.array([1.0, 0.1]))
+    short_drives.setattr(drives, "walkers_by_pair", walkers(0.1))
     evidence = CLAIMS["doppler-rejects-moving"].check()
     assert evidence.verdict == "qualified"
     assert np.isfinite(list(evidence.numbers.values())).all()

@@ -21,7 +21,7 @@ from d2d.radar import (
 )
 from d2d.radar.covariance import propagate_ego_motion
 from d2d.study.drives.errors import Drift, DriveErrors, errors_table
-from d2d.study.drives.moving_targets import TargetWeights, rejected_walkers
+from d2d.study.drives.moving_targets import TargetWeights, rejected_walkers, walkers_by_pair
 from d2d.study.drives.variations import propagated_covariances, sparse, track_from
 
 N = 50
@@ -195,6 +195,9 @@ def test_walkers_are_told_by_their_doppler_velocity_alone():
     away, towards, across = rejected_walkers(drive, result, 1.5, angles)
     assert min(away, towards) > 0.95
     assert across < 0.3
+    pairs = walkers_by_pair(drive, result, 1.5, angles)
+    assert len(pairs) == 6  # every tenth of 60
+    assert sum(pair[2].sum() for pair in pairs) == round(across * sum(map(np.size, pairs)) / 3)
     blind = rejected_walkers(drive, result, 1.5, angles, doppler=False)
     assert blind.max() < 0.5
     assert rejected_walkers(drive, result, 0.0, angles[:1])[0] < 0.2

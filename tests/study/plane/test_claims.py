@@ -23,7 +23,7 @@ def test_the_cluster_claim_is_confirmed_where_the_lowest_minimum_is_elsewhere(mo
     monkeypatch.setattr(clusters, "local_minima", lambda *given, draws=5: (elsewhere,) * draws)
     evidence = CLAIMS["cluster-summing-wrong"].check()
     assert evidence.verdict == "confirmed", str(evidence)
-    rival = "highest density of another optimum over that at the truth, this scene"
+    rival = "median density of the next optimum over that at the truth, this scene"
     assert evidence.numbers[rival] == pytest.approx(np.e)
     assert "in 0% of the draws of this scene" in evidence.because
 

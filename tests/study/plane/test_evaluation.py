@@ -14,7 +14,6 @@ from d2d.study.plane.evaluation import (
     evaluated,
     over_layouts,
     rms,
-    rms_interval,
     same_draws,
 )
 from d2d.study.plane.optima import (
@@ -59,16 +58,6 @@ def test_distance_and_rotation_wrap() -> None:
         False,
         False,
     ]
-
-
-def test_bootstrap_interval_covers_as_often_as_it_says() -> None:
-    """Of errors with a known root mean square."""
-    rng = np.random.default_rng(1)
-    hits = 0
-    for seed in range(200):
-        low, high = rms_interval(rng.standard_normal(300), 200, seed)
-        hits += low <= 1.0 <= high
-    assert 0.89 < hits / 200 < 0.99
 
 
 def test_minima_are_minima_and_the_truth_is_among_them() -> None:

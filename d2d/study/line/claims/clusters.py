@@ -1,10 +1,8 @@
 """Claims of thesis section 4.5: clusters on the line."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -20,7 +18,15 @@ from d2d.study.book.claim import (
     same,
     smaller,
 )
-from d2d.study.book.measured import Measured, bootstrapped, mean_of, rms_ratio, share_of
+from d2d.study.book.measured import (
+    Measured,
+    bootstrapped,
+    mean_of,
+    median_of,
+    rms_of,
+    rms_ratio,
+    share_of,
+)
 from d2d.study.line.cluster_study import (
     ESTIMATES,
     NEAR,
@@ -29,7 +35,6 @@ from d2d.study.line.cluster_study import (
     Spread,
     cluster_sweep,
     spread,
-    without_cluster,
 )
 from d2d.study.line.outlier_study import LIKELIHOOD, SUMMING
 
@@ -52,7 +57,7 @@ OVER = (
 def tight_cluster_certain() -> Evidence:
     """Very close targets act as one and make the peak more certain."""
     likelihood, summing = _effect_of_tight_cluster(LIKELIHOOD), _effect_of_tight_cluster(SUMMING)
-    several = _share_of_sweep(SUMMING, np.array(SPACINGS) <= TIGHT, max)
+    several = max(share for at, share in _several(SUMMING).items() if at <= TIGHT)
     effects = {"the likelihood": likelihood, "the sum": summing}
     certain = [name for name, effect in effects.items() if effect.more_certain]
     return Evidence(
@@ -81,11 +86,11 @@ class _Effect(NamedTuple):
     Each ratio is that to the three targets without a cluster.
     """
 
-    claimed_without: float
-    claimed: float
+    claimed_without: Measured
+    claimed: Measured
     claimed_ratio: Measured
-    error_without: float
-    error: float
+    error_without: Measured
+    error: Measured
     error_ratio: Measured
 
     @property
@@ -98,7 +103,7 @@ class _Effect(NamedTuple):
 
 
 def _effect_of_tight_cluster(cost: RegistrationCost) -> _Effect:
-    without, (claimed, error) = spread(cost, None), without_cluster(cost)
+    without = spread(cost, None)
     tight = [spread(cost, spacing) for spacing in SPACINGS if spacing <= TIGHT]
     claimed_ratio = max(
         bootstrapped(lambda a, b: np.median(a) / np.median(b), *_paired(each, without, "claimed"))
@@ -106,7 +111,12 @@ def _effect_of_tight_cluster(cost: RegistrationCost) -> _Effect:
     )
     error_ratio = max(rms_ratio(*_paired(each, without, "errors")) for each in tight)
     return _Effect(
-        claimed, claimed * claimed_ratio, claimed_ratio, error, error * error_ratio, error_ratio
+        median_of(without.claimed),
+        max(median_of(each.claimed) for each in tight),
+        claimed_ratio,
+        rms_of(without.errors),
+        max(rms_of(each.errors) for each in tight),
+        error_ratio,
     )
 
 
@@ -117,12 +127,10 @@ def _paired(over: Spread, under: Spread, field: str) -> tuple[Array, Array]:
     return first[:count], second[:count]
 
 
-def _share_of_sweep(
-    cost: RegistrationCost, spacings: NDArray[np.bool_], pick: Callable[[Array], float]
-) -> Measured:
-    """The largest or smallest share of draws with several maxima, over those spacings."""
-    share = pick(cluster_sweep(cost).several[spacings])
-    return share_of(np.arange(SEARCHED) < round(SEARCHED * float(share)))
+def _several(cost: RegistrationCost) -> dict[float, Measured]:
+    """Share of draws with several maxima near the truth, by the spacing in sigma."""
+    counts = dict(zip(SPACINGS, cluster_sweep(cost).maxima, strict=True))
+    return {at: share_of(each > 1) for at, each in counts.items()}
 
 
 def _numbers(name: str, effect: _Effect) -> dict[str, float]:
@@ -148,12 +156,8 @@ def _numbers(name: str, effect: _Effect) -> dict[str, float]:
 )
 def loose_cluster_summing() -> Evidence:
     """Close targets add local peaks beside the global one to the sum."""
-    sweep = cluster_sweep(SUMMING)
-    spacing = np.array(SPACINGS)
-    several = {at: _share_of_sweep(SUMMING, spacing == at, max) for at in (1.0, 2.0, 3.0)}
-    near = dict(zip(SPACINGS, map(float, sweep.near), strict=True))
-    loose = (spacing >= 4.0) & (spacing <= 6.0)
-    several_if_loose = _share_of_sweep(SUMMING, loose, min)
+    several = _several(SUMMING)
+    several_if_loose = min(share for at, share in several.items() if 4.0 <= at <= 6.0)
     what = f"share of draws with several maxima within {NEAR:g} m"
     return Evidence(
         judge(confirmed=nearly_all(several_if_loose), qualified=most(several_if_loose)),
@@ -166,7 +170,9 @@ def loose_cluster_summing() -> Evidence:
             f"{what}, spacing 2 sigma": several[2.0],
             f"{what}, spacing 3 sigma": several[3.0],
             f"{what}, minimum over spacings of 4 to 6 sigma": several_if_loose,
-            f"mean number of maxima within {NEAR:g} m, spacing 5 sigma": near[5.0],
+            f"mean number of maxima within {NEAR:g} m, spacing 5 sigma": mean_of(
+                cluster_sweep(SUMMING).maxima[SPACINGS.index(5.0)]
+            ),
         },
         holds="At spacings of 4 to 6 sigma, with several maxima in at least "
         f"{several_if_loose:.1%} of the draws; at 2 sigma there are several in {several[2.0]:.0%}.",
@@ -185,13 +191,13 @@ def loose_cluster_summing() -> Evidence:
 )
 def loose_cluster_likelihood() -> Evidence:
     """Close targets do not disturb the likelihood."""
-    sweep = cluster_sweep(LIKELIHOOD)
-    spacing = np.array(SPACINGS)
-    anees = dict(zip(SPACINGS, map(float, sweep.anees), strict=True))
-    loose = (spacing >= 3.0) & (spacing <= 6.0)
-    single = _complement(_share_of_sweep(LIKELIHOOD, loose, max))
-    largest = max(mean_of(spread(LIKELIHOOD, at).nees) for at in spacing[loose])
-    largest_outside = sweep.anees[~loose].max()
+    loose = [at for at in SPACINGS if 3.0 <= at <= 6.0]
+    single = _complement(max(_several(LIKELIHOOD)[at] for at in loose))
+    anees = {at: mean_of(spread(LIKELIHOOD, at).nees) for at in SPACINGS}
+    largest = max(anees[at] for at in loose)
+    largest_outside = max(anees[at] for at in SPACINGS if at not in loose)
+    error = max(rms_of(spread(LIKELIHOOD, at).errors) for at in SPACINGS)
+    error_without = rms_of(spread(LIKELIHOOD, None).errors)
     return Evidence(
         judge(confirmed=nearly_all(single) and same(largest, ANEES), qualified=most(single)),
         f"between 3 and 6 sigma the likelihood has one maximum within {NEAR:g} m in at least "
@@ -206,10 +212,12 @@ def loose_cluster_likelihood() -> Evidence:
             "ANEES at a spacing of 5 sigma": anees[5.0],
             "ANEES at a spacing of 10 sigma": anees[10.0],
             "maximum ANEES over spacings of 3 to 6 sigma": largest,
+            "maximum ANEES over all other spacings": largest_outside,
+            "maximum root mean square error over all spacings (sigma)": error,
+            "root mean square error without the cluster (sigma)": error_without,
         },
-        holds="For the place of the peak, whose error is at most "
-        f"{sweep.actual.max():.2f} sigma over all spacings, "
-        f"{without_cluster(LIKELIHOOD)[1]:.2f} sigma without the cluster; for the covariance only "
+        holds=f"For the place of the peak, whose error is at most {error:.2f} sigma over all "
+        f"spacings, {error_without:.2f} sigma without the cluster; for the covariance only "
         f"outside 3 to 6 sigma, where the ANEES is up to {largest_outside:.2f} instead of "
         f"{largest:.2f}.",
         over=OVER,

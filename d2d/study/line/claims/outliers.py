@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.credibility import Credibility, credibility
 from d2d.point_set import PointSet
@@ -24,11 +23,12 @@ from d2d.study.book.claim import (
 )
 from d2d.study.book.measured import (
     Measured,
-    bootstrapped,
     inclination_change,
     inclination_of,
     mean_of,
+    median_of,
     rms_ratio,
+    share_difference,
     share_of,
 )
 from d2d.study.line.outlier_study import (
@@ -45,8 +45,8 @@ from d2d.study.line.outlier_study import (
     UNIFORM,
     UNIFORM_DENSITY,
     WIDTHS,
-    outlier_map,
     scene,
+    survey_corrupted,
     survey_scene,
 )
 from d2d.study.line.scene import SIGMA, TRUTH
@@ -122,6 +122,7 @@ def outlier_fixed_likelihood() -> Evidence:
     before, after = survey_scene(LIKELIHOOD), survey_scene(LIKELIHOOD, "fixed")
     right, single = _share_right(after), share_of(after.rival < TINY)
     ratio = _error_with_outlier_over_without()
+    number, number_before = mean_of(after.optima), mean_of(before.optima)
     return Evidence(
         judge(
             confirmed=nearly_all(right) and nearly_all(single) and same(ratio, RATIO),
@@ -129,17 +130,15 @@ def outlier_fixed_likelihood() -> Evidence:
         ),
         "every moving target still finds its own component, and the outlier's weight only scales "
         f"the product: the highest peak is at the true alignment in {right:.0%} of the draws and "
-        f"the only visible one in {single:.1%}. The logarithm has {after.optima.mean():.2f} maxima "
-        f"on average instead of {before.optima.mean():.2f}, and the root mean square error changes "
+        f"the only visible one in {single:.1%}. The logarithm has {number:.2f} maxima "
+        f"on average instead of {number_before:.2f}, and the root mean square error changes "
         f"by {ratio - 1:+.1%}, because some outliers happen to stand next to a target.",
         {
             "share of draws with the highest peak at the true alignment": right,
             "share of draws with one visible peak (no rival above 1 %)": single,
             "root mean square error with the outlier over that without": ratio,
-            "mean number of maxima of the logarithm without the outlier": float(
-                before.optima.mean()
-            ),
-            "mean number of maxima of the logarithm with it": float(after.optima.mean()),
+            "mean number of maxima of the logarithm without the outlier": number_before,
+            "mean number of maxima of the logarithm with it": number,
         },
         holds=f"For the place of the highest peak, right in {right:.0%} of the draws; a rival is "
         f"visible in {1 - single:.1%}, and the error changes by {ratio - 1:+.1%}.",
@@ -169,7 +168,7 @@ def outlier_moving_summing() -> Evidence:
     before, after = survey_scene(SUMMING), survey_scene(SUMMING, "moving")
     right = _share_right(after)
     with_it, without = share_of(after.rival > COMPARABLE), share_of(before.rival > COMPARABLE)
-    added = mean_of((after.rival > COMPARABLE) * 1.0 - (before.rival > COMPARABLE))
+    added = share_difference(after.rival > COMPARABLE, before.rival > COMPARABLE)
     return Evidence(
         judge(
             confirmed=nearly_all(right) and nearly_all(with_it),
@@ -184,11 +183,9 @@ def outlier_moving_summing() -> Evidence:
             "share of draws with a rival above half the highest, without the outlier": without,
             "share of draws with a rival above half the highest, with the outlier": with_it,
             "difference of these shares": added,
-            "median height of the rival with it": float(np.median(after.rival)),
-            "mean number of maxima with it": float(after.optima.mean()),
-            "median width of the basin around the true alignment (m)": float(
-                np.median(after.basin_width)
-            ),
+            "median height of the rival with it": median_of(after.rival),
+            "mean number of maxima with it": mean_of(after.optima),
+            "median width of the basin around the true alignment (m)": median_of(after.basin_width),
         },
         holds="The outlier meets a component where another pair of targets meets; the global peak "
         f"stays right in {right:.0%} of all draws.",
@@ -211,6 +208,7 @@ def outlier_moving_likelihood() -> Evidence:
         -LIKELIHOOD.value(np.array([TRUTH]), *scene(where)) for where in ("", "moving")
     )
     drop = (before - after) / np.log(10.0)
+    decades = median_of(drop)
     invisible, vanished = share_of(drop > 6.0), share_of(drop > VANISHED)
     zero = share_of(np.exp(after) == 0.0)
     found = survey_scene(LIKELIHOOD, "moving")
@@ -220,14 +218,14 @@ def outlier_moving_likelihood() -> Evidence:
         judge(confirmed=nearly_all(vanished), qualified=some(invisible)),
         "the outlier costs more than six decades, too many for the rest to be visible on a plot, "
         f"in {invisible:.0%} of the draws and more than {VANISHED:.0f} in {vanished:.0%} (the "
-        f"median is {np.median(drop):.1f}), unless it "
+        f"median is {decades:.1f}), unless it "
         "stands near where a component comes to lie. In floating point the product of four "
         f"densities is exactly zero in {zero:.0%}, and its logarithm keeps its highest maximum "
         f"{near} of the truth in {right:.0%}.",
         {
             "share of draws in which the outlier costs more than six decades": invisible,
             f"share of draws in which it costs more than {VANISHED:.0f}": vanished,
-            "median number of decades that it costs": bootstrapped(np.median, drop),
+            "median number of decades that it costs": decades,
             "share of draws in which the product is exactly zero": zero,
             f"share of draws with the highest log-likelihood {near} of the truth": right,
             f"share of draws in which an ascent from the truth stays within {limit:g} m": share_of(
@@ -247,11 +245,9 @@ def _numbers_with_outlier_in_m(found: Survey) -> dict[str, float]:
         "share of draws with the highest peak at the true alignment": _share_right(found),
         "share of draws with a rival above half the highest": share_of(found.rival > COMPARABLE),
         "share of draws with a rival above 1 % of the highest": share_of(found.rival > TINY),
-        "median height of the rival": float(np.median(found.rival)),
+        "median height of the rival": median_of(found.rival),
         "mean number of maxima of the logarithm": mean_of(found.optima),
-        "median width of the basin around the true alignment (m)": float(
-            np.median(found.basin_width)
-        ),
+        "median width of the basin around the true alignment (m)": median_of(found.basin_width),
     }
 
 
@@ -398,13 +394,16 @@ def corrupted_restores() -> Evidence:
 )
 def outlier_parameters_crucial() -> Evidence:
     """The parameters of the outlier component are crucial to the surface."""
-    right, rival, basin = outlier_map()
-    wide = np.array(WIDTHS) >= 3.0
-    moderate = np.array(FRACTIONS) <= 0.5
-    right_if_wide, right_if_narrow = _share_of_map(right[:, wide]), _share_of_map(right[:, ~wide])
-    highest = _share_of_map(right, lowest=False)
-    rival_if_moderate = float(rival[moderate][:, wide].max())
-    rival_if_extreme = float(rival[~moderate][:, wide].max())
+    surveys = {(a, b): survey_corrupted(a, b, MAP_DRAWS) for a in FRACTIONS for b in WIDTHS}
+    right = {pair: _share_right(found) for pair, found in surveys.items()}
+    rival = {pair: share_of(found.rival > COMPARABLE) for pair, found in surveys.items()}
+    basin = {pair: median_of(found.basin_width) for pair, found in surveys.items()}
+    wide = [(fraction, width) for fraction, width in surveys if width >= 3.0]
+    right_if_wide = min(right[pair] for pair in wide)
+    right_if_narrow = min(right[pair] for pair in surveys if pair not in wide)
+    highest = max(right.values())
+    rival_if_moderate = max(rival[pair] for pair in wide if pair[0] <= 0.5)
+    rival_if_extreme = max(rival[pair] for pair in wide if pair[0] > 0.5)
     moves_if_wide, moves_at_all = (
         lowest.high < highest.low - SHARE.high for lowest in (right_if_wide, right_if_narrow)
     )
@@ -423,20 +422,12 @@ def outlier_parameters_crucial() -> Evidence:
             "fractions up to 0.5": rival_if_moderate,
             "maximum share with a rival above half the highest, widths of 3 m to 100 m, "
             "fraction 0.9": rival_if_extreme,
-            "minimum of the median basin (m)": float(basin.min()),
-            "median basin at width 1 m and fraction 0.5 (m)": float(
-                basin[FRACTIONS.index(0.5), WIDTHS.index(1.0)]
-            ),
+            "minimum of the median basin (m)": min(basin.values()),
+            "median basin at width 1 m and fraction 0.5 (m)": basin[0.5, 1.0],
         },
         holds="For components of about a metre or less, with which the share of draws with the "
         f"right optimum goes down to {right_if_narrow:.0%}; for those 3 m to 100 m wide its "
         f"minimum is {right_if_wide:.0%}.",
         over=f"{MAP_DRAWS} draws of the noise and of the outlier's place for each of "
-        f"{right.size} pairs of a fraction and a width",
+        f"{len(surveys)} pairs of a fraction and a width",
     )
-
-
-def _share_of_map(shares: Array, lowest: bool = True) -> Measured:
-    """The lowest, or the highest, of the shares of a map's draws."""
-    share = shares.min() if lowest else shares.max()
-    return share_of(np.arange(MAP_DRAWS) < round(MAP_DRAWS * float(share)))

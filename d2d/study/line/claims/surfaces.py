@@ -23,7 +23,14 @@ from d2d.study.book.claim import (
     same,
     smaller,
 )
-from d2d.study.book.measured import Measured, bootstrapped, mean_of, share_of
+from d2d.study.book.measured import (
+    Measured,
+    bootstrapped,
+    mean_of,
+    median_of,
+    share_difference,
+    share_of,
+)
 from d2d.study.line.scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
 from d2d.study.line.surfaces import Peaks, basin_of_attraction, log_surface, peaks
 
@@ -65,10 +72,10 @@ def _peaks(cost: RegistrationCost, sigma_moving: float = SIGMA) -> Peaks:
     return peaks(TRANSLATIONS, _surfaces(cost, sigma_moving))
 
 
-def _median_basin_width(cost: RegistrationCost, sigma_moving: float = SIGMA) -> float:
+def _median_basin_width(cost: RegistrationCost, sigma_moving: float = SIGMA) -> Measured:
     """Median width (m) of the basin of attraction that holds the true alignment."""
     _, left, right = basin_of_attraction(TRANSLATIONS, _surfaces(cost, sigma_moving), TRUTH)
-    return float(np.median(right - left))
+    return median_of(right - left)
 
 
 def _share_right(found: Peaks) -> Measured:
@@ -92,10 +99,10 @@ def _over() -> str:
     return f"{DRAWS} draws of the noise of the thesis's scene on a line"
 
 
-def _median_second_log_height(found: Peaks) -> float:
-    """Of the second peak over the first, in the draws that have one; -inf if none has."""
+def _second_log_heights(found: Peaks) -> Array:
+    """Of the second peak over the first, in the draws that have one; very low if none has."""
     several = found.number > 1
-    return float(np.median(found.second_log_height[several])) if several.any() else -np.inf
+    return found.second_log_height[several] if several.any() else np.array([-1e9])
 
 
 @claim(
@@ -121,6 +128,7 @@ def b_three_peaks() -> Evidence:
         )
     positions = np.sort(of_b.positions[has_three, :3])
     mean, spread = [mean_of(column) for column in positions.T], positions.std(axis=0)
+    scatter = bootstrapped(lambda drawn: drawn.std(axis=0).mean(), positions)
     in_place = all(
         same(found.plus(-true), MEAN.times(deviation))
         for found, true, deviation in zip(mean, TRUTH + FIXED_POSITIONS, spread, strict=True)
@@ -130,13 +138,13 @@ def b_three_peaks() -> Evidence:
         "target B meets the three components of F one after the other: "
         f"{share:.0%} of the draws have exactly three peaks, on average at {mean[0]:.2f}, "
         f"{mean[1]:.2f} and {mean[2]:.2f} m. A single draw moves each peak by the noise of both "
-        f"points, with a standard deviation of {spread.mean():.2f} m.",
+        f"points, with a standard deviation of {scatter:.2f} m.",
         {
             "share of draws with exactly three peaks": share,
             "mean position of the first peak (m)": mean[0],
             "mean position of the second peak (m)": mean[1],
             "mean position of the third peak (m)": mean[2],
-            "standard deviation of a peak's position (m)": spread.mean(),
+            "standard deviation of a peak's position (m)": scatter,
         },
         over=_over(),
     )
@@ -158,8 +166,7 @@ def d2d_lower() -> Evidence:
     p2d_of_b, d2d_of_b = (_surfaces(cost, of_b_alone=True).max(axis=-1) for cost in (P2D, D2D))
     peak_is_lower = share_of(highest < 1.0)
     along = mean_of((d2d < p2d).mean(axis=-1))
-    ratio = bootstrapped(np.median, highest)
-    ratio_of_b = bootstrapped(np.median, np.exp(d2d_of_b - p2d_of_b))
+    ratio, ratio_of_b = median_of(highest), median_of(np.exp(d2d_of_b - p2d_of_b))
     return Evidence(
         judge(
             confirmed=nearly_all(along),
@@ -211,6 +218,8 @@ def equal_sigma_same() -> Evidence:
         {
             "share of draws with P2D's highest peak at the true alignment": right_p2d,
             "share of draws with D2D's highest peak at the true alignment": right_d2d,
+            "share of draws with local peaks besides, P2D": local_p2d,
+            "share of draws with local peaks besides, D2D": local_d2d,
             "share of draws with as many peaks in both": alike,
             "mean number of peaks, P2D": number_p2d,
             "mean number of peaks, D2D": number_d2d,
@@ -235,7 +244,7 @@ def noisy_p2d_fails() -> Evidence:
     sigma = NOISE_RATIO * SIGMA
     p2d, d2d = _peaks(P2D, sigma), _peaks(D2D, sigma)
     clear_p2d, clear_d2d = (share_of(_outstanding(found)) for found in (p2d, d2d))
-    lead = mean_of(_outstanding(d2d) * 1.0 - _outstanding(p2d))
+    lead = share_difference(_outstanding(d2d), _outstanding(p2d))
     return Evidence(
         judge(
             confirmed=hardly_any(clear_p2d) and nearly_all(clear_d2d),
@@ -291,8 +300,9 @@ def summing_local_peaks() -> Evidence:
         {
             "share of draws with the highest peak at the true alignment": right,
             "mean number of peaks": number,
-            "median height of the second peak over the first": float(
-                np.exp(_median_second_log_height(found))
+            "share of draws with three peaks or more": many,
+            "median height of the second peak over the first": median_of(
+                np.exp(_second_log_heights(found))
             ),
             "median width of the basin around the true alignment (m)": _median_basin_width(D2D),
         },
@@ -331,8 +341,8 @@ def likelihood_one_peak() -> Evidence:
             "share of draws with one visible peak (above 1 % of the highest)": one_visible,
             "share of draws with one peak in the logarithm": one,
             "mean number of peaks in the logarithm": _mean_number(found),
-            "median log10 of the second peak over the first": (
-                _median_second_log_height(found) / float(np.log(10.0))
+            "median log10 of the second peak over the first": median_of(
+                _second_log_heights(found) / np.log(10.0)
             ),
             "median width of the basin around the true alignment (m)": _median_basin_width(
                 LIKELIHOOD
@@ -363,7 +373,7 @@ def summing_smoother() -> Evidence:
     peaks_of_sum, peaks_of_product = _mean_number(sum_found), _mean_number(product_found)
     no_more = share_of(sum_found.number <= product_found.number)
     wider = share_of(width_of_sum > width_of_product)
-    ratio = bootstrapped(np.median, width_of_sum / width_of_product)
+    ratio = median_of(width_of_sum / width_of_product)
     is_wider = nearly_all(wider) and larger(ratio, RATIO)
     return Evidence(
         judge(confirmed=is_wider and nearly_all(no_more), qualified=is_wider),

@@ -1,6 +1,7 @@
 """Claims of thesis section 6.3: outliers and clusters together."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -20,8 +21,9 @@ from d2d.study.book.measured import (
     Measured,
     bootstrapped,
     inclination_change,
-    mean_of,
+    rms_of,
     rms_ratio,
+    share_difference,
 )
 from d2d.study.plane.evaluation import (
     LIKELIHOOD,
@@ -31,12 +33,10 @@ from d2d.study.plane.evaluation import (
     at_truth,
     evaluated,
     over_layouts,
-    rms,
 )
 from d2d.study.plane.measures import (
     BOTH,
     SEARCHED,
-    counts_visible,
     error_ratio,
     errors_of,
     mean_count_near,
@@ -64,11 +64,11 @@ def all_likelihood_stable() -> Evidence:
     """Outliers and clusters: the likelihood has one global minimum near the truth in both
     scenes.
     """
-    numbers: dict[str, float] = {}
+    overlapped = rms_of(errors_of(OVERLAPPED, LIKELIHOOD)[0])
+    numbers: dict[str, float] = {"RMSE, likelihood, overlapped (m)": overlapped}
     right = {"likelihood": True, "robust": True}
     alone = {"likelihood": True, "robust": True}
-    errors: dict[str, list[float]] = {"likelihood": [], "robust": []}
-    overlapped = rms(errors_of(OVERLAPPED, LIKELIHOOD)[0])
+    errors: dict[str, list[Measured]] = {"likelihood": [], "robust": []}
     # what refutes shows in few draws, what confirms needs many
     draws = {"likelihood": 5, "robust": SEARCHED}
     for name, cost in (("likelihood", LIKELIHOOD), ("robust", ROBUST)):
@@ -79,14 +79,11 @@ def all_likelihood_stable() -> Evidence:
             near = ratio.high < RATIO.high
             right[name] &= nearly_all(share) and near
             alone[name] &= nearly_all(single)
-            error = rms(errors_of(scenario, cost)[0])
+            error = rms_of(errors_of(scenario, cost)[0])
             errors[name].append(error)
             numbers |= {
                 f"share of draws with the global minimum at the truth, {name}, {letter}": share,
                 f"share of draws with one visible minimum, {name}, {letter}": single,
-                f"maximum number of visible minima in a draw, {name}, {letter}": float(
-                    max(counts_visible(found))
-                ),
                 f"RMSE, {name}, {letter} (m)": error,
                 "ratio of the RMSE to the likelihood's in the overlapped scene, "
                 f"{name}, {letter}": ratio,
@@ -125,7 +122,7 @@ def all_summing_unstable() -> Evidence:
         )
     }
     stays, returns = (
-        mean_of(_ends(a, SUMMING, start) - _ends(b, SUMMING, start)) for start in STARTS
+        share_difference(_ends(a, SUMMING, start), _ends(b, SUMMING, start)) for start in STARTS
     )
     tilt = inclination_change(*(evaluated(s, SUMMING).credibility for s in (a, b)))
     minima = [mean_count_near(local_minima(scenario, SUMMING)) for scenario in (a, b)]
@@ -177,9 +174,9 @@ def _differs(number: Measured, margin: Margin) -> bool:
     return larger(number, margin) or smaller(number, margin)
 
 
-def _ends(scenario: Scenario, cost: RegistrationCost, start: Start) -> Array:
-    """1 for each run that ends at the truth, 0 for the others."""
-    return at_truth(evaluated(scenario, cost, start).errors).astype(np.float64)
+def _ends(scenario: Scenario, cost: RegistrationCost, start: Start) -> NDArray[np.bool_]:
+    """Whether each run ends at the truth."""
+    return at_truth(evaluated(scenario, cost, start).errors)
 
 
 def _spread_of_layouts(cost: RegistrationCost) -> Measured:

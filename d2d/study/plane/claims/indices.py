@@ -57,6 +57,9 @@ def nci_not_enough() -> Evidence:
     def best(index: Array, wrong: NDArray[np.bool_]) -> float:
         return recognised(index.ravel(), wrong.ravel())
 
+    def median_where(index: Array, chosen: NDArray[np.bool_]) -> float:
+        return float(np.median(index[chosen]))
+
     by_nci, by_inclination = (bootstrapped(best, each, dangerous) for each in (nci, inclination))
     return Evidence(
         judge(confirmed=by_nci.high < 1.0 - SHARE.high),
@@ -68,9 +71,9 @@ def nci_not_enough() -> Evidence:
         {
             "share recognised by the NCI": by_nci,
             "share recognised by I2": by_inclination,
-            "share of conditions that are dangerous": float(dangerous.mean()),
-            "median NCI of the dangerous (dB)": float(np.median(nci[dangerous])),
-            "median NCI of the others (dB)": float(np.median(nci[~dangerous])),
+            "share of conditions that are dangerous": bootstrapped(np.mean, dangerous),
+            "median NCI of the dangerous (dB)": bootstrapped(median_where, nci, dangerous),
+            "median NCI of the others (dB)": bootstrapped(median_where, nci, ~dangerous),
         },
         holds="Only if both pessimistic and optimistic covariances occur.",
         over=f"{len(found)} conditions, three costs in four kinds of scene, each on "

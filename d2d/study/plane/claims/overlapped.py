@@ -20,8 +20,10 @@ from d2d.study.book.measured import (
     inclination_change,
     inclination_of,
     mean_of,
+    nci_of,
     quantile_of,
     rms_ratio,
+    share_difference,
     share_of,
 )
 from d2d.study.plane.evaluation import (
@@ -157,12 +159,12 @@ def overlap_initial_guess() -> Evidence:
     costs = {"summing": SUMMING, "likelihood": LIKELIHOOD}
     zero, annealed, ends = {}, {}, {}
     for name, cost in costs.items():
-        ends[name] = [at_truth(evaluated(OVERLAPPED, cost, start).errors) * 1.0 for start in STARTS]
+        ends[name] = [at_truth(evaluated(OVERLAPPED, cost, start).errors) for start in STARTS]
         zero[name] = share_of(ends[name][1])
         inflated = monte_carlo(OVERLAPPED, cost, initial="zero", scales=ANNEALED)
         annealed[name] = share_of(at_truth(inflated.errors))
-    harm = {name: mean_of(truth - from_zero) for name, (truth, from_zero) in ends.items()}
-    lead = mean_of(ends["likelihood"][1] - ends["summing"][1])
+    harm = {name: share_difference(truth, from_zero) for name, (truth, from_zero) in ends.items()}
+    lead = share_difference(ends["likelihood"][1], ends["summing"][1])
     over = over_layouts("overlapped", LIKELIHOOD, "zero").share
     median, low = quantile_of(over, 0.5), quantile_of(over, 0.05)
     hurts = larger(harm["summing"], SHARE)
@@ -243,7 +245,8 @@ def overlap_summing_pessimistic() -> Evidence:
 )
 def overlap_likelihood_credible() -> Evidence:
     """Overlapped: the likelihood is credible, its NEES near that of the credible estimator."""
-    found = evaluated(OVERLAPPED, LIKELIHOOD).credibility
+    runs = evaluated(OVERLAPPED, LIKELIHOOD)
+    found, good = runs.credibility, runs.converged
     low, high = map(float, found.bounds)
     anees, here = anees_of(found), inclination_of(found)
     mean = mean_of(over_layouts("overlapped", LIKELIHOOD).inclination)
@@ -257,7 +260,7 @@ def overlap_likelihood_credible() -> Evidence:
             "ANEES": anees,
             "lower bound of the 95 % region": low,
             "upper bound of the 95 % region": high,
-            "NCI (dB)": found.nci,
+            "NCI (dB)": nci_of(runs.errors[good], runs.covariances[good]),
             "I2 (dB)": here,
             "mean of I2 over 200 random layouts (dB)": mean,
         },
