@@ -15,6 +15,8 @@ LEDGER = "10_claims.html"
 """Beside the page that links to it: all pages with claims are chapters."""
 
 WIDTH = 88
+EXACT = "exact"
+"""What is said of a number without an interval: a count, or the value of a formula."""
 
 
 def badge(verdict: Verdict) -> str:
@@ -33,13 +35,14 @@ def ledger_link(id: str, text: str) -> str:
 
 
 def told(value: float, mark: str = "") -> str:
-    """A number between marks and, if it has one, its 95 % interval."""
-    number = f"{mark}{significant(value)}{mark}"
-    return f"{number} {_interval(value)}" if isinstance(value, Measured) else number
+    """A number between marks with its 95 % interval, or the word that it needs none."""
+    return f"{mark}{significant(value)}{mark} [{', '.join(_bounds(value)) or EXACT}]"
 
 
-def _interval(value: Measured) -> str:
-    return f"[{significant(value.low)}, {significant(value.high)}]"
+def _bounds(value: float) -> tuple[str, ...]:
+    if not isinstance(value, Measured):
+        return ()
+    return significant(value.low), significant(value.high)
 
 
 @dataclass(frozen=True)
@@ -114,7 +117,7 @@ def _html(claim: Claim, evidence: Evidence) -> str:
 
 def _numbers(numbers: Mapping[str, float]) -> str:
     rows = "\n".join(
-        f"<div><dt>{typeset(name)}{_between(value)}</dt>"
+        f"<div><dt>{typeset(name)} {_between(value)}</dt>"
         f"<dd>{typeset(significant(value))}</dd></div>"
         for name, value in numbers.items()
     )
@@ -122,10 +125,8 @@ def _numbers(numbers: Mapping[str, float]) -> str:
 
 
 def _between(value: float) -> str:
-    if not isinstance(value, Measured):
-        return ""
-    bounds = f"{typeset(significant(value.low))} to {typeset(significant(value.high))}"
-    return f' <span class="interval">{bounds}</span>'
+    bounds = " to ".join(map(typeset, _bounds(value))) or EXACT
+    return f'<span class="interval">{bounds}</span>'
 
 
 def _conditional(evidence: Evidence) -> bool:

@@ -103,8 +103,9 @@ class Evidence:
     because : str
         One sentence that gives the reason, composed from the numbers.
     numbers : dict of str to float
-        What was measured, by name with its unit; a number with a 95 % interval is
-        `d2d.study.book.measured.Measured`.
+        What was measured, by name with its unit, with its 95 % interval as
+        `d2d.study.book.measured.Measured`; a plain float is exact, a count or the value of a
+        formula.
     holds : str
         The condition under which the claim holds, composed from the numbers; not used if the claim
         is confirmed as it stands.

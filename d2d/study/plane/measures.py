@@ -28,7 +28,9 @@ from d2d.study.plane.scenarios import (
 )
 
 SEARCHED = 80  # draws whose minima are searched for: without an exception, nearly all
+STARTS: tuple[Start, Start] = ("truth", "zero")
 THOUSAND = "1000 draws of the noise of this scene"
+OVER_LAYOUTS = f"{THOUSAND}, and 100 on each of 200 random layouts"
 BOTH = {"A": OUTLIERS_AND_CLUSTERS_A, "B": OUTLIERS_AND_CLUSTERS_B}
 Condition = tuple[Scenario, RegistrationCost]
 MinimaOfDraws = tuple[Minima, ...]

@@ -44,9 +44,9 @@ def test_the_text_of_a_card_is_wrapped_and_complete():
     assert text.splitlines()[:5] == [
         "[a] A is right. (thesis 4.4)",
         "confirmed: it is so.",
-        "  ratio < 2: 1.23",
-        "  steps: 6080",
-        "  slope: -0.5",
+        "  ratio < 2: 1.23 [exact]",
+        "  steps: 6080 [exact]",
+        "  slope: -0.5 [exact]",
     ]
     assert "holds: Never." in text
     assert "Not told." not in text
@@ -64,11 +64,13 @@ def test_the_card_says_what_its_text_says():
 
 
 def test_a_number_has_its_interval_and_a_card_its_draws():
-    """Breaks if a number is told without how well it is known."""
-    evidence = Evidence("confirmed", "so.", {"ratio < 2": Measured(1.5, 1.4, 1.6)}, over="9 draws")
+    """Breaks if a number is told without how well it is known, or that it is exact."""
+    numbers = {"ratio < 2": Measured(1.5, 1.4, 1.6), "steps": 6080.0}
+    evidence = Evidence("confirmed", "so.", numbers, over="9 draws")
     shown = cards([A], {"a": evidence})
     assert "  ratio < 2: 1.5 [1.4, 1.6]" in str(shown)
     assert "1.4 to 1.6" in read(shown._repr_html_())
+    assert re.search(r"steps +exact +6080", read(shown._repr_html_()))
     for told in (str(shown), read(shown._repr_html_())):
         assert "easured over 9 draws" in told
 

@@ -31,7 +31,7 @@ def test_each_claim_is_a_row_with_verdict_number_place_and_reason() -> None:
     assert "✓ confirmed" in first
     assert "**1.23** [1.1, 2] ratio<br>over 9 draws" in first
     assert "other" not in first
-    assert "**6080** steps<br>over one drive" in second
+    assert "**6080** [exact] steps<br>over one drive" in second
     assert "[chapter 4b](04b_outliers_and_clusters_1d.ipynb), [figure](#fig-outlier-cost)" in first
     assert first.startswith('| <span id="claim-a"></span>4.4 A.')
     assert first.endswith("| It is so. |")

@@ -19,8 +19,8 @@ from d2d.study.plane.cluster_search import DRAWS, KINDS, shares_wrong, worst
 from d2d.study.plane.evaluation import LIKELIHOOD, SUMMING, evaluated, over_layouts
 from d2d.study.plane.measures import (
     BOTH,
+    OVER_LAYOUTS,
     SEARCHED,
-    THOUSAND,
     MinimaOfDraws,
     decades_to_second,
     error_ratio,
@@ -36,7 +36,6 @@ from d2d.study.plane.optima import local_minima
 from d2d.study.plane.scenarios import CLUSTERS, LAYOUTS, OVERLAPPED, random_scene
 
 SCENES, FRESH = 8, 40  # random scenes of each kind in the search, and of what it finds
-OVER = f"{THOUSAND}, and 100 on each of 200 random layouts"
 
 
 @claim(
@@ -94,7 +93,7 @@ def cluster_summing_wrong() -> Evidence:
             ),
             "share of wrong global minima, worst kind of cluster found": wrong,
             "share of wrong global minima, worst kind with eight targets": wrong_of_eight,
-            "kinds of layout with more than half of the global minima wrong": float(
+            "kinds of layout in the search with more than half of the minima wrong": float(
                 sum(share > 0.5 for share in searched.values())
             ),
         },
@@ -153,7 +152,7 @@ def cluster_likelihood_same() -> Evidence:
         f"{share_right:.0%} of {SEARCHED} draws, and for the covariance (I2 {here:+.2f} dB). The "
         f"RMSE is {ratio:.2f} times that without clusters (95% interval {ratio.between('.2f')}), "
         f"in the mean over random layouts {ratio_of_layouts:.2f} times.",
-        over=f"{SEARCHED} draws for the optima; {OVER}",
+        over=f"{SEARCHED} draws for the optima; {OVER_LAYOUTS}",
     )
 
 
@@ -201,5 +200,5 @@ def cluster_error() -> Evidence:
         holds=f"For the comparison with the likelihood, where the ratio of the RMSEs is "
         f"{excess:.2f}. Against the overlapped scene it is {growth:.2f} (95% interval "
         f"{growth.between('.2f')}).",
-        over=OVER,
+        over=OVER_LAYOUTS,
     )

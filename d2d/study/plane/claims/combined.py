@@ -37,6 +37,7 @@ from d2d.study.plane.evaluation import (
 from d2d.study.plane.measures import (
     BOTH,
     SEARCHED,
+    STARTS,
     error_ratio,
     errors_of,
     mean_count_near,
@@ -47,7 +48,6 @@ from d2d.study.plane.optima import local_minima
 from d2d.study.plane.scenarios import OVERLAPPED, Scenario
 
 OF_BOTH = "1000 draws of the noise of each of the two scenes"
-STARTS: tuple[Start, Start] = ("truth", "zero")
 SPREADS = {"summing": SUMMING, "robust": ROBUST}
 
 

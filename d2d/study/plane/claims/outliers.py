@@ -36,6 +36,7 @@ from d2d.study.plane.evaluation import (
     same_draws,
 )
 from d2d.study.plane.measures import (
+    OVER_LAYOUTS,
     SEARCHED,
     THOUSAND,
     decades_to_second,
@@ -52,7 +53,6 @@ from d2d.study.plane.measures import (
 from d2d.study.plane.optima import highest_density, local_minima
 from d2d.study.plane.scenarios import LAYOUTS, OUTLIERS, OVERLAPPED, Scenario, random_scene
 
-OVER = f"{THOUSAND}, and 100 on each of 200 random layouts"
 OTHERS = 80  # random layouts whose minima are searched for
 VALUED = 600  # random layouts on which it is only evaluated
 VANISHED = -16.0  # decades: a density that double precision cannot add to that of a good fit
@@ -217,7 +217,7 @@ def outlier_error() -> Evidence:
         },
         holds=f"In this scene, where the ratio of the RMSEs has a 95% interval of "
         f"{ratio.between('.2f')}, and on {share:.1%} of 200 random layouts.",
-        over=OVER,
+        over=OVER_LAYOUTS,
     )
 
 

@@ -30,14 +30,14 @@ from d2d.study.plane.evaluation import (
     LIKELIHOOD,
     ROBUST,
     SUMMING,
-    Start,
     at_truth,
     evaluated,
     over_layouts,
 )
 from d2d.study.plane.measures import (
+    OVER_LAYOUTS,
     SEARCHED,
-    THOUSAND,
+    STARTS,
     counts_visible,
     decades_to_second,
     error_ratio,
@@ -52,9 +52,6 @@ from d2d.study.plane.optima import local_minima
 from d2d.study.plane.scenarios import OVERLAPPED
 from d2d.study.plane.thesis_readings import unweighted_outlier
 from d2d.study.runs import monte_carlo
-
-STARTS: tuple[Start, Start] = ("truth", "zero")
-OVER = f"{THOUSAND} and 100 on each of 200 random layouts"
 
 
 @claim(
@@ -92,8 +89,8 @@ def overlap_local_minima() -> Evidence:
             "mean number of minima there, likelihood": near,
             "share of draws with ten or more above 1 % of the highest density, summing": many,
             "share of draws with one above 1 % of the highest density, likelihood": one_visible,
-            "minimum number in a draw above 1 % of the highest density, summing": visible,
-            "maximum number in a draw above 1 % of the highest density, likelihood": (
+            "number above 1 % of the highest density, minimum of the draws, summing": visible,
+            "number above 1 % of the highest density, maximum of the draws, likelihood": (
                 visible_likelihood
             ),
             "log10 of the second density over the first, summing": decades_to_second(summing),
@@ -141,7 +138,7 @@ def overlap_error() -> Evidence:
         holds="In this scene, where the 95% intervals of the ratios are "
         f"{ratio['translation'].between('.2f')} (translation) and "
         f"{ratio['rotation'].between('.2f')} (rotation), and on {share:.0%} of 200 random layouts.",
-        over=OVER,
+        over=OVER_LAYOUTS,
     )
 
 
@@ -195,7 +192,7 @@ def overlap_initial_guess() -> Evidence:
         f"layouts for a median of {median:.0%} (5% quantile {low:.0%}). With annealed standard "
         f"deviations {annealed['summing']:.0%} of the sum's runs from zero and "
         f"{annealed['likelihood']:.0%} of the likelihood's end at the truth.",
-        over=OVER,
+        over=OVER_LAYOUTS,
     )
 
 
@@ -230,7 +227,7 @@ def overlap_summing_pessimistic() -> Evidence:
         },
         holds=f"In this scene, where I2 is {here:+.1f} dB; its 95% quantile over 200 random "
         f"layouts is {high:+.1f} dB.",
-        over=OVER,
+        over=OVER_LAYOUTS,
     )
 
 
@@ -266,7 +263,7 @@ def overlap_likelihood_credible() -> Evidence:
         },
         holds=f"In this scene, where I2 is {here:+.2f} dB; its mean over 200 random layouts is "
         f"{mean:+.2f} dB.",
-        over=OVER,
+        over=OVER_LAYOUTS,
     )
 
 
@@ -312,5 +309,5 @@ def overlap_outlier_component() -> Evidence:
         holds=f"For the error, whose ratio has a 95% interval of {ratio.between('.2f')}. I2 "
         f"changes by {change.between('+.2f')} dB, "
         + ("which is no effect that counts." if none else "which may count."),
-        over=OVER,
+        over=OVER_LAYOUTS,
     )
