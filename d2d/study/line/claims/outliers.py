@@ -53,6 +53,7 @@ from d2d.study.line.scene import SIGMA, TRUTH
 from d2d.study.line.surfaces import Survey, log_surface, peaks
 
 OVER = f"{DRAWS} draws of the noise and of the outlier's place on the line"
+SEPARATE = 2.0 * np.sqrt(2.0)  # standard deviations between two equal bumps with two maxima
 VANISHED = 16.0  # decades: what double precision cannot add to the value without the outlier
 
 
@@ -78,21 +79,22 @@ def outlier_fixed_summing() -> Evidence:
     surfaces_of_b = log_surface(LIKELIHOOD, TRANSLATIONS, fixed, b_alone)
     four = share_of(peaks(TRANSLATIONS, surfaces_of_b).number == 4)
     gains = after.optima > before.optima
-    more = share_of(gains)
     targets, outlier = fixed.means[:, :-1, 0], fixed.means[:, -1:, 0]
-    distance = np.abs(outlier - targets).min(axis=-1) / SIGMA
-    too_near = distance.max(where=~gains, initial=0.0)
+    apart = np.abs(outlier - targets).min(axis=-1) > SEPARATE * SIGMA
+    more, more_if_apart = share_of(gains), share_of(gains[apart])
     number, number_before = mean_of(after.optima), mean_of(before.optima)
     return Evidence(
         judge(confirmed=nearly_all(four) and nearly_all(more), qualified=most(more)),
         "the outlier adds three pairs and up to three bumps: target B's surface has four peaks in "
         f"{four:.0%} of the draws, and the sum has more maxima than without the outlier in "
-        f"{more:.0%}, on average {number:.2f} instead of {number_before:.2f}. "
-        f"In all other draws it stands within {too_near:.1f} standard deviations of a target, "
-        "whose peak takes it in.",
+        f"{more:.0%}, on average {number:.2f} instead of {number_before:.2f}. Where it stands more "
+        f"than {SEPARATE:.1f} standard deviations from all targets, the distance at which two "
+        f"equal bumps separate, it has in {more_if_apart:.0%}; nearer, a target's peak can take it "
+        "in.",
         {
             "share of draws in which target B's surface has four peaks": four,
             "share of draws with more local maxima of the sum than without the outlier": more,
+            "share of draws with more local maxima, outlier apart from all targets": more_if_apart,
             "mean number of maxima without the outlier": number_before,
             "mean number of maxima with it": number,
             "share of draws with a rival above half the highest, without the outlier": share_of(
@@ -102,8 +104,9 @@ def outlier_fixed_summing() -> Evidence:
                 after.rival > COMPARABLE
             ),
         },
-        holds=f"The outlier stands more than {too_near:.1f} standard deviations from every target; "
-        f"nearer ones leave the sum without a further maximum in {1 - more:.0%} of the draws.",
+        holds=f"The outlier stands more than {SEPARATE:.1f} standard deviations from every target, "
+        f"where it adds a maximum in {more_if_apart:.0%} of the draws; it adds none in "
+        f"{1 - more:.0%} of all.",
         over=OVER,
     )
 
