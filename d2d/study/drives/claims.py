@@ -146,8 +146,8 @@ def doppler_rejects_moving() -> Evidence:
         holds="For targets that move along the line of sight, as most traffic in a street does: "
         f"{along:.0%} of those that walk along it are rejected, {across:.1%} of those that walk "
         "across it.",
-        over=f"{len(seen)} drives of {DURATION:g} s in traffic, half by robot and half by car; "
-        "walkers in every tenth pair of scans",
+        over=f"{len(seen)} drives of {DURATION:g} s in traffic, half by robot, half by car; "
+        "walkers in every tenth pair",
     )
 
 

@@ -6,7 +6,6 @@ from d2d._types import Array
 from d2d.study.book.claim import (
     DECIBELS,
     RATIO,
-    SHARE,
     Evidence,
     claim,
     judge,
@@ -15,6 +14,7 @@ from d2d.study.book.claim import (
     nearly_all,
     same,
     smaller,
+    some,
 )
 from d2d.study.book.measured import (
     anees_of,
@@ -246,8 +246,8 @@ def outlier_credibility() -> Evidence:
     mean_below, mean_above = mean_of(over.pessimistic), mean_of(over.optimistic)
     low, high = (quantile_of(over.inclination, fraction) for fraction in (0.05, 0.95))
     stays = smaller(summing, DECIBELS) and same(change, DECIBELS)
-    both = min(below.low, above.low) > SHARE.high
-    both_of_layouts = min(mean_below.low, mean_above.low) > SHARE.high
+    both = some(below) and some(above)
+    both_of_layouts = some(mean_below) and some(mean_above)
     return Evidence(
         judge(
             confirmed=stays and both and both_of_layouts,
