@@ -11,8 +11,10 @@ from matplotlib import pyplot as plt
 from d2d.radar.command_line import main
 from d2d.study.book.card import SIGNS
 from d2d.study.book.record import read_record
+from d2d.study.recordings.road import read_road
 
-README = Path(__file__).resolve().parents[2] / "README.md"
+ROOT = Path(__file__).resolve().parents[2]
+README = ROOT / "README.md"
 
 
 def test_the_readme_counts_the_verdicts_on_record() -> None:
@@ -24,6 +26,24 @@ def test_the_readme_counts_the_verdicts_on_record() -> None:
     )
     assert counts is not None
     assert [*map(int, counts.groups())] == [len(verdicts), *map(verdicts.count, SIGNS)]
+
+
+@pytest.mark.parametrize("page", ["README.md", "intro.md", "chapters/01_motivation.ipynb"])
+def test_the_first_pages_state_the_road_as_chapter_8b_does(page: str) -> None:
+    """Breaks if the drives are judged anew and a first page keeps the old shares and ANEES."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    road = read_road()  # baseline 4: 0.3 s between the scans of a pair, as in chapter 8b
+    drive = road["radarscenes"]["baseline 4"]["all"]
+    before, after = (drive[name] for name in ("inverse Hessian", "noise and budget"))
+    shares = re.search(r"(\d+) (?:%|percent)[^|\n]+ inverse Hessian, (?:and )?(\d+) ", text)
+    assert shares is not None
+    assert [*shares.groups()] == [f"{100 * each['inside']:.0f}" for each in (before, after)]
+    if page != "intro.md":
+        scenes = (road["nuscenes"]["baseline 4"][name] for name in ("scene-0916", "scene-1077"))
+        others = [scene["noise and budget"]["anees"] for scene in scenes]
+        stated = [before["anees"], after["anees"], *others]
+        order = ".{,200}".join(rf"\b{value:.1f}\b" for value in stated)
+        assert re.search(order, text), order
 
 
 def test_from_a_log_file_to_a_path_as_the_readme_says(

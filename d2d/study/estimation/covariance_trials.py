@@ -1,4 +1,4 @@
-"""The covariances that several costs claim, compared with the scatter of many runs."""
+"""The covariances that several costs state, compared with the scatter of many runs."""
 
 from dataclasses import replace
 from functools import cache
@@ -75,15 +75,15 @@ def covariance_study(name: str, width: float = 1.0) -> CovarianceStudy:
 
 
 def variance_ratio(study: CovarianceStudy, which: str) -> Array:
-    """Ratio (3,) of the mean claimed variance to the actual one."""
-    claimed = getattr(study, which).mean(axis=0)
-    return np.asarray(np.diag(claimed) / study.actual)
+    """Ratio (3,) of the mean stated variance to the actual one."""
+    stated = getattr(study, which).mean(axis=0)
+    return np.asarray(np.diag(stated) / study.actual)
 
 
 class Shape(NamedTuple):
     """How far errors are from a Gaussian, after whitening by their own covariance.
 
-    The scale of a claimed covariance has no part in it.
+    The scale of a stated covariance has no part in it.
     """
 
     kurtosis: Measured  # Mardia's, over that of a Gaussian, n (n + 2)
@@ -109,7 +109,7 @@ def shape_of(errors: Array) -> Shape:
 def quadratic_ratios(name: str, distance: float, runs: int = 500) -> Array:
     """Ratio (runs,) of the rise of a cost to that of its quadratic model, median over directions.
 
-    The rise is measured ``distance`` claimed standard deviations to either side of the optimum
+    The rise is measured ``distance`` stated standard deviations to either side of the optimum
     along each parameter; for a Gaussian the ratio is 1 at any distance.
     """
     fixed, moving = (points[:runs] for points in overlapped_sets())
@@ -126,7 +126,7 @@ def quadratic_ratios(name: str, distance: float, runs: int = 500) -> Array:
 
 
 class SharedPartner(NamedTuple):
-    """What sharing does to the D2D likelihood: actual over claimed mean square error (ANEES)."""
+    """What sharing does to the D2D likelihood: actual over stated mean square error (ANEES)."""
 
     fisher: Measured
     propagated: Measured

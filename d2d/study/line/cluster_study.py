@@ -21,7 +21,7 @@ SPACINGS = (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # standard devia
 
 
 class Spread(NamedTuple):
-    """What a cost claims on a line, and how far it errs, of every converged draw."""
+    """What a cost states on a line, and how far it errs, of every converged draw."""
 
     claimed: Array  # (n,) standard deviations in units of sigma
     errors: Array  # (n,) in units of sigma
@@ -60,7 +60,7 @@ class ClusterSweep(NamedTuple):
 
     @property
     def claimed(self) -> Array:
-        """Median claimed standard deviation, in units of sigma."""
+        """Median stated standard deviation, in units of sigma."""
         return np.array([np.median(found.claimed) for found in self.spreads])
 
     @property
