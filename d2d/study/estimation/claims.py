@@ -111,7 +111,7 @@ def second_order_faster() -> Evidence:
     figure="covariance-credibility",
     telling=(
         "ANEES of the inverse Hessian, likelihood",
-        "ANEES of the inverse Hessian, summing",
+        "ANEES of the inverse Hessian, sum",
     ),
 )
 def fisher_suffices() -> Evidence:
@@ -139,13 +139,13 @@ def fisher_suffices() -> Evidence:
     numbers["highest ANEES of the inverse Hessian on random layouts, likelihood"] = high
     likely = credible["likelihood"] and credible["robust likelihood"] and same(mean, ANEES)
     return Evidence(
-        judge(confirmed=likely and credible["summing"], qualified=likely),
+        judge(confirmed=likely and credible["sum"], qualified=likely),
         "for the D2D likelihood of targets that stand apart I2 is "
         f"{inverse['likelihood']:+.2f} dB with the inverse Hessian and "
         f"{propagated['likelihood']:+.2f} dB with the propagated covariance, for the robust one "
         f"{inverse['robust likelihood']:+.2f} dB and {propagated['robust likelihood']:+.2f} dB. "
         "The sum has the noise in its cost too, and its inverse Hessian is "
-        f"{times_off(inverse['summing'])}; that of P2D, whose cost has the noise of one set only, "
+        f"{times_off(inverse['sum'])}; that of P2D, whose cost has the noise of one set only, "
         f"is {times_off(inverse['P2D likelihood'])}, and propagation brings I2 to "
         f"{propagated['P2D likelihood']:+.2f} dB.",
         numbers,
@@ -163,8 +163,8 @@ def fisher_suffices() -> Evidence:
     section="5.2",
     figure="covariance-credibility",
     telling=(
-        "Mardia's kurtosis of the errors over that of a Gaussian, summing",
-        "cost at 2 claimed deviations over its quadratic model, summing",
+        "Mardia's kurtosis of the errors over that of a Gaussian, sum",
+        "cost at 2 stated deviations over its quadratic model, sum",
     ),
 )
 def summing_not_gaussian() -> Evidence:
@@ -173,7 +173,7 @@ def summing_not_gaussian() -> Evidence:
     shape: dict[str, Shape] = {}
     quadratic: dict[str, Measured] = {}
     passed: dict[str, int] = {}
-    for name in ("likelihood", "summing"):
+    for name in ("likelihood", "sum"):
         found = shape[name] = shape_of(covariance_study(name).errors)
         ratios = quadratic_ratios(name, 2.0)
         quadratic[name] = median_of(ratios)
@@ -181,7 +181,7 @@ def summing_not_gaussian() -> Evidence:
             f"Mardia's kurtosis of the errors over that of a Gaussian, {name}": found.kurtosis,
             f"root of Mardia's skewness of the errors, {name}": found.skewness,
             f"distance of their Mahalanobis distances from chi-square, {name}": found.distance,
-            f"cost at 2 claimed deviations over its quadratic model, {name}": quadratic[name],
+            f"cost at 2 stated deviations over its quadratic model, {name}": quadratic[name],
         }
         tests = (
             same(found.kurtosis, RATIO),
@@ -189,21 +189,21 @@ def summing_not_gaussian() -> Evidence:
             same(quadratic[name], RATIO),
         )
         passed[name] = sum(tests)
-    likely, summed = passed["likelihood"] == len(tests), passed["summing"] == len(tests)
+    likely, summed = passed["likelihood"] == len(tests), passed["sum"] == len(tests)
     return Evidence(
         judge(confirmed=likely and not summed, qualified=likely or not summed),
-        "at two claimed standard deviations from the optimum the negative log-likelihood of "
+        "at two stated standard deviations from the optimum the negative log-likelihood of "
         f"targets that stand apart is {quadratic['likelihood']:.2f} times its quadratic model, and "
-        f"the sum's logarithm {quadratic['summing']:.2f} times. The errors, divided by the root of "
+        f"the sum's logarithm {quadratic['sum']:.2f} times. The errors, divided by the root of "
         f"their own covariance, have {shape['likelihood'].kurtosis:.2f} times the kurtosis of a "
-        f"Gaussian with the likelihood and {shape['summing'].kurtosis:.2f} times with the sum; "
+        f"Gaussian with the likelihood and {shape['sum'].kurtosis:.2f} times with the sum; "
         "their Mahalanobis distances differ from chi-square by up to "
-        f"{shape['likelihood'].distance:.3f} and {shape['summing'].distance:.3f}: the sum's "
+        f"{shape['likelihood'].distance:.3f} and {shape['sum'].distance:.3f}: the sum's "
         "errors have longer tails.",
         numbers,
         holds=f"For the likelihood, which passes {passed['likelihood']} of the {len(tests)} tests "
         "of shape (kurtosis and distances of the whitened errors, quadratic cost); the sum passes "
-        f"{passed['summing']}.",
+        f"{passed['sum']}.",
         over=f"{RUNS} draws of the noise of the overlapped scene, started at the truth; 500 for "
         "the cost",
     )

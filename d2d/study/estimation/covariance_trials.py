@@ -22,7 +22,7 @@ CREDIBLE_INCLINATION = DECIBELS.high  # dB, limit of |I^2|: an ANEES of 1.12 or 
 COSTS = {
     "likelihood": RegistrationCost(),
     "robust likelihood": RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2))),
-    "summing": RegistrationCost(fusion="summing"),
+    "sum": RegistrationCost(fusion="summing"),
     "P2D likelihood": RegistrationCost("p2d"),
 }
 

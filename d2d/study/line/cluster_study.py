@@ -23,7 +23,7 @@ SPACINGS = (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # standard devia
 class Spread(NamedTuple):
     """What a cost states on a line, and how far it errs, of every converged draw."""
 
-    claimed: Array  # (n,) standard deviations in units of sigma
+    stated: Array  # (n,) standard deviations in units of sigma
     errors: Array  # (n,) in units of sigma
     nees: Array  # (n,)
 
@@ -59,9 +59,9 @@ class ClusterSweep(NamedTuple):
         return np.asarray(self.maxima.mean(axis=1))
 
     @property
-    def claimed(self) -> Array:
+    def stated(self) -> Array:
         """Median stated standard deviation, in units of sigma."""
-        return np.array([np.median(found.claimed) for found in self.spreads])
+        return np.array([np.median(found.stated) for found in self.spreads])
 
     @property
     def actual(self) -> Array:

@@ -128,7 +128,7 @@ class LayoutStudy:
     pessimistic: Array  # share of runs with a credibility ratio below -0.3 dB
     optimistic: Array  # and above +0.3 dB
     nci: Array  # dB
-    coverage: Array  # share of runs whose error lies within the claimed 95 % region
+    coverage: Array  # share of runs whose error lies within the stated 95 % region
 
 
 @cache

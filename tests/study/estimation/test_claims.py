@@ -47,7 +47,7 @@ def test_optimisers_are_judged_by_speed_and_arrival(
 
 def test_the_shape_claim_is_refuted_if_sum_and_likelihood_change_places(monkeypatch):
     """Breaks if the names and not the errors decide."""
-    other = {"likelihood": "summing", "summing": "likelihood"}
+    other = {"likelihood": "sum", "sum": "likelihood"}
     for name in ("covariance_study", "quadratic_ratios"):
         real = getattr(estimation, name)
         monkeypatch.setattr(estimation, name, lambda of, *given, real=real: real(other[of], *given))

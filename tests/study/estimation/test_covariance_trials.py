@@ -17,7 +17,7 @@ def test_sums_of_many_equal_targets_approach_the_limits_of_chapter_5():
 
 
 def test_the_shape_of_errors_is_not_their_scale():
-    """Breaks if the claimed covariance, or any scale or correlation, has a part in it."""
+    """Breaks if the stated covariance, or any scale or correlation, has a part in it."""
     rng = np.random.default_rng(2)
     normal = rng.standard_normal((20_000, 3))
     mixed = 7.0 * normal @ np.array([[1.0, 0.3, 0.0], [0.0, 0.01, 0.2], [0.1, 0.0, 2.0]]) + 5.0

@@ -50,8 +50,8 @@ OVER = (
     section="4.5",
     figure="cluster-tight-cost",
     telling=(
-        "ratio of the claimed standard deviations, with / without, likelihood",
-        "ratio of the claimed standard deviations, with / without, sum",
+        "ratio of the stated standard deviations, with / without, likelihood",
+        "ratio of the stated standard deviations, with / without, sum",
     ),
 )
 def tight_cluster_certain() -> Evidence:
@@ -65,17 +65,17 @@ def tight_cluster_certain() -> Evidence:
             confirmed=len(certain) == 2 and hardly_any(several) and likelihood.more_accurate,
             qualified=bool(certain) and likelihood.more_accurate,
         ),
-        f"the likelihood claims a standard deviation of {likelihood.claimed_without:.2f} sigma "
-        f"without the cluster and up to {likelihood.claimed:.2f} sigma with it (spacings up to "
+        f"the likelihood states a standard deviation of {likelihood.stated_without:.2f} sigma "
+        f"without the cluster and up to {likelihood.stated:.2f} sigma with it (spacings up to "
         f"{TIGHT:g} sigma), at a root mean square error of {likelihood.error_without:.2f} and up "
-        f"to {likelihood.error:.2f} sigma. The sum claims {summing.claimed_without:.2f} and up to "
-        f"{summing.claimed:.2f} sigma, at an error of {summing.error_without:.2f} and up to "
+        f"to {likelihood.error:.2f} sigma. The sum states {summing.stated_without:.2f} and up to "
+        f"{summing.stated:.2f} sigma, at an error of {summing.error_without:.2f} and up to "
         f"{summing.error:.2f} sigma: its inverse curvature is that of an average target, which the "
         "cluster's own spread widens.",
         _numbers("likelihood", likelihood) | _numbers("sum", summing),
         holds=f"For {' and '.join(certain) or 'the error alone'}. With the cluster the sum's error "
-        f"is up to {summing.error_ratio:.2f} times and its claimed standard deviation up to "
-        f"{summing.claimed_ratio:.2f} times that without it.",
+        f"is up to {summing.error_ratio:.2f} times and its stated standard deviation up to "
+        f"{summing.stated_ratio:.2f} times that without it.",
         over=OVER,
     )
 
@@ -86,16 +86,16 @@ class _Effect(NamedTuple):
     Each ratio is that to the three targets without a cluster.
     """
 
-    claimed_without: Measured
-    claimed: Measured
-    claimed_ratio: Measured
+    stated_without: Measured
+    stated: Measured
+    stated_ratio: Measured
     error_without: Measured
     error: Measured
     error_ratio: Measured
 
     @property
     def more_certain(self) -> bool:
-        return smaller(self.claimed_ratio, RATIO)
+        return smaller(self.stated_ratio, RATIO)
 
     @property
     def more_accurate(self) -> bool:
@@ -105,15 +105,15 @@ class _Effect(NamedTuple):
 def _effect_of_tight_cluster(cost: RegistrationCost) -> _Effect:
     without = spread(cost, None)
     tight = [spread(cost, spacing) for spacing in SPACINGS if spacing <= TIGHT]
-    claimed_ratio = max(
-        bootstrapped(lambda a, b: np.median(a) / np.median(b), *_paired(each, without, "claimed"))
+    stated_ratio = max(
+        bootstrapped(lambda a, b: np.median(a) / np.median(b), *_paired(each, without, "stated"))
         for each in tight
     )
     error_ratio = max(rms_ratio(*_paired(each, without, "errors")) for each in tight)
     return _Effect(
-        median_of(without.claimed),
-        max(median_of(each.claimed) for each in tight),
-        claimed_ratio,
+        median_of(without.stated),
+        max(median_of(each.stated) for each in tight),
+        stated_ratio,
         rms_of(without.errors),
         max(rms_of(each.errors) for each in tight),
         error_ratio,
@@ -136,9 +136,9 @@ def _several(cost: RegistrationCost) -> dict[float, Measured]:
 def _numbers(name: str, effect: _Effect) -> dict[str, float]:
     within = f"spacings up to {TIGHT:g} sigma"
     return {
-        f"claimed standard deviation without the cluster, {name} (sigma)": effect.claimed_without,
-        f"maximum claimed standard deviation with it, {within}, {name} (sigma)": effect.claimed,
-        f"ratio of the claimed standard deviations, with / without, {name}": effect.claimed_ratio,
+        f"stated standard deviation without the cluster, {name} (sigma)": effect.stated_without,
+        f"maximum stated standard deviation with it, {within}, {name} (sigma)": effect.stated,
+        f"ratio of the stated standard deviations, with / without, {name}": effect.stated_ratio,
         f"root mean square error without the cluster, {name} (sigma)": effect.error_without,
         f"maximum root mean square error with it, {within}, {name} (sigma)": effect.error,
         f"ratio of the root mean square errors, with / without, {name}": effect.error_ratio,

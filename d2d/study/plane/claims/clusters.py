@@ -162,7 +162,7 @@ def cluster_likelihood_same() -> Evidence:
     figure="cluster-error",
     telling=(
         "ratio of the sum's RMSE, clusters / overlapped",
-        "ratio of the RMSE in clusters, summing / likelihood",
+        "ratio of the RMSE in clusters, sum / likelihood",
     ),
 )
 def cluster_error() -> Evidence:
@@ -194,7 +194,7 @@ def cluster_error() -> Evidence:
             "mean of this ratio over 200 random layouts": growth_of_layouts,
             "median RMSE over 200 random layouts, overlapped (m)": without,
             "median RMSE over 200 random layouts, clusters (m)": with_clusters,
-            "ratio of the RMSE in clusters, summing / likelihood": excess,
+            "ratio of the RMSE in clusters, sum / likelihood": excess,
             "mean of this ratio over the layouts": excess_of_layouts,
         },
         holds=f"For the comparison with the likelihood, where the ratio of the RMSEs is "

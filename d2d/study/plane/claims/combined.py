@@ -48,7 +48,7 @@ from d2d.study.plane.optima import local_minima
 from d2d.study.plane.scenarios import OVERLAPPED, Scenario
 
 OF_BOTH = "1000 draws of the noise of each of the two scenes"
-SPREADS = {"summing": SUMMING, "robust": ROBUST}
+SPREADS = {"sum": SUMMING, "robust": ROBUST}
 
 
 @claim(
@@ -136,7 +136,7 @@ def all_summing_unstable() -> Evidence:
     differing = [name for name, beyond in differs.items() if beyond]
     spreads = {name: _spread_of_layouts(cost) for name, cost in SPREADS.items()}
     spread = (
-        f"the 95% quantile of the sum's RMSE is {spreads['summing']:.2f} times its 5% quantile, "
+        f"the 95% quantile of the sum's RMSE is {spreads['sum']:.2f} times its 5% quantile, "
         f"and that of the robust likelihood's {spreads['robust']:.2f} times"
     )
     numbers = {

@@ -188,7 +188,7 @@ def outlier_robust_minimum() -> Evidence:
     section="6.3",
     figure="outlier-error",
     telling=(
-        "ratio of the RMSE, summing / robust",
+        "ratio of the RMSE, sum / robust",
         "share of 200 random layouts on which the sum's RMSE is the larger",
     ),
 )
@@ -209,7 +209,7 @@ def outlier_error() -> Evidence:
         f"{grown:.2f} times that in the overlapped scene, and the robust likelihood's "
         f"{grown_robust:.2f} times that of the plain likelihood there.",
         {
-            "ratio of the RMSE, summing / robust": ratio,
+            "ratio of the RMSE, sum / robust": ratio,
             "share of 200 random layouts on which the sum's RMSE is the larger": share,
             "mean ratio over the layouts": mean,
             "ratio of the sum's RMSE, with outliers / overlapped": grown,

@@ -59,7 +59,7 @@ from d2d.study.runs import monte_carlo
     section="6.3",
     figure="overlap-cost",
     telling=(
-        "share of draws with ten or more above 1 % of the highest density, summing",
+        "share of draws with ten or more above 1 % of the highest density, sum",
         "mean number of minima there, likelihood",
     ),
 )
@@ -83,17 +83,17 @@ def overlap_local_minima() -> Evidence:
         f"{near:.0f} local minima near the truth for the likelihood too, but the second lowest has "
         f"only 10^{lower:.0f} of the highest density.",
         {
-            "mean number of minima within 10 m and 45 deg of the truth, summing": mean_count_near(
+            "mean number of minima within 10 m and 45 deg of the truth, sum": mean_count_near(
                 summing
             ),
             "mean number of minima there, likelihood": near,
-            "share of draws with ten or more above 1 % of the highest density, summing": many,
+            "share of draws with ten or more above 1 % of the highest density, sum": many,
             "share of draws with one above 1 % of the highest density, likelihood": one_visible,
-            "number above 1 % of the highest density, minimum of the draws, summing": visible,
+            "number above 1 % of the highest density, minimum of the draws, sum": visible,
             "number above 1 % of the highest density, maximum of the draws, likelihood": (
                 visible_likelihood
             ),
-            "log10 of the second density over the first, summing": decades_to_second(summing),
+            "log10 of the second density over the first, sum": decades_to_second(summing),
             "log10 of the second density over the first, likelihood": lower,
         },
         holds="For the density as one plots it, where the number of the likelihood's optima above "
@@ -108,8 +108,8 @@ def overlap_local_minima() -> Evidence:
     section="6.3",
     figure="overlap-error",
     telling=(
-        "ratio of the RMSE of the translation, summing / likelihood",
-        "ratio of the RMSE of the rotation, summing / likelihood",
+        "ratio of the RMSE of the translation, sum / likelihood",
+        "ratio of the RMSE of the rotation, sum / likelihood",
     ),
 )
 def overlap_error() -> Evidence:
@@ -120,8 +120,7 @@ def overlap_error() -> Evidence:
         for name, (over, under) in zip(("translation", "rotation"), parts, strict=True)
     }
     numbers: dict[str, float] = {
-        f"ratio of the RMSE of the {name}, summing / likelihood": each
-        for name, each in ratio.items()
+        f"ratio of the RMSE of the {name}, sum / likelihood": each for name, each in ratio.items()
     }
     ratios = error_ratio_of_layouts(("overlapped", SUMMING), ("overlapped", LIKELIHOOD))
     share = share_of(ratios > 1.0)
@@ -147,13 +146,13 @@ def overlap_error() -> Evidence:
     section="6.3",
     figure="overlap-error",
     telling=(
-        "share of runs from zero that end at the truth, summing",
+        "share of runs from zero that end at the truth, sum",
         "share of runs from zero that end at the truth, likelihood",
     ),
 )
 def overlap_initial_guess() -> Evidence:
     """Overlapped: a start at zero hurts the sum and not the likelihood."""
-    costs = {"summing": SUMMING, "likelihood": LIKELIHOOD}
+    costs = {"sum": SUMMING, "likelihood": LIKELIHOOD}
     zero, annealed, ends = {}, {}, {}
     for name, cost in costs.items():
         ends[name] = [at_truth(evaluated(OVERLAPPED, cost, start).errors) for start in STARTS]
@@ -161,27 +160,27 @@ def overlap_initial_guess() -> Evidence:
         inflated = monte_carlo(OVERLAPPED, cost, initial="zero", scales=ANNEALED)
         annealed[name] = share_of(at_truth(inflated.errors))
     harm = {name: share_difference(truth, from_zero) for name, (truth, from_zero) in ends.items()}
-    lead = share_difference(ends["likelihood"][1], ends["summing"][1])
+    lead = share_difference(ends["likelihood"][1], ends["sum"][1])
     over = over_layouts("overlapped", LIKELIHOOD, "zero").share
     median, low = quantile_of(over, 0.5), quantile_of(over, 0.05)
-    hurts = larger(harm["summing"], SHARE)
+    hurts = larger(harm["sum"], SHARE)
     return Evidence(
         judge(
             confirmed=hurts and same(harm["likelihood"], SHARE),
             qualified=hurts and larger(lead, SHARE),
         ),
-        f"from zero {zero['summing']:.1%} of the sum's runs end at the truth and "
+        f"from zero {zero['sum']:.1%} of the sum's runs end at the truth and "
         f"{zero['likelihood']:.1%} of the likelihood's; over 200 random layouts the likelihood's "
         f"share has a median of {median:.0%} and a 5% quantile of {low:.0%}. With standard "
         f"deviations inflated tenfold and stepped down, {annealed['likelihood']:.1%} of the "
-        f"likelihood's runs and {annealed['summing']:.1%} of the sum's end there.",
+        f"likelihood's runs and {annealed['sum']:.1%} of the sum's end there.",
         {
-            "share of runs from the truth that end there, summing": share_of(ends["summing"][0]),
-            "share of runs from zero that end at the truth, summing": zero["summing"],
+            "share of runs from the truth that end there, sum": share_of(ends["sum"][0]),
+            "share of runs from zero that end at the truth, sum": zero["sum"],
             "share of runs from zero that end at the truth, likelihood": zero["likelihood"],
-            "share that a start at zero loses, summing": harm["summing"],
+            "share that a start at zero loses, sum": harm["sum"],
             "share that a start at zero loses, likelihood": harm["likelihood"],
-            "share of annealed runs from zero that end at the truth, summing": annealed["summing"],
+            "share of annealed runs from zero that end at the truth, sum": annealed["sum"],
             "share of annealed runs from zero that end at the truth, likelihood": annealed[
                 "likelihood"
             ],
@@ -190,7 +189,7 @@ def overlap_initial_guess() -> Evidence:
         },
         holds=f"For {zero['likelihood']:.0%} of the likelihood's runs in this scene, and on random "
         f"layouts for a median of {median:.0%} (5% quantile {low:.0%}). With annealed standard "
-        f"deviations {annealed['summing']:.0%} of the sum's runs from zero and "
+        f"deviations {annealed['sum']:.0%} of the sum's runs from zero and "
         f"{annealed['likelihood']:.0%} of the likelihood's end at the truth.",
         over=OVER_LAYOUTS,
     )
