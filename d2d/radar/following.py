@@ -30,8 +30,8 @@ DEFAULT_LIMITS = VehicleLimits()
 # targets are outliers there, and the Hessian is positive definite.  An optimum at which the mean
 # inlier probability of the targets is below this is not accepted as the vehicle's motion.
 MIN_EXPLAINED = 0.1
-# A velocity has three components.  An optimum that rests on fewer targets is an accident, whatever
-# share of the scan they are.
+# A velocity has three components.  An optimum that rests on fewer targets is accidental, however
+# large a share of the scan they are.
 MIN_AGREEING = 2.5  # sum of the inlier probabilities
 # A wrong optimum rarely explains more than half of the targets (chapter 9).  One that explains at
 # least this fraction is accepted without looking for another.
@@ -80,7 +80,7 @@ def is_good(estimate: Estimate) -> bool:
 
 
 def is_convincing(estimate: Estimate) -> bool:
-    """Whether it explains so many targets that no other optimum is looked for."""
+    """Whether an estimate explains so many targets that no other optimum is looked for."""
     return bool(estimate.converged) and float(estimate.inliers) >= WELL_EXPLAINED
 
 
@@ -142,7 +142,7 @@ def _estimate(search: Search, i: int, problem: Problem, velocity: Array | None) 
 
 
 def _reason(estimate: Estimate, targets: int) -> str:
-    """Why an estimate is not accepted; empty if nothing speaks against it."""
+    """Why an estimate is not accepted; empty if it is."""
     if not estimate.converged:
         return "no optimum near the start"
     if not is_good(estimate):
