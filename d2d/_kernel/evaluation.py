@@ -172,7 +172,7 @@ def evaluate_pair(pair, theta, fusion, w, g, h):
         a00, a01, a11 = a00 * r - g0 * g0, a01 * r - g0 * g1, a11 * r - g1 * g1
         a02, a12, a22 = a02 * r - g0 * g2, a12 * r - g1 * g2, a22 * r - g2 * g2
     if not pair.planar:
-        # on a line there is no t_y and phi: a unit curvature keeps the Newton step along them at zero
+        # on a line there is no t_y and phi: unit curvature keeps the Newton step along them at zero
         g1 = g2 = a01 = a02 = a12 = 0.0
         a11 = a22 = -1.0
     g[0], g[1], g[2] = -g0, -g1, -g2

@@ -6,8 +6,8 @@ mean gradient g over the same pairs::
 
     f_theta,z = -sum_ki gamma_ki (L_theta,z + (L_theta - g) L_z')
 
-`d2d.dense.cross_derivatives` has it in NumPy.  Two passes go over the pairs of each target: the first
-finds gamma and g (``responsibilities.py``), the second adds up.  No pair is stored.
+`d2d.dense.cross_derivatives` has it in NumPy.  Two passes go over the pairs of each target: the
+first finds gamma and g (``responsibilities.py``), the second adds up.  No pair is stored.
 """
 
 import math

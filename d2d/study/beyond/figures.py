@@ -203,5 +203,5 @@ def covariance_panel(
 
 
 def _cost_names(keys: Iterable[str]) -> list[str]:
-    """The costs' names in figures; what is no cost of the grammar keeps its own."""
+    """The costs' names in figures; an entry that is not a cost of the grammar keeps its name."""
     return [COSTS[key].name if key in COSTS else key for key in keys]

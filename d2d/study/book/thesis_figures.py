@@ -156,7 +156,7 @@ FIGURES = (
         "outlier-moving-cost",
         "4.11",
         "4.4",
-        "its overall surface: summing (a); likelihood that vanishes (b)",
+        "its overall surface: summing (a); the likelihood, which vanishes (b)",
     ),
     ThesisFigure(
         "blake-zisserman",

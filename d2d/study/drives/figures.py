@@ -47,7 +47,7 @@ _NEAR = 0.5  # m: nothing nearer is drawn
 
 
 def coordinate_frames(ax: Axes) -> None:
-    """Vehicle and sensor frames with the mounting's offsets and what is measured of a target."""
+    """Vehicle and sensor frames, the mounting's offsets and the measured values of a target."""
     x, y, yaw, distance, azimuth = 2.3, 1.0, np.deg2rad(22.0), 4.0, np.deg2rad(24.0)
     sensor, sight = np.array([x, y]), yaw + azimuth
     target = sensor + distance * np.array([np.cos(sight), np.sin(sight)])

@@ -39,7 +39,7 @@ Start = Literal["truth", "zero"]
 def evaluated(
     scenario: Scenario, cost: RegistrationCost, initial: Start = "truth", runs: int = 1000
 ) -> MonteCarlo:
-    """`monte_carlo` with seed 0, kept: the same draws for every cost and start."""
+    """`monte_carlo` with seed 0, cached: the same draws for every cost and start."""
     return monte_carlo(scenario, cost, runs, initial=initial)
 
 
@@ -137,7 +137,7 @@ class LayoutStudy:
     pessimistic: Array  # share of runs with a credibility ratio below -0.3 dB
     optimistic: Array  # and above +0.3 dB
     nci: Array  # dB
-    coverage: Array  # share of runs whose error lies within the claimed 95 % region
+    coverage: Array  # share of runs whose error lies within the stated 95 % region
 
 
 @cache

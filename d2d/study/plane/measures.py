@@ -26,7 +26,7 @@ from d2d.study.plane.scenarios import (
     Scenario,
 )
 
-SEARCHED = 80  # draws whose minima are searched for: without an exception, nearly all
+SEARCHED = 80  # draws whose minima are searched for; if none is an exception, nearly all are alike
 THOUSAND = "1000 draws of the noise of this scene"
 BOTH = {"A": OUTLIERS_AND_CLUSTERS_A, "B": OUTLIERS_AND_CLUSTERS_B}
 Condition = tuple[Scenario, RegistrationCost]
@@ -109,6 +109,6 @@ def ratios_in_decibels(scenario: Scenario, cost: RegistrationCost) -> Array:
 
 
 def times_off(inclination: float) -> str:
-    """By which factor a covariance with an I2 in dB is off: "5.9 times too large", say."""
+    """The factor by which a covariance with this I2 in dB is off, such as "5.9 times too large"."""
     direction = "large" if inclination < 0.0 else "small"
     return f"{10.0 ** (abs(inclination) / 10.0):.1f} times too {direction}"
