@@ -44,7 +44,7 @@ FACTORS: dict[str, tuple[str, str, bool]] = {
     "overlap": ("overlap", "overlap", False),
     "spacing": ("spacing_m", "least spacing (m)", False),
     "field": ("field_deg", "half field of view (deg)", True),
-    "reported": ("reported", "reported / actual σ", True),
+    "reported": ("reported", "stated / actual σ", True),
 }
 # The costs as the stored results name them, and their keys in the grammar.
 STORED = {"sum": "summing", "likelihood": "likelihood", "robust": "robust"}

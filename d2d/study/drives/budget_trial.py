@@ -31,7 +31,7 @@ DRIVES = 30
 DURATION = (
     2.0  # s: an error is constant in a drive, so many short drives tell more than a few long ones
 )
-COVARIANCES = ("inverse Hessian", "propagated noise", "noise + budget")
+COVARIANCES = ("inverse Hessian", "propagated noise", "noise and budget")
 CORNERS = (  # four sensors, at the corners of the car
     Mounting(3.4, 0.8, float(np.deg2rad(45.0))),
     Mounting(3.4, -0.8, float(np.deg2rad(-45.0))),
@@ -59,10 +59,10 @@ _ALL = ErrorBudget(
 )
 INGREDIENTS = {
     "nothing": Ingredient(),
-    "extent, not told": Ingredient(extent=_EXTENT, told=False),
+    "extent, not stated": Ingredient(extent=_EXTENT, told=False),
     "extent": Ingredient(extent=_EXTENT),
-    "extent, neighbours alike": Ingredient(ErrorBudget(neighbours=_ALL.neighbours), _EXTENT),
-    "rounding, not told": Ingredient(rounding=_ROUNDING, told=False),
+    "extent, neighbours correlated": Ingredient(ErrorBudget(neighbours=_ALL.neighbours), _EXTENT),
+    "rounding, not stated": Ingredient(rounding=_ROUNDING, told=False),
     "rounding": Ingredient(rounding=_ROUNDING),
     "azimuth": Ingredient(ErrorBudget(azimuth=_ALL.azimuth)),
     "Doppler": Ingredient(ErrorBudget(doppler=_ALL.doppler)),
