@@ -222,7 +222,7 @@ class Reason(NamedTuple):
 REASONS = {
     "nothing wrong": Reason(),
     "all sigmas half as large": Reason(factor=0.5),
-    "objects that err as a whole": Reason(SensorErrors(extent=0.3, neighbours=2.0)),
+    "objects with a common error": Reason(SensorErrors(extent=0.3, neighbours=2.0)),
     "each sensor turned": Reason(turned=(1.0, -1.0)),
     "both sensors turned alike": Reason(turned=(1.0, 1.0)),
     "a clock 50 ms late": Reason(SensorErrors(lag=0.05)),
