@@ -1,4 +1,4 @@
-"""The covariances that several costs state, compared with the scatter of many runs."""
+"""The covariances that several costs claim, compared with the scatter of many runs."""
 
 from dataclasses import replace
 from functools import cache
@@ -29,7 +29,7 @@ COSTS = {
 
 
 class CovarianceStudy(NamedTuple):
-    """Errors of one cost in many runs, and the covariances that it states for them."""
+    """Errors of one cost in many runs, and the covariances that it claims for them."""
 
     errors: Array  # (runs, 3) m, m, rad
     actual: Array  # (3,) variances
@@ -76,7 +76,7 @@ def covariance_study(name: str, width: float = 1.0) -> CovarianceStudy:
 
 
 def variance_ratio(study: CovarianceStudy, which: str) -> Array:
-    """Ratio (3,) of the mean stated variance to the actual one."""
+    """Ratio (3,) of the mean claimed variance to the actual one."""
     claimed = getattr(study, which).mean(axis=0)
     return np.asarray(np.diag(claimed) / study.actual)
 
@@ -84,7 +84,7 @@ def variance_ratio(study: CovarianceStudy, which: str) -> Array:
 class Shape(NamedTuple):
     """How far errors are from a Gaussian, after whitening by their own covariance.
 
-    The scale of a stated covariance does not matter.
+    The scale of a claimed covariance has no part in it.
     """
 
     kurtosis: Measured  # Mardia's, over that of a Gaussian, n (n + 2)
@@ -111,7 +111,7 @@ def shape_of(errors: Array) -> Shape:
 def quadratic_ratios(name: str, distance: float, runs: int = 500) -> Array:
     """Ratio (runs,) of the rise of a cost to that of its quadratic model, median over directions.
 
-    The rise is measured ``distance`` stated standard deviations to either side of the optimum
+    The rise is measured ``distance`` claimed standard deviations to either side of the optimum
     along each parameter; for a Gaussian the ratio is 1 at any distance.
     """
     fixed, moving = (points[:runs] for points in overlapped_sets())
@@ -128,7 +128,7 @@ def quadratic_ratios(name: str, distance: float, runs: int = 500) -> Array:
 
 
 class SharedPartner(NamedTuple):
-    """The effect of sharing on the D2D likelihood: actual over stated mean square error (ANEES)."""
+    """What sharing does to the D2D likelihood: actual over claimed mean square error (ANEES)."""
 
     fisher: Measured
     propagated: Measured
@@ -172,8 +172,8 @@ class EqualTargets(NamedTuple):
 def equal_targets(count: int, runs: int = 5000) -> EqualTargets:
     """Variances of the sum's optimum for ``count`` targets of equal covariance, without rotation.
 
-    Each target's error is standard normal, as its covariance states.  The optimum is the mean of
-    the targets weighted by their densities, found by iteration from their plain mean.
+    Each target errs by a standard normal, as its covariance says.  The optimum is the mean of the
+    targets weighted by their densities, found by iteration from their plain mean.
     """
     offsets = np.random.default_rng(SEED).standard_normal((runs, count, 2))
     optimum = offsets.mean(axis=1)

@@ -128,7 +128,7 @@ def propagation_panel(
 def claimed_over_actual(
     ax: Axes, studies: Mapping[str, tuple[str, CovarianceStudy]], kind: str
 ) -> None:
-    """Boxes of the stated over the actual sigma of t_x, t_y and phi, a group for each cost.
+    """Boxes of the claimed over the actual sigma of t_x, t_y and phi, a group for each cost.
 
     ``studies`` holds, by the name below each group, the cost's key in the grammar and its study;
     ``kind`` is ``fisher`` or ``propagated``.  Boxes are quartiles, whiskers reach to 5 % and 95 %;
@@ -157,5 +157,5 @@ def claimed_over_actual(
     ax.set_ylim(0.38, 6.0)
     ax.set_yticks([0.5, 1, 2, 4], ["0.5", "1", "2", "4"])
     ax.minorticks_off()
-    ax.set_ylabel("stated σ / actual σ")
+    ax.set_ylabel("claimed σ / actual σ")
     ax.set_xticks(range(len(studies)), list(studies))

@@ -16,12 +16,12 @@ from d2d.study.line.surfaces import log_surface, peaks
 
 ESTIMATES = 4000  # draws with an estimate
 SEARCHED = 1000  # the first of them, whose surfaces are searched for maxima
-NEAR = 1.75  # m around the true alignment: only targets of the cluster meet there
+NEAR = 1.75  # m around the true alignment: the cluster's own meetings, and no other's
 SPACINGS = (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # standard deviations
 
 
 class Spread(NamedTuple):
-    """The standard deviation that a cost states on a line, and its error, per converged draw."""
+    """What a cost claims on a line, and how far it errs, of every converged draw."""
 
     claimed: Array  # (n,) standard deviations in units of sigma
     errors: Array  # (n,) in units of sigma
@@ -52,7 +52,7 @@ class ClusterSweep(NamedTuple):
 
     near: Array  # mean number of maxima within 1.75 m of the true alignment
     several: Array  # share of the draws with more than one of them
-    claimed: Array  # median stated standard deviation, in units of sigma
+    claimed: Array  # median claimed standard deviation, in units of sigma
     actual: Array  # root mean square error in units of sigma
     anees: Array
 
@@ -81,6 +81,6 @@ def cluster_sweep(cost: RegistrationCost, spacings: tuple[float, ...] = SPACINGS
 
 @cache
 def without_cluster(cost: RegistrationCost) -> tuple[float, float]:
-    """Median stated standard deviation and root mean square error of three targets, in sigma."""
+    """Median claimed standard deviation and root mean square error of three targets, in sigma."""
     found = spread(cost, None)
     return float(np.median(found.claimed)), float(np.sqrt(np.mean(found.errors**2)))
