@@ -32,7 +32,7 @@ def are_good_targets(means, covariances, weights):
 
 @entry
 def survey_batch(packed, planar, extremes, origins):
-    """Fill the bounds (B, 3) and origins (B, 2) of sets (6, B N); return whether any set is far.
+    """Fill the bounds (B, 3) and origins (B, 2) of sets (6, B N) of equal size; whether any is far.
 
     See `find_extremes` and `find_origin`.
     """

@@ -98,8 +98,8 @@ class Track(Frozen):
     Raises
     ------
     ValueError
-        If shapes or types do not match, times are not finite and strictly increasing, or a
-        converged estimate is not finite or has an invalid covariance; the message names the field.
+        If shapes or types do not match, times are not finite and strictly increasing, or where
+        converged an estimate is not finite or its covariance is none; the message names the field.
     """
 
     times: Array

@@ -33,7 +33,7 @@ def ledger_link(id: str, text: str) -> str:
 
 
 def told(value: float, mark: str = "") -> str:
-    """A number between marks, with its 95 % interval if it has one."""
+    """A number between marks and, if it has one, its 95 % interval."""
     number = f"{mark}{significant(value)}{mark}"
     return f"{number} {_interval(value)}" if isinstance(value, Measured) else number
 

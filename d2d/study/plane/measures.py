@@ -26,7 +26,7 @@ from d2d.study.plane.scenarios import (
     Scenario,
 )
 
-SEARCHED = 80  # draws whose minima are searched for; if none is an exception, nearly all are alike
+SEARCHED = 80  # draws whose minima are searched for: without an exception, nearly all
 THOUSAND = "1000 draws of the noise of this scene"
 BOTH = {"A": OUTLIERS_AND_CLUSTERS_A, "B": OUTLIERS_AND_CLUSTERS_B}
 Condition = tuple[Scenario, RegistrationCost]
