@@ -66,7 +66,7 @@ What is printed at the end says how many estimates were accepted, and why the ot
   an optimum that rejects ...     scans do not fit each other: too small standard deviations, a
                                   wrong mounting, azimuths of the wrong sign
   an optimum that rests on ...    too few targets agree: --side-slip, more sensors
-  a yaw rate with a sigma of ...  too little information: --horizon 0.3, --side-slip
+  a yaw rate with a sigma of ...  the targets tell too little: --horizon 0.3, --side-slip
   a side slip, an acceleration,   no vehicle moves like that: a wrong optimum, or a wrong mounting
   a speed or a yaw rate of ...    if it is most of them
 

@@ -142,7 +142,7 @@ def _estimate(search: Search, i: int, problem: Problem, velocity: Array | None) 
 
 
 def _reason(estimate: Estimate, targets: int) -> str:
-    """Why an estimate is not accepted; empty if it is."""
+    """Why an estimate is not accepted; empty if nothing speaks against it."""
     if not estimate.converged:
         return "no optimum near the start"
     if not is_good(estimate):

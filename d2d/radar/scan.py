@@ -24,7 +24,7 @@ from d2d._types import Array, Selection
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 
-_MAX_LEVER = 100.0  # m from the vehicle's origin to a sensor; more is probably in millimetres
+_MAX_LEVER = 100.0  # m from the vehicle's origin to a sensor; beyond it, they are millimetres
 _BROADCAST = ("sigma_range", "sigma_azimuth", "sigma_doppler", "extent")  # numbers or arrays
 
 
