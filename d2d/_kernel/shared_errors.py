@@ -61,7 +61,7 @@ def add_dependence(rooted, means, order, length, dependence):
     reach = 5.0 * length
     for a in range(order.shape[0]):
         k = order[a]
-        x0 = x1 = x2 = y0 = y1 = y2 = 0.0  # weight of the neighbours of one target
+        x0 = x1 = x2 = y0 = y1 = y2 = 0.0  # what the neighbours of one target weigh
         for b in range(a + 1, order.shape[0]):
             j = order[b]
             dx, dy = means[j, 0] - means[k, 0], means[j, 1] - means[k, 1]

@@ -16,7 +16,7 @@ from d2d.radar.scan_pair import ScanPair
 from d2d.registration import Estimate
 
 _SLOPE_SPAN = 0.5  # s to either side, over which an acceleration is fitted
-_LARGEST = 1e3  # in any unit; a larger one leaves nothing but the budget in a covariance
+_LARGEST = 1e3  # in any unit: beyond it a covariance holds nothing but the budget, or overflows
 
 
 @dataclass(frozen=True)
