@@ -44,7 +44,7 @@ class Frozen:
     """
 
     def _keep(self, name: str, value: object) -> None:
-        """Set an attribute; an array, or a tuple of them, the object's own, becomes read-only."""
+        """Set an attribute; an array of the object's own, or a tuple of them, becomes read-only."""
         for array in value if isinstance(value, tuple) else (value,):
             if isinstance(array, np.ndarray):
                 array.flags.writeable = False

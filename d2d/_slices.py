@@ -1,7 +1,7 @@
 """Long compiled work, a slice at a time.
 
-Python looks for signals between two calls only: one call for a whole batch would answer Ctrl-C when
-the batch is done.
+Python handles signals only between calls: a single call for a whole batch would react to Ctrl-C
+only when the batch is done.
 """
 
 from collections.abc import Callable
@@ -22,13 +22,13 @@ def run_in_slices(
     Parameters
     ----------
     run : callable
-        Does the problems from ``first`` to ``last``; they do not depend on each other.
+        Solves the problems from ``first`` to ``last``, which do not depend on each other.
     count : int
     pairs : int
         Of a target and a component in a problem, for a guess of how long it takes.
     threads : int
-        Number of threads that share the problems.  If the one that waits for them is interrupted,
-        they end after their present slice.
+        Number of threads that share the problems.  If the thread that waits for them is
+        interrupted, they end after their present slice.
     """
     size, threads = max(1, _FIRST // pairs), min(threads, max(1, count), _MAX_THREADS)
     if count == 1 or (count <= size and threads == 1):

@@ -14,6 +14,6 @@ _Number = int | np.integer[Any]
 Selection = (
     slice | Sequence[_Number] | Sequence[np.bool_] | NDArray[np.integer[Any]] | NDArray[np.bool_]
 )
-# What selects along one axis of several, and what NumPy takes for all of them.
+# What selects along one of several axes, and what NumPy accepts for all of them.
 _AxisIndex = _Number | Selection | EllipsisType | None
 Index = _AxisIndex | tuple[_AxisIndex, ...]

@@ -22,7 +22,7 @@ def block_bootstrap(
     """Confidence interval of a statistic whose data are correlated in time.
 
     The data are drawn anew in blocks of neighbouring rows, so that what lies within a block keeps
-    its correlation; the series is closed to a ring, so that all rows are drawn equally often
+    its correlation; the series is joined end to end, so that all rows are drawn equally often
     (Politis & Romano 1992).  The interval holds the middle ``confidence`` of the statistic's values
     on the drawn data.
 
@@ -34,7 +34,7 @@ def block_bootstrap(
         In time order; the same rows are drawn from all of them.
     block : int
         Rows in a block, 1 to N.  It should be several times as long as errors stay correlated;
-        `block_length` suggests one.  With 1, rows are taken as independent.
+        `block_length` suggests one.  With 1, rows are treated as independent.
     rng : numpy.random.Generator
     confidence : float
         Probability content of the interval, within (0, 1).
@@ -54,8 +54,8 @@ def block_bootstrap(
 
     Notes
     -----
-    With fewer than some twenty blocks the interval is too narrow, and what is slower than the whole
-    series leaves no trace in it at all.  A share of exactly 0 or 1 gives an interval of no width.
+    With fewer than some twenty blocks the interval is too narrow, and variations slower than the
+    whole series do not widen it at all.  A share of exactly 0 or 1 gives an interval of no width.
 
     Examples
     --------
@@ -99,12 +99,12 @@ def block_bootstrap(
 
 
 def block_length(series: ArrayLike) -> int:
-    """Length of block by which `block_bootstrap` estimates best the variance of a series' mean.
+    """Block length with which `block_bootstrap` best estimates the variance of a series' mean.
 
     Parameters
     ----------
     series : (N,) or (N, n) array
-        In time order.  Of several columns, the one that needs the longest blocks counts.
+        In time order.  With several columns, the one that needs the longest blocks decides.
 
     Returns
     -------

@@ -154,7 +154,7 @@ def _sandwich(inverse: Array, middle: Array) -> Array:
     product = inverse @ middle @ inverse
     product = 0.5 * (product + np.swapaxes(product, -1, -2))
     lost = (np.diagonal(product, axis1=-2, axis2=-1) < 0.0).any(axis=-1)
-    if lost.any():  # rounding of nearly singular matrices; a product of roots has no such variances
+    if lost.any():  # by rounding of nearly singular matrices; a product of roots cannot be negative
         size = np.sqrt(np.diagonal(middle[lost], axis1=-2, axis2=-1)) + 1e-300
         values, axes = np.linalg.eigh(middle[lost] / (size[:, :, None] * size[:, None, :]))
         inverse = np.broadcast_to(inverse, product.shape)[lost]
@@ -183,7 +183,7 @@ def parts_of(problem: Problem, bound: Bound) -> Iterator[slice]:
 
 
 def taken_by(array: NDArray[Any], axes: int, bound: Bound, part: slice) -> NDArray[Any]:
-    """What each problem of a part (C, ...) takes of a batch of arrays with that many axes."""
+    """The arrays, with that many axes, that each problem of a part (C, ...) reads from a batch."""
     batch, own = array.shape[:-axes], array.shape[-axes:]
     return np.asarray(array.reshape(-1, *own)[members(batch, bound.shape)[part]])
 

@@ -1,8 +1,9 @@
-"""The cost as its formulas read, in NumPy: every pair of a target and a component at once.
+"""The cost written like its formulas, in NumPy: every pair of a target and a component at once.
 
 The compiled kernel computes the same without writing the pairs down.  Here they are arrays, with a
 batch axis in front: (B, K, N) for B problems, K moving targets and N fixed components.  `value` is
-the cost itself and `cross_derivatives` what propagation of errors needs, for readers and for tests.
+the cost itself, `cross_derivatives` is what propagation of errors needs.  Both are for readers and
+for tests.
 """
 
 import math
@@ -137,7 +138,7 @@ def value(
 
 
 def _all_logs(parts: list[Pairs], cost: RegistrationCost) -> Array:
-    """The logarithms (B, K, M) of all that each target's density sums."""
+    """The logarithms (B, K, M) of all terms of each target's density."""
     logs = [each.log for each in parts]
     if isinstance(cost.outlier, UniformOutlier):
         logs.append(np.full((*logs[0].shape[:2], 1), math.log(cost.outlier.density)))
@@ -192,7 +193,7 @@ def cross_derivatives(
 
     In the fixed means (B, N, P, D), the moving means (B, K, P, D), the measurement's values
     (B, K, P) and, through its predictions only, its inputs (B, K, P).  The covariances and the
-    measurement's variance are held.
+    measurement's variance are held constant.
 
     Every cost has the gradient f_theta = -sum_ki gamma_ki L_theta,ki with responsibilities gamma
     that sum to one over a target's components (likelihood) or over all pairs (summing).  With the

@@ -1,4 +1,4 @@
-"""Point sets far from the origin, as in map coordinates, computed about their own means.
+"""Point sets far from the origin, as in map coordinates, shifted to their means to compute.
 
 A rotation about an origin a million metres away moves a target by metres for each microradian: the
 translation then all but follows from the rotation, and no Newton step can tell the two apart.

@@ -106,7 +106,7 @@ def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
     broadcast_batches("x and weights", points.shape[:-2], w.shape[:-1])
     share = w / total
     mean = np.einsum("...n,...nd->...d", share, points)
-    # once more about the mean: far from the origin, the shares' own rounding moves the first one
+    # once more about the mean: far from the origin, rounding of the shares moves the first one
     mean += np.einsum("...n,...nd->...d", share, points - mean[..., None, :])
     centred = points - mean[..., None, :]
     return mean, np.einsum("...n,...ni,...nj->...ij", share, centred, centred)
@@ -241,7 +241,7 @@ class GaussianMixture(Frozen):
         return float(self.log_pdf(_observations(x)).sum())
 
     def bic(self, x: ArrayLike) -> float:
-        """Bayesian information criterion -2 log L + P log N of all x (..., N, D): lower, better."""
+        """Bayesian information criterion -2 log L + P log N of x (..., N, D); lower is better."""
         points = _observations(x)
         return self.parameters * math.log(points[..., 0].size) - 2.0 * self.log_likelihood(points)
 
@@ -283,7 +283,7 @@ def variance_floor(x: ArrayLike) -> float:
 def initial_mixture(
     x: ArrayLike, components: int, rng: np.random.Generator, *, floor: float | None = None
 ) -> GaussianMixture:
-    """A start for `fit_mixture`: equal weights, means at observations, equal round covariances.
+    """A start for `fit_mixture`: equal weights, means at observations, equal isotropic covariances.
 
     The variance is that of the data divided by K.  The means are seeded as in k-means++ (Arthur &
     Vassilvitskii 2007): each further one is an observation drawn with a probability proportional
@@ -307,7 +307,7 @@ def initial_mixture(
         gaps = points[:, None, :] - points[chosen]
         nearest = (gaps**2).sum(axis=-1).min(axis=1)
         total = nearest.sum()
-        odds = nearest / total if total > 0 else None  # None: every observation is taken already
+        odds = nearest / total if total > 0 else None  # None: every observation is a mean already
         chosen.append(int(rng.choice(len(points), p=odds)))
     variance = max(float(points.var(axis=0).mean()) / components, floor)
     d = points.shape[1]

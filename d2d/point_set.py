@@ -66,7 +66,7 @@ class PointSet(Frozen):
             )
         covariances = check_real("covariances", covariances)
         given = np.full(count, 1.0 / count) if weights is None else check_real("weights", weights)
-        # all of it in one compiled pass; only what fails there is looked at check by check
+        # one compiled pass checks everything; the single checks only find what failed there
         if not (
             covariances.shape == (*means.shape, dimension)
             and given.shape == means.shape[-2:-1]

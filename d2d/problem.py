@@ -135,7 +135,7 @@ class Problem:
 
     @lazy
     def _is_far(self) -> bool:
-        """Whether sets lie so far from the origin that they are computed about their means.
+        """Whether sets lie so far from the origin that they are shifted to their means.
 
         Sets with a measurement, and those that share a velocity, are not: these depend on where
         the origin is.

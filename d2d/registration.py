@@ -114,11 +114,11 @@ def register(
     ``converged`` means that ``theta`` is an optimum near the start, not that it is the right one: a
     cost has several.  If the start is far off, use ``scales=ANNEALED`` or `multi_start`, and if
     targets may lack a counterpart, an outlier model.  Then check the
-    `RegistrationCost.inlier_probabilities` of the optimum: low throughout, they reveal a wrong one.
+    `RegistrationCost.inlier_probabilities` of the optimum: if nearly all are low, it is wrong.
 
     A set whose mean is a thousand times as far from the origin as its targets lie apart, as in map
-    coordinates, is computed about its mean, unless there is a measurement.  All that goes in and
-    comes out is in the coordinates of the sets.
+    coordinates, is shifted to its mean for the computation, unless there is a measurement.  All
+    arguments and results are in the coordinates of the sets.
 
     Examples
     --------
@@ -186,9 +186,9 @@ def multi_start(
 
 
 def best_of(found: Estimate) -> Estimate:
-    """Of estimates from several starts, along the first axis, the converged one of lowest cost.
+    """The converged estimate of lowest cost among several starts, which are the first axis.
 
-    It has the iterations of all together.  Where none converged, it is the first.
+    Its iterations are the total over all starts.  Where none converged, it is the first.
     """
     best = np.argmin(np.where(found.converged, found.value, np.inf), axis=0)[np.newaxis]
 
@@ -288,9 +288,9 @@ def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
 def _in_the_users_frame(
     problem: Problem, bound: Bound, thetas: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """The optima as the user reads them, with the cost and its derivatives just there.
+    """The optima in the user's coordinates, with the cost and its derivatives there.
 
-    Far from the origin their coordinates are rounded, by which the start may be the better one.
+    Far from the origin these are rounded, and then the start may be better than the optimum.
     """
     assert bound.frame is not None
     assert bound.given is not None
@@ -306,7 +306,7 @@ def _in_the_users_frame(
 def _if_definite(
     covariance: Array, converged: NDArray[np.bool_], p: int
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Where doubles cannot tell a covariance (B, 3, 3) from a singular one, nothing converged."""
+    """Not converged where doubles cannot tell the covariance (B, 3, 3) from a singular one."""
     own = covariance[:, :p, :p]
     size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))
     unit = np.where(
@@ -317,7 +317,7 @@ def _if_definite(
 
 
 def _mean_shares(problem: Problem, shares: Array) -> Array:
-    """What the kernel summed up, or 1 without an outlier component."""
+    """Mean inlier share, from the kernel's sums; 1 without an outlier component."""
     without = problem.form.outlier[0] == _kernel.NO_OUTLIER
     return np.ones_like(shares) if without else shares
 
@@ -325,7 +325,7 @@ def _mean_shares(problem: Problem, shares: Array) -> Array:
 def _no_worse_than_start(
     optimum: Estimate, problem: Problem, bound: Bound, threads: int
 ) -> Estimate:
-    """Where the detour over the scales ended above the start's own cost, descend from the start."""
+    """If the descent over the scales ended above the cost of the start, descend from the start."""
     worse = (optimum.value > problem.derivatives(bound)[0].reshape(bound.shape)).ravel()
     if not worse.any():
         return optimum

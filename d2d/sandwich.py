@@ -1,8 +1,8 @@
 """The covariance of an optimum from the scatter of its targets' scores (Huber 1967, Godambe 1960).
 
-At an optimum the targets' scores, the gradients of their parts of the cost, add up to zero.  How
-much they scatter about it says how uncertain that is, whatever the reason: no covariance of a
-target enters, and targets may err together.
+A target's score is the gradient of its part of the cost.  At an optimum the scores add up to zero,
+and their scatter shows how uncertain the optimum is, whatever the reason: the covariances of the
+targets are not needed, and the errors of targets may be correlated.
 """
 
 import math
@@ -17,7 +17,7 @@ from d2d._types import Array
 # A target whose neighbourhood holds nearly all the information about a direction cannot be left
 # out; the step is then taken to be at most ten times that of the first order.
 _MAX_LEVERAGE = 0.9
-_CHANCE = 2.0  # standard deviations of what chance explains
+_CHANCE = 2.0  # standard deviations of the scatter that chance explains
 _ROWS_AT_ONCE = 32  # of the matrix of all targets' correlations
 _REACH = 7.0  # lengths, beyond which a correlation is below 3e-11
 
@@ -35,7 +35,7 @@ class Neighbours(NamedTuple):
 
 
 def grouped(labels: NDArray[Any]) -> Neighbours:
-    """Targets of the same label (K,) err together, others independently."""
+    """Targets with the same label (K,) have fully correlated errors, others independent ones."""
     which = np.unique(labels, return_inverse=True)[1]
 
     def sums(values: Array) -> Array:
@@ -79,14 +79,14 @@ def godambe(
 ) -> Array:
     """H^-1 (sum_kl kappa_kl s_k s_l') H^-1 (P, P) of scores (K, P) and Hessians (K, P, P).
 
-    - In parameters in which H = sum_k H_k is the identity, each score becomes what leaving out its
-      target's neighbourhood moves the optimum by, in one Newton step,
+    - In parameters in which H = sum_k H_k is the identity, each score is replaced by the Newton
+      step of the optimum when the target's neighbourhood is left out,
       (I - sum_l kappa_kl H_l)^-1 s_k.  For groups this is the jackknife that leaves out one group
       at a time (CR3).  With the root of that matrix instead, the result is right on average
       wherever the inverse Hessian is (CR2, Bell & McCaffrey 2002).
-    - In parameters in which ``reference`` (P, P) is the identity, what deviates from it is reduced
-      by the squared size that chance explains: the deviation W - I by the factor
-      ``(1 - c^2 / |W - I|^2)_+`` (James & Stein 1961).  Then c is twice the standard deviation of W
+    - In parameters in which ``reference`` (P, P) is the identity, the part of the deviation W - I
+      that chance explains is removed by the factor
+      ``(1 - c^2 / |W - I|^2)_+`` (James & Stein 1961).  Here c is twice the standard deviation of W
       of as many independent groups as the targets are worth, n = 1 / sum_kl b_k b_l kappa_kl^2,
       with their information b_k = tr(H^-1 H_k) / P.
     - With ``floor``, eigenvalues below 1 become 1 there.

@@ -61,8 +61,8 @@ def sandwich_covariance(
         Labels of the moving targets.  Those with the same label, such as the targets of one object,
         err together, others independently.  Without ``length`` and ``groups``, all are independent.
     reference : (..., P, P) array, optional
-        The covariance that stands unless the scores speak clearly against it; by default the
-        inverse Hessian.  For costs whose inverse Hessian is no covariance, such as the sum, that of
+        The covariance that is kept unless the scores clearly contradict it; by default the inverse
+        Hessian.  For costs whose inverse Hessian is not a covariance, such as the sum, take that of
         `propagate_covariance`.
     floor : bool
         Whether the result is nowhere below the reference: the eigenvalues below 1 of
@@ -80,12 +80,12 @@ def sandwich_covariance(
 
     Notes
     -----
-    Scores add up to zero at the optimum, so that those of a few targets, or groups, scatter too
-    little, and by chance in any shape.  So each score is taken as what leaving out its group, or
-    neighbourhood, moves the optimum by (CR3, Bell & McCaffrey 2002), and the deviation from the
-    reference is reduced by twice what chance explains (James & Stein 1961), to none if it is no
-    larger.  Eight independent targets thus give the reference unless they speak clearly against
-    it.  `d2d.sandwich.godambe` has the formulas.
+    Scores add up to zero at the optimum.  The scores of a few targets, or groups, therefore scatter
+    too little, and the shape of their scatter is random.  So each score is replaced by the shift of
+    the optimum when its group, or neighbourhood, is left out (CR3, Bell & McCaffrey 2002), and the
+    deviation from the reference is reduced by twice what chance explains (James & Stein 1961); a
+    smaller deviation is dropped.  Eight independent targets thus give the reference unless they
+    clearly contradict it.  `d2d.sandwich.godambe` has the formulas.
 
     Only errors that differ between targets, or groups, show in the scores.  What all targets share,
     such as a bias of the sensor, does not.
@@ -110,10 +110,10 @@ def problem_sandwich(
 ) -> Array:
     """The covariance of `sandwich_covariance` for the optimum of any problem.
 
-    Of one with several pairs, ``groups`` labels the moving targets of all, one pair after the
-    other.  Positions are taken as they are in their sets, so that a target of several pairs is
-    correlated with itself by 1.  The inverse Hessian takes it as several independent ones; the
-    propagated covariance does not and is the better reference there.
+    If the problem has several pairs, ``groups`` labels the moving targets of all, one pair after
+    the other.  Positions are those in the sets, so a target that is in several pairs has
+    correlation 1 with itself.  The inverse Hessian treats it as several independent targets; the
+    propagated covariance does not, and is the better reference there.
     """
     check_flag("floor", floor)
     bound = problem.bind(rigid.motion("estimate", estimate.theta, problem.pairs[0].fixed.dimension))
@@ -147,9 +147,9 @@ def _thetas(bound: Bound) -> Array:
 
 
 def _about_means(problem: Problem, bound: Bound) -> tuple[Problem, Frame]:
-    """The problem of a single pair about the means of its sets, and where these are.
+    """The problem of a single pair, shifted to the means of its sets, and where these are.
 
-    Leaving out a target is a step to the first order, which depends on where the origin is.
+    The effect of leaving out a target is computed to first order and depends on the origin.
     """
     fixed, there = about_mean(problem.pairs[0].fixed)
     moving, here = about_mean(problem.pairs[0].moving)
@@ -205,7 +205,7 @@ def _reference(reference: ArrayLike, known: NDArray[np.bool_], bound: Bound, p: 
 def _neighbours(
     problem: Problem, bound: Bound, length: float | None, groups: ArrayLike | None
 ) -> Callable[[int], Neighbours]:
-    """Which targets of each problem of a batch err together."""
+    """Which targets of each problem of a batch have correlated errors."""
     if length is not None and groups is not None:
         raise ValueError("length and groups must not both be given")
     everything = slice(None)

@@ -57,10 +57,10 @@ def whiten(
 ) -> Whitened:
     """Take errors apart into directions that a credible covariance makes independent.
 
-    The first component in the order is divided by its standard deviation; from each further one,
-    what the components before it let expect is subtracted before it is divided by the standard
-    deviation that is left.  This is L^-1 e with the Cholesky factor L of the covariance, its rows
-    and columns in that order.
+    The first component in the order is divided by its standard deviation.  From each further one,
+    its expected value given the components before it is subtracted; then it is divided by the
+    standard deviation that remains.  This is L^-1 e with the Cholesky factor L of the covariance,
+    its rows and columns in that order.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def whiten(
     covariances : (N, n, n) or (n, n) array
         Estimated covariances, symmetric positive definite.
     order : sequence of int, optional
-        A permutation of 0 ... n - 1, by default just these.  For [v_x, v_y, omega], (2, 1, 0) takes
+        A permutation of 0 ... n - 1, which is the default.  For [v_x, v_y, omega], (2, 1, 0) takes
         omega first, then v_y given omega, then v_x given both.
 
     Returns

@@ -1,4 +1,4 @@
-"""A Sphinx extension for what the theme does not do for a page.
+"""A Sphinx extension that adds to each page what the theme lacks.
 
 Each page gets a description, and loads only the parts of MathJax and the icons that are used; there
 is a page for addresses that do not exist.
@@ -48,7 +48,7 @@ def summary(document: nodes.document) -> str:
 
 
 def without_unused(script: str, used: set[str]) -> str:
-    """The icons' script without the icons whose names and other names are not used."""
+    """The icons' script without the icons of which no name is used."""
 
     def keep(match: re.Match[str]) -> str:
         names = {match[1] or match[2], *re.findall(r'"([a-z0-9-]+)"', match[3])}
@@ -63,7 +63,7 @@ def icons_of(pages: Iterator[str]) -> set[str]:
 
 
 def choose_formulas(app: Any, config: Any) -> None:
-    """Load the parts of MathJax that typeset, and no others."""
+    """Load only the parts of MathJax that typeset."""
     config.mathjax_path = MATHJAX
     config.mathjax3_config = {**(config.mathjax3_config or {}), "loader": {"load": MATHJAX_PARTS}}
 
@@ -82,7 +82,7 @@ def lost_page(app: Any) -> Iterator[tuple[str, dict[str, Any], str]]:
 
 
 def cut_icons(app: Any, exception: Exception | None) -> None:
-    """Cut what no page shows from the icons' script.
+    """Cut the icons that no page shows from the icons' script.
 
     The script draws the icons, so that their glyphs need no style, and no fonts to be loaded ahead.
     """

@@ -79,7 +79,7 @@ def target_batch(batch, thetas, rows, work, values):
 
 @entry
 def minimise_batch(batch, thetas, tolerance, max_iterations, work, results):
-    """Minimise every problem, each on its own, from and into ``thetas``."""
+    """Minimise every problem separately; ``thetas`` holds the starts, then the optima."""
     value, gradient, hessian, covariance, converged, iterations, shares = results
     for b in range(thetas.shape[0]):
         value[b], converged[b], iterations[b], shares[b] = minimise(

@@ -1,15 +1,15 @@
 """How the functions of the kernel are compiled, and how what was compiled is kept.
 
-- ``compiled``: a function of its own
+- ``compiled``: compiled as a function of its own
 - ``inlined``: compiled, then copied into its callers
 - ``vectorised``: the same, for loops over the lanes, in which products and sums may be fused
-- ``merged``: compiled as a part of its caller, of which there is one in each entry.  Every layer of
-  functions that are compiled and then linked adds up to a second to the first call.  Only for those
-  that call much: merging a small function into a large one costs more than linking it.
+- ``merged``: compiled as a part of its caller; each entry contains one caller only.  Every layer of
+  functions that are compiled and then linked adds up to a second to the first call.  Use it only
+  for functions that call many others: merging a small one into a large one costs more than linking.
 - ``entry``: called from Python, without the GIL, and kept on disk where a folder is writable
 
-All compute without counting references (``_nrt``), which costs as much as a small problem where
-arrays are handed on in tuples; so no function of the kernel allocates memory.
+None of them counts references (``_nrt``): where arrays are passed in tuples, counting costs as much
+as a small problem.  So no function of the kernel allocates memory.
 """
 
 import gc
@@ -68,13 +68,13 @@ def _with_room(function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
 
 
 # Python keeps the frames of its calls in chunks of 16 KB.  Where one ends within the compiler, the
-# next is allocated and freed at millions of calls: up to two seconds, by how deep the own calls of
-# the user are.  A frame that claims 320 KB makes Python allocate one chunk with room for all.
+# next is allocated and freed at millions of calls: up to two seconds, depending on the depth of the
+# user's calls.  A frame that claims 320 KB makes Python allocate one chunk with room for all.
 _with_room.__code__ = _with_room.__code__.replace(co_stacksize=40_000)
 
 
 def unhindered(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, run with room for its calls and without the collector of unused objects.
+    """The function, run with room for its calls and with garbage collection switched off.
 
     Compiling makes millions of objects that stay in use; looking through them again and again takes
     a tenth of the time.
@@ -123,10 +123,10 @@ class _KernelCache(FunctionCache):  # type: ignore[misc]
 
 @cache
 def _warn_that_nothing_is_kept() -> None:
-    """Say so once, in one line: without a place in a file, none of its source is shown."""
+    """Warn once, in one line: a warning without a place in a file shows no source code."""
     warnings.warn_explicit(
-        "no folder is writable in which compiled code could be kept, so that every start compiles "
-        "anew, for some ten seconds; set NUMBA_CACHE_DIR to a folder that is",
+        "there is no writable folder to keep compiled code in, so every start compiles again, for "
+        "some ten seconds; set NUMBA_CACHE_DIR to a writable folder",
         RuntimeWarning,
         filename="d2d",
         lineno=0,

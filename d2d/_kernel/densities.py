@@ -49,7 +49,7 @@ from d2d._kernel.layout import (
 )
 from d2d._kernel.pairs import ABOVE, GATE, MAX_EXPONENT, lane_count
 
-VANISHING = 1e-180  # outlier sums below it are taken again, relative to the nearest component
+VANISHING = 1e-180  # outlier sums below it are computed again, relative to the nearest component
 
 
 @vectorised

@@ -78,7 +78,7 @@ def split(typingctx: Any, number: Any) -> Any:
 
 @part(forceinline=True, fastmath={"contract"})
 def log(x: float) -> float:
-    """log(x) of a positive normal number, by the artanh series; vectorises like `_exp`.
+    """log(x) of a positive normal number, by the artanh series; vectorises like `exp`.
 
     The absolute error is below 3e-16 near 1, the relative error below 3e-16 elsewhere.
     """

@@ -1,7 +1,7 @@
 """The cost of a motion, or of a velocity that several pairs of scans share, with derivatives.
 
-Eight targets are worked out at a time, one to a vector lane.  Everything stays in the log domain: a
-target far from everything gives a large finite cost.
+Eight targets are evaluated at a time, one in each vector lane.  Everything stays in the log domain:
+a target far from everything gives a large finite cost.
 """
 
 import math
@@ -133,7 +133,7 @@ def total(w, row):
 
 @inlined
 def align_tops(w):
-    """Take the totals of all lanes relative to the largest density of all; its logarithm."""
+    """Make the totals of all lanes relative to the largest density; return its logarithm."""
     top = -np.inf
     for k in range(LANES):
         top = max(top, w[TOP + k])
@@ -172,7 +172,7 @@ def evaluate_pair(pair, theta, fusion, w, g, h):
         a00, a01, a11 = a00 * r - g0 * g0, a01 * r - g0 * g1, a11 * r - g1 * g1
         a02, a12, a22 = a02 * r - g0 * g2, a12 * r - g1 * g2, a22 * r - g2 * g2
     if not pair.planar:
-        # t_y and phi do not exist: a unit curvature keeps the Newton step along them at zero
+        # on a line there is no t_y and phi: unit curvature keeps the Newton step along them at zero
         g1 = g2 = a01 = a02 = a12 = 0.0
         a11 = a22 = -1.0
     g[0], g[1], g[2] = -g0, -g1, -g2

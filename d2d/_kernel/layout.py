@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 X, Y, XX, XY, YY, WEIGHT = range(6)  # rows of a packed point set
 VALUE, VARIANCE, INPUT_VARIANCE, GAIN, SLOPE = 0, 1, 2, 3, 6  # columns of a packed measurement
-# An outlier component as the kernel takes it: its kind, the logarithms of the inliers' weight and
+# An outlier component as the kernel reads it: its kind, the logarithms of the inliers' weight and
 # of its own (normalisation included), and the precision of the corrupted Gaussian.
 KIND, LOG_INLIER_WEIGHT, LOG_OUTLIER_WEIGHT, PRECISION_XX, PRECISION_XY, PRECISION_YY = range(6)
 NO_OUTLIER, UNIFORM, CORRUPTED = range(3)
@@ -39,8 +39,8 @@ CURVATURE = tuple(
 # and the inlier component's share, with its sum over the blocks.
 MX, MY, CXX, CXY, CYY, COUNTS, CUT_OFF, LIMIT, OFFSET, TOP = range(40 * LANES, 50 * LANES, LANES)
 SQUARE, DETERMINANT, WITHIN, SHARE, SHARES = range(50 * LANES, 55 * LANES, LANES)
-# Behind these rows lie copies of the components within the cut-off, six rows for each step.  They
-# are looked for in chunks, one bit each: a double holds 53 bits exactly.
+# Behind these rows lie copies of the components within the cut-off, six rows for each step.  The
+# search marks them in chunks, one bit each: a double holds 53 bits exactly.
 CHUNK = 48
 STEP = 6 * LANES
 STEPS = SHARES + LANES
@@ -62,7 +62,7 @@ class Pair(NamedTuple):
 
     fixed: Any  # (6, N)
     moving: Any  # (6, K)
-    order: Any  # (K,) in which the targets are taken
+    order: Any  # (K,) the order in which the targets are processed
     factors: Any  # (K, 9) measurements, or (0, 9)
     outlier: Any  # (6,)
     d2d: float  # 1.0 if the moving covariances count, else 0.0
@@ -76,7 +76,7 @@ class Pair(NamedTuple):
 class Setting(NamedTuple):
     """The motion, and the numbers of a pair, as the passes over its targets need them.
 
-    Arrays are handed on one by one instead: Numba counts the references to the arrays of a tuple
+    Arrays are passed one by one instead: Numba counts the references to the arrays of a tuple
     at every use, which costs as much as a small problem.
     """
 

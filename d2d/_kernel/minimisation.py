@@ -23,7 +23,7 @@ from d2d._kernel.layout import (
 from d2d._kernel.newton import inner_product, shifted_solve, trust_region_step
 from d2d._kernel.pairs import GATE, bounds
 
-ROUNDING = 2e-15  # of a cost, over its size and the number of its targets
+ROUNDING = 2e-15  # error of a cost, relative to its size plus the number of targets
 RESOLVED = 1e-8  # Newton decrement: 1e-4 standard deviations from the optimum
 
 FIXED_START, FIXED_SIZE, FIXED_SET, MOVING_START, MOVING_SIZE, FACTOR_START = range(6)
@@ -114,7 +114,7 @@ def pair_at(batch, number):
 
 @inlined
 def motion_chart(batch, number, theta):
-    """A pair's motion at theta, as a chart of its twist if theta is a velocity."""
+    """The motion of a pair at theta; if theta is a velocity, the exponential of its twist."""
     interval = batch.intervals[number]
     x, y, w = interval * theta[0], interval * theta[1], interval * theta[2]
     if batch.kind == ARC:
@@ -124,7 +124,7 @@ def motion_chart(batch, number, theta):
 
 @inlined
 def add_derivatives(work, chart, interval, g, h):
-    """Add a pair's gradient and Hessian in its motion, which stand in ``work``, in theta."""
+    """Add a pair's derivatives in theta, from those in its motion, which are in ``work``."""
     pg, ph = work.gradient, work.hessian
     terms = (0.0, pg[0], pg[1], pg[2], ph[0, 0], ph[0, 1], ph[1, 1], ph[0, 2], ph[1, 2], ph[2, 2])
     _, g0, g1, g2, h00, h01, h11, h02, h12, h22 = through_chart(terms, chart)
@@ -212,12 +212,12 @@ def newton_decrement(work, g, h):
 def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     """Newton's method in a trust region, in place; (value, converged, iterations, mean share).
 
-    A step is taken only if it lowers the cost, so the result is never worse than the start.
-    Converged means: the Hessian is positive definite, and the Newton decrement g' H^-1 g, the
+    A step is accepted only if it lowers the cost, so the result is never worse than the start.
+    Converged means that the Hessian is positive definite and the Newton decrement g' H^-1 g, the
     squared distance to the optimum in estimated standard deviations, is below the tolerance.
 
-    Where the cost is large, it no longer shows what a step gains: the gain is less than its
-    rounding.  There a step is taken if it lowers the decrement, and one below RESOLVED is enough.
+    A large cost is rounded by more than a step gains, so that it cannot tell whether the step was
+    good.  Then a step is accepted if it lowers the decrement, and one below RESOLVED is enough.
     """
     pair = pair_at(batch, batch.first[problem])
     step, scale, trial = work.step, work.scale, work.trial

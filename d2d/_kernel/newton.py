@@ -5,7 +5,7 @@ import math
 from d2d._kernel.compiling import compiled
 
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
-# do not show leaves pivots of rounding errors and of the residual gradient there.
+# do not determine leaves pivots of rounding errors and of the residual gradient there.
 SINGULAR = 1e-8
 
 
@@ -84,9 +84,9 @@ def inner_product(a, b, scale):
 def step_to_boundary(h, g, shift, scale, radius, vectors, step):
     """The hard case of an indefinite Hessian: the gradient misses its lowest eigenvector.
 
-    Then the step ends within the radius however near the shift comes to that eigenvalue.  Going on
-    along the eigenvector lowers the model further.  The nearly singular system amplifies it in any
-    right-hand side, here in ``vectors[0]``, a generic direction.
+    Then the step ends within the radius, however close the shift comes to that eigenvalue.  Moving
+    on along the eigenvector lowers the model further.  The nearly singular system amplifies it in
+    any right-hand side, here in ``vectors[0]``, a generic direction.
     """
     direction, right, along, forward, backward = (
         vectors[0],

@@ -8,8 +8,8 @@ the rotated covariance ``C = R Sigma_k R'``::
 The derivatives of ``N`` along the rotation follow from those along ``d``, as ``S`` turns with it
 and ``dN/dS = N_dd / 2``.
 
-Each target meets only the components within its cut-off.  A component is left out once it is
-certain to be below ``exp(-GATE)`` of the target's sum: ``det(A + B)^(1/2) >= det(A)^(1/2) +
+Each target is paired only with the components within its cut-off.  A component is left out if it is
+certainly below ``exp(-GATE)`` of the target's sum: ``det(A + B)^(1/2) >= det(A)^(1/2) +
 det(B)^(1/2)`` (Minkowski) bounds the normalisation of every pair by that of the component alone,
 ``w_i det(Sigma_i)^(-1/2)``, for any rotation.  All pairs of a target that are left out together
 change its density by less than ``exp(-GATE)`` = 2e-16 of it.
@@ -58,7 +58,7 @@ from d2d._kernel.layout import (
 
 GATE = 36.0
 NEAR = 12.5  # half a squared distance of five standard deviations
-# A sum that is taken relative to its nearest component must not lose that component to rounding,
+# A sum that is computed relative to its nearest component must not lose that component to rounding,
 # however far away it is.  So all passes compute the distance by one formula, the offset is a little
 # larger than it, and exponents above MAX_EXPONENT are cut off.
 ABOVE, MAX_EXPONENT = 1.0 + 1e-14, 200.0
@@ -77,7 +77,7 @@ def lane_count(w):
 
 @vectorised
 def load_block(w, moving, order, setting, first):
-    """Rotate the block's means and covariances; a last block that is not full repeats its last."""
+    """Rotate the block's means and covariances; an incomplete block repeats its last target."""
     cosine, sine, d2d = setting.cosine, setting.sine, setting.d2d
     lanes = lane_count(w)
     cc, cs, ss = cosine * cosine, cosine * sine, sine * sine
@@ -121,7 +121,7 @@ def difference(w, k, component):
 def find_nearest(w, fixed, setting):
     """The smallest half squared Mahalanobis distance of each target, as its OFFSET.
 
-    Distances d' adj(S) d / det(S) are compared crosswise, without a division.
+    Distances d' adj(S) d / det(S) are compared by cross-multiplication, without a division.
     """
     lanes = lane_count(w)
     for k in range(LANES):
@@ -141,7 +141,7 @@ def find_nearest(w, fixed, setting):
 
 @vectorised
 def find_within(w, fixed, setting, first, last):
-    """Note as bits which components lie within each target's cut-off; the largest number of them.
+    """Mark by bits which components lie within each target's cut-off; return the largest number.
 
     Looks at the components from ``first`` to ``last``.
     """
@@ -166,7 +166,7 @@ def find_within(w, fixed, setting, first, last):
 def gather_within(w, fixed, setting, first, steps):
     """Copy each target's next component within its cut-off into the rows of each step.
 
-    A target that has no more takes one at its own place without weight.
+    A target that has no more of them gets one at its own place, with zero weight.
     """
     last = fixed.shape[1] - 1
     for k in range(LANES):
@@ -247,7 +247,7 @@ def sum_inliers(w, fixed, setting):
     """log sum_i w_i N(0 | d_i, S_i), its relative gradient and second derivatives.
 
     ``LIMIT`` is the half squared distance up to which pairs could matter to each target beside its
-    outlier component, ``CUT_OFF`` the squared distance up to which components are met.
+    outlier component, ``CUT_OFF`` the squared distance up to which components are paired.
     """
     lanes = lane_count(w)
     # Nearly always some component is so near that all beyond this distance vanish beside it.
@@ -310,7 +310,7 @@ def finish_inliers(w):
 
 @compiled
 def bounds(fixed, moving, extremes):
-    """Logarithms of the largest possible sum over the pairs, and of it over the smallest pair.
+    """Logarithms of the largest possible sum over the pairs, and of its ratio to the smallest pair.
 
     ``extremes`` holds the largest w_i det(Sigma_i)^(-1/2), the smallest w_i and the largest trace
     of the fixed set; det(S)^(1/2) <= tr(S) / 2.
@@ -336,9 +336,9 @@ def find_extremes(points, extremes):
 
 @compiled
 def find_origin(points, planar, origin):
-    """The mean of a set that is FAR times as far away as the set reaches, or zero; whether it is.
+    """The mean of a set that is more than FAR times its own size away, else zero; whether it is.
 
-    It reaches as far as its targets lie from the mean, their errors included, by the mean square.
+    The size is the root mean square distance of its targets from their mean, errors included.
     """
     x, y, square, count = 0.0, 0.0, 0.0, points.shape[1]
     for i in range(count):

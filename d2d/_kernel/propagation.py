@@ -6,8 +6,8 @@ mean gradient g over the same pairs::
 
     f_theta,z = -sum_ki gamma_ki (L_theta,z + (L_theta - g) L_z')
 
-`d2d.dense.cross_derivatives` has it in NumPy.  Two passes over the pairs of each target: the first
-finds gamma and g (``responsibilities.py``), the second adds up.  No pair is kept.
+`d2d.dense.cross_derivatives` has it in NumPy.  Two passes go over the pairs of each target: the
+first finds gamma and g (``responsibilities.py``), the second adds up.  No pair is stored.
 """
 
 import math
@@ -112,7 +112,7 @@ def add_outliers_fixed(w, sums, target, precision, scale, mean):
 
 @inlined
 def add_outliers_moving(target, outliers, precision, share, mean, moved):
-    """Add the same pairs to those of the moving mean: moments are enough."""
+    """Add the same pairs to the derivatives in the moving mean: moments are enough."""
     bxx, bxy, byy = precision
     x, y, ux, uy = target.x, target.y, outliers.ux, outliers.uy
     uxx, uxy, uyy = outliers.uxx, outliers.uxy, outliers.uyy
@@ -129,8 +129,8 @@ def add_outliers_moving(target, outliers, precision, share, mean, moved):
 def write_measured(factor, share, centred, by_value, by_input):
     """A target's cross derivatives in its measured value and in the input of its prediction.
 
-    ``centred`` is the sum of gamma (L_theta - g) over the target's inlier pairs, of which
-    ``share`` is the sum of gamma.
+    ``centred`` is the sum of gamma (L_theta - g) over the target's inlier pairs, ``share``
+    the sum of their gamma.
     """
     d0, d1, d2 = centred
     by_value[0] = -share * factor.v0 - d0 * factor.by_value
@@ -161,7 +161,7 @@ def scale_rows(rows, chart, interval):
 def cross_pair(pair, setting, fusion, work, by_fixed, by_moving, by_value, by_input):
     """Cross derivatives of one pair of sets, of the gradient in the motion.
 
-    Summed, all targets share one density and one mean gradient, which a round of its own finds.
+    With the sum, all targets share one density and one mean gradient; a separate pass finds them.
     """
     w, sums, near, weights = work
     fixed, moving, factors, outlier = pair.fixed, pair.moving, pair.factors, pair.outlier

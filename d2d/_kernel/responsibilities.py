@@ -1,8 +1,8 @@
 """Which components account for a target, and by how much: the first of propagation's two passes.
 
 With the names of ``pairs.py``.  The fixed set is copied into blocks of LANES components, one to a
-vector lane, with rows as in ``layout.py``; each target meets all of them (the corrupted Gaussian)
-or those within its cut-off (the inlier density, see ``pairs.py``).
+vector lane, with rows as in ``layout.py``; each target is paired with all of them (the corrupted
+Gaussian) or with those within its cut-off (the inlier density, see ``pairs.py``).
 """
 
 import math
@@ -38,8 +38,9 @@ from d2d._kernel.layout import (
 )
 from d2d._kernel.pairs import ABOVE, GATE, MAX_EXPONENT, NEAR, TINY
 
-# A target's sums, lane by lane, in an array of their own, or loops over the lanes would not
-# vectorise: six moments of the outlier weights, and the bits of the components within the cut-off.
+# A target's sums, lane by lane, in a separate array, because loops over the lanes would not
+# vectorise without it: six moments of the outlier weights, and the bits of the components within
+# the cut-off.
 MOMENTS, WITHIN, SUMS = 0, 6 * LANES, 7 * LANES
 # A block's rows: those of a packed set, the outlier weight, six cross derivatives.
 OUTLIER_WEIGHT, CROSS = 6, 7
@@ -209,7 +210,7 @@ def sum_outliers(w, sums, target, outlier):
     bxx, bxy, byy = precision
     offset = 0.0
     add_moments(w, sums, target, precision, offset)
-    if moment(sums, 0) < VANISHING:  # taken again, relative to the nearest component
+    if moment(sums, 0) < VANISHING:  # computed again, relative to the nearest component
         offset = np.inf
         for at in range(0, w.shape[0], BLOCK):
             for k in range(LANES):
@@ -279,7 +280,7 @@ def inlier_term(w, at, target):
 
 @vectorised
 def mark_within(w, sums, target, cut_off, first, last):
-    """Note as bits, lane by lane, which components of some blocks lie within the cut-off."""
+    """Mark by bits, lane by lane, which components of some blocks lie within the cut-off."""
     lanes = count_lanes(sums)
     for k in range(lanes):
         sums[WITHIN + k] = 0.0

@@ -214,7 +214,7 @@ def _line_step(fixed: Array, normals: Array, moved: Array) -> Array:
     """The motion (B, 3) that minimises sum (n . (m + phi E m + t - f))^2 over t and phi.
 
     E m = (-m_y, m_x) is the derivative of the rotation at zero.  Where the lines leave a direction
-    undetermined (a corridor), the solution of smallest norm is taken.
+    undetermined (a corridor), the solution has the smallest norm.
     """
     across = normals[..., 1] * moved[..., 0] - normals[..., 0] * moved[..., 1]
     jacobian = np.concatenate([normals, across[..., None]], axis=-1)

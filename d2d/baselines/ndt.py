@@ -162,7 +162,7 @@ def ndt_d2d(
     of the two mixtures, the only part of the L2 distance that depends on the motion.  A ``d2``
     below 1 widens all pairs by the same factor; public implementations use 0.05.  They also leave
     out the normalisation of the densities, which is kept here because it is part of the inner
-    product.  Each scan has a single grid of its own, without shifts.
+    product.  Each scan has one grid, without shifts.
 
     Parameters
     ----------

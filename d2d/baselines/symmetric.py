@@ -27,9 +27,8 @@ def symmetric_derivatives(
 ) -> tuple[Array, Array, Array]:
     """Mean cost (...) of both directions, with exact gradient (..., 3) and Hessian (..., 3, 3).
 
-    The cost is (f(theta; F, M) + f(theta^-1; M, F)) / 2.  It is the mean and not the sum, because
-    both directions use the same measurements, whose information the sum's Hessian would count
-    twice.
+    The cost is (f(theta; F, M) + f(theta^-1; M, F)) / 2, the mean.  Both directions use the same
+    measurements, and the Hessian of their total would count the information twice.
 
     Parameters
     ----------

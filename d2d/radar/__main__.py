@@ -1,4 +1,4 @@
-"""`python -m d2d.radar`: from a recording to a path, without a line of Python."""
+"""`python -m d2d.radar`: from a recording to a path, without writing Python."""
 
 import sys
 

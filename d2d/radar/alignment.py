@@ -1,8 +1,8 @@
 """The clock, speed, slip and mounting angles with which a reference fits Doppler velocities best.
 
 All static targets of a scan see one velocity u of their sensor.  The sum of their squared Doppler
-residuals is a quadratic function of u, whatever the reference says; its coefficients are all that
-a fit needs to know of a scan.
+residuals is a quadratic function of u, whatever the reference; its coefficients are all that a
+fit needs from a scan.
 """
 
 from collections.abc import Iterable, Sequence
@@ -21,7 +21,7 @@ from d2d.radar.scan import Mounting, RadarScan, doppler_gradients
 
 _STEP = 0.02  # s, of the search for the lag before it is refined
 _HALF_DIFFERENCE = 0.05  # s, for derivatives in the lag: references jitter from row to row
-_MAX_ITERATIONS = 10  # of Gauss and Newton; the angles are small, so that three are enough
+_MAX_ITERATIONS = 10  # Gauss-Newton steps; the angles are small, so that three are enough
 _TOLERANCE = 1e-10
 _RIDGE = 1e-12  # of the scaled information: what is not observable gets a variance of 1e12
 _GATE = 5.0  # times the median deviation of a sensor's scans
@@ -109,7 +109,7 @@ class Alignment:
     def of(
         cls, velocities: ScanVelocities, references: Sequence[Reference], powers: tuple[int, ...]
     ) -> "Alignment":
-        """With all parameters free, from zero, and all scans."""
+        """The model with all parameters free, started at zero, and with all scans."""
         count = 1 + len(powers) + velocities.sensors
         everything = np.ones(len(velocities.time), dtype=np.bool_)
         return cls(
@@ -210,7 +210,7 @@ def fit(model: Alignment, low: float, high: float) -> Fit:
 
 
 def agreeing(model: Alignment, found: Fit) -> NDArray[np.bool_]:
-    """Which scans (n,) are not grossly off: in dense traffic what most targets share may move.
+    """Which scans (n,) are not grossly off: in dense traffic most targets may move alike.
 
     The deviation of a scan is that of its sensor's velocity, over the standard deviations that its
     targets give it.  Errors of the reference make it larger than 1, so that it is compared with
@@ -235,10 +235,10 @@ def covariance(model: Alignment, found: Fit, *, with_lag: bool) -> tuple[Array, 
     If ``with_lag``, the lag comes first.
 
     The errors of the reference, and so the residuals, are correlated in time and between sensors.
-    The influences of all scans of a short time are added up, and the variance of the sum of these
-    is that of sums over blocks, as drawn by the circular block bootstrap; it is enlarged by
-    blocks / (blocks - parameters of a sensor), because the fit makes residuals smaller than errors.
-    No variance is taken as smaller than that of independent targets.
+    The influences of all scans within a short time are added up.  The variance of their total is
+    that of sums over blocks, as drawn by the circular block bootstrap.  It is enlarged by
+    blocks / (blocks - parameters of a sensor), because the fit makes residuals smaller than errors,
+    and is never smaller than for independent targets.
     """
     predicted, derivatives, known = _where_known(model, found.lag, found.parameters)
     derivatives = derivatives[..., model.free]
@@ -259,7 +259,7 @@ def covariance(model: Alignment, found: Fit, *, with_lag: bool) -> tuple[Array, 
     block = block_length(series)
     ring = np.concatenate([np.zeros((1, len(scale))), series, series[:block]]).cumsum(axis=0)
     sums = ring[block : block + len(series)] - ring[: len(series)]
-    # the fit takes these degrees of freedom from the residuals of each sensor
+    # the fit uses up these degrees of freedom of each sensor's residuals
     own = len(scale) - (model.velocities.sensors - 1)
     blocks = len(series) / block
     sandwich = sums.T @ sums / block * blocks / max(blocks - own, 1.0)

@@ -1,4 +1,4 @@
-"""What the targets of a scan share: errors that their standard deviations do not contain."""
+"""Errors that the targets of a scan share, which their standard deviations do not contain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -24,13 +24,13 @@ class ErrorBudget:
     """Standard deviations of the errors that many targets share.
 
     The inverse Hessian takes the errors of all targets as independent, so it becomes ever smaller
-    with their number.  What they have in common does not average out.  With a budget, the
-    covariance of a track is the propagated noise of the single targets plus what these errors do to
-    the estimate, each through the sum of the influences of the targets that share it.
+    with their number.  Errors that they share do not average out.  With a budget, the covariance of
+    a track is the propagated noise of the single targets plus the effect of the shared errors,
+    each of which acts through the sum of the influences of the targets that share it.
 
-    With a budget, also an empty one, a track's estimates are those at its times: positions tell the
-    mean velocity of their interval, which is half an interval late where the vehicle accelerates,
-    and that is corrected with the acceleration that the track itself shows.
+    With a budget, even an empty one, a track's estimates are the velocities at its times: positions
+    give the mean velocity over their interval; when the vehicle accelerates, this lags by half an
+    interval, which is corrected with the acceleration estimated from the track itself.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class ErrorBudget:
         Of a relative error of the Doppler velocities of all sensors, or of the speed of what they
         are compared with.
     lag : float, s
-        Of the time to which an estimate belongs; it counts times the vehicle's acceleration.
+        Of the time to which an estimate belongs; its effect is the vehicle's acceleration times it.
     neighbours : float, m
         Length over which the position errors of neighbouring targets are correlated, as
         exp(-distance / length).  Reflections of one object shift together.
@@ -93,7 +93,7 @@ class CovarianceParts(NamedTuple):
     """The parts of a track's covariances, each (n, 3, 3) in m/s, m/s, rad/s.
 
     A filter may take the first two as white noise.  The systematic part changes slowly: it belongs
-    into the filter's state, or its steps must be far enough apart.
+    in the filter's state, or the filter's steps must be far enough apart.
 
     Attributes
     ----------
@@ -102,8 +102,8 @@ class CovarianceParts(NamedTuple):
     dependence : (n, 3, 3) array
         What the correlation of neighbouring targets adds.
     systematic : (n, 3, 3) array
-        Of the errors that all targets of a scan, or all sensors, share, and of what was known
-        beforehand of the side slip.
+        Of the errors that all targets of a scan, or all sensors, share, and of the prior on the
+        side slip.
     """
 
     noise: Array
@@ -126,7 +126,7 @@ def apply_budget(
     """The parts (3, 3) of a velocity's covariance, without the lag's, and its delay (3, 3) in s.
 
     ``pairs`` are those of the problem; no scan is in two of them.  The delay times the acceleration
-    is how far the estimate is from the velocity at ``time``: what positions tell is the mean of
+    is how far the estimate is from the velocity at ``time``: positions give the mean velocity over
     their interval, and each sensor's Doppler velocities belong to its own scan.
     """
     cross = problem.cross_derivatives(problem.bind(estimate.theta), 0, 1)
@@ -197,7 +197,7 @@ def accelerations(times: Array, theta: Array) -> Array:
     first = np.searchsorted(times, times - _SLOPE_SPAN, side="left") - place
     last = np.searchsorted(times, times + _SLOPE_SPAN, side="right") - place
     sums = np.zeros((len(times), 9))
-    # relative to each estimate: sums along the whole drive lose the digits that a slope needs
+    # relative to each estimate: sums over the whole drive lose the digits that a slope needs
     for shift in range(int(first.min(initial=0)), int(last.max(initial=0))):
         near = np.flatnonzero((first <= shift) & (shift < last))
         t = (times[near + shift] - times[near])[:, None]

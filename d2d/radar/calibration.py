@@ -17,7 +17,7 @@ from d2d.radar.slip import SlipLaw
 
 _POWERS = (0, 2)  # of v_x in the slip law
 _LAG, _AHEAD, _COMPLIANCE = 0, 2, 3  # places among the parameters
-# Larger standard deviations than these mean that the drive cannot tell the parameter.
+# Larger standard deviations than these mean that the drive does not determine the parameter.
 _LIMITS = {_LAG: 0.1, _AHEAD: 0.3, _COMPLIANCE: 0.01}  # s, m, s^2/m
 _AT_BOUND = 1e-3  # s
 _LONGEST_LAG = 1e4  # s
@@ -29,7 +29,7 @@ View = tuple[Iterable[RadarScan], Mounting, Reference]
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What Doppler velocities say about the reference and the mountings; printed, it is a table.
+    """What the Doppler velocities show about the reference and the mountings; prints as a table.
 
     Attributes
     ----------
@@ -43,7 +43,8 @@ class Calibration:
     yaw : (S,) array, rad
         Angle to be added to the mounting angle of each sensor.
     covariance : (4 + S, 4 + S) array
-        Covariance of [lag, speed_factor, slip.ahead, slip.compliance, yaw]; nan for what was held.
+        Covariance of [lag, speed_factor, slip.ahead, slip.compliance, yaw]; nan for parameters that
+        were held at zero instead of fitted.
     mountings : list of Mounting
         The mountings with the angles added.
     rms : float
@@ -70,15 +71,15 @@ class Calibration:
 
     @property
     def sigmas(self) -> Array:
-        """Standard deviations (4 + S,), in the order of ``covariance``; nan for what was held."""
+        """Standard deviations (4 + S,), in the order of ``covariance``; nan where not fitted."""
         return np.sqrt(np.diag(self.covariance))
 
     def reference(self, reference: Reference) -> Reference:
         """The motion that the radars see according to ``reference``, at the same times.
 
-        Lag and speed factor are applied, and v_y is that of the slip law.  The poses are those of
-        the lag, otherwise as they are.  What lies before the reference's first or after its last
-        time is nan.  Raises a ``ValueError`` if ``reference`` is not a `Reference`.
+        Lag and speed factor are applied, and v_y is that of the slip law.  The poses are shifted by
+        the lag and otherwise unchanged.  Before the reference's first and after its last time all
+        values are nan.  Raises a ``ValueError`` if ``reference`` is not a `Reference`.
         """
         check_instance("reference", reference, Reference)
         moved = reference.at(reference.times - self.lag)
@@ -110,7 +111,7 @@ class Calibration:
         return "\n".join([*lines, "", blocks, *self._notes()])
 
     def _notes(self) -> list[str]:
-        """What the drive cannot tell."""
+        """What the drive cannot determine."""
         held = np.isnan(self.sigmas)
         names = {_LAG: "the lag", _AHEAD: "the place of the axle", _COMPLIANCE: "the compliance"}
         return [f"Held, not fitted: {name}." for place, name in names.items() if held[place]]
@@ -149,7 +150,7 @@ def calibrate(
     -----
     UserWarning
         If the best lag is at a bound of the search, or the drive has too little acceleration to
-        tell it (standard deviation above 0.1 s); it is then held at zero.
+        determine it (standard deviation above 0.1 s); it is then held at zero.
 
     Raises
     ------
@@ -162,11 +163,11 @@ def calibrate(
     -----
     Residuals are correlated in time, because those of the reference are, and between sensors.  The
     covariance is that of a circular block bootstrap over time, in closed form, with the length of
-    `d2d.block_length`, and enlarged by what the fit takes from the residuals.  What is slower than
-    the recording leaves no trace in it.
+    `d2d.block_length`, enlarged because the fit makes residuals smaller than errors.  It contains
+    nothing that varies more slowly than the recording is long.
 
-    Scans are left out whose sensor's velocity deviates from the reference by more than five times
-    the median of that sensor, in standard deviations: in dense traffic most targets may move.
+    A scan is left out if its sensor's velocity deviates from the reference, in standard deviations,
+    by more than five times the median of that sensor: in dense traffic most targets may move.
 
     ``ahead`` and ``compliance`` differ only where bends are driven at different speeds.  If the
     standard deviation of ``ahead`` exceeds 0.3 m, it is held at zero; if then that of
@@ -198,7 +199,7 @@ def calibrate(
         if not free[place] or np.sqrt(_placed(spread, free)[place, place]) <= limit:
             continue
         if place == _LAG:
-            _warn("the drive has too little acceleration to tell the lag, which is held at 0 s")
+            _warn("the drive has too little acceleration to find the lag, which is held at 0 s")
             bound = 0.0
         free[place] = False
         model.free[:] = free[1:]
@@ -258,7 +259,7 @@ def _views(recordings: Recording | Iterable[Recording | View]) -> list[View]:
 
 
 def _selected(model: Alignment, low: float, high: float) -> tuple[Alignment, Fit]:
-    """The fit to the scans that agree with it, and the model with these."""
+    """The fit to the scans that agree with it, and the model with only these scans."""
     found = fit(model, low, high)
     for _ in range(_MAX_SELECTIONS):
         used = agreeing(model, found)

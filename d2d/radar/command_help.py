@@ -1,9 +1,9 @@
-"""What `python -m d2d.radar --help` teaches."""
+"""The text of `python -m d2d.radar --help`."""
 
 PROGRAM = "python -m d2d.radar"
 
 HELP = f"""\
-Estimates how a vehicle moved from what its Doppler radars measured.
+Estimates how a vehicle moved from the measurements of its Doppler radars.
 
 A first try, with a simulated log that the program writes itself:
 
@@ -18,10 +18,10 @@ Estimates the velocity of a vehicle from one radar or several, integrates it to 
 
   PREFIX.tum              the path, a line "t x y z qx qy qz qw" per pose, for evo and others
   PREFIX_velocities.txt   v_x, v_y, omega and their covariances; its header names the columns
-  PREFIX.npz              all of it, for d2d.radar.Track.load
+  PREFIX.npz              everything, for d2d.radar.Track.load
   PREFIX.png              a picture (if matplotlib is installed)
 
-All of them are written at the end, or none. The first run compiles for up to a minute.
+Either all of them are written at the end or none. The first run compiles for up to a minute.
 """
 
 TRACK_EPILOG = f"""\
@@ -37,8 +37,8 @@ A CSV file has a line for each target and a first line that names the columns:
   doppler         m/s, positive if the target moves away: ahead of a moving car it is negative
   sigma_...       standard deviations in the same units; or --sigma-range and so on for all targets
 
-Columns may come in any order; others are ignored. If in doubt, take the standard deviations of the
-sensor's data sheet. If the sensor rounds to steps, add the variance step^2 / 12.
+Columns may come in any order; others are ignored. If in doubt, use the standard deviations of the
+sensor's data sheet. If the sensor rounds its values to steps, add the variance step^2 / 12.
 
 Where a sensor sits: x forward and y left of the vehicle's origin (best the middle of the rear axle)
 in m, and the direction of its boresight in degrees, counter-clockwise from straight ahead.
@@ -61,7 +61,7 @@ examples:
 
 What is printed at the end says how many estimates were accepted, and why the others were not:
 
-  a scan without targets          nothing to estimate; the path goes on with the last velocity
+  a scan without targets          nothing to estimate; the path continues with the last velocity
   no optimum near the start       too few targets are seen in both scans: more sensors
   an optimum that rejects ...     scans do not fit each other: too small standard deviations, a
                                   wrong mounting, azimuths of the wrong sign
@@ -72,6 +72,6 @@ What is printed at the end says how many estimates were accepted, and why the ot
 
 If the path runs backwards, the sign of the Doppler velocities or the yaw of a mounting is wrong; if
 it bends the wrong way, the sign of the azimuths. The book's pages "Your own radar" and "When a path
-looks wrong" have the rest: how to choose standard deviations and a budget, and how to test a
+looks wrong" explain how to choose standard deviations and a budget, and how to test a
 covariance.
 """

@@ -38,7 +38,7 @@ _BUDGET = ("azimuth", "doppler", "scale", "lag", "neighbours")
 
 
 class Source(NamedTuple):
-    """What is tracked: the scans and mounting of each sensor, and what their targets share."""
+    """What is tracked: the scans and mounting of each sensor, and the errors that targets share."""
 
     sensors: list[tuple[list[RadarScan], Mounting]]
     budget: ErrorBudget
@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 if all went well, 1 if not, 130 if interrupted; what was wrong is said on the standard
+        0 on success, 1 on failure, 130 if interrupted; what was wrong is written to the standard
         error.
 
     Raises
@@ -76,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{PROGRAM}: error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted, nothing is written", file=sys.stderr)
+        print(f"{PROGRAM}: interrupted, nothing was written", file=sys.stderr)
         return 130  # as shells report it
     return 0
 
@@ -175,16 +175,16 @@ def _add_estimation(parser: argparse.ArgumentParser) -> None:
         metavar="M/S",
         help="standard deviation of the sideways velocity of the vehicle's origin about zero; 0 if "
         "it never moves sideways, as the middle of a rear axle that does not slip (default: "
-        "nothing is known of it). It helps a single radar most: the yaw rate becomes more accurate",
+        "unknown). It helps a single radar most: the yaw rate becomes more accurate",
     )
     how.add_argument(
         "--max-acceleration",
         type=float,
         default=VehicleLimits().acceleration,
         metavar="M/S^2",
-        help="estimates that need a larger one are not accepted (default: "
+        help="estimates that need a larger acceleration are not accepted (default: "
         f"{VehicleLimits().acceleration:g}, far beyond a car's); with few targets in dense traffic "
-        "take what your vehicle can do, such as 8",
+        "use the limit of your vehicle, such as 8",
     )
     how.add_argument(
         "--max-interval",
@@ -201,7 +201,7 @@ def _add_budget(parser: argparse.ArgumentParser) -> None:
     shared = parser.add_argument_group(
         "error budget",
         "Standard deviations of errors that many targets share. They do not average out, so that\n"
-        "covariances without them are too small. What is not given is the data set's own,\n"
+        "covariances without them are too small. The default of each is that of the data set,\n"
         "or zero for a log.",
     )
     shared.add_argument(
@@ -220,12 +220,12 @@ def _add_budget(parser: argparse.ArgumentParser) -> None:
         "--budget-neighbours",
         type=float,
         metavar="M",
-        help="length over which the position errors of neighbouring targets are alike",
+        help="length over which the position errors of neighbouring targets are correlated",
     )
     shared.add_argument(
         "--no-budget",
         action="store_true",
-        help="state the inverse Hessian of the cost as covariance, which knows nothing of shared "
+        help="use the inverse Hessian of the cost as the covariance, which does not contain shared "
         "errors; not together with the options above",
     )
 
@@ -244,7 +244,7 @@ def _check_source(parser: argparse.ArgumentParser, arguments: argparse.Namespace
 
 
 def _check_budget(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
-    """Leave with a message if a budget is given and refused at once."""
+    """Leave with a message if a budget is both given and refused."""
     given = [name for name in _BUDGET if getattr(arguments, f"budget_{name}") is not None]
     if arguments.no_budget and given:
         parser.error(f"--no-budget contradicts --budget-{given[0]}: leave one of them out")
@@ -254,7 +254,7 @@ def _check_budget(parser: argparse.ArgumentParser, arguments: argparse.Namespace
 
 
 def _source(arguments: argparse.Namespace) -> Source:
-    """What the arguments name, with the extent and the budget that they give."""
+    """The source that the arguments name, with the extent and the budget that they give."""
     if arguments.csv is not None:
         sensors, budget = _of_csv(arguments), ErrorBudget()
     else:
@@ -345,13 +345,13 @@ def _track(arguments: argparse.Namespace) -> None:
         print(f"{PROGRAM}: warning: {each.message}", file=sys.stderr)
     print(driven)
     if not driven.converged.any():
-        raise ValueError("no estimate was accepted, so that nothing is written")
+        raise ValueError("no estimate was accepted, so nothing was written")
     for path in _write(driven, prefix, picture=not arguments.no_picture):
         print(f"wrote {path}")
 
 
 def _slips(sigma: float | None) -> bool | float:
-    """What the option ``slips`` takes for a standard deviation of v_y, or for none."""
+    """The value of the option ``slips`` for a standard deviation of v_y, or for none."""
     if sigma is None:
         return True
     if not 0.0 <= sigma < math.inf:

@@ -1,12 +1,12 @@
 """Whether the positions of a drive's targets contradict their Doppler velocities.
 
-A flipped sign, a wrong unit, or velocities that are already compensated for the ego-motion give an
-optimum all the same: a Doppler velocity is so precise that the positions decide little about the
-speed.  Left alone, the positions then fit another velocity clearly better.
+A flipped sign, a wrong unit, or velocities that are already compensated for the ego-motion still
+give an optimum: Doppler velocities are so precise that the positions hardly influence the speed.
+The positions alone then fit another velocity clearly better.
 
-They may do so on correct data, too.  What a sensor sees of a guardrail beside the road travels with
-the vehicle, so that the positions seem to be at rest.  So only velocities are looked at that are
-farther from the stated one than rest is, and those that a known mistake would give.
+This can happen with correct data, too.  The reflections of a guardrail beside the road travel with
+the vehicle, so that the positions seem to be at rest.  So the search is limited to velocities that
+are farther from the estimate than rest is, and to those that a known mistake would give.
 """
 
 import warnings
@@ -22,7 +22,7 @@ from d2d.registration import ANNEALED, anneal
 _SAMPLE = 20  # intervals at most
 _FEW = 5  # after which the search ends if at most one of them contradicts
 _TELLING = 3.0  # nats by which another velocity must fit the positions better
-_SLOW = 2.0  # m/s, below which a velocity's multiples do not show what it should be
+_SLOW = 2.0  # m/s, below which the multiples of a velocity are too close to tell apart
 _MARGIN = 0.5  # m/s
 # What the velocity is multiplied by if a mistake is undone.
 _OPPOSITE, _SLOWER, _FASTER, _MUCH_FASTER = np.array(
@@ -35,7 +35,7 @@ _QUESTIONS = {
     "a faster one": "Are the Doppler velocities those that the sensor measured, not compensated "
     "for the ego-motion?",
 }
-_OTHERS = "Azimuths in degrees, times in another unit than s and a wrong mounting look alike."
+_OTHERS = "Azimuths in degrees, times in another unit than s and a wrong mounting look the same."
 
 
 def warn_of_contradiction(theta: Array, bind: Callable[[int], Problem | None]) -> None:
@@ -61,7 +61,7 @@ def warn_of_contradiction(theta: Array, bind: Callable[[int], Problem | None]) -
             return
         compared += 1
         against += _contradiction(problem, theta[i])
-    # what fits by chance has any direction
+    # a fit by chance has a random direction
     headings = np.array([heading for _, heading in against])
     if against and 2.0 * np.hypot(*headings.sum(axis=0)) > compared:
         kinds = [kind for kind, _ in against]
@@ -76,7 +76,7 @@ def warn_of_contradiction(theta: Array, bind: Callable[[int], Problem | None]) -
 
 
 def _contradiction(problem: Problem, theta: Array) -> list[tuple[str, Array]]:
-    """What the positions fit better than a velocity (3,), and its direction (2,); or nothing."""
+    """What the positions fit better than a velocity (3,), and its direction (2,); else nothing."""
     alone = replace(problem, pairs=[pair._replace(measurement=None) for pair in problem.pairs])
     speed = float(np.hypot(*theta[:2]))
     tried = theta * np.array([np.ones(3), np.zeros(3), _OPPOSITE, _SLOWER, _FASTER, _MUCH_FASTER])

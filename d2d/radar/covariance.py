@@ -79,9 +79,9 @@ def propagate_joint_ego_motion(
 ) -> Array:
     """Covariance of a joint ego-motion estimate by propagating range, azimuth and Doppler errors.
 
-    A scan that is in several pairs, because of several baselines or as the current scan of one and
-    the previous scan of another, errs only once: what it does in all of them is added up before it
-    is squared.  The inverse Hessian takes the pairs as independent.
+    A scan can be in several pairs: of several baselines, or as the current scan of one and the
+    previous scan of another.  Its errors are the same in all of them, so their effects are added up
+    before they are squared.  The inverse Hessian treats the pairs as independent.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ _TURN = 2.0 * math.pi * (1.0 + 1e-6)  # as scans allow it
 
 
 class _Header(NamedTuple):
-    """What the first line says, and its number."""
+    """The content of the first line, and its number."""
 
     names: list[str]
     separator: str
@@ -106,7 +106,7 @@ def load_csv(
         for name, sigma in zip(_SIGMAS, (sigma_range, sigma_azimuth, sigma_doppler), strict=True)
         if sigma is not None
     }
-    # bytes that are no text become a sign that no number has, so that their line is named
+    # bytes that are not text become a character that no number has, so that their line is named
     with source.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         header = _header(source, file)
         columns = _columns(source, header, sigmas)
@@ -195,7 +195,7 @@ def _number(name: str, text: str, degrees: bool) -> float:
     """A finite number, angles in rad."""
     plain = text.strip()
     try:
-        if "_" in plain or not plain.isascii():  # a slip of the pen, but a number to Python
+        if "_" in plain or not plain.isascii():  # a typing error, but a number to Python
             raise ValueError
         value = float(plain)
     except ValueError:

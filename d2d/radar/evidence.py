@@ -53,9 +53,9 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
 
     The difference contains the noise of both, the dependence of their targets, and biases of each
     sensor, such as those of its mounting; a mean whitened error that is not zero, or one that
-    changes slowly, is a bias.  What both share cancels: a lag of a common clock, a motion that is
-    not constant over the interval.  Credible differences do not prove credible estimates.  To
-    tell noise and dependence apart without biases, see `compare_halves`.
+    changes slowly, is a bias.  What both have in common cancels, such as the lag of a common clock
+    or a motion that is not constant over the interval.  Credible differences do not prove credible
+    estimates.  To tell noise and correlation apart without biases, see `compare_halves`.
     """
     check_instance("first", first, Track)
     check_instance("second", second, Track)
@@ -94,11 +94,11 @@ def compare_halves(
     horizon: float | None = None,
     **options: Unpack[EstimationOptions],
 ) -> Comparison:
-    """Estimate each motion twice, from either half of the targets, and compare the two.
+    """Estimate each motion twice, from each half of the targets, and compare the two.
 
-    The targets of each *later* scan are divided at random; either half is registered with the whole
-    scan before, so that every target keeps its counterpart.  Run it with either ``by``: the two
-    ANEES tell apart errors that are too small from errors that are not independent.
+    The targets of each *later* scan are divided at random; each half is registered with the whole
+    scan before, so that every target keeps its counterpart.  Run it with both values of ``by``: the
+    two ANEES distinguish standard deviations that are too small from errors that are correlated.
 
     Parameters
     ----------
@@ -142,12 +142,12 @@ def compare_halves(
       targets of an object are in both halves, so that their common error counts as if each had its
       own.
     - **By object**, a common error is in one half only, and counts with its full weight.  If all
-      errors are independent, both ways give the same ANEES.  If the targets of an object err
-      together, the ANEES by object is larger: by that factor the covariances are too small because
-      of the dependence.
+      errors are independent, both ways give the same ANEES.  If the errors of an object's
+      targets are correlated, the ANEES by object is larger: by that factor the covariances are too
+      small because of the correlation.
 
-    Objects also lie in different directions, and some move: a bias that depends on the azimuth, and
-    traffic that is not rejected, show by object too.
+    Objects also lie in different directions, and some move.  So a bias that depends on the azimuth,
+    and traffic that is not rejected, also show up by object.
 
     Targets that share a counterpart in the scan before share its error, which makes the differences
     a little smaller than the covariances say.

@@ -115,19 +115,19 @@ def estimate_extent(
     with the pairs' scores s_p and their sum's derivative -H in e^2, sqrt(var(sum s_p)) / H for e^2,
     by overlapping blocks of at least four successive pairs, see `d2d.block_length`.  For e it is
     divided by 2 e; close to zero it is at most the square root of that for e^2, which is thus the
-    extent that a standard error away from zero would be.  The velocities, which are fitted to the
+    extent one standard error away from zero.  The velocities, which are fitted to the
     same positions, make the extent a little too small: by 1 to 2 % with 40 targets.
 
-    It is the scatter of the points only if each target has one counterpart.  An object that returns
-    several targets is covered by all of them together, so that the extent that predicts the next
-    scan's targets best is smaller: in simulation, with one to eight targets per object, 0.4 to 0.7
-    of the scatter.  It is larger if more targets lack a counterpart than the outlier component
-    says, or if a blur predicts a scan of dense clutter better.
+    The extent equals the scatter of the points only if each target has one counterpart.  An object
+    that returns several targets is covered by all of them together, so that a smaller extent
+    predicts the targets of the next scan best: in simulation, with one to eight targets per object,
+    0.4 to 0.7 of the scatter.  It is larger than the scatter if more targets lack a counterpart
+    than the outlier component assumes, or if a blur predicts a scan of dense clutter better.
 
     The likeliest extent is not always the one with the best velocities.  On RadarScenes it is 0.5
-    to 0.7 m, but omega is most accurate with at most 0.1 m.  Many targets there stay where they are
-    for the sensor, not for the street: reflections slide along guard rails, and where targets are
-    dense moves with the sensor.  A wide extent lets them pull the velocity.
+    to 0.7 m, but omega is most accurate with at most 0.1 m.  Many targets there are at
+    rest relative to the sensor, not to the street: reflections slide along guard rails, and the
+    places where targets are dense move with the sensor.  A wide extent lets them pull the velocity.
 
     Examples
     --------
@@ -242,7 +242,7 @@ def _maximum(pairs: Sequence[_Start], curve: Array, slopes: Array) -> float:
     """
     if slopes[-1] > 0.0 and curve.argmax() == len(curve) - 1:
         raise ValueError(
-            f"scans are ever more likely up to an extent of {CANDIDATES[-1]:g} m: positions of one "
+            f"scans have a likelihood that still grows at {CANDIDATES[-1]:g} m: positions of one "
             "scan do not fit those of the other"
         )
     inside = np.flatnonzero((slopes[:-1] > 0.0) & (slopes[1:] <= 0.0))

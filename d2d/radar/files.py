@@ -1,4 +1,4 @@
-"""What readers and writers share: files that must be there, JSON, whole files, strong targets."""
+"""What readers and writers share: checks for files, JSON, complete files, strong targets."""
 
 import json
 import os
@@ -38,8 +38,8 @@ def strongest_targets(cross_section: ArrayLike, count: int | None) -> NDArray[np
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[IO[bytes]]:
-    """A file to write to, which takes the place of ``path`` only when all of it is written."""
-    target = Path(os.path.realpath(path))  # a link stays one
+    """A file to write to, which replaces ``path`` only when it is complete."""
+    target = Path(os.path.realpath(path))  # a link stays a link
     if not target.parent.is_dir():
         raise FileNotFoundError(f"{path} cannot be written: {target.parent} does not exist")
     if target.exists() and not target.is_file():  # a device or a pipe is written to, not replaced

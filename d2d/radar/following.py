@@ -30,8 +30,8 @@ DEFAULT_LIMITS = VehicleLimits()
 # targets are outliers there, and the Hessian is positive definite.  An optimum at which the mean
 # inlier probability of the targets is below this is not accepted as the vehicle's motion.
 MIN_EXPLAINED = 0.1
-# A velocity has three components.  An optimum that rests on fewer targets is an accident, whatever
-# share of the scan they are.
+# A velocity has three components.  An optimum that rests on fewer targets is accidental, however
+# large a share of the scan they are.
 MIN_AGREEING = 2.5  # sum of the inlier probabilities
 # A wrong optimum rarely explains more than half of the targets (chapter 9).  One that explains at
 # least this fraction is accepted without looking for another.
@@ -80,7 +80,7 @@ def is_good(estimate: Estimate) -> bool:
 
 
 def is_convincing(estimate: Estimate) -> bool:
-    """Whether it explains so many targets that no other optimum is looked for."""
+    """Whether an estimate explains so many targets that no other optimum is looked for."""
     return bool(estimate.converged) and float(estimate.inliers) >= WELL_EXPLAINED
 
 

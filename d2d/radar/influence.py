@@ -2,8 +2,8 @@
 
 By the implicit function theorem (Censi 2007) an optimum moves by -H^-1 f_theta,z per unit of a
 measured value z.  A scan that is in several pairs, with several baselines or as the current scan of
-one pair and the previous scan of another, moves it by the sum over these pairs.  So what one target
-does is added up first, and squared afterwards.
+one pair and the previous scan of another, moves it by the sum over these pairs.  So the effects of
+one target are added up first and squared afterwards.
 
 Errors that targets share are sums of these influences: an azimuth bias b of a sensor moves the
 estimate by b times the sum of ``azimuth`` over the targets of its scans, a Doppler scale error s by
@@ -24,7 +24,7 @@ View = tuple[RadarScan, Mounting]
 
 
 class Influence(NamedTuple):
-    """Derivatives of a velocity [v_x, v_y, omega] in what one scan measures of its K targets.
+    """Derivatives of a velocity [v_x, v_y, omega] in the measured values of one scan's K targets.
 
     Rows of v_x and v_y are in m/s, those of omega in rad/s, per unit of the measured value.
     """
@@ -112,7 +112,7 @@ def influences(
 
 
 def noise_covariance(found: Sequence[Influence], *, shared_azimuth: bool = True) -> Array:
-    """Covariance (3, 3) of a velocity by the targets' own errors, independent from one to the next.
+    """Covariance (3, 3) of a velocity due to the targets' own errors, which are independent.
 
     With ``shared_azimuth``, a single azimuth error of each target turns its position and changes
     its predicted Doppler velocity; else two independent ones do.  The rest of the positions'
@@ -127,7 +127,7 @@ def noise_covariance(found: Sequence[Influence], *, shared_azimuth: bool = True)
         sigma = each.scan.sigma_azimuth[:, None]
         predicted = each.prediction * sigma
         total += _gram(predicted)
-        if shared_azimuth:  # the square of what turns the positions is in their covariances
+        if shared_azimuth:  # the positions' covariances already contain the square of this rotation
             both = predicted.T @ ((each.azimuth - each.prediction) * sigma)
             total += both + both.T
     return 0.5 * (total + total.T)

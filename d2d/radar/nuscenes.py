@@ -106,13 +106,13 @@ def load_nuscenes(
         Delay of the radar's time stamps: a scan at t shows the motion that the poses give for
         t - time_offset.
     speed_factor : float or None
-        v_x is that of the rear axle if this times the speed on the CAN bus, which is too low and
-        0.1 s later than the poses, is that of the front axle; None, or if there is no CAN bus: v_x
-        is the derivative of the poses too.
+        The speed on the CAN bus, which is too low and 0.1 s later than the poses, times this factor
+        is taken as the speed of the front axle, and v_x as that of the rear axle.  With None, or
+        without a CAN bus, v_x is the derivative of the poses too.
     prediction_time : float, s
-        In a turn the radar reports the velocity of a static target at range r as larger by
-        omega^2 r times this, which is removed with the yaw rate of the reference; 0 leaves the
-        velocities as they are.
+        In a turn the radar reports the velocity of a static target at range r as larger by omega^2
+        r times this.  The excess is removed with the yaw rate of the reference; 0 leaves the
+        velocities unchanged.
     stated_mounting : bool
         Whether the mounting angle is the one that the tables state, without `MOUNTING_ERRORS`.
     half_width : float, s
@@ -148,10 +148,10 @@ def load_nuscenes(
     derivative of the positions best at an offset of -0.03 s, the speed of the CAN bus at -0.13 s
     and a factor of 1.012; what remains in v_x is 0.065 and 0.031 m/s: the positions of the
     localisation jitter, the speed does not.  Residuals of single targets, with the rounding: 0.15 m
-    in range, 0.09 to 0.10 m/s in Doppler velocity.  A target that is moved on along a straight line
-    for a time t, at the velocity that it has in the turning sensor's frame, recedes by omega^2 r t;
-    the radar seems to do that for half of its cycle of 75 ms.  In bends the speed on the CAN bus
-    exceeds that of the rear axle as the speed of the front axle does.  The data sheet's codes
+    in range, 0.09 to 0.10 m/s in Doppler velocity.  If a target is extrapolated along a straight
+    line for a time t, with its velocity in the frame of the turning sensor, it recedes by omega^2 r
+    t; the radar seems to do this over half of its cycle of 75 ms.  In bends the speed on the CAN
+    bus exceeds that of the rear axle as the speed of the front axle does.  The data sheet's codes
     ``x_rms`` and ``vx_rms`` in the files (0.6 to 1.3 m, 0.29 to 0.37 m/s) are several times the
     residuals, and are not used.
     """
@@ -209,7 +209,7 @@ def _of_rear_axle(speed: Array, omega: Array) -> Array:
 
 
 def _filled(values: Array) -> Array:
-    """Values (n,) with those that are not known taken from the nearest ones, or as zero."""
+    """Values (n,), with unknown ones replaced by the nearest known ones, or by zero."""
     known = np.flatnonzero(np.isfinite(values))
     if not len(known):
         return np.zeros_like(values)
@@ -217,7 +217,7 @@ def _filled(values: Array) -> Array:
 
 
 def _corrected(mounting: Mounting, channel: str) -> Mounting:
-    """The mounting with the error of its angle removed, if that is known."""
+    """The mounting with the error of its angle removed, if the error is known."""
     stated = float(np.rad2deg(mounting.yaw))
     for angle, error in MOUNTING_ERRORS.get(channel, {}).items():
         if abs(stated - angle) < 0.01:
@@ -246,7 +246,7 @@ def _table(folder: Path, name: str, texts: tuple[str, ...], others: tuple[str, .
     path = existing(folder, f"{name}.json", f"the table {name!r} of nuScenes")
     rows = read_json(path)
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise ValueError(f"{path} is not a table of nuScenes: it is no list of objects")
+        raise ValueError(f"{path} is not a table of nuScenes: it is not a list of objects")
     for key in texts:
         if not all(isinstance(row.get(key), str) for row in rows):
             raise ValueError(f"{path} is not a table of nuScenes: a row has no text {key!r}")
@@ -353,7 +353,7 @@ def _motion(root: Path, tables: Path, scene: str, drive: _Drive) -> _Motion:
 def _stamps(path: Path, microseconds: list[Any]) -> Array:
     """Times in s."""
     if not all(isinstance(stamp, int | float) for stamp in microseconds):
-        raise ValueError(f"{path}: a time stamp is no number")
+        raise ValueError(f"{path}: a time stamp is not a number")
     times = np.array(microseconds, dtype=np.float64) * MICROSECOND
     if not np.isfinite(times).all():
         raise ValueError(f"{path}: a time stamp is not finite")
@@ -367,7 +367,7 @@ def _yaws(quaternions: list[Any]) -> Array:
 
 
 def _valid(targets: dict[str, NDArray[Any]], strongest: int | None) -> dict[str, Array]:
-    """The targets that count; an empty scan holds one that is not a number."""
+    """The targets that are used; an empty scan holds one that is not a number."""
     columns = {name: column.astype(np.float64) for name, column in targets.items()}
     good = np.isin(columns["invalid_state"], _VALID) & (columns["ambig_state"] == _UNAMBIGUOUS)
     good &= np.hypot(columns["x"], columns["y"]) > 0

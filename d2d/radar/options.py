@@ -19,7 +19,7 @@ from d2d.problem import CostForm, Pair, Problem
 # of the inliers.  With all velocities that traffic can have, 40 m/s, the errors of v_x and omega
 # on the road are larger by a few percent (chapter 8b).
 DEFAULT_DOPPLER_WIDTH = 4.0
-_NO_SLIP = 1e-3  # m/s, the standard deviation of a v_y that is said to be zero
+_NO_SLIP = 1e-3  # m/s, the standard deviation of v_y where it is stated to be zero
 _SLIPS = (1e-6, 1e6)  # m/s, whose inverse squares the cost can hold beside its other terms
 # thesis sec. 7.3: 20 % outliers, with a standard deviation of 10 m along both axes
 DEFAULT_OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
@@ -60,8 +60,9 @@ class EgoMotionModel(Frozen):
         density.  The thesis leaves this density out of eq. 7.14, which is a width of 1 m/s.
     slips : bool or float, m/s
         Whether the vehicle's origin may move sideways.  False says that v_y is zero, a number is
-        the standard deviation of v_y about zero.  A single sensor that sees few targets knows
-        v_y + omega x_s well and the two apart badly, so it gains most from knowing one.
+        the standard deviation of v_y about zero.  A single sensor that sees few targets
+        determines v_y + omega x_s well but the two separately only poorly, so it gains most from
+        knowing one of them.
     first_order : bool
         Whether the translation over the interval tau is v tau (thesis eq. 7.2) instead of that of
         the SE(2) exponential, by which a turning vehicle moves at constant velocity.
@@ -108,7 +109,7 @@ class EgoMotionModel(Frozen):
 
     @property
     def prior(self) -> Array:
-        """Precisions (3,) of what is known of the velocity beforehand."""
+        """Precisions (3,) of the prior of the velocity."""
         precision = np.zeros(3)
         if not isinstance(self.slips, bool | np.bool_):
             precision[1] = 1.0 / float(self.slips) ** 2

@@ -17,7 +17,8 @@ _SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 def read_pcd(path: Path, fields: Iterable[str]) -> dict[str, NDArray[Any]]:
     """Columns of a binary PCD file, by name.
 
-    Raises a ``ValueError`` that names the file if it is none, is cut short, or lacks a column.
+    Raises a ``ValueError`` that names the file if it is not a PCD file, is cut short, or lacks a
+    column.
     """
     try:
         content = path.read_bytes()

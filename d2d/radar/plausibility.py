@@ -35,7 +35,7 @@ class VehicleLimits:
 
     The defaults are far beyond what a road vehicle does.  An estimate that exceeds a
     limit by more than three of its own standard deviations is not accepted: radar alone sometimes
-    finds an optimum that no vehicle could follow, and its inlier probability does not tell.
+    finds an optimum that no vehicle could follow, which its inlier probability does not reveal.
 
     Attributes
     ----------
@@ -46,13 +46,13 @@ class VehicleLimits:
         Of v_x and of v_y, from one accepted estimate to the next.
     yaw_acceleration : float, rad/s^2
     uncertainty : float, rad/s
-        Of the standard deviation of omega, beyond which an estimate tells nothing.
+        Largest useful standard deviation of omega; an estimate above it is not accepted.
     slip : float, rad/s
         By how much the yaw rate may move if v_y is taken as zero, whatever its standard deviation.
-        A single sensor ahead of the axle knows its own lateral velocity well and the yaw rate
-        badly: an error of the yaw rate then shows as side slip.  The default is for an origin near
-        the rear axle; where it is far from the axle, or the wheels turn all ways, take a larger
-        one.
+        A single sensor ahead of the axle determines its own lateral velocity well and the yaw rate
+        poorly: an error of the yaw rate then appears as side slip.  The default is for an origin
+        near the rear axle; where it is far from the axle, or the wheels turn all ways, take a
+        larger one.
 
     Raises
     ------
@@ -76,8 +76,8 @@ class VehicleLimits:
     def for_doppler(self, doppler: bool) -> "VehicleLimits":
         """The limits of an estimate with or without Doppler velocities.
 
-        Without them no sensor knows its lateral velocity, so that a side slip says nothing about
-        omega; and what is known at all is known badly.
+        Without them no sensor determines its lateral velocity, so that a side slip says nothing
+        about omega, and all components are determined poorly.
         """
         return self if doppler else replace(self, slip=np.inf, uncertainty=np.inf)
 

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterable
 from typing import TextIO
 
-_DELAY = 2.0  # s, so that what is soon finished shows no bar
+_DELAY = 2.0  # s, so that short tracks show no bar
 
 
 def counted(count: int, progress: bool | None) -> Iterable[int]:

@@ -108,8 +108,8 @@ def load_radarscenes(
     Notes
     -----
     `calibrate` finds, from four sensors in the two minutes of sequence 105, a lag of 0.121 +- 0.015
-    s and, with the origin on the rear axle, a compliance of 0.0045 +- 0.0002 s^2/m.  If its place
-    is fitted too, it is -0.10 +- 0.22 m ahead of the axle.
+    s and, with the origin on the rear axle, a compliance of 0.0045 +- 0.0002 s^2/m.  If the place
+    of the origin is fitted too, it is -0.10 +- 0.22 m ahead of the axle.
     """
     if strongest is not None:
         check_count("strongest", strongest)
@@ -231,7 +231,7 @@ def _table(file: h5py.File, name: str, fields: tuple[str, ...]) -> Table:
     table = {field: np.ascontiguousarray(rows[field]) for field in fields}
     text = [f for f, column in table.items() if column.dtype.kind not in "iuf" or column.ndim != 1]
     if text:
-        raise ValueError(f"the column {text[0]!r} of the table {name!r} is no column of numbers")
+        raise ValueError(f"the column {text[0]!r} of the table {name!r} is not a column of numbers")
     return table
 
 

@@ -80,8 +80,8 @@ class RadarScan(Frozen):
         Standard deviations, positive.
     extent : number or (K,) array, m
         How far a target's reflection point lies from the point that the other scans see, as a
-        standard deviation along each axis.  Objects are extended, and each scan sees other points
-        of them.  Zero for point targets; see `estimate_extent`.
+        standard deviation along each axis.  Objects are extended, and each scan sees different
+        points of them.  Zero for point targets; see `estimate_extent`.
 
     Raises
     ------
@@ -150,9 +150,9 @@ class RadarScan(Frozen):
     ) -> "RadarScan":
         """The scan of a radar that reports positions, such as a list of objects or clusters.
 
-        The errors that are given add up: each is one part of the variance.  A scan keeps one
-        standard deviation along the line of sight and one across, so that a covariance is projected
-        onto both, and the correlation between them is dropped.
+        The variances of all errors that are given are added.  A scan stores one standard deviation
+        along the line of sight and one across it, so a covariance is projected onto both
+        directions, and the correlation between them is dropped.
 
         Parameters
         ----------

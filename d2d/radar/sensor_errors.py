@@ -1,4 +1,4 @@
-"""What can be wrong with a simulated radar beside the noise of its single targets."""
+"""What can be wrong with a simulated radar apart from the noise of its single targets."""
 
 from dataclasses import dataclass, fields
 
@@ -12,15 +12,15 @@ _RIDGE = 1e-9  # relative variance that keeps points at the same place from a si
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """Errors that the targets of a simulated scan share, and scatter of what they are reflected by.
+    """Errors that the targets of a simulated scan share, and scatter of the reflection points.
 
     All are off by default.  `d2d.radar.ErrorBudget` holds the standard deviations of the errors of
-    the same names; here are their values, the same for a whole drive.
+    the same names; this class holds their values, constant over a drive.
 
     Attributes
     ----------
     azimuth : float, rad
-        Added to all azimuths: the sensor is turned by as much against the mounting that is stated.
+        Added to all azimuths: the sensor is turned by this angle from its stated mounting.
     doppler : float, m/s
         Added to all Doppler velocities, after the scale error.
     scale : float

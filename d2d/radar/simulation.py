@@ -206,7 +206,7 @@ def simulate_drive(
     truth = _motion(times, start, speed)
     seen = _motion(times - errors.lag, start, speed)
     places, velocities = world.movers.at(seen.times)
-    moving = rng.spawn(1)[0] if errors.extent else None  # a stream of its own: the others stay
+    moving = rng.spawn(1)[0] if errors.extent else None  # leaves the other streams alone
     scans, targets = [], []
     for i, time in enumerate(times):
         scene = _Scene.seen_from(seen.poses[i], mounting, world, places[i], velocities[i])

@@ -15,7 +15,7 @@ class SlipLaw:
 
     In a bend, the lateral acceleration v_x omega needs a lateral force of the rear tyres, and so a
     slip angle -compliance v_x omega of the rear axle (linear single-track model: Riekert & Schunck
-    1940).  A point ahead of the axle moves sideways by the rotation besides.
+    1940).  A point ahead of the axle also moves sideways because of the rotation.
 
     Parameters
     ----------

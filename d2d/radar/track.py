@@ -98,8 +98,8 @@ def track(
     -----
     UserWarning
         If in most intervals the positions alone fit another velocity clearly better than the one
-        that the Doppler velocities say: the opposite one, a 3.6 times slower one or a faster one,
-        as where they are compensated for the ego-motion.
+        that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower
+        (km/h), or a faster one (velocities already compensated for the ego-motion).
 
     Raises
     ------

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 _OPTIONAL = ("reasons", "targets", "inliers")
 _SHOWN_REASONS = 3
-# A number in a reason, but no exponent of a unit such as m/s^2.
+# A number in a reason, but not the exponent of a unit such as m/s^2.
 _NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
 
 
@@ -136,8 +136,8 @@ class Track(Frozen):
             Nan outside the track's time span, next to an estimate that failed, and in gaps of more
             than twice the usual interval; at the time of an estimate, that estimate itself.  The
             covariance is interpolated linearly too.  It is then an upper bound for the interpolated
-            error, however the errors of the two neighbours are correlated; what the velocity does
-            between their times is not in it.
+            error, however the errors of the two neighbours are correlated; it does not contain a
+            change of the velocity between their times.
 
         Raises
         ------
@@ -192,7 +192,8 @@ class Track(Frozen):
         Raises
         ------
         ValueError
-            If ``path`` is not a path, or the file not a whole one of `save`; the message names it.
+            If ``path`` is not a path, or the file not a complete one of `save`; the message names
+            it.
         OSError
             If the file cannot be read.
 
@@ -216,7 +217,7 @@ class Track(Frozen):
         needed = (*REQUIRED, *(names if with_parts else ()))
         missing = [name for name in needed if name not in arrays]
         if missing:
-            raise ValueError(f"{source} is not a whole file of Track.save: it lacks {missing}")
+            raise ValueError(f"{source} is not a complete file of Track.save: it lacks {missing}")
         parts = CovarianceParts(*(arrays[name] for name in names)) if with_parts else None
         fields: dict[str, Any] = {name: arrays.get(name) for name in (*REQUIRED, *_OPTIONAL)}
         return cls._from_file(source, fields | {"parts": parts})
@@ -236,8 +237,8 @@ class Track(Frozen):
         Raises
         ------
         ValueError
-            If ``path`` is not a path or ``start`` is not a pose, in words that name the argument,
-            or the track is empty.
+            If ``path`` is not a path, ``start`` is not a pose, or the track is empty; the message
+            names the argument.
         OSError
             If the file cannot be written.
         """
@@ -293,12 +294,12 @@ class Track(Frozen):
 
     @classmethod
     def read_velocities(cls, path: str | os.PathLike[str]) -> Track:
-        """The track in a table of `write_velocities`, bit by bit, without what is not in it.
+        """The track in a table of `write_velocities`, bit by bit; what the table lacks is None.
 
         Raises
         ------
         ValueError
-            If ``path`` is not a path, or the file not a whole one of `write_velocities`; the
+            If ``path`` is not a path, or the file not a complete one of `write_velocities`; the
             message names the file and the line.
         OSError
             If the file cannot be read.
@@ -308,14 +309,14 @@ class Track(Frozen):
 
     @classmethod
     def _from_file(cls, source: Path, fields: dict[str, Any]) -> Track:
-        """The track of what a file holds; raises a ValueError that names it if that is none."""
+        """The track from a file's content; raises a ValueError naming the file if there is none."""
         try:
             return cls(**fields)
         except ValueError as error:
             raise ValueError(f"{source} holds no track: {error}") from None
 
     def to_dataframe(self) -> DataFrame:
-        """The estimates as a table of pandas, one row for each.
+        """The estimates as a pandas table, one row for each.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""What the fields of a track must be, and the arrays that it keeps of them."""
+"""Checks of the fields of a track, and the arrays that it keeps of them."""
 
 from typing import Any
 

@@ -45,7 +45,7 @@ def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
 
 
 def load_arrays(path: Path) -> Arrays:
-    """The arrays that `save_arrays` wrote; raises a ValueError if they are not whole."""
+    """The arrays that `save_arrays` wrote; raises a ValueError if the file is not complete."""
     with path.open("rb") as raw:
         try:
             opened = np.load(raw, allow_pickle=False)
@@ -54,8 +54,8 @@ def load_arrays(path: Path) -> Arrays:
             with opened as file:
                 arrays = {name: file[name] for name in file.files}
             mark = str(arrays.pop(_MARK))
-        except Exception as error:  # what damaged bytes raise is up to zipfile, zlib and NumPy
-            raise ValueError(f"{path} is not a whole file of Track.save ({error!r})") from None
+        except Exception as error:  # damaged bytes raise errors of zipfile, zlib or NumPy
+            raise ValueError(f"{path} is not a complete file of Track.save ({error!r})") from None
     if mark != _FORMAT:
         raise ValueError(f"{path} has the format {mark!r}, but this version reads {_FORMAT!r}")
     return arrays
@@ -90,11 +90,11 @@ def write_velocity_table(path: Path, columns: Arrays) -> None:
 def read_velocity_table(path: Path) -> dict[str, Any]:
     """The arguments of `velocity_columns` from what `write_velocity_table` wrote.
 
-    Raises a ValueError that names the file and the line if it wrote something else, or more.
+    Raises a ValueError that names the file and the line if the content is anything else.
     """
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     if not lines or lines[0].rstrip() != _TITLE:
-        raise ValueError(f"{path} is no table of velocities: line 1 must be {_TITLE!r}")
+        raise ValueError(f"{path} is not a table of velocities: line 1 must be {_TITLE!r}")
     rows = []
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.startswith("#"):
@@ -102,7 +102,7 @@ def read_velocity_table(path: Path) -> dict[str, Any]:
         rows.append(_row(line.split(), f"{path}, line {number}"))
     if lines[-1].rstrip() != _end(len(rows)):
         raise ValueError(
-            f"{path} is not whole: its last line must be {_end(len(rows))!r} after as many rows"
+            f"{path} is not complete: its last line must be {_end(len(rows))!r} after as many rows"
         )
     table = np.array(rows).reshape(-1, len(COLUMNS))
     covariance = np.empty((len(table), 3, 3))
@@ -130,5 +130,5 @@ def _row(words: list[str], where: str) -> list[float]:
 
 
 def _end(count: int) -> str:
-    """The last line, by which a file that was cut off is known."""
+    """The last line, by which a file that was cut off is recognised."""
     return f"# end of {count} estimates"

@@ -125,7 +125,7 @@ def visible(points: Array, walls: Array) -> NDArray[np.bool_]:
     """Whether each point (K, 2) is visible from the origin, not hidden by a wall (S, 2, 2)."""
     start, end = walls[:, 0], walls[:, 1]
     edge = end - start
-    # a ray crosses a wall if each has its ends on either side of the other
+    # a ray crosses a wall if the ends of each lie on different sides of the other
     ends = [np.outer(points[:, 0], e[:, 1]) - np.outer(points[:, 1], e[:, 0]) for e in (start, end)]
     origin = edge[:, 1] * start[:, 0] - edge[:, 0] * start[:, 1]
     beyond = origin + np.outer(points[:, 1], edge[:, 0]) - np.outer(points[:, 0], edge[:, 1])

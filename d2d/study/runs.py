@@ -94,7 +94,7 @@ class Condition:
         self.starts()
 
     def starts(self) -> Array:
-        """The start (P,), or several (S, P), of which the one with the lowest optimum wins."""
+        """The start (P,), or several (S, P), of which the lowest optimum is kept."""
         if isinstance(self.initial, str):
             if self.initial not in ("truth", "zero"):
                 raise ValueError(
@@ -134,7 +134,7 @@ def monte_carlo(
     seed : int
         The same seed gives the same results, whatever ``n_jobs`` and the backend.
     initial : "truth", "zero", (P,) array or (S, P) array
-        Start of every run; of several starts, the one with the lowest optimum wins.
+        Start of every run; with several starts, the lowest optimum is kept.
     n_jobs : int, optional
         Number of worker processes; 1 unless given or set by ``joblib.parallel_config``, whose
         backend (for example ``"dask"``) then runs the chunks.
@@ -179,7 +179,7 @@ def sweep(
     Raises
     ------
     ValueError
-        If a file exists that is not a whole result of `sweep`, or an argument is invalid; the
+        If a file exists that is not a complete result of `sweep`, or an argument is invalid; the
         message names the file or the argument.
     """
     _check_conditions(conditions)
@@ -221,7 +221,7 @@ def _check_conditions(conditions: Mapping[Any, Any]) -> None:
 
 
 def _remove_parts(folder: Path) -> None:
-    """Remove what sweeps that were killed left half-written; a running one writes its part anew."""
+    """Remove the half-written files of killed sweeps; a running sweep writes its part again."""
     for part in folder.glob("*.part"):
         with suppress(OSError):  # gone already, a folder, or in use where that forbids it
             part.unlink()
@@ -258,7 +258,7 @@ def _joined(parts: list[MonteCarlo]) -> MonteCarlo:
 
 
 def _store(path: Path, fingerprint: str, result: MonteCarlo) -> None:
-    """Write to a temporary file and rename it, so that a reader sees the whole file or none."""
+    """Write to a temporary file and rename it, so that a reader sees a complete file or none."""
     columns = {f.name: getattr(result, f.name) for f in fields(MonteCarlo)}
     while True:
         handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
@@ -283,7 +283,7 @@ def _stored(path: Path, fingerprint: str) -> MonteCarlo | None:
             if str(file["mark"]) != fingerprint:
                 return None  # other parameters: run again and replace the file
             return MonteCarlo(*(file[f.name] for f in fields(MonteCarlo)))
-    except Exception as error:  # what damaged bytes raise is up to zipfile, zlib and NumPy
+    except Exception as error:  # damaged bytes raise errors of zipfile, zlib or NumPy
         raise ValueError(
-            f"{path} is not a whole result of a sweep ({error}); remove it to run this again"
+            f"{path} is not a complete result of a sweep ({error}); remove it to run this again"
         ) from None

@@ -231,7 +231,7 @@ def test_a_lag_at_the_bound_is_said(lag):
 
 def test_no_acceleration_tells_no_lag():
     """Breaks if the lowest point of a flat line is believed."""
-    with pytest.warns(UserWarning, match="too little acceleration to tell the lag"):
+    with pytest.warns(UserWarning, match="too little acceleration to find the lag"):
         found = calibrate(drive(7, 0.1, uniform))
     assert found.lag == 0.0
     assert np.isnan(found.sigmas[0])

@@ -232,7 +232,7 @@ def test_an_interruption_leaves_nothing_behind(log, capsys, monkeypatch):
 
     monkeypatch.setattr(Track, "save", interrupted)
     assert main(["track", "--csv", str(log), *FRONT, "--output", str(log.parent / "drive")]) == 130
-    assert "interrupted, nothing is written" in capsys.readouterr().err
+    assert "interrupted, nothing was written" in capsys.readouterr().err
     assert os.listdir(log.parent) == ["log.csv"]
 
 

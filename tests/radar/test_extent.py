@@ -202,5 +202,5 @@ def test_scans_that_have_nothing_in_common_are_refused():
         RadarScan(0.1 * i, rng.uniform(5, 80, 9), rng.uniform(-1, 1, 9), np.zeros(9), *SIGMAS)
         for i in range(4)
     ]
-    with pytest.raises(ValueError, match=r"scans are ever more likely up to an extent of 3\.2 m"):
+    with pytest.raises(ValueError, match=r"scans have a likelihood that still grows at 3\.2 m"):
         estimate_extent(scans, MOUNTING, outlier=None)

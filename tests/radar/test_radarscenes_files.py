@@ -143,7 +143,7 @@ def test_a_table_of_two_axes_is_refused(root, table):
     content = {"radar_data": TARGETS, "odometry": ODOMETRY}
     content[table] = content[table].reshape(1, -1)
     write_h5(root / H5, **content)
-    assert f"of the table {table!r} is no column of numbers" in refused(root, H5)
+    assert f"of the table {table!r} is not a column of numbers" in refused(root, H5)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

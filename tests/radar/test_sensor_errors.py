@@ -185,7 +185,7 @@ def test_bad_errors_are_refused(name, value, reason):
 
 
 def test_a_drive_refuses_other_kinds_of_errors():
-    """Breaks if anything but errors, or a start that is no number, is taken."""
+    """Breaks if anything but errors, or a start that is not a number, is taken."""
     with pytest.raises(ValueError, match="errors must be a SensorErrors"):
         simulate_drive(np.random.default_rng(0), 1.0, errors=0.1)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="start must be"):

@@ -196,7 +196,7 @@ def test_what_was_cut_off_is_refused(tmp_path):
     whole = file.read_bytes()
     for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
         file.write_bytes(whole[:length])
-        with pytest.raises(ValueError, match=r"drive\.npz is not a whole file of Track\.save"):
+        with pytest.raises(ValueError, match=r"drive\.npz is not a complete file of Track\.save"):
             Track.load(file)
 
 
@@ -207,7 +207,7 @@ def test_damage_within_is_noticed(tmp_path):
     damaged = bytearray(file.read_bytes())
     damaged[len(damaged) // 3] ^= 16
     file.write_bytes(bytes(damaged))
-    with pytest.raises(ValueError, match=r"not a whole file"):
+    with pytest.raises(ValueError, match=r"not a complete file"):
         Track.load(file)
 
 
@@ -233,7 +233,7 @@ def test_foreign_files_are_refused(tmp_path):
     np.save(tmp_path / "objects.npy", np.array([{}], dtype=object), allow_pickle=True)
     (tmp_path / "text.npz").write_text("no archive", encoding="utf-8")
     for name in ("other.npz", "array.npy", "objects.npy", "text.npz"):
-        with pytest.raises(ValueError, match=rf"{name} is not a whole file of Track\.save"):
+        with pytest.raises(ValueError, match=rf"{name} is not a complete file of Track\.save"):
             Track.load(tmp_path / name)
     np.savez(tmp_path / "later.npz", format="d2d.radar.Track 9")
     with pytest.raises(ValueError, match=r"has the format 'd2d\.radar\.Track 9', but this version"):
@@ -349,7 +349,7 @@ def test_a_table_that_was_cut_off_is_refused_wherever_that_was(tmp_path):
             lambda row: row.replace(" 1 ", " 0.5 ", 1),
             "line 8: converged must be 0 or 1, but is 0.5",
         ),
-        (lambda row: "", "is not whole: its last line must be '# end of 39 estimates'"),
+        (lambda row: "", "is not complete: its last line must be '# end of 39 estimates'"),
     ],
     ids=["too-many", "word", "half", "none"],
 )
@@ -365,7 +365,7 @@ def test_a_row_that_cannot_be_read_is_named(tmp_path, change, said):
 
 def test_a_tum_file_is_no_table_of_velocities(tmp_path):
     example().write_tum(tmp_path / "drive.tum")
-    with pytest.raises(ValueError, match=r"drive\.tum is no table of velocities: line 1 must be"):
+    with pytest.raises(ValueError, match=r"drive\.tum is not a table of velocities: line 1"):
         Track.read_velocities(tmp_path / "drive.tum")
 
 

@@ -175,7 +175,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def test_sweep_names_a_truncated_file(tmp_path: Path, stored: bytes, share: float) -> None:
     """Breaks if a full disk's remains end in zipfile's words, which do not say where."""
     (tmp_path / "one.npz").write_bytes(stored[: int(share * len(stored))])
-    with pytest.raises(ValueError, match=r"one\.npz is not a whole result"):
+    with pytest.raises(ValueError, match=r"one\.npz is not a complete result"):
         sweep({"one": Condition(scenarios.OVERLAPPED, ROBUST, runs=10)}, tmp_path)
 
 

@@ -300,7 +300,7 @@ def recompute(trial: Trial) -> Outcome:
 
 
 def inlier_shares(trial: Trial) -> tuple[Array, NDArray[np.bool_]]:
-    """Mean inlier probability (runs,) at the optimum of each run, and whether it is at the truth.
+    """Mean inlier probability (runs,) at each run's optimum, and whether that is at the truth.
 
     The draws are not those of `recompute`; of several starts, only the first is used.
     """

@@ -44,7 +44,7 @@ FACTORS: dict[str, tuple[str, str, bool]] = {
     "overlap": ("overlap", "overlap", False),
     "spacing": ("spacing_m", "least spacing (m)", False),
     "field": ("field_deg", "half field of view (deg)", True),
-    "reported": ("reported", "reported / actual σ", True),
+    "reported": ("reported", "stated / actual σ", True),
 }
 # The costs as the stored results name them, and their keys in the grammar.
 STORED = {"sum": "summing", "likelihood": "likelihood", "robust": "robust"}
@@ -203,5 +203,5 @@ def covariance_panel(
 
 
 def _cost_names(keys: Iterable[str]) -> list[str]:
-    """The costs' names in figures; what is no cost of the grammar keeps its own."""
+    """The costs' names in figures; an entry that is not a cost of the grammar keeps its name."""
     return [COSTS[key].name if key in COSTS else key for key in keys]

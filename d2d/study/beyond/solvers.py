@@ -41,8 +41,8 @@ def annealed_share(
 ) -> float:
     """Share of the draws that a schedule takes from zero motion to the truth.
 
-    ``inflate_outlier`` widens the outlier component with the targets, which `d2d.register` does not
-    do; without ``robust`` there is no outlier component.
+    ``inflate_outlier`` widens the outlier component along with the targets, unlike `d2d.register`;
+    without ``robust`` there is no outlier component.
     """
     fixed, moving = same_draws(scenario, runs)
     theta = np.zeros(3)

@@ -13,7 +13,7 @@ from d2d.study.book.thesis_figures import page_of
 
 @dataclass(frozen=True)
 class ChapterBox:
-    """What a reader wants to know before a chapter; shows itself.
+    """What a reader wants to know before a chapter; displays itself.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class ChapterBox:
     __repr__ = __str__
 
     def _repr_markdown_(self) -> str:
-        """A box of Markdown: blank lines let its sentences be parsed."""
+        """A box of Markdown, with blank lines so that its sentences are parsed."""
         claims = sum(map(len, self.verdicts.values()))
         verdicts = [
             f"{len(ids)} {badge(verdict)}: {', '.join(_linked(id) for id in ids)}"

@@ -1,23 +1,23 @@
-"""A claim of the thesis, the evidence that judges it, and the rule by which it does.
+"""A claim of the thesis, the evidence that judges it, and the rule of judgement.
 
-A number counts with its 95 % interval (`d2d.study.book.measured`), never alone:
+A number is always judged with its 95 % interval (`d2d.study.book.measured`):
 
 - A difference is *larger* or *smaller* if the whole interval lies beyond a margin, and *the same*
   if the whole interval lies within it (two one-sided tests, Schuirmann 1987).  An interval that
   contains a bound of the margin shows neither, and confirms nothing.
 - The margin is the smallest effect that counts.  Ratios of errors or of standard deviations: 5 %,
-  what a tenth more targets brings, and what a thousand runs can tell.  I^2 and NCI: 0.5 dB, a
+  the effect of a tenth more targets, and what a thousand runs can resolve.  I^2 and NCI: 0.5 dB, a
   covariance that is 12 % off, which is 6 % of a standard deviation.  ANEES: those 12 %.  Shares: 5
   percentage points, one draw in twenty.  Offsets: a third of a standard deviation, which raises an
   RMSE by 5 %.
-- What is said of all draws must happen in *nearly all*: the interval of the share lies above 95 %.
-  *Hardly any* is below 5 %, *some* is above it, *most* is above one half.  To be qualified, what is
-  said to work must work in most draws, and what is said to go wrong must go wrong in some.
+- A statement about all draws must hold in *nearly all*: the interval of the share lies above 95 %.
+  *Hardly any* is below 5 %, *some* is above it, *most* is above one half.  For a qualified verdict,
+  what is said to work must work in most draws, and what is said to go wrong must do so in some.
 
-A claim is *confirmed* if all that it says passes, in the thesis's scene and, where its layout is
-not known, on random layouts; *qualified* if a part of it passes, or the whole under a condition
-that was measured and is stated; *refuted* if no part does, or the contrary passes.  The evidence
-says over which draws, layouts or drives it was taken.
+A claim is *confirmed* if every part of it passes, in the thesis's scene and, where its layout is
+not known, on random layouts; *qualified* if one part passes, or the whole under a condition that
+was measured and is stated; *refuted* if no part passes, or the contrary does.  The evidence names
+the draws, layouts or drives that were measured.
 """
 
 from collections.abc import Callable, Iterable
@@ -110,7 +110,7 @@ class Evidence:
         The condition under which the claim holds, composed from the numbers; not used if the claim
         is confirmed as it stands.
     over : str
-        The draws, layouts or drives over which it was measured.
+        The draws, layouts or drives that were measured.
     """
 
     verdict: Verdict

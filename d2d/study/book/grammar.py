@@ -7,7 +7,7 @@
 - The fixed set is grey, the moving set purple, a start pink.
 - In every map of a cost, or of the density that it belongs to, low cost is dark.
 
-No other artist has the colour of a cost: `tests/study/book/test_grammar.py` holds that.
+No other artist has the colour of a cost; `tests/study/book/test_grammar.py` checks this.
 """
 
 from typing import Any, NamedTuple
@@ -69,7 +69,7 @@ def cost_key(cost: RegistrationCost) -> str:
 
 
 def cost_line(key: str, metric: str = "d2d", label: str | None = None) -> dict[str, Any]:
-    """Style of a curve of a cost; ``label`` names it otherwise than the cost is named."""
+    """Style of a curve of a cost; ``label`` replaces the name of the cost."""
     look = COSTS[key]
     line = DOTTED if metric == "p2d" else look.line
     return {"color": look.color, "ls": line, "label": look.name if label is None else label}
@@ -87,7 +87,7 @@ def covariance_marks(name: str) -> dict[str, Any]:
 
 
 def mark_truth(ax: Axes, x: float = 0.0, y: float = 0.0, size: float = 9.0) -> None:
-    """The truth in a map: a white cross with a black edge, which dark and bright ground show."""
+    """The truth in a map: a white cross with a black edge, visible on dark and bright ground."""
     (cross,) = ax.plot(x, y, "+", color="white", ms=size, mew=1.4)
     cross.set_path_effects([Stroke(linewidth=3.0, foreground=BLACK), Stroke(linewidth=1.4)])
 

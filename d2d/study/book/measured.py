@@ -50,8 +50,8 @@ class Measured(float):
 def share_of(condition: ArrayLike) -> Measured:
     """Share of independent cases (N,) in which a condition is met, with Wilson's interval.
 
-    It has a width at 0 and 1 too, where resampling gives none: of N cases without an exception, 4
-    in N could still be exceptions.
+    It has a width even at 0 and 1, where resampling gives none: after N cases without an exception,
+    the share of exceptions can still be as high as 4 / N.
     """
     met = np.asarray(condition, dtype=np.float64).ravel()
     return share_counted(float(met.mean()), len(met))
@@ -60,8 +60,8 @@ def share_of(condition: ArrayLike) -> Measured:
 def share_over(shares: ArrayLike, cases: float) -> Measured:
     """Mean of the shares (G,) of groups, say layouts, with ``cases`` each, with Wilson's interval.
 
-    The groups are independent, the cases within a group need not be.  They count as so many cases
-    as would give the variance that is seen between the groups, at least one for each group.
+    The groups are independent, the cases within a group need not be.  They count as the
+    number of independent cases with the same variance between the groups, at least one per group.
     """
     each = np.asarray(shares, dtype=np.float64).ravel()
     share, groups = float(each.mean()), len(each)

@@ -1,4 +1,4 @@
-"""The figure style of the book; which colour means what is in `d2d.study.book.grammar`."""
+"""The figure style of the book; the meaning of the colours is in `d2d.study.book.grammar`."""
 
 from importlib.resources import as_file, files
 

@@ -20,7 +20,7 @@ ABSENT = "–"
 
 
 def significant(value: float) -> str:
-    """Three significant digits; whole numbers, and those from a thousand on, to the unit."""
+    """Three significant digits; whole numbers and numbers of at least 1000 without decimals."""
     if not math.isfinite(value):
         return ABSENT if math.isnan(value) else str(value)
     whole = float(value).is_integer() or abs(value) >= 1000
@@ -162,8 +162,8 @@ def table(
     Raises
     ------
     ValueError
-        If there are no rows, a row has not one cell for each column, or there are more columns in
-        groups than in the table.
+        If there are no rows, the number of cells of a row is wrong, or the groups have more columns
+        than the table.
 
     Examples
     --------

@@ -140,14 +140,12 @@ FIGURES = (
     ThesisFigure(
         "overall-noisy", "4.6", "4.2", "the overall surface of that scene: P2D (a) and D2D (b)"
     ),
-    ThesisFigure(
-        "summing-likelihood", "4.7", "4.3", "all targets (a); summing (b); likelihood (c)"
-    ),
+    ThesisFigure("summing-likelihood", "4.7", "4.3", "all targets (a); sum (b); likelihood (c)"),
     ThesisFigure(
         "outlier-fixed", "4.8", "4.4", "an outlier in F: F (a); M (b); the targets' surfaces (c)"
     ),
     ThesisFigure(
-        "outlier-fixed-cost", "4.9", "4.4", "its overall surface: summing (a) and likelihood (b)"
+        "outlier-fixed-cost", "4.9", "4.4", "its overall surface: sum (a) and likelihood (b)"
     ),
     ThesisFigure(
         "outlier-moving", "4.10", "4.4", "an outlier in M: F (a); M (b); the targets' surfaces (c)"
@@ -156,7 +154,7 @@ FIGURES = (
         "outlier-moving-cost",
         "4.11",
         "4.4",
-        "its overall surface: summing (a); likelihood that vanishes (b)",
+        "its overall surface: sum (a); the likelihood, which vanishes (b)",
     ),
     ThesisFigure(
         "blake-zisserman",
@@ -173,10 +171,10 @@ FIGURES = (
     ThesisFigure("cluster-tight", "4.14", "4.5", "a scene with very close targets"),
     ThesisFigure("cluster-loose", "4.15", "4.5", "a scene with close targets"),
     ThesisFigure(
-        "cluster-tight-cost", "4.16", "4.5", "very close: targets (a); summing (b); likelihood (c)"
+        "cluster-tight-cost", "4.16", "4.5", "very close: targets (a); sum (b); likelihood (c)"
     ),
     ThesisFigure(
-        "cluster-loose-cost", "4.17", "4.5", "close: targets (a); summing (b); likelihood (c)"
+        "cluster-loose-cost", "4.17", "4.5", "close: targets (a); sum (b); likelihood (c)"
     ),
     ThesisFigure("gradient-descent", "5.1", "5.1", "gradient descent from x0 = 6 with step 0.2"),
     ThesisFigure(
@@ -203,7 +201,7 @@ FIGURES = (
     ThesisFigure("evaluation-map", "6.1", "6", "the map of what is evaluated"),
     ThesisFigure("scene-2d", "6.2", "6.1", "the fully overlapped scene with 3-sigma ellipses"),
     ThesisFigure("overlap-map", "6.3", "6.3", "what the overlapped scene evaluates"),
-    ThesisFigure("overlap-cost", "6.4", "6.3", "its cost surface: summing (a) and likelihood (b)"),
+    ThesisFigure("overlap-cost", "6.4", "6.3", "its cost surface: sum (a) and likelihood (b)"),
     ThesisFigure(
         "overlap-error",
         "6.5",
@@ -214,13 +212,13 @@ FIGURES = (
         "overlap-covariance",
         "6.6",
         "6.3",
-        "errors inside 3-sigma bounds: summing (a) and likelihood (b)",
+        "errors inside 3-sigma bounds: sum (a) and likelihood (b)",
     ),
     ThesisFigure(
         "overlap-credibility",
         "6.7",
         "6.3",
-        "NEES and credibility ratio: summing (a); likelihood (b); with outlier component (c)",
+        "NEES and credibility ratio: sum (a); likelihood (b); with outlier component (c)",
     ),
     ThesisFigure("outlier-map", "6.8", "6.3", "what the outlier scene evaluates"),
     ThesisFigure("outlier-scene", "6.9", "6.3", "the scene with close and far outliers"),
@@ -228,7 +226,7 @@ FIGURES = (
         "outlier-cost",
         "6.10",
         "6.3",
-        "its cost surface: summing (a); likelihood (b); robust likelihood (c)",
+        "its cost surface: sum (a); likelihood (b); robust likelihood (c)",
     ),
     ThesisFigure(
         "outlier-error", "6.11", "6.3", "its estimation errors in translation (a) and rotation (b)"
@@ -237,7 +235,7 @@ FIGURES = (
         "outlier-credibility",
         "6.12",
         "6.3",
-        "its credibility: summing (a) and robust likelihood (b)",
+        "its credibility: sum (a) and robust likelihood (b)",
     ),
     ThesisFigure("cluster-map", "6.13", "6.3", "what the clustered scene evaluates"),
     ThesisFigure("cluster-scene", "6.14", "6.3", "the clustered scene"),
@@ -245,7 +243,7 @@ FIGURES = (
         "cluster-cost",
         "6.15",
         "6.3",
-        "cost surfaces with and without clusters for likelihood (a c) and summing (b d)",
+        "cost surfaces with and without clusters for likelihood (a c) and sum (b d)",
     ),
     ThesisFigure("cluster-error", "6.16", "6.3", "its estimation errors"),
     ThesisFigure("all-map", "6.17", "6.3", "what the combined scene evaluates"),
@@ -253,7 +251,7 @@ FIGURES = (
         "all-scenes",
         "6.18",
         "6.3",
-        "two combined scenes (a b) with the surfaces of summing (c d) and likelihood (e f)",
+        "two combined scenes (a b) with the surfaces of the sum (c d) and likelihood (e f)",
     ),
     ThesisFigure(
         "frames",

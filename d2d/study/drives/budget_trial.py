@@ -1,4 +1,4 @@
-"""Errors that are known to be there, one at a time, and what a budget of them makes true again."""
+"""Known errors, added one at a time, and whether a budget of them restores a true covariance."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -29,9 +29,9 @@ from d2d.scores import normalised_squares, within
 SEED = 17
 DRIVES = 30
 DURATION = (
-    2.0  # s: an error is constant in a drive, so that many short ones tell more than long ones
+    2.0  # s: an error is constant in a drive, so many short drives tell more than a few long ones
 )
-COVARIANCES = ("inverse Hessian", "propagated noise", "noise + budget")
+COVARIANCES = ("inverse Hessian", "propagated noise", "noise and budget")
 CORNERS = (  # four sensors, at the corners of the car
     Mounting(3.4, 0.8, float(np.deg2rad(45.0))),
     Mounting(3.4, -0.8, float(np.deg2rad(-45.0))),
@@ -43,8 +43,8 @@ CORNERS = (  # four sensors, at the corners of the car
 class Ingredient(NamedTuple):
     """What is wrong in a drive: shared errors, with the standard deviations of a budget, and more.
 
-    ``told`` says whether the estimator knows the errors that each target has for itself, the extent
-    and the rounding.  The targets' own noise it always knows.
+    ``told`` says whether the estimator knows the extent and the rounding, which each target has for
+    itself.  It always knows the targets' own noise.
     """
 
     budget: ErrorBudget = ErrorBudget()
@@ -59,10 +59,10 @@ _ALL = ErrorBudget(
 )
 INGREDIENTS = {
     "nothing": Ingredient(),
-    "extent, not told": Ingredient(extent=_EXTENT, told=False),
+    "extent, not stated": Ingredient(extent=_EXTENT, told=False),
     "extent": Ingredient(extent=_EXTENT),
-    "extent, neighbours alike": Ingredient(ErrorBudget(neighbours=_ALL.neighbours), _EXTENT),
-    "rounding, not told": Ingredient(rounding=_ROUNDING, told=False),
+    "extent, neighbours correlated": Ingredient(ErrorBudget(neighbours=_ALL.neighbours), _EXTENT),
+    "rounding, not stated": Ingredient(rounding=_ROUNDING, told=False),
     "rounding": Ingredient(rounding=_ROUNDING),
     "azimuth": Ingredient(ErrorBudget(azimuth=_ALL.azimuth)),
     "Doppler": Ingredient(ErrorBudget(doppler=_ALL.doppler)),
@@ -135,21 +135,21 @@ def budget_trial(
 ) -> BudgetTrial:
     """Switch on each ingredient alone, and judge the covariances of many short drives.
 
-    All ingredients are tried on the same drives of the car, which start all over the lap, through
-    the same worlds, with the same detections and noise.  The last covariance has the budget of
+    All ingredients are tried on the same drives of the car, with the same worlds, detections and
+    noise; the drives start at places all over the lap.  The last covariance has the budget of
     exactly the standard deviations that the errors were drawn from.
 
     Notes
     -----
     Without any error, the propagated noise still has an average NEES somewhat above 1.  Half of the
     excess comes from bends, where the velocity is not constant over an interval; half from targets
-    that fade, whose neighbours half a metre away are taken for them: an extent of 0.1 m takes it
-    off.  A sensor that rounds also rounds the standard deviations that it reports, more often down
-    than up, which adds another 0.1.
+    that fade, so that neighbours half a metre away are mistaken for them: an extent of 0.1 m
+    removes this half.  A sensor that rounds also rounds the standard deviations that it reports,
+    more often down than up, which adds another 0.1.
 
     A budget's ``neighbours`` correlates all errors of the positions, the simulator only the extent.
-    Where the noise is not small against the extent, the covariance is therefore a little too large:
-    an ANEES of 0.85 with an extent of 0.1 m and a length of 3 m, 1.04 with 1 m and 3 m.
+    Where the noise is not small compared with the extent, the covariance is therefore a little too
+    large: an ANEES of 0.85 with an extent of 0.1 m and a length of 3 m, 1.04 with 1 m and 3 m.
     """
     judged = [judge(INGREDIENTS[name], tuple(mountings), drives, duration, seed) for name in names]
     return BudgetTrial(
@@ -177,7 +177,7 @@ def judge(
     )
 
 
-@lru_cache(maxsize=1)  # the next ingredient may be the same, but told
+@lru_cache(maxsize=1)  # the next ingredient may be the same, but with ``told``
 def _simulated(
     ingredient: Ingredient,
     mountings: tuple[Mounting, ...],
@@ -216,7 +216,7 @@ def drawn_errors(
 
     Azimuth and Doppler errors are each sensor's own, scale and lag are common to all.  Over the
     drives, an error takes one value from each of as many equally probable parts of its distribution
-    (stratified sampling), so that few drives have the variance that is meant.
+    (stratified sampling), so that even a few drives have the intended variance.
     """
     budget = ingredient.budget
     azimuth, doppler = (_stratified(rng, drives, sensors) for _ in range(2))
@@ -259,7 +259,7 @@ def _judged(views: Sequence[Drive], ingredient: Ingredient, number: int) -> Judg
 
 
 def told(scan: RadarScan, ingredient: Ingredient) -> RadarScan:
-    """The scan with what is known of its targets' errors beside what the sensor reports."""
+    """The scan with the known errors of its targets added to those that the sensor reports."""
     if not ingredient.told:
         return scan
     known = scan.with_extent(ingredient.extent)

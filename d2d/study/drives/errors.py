@@ -29,8 +29,8 @@ class DriveErrors(Comparison):
 def errors_table(found: Mapping[str, DriveErrors], caption: str) -> Table:
     """What the chapters print of each comparison: errors, usable estimates and credibility.
 
-    The ANEES stands with its 95 % interval by a block bootstrap, since errors along a drive go
-    together; it is credible if 1 lies inside.
+    The ANEES stands with its 95 % interval by a block bootstrap, since errors along a drive are
+    correlated; it is credible if 1 lies inside.
     """
     rows = {
         name: (

@@ -1,4 +1,4 @@
-"""Objects that are larger than a point: what it does to errors, and to the covariances."""
+"""Objects that are larger than a point: the effect on errors and covariances."""
 
 import math
 from collections.abc import Sequence

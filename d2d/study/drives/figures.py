@@ -47,7 +47,7 @@ _NEAR = 0.5  # m: nothing nearer is drawn
 
 
 def coordinate_frames(ax: Axes) -> None:
-    """Vehicle and sensor frames with the mounting's offsets and what is measured of a target."""
+    """Vehicle and sensor frames, the mounting's offsets and the measured values of a target."""
     x, y, yaw, distance, azimuth = 2.3, 1.0, np.deg2rad(22.0), 4.0, np.deg2rad(24.0)
     sensor, sight = np.array([x, y]), yaw + azimuth
     target = sensor + distance * np.array([np.cos(sight), np.sin(sight)])
@@ -328,7 +328,7 @@ def ingredients(ax: Axes, trial: BudgetTrial) -> None:
     for k, name in enumerate(budget_trial.COVARIANCES):
         places, anees = rows + 0.22 * (k - 1), trial.anees[:, k]
         spread = np.abs(trial.intervals[:, :, k].T - anees)
-        ax.errorbar(anees, places, xerr=spread, ms=6, elinewidth=1.2, **_marks(name))
+        ax.errorbar(anees, places, xerr=spread, ms=6, elinewidth=1.2, **covariance_marks(name))
     ax.axvline(1.0, **TRUTH)
     ax.set_yticks(rows, trial.names)
     ax.invert_yaxis()
@@ -337,12 +337,6 @@ def ingredients(ax: Axes, trial: BudgetTrial) -> None:
     ax.minorticks_off()
     ax.grid(axis="y", visible=False)
     ax.legend()
-
-
-def _marks(covariance: str) -> dict[str, Any]:
-    """The look of a covariance that `budget_trial` names."""
-    known = {"noise + budget": "noise and budget"}
-    return covariance_marks(known.get(covariance, covariance))
 
 
 def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:

@@ -1,4 +1,4 @@
-"""A yaw-rate gyro and a radar in one Kalman filter: what the radar's covariance does to it."""
+"""A yaw-rate gyro and a radar in one Kalman filter: the effect of the radar's covariance."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -35,7 +35,7 @@ REGION = float(chdtri(3, 0.05))
 SETTLED = 2.0  # s, after which a filter is judged
 
 GYRO_NOISE, GYRO_BIAS = (float(x) for x in np.deg2rad([0.1, 1.0]))  # rad/s, standard deviations
-# What the filter takes the vehicle to do: first-order Gauss-Markov processes of its acceleration
+# The filter's model of the vehicle: first-order Gauss-Markov processes of its acceleration
 # and its side slip, each with a standard deviation and a time constant, and steps of the yaw rate.
 _ACCELERATION, _SLIP = (2.0, 0.5), (0.1, 1.0)  # m/s^2 and s, m/s and s
 _YAW_STEP = 0.03  # rad/s from one scan to the next
@@ -43,10 +43,10 @@ _W, _BIAS, _A, _SLOW = 2, 3, 4, 5  # places in the state; v_x and v_y come first
 
 
 class Measured(NamedTuple):
-    """What a filter is given of a drive at n times, and the truth.
+    """The input of a filter at the n times of a drive, and the truth.
 
-    ``slow`` (n, 3, 4) holds what an azimuth, a Doppler, a scale error and a lag, each of one
-    standard deviation of the budget, do to the radar's velocity.
+    ``slow`` (n, 3, 4) holds the changes of the radar's velocity by an azimuth error, a Doppler
+    error, a scale error and a lag, each of one standard deviation of the budget.
     """
 
     gyro: Array  # (n,) rad/s
@@ -58,11 +58,11 @@ class Measured(NamedTuple):
 
 
 class Fused(NamedTuple):
-    """What a filter makes of a drive.
+    """The output of a filter for a drive.
 
     ``nis`` (n,) are the normalised squares of the radar's innovations, nan without an estimate of
     the radar; ``used`` (n,) says which passed the gate.  ``errors`` (n, 4) are those of [v_x, v_y,
-    omega, gyro bias], and ``covariances`` (n, 4, 4) what the filter says of them.
+    omega, gyro bias], and ``covariances`` (n, 4, 4) their covariances as stated by the filter.
     """
 
     times: Array
@@ -158,11 +158,11 @@ def _measured(rng: np.random.Generator, duration: float, errors: SensorErrors) -
 def slow_errors(
     scans: Sequence[RadarScan], mounting: Mounting, driven: Track, budget: ErrorBudget
 ) -> Array:
-    """What each error of a budget does (n, 3, 4) to the velocities of a track of one sensor.
+    """The effect (n, 3, 4) of each error of a budget on the velocities of a track of one sensor.
 
-    The products of these columns with themselves add up to the track's systematic covariances; but
-    unlike them, the columns tell that the error of one interval is that of the next.  They are nan
-    where the track has no estimate.
+    The products of these columns with themselves add up to the track's systematic covariances.
+    Unlike those, the columns also show that the error of one interval is that of the next.  They
+    are nan where the track has no estimate.
     """
     model = EgoMotionModel()
     columns = np.full((len(driven.times), 3, 4), np.nan)
@@ -219,7 +219,7 @@ def fuse(measured: Measured, name: str, gate: float = GATE) -> Fused:
 
 
 def _motion(size: int, interval: float) -> tuple[Array, Array]:
-    """The transition of the state over an interval, and the covariance of what it does not know."""
+    """The transition of the state over an interval, and the covariance of the process noise."""
     step, added = np.eye(size), np.zeros((size, size))
     step[0, _A] = interval
     for place, (sigma, constant) in ((_A, _ACCELERATION), (1, _SLIP)):

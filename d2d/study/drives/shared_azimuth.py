@@ -53,7 +53,7 @@ def shared_azimuth(
     The targets are spread evenly over the area within 46 degrees of the boresight and between 5 and
     50 m.  ``theta`` (3,) is the velocity in m/s, m/s, rad/s; ``sigmas`` are the standard deviations
     of range, azimuth and Doppler in m, rad, m/s.  The cost has no outlier component, which would
-    have an effect of its own.
+    have a separate effect.
     """
     distance = 50.0 * np.sqrt(rng.uniform(0.01, 1.0, targets))
     azimuth = rng.uniform(-0.8, 0.8, targets)

@@ -46,8 +46,9 @@ def track_from(drive: Drive, start: ArrayLike, **options: Any) -> Track:
 def followed(drive: Drive, **options: Any) -> Array:
     """Velocities (n, 3), each pair started at the last velocity that was found, and only there.
 
-    The first pair starts at the true velocity.  Other than `d2d.radar.track`, this gives no second
-    start to a pair that went astray.  ``options`` are those of `d2d.radar.estimate_ego_motion`.
+    The first pair starts at the true velocity.  Unlike `d2d.radar.track`, this gives no second
+    start to a pair that ended at a wrong optimum.  ``options`` are those of
+    `d2d.radar.estimate_ego_motion`.
     """
     found = [drive.truth.theta[0]]
     for previous, current in pairwise(drive.scans):

@@ -64,7 +64,7 @@ class PairedTargets:
 
 
 def run_all(problem: PairedTargets, start: Array, *, first_order: bool = True) -> dict[str, Path]:
-    """Run the four optimisers from one start, or without ``first_order`` only the three fast ones.
+    """Run the four optimisers from one start, or only the three fast ones without ``first_order``.
 
     The rate of gradient descent is half of 1 / lambda_max(J'J) at the start: the curvature grows
     on the way, and a longer step may overshoot the angle by whole turns.

@@ -25,7 +25,7 @@ DOPPLER_STEP = 0.1  # m/s, to which the log's Doppler velocities are rounded
 ODOMETRY_LAG = 0.12  # s by which the radars' time stamps are late
 ODOMETRY_FACTOR = 1.02  # of the true speed over the odometry's
 
-# As they are; the engineer measured the places and assumed the angles, see `STATED`.
+# The true ones; the engineer measured the places and assumed the angles, see `STATED`.
 TRUE = {
     "front": Mounting(3.7, 0.0, float(np.deg2rad(0.4))),
     "left": Mounting(3.4, 0.8, float(np.deg2rad(46.2))),
@@ -41,7 +41,7 @@ _ERRORS = SensorErrors(extent=0.2, neighbours=1.0)
 
 
 class OwnDrive(NamedTuple):
-    """What is known of the drive besides its log."""
+    """What is known of the drive apart from its log."""
 
     truth: Reference  # at the times of the front radar's scans
     odometry: Reference  # speed and yaw rate as the car's bus reports them, on a clock of its own
@@ -61,7 +61,7 @@ def _simulated() -> dict[str, Drive]:
 
 
 def write_log(path: str | os.PathLike[str]) -> OwnDrive:
-    """Write the log as a CSV file, with its columns in an order of its own and azimuths in degrees.
+    """Write the log as a CSV file, with its columns in another order and azimuths in degrees.
 
     The file has no standard deviations, and Doppler velocities rounded to `DOPPLER_STEP`.
     """

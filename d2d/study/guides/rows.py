@@ -27,7 +27,7 @@ class Row(NamedTuple):
     """How well a track agrees with the true motion.
 
     ``rmse`` (3,) is in m/s, m/s, deg/s; it and ``anees`` are nan if nearly all estimates failed.
-    ``reason`` is why most of those failed that did, without its numbers.
+    ``reason`` is the most frequent reason of failure, without its numbers.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Why a covariance is too small, and which tests without a reference can tell."""
+"""Why a covariance is too small, and which tests can tell without a reference."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -62,7 +62,7 @@ def unit_weights(points: PointSet) -> PointSet:
 def residual_variance(theta: Array, fixed: PointSet, moving: PointSet) -> Array:
     """Variance (N,) in m^2 of the residuals of paired points (N, K, 2) at the motions (N, 3).
 
-    Per coordinate, with the three degrees of freedom of the motion taken off.
+    Per coordinate, with the three degrees of freedom of the motion subtracted.
     """
     residuals = rigid.transform_means(theta, moving.means) - fixed.means
     freedom = 2 * fixed.size - 3
@@ -100,7 +100,7 @@ def halves(
 
 
 def _only(points: PointSet, chosen: NDArray[np.bool_]) -> PointSet:
-    """Of each set (N, K) the targets that are chosen (N, K), as many of each."""
+    """The chosen targets (N, K) of each set (N, K), the same number from each."""
     shape = len(chosen), int(chosen[0].sum())
     means, covariances = points.means[chosen], points.covariances[chosen]
     return PointSet(means.reshape(*shape, 2), covariances.reshape(*shape, 2, 2))
@@ -124,7 +124,7 @@ class _Case(NamedTuple):
 
 @cache
 def halves_of_each_reason(runs: int = 1000, seed: int = 0) -> list[Halves]:
-    """What the halves of the moving set say of each reason, in the scenes of chapter 6.
+    """What the halves of the moving set reveal of each reason, in the scenes of chapter 6.
 
     Halves are drawn by target; where targets are repeated, by copy or by target.
     """
@@ -222,7 +222,7 @@ class Reason(NamedTuple):
 REASONS = {
     "nothing wrong": Reason(),
     "all sigmas half as large": Reason(factor=0.5),
-    "objects that err as a whole": Reason(SensorErrors(extent=0.3, neighbours=2.0)),
+    "objects with a common error": Reason(SensorErrors(extent=0.3, neighbours=2.0)),
     "each sensor turned": Reason(turned=(1.0, -1.0)),
     "both sensors turned alike": Reason(turned=(1.0, 1.0)),
     "a clock 50 ms late": Reason(SensorErrors(lag=0.05)),

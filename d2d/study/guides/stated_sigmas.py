@@ -1,4 +1,4 @@
-"""What becomes of estimates if the stated standard deviations are too small or too large."""
+"""What happens to estimates if the stated standard deviations are too small or too large."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -29,7 +29,7 @@ def front_drive(seed: int = 5) -> Drive:
 def stated_sigmas(factors: Sequence[float] = FACTORS) -> dict[str, list[Row]]:
     """Track the same drive with one of the three standard deviations multiplied by each factor.
 
-    Limits of the vehicle are as by default.  The errors themselves stay what they are.
+    The limits of the vehicle are the default ones.  The errors themselves do not change.
     """
     drive, found = front_drive(), {}
     for name in MEASURED:

@@ -27,10 +27,10 @@ _NYQUIST = 8.0  # m/s: a sensor that folds its velocities into this, to either s
 
 
 class Symptom(NamedTuple):
-    """What shows if one thing is wrong.
+    """What a track shows if one thing is wrong.
 
-    ``forward`` and ``turning`` are the slopes of the estimated v_x and omega over the true ones,
-    of what was accepted; ``message`` is an error or a warning, empty if there is none.
+    ``forward`` and ``turning`` are the slopes of the accepted v_x and omega over the true ones;
+    ``message`` is an error or a warning, empty if there is none.
     """
 
     fault: str
@@ -94,7 +94,7 @@ def over_ground_undone(
 def unfolded(
     scans: Sequence[RadarScan], theta: Array, mounting: Mounting, limit: float
 ) -> list[RadarScan]:
-    """Doppler velocities that were folded into +-``limit`` (m/s), as close as static targets' are.
+    """Unfold Doppler velocities from +-``limit`` (m/s), to the values nearest to static targets'.
 
     Velocities (n, 3) of the vehicle need not be exact: to within ``limit`` is enough.
     """

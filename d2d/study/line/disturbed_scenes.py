@@ -9,7 +9,7 @@ from d2d.cost import CorruptedGaussian
 from d2d.point_set import PointSet
 from d2d.study.line.scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
 
-# m, each in the frame of its own set. The one in M meets A of F at t_x = 4; at 4.2, A meets C.
+# m, each in the frame of its set. The one in M meets A of F at t_x = 4; at 4.2, A meets C.
 OUTLIER_FIXED, OUTLIER_MOVING = 4.5, 4.0
 SPAN = 5.0  # m: an outlier at random is drawn up to this far beyond the targets
 CLUSTER_NAMES = ("B", "A", "C", "D", "E")

@@ -40,7 +40,7 @@ class ClusterKind:
     radius: float
 
     def __str__(self) -> str:
-        """The clusters and their company in words."""
+        """The clusters and their companions in words."""
         lone = self.targets - self.clusters
         which = "one cluster" if self.clusters == 1 else f"{self.clusters} clusters"
         return (
@@ -71,9 +71,9 @@ def shares_wrong(kind: ClusterKind, scenes: int, first: int = 0) -> Array:
 def _share_wrong(kind: ClusterKind, seed: int) -> float:
     """Share of the draws of one scene.
 
-    The descents start at the truth, and at it turned about the first cluster: the other minima that
-    can be as low are those that keep a large cluster in place.  What they miss makes the share too
-    small.
+    The descents start at the truth, and at the truth turned about the first cluster: the other
+    minima that can be as low are those that keep a large cluster in place.  A minimum that they
+    miss makes the share too small.
     """
     rng = np.random.default_rng(seed)
     layout = Layout(clusters=kind.clusters, companions=kind.companions, cluster_radius=kind.radius)

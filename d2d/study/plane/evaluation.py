@@ -40,7 +40,7 @@ Start = Literal["truth", "zero"]
 def evaluated(
     scenario: Scenario, cost: RegistrationCost, initial: Start = "truth", runs: int = 1000
 ) -> MonteCarlo:
-    """`monte_carlo` with seed 0, kept: the same draws for every cost and start."""
+    """`monte_carlo` with seed 0, cached: the same draws for every cost and start."""
     return monte_carlo(scenario, cost, runs, initial=initial)
 
 

@@ -93,7 +93,7 @@ def error_panels(scenario: Scenario, names: Sequence[str]) -> None:
 
 
 def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
-    """Errors of the first 200 runs over bands of three reported sigmas, a column per cost."""
+    """Errors of the first 200 runs over bands of three stated sigmas, a column per cost."""
     _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(5.0, 5.2))
     results = [evaluated(scenario, COSTS[name]) for name in names]
     sigmas = [

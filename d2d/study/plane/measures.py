@@ -112,6 +112,6 @@ def ratios_in_decibels(scenario: Scenario, cost: RegistrationCost) -> Array:
 
 
 def times_off(inclination: float) -> str:
-    """By which factor a covariance with an I2 in dB is off: "5.9 times too large", say."""
+    """The factor by which a covariance with this I2 in dB is off, such as "5.9 times too large"."""
     direction = "large" if inclination < 0.0 else "small"
     return f"{10.0 ** (abs(inclination) / 10.0):.1f} times too {direction}"

@@ -60,8 +60,8 @@ class Minima:
 def local_minima(scenario: Scenario, cost: RegistrationCost, draws: int = 5) -> tuple[Minima, ...]:
     """The local minima of a cost, for each draw of seed 5.
 
-    Found by descents from a grid of 847 starts within 10 m and 45 degrees of the truth: what is
-    counted there is a lower bound.
+    Found by descents from a grid of 847 starts within 10 m and 45 degrees of the truth; their
+    number is a lower bound.
     """
     found = _descents(scenario, cost, draws)
     errors = found.theta - scenario.theta
@@ -90,7 +90,7 @@ def _descents(scenario: Scenario, cost: RegistrationCost, draws: int) -> Estimat
 
 
 def _distinct(errors: Array, values: Array) -> Minima:
-    """Each of the minima once, the lowest of those that count as one."""
+    """The distinct minima: of those that count as one, the lowest."""
     left = np.argsort(values, kind="stable")
     kept: list[int] = []
     while left.size:

@@ -1,4 +1,4 @@
-"""What a wide extent does to the positions of a recording: who pulls the velocity, and where to."""
+"""The effect of a wide extent on a recording: which targets pull the velocity, and where to."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -36,11 +36,11 @@ def errors_with_extent(
 def pulls(recording: Recording, extent: float, *, apart: int = 1, every: int = 10) -> Array:
     """Slopes (n,), in s/m, of the positions' log-likelihoods in v_x at the reference.
 
-    Only targets whose Doppler velocities are those of static ones count.  Were the extent all that
-    is wrong, the slopes would be zero on average; a negative mean pulls towards standing.  With
+    Only targets whose Doppler velocities are those of static ones count.  If nothing but the extent
+    were wrong, the slopes would be zero on average; a negative mean pulls towards standing.  With
     ``apart`` above 1, the current scan is compared with the one that many scans before, as if it
-    were the previous one: if they have no object in common, only what stays the same for the sensor
-    is left.
+    were the previous one: if they have no object in common, only what is constant relative to the
+    sensor remains.
     """
     slopes = []
     for i, theta in _known(recording, every):

@@ -50,7 +50,7 @@ class Correction:
 
 
 def static_targets(recordings: Sequence[Recording]) -> ScanVelocities:
-    """What the static targets of every scan say, found from its own Doppler velocities alone."""
+    """The static targets of every scan, found from its own Doppler velocities alone."""
     return scan_velocities((recording.scans, recording.mounting) for recording in recordings)
 
 
@@ -70,7 +70,7 @@ def fit_correction(velocities: ScanVelocities, odometry: Reference) -> Correctio
 
 
 def _model(velocities: ScanVelocities, odometry: Reference) -> Alignment:
-    """All sensors beside one odometry, with a side slip proportional to v_x omega."""
+    """The model of all sensors with one odometry and a side slip proportional to v_x omega."""
     return Alignment.of(velocities, [odometry] * velocities.sensors, (1,))
 
 
@@ -104,9 +104,9 @@ def residual_sigmas(recording: Recording, track: Track, edges: Sequence[float]) 
 
     Each target with an inlier probability above one half is moved by the estimate and compared with
     the nearest target of the previous scan, if each is the other's nearest.  The deviations along
-    and across the line of sight are divided by sqrt(2), because both targets err.  They are median
-    absolute deviations, so that wrong matches count little.  The nearest target tends to be a
-    little too near, so the true standard deviations are, if anything, larger.
+    and across the line of sight are divided by sqrt(2), because both targets have errors.  They are
+    median absolute deviations, so that wrong matches count little.  The nearest target tends to be
+    a little too near, so the true standard deviations are, if anything, larger.
 
     Parameters
     ----------

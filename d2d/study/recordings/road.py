@@ -1,9 +1,10 @@
-"""Whether covariances are true on the road: every model of them, on every recording at hand.
+"""Whether covariances are true on the road: every model, on every recording at hand.
 
     python -m d2d.study.recordings.road [--radarscenes <root>] [--nuscenes <root>]
 
-renews what it can of ``chapters/results/road.json``: errors and scores of our estimates, no
-measurements.  What is fitted is fitted on one part of the data and judged on another; see `Part`.
+renews ``chapters/results/road.json``, as far as the data are given: errors and scores of our
+estimates, no measurements.  Fitted models are fitted on one part of the data and judged on another;
+see `Part`.
 """
 
 import argparse

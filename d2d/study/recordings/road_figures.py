@@ -83,7 +83,7 @@ def draw_extents(rows: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 def draw_turning(turning: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """What the front radar's Doppler velocities exceed those of static targets by, in turns."""
+    """By how much the front radar's Doppler velocities exceed those of static targets in turns."""
     figure, ax = plt.subplots(figsize=(5.0, 3.0))
     for (scene, found), color, mark in zip(turning.items(), OTHERS, _MARKS, strict=False):
         label = f"{scene[-4:]}: fit {1e3 * found['prediction_time']:.0f} ms"

@@ -1,4 +1,4 @@
-"""What makes the errors on the road larger than their covariances say: one experiment a suspect.
+"""Why the errors on the road are larger than their covariances state: one experiment per suspect.
 
 All of them need only what `d2d.study.recordings.estimates` stores: tracks and their errors.
 """
@@ -21,7 +21,7 @@ _MARKS = {"v_x": ("o", BLACK), "v_y": ("s", OCHRE), "omega": ("D", GREY)}
 def judge_halves(recording: Recording) -> dict[str, Any]:
     """Two halves of each scan against each other, divided target by target or object by object.
 
-    Of either division: the mean whitened squares of v_x, v_y and omega, their mean (the ANEES) and
+    For each division: the mean whitened squares of v_x, v_y and omega, their mean (the ANEES) and
     its 95 % interval.  No reference is involved.  See `d2d.radar.compare_halves`.
     """
     view = [(recording.scans, recording.mounting)]
@@ -34,7 +34,7 @@ def judge_halves(recording: Recording) -> dict[str, Any]:
 def parts(found: Comparison) -> dict[str, Any]:
     """The ANEES of a comparison, its 95 % interval, and the mean whitened squares it consists of.
 
-    The interval is a block bootstrap's, since errors along a drive go together.
+    The interval is from a block bootstrap, since errors along a drive are correlated.
     """
     return {
         "whitened": found.measures.whitened_squares.tolist(),
@@ -44,10 +44,10 @@ def parts(found: Comparison) -> dict[str, Any]:
 
 
 def without_slow_part(found: Comparison, seconds: float) -> Comparison:
-    """The comparison with the mean of each error's neighbours within ``seconds`` taken off it.
+    """The comparison with the mean of each error's neighbours within ``seconds`` subtracted.
 
-    What is left varies faster.  Of errors that are independent from one estimate to the next, it
-    takes off a share of one over the number of neighbours.
+    The remainder varies faster.  If the errors of successive estimates are independent, this
+    removes a share of one over the number of neighbours.
 
     Raises
     ------

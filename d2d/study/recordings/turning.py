@@ -1,10 +1,10 @@
 """What the radars of nuScenes report in turns, and how wrong the stated mounting angles are.
 
 A static target of a sensor that turns with omega moves across its line of sight with omega r.
-Moved on along that line for a time t, it would be farther away and recede by omega^2 r t.  The
-Doppler velocities of these radars contain that, and each mounting angle that is wrong by beta
-makes the sensor seem to move sideways with beta v_x.  Both are fitted to the Doppler velocities of
-all targets that agree with the reference.
+Extrapolated along the direction of its motion for a time t, it would be farther away and recede by
+omega^2 r t.  The Doppler velocities of these radars contain this, and each mounting angle that is
+wrong by beta makes the sensor seem to move sideways with beta v_x.  Both are fitted to the Doppler
+velocities of all targets that agree with the reference.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ _EDGES = np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0])  # 
 
 
 class Residuals(NamedTuple):
-    """What the Doppler velocities of n targets exceed those that the reference predicts by.
+    """By how much the Doppler velocities of n targets exceed those that the reference predicts.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Turning(NamedTuple):
     mounting_errors : (S,) array, rad
         To be added to the stated angles.
     speed_errors : (S,) array, m/s
-        What each sensor's speed exceeds the reference's by.
+        By how much each sensor's speed exceeds the reference's.
     """
 
     prediction_time: float
@@ -98,9 +98,9 @@ def doppler_residuals(recordings: Sequence[Recording]) -> Residuals:
 
 
 def fit_turning(residuals: Residuals) -> Turning:
-    """Least squares of what is left after the largest residuals are cut off.
+    """Least-squares fit after the largest residuals are cut off.
 
-    Each sensor has a speed of its own besides, so that an error of the reference's does not count.
+    Each sensor also has its own speed, so that an error of the reference's speed does not count.
     """
     own = residuals.sensor[:, None] == np.arange(residuals.sensor.max() + 1)
     design = np.column_stack(
@@ -118,7 +118,7 @@ def fit_turning(residuals: Residuals) -> Turning:
 
 
 def binned_excess(residuals: Residuals, fit: Turning, sensor: int) -> dict[str, list[float]]:
-    """Median excess of one sensor's targets by omega^2 r, without what else was fitted."""
+    """Median excess of one sensor's targets by omega^2 r, without the other fitted effects."""
     own = residuals.sensor == sensor
     outward = residuals.outward[own]
     excess = (

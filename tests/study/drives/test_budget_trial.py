@@ -30,7 +30,7 @@ def test_all_ingredients_are_tried_on_the_same_drives():
     """Breaks if an ingredient changes what is detected, or where a drive starts."""
     kinds = [
         trial._simulated(INGREDIENTS[name], (CORNERS[0],), 2, 0.3, 1)
-        for name in ("nothing", "extent, neighbours alike", "azimuth")
+        for name in ("nothing", "extent, neighbours correlated", "azimuth")
     ]
     for other in kinds[1:]:
         for (first,), (second,) in zip(kinds[0], other, strict=True):
@@ -67,7 +67,7 @@ def test_neighbours_that_move_alike_need_their_dependence():
     """Breaks if the scatter is not told, or the budget's length is not the simulator's."""
     alone, alike, unknown = (
         trial.judge(INGREDIENTS[name], drives=16, duration=1.5)
-        for name in ("extent", "extent, neighbours alike", "extent, not told")
+        for name in ("extent", "extent, neighbours correlated", "extent, not stated")
     )
     assert 0.85 < alone.anees[1] < 1.2
     assert_array_equal(alone.anees[1:2], alone.anees[2:])

@@ -107,7 +107,7 @@ def test_each_test_sees_what_it_can_see():
     assert all(0.8 < each < 1.6 for each in right)
     wrong = found["all sigmas half as large"]
     assert all(each > 3.0 for each in wrong)
-    objects = found["objects that err as a whole"]
+    objects = found["objects with a common error"]
     assert objects.by_object > 1.5 * objects.by_target
     turned, alike = found["each sensor turned"], found["both sensors turned alike"]
     assert turned.truth > 3.0
