@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d import rigid
+from d2d import _kernel, rigid
 from d2d._checks import (
     broadcast_batches,
     check_angle,
@@ -344,7 +344,7 @@ def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
 def directions(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
     """Cosine and sine (K,) of each target's azimuth in the vehicle frame."""
     angle = scan.azimuth + mounting.yaw
-    return np.cos(angle), np.sin(angle)
+    return _kernel.read_only(np.cos(angle), -1), _kernel.read_only(np.sin(angle), -1)
 
 
 def scan_gradients(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
