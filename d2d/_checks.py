@@ -34,6 +34,8 @@ def check_real(name: str, value: ArrayLike) -> Array:
 
 def _is_masked(value: object) -> bool:
     """Whether an array, or one in a list or tuple, hides entries; NumPy would bring them back."""
+    if type(value) is np.ndarray:
+        return False
     if isinstance(value, list | tuple):
         return bool(value) and not np.isscalar(value[0]) and any(map(_is_masked, value))
     return bool(np.ma.is_masked(value))

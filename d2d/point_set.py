@@ -17,7 +17,6 @@ from d2d._checks import (
     check_positive,
     check_real,
     check_within,
-    is_positive_definite,
 )
 from d2d._lazy import Frozen, lazy
 from d2d._types import Array, Index
@@ -137,24 +136,37 @@ class PointSet(Frozen):
         )
         if r.ndim == 0:
             raise ValueError("range must have the shape (..., N), but is a number")
-        return cls._of_polar(r, phi, sr, sp)
-
-    @classmethod
-    def _of_polar(cls, r: Array, phi: Array, sr: Array, sp: Array) -> "PointSet":
-        """A set made of polar coordinates that are known to be good, at any angle."""
         shape = broadcast_batches(
             "range, azimuth, sigma_range and sigma_azimuth", r.shape, phi.shape, sr.shape, sp.shape
         )
+        r, phi, sr, sp = (np.broadcast_to(each, shape) for each in (r, phi, sr, sp))
+        return cls._of_polar((r, sr, sp), (np.cos(phi), np.sin(phi)), np.zeros(shape), np.zeros(2))
+
+    @classmethod
+    def _of_polar(
+        cls,
+        polar: tuple[Array, Array, Array],
+        direction: tuple[Array, Array],
+        extent: Array,
+        origin: Array,
+    ) -> "PointSet":
+        """A set made of range, sigma_range and sigma_azimuth, all (..., N) and known to be good.
+
+        ``direction`` is cosine and sine of the azimuth, seen from the origin (2,); the variance of
+        the extent (..., N) is added along each axis.
+        """
+        shape = extent.shape
         if 0 in shape:
-            raise ValueError(f"range must hold at least one target, but has the shape {r.shape}")
-        cosine, sine = np.cos(phi), np.sin(phi)
-        radial, across = sr**2, (r * sp) ** 2
+            raise ValueError(f"range must hold at least one target, but has the shape {shape}")
         means, covariances = np.empty((*shape, 2)), np.empty((*shape, 2, 2))
-        means[..., 0], means[..., 1] = r * cosine, r * sine
-        covariances[..., 0, 0] = radial * cosine**2 + across * sine**2
-        covariances[..., 0, 1] = covariances[..., 1, 0] = (radial - across) * cosine * sine
-        covariances[..., 1, 1] = radial * sine**2 + across * cosine**2
-        if not is_positive_definite(covariances):
+        if not _kernel.place_polar_targets(
+            tuple(_kernel.read_only(each, -1) for each in polar),
+            tuple(_kernel.read_only(each, -1) for each in direction),
+            _kernel.read_only(extent, -1),
+            _kernel.read_only(origin, 2),
+            means.reshape(-1, 2),
+            covariances.reshape(-1, 2, 2),
+        ):
             raise ValueError(
                 "sigma_range and range * sigma_azimuth differ so much that the covariance is "
                 "singular in floating point"
@@ -238,19 +250,22 @@ class PointSet(Frozen):
         return PointSet._of(self.means, self.covariances + added, self.weights)
 
     @lazy
+    def _layout(self) -> tuple[Array, Array, Array | None]:
+        """The set as the kernel reads it, and what it needs to know of it before it begins."""
+        size, dimension = self.means.shape[-2:]
+        means = _kernel.read_only(self.means, -1, size, dimension)
+        covariances = _kernel.read_only(self.covariances, -1, size, dimension, dimension)
+        weights = _kernel.read_only(self.weights, -1, size)
+        count = len(means)
+        packed = np.empty((6, count * size))
+        extremes, origins = np.empty((count, 3)), np.empty((count, 2))
+        far = _kernel.pack_targets(means, covariances, weights, packed, extremes, origins)
+        return packed, extremes, origins if far else None
+
+    @property
     def _packed(self) -> Array:
         """(6, B N) array as the kernel reads it, one row for each quantity."""
-        packed = np.zeros((6, *self.batch_shape, self.size))
-        packed[_kernel.X] = self.means[..., 0]
-        packed[_kernel.XX] = self.covariances[..., 0, 0]
-        packed[_kernel.WEIGHT] = self.weights
-        if self.dimension == 2:
-            packed[_kernel.Y] = self.means[..., 1]
-            packed[_kernel.XY] = self.covariances[..., 0, 1]
-            packed[_kernel.YY] = self.covariances[..., 1, 1]
-        else:
-            packed[_kernel.YY] = _kernel.UNIT_DENSITY_VARIANCE
-        return packed.reshape(6, -1)
+        return self._layout[0]
 
     @lazy
     def _order(self) -> NDArray[np.int64]:
@@ -262,23 +277,15 @@ class PointSet(Frozen):
         traces = self._packed[_kernel.XX] + self._packed[_kernel.YY]
         return np.argsort(traces.reshape(-1, self.size), axis=-1, kind="stable").ravel()
 
-    @lazy
-    def _survey(self) -> tuple[Array, Array | None]:
-        """What the kernel needs to know of each set before it begins."""
-        count = self._packed.shape[1] // self.size
-        extremes, origins = np.empty((count, 3)), np.empty((count, 2))
-        far = _kernel.survey_batch(self._packed, float(self.dimension == 2), extremes, origins)
-        return extremes, origins if far else None
-
     @property
     def _extremes(self) -> Array:
         """(B, 3) bounds, see `d2d._kernel.pairs.find_extremes`."""
-        return self._survey[0]
+        return self._layout[1]
 
     @property
     def _origins(self) -> Array | None:
         """(B, 2) origins of sets of which one at least is far away, see `d2d.frame`."""
-        return self._survey[1]
+        return self._layout[2]
 
 
 def _checked_covariances(covariances: Array, count: int, dimension: int) -> Array:

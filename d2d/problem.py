@@ -205,7 +205,7 @@ class Problem:
         """Value (B,), gradient (B, 3) and Hessian (B, 3, 3) of each bound problem."""
         count = len(bound.thetas)
         value, gradient, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
-        work = _kernel.make_work()
+        work = _kernel.own_work()
 
         def run(first: int, last: int) -> None:
             own = (a[first:last] for a in (value, gradient, hessian))
@@ -321,7 +321,7 @@ class Problem:
         """Rows of the kernel's results for each target (..., rows, K)."""
         targets = sum(pair.moving.size for pair in self.pairs)
         values = np.empty((len(bound.thetas), len(rows), targets))
-        work, numbers = _kernel.make_work(), np.array(rows)
+        work, numbers = _kernel.own_work(), np.array(rows)
 
         def run(first: int, last: int) -> None:
             thetas, own = bound.thetas[first:last], values[first:last]

@@ -190,14 +190,10 @@ def best_of(found: Estimate) -> Estimate:
 
     Its iterations are the total over all starts.  Where none converged, it is the first.
     """
-    best = np.argmin(np.where(found.converged, found.value, np.inf), axis=0)[np.newaxis]
-
-    def pick(array: NDArray[Any]) -> Any:
-        index = best.reshape(best.shape + (1,) * (array.ndim - best.ndim))
-        return np.asarray(np.take_along_axis(array, index, axis=0)[0])
-
-    picked = Estimate(**{f.name: pick(getattr(found, f.name)) for f in fields(Estimate)})
-    return replace(picked, iterations=np.asarray(found.iterations.sum(axis=0)))
+    best = np.argmin(np.where(found.converged, found.value, np.inf), axis=0)
+    index = (best, *np.indices(best.shape))
+    picked = {f.name: np.asarray(getattr(found, f.name)[index]) for f in fields(Estimate)}
+    return Estimate(**picked | {"iterations": np.asarray(found.iterations.sum(axis=0))})
 
 
 def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
@@ -255,9 +251,8 @@ def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
     thetas = bound.thetas.copy()
     count, p, shape = len(thetas), problem.parameters, bound.shape
     value, gradient, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
-    covariance = np.full((count, 3, 3), np.nan)
+    covariance, shares = np.empty((count, 3, 3)), np.empty(count)
     converged, iterations = np.empty(count, dtype=np.bool_), np.empty(count, dtype=np.int64)
-    shares = np.empty(count)
     results = value, gradient, hessian, covariance, converged, iterations, shares
 
     def run(first: int, last: int) -> None:
@@ -266,7 +261,7 @@ def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
         if last - first < count:
             part, begin = bound.part(first, last), thetas[first:last]
             own = tuple(array[first:last] for array in results)
-        _kernel.minimise_batch(part, begin, TOLERANCE, MAX_ITERATIONS, _kernel.make_work(), own)
+        _kernel.minimise_batch(part, begin, TOLERANCE, MAX_ITERATIONS, _kernel.own_work(), own)
 
     run_in_slices(run, count, problem.size, threads)
     if bound.frame is not None:

@@ -454,10 +454,10 @@ def test_what_is_compiled_is_kept_until_a_module_changes(package_copy):
     """Breaks if a cached function calls a stale one: Numba itself looks at one file only."""
     program = """
 import numpy as np
-from d2d._kernel import survey_batch
-packed = np.ones((6, 1)) + np.arange(6)[:, None] ** 2
-survey_batch(packed, 1.0, np.empty((1, 3)), np.empty((1, 2)))
-print(sum(survey_batch.stats.cache_hits.values()))
+from d2d._kernel import pack_targets
+sets = np.ones((1, 1, 2)), np.eye(2)[None, None], np.ones((1, 1))
+pack_targets(*sets, np.empty((6, 1)), np.empty((1, 3)), np.empty((1, 2)))
+print(sum(pack_targets.stats.cache_hits.values()))
 """
     assert run_copy(package_copy, program).split() == ["0"]
     assert run_copy(package_copy, program).split() == ["1"]

@@ -10,6 +10,7 @@
 - ``newton``: steps in a trust region
 - ``minimisation``: sums of pairs, and their minimum
 - ``batches``: the compiled entries
+- ``consensus``: the velocity that most Doppler velocities agree with
 - ``shared_errors``: what the errors of a scan's targets do together
 - ``responsibilities``, ``propagation``: how the gradient changes with every measured coordinate
 """
@@ -19,9 +20,12 @@ from d2d._kernel.batches import (
     chart_batch,
     evaluate_batch,
     minimise_batch,
-    survey_batch,
+    pack_targets,
+    place_polar_targets,
     target_batch,
 )
+from d2d._kernel.compiling import read_only
+from d2d._kernel.consensus import find_consensus
 from d2d._kernel.layout import (
     ARC,
     CHORD,
@@ -53,7 +57,7 @@ from d2d._kernel.layout import (
     X,
     Y,
 )
-from d2d._kernel.minimisation import Batch, make_work
+from d2d._kernel.minimisation import Batch, own_work
 from d2d._kernel.newton import SINGULAR
 from d2d._kernel.propagation import cross_batch, make_propagation_work
 from d2d._kernel.shared_errors import add_dependence, add_errors
@@ -96,9 +100,12 @@ __all__ = [
     "chart_batch",
     "cross_batch",
     "evaluate_batch",
+    "find_consensus",
     "make_propagation_work",
-    "make_work",
     "minimise_batch",
-    "survey_batch",
+    "own_work",
+    "pack_targets",
+    "place_polar_targets",
+    "read_only",
     "target_batch",
 ]

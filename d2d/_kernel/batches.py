@@ -5,7 +5,19 @@ import math
 from d2d._kernel.charts import exponential_chart, logarithm_chart, write_chart
 from d2d._kernel.compiling import entry
 from d2d._kernel.evaluation import evaluate_block, setting_of
-from d2d._kernel.layout import LANES, MAX_VARIANCE, MAX_WEIGHT, MIN_WEIGHT
+from d2d._kernel.layout import (
+    LANES,
+    MAX_VARIANCE,
+    MAX_WEIGHT,
+    MIN_WEIGHT,
+    UNIT_DENSITY_VARIANCE,
+    WEIGHT,
+    XX,
+    XY,
+    YY,
+    X,
+    Y,
+)
 from d2d._kernel.minimisation import evaluate, minimise, motion_chart, pair_at
 from d2d._kernel.newton import invert
 from d2d._kernel.pairs import find_extremes, find_origin
@@ -31,16 +43,49 @@ def are_good_targets(means, covariances, weights):
 
 
 @entry
-def survey_batch(packed, planar, extremes, origins):
-    """Fill the bounds (B, 3) and origins (B, 2) of sets (6, B N) of equal size; whether any is far.
+def place_polar_targets(polar, direction, extent, origin, means, covariances):
+    """Fill means (M, 2) and covariances (M, 2, 2) of targets; whether all covariances are good.
 
-    See `find_extremes` and `find_origin`.
+    ``polar`` is range, sigma_range and sigma_azimuth, ``direction`` cosine and sine of the azimuth,
+    all (M,), seen from the origin (2,); the variance of the extent (M,) is added along each axis.
     """
-    size, far = packed.shape[1] // extremes.shape[0], False
-    for b in range(extremes.shape[0]):
+    r, sigma_r, sigma_phi = polar
+    cosine, sine = direction
+    good = True
+    for k in range(r.shape[0]):
+        c, s, added = cosine[k], sine[k], extent[k] * extent[k]
+        across = r[k] * sigma_phi[k]
+        radial, across = sigma_r[k] * sigma_r[k], across * across
+        xx = radial * (c * c) + across * (s * s)
+        xy = (radial - across) * c * s
+        yy = radial * (s * s) + across * (c * c)
+        good = good and xx > 0.0 and yy > 0.0 and xx * yy - xy * xy > 0.0
+        means[k, 0], means[k, 1] = r[k] * c + origin[0], r[k] * s + origin[1]
+        covariances[k, 0, 0], covariances[k, 1, 1] = xx + added, yy + added
+        covariances[k, 0, 1] = covariances[k, 1, 0] = xy
+    return good
+
+
+@entry
+def pack_targets(means, covariances, weights, packed, extremes, origins):
+    """Pack sets (B, N, D), (B, N, D, D), (B, N) into (6, B N); whether any is far from the origin.
+
+    Fills also their bounds (B, 3) and origins (B, 2), see `find_extremes` and `find_origin`.
+    """
+    size, planar, far = means.shape[1], means.shape[2] == 2, False
+    for b in range(means.shape[0]):
         points = packed[:, b * size : (b + 1) * size]
+        for k in range(size):
+            points[X, k], points[XX, k] = means[b, k, 0], covariances[b, k, 0, 0]
+            points[WEIGHT, k] = weights[b, k]
+            if planar:
+                points[Y, k] = means[b, k, 1]
+                points[XY, k], points[YY, k] = covariances[b, k, 0, 1], covariances[b, k, 1, 1]
+            else:
+                points[Y, k] = points[XY, k] = 0.0
+                points[YY, k] = UNIT_DENSITY_VARIANCE
         find_extremes(points, extremes[b])
-        far |= find_origin(points, planar, origins[b])
+        far |= find_origin(points, 1.0 if planar else 0.0, origins[b])
     return far
 
 
@@ -87,6 +132,9 @@ def minimise_batch(batch, thetas, tolerance, max_iterations, work, results):
         )
         if converged[b]:
             invert(hessian[b], work.step, work.trial, covariance[b])
+        else:
+            for j in range(3):
+                covariance[b, j, 0] = covariance[b, j, 1] = covariance[b, j, 2] = math.nan
 
 
 @entry

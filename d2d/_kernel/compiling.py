@@ -20,8 +20,10 @@ from functools import cache, wraps
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numba import njit
 from numba.core.caching import FunctionCache
+from numpy.typing import NDArray
 
 # Products and sums may be fused, but not reordered: LLVM reorders them in one way in the process
 # that compiles and in another in the code that is cached.  NaN is assumed not to occur ("nnan"), so
@@ -131,6 +133,16 @@ def _warn_that_nothing_is_kept() -> None:
         filename="d2d",
         lineno=0,
     )
+
+
+def read_only(array: NDArray[Any], *shape: int) -> NDArray[Any]:
+    """The array in this shape, contiguous and read-only.
+
+    An entry is compiled anew for each type of its arguments; so all arrays become of one.
+    """
+    shaped = np.ascontiguousarray(array).reshape(shape)
+    shaped.flags.writeable = False
+    return shaped
 
 
 def entry(function: Callable[..., Any]) -> Any:

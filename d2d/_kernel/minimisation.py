@@ -1,6 +1,7 @@
 """The minimum of the cost that one or several pairs of sets share."""
 
 import math
+import threading
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,7 +56,7 @@ class Batch(NamedTuple):
 
 
 class Work(NamedTuple):
-    """The memory that one thread needs, see `make_work`."""
+    """The memory that one thread needs, see `own_work`."""
 
     scratch: Any  # rows of the passes over the targets, see layout.py
     step: Any
@@ -69,8 +70,18 @@ class Work(NamedTuple):
     vectors: Any  # (5, 3) of the trust region
 
 
-def make_work() -> Work:
-    """Memory for one thread."""
+_OF_THREAD = threading.local()
+
+
+def own_work() -> Work:
+    """The memory of the thread that calls, the same in every call."""
+    if not hasattr(_OF_THREAD, "work"):
+        _OF_THREAD.work = _make_work()
+    work: Work = _OF_THREAD.work
+    return work
+
+
+def _make_work() -> Work:
     vectors, matrices = np.empty((6, 3)), np.empty((2, 3, 3))
     step, scale, trial, trial_gradient, motion, gradient = vectors
     return Work(

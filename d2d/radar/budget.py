@@ -9,14 +9,15 @@ import numpy as np
 from d2d import _kernel
 from d2d._checks import check_angle, check_scalar
 from d2d._types import Array
-from d2d.problem import CrossDerivatives, Problem
-from d2d.radar.influence import cross_range
-from d2d.radar.scan import doppler_gradients
+from d2d.problem import Problem
+from d2d.radar.scan import directions
 from d2d.radar.scan_pair import ScanPair
 from d2d.registration import Estimate
 
 _SLOPE_SPAN = 0.5  # s to either side, over which an acceleration is fitted
 _LARGEST = 1e3  # in any unit: beyond it a covariance holds nothing but the budget, or overflows
+_LOWER = [1, 2, 2], [0, 0, 1]  # rows and columns below the diagonal of a matrix (3, 3)
+_NOTHING = np.empty((0, 3))
 
 
 @dataclass(frozen=True)
@@ -131,57 +132,48 @@ def apply_budget(
     """
     cross = problem.cross_derivatives(problem.bind(estimate.theta), 0, 1)
     gain = -estimate.covariance
-    noise, dependence, systematic = np.zeros((3, 3, 3))
+    noise, dependence, systematic = parts = np.zeros((3, 3, 3))
     scaled, doppler_share, doppler_delay = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
+    sigmas = np.array([[budget.azimuth], [budget.doppler]])
     fixed = moving = 0
     for pair, (previous, current, mounting) in zip(problem.pairs, pairs, strict=True):
-        turned, shifted = np.zeros(3), np.zeros(3)
-        sides = (
-            (previous, pair.fixed, _of_fixed(cross, slice(fixed, fixed + pair.fixed.size))),
-            (current, pair.moving, _of_moving(cross, slice(moving, moving + pair.moving.size))),
-        )
-        for scan, points, (position, doppler, prediction) in sides:
-            lever = cross_range(scan, mounting)
-            turned += np.einsum("kij,kj->i", position, lever) + prediction.sum(axis=0)
-            shifted += doppler.sum(axis=0)
-            scaled += scan.doppler @ doppler
-            sigmas = np.stack([scan.sigma_doppler, scan.sigma_azimuth])
+        of_fixed = slice(fixed, fixed := fixed + pair.fixed.size)
+        of_moving = slice(moving, moving := moving + pair.moving.size)
+        measured = cross.measured[0, of_moving]
+        shared = np.zeros((3, 3))
+        for scan, points, position, in_velocity in (
+            (previous, pair.fixed, cross.fixed[0, of_fixed], (_NOTHING, _NOTHING)),
+            (
+                current,
+                pair.moving,
+                cross.moving[0, of_moving],
+                (measured, cross.input[0, of_moving]),
+            ),
+        ):
+            polar = scan.range, *directions(scan, mounting)
+            velocity = scan.doppler, scan.sigma_doppler, scan.sigma_azimuth
             _kernel.add_errors(
-                position, doppler, prediction, points.covariances, lever, sigmas, noise
+                position, in_velocity, points.covariances, polar, velocity, noise, shared
             )
             if budget.neighbours:
                 order = np.argsort(points.means[:, 0], kind="stable")
-                _kernel.add_dependence(position, points.means, order, budget.neighbours, dependence)
-        share = sides[1][2][1].T @ doppler_gradients(current.azimuth, mounting)[0]
-        doppler_share += share
-        doppler_delay += (current.time - time) * share
-        systematic += budget.azimuth**2 * np.outer(turned, turned)
-        systematic += budget.doppler**2 * np.outer(shifted, shifted)
-        fixed, moving = fixed + pair.fixed.size, moving + pair.moving.size
+                rows = np.empty((9, points.size))
+                _kernel.add_dependence(
+                    position, points.means, order, budget.neighbours, rows, dependence
+                )
+        scaled += shared[2]
+        biases = sigmas * shared[:2]
+        systematic += biases.T @ biases
+        if pair.measurement is not None:
+            share = pair.interval * (measured.T @ pair.measurement.gain)
+            doppler_share += share
+            doppler_delay += (current.time - time) * share
     systematic += budget.scale**2 * np.outer(scaled, scaled) + np.diag(problem.prior)
-    both = (total + np.triu(total, 1).T for total in (noise, dependence))
-    parts = CovarianceParts(*(_moved(gain, part) for part in (*both, systematic)))
-    middle = float(np.mean([previous.time + current.time for previous, current, _ in pairs])) / 2.0
+    parts[:, *_LOWER] = parts[:, *_LOWER[::-1]]
+    middle = sum(previous.time + current.time for previous, current, _ in pairs) / len(pairs) / 2.0
     delay = gain @ doppler_delay + (middle - time) * (np.eye(3) - gain @ doppler_share)
-    return parts, delay
-
-
-def _of_fixed(cross: CrossDerivatives, part: slice) -> tuple[Array, Array, Array]:
-    """Derivatives of the gradient in what the previous scan measures; only positions count."""
-    position = cross.fixed[0, part]
-    nothing = np.zeros((len(position), 3))
-    return position, nothing, nothing
-
-
-def _of_moving(cross: CrossDerivatives, part: slice) -> tuple[Array, Array, Array]:
-    """Derivatives of the gradient in what the current scan measures."""
-    return cross.moving[0, part], cross.measured[0, part], cross.input[0, part]
-
-
-def _moved(gain: Array, covariance: Array) -> Array:
-    """The covariance (3, 3) that errors of the gradient give the estimate, exactly symmetric."""
-    moved = gain @ covariance @ gain
-    return np.asarray(0.5 * (moved + moved.T))
+    moved = gain @ parts @ gain
+    return CovarianceParts(*(0.5 * (moved + np.swapaxes(moved, 1, 2)))), delay
 
 
 def with_lag(parts: CovarianceParts, acceleration: Array, lag: float) -> CovarianceParts:

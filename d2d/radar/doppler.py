@@ -1,14 +1,16 @@
 """Velocity from Doppler profiles alone, of one sensor (Kellner et al. 2013) or several (2014)."""
 
 from collections.abc import Iterable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from d2d import _kernel
 from d2d._checks import check_flag, check_instance, check_rows
 from d2d._types import Array
-from d2d.radar.scan import Mounting, RadarScan, doppler_gradients
+from d2d.radar.scan import Mounting, RadarScan, directions, scan_gradients
 
 _MAX_PAIRS = 200
 _GATE = 3.0  # standard deviations within which a target agrees with a hypothesis
@@ -32,14 +34,14 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
     check_instance("mounting", mounting, Mounting)
     if not scan.size:
         return np.zeros(2)
-    directions = _directions(scan, mounting)
-    inliers = _agreeing(scan, directions)
+    sight = _directions(scan, mounting)
+    inliers = _agreeing(scan, sight)
     # targets closer together than the uncertainty of their azimuths show one direction only
     spread = max(1e-6, _GATE * float(np.median(scan.sigma_azimuth)))
     weights = 1.0 / scan.sigma_doppler[inliers, None]
     return np.asarray(
         np.linalg.lstsq(
-            directions[inliers] * weights, scan.doppler[inliers] * weights[:, 0], rcond=spread
+            sight[inliers] * weights, scan.doppler[inliers] * weights[:, 0], rcond=spread
         )[0]
     )
 
@@ -95,7 +97,7 @@ def doppler_ego_motion(
     inliers = np.concatenate([_agreeing(scan, _directions(scan, at)) for scan, at in views])
     gains, slopes = (
         np.concatenate(parts)
-        for parts in zip(*(doppler_gradients(scan.azimuth, at) for scan, at in views), strict=True)
+        for parts in zip(*(scan_gradients(scan, at) for scan, at in views), strict=True)
     )
     doppler, sigma_doppler, sigma_azimuth = (
         np.concatenate([getattr(scan, name) for scan, _ in views])
@@ -142,30 +144,23 @@ def doppler_starts(scan: RadarScan, mounting: Mounting) -> Array:
 
 def _directions(scan: RadarScan, mounting: Mounting) -> Array:
     """Derivatives (K, 2) of the Doppler velocities with respect to the sensor's velocity."""
-    angle = scan.azimuth + mounting.yaw
-    return -np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    return -np.stack(directions(scan, mounting), axis=-1)
 
 
-def _agreeing(scan: RadarScan, directions: Array) -> NDArray[np.bool_]:
+def _agreeing(scan: RadarScan, sight: Array) -> NDArray[np.bool_]:
     """Which targets (K,) agree with the best-supported hypothesis; all if none do."""
-    everything = np.ones(scan.size, dtype=np.bool_)
+    agree = np.ones(scan.size, dtype=np.bool_)
     if scan.size <= 2:
-        return everything
-    first, second = _pairs(scan.size)
-    hypotheses = (
-        np.linalg.pinv(np.stack([directions[first], directions[second]], axis=-2), rcond=1e-3)
-        @ np.stack([scan.doppler[first], scan.doppler[second]], axis=-1)[..., None]
-    )
-    residuals = scan.doppler - (directions @ hypotheses)[..., 0]
-    slope = np.stack([-directions[:, 1], directions[:, 0]], axis=-1) @ hypotheses
-    sigma = np.hypot(scan.sigma_doppler, scan.sigma_azimuth * slope[..., 0])
-    agree = np.abs(residuals) < _GATE * sigma
-    best: NDArray[np.bool_] = agree[np.argmax(agree.sum(axis=-1))]
-    return best if best.any() else everything
+        return agree
+    sigmas = np.stack([scan.sigma_doppler, scan.sigma_azimuth])
+    _kernel.find_consensus(sight, scan.doppler, sigmas, _pairs(scan.size), _GATE, agree)
+    return agree if agree.any() else np.ones_like(agree)
 
 
-def _pairs(size: int) -> tuple[Array, Array]:
-    """Index pairs spread evenly over all pairs of ``size`` targets, the same in every call."""
-    first, second = np.triu_indices(size, 1)
-    chosen = np.linspace(0, len(first) - 1, min(_MAX_PAIRS, len(first))).astype(int)
-    return first[chosen], second[chosen]
+@lru_cache(maxsize=256)
+def _pairs(size: int) -> NDArray[np.int64]:
+    """Index pairs (2, H) spread evenly over all pairs of ``size`` targets, always the same."""
+    ends = np.cumsum(np.arange(size - 1, 0, -1))  # of the pairs of each first target
+    chosen = np.linspace(0, ends[-1] - 1, min(_MAX_PAIRS, ends[-1])).astype(np.int64)
+    first = np.searchsorted(ends, chosen, side="right")
+    return np.stack([first, size + chosen - ends[first]])

@@ -1,7 +1,8 @@
 """What a vehicle can do, and what it cannot."""
 
+import math
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 
@@ -11,17 +12,18 @@ from d2d._types import Array
 _SIGMAS = 3.0  # standard deviations that an estimate may lie beyond a limit
 
 
-class State(NamedTuple):
+@dataclass(frozen=True)
+class State:
     """A velocity [v_x, v_y, omega] at its time, with its covariance."""
 
     time: float  # s
     theta: Array  # (3,)
     covariance: Array  # (3, 3)
 
-    @property
-    def sigmas(self) -> Array:
-        """Standard deviations (3,)."""
-        return np.sqrt(np.diagonal(self.covariance))
+    @cached_property
+    def sigmas(self) -> list[float]:
+        """The three standard deviations."""
+        return [math.sqrt(variance) for variance in self.covariance.diagonal().tolist()]
 
     @property
     def yaw_rate_of_slip(self) -> float:
@@ -83,26 +85,27 @@ class VehicleLimits:
 
     def exceeded(self, state: State, last: State | None) -> str:
         """What the state exceeds, in words; empty if it is plausible after the last one."""
-        spread = _SIGMAS * state.sigmas
-        speed, turn = float(np.hypot(*state.theta[:2])), abs(float(state.theta[2]))
-        if speed > self.speed + float(np.hypot(*spread[:2])):
+        sigmas, theta = state.sigmas, state.theta.tolist()
+        speed, turn = math.hypot(theta[0], theta[1]), abs(theta[2])
+        if speed > self.speed + _SIGMAS * math.hypot(sigmas[0], sigmas[1]):
             return f"a speed of {speed:.1f} m/s"
-        if turn > self.yaw_rate + spread[2]:
-            return f"a yaw rate of {np.rad2deg(turn):.1f} deg/s"
-        if state.sigmas[2] > self.uncertainty:
-            return f"a yaw rate with a sigma of {np.rad2deg(state.sigmas[2]):.1f} deg/s"
+        if turn > self.yaw_rate + _SIGMAS * sigmas[2]:
+            return f"a yaw rate of {math.degrees(turn):.1f} deg/s"
+        if sigmas[2] > self.uncertainty:
+            return f"a yaw rate with a sigma of {math.degrees(sigmas[2]):.1f} deg/s"
         if abs(state.yaw_rate_of_slip) > self.slip:
-            return f"a side slip of {state.theta[1]:.2f} m/s"
-        if last is None:
-            return ""
+            return f"a side slip of {theta[1]:.2f} m/s"
+        return "" if last is None else self._jump(state, last)
+
+    def _jump(self, state: State, last: State) -> str:
+        """Which change of the velocity since the last state is too fast, in words."""
         interval = state.time - last.time
-        change = np.abs(state.theta - last.theta)
-        allowed = interval * np.array([self.acceleration, self.acceleration, self.yaw_acceleration])
-        beyond = change > allowed + _SIGMAS * np.hypot(state.sigmas, last.sigmas)
-        if not beyond.any():
-            return ""
-        which = int(np.argmax(beyond))
-        rate = change[which] / interval
-        if which == 2:
-            return f"a yaw acceleration of {rate:.1f} rad/s^2"
-        return f"an acceleration of {rate:.1f} m/s^2 along {'xy'[which]}"
+        units = ("m/s^2 along x", "m/s^2 along y", "rad/s^2")
+        limits = (self.acceleration, self.acceleration, self.yaw_acceleration)
+        for axis in range(3):
+            change = abs(float(state.theta[axis] - last.theta[axis]))
+            spread = _SIGMAS * math.hypot(state.sigmas[axis], last.sigmas[axis])
+            if change > limits[axis] * interval + spread:
+                kind = "a yaw acceleration" if axis == 2 else "an acceleration"
+                return f"{kind} of {change / interval:.1f} {units[axis]}"
+        return ""

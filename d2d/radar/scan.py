@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d import rigid
+from d2d import _kernel, rigid
 from d2d._checks import (
     broadcast_batches,
     check_angle,
@@ -130,7 +130,7 @@ class RadarScan(Frozen):
                 raise ValueError(
                     f"{name} must have the shape {shape} to match range, but has {array.shape}"
                 )
-            self._keep(name, np.broadcast_to(array, shape))
+            self._keep(name, np.ascontiguousarray(np.broadcast_to(array, shape)))
 
     @classmethod
     def from_cartesian(
@@ -268,7 +268,8 @@ class RadarScan(Frozen):
         """
         interval = float(check_positive("interval", check_scalar("interval", interval)))
         check_flag("of_twist", of_twist)
-        gain, slope = doppler_gradients(self.azimuth, mounting)
+        check_instance("mounting", mounting, Mounting)
+        gain, slope = scan_gradients(self, mounting)
         sigmas = self.sigma_doppler, self.sigma_azimuth
         return LinearMeasurement._of(
             self.doppler,
@@ -334,17 +335,33 @@ def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
 @lru_cache(maxsize=64)
 def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
     """The scan's point set; the latest are cached, because a drive uses each in several pairs."""
-    azimuth = scan.azimuth + mounting.yaw
-    targets = PointSet._of_polar(scan.range, azimuth, scan.sigma_range, scan.sigma_azimuth)
-    return targets.shifted(mounting.pose[:2]).widened(scan.extent)
+    polar = scan.range, scan.sigma_range, scan.sigma_azimuth
+    origin = np.array([mounting.x, mounting.y])
+    return PointSet._of_polar(polar, directions(scan, mounting), scan.extent, origin)
+
+
+@lru_cache(maxsize=64)
+def directions(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
+    """Cosine and sine (K,) of each target's azimuth in the vehicle frame."""
+    angle = scan.azimuth + mounting.yaw
+    return _kernel.read_only(np.cos(angle), -1), _kernel.read_only(np.sin(angle), -1)
+
+
+def scan_gradients(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
+    """The `doppler_gradients` of a scan's targets."""
+    return _gradients(directions(scan, mounting), mounting)
 
 
 def doppler_gradients(azimuth: ArrayLike, mounting: Mounting) -> tuple[Array, Array]:
     """dV/dtheta and d^2V/(dphi dtheta), each (..., 3), of a static target at ``azimuth`` (...)."""
     check_instance("mounting", mounting, Mounting)
     angle = check_angle("azimuth", azimuth) + mounting.yaw
-    cosine, sine = np.cos(angle), np.sin(angle)
-    gain, slope = np.empty((*angle.shape, 3)), np.empty((*angle.shape, 3))
+    return _gradients((np.cos(angle), np.sin(angle)), mounting)
+
+
+def _gradients(direction: tuple[Array, Array], mounting: Mounting) -> tuple[Array, Array]:
+    cosine, sine = direction
+    gain, slope = np.empty((*cosine.shape, 3)), np.empty((*cosine.shape, 3))
     gain[..., 0], gain[..., 1] = -cosine, -sine
     gain[..., 2] = mounting.y * cosine - mounting.x * sine
     slope[..., 0], slope[..., 1] = sine, -cosine
