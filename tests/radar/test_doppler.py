@@ -14,7 +14,7 @@ from d2d.radar import (
     doppler_velocity,
     sensor_velocity,
 )
-from d2d.radar.doppler import doppler_starts
+from d2d.radar.doppler import _agreeing, _pairs, doppler_starts
 
 MOUNTINGS = [
     pytest.param(Mounting(), id="origin"),
@@ -253,3 +253,39 @@ def test_empty_scans_show_nothing():
     assert np.isnan(nothing.covariance).all()
     with pytest.raises(ValueError, match=r"^views must hold at least one"):
         doppler_ego_motion([])
+
+
+@pytest.mark.parametrize("size", [3, 4, 20, 21, 60, 500])
+def test_pairs_are_spread_evenly_over_all(size):
+    """Breaks if the closed form counts the pairs otherwise than row by row."""
+    first, second = np.triu_indices(size, 1)
+    chosen = np.linspace(0, len(first) - 1, min(200, len(first))).astype(int)
+    assert_array_equal(_pairs(size), [first[chosen], second[chosen]])
+
+
+def naive_consensus(scan: RadarScan, directions: np.ndarray) -> np.ndarray:
+    """The targets that agree with the best pair's velocity, by the pseudoinverse of each pair."""
+    best = np.zeros(scan.size, dtype=bool)
+    for i, j in _pairs(scan.size).T:
+        velocity = np.linalg.pinv(directions[[i, j]], rcond=1e-3) @ scan.doppler[[i, j]]
+        slope = directions @ [velocity[1], -velocity[0]]
+        sigma = np.hypot(scan.sigma_doppler, scan.sigma_azimuth * slope)
+        agree = np.abs(scan.doppler - directions @ velocity) < 3.0 * sigma
+        if agree.sum() > best.sum():
+            best = agree
+    return best if best.any() else np.ones_like(best)
+
+
+@pytest.mark.parametrize("spread", [1.2, 1e-3, 1e-5, 0.0], ids=["wide", "narrow", "one", "same"])
+def test_consensus_is_that_of_the_pseudoinverses(spread):
+    """Breaks if a pair of (nearly) equal directions gives another velocity, or a tie another."""
+    rng = np.random.default_rng(3)
+    for size in (3, 5, 12, 40):
+        azimuth = spread * rng.uniform(-1.0, 1.0, size)
+        still = doppler_velocity([9.0, 0.3, 0.2], azimuth, Mounting(3.6, 0.5, 0.4))
+        moving = rng.random(size) < 0.3
+        doppler = still + rng.normal(0.0, 0.05, size) + moving * rng.uniform(-9.0, 9.0, size)
+        scan = scan_of(azimuth, doppler)
+        angle = azimuth + 0.4
+        directions = -np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        assert_array_equal(_agreeing(scan, directions), naive_consensus(scan, directions))
