@@ -59,7 +59,8 @@ def sandwich_covariance(
         Errors of moving targets at a distance d are correlated by exp(-d^2 / (2 length^2)), in m.
     groups : (..., K) array, optional
         Labels of the moving targets.  Those with the same label, such as the targets of one object,
-        err together, others independently.  Without ``length`` and ``groups``, all are independent.
+        are correlated, others are independent.  Without ``length`` and ``groups``, all are
+        independent.
     reference : (..., P, P) array, optional
         The covariance that is kept unless the scores clearly contradict it; by default the inverse
         Hessian.  For costs whose inverse Hessian is not a covariance, such as the sum, take that of

@@ -99,7 +99,8 @@ class Track(Frozen):
     ------
     ValueError
         If shapes or types do not match, times are not finite and strictly increasing, or where
-        converged an estimate is not finite or its covariance is none; the message names the field.
+        converged an estimate is not finite or its covariance is not one; the message names the
+        field.
     """
 
     times: Array
