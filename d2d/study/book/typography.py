@@ -44,9 +44,11 @@ _PRINTED: tuple[_Rule, ...] = (
     (re.compile(r"\bomega\b"), "ω"),
     (re.compile(r"\bI2\b"), "I²"),
     (re.compile(r"(?<=\d )x(?= )|(?<= )x(?= \d)"), "×"),
-    # Intervals and short names: "1.28 to 1.42", "[0.29, 0.39]", "sensor 3"
-    (re.compile(r"(?<=[\d%°]) to (?=[−+]?\d)"), f"{NO_BREAK}to{NO_BREAK}"),
-    (re.compile(r"(?<=\d), (?=[−+]?[\d.]+\])"), f",{NO_BREAK}"),
+    # Intervals, "1.28 to 1.42" or "[0.29, 0.39]", which only a phone divides; names, "sensor 3"
+    (
+        re.compile(r"[−+]?\d[\d.]*[%°]? to [−+]?\d[\d.]*[%°]?|\[[−+]?\d[\d.]*, [−+]?\d[\d.]*\]"),
+        r'<span class="whole">\g<0></span>',
+    ),
     (re.compile(r"(?<=[a-z]) (?=\d(?:,|$))"), NO_BREAK),
 )
 
