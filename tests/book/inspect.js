@@ -206,7 +206,8 @@ window.inspectBook = (() => {
   /** Words of drawings in the page that are shown smaller than `least` pixels. */
   function tiny(least) {
     return [...main().querySelectorAll("svg text")].filter(visible)
-      .map((word) => [parseFloat(getComputedStyle(word).fontSize) * word.getScreenCTM().a, word])
+      .map((word) => [word.getScreenCTM(), word]) // which may be turned
+      .map(([{ a, b }, word]) => [parseFloat(getComputedStyle(word).fontSize) * Math.hypot(a, b), word])
       .filter(([size]) => size < least)
       .map(([size, word]) => `${size.toFixed(1)} px: ${name(word)}`);
   }
