@@ -38,6 +38,7 @@ FLAGS = (
 WIDE, NARROW = 1400, 400  # px: a desk and a phone
 THEMES = ("light", "dark")
 LEGIBLE = 0.6  # of the size in which a figure's labels of 9 to 10 pt were drawn
+FEW = 7  # columns of a table that a phone shows whole
 SMALLEST = 11  # px of a word in a drawing, on a phone
 CONTRAST = 4.5  # WCAG 2.1, level AA
 
@@ -116,6 +117,8 @@ class Visit:
     """Pictures that a phone shows too small."""
     pushed: list[str]
     """Figures, formulas and moving pictures that scroll sideways on a phone."""
+    crowded: list[str]
+    """Tables of few columns that scroll sideways on a phone."""
     tiny: list[str]
     """Words of drawings that a phone shows too small."""
     orphans: list[str]
@@ -156,6 +159,7 @@ def visit(driver: webdriver.Chrome, address: str) -> Visit:
         overflows[width] = ask(driver, "inspectBook.overflows()")
     shrunken = ask(driver, f"inspectBook.shrunken({LEGIBLE})")
     pushed = ask(driver, "inspectBook.pushed()")
+    crowded = ask(driver, f"inspectBook.crowded({FEW})")
     tiny = ask(driver, f"inspectBook.tiny({SMALLEST})")
     orphans = ask(driver, "inspectBook.orphans()")
     faint, pale = {}, {}
@@ -178,6 +182,7 @@ def visit(driver: webdriver.Chrome, address: str) -> Visit:
         overflows,
         shrunken,
         pushed,
+        crowded,
         tiny,
         orphans,
         faint,

@@ -124,6 +124,11 @@ def pushed(visit: Visit, book: Path) -> list[str]:
     return visit.pushed
 
 
+def crowded(visit: Visit, book: Path) -> list[str]:
+    """Tables of at most seven columns that a phone has to scroll sideways."""
+    return visit.crowded
+
+
 def tiny(visit: Visit, book: Path) -> list[str]:
     """Words of drawings that cannot be read on a phone."""
     return visit.tiny
@@ -179,6 +184,7 @@ CHECKS: tuple[Check, ...] = (
     too_wide,
     too_small,
     pushed,
+    crowded,
     tiny,
     orphans,
     faint,

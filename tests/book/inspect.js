@@ -203,6 +203,15 @@ window.inspectBook = (() => {
       .map((box) => `${box.scrollWidth - box.clientWidth} px: ${name(box)}`);
   }
 
+  /** Tables of few columns, but folded ones, that a phone scrolls by more than another machine's font makes up for. */
+  function crowded(columns) {
+    const slack = 12;
+    return [...main().querySelectorAll(".measured-scroll, .pst-scrollable-table-container")]
+      .filter((box) => visible(box) && !box.closest("details") && box.scrollWidth > box.clientWidth + slack)
+      .filter((box) => [...box.querySelectorAll("tr")].at(-1).children.length <= columns)
+      .map((box) => `${box.scrollWidth - box.clientWidth} px: ${name(box)}`);
+  }
+
   /** Words of drawings in the page that are shown smaller than `least` pixels. */
   function tiny(least) {
     return [...main().querySelectorAll("svg text")].filter(visible)
@@ -270,5 +279,5 @@ window.inspectBook = (() => {
   /** How many windows the page is long. */
   const screens = () => document.scrollingElement.scrollHeight / window.innerHeight;
 
-  return { cut, pushed, tiny, orphans, pale, unmarked, uncited, screens, settle, figures, images, formulas, links, overflows, shrunken, faint };
+  return { cut, pushed, crowded, tiny, orphans, pale, unmarked, uncited, screens, settle, figures, images, formulas, links, overflows, shrunken, faint };
 })();

@@ -15,6 +15,7 @@ from tests.book.checks import (
     MAX_SHARED_BYTES,
     Check,
     complaints,
+    crowded,
     cut,
     faint,
     formulas,
@@ -53,6 +54,7 @@ def svg(color: str) -> str:
 
 
 PICTURE = f'<img alt="A square." src="{svg("white")}">'
+WIDE_ROW = "<tr>{}</tr>".format(7 * "<td style='min-width: 90px'>x</td>")
 WIDE_IMG = "<img style='width: 500px'"
 FORMULA = "<mjx-container style='display: inline-block; width: 3em'>x</mjx-container>"
 FAULTS: list[tuple[Check, str]] = [
@@ -87,6 +89,10 @@ FAULTS: list[tuple[Check, str]] = [
     (
         pushed,
         "<div class='math' style='overflow: auto; width: 90px'><b>{}</b></div>".format(50 * "x"),
+    ),
+    (
+        crowded,
+        f"<div class='measured-scroll' style='overflow: auto'><table>{WIDE_ROW}</table></div>",
     ),
     (tiny, "<svg width='90' viewBox='0 0 900 90'><text y='50' font-size='16'>word</text></svg>"),
     (orphans, f"<p style='width: 3em'><span class='math'>{FORMULA}</span>, then</p>"),
