@@ -33,7 +33,7 @@ def draw(
     from matplotlib import pyplot as plt
 
     rows = 3 + (inliers is not None)
-    figure = plt.figure(figsize=(5.0, 3.6 + 1.2 * rows), layout="constrained")
+    figure = plt.figure(figsize=(5.0, 3.2 + 1.0 * rows), layout="constrained")
     grid = figure.add_gridspec(1 + rows, height_ratios=(3.2, *[1.0] * rows))
     _draw_path(figure.add_subplot(grid[0]), path, converged)
     first = figure.add_subplot(grid[1])
