@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import fill
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -281,21 +282,24 @@ def page(m: Measured) -> str:
 
 
 def chart(m: Measured, path: Path) -> None:
-    """Time per registration of the methods from the truth, and time against size."""
+    """Time per registration of the methods from the truth, and time against size below it.
+
+    One panel stands below the other, so that a phone shows both.
+    """
     matplotlib.use("Agg")
     use_style()
-    figure, (left, right) = plt.subplots(
-        1, 2, figsize=(9.0, 4.6), width_ratios=(1.5, 1.0), layout="constrained"
+    figure, (above, below) = plt.subplots(
+        2, figsize=(5.0, 8.6), height_ratios=(2.6, 1.0), layout="constrained"
     )
-    _methods(left, m.rows)
+    _methods(above, m.rows)
     sizes, micro = np.array(m.sizes), np.array(m.seconds) * 1e6
-    right.loglog(sizes, micro, "o", color=PURPLE)
+    below.loglog(sizes, micro, "o", color=PURPLE)
     level = np.exp(np.mean(np.log(micro) - m.exponent * np.log(sizes)))
-    right.loglog(sizes, level * sizes**m.exponent, color=BLACK, lw=0.8)
-    right.set_xlabel("targets in each set")
-    right.set_ylabel("time per registration (µs)")
-    right.set_title(f"(b) batch, exponent {m.exponent:.2f}", loc="left")
-    figure.savefig(path, dpi=150, metadata={"Software": None})
+    below.loglog(sizes, level * sizes**m.exponent, color=BLACK, lw=0.8)
+    below.set_xlabel("targets in each set")
+    below.set_ylabel("time per registration (µs)")
+    below.set_title(f"(b) batch, exponent {m.exponent:.2f}", loc="left")
+    figure.savefig(path, dpi=110, bbox_inches="tight", metadata={"Software": None})
     plt.close(figure)
 
 
@@ -303,22 +307,21 @@ def _methods(ax: plt.Axes, rows: Sequence[Row]) -> None:
     shown = [row for row in rows if row.start == "truth" and row.cost in ("likelihood", "its own")]
     shown = [row for row in shown if np.isfinite(row.best) and "arrays" not in row.name]
     names = list(dict.fromkeys(row.name.split(" (")[0] for row in shown))
-    for size, color in zip(
-        sorted({row.size for row in shown}), (PURPLE, YELLOW, SKY), strict=False
-    ):
+    looks = zip((PURPLE, YELLOW, SKY), "oDs", strict=True)
+    for size, (color, marker) in zip(sorted({row.size for row in shown}), looks, strict=False):
         points = [
             (row.best * 1e6, names.index(row.name.split(" (")[0]))
             for row in shown
             if row.size == size
         ]
-        ax.plot(*zip(*points, strict=True), "o", color=color, label=f"{size} × {size}")
+        ax.plot(*zip(*points, strict=True), marker, color=color, label=f"{size} × {size}")
     ax.set_xscale("log")
-    ax.set_yticks(range(len(names)), names)
+    ax.set_yticks(range(len(names)), [fill(name, 22) for name in names], linespacing=0.9)
     ax.invert_yaxis()
     ax.grid(axis="y", lw=0.3)
     ax.set_xlabel("time per registration (µs)")
     ax.set_title("(a) from the truth", loc="left")
-    ax.legend()
+    ax.figure.legend(loc="outside upper center", ncols=3)
 
 
 def write(m: Measured, folder: Path = RESULTS) -> None:

@@ -15,6 +15,7 @@ from d2d._lazy import Frozen, lazy
 from d2d._types import Array
 from d2d.bootstrap import block_bootstrap, block_length
 from d2d.credibility import Credibility, credibility
+from d2d.radar.looks import COLOR, MARKER, REFERENCE
 from d2d.radar.reference import Reference
 from d2d.radar.trajectory import Track
 from d2d.scores import LEVELS, Whitened, crps, whiten, within
@@ -309,16 +310,16 @@ class Comparison(Frozen):
         for ax, name, unit, error, sigma in zip(
             axes[:3], NAMES, UNITS, errors.T, sigmas.T, strict=True
         ):
-            band = {"step": "mid", "color": "C0", "alpha": 0.25, "linewidth": 0.0}
+            band = {"step": "mid", "color": COLOR, "alpha": 0.25, "linewidth": 0.0}
             ax.fill_between(self.times, -3.0 * sigma, 3.0 * sigma, label="±3 sigma", **band)
-            ax.plot(self.times, error, ".", ms=2, color="C0", label="error")
-            ax.axhline(0.0, color="0.5", lw=0.8)
+            ax.plot(self.times, error, MARKER, ms=1.5, color=COLOR, label="error")
+            ax.axhline(0.0, **REFERENCE)
             ax.set_ylabel(f"{name} ({unit})")
         axes[0].legend(loc="upper right", ncols=2)
         nees = (self.whitened.values**2).sum(axis=-1)
-        axes[3].semilogy(self.times, nees, ".", ms=2, color="C0")
+        axes[3].semilogy(self.times, nees, MARKER, ms=1.5, color=COLOR)
         for bound in chdtri(3, np.array([0.975, 0.025])):
-            axes[3].axhline(bound, color="C1", ls="--", lw=1.0)
+            axes[3].axhline(bound, **REFERENCE)
         axes[3].set(ylabel="NEES", xlabel="time (s)")
         return figure
 

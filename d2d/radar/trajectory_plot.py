@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d._types import Array
+from d2d.radar.looks import COLOR, ESTIMATE, MARKER
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LABELS = ("v_x (m/s)", "v_y (m/s)", "omega (deg/s)")
-_FAILED = "C3"
+_LABELS = ("$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (deg/s)")
+_FAILED = "black"
 
 
 def draw(
@@ -25,26 +26,29 @@ def draw(
     converged: NDArray[np.bool_],
     inliers: Array | None,
 ) -> Figure:
-    """Draw a path (n + 1, 3), velocities (n, 3) in a band of 3 sigma, and inliers (n,) if known."""
+    """Draw a path (n + 1, 3), velocities (n, 3) in a band of 3 sigma, and inliers (n,) if known.
+
+    The panels stand one below the other, so that the picture fits a phone.
+    """
     from matplotlib import pyplot as plt
 
     rows = 3 + (inliers is not None)
-    figure = plt.figure(figsize=(11.0, 6.5), layout="constrained")
-    grid = figure.add_gridspec(rows, 2, width_ratios=(1.0, 1.2))
-    _draw_path(figure.add_subplot(grid[:, 0]), path, converged)
-    first = figure.add_subplot(grid[0, 1])
-    axes = [first, *(figure.add_subplot(grid[i, 1], sharex=first) for i in range(1, rows))]
+    figure = plt.figure(figsize=(5.0, 3.2 + 1.0 * rows), layout="constrained")
+    grid = figure.add_gridspec(1 + rows, height_ratios=(3.2, *[1.0] * rows))
+    _draw_path(figure.add_subplot(grid[0]), path, converged)
+    first = figure.add_subplot(grid[1])
+    axes = [first, *(figure.add_subplot(grid[i], sharex=first) for i in range(2, 1 + rows))]
     in_units = np.array([1.0, 1.0, np.rad2deg(1.0)])
     shown = np.where(converged[:, None], theta, np.nan) * in_units
     spread = 3.0 * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) * in_units
     for ax, label, value, width in zip(axes, _LABELS, shown.T, spread.T, strict=False):
         ax.fill_between(
-            times, value - width, value + width, color="C0", alpha=0.3, lw=0.0, label="±3 sigma"
+            times, value - width, value + width, color=COLOR, alpha=0.3, lw=0.0, label="±3 sigma"
         )
-        ax.plot(times, value, color="C0", lw=1.0, label="estimate")
+        ax.plot(times, value, **ESTIMATE, lw=1.0, label="estimate")
         ax.set_ylabel(label)
     if inliers is not None:
-        axes[3].plot(times, inliers, ".", ms=3, color="C0")
+        axes[3].plot(times, inliers, MARKER, ms=2, color=COLOR)
         axes[3].set(ylabel="inlier share", ylim=(-0.05, 1.05))
     for ax in axes:
         if not converged.all():
@@ -59,8 +63,8 @@ def draw(
 
 def _draw_path(ax: Axes, path: Array, converged: NDArray[np.bool_]) -> None:
     """The path with its beginning, and where estimates failed."""
-    ax.plot(path[:, 0], path[:, 1], color="C0", lw=1.5)
-    ax.plot(*path[0, :2], "o", color="C2", label="start")
+    ax.plot(path[:, 0], path[:, 1], **ESTIMATE, lw=1.5)
+    ax.plot(*path[0, :2], MARKER, color=COLOR, label="start")
     if not converged.all():
         ax.plot(*path[1:][~converged, :2].T, "x", ms=4, color=_FAILED, label="failed")
     ax.set(xlabel="x (m)", ylabel="y (m)")

@@ -38,6 +38,8 @@ FLAGS = (
 WIDE, NARROW = 1400, 400  # px: a desk and a phone
 THEMES = ("light", "dark")
 LEGIBLE = 0.6  # of the size in which a figure's labels of 9 to 10 pt were drawn
+FEW = 7  # columns of a table that a phone shows whole
+SMALLEST = 11  # px of a word in a drawing, on a phone
 CONTRAST = 4.5  # WCAG 2.1, level AA
 
 
@@ -113,6 +115,14 @@ class Visit:
     """By width of the window: what reaches past its edge."""
     shrunken: list[str]
     """Pictures that a phone shows too small."""
+    pushed: list[str]
+    """Figures, formulas and moving pictures that scroll sideways on a phone."""
+    crowded: list[str]
+    """Tables of few columns that scroll sideways on a phone."""
+    tiny: list[str]
+    """Words of drawings that a phone shows too small."""
+    orphans: list[str]
+    """Signs that a phone sets at the beginning of a line, after a formula."""
     faint: dict[str, list[str]]
     """By theme: text with too little contrast."""
     screens: float
@@ -148,6 +158,10 @@ def visit(driver: webdriver.Chrome, address: str) -> Visit:
         resize(driver, width)
         overflows[width] = ask(driver, "inspectBook.overflows()")
     shrunken = ask(driver, f"inspectBook.shrunken({LEGIBLE})")
+    pushed = ask(driver, "inspectBook.pushed()")
+    crowded = ask(driver, f"inspectBook.crowded({FEW})")
+    tiny = ask(driver, f"inspectBook.tiny({SMALLEST})")
+    orphans = ask(driver, "inspectBook.orphans()")
     faint, pale = {}, {}
     for theme in THEMES:
         driver.execute_script("document.documentElement.dataset.theme = arguments[0]", theme)
@@ -167,6 +181,10 @@ def visit(driver: webdriver.Chrome, address: str) -> Visit:
         links["next"],
         overflows,
         shrunken,
+        pushed,
+        crowded,
+        tiny,
+        orphans,
         faint,
         screens,
         cut,

@@ -119,6 +119,26 @@ def too_small(visit: Visit, book: Path) -> list[str]:
     return visit.shrunken
 
 
+def pushed(visit: Visit, book: Path) -> list[str]:
+    """Figures, formulas and moving pictures that a phone has to scroll sideways."""
+    return visit.pushed
+
+
+def crowded(visit: Visit, book: Path) -> list[str]:
+    """Tables of at most seven columns that a phone has to scroll sideways."""
+    return visit.crowded
+
+
+def tiny(visit: Visit, book: Path) -> list[str]:
+    """Words of drawings that cannot be read on a phone."""
+    return visit.tiny
+
+
+def orphans(visit: Visit, book: Path) -> list[str]:
+    """Lines that begin with the comma or the bracket after a formula."""
+    return visit.orphans
+
+
 def faint(visit: Visit, book: Path) -> list[str]:
     """Text with too little contrast in the light or the dark theme."""
     return [f"{theme}: {place}" for theme, places in visit.faint.items() for place in places]
@@ -163,6 +183,10 @@ CHECKS: tuple[Check, ...] = (
     references,
     too_wide,
     too_small,
+    pushed,
+    crowded,
+    tiny,
+    orphans,
     faint,
     shared,
     cut,

@@ -195,6 +195,46 @@ window.inspectBook = (() => {
       .map((box) => `${box.scrollWidth - box.clientWidth} px: ${name(box)}`);
   }
 
+  /** Figures, formulas and moving pictures that a phone would have to scroll sideways. */
+  function pushed() {
+    const boxes = "figure:has(> img), .cell_output:has(> img), .cell_output:has([data-controls]), div.math, mjx-container[display]";
+    return [...main().querySelectorAll(boxes)]
+      .filter((box) => visible(box) && box.scrollWidth > box.clientWidth + 1)
+      .map((box) => `${box.scrollWidth - box.clientWidth} px: ${name(box)}`);
+  }
+
+  /** Tables of few columns, but folded ones, that a phone scrolls by more than another machine's font makes up for. */
+  function crowded(columns) {
+    const slack = 12;
+    return [...main().querySelectorAll(".measured-scroll, .pst-scrollable-table-container")]
+      .filter((box) => visible(box) && !box.closest("details") && box.scrollWidth > box.clientWidth + slack)
+      .filter((box) => [...box.querySelectorAll("tr")].at(-1).children.length <= columns)
+      .map((box) => `${box.scrollWidth - box.clientWidth} px: ${name(box)}`);
+  }
+
+  /** Words of drawings in the page that are shown smaller than `least` pixels. */
+  function tiny(least) {
+    return [...main().querySelectorAll("svg text")].filter(visible)
+      .map((word) => [word.getScreenCTM(), word]) // which may be turned
+      .map(([{ a, b }, word]) => [parseFloat(getComputedStyle(word).fontSize) * Math.hypot(a, b), word])
+      .filter(([size]) => size < least)
+      .map(([size, word]) => `${size.toFixed(1)} px: ${name(word)}`);
+  }
+
+  /** Text that begins a line with a sign that belongs to the formula before it. */
+  function orphans() {
+    const found = [];
+    for (const formula of main().querySelectorAll("span.math")) {
+      const after = formula.nextSibling;
+      if (after?.nodeType !== Node.TEXT_NODE || !/^[.,;:!?)]/.test(after.data) || !visible(formula)) continue;
+      const sign = document.createRange();
+      sign.setStart(after, 0);
+      sign.setEnd(after, 1);
+      if (sign.getBoundingClientRect().top > formula.getBoundingClientRect().bottom - 2) found.push(name(formula));
+    }
+    return found;
+  }
+
   /** Captions that are thinner than the text, or have less contrast than `least`. */
   function pale(least) {
     return [...main().querySelectorAll("figcaption, caption")].filter((caption) => {
@@ -239,5 +279,5 @@ window.inspectBook = (() => {
   /** How many windows the page is long. */
   const screens = () => document.scrollingElement.scrollHeight / window.innerHeight;
 
-  return { cut, pale, unmarked, uncited, screens, settle, figures, images, formulas, links, overflows, shrunken, faint };
+  return { cut, pushed, crowded, tiny, orphans, pale, unmarked, uncited, screens, settle, figures, images, formulas, links, overflows, shrunken, faint };
 })();

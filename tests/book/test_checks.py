@@ -15,14 +15,18 @@ from tests.book.checks import (
     MAX_SHARED_BYTES,
     Check,
     complaints,
+    crowded,
     cut,
     faint,
     formulas,
+    orphans,
     pages,
     pale,
     pictures,
+    pushed,
     references,
     shared,
+    tiny,
     too_heavy,
     too_long,
     too_small,
@@ -50,6 +54,9 @@ def svg(color: str) -> str:
 
 
 PICTURE = f'<img alt="A square." src="{svg("white")}">'
+WIDE_ROW = "<tr>{}</tr>".format(7 * "<td style='min-width: 90px'>x</td>")
+WIDE_IMG = "<img style='width: 500px'"
+FORMULA = "<mjx-container style='display: inline-block; width: 3em'>x</mjx-container>"
 FAULTS: list[tuple[Check, str]] = [
     (complaints, "<script>console.error('no')</script>"),
     (complaints, "<script>undefined.property</script>"),
@@ -78,6 +85,17 @@ FAULTS: list[tuple[Check, str]] = [
     (too_wide, "<div style='overflow: hidden'><p style='width: 1500px'>cut off</p></div>"),
     (too_wide, "<div style='overflow: auto; width: 450px'><p style='width: 600px'>wide</p></div>"),
     (too_small, f'<img alt="A square." style="width: 5px" src="{svg("white")}">'),
+    (pushed, f"<figure style='overflow: auto'>{PICTURE.replace('<img', WIDE_IMG)}</figure>"),
+    (
+        pushed,
+        "<div class='math' style='overflow: auto; width: 90px'><b>{}</b></div>".format(50 * "x"),
+    ),
+    (
+        crowded,
+        f"<div class='measured-scroll' style='overflow: auto'><table>{WIDE_ROW}</table></div>",
+    ),
+    (tiny, "<svg width='90' viewBox='0 0 900 90'><text y='50' font-size='16'>word</text></svg>"),
+    (orphans, f"<p style='width: 3em'><span class='math'>{FORMULA}</span>, then</p>"),
     (faint, "<p style='color: #888; background: white'>grey on white</p>"),
     (faint, "<p style='color: #222'>black on black in the dark theme</p>"),
     (faint, "<p style='color: rgb(0 0 0 / 40%); background: white'>see-through</p>"),

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from d2d.study.book.claim import Claim, Evidence, Verdict
 from d2d.study.book.measured import Measured
-from d2d.study.book.table import significant, typeset
+from d2d.study.book.table import significant
+from d2d.study.book.typography import typeset
 
 SIGNS: dict[Verdict, str] = {"confirmed": "✓", "qualified": "≈", "refuted": "✗"}
 """The sign beside the word of each verdict, so that no verdict is marked by its colour alone."""

@@ -19,16 +19,18 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Stroke
 
 from d2d.cost import RegistrationCost
+from d2d.radar import looks
 
-# Okabe & Ito's palette, which colour-blind readers can tell apart.  These three are the costs'.
-_VERMILLION, _BLUE, _GREEN = "#D55E00", "#0072B2", "#009E73"
+# Okabe & Ito's palette, which colour-blind readers can tell apart.  These three are the costs';
+# every estimate of a drive is the robust likelihood's, so that its look is that of a track.
+_VERMILLION, _BLUE, _GREEN = "#D55E00", "#0072B2", looks.COLOR
 # For everything else: the rest of that palette, and two darker hues for what is read on white.
 BLACK, GREY, PURPLE, OCHRE = "#000000", "#595959", "#8E3B7E", "#9A6A00"
 PINK, YELLOW, SKY = "#CC79A7", "#E69F00", "#56B4E9"
 OTHERS = (PURPLE, YELLOW, SKY, PINK, GREY)
 
 FIXED, MOVING, START = GREY, PURPLE, PINK
-TRUTH: dict[str, Any] = {"color": BLACK, "ls": "--", "lw": 0.9, "zorder": 1.5}
+TRUTH: dict[str, Any] = {**looks.REFERENCE, "zorder": 1.5}
 
 COST_MAP, DENSITY_MAP = "viridis", "viridis_r"  # low cost, and so high density, is dark
 SHARE_MAP = "cividis"  # of shares, where bright is more
@@ -43,11 +45,11 @@ class Look(NamedTuple):
     line: Any
 
 
-DASHED, DOTTED, DASH_DOTTED = (0, (5, 1.2)), (0, (1, 0.9)), (0, (6, 1.2, 1.2, 1.2))
+DASHED, DOTTED, DASH_DOTTED = (0, (5, 1.2)), (0, (1, 0.9)), looks.LINE
 COSTS = {
     "summing": Look("sum", _VERMILLION, "s", DASHED),
     "likelihood": Look("likelihood", _BLUE, "D", "-"),
-    "robust": Look("robust likelihood", _GREEN, "o", DASH_DOTTED),
+    "robust": Look("robust likelihood", _GREEN, looks.MARKER, DASH_DOTTED),
 }
 """The look of each cost, by its name in the code, in the order of the columns of a figure."""
 

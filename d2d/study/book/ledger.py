@@ -24,7 +24,8 @@ def verdicts_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> s
     for claim in claims:
         by_page.setdefault(page_of(claim.section, claim.id), []).append(record[claim.id])
     lines = [f"| chapter | claims | {' | '.join(SIGNS)} |", "|" + " --- |" * (2 + len(SIGNS))]
-    linked = {f"[{_chapter(page)}]({page}.ipynb)": listed for page, listed in by_page.items()}
+    in_order = sorted(by_page.items())  # the thesis tells of optimisers (5b) before chapter 5
+    linked = {f"[{_chapter(page)}]({page}.ipynb)": listed for page, listed in in_order}
     for name, evidence in (linked | {"all": list(record.values())}).items():
         cells = (name, len(evidence), *_counts(evidence).values())
         lines.append(f"| {' | '.join(map(str, cells))} |")
@@ -47,7 +48,8 @@ def claims_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> str
         page = page_of(claim.section, claim.id)
         shown = f"[chapter {_chapter(page)}]({page}.ipynb), [figure](#fig-{claim.figure})"
         numbers = "<br>".join(
-            f"{told(evidence.numbers[name], '**')} {name}" for name in claim.telling
+            f"{told(evidence.numbers[name], '**').replace('-', '−')} {name}"
+            for name in claim.telling
         )
         why = evidence.because[0].upper() + evidence.because[1:]
         if evidence.verdict != "confirmed":

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from d2d.study.book.typography import typeset
+
 _SCRIPT = """
 (function () {{
   var root = document.getElementById("{name}"), frames = root.querySelectorAll("[data-frame]");
@@ -35,7 +37,7 @@ def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
     name : str
         Id of the HTML element, unique on its page.
     frames, captions : sequences of str
-        HTML of each frame, and the line of text below it.
+        HTML of each frame, as wide as its place, and the plain text of the line below it.
 
     Raises
     ------
@@ -50,10 +52,10 @@ def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
     last = len(frames) - 1
     shown = "\n".join(
         f'<div data-frame="{i}"{" hidden" if i else ""}>{frame}'
-        f'<div style="text-align:center;min-height:3em">{caption}</div></div>'
+        f'<div style="text-align:center;min-height:3em">{typeset(caption)}</div></div>'
         for i, (frame, caption) in enumerate(zip(frames, captions, strict=True))
     )
-    return f"""<div id="{name}" style="background:#fff;color:#111;max-width:640px;margin:auto">
+    return f"""<div id="{name}" style="background:#fff;color:#111;max-width:520px;margin:auto">
 {shown}
 <div data-controls hidden>
 <div style="display:flex;gap:0.6em;align-items:center;padding:0.3em 0.6em">

@@ -8,6 +8,9 @@ from collections.abc import Iterable
 
 from d2d._types import Array
 
+PHONE = 480.0
+"""Width of a drawing whose text a phone still shows at 11 pixels or more."""
+
 
 def element(tag: str, *children: str, **attributes: str | float) -> str:
     """One element with its children; an attribute ``stroke_width`` becomes ``stroke-width``."""

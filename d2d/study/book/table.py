@@ -7,10 +7,11 @@ A cell ends with ``table(rows, columns)`` or ``quantities(...)``.  The book show
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from typing import Any
 
 import numpy as np
+
+from d2d.study.book.typography import typeset
 
 Column = str | tuple[str, ...]
 """A heading, or a heading with a unit ("" for none) and the format of its numbers."""
@@ -41,12 +42,6 @@ def cell(value: Any, specification: str = "") -> str:
     if not np.isfinite(value):
         return significant(float(value))
     return format(value, specification) if specification else significant(float(value))
-
-
-def typeset(text: str) -> str:
-    """Text as HTML, with a real minus before a number."""
-    shown = escape(text, quote=False)
-    return f"−{shown[1:]}" if shown[:1] == "-" and shown[1:2].isdigit() else shown
 
 
 @dataclass(frozen=True)

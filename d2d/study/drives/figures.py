@@ -205,7 +205,7 @@ def camera_view(ax: Axes, world: World, frame: Array, time: float, view: float) 
     )
     ticks = np.deg2rad([40, 20, 0, -20, -40])
     ax.set(xlim=(-edge, edge), ylim=(-0.32, 0.55), yticks=[], xlabel="azimuth (°)")
-    ax.set_xticks(-np.tan(ticks), [f"{t:.0f}" for t in np.rad2deg(ticks)])
+    ax.set_xticks(-np.tan(ticks), [f"{t:.0f}".replace("-", "−") for t in np.rad2deg(ticks)])
     ax.grid(False)
 
 

@@ -19,7 +19,8 @@ COLOURS = {
     "Gauss-Newton": BLACK,
     "Levenberg-Marquardt": SKY,
 }
-WIDTH, HEIGHT, MARGIN = 620.0, 420.0, 56.0  # of a frame, in SVG units
+WIDTH, HEIGHT, MARGIN = svg.PHONE, 470.0, 14.0  # of a frame, in SVG units
+KEY, AXES = 92.0, 58.0  # of HEIGHT, above and below the picture
 
 
 def draw_paths(ax: Axes, problem: PairedTargets, paths: Mapping[str, Path]) -> None:
@@ -42,7 +43,7 @@ def descent_frame(problem: PairedTargets, paths: Mapping[str, Path], iteration: 
         x = (points[:, 0] - t_y[0]) / (t_y[-1] - t_y[0])
         y = (points[:, 1] - angle[0]) / (angle[-1] - angle[0])
         return np.stack(
-            [MARGIN + x * (WIDTH - 2 * MARGIN), HEIGHT - MARGIN - y * (HEIGHT - 2 * MARGIN)], -1
+            [MARGIN + x * (WIDTH - 2 * MARGIN), HEIGHT - AXES - y * (HEIGHT - AXES - KEY)], -1
         )
 
     parts = [svg.polyline(place(line), "#999", 1.0) for line in _contours(problem, t_y, angle)]
@@ -52,18 +53,14 @@ def descent_frame(problem: PairedTargets, paths: Mapping[str, Path], iteration: 
         parts += [
             svg.polyline(points, colour, 2.2),
             svg.circle(points[-1, 0], points[-1, 1], 7.0 - row, colour),
-            svg.text(
-                WIDTH - MARGIN - 4.0,
-                22.0 + 19.0 * row,
-                name + arrived,
-                text_anchor="end",
-                fill=colour,
-            ),
+            svg.circle(MARGIN + 8.0, 14.0 + 21.0 * row, 6.0, colour),
+            svg.text(MARGIN + 22.0, 20.0 + 21.0 * row, name + arrived),
         ]
-    low, high = np.rad2deg(angle[[0, -1]])
-    upwards = f"upwards the angle from {low:.1f}° to {high:.1f}°"
-    axes = f"t_y from {t_y[0]:.1f} to {t_y[-1]:.1f} m; {upwards}"
-    parts.append(svg.text(0.5 * WIDTH, HEIGHT - 14.0, axes, text_anchor="middle"))
+    across = f"across: translation from {t_y[0]:.1f} to {t_y[-1]:.1f} m"
+    upwards = "upwards: rotation from {:.1f}° to {:.1f}°".format(*np.rad2deg(angle[[0, -1]]))
+    for row, axis in enumerate((across, upwards)):
+        words, y = axis.replace("-", "−"), HEIGHT - AXES + 26.0 + 22.0 * row
+        parts.append(svg.text(0.5 * WIDTH, y, words, text_anchor="middle"))
     return svg.picture(WIDTH, HEIGHT, f"Optimiser paths after {iteration} iterations", parts)
 
 

@@ -50,7 +50,7 @@ def _sensor(ax: Axes, mounting: Mounting, place: complex) -> None:
     ax.plot(place.real, place.imag, "s", color=PURPLE, ms=7)
     end = place + cmath.rect(3.6, mounting.yaw)
     _line(ax, place, end, color=PURPLE, lw=1.0, ls="-.")
-    _text(ax, end + complex(-0.3, 0.15), "boresight", PURPLE)
+    _text(ax, end + complex(0.1, -0.25), "boresight", PURPLE)
     _line(ax, place, place + 2.4, color="0.4", lw=1.0, ls=":")
     _arc(ax, place, 1.7, 0.0, mounting.yaw, PURPLE)
     _text(ax, place + cmath.rect(1.85, 0.5 * mounting.yaw) - 0.1j, "yaw > 0", PURPLE)

@@ -144,7 +144,11 @@ def symptom_table(found: Sequence[Symptom], caption: str = "") -> Table:
     """A row for each fault, with the reason of most failures or the end of the error's message."""
     return table(
         [
-            (each.fault, each.accepted, each.forward, each.turning, each.anees, _said(each) or "–")
+            (
+                *(each.fault, each.accepted, each.forward, each.turning),
+                float(f"{each.anees:.2g}"),
+                _said(each) or "–",
+            )
             for each in found
         ],
         [
@@ -152,7 +156,7 @@ def symptom_table(found: Sequence[Symptom], caption: str = "") -> Table:
             ("accepted", "", ".1%"),
             ("v_x", "", ".1f"),
             ("omega", "", ".1f"),
-            ("ANEES", "", ".2g"),
+            "ANEES",
             "most failures",
         ],
         caption,

@@ -13,7 +13,7 @@ from d2d.study.book import svg
 from d2d.study.book.grammar import BLACK, GREY, PURPLE, SKY, YELLOW
 
 COLOURS = (PURPLE, YELLOW, SKY, GREY)
-WIDTH, HEIGHT, STRIP, MARGIN = 600.0, 390.0, 130.0, 46.0  # of the drawing, in SVG units
+WIDTH, HEIGHT, STRIP, MARGIN = svg.PHONE, 330.0, 124.0, 36.0  # of the drawing, in SVG units
 
 
 def em_frame(
@@ -44,7 +44,7 @@ def em_frame(
         return np.asarray(origin + scale * where * np.array([1.0, -1.0]))
 
     marks = [
-        svg.circle(px, py, 3.0, colour)
+        svg.circle(px, py, 2.6, colour)
         for (px, py), colour in zip(
             place(points), _blend(mixture.responsibilities(points)), strict=True
         )
@@ -104,11 +104,11 @@ def _scale_bar(scale: float) -> list[str]:
 
 
 def _likelihood_strip(values: Array, step: int) -> list[str]:
-    top, bottom = HEIGHT + 14.0, HEIGHT + STRIP - 26.0
+    top, bottom = HEIGHT + 14.0, HEIGHT + STRIP - 40.0
     span = float(np.ptp(values)) or 1.0
     xs = np.linspace(MARGIN, WIDTH - MARGIN, len(values)) if len(values) > 1 else [0.5 * WIDTH]
     ys = bottom - (values - values.min()) / span * (bottom - top)
-    middle, low = 0.5 * WIDTH, HEIGHT + STRIP - 2.0
+    middle, low = 0.5 * WIDTH, HEIGHT + STRIP - 9.0
     return [
         svg.path(f"M {MARGIN:.0f} {bottom + 8:.0f} H {WIDTH - MARGIN:.0f}", stroke="#999"),
         svg.polyline(np.column_stack([xs, ys]), "#111", 2.0),

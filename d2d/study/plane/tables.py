@@ -78,7 +78,7 @@ def summary_table(rows: Iterable[Row], caption: str) -> Table:
             ("from truth", "", ".1%"),
             ("from zero", "", ".1%"),
             ("RMSE", "m", ".3f"),
-            ("95\xa0%", "m"),
+            ("95 %", "m"),
             ("ANEES", "", ".3f"),
             ("NCI", "dB", ".2f"),
             ("I²", "dB", "+.2f"),

@@ -15,14 +15,22 @@ _MARKS = "oDs^v"
 
 
 def score_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
-    """ANEES, share in the 95 % region, whitened squares, log score: a row for each model."""
+    """ANEES, share in the 95 % region, whitened squares, log score: a row for each model.
+
+    The drives have a column if there are several.
+    """
+    several = len(judged) > 1
     rows = [
-        (where, name, found["anees"], found["inside"], *found["whitened"], found["log_score"])
+        (
+            *([where] if several else []),
+            *(name, found["anees"], found["inside"], *found["whitened"], found["log_score"]),
+        )
         for where, models in judged.items()
         for name, found in models.items()
     ]
     columns: list[Column] = [
-        *("drive", "covariance", ("ANEES", "", ".2f"), ("inside", "", ".0%")),
+        *(["drive"] if several else []),
+        *("covariance", ("ANEES", "", ".2f"), ("inside", "", ".0%")),
         *((name, "", ".2f") for name in (*NAMES, "log score")),
     ]
     return table(rows, columns, caption)

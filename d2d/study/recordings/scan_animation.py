@@ -10,14 +10,14 @@ from d2d.radar import Mounting, RadarScan
 from d2d.study.book import slider, svg
 from d2d.study.book.grammar import PINK, PURPLE, YELLOW
 
-WIDTH, KEY = 600.0, 34.0  # of the drawing, and the height of its key, in SVG units
+WIDTH, KEY = svg.PHONE, 34.0  # of the drawing, and the height of its key, in SVG units
 MARGIN = 3.0  # m around the targets
 TALLEST = 1.1  # height of the field in units of its width
 # Classes of the inlier probability: upper limit, colour, size of the points, label.
 CLASSES = (
-    (0.2, PINK, 8.0, "rejected: below 0.2"),
+    (0.2, PINK, 8.0, "below 0.2"),
     (0.8, YELLOW, 10.0, "0.2 to 0.8"),
-    (1.01, PURPLE, 10.0, "trusted: above 0.8"),
+    (1.01, PURPLE, 10.0, "above 0.8"),
 )
 
 
@@ -102,7 +102,7 @@ def _vehicle_and_key(origin: Array, scale: float, height: float) -> list[str]:
     )
     marks = [svg.path(arrow), scale_bar, svg.text(20.0, height - 50.0, "10 m")]
     for i, (_, colour, _, label) in enumerate(CLASSES):
-        left = 20.0 + 195.0 * i
+        left = 24.0 + 160.0 * i
         marks.append(svg.circle(left, height - 14.0, 5.0, colour))
         marks.append(svg.text(left + 12.0, height - 8.0, label))
     return marks

@@ -13,6 +13,7 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.lines import Line2D
 
+from d2d.radar import compare, simulate_drive, track
 from d2d.study import scenarios
 from d2d.study.beyond import exhaustive
 from d2d.study.beyond import figures as beyond_figures
@@ -270,3 +271,20 @@ def test_the_laboratories_have_the_colours_of_the_figures() -> None:
     css = (ROOT / "_static" / "labs" / "labs.css").read_text(encoding="utf-8")
     for key, look in grammar.COSTS.items():
         assert f"--lab-{key}: {look.color.lower()};" in css
+
+
+def test_a_track_and_the_book_draw_an_estimate_alike():
+    """Breaks if the picture of a track has a colour, line or marker of its own."""
+    drive = simulate_drive(np.random.default_rng(0), duration=1.0)
+    driven = track(drive.scans, drive.mounting)
+    for figure in (driven.plot(), compare(driven, drive.truth).plot()):
+        drawn = [line for ax in figure.axes for line in ax.lines if line.get_label() != "failed"]
+        robust = grammar.COSTS["robust"]
+        for line in drawn:
+            color = to_hex(line.get_color()).upper()
+            assert color in (robust.color, to_hex(grammar.TRUTH["color"]).upper())
+            if color == robust.color:
+                assert line.get_marker() in ("None", robust.marker)
+            else:
+                assert line.get_linestyle() == grammar.TRUTH["ls"]
+        plt.close(figure)

@@ -59,7 +59,7 @@ def test_a_round_s_caption_counts_and_its_picture_is_well_formed():
         [view(5.0, [10.0, 20.0], [0.1, -0.1], [1.0, 0.5])],
         [view(5.25, [], [], [])],
     ]
-    html = animate_scans("x", rounds)
+    html = animate_scans("x", rounds).replace("\N{NO-BREAK SPACE}", " ")
     assert "0.00 s: 2 targets, mean inlier probability 0.75" in html
     assert "0.25 s: 0 targets, mean inlier probability 0.00" in html
     for picture in re.findall(r"<svg.*?</svg>", html, re.DOTALL):
