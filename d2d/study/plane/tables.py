@@ -65,7 +65,7 @@ def summary_table(rows: Iterable[Row], caption: str) -> Table:
                 row.from_truth,
                 row.from_zero,
                 row.rmse,
-                row.rmse.between(".2f").replace(" ", "\xa0"),
+                row.rmse.between(".2f"),
                 row.credibility.anees,
                 row.credibility.nci,
                 row.credibility.inclination,
