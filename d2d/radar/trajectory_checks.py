@@ -11,6 +11,8 @@ from d2d.radar.budget import CovarianceParts
 
 REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
 _SHAPES: dict[str, tuple[int, ...]] = {"theta": (3,), "covariance": (3, 3)}  # of a row; else ()
+# s, and relative to the time since the first estimate: stamps in logs are often rounded
+_STAMP, _DRIFT = 0.01, 1e-5
 _ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 _KINDS = {"converged": ("b", "bool"), "reasons": ("U", "str"), "targets": ("iu", "int")}
 
@@ -66,6 +68,15 @@ def _check_times(times: Array, intervals: Array) -> None:
         raise ValueError("intervals must be finite and positive")
     if not (np.isfinite(times).all() and (np.diff(times) > 0.0).all()):
         raise ValueError("times must be finite and strictly increasing")
+    added = np.cumsum(intervals[1:])
+    passed = times[1:] - times[:1]
+    wrong = np.abs(added - passed) > _STAMP + _DRIFT * passed
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise ValueError(
+            f"intervals must add up to the differences of times, but from the first estimate to "
+            f"number {i + 1} they add up to {added[i]:g} s where {passed[i]:g} s pass"
+        )
 
 
 def _check_covariance(stated: Array) -> None:
