@@ -19,7 +19,7 @@ from d2d._checks import (
 from d2d._kernel import MOTION
 from d2d._types import Array
 from d2d.cost import RegistrationCost
-from d2d.covariance import bind_pair, fisher_covariance, parts_of, taken_by
+from d2d.covariance import bind_pair, check_estimate, fisher_covariance, parts_of, taken_by
 from d2d.frame import Frame, about_mean
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
@@ -76,7 +76,8 @@ def sandwich_covariance(
     Raises
     ------
     ValueError
-        If an argument is invalid; the message names it.
+        If an argument is invalid, or the cost that the estimate states is not that of the others;
+        the message names it.
 
     Notes
     -----
@@ -117,6 +118,7 @@ def problem_sandwich(
     """
     check_flag("floor", floor)
     bound = problem.bind(rigid.motion("estimate", estimate.theta, problem.pairs[0].fixed.dimension))
+    check_estimate(estimate, problem, bound)
     known = np.isfinite(estimate.covariance).all(axis=(-2, -1))
     known = np.broadcast_to(known, bound.shape).ravel()
     stands: Array | None = None
