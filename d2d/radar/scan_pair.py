@@ -23,6 +23,21 @@ def check_separation(baseline: int, horizon: float | None) -> None:
         )
 
 
+def check_distinct(name: str, sensors: Iterable[Iterable[RadarScan]]) -> None:
+    """Raise a ValueError if two sensors have a scan in common: it would count twice."""
+    owners: dict[tuple[object, ...], int] = {}
+    for number, scans in enumerate(sensors):
+        for scan in scans:
+            measured = (scan.range, scan.azimuth, scan.doppler)
+            key = (scan.time, *(array.tobytes() for array in measured))
+            owner = owners.setdefault(key, number)
+            if owner != number and scan.size > 1:  # one target may be seen alike by chance
+                raise ValueError(
+                    f"{name} must be different ones, but {name}[{owner}] and {name}[{number}] "
+                    f"have the same scan at {scan.time:.6f} s; is one sensor given twice?"
+                )
+
+
 def scan_before(
     scans: Sequence[RadarScan], i: int, baseline: int, horizon: float | None
 ) -> RadarScan:

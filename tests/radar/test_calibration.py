@@ -377,6 +377,7 @@ def bad(name):
     entry = (first.scans, first.mounting, first.reference)
     return {
         "nothing": [],
+        "twice": [entry, (entry[0][:5], MOUNTINGS[1], entry[2])],
         "a number": 3,
         "a pair": [entry[:2]],
         "no scan": [("abc", *entry[1:])],

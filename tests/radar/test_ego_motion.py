@@ -659,6 +659,18 @@ def test_a_wrong_start_of_a_track_is_refused():
         track(drive(10).scans, CORNER, initial=[1.0, 2.0])
 
 
+def test_one_sensor_given_twice_is_refused():
+    """Breaks if a slip of the pen halves the covariance, or puts one radar at two places."""
+    scans = drive(10).scans
+    again = [replace(scan) for scan in scans]
+    for second, mounting in ((scans, CORNER), (again[3:], MOUNTINGS[1])):
+        with pytest.raises(ValueError, match=r"^sensors must be .* sensors\[0\] and sensors\[1\]"):
+            track_joint([(scans, CORNER), (second, mounting)])
+    none, alone = [scan[:0] for scan in scans], [scan[:1] for scan in scans]
+    for few in (none, alone):  # which may be alike by chance
+        assert not track_joint([(few, CORNER), (few, MOUNTINGS[1])]).converged.any()
+
+
 def surround_scans(
     count: int = 12, theta=(12.0, 0.0, 0.1), times=None, shift: float = 0.013
 ) -> list[tuple[list[RadarScan], Mounting]]:
