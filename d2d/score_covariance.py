@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,7 +60,8 @@ def sandwich_covariance(
         Errors of moving targets at a distance d are correlated by exp(-d^2 / (2 length^2)), in m.
     groups : (..., K) array, optional
         Labels of the moving targets.  Those with the same label, such as the targets of one object,
-        err together, others independently.  Without ``length`` and ``groups``, all are independent.
+        err together, others independently; so a label for targets of no object, such as -1, makes
+        one object of them.  Without ``length`` and ``groups``, all are independent.
     reference : (..., P, P) array, optional
         The covariance that stands unless the scores speak clearly against it; by default the
         inverse Hessian.  For costs whose inverse Hessian is no covariance, such as the sum, that of
@@ -217,10 +219,7 @@ def _neighbours(
         positions = np.concatenate(means, axis=1)
         return lambda b: nearby(positions[b], scale)
     size = sum(pair.moving.size for pair in problem.pairs)
-    try:
-        labels = np.arange(size) if groups is None else np.asarray(groups)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"groups must be an array: {error}") from None
+    labels = np.arange(size) if groups is None else _labels(groups)
     if labels.shape[-1:] != (size,):
         raise ValueError(
             f"groups must have the shape (..., {size}) to match moving, but has {labels.shape}"
@@ -232,3 +231,16 @@ def _neighbours(
         )
     own = taken_by(labels, 1, bound, everything)
     return lambda b: grouped(own[b])
+
+
+def _labels(groups: ArrayLike) -> NDArray[Any]:
+    """Labels as an array; none may be missing, or it is not known which targets err together."""
+    try:
+        labels = np.asarray(groups)
+        unknown = np.ma.is_masked(groups) or bool((labels != labels).any())
+        np.unique(labels)  # labels of several kinds have no order
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"groups must be an array of labels of one kind: {error}") from None
+    if unknown:
+        raise ValueError("groups must not hold nan or masked entries; label each of them alone")
+    return labels
