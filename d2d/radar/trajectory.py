@@ -99,8 +99,9 @@ class Track(Frozen):
     ------
     ValueError
         If shapes or types do not match, times are not finite and strictly increasing, intervals
-        contradict them, or where converged an estimate is not finite or its covariance is none; the
-        message names the field.
+        contradict them, ``targets`` or ``inliers`` are out of range, or where converged an estimate
+        is not finite, its covariance is none or ``parts`` contradict it; the message names the
+        field.
     """
 
     times: Array

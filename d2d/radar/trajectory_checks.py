@@ -34,7 +34,11 @@ def check_track(fields: dict[str, Any]) -> dict[str, Any]:
         if not np.isfinite(arrays[name][good]).all():
             raise ValueError(f"{name} must be finite wherever converged is true")
     _check_covariance(arrays["covariance"][good])
-    return arrays | {"parts": _parts(parts, count)}
+    _check_counts(arrays)
+    kept = _parts(parts, count)
+    if kept is not None:
+        _check_sum(kept.total[good], arrays["covariance"][good])
+    return arrays | {"parts": kept}
 
 
 def _array(name: str, value: Any) -> NDArray[Any]:
@@ -77,6 +81,23 @@ def _check_times(times: Array, intervals: Array) -> None:
             f"intervals must add up to the differences of times, but from the first estimate to "
             f"number {i + 1} they add up to {added[i]:g} s where {passed[i]:g} s pass"
         )
+
+
+def _check_counts(arrays: dict[str, NDArray[Any]]) -> None:
+    """Raise a ValueError unless numbers of targets and shares of inliers, if known, can be such."""
+    if (arrays.get("targets", np.zeros(0)) < 0).any():
+        raise ValueError("targets must not be negative")
+    shares = arrays.get("inliers", np.zeros(0))
+    if not (np.isnan(shares) | ((shares >= 0.0) & (shares <= 1.0 + _ROUNDING))).all():
+        raise ValueError("inliers must lie within [0, 1], or be nan")
+
+
+def _check_sum(total: Array, stated: Array) -> None:
+    """Raise a ValueError unless the parts (m, 3, 3) add up to the covariance."""
+    sigmas = np.sqrt(np.diagonal(stated, axis1=1, axis2=2))
+    allowed = _ROUNDING * sigmas[:, :, None] * sigmas[:, None, :]
+    if not (np.abs(total - stated) <= allowed).all():
+        raise ValueError("parts must add up to covariance wherever converged is true")
 
 
 def _check_covariance(stated: Array) -> None:

@@ -77,13 +77,16 @@ def assert_same(one: Track, other: Track) -> None:
         ({"intervals": np.full(N, 50.0)}, r"^intervals must add up to the diff"),
         ({"converged": np.ones(N, dtype=bool)}, r"^covariance must be finite wherever converged"),
         ({"theta": np.full((N, 3), np.nan)}, r"^theta must be finite wherever converged"),
+        ({"targets": np.full(N, -5)}, r"^targets must not be negative"),
+        ({"inliers": np.full(N, 57.0)}, r"^inliers must lie within \[0, 1\]"),
+        (all_with(np.eye(3)), r"^parts must add up to covariance"),
         (all_with([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), "^covariance must be sym"),
         (all_with(-np.eye(3)), "^covariance must have variances that are not negative"),
         (all_with([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), "^covariance must have"),
     ],
     ids=[
         *["rows", "reasons", "parts", "order", "nan-time", "milliseconds"],
-        *["nan-covariance", "nan-velocity"],
+        *["nan-covariance", "nan-velocity", "targets", "percent", "parts-of-another"],
         *["one-sided", "negative", "correlated"],
     ],
 )
