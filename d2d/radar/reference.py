@@ -21,7 +21,7 @@ class Reference:
         Velocity [v_x, v_y, omega] of the vehicle frame's origin in m/s, m/s, rad/s, along the
         vehicle's axes.
     poses : (n, 3) array
-        Pose [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw is continuous.
+        Pose [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw may wrap.
 
     Raises
     ------
@@ -131,7 +131,10 @@ class Reference:
             ]
             return np.where(hole[:, None], np.nan, np.column_stack(columns))
 
-        return Reference(wanted, between(self.theta), between(self.poses))
+        poses = self.poses.copy()
+        known = np.isfinite(poses[:, 2])
+        poses[known, 2] = np.unwrap(poses[known, 2])  # half way from pi to -pi is not zero
+        return Reference(wanted, between(self.theta), between(poses))
 
 
 _MIN_POSES = 5  # of a parabola: two more than it has coefficients
