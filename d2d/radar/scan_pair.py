@@ -8,6 +8,8 @@ from d2d.problem import Pair
 from d2d.radar.options import EgoMotionModel
 from d2d.radar.scan import Mounting, RadarScan
 
+_LONGEST_HORIZON = 60.0  # s
+
 ScanPair = tuple[RadarScan, RadarScan, Mounting]
 
 
@@ -16,7 +18,11 @@ def check_separation(baseline: int, horizon: float | None) -> None:
     check_count("baseline", baseline)
     if horizon is None:
         return
-    check_positive("horizon", check_scalar("horizon", horizon))
+    if check_positive("horizon", check_scalar("horizon", horizon)) > _LONGEST_HORIZON:
+        raise ValueError(
+            f"horizon must be in seconds (s), at most {_LONGEST_HORIZON:g}, but is {horizon:g}; "
+            "are these milliseconds?"
+        )
     if baseline != 1:
         raise ValueError(
             f"horizon and baseline must not both be given, but are {horizon:g} s and {baseline}"
