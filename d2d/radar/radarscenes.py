@@ -18,7 +18,7 @@ from d2d.radar.budget import ErrorBudget
 from d2d.radar.files import existing, read_json, strongest_targets
 from d2d.radar.recording import Recording
 from d2d.radar.reference import Reference
-from d2d.radar.scan import Mounting, RadarScan
+from d2d.radar.scan import MAX_RANGE, Mounting, RadarScan
 from d2d.radar.slip import SlipLaw
 
 MICROSECOND = 1e-6
@@ -94,8 +94,8 @@ def load_radarscenes(
     -------
     Recording
         With the budget `RADARSCENES_BUDGET`.  Times in s.  Targets are left out if their range is
-        not positive, if their range, azimuth or Doppler velocity is nan or inf, or if their azimuth
-        is beyond 2 pi.
+        not positive or beyond 10 km, if their azimuth is beyond 2 pi, or if one of these or the
+        Doppler velocity is nan or inf.
 
     Raises
     ------
@@ -247,7 +247,7 @@ def _scan(
         distance, azimuth, doppler = (
             targets[field].astype(np.float64) for field in ("range_sc", "azimuth_sc", "vr")
         )
-    good = (distance > 0) & np.isfinite(distance) & np.isfinite(doppler)
+    good = (distance > 0) & (distance <= MAX_RANGE) & np.isfinite(doppler)
     good &= np.abs(azimuth) <= 2.0 * np.pi  # not so if it is nan
     keep = np.flatnonzero(good)
     keep = keep[strongest_targets(targets["rcs"][keep], strongest)]

@@ -76,7 +76,7 @@ class Reference:
         ------
         ValueError
             If a shape is wrong, a value is not finite, ``stamps`` do not increase or ``half_width``
-            is not positive; the message names the argument.
+            is not positive or beyond a minute; the message names the argument.
         """
         known, wanted = check_finite("stamps", stamps), check_finite("times", times)
         placed = rigid.motion("poses", poses, 2)
@@ -90,6 +90,11 @@ class Reference:
         if not (np.diff(known) > 0).all():
             raise ValueError("stamps must be strictly increasing, but are not")
         reach = float(check_positive("half_width", check_scalar("half_width", half_width)))
+        if reach > _LONGEST:
+            raise ValueError(
+                f"half_width must be in seconds (s), at most {_LONGEST:g}, but is {reach:g}; are "
+                "these milliseconds?"
+            )
         placed = np.column_stack([placed[:, :2], np.unwrap(placed[:, 2])])
         value, slope = _parabolas(known, placed, wanted, reach)
         turned = rigid.rotation(-value[:, 2]) @ slope[:, :2, None]
@@ -137,6 +142,7 @@ class Reference:
         return Reference(wanted, between(self.theta), between(poses))
 
 
+_LONGEST = 60.0  # s, of the half width of a parabola
 _MIN_POSES = 5  # of a parabola: two more than it has coefficients
 
 

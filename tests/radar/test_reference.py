@@ -63,6 +63,7 @@ def test_it_is_nan_where_poses_are_missing():
         ({"poses": np.zeros(3)}, "stamps and poses must have the shapes"),
         ({"times": 6.0}, "times must have the shape"),
         ({"half_width": 0.0}, "half_width must be positive"),
+        ({"half_width": 200.0}, "half_width must be in seconds"),
     ],
     ids=str,
 )
