@@ -24,6 +24,7 @@ from d2d.score_covariance import problem_sandwich
 from d2d.study.plane.scenarios import ALL
 from tests.strategies import all_cases, case_id, doppler_like, overlapped_scene, random_problem
 
+ROBUST_1D = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0))
 ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
 VELOCITY = np.array([9.0, -1.0, 0.6])
 
@@ -337,6 +338,24 @@ def test_the_origin_does_not_matter(distance, reference):
             sandwich_covariance(estimate, *sets, ROBUST, length=0.5, reference=own)[2, 2] ** 0.5
         )
     assert_allclose(found[1], found[0], rtol=1e-3)
+
+
+@pytest.mark.parametrize("batched", ["none", "fixed", "moving"])
+def test_starts_on_a_line_far_from_the_origin_broadcast(batched):
+    """Breaks if the one origin of a set that all problems share is taken for several."""
+    rng = np.random.default_rng(20)
+    means, variances = 5e5 + rng.uniform(-9.0, 9.0, (6, 1)), np.full((6, 1, 1), 0.04)
+    noise = {name: 0.2 * rng.standard_normal((3, 6, 1)) for name in ("fixed", "moving")}
+    sets = [
+        PointSet(means + (each if name == batched else each[0]), variances)
+        for name, each in noise.items()
+    ]
+    starts = np.array([[0.0], [0.1], [-0.1]])
+    found = sandwich_covariance(register(*sets, ROBUST_1D, starts), *sets, ROBUST_1D)
+    for i, start in enumerate(starts):
+        own = [each[i] if each.batch_shape else each for each in sets]
+        alone = sandwich_covariance(register(*own, ROBUST_1D, start), *own, ROBUST_1D)
+        assert_allclose(found[i], alone, rtol=1e-6)
 
 
 def test_another_costs_estimate_is_refused_by_name():
