@@ -155,6 +155,17 @@ def check_scalar(name: str, value: Any) -> float:
     return float(array)
 
 
+def check_seconds(name: str, value: Any, longest: float) -> float:
+    """A time of at most ``longest`` seconds to either side; larger ones are in another unit."""
+    number = check_scalar(name, value)
+    if abs(number) > longest:
+        raise ValueError(
+            f"{name} must be in seconds (s), at most {longest:g}, but is {number:g}; are these "
+            "milliseconds?"
+        )
+    return number
+
+
 def check_within(name: str, value: Any, least: float, greatest: float) -> float:
     """A number within two positive bounds, where its square and inverse do not overflow."""
     number = float(check_positive(name, check_scalar(name, value)))

@@ -12,12 +12,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import check_count, check_flag, check_path, check_positive, check_scalar
+from d2d._checks import (
+    check_count,
+    check_flag,
+    check_path,
+    check_positive,
+    check_scalar,
+    check_seconds,
+)
 from d2d._types import Array
 from d2d.radar.budget import ErrorBudget
 from d2d.radar.files import existing, read_json, strongest_targets
 from d2d.radar.pcd import read_pcd
-from d2d.radar.recording import Recording
+from d2d.radar.recording import LONGEST_OFFSET, Recording
 from d2d.radar.reference import Reference
 from d2d.radar.scan import MAX_RANGE, Mounting, RadarScan
 
@@ -158,14 +165,9 @@ def load_nuscenes(
     """
     if strongest is not None:
         check_count("strongest", strongest)
-    offset = check_scalar("time_offset", time_offset)
+    offset = check_seconds("time_offset", time_offset, LONGEST_OFFSET)
     check_flag("stated_mounting", stated_mounting)
-    prediction = check_scalar("prediction_time", prediction_time)
-    if abs(prediction) > _LONGEST_PREDICTION:
-        raise ValueError(
-            f"prediction_time must be in seconds (s), at most {_LONGEST_PREDICTION:g}, but is "
-            f"{prediction:g}; are these milliseconds?"
-        )
+    prediction = check_seconds("prediction_time", prediction_time, _LONGEST_PREDICTION)
     for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):
         check_positive(name, check_scalar(name, sigma))
     if speed_factor is not None:

@@ -12,11 +12,18 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import check_count, check_instance, check_path, check_positive, check_scalar
+from d2d._checks import (
+    check_count,
+    check_instance,
+    check_path,
+    check_positive,
+    check_scalar,
+    check_seconds,
+)
 from d2d._types import Array
 from d2d.radar.budget import ErrorBudget
 from d2d.radar.files import existing, read_json, strongest_targets
-from d2d.radar.recording import Recording
+from d2d.radar.recording import LONGEST_OFFSET, Recording
 from d2d.radar.reference import Reference
 from d2d.radar.scan import MAX_RANGE, Mounting, RadarScan
 from d2d.radar.slip import SlipLaw
@@ -113,7 +120,7 @@ def load_radarscenes(
     """
     if strongest is not None:
         check_count("strongest", strongest)
-    offset = check_scalar("time_offset", time_offset)
+    offset = check_seconds("time_offset", time_offset, LONGEST_OFFSET)
     check_instance("slip", slip, SlipLaw)
     linear = None if side_slip is None else check_scalar("side_slip", side_slip)
     for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import check_finite, check_positive, check_real, check_scalar
+from d2d._checks import check_finite, check_positive, check_real, check_scalar, check_seconds
 from d2d._types import Array
 
 
@@ -89,12 +89,9 @@ class Reference:
             raise ValueError(f"times must have the shape (m,), but has {wanted.shape}")
         if not (np.diff(known) > 0).all():
             raise ValueError("stamps must be strictly increasing, but are not")
-        reach = float(check_positive("half_width", check_scalar("half_width", half_width)))
-        if reach > _LONGEST:
-            raise ValueError(
-                f"half_width must be in seconds (s), at most {_LONGEST:g}, but is {reach:g}; are "
-                "these milliseconds?"
-            )
+        reach = float(
+            check_positive("half_width", check_seconds("half_width", half_width, _LONGEST))
+        )
         placed = np.column_stack([placed[:, :2], np.unwrap(placed[:, 2])])
         value, slope = _parabolas(known, placed, wanted, reach)
         turned = rigid.rotation(-value[:, 2]) @ slope[:, :2, None]

@@ -3,7 +3,7 @@
 from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 
-from d2d._checks import check_count, check_instance, check_positive, check_rows, check_scalar
+from d2d._checks import check_count, check_instance, check_positive, check_rows, check_seconds
 from d2d.problem import Pair
 from d2d.radar.options import EgoMotionModel
 from d2d.radar.scan import Mounting, RadarScan
@@ -18,11 +18,7 @@ def check_separation(baseline: int, horizon: float | None) -> None:
     check_count("baseline", baseline)
     if horizon is None:
         return
-    if check_positive("horizon", check_scalar("horizon", horizon)) > _LONGEST_HORIZON:
-        raise ValueError(
-            f"horizon must be in seconds (s), at most {_LONGEST_HORIZON:g}, but is {horizon:g}; "
-            "are these milliseconds?"
-        )
+    check_positive("horizon", check_seconds("horizon", horizon, _LONGEST_HORIZON))
     if baseline != 1:
         raise ValueError(
             f"horizon and baseline must not both be given, but are {horizon:g} s and {baseline}"
