@@ -68,8 +68,9 @@ def check_angle(name: str, value: ArrayLike) -> Array:
 
 
 def check_count(name: str, value: Any, minimum: int = 1) -> int:
-    """An integer of at least ``minimum``."""
-    if not isinstance(value, int | np.integer) or value < minimum:
+    """An integer of at least ``minimum``; True and False are none."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < minimum:
         raise ValueError(f"{name} must be an integer of at least {minimum}, but is {value!r}")
     return int(value)
 

@@ -153,6 +153,18 @@ def test_a_flag_may_come_from_an_array(case):
         call(value)
 
 
+@pytest.mark.parametrize("bad", [True, False, np.True_])
+def test_a_flag_is_no_count(bad):
+    """Breaks if ``baseline=True`` is a baseline of one scan."""
+    for name, call in (
+        ("baseline", lambda: track(SCANS, PAIR[2], baseline=bad)),
+        ("threads", lambda: register(SET, SET, threads=bad)),
+        ("max_targets", lambda: Sensor(max_targets=bad)),
+    ):
+        with pytest.raises(ValueError, match=f"^{name} must be an integer"):
+            call()
+
+
 # ---- Scans, sensors, views and pairs of scans
 
 MOUNTING = PAIR[2]

@@ -369,6 +369,8 @@ X = np.zeros((5, 2))
         (lambda: fit_mixture(X, 2, np.random.default_rng(), tolerance=np.nan), "tolerance"),
         (lambda: fit_mixture(X, 2, np.random.default_rng(), max_iterations=1.5), "max_iterations"),
         (lambda: raise_eigenvalues(np.eye(2), np.nan), "floor"),
+        (lambda: raise_eigenvalues(2.0, 0.1), "matrices must have the shape"),
+        (lambda: raise_eigenvalues([[1.0, 0.5], [0.0, 1.0]], 0.1), "matrices must be symmetric"),
         (lambda: raise_eigenvalues(np.eye(2), smallest_ratio=np.nan), "smallest_ratio"),
     ],
 )
