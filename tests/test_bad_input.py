@@ -14,6 +14,7 @@ from d2d.radar import (
     Mounting,
     RadarScan,
     Sensor,
+    VehicleLimits,
     doppler_ego_motion,
     doppler_velocity,
     estimate_ego_motion,
@@ -163,6 +164,14 @@ def test_a_flag_is_no_count(bad):
     ):
         with pytest.raises(ValueError, match=f"^{name} must be an integer"):
             call()
+
+
+def test_limits_do_not_change_with_what_they_were_made_of():
+    """Breaks if an array of no dimensions, which can be written to, is kept as a limit."""
+    speed = np.array(30.0)
+    limits = VehicleLimits(speed=speed)
+    speed[...] = 1e9
+    assert limits == VehicleLimits(speed=30.0)
 
 
 # ---- Scans, sensors, views and pairs of scans
