@@ -70,8 +70,9 @@ def check_angle(name: str, value: ArrayLike) -> Array:
 
 
 def check_count(name: str, value: Any, minimum: int = 1) -> int:
-    """An integer of at least ``minimum``."""
-    if not isinstance(value, int | np.integer) or value < minimum:
+    """An integer of at least ``minimum``; True and False are none."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < minimum:
         raise ValueError(f"{name} must be an integer of at least {minimum}, but is {value!r}")
     return int(value)
 
@@ -155,6 +156,17 @@ def check_scalar(name: str, value: Any) -> float:
     if array.ndim:
         raise ValueError(f"{name} must be a number, but has the shape {array.shape}")
     return float(array)
+
+
+def check_seconds(name: str, value: Any, longest: float) -> float:
+    """A time of at most ``longest`` seconds to either side; larger ones are in another unit."""
+    number = check_scalar(name, value)
+    if abs(number) > longest:
+        raise ValueError(
+            f"{name} must be in seconds (s), at most {longest:g}, but is {number:g}; are these "
+            "milliseconds?"
+        )
+    return number
 
 
 def check_within(name: str, value: Any, least: float, greatest: float) -> float:

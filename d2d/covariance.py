@@ -23,6 +23,7 @@ from d2d.point_set import PointSet
 from d2d.problem import Bound, CrossDerivatives, Problem, members
 from d2d.registration import Estimate
 
+_SAME = 1e-6  # relative; only rounding makes a cost differ from itself
 _TARGETS_AT_ONCE = 50_000  # of both sets: about 20 MB of intermediate arrays
 
 
@@ -106,7 +107,8 @@ def propagate_covariance(
     Raises
     ------
     ValueError
-        If an argument is invalid; the message names it.
+        If an argument is invalid, or the cost that the estimate states is not that of the others;
+        the message names it.
 
     Notes
     -----
@@ -128,6 +130,7 @@ def propagate_covariance(
     slope = None
     if position_slope is not None:
         slope = _checked_slope(position_slope, moving, measurement, bound.shape)
+    check_estimate(estimate, problem, bound)
     p = problem.parameters
     middle = np.empty((len(bound.thetas), p, p))
     for part in parts_of(problem, bound):
@@ -173,6 +176,26 @@ def bind_pair(
     """The cost bound to its sets, and these at theta (..., P)."""
     problem = cost.problem(fixed, moving, measurement)
     return problem, problem.bind(rigid.motion("theta", theta, fixed.dimension))
+
+
+def check_estimate(estimate: Estimate, problem: Problem, bound: Bound) -> None:
+    """Raise a ValueError if an estimate that converged is one of another cost, or of other sets.
+
+    Its cost and Hessian are then not those of the problem at its parameters.
+    """
+    p = problem.parameters
+    value, _, hessian = problem.derivatives(bound)
+    value, hessian = value.reshape(bound.shape), hessian[:, :p, :p].reshape(*bound.shape, p, p)
+    root = np.sqrt(np.abs(np.diagonal(hessian, axis1=-2, axis2=-1)))
+    bent = np.abs(hessian - estimate.hessian) > _SAME * root[..., :, None] * root[..., None, :]
+    off = np.abs(value - estimate.value) > _SAME * (1.0 + np.abs(value))
+    off = (off | bent.any(axis=(-2, -1))) & np.isfinite(estimate.covariance).all(axis=(-2, -1))
+    if off.any():
+        raise ValueError(
+            "estimate must be of the same sets or scans, cost, measurement and options as the other"
+            f" arguments, but its cost is {np.broadcast_to(estimate.value, off.shape)[off][0]:.9g} "
+            f"and theirs {value[off][0]:.9g}, or the Hessians differ"
+        )
 
 
 def parts_of(problem: Problem, bound: Bound) -> Iterator[slice]:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_finite, check_scalar
+from d2d._checks import check_finite, check_scalar, symmetrise
 from d2d._types import Array
 
 
@@ -18,9 +18,13 @@ def raise_eigenvalues(
     largest with the eigenvectors of S, and along each of them ``-log s - lambda / s`` falls beyond
     s = lambda.
 
-    Raises a ``ValueError`` if an argument is not finite; the message names it.
+    Raises a ``ValueError`` if an argument is not finite, or ``matrices`` are not symmetric; the
+    message names it.
     """
     given, least = check_finite("matrices", matrices), check_finite("floor", floor)
+    if given.ndim < 2 or given.shape[-1] != given.shape[-2]:
+        raise ValueError(f"matrices must have the shape (..., D, D), but has {given.shape}")
+    symmetrise("matrices", given.copy())
     ratio = check_scalar("smallest_ratio", smallest_ratio)
     values, vectors = np.linalg.eigh(given)
     lowest = np.maximum(least[..., None], ratio * values[..., -1:])

@@ -36,12 +36,12 @@ class Frame(NamedTuple):
     [t + R(phi) b - a, phi].
     """
 
-    fixed: Array  # (B, 2)
-    moving: Array  # (B, 2)
+    fixed: Array  # (B, 2), or (1, 2) if all problems share it
+    moving: Array  # (B, 2) or (1, 2)
 
     def repeated(self, begin: int, end: int, times: int) -> "Frame":
-        """The origins of some problems, each that many times."""
-        return Frame(*(np.repeat(each[begin:end], times, axis=0) for each in self))
+        """The origins of some problems, each that many times; one that all share stays one."""
+        return Frame(*(e if len(e) == 1 else np.repeat(e[begin:end], times, axis=0) for e in self))
 
     def inward(self, thetas: Array) -> Array:
         """The motions (B, 3) between the sets about their origins."""

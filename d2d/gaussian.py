@@ -148,10 +148,11 @@ def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float
             f"mean and covariance must have the shapes (..., 2) and (..., 2, 2), but have "
             f"{centre.shape} and {sigma.shape}"
         )
-    if check_fraction("confidence", confidence) == 1.0:
+    content = check_fraction("confidence", confidence)
+    if content == 1.0:
         raise ValueError("confidence must be less than 1, because no ellipse contains everything")
     variances, axes = np.linalg.eigh(sigma)
-    scale = math.sqrt(chi2.ppf(confidence, df=2))
+    scale = math.sqrt(chi2.ppf(content, df=2))
     angle = np.arctan2(axes[..., 1, 1], axes[..., 0, 1])  # of the longer axis
     angle = np.where(angle > 0.5 * np.pi, angle - np.pi, angle)
     angle = np.where(angle <= -0.5 * np.pi, angle + np.pi, angle)

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d import _kernel, rigid
 from d2d._checks import (
+    check_angle,
     check_count,
-    check_finite,
     check_instance,
     check_positive,
     check_scalar,
@@ -204,16 +204,17 @@ def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
     reach, spacing : float, m
         The grid extends from -reach to reach along x and y, in steps of at most ``spacing``.
     angles : (A,) array, rad
+        Within -2 pi and 2 pi.
 
     Raises
     ------
     ValueError
-        If an argument is not positive or has the wrong shape, or if there would be more than ten
-        million starts; the message names the argument.
+        If an argument is not positive or has the wrong shape, angles are in degrees, or if there
+        would be more than ten million starts; the message names the argument.
     """
     span = check_positive("reach", check_scalar("reach", reach))
     step = check_positive("spacing", check_scalar("spacing", spacing))
-    turns = check_finite("angles", angles)
+    turns = check_angle("angles", angles)
     if turns.ndim != 1 or not turns.size:
         raise ValueError(f"angles must have the shape (A,), but has {turns.shape}")
     side = 2.0 * np.ceil(span / step) + 1.0

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +20,7 @@ from d2d._checks import (
 from d2d._kernel import MOTION
 from d2d._types import Array
 from d2d.cost import RegistrationCost
-from d2d.covariance import bind_pair, fisher_covariance, parts_of, taken_by
+from d2d.covariance import bind_pair, check_estimate, fisher_covariance, parts_of, taken_by
 from d2d.frame import Frame, about_mean
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
@@ -59,8 +60,8 @@ def sandwich_covariance(
         Errors of moving targets at a distance d are correlated by exp(-d^2 / (2 length^2)), in m.
     groups : (..., K) array, optional
         Labels of the moving targets.  Those with the same label, such as the targets of one object,
-        are correlated, others are independent.  Without ``length`` and ``groups``, all are
-        independent.
+        are correlated, others are independent; so a label for targets of no object, such as -1,
+        makes one object of them.  Without ``length`` and ``groups``, all are independent.
     reference : (..., P, P) array, optional
         The covariance that is kept unless the scores clearly contradict it; by default the inverse
         Hessian.  For costs whose inverse Hessian is not a covariance, such as the sum, take that of
@@ -77,7 +78,8 @@ def sandwich_covariance(
     Raises
     ------
     ValueError
-        If an argument is invalid; the message names it.
+        If an argument is invalid, or the cost that the estimate states is not that of the others;
+        the message names it.
 
     Notes
     -----
@@ -118,6 +120,7 @@ def problem_sandwich(
     """
     check_flag("floor", floor)
     bound = problem.bind(rigid.motion("estimate", estimate.theta, problem.pairs[0].fixed.dimension))
+    check_estimate(estimate, problem, bound)
     known = np.isfinite(estimate.covariance).all(axis=(-2, -1))
     known = np.broadcast_to(known, bound.shape).ravel()
     stands: Array | None = None
@@ -216,10 +219,7 @@ def _neighbours(
         positions = np.concatenate(means, axis=1)
         return lambda b: nearby(positions[b], scale)
     size = sum(pair.moving.size for pair in problem.pairs)
-    try:
-        labels = np.arange(size) if groups is None else np.asarray(groups)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"groups must be an array: {error}") from None
+    labels = np.arange(size) if groups is None else _labels(groups)
     if labels.shape[-1:] != (size,):
         raise ValueError(
             f"groups must have the shape (..., {size}) to match moving, but has {labels.shape}"
@@ -231,3 +231,16 @@ def _neighbours(
         )
     own = taken_by(labels, 1, bound, everything)
     return lambda b: grouped(own[b])
+
+
+def _labels(groups: ArrayLike) -> NDArray[Any]:
+    """Labels as an array; none may be missing, or it is not known which targets err together."""
+    try:
+        labels = np.asarray(groups)
+        unknown = np.ma.is_masked(groups) or bool((labels != labels).any())
+        np.unique(labels)  # labels of several kinds have no order
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"groups must be an array of labels of one kind: {error}") from None
+    if unknown:
+        raise ValueError("groups must not hold nan or masked entries; label each of them alone")
+    return labels

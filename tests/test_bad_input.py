@@ -14,6 +14,7 @@ from d2d.radar import (
     Mounting,
     RadarScan,
     Sensor,
+    VehicleLimits,
     doppler_ego_motion,
     doppler_velocity,
     estimate_ego_motion,
@@ -28,6 +29,7 @@ from d2d.radar.simulation import simulate_drive
 SCANS = simulate_drive(np.random.default_rng(0), 0.3).scans
 PAIR = (SCANS[0], SCANS[1], Mounting(0.4))
 ESTIMATE = estimate_ego_motion(*PAIR)
+LOST = replace(ESTIMATE, covariance=np.full((3, 3), np.nan))  # of any options
 EYES = np.tile(np.eye(2), (3, 1, 1))
 SET = PointSet([[8.0, 1.0], [5.0, -3.0], [6.0, 4.0]], EYES)
 GAIN = np.ones((3, 3))
@@ -100,10 +102,10 @@ FLAGS = {
         "first_order",
         lambda f: inlier_probabilities(ESTIMATE.theta, *PAIR, first_order=f),
     ),
-    "propagate-doppler": ("doppler", lambda f: propagate_ego_motion(ESTIMATE, *PAIR, doppler=f)),
+    "propagate-doppler": ("doppler", lambda f: propagate_ego_motion(LOST, *PAIR, doppler=f)),
     "propagate-first_order": (
         "first_order",
-        lambda f: propagate_ego_motion(ESTIMATE, *PAIR, first_order=f),
+        lambda f: propagate_ego_motion(LOST, *PAIR, first_order=f),
     ),
     "propagate-shared_azimuth": (
         "shared_azimuth",
@@ -152,6 +154,26 @@ def test_a_flag_may_come_from_an_array(case):
         call(value)
 
 
+@pytest.mark.parametrize("bad", [True, False, np.True_])
+def test_a_flag_is_no_count(bad):
+    """Breaks if ``baseline=True`` is a baseline of one scan."""
+    for name, call in (
+        ("baseline", lambda: track(SCANS, PAIR[2], baseline=bad)),
+        ("threads", lambda: register(SET, SET, threads=bad)),
+        ("max_targets", lambda: Sensor(max_targets=bad)),
+    ):
+        with pytest.raises(ValueError, match=f"^{name} must be an integer"):
+            call()
+
+
+def test_limits_do_not_change_with_what_they_were_made_of():
+    """Breaks if an array of no dimensions, which can be written to, is kept as a limit."""
+    speed = np.array(30.0)
+    limits = VehicleLimits(speed=speed)
+    speed[...] = 1e9
+    assert limits == VehicleLimits(speed=30.0)
+
+
 # ---- Scans, sensors, views and pairs of scans
 
 MOUNTING = PAIR[2]
@@ -162,7 +184,7 @@ def test_scans_may_come_from_any_iterable(several):
     """Breaks if a generator, or a zip, is refused, or used up before all of it was read."""
     alone = track(SCANS, MOUNTING)
     assert_array_equal(track(several(SCANS), MOUNTING).theta, alone.theta)
-    sensors = [(SCANS, MOUNTING), (SCANS[1:], Mounting(0.4, 0.2))]
+    sensors = [(SCANS, MOUNTING), ([scan[1:] for scan in SCANS[1:]], Mounting(0.4, 0.2))]
     joint = track_joint(sensors)
     again = track_joint(several([(several(scans), mounting) for scans, mounting in sensors]))
     assert_array_equal(again.theta, joint.theta)
@@ -288,7 +310,7 @@ TRACKERS = {
     "track": lambda scans, **options: track(scans, MOUNTING, **options),
     "track_joint": lambda scans, **options: track_joint([(scans, MOUNTING)], **options),
     "second-sensor": lambda scans, **options: track_joint(
-        [(SCANS, MOUNTING), (scans, MOUNTING)], **options
+        [(SCANS, MOUNTING), ([scan[1:] for scan in scans], MOUNTING)], **options
     ),
 }
 

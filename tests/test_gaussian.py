@@ -78,6 +78,15 @@ def test_raised_eigenvalues_are_the_constrained_maximum():
         assert log_likelihood(turned) <= log_likelihood(raised) + 1e-12
 
 
+def test_a_confidence_may_be_a_number_of_any_type():
+    """Breaks if SciPy is handed what was checked, not what the check made of it."""
+    one, other = (
+        gaussian.confidence_ellipse(np.zeros(2), np.eye(2), kind(0.5))
+        for kind in (float, np.longdouble)
+    )
+    np.testing.assert_array_equal(one.semi_axes, other.semi_axes)
+
+
 def test_raise_eigenvalues_leaves_good_matrices_bit_for_bit():
     np.testing.assert_array_equal(raise_eigenvalues(SIGMA, 1e-3), SIGMA)
     ratio = raise_eigenvalues(np.diag([4.0, 0.0]), smallest_ratio=0.25)
@@ -369,6 +378,8 @@ X = np.zeros((5, 2))
         (lambda: fit_mixture(X, 2, np.random.default_rng(), tolerance=np.nan), "tolerance"),
         (lambda: fit_mixture(X, 2, np.random.default_rng(), max_iterations=1.5), "max_iterations"),
         (lambda: raise_eigenvalues(np.eye(2), np.nan), "floor"),
+        (lambda: raise_eigenvalues(2.0, 0.1), "matrices must have the shape"),
+        (lambda: raise_eigenvalues([[1.0, 0.5], [0.0, 1.0]], 0.1), "matrices must be symmetric"),
         (lambda: raise_eigenvalues(np.eye(2), smallest_ratio=np.nan), "smallest_ratio"),
     ],
 )

@@ -262,7 +262,8 @@ def test_a_measurement_joins_with_its_own_variance(of_twist):
     covariance = propagate_covariance(estimate, fixed, moving, measurement=measured)
     actual = np.cov((estimate.theta - TRUTH).T)
     assert_allclose(np.diag(covariance.mean(axis=0)) / np.diag(actual), 1.0, atol=0.1)
-    without = propagate_covariance(estimate, fixed, moving)
+    alone = register(fixed, moving, LIKELIHOOD, TRUTH)
+    without = propagate_covariance(alone, fixed, moving)
     assert not np.allclose(without, covariance, rtol=0.1)
 
 
@@ -361,6 +362,25 @@ def test_bad_input_is_refused_by_name():
         propagate_covariance(estimate, fixed, moving.means)
     with pytest.raises(ValueError, match="broadcast"):
         propagate_covariance(estimate, fixed, moving[:2])
+
+
+@pytest.mark.parametrize("opinion", [propagate_covariance, d2d.sandwich_covariance])
+def test_an_estimate_of_other_arguments_is_refused(opinion):
+    """Breaks if a cost that was forgotten gives a covariance 23 times too large, without a word."""
+    fixed, moving = overlapped_scene(3, np.random.default_rng(12))
+    theirs = r"^estimate must be of the same sets or scans, cost, measurement and options"
+    for cost in (SUMMING, ROBUST):
+        estimate = register(fixed, moving, cost, TRUTH)
+        assert np.isfinite(opinion(estimate, fixed, moving, cost)).all()
+        assert np.isfinite(opinion(estimate, fixed, moving[[0, 1, 2]], cost)).all()
+        with pytest.raises(ValueError, match=theirs):
+            opinion(estimate, fixed, moving)
+        with pytest.raises(ValueError, match=theirs):
+            opinion(estimate, moving, fixed, cost)
+        with pytest.raises(ValueError, match=theirs):
+            opinion(estimate, fixed, moving[[1, 2, 0]], cost)
+        lost = replace(estimate, covariance=np.full((3, 3, 3), np.nan))
+        assert np.isnan(opinion(lost, fixed, moving)).all()
 
 
 @pytest.mark.parametrize(

@@ -360,6 +360,7 @@ def test_start_grid_reaches_its_edges_in_steps_no_longer_than_asked():
         ((1.0, None, [0.0]), "spacing"),
         ((1.0, 1.0, [np.inf]), "angles"),
         ((1.0, 1.0, []), "angles"),
+        ((1.0, 1.0, [-15.0, 0.0, 15.0]), "angles must be in radians"),
         ((1.0, 1e-12, [0.0]), "spacing"),
         ((1.0, 0.01, np.zeros(300)), "spacing"),
     ],

@@ -24,6 +24,7 @@ from d2d.score_covariance import problem_sandwich
 from d2d.study.plane.scenarios import ALL
 from tests.strategies import all_cases, case_id, doppler_like, overlapped_scene, random_problem
 
+ROBUST_1D = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0))
 ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
 VELOCITY = np.array([9.0, -1.0, 0.6])
 
@@ -296,6 +297,9 @@ def test_what_did_not_converge_has_no_covariance():
         ({"groups": np.arange(7)}, "groups"),
         ({"groups": np.zeros((2, 8))}, "groups"),
         ({"groups": np.zeros((4, 3, 8))}, "groups"),
+        ({"groups": ["a", "b", None, "a", "b", "c", "c", "c"]}, "groups must be .* of one kind"),
+        ({"groups": [1, 2, np.nan, np.nan, 3, 3, 3, 3]}, "groups must not hold nan"),
+        ({"groups": np.ma.array(np.arange(8), mask=np.arange(8) > 5)}, "groups must not hold nan"),
         ({"length": 1.0, "groups": np.arange(8)}, "length and groups"),
         ({"floor": 1}, "floor"),
         ({"reference": -np.eye(3)}, "reference"),
@@ -310,7 +314,7 @@ def test_bad_input_is_refused_by_name(options, name):
     fixed, moving = overlapped_scene(3, np.random.default_rng(18))
     estimate = register(fixed, moving, ROBUST, [5.0, 0.0, np.deg2rad(15.0)])
     with pytest.raises(ValueError, match=name):
-        sandwich_covariance(estimate, fixed, moving, **options)
+        sandwich_covariance(estimate, fixed, moving, **({"cost": ROBUST} | options))
     with pytest.raises(ValueError, match="estimate"):
         sandwich_covariance(estimate.theta, fixed, moving)
 
@@ -336,10 +340,28 @@ def test_the_origin_does_not_matter(distance, reference):
     assert_allclose(found[1], found[0], rtol=1e-3)
 
 
+@pytest.mark.parametrize("batched", ["none", "fixed", "moving"])
+def test_starts_on_a_line_far_from_the_origin_broadcast(batched):
+    """Breaks if the one origin of a set that all problems share is taken for several."""
+    rng = np.random.default_rng(20)
+    means, variances = 5e5 + rng.uniform(-9.0, 9.0, (6, 1)), np.full((6, 1, 1), 0.04)
+    noise = {name: 0.2 * rng.standard_normal((3, 6, 1)) for name in ("fixed", "moving")}
+    sets = [
+        PointSet(means + (each if name == batched else each[0]), variances)
+        for name, each in noise.items()
+    ]
+    starts = np.array([[0.0], [0.1], [-0.1]])
+    found = sandwich_covariance(register(*sets, ROBUST_1D, starts), *sets, ROBUST_1D)
+    for i, start in enumerate(starts):
+        own = [each[i] if each.batch_shape else each for each in sets]
+        alone = sandwich_covariance(register(*own, ROBUST_1D, start), *own, ROBUST_1D)
+        assert_allclose(found[i], alone, rtol=1e-6)
+
+
 def test_another_costs_estimate_is_refused_by_name():
     """Breaks if NumPy's error about a matrix that nobody gave comes out."""
     fixed, moving = overlapped_scene(1, np.random.default_rng(18))
     estimate = register(fixed[0], moving[0], ROBUST, [5.0, 0.0, np.deg2rad(15.0)])
     far = replace(estimate, theta=estimate.theta + np.array([2.0, 0.0, 0.0]))
-    with pytest.raises(ValueError, match="estimate must be an optimum"):
+    with pytest.raises(ValueError, match="estimate must be of the same sets"):
         sandwich_covariance(far, fixed[0], moving[0], ROBUST)

@@ -13,6 +13,7 @@ from d2d.radar.alignment import Alignment, Fit, agreeing, covariance, fit, scan_
 from d2d.radar.recording import Recording
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan
+from d2d.radar.scan_pair import check_distinct
 from d2d.radar.slip import SlipLaw
 
 _POWERS = (0, 2)  # of v_x in the slip law
@@ -155,9 +156,9 @@ def calibrate(
     Raises
     ------
     ValueError
-        If an argument is of the wrong type or out of range, a sensor has fewer than two scans with
-        targets, the vehicle stands still, or the references cover no scan; the message names the
-        argument.
+        If an argument is of the wrong type or out of range, two sensors have a scan in common, a
+        sensor has fewer than two scans with targets, the vehicle stands still, or the references
+        cover no scan; the message names the argument.
 
     Notes
     -----
@@ -255,6 +256,7 @@ def _views(recordings: Recording | Iterable[Recording | View]) -> list[View]:
         views.append((listed, mounting, reference))
     if not views:
         raise ValueError("recordings must hold at least one sensor, but is empty")
+    check_distinct("recordings", [scans for scans, *_ in views])
     return views
 
 

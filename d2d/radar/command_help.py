@@ -67,6 +67,7 @@ What is printed at the end says how many estimates were accepted, and why the ot
                                   wrong mounting, azimuths of the wrong sign
   an optimum that rests on ...    too few targets agree: --side-slip, more sensors
   a yaw rate with a sigma of ...  the targets tell too little: --horizon 0.3, --side-slip
+  a turn of ... between scans     times in another unit than s, or a much too long --horizon
   a side slip, an acceleration,   no vehicle moves like that: a wrong optimum, or a wrong mounting
   a speed or a yaw rate of ...    if it is most of them
 

@@ -8,6 +8,7 @@ import numpy as np
 from d2d import rigid
 from d2d._checks import check_flag, check_instance
 from d2d._types import Array
+from d2d.covariance import check_estimate
 from d2d.problem import Problem
 from d2d.radar.influence import View, distinct_views, influences, noise_covariance
 from d2d.radar.options import EgoMotionModel, ModelOptions
@@ -124,7 +125,8 @@ def _propagated(
             "estimate must be of one velocity with the shape (3,), but its theta has "
             f"{np.shape(estimate.theta)}"
         )
-    rigid.motion("estimate", estimate.theta, 2)
+    bound = problem.bind(rigid.motion("estimate", estimate.theta, 2))
+    check_estimate(estimate, problem, bound)
     found = influences(problem, estimate, views, sides)
     prior = estimate.covariance @ np.diag(problem.prior) @ estimate.covariance
     return noise_covariance(found, shared_azimuth=shared_azimuth) + prior

@@ -19,7 +19,7 @@ from d2d._checks import (
     check_scalar,
 )
 from d2d.radar.files import written_whole
-from d2d.radar.scan import RadarScan
+from d2d.radar.scan import MAX_RANGE, RadarScan
 
 ONLY_SENSOR = "radar"  # the name of the sensor of a file that names none
 
@@ -204,6 +204,10 @@ def _number(name: str, text: str, degrees: bool) -> float:
         raise ValueError(f"{name} must be finite, but is {text.strip()}")
     if name in _POSITIVE and value <= 0.0:
         raise ValueError(f"{name} must be positive, but is {text.strip()}")
+    if name == "range" and value > MAX_RANGE:
+        raise ValueError(
+            f"range must be in m, at most {MAX_RANGE:g}, but is {plain}; are these millimetres?"
+        )
     if degrees:
         value = math.radians(value)
     if name == "azimuth" and abs(value) > _TURN:

@@ -33,6 +33,9 @@ MIN_EXPLAINED = 0.1
 # A velocity has three components.  An optimum that rests on fewer targets is accidental, however
 # large a share of the scan they are.
 MIN_AGREEING = 2.5  # sum of the inlier probabilities
+# rad; a vehicle that drives in a circle between two scans is back where it was: scans of one place
+# then fit at any speed, as they do where times are in another unit
+MAX_TURN = float(np.pi)
 # A wrong optimum rarely explains more than half of the targets (chapter 9).  One that explains at
 # least this fraction is accepted without looking for another.
 WELL_EXPLAINED = 0.6
@@ -107,7 +110,7 @@ def follow(
         else:
             estimate = _estimate(search, i, interval.problem, velocity)
             inliers[i], targets[i] = float(estimate.inliers), interval.targets
-            reasons[i] = _reason(estimate, interval.targets)
+            reasons[i] = _reason(estimate, interval)
         if interval is not None and not reasons[i]:
             stated = estimate.covariance
             if budget is not None:
@@ -141,15 +144,18 @@ def _estimate(search: Search, i: int, problem: Problem, velocity: Array | None) 
     return min(first, second, key=lambda each: (not is_good(each), float(each.value)))
 
 
-def _reason(estimate: Estimate, targets: int) -> str:
+def _reason(estimate: Estimate, interval: Interval) -> str:
     """Why an estimate is not accepted; empty if nothing speaks against it."""
     if not estimate.converged:
         return "no optimum near the start"
     if not is_good(estimate):
         return f"an optimum that rejects {1.0 - float(estimate.inliers):.0%} of the targets"
-    agreeing = targets * float(estimate.inliers)
+    agreeing = interval.targets * float(estimate.inliers)
     if agreeing < MIN_AGREEING:
         return f"an optimum that rests on {agreeing:.1f} targets"
+    turn = abs(float(estimate.theta[2])) * max(pair.interval for pair in interval.problem.pairs)
+    if turn > MAX_TURN:
+        return f"a turn of {np.rad2deg(turn):.0f} deg between scans"
     return ""
 
 

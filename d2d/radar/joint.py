@@ -18,6 +18,7 @@ from d2d.radar.plausibility import VehicleLimits
 from d2d.radar.scan import Mounting, RadarScan
 from d2d.radar.scan_pair import (
     ScanPair,
+    check_distinct,
     check_pairs,
     check_separation,
     scan_before,
@@ -128,9 +129,9 @@ def track_joint(
     Raises
     ------
     ValueError
-        If there is no sensor, scans are out of time order or farther apart than ``max_interval``,
-        there are fewer than two rounds or another argument is invalid; the message names the
-        argument.
+        If there is no sensor, two have a scan in common, scans are out of time order or farther
+        apart than ``max_interval``, there are fewer than two rounds or another argument is invalid;
+        the message names the argument.
     """
     check_separation(baseline, horizon)
     check_tracking(budget, limits, progress)
@@ -140,6 +141,7 @@ def track_joint(
             check_rows("sensors", sensors, Iterable, Mounting)
         )
     ]
+    check_distinct("sensors", [scans for scans, _ in drives])
     model, scales = split_options(options)
     limits = None if limits is None else limits.for_doppler(model.doppler)
     groups = rounds([scans for scans, _ in drives], max_interval)

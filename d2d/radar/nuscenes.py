@@ -12,14 +12,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import check_count, check_flag, check_path, check_positive, check_scalar
+from d2d._checks import (
+    check_count,
+    check_flag,
+    check_path,
+    check_positive,
+    check_scalar,
+    check_seconds,
+)
 from d2d._types import Array
 from d2d.radar.budget import ErrorBudget
 from d2d.radar.files import existing, read_json, strongest_targets
 from d2d.radar.pcd import read_pcd
-from d2d.radar.recording import Recording
+from d2d.radar.recording import LONGEST_OFFSET, Recording
 from d2d.radar.reference import Reference
-from d2d.radar.scan import Mounting, RadarScan
+from d2d.radar.scan import MAX_RANGE, Mounting, RadarScan
 
 MICROSECOND = 1e-6
 GRID = 0.2  # m, to which x and y are rounded
@@ -45,6 +52,7 @@ NUSCENES_BUDGET = ErrorBudget(
 
 # The speed on the CAN bus is that much later than the poses there (fitted as below).
 _SPEED_DELAY = 0.1  # s
+_LONGEST_PREDICTION = 1.0  # s; the radar's cycle is 75 ms
 WHEELBASE = 2.588  # m, of the Renault Zoe
 
 # What is to be added to the mounting angles (deg), by channel and by the angle that the tables
@@ -130,9 +138,9 @@ def load_nuscenes(
     Recording
         With the budget `NUSCENES_BUDGET`.  Times in s, in the frame whose origin is the middle of
         the rear axle.  Targets are kept if the radar calls them valid and their velocity
-        unambiguous, and if position and velocity are finite.  The radar's velocity is projected
-        onto the line of sight.  The reference's v_y and omega are the derivatives of the poses on
-        the CAN bus, or else of those in ``ego_pose.json``.
+        unambiguous, if position and velocity are finite, and within 10 km.  The radar's velocity is
+        projected onto the line of sight.  The reference's v_y and omega are the derivatives of the
+        poses on the CAN bus, or else of those in ``ego_pose.json``.
 
     Raises
     ------
@@ -157,9 +165,9 @@ def load_nuscenes(
     """
     if strongest is not None:
         check_count("strongest", strongest)
-    offset = check_scalar("time_offset", time_offset)
+    offset = check_seconds("time_offset", time_offset, LONGEST_OFFSET)
     check_flag("stated_mounting", stated_mounting)
-    prediction = check_scalar("prediction_time", prediction_time)
+    prediction = check_seconds("prediction_time", prediction_time, _LONGEST_PREDICTION)
     for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):
         check_positive(name, check_scalar(name, sigma))
     if speed_factor is not None:
@@ -370,7 +378,8 @@ def _valid(targets: dict[str, NDArray[Any]], strongest: int | None) -> dict[str,
     """The targets that are used; an empty scan holds one that is not a number."""
     columns = {name: column.astype(np.float64) for name, column in targets.items()}
     good = np.isin(columns["invalid_state"], _VALID) & (columns["ambig_state"] == _UNAMBIGUOUS)
-    good &= np.hypot(columns["x"], columns["y"]) > 0
+    distance = np.hypot(columns["x"], columns["y"])
+    good &= (distance > 0) & (distance <= MAX_RANGE)
     for name in _FIELDS:
         good &= np.isfinite(columns[name])
     keep = np.flatnonzero(good)

@@ -74,6 +74,7 @@ class VehicleLimits:
             limit = getattr(self, field.name)
             if not (np.isscalar(limit) and limit == np.inf):
                 check_positive(field.name, check_scalar(field.name, limit))
+            object.__setattr__(self, field.name, float(limit))
 
     def for_doppler(self, doppler: bool) -> "VehicleLimits":
         """The limits of an estimate with or without Doppler velocities.

@@ -12,13 +12,20 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import check_count, check_instance, check_path, check_positive, check_scalar
+from d2d._checks import (
+    check_count,
+    check_instance,
+    check_path,
+    check_positive,
+    check_scalar,
+    check_seconds,
+)
 from d2d._types import Array
 from d2d.radar.budget import ErrorBudget
 from d2d.radar.files import existing, read_json, strongest_targets
-from d2d.radar.recording import Recording
+from d2d.radar.recording import LONGEST_OFFSET, Recording
 from d2d.radar.reference import Reference
-from d2d.radar.scan import Mounting, RadarScan
+from d2d.radar.scan import MAX_RANGE, Mounting, RadarScan
 from d2d.radar.slip import SlipLaw
 
 MICROSECOND = 1e-6
@@ -94,8 +101,8 @@ def load_radarscenes(
     -------
     Recording
         With the budget `RADARSCENES_BUDGET`.  Times in s.  Targets are left out if their range is
-        not positive, if their range, azimuth or Doppler velocity is nan or inf, or if their azimuth
-        is beyond 2 pi.
+        not positive or beyond 10 km, if their azimuth is beyond 2 pi, or if one of these or the
+        Doppler velocity is nan or inf.
 
     Raises
     ------
@@ -113,7 +120,7 @@ def load_radarscenes(
     """
     if strongest is not None:
         check_count("strongest", strongest)
-    offset = check_scalar("time_offset", time_offset)
+    offset = check_seconds("time_offset", time_offset, LONGEST_OFFSET)
     check_instance("slip", slip, SlipLaw)
     linear = None if side_slip is None else check_scalar("side_slip", side_slip)
     for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):
@@ -247,7 +254,7 @@ def _scan(
         distance, azimuth, doppler = (
             targets[field].astype(np.float64) for field in ("range_sc", "azimuth_sc", "vr")
         )
-    good = (distance > 0) & np.isfinite(distance) & np.isfinite(doppler)
+    good = (distance > 0) & (distance <= MAX_RANGE) & np.isfinite(doppler)
     good &= np.abs(azimuth) <= 2.0 * np.pi  # not so if it is nan
     keep = np.flatnonzero(good)
     keep = keep[strongest_targets(targets["rcs"][keep], strongest)]

@@ -6,6 +6,8 @@ from d2d.radar.budget import ErrorBudget
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan
 
+LONGEST_OFFSET = 10.0  # s, of a radar's clock from the reference's
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import check_finite, check_positive, check_real, check_scalar
+from d2d._checks import check_finite, check_positive, check_real, check_scalar, check_seconds
 from d2d._types import Array
 
 
@@ -21,7 +21,7 @@ class Reference:
         Velocity [v_x, v_y, omega] of the vehicle frame's origin in m/s, m/s, rad/s, along the
         vehicle's axes.
     poses : (n, 3) array
-        Pose [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw is continuous.
+        Pose [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw may wrap.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class Reference:
         ------
         ValueError
             If a shape is wrong, a value is not finite, ``stamps`` do not increase or ``half_width``
-            is not positive; the message names the argument.
+            is not positive or beyond a minute; the message names the argument.
         """
         known, wanted = check_finite("stamps", stamps), check_finite("times", times)
         placed = rigid.motion("poses", poses, 2)
@@ -89,7 +89,9 @@ class Reference:
             raise ValueError(f"times must have the shape (m,), but has {wanted.shape}")
         if not (np.diff(known) > 0).all():
             raise ValueError("stamps must be strictly increasing, but are not")
-        reach = float(check_positive("half_width", check_scalar("half_width", half_width)))
+        reach = float(
+            check_positive("half_width", check_seconds("half_width", half_width, _LONGEST))
+        )
         placed = np.column_stack([placed[:, :2], np.unwrap(placed[:, 2])])
         value, slope = _parabolas(known, placed, wanted, reach)
         turned = rigid.rotation(-value[:, 2]) @ slope[:, :2, None]
@@ -131,9 +133,13 @@ class Reference:
             ]
             return np.where(hole[:, None], np.nan, np.column_stack(columns))
 
-        return Reference(wanted, between(self.theta), between(self.poses))
+        poses = self.poses.copy()
+        known = np.isfinite(poses[:, 2])
+        poses[known, 2] = np.unwrap(poses[known, 2])  # half way from pi to -pi is not zero
+        return Reference(wanted, between(self.theta), between(poses))
 
 
+_LONGEST = 60.0  # s, of the half width of a parabola
 _MIN_POSES = 5  # of a parabola: two more than it has coefficients
 
 

@@ -24,6 +24,7 @@ from d2d._types import Array, Selection
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 
+MAX_RANGE = 1e4  # m, beyond which no radar of a vehicle sees a target
 _MAX_LEVER = 100.0  # m from the vehicle's origin to a sensor; beyond it, they are millimetres
 _BROADCAST = ("sigma_range", "sigma_azimuth", "sigma_doppler", "extent")  # numbers or arrays
 
@@ -86,8 +87,8 @@ class RadarScan(Frozen):
     Raises
     ------
     ValueError
-        If an argument is not finite, not positive or has the wrong shape, or azimuths are in
-        degrees; the message names it.
+        If an argument is not finite, not positive or has the wrong shape, azimuths are in degrees,
+        or a range is beyond 10 km; the message names it.
     """
 
     time: float
@@ -122,6 +123,11 @@ class RadarScan(Frozen):
         }
         if (arrays["extent"] < 0.0).any():
             raise ValueError("extent must not be negative")
+        if arrays["range"].max(initial=0.0) > MAX_RANGE:
+            raise ValueError(
+                f"range must be in m, at most {MAX_RANGE:g}, but holds {arrays['range'].max():g}; "
+                "are these millimetres?"
+            )
         shape = arrays["range"].shape
         if len(shape) != 1:
             raise ValueError(f"range must have the shape (K,), but has {shape}")

@@ -3,10 +3,12 @@
 from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 
-from d2d._checks import check_count, check_instance, check_positive, check_rows, check_scalar
+from d2d._checks import check_count, check_instance, check_positive, check_rows, check_seconds
 from d2d.problem import Pair
 from d2d.radar.options import EgoMotionModel
 from d2d.radar.scan import Mounting, RadarScan
+
+_LONGEST_HORIZON = 60.0  # s
 
 ScanPair = tuple[RadarScan, RadarScan, Mounting]
 
@@ -16,11 +18,26 @@ def check_separation(baseline: int, horizon: float | None) -> None:
     check_count("baseline", baseline)
     if horizon is None:
         return
-    check_positive("horizon", check_scalar("horizon", horizon))
+    check_positive("horizon", check_seconds("horizon", horizon, _LONGEST_HORIZON))
     if baseline != 1:
         raise ValueError(
             f"horizon and baseline must not both be given, but are {horizon:g} s and {baseline}"
         )
+
+
+def check_distinct(name: str, sensors: Iterable[Iterable[RadarScan]]) -> None:
+    """Raise a ValueError if two sensors have a scan in common: it would count twice."""
+    owners: dict[tuple[object, ...], int] = {}
+    for number, scans in enumerate(sensors):
+        for scan in scans:
+            measured = (scan.range, scan.azimuth, scan.doppler)
+            key = (scan.time, *(array.tobytes() for array in measured))
+            owner = owners.setdefault(key, number)
+            if owner != number and scan.size > 1:  # one target may be seen alike by chance
+                raise ValueError(
+                    f"{name} must be different ones, but {name}[{owner}] and {name}[{number}] "
+                    f"have the same scan at {scan.time:.6f} s; is one sensor given twice?"
+                )
 
 
 def scan_before(

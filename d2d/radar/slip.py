@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_scalar
+from d2d._checks import broadcast_batches, check_real, check_scalar
 from d2d._types import Array
 
 
@@ -39,6 +39,11 @@ class SlipLaw:
             object.__setattr__(self, field.name, float(value))
 
     def lateral(self, forward: ArrayLike, yaw_rate: ArrayLike) -> Array:
-        """v_y (...) in m/s of v_x (...) in m/s and omega (...) in rad/s; nan stays nan."""
-        v_x, omega = np.asarray(forward, dtype=np.float64), np.asarray(yaw_rate, dtype=np.float64)
+        """v_y (...) in m/s of v_x (...) in m/s and omega (...) in rad/s; nan stays nan.
+
+        Raises a ``ValueError`` that names the argument if one is no array of real numbers, or the
+        two do not broadcast.
+        """
+        v_x, omega = check_real("forward", forward), check_real("yaw_rate", yaw_rate)
+        broadcast_batches("forward and yaw_rate", v_x.shape, omega.shape)
         return np.asarray((self.ahead - self.compliance * v_x**2) * omega)

@@ -76,7 +76,7 @@ class Track(Frozen):
     times : (n,) array, s
         Time of each current scan.
     intervals : (n,) array, s
-        Time since the scan before.
+        Time since the scan before; they add up to the differences of ``times``, to within 10 ms.
     theta : (n, 3) array
         Velocity [v_x, v_y, omega] in m/s, m/s, rad/s.  Where not converged, it is the last
         converged one or, before any has converged, the initial velocity or zero.
@@ -98,8 +98,9 @@ class Track(Frozen):
     Raises
     ------
     ValueError
-        If shapes or types do not match, times are not finite and strictly increasing, or where
-        converged an estimate is not finite or its covariance is not one; the message names the
+        If shapes or types do not match, times are not finite and strictly increasing, intervals
+        contradict them, ``targets`` or ``inliers`` are out of range, or where converged an estimate
+        is not finite, its covariance is not one or ``parts`` contradict it; the message names the
         field.
     """
 

@@ -11,6 +11,8 @@ from d2d.radar.budget import CovarianceParts
 
 REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
 _SHAPES: dict[str, tuple[int, ...]] = {"theta": (3,), "covariance": (3, 3)}  # of a row; else ()
+# s, and relative to the time since the first estimate: stamps in logs are often rounded
+_STAMP, _DRIFT = 0.01, 1e-5
 _ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 _KINDS = {"converged": ("b", "bool"), "reasons": ("U", "str"), "targets": ("iu", "int")}
 
@@ -32,7 +34,11 @@ def check_track(fields: dict[str, Any]) -> dict[str, Any]:
         if not np.isfinite(arrays[name][good]).all():
             raise ValueError(f"{name} must be finite wherever converged is true")
     _check_covariance(arrays["covariance"][good])
-    return arrays | {"parts": _parts(parts, count)}
+    _check_counts(arrays)
+    kept = _parts(parts, count)
+    if kept is not None:
+        _check_sum(kept.total[good], arrays["covariance"][good])
+    return arrays | {"parts": kept}
 
 
 def _array(name: str, value: Any) -> NDArray[Any]:
@@ -66,6 +72,32 @@ def _check_times(times: Array, intervals: Array) -> None:
         raise ValueError("intervals must be finite and positive")
     if not (np.isfinite(times).all() and (np.diff(times) > 0.0).all()):
         raise ValueError("times must be finite and strictly increasing")
+    added = np.cumsum(intervals[1:])
+    passed = times[1:] - times[:1]
+    wrong = np.abs(added - passed) > _STAMP + _DRIFT * passed
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise ValueError(
+            f"intervals must add up to the differences of times, but from the first estimate to "
+            f"number {i + 1} they add up to {added[i]:g} s where {passed[i]:g} s pass"
+        )
+
+
+def _check_counts(arrays: dict[str, NDArray[Any]]) -> None:
+    """Raise a ValueError unless numbers of targets and shares of inliers, if known, can be such."""
+    if (arrays.get("targets", np.zeros(0)) < 0).any():
+        raise ValueError("targets must not be negative")
+    shares = arrays.get("inliers", np.zeros(0))
+    if not (np.isnan(shares) | ((shares >= 0.0) & (shares <= 1.0 + _ROUNDING))).all():
+        raise ValueError("inliers must lie within [0, 1], or be nan")
+
+
+def _check_sum(total: Array, stated: Array) -> None:
+    """Raise a ValueError unless the parts (m, 3, 3) add up to the covariance."""
+    sigmas = np.sqrt(np.diagonal(stated, axis1=1, axis2=2))
+    allowed = _ROUNDING * sigmas[:, :, None] * sigmas[:, None, :]
+    if not (np.abs(total - stated) <= allowed).all():
+        raise ValueError("parts must add up to covariance wherever converged is true")
 
 
 def _check_covariance(stated: Array) -> None:

@@ -303,7 +303,7 @@ def test_the_help_teaches(capsys):
     for word in ("PREFIX_velocities.txt", "counter-clockwise", "m/s, positive if", "examples:"):
         assert word in said
     reasons = ("a scan without targets", "no optimum near the start", "an optimum that rejects")
-    for reason in (*reasons, "an optimum that rests on", "a yaw rate with a sigma of"):
+    for reason in (*reasons, "an optimum that rests on", "a yaw rate with a sigma", "a turn of"):
         assert reason in said  # as tracks word them, and what to do
     assert max(map(len, said.splitlines())) <= 110
 

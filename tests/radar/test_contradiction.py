@@ -82,7 +82,7 @@ def test_velocities_that_are_compensated_or_not_filled_in_are_told(speed):
 def test_ranges_in_another_unit_are_told():
     """Breaks if only multiples of 3.6 are looked at."""
     drive = simulate_drive(np.random.default_rng(6), duration=4.0)
-    wrong = [altered(scan, range=1000.0 * scan.range) for scan in drive.scans]
+    wrong = [altered(scan, range=10.0 * scan.range) for scan in drive.scans]
     with pytest.warns(UserWarning, match="a faster one.* another unit"):
         track(wrong, drive.mounting)
 

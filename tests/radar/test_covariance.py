@@ -290,3 +290,16 @@ def test_bad_input_is_refused_by_name():
     )
     with pytest.raises(ValueError, match=r"^estimate must be of one velocity .* has \(3, 3\)"):
         propagate_ego_motion(three, previous, current, FRONT)
+
+
+@pytest.mark.parametrize("options", [{"doppler": False}, {"slips": False}, {"first_order": True}])
+def test_an_estimate_with_other_options_is_refused(options):
+    """Breaks if options that were forgotten give the covariance of another estimate."""
+    theta = np.array([12.0, 0.1, 0.3])
+    pair = noisy(true_pair(theta), np.random.default_rng(2))
+    estimate = estimate_ego_motion(*pair, FRONT, initial=theta, **options)
+    assert np.isfinite(propagate_ego_motion(estimate, *pair, FRONT, **options)).all()
+    with pytest.raises(ValueError, match=r"^estimate must be of the same sets or scans, cost"):
+        propagate_ego_motion(estimate, *pair, FRONT)
+    with pytest.raises(ValueError, match=r"^estimate must be of the same sets or scans, cost"):
+        propagate_ego_motion(estimate, *pair, CORNER, **options)

@@ -116,6 +116,7 @@ def test_what_programs_write_is_read(log, text):
         ("0,-5,0,0", "range must be positive, but is -5"),
         ("0,5,nan,0", "azimuth must be finite, but is nan"),
         ("0,5,0,inf", "doppler must be finite, but is inf"),
+        ("0,25e3,0,1", "range must be in m, at most 10000, but is 25e3; are these millimetres"),
         (
             "0,5,45,0",
             "azimuth must be in radians, within a turn, but is 45; are these degrees (deg",

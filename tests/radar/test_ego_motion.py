@@ -20,6 +20,7 @@ from d2d.radar import (
     Mounting,
     RadarScan,
     Reference,
+    Sensor,
     Track,
     doppler_velocity,
     estimate_ego_motion,
@@ -659,6 +660,18 @@ def test_a_wrong_start_of_a_track_is_refused():
         track(drive(10).scans, CORNER, initial=[1.0, 2.0])
 
 
+def test_one_sensor_given_twice_is_refused():
+    """Breaks if a slip of the pen halves the covariance, or puts one radar at two places."""
+    scans = drive(10).scans
+    again = [replace(scan) for scan in scans]
+    for second, mounting in ((scans, CORNER), (again[3:], MOUNTINGS[1])):
+        with pytest.raises(ValueError, match=r"^sensors must be .* sensors\[0\] and sensors\[1\]"):
+            track_joint([(scans, CORNER), (second, mounting)])
+    none, alone = [scan[:0] for scan in scans], [scan[:1] for scan in scans]
+    for few in (none, alone):  # which may be alike by chance
+        assert not track_joint([(few, CORNER), (few, MOUNTINGS[1])]).converged.any()
+
+
 def surround_scans(
     count: int = 12, theta=(12.0, 0.0, 0.1), times=None, shift: float = 0.013
 ) -> list[tuple[list[RadarScan], Mounting]]:
@@ -733,11 +746,25 @@ def test_a_horizon_is_the_baseline_nearest_to_it(driven_by, horizon, baseline):
 
 
 @either_tracker
-@pytest.mark.parametrize("options", [{"horizon": 0.0}, {"horizon": 0.3, "baseline": 2}])
+@pytest.mark.parametrize(
+    "options", [{"horizon": 0.0}, {"horizon": 300.0}, {"horizon": 0.3, "baseline": 2}]
+)
 def test_a_wrong_horizon_is_refused_by_name(driven_by, options):
-    """Breaks if one of two contradicting options is ignored."""
+    """Breaks if one of two contradicting options is ignored, or milliseconds are taken."""
     with pytest.raises(ValueError, match=r"^horizon"):
         driven_by(surround_scans(3), **options)
+
+
+@either_tracker
+def test_a_full_turn_between_two_scans_is_no_motion(driven_by):
+    """Breaks if times in ms of a 20 Hz radar, in which a drive is a circle each 50 s, converge."""
+    drive = simulate_drive(np.random.default_rng(3), 2.0, sensor=Sensor(rate=20.0))
+    late = [replace(scan, time=1000.0 * scan.time) for scan in drive.scans]
+    driven = driven_by([(late, drive.mounting)])
+    assert not driven.converged.any()
+    turns = [reason.startswith("a turn of 3") for reason in driven.reasons.tolist()]
+    assert np.mean(turns) > 0.3
+    assert all(reason.endswith(" deg between scans") for reason in driven.reasons[turns].tolist())
 
 
 def test_a_joint_track_estimates_each_round():

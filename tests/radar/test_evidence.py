@@ -258,7 +258,7 @@ def test_gaps_and_failed_estimates_are_not_bridged():
     times = np.arange(20) / 10.0
     kept = np.r_[0:6, 12:20]
     second = noisy(7, times[kept] - 0.02)
-    second = failed(replace(second, intervals=np.full(14, 0.1)), 10)  # at 1.58 s
+    second = failed(second, 10)  # at 1.58 s
     found = compare_tracks(noisy(6, times), second)
     assert_allclose(found.times, times[[0, 1, 2, 3, 4, 12, 13, 14, 17, 18]])
 

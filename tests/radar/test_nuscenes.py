@@ -572,6 +572,8 @@ def test_a_foreign_can_bus_file_is_named(root, content):
         ("time_offset", "late"),
         ("speed_factor", 0.0),
         ("half_width", -0.2),
+        ("prediction_time", 37.0),
+        ("time_offset", 110.0),
         ("sigma_range", 0.0),
         ("sigma_doppler", np.nan),
         ("sigma_azimuth", -0.1),

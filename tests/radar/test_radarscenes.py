@@ -570,6 +570,7 @@ def test_indices_that_do_not_fit_the_targets_are_refused(root, indices, match):
         ("sigma_azimuth", 0.0),
         ("sigma_azimuth", np.zeros_like),
         ("time_offset", np.nan),
+        ("time_offset", 110.0),
         ("side_slip", np.inf),
         ("slip", (0.0, 0.0045)),
     ],

@@ -63,6 +63,7 @@ def test_it_is_nan_where_poses_are_missing():
         ({"poses": np.zeros(3)}, "stamps and poses must have the shapes"),
         ({"times": 6.0}, "times must have the shape"),
         ({"half_width": 0.0}, "half_width must be positive"),
+        ({"half_width": 200.0}, "half_width must be in seconds"),
     ],
     ids=str,
 )
@@ -93,6 +94,15 @@ def test_lists_and_unknown_rows_are_a_reference():
     """Breaks if nan, which says that a velocity is not known, is refused."""
     found = Reference([0.0, 1.0], [[1.0, 0.0, 0.0], [np.nan] * 3], [[0.0] * 3] * 2).at([0.0])
     assert_array_equal(found.theta, [[1.0, 0.0, 0.0]])
+
+
+def test_a_yaw_that_wraps_is_interpolated_the_short_way():
+    """Breaks if a vehicle that drives west faces east half way between two poses."""
+    yaw = np.array([3.1, -3.1, np.nan, -3.0, 3.12])
+    poses = np.column_stack([np.zeros((5, 2)), yaw])
+    found = Reference(np.arange(5.0), np.zeros((5, 3)), poses).at([0.5, 3.0, 3.5]).poses[:, 2]
+    assert_allclose(found, [np.pi, 2.0 * np.pi - 3.0, 0.5 * (2.0 * np.pi + 0.12)], rtol=1e-12)
+    assert_array_equal(np.isnan(poses[:, 2]), [False, False, True, False, False])
 
 
 def test_a_hole_is_not_bridged():

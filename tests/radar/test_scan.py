@@ -313,6 +313,16 @@ def test_mounting_acts_on_a_point_set_as_a_rigid_motion():
     assert_allclose(scan.point_set(mounting).means, moved, rtol=0, atol=1e-12)
 
 
+def test_ranges_in_millimetres_are_refused():
+    """Breaks if targets 25 km away are registered, which half of all scans let pass."""
+    far = np.array([8.0, 25.0])
+    assert_array_equal(
+        RadarScan(0.0, 100.0 * far, far / 25.0, far, 0.1, 0.01, 0.1).range, 100 * far
+    )
+    with pytest.raises(ValueError, match=r"^range must be in m, .* holds 25000; .* millimetres"):
+        RadarScan(0.0, 1000.0 * far, far / 25.0, far, 0.1, 0.01, 0.1)
+
+
 @pytest.mark.parametrize("name", ["x", "y"])
 def test_a_mounting_in_millimetres_is_refused(name):
     """Breaks if a sensor 3.7 km ahead of its vehicle is believed."""

@@ -74,14 +74,19 @@ def assert_same(one: Track, other: Track) -> None:
         ({"parts": CovarianceParts(*np.zeros((3, 2, 3, 3)))}, r"^parts.noise must have the shape"),
         ({"times": np.zeros(N)}, r"^times must be finite and strictly increasing"),
         ({"times": np.append(np.arange(N - 1.0), np.nan)}, r"^times must be finite"),
+        ({"intervals": np.full(N, 50.0)}, r"^intervals must add up to the diff"),
         ({"converged": np.ones(N, dtype=bool)}, r"^covariance must be finite wherever converged"),
         ({"theta": np.full((N, 3), np.nan)}, r"^theta must be finite wherever converged"),
+        ({"targets": np.full(N, -5)}, r"^targets must not be negative"),
+        ({"inliers": np.full(N, 57.0)}, r"^inliers must lie within \[0, 1\]"),
+        (all_with(np.eye(3)), r"^parts must add up to covariance"),
         (all_with([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), "^covariance must be sym"),
         (all_with(-np.eye(3)), "^covariance must have variances that are not negative"),
         (all_with([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), "^covariance must have"),
     ],
     ids=[
-        *["rows", "reasons", "parts", "order", "nan-time", "nan-covariance", "nan-velocity"],
+        *["rows", "reasons", "parts", "order", "nan-time", "milliseconds"],
+        *["nan-covariance", "nan-velocity", "targets", "percent", "parts-of-another"],
         *["one-sided", "negative", "correlated"],
     ],
 )
@@ -111,6 +116,20 @@ def test_an_empty_track_is_refused_where_an_estimate_is_needed(tmp_path):
             call()
 
 
+def test_intervals_fit_the_times_to_within_the_rounding_of_stamps():
+    """Breaks if a path is driven for longer than it took, or a log with rounded times refused."""
+    driven = example()
+    rounded = replace(driven, times=driven.times.round(3))  # to milliseconds
+    assert_array_equal(rounded.poses(), driven.poses())
+    kept = np.delete(np.arange(N), 7)
+    names = [field.name for field in fields(Track) if field.name != "parts"]
+    rows = {name: getattr(driven, name)[kept] for name in names}
+    with pytest.raises(ValueError, match=r"^intervals must add up .* to number 7 they"):
+        Track(**rows)
+    rows["intervals"] = np.append(driven.intervals[0], np.diff(rows["times"]))
+    assert Track(**rows).poses().shape == (N, 3)
+
+
 # ---- At other times
 
 
@@ -127,7 +146,7 @@ def test_at_the_times_of_its_estimates_a_track_gives_them():
 
 def test_between_two_estimates_a_track_is_linear():
     """Breaks if weights are exchanged, or one direction gets those of another."""
-    driven = replace(example(), times=0.1 * np.arange(N))
+    driven = replace(example(), times=0.1 * np.arange(N), intervals=np.full(N, 0.1))
     i = np.array([0, 7, 30])
     for share in (0.25, 0.5, 0.9):
         found = driven.at(driven.times[i] + share * np.diff(driven.times)[i])
@@ -158,7 +177,11 @@ def test_outside_next_to_failures_and_in_gaps_nothing_is_known():
     unknown = np.isnan(theta[1:-1]).all(axis=1)
     assert_array_equal(np.flatnonzero(unknown), [3, 4, 19, 20, 21])
     assert np.isnan(theta[[0, -1]]).all()
-    later = replace(driven, times=driven.times + 10.0 * (np.arange(N) >= 30))
+    later = replace(
+        driven,
+        times=driven.times + 10.0 * (np.arange(N) >= 30),
+        intervals=driven.intervals + 10.0 * (np.arange(N) == 30),
+    )
     assert np.isnan(later.at([later.times[29] + 5.0]).theta).all()
 
 
@@ -404,7 +427,7 @@ def test_without_pandas_it_is_asked_for(monkeypatch):
 
 def test_a_track_in_a_few_words():
     """Breaks if arrays fill the screen, or reasons that differ in a number count one by one."""
-    driven = replace(example(), times=1.0 + np.arange(N) / 10.0)
+    driven = replace(example(), times=1.0 + np.arange(N) / 10.0, intervals=np.full(N, 0.1))
     assert repr(driven) == "Track(40 estimates from 1.000 s to 4.900 s, 92.5% converged)"
     assert str(driven).splitlines() == [
         repr(driven),
