@@ -14,7 +14,9 @@ from d2d.radar.scan import directions
 from d2d.radar.scan_pair import ScanPair
 from d2d.registration import Estimate
 
-_SLOPE_SPAN = 0.5  # s to either side, over which an acceleration is fitted
+# s to either side, over which an acceleration is fitted; a little more than half a second, so that
+# the rounding of times does not decide which estimates of a radar with steps of 0.1 s count
+_SLOPE_SPAN = 0.5 + 1e-6
 _LARGEST = 1e3  # in any unit: beyond it a covariance holds nothing but the budget, or overflows
 _LOWER = [1, 2, 2], [0, 0, 1]  # rows and columns below the diagonal of a matrix (3, 3)
 _NOTHING = np.empty((0, 3))

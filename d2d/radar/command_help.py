@@ -62,6 +62,7 @@ examples:
 What is printed at the end says how many estimates were accepted, and why the others were not:
 
   a scan without targets          nothing to estimate; the path continues with the last velocity
+  a scan that repeats an ...      the sensor froze, or its message was delivered twice
   no optimum near the start       too few targets are seen in both scans: more sensors
   an optimum that rejects ...     scans do not fit each other: too small standard deviations, a
                                   wrong mounting, azimuths of the wrong sign

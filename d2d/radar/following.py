@@ -21,7 +21,7 @@ from d2d.radar.contradiction import warn_of_contradiction
 from d2d.radar.ego_motion import check_velocity, estimate_velocity
 from d2d.radar.plausibility import State, VehicleLimits
 from d2d.radar.progress import counted
-from d2d.radar.scan_pair import ScanPair
+from d2d.radar.scan_pair import ScanPair, repeats
 from d2d.radar.trajectory import Track
 from d2d.registration import Estimate
 
@@ -146,6 +146,8 @@ def _estimate(search: Search, i: int, problem: Problem, velocity: Array | None) 
 
 def _reason(estimate: Estimate, interval: Interval) -> str:
     """Why an estimate is not accepted; empty if nothing speaks against it."""
+    if any(repeats(previous, current) for previous, current, _ in interval.pairs):
+        return "a scan that repeats an earlier one"
     if not estimate.converged:
         return "no optimum near the start"
     if not is_good(estimate):

@@ -3,12 +3,16 @@
 from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+
 from d2d._checks import check_count, check_instance, check_positive, check_rows, check_seconds
 from d2d.problem import Pair
 from d2d.radar.options import EgoMotionModel
 from d2d.radar.scan import Mounting, RadarScan
 
 _LONGEST_HORIZON = 60.0  # s
+
+_MOVING = 0.5  # m/s; at a standstill a coarse radar may measure the same twice
 
 ScanPair = tuple[RadarScan, RadarScan, Mounting]
 
@@ -54,6 +58,19 @@ def scan_before(
     near = [j for j in (after, after - 1) if 0 <= j < i]
     # rounding of times must not decide between two scans that are equally near
     return scans[min(near, key=lambda j: round(abs(scans[j].time - wanted), 6))]
+
+
+def repeats(previous: RadarScan, current: RadarScan) -> bool:
+    """Whether a scan has the targets of an earlier one although the sensor moves.
+
+    A frozen sensor, or a message that is delivered twice, gets a new time: its positions say that
+    the vehicle stands still.
+    """
+    measured = ("range", "azimuth", "doppler")
+    return (
+        all(np.array_equal(getattr(previous, name), getattr(current, name)) for name in measured)
+        and float(np.median(np.abs(current.doppler))) > _MOVING
+    )
 
 
 def check_pairs(pairs: Iterable[ScanPair]) -> list[ScanPair]:

@@ -87,12 +87,13 @@ def track(
     Returns
     -------
     Track
-        An estimate fails if a scan is empty, the cost has no optimum near the start, the optimum
-        rejects nearly all targets (mean inlier probability below 0.1) or turns the vehicle by more
-        than half a turn between two scans, or no vehicle could move like that.  It is then marked
-        as not converged, with the reason, and the track goes on.  If the estimate from the last
-        velocity would fail or does not explain most of the targets (mean inlier probability below
-        0.6), the pair is estimated once more without it; of two acceptable optima the lower wins.
+        An estimate fails if a scan is empty or repeats an earlier one target by target while the
+        sensor moves, the cost has no optimum near the start, the optimum rejects nearly all targets
+        (mean inlier probability below 0.1) or turns the vehicle by more than half a turn between
+        two scans, or no vehicle could move like that.  It is then marked as not converged, with the
+        reason, and the track goes on.  If the estimate from the last velocity would fail or does
+        not explain most of the targets (mean inlier probability below 0.6), the pair is estimated
+        once more without it; of two acceptable optima the lower wins.
 
     Warns
     -----

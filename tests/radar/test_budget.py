@@ -212,6 +212,15 @@ def test_accelerations_are_slopes_of_half_a_second_to_either_side():
     assert accelerations(np.empty(0), np.empty((0, 3))).shape == (0, 3)
 
 
+@pytest.mark.parametrize("origin", [0.0, 0.3, 1.6e9 + 0.7])
+def test_the_origin_of_the_clock_does_not_decide_on_accelerations(origin):
+    """Breaks if rounding decides whether estimates exactly half a second away count."""
+    times = np.arange(40) * 0.1
+    theta = np.random.default_rng(1).standard_normal((40, 3))
+    expected = accelerations(times, theta)
+    assert_allclose(accelerations(origin + times, theta), expected, rtol=1e-4, atol=1e-5)
+
+
 def test_a_long_drive_at_constant_velocity_shows_no_acceleration():
     """Breaks if sums along the drive lose the digits that the slope of a few estimates needs."""
     rng = np.random.default_rng(1)

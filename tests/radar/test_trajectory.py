@@ -15,7 +15,15 @@ import pytest
 from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.radar import CovarianceParts, Track, simulate_drive, track, track_joint
+from d2d.radar import (
+    CovarianceParts,
+    Mounting,
+    RadarScan,
+    Track,
+    simulate_drive,
+    track,
+    track_joint,
+)
 
 N = 40
 
@@ -570,3 +578,30 @@ def test_an_indefinite_covariance_is_refused():
     """Breaks if only pairs of components are looked at."""
     with pytest.raises(ValueError, match=r"^covariance must be positive semidefinite"):
         replace(example(), **all_with([[1.0, 0.9, 0.9], [0.9, 1.0, -0.9], [0.9, -0.9, 1.0]]))
+
+
+def test_scans_that_repeat_an_earlier_one_are_not_believed():
+    """Breaks if a frozen sensor, or a message that comes twice, gives a velocity."""
+    drive = simulate_drive(np.random.default_rng(3), duration=1.5)
+    scans = list(drive.scans)
+    scans[7] = replace(scans[6], time=scans[7].time)
+    reasons = track(scans, drive.mounting).reasons
+    assert np.flatnonzero(reasons == "a scan that repeats an earlier one").tolist() == [6]
+    frozen = [replace(scans[0], time=scan.time) for scan in scans]
+    assert not track(frozen, drive.mounting).converged.any()
+    other = simulate_drive(np.random.default_rng(4), duration=1.5)
+    together = [(other.scans, other.mounting), (frozen, Mounting(x=1.0))]
+    assert not track_joint(together).converged.any()
+
+
+def test_a_sensor_at_a_standstill_may_measure_the_same_twice():
+    """Breaks if a coarse radar loses its estimates where nothing moves."""
+    drive = simulate_drive(np.random.default_rng(3), duration=0.5)
+    first = drive.scans[0]
+    still = [
+        RadarScan(0.1 * i, first.range, first.azimuth, 0.0 * first.doppler, 0.15, 0.01, 0.06)
+        for i in range(4)
+    ]
+    found = track(still, drive.mounting)
+    assert found.converged.all()
+    assert_allclose(found.theta, 0.0, atol=1e-4)
