@@ -70,7 +70,7 @@ def check_angle(name: str, value: ArrayLike) -> Array:
 
 
 def check_count(name: str, value: Any, minimum: int = 1) -> int:
-    """An integer of at least ``minimum``; True and False are none."""
+    """An integer of at least ``minimum``; True and False are refused."""
     whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
     if not whole or value < minimum:
         raise ValueError(f"{name} must be an integer of at least {minimum}, but is {value!r}")

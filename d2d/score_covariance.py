@@ -234,7 +234,7 @@ def _neighbours(
 
 
 def _labels(groups: ArrayLike) -> NDArray[Any]:
-    """Labels as an array; none may be missing, or it is not known which targets err together."""
+    """Labels as an array; a missing one would leave open which errors are correlated."""
     try:
         labels = np.asarray(groups)
         unknown = np.ma.is_masked(groups) or bool((labels != labels).any())

@@ -41,8 +41,8 @@ class SlipLaw:
     def lateral(self, forward: ArrayLike, yaw_rate: ArrayLike) -> Array:
         """v_y (...) in m/s of v_x (...) in m/s and omega (...) in rad/s; nan stays nan.
 
-        Raises a ``ValueError`` that names the argument if one is no array of real numbers, or the
-        two do not broadcast.
+        Raises a ``ValueError`` that names the argument that is not an array of real numbers, or
+        both if they do not broadcast.
         """
         v_x, omega = check_real("forward", forward), check_real("yaw_rate", yaw_rate)
         broadcast_batches("forward and yaw_rate", v_x.shape, omega.shape)
