@@ -59,9 +59,14 @@ def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
     broadcast_batches(
         "x, mean and covariance", points.shape[:-1], centre.shape[:-1], sigma.shape[:-2]
     )
+    return _log_density(points - centre, sigma)
+
+
+def _log_density(deviation: Array, sigma: Array) -> Array:
+    """log N(d | 0, Sigma) of deviations (..., D), all known to be good."""
     factor = np.linalg.cholesky(sigma)
     # there are few factors and many points: invert each factor once
-    whitened = np.einsum("...ij,...j->...i", np.linalg.inv(factor), points - centre)
+    whitened = np.einsum("...ij,...j->...i", np.linalg.inv(factor), deviation)
     roots = math.sqrt(2.0 * math.pi) * np.diagonal(factor, axis1=-2, axis2=-1)
     return np.asarray(-0.5 * (whitened**2).sum(axis=-1) - np.log(roots).sum(axis=-1))
 
@@ -222,7 +227,7 @@ class GaussianMixture(Frozen):
             )
         with np.errstate(divide="ignore"):
             log_weights = np.log(self.weights)
-        return log_weights + log_density(points[..., None, :], self.means, self.covariances)
+        return log_weights + _log_density(points[..., None, :] - self.means, self.covariances)
 
     def log_pdf(self, x: ArrayLike) -> Array:
         """log p(x) (...) at x (..., D)."""
