@@ -1,7 +1,9 @@
 """The covariances that several costs state, compared with the scatter of many runs."""
 
+from collections import Counter
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -98,10 +100,14 @@ def shape_of(errors: Array) -> Shape:
     covariance = centred.T @ centred / count
     white = np.linalg.solve(np.linalg.cholesky(covariance), centred.T)
     squares = (white**2).sum(axis=0)
-    third = np.einsum("in,jn,kn->nijk", white, white, white).reshape(count, -1)
+    # the tensor of third moments is symmetric: each entry once, weighted by how often it occurs
+    triples = Counter(tuple(sorted(each)) for each in product(range(dimension), repeat=3))
+    third = [
+        np.sqrt(times) * white[i] * white[j] * white[k] for (i, j, k), times in triples.items()
+    ]
     return Shape(
         mean_of(squares**2 / (dimension * (dimension + 2))),
-        length_of(third),
+        length_of(np.stack(third, axis=-1)),
         kolmogorov_distance(squares, "chi2", dimension),
     )
 
