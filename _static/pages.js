@@ -3,8 +3,20 @@ document.addEventListener("DOMContentLoaded", () => {
   filterLedger();
   readableExcerpts();
   openPanel();
+  placeNotes();
   window.addEventListener("hashchange", openPanel);
 });
+
+/** Notes of the margin stand between the paragraphs on a phone: there one follows its formula, whose sentence it would
+    divide. */
+function placeNotes() {
+  const narrow = window.matchMedia("(max-width: 700px)");
+  const formulas = [...document.querySelectorAll("aside.margin.sidebar + div.math")];
+  const notes = formulas.map((formula) => [formula.previousElementSibling, formula]);
+  const place = () => notes.forEach(([note, formula]) => (narrow.matches ? formula.after(note) : formula.before(note)));
+  narrow.addEventListener("change", place);
+  place();
+}
 
 /** A link to a panel behind a tab, or to a figure in one, opens that tab. */
 function openPanel() {

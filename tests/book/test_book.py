@@ -184,6 +184,23 @@ def test_search_finds_nothing_for_a_word_that_is_nowhere(driver: webdriver.Chrom
     )
 
 
+def test_a_note_follows_its_formula_on_a_phone(driver: webdriver.Chrome, address: str):
+    """Breaks if a note divides a sentence from its formula, or leaves its place in the margin."""
+    before = "return document.querySelectorAll('aside.margin.sidebar + div.math').length"
+    after = "return document.querySelectorAll('div.math + aside.margin.sidebar').length"
+    driver.get(f"{address}chapters/07_radar_ego_motion.html")
+    wide = driver.execute_script(before)
+    assert wide > 3
+    try:
+        browser.resize(driver, browser.NARROW)
+        browser.wait(driver, f"{after} >= {wide}")
+        assert driver.execute_script(before) == 0
+        browser.resize(driver, browser.WIDE)
+        browser.wait(driver, f"{before} === {wide}")
+    finally:
+        browser.resize(driver, browser.WIDE)
+
+
 @pytest.mark.parametrize("theme", browser.THEMES)
 def test_the_book_follows_the_system(driver: webdriver.Chrome, address: str, theme: str):
     """Breaks if the book opens light on a dark screen, or the other way round."""
