@@ -7,15 +7,24 @@ document.addEventListener("DOMContentLoaded", () => {
   window.addEventListener("hashchange", openPanel);
 });
 
-/** Notes of the margin stand between the paragraphs on a phone: there one follows its formula, whose sentence it would
-    divide. */
+/** A note of the margin begins level with what it is about. On a phone, where it stands between the paragraphs, it
+    follows that: the paragraph or formula, and the formulas that end its sentence. */
 function placeNotes() {
   const narrow = window.matchMedia("(max-width: 700px)");
-  const formulas = [...document.querySelectorAll("aside.margin.sidebar + div.math")];
-  const notes = formulas.map((formula) => [formula.previousElementSibling, formula]);
-  const place = () => notes.forEach(([note, formula]) => (narrow.matches ? formula.after(note) : formula.before(note)));
-  narrow.addEventListener("change", place);
-  place();
+  function next(element) {
+    const following = element.nextElementSibling;
+    return following?.matches("aside.margin") ? next(following) : following;
+  }
+  const notes = [...document.querySelectorAll("aside.margin.sidebar")].reverse().map((note) => {
+    const place = new Comment("a note of the margin");
+    note.before(place);
+    let subject = next(note);
+    while (subject?.matches("p, ul, ol, div.math") && next(subject)?.matches("div.math")) subject = next(subject);
+    return [note, place, subject?.matches("p, ul, ol, div.math") ? subject : place];
+  });
+  const put = () => notes.forEach(([note, place, subject]) => (narrow.matches ? subject : place).after(note));
+  narrow.addEventListener("change", put);
+  put();
 }
 
 /** A link to a panel behind a tab, or to a figure in one, opens that tab. */

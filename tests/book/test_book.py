@@ -184,19 +184,27 @@ def test_search_finds_nothing_for_a_word_that_is_nowhere(driver: webdriver.Chrom
     )
 
 
-def test_a_note_follows_its_formula_on_a_phone(driver: webdriver.Chrome, address: str):
+@pytest.mark.parametrize("page", ["03_point_set_registration", "07_radar_ego_motion"])
+def test_a_note_follows_what_it_is_about_on_a_phone(
+    driver: webdriver.Chrome, address: str, page: str
+):
     """Breaks if a note divides a sentence from its formula, or leaves its place in the margin."""
-    before = "return document.querySelectorAll('aside.margin.sidebar + div.math').length"
-    after = "return document.querySelectorAll('div.math + aside.margin.sidebar').length"
-    driver.get(f"{address}chapters/07_radar_ego_motion.html")
-    wide = driver.execute_script(before)
-    assert wide > 3
+    order = (
+        "return [...document.querySelectorAll('aside.margin.sidebar')]"
+        ".map(note => [note.textContent, note.%s?.textContent.slice(0, 80)])"
+    )
+    before_formula = "return document.querySelectorAll('aside.margin.sidebar + div.math').length"
+    driver.get(f"{address}chapters/{page}.html")
+    wide = driver.execute_script(order % "nextElementSibling")
+    assert driver.execute_script(before_formula) > 2
     try:
         browser.resize(driver, browser.NARROW)
-        browser.wait(driver, f"{after} >= {wide}")
-        assert driver.execute_script(before) == 0
+        browser.wait(driver, f"{before_formula} === 0")
+        narrow = driver.execute_script(order % "previousElementSibling")
+        assert [note for note, _ in narrow] == [note for note, _ in wide]
         browser.resize(driver, browser.WIDE)
-        browser.wait(driver, f"{before} === {wide}")
+        browser.wait(driver, f"{before_formula} > 2")
+        assert driver.execute_script(order % "nextElementSibling") == wide
     finally:
         browser.resize(driver, browser.WIDE)
 
