@@ -10,10 +10,14 @@ REACH = 5.0  # correlation lengths, at which the correlation is 0.7 %
 
 @compiled
 def root_of(covariance):
-    """Lower triangular root of a covariance (2, 2): xx, yx, yy."""
-    xx = math.sqrt(covariance[0, 0])
-    yx = covariance[1, 0] / xx
-    return xx, yx, math.sqrt(max(covariance[1, 1] - yx * yx, 0.0))
+    """Symmetric root of a covariance (2, 2): xx, xy, yy.
+
+    It turns with the axes, so that errors of two targets correlate alike along any of them.
+    """
+    xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+    product = math.sqrt(max(xx * yy - xy * xy, 0.0))  # of the two standard deviations
+    total = math.sqrt(xx + yy + 2.0 * product)
+    return (xx + product) / total, xy / total, (yy + product) / total
 
 
 @compiled
@@ -57,10 +61,10 @@ def add_errors(position, in_velocity, covariances, polar, velocity, noise, share
             position[k, 2, 0] * x + position[k, 2, 1] * y,
         )
         add_row(shared[0], turned, 1.0)
-        xx, yx, yy = root_of(covariances[k])
+        xx, xy, yy = root_of(covariances[k])
         for i in range(3):
             x, y = position[k, i, 0], position[k, i, 1]
-            position[k, i, 0], position[k, i, 1] = x * xx + y * yx, y * yy
+            position[k, i, 0], position[k, i, 1] = x * xx + y * xy, x * xy + y * yy
         add_outer(noise, position[k, :, 0], position[k, :, 0], 1.0)
         add_outer(noise, position[k, :, 1], position[k, :, 1], 1.0)
         if k < doppler.shape[0]:

@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import sqrtm
 
 from d2d import rigid
 from d2d.radar import (
@@ -167,7 +168,7 @@ def test_neighbours_share_what_their_distance_says():
             (pair.fixed, cross.fixed[0, fixed : fixed + pair.fixed.size]),
             (pair.moving, cross.moving[0, moving : moving + pair.moving.size]),
         ):
-            rooted = block @ np.linalg.cholesky(points.covariances)
+            rooted = block @ np.array([sqrtm(covariance) for covariance in points.covariances])
             apart = np.linalg.norm(points.means[:, None] - points.means, axis=-1)
             alike = np.where(apart < 5.0 * length, np.exp(-apart / length), 0.0)
             np.fill_diagonal(alike, 0.0)
@@ -175,6 +176,26 @@ def test_neighbours_share_what_their_distance_says():
         fixed, moving = fixed + pair.fixed.size, moving + pair.moving.size
     gain = estimate.covariance
     assert_allclose(parts.dependence, gain @ expected @ gain, rtol=1e-9)
+
+
+def test_no_part_depends_on_the_axes_of_the_vehicle_frame():
+    """Breaks if the errors of neighbours correlate along x and y more than along other axes."""
+    angle = 0.7
+    turn = np.eye(3)
+    turn[:2, :2] = rigid.rotation(-angle)
+    budget = ErrorBudget(azimuth=0.002, doppler=0.03, scale=0.002, neighbours=2.0)
+    drive = simulate_drive(np.random.default_rng(8), duration=1.0)
+    place = Mounting(3.6, 0.7, 0.4)
+    x, y = turn[:2, :2] @ [place.x, place.y]
+    found, turned = (
+        track(drive.scans, mounting, budget=budget, limits=None)
+        for mounting in (place, Mounting(x, y, place.yaw - angle))
+    )
+    assert found.converged.all()
+    assert_allclose(turned.theta, found.theta @ turn.T, atol=1e-6)
+    for own, other in zip(found.parts, turned.parts, strict=True):
+        size = np.abs(own).max()
+        assert_allclose(other, turn @ own @ turn.T, rtol=0, atol=1e-5 * size)
 
 
 def test_the_delay_is_how_far_an_accelerating_vehicle_is_ahead():
