@@ -12,6 +12,7 @@ Each subpackage covers one subject:
 - ``drives`` (chapter 7): simulated drives.
 - ``recordings`` (chapter 8): recorded drives.
 - ``beyond`` (chapter 9): what the thesis left to future work.
+- ``guides``: the pages on one's own radar.
 
 Within a subpackage, each scene or experiment has a module named after it, ``figures.py`` draws, and
 ``claims.py`` (or the folder ``claims/``) judges the claims of the thesis.
@@ -20,7 +21,7 @@ Four modules serve all subpackages: ``runs.py`` runs Monte Carlo evaluations and
 ``results.py`` knows where stored results are, ``noise.py`` simulates the noise of a sensor, and
 ``claims.py`` collects all claims in ``CLAIMS``.
 
-This is the only part of the package that imports matplotlib.
+Apart from the ``plot`` methods of `d2d.radar`, only this part of the package draws.
 """
 
 from d2d.study.claims import CLAIMS

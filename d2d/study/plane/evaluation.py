@@ -144,7 +144,7 @@ def over_layouts(
     Parameters
     ----------
     kind : str
-        Of `d2d.study.scenarios.LAYOUTS`.
+        Of `d2d.study.plane.scenarios.LAYOUTS`.
     cost : RegistrationCost
     initial : "truth" or "zero"
     layouts, runs : int
