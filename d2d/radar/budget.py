@@ -20,6 +20,7 @@ _SLOPE_SPAN = 0.5 + 1e-6
 _LARGEST = 1e3  # in any unit: beyond it a covariance holds nothing but the budget, or overflows
 _LOWER = [1, 2, 2], [0, 0, 1]  # rows and columns below the diagonal of a matrix (3, 3)
 _NOTHING = np.empty((0, 3))
+_IDENTITY = np.eye(3)
 
 
 @dataclass(frozen=True)
@@ -170,10 +171,11 @@ def apply_budget(
             share = pair.interval * (measured.T @ pair.measurement.gain)
             doppler_share += share
             doppler_delay += (current.time - time) * share
-    systematic += budget.scale**2 * np.outer(scaled, scaled) + np.diag(problem.prior)
+    systematic += budget.scale**2 * scaled[:, None] * scaled
+    systematic.flat[::4] += problem.prior  # the diagonal
     parts[:, *_LOWER] = parts[:, *_LOWER[::-1]]
     middle = sum(previous.time + current.time for previous, current, _ in pairs) / len(pairs) / 2.0
-    delay = gain @ doppler_delay + (middle - time) * (np.eye(3) - gain @ doppler_share)
+    delay = gain @ doppler_delay + (middle - time) * (_IDENTITY - gain @ doppler_share)
     moved = gain @ parts @ gain
     return CovarianceParts(*(0.5 * (moved + np.swapaxes(moved, 1, 2)))), delay
 
