@@ -28,10 +28,15 @@ function placeNotes() {
   put();
 }
 
-/** What the styles of a phone must know and no selector says: cells without a number, and outputs that are prose. */
+/** What the styles of a phone must know and no selector says: cells without a number, counts that stay with their
+    verdict, and outputs that are prose. */
 function nameKinds() {
   for (const cell of document.querySelectorAll(".methods td")) {
     cell.classList.toggle("absent", cell.textContent.trim() === "–");
+  }
+  for (const verdict of document.querySelectorAll(".chapter-box .verdict")) {
+    const count = verdict.previousSibling;
+    if (count) count.textContent = count.textContent.replace(/ $/, "\u00a0"); // no line ends between "2" and its verdict
   }
   for (const output of document.querySelectorAll("article .cell_output pre")) {
     output.classList.toggle("prose", !/\S {2,}\S/.test(output.textContent)); // two spaces align columns
