@@ -4,6 +4,7 @@ document.addEventListener("DOMContentLoaded", () => {
   readableExcerpts();
   openPanel();
   placeNotes();
+  nameKinds();
   window.addEventListener("hashchange", openPanel);
 });
 
@@ -25,6 +26,21 @@ function placeNotes() {
   const put = () => notes.forEach(([note, place, subject]) => (narrow.matches ? subject : place).after(note));
   narrow.addEventListener("change", put);
   put();
+}
+
+/** What the styles of a phone must know and no selector says: cells without a number, counts that stay with their
+    verdict, and outputs that are prose. */
+function nameKinds() {
+  for (const cell of document.querySelectorAll(".methods td")) {
+    cell.classList.toggle("absent", cell.textContent.trim() === "–");
+  }
+  for (const verdict of document.querySelectorAll(".chapter-box .verdict")) {
+    const count = verdict.previousSibling;
+    if (count) count.textContent = count.textContent.replace(/ $/, "\u00a0"); // no line ends between "2" and its verdict
+  }
+  for (const output of document.querySelectorAll("article .cell_output pre")) {
+    output.classList.toggle("prose", !/\S {2,}\S/.test(output.textContent)); // two spaces align columns
+  }
 }
 
 /** A link to a panel behind a tab, or to a figure in one, opens that tab. */

@@ -214,7 +214,7 @@ class GaussianMixture(Frozen):
 
     @property
     def parameters(self) -> int:
-        """Number of free parameters: of K - 1 weights, K means and K symmetric matrices."""
+        """Number of free parameters of K - 1 weights, K means and K symmetric matrices."""
         k, d = self.means.shape
         return int(k - 1 + k * d + k * d * (d + 1) // 2)
 

@@ -13,11 +13,11 @@ SIGNS: dict[Verdict, str] = {"confirmed": "✓", "qualified": "≈", "refuted": 
 """The sign beside the word of each verdict, so that no verdict is marked by its colour alone."""
 
 LEDGER = "10_claims.html"
-"""Beside the page that links to it: all pages with claims are chapters."""
+"""Beside the page that links to it, because all pages with claims are chapters."""
 
 WIDTH = 88
 EXACT = "exact"
-"""What is said of a number without an interval: a count, or the value of a formula."""
+"""What is said of a number without an interval, such as a count or the value of a formula."""
 
 
 def badge(verdict: Verdict) -> str:

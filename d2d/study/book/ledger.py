@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from d2d.study.book.card import SIGNS, anchor, badge, told
 from d2d.study.book.claim import Claim, Evidence, Verdict
 from d2d.study.book.thesis_figures import ThesisFigure, page_of
+from d2d.study.book.typography import typeset
 
 
 def count_verdicts(record: Mapping[str, Evidence]) -> str:
@@ -48,16 +49,15 @@ def claims_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> str
         page = page_of(claim.section, claim.id)
         shown = f"[chapter {_chapter(page)}]({page}.ipynb), [figure](#fig-{claim.figure})"
         numbers = "<br>".join(
-            f"{told(evidence.numbers[name], '**').replace('-', '−')} {name}"
-            for name in claim.telling
+            typeset(f"{told(evidence.numbers[name], '**')} {name}") for name in claim.telling
         )
-        why = evidence.because[0].upper() + evidence.because[1:]
+        why = typeset(evidence.because[0].upper() + evidence.because[1:])
         if evidence.verdict != "confirmed":
-            why = f"**Holds:** {evidence.holds}<br>**Why:** {why}"
+            why = f"**Holds:** {typeset(evidence.holds)}<br>**Why:** {why}"
         lines.append(
-            f'| <span id="{anchor(claim.id)}"></span>{claim.section} {claim.text}'
+            f'| <span id="{anchor(claim.id)}"></span>{claim.section} {typeset(claim.text)}'
             f"<br>`{claim.id}`<br>{shown} "
-            f"| {badge(evidence.verdict)} | {numbers}<br>over {evidence.over} | {why} |"
+            f"| {badge(evidence.verdict)} | {numbers}<br>over {typeset(evidence.over)} | {why} |"
         )
     return "\n".join(lines)
 

@@ -34,13 +34,20 @@ def _exponent(match: re.Match[str]) -> str:
 
 _PRINTED: tuple[_Rule, ...] = (
     (re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]?)0*(\d+)(?![\w.]*\w)"), _exponent),
-    (re.compile(r"(?<![\w.)/])-(?=\.?\d)"), "−"),
+    (
+        re.compile(r"\b10\^(-?)(\d+)"),
+        lambda match: f"10<sup>{'−' if match[1] else ''}{match[2]}</sup>",
+    ),
+    (re.compile(r"(?<![\w.)/])-(?=\.?\d|log\b|sum_)"), "−"),
     (re.compile(r"(?<![\w.])[−+](?=0(?:\.0+)?(?![.\d]))"), ""),  # no sign of a zero
     (
         re.compile(r"(?<![\w.,-])\d{5,}(?![.\w])"),
         lambda match: f"{int(match[0]):,}".replace(",", NO_BREAK),
     ),
     (re.compile(r"\b([A-Za-zθσφ])_([A-Za-z])\b"), r"<i>\1</i><sub>\2</sub>"),
+    (re.compile(r"\bsum_([A-Za-z])\b"), r"Σ<sub>\1</sub>"),
+    (re.compile(r"\bsqrt\((\d+)\)"), r"√\1"),
+    (re.compile(r"(?<=\d )sigma\b"), "σ"),  # standard deviations as a unit
     (re.compile(r"\bomega\b"), "ω"),
     (re.compile(r"\bI2\b"), "I²"),
     (re.compile(r"(?<=\d )x(?= )|(?<= )x(?= \d)"), "×"),

@@ -14,6 +14,8 @@ from d2d.study.guides.rows import Row, row
 
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 MEASURED = ("range", "azimuth", "doppler")
+_IN_WORDS = {"doppler": "Doppler"}
+_FRACTIONS = {0.25: "¼", 0.5: "½"}
 _LOOKS = {"range": (GREY, "^"), "azimuth": (PURPLE, "o"), "doppler": (OCHRE, "s")}
 _DURATION = 40.0  # s, a lap
 
@@ -77,11 +79,11 @@ def draw_stated_sigmas(axes: Sequence[Axes], found: dict[str, list[Row]]) -> Non
             [each.anees for each in rows],
         )
         for ax, values in zip(axes, curves, strict=True):
-            ax.plot(FACTORS, values, marker=marker, color=color, label=name)
-    for ax, label in zip(axes, ("error of v_x", "error of omega", "ANEES"), strict=True):
+            ax.plot(FACTORS, values, marker=marker, color=color, label=_IN_WORDS.get(name, name))
+    for ax, label in zip(axes, ("error of $v_x$", r"error of $\omega$", "ANEES"), strict=True):
         ax.axhline(1.0, color=BLACK, lw=0.8, ls=":")
         ax.set(xscale="log", xlabel="stated over true", title=label)
-        ax.set_xticks(FACTORS, [f"{factor:g}" for factor in FACTORS])
+        ax.set_xticks(FACTORS, [_FRACTIONS.get(factor, f"{factor:g}") for factor in FACTORS])
         ax.minorticks_off()
     axes[2].set_yscale("log")
     axes[0].set_ylabel("relative to the true values")

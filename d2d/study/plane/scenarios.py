@@ -42,7 +42,7 @@ class Scenario:
     name : str
     targets : (n, 2) array, m
         Seen in both scans, in the frame of the previous one.
-    outliers_fixed, outliers_moving : (., 2) arrays, m
+    outliers_fixed, outliers_moving : (..., 2) arrays, m
         Seen in one scan only, each in that scan's frame.
     theta : (3,) array
         True motion [t_x, t_y, phi_z] in m, m, rad, from the moving onto the fixed set.

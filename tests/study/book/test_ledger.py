@@ -29,7 +29,7 @@ def test_each_claim_is_a_row_with_verdict_number_place_and_reason() -> None:
     head, rule, first, second = ledger.claims_table(CLAIMS, EVIDENCE).splitlines()
     assert head.count("|") == rule.count("|") == first.count("|") == second.count("|") == 5
     assert "✓ confirmed" in first
-    assert "**1.23** [1.1, 2] ratio<br>over 9 draws" in first
+    assert '**1.23** <span class="whole">[1.1, 2]</span> ratio<br>over 9 draws' in first
     assert "other" not in first
     assert "**6080** [exact] steps<br>over one drive" in second
     assert "[chapter 4b](04b_outliers_and_clusters_1d.ipynb), [figure](#fig-outlier-cost)" in first

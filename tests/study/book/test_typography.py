@@ -32,6 +32,9 @@ def shown(text: str) -> str:
         ("sigmas 5 x too small", "sigmas 5 × too small"),
         ("range x 0.25", "range × 0.25"),
         ("I2 of -7.7 dB", "I² of −7.7 dB"),
+        ("from 10^-12 to 10^5", "from 10^−12 to 10^5"),
+        ("-log sum_k q_k and -sum_k log q_k", "−log Σ_k q_k and −Σ_k log q_k"),
+        ("at 2 sqrt(2) sigma", "at 2 √2 σ"),
     ],
 )
 def test_numbers_and_symbols_are_printed(text: str, expected: str):
@@ -42,7 +45,7 @@ def test_numbers_and_symbols_are_printed(text: str, expected: str):
 @pytest.mark.parametrize(
     "text",
     ["+0.05", "-0.04".replace("-", "−"), "scene-0061", "0.12345", "1234", "x (m)", "x = 3.4 m",
-     "max-2", "sigma_azimuth", "2, 1", "0.3 s"],
+     "max-2", "sigma_azimuth", "the median sigma of 3", "2, 1", "0.3 s"],
 )  # fmt: skip
 def test_everything_else_stays(text: str):
     """Breaks if a rule takes a name for a number, or drops a sign that tells something."""
