@@ -368,6 +368,6 @@ def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
             ax.axhline(0.0, **TRUTH)
         below[-1].set_xlabel("time (s)")
     for ax, label in zip(
-        axes[:, 0], ("NIS", "error of $v_x$ (m/s)", "of the gyro bias (°/s)"), strict=True
+        axes[:, 0], ("NIS", "error of $v_x$ (m/s)", "error of the\ngyro bias (°/s)"), strict=True
     ):
         ax.set_ylabel(label)

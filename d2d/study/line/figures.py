@@ -23,6 +23,7 @@ TARGETS = (
 )
 OUTLIER = "O"
 _LETTER = 0.07  # inches: the width of a letter
+_VISIBLE = 0.03  # of the highest maximum: a lower one lies on the axis
 LOWEST = 1e-60  # 1/m to the number of targets: the lower end of a logarithmic axis
 
 
@@ -124,7 +125,7 @@ def every_target(
 ) -> None:
     """The surface of each moving target, as a density or as a cost.
 
-    A letter above each maximum of a density names the target.
+    A letter above each maximum of a density names the target, unless it is too low to be seen.
     """
     logs = target_log_surfaces(cost, translations, *sets)
     places = []
@@ -136,7 +137,9 @@ def every_target(
         top = np.flatnonzero((inner > values[:-2]) & (inner >= values[2:])) + 1
         places += [(float(translations[i]), float(values[i]), name) for i in top]
     if not negative_log:
-        _write_letters(ax, places, float(np.ptp(translations)))
+        highest = max(height for _, height, _ in places)
+        seen = [place for place in places if place[1] > _VISIBLE * highest]
+        _write_letters(ax, seen, float(np.ptp(translations)))
         ax.margins(y=0.1)
     mark_truth(ax)
     ax.set_title("targets, −log" if negative_log else "targets")
