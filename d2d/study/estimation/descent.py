@@ -26,37 +26,38 @@ class PairedTargets:
     """Least squares of target k of ``moving`` against target k of ``fixed``.
 
     Residuals W_k (R mu_k + t - mu'_k) with W_k'W_k the inverse of the fixed target's covariance:
-    the point-to-distribution likelihood of known pairs, up to a constant. They are linear in the
-    cosine and sine of the rotation and in the translation.
+    the point-to-distribution likelihood of known pairs, up to a constant. They are nonlinear in
+    the rotation only.
     """
 
     fixed: PointSet
     moving: PointSet
 
     @cached_property
-    def _rows(self) -> Array:
-        """The residuals (2 K, 5) as a linear function of [cos phi, sin phi, t_x, t_y, 1]."""
-        roots = np.linalg.inv(np.linalg.cholesky(self.fixed.covariances))
-        blocks = np.zeros((self.moving.size, 2, 5))
-        (x, y), (own_x, own_y) = self.moving.means.T, self.fixed.means.T
-        blocks[:, 0, 0], blocks[:, 0, 1], blocks[:, 0, 2], blocks[:, 0, 4] = x, -y, 1.0, -own_x
-        blocks[:, 1, 0], blocks[:, 1, 1], blocks[:, 1, 3], blocks[:, 1, 4] = y, x, 1.0, -own_y
-        return np.asarray((roots @ blocks).reshape(-1, 5))
+    def roots(self) -> Array:
+        """W_k (K, 2, 2)."""
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.fixed.covariances)), np.float64)
+
+    def _turned(self, x: Array) -> Array:
+        cosine, sine = math.cos(x[2]), math.sin(x[2])
+        return np.asarray(self.moving.means @ np.array([[cosine, sine], [-sine, cosine]]))
 
     def residuals(self, x: Array) -> Array:
         """Weighted differences (2 K,) at the motion x (3,)."""
-        return np.asarray(self._rows @ (math.cos(x[2]), math.sin(x[2]), x[0], x[1], 1.0))
+        d = self._turned(x) + x[:2] - self.fixed.means
+        return np.asarray((self.roots @ d[..., None]).ravel())
 
     def jacobian(self, x: Array) -> Array:
-        """Derivatives (2 K, 3) of the residuals."""
-        found = np.empty((len(self._rows), 3))
-        found[:, :2] = self._rows[:, 2:4]
-        found[:, 2] = self._rows[:, :2] @ (-math.sin(x[2]), math.cos(x[2]))
-        return found
+        """Derivatives (2 K, 3) of the residuals: W_k [I, E p_k]."""
+        px, py = self._turned(x).T
+        blocks = np.zeros((len(px), 2, 3))
+        blocks[:, 0, 0] = blocks[:, 1, 1] = 1.0
+        blocks[:, 0, 2], blocks[:, 1, 2] = -py, px
+        return np.asarray((self.roots @ blocks).reshape(-1, 3))
 
     def curvature(self, x: Array) -> Array:
         """sum_i f_i d2f_i (3, 3), zero but for the rotation, where d2(R mu)/d phi2 = -R mu."""
-        second = self._rows[:, :2] @ (-math.cos(x[2]), -math.sin(x[2]))
+        second = -(self.roots @ self._turned(x)[..., None]).ravel()
         curved = np.zeros((3, 3))
         curved[2, 2] = self.residuals(x) @ second
         return curved
