@@ -57,6 +57,16 @@ def test_no_circle():
 
 
 @pytest.mark.parametrize("name", sorted(MODULES))
+def test_functions_have_at_most_eight_positional_parameters(name):
+    """Breaks if a function of the kernel goes back to a list of twenty arguments."""
+    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef):
+            given = [*node.args.posonlyargs, *node.args.args]
+            own = [argument.arg for argument in given if argument.arg not in ("self", "cls")]
+            assert len(own) <= 8, node.name
+
+
+@pytest.mark.parametrize("name", sorted(MODULES))
 def test_imports_run_one_way(name):
     """Breaks if the core learns of radar or of the study, or radar of the study."""
     allowed = {

@@ -58,10 +58,13 @@ def make_propagation_work(size: int) -> tuple[Array, Array, NDArray[np.int64], A
 
 
 @merged
-def add_inliers(w, target, factor, scale, mean, near, within, weights, moved):
-    """Add a target's pairs within its cut-off to the cross derivatives of both of their means."""
+def add_inliers(w, target, factor, scale, mean, near, weights, moved):
+    """Add a target's pairs within its cut-off to the cross derivatives of both of their means.
+
+    ``near`` says where their components stand in the blocks.
+    """
     m0, m1, m2 = mean
-    for n in range(within):
+    for n in range(near.shape[0]):
         at = near[n]
         term = inlier_term(w, at, target)
         gamma = scale * weights[n]
@@ -176,7 +179,7 @@ def cross_pair(pair, setting, fusion, work, by_fixed, by_moving, by_value, by_in
         k = visit % targets
         target, factor = load_target(moving, k, setting), factor_of(factors, k, setting.chart)
         outliers = outliers_of(w, sums, target, outlier)
-        found = weigh(w, sums, target, factor, outliers, log_weight, setting, near, weights)
+        found = weigh(w, sums, target, factor, outliers, log_weight, setting, (near, weights))
         if visit < (rounds - 1) * targets:
             keep = math.exp(min(top - found.log, 0.0))
             own = math.exp(min(found.log - top, 0.0))
@@ -195,9 +198,8 @@ def cross_pair(pair, setting, fusion, work, by_fixed, by_moving, by_value, by_in
         share, moved = weight * found.share, by_moving[k]
         for i in range(3):
             moved[i, 0] = moved[i, 1] = by_value[k, i] = by_input[k, i] = 0.0
-        add_inliers(
-            w, target, factor, weight * found.scale, mean, near, found.within, weights, moved
-        )
+        pairs = near[: found.within]
+        add_inliers(w, target, factor, weight * found.scale, mean, pairs, weights, moved)
         if outlier[KIND] == CORRUPTED and found.outlier_scale > 0.0:
             scale, rest = weight * found.outlier_scale, weight * (1.0 - found.share)
             add_outliers_fixed(w, sums, target, precision, scale, mean)

@@ -376,11 +376,12 @@ def factor_of(factors, k, chart):
 
 
 @merged
-def weigh(w, sums, target, factor, outliers, log_inlier_weight, setting, near, weights):
+def weigh(w, sums, target, factor, outliers, log_inlier_weight, setting, pairs):
     """Weigh a target's pairs; its density, with gradient, and the inlier component's share.
 
     The cut-off is that of `d2d._kernel.pairs.sum_inliers`.
     """
+    near, weights = pairs
     limit = setting.gate + log_inlier_weight + setting.log_peak - LOG_2PI + factor.log
     limit -= outliers.log
     enough = NEAR + setting.gate + setting.log_spread
