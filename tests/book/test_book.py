@@ -194,6 +194,7 @@ def test_a_note_follows_what_it_is_about_on_a_phone(
         ".map(note => [note.textContent, note.%s?.textContent.slice(0, 80)])"
     )
     before_formula = "return document.querySelectorAll('aside.margin.sidebar + div.math').length"
+    browser.resize(driver, browser.WIDE)
     driver.get(f"{address}chapters/{page}.html")
     wide = driver.execute_script(order % "nextElementSibling")
     assert driver.execute_script(before_formula) > 2
