@@ -206,7 +206,7 @@ def symmetrise(name: str, array: Array) -> None:
 
 def is_positive_definite(array: Array) -> bool:
     """Whether all symmetric matrices (..., D, D) are positive definite."""
-    if array.shape[-1] == 2:  # in closed form, to build point sets within a few microseconds
+    if array.shape[-1] == 2:  # in closed form, which is faster for many small ones
         xx, xy, yy = array[..., 0, 0], array[..., 0, 1], array[..., 1, 1]
         return bool(((xx > 0) & (yy > 0) & (xx * yy - xy * xy > 0)).all())
     try:

@@ -163,4 +163,4 @@ def _pairs(size: int) -> NDArray[np.int64]:
     ends = np.cumsum(np.arange(size - 1, 0, -1))  # of the pairs of each first target
     chosen = np.linspace(0, ends[-1] - 1, min(_MAX_PAIRS, ends[-1])).astype(np.int64)
     first = np.searchsorted(ends, chosen, side="right")
-    return np.stack([first, size + chosen - ends[first]])
+    return _kernel.read_only(np.stack([first, size + chosen - ends[first]]), 2, -1)

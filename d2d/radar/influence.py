@@ -17,7 +17,7 @@ import numpy as np
 
 from d2d._types import Array
 from d2d.problem import Problem
-from d2d.radar.scan import Mounting, RadarScan
+from d2d.radar.scan import Mounting, RadarScan, directions
 from d2d.registration import Estimate
 
 View = tuple[RadarScan, Mounting]
@@ -135,8 +135,8 @@ def noise_covariance(found: Sequence[Influence], *, shared_azimuth: bool = True)
 
 def cross_range(scan: RadarScan, mounting: Mounting) -> Array:
     """Derivative (K, 2) of each target's position in its azimuth, in m/rad in the vehicle frame."""
-    angle = scan.azimuth + mounting.yaw
-    return np.asarray(scan.range[:, None] * np.stack([-np.sin(angle), np.cos(angle)], axis=-1))
+    cosine, sine = directions(scan, mounting)
+    return np.asarray(scan.range[:, None] * np.stack([-sine, cosine], axis=-1))
 
 
 def _gram(rows: Array) -> Array:
