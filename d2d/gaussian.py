@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
 
 from d2d._checks import (
     broadcast_batches,
@@ -157,7 +156,7 @@ def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float
     if content == 1.0:
         raise ValueError("confidence must be less than 1, because no ellipse contains everything")
     variances, axes = np.linalg.eigh(sigma)
-    scale = math.sqrt(chi2.ppf(content, df=2))
+    scale = math.sqrt(-2.0 * math.log1p(-content))  # of chi-square, 2 degrees of freedom
     angle = np.arctan2(axes[..., 1, 1], axes[..., 0, 1])  # of the longer axis
     angle = np.where(angle > 0.5 * np.pi, angle - np.pi, angle)
     angle = np.where(angle <= -0.5 * np.pi, angle + np.pi, angle)

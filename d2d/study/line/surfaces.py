@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -54,6 +53,8 @@ def peaks(translations: Array, log_values: Array) -> Peaks:
 
     Neither end of the grid is one; a plateau counts once, at its middle.
     """
+    from scipy.signal import find_peaks  # takes long to load, and few chapters need it
+
     rows = np.reshape(log_values, (-1, len(translations)))
     # one search through all rows, with a wall after each so that its ends are no maxima
     walled = np.pad(rows, ((0, 0), (0, 1)), constant_values=np.inf)

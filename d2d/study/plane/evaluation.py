@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
@@ -159,7 +159,7 @@ def over_layouts(
         credible = result.credibility
         ratio = 10.0 * np.log10(credible.ratio)
         parts = float((ratio < -NOTICEABLE).mean()), float((ratio > NOTICEABLE).mean())
-        covered = float((credible.nees < chi2.ppf(0.95, result.errors.shape[1])).mean())
+        covered = float((credible.nees < chdtri(result.errors.shape[1], 0.05)).mean())
         return share, rms(distance), credible.inclination, *parts, credible.nci, covered
 
     with ThreadPoolExecutor(THREADS) as pool:
