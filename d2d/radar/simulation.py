@@ -1,5 +1,6 @@
 """A simulated drive with a Doppler radar, which anyone can reproduce."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -205,17 +206,15 @@ def simulate_drive(
     times = np.arange(int(np.floor(duration * sensor.rate + 1e-9)) + 1) / sensor.rate
     truth = _motion(times, start, speed)
     seen = _motion(times - errors.lag, start, speed)
-    places, velocities = world.movers.at(seen.times)
     moving = rng.spawn(1)[0] if errors.extent else None  # leaves the other streams alone
     scans, targets = [], []
-    for i, time in enumerate(times):
-        scene = _Scene.seen_from(seen.poses[i], mounting, world, places[i], velocities[i])
+    for i, scene in enumerate(_scenes(seen, mounting, world)):
         point, power = _detected(rng, scene, sensor)
         at = scene.points[point] if moving is None else errors.moved(moving, scene.points[point])
         true, power = _with_clutter(
             rng, _true_targets(scene, point, at, seen.theta[i], mounting), power, sensor
         )
-        scan, kept = _measured(rng, float(time), true, power, sensor, errors)
+        scan, kept = _measured(rng, float(times[i]), true, power, sensor, errors)
         scans.append(scan)
         targets.append(kept)
     return Drive(scans, mounting, truth, targets, world)
@@ -238,21 +237,23 @@ class _Scene(NamedTuple):
     kind: NDArray[np.str_]  # (n,)
     walls: Array  # (S, 2, 2)
 
-    @classmethod
-    def seen_from(
-        cls, pose: Array, mounting: Mounting, world: World, places: Array, velocities: Array
-    ) -> "_Scene":
-        """The scene with the movers' points at ``places``, moving at ``velocities`` (m, 2)."""
-        back = rigid.inverse(rigid.compose(pose, mounting.pose))
-        still, moving = world.reflectors, world.movers
-        points = np.concatenate([still.positions, places])
-        over_ground = np.concatenate([np.zeros_like(still.positions), velocities])
-        return cls(
-            rigid.transform_means(back, points),
-            over_ground @ rigid.rotation(back[2]).T,
-            np.concatenate([still.strength, moving.strength]),
-            np.concatenate([still.kind, np.full(len(moving.strength), "moving")]),
-            rigid.transform_means(back, world.walls.reshape(-1, 2)).reshape(-1, 2, 2),
+
+def _scenes(seen: Reference, mounting: Mounting, world: World) -> Iterator[_Scene]:
+    """The world in the sensor frame at each of the times at which it is seen."""
+    still, moving = world.reflectors, world.movers
+    strength = np.concatenate([still.strength, moving.strength])
+    kind = np.concatenate([still.kind, np.full(len(moving.strength), "moving")])
+    at_rest, ends = np.zeros_like(still.positions), world.walls.reshape(-1, 2)
+    back = rigid.inverse(rigid.compose(seen.poses, mounting.pose))
+    turns = np.swapaxes(rigid.rotation(back[:, 2]), -1, -2)
+    places, velocities = moving.at(seen.times)
+    for shift, turn, place, velocity in zip(back[:, :2], turns, places, velocities, strict=True):
+        yield _Scene(
+            np.concatenate([still.positions, place]) @ turn + shift,
+            np.concatenate([at_rest, velocity]) @ turn,
+            strength,
+            kind,
+            (ends @ turn + shift).reshape(-1, 2, 2),
         )
 
 

@@ -125,10 +125,11 @@ def visible(points: Array, walls: Array) -> NDArray[np.bool_]:
     """Whether each point (K, 2) is visible from the origin, not hidden by a wall (S, 2, 2)."""
     start, end = walls[:, 0], walls[:, 1]
     edge = end - start
+    x, y = points[:, :1], points[:, 1:]
     # a ray crosses a wall if the ends of each lie on different sides of the other
-    ends = [np.outer(points[:, 0], e[:, 1]) - np.outer(points[:, 1], e[:, 0]) for e in (start, end)]
+    ends = [x * each[:, 1] - y * each[:, 0] for each in (start, end)]
     origin = edge[:, 1] * start[:, 0] - edge[:, 0] * start[:, 1]
-    beyond = origin + np.outer(points[:, 1], edge[:, 0]) - np.outer(points[:, 0], edge[:, 1])
+    beyond = origin + y * edge[:, 0] - x * edge[:, 1]
     crossed = (ends[0] * ends[1] < 0) & (origin * beyond < 0)
     return np.asarray(~crossed.any(axis=1))
 
