@@ -1,15 +1,19 @@
 """Optimisers on a registration problem with known pairs."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._types import Array
 from d2d.baselines.optimisers import (
     Path,
+    cost,
     descend,
     descend_damped,
     gauss_newton,
@@ -18,7 +22,9 @@ from d2d.baselines.optimisers import (
 )
 from d2d.point_set import PointSet
 
+FIRST_ORDER = "gradient descent"
 MAX_DESCENTS = 20_000
+SHORT = 1e-8  # m, m, rad: a shorter step of gradient descent is its last
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +48,18 @@ class PairedTargets:
         cosine, sine = math.cos(x[2]), math.sin(x[2])
         return np.asarray(self.moving.means @ np.array([[cosine, sine], [-sine, cosine]]))
 
+    @cached_property
+    def quadratic(self) -> Array:
+        """Q (5, 5): the cost is z'Q z / 2 with z = [cos phi, sin phi, t_x, t_y, 1]."""
+        differences = np.zeros((self.moving.size, 2, 5))  # R mu + t - mu' as linear in z
+        (x, y), own = self.moving.means.T, self.fixed.means
+        differences[:, 0, 0], differences[:, 0, 1] = x, -y
+        differences[:, 1, 0], differences[:, 1, 1] = y, x
+        differences[:, 0, 2] = differences[:, 1, 3] = 1.0
+        differences[..., 4] = -own
+        rows = (self.roots @ differences).reshape(-1, 5)
+        return np.asarray(rows.T @ rows)
+
     def residuals(self, x: Array) -> Array:
         """Weighted differences (2 K,) at the motion x (3,)."""
         d = self._turned(x) + x[:2] - self.fixed.means
@@ -63,23 +81,73 @@ class PairedTargets:
         return curved
 
 
-def run_all(problem: PairedTargets, start: Array, *, first_order: bool = True) -> dict[str, Path]:
-    """Run the four optimisers from one start, or only the three fast ones without ``first_order``.
+def run_all(problem: PairedTargets, start: Array) -> dict[str, Path]:
+    """Run gradient descent and the three methods of `run_second_order` from one start."""
+    step = gradient_descent(_rate(problem, start))
+    slow = descend(problem, start, step, tolerance=SHORT, max_iterations=MAX_DESCENTS)
+    return {FIRST_ORDER: slow} | run_second_order(problem, start)
 
-    The rate of gradient descent is half of 1 / lambda_max(J'J) at the start: the curvature grows
-    on the way, and a longer step may overshoot the angle by whole turns.
-    """
-    j = problem.jacobian(start)
-    rate = 0.5 / float(np.linalg.eigvalsh(j.T @ j)[-1])
-    paths = {}
-    if first_order:
-        step = gradient_descent(rate)
-        paths["gradient descent"] = descend(problem, start, step, max_iterations=MAX_DESCENTS)
-    return paths | {
+
+def run_second_order(problem: PairedTargets, start: Array) -> dict[str, Path]:
+    """Run the three methods that need few iterations from one start."""
+    return {
         "Newton": descend(problem, start, newton, max_iterations=100),
         "Gauss-Newton": descend(problem, start, gauss_newton, max_iterations=100),
         "Levenberg-Marquardt": descend_damped(problem, start, max_iterations=100),
     }
+
+
+def _rate(problem: PairedTargets, start: Array) -> float:
+    """Rate of gradient descent: half of 1 / lambda_max(J'J) at the start.
+
+    The curvature grows on the way, and a longer step may overshoot the angle by whole turns.
+    """
+    j = problem.jacobian(start)
+    return 0.5 / float(np.linalg.eigvalsh(j.T @ j)[-1])
+
+
+class Ends(NamedTuple):
+    """Where P paths ended."""
+
+    cost: Array  # (P,)
+    iterations: NDArray[np.int64]  # (P,)
+    converged: NDArray[np.bool_]  # (P,)
+
+
+def ends_of(paths: Sequence[Path]) -> Ends:
+    """The ends of paths."""
+    return Ends(
+        np.array([path.costs[-1] for path in paths]),
+        np.array([len(path.points) - 1 for path in paths]),
+        np.array([path.converged for path in paths]),
+    )
+
+
+def gradient_descents(problems: Sequence[PairedTargets], starts: Array) -> Ends:
+    """The gradient descent of `run_all` on P problems at once, from starts (P, 3).
+
+    It takes thousands of iterations, but the cost is quadratic in [cos phi, sin phi, t_x, t_y, 1]:
+    each iteration takes a product with a matrix (5, 5) instead of all targets.
+    """
+    quadratic = np.stack([problem.quadratic for problem in problems])
+    pairs = zip(problems, starts, strict=True)
+    rate = np.array([_rate(problem, start) for problem, start in pairs])[:, np.newaxis]
+    x, iterations = np.array(starts), np.zeros(len(problems), np.int64)
+    left = np.arange(len(problems))  # those that have not converged
+    for iteration in range(1, MAX_DESCENTS + 1):
+        t_x, t_y, angle = x[left].T
+        cosine, sine = np.cos(angle), np.sin(angle)
+        linear = np.stack([cosine, sine, t_x, t_y, np.ones_like(angle)], axis=-1)
+        slope = (quadratic[left] @ linear[..., np.newaxis])[..., 0]
+        turning = cosine * slope[:, 1] - sine * slope[:, 0]
+        move = -rate[left] * np.stack([slope[:, 2], slope[:, 3], turning], axis=-1)
+        x[left] += move
+        iterations[left] = iteration
+        left = left[np.abs(move).max(axis=-1) >= SHORT]
+        if not left.size:
+            break
+    costs = np.array([cost(problem, end) for problem, end in zip(problems, x, strict=True)])
+    return Ends(costs, iterations, ~np.isin(np.arange(len(problems)), left))
 
 
 def profile(problem: PairedTargets, t_y: Array, angle: Array) -> Array:

@@ -1,0 +1,41 @@
+"""Many gradient descents at once end where one after the other does."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d.baselines.optimisers import cost
+from d2d.study.estimation import descent
+from d2d.study.plane.scenarios import OVERLAPPED
+
+
+def problems(count: int) -> list[descent.PairedTargets]:
+    fixed, moving = OVERLAPPED.sample(count, np.random.default_rng(3))
+    return [descent.PairedTargets(fixed[run], moving[run]) for run in range(count)]
+
+
+def test_the_quadratic_form_is_the_cost():
+    """Breaks if the differences are not linear in what they are said to be linear in."""
+    (pairs,) = problems(1)
+    for x in np.random.default_rng(0).uniform(-2.0, 2.0, (5, 3)):
+        z = np.array([np.cos(x[2]), np.sin(x[2]), x[0], x[1], 1.0])
+        assert_allclose(0.5 * z @ pairs.quadratic @ z, cost(pairs, x), rtol=1e-12)
+
+
+def test_many_descents_are_those_of_one_at_a_time(monkeypatch):
+    """Breaks if a descent goes on after it has converged, or one stops with another."""
+    monkeypatch.setattr(descent, "MAX_DESCENTS", 6000)  # which not all of these keep to
+    given = problems(4)
+    starts = OVERLAPPED.theta + np.random.default_rng(1).uniform(-0.5, 0.5, (4, 3))
+    together = descent.gradient_descents(given, starts)
+    alone = descent.ends_of(
+        [
+            descent.run_all(each, start)[descent.FIRST_ORDER]
+            for each, start in zip(given, starts, strict=True)
+        ]
+    )
+    assert 0 < together.converged.sum() < 4
+    assert_array_equal(together.converged, alone.converged)
+    assert_allclose(together.iterations, alone.iterations, atol=1)
+    assert_allclose(together.cost, alone.cost, rtol=1e-9)
