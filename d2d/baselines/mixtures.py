@@ -63,24 +63,8 @@ def mixture_residuals(
         If an argument is invalid; the message names it.
     """
     _check(fixed, moving, mixture)
-    parts = _components(np.asarray(theta), fixed, moving, outlier)
-    logs = parts.log_scale - 0.5 * (parts.whitened**2).sum(axis=-1)
-    best = np.argmax(logs.real, axis=-1)[..., np.newaxis]
-    top = np.take_along_axis(logs, best, axis=-1)
-    whole = (top + np.log(np.exp(logs - top).sum(axis=-1, keepdims=True)))[..., 0]
-    if mixture == "sum":
-        constant = np.log(np.exp(parts.log_bound).sum(axis=-1))
-        return _root(constant - whole), constant
-    nearest = np.take_along_axis(parts.whitened, best[..., np.newaxis], axis=-2)[..., 0, :]
-    if mixture == "max":
-        constant = parts.log_bound.max(axis=-1)
-        rest = constant - np.take_along_axis(parts.log_scale, best, axis=-1)[..., 0]
-    else:
-        bound = parts.log_bound.shape[-1] * np.exp(parts.log_bound.max(axis=-1))
-        constant = np.log(bound + DAMPING)
-        rest = constant - whole - 0.5 * (nearest**2).sum(axis=-1)
-    flat = nearest.reshape(*nearest.shape[:-2], -1)
-    return np.concatenate([flat, _root(rest)], axis=-1), constant
+    pairs = _Pairs(fixed, moving, outlier)
+    return _residuals(np.asarray(theta), pairs, mixture), pairs.constants(mixture)
 
 
 def register_mixture(
@@ -110,25 +94,25 @@ def register_mixture(
     ValueError
         If an argument is invalid; the message names it.
     """
+    _check(fixed, moving, mixture)
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
+    pairs = _Pairs(fixed, moving, outlier)
 
     def residuals(theta: Array) -> Array:
-        return np.asarray(mixture_residuals(theta, fixed, moving, mixture, outlier)[0])
+        return np.asarray(_residuals(theta, pairs, mixture))
 
     def jacobian(theta: Array) -> Array:
-        steps = theta + 1j * _STEP * np.eye(3)
-        moved, _ = mixture_residuals(steps, fixed, moving, mixture, outlier)
+        moved = _residuals(theta + 1j * _STEP * np.eye(3), pairs, mixture)
         return np.asarray(moved.imag.T / _STEP)
 
     found = least_squares(residuals, start, jacobian, method="lm", x_scale="jac")
     hessian = found.jac.T @ found.jac
-    _, constants = mixture_residuals(found.x, fixed, moving, mixture, outlier)
     covariance = fisher_covariance(hessian)
     converged = bool(found.success and np.isfinite(covariance).all())
     return Estimate(
         theta=found.x,
         covariance=covariance if converged else np.full((3, 3), np.nan),
-        value=np.asarray(found.cost - constants.sum()),
+        value=np.asarray(found.cost - pairs.constants(mixture).sum()),
         gradient=found.grad,
         hessian=hessian,
         converged=np.asarray(converged),
@@ -137,60 +121,92 @@ def register_mixture(
 
 
 class _Components(NamedTuple):
-    """The components j of every moving target's mixture: s_j exp(-|w_j|^2 / 2)."""
+    """The components j of every moving target's mixture: s_j exp(-(x_j^2 + y_j^2) / 2)."""
 
-    whitened: NDArray[Any]  # (..., K, J, 2): w_j
+    x: NDArray[Any]  # (..., K, J), whitened distance
+    y: NDArray[Any]  # (..., K, J)
     log_scale: NDArray[Any]  # (..., K, J): log s_j
-    log_bound: Array  # (K, J): upper bound on log s_j, for any theta
 
 
-def _components(
-    theta: NDArray[Any], fixed: PointSet, moving: PointSet, outlier: CorruptedGaussian | None
-) -> _Components:
-    angle, shift = theta[..., 2], theta[..., np.newaxis, :2]
-    cosine, sine = np.cos(angle), np.sin(angle)
-    turn = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
-    placed = moving.means @ np.swapaxes(turn, -1, -2) + shift
-    d = placed[..., :, np.newaxis, :] - fixed.means
-    turn = turn[..., np.newaxis, :, :]
-    spun = turn @ moving.covariances @ np.swapaxes(turn, -1, -2)
-    spread = spun[..., :, np.newaxis, :, :] + fixed.covariances
-    whitened, log_root = _whiten(d, spread)
-    log_weight = np.log(fixed.weights) - math.log(2.0 * math.pi)
-    # Minkowski: det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)
-    roots = np.sqrt(np.linalg.det(moving.covariances))[:, None] + np.sqrt(
-        np.linalg.det(fixed.covariances)
-    )
-    inlier = _Components(whitened, log_weight - log_root, log_weight - np.log(roots))
-    if outlier is None:
-        return inlier
-    wide, log_root = _whiten(d, np.broadcast_to(outlier.covariance, spread.shape))
-    with np.errstate(divide="ignore"):  # a fraction of 0 or 1: one component has zero weight
-        share_in, share_out = np.log1p(-outlier.fraction), np.log(outlier.fraction)
-    scale = share_out + log_weight - log_root
-    bound = np.broadcast_to(
-        share_out + log_weight - 0.5 * np.linalg.slogdet(outlier.covariance)[1], roots.shape
-    )
-    return _Components(
-        np.concatenate([inlier.whitened, wide], axis=-2),
-        np.concatenate([inlier.log_scale + share_in, scale], axis=-1),
-        np.concatenate([inlier.log_bound + share_in, bound], axis=-1),
-    )
+class _Pairs:
+    """The pairs of a moving target and a component of its mixture, at any motion."""
+
+    def __init__(
+        self, fixed: PointSet, moving: PointSet, outlier: CorruptedGaussian | None
+    ) -> None:
+        self.fixed, self.moving, self.outlier = fixed, moving, outlier
+        log_weight = np.log(fixed.weights) - math.log(2.0 * math.pi)
+        # Minkowski: det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)
+        roots = np.sqrt(np.linalg.det(moving.covariances))[:, None] + np.sqrt(
+            np.linalg.det(fixed.covariances)
+        )
+        self.log_weight = log_weight
+        self.log_bound = log_weight - np.log(roots)  # (K, J): of log s_j, for any motion
+        if outlier is not None:
+            with np.errstate(divide="ignore"):  # a fraction of 0 or 1: one has zero weight
+                share_in, share_out = np.log1p(-outlier.fraction), np.log(outlier.fraction)
+            self.log_weight = log_weight + share_in
+            self.wide_root = np.linalg.cholesky(outlier.covariance)
+            log_wide = share_out + log_weight - np.log(np.diagonal(self.wide_root)).sum()
+            self.log_wide = np.broadcast_to(log_wide, roots.shape)
+            self.log_bound = np.concatenate([self.log_bound + share_in, self.log_wide], axis=-1)
+
+    def constants(self, mixture: Mixture) -> Array:
+        """For each target (K,), a bound on the logarithm of its mixture."""
+        best = self.log_bound.max(axis=-1)
+        if mixture == "max":
+            return np.asarray(best)
+        if mixture == "sum":
+            return np.asarray(np.log(np.exp(self.log_bound).sum(axis=-1)))
+        return np.asarray(np.log(self.log_bound.shape[-1] * np.exp(best) + DAMPING))
+
+    def at(self, theta: NDArray[Any]) -> _Components:
+        """The components at motions (..., 3), which may be complex.
+
+        Everything is in closed form, because NumPy's Cholesky factorisation does not support the
+        complex symmetric matrices that a complex motion gives.
+        """
+        (t_x, t_y), angle = np.moveaxis(theta[..., np.newaxis, :2], -1, 0), theta[..., 2:]
+        c, s = np.cos(angle), np.sin(angle)
+        x, y = self.moving.means.T
+        d_x = (c * x - s * y + t_x)[..., np.newaxis] - self.fixed.means[:, 0]
+        d_y = (s * x + c * y + t_y)[..., np.newaxis] - self.fixed.means[:, 1]
+        own, other = self.moving.covariances, self.fixed.covariances
+        a, b, d = own[:, 0, 0], own[:, 0, 1], own[:, 1, 1]
+        xx = (c * c * a - 2.0 * c * s * b + s * s * d)[..., np.newaxis] + other[:, 0, 0]
+        xy = (c * s * (a - d) + (c * c - s * s) * b)[..., np.newaxis] + other[:, 0, 1]
+        yy = (s * s * a + 2.0 * c * s * b + c * c * d)[..., np.newaxis] + other[:, 1, 1]
+        first = np.sqrt(xx)
+        low = xy / first
+        second = np.sqrt(yy - low * low)
+        whitened = d_x / first
+        inlier = _Components(
+            whitened,
+            (d_y - low * whitened) / second,
+            self.log_weight - np.log(first * second),
+        )
+        if self.outlier is None:
+            return inlier
+        (first, _), (low, second) = self.wide_root
+        whitened = d_x / first
+        log_wide = np.broadcast_to(self.log_wide, whitened.shape)
+        wide = _Components(whitened, (d_y - low * whitened) / second, log_wide)
+        return _Components(*(np.concatenate(both, -1) for both in zip(inlier, wide, strict=True)))
 
 
-def _whiten(d: NDArray[Any], spread: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """L^-1 d (..., 2) with L L' = spread (..., 2, 2), and log det L (...).
-
-    In closed form, because a complex theta gives a complex symmetric matrix, which NumPy's Cholesky
-    factorisation does not support.
-    """
-    xx, xy, yy = spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]
-    first = np.sqrt(xx)
-    low = xy / first
-    second = np.sqrt(yy - low * low)
-    x = d[..., 0] / first
-    y = (d[..., 1] - low * x) / second
-    return np.stack([x, y], axis=-1), np.log(first * second)
+def _residuals(theta: NDArray[Any], pairs: _Pairs, mixture: Mixture) -> NDArray[Any]:
+    """Residuals (..., M) of `mixture_residuals`."""
+    parts, constant = pairs.at(theta), pairs.constants(mixture)
+    logs = parts.log_scale - 0.5 * (parts.x**2 + parts.y**2)
+    if mixture != "max":
+        top = logs.real.max(axis=-1, keepdims=True)
+        whole = top[..., 0] + np.log(np.exp(logs - top).sum(axis=-1))
+    if mixture == "sum":
+        return _root(constant - whole)
+    best = np.argmax(logs.real, axis=-1)[..., np.newaxis]
+    x, y, log_scale = (np.take_along_axis(each, best, axis=-1)[..., 0] for each in parts)
+    rest = constant - (log_scale if mixture == "max" else whole + 0.5 * (x**2 + y**2))
+    return np.concatenate([x, y, _root(rest)], axis=-1)
 
 
 def _root(half_squares: NDArray[Any]) -> NDArray[Any]:
