@@ -19,6 +19,8 @@ JOBS ?= 2
 export JUPYTER_PREFER_ENV_PATH := 1
 export IPYTHONDIR := $(CURDIR)/$(VENV)/ipython
 unexport MPLBACKEND PYTHONPATH PYTHONWARNINGS
+# What is imported by dozens of kernels is compiled once.
+unexport PYTHONDONTWRITEBYTECODE
 # The matrices are tiny: threads of the linear algebra library only get in each other's way.
 export OPENBLAS_NUM_THREADS := 1
 # Kernels keep no history, and do not warn on every start that they talk on this machine without encryption.

@@ -1,7 +1,6 @@
 """The thesis's evaluation (thesis sec. 6.3): its costs, its measures, its table, other layouts."""
 
 from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal
@@ -16,7 +15,7 @@ from d2d.credibility import Credibility
 from d2d.point_set import PointSet
 from d2d.study.book.measured import Measured, rms_of
 from d2d.study.plane.scenarios import LAYOUTS, Layout, Scenario, random_scene
-from d2d.study.runs import THREADS, MonteCarlo, monte_carlo
+from d2d.study.runs import MonteCarlo, monte_carlo
 
 ALPHA = 0.2  # assumed share of outliers
 OUTLIER_COVARIANCE = 100.0 * np.eye(2)  # m^2
@@ -162,8 +161,7 @@ def over_layouts(
         covered = float((credible.nees < chdtri(result.errors.shape[1], 0.05)).mean())
         return share, rms(distance), credible.inclination, *parts, credible.nci, covered
 
-    with ThreadPoolExecutor(THREADS) as pool:
-        columns = np.array(list(pool.map(one, range(layouts)))).T
+    columns = np.array([one(seed) for seed in range(layouts)]).T
     return LayoutStudy(*columns)
 
 
