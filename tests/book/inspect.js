@@ -132,8 +132,10 @@ window.inspectBook = (() => {
 
   /** Pictures shown at less than a share of the size they were drawn in, where labels can no longer be read. */
   function shrunken(least) {
+    // a figure of a notebook says both, and has twice as many pixels
+    const drawn = ({ naturalWidth, style }) => (style.height ? parseFloat(style.width) : naturalWidth);
     return [...main().querySelectorAll("img")]
-      .map((image) => [image.getBoundingClientRect().width / image.naturalWidth, image])
+      .map((image) => [image.getBoundingClientRect().width / drawn(image), image])
       .filter(([share]) => share < least)
       .map(([share, image]) => `${image.getAttribute("src")} at ${share.toFixed(2)} of its size`);
   }

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import copy
 import re
+import struct
+from base64 import b64decode, b64encode
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -155,7 +157,19 @@ def faulty_figures(notebook: NotebookNode) -> list[str]:
             )
         if pictures != 1:
             found.append(f"{name}: {pictures} pictures, expected 1")
+        if any(map(soft, cell.outputs)):
+            found.append(f"{name}: fewer than two pixels for each of the page")
     return found
+
+
+def soft(output: NotebookNode) -> bool:
+    """Whether a picture has fewer than two pixels for each of the page."""
+    picture = output.get("data", {}).get("image/png")
+    if picture is None:
+        return False
+    (pixels,) = struct.unpack(">I", b64decode(picture)[16:20])
+    shown = output.metadata.get("image/png", {}).get("width", pixels)
+    return bool(pixels < 2 * shown)
 
 
 def repeated_figures(notebooks: Iterable[NotebookNode]) -> list[str]:
@@ -224,7 +238,12 @@ def sound_notebook() -> NotebookNode:
         "figure": {"name": "fig-line", "caption": "A line."},
         "image": {"alt": "A straight line."},
     }
-    picture = new_output("display_data", {"image/png": "iVBORw0KGgo=", "text/plain": "<Figure>"})
+    head = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">II", 8, 6)
+    picture = new_output(
+        "display_data",
+        {"image/png": b64encode(head).decode(), "text/plain": "<Figure>"},
+        metadata={"image/png": {"width": 4, "height": 3}},
+    )
     return new_notebook(
         cells=[
             new_markdown_cell("# Title", id="title"),
@@ -297,6 +316,10 @@ def remove_picture(notebook: NotebookNode) -> None:
     del notebook.cells[3].outputs[0].data["image/png"]
 
 
+def draw_softly(notebook: NotebookNode) -> None:
+    del notebook.cells[3].outputs[0].metadata["image/png"]
+
+
 def draw_twice(notebook: NotebookNode) -> None:
     notebook.cells[3].outputs.append(copy.deepcopy(notebook.cells[3].outputs[0]))
 
@@ -327,6 +350,7 @@ FAULTS: list[tuple[Check, Callable[[NotebookNode], None]]] = [
     (repeated_ids, repeat_id),
     (repeated_ids, remove_id),
     (long_cells, write_long_cell),
+    (faulty_figures, draw_softly),
     (faulty_figures, remove_picture),
     (faulty_figures, draw_twice),
     (faulty_figures, remove_alt),
