@@ -4,6 +4,7 @@ document.addEventListener("DOMContentLoaded", () => {
   readableExcerpts();
   openPanel();
   placeNotes();
+  breakNames();
   nameKinds();
   window.addEventListener("hashchange", openPanel);
 });
@@ -26,6 +27,14 @@ function placeNotes() {
   const put = () => notes.forEach(([note, place, subject]) => (narrow.matches ? subject : place).after(note));
   narrow.addEventListener("change", put);
   put();
+}
+
+/** A long name of code in a table breaks after an underscore, a slash or a colon, and not within a word. */
+function breakNames() {
+  for (const name of document.querySelectorAll("article td code .pre")) {
+    const parts = name.textContent.split(/(?<=_|\/|::)(?=\w)/);
+    if (parts.length > 1) name.replaceChildren(...parts.flatMap((part) => [part, document.createElement("wbr")]));
+  }
 }
 
 /** What the styles of a phone must know and no selector says: cells without a number, counts that stay with their

@@ -15,11 +15,17 @@ def use_style() -> None:
 
 
 def letter_panels(axes: NDArray[np.object_]) -> None:
-    """Put (a), (b), ... before the titles of the panels."""
+    """Put (a), (b), ... before the titles of the panels.
+
+    An axis whose numbers stand at another panel has its label there, too.
+    """
     for letter, ax in zip("abcdefghijkl", axes.ravel(), strict=False):
         title = ax.get_title()
         ax.set_title("")
         ax.set_title(f"({letter}) {title}" if title else f"({letter})", loc="left")
+        for axis, side in ((ax.xaxis, "labelbottom"), (ax.yaxis, "labelleft")):
+            if not axis.get_tick_params().get(side, True):
+                axis.set_label_text("")
 
 
 def label_planar_axes(ax: Axes, title: str = "") -> None:

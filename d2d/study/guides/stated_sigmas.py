@@ -38,7 +38,7 @@ def stated_sigmas(factors: Sequence[float] = FACTORS) -> dict[str, list[Row]]:
         field = f"sigma_{name}"
         found[name] = [
             row(
-                f"{name} x {factor:g}",
+                f"{_IN_WORDS.get(name, name)} x {factor:g}",
                 track(
                     [replace(s, **{field: factor * getattr(s, field)}) for s in drive.scans],
                     drive.mounting,
