@@ -23,9 +23,8 @@ unexport MPLBACKEND PYTHONPATH PYTHONWARNINGS
 unexport PYTHONDONTWRITEBYTECODE
 # The matrices are tiny: threads of the linear algebra library only get in each other's way.
 export OPENBLAS_NUM_THREADS := 1
-# Kernels draw two pixels for each of the page, keep no history, and do not warn on every start that they talk on this
-# machine without encryption.
-IPYKERNEL_CONFIG := c.InlineBackend.figure_formats = {"retina"}\nc.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 40\n
+# Kernels keep no history, and do not warn on every start that they talk on this machine without encryption.
+IPYKERNEL_CONFIG := c.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 40\n
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
@@ -37,7 +36,7 @@ help: ## List what can be made (default)
 
 setup: $(STAMP) ## Make .venv with the exact versions of requirements.txt
 
-$(STAMP): requirements.txt pyproject.toml Makefile
+$(STAMP): requirements.txt pyproject.toml
 	@set -e; \
 	python=; \
 	for candidate in $(if $(PYTHON),"$(PYTHON)",$(PYTHON_CANDIDATES)); do \

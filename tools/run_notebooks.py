@@ -41,6 +41,9 @@ LANGUAGE_INFO = {
     "nbconvert_exporter": "python",
     "pygments_lexer": "ipython3",
 }
+SHARP = "--InlineBackend.figure_formats={'retina'}"
+"""Figures have two pixels for each of the page."""
+
 UNSET_FOR_KERNELS = ("D2D_RADARSCENES", "D2D_NUSCENES", "MPLBACKEND", "PYTHONWARNINGS")
 
 
@@ -105,6 +108,7 @@ def execute(notebook: NotebookNode, folder: Path, timeout: int) -> None:
     client = NotebookClient(
         notebook,
         kernel_name=KERNELSPEC["name"],
+        extra_arguments=[SHARP],
         timeout=timeout,
         allow_errors=False,
         record_timing=False,
