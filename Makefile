@@ -23,8 +23,9 @@ unexport MPLBACKEND PYTHONPATH PYTHONWARNINGS
 unexport PYTHONDONTWRITEBYTECODE
 # The matrices are tiny: threads of the linear algebra library only get in each other's way.
 export OPENBLAS_NUM_THREADS := 1
-# Kernels keep no history, and do not warn on every start that they talk on this machine without encryption.
-IPYKERNEL_CONFIG := c.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 40\n
+# Kernels draw a figure once, keep no history, and do not warn on every start that they talk on this machine without
+# encryption.
+IPYKERNEL_CONFIG := c.InlineBackend.print_figure_kwargs = {"bbox_inches": None}\nc.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 40\n
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help

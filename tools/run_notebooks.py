@@ -41,8 +41,11 @@ LANGUAGE_INFO = {
     "nbconvert_exporter": "python",
     "pygments_lexer": "ipython3",
 }
-SHARP = "--InlineBackend.figure_formats={'retina'}"
-"""Figures have two pixels for each of the page."""
+FIGURES = [
+    "--InlineBackend.figure_formats={'retina'}",
+    "--InlineBackend.print_figure_kwargs={'bbox_inches': None}",
+]
+"""Two pixels for each of the page, and no second drawing to find out what could be cut off."""
 
 UNSET_FOR_KERNELS = ("D2D_RADARSCENES", "D2D_NUSCENES", "MPLBACKEND", "PYTHONWARNINGS")
 
@@ -108,7 +111,7 @@ def execute(notebook: NotebookNode, folder: Path, timeout: int) -> None:
     client = NotebookClient(
         notebook,
         kernel_name=KERNELSPEC["name"],
-        extra_arguments=[SHARP],
+        extra_arguments=FIGURES,
         timeout=timeout,
         allow_errors=False,
         record_timing=False,

@@ -10,16 +10,18 @@ from __future__ import annotations
 
 import copy
 import re
-import struct
 from base64 import b64decode, b64encode
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from io import BytesIO
 from pathlib import Path
 
 import nbformat
+import numpy as np
 import pytest
 from nbformat import NotebookNode
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
+from PIL import Image
 
 CHAPTERS = Path(__file__).resolve().parents[2] / "chapters"
 NOTEBOOKS = sorted(CHAPTERS.glob("*.ipynb"))
@@ -159,6 +161,8 @@ def faulty_figures(notebook: NotebookNode) -> list[str]:
             found.append(f"{name}: {pictures} pictures, expected 1")
         if any(map(soft, cell.outputs)):
             found.append(f"{name}: fewer than two pixels for each of the page")
+        if any(map(cut_off, cell.outputs)):
+            found.append(f"{name}: something touches the edge of the picture, and may be cut off")
     return found
 
 
@@ -167,9 +171,18 @@ def soft(output: NotebookNode) -> bool:
     picture = output.get("data", {}).get("image/png")
     if picture is None:
         return False
-    (pixels,) = struct.unpack(">I", b64decode(picture)[16:20])
-    shown = output.metadata.get("image/png", {}).get("width", pixels)
-    return bool(pixels < 2 * shown)
+    with Image.open(BytesIO(b64decode(picture))) as image:
+        return image.width < 2 * output.metadata.get("image/png", {}).get("width", image.width)
+
+
+def cut_off(output: NotebookNode) -> bool:
+    """Whether anything is drawn on the outermost pixels of a picture."""
+    picture = output.get("data", {}).get("image/png")
+    if picture is None:
+        return False
+    with Image.open(BytesIO(b64decode(picture))) as image:
+        pixels = np.asarray(image.convert("L"))
+    return bool((pixels[[0, -1]] < 250).any() or (pixels[:, [0, -1]] < 250).any())
 
 
 def repeated_figures(notebooks: Iterable[NotebookNode]) -> list[str]:
@@ -232,16 +245,22 @@ def test_figure_names_are_unique_across_the_book():
 # ---- The checks themselves ----------------------------------------------------------------------
 
 
+def png(pixels: np.ndarray) -> str:
+    """A grey picture as a notebook stores it."""
+    written = BytesIO()
+    Image.fromarray(pixels.astype(np.uint8)).save(written, "PNG")
+    return b64encode(written.getvalue()).decode()
+
+
 def sound_notebook() -> NotebookNode:
     """Return a notebook that passes every check: a number, a figure, prose and an empty cell."""
     figure = {
         "figure": {"name": "fig-line", "caption": "A line."},
         "image": {"alt": "A straight line."},
     }
-    head = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(">II", 8, 6)
     picture = new_output(
         "display_data",
-        {"image/png": b64encode(head).decode(), "text/plain": "<Figure>"},
+        {"image/png": png(np.full((6, 8), 255)), "text/plain": "<Figure>"},
         metadata={"image/png": {"width": 4, "height": 3}},
     )
     return new_notebook(
@@ -320,6 +339,12 @@ def draw_softly(notebook: NotebookNode) -> None:
     del notebook.cells[3].outputs[0].metadata["image/png"]
 
 
+def draw_to_the_edge(notebook: NotebookNode) -> None:
+    ground = np.full((6, 8), 255)
+    ground[5, 3] = 0
+    notebook.cells[3].outputs[0].data["image/png"] = png(ground)
+
+
 def draw_twice(notebook: NotebookNode) -> None:
     notebook.cells[3].outputs.append(copy.deepcopy(notebook.cells[3].outputs[0]))
 
@@ -351,6 +376,7 @@ FAULTS: list[tuple[Check, Callable[[NotebookNode], None]]] = [
     (repeated_ids, remove_id),
     (long_cells, write_long_cell),
     (faulty_figures, draw_softly),
+    (faulty_figures, draw_to_the_edge),
     (faulty_figures, remove_picture),
     (faulty_figures, draw_twice),
     (faulty_figures, remove_alt),

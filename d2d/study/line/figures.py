@@ -142,7 +142,7 @@ def every_target(
         _write_letters(ax, seen, float(np.ptp(translations)))
         ax.margins(y=0.1)
     mark_truth(ax)
-    ax.set_title("targets, −log" if negative_log else "targets")
+    ax.set_title("targets")
 
 
 def fused(
@@ -160,9 +160,9 @@ def fused(
     style = cost_line(cost_key(cost), cost.metric)
     surface(axes[0], translations, np.exp(values), ylabel="density", **style)
     surface(axes[1], translations, -values, ylabel="−log density", **style)
-    for ax, suffix in zip(axes, ("", ", −log"), strict=False):
+    for ax in axes:
         mark_truth(ax)
-        ax.set_title(title + suffix)
+        ax.set_title(title)
     return peaks(translations, values)
 
 
