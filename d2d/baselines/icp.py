@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from d2d import rigid
 from d2d._checks import broadcast_batches, check_count, check_finite, check_scalar
@@ -109,7 +109,7 @@ def line_normals(points: ArrayLike, neighbours: int = 5) -> Array:
             f"neighbours must lie within [1, {len(cloud) - 1}] for {len(cloud)} points, "
             f"but is {neighbours}"
         )
-    _, index = cKDTree(cloud).query(cloud, neighbours + 1)
+    _, index = scipy.spatial.cKDTree(cloud).query(cloud, neighbours + 1)
     centred = cloud[index] - cloud[index].mean(axis=1, keepdims=True)
     _, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))
     return np.asarray(vectors[:, :, 0])
@@ -164,7 +164,7 @@ def icp(
     check_count("max_iterations", max_iterations)
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
     normals = line_normals(target, neighbours) if metric == "line" else None
-    tree = cKDTree(target)
+    tree = scipy.spatial.cKDTree(target)
     theta = start.reshape(-1, 3)
     moved = rigid.transform_means(theta, source)
     paired, rms = _pair(tree, normals, moved)
@@ -202,7 +202,9 @@ def icp(
     )
 
 
-def _pair(tree: cKDTree, normals: Array | None, moved: Array) -> tuple[NDArray[np.int64], Array]:
+def _pair(
+    tree: "scipy.spatial.cKDTree", normals: Array | None, moved: Array
+) -> tuple[NDArray[np.int64], Array]:
     """Nearest fixed point (B, M) of every moved point (B, M, 2), and the rms distance (B,)."""
     gap, paired = tree.query(moved)
     if normals is not None:

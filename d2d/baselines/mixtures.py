@@ -18,8 +18,8 @@ import math
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
 
 from d2d import rigid
 from d2d._types import Array
@@ -105,7 +105,7 @@ def register_mixture(
         moved = _residuals(theta + 1j * _STEP * np.eye(3), pairs, mixture)
         return np.asarray(moved.imag.T / _STEP)
 
-    found = least_squares(residuals, start, jacobian, method="lm", x_scale="jac")
+    found = scipy.optimize.least_squares(residuals, start, jacobian, method="lm", x_scale="jac")
     hessian = found.jac.T @ found.jac
     covariance = fisher_covariance(hessian)
     converged = bool(found.success and np.isfinite(covariance).all())

@@ -6,8 +6,8 @@ Adding the other direction treats both scans alike, as symmetric objectives do f
 """
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import minimize
 
 from d2d import rigid
 from d2d._types import Array
@@ -89,7 +89,7 @@ def register_symmetric(
             symmetric_derivatives(x * unit, fixed, moving, cost)[2] * np.outer(unit, unit)
         )
 
-    found = minimize(
+    found = scipy.optimize.minimize(
         objective,
         start / unit,
         jac=True,

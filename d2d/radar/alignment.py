@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from d2d._types import Array
 from d2d.bootstrap import block_length
@@ -199,7 +199,7 @@ def fit(model: Alignment, low: float, high: float) -> Fit:
     grid = np.linspace(low, high, max(2, round((high - low) / _STEP)) + 1)
     coarse = [fit_at(model, float(lag)) for lag in grid]
     best = int(np.argmin([found.mean_square for found in coarse]))
-    refined = minimize_scalar(
+    refined = scipy.optimize.minimize_scalar(
         lambda lag: fit_at(model, lag).mean_square,
         bounds=(grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]),
         method="bounded",

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from typing import Any, Unpack
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.cluster.hierarchy import fcluster, linkage
 
 from d2d._checks import check_choice, check_instance, check_positive, check_rows, check_scalar
 from d2d._types import Array
@@ -210,7 +210,9 @@ def _clusters(scan: RadarScan, distance: float) -> NDArray[np.int_]:
         return np.zeros(scan.size, dtype=np.int_)
     angle = np.asarray(scan.azimuth)
     points = scan.range[:, np.newaxis] * np.column_stack([np.cos(angle), np.sin(angle)])
-    return np.asarray(fcluster(linkage(points, "single"), distance, "distance"), dtype=np.int_)
+    linkage = scipy.cluster.hierarchy.linkage(points, "single")
+    found = scipy.cluster.hierarchy.fcluster(linkage, distance, "distance")
+    return np.asarray(found, dtype=np.int_)
 
 
 def _half(rng: np.random.Generator, labels: NDArray[np.int_]) -> NDArray[Any]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Unpack
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from d2d._checks import check_count, check_instance, check_members
 from d2d._types import Array
@@ -250,7 +250,7 @@ def _maximum(pairs: Sequence[_Start], curve: Array, slopes: Array) -> float:
         return 0.0
     first = max(inside, key=lambda i: max(curve[i], curve[i + 1]))
     return float(
-        brentq(
+        scipy.optimize.brentq(
             lambda extent: _profile(pairs, extent).score.sum(),
             CANDIDATES[first],
             CANDIDATES[first + 1],

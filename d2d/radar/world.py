@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.integrate import simpson
-from scipy.interpolate import CubicHermiteSpline
 
 from d2d import rigid
 from d2d._checks import check_count, check_finite, check_instance
@@ -172,15 +171,16 @@ def lap_progress(times: Array, speed: float) -> tuple[Array, Array]:
 
 
 @cache
-def _lap() -> tuple[CubicHermiteSpline, CubicHermiteSpline, CubicHermiteSpline]:
+def _lap() -> "tuple[scipy.interpolate.CubicHermiteSpline, ...]":
     """Splines of position and heading over the distance driven, and of the distance over time.
 
     The time is multiplied by the mean speed, so that it is in m as well.
     """
+    spline = scipy.interpolate.CubicHermiteSpline
     starts = _corners()
     grid = np.linspace(0.0, LAP, round(LAP / _STEP) + 1)
     curvature, turned = _bends(grid, starts)
-    heading = CubicHermiteSpline(grid, turned @ _TURNS, curvature @ _TURNS)
+    heading = spline(grid, turned @ _TURNS, curvature @ _TURNS)
     # Simpson's rule over each step
     direction, middle = _direction(heading(grid)), _direction(heading(grid[1:] - 0.5 * _STEP))
     steps = _STEP * (direction[:-1] + 4.0 * middle + direction[1:]) / 6.0
@@ -190,8 +190,8 @@ def _lap() -> tuple[CubicHermiteSpline, CubicHermiteSpline, CubicHermiteSpline]:
     time = grid + _SLOWING * turned.sum(axis=1) / tightest
     pace = 1.0 / (1.0 + _SLOWING * curvature.sum(axis=1) / tightest)
     stretch = LAP / time[-1]
-    progress = CubicHermiteSpline(time * stretch, grid, pace / stretch)
-    return CubicHermiteSpline(grid, place, direction), heading, progress
+    progress = spline(time * stretch, grid, pace / stretch)
+    return spline(grid, place, direction), heading, progress
 
 
 def _direction(yaw: Array) -> Array:
@@ -209,7 +209,7 @@ def _corners() -> Array:
     """Where the corners (C,) begin along the lap, in m."""
     fine = np.linspace(0.0, _CORNER, 2001)
     # a quarter turn moves the path as far sideways as ahead
-    extent = simpson(np.cos(_bends(fine, np.zeros(1))[1][:, 0]), x=fine)
+    extent = scipy.integrate.simpson(np.cos(_bends(fine, np.zeros(1))[1][:, 0]), x=fine)
     shortcut = 2.0 * extent - _CORNER  # saved by rounding a corner of the block
     width = 0.5 * (LAP + len(_TURNS) * shortcut) - _HEIGHT
     sides = np.array([*_BLOCK, width - _BLOCK[1], _HEIGHT])

@@ -1,7 +1,7 @@
 """Ways in which the thesis's evaluation may differ from this one, each tried on its own."""
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
@@ -40,7 +40,10 @@ def bfgs_errors(
             fused = float(np.exp(-value))
             return -fused, fused * gradient
 
-        return np.asarray(minimize(objective, start, jac=True, method="BFGS").x) - scenario.theta
+        return (
+            np.asarray(scipy.optimize.minimize(objective, start, jac=True, method="BFGS").x)
+            - scenario.theta
+        )
 
     return np.array([error(run) for run in range(runs)])
 

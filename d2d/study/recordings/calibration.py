@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from d2d import rigid
 from d2d._types import Array
@@ -151,8 +151,8 @@ def _matched_residuals(
     motion = rigid.exponential(theta * (current.time - previous.time))
     fixed = previous.point_set(mounting).means
     moved = rigid.transform_means(motion, current.point_set(mounting).means)
-    _, nearest_fixed = cKDTree(fixed).query(moved)
-    _, nearest_moved = cKDTree(moved).query(fixed)
+    _, nearest_fixed = scipy.spatial.cKDTree(fixed).query(moved)
+    _, nearest_moved = scipy.spatial.cKDTree(moved).query(fixed)
     mutual = trusted & (nearest_moved[nearest_fixed] == np.arange(len(moved)))
     sight = moved[mutual] - mounting.pose[:2]
     distance = np.linalg.norm(sight, axis=1)
