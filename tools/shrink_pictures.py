@@ -54,7 +54,7 @@ def main(folders: list[str]) -> int:
     paths = [path for folder in folders for path in sorted(Path(folder).glob("*.png"))]
     with ThreadPoolExecutor() as pool:
         sizes = list(pool.map(shrink_file, paths))
-    before, after = (sum(each) for each in zip(*sizes, strict=True)) if sizes else (0, 0)
+    before, after = sum(size for size, _ in sizes), sum(size for _, size in sizes)
     print(f"Pictures: {before / 1e6:.1f} MB before, {after / 1e6:.1f} MB now")
     return 0
 

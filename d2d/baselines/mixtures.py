@@ -64,7 +64,8 @@ def mixture_residuals(
     """
     _check(fixed, moving, mixture)
     pairs = _Pairs(fixed, moving, outlier)
-    return _residuals(np.asarray(theta), pairs, mixture), pairs.constants(mixture)
+    constants = pairs.constants(mixture)
+    return _residuals(np.asarray(theta), pairs, mixture, constants), constants
 
 
 def register_mixture(
@@ -97,12 +98,13 @@ def register_mixture(
     _check(fixed, moving, mixture)
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
     pairs = _Pairs(fixed, moving, outlier)
+    constants = pairs.constants(mixture)
 
     def residuals(theta: Array) -> Array:
-        return np.asarray(_residuals(theta, pairs, mixture))
+        return np.asarray(_residuals(theta, pairs, mixture, constants))
 
     def jacobian(theta: Array) -> Array:
-        moved = _residuals(theta + 1j * _STEP * np.eye(3), pairs, mixture)
+        moved = _residuals(theta + 1j * _STEP * np.eye(3), pairs, mixture, constants)
         return np.asarray(moved.imag.T / _STEP)
 
     found = scipy.optimize.least_squares(residuals, start, jacobian, method="lm", x_scale="jac")
@@ -112,7 +114,7 @@ def register_mixture(
     return Estimate(
         theta=found.x,
         covariance=covariance if converged else np.full((3, 3), np.nan),
-        value=np.asarray(found.cost - pairs.constants(mixture).sum()),
+        value=np.asarray(found.cost - constants.sum()),
         gradient=found.grad,
         hessian=hessian,
         converged=np.asarray(converged),
@@ -194,18 +196,20 @@ class _Pairs:
         return _Components(*(np.concatenate(both, -1) for both in zip(inlier, wide, strict=True)))
 
 
-def _residuals(theta: NDArray[Any], pairs: _Pairs, mixture: Mixture) -> NDArray[Any]:
+def _residuals(
+    theta: NDArray[Any], pairs: _Pairs, mixture: Mixture, constants: Array
+) -> NDArray[Any]:
     """Residuals (..., M) of `mixture_residuals`."""
-    parts, constant = pairs.at(theta), pairs.constants(mixture)
+    parts = pairs.at(theta)
     logs = parts.log_scale - 0.5 * (parts.x**2 + parts.y**2)
     if mixture != "max":
         top = logs.real.max(axis=-1, keepdims=True)
         whole = top[..., 0] + np.log(np.exp(logs - top).sum(axis=-1))
     if mixture == "sum":
-        return _root(constant - whole)
+        return _root(constants - whole)
     best = np.argmax(logs.real, axis=-1)[..., np.newaxis]
     x, y, log_scale = (np.take_along_axis(each, best, axis=-1)[..., 0] for each in parts)
-    rest = constant - (log_scale if mixture == "max" else whole + 0.5 * (x**2 + y**2))
+    rest = constants - (log_scale if mixture == "max" else whole + 0.5 * (x**2 + y**2))
     return np.concatenate([x, y, _root(rest)], axis=-1)
 
 

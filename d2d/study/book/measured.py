@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri, stdtrit
 
@@ -164,15 +165,12 @@ def length_of(vectors: Array) -> Measured:
     return Measured(length, max(length - off.high, 0.0), length + off.high)
 
 
-def kolmogorov_distance(values: Array, cdf: Callable[[Array], Array]) -> Measured:
+def kolmogorov_distance(values: Array, distribution: str, *parameters: float) -> Measured:
     """Largest difference between the distribution of independent values (N,) and a given one.
 
-    ``cdf`` is the cumulative distribution function of the latter.  The interval follows from
-    Massart's inequality (1990).
+    The interval follows from Massart's inequality (1990).
     """
-    expected = cdf(np.sort(values))
-    steps = np.linspace(0.0, 1.0, len(values) + 1)  # the empirical one jumps at each value
-    distance = float(max((steps[1:] - expected).max(), (expected - steps[:-1]).max()))
+    distance = float(scipy.stats.kstest(values, distribution, args=parameters).statistic)
     off = float(np.sqrt(np.log(2.0 / (1.0 - CONFIDENCE)) / (2.0 * len(values))))
     return Measured(distance, max(distance - off, 0.0), distance + off)
 

@@ -91,9 +91,7 @@ def second_order_faster() -> Evidence:
         | {f"share that reaches the minimum, {name}": value for name, value in shares.items()}
         | {
             "starts from which one of the three does not reach it": float(failed.sum()),
-            "of these, starts from which gradient descent does": float(
-                arrived[FIRST_ORDER][failed].sum()
-            ),
+            "of these, starts from which gradient descent does": float(rescued),
         },
         holds="For the number of iterations; Newton's method without a safeguard reaches the "
         f"minimum from {shares['Newton']:.1%} of the starts.",

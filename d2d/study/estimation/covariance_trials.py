@@ -2,12 +2,11 @@
 
 from collections import Counter
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtr
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
@@ -109,7 +108,7 @@ def shape_of(errors: Array) -> Shape:
     return Shape(
         mean_of(squares**2 / (dimension * (dimension + 2))),
         length_of(np.stack(third, axis=-1)),
-        kolmogorov_distance(squares, partial(chdtr, dimension)),
+        kolmogorov_distance(squares, "chi2", dimension),
     )
 
 

@@ -143,7 +143,7 @@ def gradient_descents(problems: Sequence[PairedTargets], starts: Array) -> Ends:
         move = -rate[left] * np.stack([slope[:, 2], slope[:, 3], turning], axis=-1)
         x[left] += move
         iterations[left] = iteration
-        left = left[np.abs(move).max(axis=-1) >= SHORT]
+        left = left[~(np.abs(move).max(axis=-1) < SHORT)]  # one that is not finite stays
         if not left.size:
             break
     costs = np.array([cost(problem, end) for problem, end in zip(problems, x, strict=True)])

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from d2d._types import Array
@@ -53,12 +54,10 @@ def peaks(translations: Array, log_values: Array) -> Peaks:
 
     Neither end of the grid is one; a plateau counts once, at its middle.
     """
-    from scipy.signal import find_peaks  # takes long to load, and few chapters need it
-
     rows = np.reshape(log_values, (-1, len(translations)))
     # one search through all rows, with a wall after each so that its ends are no maxima
     walled = np.pad(rows, ((0, 0), (0, 1)), constant_values=np.inf)
-    row, column = np.divmod(find_peaks(walled.ravel())[0], walled.shape[1])
+    row, column = np.divmod(scipy.signal.find_peaks(walled.ravel())[0], walled.shape[1])
     row, column = (each[column < len(translations)] for each in (row, column))
 
     order = np.lexsort((-rows[row, column], row))
