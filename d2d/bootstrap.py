@@ -6,8 +6,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_count, check_finite, check_fraction, check_instance
+from d2d._checks import check_count, check_finite, check_flag, check_fraction, check_instance
 from d2d._types import Array
+
+_DRAWN = 500_000  # values of an array that are drawn at a time
 
 
 def block_bootstrap(
@@ -18,6 +20,7 @@ def block_bootstrap(
     *,
     confidence: float = 0.95,
     resamples: int = 1000,
+    vectorized: bool = False,
 ) -> Array:
     """Confidence interval of a statistic whose data are correlated in time.
 
@@ -40,6 +43,10 @@ def block_bootstrap(
         Probability content of the interval, within (0, 1).
     resamples : int
         How often the data are drawn.
+    vectorized : bool
+        Whether the statistic takes many data sets in one call, which is faster.  As in
+        `scipy.stats.bootstrap`, it then has the keyword ``axis``: it is called with arrays
+        (R, N, ...) and ``axis=1``, and gives (R, ...).
 
     Returns
     -------
@@ -88,14 +95,34 @@ def block_bootstrap(
     tail = 0.5 * (1.0 - check_fraction("confidence", confidence))
     if not 0.0 < tail < 0.5:
         raise ValueError(f"confidence must lie within (0, 1), but is {confidence:g}")
-    within = np.arange(block)
-    values = []
-    for _ in range(check_count("resamples", resamples)):
-        starts = rng.integers(rows, size=math.ceil(rows / block))
-        drawn = ((starts[:, np.newaxis] + within) % rows).ravel()[:rows]
-        values.append(statistic(*(array[drawn] for array in data)))
-    drawings = check_finite("the values of statistic", np.array(values))
+    at_once = check_flag("vectorized", vectorized)
+    blocks, within = math.ceil(rows / block), np.arange(block)
+    most = max(1, _DRAWN // max(rows, *(array.size for array in data)))
+    left = check_count("resamples", resamples)
+    values: list[Array] = []
+    while left:
+        count = min(left, most)
+        starts = rng.integers(rows, size=(count, blocks, 1))
+        drawn = ((starts + within) % rows).reshape(count, -1)[:, :rows]
+        if at_once:
+            values.append(_one_each(count, statistic(*(array[drawn] for array in data), axis=1)))
+        else:
+            alone = [statistic(*(array[each] for array in data)) for each in drawn]
+            values.append(np.asarray(alone))
+        left -= count
+    drawings = check_finite("the values of statistic", np.concatenate(values))
     return np.asarray(np.quantile(drawings, [tail, 1.0 - tail], axis=0))
+
+
+def _one_each(count: int, values: ArrayLike) -> Array:
+    """The values (R, ...) of a vectorized statistic."""
+    found = np.asarray(values)
+    if found.shape[:1] != (count,):
+        raise ValueError(
+            f"statistic must give one value for each of {count} data sets if vectorized, but gave "
+            f"an array of the shape {found.shape}"
+        )
+    return found
 
 
 def block_length(series: ArrayLike) -> int:

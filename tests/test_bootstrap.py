@@ -22,7 +22,7 @@ def covered(block: int | None, series: np.ndarray, rng: np.random.Generator) -> 
     inside = []
     for one in series:
         length = block_length(one) if block is None else block
-        low, high = block_bootstrap(np.mean, [one], length, rng, resamples=300)
+        low, high = block_bootstrap(np.mean, [one], length, rng, resamples=300, vectorized=True)
         inside.append(low <= 0.0 <= high)
     return float(np.mean(inside))
 
@@ -69,6 +69,37 @@ def test_the_same_rows_are_drawn_from_all_arrays_in_whole_blocks_on_a_ring():
     assert ((np.diff(whole, axis=1) % 10) == 1).all()
     often = np.bincount(whole.ravel(), minlength=10)
     assert_allclose(often / often.mean(), 1.0, atol=0.05)
+
+
+@pytest.mark.parametrize("block", [1, 4])
+def test_many_data_sets_in_one_call_give_the_interval_of_each_alone(block):
+    """Breaks if others are drawn, or the last ones are forgotten."""
+    rng = np.random.default_rng(3)
+    arrays = rng.standard_normal((5000, 3)), rng.standard_normal(5000)
+    alone, at_once = (
+        block_bootstrap(
+            lambda a, b, axis=0: a.mean(axis).sum(axis=-1) - np.median(b, axis),
+            arrays,
+            block,
+            np.random.default_rng(5),
+            resamples=101,
+            vectorized=vectorized,
+        )
+        for vectorized in (False, True)
+    )
+    assert_allclose(at_once, alone, rtol=1e-12)
+
+
+def test_a_vectorized_statistic_that_forgets_the_axis_is_refused():
+    """Breaks if one number for all data sets is taken for an interval without width."""
+    with pytest.raises(ValueError, match="statistic must give one value for each of"):
+        block_bootstrap(
+            lambda x, axis: np.mean(x),
+            [np.arange(10.0)],
+            1,
+            np.random.default_rng(0),
+            vectorized=True,
+        )
 
 
 def test_blocks_that_do_not_fill_the_series_are_cut():
@@ -141,6 +172,7 @@ SERIES = np.arange(6.0)
         ({"confidence": 1.0}, "confidence"),
         ({"confidence": 0.0}, "confidence"),
         ({"resamples": 0}, "resamples"),
+        ({"vectorized": 1}, "vectorized"),
         ({"statistic": lambda *_: np.nan}, "statistic"),
     ],
 )

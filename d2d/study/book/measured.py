@@ -119,21 +119,35 @@ def geometric_mean_of(values: ArrayLike) -> Measured:
 
 
 def bootstrapped(
-    statistic: Callable[..., ArrayLike], *arrays: Array | NDArray[np.bool_], block: int = 1
+    statistic: Callable[..., ArrayLike],
+    *arrays: Array | NDArray[np.bool_],
+    block: int = 1,
+    vectorized: bool = False,
 ) -> Measured:
     """A statistic of cases (N, ...), with the interval of `d2d.block_bootstrap`.
 
     The cases are independent, or with ``block`` above 1 rows of a series that are correlated.
     """
+    rng = np.random.default_rng(0)
     low, high = block_bootstrap(
-        statistic, arrays, block, np.random.default_rng(0), resamples=RESAMPLES
+        statistic, arrays, block, rng, resamples=RESAMPLES, vectorized=vectorized
     )
-    return Measured(float(np.asarray(statistic(*arrays))), float(low), float(high))
+    whole = statistic(*arrays, axis=0) if vectorized else statistic(*arrays)
+    return Measured(float(np.asarray(whole)), float(low), float(high))
+
+
+def _all_of(drawn: Array, axis: int) -> Array:
+    """All values (..., N n) of data sets (..., N, n) whose rows lie along an axis."""
+    return drawn.reshape(*drawn.shape[:axis], -1)
 
 
 def quantile_of(values: Array, fraction: float) -> Measured:
-    """Quantile of independent values (N,), say one for each layout."""
-    return bootstrapped(lambda drawn: np.quantile(drawn, fraction), values)
+    """Quantile of independent values (N,), say one for each layout, or of all in rows (N, n)."""
+    return bootstrapped(
+        lambda drawn, axis: np.quantile(_all_of(drawn, axis), fraction, axis=-1),
+        values,
+        vectorized=True,
+    )
 
 
 def median_of(values: Array) -> Measured:
@@ -143,13 +157,19 @@ def median_of(values: Array) -> Measured:
 
 def rms_of(errors: Array) -> Measured:
     """Root mean square of independent errors (N,)."""
-    return bootstrapped(lambda squares: np.sqrt(np.mean(squares)), errors**2)
+    return bootstrapped(
+        lambda squares, axis: np.sqrt(squares.mean(axis)), errors**2, vectorized=True
+    )
 
 
 def rms_ratio(over: Array, under: Array, block: int = 1) -> Measured:
-    """Ratio of the root mean squares of two series (N,) from the same draws."""
+    """Ratio of the root mean squares of two series (N,), or rows (N, n), from the same draws."""
     return bootstrapped(
-        lambda a, b: np.sqrt(np.mean(a) / np.mean(b)), over**2, under**2, block=block
+        lambda a, b, axis: np.sqrt(_all_of(a, axis).mean(-1) / _all_of(b, axis).mean(-1)),
+        over**2,
+        under**2,
+        block=block,
+        vectorized=True,
     )
 
 
@@ -160,7 +180,11 @@ def length_of(vectors: Array) -> Measured:
     either side as 97.5 % of the resampled means are from the mean, in whatever direction.
     """
     mean = vectors.mean(axis=0)
-    off = bootstrapped(lambda drawn: np.linalg.norm(drawn.mean(axis=0) - mean), vectors)
+    off = bootstrapped(
+        lambda drawn, axis: np.linalg.norm(drawn.mean(axis) - mean, axis=-1),
+        vectors,
+        vectorized=True,
+    )
     length = float(np.linalg.norm(mean))
     return Measured(length, max(length - off.high, 0.0), length + off.high)
 
