@@ -89,12 +89,9 @@ html: $(STAMP) ## Build the book from the notebooks' stored outputs, in a minute
 	$(copy_sources)
 	$(build_pages)
 
-test: $(STAMP) ## Run the tests, then every notebook against its stored outputs
-	@status=0; set -x; \
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadscope tests || status=1; \
+test: $(STAMP) ## Run the tests, and every notebook against its stored outputs
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadscope --nbval --nbval-current-env \
-	  --nbval-sanitize-with tests/nbval.cfg --nbval-cell-timeout 300 chapters || status=1; \
-	exit $$status
+	  --nbval-sanitize-with tests/nbval.cfg --nbval-cell-timeout 300 tests chapters
 
 test-book: $(VENV)/.book-test _build/html/index.html ## Test the built book in a real browser, if one is installed
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup tests/book

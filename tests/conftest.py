@@ -1,12 +1,15 @@
 """Settings for all tests."""
 
+import gc
 import os
 from pathlib import Path
 
+import matplotlib
 import pytest
 from hypothesis import settings
 
-os.environ["MPLBACKEND"] = "Agg"
+# Not in the environment: kernels inherit that, and draw into their pages.
+matplotlib.use("Agg")
 
 # Needs the built book and a browser: `make test-book` names it.
 collect_ignore = ["book"]
@@ -16,6 +19,11 @@ collect_ignore = ["book"]
 settings.register_profile("reproducible", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None, max_examples=1000)
 settings.load_profile("reproducible")
+
+
+def pytest_collection_finish() -> None:
+    """Spare the garbage collector what was imported and collected, which stays to the end."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
