@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._types import Array
@@ -54,6 +55,13 @@ def static_targets(recordings: Sequence[Recording]) -> ScanVelocities:
     return scan_velocities((recording.scans, recording.mounting) for recording in recordings)
 
 
+def some_of(velocities: ScanVelocities, chosen: NDArray[np.bool_]) -> ScanVelocities:
+    """Those of the chosen scans (n,), with their sensors numbered anew from 0."""
+    kept = {name: column[chosen] for name, column in velocities._asdict().items()}
+    kept["sensor"] = np.unique(kept["sensor"], return_inverse=True)[1]
+    return ScanVelocities(**kept)
+
+
 def residual_rms(velocities: ScanVelocities, odometry: Reference, time_offset: float) -> float:
     """RMS Doppler residual, in standard deviations, of the best correction at a time offset."""
     return float(np.sqrt(fit_at(_model(velocities, odometry), time_offset).mean_square))
@@ -72,15 +80,6 @@ def fit_correction(velocities: ScanVelocities, odometry: Reference) -> Correctio
 def _model(velocities: ScanVelocities, odometry: Reference) -> Alignment:
     """The model of all sensors with one odometry and a side slip proportional to v_x omega."""
     return Alignment.of(velocities, [odometry] * velocities.sensors, (1,))
-
-
-def during(recording: Recording, first: float, last: float) -> Recording:
-    """The scans from ``first`` to before ``last``, in s after the recording's first scan."""
-    start = recording.scans[0].time
-    scans = [scan for scan in recording.scans if first <= scan.time - start < last]
-    return Recording(
-        scans, recording.mounting, recording.reference.at([scan.time for scan in scans])
-    )
 
 
 def turned(recording: Recording, yaw: float) -> Recording:

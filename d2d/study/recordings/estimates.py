@@ -34,10 +34,10 @@ from d2d.radar.joint import rounds
 from d2d.study.drives.errors import DriveErrors
 from d2d.study.recordings.calibration import (
     Correction,
-    during,
     fit_correction,
     residual_rms,
     residual_sigmas,
+    some_of,
     static_targets,
     turned,
 )
@@ -330,13 +330,15 @@ def recording_facts(raw: Sequence[Recording], duration: float) -> tuple[dict[str
     is judged with a correction that it did not help to choose.
     """
     halves = {"first half": (0.0, 0.5 * duration), "second half": (0.5 * duration, np.inf)}
-    odometry = raw[0].reference
+    odometry, found = raw[0].reference, static_targets(raw)
+    starts = np.array([recording.scans[0].time for recording in raw])
+    elapsed = found.time - starts[found.sensor]
+    groups = {f"sensor {s}": found.sensor == number for number, s in enumerate(SENSORS)}
+    groups["four sensors"] = np.ones(len(elapsed), dtype=np.bool_)
     fits, profile = [], {"offset": OFFSETS.tolist()}
     for part, (first, last) in {"all": (0.0, np.inf), **halves}.items():
-        cut = [during(recording, first, last) for recording in raw]
-        groups = {f"sensor {s}": [r] for s, r in zip(SENSORS, cut, strict=True)}
-        for name, chosen in {**groups, "four sensors": cut}.items():
-            targets = static_targets(chosen)
+        for name, own in groups.items():
+            targets = some_of(found, own & (elapsed >= first) & (elapsed < last))
             fit = fit_correction(targets, odometry)
             fits.append({"part": part, "sensors": name, **asdict(fit)})
             if part == "all":

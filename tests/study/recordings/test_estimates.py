@@ -28,10 +28,10 @@ from d2d.radar import (
 from d2d.radar.track import integrate
 from d2d.study.recordings import estimates
 from d2d.study.recordings.calibration import (
-    during,
     fit_correction,
     residual_rms,
     residual_sigmas,
+    some_of,
     static_targets,
     turned,
 )
@@ -141,13 +141,19 @@ def test_turning_a_mounting_is_undone_by_the_fit(raw):
     assert_allclose(again.yaw, 0.0, atol=np.deg2rad(0.01))
 
 
-def test_during_counts_from_the_first_scan(raw):
-    """Breaks if times are absolute, or the reference stays behind."""
-    part = during(raw[1], 0.29, 0.59)
-    times = np.array([scan.time for scan in part.scans])
-    assert_allclose(times - raw[1].scans[0].time, [0.3, 0.375, 0.45, 0.525], atol=1e-9)
-    assert_array_equal(part.reference.times, times)
-    assert_allclose(part.reference.theta, raw[1].reference.theta[4:8])
+def test_some_of_the_scans_say_what_they_say_alone(raw):
+    """Breaks if the sensors keep their numbers, or a column keeps all scans."""
+    found = static_targets(raw)
+    late = found.time - raw[0].scans[0].time > 1.5
+    part = some_of(found, late & np.isin(found.sensor, [1, 3]))
+    alone = static_targets(
+        [
+            replace(r, scans=[scan for scan in r.scans if scan.time - raw[0].scans[0].time > 1.5])
+            for r in raw[1::2]
+        ]
+    )
+    for column, own in zip(part, alone, strict=True):
+        assert_array_equal(column, own)
 
 
 def test_a_thinned_recording_keeps_that_many_targets_of_each_scan(raw):
