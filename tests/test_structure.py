@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -23,6 +24,7 @@ SUBJECTS = (
 OPTIONAL = ("evo", "joblib", "matplotlib", "pandas", "tqdm")  # of the extras `study` and `track`
 
 
+@cache
 def imports(name: str) -> set[str]:
     """The modules of the package that a module imports, at its top or within a function."""
     found = set()
@@ -42,18 +44,15 @@ def part(name: str) -> str:
     return second if second in ("radar", "baselines", "study") else ""
 
 
-GRAPH = {name: imports(name) for name in MODULES}
-
-
 def test_the_package_has_modules():
     """Breaks if the pattern above finds nothing, and so nothing is checked."""
     assert len(MODULES) > 50
-    assert "d2d.point_set" in GRAPH["d2d.registration"]
+    assert "d2d.point_set" in imports("d2d.registration")
 
 
 def test_no_circle():
     """Breaks if two modules need each other, directly or through others."""
-    assert list(TopologicalSorter(GRAPH).static_order())
+    assert list(TopologicalSorter({name: imports(name) for name in MODULES}).static_order())
 
 
 @pytest.mark.parametrize("name", sorted(MODULES))
@@ -75,7 +74,7 @@ def test_imports_run_one_way(name):
         "baselines": {"", "baselines"},
         "study": {"", "radar", "baselines", "study"},
     }[part(name)]
-    assert {part(imported) for imported in GRAPH[name]} <= allowed
+    assert {part(imported) for imported in imports(name)} <= allowed
 
 
 @pytest.mark.parametrize("name", sorted(name for name in MODULES if name.startswith("d2d.study.")))
@@ -86,7 +85,7 @@ def test_a_subject_of_the_study_imports_earlier_ones_only(name):
     if len(words) == 3 and words[2] == "claims":  # the registry of all subjects
         return
     place = order.get(words[2], -1)
-    for imported in GRAPH[name]:
+    for imported in imports(name):
         if imported.startswith("d2d.study."):
             assert order.get(imported.split(".")[2], -1) <= place, imported
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,6 @@ from d2d.study.line.claims import surfaces
 CHAPTERS = Path(__file__).resolve().parents[2] / "chapters"
 RECORD = read_record()
 EXACT = re.compile(r"^area of|bound of the 95 % region$")  # values of formulas; counts are whole
-FIGURES = {
-    name
-    for chapter in CHAPTERS.glob("*.ipynb")
-    for name in re.findall(r"\bfig-([a-z0-9-]+)", chapter.read_text(encoding="utf-8"))
-}
 
 # Every claim of the thesis, by its section.
 THESIS = {
@@ -71,6 +67,16 @@ THESIS = {
 }
 
 
+@cache
+def figures() -> set[str]:
+    """The names of the figures of all chapters."""
+    return {
+        name
+        for chapter in CHAPTERS.glob("*.ipynb")
+        for name in re.findall(r"\bfig-([a-z0-9-]+)", chapter.read_text(encoding="utf-8"))
+    }
+
+
 @pytest.mark.parametrize("claim", CLAIMS.values(), ids=CLAIMS.keys())
 def test_the_check_finds_what_is_on_record(claim):
     """Breaks if a number changes so much that the claim must be told, or judged, anew."""
@@ -103,7 +109,7 @@ def test_a_claim_is_filled_in(claim):
     assert claim.id == claim.id.lower().strip()
     assert claim.telling
     assert set(claim.telling) <= evidence.numbers.keys()
-    assert claim.figure in FIGURES
+    assert claim.figure in figures()
     for name, number in evidence.numbers.items():
         if isinstance(number, Measured):
             assert number.low <= number <= number.high, name
