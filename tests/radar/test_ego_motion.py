@@ -7,6 +7,7 @@ function of the velocity; nothing of the package takes part in it but the scans'
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -508,9 +509,15 @@ def test_rounds_hold_each_sensor_once_and_follow_time(times, expected):
 # ---- along a drive
 
 
+@cache
+def whole_drive(seed: int) -> Drive:
+    """A simulated drive of a minute, simulated once."""
+    return simulate_drive(np.random.default_rng(seed), 60.0, mounting=CORNER)
+
+
 def drive(count: int = 40, seed: int = 0) -> Drive:
     """The beginning of a simulated drive."""
-    whole = simulate_drive(np.random.default_rng(seed), 60.0, mounting=CORNER)
+    whole = whole_drive(seed)
     truth = whole.truth
     part = Reference(truth.times[:count], truth.theta[:count], truth.poses[:count])
     return replace(whole, scans=whole.scans[:count], truth=part)
