@@ -45,8 +45,8 @@ def block_bootstrap(
         How often the data are drawn.
     vectorized : bool
         Whether the statistic takes many data sets in one call, which is faster.  As in
-        `scipy.stats.bootstrap`, it then has the keyword ``axis``: it is called with arrays
-        (R, N, ...) and ``axis=1``, and gives (R, ...).
+        `scipy.stats.bootstrap`, it then has the keyword ``axis``: it is called with the arrays
+        (R, N, ...) of R data sets and ``axis=1``, and gives their values (R, ...).
 
     Returns
     -------
@@ -97,11 +97,11 @@ def block_bootstrap(
         raise ValueError(f"confidence must lie within (0, 1), but is {confidence:g}")
     at_once = check_flag("vectorized", vectorized)
     blocks, within = math.ceil(rows / block), np.arange(block)
-    most = max(1, _DRAWN // max(rows, *(array.size for array in data)))
-    left = check_count("resamples", resamples)
+    batch = max(1, _DRAWN // max(rows, *(array.size for array in data)))
+    remaining = check_count("resamples", resamples)
     values: list[Array] = []
-    while left:
-        count = min(left, most)
+    while remaining:
+        count = min(batch, remaining)
         starts = rng.integers(rows, size=(count, blocks, 1))
         drawn = ((starts + within) % rows).reshape(count, -1)[:, :rows]
         if at_once:
@@ -109,7 +109,7 @@ def block_bootstrap(
         else:
             alone = [statistic(*(array[each] for array in data)) for each in drawn]
             values.append(np.asarray(alone))
-        left -= count
+        remaining -= count
     drawings = check_finite("the values of statistic", np.concatenate(values))
     return np.asarray(np.quantile(drawings, [tail, 1.0 - tail], axis=0))
 

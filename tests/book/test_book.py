@@ -210,6 +210,40 @@ def test_a_note_follows_what_it_is_about_on_a_phone(
         browser.resize(driver, browser.WIDE)
 
 
+# The characters of names in tables after which a line ends.
+LINE_ENDS = """
+    const ends = [];
+    for (const name of document.querySelectorAll("article td code .pre")) {
+        const texts = document.createTreeWalker(name, NodeFilter.SHOW_TEXT);
+        let last;
+        while (texts.nextNode()) {
+            const text = texts.currentNode;
+            for (let i = 0; i < text.length; i++) {
+                const range = document.createRange();
+                range.setStart(text, i);
+                range.setEnd(text, i + 1);
+                const { top, bottom } = range.getBoundingClientRect();
+                if (last && top >= last.bottom - 1) ends.push(last.character);
+                last = { bottom, character: text.data[i] };
+            }
+        }
+    }
+    return ends;
+"""
+
+
+def test_a_name_in_a_table_breaks_between_its_words(driver: webdriver.Chrome, address: str):
+    """Breaks if the name of a test is cut within a word on a phone."""
+    try:
+        browser.resize(driver, browser.NARROW)
+        driver.get(f"{address}chapters/11_errata.html")
+        ends = driver.execute_script(LINE_ENDS)
+        assert ends.count("_") > 10
+        assert set(ends) <= {"_", "/", ":"}
+    finally:
+        browser.resize(driver, browser.WIDE)
+
+
 @pytest.mark.parametrize("theme", browser.THEMES)
 def test_the_book_follows_the_system(driver: webdriver.Chrome, address: str, theme: str):
     """Breaks if the book opens light on a dark screen, or the other way round."""

@@ -127,6 +127,7 @@ def bootstrapped(
     """A statistic of cases (N, ...), with the interval of `d2d.block_bootstrap`.
 
     The cases are independent, or with ``block`` above 1 rows of a series that are correlated.
+    ``vectorized`` is as there.
     """
     rng = np.random.default_rng(0)
     low, high = block_bootstrap(
