@@ -44,9 +44,9 @@ def block_bootstrap(
     resamples : int
         How often the data are drawn.
     vectorized : bool
-        Whether the statistic takes many data sets in one call, which is faster.  As in
-        `scipy.stats.bootstrap`, it then has the keyword ``axis``: it is called with the arrays
-        (R, N, ...) of R data sets and ``axis=1``, and gives their values (R, ...).
+        Whether the statistic takes many data sets in one call, which is faster if they are short.
+        As in `scipy.stats.bootstrap`, it then has the keyword ``axis``: it is called with the
+        arrays (R, N, ...) of R data sets and ``axis=1``, and gives their values (R, ...).
 
     Returns
     -------

@@ -184,13 +184,12 @@ class Comparison(Frozen):
             If an argument is out of range; the message names it.
         """
         bounds = block_bootstrap(
-            np.mean,
+            lambda rows: rows.mean(axis=0),
             [self._columns],
             self.block if block is None else block,
             np.random.default_rng(0) if rng is None else rng,
             confidence=confidence,
             resamples=resamples,
-            vectorized=True,
         )
         return _measures(bounds)
 

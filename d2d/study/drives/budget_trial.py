@@ -98,7 +98,7 @@ class Judged(NamedTuple):
         """95 % interval (2, 3) of the average NEES; whole drives are drawn anew."""
         drives = [self.nees[:, self.drive == k].mean(axis=1) for k in np.unique(self.drive)]
         rng = np.random.default_rng(0)
-        return block_bootstrap(np.mean, [np.array(drives)], 1, rng, vectorized=True)
+        return block_bootstrap(lambda rows: rows.mean(axis=0), [np.array(drives)], 1, rng)
 
     @property
     def covered(self) -> Array:
