@@ -63,10 +63,12 @@ def test_an_interrupt_ends_all_threads():
     assert calls[-1] < 50_000
 
 
+# A process that a shell starts in the background ignores interrupts, and so would its own children.
 SCRIPT = """
-import sys
+import signal
 import numpy as np
 from d2d import CorruptedGaussian, PointSet, RegistrationCost, register, rigid
+signal.signal(signal.SIGINT, signal.default_int_handler)
 rng = np.random.default_rng(0)
 means = rng.uniform(-30.0, 30.0, (60, 2))
 fixed = PointSet(means, [0.04 * np.eye(2)] * 60)

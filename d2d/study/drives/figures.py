@@ -304,7 +304,7 @@ def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> N
     redrawn = [study for study in studies if study.redrawn]
     still = [study for study in studies if not study.redrawn]
     groups = [(redrawn, model, model) for model in MODELS]
-    groups.append((still, MODELS[0], "same points in all scans"))
+    groups.append((still, MODELS[0], "points that stay"))
     for (chosen, model, name), colour in zip(groups, CURVES, strict=True):
         widths = [study.half_width for study in chosen]
         for covariance, line in zip(extended.COVARIANCES, ("P-", "^:"), strict=True):

@@ -95,7 +95,7 @@ def test_figures_show_what_was_computed():
     expected = [found.credibility(m, c).anees for m in MODELS for c in COVARIANCES]
     assert drawn[:6] == expected
     assert drawn[6] == still.credibility(NONE, INVERSE).anees
-    labels = [*MODELS, "same points in all scans"]
+    labels = [*MODELS, "points that stay"]
     assert [each.get_label() for each in axes[2].lines] == labels
     assert axes[2].lines[1].get_ydata() == [found.rmse(LIKELIEST)[2]]
     plt.close(figure)
