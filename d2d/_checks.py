@@ -152,10 +152,20 @@ def check_fraction(name: str, value: float) -> float:
 
 def check_scalar(name: str, value: Any) -> float:
     """A finite number."""
+    if type(value) is float and math.isfinite(value):
+        return value  # the common case, which every pair of scans meets several times
     array = check_finite(name, value)
     if array.ndim:
         raise ValueError(f"{name} must be a number, but has the shape {array.shape}")
     return float(array)
+
+
+def check_positive_scalar(name: str, value: Any) -> float:
+    """A finite positive number."""
+    number = check_scalar(name, value)
+    if not number > 0:
+        raise ValueError(f"{name} must be positive, but is {number:g}")
+    return number
 
 
 def check_seconds(name: str, value: Any, longest: float) -> float:
@@ -169,11 +179,11 @@ def check_seconds(name: str, value: Any, longest: float) -> float:
     return number
 
 
-def check_within(name: str, value: Any, least: float, greatest: float) -> float:
+def check_within(name: str, value: Any, minimum: float, maximum: float) -> float:
     """A number within two positive bounds, where its square and inverse do not overflow."""
-    number = float(check_positive(name, check_scalar(name, value)))
-    if not least <= number <= greatest:
-        raise ValueError(f"{name} must lie within {least:g} and {greatest:g}, but is {number:g}")
+    number = check_positive_scalar(name, value)
+    if not minimum <= number <= maximum:
+        raise ValueError(f"{name} must lie within {minimum:g} and {maximum:g}, but is {number:g}")
     return number
 
 

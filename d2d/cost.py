@@ -13,8 +13,7 @@ from d2d._checks import (
     check_covariances,
     check_finite,
     check_fraction,
-    check_positive,
-    check_scalar,
+    check_positive_scalar,
 )
 from d2d._lazy import Frozen, lazy
 from d2d._types import Array
@@ -52,9 +51,7 @@ class UniformOutlier(Frozen):
     density: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "density", float(check_positive("density", check_scalar("density", self.density)))
-        )
+        object.__setattr__(self, "density", check_positive_scalar("density", self.density))
 
     @lazy
     def _packed(self) -> Array:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import chdtri
 
 from d2d._checks import check_fraction
 from d2d._types import Array
@@ -108,7 +108,7 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     decibel = 10.0 * np.log10(ratio)
     anees = float(nees.mean() / n)
     # chdtri takes the upper tail
-    bounds = chdtri(runs * n, np.array([1.0 - tail, tail])) / (runs * n)
+    bounds = scipy.special.chdtri(runs * n, np.array([1.0 - tail, tail])) / (runs * n)
     return Credibility(
         nees=nees,
         anees=anees,

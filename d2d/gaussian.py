@@ -15,7 +15,7 @@ from d2d._checks import (
     check_flag,
     check_fraction,
     check_instance,
-    check_positive,
+    check_positive_scalar,
     check_scalar,
 )
 from d2d._lazy import Frozen
@@ -429,7 +429,7 @@ def fit_mixture(
 def _floor(points: Array, floor: float | None) -> float:
     if floor is None:
         return variance_floor(points)
-    return float(check_positive("floor", check_scalar("floor", floor)))
+    return check_positive_scalar("floor", floor)
 
 
 def _vectors(name: str, value: ArrayLike) -> Array:

@@ -13,8 +13,7 @@ from d2d._checks import (
     check_angle,
     check_count,
     check_instance,
-    check_positive,
-    check_scalar,
+    check_positive_scalar,
     check_schedule,
 )
 from d2d._slices import run_in_slices
@@ -212,8 +211,8 @@ def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
         If an argument is not positive or has the wrong shape, angles are in degrees, or if there
         would be more than ten million starts; the message names the argument.
     """
-    span = check_positive("reach", check_scalar("reach", reach))
-    step = check_positive("spacing", check_scalar("spacing", spacing))
+    span = check_positive_scalar("reach", reach)
+    step = check_positive_scalar("spacing", spacing)
     turns = check_angle("angles", angles)
     if turns.ndim != 1 or not turns.size:
         raise ValueError(f"angles must have the shape (A,), but has {turns.shape}")

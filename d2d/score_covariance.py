@@ -13,9 +13,8 @@ from d2d._checks import (
     check_covariances,
     check_flag,
     check_instance,
-    check_positive,
+    check_positive_scalar,
     check_real,
-    check_scalar,
 )
 from d2d._kernel import MOTION
 from d2d._types import Array
@@ -214,7 +213,7 @@ def _neighbours(
         raise ValueError("length and groups must not both be given")
     everything = slice(None)
     if length is not None:
-        scale = float(check_positive("length", check_scalar("length", length)))
+        scale = check_positive_scalar("length", length)
         means = [taken_by(pair.moving.means, 2, bound, everything) for pair in problem.pairs]
         positions = np.concatenate(means, axis=1)
         return lambda b: nearby(positions[b], scale)

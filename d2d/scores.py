@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import chdtri, ndtr
 
 from d2d._checks import check_covariances, check_finite, check_positive
 from d2d._types import Array
@@ -162,7 +162,9 @@ def crps(errors: ArrayLike, sigmas: ArrayLike) -> Array:
             f"errors and sigmas must broadcast, but have the shapes {e.shape} and {s.shape}"
         ) from None
     density = np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
-    return np.asarray(s * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * density - 1.0 / math.sqrt(math.pi)))
+    return np.asarray(
+        s * (z * (2.0 * scipy.special.ndtr(z) - 1.0) + 2.0 * density - 1.0 / math.sqrt(math.pi))
+    )
 
 
 def energy_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
@@ -298,7 +300,7 @@ def _quantiles(levels: ArrayLike, n: int) -> Array:
     contents = check_finite("levels", levels)
     if contents.ndim > 1 or not ((contents > 0.0) & (contents < 1.0)).all():
         raise ValueError(f"levels must be one or more numbers within (0, 1), but is {levels!r}")
-    return np.asarray(chdtri(n, 1.0 - contents))
+    return np.asarray(scipy.special.chdtri(n, 1.0 - contents))
 
 
 def _permutation(order: Sequence[int], n: int) -> np.ndarray[tuple[int], np.dtype[np.int_]]:

@@ -10,7 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import gaussian
-from d2d._checks import check_count, check_finite, check_fraction, check_positive, check_scalar
+from d2d._checks import (
+    check_count,
+    check_finite,
+    check_fraction,
+    check_positive_scalar,
+)
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.eigenvalues import raise_eigenvalues
@@ -201,7 +206,7 @@ def bare_points(points: ArrayLike) -> PointSet:
 def _cells(
     points: Array, size: float, shift: ArrayLike, min_points: int, smallest_ratio: float
 ) -> tuple[Array, Array]:
-    side = float(check_positive("size", check_scalar("size", size)))
+    side = check_positive_scalar("size", size)
     offset = check_finite("shift", shift)
     if offset.shape != (2,):
         raise ValueError(f"shift must be a pair, but has the shape {offset.shape}")

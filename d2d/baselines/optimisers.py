@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_finite, check_positive, check_scalar
+from d2d._checks import check_finite, check_positive_scalar
 from d2d._types import Array
 
 
@@ -45,7 +45,7 @@ def gradient(problem: LeastSquares, x: Array) -> Array:
 
 def gradient_descent(rate: float) -> Step:
     """Step -alpha J'f with a fixed rate alpha."""
-    alpha = float(check_positive("rate", check_scalar("rate", rate)))
+    alpha = check_positive_scalar("rate", rate)
     return lambda problem, x: -alpha * gradient(problem, x)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
-from scipy.special import chdtri
+import scipy
 
 from d2d._checks import check_instance
 from d2d._lazy import Frozen, lazy
@@ -318,7 +318,7 @@ class Comparison(Frozen):
         axes[0].legend(loc="upper right", ncols=2)
         nees = (self.whitened.values**2).sum(axis=-1)
         axes[3].semilogy(self.times, nees, MARKER, ms=1.5, color=COLOR)
-        for bound in chdtri(3, np.array([0.975, 0.025])):
+        for bound in scipy.special.chdtri(3, np.array([0.975, 0.025])):
             axes[3].axhline(bound, **REFERENCE)
         axes[3].set(ylabel="NEES", xlabel="time (s)")
         return figure

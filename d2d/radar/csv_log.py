@@ -15,8 +15,7 @@ from d2d._checks import (
     check_instance,
     check_members,
     check_path,
-    check_positive,
-    check_scalar,
+    check_positive_scalar,
 )
 from d2d.radar.files import written_whole
 from d2d.radar.scan import MAX_RANGE, RadarScan
@@ -102,7 +101,7 @@ def load_csv(
     source = check_path("path", path)
     in_degrees = check_flag("degrees", degrees)
     sigmas = {
-        name: float(check_positive(name, check_scalar(name, sigma)))
+        name: check_positive_scalar(name, sigma)
         for name, sigma in zip(_SIGMAS, (sigma_range, sigma_azimuth, sigma_doppler), strict=True)
         if sigma is not None
     }

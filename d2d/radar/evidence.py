@@ -7,7 +7,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from d2d._checks import check_choice, check_instance, check_positive, check_rows, check_scalar
+from d2d._checks import (
+    check_choice,
+    check_instance,
+    check_positive_scalar,
+    check_rows,
+)
 from d2d._types import Array
 from d2d.radar.comparison import Comparison, enough
 from d2d.radar.joint import (
@@ -167,7 +172,7 @@ def compare_halves(
     """
     check_instance("rng", rng, np.random.Generator)
     check_choice("by", by, ("target", "object"))
-    reach = float(check_positive("distance", check_scalar("distance", distance)))
+    reach = check_positive_scalar("distance", distance)
     drives = [
         (list(scans), mounting)
         for scans, mounting in check_rows("sensors", sensors, Iterable, Mounting)

@@ -16,8 +16,7 @@ from d2d._checks import (
     check_count,
     check_flag,
     check_path,
-    check_positive,
-    check_scalar,
+    check_positive_scalar,
     check_seconds,
 )
 from d2d._types import Array
@@ -169,9 +168,9 @@ def load_nuscenes(
     check_flag("stated_mounting", stated_mounting)
     prediction = check_seconds("prediction_time", prediction_time, _LONGEST_PREDICTION)
     for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):
-        check_positive(name, check_scalar(name, sigma))
+        check_positive_scalar(name, sigma)
     if speed_factor is not None:
-        check_positive("speed_factor", check_scalar("speed_factor", speed_factor))
+        check_positive_scalar("speed_factor", speed_factor)
     folder = check_path("root", root)
     tables = _tables(folder, version)
     drive = _drive(tables, scene, channel)

@@ -9,7 +9,12 @@ from typing import Any, TypedDict
 import numpy as np
 
 from d2d import _kernel
-from d2d._checks import check_flag, check_positive, check_scalar, check_schedule, check_within
+from d2d._checks import (
+    check_flag,
+    check_positive_scalar,
+    check_schedule,
+    check_within,
+)
 from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
@@ -84,7 +89,7 @@ class EgoMotionModel(Frozen):
         check_flag("first_order", self.first_order)
         if not isinstance(self.slips, bool | np.bool_):
             check_within("slips", self.slips, *_SLIPS)
-        check_positive("doppler_width", check_scalar("doppler_width", self.doppler_width))
+        check_positive_scalar("doppler_width", self.doppler_width)
         self.form  # noqa: B018 - an outlier of another dimension is refused here
 
     @property

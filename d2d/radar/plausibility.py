@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from d2d._checks import check_positive, check_scalar
+from d2d._checks import check_positive_scalar
 from d2d._types import Array
 
 _SIGMAS = 3.0  # standard deviations that an estimate may lie beyond a limit
@@ -73,7 +73,7 @@ class VehicleLimits:
         for field in fields(self):
             limit = getattr(self, field.name)
             if not (np.isscalar(limit) and limit == np.inf):
-                check_positive(field.name, check_scalar(field.name, limit))
+                check_positive_scalar(field.name, limit)
             object.__setattr__(self, field.name, float(limit))
 
     def for_doppler(self, doppler: bool) -> "VehicleLimits":

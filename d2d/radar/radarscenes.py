@@ -16,7 +16,7 @@ from d2d._checks import (
     check_count,
     check_instance,
     check_path,
-    check_positive,
+    check_positive_scalar,
     check_scalar,
     check_seconds,
 )
@@ -124,7 +124,7 @@ def load_radarscenes(
     check_instance("slip", slip, SlipLaw)
     linear = None if side_slip is None else check_scalar("side_slip", side_slip)
     for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):
-        check_positive(name, check_scalar(name, sigma))
+        check_positive_scalar(name, sigma)
     if not isinstance(sequence, int | np.integer | str):
         raise ValueError(
             f"sequence must be a number or a name like sequence_105, but is {sequence!r}"

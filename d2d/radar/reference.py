@@ -6,7 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import check_finite, check_positive, check_real, check_scalar, check_seconds
+from d2d._checks import (
+    check_finite,
+    check_positive,
+    check_positive_scalar,
+    check_real,
+    check_seconds,
+)
 from d2d._types import Array
 
 
@@ -118,7 +124,7 @@ class Reference:
             and the reference's own times do not decrease.
         """
         wanted = check_finite("times", times)
-        longest = float(check_positive("max_gap", check_scalar("max_gap", max_gap)))
+        longest = check_positive_scalar("max_gap", max_gap)
         if not len(self.times) or (np.diff(self.times) < 0.0).any():
             raise ValueError("the reference must have times, in order, to be interpolated")
         if wanted.ndim != 1:

@@ -16,6 +16,7 @@ from d2d._checks import (
     check_flag,
     check_instance,
     check_positive,
+    check_positive_scalar,
     check_scalar,
     check_within,
 )
@@ -136,7 +137,8 @@ class RadarScan(Frozen):
                 raise ValueError(
                     f"{name} must have the shape {shape} to match range, but has {array.shape}"
                 )
-            self._keep(name, np.ascontiguousarray(np.broadcast_to(array, shape)))
+            full = array if array.shape == shape else np.broadcast_to(array, shape)
+            self._keep(name, np.ascontiguousarray(full))
 
     @classmethod
     def from_cartesian(
@@ -272,7 +274,7 @@ class RadarScan(Frozen):
         Raises a ``ValueError`` if ``mounting`` is not a `Mounting` or ``interval`` not a positive
         number.
         """
-        interval = float(check_positive("interval", check_scalar("interval", interval)))
+        interval = check_positive_scalar("interval", interval)
         check_flag("of_twist", of_twist)
         check_instance("mounting", mounting, Mounting)
         gain, slope = scan_gradients(self, mounting)

@@ -8,7 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d import rigid
-from d2d._checks import check_count, check_flag, check_instance, check_positive, check_scalar
+from d2d._checks import (
+    check_count,
+    check_flag,
+    check_instance,
+    check_positive_scalar,
+    check_scalar,
+)
 from d2d._types import Array, Selection
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
@@ -86,7 +92,7 @@ class Sensor:
         check_flag("quantised", self.quantised)
         for field in fields(self):
             if field.type is float and field.name != "clutter":
-                check_positive(field.name, check_scalar(field.name, getattr(self, field.name)))
+                check_positive_scalar(field.name, getattr(self, field.name))
         if check_scalar("clutter", self.clutter) < 0.0:
             raise ValueError(f"clutter must not be negative, but is {self.clutter:g}")
         if self.field_of_view > np.pi:
@@ -193,8 +199,8 @@ def simulate_drive(
         If an argument is not positive or of the wrong type; the message names it.
     """
     check_instance("rng", rng, np.random.Generator)
-    duration = float(check_positive("duration", check_scalar("duration", duration)))
-    speed = float(check_positive("speed", check_scalar("speed", speed)))
+    duration = check_positive_scalar("duration", duration)
+    speed = check_positive_scalar("speed", speed)
     start = check_scalar("start", start)
     check_instance("mounting", mounting, Mounting)
     sensor = Sensor() if sensor is None else sensor
@@ -262,9 +268,9 @@ def _detected(
 ) -> tuple[NDArray[np.int_], Array]:
     """The points that are detected, and their power relative to the threshold."""
     distance = np.hypot(*scene.points.T)
-    azimuth = np.arctan2(scene.points[:, 1], scene.points[:, 0])
-    inside = (distance > sensor.min_range) & (distance < sensor.max_range)
-    point = np.flatnonzero(inside & (np.abs(azimuth) < sensor.field_of_view))
+    point = np.flatnonzero((distance > sensor.min_range) & (distance < sensor.max_range))
+    azimuth = np.arctan2(scene.points[point, 1], scene.points[point, 0])
+    point = point[np.abs(azimuth) < sensor.field_of_view]
     mean = scene.strength[point] * (sensor.half_range / distance[point]) ** 4 / np.log(2.0)
     power = mean * rng.exponential(size=len(point))
     point, power = point[power > 1.0], power[power > 1.0]

@@ -6,7 +6,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_members, check_positive, check_scalar
+from d2d._checks import check_members, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.budget import ErrorBudget
 from d2d.radar.doppler import doppler_starts
@@ -162,7 +162,7 @@ def increasing(name: str, scans: Sequence[RadarScan], max_interval: float) -> Ar
 
 def check_intervals(name: str, times: Array, max_interval: float) -> None:
     """Raise a ValueError if times (n,) in s are farther apart than ``max_interval``."""
-    longest = float(check_positive("max_interval", check_scalar("max_interval", max_interval)))
+    longest = check_positive_scalar("max_interval", max_interval)
     intervals = np.diff(times)
     if (intervals > longest).any():
         far = int(np.argmax(intervals))

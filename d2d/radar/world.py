@@ -122,7 +122,10 @@ class World(Frozen):
 
 def visible(points: Array, walls: Array) -> NDArray[np.bool_]:
     """Whether each point (K, 2) is visible from the origin, not hidden by a wall (S, 2, 2)."""
-    start, end = walls[:, 0], walls[:, 1]
+    # only a wall that comes into the rectangle around the origin and all points can hide one
+    low, high = points.min(axis=0, initial=0.0), points.max(axis=0, initial=0.0)
+    near = (walls.max(axis=1) >= low) & (walls.min(axis=1) <= high)
+    start, end = np.swapaxes(walls[near.all(axis=1)], 0, 1)
     edge = end - start
     x, y = points[:, :1], points[:, 1:]
     # a ray crosses a wall if the ends of each lie on different sides of the other

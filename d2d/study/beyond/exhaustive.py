@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
@@ -170,7 +170,7 @@ class Outcome:
             runs=len(good),
             converged=int(good.sum()),
             at_truth=int(near.sum()),
-            covered=int((judged.nees < chdtri(3, 0.05)).sum()),
+            covered=int((judged.nees < scipy.special.chdtri(3, 0.05)).sum()),
             rmse_m=rms(distance) if near.any() else np.nan,
             rmse_deg=float(np.rad2deg(rms(turn))) if near.any() else np.nan,
             anees=judged.anees,

@@ -5,15 +5,14 @@ from collections.abc import Callable
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri, stdtrit
 
 from d2d._types import Array
 from d2d.bootstrap import block_bootstrap
 from d2d.credibility import Credibility, credibility
 
 CONFIDENCE = 0.95
+UPPER = 0.5 + 0.5 * CONFIDENCE  # probability below the upper bound
 RESAMPLES = 500
-NORMAL = float(ndtri(0.5 + 0.5 * CONFIDENCE))  # half the interval, in standard deviations
 
 
 class Measured(float):
@@ -81,7 +80,7 @@ def share_in_series(condition: ArrayLike, block: int) -> Measured:
 
 def share_counted(share: float, cases: float) -> Measured:
     """A share of so many independent cases, with Wilson's interval."""
-    z2 = NORMAL**2 / cases
+    z2 = float(scipy.special.ndtri(UPPER)) ** 2 / cases
     middle = (share + 0.5 * z2) / (1.0 + z2)
     half = np.sqrt(z2 * (share * (1.0 - share) + 0.25 * z2)) / (1.0 + z2)
     low, high = max(middle - half, 0.0), min(middle + half, 1.0)
@@ -98,7 +97,7 @@ def share_difference(of: ArrayLike, minus: ArrayLike) -> Measured:
     count = len(differences) + 2
     gained = (np.sum(differences > 0.0) + 1) / count
     lost = (np.sum(differences < 0.0) + 1) / count
-    half = NORMAL * np.sqrt((gained + lost - (gained - lost) ** 2) / count)
+    half = scipy.special.ndtri(UPPER) * np.sqrt((gained + lost - (gained - lost) ** 2) / count)
     low, high = max(gained - lost - half, -1.0), min(gained - lost + half, 1.0)
     return Measured(float(differences.mean()), low, high)
 
@@ -106,7 +105,7 @@ def share_difference(of: ArrayLike, minus: ArrayLike) -> Measured:
 def mean_of(values: ArrayLike) -> Measured:
     """Mean of independent values (N,), with Student's interval."""
     each = np.asarray(values, dtype=np.float64).ravel()
-    half = stdtrit(len(each) - 1, 0.5 + 0.5 * CONFIDENCE) * each.std(ddof=1)
+    half = scipy.special.stdtrit(len(each) - 1, UPPER) * each.std(ddof=1)
     half /= np.sqrt(len(each))
     mean = float(each.mean())
     return Measured(mean, mean - half, mean + half)

@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from d2d import block_bootstrap
 from d2d._types import Array
@@ -241,7 +241,7 @@ def drawn_errors(
 def _stratified(rng: np.random.Generator, drives: int, columns: int) -> Array:
     """Standard normal numbers (drives, columns), in a column one from each of equal parts."""
     parts = rng.permuted(np.tile(np.arange(drives)[:, np.newaxis], columns), axis=0)
-    return np.asarray(ndtri((parts + rng.random(parts.shape)) / drives))
+    return np.asarray(scipy.special.ndtri((parts + rng.random(parts.shape)) / drives))
 
 
 def _judged(views: Sequence[Drive], ingredient: Ingredient, number: int) -> Judged:

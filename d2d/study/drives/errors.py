@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import check_positive, check_scalar
+from d2d._checks import check_positive_scalar
 from d2d.radar import Comparison, Reference, Track, compare
 from d2d.radar.comparison import IN_UNITS, NAMES, UNITS
 from d2d.study.book.table import Column, Table, table
@@ -90,7 +90,7 @@ class Drift:
             Unit,
         )
 
-        length = float(check_positive("stretch", check_scalar("stretch", stretch)))
+        length = check_positive_scalar("stretch", stretch)
         paths = _evo_path("true", true), _evo_path("poses", poses)
         relations = PoseRelation.translation_part, PoseRelation.rotation_angle_deg
         measures: list[Any] = [APE(relation) for relation in relations]

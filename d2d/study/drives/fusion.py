@@ -5,8 +5,8 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from d2d._types import Array
 from d2d.radar import (
@@ -30,8 +30,9 @@ from d2d.study.drives.budget_trial import INGREDIENTS, drawn_errors, told
 
 FILTERS = ("inverse Hessian", "budget as white noise", "budget, slow errors as states")
 SEED, DRIVES, DURATION = 29, 12, 20.0  # s: half a lap of the car
-GATE = float(chdtri(3, 0.001))  # of the NIS: of credible innovations, 99.9 % lie below
-REGION = float(chdtri(3, 0.05))
+# Of the NIS and NEES: of credible ones, 99.9 % and 95 % lie below.
+GATE = float(scipy.special.chdtri(3, 0.001))
+REGION = float(scipy.special.chdtri(3, 0.05))
 SETTLED = 2.0  # s, after which a filter is judged
 
 GYRO_NOISE, GYRO_BIAS = (float(x) for x in np.deg2rad([0.1, 1.0]))  # rad/s, standard deviations

@@ -6,8 +6,8 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtri
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
@@ -158,7 +158,7 @@ def over_layouts(
         credible = result.credibility
         ratio = 10.0 * np.log10(credible.ratio)
         parts = float((ratio < -NOTICEABLE).mean()), float((ratio > NOTICEABLE).mean())
-        covered = float((credible.nees < chdtri(result.errors.shape[1], 0.05)).mean())
+        covered = float((credible.nees < scipy.special.chdtri(result.errors.shape[1], 0.05)).mean())
         return share, rms(distance), credible.inclination, *parts, credible.nci, covered
 
     columns = np.array([one(seed) for seed in range(layouts)]).T

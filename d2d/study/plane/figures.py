@@ -5,9 +5,9 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from scipy.special import chdtri
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -249,7 +249,7 @@ def credibility_panels(
     """
     dots: dict[str, Any] = {"color": LOOKS[cost].color, "ms": 1.5}
     run = np.arange(len(result.nees))
-    region = chdtri(3, [0.975, 0.025])
+    region = scipy.special.chdtri(3, [0.975, 0.025])
     for ax, values, name in (
         (axes[0], result.nees, "NEES"),
         (axes[1], result.credible_nees, "credible NEES"),

@@ -7,7 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_finite, check_fraction, check_positive, check_scalar
+from d2d._checks import (
+    check_finite,
+    check_fraction,
+    check_positive_scalar,
+)
 from d2d._types import Array
 from d2d.point_set import PointSet
 
@@ -138,9 +142,9 @@ def room_scan(
     """
     if rays < 1:
         raise ValueError(f"rays must be at least 1, but is {rays}")
-    sigma = float(check_positive("sigma_range", check_scalar("sigma_range", sigma_range)))
+    sigma = check_positive_scalar("sigma_range", sigma_range)
     share = check_fraction("outliers", outliers)
-    view = float(check_positive("field_of_view", check_scalar("field_of_view", field_of_view)))
+    view = check_positive_scalar("field_of_view", field_of_view)
     if view > 2.0 * np.pi:
         raise ValueError(f"field_of_view must be at most 2 pi, but is {view:g}")
     spacing = view / rays
