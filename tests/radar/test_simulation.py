@@ -46,6 +46,22 @@ def everything(driven: Drive, i: int) -> tuple[np.ndarray, np.ndarray]:
     return (points - at) / direction, ground / direction
 
 
+def bare(points: np.ndarray, strengths) -> World:
+    """A world of a few points and nothing else."""
+    world = build_world(np.random.default_rng(0), movers=0)
+    return World(
+        np.empty((0, 4, 2)),
+        np.empty((0, 4, 2)),
+        replace(
+            world.reflectors,
+            positions=points,
+            strength=np.array(strengths),
+            kind=np.full(len(points), "pole"),
+        ),
+        world.movers,
+    )
+
+
 def test_the_same_seed_gives_the_same_drive():
     """Breaks if anything draws from a state other than the generator."""
     first, again, other = (simulate_drive(np.random.default_rng(seed), 5.0) for seed in (1, 1, 2))
@@ -80,8 +96,9 @@ def test_scans_truth_and_labels_are_given_at_the_same_times():
 @pytest.mark.parametrize("speed", [2.5, CAR_SPEED])
 def test_velocity_is_the_derivative_of_the_poses(speed):
     """Breaks if theta is not in the vehicle's axes."""
-    blind = Sensor(rate=50.0, half_range=1e-3)
-    truth = simulate_drive(np.random.default_rng(0), 300.0 / speed, speed, sensor=blind).truth
+    often, world = Sensor(rate=50.0), bare(np.empty((0, 2)), [])
+    rng = np.random.default_rng(0)
+    truth = simulate_drive(rng, 300.0 / speed, speed, sensor=often, world=world).truth
     spline = CubicSpline(truth.times, truth.poses)
     inner = slice(10, -10)  # a spline is less exact at its ends
     rate = spline(truth.times[inner], 1)
@@ -292,22 +309,6 @@ def test_detection_falls_with_range_as_swerling_says():
     expected = 0.5 ** ((ranges / 25.0) ** 4)
     deviation = np.sqrt(expected * (1.0 - expected) / len(still.scans))
     assert (np.abs(found / len(still.scans) - expected) < 4.0 * deviation).all()
-
-
-def bare(points: np.ndarray, strengths) -> World:
-    """A world of a few points and nothing else."""
-    world = build_world(np.random.default_rng(0), movers=0)
-    return World(
-        np.empty((0, 4, 2)),
-        np.empty((0, 4, 2)),
-        replace(
-            world.reflectors,
-            positions=points,
-            strength=np.array(strengths),
-            kind=np.full(len(points), "pole"),
-        ),
-        world.movers,
-    )
 
 
 def test_clutter_comes_as_often_as_asked_for_and_from_everywhere():
