@@ -28,24 +28,23 @@ LOWEST = 1e-60  # 1/m to the number of targets: the lower end of a logarithmic a
 
 
 def line_targets(ax: Axes, points: PointSet, true: Array, names: Sequence[str]) -> None:
-    """Targets of a 1D set: true position (circle), observed one (star), density (curve)."""
+    """Targets of a 1D set: density (curve), true place (circle) and observed place (star)."""
     low, high = true.min() - 2.0, true.max() + 2.0
     x = np.linspace(low, high, 1201)
-    peak = 0.0
+    peak = 1.0 / np.sqrt(2.0 * np.pi * points.covariances.min())
     for k, name in enumerate(names):
         mean, variance = points.means[k, 0], points.covariances[k, 0, 0]
         density = np.exp(-0.5 * (x - mean) ** 2 / variance) / np.sqrt(2.0 * np.pi * variance)
         style = _target_line(k, name)
         ax.plot(x, density, **style)
-        ax.plot(true[k], 0.0, "o", mfc="none", color=style["color"], clip_on=False)
-        ax.plot(mean, 0.0, "*", ms=8, color=style["color"], clip_on=False)
-        peak = max(peak, float(density.max()))
+        ax.plot(true[k], -0.07 * peak, "o", ms=5, mfc="none", color=style["color"])
+        ax.plot(mean, -0.17 * peak, "*", ms=7, color=style["color"])
     places = [(float(mean), peak, name) for (mean,), name in zip(points.means, names, strict=True)]
     _write_letters(ax, places, high - low)
     ax.set_xlabel("x (m)")
     ax.set_ylabel("density (1/m)")
-    ax.set_ylim(0.0, None)
-    ax.margins(y=0.15)
+    ax.set_ylim(-0.25 * peak, 1.15 * peak)
+    ax.set_yticks([tick for tick in ax.get_yticks() if 0.0 <= tick <= 1.15 * peak])
 
 
 def _target_line(k: int, name: str) -> dict[str, Any]:
