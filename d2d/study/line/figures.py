@@ -23,6 +23,7 @@ TARGETS = (
 )
 OUTLIER = "O"
 _LETTER = 0.07  # inches: the width of a letter
+_FULL = 0.6  # share of an axis above which there is no room for more letters
 _VISIBLE = 0.03  # of the highest maximum: a lower one lies on the axis
 LOWEST = 1e-60  # 1/m to the number of targets: the lower end of a logarithmic axis
 
@@ -54,30 +55,40 @@ def _target_line(k: int, name: str) -> dict[str, Any]:
 
 
 def _write_letters(ax: Axes, places: Sequence[tuple[float, float, str]], span: float) -> None:
-    """Letters above places (x, height, letter); where they would overprint, they form one word."""
+    """Letters above places (x, height, letter); where they would overprint, they form one word.
+
+    Where the words would fill the line, none is written: nobody could tell which is whose.
+    """
     figure = ax.get_figure(root=True)
     width = 5.0 if figure is None else float(figure.get_figwidth())  # inches
     letter_width = _LETTER * span / (ax.get_position().width * width)
     groups: list[list[tuple[float, float, str]]] = []
     for place in sorted(places):
         if groups:
-            word = {letter for *_, letter in groups[-1]}
-            middle = float(np.mean([x for x, *_ in groups[-1]]))
-            if place[0] - middle < 0.5 * (len(word) + 1.5) * letter_width:
+            x, _, word = _word(groups[-1])
+            if place[0] - x < 0.5 * (len(word) + 1.5) * letter_width:
                 groups[-1].append(place)
                 continue
         groups.append([place])
-    for group in groups:
-        x, height = np.mean([x for x, *_ in group]), max(height for _, height, _ in group)
+    words = [_word(group) for group in groups]
+    if sum(len(word) for *_, word in words) * letter_width > _FULL * span:
+        return
+    for x, height, word in words:
         ax.annotate(
-            "".join(dict.fromkeys(letter for *_, letter in group)),
-            (float(x), height),
+            word,
+            (x, height),
             (0, 2),
             textcoords="offset points",
             ha="center",
             color="0.25",
             fontsize=8,
         )
+
+
+def _word(group: Sequence[tuple[float, float, str]]) -> tuple[float, float, str]:
+    """Mean place, height and letters, each once, of neighbours (x, height, letter)."""
+    x, height = np.mean([x for x, *_ in group]), max(height for _, height, _ in group)
+    return float(x), height, "".join(dict.fromkeys(letter for *_, letter in group))
 
 
 def surface(
