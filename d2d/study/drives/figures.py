@@ -348,17 +348,8 @@ def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
         top, *below = axes[:, column]
         top.semilogy(result.times[result.used], result.nis[result.used], ".", ms=2.5, color=GREY)
         top.semilogy(result.times[~result.used], result.nis[~result.used], "x", ms=4, color=PURPLE)
-        for limit, label, below_line in ((REGION, "95 %", True), (GATE, "gate", False)):
+        for limit in (REGION, GATE):
             top.axhline(limit, color=BLACK, lw=0.8, ls="--")
-            top.annotate(
-                label,
-                (result.times[-1], limit),
-                (0, -2 if below_line else 2),
-                textcoords="offset points",
-                ha="right",
-                va="top" if below_line else "bottom",
-                fontsize=7,
-            )
         top.set(ylim=(0.05, 200.0))
         top.set_title(textwrap.fill(f"({'abc'[column]}) {name}", 20), fontsize=8)
         for ax, entry, unit in zip(below, (0, 3), (1.0, np.rad2deg(1.0)), strict=True):
@@ -367,6 +358,9 @@ def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
             ax.plot(result.times, result.errors[:, entry] * unit, color=PURPLE, lw=1.0)
             ax.axhline(0.0, **TRUTH)
         below[-1].set_xlabel("time (s)")
+    for limit, label in ((REGION, "95 %"), (GATE, "gate")):  # beside the last panel, off its points
+        place = (1.03, limit)
+        top.annotate(label, place, xycoords=("axes fraction", "data"), va="center", fontsize=7)
     for ax, label in zip(
         axes[:, 0], ("NIS", "error of $v_x$ (m/s)", "error of the\ngyro bias (°/s)"), strict=True
     ):
