@@ -42,7 +42,7 @@ FACTORS: dict[str, tuple[str, str, bool]] = {
     "size": ("size", "targets in a scan", True),
     "outliers": ("outlier_share", "outlier share", False),
     "overlap": ("overlap", "overlap", False),
-    "spacing": ("spacing_m", "least spacing (m)", False),
+    "spacing": ("spacing_m", "minimum spacing (m)", False),
     "field": ("field_deg", "half field of view (deg)", True),
     "reported": ("reported", "stated / actual σ", True),
 }

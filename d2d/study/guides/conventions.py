@@ -22,12 +22,11 @@ def draw_conventions(ax: Axes, mounting: Mounting) -> None:
     target = place + _RANGE * sight
     _line(ax, place, target, color=OCHRE, lw=1.0)
     ax.plot(target.real, target.imag, "*", color=OCHRE, ms=11)
-    _text(ax, place + 0.62 * _RANGE * sight - 0.85, "range", OCHRE)
+    _text(ax, place + 0.62 * _RANGE * sight - 1.15, "range", OCHRE)
     _arc(ax, place, 2.3, mounting.yaw, mounting.yaw + _AZIMUTH, OCHRE)
-    middle = place + cmath.rect(2.6, mounting.yaw + 0.85 * _AZIMUTH)
-    _text(ax, middle, "azimuth > 0", OCHRE)
+    _text(ax, place + cmath.rect(2.7, mounting.yaw + 0.8 * _AZIMUTH), "azimuth > 0", OCHRE)
     _arrow(ax, target, target + 1.3 * sight, GREY)
-    _text(ax, target + 1.3 * sight - 2.1, "doppler > 0:\nmoves away", GREY)
+    _text(ax, target + 1.3 * sight - 2.3, "doppler > 0:\nmoves away", GREY)
     ax.set(xlim=(-2.2, 8.2), ylim=(-2.7, 7.3), xlabel="x (m)", ylabel="y (m)", aspect="equal")
 
 
@@ -38,7 +37,7 @@ def _vehicle(ax: Axes) -> None:
             ax.plot([x - 0.3, x + 0.3], [y, y], color="0.3", lw=5, solid_capstyle="butt")
     ax.plot(0.0, 0.0, "o", color=BLACK)
     _text(ax, complex(-1.6, -1.75), "origin, best the middle\nof the rear axle", BLACK)
-    for end, name, shift in ((2.0, "x, forward", 0.2 - 0.35j), (2.0j, "y, left", -1.1 - 0.1j)):
+    for end, name, shift in ((2.0, "x, forward", -1.4 - 0.5j), (2.0j, "y, left", -1.1 - 0.1j)):
         _arrow(ax, 0.0, end, BLACK)
         _text(ax, end + shift, name, BLACK)
     _arc(ax, 0.0, 0.75, math.radians(20.0), math.radians(70.0), BLACK)
@@ -48,7 +47,7 @@ def _vehicle(ax: Axes) -> None:
 
 def _sensor(ax: Axes, mounting: Mounting, place: complex) -> None:
     ax.plot(place.real, place.imag, "s", color=PURPLE, ms=7)
-    end = place + cmath.rect(3.6, mounting.yaw)
+    end = place + cmath.rect(3.0, mounting.yaw)
     _line(ax, place, end, color=PURPLE, lw=1.0, ls="-.")
     _text(ax, end + complex(0.1, -0.25), "boresight", PURPLE)
     _line(ax, place, place + 2.4, color="0.4", lw=1.0, ls=":")
