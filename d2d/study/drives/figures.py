@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from d2d import rigid
 from d2d._types import Array
 from d2d.radar import ExtentEstimate, Mounting
-from d2d.radar.simulation import Sensor
+from d2d.radar.simulation import STEPS, Sensor
 from d2d.radar.world import KINDS, World
 from d2d.study.book.grammar import (
     BLACK,
@@ -64,7 +64,7 @@ def coordinate_frames(ax: Axes) -> None:
             _label(ax, end, f"${axis}$ {name}", color, shift)
     ax.plot([0, x, x], [0, 0, y], ":", color="0.3", lw=1.2)
     _label(ax, (0.72 * x, 0.0), "$x_s$", BLACK, (0, -14))
-    _label(ax, (x, 0.45 * y), "$y_s$", BLACK, (4, -2))
+    _label(ax, (x, 0.45 * y), "$y_s$", BLACK, (-17, -2))
     ax.plot([x, x + 2.6], [y, y], ":", color="0.3", lw=1.2)
     for low, high, size, name, color in (
         (0.0, yaw, 4.0, r"$\alpha_s$", BLACK),
@@ -125,7 +125,7 @@ def platform(ax: Axes, mounting: Mounting, sensor: Sensor, view_length: float = 
     _arrow(ax, (0, 0), (0.3, 0), BLACK)
     _arrow(ax, (0, 0), (0, 0.3), BLACK)
     _label(ax, (0.24, 0), "$x$", BLACK, (-2, 4))
-    _label(ax, (0, 0.24), "$y$", BLACK, (-14, -4))
+    _label(ax, (0, 0.1), "$y$", BLACK, (-12, -2))
     ax.set(xlim=(-0.7, mounting.x + view_length + 0.1), ylim=(-1.45, 1.45))
     ax.set(xlabel="x (m)", ylabel="y (m)")
     ax.set_aspect("equal")
@@ -133,6 +133,8 @@ def platform(ax: Axes, mounting: Mounting, sensor: Sensor, view_length: float = 
 
 def specification(ax: Axes, sensor: Sensor) -> None:
     """The specification of the simulated sensor, as a table."""
+    units = ("m", "rad", "m/s")
+    steps = [f"{step:g} {unit}" for step, unit in zip(STEPS[:, 0], units, strict=True)]
     entries = (
         ("carrier", "77 GHz"),
         ("rate", f"{sensor.rate:g} Hz"),
@@ -144,7 +146,7 @@ def specification(ax: Axes, sensor: Sensor) -> None:
             f"{np.rad2deg(sensor.sigma_azimuth):.1f} – {np.rad2deg(2 * sensor.sigma_azimuth):.1f}°",
         ),
         ("σ Doppler", f"{sensor.sigma_doppler:g} – {2 * sensor.sigma_doppler:g} m/s"),
-        ("steps", "0.0625 m, 0.0002 rad,\n0.0625 m/s"),
+        *zip(("range step", "azimuth step", "Doppler step"), steps, strict=True),
         ("false targets", f"{sensor.clutter:g} a scan"),
     )
     ax.axis("off")
