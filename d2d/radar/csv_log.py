@@ -10,13 +10,7 @@ from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
-from d2d._checks import (
-    check_flag,
-    check_instance,
-    check_members,
-    check_path,
-    check_positive_scalar,
-)
+from d2d._checks import check_flag, check_instance, check_members, check_path, check_positive_scalar
 from d2d.radar.files import written_whole
 from d2d.radar.scan import MAX_RANGE, RadarScan
 

@@ -7,12 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from d2d._checks import (
-    check_choice,
-    check_instance,
-    check_positive_scalar,
-    check_rows,
-)
+from d2d._checks import check_choice, check_instance, check_positive_scalar, check_rows
 from d2d._types import Array
 from d2d.radar.comparison import Comparison, enough
 from d2d.radar.joint import (

@@ -12,13 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import (
-    check_count,
-    check_flag,
-    check_path,
-    check_positive_scalar,
-    check_seconds,
-)
+from d2d._checks import check_count, check_flag, check_path, check_positive_scalar, check_seconds
 from d2d._types import Array
 from d2d.radar.budget import ErrorBudget
 from d2d.radar.files import existing, read_json, strongest_targets

@@ -9,12 +9,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from d2d import _kernel
-from d2d._checks import (
-    check_flag,
-    check_positive_scalar,
-    check_schedule,
-    check_within,
-)
+from d2d._checks import check_flag, check_positive_scalar, check_schedule, check_within
 from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost

@@ -8,13 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d import rigid
-from d2d._checks import (
-    check_count,
-    check_flag,
-    check_instance,
-    check_positive_scalar,
-    check_scalar,
-)
+from d2d._checks import check_count, check_flag, check_instance, check_positive_scalar, check_scalar
 from d2d._types import Array, Selection
 from d2d.radar.reference import Reference
 from d2d.radar.scan import Mounting, RadarScan, doppler_velocity

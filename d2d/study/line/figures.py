@@ -135,7 +135,8 @@ def every_target(
 ) -> None:
     """The surface of each moving target, as a density or as a cost.
 
-    A letter above each maximum of a density names the target, unless it is too low to be seen.
+    A letter above each maximum of a density names the target, unless it is too low to be seen or
+    there is no room for all of them.
     """
     logs = target_log_surfaces(cost, translations, *sets)
     places = []

@@ -7,11 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import (
-    check_finite,
-    check_fraction,
-    check_positive_scalar,
-)
+from d2d._checks import check_finite, check_fraction, check_positive_scalar
 from d2d._types import Array
 from d2d.point_set import PointSet
 
