@@ -1,0 +1,48 @@
+"""The panels of the scenes on a line."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from d2d import RegistrationCost
+from d2d.study.line import figures
+from d2d.study.line.disturbed_scenes import CLUSTER_NAMES, cluster_positions, clustered
+from d2d.study.line.scene import SIGMA
+
+
+@pytest.fixture(autouse=True)
+def _closed():
+    yield
+    plt.close("all")
+
+
+def test_true_and_observed_positions_are_below_the_curves_and_apart():
+    """Breaks if marks change places, or lie on the axis or on each other."""
+    true = cluster_positions(4.0 * SIGMA)
+    fixed, _ = clustered(np.random.default_rng(1), 4.0 * SIGMA)
+    _, ax = plt.subplots()
+    figures.line_targets(ax, fixed, true, CLUSTER_NAMES)
+    circles, stars = (
+        np.array([line.get_xydata()[0] for line in ax.lines if line.get_marker() == marker])
+        for marker in "o*"
+    )
+    assert_array_equal(circles[:, 0], true)
+    assert_array_equal(stars[:, 0], fixed.means[:, 0])
+    bottom, top = ax.get_ylim()
+    assert bottom < stars[:, 1].max() < circles[:, 1].min() < 0.0
+    assert min(ax.get_yticks()) == 0.0
+    assert max(line.get_ydata().max() for line in ax.lines) < top
+
+
+@pytest.mark.parametrize(("spacing", "named"), [(1.0, True), (4.0, False)])
+def test_letters_give_way_where_there_is_no_room(spacing, named):
+    """Breaks if crowded letters are printed over each other, or none where they fit."""
+    sets = clustered(np.random.default_rng(1), spacing * SIGMA)
+    _, axes = plt.subplots(2, 3, figsize=(4.85, 4.8))
+    cost = RegistrationCost()
+    figures.every_target(axes[0, 0], np.arange(-1.0, 5.0, 0.01), cost, sets, CLUSTER_NAMES)
+    written = {letter for text in axes[0, 0].texts for letter in text.get_text()}
+    assert written == (set(CLUSTER_NAMES) if named else set())
