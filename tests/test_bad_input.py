@@ -24,7 +24,7 @@ from d2d.radar import (
     track,
     track_joint,
 )
-from d2d.radar.simulation import simulate_drive
+from d2d.radar.simulation.drive import simulate_drive
 
 SCANS = simulate_drive(np.random.default_rng(0), 0.3).scans
 PAIR = (SCANS[0], SCANS[1], Mounting(0.4))

@@ -50,7 +50,7 @@ from d2d.radar import (
     track,
     track_joint,
 )
-from d2d.radar.scan import doppler_gradients
+from d2d.radar.scans.scan import doppler_gradients
 from tests.strategies import (
     FUSIONS,
     METRICS,

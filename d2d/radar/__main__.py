@@ -2,7 +2,7 @@
 
 import sys
 
-from d2d.radar.command_line import main
+from d2d.radar.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

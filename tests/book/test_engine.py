@@ -29,7 +29,7 @@ from d2d import (
 )
 from d2d.cost import OutlierModel
 from d2d.radar import EgoMotionModel, RadarScan, estimate_ego_motion, simulate_drive
-from d2d.radar.scan_pair import scan_pair
+from d2d.radar.motion.pairs import scan_pair
 from d2d.study import scenarios
 from d2d.study.line.scene import line_scene
 from tests.book import browser

@@ -26,7 +26,7 @@ from d2d import (
 from d2d.baselines import fit_rigid
 from d2d.gaussian import density
 from d2d.radar import Mounting, RadarScan, doppler_velocity, inlier_probabilities
-from d2d.radar.scan import doppler_gradients
+from d2d.radar.scans.scan import doppler_gradients
 from d2d.study import scenarios
 from d2d.study.line.scene import FIXED_POSITIONS, TRUTH
 

@@ -22,10 +22,10 @@ from d2d.radar import (
     track,
     track_joint,
 )
-from d2d.radar.budget import accelerations, apply_budget
-from d2d.radar.joint import joint_pairs
-from d2d.radar.plausibility import State
-from d2d.radar.scan_pair import scan_pair
+from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.motion.shared_errors import accelerations, apply_budget
+from d2d.radar.tracks.joint import joint_pairs
+from d2d.radar.tracks.limits import State
 
 MOUNTINGS = Mounting(3.6, 0.8, 0.6), Mounting(3.4, -0.8, -0.7)
 THETA = np.array([8.0, 0.1, 0.2])

@@ -27,7 +27,7 @@ from d2d.radar import (
     load_radarscenes,
     simulate_drive,
 )
-from d2d.radar.alignment import (
+from d2d.radar.trust.alignment import (
     Alignment,
     ScanVelocities,
     covariance,

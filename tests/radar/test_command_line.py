@@ -24,7 +24,7 @@ from d2d.radar import (
     track_joint,
     write_csv,
 )
-from d2d.radar.command_line import main
+from d2d.radar.cli import main
 
 DEGREE = np.deg2rad(1.0)
 SIDE = Mounting(0.3, 0.2, 60.0 * DEGREE)
@@ -205,7 +205,7 @@ def test_where_nothing_can_be_written_is_known_before_the_work(log, capsys, monk
     def never(*_arguments, **_options):
         raise AssertionError
 
-    monkeypatch.setattr("d2d.radar.command_line.track", never)
+    monkeypatch.setattr("d2d.radar.cli.track", never)
     call = ["track", "--csv", str(log), *FRONT, "--output"]
     assert "is not a writable folder" in failed([*call, f"{log}/drive"], capsys)
     (log.parent / "drive.npz").mkdir()

@@ -28,9 +28,9 @@ from d2d.radar import (
     estimate_ego_motion,
     propagate_ego_motion,
 )
-from d2d.radar.influence import cross_range
-from d2d.radar.options import DEFAULT_OUTLIER
-from d2d.radar.scan import doppler_gradients
+from d2d.radar.motion.influence import cross_range
+from d2d.radar.motion.model import DEFAULT_OUTLIER
+from d2d.radar.scans.scan import doppler_gradients
 
 CORNER, FRONT = Mounting(3.86, 0.7, 0.436), Mounting(3.6, 0.0, 0.0)
 SIGMAS = (0.15, np.deg2rad(1.0), 0.06)

@@ -14,7 +14,7 @@ from d2d.radar import (
     doppler_velocity,
     sensor_velocity,
 )
-from d2d.radar.doppler import _agreeing, _pairs, doppler_starts
+from d2d.radar.motion.doppler import _agreeing, _pairs, doppler_starts
 
 MOUNTINGS = [
     pytest.param(Mounting(), id="origin"),

@@ -31,9 +31,9 @@ from d2d.radar import (
     track,
     track_joint,
 )
-from d2d.radar.joint import rounds
-from d2d.radar.options import DEFAULT_OUTLIER
-from d2d.radar.track import MIN_EXPLAINED, integrate
+from d2d.radar.motion.model import DEFAULT_OUTLIER
+from d2d.radar.tracks.joint import rounds
+from d2d.radar.tracks.one_sensor import MIN_EXPLAINED, integrate
 
 CORNER = Mounting(3.86, 0.7, 0.436)
 SIGMAS = (0.15, np.deg2rad(0.5), 0.06)

@@ -22,7 +22,7 @@ from d2d.radar import (
     simulate_drive,
     track,
 )
-from d2d.radar.evidence import _clusters, _half
+from d2d.radar.trust.halves import _clusters, _half
 
 THETA = np.array([3.0, 0.0, 0.1])
 MOUNTING = Mounting(2.0, 0.0, 0.0)

@@ -21,9 +21,9 @@ from d2d.radar import (
     estimate_extent,
 )
 from d2d.radar import extent as module
-from d2d.radar.extent import CANDIDATES, widened
-from d2d.radar.options import EgoMotionModel
-from d2d.radar.scan_pair import scan_pair
+from d2d.radar.motion.model import EgoMotionModel
+from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.trust.extent import CANDIDATES, widened
 
 THETA, STILL = np.array([6.0, 0.2, 0.1]), np.zeros(3)
 MOUNTING = Mounting(2.0, 0.5, 0.1)

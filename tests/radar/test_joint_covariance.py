@@ -21,9 +21,9 @@ from d2d.radar import (
     propagate_ego_motion,
     propagate_joint_ego_motion,
 )
-from d2d.radar.influence import distinct_views, influences, noise_covariance
-from d2d.radar.options import EgoMotionModel
-from d2d.radar.scan_pair import scan_pair
+from d2d.radar.motion.influence import distinct_views, influences, noise_covariance
+from d2d.radar.motion.model import EgoMotionModel
+from d2d.radar.motion.pairs import scan_pair
 
 THETA = np.array([12.0, -0.5, 0.4])
 SIGMAS = (0.15, np.deg2rad(1.0), 0.06)

@@ -23,7 +23,7 @@ from d2d.radar import (
     load_nuscenes,
     sensor_velocity,
 )
-from d2d.radar.nuscenes import azimuth_sigma
+from d2d.radar.readers.nuscenes import azimuth_sigma
 
 START = 1_532_402_900_000_000  # us
 THETA = np.array([8.0, -0.2, 0.3])  # of the vehicle, all the time

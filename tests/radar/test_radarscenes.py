@@ -17,8 +17,8 @@ from numpy.lib.recfunctions import repack_fields
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d.radar import Mounting, SlipLaw, doppler_velocity, load_radarscenes, track
-from d2d.radar.radarscenes import azimuth_sigma
-from d2d.radar.scan import doppler_gradients
+from d2d.radar.readers.radarscenes import azimuth_sigma
+from d2d.radar.scans.scan import doppler_gradients
 from d2d.study.drives.errors import DriveErrors
 from d2d.study.recordings.estimates import data_root
 

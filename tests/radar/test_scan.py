@@ -16,7 +16,7 @@ from scipy.linalg import expm
 
 from d2d import rigid
 from d2d.radar import Mounting, RadarScan, doppler_velocity
-from d2d.radar.scan import doppler_gradients
+from d2d.radar.scans.scan import doppler_gradients
 from tests.strategies import central_difference
 
 MOUNTINGS = [

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d.radar import Mounting, Sensor, SensorErrors, build_world, doppler_velocity, simulate_drive
-from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED, STEPS
+from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, STEPS
 
 EXACT = Sensor(quantised=False)
 

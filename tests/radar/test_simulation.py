@@ -12,8 +12,8 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import kstest
 
 from d2d.radar import Drive, Mounting, doppler_velocity, simulate_drive, track
-from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED, MAX_STEPS, Sensor
-from d2d.radar.world import KINDS, World, build_world
+from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, MAX_STEPS, Sensor
+from d2d.radar.simulation.world import KINDS, World, build_world
 from d2d.study.drives.errors import DriveErrors
 from tests.strategies import central_difference
 

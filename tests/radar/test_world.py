@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import CubicSpline
 
-from d2d.radar.world import (
+from d2d.radar.simulation.world import (
     LAP,
     build_world,
     lap_curvature,

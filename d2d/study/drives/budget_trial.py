@@ -22,8 +22,8 @@ from d2d.radar import (
     simulate_drive,
     track_joint,
 )
-from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED, STEPS
-from d2d.radar.world import LAP
+from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, STEPS
+from d2d.radar.simulation.world import LAP
 from d2d.scores import normalised_squares, within
 
 SEED = 17

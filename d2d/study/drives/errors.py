@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from d2d import rigid
 from d2d._checks import check_positive_scalar
 from d2d.radar import Comparison, Reference, Track, compare
-from d2d.radar.comparison import IN_UNITS, NAMES, UNITS
+from d2d.radar.trust.comparison import IN_UNITS, NAMES, UNITS
 from d2d.study.book.table import Column, Table, table
 
 __all__ = ["IN_UNITS", "NAMES", "UNITS", "Drift", "DriveErrors", "errors_table"]

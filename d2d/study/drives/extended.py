@@ -19,7 +19,7 @@ from d2d.radar import (
     estimate_extent,
     propagate_ego_motion,
 )
-from d2d.radar.radarscenes import azimuth_sigma
+from d2d.radar.readers.radarscenes import azimuth_sigma
 from d2d.study.drives.errors import IN_UNITS
 
 THETA = np.array([15.0, 0.0, 0.05])  # m/s, m/s, rad/s

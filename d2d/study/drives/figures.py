@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from d2d import rigid
 from d2d._types import Array
 from d2d.radar import ExtentEstimate, Mounting
-from d2d.radar.simulation import STEPS, Sensor
-from d2d.radar.world import KINDS, World
+from d2d.radar.simulation.drive import STEPS, Sensor
+from d2d.radar.simulation.world import KINDS, World
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,

@@ -21,10 +21,10 @@ from d2d.radar import (
     simulate_drive,
     track,
 )
-from d2d.radar.budget import accelerations
-from d2d.radar.influence import influences
-from d2d.radar.scan_pair import scan_pair
-from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED
+from d2d.radar.motion.influence import influences
+from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.motion.shared_errors import accelerations
+from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.scores import normalised_squares
 from d2d.study.drives.budget_trial import INGREDIENTS, drawn_errors, told
 

@@ -17,7 +17,7 @@ class TargetWeights:
     Attributes
     ----------
     kind : (M,) array of str
-        One of `d2d.radar.world.KINDS`.
+        One of `d2d.radar.simulation.world.KINDS`.
     probability : (M,) array
         Probability that the target is an inlier under the pair's estimate.
     own_speed : (M,) array, m/s

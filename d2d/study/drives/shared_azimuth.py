@@ -9,7 +9,7 @@ from d2d._types import Array
 from d2d.credibility import Credibility
 from d2d.measurement import LinearMeasurement
 from d2d.radar import Mounting, doppler_velocity
-from d2d.radar.scan import doppler_gradients
+from d2d.radar.scans.scan import doppler_gradients
 from d2d.study.noise import noisy_polar
 
 INTERVAL = 0.1  # s

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from d2d._types import Array
 from d2d.radar import Drive, Track, estimate_ego_motion, propagate_ego_motion
-from d2d.radar.world import Movers, Reflectors, World
+from d2d.radar.simulation.world import Movers, Reflectors, World
 
 
 def sparse(world: World, rng: np.random.Generator, share: float = 0.2) -> World:

@@ -16,7 +16,7 @@ from d2d.radar import (
     track,
     track_joint,
 )
-from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED
+from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.study.guides.rows import Row, row
 
 RATE = 13.0  # Hz

@@ -16,7 +16,7 @@ from d2d.radar import (
     build_world,
     simulate_drive,
 )
-from d2d.radar.simulation import CAR_SPEED
+from d2d.radar.simulation.drive import CAR_SPEED
 
 SEED = 4
 DURATION = 40.0  # s, a lap around the block

@@ -24,7 +24,7 @@ from d2d.radar import (
     simulate_drive,
     track,
 )
-from d2d.radar.simulation import CAR_SPEED
+from d2d.radar.simulation.drive import CAR_SPEED
 from d2d.study.book.grammar import GREY, OCHRE, PURPLE
 from d2d.study.book.table import Table, table
 from d2d.study.guides.stated_sigmas import scaled

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from d2d.radar import Drive, RadarScan, Sensor, simulate_drive, track
-from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED
+from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.study.book.grammar import BLACK, GREY, OCHRE, PURPLE
 from d2d.study.guides.rows import Row, row
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from d2d._types import Array
 from d2d.radar import EgoMotionModel, Mounting, RadarScan, Recording, estimate_ego_motion
-from d2d.radar.scan import doppler_gradients
-from d2d.radar.scan_pair import scan_pair
+from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.scans.scan import doppler_gradients
 
 _GATE = 3.0  # standard deviations of the Doppler velocity
 _POSITIONS = EgoMotionModel(doppler=False)

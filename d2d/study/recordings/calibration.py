@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from d2d import rigid
 from d2d._types import Array
 from d2d.radar import Recording, Reference, Track, inlier_probabilities
-from d2d.radar.alignment import Alignment, ScanVelocities, fit, fit_at, scan_velocities
-from d2d.radar.scan import Mounting, RadarScan, doppler_gradients
+from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
+from d2d.radar.trust.alignment import Alignment, ScanVelocities, fit, fit_at, scan_velocities
 
 MAX_OFFSET = 0.25  # s, the largest time offset considered
 NORMAL = 1.4826  # standard deviation of a normal variable over its median absolute deviation

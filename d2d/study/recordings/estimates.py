@@ -30,7 +30,7 @@ from d2d.radar import (
     track,
     track_joint,
 )
-from d2d.radar.joint import rounds
+from d2d.radar.tracks.joint import rounds
 from d2d.study.drives.errors import DriveErrors
 from d2d.study.recordings.calibration import (
     Correction,

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
-from d2d.radar.comparison import NAMES, UNITS
+from d2d.radar.trust.comparison import NAMES, UNITS
 from d2d.study.book.grammar import BLACK, COVARIANCES, OTHERS, TRUTH, covariance_marks
 from d2d.study.book.table import Column, Table, table
 

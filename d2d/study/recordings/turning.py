@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.radar import Recording, load_nuscenes
-from d2d.radar.scan import doppler_gradients
+from d2d.radar.scans.scan import doppler_gradients
 
 CHANNELS = tuple(
     f"RADAR_{place}" for place in ("FRONT", "FRONT_LEFT", "FRONT_RIGHT", "BACK_LEFT", "BACK_RIGHT")

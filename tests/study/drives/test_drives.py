@@ -19,7 +19,7 @@ from d2d.radar import (
     simulate_drive,
     track,
 )
-from d2d.radar.covariance import propagate_ego_motion
+from d2d.radar.motion.covariance import propagate_ego_motion
 from d2d.study.drives.errors import Drift, DriveErrors, errors_table
 from d2d.study.drives.moving_targets import TargetWeights, rejected_walkers, walkers_by_pair
 from d2d.study.drives.variations import propagated_covariances, sparse, track_from

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from d2d.radar.world import Reflectors, build_world
+from d2d.radar.simulation.world import Reflectors, build_world
 from d2d.study.drives import figures
 
 

@@ -16,7 +16,7 @@ from d2d.radar import (
     simulate_drive,
     track,
 )
-from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED
+from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.study.drives import figures, fusion
 from d2d.study.drives.budget_trial import BudgetTrial
 from d2d.study.drives.fusion import FILTERS, Measured, fuse

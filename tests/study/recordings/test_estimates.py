@@ -25,7 +25,7 @@ from d2d.radar import (
     estimate_joint_ego_motion,
     track,
 )
-from d2d.radar.track import integrate
+from d2d.radar.tracks.one_sensor import integrate
 from d2d.study.recordings import estimates
 from d2d.study.recordings.calibration import (
     fit_correction,

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from d2d.radar import ErrorBudget, Recording, compare, load_nuscenes, simulate_drive, track
-from d2d.radar.simulation import CAR_MOUNTING, CAR_SPEED
+from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.study.book import grammar
 from d2d.study.recordings import road, road_figures
 

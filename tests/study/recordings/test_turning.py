@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from d2d.radar import Mounting, Recording, Reference, load_nuscenes
-from d2d.radar.nuscenes import MOUNTING_ERRORS
-from d2d.radar.scan import RadarScan, doppler_velocity
+from d2d.radar.readers.nuscenes import MOUNTING_ERRORS
+from d2d.radar.scans.scan import RadarScan, doppler_velocity
 from d2d.study.recordings import turning
 
 RNG = np.random.default_rng(0)

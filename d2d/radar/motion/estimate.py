@@ -9,10 +9,10 @@ from d2d import rigid
 from d2d._checks import check_finite
 from d2d._types import Array
 from d2d.problem import Problem
-from d2d.radar.doppler import doppler_starts
-from d2d.radar.options import EgoMotionModel, EstimationOptions, ModelOptions, split_options
-from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.scan_pair import scan_pair
+from d2d.radar.motion.doppler import doppler_starts
+from d2d.radar.motion.model import EgoMotionModel, EstimationOptions, ModelOptions, split_options
+from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.registration import Estimate, anneal, best_of
 
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from d2d._checks import check_count, check_instance, check_positive, check_rows, check_seconds
 from d2d.problem import Pair
-from d2d.radar.options import EgoMotionModel
-from d2d.radar.scan import Mounting, RadarScan
+from d2d.radar.motion.model import EgoMotionModel
+from d2d.radar.scans.scan import Mounting, RadarScan
 
 _LONGEST_HORIZON = 60.0  # s
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from d2d import rigid
 from d2d._checks import check_count, check_flag, check_instance, check_positive_scalar, check_scalar
 from d2d._types import Array, Selection
-from d2d.radar.reference import Reference
-from d2d.radar.scan import Mounting, RadarScan, doppler_velocity
-from d2d.radar.sensor_errors import SensorErrors
-from d2d.radar.world import (
+from d2d.radar.scans.reference import Reference
+from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity
+from d2d.radar.simulation.sensor_errors import SensorErrors
+from d2d.radar.simulation.world import (
     World,
     build_world,
     lap_curvature,
@@ -102,7 +102,7 @@ class TrueTargets:
     Attributes
     ----------
     kind : (K,) array of str
-        Entries of `d2d.radar.world.KINDS`.
+        Entries of `d2d.radar.simulation.world.KINDS`.
     point : (K,) array of int
         Index of the reflection point in the world, with the movers' points after the stationary
         ones; -1 for clutter.
@@ -178,7 +178,7 @@ def simulate_drive(
     sensor : Sensor, optional
         By default, the thesis's sensor.
     world : World, optional
-        By default, it is drawn by `d2d.radar.world.build_world`.
+        By default, it is drawn by `d2d.radar.simulation.world.build_world`.
     errors : SensorErrors, optional
         What else is wrong with the sensor; by default, nothing.  They change neither what is
         detected nor the targets' own noise, unless there is a lag.

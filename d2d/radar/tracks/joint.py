@@ -9,14 +9,10 @@ from numpy.typing import ArrayLike
 
 from d2d._checks import check_members, check_rows
 from d2d._types import Array
-from d2d.radar.budget import ErrorBudget
-from d2d.radar.doppler import doppler_ego_motion, doppler_starts
-from d2d.radar.ego_motion import check_velocity, estimate_velocity
-from d2d.radar.following import DEFAULT_LIMITS, Interval, Search, check_tracking, follow
-from d2d.radar.options import EstimationOptions, split_options
-from d2d.radar.plausibility import VehicleLimits
-from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.scan_pair import (
+from d2d.radar.motion.doppler import doppler_ego_motion, doppler_starts
+from d2d.radar.motion.estimate import check_velocity, estimate_velocity
+from d2d.radar.motion.model import EstimationOptions, split_options
+from d2d.radar.motion.pairs import (
     ScanPair,
     check_distinct,
     check_pairs,
@@ -24,7 +20,11 @@ from d2d.radar.scan_pair import (
     scan_before,
     scan_pair,
 )
-from d2d.radar.track import MAX_INTERVAL, Track, check_intervals, increasing
+from d2d.radar.scans.budget import ErrorBudget
+from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.tracks.limits import VehicleLimits
+from d2d.radar.tracks.one_sensor import MAX_INTERVAL, Track, check_intervals, increasing
+from d2d.radar.tracks.tracking import DEFAULT_LIMITS, Interval, Search, check_tracking, follow
 from d2d.registration import Estimate
 
 Sensor = tuple[Sequence[RadarScan], Mounting]

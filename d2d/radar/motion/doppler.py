@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from d2d import _kernel
 from d2d._checks import check_flag, check_instance, check_rows
 from d2d._types import Array
-from d2d.radar.scan import Mounting, RadarScan, directions, scan_gradients
+from d2d.radar.scans.scan import Mounting, RadarScan, directions, scan_gradients
 
 _MAX_PAIRS = 200
 _GATE = 3.0  # standard deviations within which a target agrees with a hypothesis

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from d2d.radar.budget import ErrorBudget
-from d2d.radar.reference import Reference
-from d2d.radar.scan import Mounting, RadarScan
+from d2d.radar.scans.budget import ErrorBudget
+from d2d.radar.scans.reference import Reference
+from d2d.radar.scans.scan import Mounting, RadarScan
 
 LONGEST_OFFSET = 10.0  # s, of a radar's clock from the reference's
 

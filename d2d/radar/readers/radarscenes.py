@@ -21,12 +21,12 @@ from d2d._checks import (
     check_seconds,
 )
 from d2d._types import Array
-from d2d.radar.budget import ErrorBudget
 from d2d.radar.files import existing, read_json, strongest_targets
-from d2d.radar.recording import LONGEST_OFFSET, Recording
-from d2d.radar.reference import Reference
-from d2d.radar.scan import MAX_RANGE, Mounting, RadarScan
-from d2d.radar.slip import SlipLaw
+from d2d.radar.scans.budget import ErrorBudget
+from d2d.radar.scans.recording import LONGEST_OFFSET, Recording
+from d2d.radar.scans.reference import Reference
+from d2d.radar.scans.scan import MAX_RANGE, Mounting, RadarScan
+from d2d.radar.scans.slip import SlipLaw
 
 MICROSECOND = 1e-6
 SLIP = SlipLaw(ahead=0.0, compliance=0.0045)

@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d._checks import check_count, check_flag, check_path, check_positive_scalar, check_seconds
 from d2d._types import Array
-from d2d.radar.budget import ErrorBudget
 from d2d.radar.files import existing, read_json, strongest_targets
-from d2d.radar.pcd import read_pcd
-from d2d.radar.recording import LONGEST_OFFSET, Recording
-from d2d.radar.reference import Reference
-from d2d.radar.scan import MAX_RANGE, Mounting, RadarScan
+from d2d.radar.readers.pcd import read_pcd
+from d2d.radar.scans.budget import ErrorBudget
+from d2d.radar.scans.recording import LONGEST_OFFSET, Recording
+from d2d.radar.scans.reference import Reference
+from d2d.radar.scans.scan import MAX_RANGE, Mounting, RadarScan
 
 MICROSECOND = 1e-6
 GRID = 0.2  # m, to which x and y are rounded

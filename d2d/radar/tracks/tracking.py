@@ -10,19 +10,14 @@ from numpy.typing import ArrayLike
 from d2d._checks import check_flag, check_instance
 from d2d._types import Array
 from d2d.problem import Problem
-from d2d.radar.budget import (
-    CovarianceParts,
-    ErrorBudget,
-    accelerations,
-    apply_budget,
-    with_lag,
-)
-from d2d.radar.contradiction import warn_of_contradiction
-from d2d.radar.ego_motion import check_velocity, estimate_velocity
-from d2d.radar.plausibility import State, VehicleLimits
-from d2d.radar.progress import counted
-from d2d.radar.scan_pair import ScanPair, repeats
-from d2d.radar.trajectory import Track
+from d2d.radar.motion.estimate import check_velocity, estimate_velocity
+from d2d.radar.motion.pairs import ScanPair, repeats
+from d2d.radar.motion.shared_errors import accelerations, apply_budget, with_lag
+from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
+from d2d.radar.tracks.contradiction import warn_of_contradiction
+from d2d.radar.tracks.limits import State, VehicleLimits
+from d2d.radar.tracks.progress import counted
+from d2d.radar.tracks.track import Track
 from d2d.registration import Estimate
 
 DEFAULT_LIMITS = VehicleLimits()

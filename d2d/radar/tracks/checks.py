@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from d2d._checks import check_instance, check_real
 from d2d._types import Array
-from d2d.radar.budget import CovarianceParts
+from d2d.radar.scans.budget import CovarianceParts
 
 REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
 _SHAPES: dict[str, tuple[int, ...]] = {"theta": (3,), "covariance": (3, 3)}  # of a row; else ()

@@ -16,8 +16,8 @@ from d2d._types import Array
 from d2d.bootstrap import block_bootstrap, block_length
 from d2d.credibility import Credibility, credibility
 from d2d.radar.looks import COLOR, MARKER, REFERENCE
-from d2d.radar.reference import Reference
-from d2d.radar.trajectory import Track
+from d2d.radar.scans.reference import Reference
+from d2d.radar.tracks.track import Track
 from d2d.scores import LEVELS, Whitened, crps, whiten, within
 
 if TYPE_CHECKING:

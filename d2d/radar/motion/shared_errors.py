@@ -1,123 +1,23 @@
-"""Errors that the targets of a scan share, which their standard deviations do not contain."""
+"""What the errors that targets share do to an estimate."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import NamedTuple
 
 import numpy as np
 
 from d2d import _kernel
-from d2d._checks import check_angle, check_scalar
 from d2d._types import Array
 from d2d.problem import Problem
-from d2d.radar.scan import directions
-from d2d.radar.scan_pair import ScanPair
+from d2d.radar.motion.pairs import ScanPair
+from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
+from d2d.radar.scans.scan import directions
 from d2d.registration import Estimate
 
 # s to either side, over which an acceleration is fitted; a little more than half a second, so that
 # the rounding of times does not decide which estimates of a radar with steps of 0.1 s count
 _SLOPE_SPAN = 0.5 + 1e-6
-_LARGEST = 1e3  # in any unit: beyond it a covariance holds nothing but the budget, or overflows
 _LOWER = [1, 2, 2], [0, 0, 1]  # rows and columns below the diagonal of a matrix (3, 3)
 _NOTHING = np.empty((0, 3))
 _IDENTITY = np.eye(3)
-
-
-@dataclass(frozen=True)
-class ErrorBudget:
-    """Standard deviations of the errors that many targets share.
-
-    The inverse Hessian takes the errors of all targets as independent, so it becomes ever smaller
-    with their number.  Errors that they share do not average out.  With a budget, the covariance of
-    a track is the propagated noise of the single targets plus the effect of the shared errors,
-    each of which acts through the sum of the influences of the targets that share it.
-
-    With a budget, even an empty one, a track's estimates are the velocities at its times: positions
-    give the mean velocity over their interval; when the vehicle accelerates, this lags by half an
-    interval, which is corrected with the acceleration estimated from the track itself.
-
-    Attributes
-    ----------
-    azimuth : float, rad
-        Of an azimuth bias of each sensor, the error of its mounting angle included.
-    doppler : float, m/s
-        Of an error of all Doppler velocities of a sensor's scan: rounding that its static targets
-        share, drift of the oscillator, multipath.
-    scale : float
-        Of a relative error of the Doppler velocities of all sensors, or of the speed of what they
-        are compared with.
-    lag : float, s
-        Of the time to which an estimate belongs; its effect is the vehicle's acceleration times it.
-    neighbours : float, m
-        Length over which the position errors of neighbouring targets are correlated, as
-        exp(-distance / length).  Reflections of one object shift together.
-    source : str
-        Where the numbers come from.
-
-    Raises
-    ------
-    ValueError
-        If a number is negative, nan or above 1000, or the azimuth's above 2 pi; the message names
-        it.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from d2d.radar import ErrorBudget, simulate_drive, track
-    >>> drive = simulate_drive(np.random.default_rng(0), duration=2.0)
-    >>> budget = ErrorBudget(azimuth=np.deg2rad(0.1), doppler=0.02, source="data sheet")
-    >>> driven = track(drive.scans, drive.mounting, budget=budget)
-    >>> bool((driven.parts.total == driven.covariance).all())
-    True
-    """
-
-    azimuth: float = 0.0
-    doppler: float = 0.0
-    scale: float = 0.0
-    lag: float = 0.0
-    neighbours: float = 0.0
-    source: str = ""
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            if field.name == "source":
-                continue
-            value = check_scalar(field.name, getattr(self, field.name))
-            if value < 0.0:
-                raise ValueError(f"{field.name} must not be negative, but is {value:g}")
-            if value > _LARGEST:
-                raise ValueError(f"{field.name} must be at most {_LARGEST:g}, but is {value:g}")
-            object.__setattr__(self, field.name, float(value))
-        check_angle("azimuth", self.azimuth)
-        if not isinstance(self.source, str):
-            raise ValueError(f"source must be a str, but is a {type(self.source).__name__}")
-
-
-class CovarianceParts(NamedTuple):
-    """The parts of a track's covariances, each (n, 3, 3) in m/s, m/s, rad/s.
-
-    A filter may take the first two as white noise.  The systematic part changes slowly: it belongs
-    in the filter's state, or the filter's steps must be far enough apart.
-
-    Attributes
-    ----------
-    noise : (n, 3, 3) array
-        Of the errors of each target, independent of all others.
-    dependence : (n, 3, 3) array
-        What the correlation of neighbouring targets adds.
-    systematic : (n, 3, 3) array
-        Of the errors that all targets of a scan, or all sensors, share, and of the prior on the
-        side slip.
-    """
-
-    noise: Array
-    dependence: Array
-    systematic: Array
-
-    @property
-    def total(self) -> Array:
-        """The sum of the parts."""
-        return self.noise + self.dependence + self.systematic
 
 
 def apply_budget(

@@ -8,9 +8,14 @@ from numpy.typing import ArrayLike
 
 from d2d._checks import check_members, check_positive_scalar
 from d2d._types import Array
-from d2d.radar.budget import ErrorBudget
-from d2d.radar.doppler import doppler_starts
-from d2d.radar.following import (
+from d2d.radar.motion.doppler import doppler_starts
+from d2d.radar.motion.model import EstimationOptions, split_options
+from d2d.radar.motion.pairs import check_separation, scan_before, scan_pair
+from d2d.radar.scans.budget import ErrorBudget
+from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.tracks.limits import VehicleLimits
+from d2d.radar.tracks.track import Track, integrate
+from d2d.radar.tracks.tracking import (
     DEFAULT_LIMITS,
     MIN_EXPLAINED,
     Interval,
@@ -18,11 +23,6 @@ from d2d.radar.following import (
     check_tracking,
     follow,
 )
-from d2d.radar.options import EstimationOptions, split_options
-from d2d.radar.plausibility import VehicleLimits
-from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.scan_pair import check_separation, scan_before, scan_pair
-from d2d.radar.trajectory import Track, integrate
 
 __all__ = [
     "MAX_INTERVAL",

@@ -17,7 +17,7 @@ import numpy as np
 
 from d2d._types import Array
 from d2d.problem import Problem
-from d2d.radar.scan import Mounting, RadarScan, directions
+from d2d.radar.scans.scan import Mounting, RadarScan, directions
 from d2d.registration import Estimate
 
 View = tuple[RadarScan, Mounting]

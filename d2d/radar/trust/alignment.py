@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.bootstrap import block_length
-from d2d.radar.doppler import doppler_ego_motion
-from d2d.radar.reference import Reference
-from d2d.radar.scan import Mounting, RadarScan, doppler_gradients
+from d2d.radar.motion.doppler import doppler_ego_motion
+from d2d.radar.scans.reference import Reference
+from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
 
 _STEP = 0.02  # s, of the search for the lag before it is refined
 _HALF_DIFFERENCE = 0.05  # s, for derivatives in the lag: references jitter from row to row

@@ -14,18 +14,18 @@ from typing import NamedTuple
 import numpy as np
 
 from d2d._checks import check_path
-from d2d.radar.budget import ErrorBudget
-from d2d.radar.command_help import HELP, PROGRAM, TRACK_EPILOG, TRACK_HELP
-from d2d.radar.csv_log import load_csv, write_csv
-from d2d.radar.joint import track_joint
-from d2d.radar.nuscenes import load_nuscenes
-from d2d.radar.plausibility import VehicleLimits
-from d2d.radar.radarscenes import load_radarscenes
-from d2d.radar.recording import Recording
-from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.simulation import simulate_drive
-from d2d.radar.track import MAX_INTERVAL, track
-from d2d.radar.trajectory import Track
+from d2d.radar.cli_help import HELP, PROGRAM, TRACK_EPILOG, TRACK_HELP
+from d2d.radar.readers.csv_log import load_csv, write_csv
+from d2d.radar.readers.nuscenes import load_nuscenes
+from d2d.radar.readers.radarscenes import load_radarscenes
+from d2d.radar.scans.budget import ErrorBudget
+from d2d.radar.scans.recording import Recording
+from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.simulation.drive import simulate_drive
+from d2d.radar.tracks.joint import track_joint
+from d2d.radar.tracks.limits import VehicleLimits
+from d2d.radar.tracks.one_sensor import MAX_INTERVAL, track
+from d2d.radar.tracks.track import Track
 
 # The options that belong to each source, and those of them that it needs.
 _OF_SOURCE = {

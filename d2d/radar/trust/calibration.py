@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from d2d._checks import check_instance, check_members, check_rows, check_scalar, check_within
 from d2d._types import Array
-from d2d.radar.alignment import Alignment, Fit, agreeing, covariance, fit, scan_velocities
-from d2d.radar.recording import Recording
-from d2d.radar.reference import Reference
-from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.scan_pair import check_distinct
-from d2d.radar.slip import SlipLaw
+from d2d.radar.motion.pairs import check_distinct
+from d2d.radar.scans.recording import Recording
+from d2d.radar.scans.reference import Reference
+from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.scans.slip import SlipLaw
+from d2d.radar.trust.alignment import Alignment, Fit, agreeing, covariance, fit, scan_velocities
 
 _POWERS = (0, 2)  # of v_x in the slip law
 _LAG, _AHEAD, _COMPLIANCE = 0, 2, 3  # places among the parameters

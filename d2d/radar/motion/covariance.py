@@ -10,10 +10,10 @@ from d2d._checks import check_flag, check_instance
 from d2d._types import Array
 from d2d.covariance import check_estimate
 from d2d.problem import Problem
-from d2d.radar.influence import View, distinct_views, influences, noise_covariance
-from d2d.radar.options import EgoMotionModel, ModelOptions
-from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.scan_pair import ScanPair, check_pairs, scan_pair
+from d2d.radar.motion.influence import View, distinct_views, influences, noise_covariance
+from d2d.radar.motion.model import EgoMotionModel, ModelOptions
+from d2d.radar.motion.pairs import ScanPair, check_pairs, scan_pair
+from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.registration import Estimate
 
 

@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 from d2d._checks import check_choice, check_instance, check_positive_scalar, check_rows
 from d2d._types import Array
-from d2d.radar.comparison import Comparison, enough
-from d2d.radar.joint import (
+from d2d.radar.motion.model import EstimationOptions
+from d2d.radar.motion.pairs import ScanPair
+from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.tracks.joint import (
     estimate_joint_ego_motion,
     joint_pairs,
     rounds,
     track_joint,
 )
-from d2d.radar.options import EstimationOptions
-from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.scan_pair import ScanPair
-from d2d.radar.trajectory import Track, neighbours
+from d2d.radar.tracks.track import Track, neighbours
+from d2d.radar.trust.comparison import Comparison, enough
 
 
 def compare_tracks(first: Track, second: Track) -> Comparison:

@@ -16,10 +16,10 @@ from d2d import rigid
 from d2d._checks import check_finite, check_path
 from d2d._lazy import Frozen
 from d2d._types import Array
-from d2d.radar.budget import CovarianceParts
 from d2d.radar.files import written_whole
-from d2d.radar.trajectory_checks import REQUIRED, check_track
-from d2d.radar.trajectory_files import (
+from d2d.radar.scans.budget import CovarianceParts
+from d2d.radar.tracks.checks import REQUIRED, check_track
+from d2d.radar.tracks.files import (
     Arrays,
     load_arrays,
     read_velocity_table,
@@ -27,7 +27,7 @@ from d2d.radar.trajectory_files import (
     velocity_columns,
     write_velocity_table,
 )
-from d2d.radar.trajectory_plot import draw
+from d2d.radar.tracks.plot import draw
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,7 +12,7 @@ import numpy as np
 
 from d2d._checks import check_flag, check_instance, check_members, check_path, check_positive_scalar
 from d2d.radar.files import written_whole
-from d2d.radar.scan import MAX_RANGE, RadarScan
+from d2d.radar.scans.scan import MAX_RANGE, RadarScan
 
 ONLY_SENSOR = "radar"  # the name of the sensor of a file that names none
 

@@ -11,12 +11,12 @@ from d2d._checks import check_count, check_instance, check_members
 from d2d._types import Array
 from d2d.bootstrap import block_length
 from d2d.problem import Problem
-from d2d.radar.doppler import doppler_starts
-from d2d.radar.ego_motion import estimate_velocity
-from d2d.radar.options import EgoMotionModel, ModelOptions
-from d2d.radar.scan import Mounting, RadarScan
-from d2d.radar.scan_pair import scan_pair
-from d2d.radar.track import MAX_INTERVAL, increasing
+from d2d.radar.motion.doppler import doppler_starts
+from d2d.radar.motion.estimate import estimate_velocity
+from d2d.radar.motion.model import EgoMotionModel, ModelOptions
+from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.tracks.one_sensor import MAX_INTERVAL, increasing
 
 # m; the likelihood is computed at each, the maximum is looked for between neighbours
 CANDIDATES = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])

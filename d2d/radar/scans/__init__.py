@@ -1,0 +1,1 @@
+"""Scans, and what comes with them: mountings, references, recordings, budgets."""

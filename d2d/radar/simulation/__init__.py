@@ -1,0 +1,1 @@
+"""A simulated drive with a Doppler radar."""

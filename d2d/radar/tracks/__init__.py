@@ -1,0 +1,1 @@
+"""The motion along a drive."""

@@ -1,0 +1,1 @@
+"""Whether a track and its covariances can be trusted."""
