@@ -20,7 +20,7 @@ from d2d.radar import (
     estimate_ego_motion,
     estimate_extent,
 )
-from d2d.radar import extent as module
+from d2d.radar.trust import extent as module
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import scan_pair
 from d2d.radar.trust.extent import CANDIDATES, widened
