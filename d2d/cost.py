@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d import _kernel, rigid
+from d2d import rigid
 from d2d._checks import (
     check_choice,
     check_covariances,
@@ -15,6 +15,7 @@ from d2d._checks import (
     check_fraction,
     check_positive_scalar,
 )
+from d2d._kernel import layout
 from d2d._lazy import Frozen, lazy
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
@@ -27,8 +28,8 @@ Fusion = Literal["likelihood", "summing"]
 _METRICS = ("d2d", "p2d")
 # An outlier model as the kernel reads it: its kind, the logarithms of the weights of the inliers
 # and of the outlier component (normalisation included), and that component's precision xx, xy, yy.
-_NO_OUTLIER = np.array([_kernel.NO_OUTLIER, 0.0, -np.inf, 0.0, 0.0, 0.0])
-_FUSIONS = {"likelihood": _kernel.LIKELIHOOD, "summing": _kernel.SUMMING}
+_NO_OUTLIER = np.array([layout.NO_OUTLIER, 0.0, -np.inf, 0.0, 0.0, 0.0])
+_FUSIONS = {"likelihood": layout.LIKELIHOOD, "summing": layout.SUMMING}
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class UniformOutlier(Frozen):
 
     @lazy
     def _packed(self) -> Array:
-        return np.array([_kernel.UNIFORM, 0.0, math.log(self.density), 0.0, 0.0, 0.0])
+        return np.array([layout.UNIFORM, 0.0, math.log(self.density), 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +102,7 @@ class CorruptedGaussian(Frozen):
         with np.errstate(divide="ignore"):  # a fraction of 0 or 1: one component has zero weight
             inlier, outlier = np.log1p(-self.fraction), np.log(self.fraction) - norm
         return np.array(
-            [_kernel.CORRUPTED, inlier, outlier, precision[0, 0], precision[0, 1], precision[1, 1]]
+            [layout.CORRUPTED, inlier, outlier, precision[0, 0], precision[0, 1], precision[1, 1]]
         )
 
 
