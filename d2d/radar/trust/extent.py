@@ -9,7 +9,7 @@ import scipy
 
 from d2d._checks import check_count, check_instance, check_members
 from d2d._types import Array
-from d2d.bootstrap import block_length
+from d2d.bootstrap import block_length, block_sums
 from d2d.problem import Problem
 from d2d.radar.motion.doppler import doppler_starts
 from d2d.radar.motion.estimate import estimate_velocity
@@ -18,13 +18,12 @@ from d2d.radar.motion.pairs import scan_pair
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.one_sensor import MAX_INTERVAL, increasing
 
-# m; the likelihood is computed at each, the maximum is looked for between neighbours
-CANDIDATES = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])
-_MIDDLE = 0.4  # m; the velocities found with it are where all others are looked for
+CANDIDATES = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])  # m
+_MIDDLE = 0.4  # m; the search at every extent starts at the velocity found with this one
 _TOLERANCE = 1e-3  # m
-_STEP = 0.1  # of the variance, over which the score's slope is taken
+_STEP = 0.1  # relative change of the variance, for the derivative of the score
+_SMALL = 0.03  # m; if the extent is zero, the derivative is taken from zero to here
 _SHORTEST_BLOCK = 4  # pairs
-_SMALL = 0.03  # m; that at an extent of zero is taken up to here
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +38,13 @@ class ExtentEstimate:
         Its standard error, from the scatter of the pairs' scores; nan if there is none.
     sigma_independent : float, m
         Its standard error if all targets were independent and the model true, from the curvature of
-        the likelihood.  It is the smaller one as a rule.
+        the likelihood; usually the smaller of the two.
     pairs, targets : int
         Number of pairs of scans, and of targets in their current scans, that were used.
     candidates : (G,) array, m
-        Extents at which the likelihood was computed, ascending from 0, ``extent`` among them.
+        Extents at which the likelihood was computed, ascending from 0 and including ``extent``.
     log_likelihoods : (G,) array
-        Log-likelihood per target at each of them, every pair at its own best velocity.
+        Log-likelihood per target at each of them, with every pair at its own best velocity.
     """
 
     extent: float
@@ -73,10 +72,10 @@ def estimate_extent(
     max_interval: float = MAX_INTERVAL,
     **options: Unpack[ModelOptions],
 ) -> ExtentEstimate:
-    """Extent of a sensor's targets, for `RadarScan.extent`, by maximum likelihood.
+    """Estimate the extent of a sensor's targets (`RadarScan.extent`) by maximum likelihood.
 
-    It is the one extent of all targets at which the pairs of scans, each registered with it, are
-    most likely together.  No reference is needed.  The scans' own ``extent`` is not used.
+    All targets get the one extent with which the registered pairs of scans are most likely.  No
+    reference is needed.  The scans' own ``extent`` is not used.
 
     Parameters
     ----------
@@ -90,8 +89,7 @@ def estimate_extent(
     max_interval : float, s
         Longest time between two scans; see `track`.
     **options
-        ``doppler``, ``outlier``, ``doppler_width`` and ``first_order``, as for
-        `estimate_ego_motion`.
+        Fields of `EgoMotionModel`.
 
     Returns
     -------
@@ -101,33 +99,34 @@ def estimate_extent(
     ------
     ValueError
         If fewer than two pairs have targets in both scans, the likelihood still grows at the
-        largest candidate (3.2 m), or an argument is invalid; the message names the argument.
+        largest candidate (3.2 m), or an argument is invalid.
 
     Notes
     -----
     With the extent e, the density of a target about a component of the other scan has the
     covariance S = S_0 + 2 e^2 I.  By the heat equation, the derivative of a target's log-likelihood
-    in e^2 is its inlier probability times the Laplacian of its inlier density over that density,
-    and at a pair's best velocity nothing else changes (envelope theorem).  The maximum is where the
-    sum of these scores vanishes between two candidates.
+    in e^2, its score, is its inlier probability times the Laplacian of its inlier density over that
+    density; at a pair's best velocity nothing else changes (envelope theorem).  At the maximum the
+    scores add up to zero.
 
-    The standard error is that of an estimate by a cost whose terms are not independent (sandwich):
-    with the pairs' scores s_p and their sum's derivative -H in e^2, sqrt(var(sum s_p)) / H for e^2,
-    by overlapping blocks of at least four successive pairs, see `d2d.block_length`.  For e it is
-    divided by 2 e; close to zero it is at most the square root of that for e^2, which is thus the
-    extent one standard error away from zero.  The velocities, which are fitted to the
-    same positions, make the extent a little too small: by 1 to 2 % with 40 targets.
+    The standard error allows for scores that are not independent (sandwich).  If the scores s_p of
+    the pairs add up to a function of e^2 with the derivative -H, that of e^2 is
+    sqrt(var(sum s_p)) / H, with the variance from overlapping blocks of at least four successive
+    pairs, see `d2d.block_length`.  For e it is divided by 2 e.  Close to zero it is at most the
+    square root of that for e^2, which is the extent one standard error away from zero.  The
+    velocities, which are fitted to the same positions, make the extent a little too small: by 1 to
+    2 % with 40 targets.
 
-    The extent equals the scatter of the points only if each target has one counterpart.  An object
-    that returns several targets is covered by all of them together, so that a smaller extent
-    predicts the targets of the next scan best: in simulation, with one to eight targets per object,
-    0.4 to 0.7 of the scatter.  It is larger than the scatter if more targets lack a counterpart
-    than the outlier component assumes, or if a blur predicts a scan of dense clutter better.
+    The extent equals the scatter of the points only if each target has one counterpart.  If an
+    object returns several targets, they cover it together, and a smaller extent predicts the next
+    scan best: 0.4 to 0.7 of the scatter in simulations with one to eight targets per object.  The
+    extent is larger than the scatter if more targets lack a counterpart than the outlier component
+    assumes, or if a blur predicts a scan of dense clutter better.
 
-    The likeliest extent is not always the one with the best velocities.  On RadarScenes it is 0.5
-    to 0.7 m, but omega is most accurate with at most 0.1 m.  Many targets there are at
-    rest relative to the sensor, not to the street: reflections slide along guard rails, and the
-    places where targets are dense move with the sensor.  A wide extent lets them pull the velocity.
+    The likeliest extent does not always give the best velocities.  On RadarScenes it is 0.5 to
+    0.7 m, but omega is most accurate with at most 0.1 m.  Many targets there are at rest relative
+    to the sensor, not to the street: reflections slide along guard rails, and the places where
+    targets are dense move with the sensor.  A wide extent lets them pull the velocity.
 
     Examples
     --------
@@ -144,21 +143,22 @@ def estimate_extent(
         check_count("max_pairs", max_pairs, minimum=2)
     model = EgoMotionModel(**options)
     increasing("scans", scans, max_interval)
-    chosen = [
-        (scans[i].with_extent(0.0), scans[i + baseline].with_extent(0.0))
-        for i in range(len(scans) - baseline)
-        if scans[i].size and scans[i + baseline].size
+    points = [scan.with_extent(0.0) for scan in scans]
+    pairs = [
+        (previous, current)
+        for previous, current in zip(points, points[baseline:], strict=False)
+        if previous.size and current.size
     ]
-    if len(chosen) < 2:
+    if len(pairs) < 2:
         raise ValueError(
             "scans must hold at least two pairs of scans with targets that are baseline = "
-            f"{baseline} apart, but hold {len(chosen)}"
+            f"{baseline} apart, but hold {len(pairs)}"
         )
-    if max_pairs is not None and len(chosen) > max_pairs:
-        spread = np.linspace(0, len(chosen) - 1, max_pairs).round().astype(int)
-        chosen = [chosen[i] for i in spread]
-    started = [_start(*pair, mounting, model) for pair in chosen]
-    return _most_likely(started, sum(current.size for _, current in chosen))
+    if max_pairs is not None and len(pairs) > max_pairs:
+        spread = np.linspace(0, len(pairs) - 1, max_pairs).round().astype(int)
+        pairs = [pairs[i] for i in spread]
+    started = [_start(*pair, mounting, model) for pair in pairs]
+    return _most_likely(started, sum(current.size for _, current in pairs))
 
 
 class _Start(NamedTuple):
@@ -235,10 +235,10 @@ def widened(problem: Problem, extent: float) -> Problem:
 
 
 def _maximum(pairs: Sequence[_Start], curve: Array, slopes: Array) -> float:
-    """The extent of largest likelihood, from its logarithm and scores at the candidates.
+    """The extent of largest likelihood, from its logarithm and the scores at the candidates.
 
-    Every maximum between two candidates has a score above zero at the first and below at the
-    second; the one beside the most likely candidate is taken.
+    Between the candidates beside a maximum, the score changes its sign from plus to minus.  Of
+    several such intervals, the one beside the most likely candidate is taken.
     """
     if slopes[-1] > 0.0 and curve.argmax() == len(curve) - 1:
         raise ValueError(
@@ -261,20 +261,19 @@ def _maximum(pairs: Sequence[_Start], curve: Array, slopes: Array) -> float:
 
 
 def _variance_of_sum(scores: Array) -> float:
-    """Variance of the sum of scores (n,) in time order, by overlapping blocks on a ring.
+    """Variance of the sum of scores (n,) in time order, from overlapping blocks.
 
     Successive pairs may share a scan, which a few scores do not show: blocks have at least four.
     """
     count = len(scores)
     centred = scores - scores.mean()
     block = max(block_length(centred), min(_SHORTEST_BLOCK, count // 3), 1)
-    sums = np.cumsum(np.concatenate([[0.0], centred, centred[: block - 1]]))
-    variance = float(((sums[block:] - sums[:-block]) ** 2).sum() / block)
+    variance = float((block_sums(centred, block) ** 2).sum() / block)
     return variance / (1.0 - block / count)  # the mean is that of the same scores
 
 
 def _standard_error(extent: float, scatter: float, curvature: float) -> float:
-    """That of the extent, from the standard deviation of the score and its slope in e^2."""
+    """The standard error of the extent e; ``curvature`` is minus the score's derivative in e^2."""
     if not curvature > 0.0:
         return float("nan")
     of_square = scatter / curvature
