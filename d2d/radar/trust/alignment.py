@@ -123,9 +123,11 @@ class Alignment:
         """
         sensor, place = self.velocities.sensor, self.velocities.place
         v, omega = self._odometry(lag)
-        speed, slips, yaw = np.split(parameters, [1, 1 + len(self.powers)])
+        speed, coefficients, yaw = np.split(parameters, [1, 1 + len(self.powers)])
         columns = [v**power * omega for power in self.powers]
-        lateral = sum((c * column for c, column in zip(slips, columns, strict=True)), 0.0 * v)
+        lateral = 0.0 * v
+        for coefficient, column in zip(coefficients, columns, strict=True):
+            lateral += coefficient * column
         velocity = np.stack(
             [v * (1.0 + speed) - omega * place[:, 1], lateral + omega * place[:, 0]], axis=-1
         )
@@ -166,7 +168,7 @@ def fit_at(model: Alignment, lag: float) -> Fit:
     """The best parameters at one lag, by Gauss-Newton steps."""
     parameters = model.start.copy()
     for _ in range(_MAX_ITERATIONS):
-        predicted, derivatives, known = _where_known(model, lag, parameters)
+        predicted, derivatives, _ = _where_known(model, lag, parameters)
         gradients, information = _normal_equations(model, predicted, derivatives[..., model.free])
         scale = _scale(information)
         step = np.linalg.lstsq(

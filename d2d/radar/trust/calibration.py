@@ -21,7 +21,6 @@ _LAG, _AHEAD, _COMPLIANCE = 0, 2, 3  # places among the parameters
 # A drive does not determine a parameter whose standard deviation is larger than this.
 _LIMITS = {_LAG: 0.1, _AHEAD: 0.3, _COMPLIANCE: 0.01}  # s, m, s^2/m
 _AT_BOUND = 1e-3  # s
-_LONGEST_LAG = 1e4  # s
 _MAX_SELECTIONS = 10  # of scans that are not grossly off
 _MIN_SPEED = 0.5  # m/s
 
@@ -108,14 +107,10 @@ class Calibration:
         for (name, value, unit, digits, text), sigma in zip(rows, self.sigmas, strict=True):
             error = f"+- {sigma * unit:.{digits}f}" if np.isfinite(sigma) else ""
             lines.append(f"{name:22}  {value * unit:+9.{digits}f} {error:10} {text}".rstrip())
-        blocks = f"Standard deviations from blocks of {self.block:.1f} s."
-        return "\n".join([*lines, "", blocks, *self._notes()])
-
-    def _notes(self) -> list[str]:
-        """The parameters that the drive does not determine."""
-        held = np.isnan(self.sigmas)
+        lines += ["", f"Standard deviations from blocks of {self.block:.1f} s."]
         names = {_LAG: "the lag", _AHEAD: "the place of the axle", _COMPLIANCE: "the compliance"}
-        return [f"Held, not fitted: {name}." for place, name in names.items() if held[place]]
+        held = [name for place, name in names.items() if np.isnan(self.sigmas[place])]
+        return "\n".join([*lines, *(f"Held, not fitted: {name}." for name in held)])
 
 
 def calibrate(
@@ -186,7 +181,7 @@ def calibrate(
     True
     """
     logs = _logs(recordings)
-    bound = check_within("max_lag", max_lag, 1e-6, _LONGEST_LAG)
+    bound = check_within("max_lag", max_lag, 1e-6, 1e4)
     velocities = scan_velocities((scans, mounting) for scans, mounting, _ in logs)
     model = Alignment.of(velocities, [reference for *_, reference in logs], _POWERS)
     if ahead is not None:

@@ -21,8 +21,8 @@ from d2d.radar.tracks.one_sensor import MAX_INTERVAL, increasing
 CANDIDATES = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])  # m
 _MIDDLE = 0.4  # m; the search at every extent starts at the velocity found with this one
 _TOLERANCE = 1e-3  # m
-_STEP = 0.1  # relative change of the variance, for the derivative of the score
-_SMALL = 0.03  # m; if the extent is zero, the derivative is taken from zero to here
+_STEP = 0.1  # relative change of the variance, for the derivative of the slope
+_SMALL = 0.03  # m; if the extent is zero, this derivative is taken from zero to here
 _SHORTEST_BLOCK = 4  # pairs
 
 
@@ -35,7 +35,7 @@ class ExtentEstimate:
     extent : float, m
         Standard deviation along each axis; 0 if the likelihood falls from there on.
     sigma : float, m
-        Its standard error, from the scatter of the pairs' scores; nan if there is none.
+        Its standard error, from the scatter of the pairs' slopes; nan if there is none.
     sigma_independent : float, m
         Its standard error if all targets were independent and the model true, from the curvature of
         the likelihood; usually the smaller of the two.
@@ -104,15 +104,15 @@ def estimate_extent(
     Notes
     -----
     With the extent e, the density of a target about a component of the other scan has the
-    covariance S = S_0 + 2 e^2 I.  By the heat equation, the derivative of a target's log-likelihood
-    in e^2, its score, is its inlier probability times the Laplacian of its inlier density over that
+    covariance S = S_0 + 2 e^2 I.  By the heat equation, the slope of a target's log-likelihood, its
+    derivative in e^2, is its inlier probability times the Laplacian of its inlier density over that
     density; at a pair's best velocity nothing else changes (envelope theorem).  At the maximum the
-    scores add up to zero.
+    slopes add up to zero.
 
-    The standard error allows for scores that are not independent (sandwich).  If the scores s_p of
-    the pairs add up to a function of e^2 with the derivative -H, that of e^2 is
-    sqrt(var(sum s_p)) / H, with the variance from overlapping blocks of at least four successive
-    pairs, see `d2d.block_length`.  For e it is divided by 2 e.  Close to zero it is at most the
+    The standard error allows for slopes that are not independent (sandwich).  If those of the
+    pairs, s_p, add up to a function of e^2 with the derivative -H, e^2 has the standard error
+    sqrt(var(sum s_p)) / H, where overlapping blocks of at least four successive pairs give the
+    variance, see `d2d.block_length`.  For e it is divided by 2 e.  Close to zero it is at most the
     square root of that for e^2, which is the extent one standard error away from zero.  The
     velocities, which are fitted to the same positions, make the extent a little too small: by 1 to
     2 % with 40 targets.
@@ -172,7 +172,7 @@ class _Profile(NamedTuple):
     """Log-likelihood of each pair at its best velocity, and its derivative in e^2; both (n,)."""
 
     log_likelihood: Array
-    score: Array
+    slope: Array
 
 
 def _start(
@@ -187,7 +187,7 @@ def _most_likely(pairs: Sequence[_Start], targets: int) -> ExtentEstimate:
     """The extent of largest likelihood, with its standard errors."""
     profiles = [_profile(pairs, candidate) for candidate in CANDIDATES]
     curve = np.array([profile.log_likelihood.sum() for profile in profiles])
-    slopes = np.array([profile.score.sum() for profile in profiles])
+    slopes = np.array([profile.slope.sum() for profile in profiles])
     extent = _maximum(pairs, curve, slopes)
     candidates = CANDIDATES.copy()
     if extent > 0.0:
@@ -196,13 +196,13 @@ def _most_likely(pairs: Sequence[_Start], targets: int) -> ExtentEstimate:
         candidates = np.insert(candidates, place, extent)
         curve = np.insert(curve, place, best.log_likelihood.sum())
         near = [_profile(pairs, extent * np.sqrt(1.0 + step)) for step in (-_STEP, _STEP)]
-        curvature = (near[0].score - near[1].score).sum() / (2.0 * _STEP * extent**2)
+        curvature = (near[0].slope - near[1].slope).sum() / (2.0 * _STEP * extent**2)
     else:
         best = profiles[0]
-        curvature = (best.score - _profile(pairs, _SMALL).score).sum() / _SMALL**2
+        curvature = (best.slope - _profile(pairs, _SMALL).slope).sum() / _SMALL**2
     return ExtentEstimate(
         extent,
-        _standard_error(extent, np.sqrt(_variance_of_sum(best.score)), curvature),
+        _standard_error(extent, np.sqrt(_variance_of_sum(best.slope)), curvature),
         _standard_error(extent, np.sqrt(max(curvature, 0.0)), curvature),
         len(pairs),
         targets,
@@ -213,13 +213,13 @@ def _most_likely(pairs: Sequence[_Start], targets: int) -> ExtentEstimate:
 
 def _profile(pairs: Sequence[_Start], extent: float) -> _Profile:
     """The log-likelihoods at an extent, each at the best velocity from its start."""
-    log_likelihood, score = np.empty(len(pairs)), np.empty(len(pairs))
+    log_likelihood, slope = np.empty(len(pairs)), np.empty(len(pairs))
     for i, (problem, velocity) in enumerate(pairs):
         wider = widened(problem, extent)
         best = estimate_velocity(wider, velocity, (1.0,))
         log_likelihood[i] = -best.value
-        score[i] = wider.widening_slopes(wider.bind(best.theta)).sum()
-    return _Profile(log_likelihood, score)
+        slope[i] = wider.widening_slopes(wider.bind(best.theta)).sum()
+    return _Profile(log_likelihood, slope)
 
 
 def widened(problem: Problem, extent: float) -> Problem:
@@ -235,9 +235,9 @@ def widened(problem: Problem, extent: float) -> Problem:
 
 
 def _maximum(pairs: Sequence[_Start], curve: Array, slopes: Array) -> float:
-    """The extent of largest likelihood, from its logarithm and the scores at the candidates.
+    """The extent of largest likelihood, from its logarithm and the slopes at the candidates.
 
-    Between the candidates beside a maximum, the score changes its sign from plus to minus.  Of
+    The slope changes its sign from plus to minus between the candidates beside a maximum.  Of
     several such intervals, the one beside the most likely candidate is taken.
     """
     if slopes[-1] > 0.0 and curve.argmax() == len(curve) - 1:
@@ -251,7 +251,7 @@ def _maximum(pairs: Sequence[_Start], curve: Array, slopes: Array) -> float:
     first = max(inside, key=lambda i: max(curve[i], curve[i + 1]))
     return float(
         scipy.optimize.brentq(
-            lambda extent: _profile(pairs, extent).score.sum(),
+            lambda extent: _profile(pairs, extent).slope.sum(),
             CANDIDATES[first],
             CANDIDATES[first + 1],
             xtol=_TOLERANCE,
@@ -260,20 +260,20 @@ def _maximum(pairs: Sequence[_Start], curve: Array, slopes: Array) -> float:
     )
 
 
-def _variance_of_sum(scores: Array) -> float:
-    """Variance of the sum of scores (n,) in time order, from overlapping blocks.
+def _variance_of_sum(slopes: Array) -> float:
+    """Variance of the sum of slopes (n,) in time order, from overlapping blocks.
 
-    Successive pairs may share a scan, which a few scores do not show: blocks have at least four.
+    Successive pairs may share a scan, which a few slopes do not show: blocks have at least four.
     """
-    count = len(scores)
-    centred = scores - scores.mean()
+    count = len(slopes)
+    centred = slopes - slopes.mean()
     block = max(block_length(centred), min(_SHORTEST_BLOCK, count // 3), 1)
     variance = float((block_sums(centred, block) ** 2).sum() / block)
-    return variance / (1.0 - block / count)  # the mean is that of the same scores
+    return variance / (1.0 - block / count)  # the mean is that of the same slopes
 
 
 def _standard_error(extent: float, scatter: float, curvature: float) -> float:
-    """The standard error of the extent e; ``curvature`` is minus the score's derivative in e^2."""
+    """The standard error of the extent e; ``curvature`` is minus the slope's derivative in e^2."""
     if not curvature > 0.0:
         return float("nan")
     of_square = scatter / curvature

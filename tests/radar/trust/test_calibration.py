@@ -145,7 +145,7 @@ def measured(rng, lag: float, duration: float) -> ScanVelocities:
 
 def test_the_standard_deviations_are_those_of_the_errors():
     """Breaks if the correlation in time is left out: the errors are then several times as large."""
-    scores = []
+    ratios = []
     for seed in range(25):
         reference = drive(seed, jitter=0.06, duration=40.0, scans=False)[0].reference
         velocities = measured(np.random.default_rng(seed), 0.1, 40.0)
@@ -154,10 +154,10 @@ def test_the_standard_deviations_are_those_of_the_errors():
         spread, block = covariance(model, found, with_lag=True)
         truth = [0.1, FACTOR - 1.0, LAW.ahead, -LAW.compliance * FACTOR**2, *YAW]
         error = np.array([found.lag, *found.parameters]) - truth
-        scores.append(error / np.sqrt(np.diag(spread)))
+        ratios.append(error / np.sqrt(np.diag(spread)))
         assert block > 0.5
-    size = np.sqrt(np.mean(np.square(scores), axis=0))
-    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.25
+    size = np.sqrt(np.mean(np.square(ratios), axis=0))
+    assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.25
     assert (size > 0.4).all()
     assert (size < 1.6).all()
 

@@ -87,6 +87,7 @@ def test_measures_are_those_of_the_errors():
     assert_allclose(found.sigmas, sigmas * DEGREES)
     assert_allclose(m.crps, crps(e * DEGREES, sigmas * DEGREES).mean(axis=0))
     assert_allclose(m.whitened_squares, (parts.values**2).mean(axis=0))
+    assert isinstance(m.anees, float)
     assert_allclose(m.anees, credibility(e, c).anees)
     assert_allclose(m.anees, m.whitened_squares.mean())
     assert_allclose(m.log_scores, parts.log_score.mean(axis=0))

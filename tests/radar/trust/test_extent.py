@@ -1,4 +1,4 @@
-"""The extent of targets by maximum likelihood: scores, the maximum, its standard error, errors.
+"""The extent of targets by maximum likelihood: slopes, the maximum, its standard error, errors.
 
 The references are the cost as its formulas read, in NumPy, and scans whose scatter is known.
 """
@@ -47,7 +47,7 @@ def drive(seed: int, scatter: float, pairs: int = 20, velocity=STILL) -> list[Ra
     return found
 
 
-def test_scores_are_derivatives_of_the_cost_as_its_formulas_read():
+def test_slopes_are_derivatives_of_the_cost_as_its_formulas_read():
     """Breaks if the outliers or the Doppler velocities take part, or one of the sets is left out.
 
     The reference is a central difference, in the square of the extent, of the dense logarithms.
@@ -78,8 +78,8 @@ def test_scores_are_derivatives_of_the_cost_as_its_formulas_read():
         step = 1e-3 * extent**2
         later, earlier = (log_densities(extent**2 + d, model) for d in (step, -step))
         wider = widened(problem, extent)
-        scores = wider.widening_slopes(wider.bind(theta))
-        assert_allclose(scores, (later - earlier) / (2.0 * step), rtol=2e-5, atol=1e-5)
+        slopes = wider.widening_slopes(wider.bind(theta))
+        assert_allclose(slopes, (later - earlier) / (2.0 * step), rtol=2e-5, atol=1e-5)
         here = wider.log_densities(wider.bind(theta))
         assert_allclose(here, log_densities(extent**2, model), rtol=1e-9)
 
@@ -132,7 +132,7 @@ def test_points_that_stay_have_no_extent():
     assert ((sigmas > 0.0) & (sigmas < 0.04)).all()
 
 
-def test_scores_that_stay_the_same_for_a_while_widen_the_standard_error():
+def test_slopes_that_stay_the_same_for_a_while_widen_the_standard_error():
     """Breaks if dependent pairs count as independent."""
     rng = np.random.default_rng(0)
     short = rng.standard_normal(60)
