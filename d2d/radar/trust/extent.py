@@ -25,6 +25,9 @@ _STEP = 0.1  # relative change of the variance, for the derivative of the slope
 _SMALL = 0.03  # m; if the extent is zero, this derivative is taken from zero to here
 _SHORTEST_BLOCK = 4  # pairs
 
+# The problem of a pair of scans of extent 0, and a velocity (3,) near its optima at every extent.
+_Started = tuple[Problem, Array]
+
 
 @dataclass(frozen=True, eq=False)
 class ExtentEstimate:
@@ -35,7 +38,8 @@ class ExtentEstimate:
     extent : float, m
         Standard deviation along each axis; 0 if the likelihood falls from there on.
     sigma : float, m
-        Its standard error, from the scatter of the pairs' slopes; nan if there is none.
+        Its standard error, from how much the slope of the likelihood differs between the pairs; nan
+        if there is none.
     sigma_independent : float, m
         Its standard error if all targets were independent and the model true, from the curvature of
         the likelihood; usually the smaller of the two.
@@ -83,7 +87,7 @@ def estimate_extent(
         Scans of one sensor, in strictly increasing time.
     mounting : Mounting
     baseline : int
-        Number of scans between the two of a pair, as for `track`.
+        How many scans before its second scan the first one of a pair is, as for `track`.
     max_pairs : int or None
         Largest number of pairs used, spread evenly over the recording; None uses all.
     max_interval : float, s
@@ -157,15 +161,13 @@ def estimate_extent(
     if max_pairs is not None and len(pairs) > max_pairs:
         spread = np.linspace(0, len(pairs) - 1, max_pairs).round().astype(int)
         pairs = [pairs[i] for i in spread]
-    started = [_start(*pair, mounting, model) for pair in pairs]
+    started = []
+    for previous, current in pairs:
+        problem = model.problem([scan_pair(previous, current, mounting, model)])
+        starts = doppler_starts(current, mounting)
+        near = estimate_velocity(widened(problem, _MIDDLE), starts, (1.0,)).theta
+        started.append((problem, near))
     return _most_likely(started, sum(current.size for _, current in pairs))
-
-
-class _Start(NamedTuple):
-    """The problem of a pair of scans of extent 0, and a velocity (3,) near its optima."""
-
-    problem: Problem
-    velocity: Array
 
 
 class _Profile(NamedTuple):
@@ -175,15 +177,7 @@ class _Profile(NamedTuple):
     slope: Array
 
 
-def _start(
-    previous: RadarScan, current: RadarScan, mounting: Mounting, model: EgoMotionModel
-) -> _Start:
-    problem = model.problem([scan_pair(previous, current, mounting, model)])
-    starts = doppler_starts(current, mounting)
-    return _Start(problem, estimate_velocity(widened(problem, _MIDDLE), starts, (1.0,)).theta)
-
-
-def _most_likely(pairs: Sequence[_Start], targets: int) -> ExtentEstimate:
+def _most_likely(pairs: Sequence[_Started], targets: int) -> ExtentEstimate:
     """The extent of largest likelihood, with its standard errors."""
     profiles = [_profile(pairs, candidate) for candidate in CANDIDATES]
     curve = np.array([profile.log_likelihood.sum() for profile in profiles])
@@ -211,7 +205,7 @@ def _most_likely(pairs: Sequence[_Start], targets: int) -> ExtentEstimate:
     )
 
 
-def _profile(pairs: Sequence[_Start], extent: float) -> _Profile:
+def _profile(pairs: Sequence[_Started], extent: float) -> _Profile:
     """The log-likelihoods at an extent, each at the best velocity from its start."""
     log_likelihood, slope = np.empty(len(pairs)), np.empty(len(pairs))
     for i, (problem, velocity) in enumerate(pairs):
@@ -234,7 +228,7 @@ def widened(problem: Problem, extent: float) -> Problem:
     return replace(problem, pairs=pairs)
 
 
-def _maximum(pairs: Sequence[_Start], curve: Array, slopes: Array) -> float:
+def _maximum(pairs: Sequence[_Started], curve: Array, slopes: Array) -> float:
     """The extent of largest likelihood, from its logarithm and the slopes at the candidates.
 
     The slope changes its sign from plus to minus between the candidates beside a maximum.  Of
