@@ -194,16 +194,20 @@ def calibrate(
         if not free[place] or np.sqrt(_placed(spread, free)[place, place]) <= limit:
             continue
         if place == _LAG:
-            _warn("the drive has too little acceleration to find the lag, which is held at 0 s")
+            warnings.warn(
+                "the drive has too little acceleration to find the lag, which is held at 0 s",
+                stacklevel=2,
+            )
             bound = 0.0
         free[place] = False
         model.free[:] = free[1:]
         model, found = _selected(model, -bound, bound)
         spread, block = covariance(model, found, with_lag=bool(free[_LAG]))
     if free[_LAG] and abs(found.lag) > bound - _AT_BOUND:
-        _warn(
+        warnings.warn(
             f"the best lag, {found.lag:+.3f} s, is at the bound of the search; the clock may be "
-            "off by more (max_lag), or the reference belong to another drive"
+            "off by more (max_lag), or the reference belong to another drive",
+            stacklevel=2,
         )
     speed, offset, square, *yaw = found.parameters
     speed_factor = 1.0 + float(speed)
@@ -271,8 +275,3 @@ def _placed(covariance: Array, free: NDArray[np.bool_]) -> Array:
     placed = np.full((len(free), len(free)), np.nan)
     placed[np.ix_(free, free)] = covariance
     return placed
-
-
-def _warn(message: str) -> None:
-    """A warning at the caller of `calibrate`."""
-    warnings.warn(message, UserWarning, stacklevel=3)
