@@ -122,7 +122,7 @@ class Influence(NamedTuple):
     def azimuth(self) -> Array:
         """(K, 3) per rad of azimuth, by position and prediction together."""
         slope = cross_range(self.scan, self.mounting)
-        turned = np.einsum("kij,kj->ki", self.position, slope)
+        turned: Array = np.einsum("kij,kj->ki", self.position, slope)
         return turned + self.prediction if len(self.prediction) else turned
 
 
@@ -256,7 +256,5 @@ def _add_neighbours(slopes: Influence, length: float, dependence: Array) -> None
     """Add what correlated errors of neighbours do to the gradient, in the upper triangle."""
     means = slopes.points.means
     order, memory = np.argsort(means[:, 0], kind="stable"), np.empty((9, len(means)))
-    covariances = slopes.points.covariances
-    add_dependence(
-        slopes.position, read_only(covariances, -1, 2, 2), means, order, length, memory, dependence
-    )
+    covariances = read_only(slopes.points.covariances, -1, 2, 2)
+    add_dependence(slopes.position, covariances, means, order, length, memory, dependence)
