@@ -28,6 +28,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from d2d.study.book.measured import Measured
+from d2d.study.book.thesis_figures import page_of
 
 Verdict = Literal["confirmed", "qualified", "refuted"]
 
@@ -105,7 +106,7 @@ class Evidence:
     numbers : dict of str to float
         What was measured, by name with its unit, with its 95 % interval as
         `d2d.study.book.measured.Measured`; a plain float is exact, a count or the value of a
-        formula.
+        formula.  The one or two that tell most are marked with `d2d.study.book.measured.telling`.
     holds : str
         The condition under which the claim holds, composed from the numbers; not used if the claim
         is confirmed as it stands.
@@ -118,6 +119,25 @@ class Evidence:
     numbers: dict[str, float]
     holds: str = ""
     over: str = ""
+
+    @property
+    def telling(self) -> dict[str, float]:
+        """The numbers that tell most: the ledger shows these, and a card shows them first."""
+        return {name: value for name, value in self.numbers.items() if _tells(value)}
+
+    @property
+    def not_telling(self) -> dict[str, float]:
+        """The other numbers."""
+        return {name: value for name, value in self.numbers.items() if not _tells(value)}
+
+    @property
+    def is_conditional(self) -> bool:
+        """Whether it is said when the claim holds."""
+        return self.verdict != "confirmed" and bool(self.holds)
+
+
+def _tells(value: float) -> bool:
+    return isinstance(value, Measured) and value.telling
 
 
 @dataclass(frozen=True)
@@ -133,8 +153,6 @@ class Claim:
         The claim in our words.
     figure : str
         Label of the figure of the book that shows it, without ``fig-``.
-    telling : tuple of str
-        Names of the one or two most telling numbers of the evidence.
     check : callable
         Measures and judges, with a fixed seed; other measurements would give another verdict.
     """
@@ -143,18 +161,20 @@ class Claim:
     section: str
     text: str
     figure: str
-    telling: tuple[str, ...]
     check: Callable[[], Evidence]
 
+    @property
+    def page(self) -> str:
+        """The page of the book that judges it."""
+        return page_of(self.section, self.id)
 
-def claim(
-    id: str, *, section: str, figure: str, telling: tuple[str, ...]
-) -> Callable[[Callable[[], Evidence]], Claim]:
+
+def claim(id: str, *, section: str, figure: str) -> Callable[[Callable[[], Evidence]], Claim]:
     """Turn the decorated check into a claim, with the check's docstring as its text."""
 
     def decorate(check: Callable[[], Evidence]) -> Claim:
         text = " ".join((check.__doc__ or "").split())
-        return Claim(id, section, text, figure, telling, check)
+        return Claim(id, section, text, figure, check)
 
     return decorate
 

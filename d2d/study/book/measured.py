@@ -22,15 +22,18 @@ class Measured(float):
     ----------
     low, high : float
         Bounds of the interval.
+    telling : bool
+        Whether the ledger shows it, see `telling`.
     """
 
     low: float
     high: float
+    telling: bool
 
-    def __new__(cls, value: float, low: float, high: float) -> "Measured":
+    def __new__(cls, value: float, low: float, high: float, telling: bool = False) -> "Measured":
         """Attach bounds to a value."""
         self = super().__new__(cls, value)
-        self.low, self.high = float(low), float(high)
+        self.low, self.high, self.telling = float(low), float(high), telling
         return self
 
     def __getnewargs__(self) -> tuple[float, float, float]:  # type: ignore[override]
@@ -44,6 +47,11 @@ class Measured(float):
     def plus(self, shift: float) -> "Measured":
         """The number and its bounds, all shifted."""
         return Measured(self + shift, self.low + shift, self.high + shift)
+
+
+def telling(number: Measured, where: bool = True) -> Measured:
+    """The number, marked as one of the two or so that tell most, if a condition is met."""
+    return Measured(number, number.low, number.high, telling=where)
 
 
 def share_of(condition: ArrayLike) -> Measured:

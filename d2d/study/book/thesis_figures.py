@@ -69,5 +69,5 @@ class ThesisFigure:
         return page_of(self.section, self.id)
 
 
-with (files("d2d.study.book") / "thesis_figures.csv").open(encoding="utf-8", newline="") as table:
-    FIGURES = tuple(ThesisFigure(**row) for row in csv.DictReader(table))
+_TABLE = (files("d2d.study.book") / "thesis_figures.csv").read_text(encoding="utf-8")
+FIGURES = tuple(ThesisFigure(**row) for row in csv.DictReader(_TABLE.splitlines()))

@@ -30,6 +30,7 @@ from d2d.study.book.measured import (
     median_of,
     share_difference,
     share_of,
+    telling,
 )
 from d2d.study.line.scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
 from d2d.study.line.surfaces import Peaks, basin_of_attraction, log_surface, peaks
@@ -105,15 +106,7 @@ def _second_log_heights(found: Peaks) -> Array:
     return found.second_log_height[several] if several.any() else np.array([-1e9])
 
 
-@claim(
-    "b-three-peaks",
-    section="4.2",
-    figure="target-b",
-    telling=(
-        "share of draws with exactly three peaks",
-        "mean position of the third peak (m)",
-    ),
-)
+@claim("b-three-peaks", section="4.2", figure="target-b")
 def b_three_peaks() -> Evidence:
     """The cost surface of target B has three peaks, at t_x = 2, 10 and 12.2 m."""
     of_b = peaks(TRANSLATIONS, _surfaces(P2D, of_b_alone=True))
@@ -123,7 +116,7 @@ def b_three_peaks() -> Evidence:
         return Evidence(
             "refuted",
             f"target B meets other components: {share:.0%} of the draws have exactly three peaks.",
-            {"share of draws with exactly three peaks": share},
+            {"share of draws with exactly three peaks": telling(share)},
             over=_over(),
         )
     positions = np.sort(of_b.positions[has_three, :3])
@@ -140,25 +133,17 @@ def b_three_peaks() -> Evidence:
         f"{mean[1]:.2f} and {mean[2]:.2f} m. A single draw moves each peak by the noise of both "
         f"points, with a standard deviation of {scatter:.2f} m.",
         {
-            "share of draws with exactly three peaks": share,
+            "share of draws with exactly three peaks": telling(share),
             "mean position of the first peak (m)": mean[0],
             "mean position of the second peak (m)": mean[1],
-            "mean position of the third peak (m)": mean[2],
+            "mean position of the third peak (m)": telling(mean[2]),
             "standard deviation of a peak's position (m)": scatter,
         },
         over=_over(),
     )
 
 
-@claim(
-    "d2d-lower",
-    section="4.2",
-    figure="targets-p2d-d2d",
-    telling=(
-        "median ratio of the highest values, D2D / P2D",
-        "share of the t_x axis on which D2D is lower",
-    ),
-)
+@claim("d2d-lower", section="4.2", figure="targets-p2d-d2d")
 def d2d_lower() -> Evidence:
     """The cost values of D2D are lower than those of P2D."""
     p2d, d2d = _surfaces(P2D), _surfaces(D2D)
@@ -179,9 +164,9 @@ def d2d_lower() -> Evidence:
         f"the same, so D2D must be higher elsewhere: it is lower on {along:.0%} of the t_x axis.",
         {
             "share of draws in which D2D's highest value is lower": peak_is_lower,
-            "median ratio of the highest values, D2D / P2D": ratio,
+            "median ratio of the highest values, D2D / P2D": telling(ratio),
             "median ratio of the highest values, target B alone": ratio_of_b,
-            "share of the t_x axis on which D2D is lower": along,
+            "share of the t_x axis on which D2D is lower": telling(along),
         },
         holds=f"At the highest peak, which is lower in {peak_is_lower:.0%} of the draws; along the "
         f"t_x axis D2D is lower on {along:.0%}.",
@@ -189,15 +174,7 @@ def d2d_lower() -> Evidence:
     )
 
 
-@claim(
-    "equal-sigma-same",
-    section="4.2",
-    figure="overall-p2d-d2d",
-    telling=(
-        "share of draws with D2D's highest peak at the true alignment",
-        "share of draws with as many peaks in both",
-    ),
-)
+@claim("equal-sigma-same", section="4.2", figure="overall-p2d-d2d")
 def equal_sigma_same() -> Evidence:
     """With equal standard deviations P2D and D2D behave alike: one global peak at the true
     alignment, and local ones.
@@ -217,10 +194,10 @@ def equal_sigma_same() -> Evidence:
         f"has {number_p2d:.2f} on average, D2D {number_d2d:.2f}.",
         {
             "share of draws with P2D's highest peak at the true alignment": right_p2d,
-            "share of draws with D2D's highest peak at the true alignment": right_d2d,
+            "share of draws with D2D's highest peak at the true alignment": telling(right_d2d),
             "share of draws with local peaks besides, P2D": local_p2d,
             "share of draws with local peaks besides, D2D": local_d2d,
-            "share of draws with as many peaks in both": alike,
+            "share of draws with as many peaks in both": telling(alike),
             "mean number of peaks, P2D": number_p2d,
             "mean number of peaks, D2D": number_d2d,
         },
@@ -230,15 +207,7 @@ def equal_sigma_same() -> Evidence:
     )
 
 
-@claim(
-    "noisy-p2d-fails",
-    section="4.2",
-    figure="overall-noisy",
-    telling=(
-        "share of draws with all other peaks below 80 % of the true one, P2D",
-        "share of draws with all other peaks below 80 % of the true one, D2D",
-    ),
-)
+@claim("noisy-p2d-fails", section="4.2", figure="overall-noisy")
 def noisy_p2d_fails() -> Evidence:
     """With a noisier current set P2D has no global peak, while D2D keeps one."""
     sigma = NOISE_RATIO * SIGMA
@@ -257,8 +226,12 @@ def noisy_p2d_fails() -> Evidence:
         {
             "share of draws with P2D's highest peak at the true alignment": _share_right(p2d),
             "share of draws with D2D's highest peak at the true alignment": _share_right(d2d),
-            "share of draws with all other peaks below 80 % of the true one, P2D": clear_p2d,
-            "share of draws with all other peaks below 80 % of the true one, D2D": clear_d2d,
+            "share of draws with all other peaks below 80 % of the true one, P2D": telling(
+                clear_p2d
+            ),
+            "share of draws with all other peaks below 80 % of the true one, D2D": telling(
+                clear_d2d
+            ),
             "difference of these shares": lead,
             "mean number of peaks, P2D": _mean_number(p2d),
             "mean number of peaks, D2D": _mean_number(d2d),
@@ -275,15 +248,7 @@ def noisy_p2d_fails() -> Evidence:
     )
 
 
-@claim(
-    "summing-local-peaks",
-    section="4.3",
-    figure="summing-likelihood",
-    telling=(
-        "share of draws with the highest peak at the true alignment",
-        "mean number of peaks",
-    ),
-)
+@claim("summing-local-peaks", section="4.3", figure="summing-likelihood")
 def summing_local_peaks() -> Evidence:
     """The summing surface has one global maximum and many local ones."""
     found = _peaks(D2D)
@@ -298,8 +263,8 @@ def summing_local_peaks() -> Evidence:
         f"the sum has {number:.1f} peaks on average, and the highest is at the true "
         f"alignment in {right:.0%} of the draws.",
         {
-            "share of draws with the highest peak at the true alignment": right,
-            "mean number of peaks": number,
+            "share of draws with the highest peak at the true alignment": telling(right),
+            "mean number of peaks": telling(number),
             "share of draws with three peaks or more": many,
             "median height of the second peak over the first": median_of(
                 np.exp(_second_log_heights(found))
@@ -312,15 +277,7 @@ def summing_local_peaks() -> Evidence:
     )
 
 
-@claim(
-    "likelihood-one-peak",
-    section="4.3",
-    figure="summing-likelihood",
-    telling=(
-        "share of draws with one visible peak (above 1 % of the highest)",
-        "share of draws with one peak in the logarithm",
-    ),
-)
+@claim("likelihood-one-peak", section="4.3", figure="summing-likelihood")
 def likelihood_one_peak() -> Evidence:
     """The likelihood surface has a single maximum."""
     found = _peaks(LIKELIHOOD)
@@ -338,8 +295,8 @@ def likelihood_one_peak() -> Evidence:
         f"product makes too small to see: it has a single maximum in {one:.0%}.",
         {
             "share of draws with the highest peak at the true alignment": right,
-            "share of draws with one visible peak (above 1 % of the highest)": one_visible,
-            "share of draws with one peak in the logarithm": one,
+            "share of draws with one visible peak (above 1 % of the highest)": telling(one_visible),
+            "share of draws with one peak in the logarithm": telling(one),
             "mean number of peaks in the logarithm": _mean_number(found),
             "median log10 of the second peak over the first": median_of(
                 _second_log_heights(found) / np.log(10.0)
@@ -354,15 +311,7 @@ def likelihood_one_peak() -> Evidence:
     )
 
 
-@claim(
-    "summing-smoother",
-    section="4.3",
-    figure="summing-likelihood",
-    telling=(
-        "median ratio of the half-height widths, sum / likelihood",
-        "mean number of peaks of the sum",
-    ),
-)
+@claim("summing-smoother", section="4.3", figure="summing-likelihood")
 def summing_smoother() -> Evidence:
     """The summing surface is smoother than the likelihood surface."""
     width_of_sum, width_of_product = (
@@ -383,8 +332,8 @@ def summing_smoother() -> Evidence:
         f"has {peaks_of_sum:.2f} peaks on average, the log-likelihood {peaks_of_product:.2f}.",
         {
             "share of draws in which the sum's half-height width is larger": wider,
-            "median ratio of the half-height widths, sum / likelihood": ratio,
-            "mean number of peaks of the sum": peaks_of_sum,
+            "median ratio of the half-height widths, sum / likelihood": telling(ratio),
+            "mean number of peaks of the sum": telling(peaks_of_sum),
             "mean number of peaks of the log-likelihood": peaks_of_product,
             "share of draws in which the sum has no more peaks": no_more,
         },

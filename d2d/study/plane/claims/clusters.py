@@ -14,7 +14,7 @@ from d2d.study.book.claim import (
     same,
     some,
 )
-from d2d.study.book.measured import anees_of, geometric_mean_of, median_of, share_over
+from d2d.study.book.measured import anees_of, geometric_mean_of, median_of, share_over, telling
 from d2d.study.plane.cluster_search import DRAWS, KINDS, shares_wrong, worst
 from d2d.study.plane.evaluation import LIKELIHOOD, SUMMING, evaluated, over_layouts
 from d2d.study.plane.measures import (
@@ -38,15 +38,7 @@ from d2d.study.plane.scenarios import CLUSTERS, LAYOUTS, OVERLAPPED, random_scen
 SCENES, FRESH = 8, 40  # random scenes of each kind in the search, and of what it finds
 
 
-@claim(
-    "cluster-summing-wrong",
-    section="6.3",
-    figure="cluster-cost",
-    telling=(
-        "share of 40 draws with the global minimum at the truth, this scene",
-        "share of wrong global minima, worst kind of cluster found",
-    ),
-)
+@claim("cluster-summing-wrong", section="6.3", figure="cluster-cost")
 def cluster_summing_wrong() -> Evidence:
     """Clusters: the sum's global minimum is wrong, even from the true start."""
     scenes = {"this scene": CLUSTERS} | {f"with outliers, {name}": s for name, s in BOTH.items()}
@@ -76,7 +68,9 @@ def cluster_summing_wrong() -> Evidence:
         "outnumbers the rest leaves the rotation to the few others; with the thesis's eight "
         f"targets the worst is {eight}, with {wrong_of_eight:.0%}.",
         {
-            f"share of 40 draws with the global minimum at the truth, {name}": share
+            f"share of 40 draws with the global minimum at the truth, {name}": telling(
+                share, name == "this scene"
+            )
             for name, share in right.items()
         }
         | {
@@ -91,7 +85,7 @@ def cluster_summing_wrong() -> Evidence:
             "the same on 200 random layouts": share_over(
                 over_layouts("clusters", SUMMING).share, 100
             ),
-            "share of wrong global minima, worst kind of cluster found": wrong,
+            "share of wrong global minima, worst kind of cluster found": telling(wrong),
             "share of wrong global minima, worst kind with eight targets": wrong_of_eight,
             "kinds of layout in the search with more than half of the minima wrong": float(
                 sum(share > 0.5 for share in searched.values())
@@ -105,15 +99,7 @@ def cluster_summing_wrong() -> Evidence:
     )
 
 
-@claim(
-    "cluster-likelihood-same",
-    section="6.3",
-    figure="cluster-cost",
-    telling=(
-        "ratio of the RMSE, clusters / overlapped",
-        "I2 (dB)",
-    ),
-)
+@claim("cluster-likelihood-same", section="6.3", figure="cluster-cost")
 def cluster_likelihood_same() -> Evidence:
     """Clusters: the likelihood surface is almost that without clusters."""
     found, without = (local_minima(s, LIKELIHOOD, SEARCHED) for s in (CLUSTERS, OVERLAPPED))
@@ -143,10 +129,10 @@ def cluster_likelihood_same() -> Evidence:
             "mean number of minima there, overlapped": mean_count_near(without),
             "log10 of the second density over the first": lower,
             "log10 of the second density over the first, overlapped": lower_without,
-            "ratio of the RMSE, clusters / overlapped": ratio,
+            "ratio of the RMSE, clusters / overlapped": telling(ratio),
             "mean of this ratio over 200 random layouts": ratio_of_layouts,
             "ANEES": anees_of(evaluated(CLUSTERS, LIKELIHOOD).credibility),
-            "I2 (dB)": here,
+            "I2 (dB)": telling(here),
         },
         holds="For the shape of the surface, with one visible optimum, at the truth in "
         f"{share_right:.0%} of {SEARCHED} draws, and for the covariance (I2 {here:+.2f} dB). The "
@@ -156,15 +142,7 @@ def cluster_likelihood_same() -> Evidence:
     )
 
 
-@claim(
-    "cluster-error",
-    section="6.3",
-    figure="cluster-error",
-    telling=(
-        "ratio of the sum's RMSE, clusters / overlapped",
-        "ratio of the RMSE in clusters, sum / likelihood",
-    ),
-)
+@claim("cluster-error", section="6.3", figure="cluster-error")
 def cluster_error() -> Evidence:
     """Clusters: the sum's error grows against the overlapped scene, and exceeds the
     likelihood's.
@@ -190,11 +168,11 @@ def cluster_error() -> Evidence:
         f"with clusters and of {without:.2f} m without. The clusters add targets, which help the "
         "sum as well.",
         {
-            "ratio of the sum's RMSE, clusters / overlapped": growth,
+            "ratio of the sum's RMSE, clusters / overlapped": telling(growth),
             "mean of this ratio over 200 random layouts": growth_of_layouts,
             "median RMSE over 200 random layouts, overlapped (m)": without,
             "median RMSE over 200 random layouts, clusters (m)": with_clusters,
-            "ratio of the RMSE in clusters, sum / likelihood": excess,
+            "ratio of the RMSE in clusters, sum / likelihood": telling(excess),
             "mean of this ratio over the layouts": excess_of_layouts,
         },
         holds=f"For the comparison with the likelihood, where the ratio of the RMSEs is "

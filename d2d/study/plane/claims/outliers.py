@@ -25,6 +25,7 @@ from d2d.study.book.measured import (
     quantile_of,
     share_of,
     share_over,
+    telling,
 )
 from d2d.study.plane.evaluation import (
     LIKELIHOOD,
@@ -77,15 +78,7 @@ def _vanishing_on_layouts() -> Array:
     return np.array(shares)
 
 
-@claim(
-    "outlier-likelihood-vanishes",
-    section="6.3",
-    figure="outlier-cost",
-    telling=(
-        "median log10 of the likelihood at the truth, with outliers",
-        "share of draws with a drop by more than 16 decades everywhere",
-    ),
-)
+@claim("outlier-likelihood-vanishes", section="6.3", figure="outlier-cost")
 def outlier_likelihood_vanishes() -> Evidence:
     """Outliers: the plain likelihood vanishes."""
     outliers = _log10_density_at_truth(OUTLIERS)
@@ -116,10 +109,10 @@ def outlier_likelihood_vanishes() -> Evidence:
         f"covariance that is {times_off(tilt)}.",
         {
             "median log10 of the likelihood at the truth, overlapped": before,
-            "median log10 of the likelihood at the truth, with outliers": after,
+            "median log10 of the likelihood at the truth, with outliers": telling(after),
             "share of draws with a drop by more than 16 decades at the truth": here,
             f"the same on {VALUED} random layouts": on_layouts,
-            "share of draws with a drop by more than 16 decades everywhere": everywhere,
+            "share of draws with a drop by more than 16 decades everywhere": telling(everywhere),
             "median log10 of the highest likelihood, overlapped": highest_before,
             "median log10 of the highest likelihood, with outliers": highest,
             "share within 1.5 m and 6 deg of the truth, started there": stays,
@@ -133,15 +126,7 @@ def outlier_likelihood_vanishes() -> Evidence:
     )
 
 
-@claim(
-    "outlier-robust-minimum",
-    section="6.3",
-    figure="outlier-cost",
-    telling=(
-        "share of draws with the global minimum at the truth",
-        "share of draws with no other above 1 % of its density",
-    ),
-)
+@claim("outlier-robust-minimum", section="6.3", figure="outlier-cost")
 def outlier_robust_minimum() -> Evidence:
     """Outliers: the robust likelihood has one global minimum, at the truth."""
     found = local_minima(OUTLIERS, ROBUST, SEARCHED)
@@ -165,8 +150,8 @@ def outlier_robust_minimum() -> Evidence:
         f"and {single_of_layouts:.1%} no other has more than 1% of its density; the negative "
         f"logarithm has a mean of {near:.0f} local minima near the truth.",
         {
-            "share of draws with the global minimum at the truth": right,
-            "share of draws with no other above 1 % of its density": single,
+            "share of draws with the global minimum at the truth": telling(right),
+            "share of draws with no other above 1 % of its density": telling(single),
             "share of draws on random layouts with the global minimum at the truth": (
                 right_of_layouts
             ),
@@ -183,15 +168,7 @@ def outlier_robust_minimum() -> Evidence:
     )
 
 
-@claim(
-    "outlier-error",
-    section="6.3",
-    figure="outlier-error",
-    telling=(
-        "ratio of the RMSE, sum / robust",
-        "share of 200 random layouts on which the sum's RMSE is the larger",
-    ),
-)
+@claim("outlier-error", section="6.3", figure="outlier-error")
 def outlier_error() -> Evidence:
     """Outliers: the sum's error is larger than the robust likelihood's."""
     ratio = error_ratio((OUTLIERS, SUMMING), (OUTLIERS, ROBUST))
@@ -209,8 +186,8 @@ def outlier_error() -> Evidence:
         f"{grown:.2f} times that in the overlapped scene, and the robust likelihood's "
         f"{grown_robust:.2f} times that of the plain likelihood there.",
         {
-            "ratio of the RMSE, sum / robust": ratio,
-            "share of 200 random layouts on which the sum's RMSE is the larger": share,
+            "ratio of the RMSE, sum / robust": telling(ratio),
+            "share of 200 random layouts on which the sum's RMSE is the larger": telling(share),
             "mean ratio over the layouts": mean,
             "ratio of the sum's RMSE, with outliers / overlapped": grown,
             "ratio of the robust RMSE, with outliers / overlapped likelihood": grown_robust,
@@ -221,15 +198,7 @@ def outlier_error() -> Evidence:
     )
 
 
-@claim(
-    "outlier-credibility",
-    section="6.3",
-    figure="outlier-credibility",
-    telling=(
-        "I2 of the sum (dB)",
-        "I2 of the robust likelihood (dB)",
-    ),
-)
+@claim("outlier-credibility", section="6.3", figure="outlier-credibility")
 def outlier_credibility() -> Evidence:
     """Outliers: the sum stays pessimistic; the robust likelihood shows a pessimistic and an
     optimistic part.
@@ -260,9 +229,9 @@ def outlier_credibility() -> Evidence:
         f"{mean_above:.1%} do, with an I2 from {low:+.1f} dB to {high:+.1f} dB (5% and 95% "
         "quantiles).",
         {
-            "I2 of the sum (dB)": summing,
+            "I2 of the sum (dB)": telling(summing),
             "change of the sum's I2, outliers - overlapped (dB)": change,
-            "I2 of the robust likelihood (dB)": inclination(OUTLIERS, ROBUST),
+            "I2 of the robust likelihood (dB)": telling(inclination(OUTLIERS, ROBUST)),
             "ANEES of the robust likelihood": anees_of(evaluated(OUTLIERS, ROBUST).credibility),
             "share of its runs below -0.3 dB": below,
             "share of its runs above +0.3 dB": above,
