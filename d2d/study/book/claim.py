@@ -20,7 +20,7 @@ was measured and is stated; *refuted* if no part passes, or the contrary does.  
 the draws, layouts or drives that were measured.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Literal, NamedTuple
@@ -116,28 +116,23 @@ class Evidence:
 
     verdict: Verdict
     because: str
-    numbers: dict[str, float]
+    numbers: Mapping[str, float]
     holds: str = ""
     over: str = ""
 
     @property
-    def telling(self) -> dict[str, float]:
+    def telling(self) -> dict[str, Measured]:
         """The numbers that tell most: the ledger shows these, and a card shows them first."""
-        return {name: value for name, value in self.numbers.items() if _tells(value)}
-
-    @property
-    def not_telling(self) -> dict[str, float]:
-        """The other numbers."""
-        return {name: value for name, value in self.numbers.items() if not _tells(value)}
+        return {
+            name: value
+            for name, value in self.numbers.items()
+            if isinstance(value, Measured) and value.telling
+        }
 
     @property
     def is_conditional(self) -> bool:
         """Whether it is said when the claim holds."""
         return self.verdict != "confirmed" and bool(self.holds)
-
-
-def _tells(value: float) -> bool:
-    return isinstance(value, Measured) and value.telling
 
 
 @dataclass(frozen=True)

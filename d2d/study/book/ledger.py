@@ -103,10 +103,12 @@ def _html(claim: Claim, evidence: Evidence) -> str:
     if evidence.is_conditional:
         parts.append(f'<p class="claim-holds"><b>Holds:</b> {typeset(evidence.holds)}</p>')
     parts.append(f'<p class="claim-why">{typeset(_capital(evidence.because))}</p>')
-    parts.append(_numbers(evidence.telling))
+    telling = evidence.telling
+    parts.append(_numbers(telling))
     if evidence.over:
         parts.append(f'<p class="claim-over">Measured over {typeset(evidence.over)}</p>')
-    if others := evidence.not_telling:
+    others = {name: value for name, value in evidence.numbers.items() if name not in telling}
+    if others:
         summary = "The other number" if len(others) == 1 else f"The other {len(others)} numbers"
         parts.append(f"<details><summary>{summary}</summary>\n{_numbers(others)}\n</details>")
     return "\n".join([*parts, "</div>"])

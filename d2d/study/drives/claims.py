@@ -49,12 +49,6 @@ def _ratios(what: str, ratio: list[Measured], shown: Sequence[str]) -> dict[str,
     }
 
 
-def _rms_ratios(over: Array, under: Array) -> list[Measured]:
-    """Ratio of the RMSEs of each component, of errors (n, 3) of drives one after the other."""
-    block = max(block_length(np.square(over)), block_length(np.square(under)))
-    return [rms_ratio(a, b, block) for a, b in zip(over.T, under.T, strict=True)]
-
-
 def _by_component(values: Sequence[float]) -> str:
     """The values of v_x, v_y and omega, each with its name."""
     each = [f"{value:.1f} ({name})" for name, value in zip(NAMES, values, strict=True)]
@@ -72,28 +66,9 @@ def tracked_drive(seed: int, by_car: bool) -> tuple[Drive, dict[bool, Track]]:
     return drive, {d: track(drive.scans, drive.mounting, doppler=d) for d in (False, True)}
 
 
-def drive_in_traffic(seed: int) -> tuple[Drive, dict[bool, Track]]:
-    """`tracked_drive` of the robot or, every second time, the car."""
-    return tracked_drive(seed, seed % 2 == 1)
-
-
-def errors_of_drives(doppler: bool) -> list[DriveErrors]:
-    """Errors of the robot's drives."""
-    found = []
-    for seed in range(DRIVES):
-        drive, tracks = tracked_drive(seed, False)
-        found.append(DriveErrors.of(tracks[doppler], drive.truth))
-    return found
-
-
-def offsets_of_drives(doppler: bool) -> Array:
-    """Position error (drives, scans) along the robot's drives, in m."""
-    offsets = []
-    for seed in range(DRIVES):
-        drive, tracks = tracked_drive(seed, False)
-        poses = tracks[doppler].poses(drive.truth.poses[0])
-        offsets.append(np.linalg.norm((poses - drive.truth.poses)[:, :2], axis=-1))
-    return np.array(offsets)
+def robot_drives() -> list[tuple[Drive, dict[bool, Track]]]:
+    """The drives of the robot, each with its tracks."""
+    return [tracked_drive(seed, False) for seed in range(DRIVES)]
 
 
 @claim("doppler-rejects-moving", section="7.1", figure="moving-targets")
@@ -103,7 +78,7 @@ def doppler_rejects_moving() -> Evidence:
     shares, counts = np.empty((DRIVES, 3)), np.empty((DRIVES, 2))
     walking: list[Array] = []
     for seed in range(DRIVES):
-        drive, tracks = drive_in_traffic(seed)
+        drive, tracks = tracked_drive(seed, by_car=seed % 2 == 1)
         for doppler, driven in tracks.items():
             weights = TargetWeights.of(drive, driven, doppler=doppler)
             moving = weights.kind == "moving"
@@ -148,7 +123,10 @@ def doppler_rejects_moving() -> Evidence:
 @claim("doppler-reduces-error", section="7.3", figure="ego-error")
 def doppler_reduces_error() -> Evidence:
     """The Doppler velocities reduce the estimation error."""
-    ratio = _rms_ratios(*_paired_errors())
+    without, with_doppler = _paired_errors()
+    block = max(block_length(np.square(without)), block_length(np.square(with_doppler)))
+    pairs = zip(without.T, with_doppler.T, strict=True)
+    ratio = [rms_ratio(over, under, block) for over, under in pairs]
     less = [larger(each, RATIO) for each in ratio]
     return Evidence(
         judge(confirmed=all(less), qualified=any(less)),
@@ -167,8 +145,7 @@ def _paired_errors() -> tuple[Array, Array]:
     Only pairs of scans for which both estimates are accepted.
     """
     errors: dict[bool, list[Array]] = {False: [], True: []}
-    for seed in range(DRIVES):
-        drive, tracks = tracked_drive(seed, False)
+    for drive, tracks in robot_drives():
         accepted = tracks[False].converged & tracks[True].converged
         for doppler, driven in tracks.items():
             errors[doppler].append((driven.theta - drive.truth.theta[1:])[accepted])
@@ -178,7 +155,10 @@ def _paired_errors() -> tuple[Array, Array]:
 @claim("doppler-more-certain", section="7.3", figure="ego-covariance")
 def doppler_more_certain() -> Evidence:
     """The Doppler velocities make the estimate more certain."""
-    drives = {"without": errors_of_drives(False), "with": errors_of_drives(True)}
+    drives = {
+        name: [DriveErrors.of(tracks[doppler], drive.truth) for drive, tracks in robot_drives()]
+        for name, doppler in (("without", False), ("with", True))
+    }
     sigmas = {
         name: np.array([np.median(each.sigmas, axis=0) for each in found])
         for name, found in drives.items()
@@ -209,13 +189,12 @@ def doppler_more_certain() -> Evidence:
 def trajectory_drifts() -> Evidence:
     """The integrated trajectory accumulates error, with and without Doppler."""
     numbers: dict[str, float] = {}
-    growing, told = True, []
+    growing, said = True, []
     for name, doppler in (("without", False), ("with", True)):
-        offsets = offsets_of_drives(doppler)
-        quarter, end = offsets[:, offsets.shape[1] // 4], offsets[:, -1]
+        quarter, end = _offsets(doppler)
         growth = mean_of(end - quarter)
         growing &= larger(growth, Margin(0.0, (RATIO.high - 1.0) * float(quarter.mean())))
-        told.append(f"{quarter.mean():.2f} m and {end.mean():.2f} m {name} Doppler")
+        said.append(f"{quarter.mean():.2f} m and {end.mean():.2f} m {name} Doppler")
         numbers |= {
             f"mean position error after a quarter, {name} Doppler (m)": mean_of(quarter),
             f"mean position error at the end, {name} Doppler (m)": telling(mean_of(end)),
@@ -224,7 +203,7 @@ def trajectory_drifts() -> Evidence:
     return Evidence(
         judge(confirmed=growing),
         "after a quarter of the drive and at its end the mean position error is "
-        f"{told[0]}, {told[1]}. Each pair's error is added to all later poses; the Doppler "
+        f"{said[0]}, {said[1]}. Each pair's error is added to all later poses; the Doppler "
         "velocities change the size of a pair's error, not that errors add up.",
         numbers,
         holds="Only where the path is not known.",
@@ -232,12 +211,23 @@ def trajectory_drifts() -> Evidence:
     )
 
 
+def _offsets(doppler: bool) -> Array:
+    """Position error (2, drives) in m: after a quarter of each robot's drive, and at its end."""
+    offsets = []
+    for drive, tracks in robot_drives():
+        true = drive.truth.poses
+        quarter = len(true) // 4
+        off = tracks[doppler].poses(true[0]) - true
+        offsets.append(np.linalg.norm(off[[quarter, -1], :2], axis=-1))
+    return np.transpose(offsets)
+
+
 @claim("annealing-no-gain", section="7.3", figure="ego-error")
 def annealing_no_gain() -> Evidence:
     """Starting from inflated covariances gains little over the constant-velocity start."""
     numbers: dict[str, float] = {}
     little: dict[tuple[str, bool], bool] = {}
-    told = []
+    said = []
     for vehicle, by_car in (("robot", False), ("car", True)):
         for name, doppler in (("with", True), ("without", False)):
             gain = _gain_of_annealing(by_car, doppler)
@@ -251,7 +241,7 @@ def annealing_no_gain() -> Evidence:
                 f"ratio of the RMSE of v_x, plain / annealed, {what}": gain.ratio,
                 f"drives in which it lowers the RMSE of v_x by more than 5 %, {what}": gain.drives,
             }
-            told.append(
+            said.append(
                 f"{what}: {gain.nearer:.2%} nearer and {gain.farther:.2%} farther, RMSE "
                 f"{gain.ratio:.2f} times ({gain.ratio.between('.2f')})"
             )
@@ -262,7 +252,7 @@ def annealing_no_gain() -> Evidence:
         "each pair is estimated once from the last velocity, without the second start that `track` "
         "gives to a doubtful pair. Share of pairs that annealing brings nearer to the true v_x and "
         "takes farther from it, and the RMSE from plain starts over that with annealing: "
-        f"{'; '.join(told)}. Where the last velocity lies within the basin of the best optimum "
+        f"{'; '.join(said)}. Where the last velocity lies within the basin of the best optimum "
         "both end there. Where a pair goes astray, the next ones start from its velocity, and "
         "inflated standard deviations can lead back.",
         numbers,

@@ -121,7 +121,6 @@ def test_a_record_is_read_as_it_was_written(tmp_path):
     length = back.numbers["a length (m)"]
     assert (length.low, length.high) == (1.2, 1.278)
     assert back.telling == {"a length (m)": length}
-    assert back.not_telling == {"n": 12340.0}
     assert differences(evidence, back) == []
 
 

@@ -36,6 +36,7 @@ from d2d.study.line.scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
 from d2d.study.line.surfaces import Peaks, basin_of_attraction, log_surface, peaks
 
 DRAWS = 1000
+OVER = f"{DRAWS} draws of the noise of the thesis's scene on a line"
 TRANSLATIONS = np.arange(-12.0, 16.0, 0.02)  # m
 VISIBLE = np.log(0.01)  # a peak below 1 % of the highest cannot be seen in a plot of the density
 NOISE_RATIO = 4.0  # the thesis's noisier set: its standard deviation over the other's
@@ -79,25 +80,14 @@ def _median_basin_width(cost: RegistrationCost, sigma_moving: float = SIGMA) -> 
     return median_of(right - left)
 
 
-def _share_right(found: Peaks) -> Measured:
-    """Share of the draws whose highest peak is that of the true alignment."""
-    return share_of(np.abs(found.positions[:, 0] - TRUTH) < RIGHT)
+def _right(found: Peaks) -> NDArray[np.bool_]:
+    """Whether the highest peak of each draw is that of the true alignment."""
+    return np.asarray(np.abs(found.positions[:, 0] - TRUTH) < RIGHT)
 
 
 def _outstanding(found: Peaks) -> NDArray[np.bool_]:
-    """Whether that peak also stands out from all others, for each draw."""
-    right = np.abs(found.positions[:, 0] - TRUTH) < RIGHT
-    return np.asarray(right & (found.second_log_height < OUTSTANDING))
-
-
-def _mean_number(found: Peaks) -> Measured:
-    """Mean number of peaks."""
-    return mean_of(found.number)
-
-
-def _over() -> str:
-    """Over what these claims are measured."""
-    return f"{DRAWS} draws of the noise of the thesis's scene on a line"
+    """Whether that peak also stands out from all others."""
+    return np.asarray(_right(found) & (found.second_log_height < OUTSTANDING))
 
 
 def _second_log_heights(found: Peaks) -> Array:
@@ -117,7 +107,7 @@ def b_three_peaks() -> Evidence:
             "refuted",
             f"target B meets other components: {share:.0%} of the draws have exactly three peaks.",
             {"share of draws with exactly three peaks": telling(share)},
-            over=_over(),
+            over=OVER,
         )
     positions = np.sort(of_b.positions[has_three, :3])
     mean, spread = [mean_of(column) for column in positions.T], positions.std(axis=0)
@@ -139,7 +129,7 @@ def b_three_peaks() -> Evidence:
             "mean position of the third peak (m)": telling(mean[2]),
             "standard deviation of a peak's position (m)": scatter,
         },
-        over=_over(),
+        over=OVER,
     )
 
 
@@ -170,7 +160,7 @@ def d2d_lower() -> Evidence:
         },
         holds=f"At the highest peak, which is lower in {peak_is_lower:.0%} of the draws; along the "
         f"t_x axis D2D is lower on {along:.0%}.",
-        over=_over(),
+        over=OVER,
     )
 
 
@@ -180,10 +170,10 @@ def equal_sigma_same() -> Evidence:
     alignment, and local ones.
     """
     p2d, d2d = _peaks(P2D), _peaks(D2D)
-    right_p2d, right_d2d = (_share_right(found) for found in (p2d, d2d))
+    right_p2d, right_d2d = (share_of(_right(found)) for found in (p2d, d2d))
     local_p2d, local_d2d = (share_of(found.number > 1) for found in (p2d, d2d))
     alike = share_of(p2d.number == d2d.number)
-    number_p2d, number_d2d = _mean_number(p2d), _mean_number(d2d)
+    number_p2d, number_d2d = mean_of(p2d.number), mean_of(d2d.number)
     global_and_local = all(map(nearly_all, (right_p2d, right_d2d, local_p2d, local_d2d)))
     return Evidence(
         judge(confirmed=global_and_local and nearly_all(alike), qualified=global_and_local),
@@ -203,7 +193,7 @@ def equal_sigma_same() -> Evidence:
         },
         holds="For the place of the highest peak and the presence of local ones; the number of "
         f"peaks is the same in {alike:.0%} of the draws.",
-        over=_over(),
+        over=OVER,
     )
 
 
@@ -224,8 +214,8 @@ def noisy_p2d_fails() -> Evidence:
         f"with D2D and in {clear_p2d:.0%} with P2D. P2D expects less scatter than there is, so the "
         "common peak of its targets can split.",
         {
-            "share of draws with P2D's highest peak at the true alignment": _share_right(p2d),
-            "share of draws with D2D's highest peak at the true alignment": _share_right(d2d),
+            "share of draws with P2D's highest peak at the true alignment": share_of(_right(p2d)),
+            "share of draws with D2D's highest peak at the true alignment": share_of(_right(d2d)),
             "share of draws with all other peaks below 80 % of the true one, P2D": telling(
                 clear_p2d
             ),
@@ -233,8 +223,8 @@ def noisy_p2d_fails() -> Evidence:
                 clear_d2d
             ),
             "difference of these shares": lead,
-            "mean number of peaks, P2D": _mean_number(p2d),
-            "mean number of peaks, D2D": _mean_number(d2d),
+            "mean number of peaks, P2D": mean_of(p2d.number),
+            "mean number of peaks, D2D": mean_of(d2d.number),
             "median width of the basin around the true alignment, P2D (m)": _median_basin_width(
                 P2D, sigma
             ),
@@ -244,7 +234,7 @@ def noisy_p2d_fails() -> Evidence:
         },
         holds=f"In the {1 - clear_p2d:.0%} of the draws in which P2D has no outstanding peak at "
         f"the true alignment; D2D has none in {1 - clear_d2d:.0%}.",
-        over=_over(),
+        over=OVER,
     )
 
 
@@ -252,9 +242,9 @@ def noisy_p2d_fails() -> Evidence:
 def summing_local_peaks() -> Evidence:
     """The summing surface has one global maximum and many local ones."""
     found = _peaks(D2D)
-    right = _share_right(found)
+    right = share_of(_right(found))
     many = share_of(found.number >= 3)
-    number = _mean_number(found)
+    number = mean_of(found.number)
     return Evidence(
         judge(
             confirmed=nearly_all(right) and nearly_all(many), qualified=most(right) and most(many)
@@ -273,7 +263,7 @@ def summing_local_peaks() -> Evidence:
         },
         holds=f"In the draws with the highest peak at the true alignment ({right:.0%}) and with "
         f"three peaks or more ({many:.0%}).",
-        over=_over(),
+        over=OVER,
     )
 
 
@@ -281,7 +271,7 @@ def summing_local_peaks() -> Evidence:
 def likelihood_one_peak() -> Evidence:
     """The likelihood surface has a single maximum."""
     found = _peaks(LIKELIHOOD)
-    right = _share_right(found)
+    right = share_of(_right(found))
     one_visible = share_of((found.log_heights > VISIBLE).sum(axis=-1) == 1)
     one = share_of(found.number == 1)
     return Evidence(
@@ -297,7 +287,7 @@ def likelihood_one_peak() -> Evidence:
             "share of draws with the highest peak at the true alignment": right,
             "share of draws with one visible peak (above 1 % of the highest)": telling(one_visible),
             "share of draws with one peak in the logarithm": telling(one),
-            "mean number of peaks in the logarithm": _mean_number(found),
+            "mean number of peaks in the logarithm": mean_of(found.number),
             "median log10 of the second peak over the first": median_of(
                 _second_log_heights(found) / np.log(10.0)
             ),
@@ -307,7 +297,7 @@ def likelihood_one_peak() -> Evidence:
         },
         holds=f"For the density as plotted, with one visible peak in {one_visible:.0%} of the "
         f"draws; the logarithm has a single maximum in {one:.0%}.",
-        over=_over(),
+        over=OVER,
     )
 
 
@@ -319,7 +309,7 @@ def summing_smoother() -> Evidence:
         for surfaces in (_surfaces(D2D), _surfaces(LIKELIHOOD))
     )
     sum_found, product_found = _peaks(D2D), _peaks(LIKELIHOOD)
-    peaks_of_sum, peaks_of_product = _mean_number(sum_found), _mean_number(product_found)
+    peaks_of_sum, peaks_of_product = mean_of(sum_found.number), mean_of(product_found.number)
     no_more = share_of(sum_found.number <= product_found.number)
     wider = share_of(width_of_sum > width_of_product)
     ratio = median_of(width_of_sum / width_of_product)
@@ -339,5 +329,5 @@ def summing_smoother() -> Evidence:
         },
         holds="If smoother means a wider peak at the truth, not fewer optima: the sum has "
         f"{peaks_of_sum:.2f} on average, the log-likelihood {peaks_of_product:.2f}.",
-        over=_over(),
+        over=OVER,
     )

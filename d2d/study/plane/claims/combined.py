@@ -146,7 +146,7 @@ def all_summing_unstable() -> Evidence:
         f"{100 * stays:+.1f} percentage points and that of runs from zero that arrive by "
         f"{100 * returns:+.1f}; there are {minima[0]:.0f} and {minima[1]:.0f} minima near the "
         f"truth. Over 200 random layouts {spread}.",
-        dict(numbers),
+        numbers,
         holds=f"Of the {len(differs)} measures, these differ by more than their margin: "
         f"{', '.join(differing) or 'none'}. The RMSE of the robust likelihood is "
         f"{error['robust']:.2f} times as large in A as in B.",

@@ -99,30 +99,30 @@ def overlap_local_minima() -> Evidence:
 @claim("overlap-error", section="6.3", figure="overlap-error")
 def overlap_error() -> Evidence:
     """Overlapped: the likelihood's estimation error is smaller than the sum's."""
-    parts = zip(errors_of(OVERLAPPED, SUMMING), errors_of(OVERLAPPED, LIKELIHOOD), strict=True)
-    ratio = {
-        name: rms_ratio(over, under)
-        for name, (over, under) in zip(("translation", "rotation"), parts, strict=True)
-    }
-    numbers: dict[str, float] = {
-        f"ratio of the RMSE of the {name}, sum / likelihood": telling(each)
-        for name, each in ratio.items()
-    }
+    translation, rotation = (
+        rms_ratio(of_sum, of_likelihood)
+        for of_sum, of_likelihood in zip(
+            errors_of(OVERLAPPED, SUMMING), errors_of(OVERLAPPED, LIKELIHOOD), strict=True
+        )
+    )
     ratios = error_ratio_of_layouts(("overlapped", SUMMING), ("overlapped", LIKELIHOOD))
     share = share_of(ratios > 1.0)
-    numbers["share of 200 random layouts on which the sum's RMSE is the larger"] = share
-    numbers["mean ratio over the layouts, translation"] = geometric_mean_of(ratios)
-    holds_here = all(larger(each, RATIO) for each in ratio.values())
+    holds_here = larger(translation, RATIO) and larger(rotation, RATIO)
     return Evidence(
         judge(confirmed=holds_here and nearly_all(share), qualified=holds_here),
-        f"the sum's RMSE is {ratio['translation']:.2f} times the likelihood's in translation and "
-        f"{ratio['rotation']:.2f} times in rotation, and the larger one on {share:.0%} of 200 "
+        f"the sum's RMSE is {translation:.2f} times the likelihood's in translation and "
+        f"{rotation:.2f} times in rotation, and the larger one on {share:.0%} of 200 "
         "random layouts. The sum weights a target by how well it happens to fit, the likelihood "
         "by its covariance.",
-        numbers,
+        {
+            "ratio of the RMSE of the translation, sum / likelihood": telling(translation),
+            "ratio of the RMSE of the rotation, sum / likelihood": telling(rotation),
+            "share of 200 random layouts on which the sum's RMSE is the larger": share,
+            "mean ratio over the layouts, translation": geometric_mean_of(ratios),
+        },
         holds="In this scene, where the 95% intervals of the ratios are "
-        f"{ratio['translation'].between('.2f')} (translation) and "
-        f"{ratio['rotation'].between('.2f')} (rotation), and on {share:.0%} of 200 random layouts.",
+        f"{translation.between('.2f')} (translation) and {rotation.between('.2f')} (rotation), and "
+        f"on {share:.0%} of 200 random layouts.",
         over=OVER_LAYOUTS,
     )
 
