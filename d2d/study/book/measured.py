@@ -77,17 +77,11 @@ def share_over(shares: ArrayLike, cases: float) -> Measured:
     return share_counted(share, float(np.clip(effective, groups, groups * cases)))
 
 
-def share_in_series(condition: ArrayLike, block: int) -> Measured:
-    """Share of the rows (N,) of a series in which a condition is met, with Wilson's interval.
-
-    The rows count as N / block independent cases.
-    """
-    met = np.asarray(condition, dtype=np.float64)
-    return share_counted(float(met.mean()), len(met) / block)
-
-
 def share_counted(share: float, cases: float) -> Measured:
-    """A share of so many independent cases, with Wilson's interval."""
+    """A share of so many independent cases, with Wilson's interval.
+
+    The N rows of a series that are correlated over ``block`` rows count as N / block cases.
+    """
     z2 = float(scipy.special.ndtri(UPPER)) ** 2 / cases
     middle = (share + 0.5 * z2) / (1.0 + z2)
     half = np.sqrt(z2 * (share * (1.0 - share) + 0.25 * z2)) / (1.0 + z2)

@@ -27,7 +27,7 @@ from d2d.study.book.measured import (
     geometric_mean_of,
     mean_of,
     rms_ratio,
-    share_in_series,
+    share_counted,
     share_over,
     telling,
 )
@@ -37,6 +37,7 @@ from d2d.study.drives.variations import followed
 
 DRIVES = 8
 DURATION = 40.0  # s: a third of a lap, with two bends
+DOPPLER = {"without": False, "with": True}
 WALKING_SPEED = 1.5  # m/s
 OVER = f"{DRIVES} drives of the robot of {DURATION:g} s"
 
@@ -157,7 +158,7 @@ def doppler_more_certain() -> Evidence:
     """The Doppler velocities make the estimate more certain."""
     drives = {
         name: [DriveErrors.of(tracks[doppler], drive.truth) for drive, tracks in robot_drives()]
-        for name, doppler in (("without", False), ("with", True))
+        for name, doppler in DOPPLER.items()
     }
     sigmas = {
         name: np.array([np.median(each.sigmas, axis=0) for each in found])
@@ -190,7 +191,7 @@ def trajectory_drifts() -> Evidence:
     """The integrated trajectory accumulates error, with and without Doppler."""
     numbers: dict[str, float] = {}
     growing, said = True, []
-    for name, doppler in (("without", False), ("with", True)):
+    for name, doppler in DOPPLER.items():
         quarter, end = _offsets(doppler)
         growth = mean_of(end - quarter)
         growing &= larger(growth, Margin(0.0, (RATIO.high - 1.0) * float(quarter.mean())))
@@ -298,6 +299,7 @@ def _gain_of_annealing(by_car: bool, doppler: bool) -> _Gain:
     ratio = rms_ratio(plain, annealed, block)
     gains = [np.sqrt(np.mean(a**2) / np.mean(b**2)) > RATIO.high for a, b in errors]
     closer, worse = (
-        share_in_series(each, block_length(each)) for each in map(np.concatenate, (nearer, farther))
+        share_counted(float(each.mean()), len(each) / block_length(each))
+        for each in map(np.concatenate, (nearer, farther))
     )
     return _Gain(closer, worse, ratio, float(sum(gains)))

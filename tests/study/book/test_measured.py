@@ -23,7 +23,6 @@ from d2d.study.book.measured import (
     rms_ratio,
     share_counted,
     share_difference,
-    share_in_series,
     share_of,
     share_over,
 )
@@ -58,8 +57,6 @@ def test_cases_of_a_group_that_go_together_count_less() -> None:
     assert alike == pytest.approx(mixed)
     assert alike.high - alike.low > 2.0 * (mixed.high - mixed.low)
     assert share_over(np.ones(80), 5).low == pytest.approx(share_of(np.ones(80)).low)
-    series = np.repeat(np.arange(100) % 2, 10)
-    assert share_in_series(series, 10).low == pytest.approx(share_of(np.arange(100) % 2).low)
 
 
 @pytest.mark.parametrize(

@@ -16,12 +16,17 @@ from d2d.study.book.claim import (
 )
 from d2d.study.book.measured import anees_of, geometric_mean_of, median_of, share_over, telling
 from d2d.study.plane.cluster_search import DRAWS, KINDS, shares_wrong, worst
-from d2d.study.plane.evaluation import LIKELIHOOD, SUMMING, evaluated, over_layouts
+from d2d.study.plane.evaluation import (
+    LIKELIHOOD,
+    SUMMING,
+    evaluated,
+    over_layouts,
+    random_layout,
+)
 from d2d.study.plane.measures import (
     BOTH,
     OVER_LAYOUTS,
     SEARCHED,
-    MinimaOfDraws,
     decades_to_second,
     error_ratio,
     error_ratio_of_layouts,
@@ -33,7 +38,7 @@ from d2d.study.plane.measures import (
     share_one_visible,
 )
 from d2d.study.plane.optima import local_minima
-from d2d.study.plane.scenarios import CLUSTERS, LAYOUTS, OVERLAPPED, random_scene
+from d2d.study.plane.scenarios import CLUSTERS, OVERLAPPED
 
 SCENES, FRESH = 8, 40  # random scenes of each kind in the search, and of what it finds
 
@@ -43,10 +48,7 @@ def cluster_summing_wrong() -> Evidence:
     """Clusters: the sum's global minimum is wrong, even from the true start."""
     scenes = {"this scene": CLUSTERS} | {f"with outliers, {name}": s for name, s in BOTH.items()}
     found = {name: local_minima(each, SUMMING, draws=40) for name, each in scenes.items()}
-    layouts: list[MinimaOfDraws] = []
-    for seed in range(FRESH):
-        other = random_scene("clusters", LAYOUTS["clusters"], np.random.default_rng(seed))
-        layouts.append(local_minima(other, SUMMING))
+    layouts = [local_minima(random_layout("clusters", seed), SUMMING) for seed in range(FRESH)]
     right = {name: share_lowest_at_truth(draws) for name, draws in found.items()}
     right_in_all = share_lowest_at_truth(sum(found.values(), ()))
     right_on_layouts = share_over([share_lowest_at_truth(draws) for draws in layouts], 5)

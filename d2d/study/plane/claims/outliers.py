@@ -34,6 +34,7 @@ from d2d.study.plane.evaluation import (
     SUMMING,
     evaluated,
     over_layouts,
+    random_layout,
     same_draws,
 )
 from d2d.study.plane.measures import (
@@ -52,7 +53,7 @@ from d2d.study.plane.measures import (
     times_off,
 )
 from d2d.study.plane.optima import highest_density, local_minima
-from d2d.study.plane.scenarios import LAYOUTS, OUTLIERS, OVERLAPPED, Scenario, random_scene
+from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED, Scenario
 
 OTHERS = 80  # random layouts whose minima are searched for
 VALUED = 600  # random layouts on which it is only evaluated
@@ -69,9 +70,7 @@ def _vanishing_on_layouts() -> Array:
     shares = []
     for seed in range(VALUED):
         without, with_outliers = (
-            _log10_density_at_truth(
-                random_scene(kind, LAYOUTS[kind], np.random.default_rng(seed)), 10
-            )
+            _log10_density_at_truth(random_layout(kind, seed), 10)
             for kind in ("overlapped", "outliers")
         )
         shares.append(float((with_outliers - np.median(without) < VANISHED).mean()))
@@ -130,10 +129,7 @@ def outlier_likelihood_vanishes() -> Evidence:
 def outlier_robust_minimum() -> Evidence:
     """Outliers: the robust likelihood has one global minimum, at the truth."""
     found = local_minima(OUTLIERS, ROBUST, SEARCHED)
-    others = []
-    for seed in range(OTHERS):
-        other = random_scene("outliers", LAYOUTS["outliers"], np.random.default_rng(seed))
-        others.append(local_minima(other, ROBUST, draws=1))
+    others = [local_minima(random_layout("outliers", seed), ROBUST, 1) for seed in range(OTHERS)]
     right, single = share_lowest_at_truth(found), share_one_visible(found)
     right_of_layouts, single_of_layouts = (
         share_over([measure(each) for each in others], 1)
