@@ -32,6 +32,7 @@ from d2d.study.book.measured import (
     share_of,
     telling,
 )
+from d2d.study.line.claims.surfaces import is_right
 from d2d.study.line.outlier_study import (
     COMPARABLE,
     DRAWS,
@@ -56,11 +57,6 @@ from d2d.study.line.surfaces import Survey, log_surface, peaks
 OVER = f"{DRAWS} draws of the noise and of the outlier's place on the line"
 SEPARATE = 2.0 * np.sqrt(2.0)  # standard deviations between two equal bumps with two maxima
 VANISHED = 16.0  # decades: what double precision cannot add to the value without the outlier
-
-
-def _share_right(found: Survey) -> Measured:
-    """Share of the draws with the highest maximum at the true alignment."""
-    return share_of(np.abs(found.highest - TRUTH) < RIGHT)
 
 
 @claim("outlier-fixed-summing", section="4.4", figure="outlier-fixed-cost")
@@ -108,7 +104,7 @@ def outlier_fixed_summing() -> Evidence:
 def outlier_fixed_likelihood() -> Evidence:
     """The likelihood is robust against an outlier in F."""
     before, after = survey_scene(LIKELIHOOD), survey_scene(LIKELIHOOD, "fixed")
-    right, single = _share_right(after), share_of(after.rival < TINY)
+    right, single = share_of(is_right(after)), share_of(after.rival < TINY)
     ratio = _error_with_outlier_over_without()
     number, number_before = mean_of(after.optima), mean_of(before.optima)
     return Evidence(
@@ -146,7 +142,7 @@ def _error_with_outlier_over_without() -> Measured:
 def outlier_moving_summing() -> Evidence:
     """An outlier in M gives the sum a competitive local peak, but the global one stays right."""
     before, after = survey_scene(SUMMING), survey_scene(SUMMING, "moving")
-    right = _share_right(after)
+    right = share_of(is_right(after))
     with_it, without = share_of(after.rival > COMPARABLE), share_of(before.rival > COMPARABLE)
     added = share_difference(after.rival > COMPARABLE, before.rival > COMPARABLE)
     return Evidence(
@@ -186,7 +182,7 @@ def outlier_moving_likelihood() -> Evidence:
     invisible, vanished = share_of(drop > 6.0), share_of(drop > VANISHED)
     zero = share_of(np.exp(after) == 0.0)
     found = survey_scene(LIKELIHOOD, "moving")
-    right, limit = _share_right(found), 3.0 * SIGMA
+    right, limit = share_of(is_right(found)), 3.0 * SIGMA
     near = f"within {RIGHT:g} m"
     return Evidence(
         judge(confirmed=nearly_all(vanished), qualified=some(invisible)),
@@ -217,7 +213,9 @@ def _numbers_with_outlier_in_m(found: Survey, limit: float) -> dict[str, float]:
     """The numbers of a survey of a robust cost; the rivals above a limit are telling."""
     comparable, tiny = (share_of(found.rival > each) for each in (COMPARABLE, TINY))
     return {
-        "share of draws with the highest peak at the true alignment": telling(_share_right(found)),
+        "share of draws with the highest peak at the true alignment": telling(
+            share_of(is_right(found))
+        ),
         "share of draws with a rival above half the highest": telling(
             comparable, limit == COMPARABLE
         ),
@@ -234,7 +232,7 @@ def uniform_restores() -> Evidence:
     local one.
     """
     found = survey_scene(UNIFORM, "moving")
-    right, comparable = _share_right(found), share_of(found.rival > COMPARABLE)
+    right, comparable = share_of(is_right(found)), share_of(found.rival > COMPARABLE)
     return Evidence(
         judge(confirmed=nearly_all(right) and hardly_any(comparable), qualified=most(right)),
         f"as a density, with c = {UNIFORM_DENSITY:g} per metre, it is highest at the true "
@@ -322,7 +320,7 @@ def _credibility_with_outlier(cost: RegistrationCost) -> Credibility:
 def corrupted_restores() -> Evidence:
     """The corrupted Gaussian restores one global peak, and all local peaks are tiny."""
     found, uniform = survey_scene(ROBUST, "moving"), survey_scene(UNIFORM, "moving")
-    right, tiny = _share_right(found), share_of(found.rival < TINY)
+    right, tiny = share_of(is_right(found)), share_of(found.rival < TINY)
     return Evidence(
         judge(confirmed=nearly_all(right) and nearly_all(tiny), qualified=nearly_all(right)),
         f"the highest peak is at the true alignment in {right:.0%} of the draws, and all others "
@@ -340,7 +338,7 @@ def corrupted_restores() -> Evidence:
 def outlier_parameters_crucial() -> Evidence:
     """The parameters of the outlier component are crucial to the surface."""
     surveys = {(a, b): survey_corrupted(a, b, MAP_DRAWS) for a in FRACTIONS for b in WIDTHS}
-    right = {pair: _share_right(found) for pair, found in surveys.items()}
+    right = {pair: share_of(is_right(found)) for pair, found in surveys.items()}
     rival = {pair: share_of(found.rival > COMPARABLE) for pair, found in surveys.items()}
     basin = {pair: median_of(found.basin_width) for pair, found in surveys.items()}
     wide = [(fraction, width) for fraction, width in surveys if width >= 3.0]

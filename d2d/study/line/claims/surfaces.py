@@ -24,7 +24,6 @@ from d2d.study.book.claim import (
     smaller,
 )
 from d2d.study.book.measured import (
-    Measured,
     bootstrapped,
     mean_of,
     median_of,
@@ -32,16 +31,16 @@ from d2d.study.book.measured import (
     share_of,
     telling,
 )
+from d2d.study.line.outlier_study import RIGHT
 from d2d.study.line.scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
-from d2d.study.line.surfaces import Peaks, basin_of_attraction, log_surface, peaks
+from d2d.study.line.surfaces import Survey, log_surface, peaks, survey
 
 DRAWS = 1000
 OVER = f"{DRAWS} draws of the noise of the thesis's scene on a line"
 TRANSLATIONS = np.arange(-12.0, 16.0, 0.02)  # m
-VISIBLE = np.log(0.01)  # a peak below 1 % of the highest cannot be seen in a plot of the density
+VISIBLE = 0.01  # a peak below 1 % of the highest cannot be seen in a plot of the density
 NOISE_RATIO = 4.0  # the thesis's noisier set: its standard deviation over the other's
-RIGHT = 1.1  # m: half way from the true alignment to the next one, at which two other targets meet
-OUTSTANDING = np.log(0.8)  # no other peak reaches 80 % of a peak that stands out
+OUTSTANDING = 0.8  # no other peak reaches 80 % of a peak that stands out
 
 P2D, D2D = RegistrationCost("p2d", "summing"), RegistrationCost("d2d", "summing")
 LIKELIHOOD = RegistrationCost("d2d", "likelihood")
@@ -69,31 +68,25 @@ def surfaces_of_scene(
     return np.ascontiguousarray(log_surface(cost, TRANSLATIONS, fixed, moving))
 
 
-def _peaks(cost: RegistrationCost, sigma_moving: float = SIGMA) -> Peaks:
-    """The peaks of those surfaces."""
-    return peaks(TRANSLATIONS, _surfaces(cost, sigma_moving))
+def _survey(cost: RegistrationCost, sigma_moving: float = SIGMA) -> Survey:
+    """What those surfaces of all targets look like."""
+    return survey(TRANSLATIONS, _surfaces(cost, sigma_moving), TRUTH)
 
 
-def _median_basin_width(cost: RegistrationCost, sigma_moving: float = SIGMA) -> Measured:
-    """Median width (m) of the basin of attraction that holds the true alignment."""
-    _, left, right = basin_of_attraction(TRANSLATIONS, _surfaces(cost, sigma_moving), TRUTH)
-    return median_of(right - left)
-
-
-def _right(found: Peaks) -> NDArray[np.bool_]:
+def is_right(found: Survey) -> NDArray[np.bool_]:
     """Whether the highest peak of each draw is that of the true alignment."""
-    return np.asarray(np.abs(found.positions[:, 0] - TRUTH) < RIGHT)
+    return np.asarray(np.abs(found.highest - TRUTH) < RIGHT)
 
 
-def _outstanding(found: Peaks) -> NDArray[np.bool_]:
+def _outstanding(found: Survey) -> NDArray[np.bool_]:
     """Whether that peak also stands out from all others."""
-    return np.asarray(_right(found) & (found.second_log_height < OUTSTANDING))
+    return np.asarray(is_right(found) & (found.rival < OUTSTANDING))
 
 
-def _second_log_heights(found: Peaks) -> Array:
-    """Of the second peak over the first, in the draws that have one; very low if none has."""
-    several = found.number > 1
-    return found.second_log_height[several] if several.any() else np.array([-1e9])
+def _rivals(found: Survey) -> Array:
+    """Height of the second peak over the first, in the draws that have one; tiny if none has."""
+    several = found.optima > 1
+    return np.maximum(found.rival[several] if several.any() else found.rival, 1e-300)
 
 
 @claim("b-three-peaks", section="4.2", figure="target-b")
@@ -169,11 +162,11 @@ def equal_sigma_same() -> Evidence:
     """With equal standard deviations P2D and D2D behave alike: one global peak at the true
     alignment, and local ones.
     """
-    p2d, d2d = _peaks(P2D), _peaks(D2D)
-    right_p2d, right_d2d = (share_of(_right(found)) for found in (p2d, d2d))
-    local_p2d, local_d2d = (share_of(found.number > 1) for found in (p2d, d2d))
-    alike = share_of(p2d.number == d2d.number)
-    number_p2d, number_d2d = mean_of(p2d.number), mean_of(d2d.number)
+    p2d, d2d = _survey(P2D), _survey(D2D)
+    right_p2d, right_d2d = (share_of(is_right(found)) for found in (p2d, d2d))
+    local_p2d, local_d2d = (share_of(found.optima > 1) for found in (p2d, d2d))
+    alike = share_of(p2d.optima == d2d.optima)
+    number_p2d, number_d2d = mean_of(p2d.optima), mean_of(d2d.optima)
     global_and_local = all(map(nearly_all, (right_p2d, right_d2d, local_p2d, local_d2d)))
     return Evidence(
         judge(confirmed=global_and_local and nearly_all(alike), qualified=global_and_local),
@@ -201,7 +194,7 @@ def equal_sigma_same() -> Evidence:
 def noisy_p2d_fails() -> Evidence:
     """With a noisier current set P2D has no global peak, while D2D keeps one."""
     sigma = NOISE_RATIO * SIGMA
-    p2d, d2d = _peaks(P2D, sigma), _peaks(D2D, sigma)
+    p2d, d2d = _survey(P2D, sigma), _survey(D2D, sigma)
     clear_p2d, clear_d2d = (share_of(_outstanding(found)) for found in (p2d, d2d))
     lead = share_difference(_outstanding(d2d), _outstanding(p2d))
     return Evidence(
@@ -210,12 +203,12 @@ def noisy_p2d_fails() -> Evidence:
             qualified=larger(lead, SHARE),
         ),
         f"with {NOISE_RATIO:g} times the noise in M, the highest peak is at the true alignment and "
-        f"all others are below {np.exp(OUTSTANDING):.0%} of it in {clear_d2d:.0%} of the draws "
+        f"all others are below {OUTSTANDING:.0%} of it in {clear_d2d:.0%} of the draws "
         f"with D2D and in {clear_p2d:.0%} with P2D. P2D expects less scatter than there is, so the "
         "common peak of its targets can split.",
         {
-            "share of draws with P2D's highest peak at the true alignment": share_of(_right(p2d)),
-            "share of draws with D2D's highest peak at the true alignment": share_of(_right(d2d)),
+            "share of draws with P2D's highest peak at the true alignment": share_of(is_right(p2d)),
+            "share of draws with D2D's highest peak at the true alignment": share_of(is_right(d2d)),
             "share of draws with all other peaks below 80 % of the true one, P2D": telling(
                 clear_p2d
             ),
@@ -223,13 +216,13 @@ def noisy_p2d_fails() -> Evidence:
                 clear_d2d
             ),
             "difference of these shares": lead,
-            "mean number of peaks, P2D": mean_of(p2d.number),
-            "mean number of peaks, D2D": mean_of(d2d.number),
-            "median width of the basin around the true alignment, P2D (m)": _median_basin_width(
-                P2D, sigma
+            "mean number of peaks, P2D": mean_of(p2d.optima),
+            "mean number of peaks, D2D": mean_of(d2d.optima),
+            "median width of the basin around the true alignment, P2D (m)": median_of(
+                p2d.basin_width
             ),
-            "median width of the basin around the true alignment, D2D (m)": _median_basin_width(
-                D2D, sigma
+            "median width of the basin around the true alignment, D2D (m)": median_of(
+                d2d.basin_width
             ),
         },
         holds=f"In the {1 - clear_p2d:.0%} of the draws in which P2D has no outstanding peak at "
@@ -241,10 +234,10 @@ def noisy_p2d_fails() -> Evidence:
 @claim("summing-local-peaks", section="4.3", figure="summing-likelihood")
 def summing_local_peaks() -> Evidence:
     """The summing surface has one global maximum and many local ones."""
-    found = _peaks(D2D)
-    right = share_of(_right(found))
-    many = share_of(found.number >= 3)
-    number = mean_of(found.number)
+    found = _survey(D2D)
+    right = share_of(is_right(found))
+    many = share_of(found.optima >= 3)
+    number = mean_of(found.optima)
     return Evidence(
         judge(
             confirmed=nearly_all(right) and nearly_all(many), qualified=most(right) and most(many)
@@ -256,10 +249,8 @@ def summing_local_peaks() -> Evidence:
             "share of draws with the highest peak at the true alignment": telling(right),
             "mean number of peaks": telling(number),
             "share of draws with three peaks or more": many,
-            "median height of the second peak over the first": median_of(
-                np.exp(_second_log_heights(found))
-            ),
-            "median width of the basin around the true alignment (m)": _median_basin_width(D2D),
+            "median height of the second peak over the first": median_of(_rivals(found)),
+            "median width of the basin around the true alignment (m)": median_of(found.basin_width),
         },
         holds=f"In the draws with the highest peak at the true alignment ({right:.0%}) and with "
         f"three peaks or more ({many:.0%}).",
@@ -270,16 +261,16 @@ def summing_local_peaks() -> Evidence:
 @claim("likelihood-one-peak", section="4.3", figure="summing-likelihood")
 def likelihood_one_peak() -> Evidence:
     """The likelihood surface has a single maximum."""
-    found = _peaks(LIKELIHOOD)
-    right = share_of(_right(found))
-    one_visible = share_of((found.log_heights > VISIBLE).sum(axis=-1) == 1)
-    one = share_of(found.number == 1)
+    found = _survey(LIKELIHOOD)
+    right = share_of(is_right(found))
+    one_visible = share_of(found.rival < VISIBLE)
+    one = share_of(found.optima == 1)
     return Evidence(
         judge(
             confirmed=nearly_all(right) and nearly_all(one),
             qualified=nearly_all(right) and nearly_all(one_visible),
         ),
-        f"the density has a single visible peak (one above {np.exp(VISIBLE):.0%} of the highest) "
+        f"the density has a single visible peak (one above {VISIBLE:.0%} of the highest) "
         f"in {one_visible:.0%} of the draws, and the highest is at the true alignment in "
         f"{right:.0%}. The logarithm, which an optimiser follows, keeps the local optima that the "
         f"product makes too small to see: it has a single maximum in {one:.0%}.",
@@ -287,13 +278,9 @@ def likelihood_one_peak() -> Evidence:
             "share of draws with the highest peak at the true alignment": right,
             "share of draws with one visible peak (above 1 % of the highest)": telling(one_visible),
             "share of draws with one peak in the logarithm": telling(one),
-            "mean number of peaks in the logarithm": mean_of(found.number),
-            "median log10 of the second peak over the first": median_of(
-                _second_log_heights(found) / np.log(10.0)
-            ),
-            "median width of the basin around the true alignment (m)": _median_basin_width(
-                LIKELIHOOD
-            ),
+            "mean number of peaks in the logarithm": mean_of(found.optima),
+            "median log10 of the second peak over the first": median_of(np.log10(_rivals(found))),
+            "median width of the basin around the true alignment (m)": median_of(found.basin_width),
         },
         holds=f"For the density as plotted, with one visible peak in {one_visible:.0%} of the "
         f"draws; the logarithm has a single maximum in {one:.0%}.",
@@ -308,9 +295,9 @@ def summing_smoother() -> Evidence:
         (surfaces - surfaces.max(axis=-1, keepdims=True) > np.log(0.5)).sum(axis=-1)
         for surfaces in (_surfaces(D2D), _surfaces(LIKELIHOOD))
     )
-    sum_found, product_found = _peaks(D2D), _peaks(LIKELIHOOD)
-    peaks_of_sum, peaks_of_product = mean_of(sum_found.number), mean_of(product_found.number)
-    no_more = share_of(sum_found.number <= product_found.number)
+    sum_found, product_found = _survey(D2D), _survey(LIKELIHOOD)
+    peaks_of_sum, peaks_of_product = mean_of(sum_found.optima), mean_of(product_found.optima)
+    no_more = share_of(sum_found.optima <= product_found.optima)
     wider = share_of(width_of_sum > width_of_product)
     ratio = median_of(width_of_sum / width_of_product)
     is_wider = nearly_all(wider) and larger(ratio, RATIO)
