@@ -108,10 +108,9 @@ def cluster_likelihood_same() -> Evidence:
     share_right = share_lowest_at_truth(found)
     lower, lower_without = decades_to_second(found), decades_to_second(without)
     one_visible = share_one_visible(found)
-    ratio = error_ratio((CLUSTERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD))
-    ratio_of_layouts = geometric_mean_of(
-        error_ratio_of_layouts(("clusters", LIKELIHOOD), ("overlapped", LIKELIHOOD))
-    )
+    conditions = (CLUSTERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD)
+    ratio = error_ratio(*conditions)
+    ratio_of_layouts = geometric_mean_of(error_ratio_of_layouts(*conditions))
     here = inclination(CLUSTERS, LIKELIHOOD)
     right = nearly_all(one_visible) and nearly_all(share_right)
     same_error = same(ratio, RATIO) and same(ratio_of_layouts, RATIO)
@@ -149,13 +148,12 @@ def cluster_error() -> Evidence:
     """Clusters: the sum's error grows against the overlapped scene, and exceeds the
     likelihood's.
     """
-    excess = error_ratio((CLUSTERS, SUMMING), (CLUSTERS, LIKELIHOOD))
-    growth = error_ratio((CLUSTERS, SUMMING), (OVERLAPPED, SUMMING))
-    growth_of_layouts = geometric_mean_of(
-        error_ratio_of_layouts(("clusters", SUMMING), ("overlapped", SUMMING))
-    )
-    excess_of_layouts = geometric_mean_of(
-        error_ratio_of_layouts(("clusters", SUMMING), ("clusters", LIKELIHOOD))
+    summing, likelihood = (CLUSTERS, SUMMING), (CLUSTERS, LIKELIHOOD)
+    overlapped = OVERLAPPED, SUMMING
+    excess, growth = error_ratio(summing, likelihood), error_ratio(summing, overlapped)
+    excess_of_layouts, growth_of_layouts = (
+        geometric_mean_of(error_ratio_of_layouts(summing, other))
+        for other in (likelihood, overlapped)
     )
     without, with_clusters = (
         median_of(over_layouts(kind, SUMMING).rmse) for kind in ("overlapped", "clusters")

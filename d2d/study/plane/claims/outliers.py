@@ -167,8 +167,8 @@ def outlier_robust_minimum() -> Evidence:
 @claim("outlier-error", section="6.3", figure="outlier-error")
 def outlier_error() -> Evidence:
     """Outliers: the sum's error is larger than the robust likelihood's."""
-    ratio = error_ratio((OUTLIERS, SUMMING), (OUTLIERS, ROBUST))
-    ratios = error_ratio_of_layouts(("outliers", SUMMING), ("outliers", ROBUST))
+    conditions = (OUTLIERS, SUMMING), (OUTLIERS, ROBUST)
+    ratio, ratios = error_ratio(*conditions), error_ratio_of_layouts(*conditions)
     share, mean = share_of(ratios > 1.0), geometric_mean_of(ratios)
     grown = error_ratio((OUTLIERS, SUMMING), (OVERLAPPED, SUMMING))
     grown_robust = error_ratio((OUTLIERS, ROBUST), (OVERLAPPED, LIKELIHOOD))

@@ -105,7 +105,7 @@ def overlap_error() -> Evidence:
             errors_of(OVERLAPPED, SUMMING), errors_of(OVERLAPPED, LIKELIHOOD), strict=True
         )
     )
-    ratios = error_ratio_of_layouts(("overlapped", SUMMING), ("overlapped", LIKELIHOOD))
+    ratios = error_ratio_of_layouts((OVERLAPPED, SUMMING), (OVERLAPPED, LIKELIHOOD))
     share = share_of(ratios > 1.0)
     holds_here = larger(translation, RATIO) and larger(rotation, RATIO)
     return Evidence(
@@ -233,16 +233,15 @@ def overlap_likelihood_credible() -> Evidence:
 @claim("overlap-outlier-component", section="6.3", figure="overlap-credibility")
 def overlap_outlier_component() -> Evidence:
     """The outlier component leaves the error and makes the covariance more pessimistic."""
-    ratio = error_ratio((OVERLAPPED, ROBUST), (OVERLAPPED, LIKELIHOOD))
+    conditions = (OVERLAPPED, ROBUST), (OVERLAPPED, LIKELIHOOD)
+    ratio = error_ratio(*conditions)
+    ratio_of_layouts = geometric_mean_of(error_ratio_of_layouts(*conditions))
     unweighted = unweighted_outlier(len(OVERLAPPED.targets))
     plain, robust, printed = (
         evaluated(OVERLAPPED, cost).credibility for cost in (LIKELIHOOD, ROBUST, unweighted)
     )
     change, change_printed = (inclination_change(each, plain) for each in (robust, printed))
     before, after = inclination(OVERLAPPED, LIKELIHOOD), inclination(OVERLAPPED, ROBUST)
-    ratio_of_layouts = geometric_mean_of(
-        error_ratio_of_layouts(("overlapped", ROBUST), ("overlapped", LIKELIHOOD))
-    )
     leaves = same(ratio, RATIO) and same(ratio_of_layouts, RATIO)
     more = smaller(change, DECIBELS)
     none = same(change, DECIBELS) and same(change_printed, DECIBELS)
