@@ -103,7 +103,7 @@ class Evidence:
         Decided by the check from the numbers, see `judge`.
     because : str
         One sentence that gives the reason, composed from the numbers.
-    numbers : dict of str to float
+    numbers : mapping of str to float
         What was measured, by name with its unit, with its 95 % interval as
         `d2d.study.book.measured.Measured`; a plain float is exact, a count or the value of a
         formula.  The one or two that tell most are marked with `d2d.study.book.measured.telling`.
