@@ -21,7 +21,7 @@ from d2d import (
     register,
 )
 from d2d._lazy import Frozen, lazy
-from d2d.gaussian import GaussianMixture
+from d2d.study.mixtures.gaussian import GaussianMixture
 from d2d.radar import EgoMotionModel, Mounting, RadarScan, World, build_world, estimate_ego_motion
 from d2d.radar.motion.model import DEFAULT_OUTLIER
 from d2d.radar.simulation.drive import simulate_drive

@@ -24,7 +24,7 @@ from d2d import (
     rigid,
 )
 from d2d.baselines import fit_rigid
-from d2d.gaussian import density
+from d2d.study.mixtures.gaussian import density
 from d2d.radar import Mounting, RadarScan, doppler_velocity, inlier_probabilities
 from d2d.radar.scans.scan import doppler_gradients
 from d2d.study import scenarios

@@ -3,7 +3,7 @@
 import numpy as np
 
 from d2d._types import Array
-from d2d.gaussian import GaussianMixture, MixtureFit, fit_mixture
+from d2d.study.mixtures.gaussian import GaussianMixture, MixtureFit, fit_mixture
 from d2d.study.book.claim import Evidence, claim, judge, most, nearly_all
 from d2d.study.book.measured import Measured, median_of, share_counted, share_of, telling
 
