@@ -19,8 +19,7 @@ from d2d import (
 )
 from d2d.problem import Pair
 from d2d.radar.motion.model import EgoMotionModel
-from d2d.sandwich import godambe, grouped, nearby
-from d2d.sandwich import sandwich_covariance
+from d2d.sandwich import godambe, grouped, nearby, sandwich_covariance
 from d2d.study.plane.scenarios import ALL
 from tests.strategies import all_cases, case_id, doppler_like, overlapped_scene, random_problem
 

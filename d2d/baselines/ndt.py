@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from d2d import gaussian
 from d2d._checks import check_count, check_finite, check_fraction, check_positive_scalar
 from d2d._types import Array
-from d2d.cost import RegistrationCost
 from d2d.baselines.eigenvalues import raise_eigenvalues
+from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
 from d2d.registration import Estimate, register
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 from d2d._types import Array
-from d2d.study.mixtures.gaussian import GaussianMixture, MixtureFit, fit_mixture
 from d2d.study.book.claim import Evidence, claim, judge, most, nearly_all
 from d2d.study.book.measured import Measured, median_of, share_counted, share_of, telling
+from d2d.study.mixtures.gaussian import GaussianMixture, MixtureFit, fit_mixture
 
 SETS = 100  # of random observations, for EM
 STARTS = 50  # of EM, on one set with three humps
