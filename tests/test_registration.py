@@ -164,10 +164,8 @@ def test_what_converged_is_a_minimum_with_its_covariance(outlier):
         sigma = np.sqrt(np.einsum("nii->ni", fisher))
         allowed = 1e-9 * sigma[:, :, None] * sigma[:, None, :]
         assert (np.abs(estimate.covariance[good] - fisher) <= allowed).all()
-        product = estimate.covariance[good] @ estimate.hessian[good]
-        assert_allclose(
-            product, np.broadcast_to(np.eye(len(problem.theta)), product.shape), atol=1e-9
-        )
+        unit = estimate.covariance[good] @ estimate.hessian[good]
+        assert_allclose(unit, np.broadcast_to(np.eye(len(problem.theta)), unit.shape), atol=1e-9)
         # in units of standard deviations the gradient vanishes and the Hessian is positive definite
         size = np.sqrt(np.einsum("nii->ni", estimate.hessian[good]))
         assert np.abs(estimate.gradient[good] / size).max() < 1e-6
