@@ -303,6 +303,9 @@ def overlapped_scene(
     return sets[0], sets[1]
 
 
+seeds = st.integers(0, 2**32 - 1)
+
+
 def reals(low: float, high: float) -> st.SearchStrategy[float]:
     """Finite numbers of an interval, for hypothesis."""
     return st.floats(low, high, allow_nan=False, allow_infinity=False)

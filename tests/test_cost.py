@@ -33,6 +33,7 @@ from tests.strategies import (
     outlier_model,
     random_problem,
     reals,
+    seeds,
     shuffled,
     spd,
     steps_of,
@@ -339,7 +340,7 @@ def test_order_of_targets_does_not_matter(case):
 
 
 @given(
-    st.integers(0, 2**32 - 1),
+    seeds,
     st.sampled_from([case for case in all_cases() if not case["measured"]]),
     st.tuples(st.integers(1, 40), st.integers(1, 40)),
     reals(-6.0, 6.0),

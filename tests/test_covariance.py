@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import fisher_covariance
 from d2d.covariance import _sandwich
-from tests.strategies import reals, spd
+from tests.strategies import reals, seeds, spd
 
 
 def definite(rng: np.random.Generator, *shape: int) -> np.ndarray:
@@ -29,7 +29,7 @@ def test_it_is_the_symmetric_inverse():
         assert_array_equal(hessians, before)
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(1, 4), reals(-7.0, 7.0), reals(-7.0, 7.0))
+@given(seeds, st.integers(1, 4), reals(-7.0, 7.0), reals(-7.0, 7.0))
 def test_units_do_not_matter(seed, size, first, last):
     """Breaks if parameters of very different units make a good Hessian look singular."""
     root = np.random.default_rng(seed).standard_normal((3, size, size))

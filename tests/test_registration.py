@@ -39,6 +39,7 @@ from tests.strategies import (
     outlier_model,
     overlapped_scene,
     reals,
+    seeds,
     spd,
 )
 
@@ -422,7 +423,7 @@ def test_optimum_moves_with_the_scene():
 
 
 @given(
-    st.integers(0, 2**32 - 1),
+    seeds,
     st.sampled_from([1, 2]),
     st.sampled_from(METRICS),
     st.sampled_from(FUSIONS),

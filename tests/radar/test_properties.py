@@ -26,11 +26,10 @@ from d2d.radar import (
     track_joint,
 )
 from d2d.radar.scans.scan import doppler_gradients
-from tests.strategies import reals
+from tests.strategies import reals, seeds
 
 FEW = settings(max_examples=8)  # of tests that take long
 
-seeds = st.integers(0, 2**32 - 1)
 batches = st.sampled_from([(), (1,), (3,), (2, 3), (2, 1)])
 
 
