@@ -71,23 +71,27 @@ def test_the_same_rows_are_drawn_from_all_arrays_in_whole_blocks_on_a_ring():
     assert_allclose(often / often.mean(), 1.0, atol=0.05)
 
 
-@pytest.mark.parametrize("block", [1, 4])
-def test_many_data_sets_in_one_call_give_the_interval_of_each_alone(block):
+def test_many_data_sets_in_one_call_give_the_interval_of_each_alone():
     """Breaks if others are drawn, or the last ones are forgotten."""
     rng = np.random.default_rng(3)
     arrays = rng.standard_normal((5000, 3)), rng.standard_normal(5000)
-    alone, at_once = (
-        block_bootstrap(
-            lambda a, b, axis=0: a.mean(axis).sum(axis=-1) - np.median(b, axis),
-            arrays,
-            block,
-            np.random.default_rng(5),
-            resamples=101,
-            vectorized=vectorized,
+
+    def statistic(a, b, axis=0):
+        return a.mean(axis).sum(axis=-1) - np.median(b, axis)
+
+    for block in (1, 4):
+        alone, at_once = (
+            block_bootstrap(
+                statistic,
+                arrays,
+                block,
+                np.random.default_rng(5),
+                resamples=101,
+                vectorized=vectorized,
+            )
+            for vectorized in (False, True)
         )
-        for vectorized in (False, True)
-    )
-    assert_allclose(at_once, alone, rtol=1e-12)
+        assert_allclose(at_once, alone, rtol=1e-12)
 
 
 def test_a_vectorized_statistic_that_forgets_the_axis_is_refused():
@@ -125,12 +129,12 @@ def test_the_same_generator_gives_the_same_interval():
 # ---- Length of the blocks ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("coefficient", [0.5, 0.8, 0.95, -0.5])
-def test_block_length_of_an_autoregression(coefficient):
+def test_block_length_of_an_autoregression():
     """Breaks if a factor of the rule, or its corrected constant, is off."""
-    series = autoregression(np.random.default_rng(5), coefficient, 200_000)
-    ideal = (1.5 * 200_000) ** (1 / 3) * abs(2 * coefficient / (1 - coefficient**2)) ** (2 / 3)
-    assert_allclose(block_length(series), ideal, rtol=0.2)
+    for coefficient in (0.5, 0.8, 0.95, -0.5):
+        series = autoregression(np.random.default_rng(5), coefficient, 200_000)
+        ideal = (1.5 * 200_000) ** (1 / 3) * abs(2 * coefficient / (1 - coefficient**2)) ** (2 / 3)
+        assert_allclose(block_length(series), ideal, rtol=0.2)
 
 
 def test_block_length_without_correlation_is_short():
@@ -150,47 +154,3 @@ def test_the_slowest_column_counts_and_a_trend_is_bounded():
     assert block_length(np.arange(30.0)) <= 10
     for constant in ([1.0], [1.0, 1.0], np.ones(50)):
         assert block_length(constant) == 1
-
-
-# ---- Bad input --------------------------------------------------------------------------------
-
-SERIES = np.arange(6.0)
-
-
-@pytest.mark.parametrize(
-    ("change", "name"),
-    [
-        ({"arrays": []}, "arrays"),
-        ({"arrays": SERIES}, "arrays"),
-        ({"arrays": [1.0]}, "arrays"),
-        ({"arrays": [SERIES[:0]]}, "arrays"),
-        ({"arrays": [SERIES, SERIES[1:]]}, r"arrays.*\[6, 5\]"),
-        ({"block": 0}, "block"),
-        ({"block": 7}, "block"),
-        ({"block": 2.5}, "block"),
-        ({"rng": 0}, "rng"),
-        ({"confidence": 1.0}, "confidence"),
-        ({"confidence": 0.0}, "confidence"),
-        ({"resamples": 0}, "resamples"),
-        ({"vectorized": 1}, "vectorized"),
-        ({"statistic": lambda *_: np.nan}, "statistic"),
-    ],
-)
-def test_arguments_that_do_not_fit_are_refused_by_name(change, name):
-    """Breaks if a mistake gives an interval."""
-    good = {
-        "statistic": lambda *arrays: arrays[0].mean(),
-        "arrays": [SERIES],
-        "block": 2,
-        "rng": np.random.default_rng(0),
-    }
-    block_bootstrap(**good)
-    with pytest.raises(ValueError, match=name):
-        block_bootstrap(**{**good, **change})
-
-
-@pytest.mark.parametrize("series", [[], [[]], np.ones((2, 2, 2)), [np.nan], "long", 3.0])
-def test_series_must_be_an_array_of_numbers(series):
-    """Breaks if a series without rows gives a length."""
-    with pytest.raises(ValueError, match="series"):
-        block_length(series)
