@@ -259,7 +259,7 @@ def test_the_origin_does_not_matter(propagated):
     expected = spread((fixed, moving), theta)
     for distance in (3e2, 1e4, 1e7):
         origin = distance * np.array([1.0, -0.7])
-        start = theta + [*(origin - d2d.rigid.rotation(theta[2]) @ origin), 0.0]
+        start = theta + np.append(origin - d2d.rigid.rotation(theta[2]) @ origin, 0.0)
         found = spread((fixed.shifted(origin), moving.shifted(origin)), start)
         assert_allclose(found, expected, rtol=1e-3)
 
