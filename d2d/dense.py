@@ -110,8 +110,10 @@ def components(
 def responsibilities(parts: list[Pairs], cost: RegistrationCost) -> list[Array]:
     """gamma (B, K, N) of each component: its share of the target's density, or of all targets'."""
     alternatives = (-1,) if cost.fusion == "likelihood" else (-2, -1)
-    total = _log_sum(_all_logs(parts, cost), alternatives)
-    return [np.exp(each.log - total) for each in parts]
+    logs = _all_logs(parts, cost)
+    top = logs.max(axis=alternatives, keepdims=True)
+    total = np.exp(logs - top).sum(axis=alternatives, keepdims=True)
+    return [np.exp(each.log - top) / total for each in parts]
 
 
 def target_log_densities(parts: list[Pairs], cost: RegistrationCost) -> Array:

@@ -1,13 +1,11 @@
-"""Random registration problems, and what they must give, written as plainly as possible.
+"""Random registration problems, and what they must give.
 
-``dense_value`` is the cost once more, in NumPy over all pairs at once and without any shortcut.  It
-takes complex parameters, so that its gradient follows from complex steps to machine precision and
-owes nothing to the formulas under test.
+A loop over the pairs, as plain as possible, judges the formulas of `d2d.dense`; these, which are
+faster and have derivatives, judge the compiled kernel.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -21,6 +19,7 @@ from d2d import (
     PointSet,
     RegistrationCost,
     UniformOutlier,
+    dense,
     rigid,
 )
 from d2d.study.plane.scenarios import EIGHT_TARGETS
@@ -62,7 +61,7 @@ def doppler_like(
     rng: np.random.Generator, theta: np.ndarray, count: int, of_twist: bool = False
 ) -> LinearMeasurement:
     """Doppler velocities (planar: h and k of the radar's model) two sigmas off the prediction."""
-    xi = twist(theta) if of_twist else theta
+    xi = rigid.logarithm(theta) if of_twist else theta
     if len(theta) == 3:
         tau, x, y, yaw = 0.1, 3.6, -0.7, 0.4
         azimuth = rng.uniform(-1.0, 1.0, count)
@@ -77,16 +76,6 @@ def doppler_like(
     return LinearMeasurement(value, sigma, sigma_input, gain, slope, of_twist=of_twist)
 
 
-def twist(theta: np.ndarray) -> np.ndarray:
-    """SE(2) logarithm of one motion (3,), complex or real: the body velocity of unit time."""
-    half = 0.5 * theta[2]
-    c, s = np.cos(half), np.sin(half)
-    # the closed form of sin(h) / h cancels in complex steps
-    series = sum((-half * half) ** n / math.factorial(2 * n + 1) for n in range(9))
-    x, y = theta[:2] / (series if abs(half) < 0.5 else np.sin(half) / half)
-    return np.array([c * x + s * y, c * y - s * x, theta[2]])
-
-
 @dataclass(frozen=True)
 class Problem:
     """A cost and all that it is evaluated on."""
@@ -97,26 +86,21 @@ class Problem:
     moving: PointSet
     measurement: LinearMeasurement | None = None
 
+    def _of(self, function: Any, theta: Any = None) -> Any:
+        theta = self.theta if theta is None else theta
+        return function(theta, self.fixed, self.moving, measurement=self.measurement)
+
     def value(self, theta: Any = None) -> np.ndarray:
-        return self.cost.value(
-            self.theta if theta is None else theta,
-            self.fixed,
-            self.moving,
-            measurement=self.measurement,
-        )
+        return self._of(self.cost.value, theta)
 
     def derivatives(self, theta: Any = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return self.cost.derivatives(
-            self.theta if theta is None else theta,
-            self.fixed,
-            self.moving,
-            measurement=self.measurement,
-        )
+        return self._of(self.cost.derivatives, theta)
 
     def densities(self) -> np.ndarray:
-        return self.cost.target_densities(
-            self.theta, self.fixed, self.moving, measurement=self.measurement
-        )
+        return self._of(self.cost.target_densities)
+
+    def inlier_probabilities(self) -> np.ndarray:
+        return self._of(self.cost.inlier_probabilities)
 
     def with_(self, **changes: Any) -> Problem:
         return replace(self, **changes)
@@ -160,6 +144,40 @@ def random_problem(
     return Problem(cost, theta, fixed, moving, measurement)
 
 
+def taken(measurement: LinearMeasurement, rows: Any) -> LinearMeasurement:
+    """The measurements of some of the targets, of one problem."""
+    names = ("value", "sigma", "sigma_input", "gain", "slope")
+    return LinearMeasurement(*(getattr(measurement, n)[rows] for n in names), measurement.of_twist)
+
+
+def shuffled(problem: Problem, rng: np.random.Generator) -> tuple[Problem, np.ndarray]:
+    """The problem with its components and its targets in another order, and that of the targets."""
+    f, m, z = problem.fixed, problem.moving, problem.measurement
+    i, k = rng.permutation(f.size), rng.permutation(m.size)
+    changed = problem.with_(
+        fixed=PointSet(f.means[i], f.covariances[i], f.weights[i]),
+        moving=PointSet(m.means[k], m.covariances[k]),
+        measurement=z and taken(z, k),
+    )
+    return changed, k
+
+
+def in_unit(problem: Problem, unit: float) -> Problem:
+    """The same scene with all lengths multiplied by ``unit``; no measurement."""
+    f, m, model = problem.fixed, problem.moving, problem.cost.outlier
+    dimension = f.dimension
+    if isinstance(model, UniformOutlier):
+        model = UniformOutlier(model.density / unit**dimension)
+    elif model is not None:
+        model = CorruptedGaussian(model.fraction, model.covariance * unit**2)
+    return Problem(
+        replace(problem.cost, outlier=model),
+        np.concatenate([problem.theta[:dimension] * unit, problem.theta[dimension:]]),
+        PointSet(f.means * unit, f.covariances * unit**2, f.weights),
+        PointSet(m.means * unit, m.covariances * unit**2),
+    )
+
+
 def all_cases() -> list[dict[str, Any]]:
     """Every metric, fusion, outlier model and dimension, with and without a measurement."""
     names = ("dimension", "metric", "fusion", "outlier", "measured")
@@ -174,68 +192,77 @@ def case_id(case: dict[str, Any]) -> str:
     return f"{case['dimension']}D-{case['metric']}-{case['fusion']}-{case['outlier']}{measured}"
 
 
-def dense_value(problem: Problem, theta: Any) -> Any:
-    """The cost over all pairs at once; ``theta`` (P,) may be complex."""
-    theta = np.asarray(theta)
-    fixed, moving, cost = problem.fixed, problem.moving, problem.cost
-    dimension = fixed.dimension
-    if dimension == 2:
-        c, s = np.cos(theta[2]), np.sin(theta[2])
-        turn = np.array([[c, -s], [s, c]])
-    else:
-        turn = np.eye(1)
-    moved = moving.means @ turn.T + theta[:dimension]
-    d = moved[:, None, :] - fixed.means[None, :, :]
-    spread = np.broadcast_to(fixed.covariances, (moving.size, *fixed.covariances.shape))
-    if cost.metric == "d2d":
-        spread = spread + (turn @ moving.covariances @ turn.T)[:, None]
-    terms = np.log(fixed.weights) + _log_normal(d, spread)
-    inlier = _log_sum_exp(terms)
-    m = problem.measurement
-    if m is not None:
-        xi = twist(theta) if m.of_twist else theta
-        variance = m.sigma**2 + m.sigma_input**2 * (m.slope @ xi) ** 2
-        residual = m.value - m.gain @ xi
-        inlier = inlier - 0.5 * (residual**2 / variance + np.log(2.0 * np.pi * variance))
-    outlier = cost.outlier
-    if isinstance(outlier, UniformOutlier):
-        log_q = _log_sum_exp(
-            np.stack([inlier, np.full_like(inlier, np.log(outlier.density))], axis=-1)
-        )
-    elif isinstance(outlier, CorruptedGaussian):
-        wide = np.broadcast_to(outlier.covariance, (*d.shape, dimension))
-        other = _log_sum_exp(np.log(fixed.weights) + _log_normal(d, wide))
-        log_q = _log_sum_exp(
-            np.stack(
-                [np.log1p(-outlier.fraction) + inlier, np.log(outlier.fraction) + other], axis=-1
-            )
-        )
-    else:
-        log_q = inlier
-    return -log_q.sum() if cost.fusion == "likelihood" else -_log_sum_exp(log_q)
+# ---- What the cost must be ---------------------------------------------------------------------
 
 
-def _log_normal(d: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    if d.shape[-1] == 1:
-        variance = covariance[..., 0, 0]
-        return -0.5 * (d[..., 0] ** 2 / variance + np.log(2.0 * np.pi * variance))
-    xx, xy, yy = covariance[..., 0, 0], covariance[..., 0, 1], covariance[..., 1, 1]
-    determinant = xx * yy - xy * xy
-    x, y = d[..., 0], d[..., 1]
-    square = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant
-    return -0.5 * (square + np.log(determinant)) - np.log(2.0 * np.pi)
+def naive_log_densities(problem: Problem) -> np.ndarray:
+    """log q_k of one problem, by a loop over the targets and one over the components."""
+    cost, theta, m = problem.cost, problem.theta, problem.measurement
+    fixed, moving, outlier = problem.fixed, problem.moving, problem.cost.outlier
+    turn = rigid.rotation(theta[2]) if fixed.dimension == 2 else np.eye(1)
+    logs = []
+    for k in range(moving.size):
+        inlier, wide = [], []
+        for i in range(fixed.size):
+            d = turn @ moving.means[k] + theta[: fixed.dimension] - fixed.means[i]
+            covariance = fixed.covariances[i]
+            if cost.metric == "d2d":
+                covariance = covariance + turn @ moving.covariances[k] @ turn.T
+            inlier.append(np.log(fixed.weights[i]) + log_normal(d, covariance))
+            if isinstance(outlier, CorruptedGaussian):
+                wide.append(np.log(fixed.weights[i]) + log_normal(d, outlier.covariance))
+        log_q = np.logaddexp.reduce(inlier)
+        if m is not None:
+            xi = rigid.logarithm(theta) if m.of_twist else theta
+            variance = m.sigma[k] ** 2 + (m.sigma_input[k] * (m.slope[k] @ xi)) ** 2
+            log_q += log_normal(m.value[[k]] - m.gain[k] @ xi, np.array([[variance]]))
+        if isinstance(outlier, UniformOutlier):
+            log_q = np.logaddexp(log_q, np.log(outlier.density))
+        elif isinstance(outlier, CorruptedGaussian):
+            shares = np.log([1.0 - outlier.fraction, outlier.fraction])
+            log_q = np.logaddexp(shares[0] + log_q, shares[1] + np.logaddexp.reduce(wide))
+        logs.append(log_q)
+    return np.array(logs)
 
 
-def _log_sum_exp(terms: np.ndarray) -> np.ndarray:
-    top = terms.real.max(axis=-1)
-    return top + np.log(np.exp(terms - top[..., None]).sum(axis=-1))
+def log_normal(d: np.ndarray, covariance: np.ndarray) -> float:
+    """log N(d | 0, S) of one pair."""
+    square = d @ np.linalg.solve(covariance, d)
+    return float(-0.5 * (square + np.linalg.slogdet(2.0 * np.pi * covariance)[1]))
 
 
-def dense_gradient(problem: Problem, theta: Any) -> np.ndarray:
-    """Gradient (P,) of ``dense_value`` by complex steps: no difference, no cancellation."""
-    theta = np.asarray(theta, dtype=float)
-    steps = 1e-30j * np.eye(len(theta))
-    return np.array([dense_value(problem, theta + step).imag / 1e-30 for step in steps])
+def naive_value(problem: Problem) -> float:
+    """The cost from the loops."""
+    logs = naive_log_densities(problem)
+    summed = problem.cost.fusion == "summing"
+    return float(-np.logaddexp.reduce(logs) if summed else -logs.sum())
+
+
+def batch_of_one(problem: Problem, theta: Any = None) -> tuple[Any, ...]:
+    """What the functions of `d2d.dense` take, which expect a batch axis."""
+    motion = np.asarray(problem.theta if theta is None else theta, dtype=float)[None]
+    fixed, moving = (
+        PointSet(points.means[None], points.covariances[None], points.weights[None])
+        for points in (problem.fixed, problem.moving)
+    )
+    return motion, fixed, moving, problem.cost, problem.measurement
+
+
+def dense_value(problem: Problem, theta: Any = None) -> float:
+    """The cost by the formulas of `d2d.dense`, over all pairs at once."""
+    return float(dense.value(*batch_of_one(problem, theta))[0])
+
+
+def dense_gradient(problem: Problem, theta: Any = None) -> np.ndarray:
+    """Gradient (P,) by the same formulas: -sum_ki gamma_ki dL_ki / d theta."""
+    motion, fixed, moving, cost, measurement = batch_of_one(problem, theta)
+    factor = None if measurement is None else dense.factor_of(measurement, motion)
+    parts = dense.components(motion, fixed, moving, cost, factor)
+    shares = dense.responsibilities(parts, cost)
+    return -sum(
+        np.einsum("bki,bkip->p", share, part.gradient)
+        for share, part in zip(shares, parts, strict=True)
+    )
 
 
 def steps_of(problem: Problem) -> np.ndarray:
@@ -258,11 +285,10 @@ def central_difference(function: Any, theta: np.ndarray, steps: np.ndarray) -> n
     return np.stack(columns, axis=-1)
 
 
-def dense_hessian(problem: Problem, theta: Any) -> np.ndarray:
-    """Hessian (P, P): differences of the complex-step gradient, good to about 1e-10."""
-    return central_difference(
-        lambda x: dense_gradient(problem, x), np.asarray(theta, dtype=float), steps_of(problem)
-    )
+def dense_hessian(problem: Problem, theta: Any = None) -> np.ndarray:
+    """Hessian (P, P): differences of the gradient, good to about 1e-10."""
+    theta = problem.theta if theta is None else theta
+    return central_difference(lambda x: dense_gradient(problem, x), theta, steps_of(problem))
 
 
 def overlapped_scene(
@@ -283,6 +309,9 @@ def overlapped_scene(
             )
         )
     return sets[0], sets[1]
+
+
+seeds = st.integers(0, 2**32 - 1)
 
 
 def reals(low: float, high: float) -> st.SearchStrategy[float]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import fisher_covariance
-from tests.strategies import spd
+from d2d.covariance import _sandwich
+from tests.strategies import reals, seeds, spd
 
 
 def definite(rng: np.random.Generator, *shape: int) -> np.ndarray:
@@ -15,44 +17,43 @@ def definite(rng: np.random.Generator, *shape: int) -> np.ndarray:
     return root @ np.swapaxes(root, -1, -2) + 0.1 * np.eye(3)
 
 
-@pytest.mark.parametrize("parameters", [1, 2, 3])
-def test_it_is_the_symmetric_inverse(parameters):
+def test_it_is_the_symmetric_inverse():
     """Breaks if the matrix is returned as it is, or the inverse is not symmetric."""
-    hessians = spd(np.random.default_rng(1), 20, parameters)
-    covariances = fisher_covariance(hessians)
-    assert_allclose(covariances @ hessians, np.eye(parameters)[None].repeat(20, 0), atol=1e-9)
-    assert_array_equal(covariances, np.swapaxes(covariances, 1, 2))
-    assert_allclose(fisher_covariance(hessians[0]), covariances[0], rtol=1e-14)
+    for parameters in (1, 2, 3):
+        hessians = spd(np.random.default_rng(1), 20, parameters)
+        before = hessians.copy()
+        covariances = fisher_covariance(hessians)
+        assert_allclose(covariances @ hessians, np.eye(parameters)[None].repeat(20, 0), atol=1e-9)
+        assert_array_equal(covariances, np.swapaxes(covariances, 1, 2))
+        assert_allclose(fisher_covariance(hessians[0]), covariances[0], rtol=1e-14)
+        assert_array_equal(hessians, before)
 
 
-def test_units_do_not_matter():
-    """Breaks if a parameter in small units is called singular: metres beside microradians."""
-    units = np.diag([1e-7, 1.0, 1e7])
-    hessian = definite(np.random.default_rng(2))
-    covariance = fisher_covariance(units @ hessian @ units)
-    assert_allclose(units @ covariance @ units, fisher_covariance(hessian), rtol=1e-6)
+@given(seeds, st.integers(1, 4), reals(-7.0, 7.0), reals(-7.0, 7.0))
+def test_units_do_not_matter(seed, size, first, last):
+    """Breaks if parameters of very different units make a good Hessian look singular."""
+    root = np.random.default_rng(seed).standard_normal((3, size, size))
+    unit = 10.0 ** np.linspace(first, last, size)
+    well = root @ np.swapaxes(root, -1, -2) + np.eye(size)
+    covariance = fisher_covariance(well * np.outer(unit, unit))
+    assert_allclose(covariance * np.outer(unit, unit), np.linalg.inv(well), rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "hessian",
-    [
+def test_what_is_no_minimum_has_no_covariance():
+    """Breaks if an indefinite, singular or undefined Hessian is inverted all the same."""
+    for hessian in (
         np.diag([1.0, 1.0, -1.0]),
         np.diag([1.0, 1.0, 0.0]),
         -np.eye(3),
         np.zeros((3, 3)),
-        np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
-        np.array([[1.0, 1.0], [1.0, 1.0]]),
+        [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        np.ones((2, 2)),
         np.diag([1.0, np.nan, 1.0]),
         np.diag([1.0, np.inf, 1.0]),
-        np.full((3, 3), np.nan),
-        np.array([[0.0]]),
-        np.array([[-2.0]]),
-    ],
-    ids=lambda value: str(value).replace("\n", ""),
-)
-def test_what_is_no_minimum_has_no_covariance(hessian):
-    """Breaks if an indefinite, singular or undefined Hessian is inverted all the same."""
-    assert np.isnan(fisher_covariance(hessian)).all()
+        [[0.0]],
+        [[-2.0]],
+    ):
+        assert np.isnan(fisher_covariance(hessian)).all(), hessian
 
 
 def test_a_singular_matrix_with_rounding_errors_has_no_covariance():
@@ -92,31 +93,20 @@ def test_rounding_errors_of_symmetry_are_forgiven():
     assert np.isnan(fisher_covariance([[1e-20, 1.0], [1.0 + 1e-15, 1e-20]])).all()
 
 
-def test_its_input_stays_as_it_is():
-    """Breaks if the caller's Hessian is overwritten."""
-    hessian = definite(np.random.default_rng(5))
-    before = hessian.copy()
-    fisher_covariance(hessian)
-    assert_array_equal(hessian, before)
+def test_a_product_of_nearly_singular_matrices_has_no_negative_variance():
+    """Breaks if what rounding leaves of a large inverse Hessian is taken as it is.
 
-
-@pytest.mark.parametrize(
-    "hessian",
-    [
-        1.0,
-        [1.0, 2.0],
-        np.ones((2, 3)),
-        np.zeros((0, 0)),
-        np.zeros((4, 0, 0)),
-        "curved",
-        None,
-        [[1.0, 0.5], [0.4, 1.0]],
-        [[1e-8, 0.5], [0.4, 1e8]],
-        [np.eye(2), [[1.0, 1e-5], [0.0, 1.0]]],
-    ],
-    ids=lambda value: str(value),
-)
-def test_what_is_no_matrix_is_refused_by_name(hessian):
-    """Breaks if the error does not say which argument was meant."""
-    with pytest.raises(ValueError, match="hessian"):
-        fisher_covariance(hessian)
+    The product itself has a negative variance in many of these, by its rounding.
+    """
+    lost = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        axes = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        inverse = (axes * [1e14, 1.0, 1.0]) @ axes.T
+        root = axes[:, 1:] @ rng.standard_normal((2, 2))
+        middle = root @ root.T
+        lost += (np.diag(inverse @ middle @ inverse) < 0.0).any()
+        found = _sandwich(inverse, middle)
+        assert (np.diag(found) >= 0.0).all()
+        assert (found == found.T).all()
+    assert lost > 20

@@ -1,4 +1,4 @@
-"""The cost as its formulas read, against the compiled kernel and the tests' own loop."""
+"""The cost as its formulas read, against a plain loop over the pairs and against differences."""
 
 from __future__ import annotations
 
@@ -6,28 +6,32 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from d2d import PointSet, dense
-from tests.strategies import all_cases, case_id, dense_value, random_problem
-
-
-def batched(points: PointSet) -> PointSet:
-    """The set as a batch of one."""
-    return PointSet(points.means[None], points.covariances[None], points.weights[None])
+from d2d import dense
+from tests.strategies import (
+    all_cases,
+    batch_of_one,
+    case_id,
+    central_difference,
+    dense_gradient,
+    dense_value,
+    naive_log_densities,
+    naive_value,
+    random_problem,
+    steps_of,
+)
 
 
 @pytest.mark.parametrize("case", all_cases(), ids=case_id)
-def test_the_formulas_are_those_of_the_kernel(case):
-    """Breaks if a reader is shown another cost than the one that is minimised."""
+def test_the_formulas_are_a_loop_over_the_pairs(case):
+    """Breaks if a reader is shown another cost than the one that is meant."""
     problem = random_problem(np.random.default_rng(8), **case)
-    sets = batched(problem.fixed), batched(problem.moving)
-    theta = problem.theta[None]
-    value = dense.value(theta, *sets, problem.cost, problem.measurement)
-    assert_allclose(value, problem.value(), rtol=1e-11)
-    assert_allclose(value, dense_value(problem, problem.theta), rtol=1e-11)
-    factor = None if problem.measurement is None else dense.factor_of(problem.measurement, theta)
-    parts = dense.components(theta, *sets, problem.cost, factor)
-    logs = dense.target_log_densities(parts, problem.cost)
-    assert_allclose(np.exp(logs[0]), problem.densities(), rtol=1e-10)
+    assert_allclose(dense_value(problem), naive_value(problem), rtol=1e-11)
+    theta, fixed, moving, cost, measurement = batch_of_one(problem)
+    factor = None if measurement is None else dense.factor_of(measurement, theta)
+    logs = dense.target_log_densities(dense.components(theta, fixed, moving, cost, factor), cost)
+    assert_allclose(logs[0], naive_log_densities(problem), rtol=1e-10)
+    slopes = central_difference(lambda x: dense_value(problem, x), problem.theta, steps_of(problem))
+    assert_allclose(dense_gradient(problem), slopes, rtol=1e-7, atol=1e-8)
 
 
 def test_inverses_of_small_matrices_in_closed_form():

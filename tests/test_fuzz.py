@@ -8,14 +8,16 @@ together.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import (
     CorruptedGaussian,
-    Estimate,
     LinearMeasurement,
     PointSet,
     RegistrationCost,
@@ -23,7 +25,7 @@ from d2d import (
     register,
     rigid,
 )
-from tests.strategies import FUSIONS, METRICS, Problem, dense_gradient, dense_value
+from tests.strategies import FUSIONS, METRICS, Problem, dense_gradient, dense_value, steps_of, taken
 
 BATCH = 250
 ROUNDS = 10  # of each case; 2 x 2 x 2 x 5 cases
@@ -106,8 +108,18 @@ def doppler(
     return LinearMeasurement(value, own, rng.choice([0.0, 0.1, 10.0]), gain, slope, bool(twist))
 
 
-def assert_honest(problem: Problem, estimate: Estimate) -> None:
-    """What is said of each result belongs together, and none is worse than its start."""
+def honestly_converged(problem: Problem) -> int:
+    """How many converge; checks that what is said of each belongs together.
+
+    None may be worse than its start.
+    """
+    estimate = register(
+        problem.fixed,
+        problem.moving,
+        problem.cost,
+        problem.theta,
+        measurement=problem.measurement,
+    )
     good = estimate.converged
     for name in ("theta", "value", "gradient", "hessian"):
         assert np.isfinite(getattr(estimate, name)).all(), name
@@ -115,149 +127,108 @@ def assert_honest(problem: Problem, estimate: Estimate) -> None:
     start = problem.value()
     assert (estimate.value <= start).all()
     value, gradient, hessian = problem.derivatives(estimate.theta)
-    np.testing.assert_array_equal(estimate.value, value)
-    np.testing.assert_array_equal(estimate.gradient, gradient)
-    np.testing.assert_array_equal(estimate.hessian, hessian)
+    assert_array_equal(estimate.value, value)
+    assert_array_equal(estimate.gradient, gradient)
+    assert_array_equal(estimate.hessian, hessian)
     covariance = estimate.covariance[good]
     assert np.isfinite(covariance).all()
     size = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     unit = covariance / (size[:, :, None] * size[:, None, :])
     assert (np.linalg.eigvalsh(unit)[:, 0] > 0.0).all()
+    return int(good.sum())
 
 
 CASES = pytest.mark.parametrize("outlier", OUTLIERS)
 
 
+def costs(outlier: str, seed: int) -> Iterator[tuple[int, Any, Any, np.random.Generator]]:
+    """Dimension, metric and fusion of each cost with this outlier model, and a generator."""
+    for numbers in product((1, 2), range(2), range(2)):
+        rng = np.random.default_rng([seed, *numbers, OUTLIERS.index(outlier)])
+        yield numbers[0], METRICS[numbers[1]], FUSIONS[numbers[2]], rng
+
+
 @CASES
-@pytest.mark.parametrize("fusion", FUSIONS)
-@pytest.mark.parametrize("metric", METRICS)
-@pytest.mark.parametrize("dimension", [1, 2])
-def test_no_result_is_dishonest(dimension, metric, fusion, outlier):
+def test_no_result_is_dishonest(outlier):
     """Breaks on nan with converged=True, a covariance that is none, or a cost above the start's.
 
     2500 registrations for each of 40 costs.
     """
-    rng = np.random.default_rng(
-        [0, dimension, METRICS.index(metric), FUSIONS.index(fusion), OUTLIERS.index(outlier)]
-    )
-    converged = 0
-    for _ in range(ROUNDS):
-        problem = random_batch(rng, dimension, metric, fusion, outlier, rng.random() < 0.5)
-        estimate = register(
-            problem.fixed,
-            problem.moving,
-            problem.cost,
-            problem.theta,
-            measurement=problem.measurement,
-        )
-        assert_honest(problem, estimate)
-        converged += int(estimate.converged.sum())
-    assert converged > 0.1 * BATCH * ROUNDS  # else the problems are too hopeless to tell anything
+    for dimension, metric, fusion, rng in costs(outlier, 0):
+        converged = 0
+        for _ in range(ROUNDS):
+            problem = random_batch(rng, dimension, metric, fusion, outlier, rng.random() < 0.5)
+            converged += honestly_converged(problem)
+        # else the problems are too hopeless to tell anything
+        assert converged > 0.1 * BATCH * ROUNDS
 
 
 @CASES
-@pytest.mark.parametrize("fusion", FUSIONS)
-@pytest.mark.parametrize("dimension", [1, 2])
-def test_no_result_in_map_coordinates_is_dishonest(dimension, fusion, outlier):
+def test_no_result_in_map_coordinates_is_dishonest(outlier):
     """Breaks if what is computed about the sets' means is not what is said of the user's frame.
 
     The sets lie a kilometre to ten thousand from the origin, both together or each on its own.
     """
-    rng = np.random.default_rng([5, dimension, FUSIONS.index(fusion), OUTLIERS.index(outlier)])
-    converged = 0
-    for number in range(ROUNDS):
-        problem = random_batch(rng, dimension, METRICS[number % 2], fusion, outlier, False)
-        away = 10.0 ** rng.uniform(3.0, 7.0, (2, BATCH, 1, 1))
-        away = away * rng.standard_normal((2, BATCH, 1, dimension))
-        away[1, ::2] = away[0, ::2]
-        fixed, moving = (
-            PointSet(points.means + shift, points.covariances, points.weights)
-            for points, shift in zip((problem.fixed, problem.moving), away, strict=True)
-        )
-        theta = problem.theta.copy()
-        theta[:, dimension:] = 0.0
-        theta[:, :dimension] += (away[0] - away[1])[:, 0]
-        problem = problem.with_(fixed=fixed, moving=moving, theta=theta)
-        estimate = register(fixed, moving, problem.cost, theta)
-        assert_honest(problem, estimate)
-        converged += int(estimate.converged.sum())
-    assert converged > 0.1 * BATCH * ROUNDS
+    for dimension, metric, fusion, rng in costs(outlier, 5):
+        converged = 0
+        for _ in range(ROUNDS // 2):
+            problem = random_batch(rng, dimension, metric, fusion, outlier, False)
+            away = 10.0 ** rng.uniform(3.0, 7.0, (2, BATCH, 1, 1))
+            away = away * rng.standard_normal((2, BATCH, 1, dimension))
+            away[1, ::2] = away[0, ::2]
+            fixed, moving = (
+                PointSet(points.means + shift, points.covariances, points.weights)
+                for points, shift in zip((problem.fixed, problem.moving), away, strict=True)
+            )
+            theta = problem.theta.copy()
+            theta[:, dimension:] = 0.0
+            theta[:, :dimension] += (away[0] - away[1])[:, 0]
+            converged += honestly_converged(problem.with_(fixed=fixed, moving=moving, theta=theta))
+        assert converged > 0.05 * BATCH * (ROUNDS // 2)
 
 
 def member(problem: Problem, i: int) -> Problem:
     """One problem of a batch."""
     f, m, z = problem.fixed, problem.moving, problem.measurement
-    if z is not None:
-        fields = (z.value, z.sigma, z.sigma_input, z.gain, z.slope)
-        z = LinearMeasurement(*(field[i] for field in fields), z.of_twist)
     return problem.with_(
         theta=problem.theta[i],
         fixed=PointSet(f.means[i], f.covariances[i], f.weights[i]),
         moving=PointSet(m.means[i], m.covariances[i]),
-        measurement=z,
+        measurement=z and taken(z, i),
     )
 
 
 @CASES
-@pytest.mark.parametrize("fusion", FUSIONS)
-@pytest.mark.parametrize("metric", METRICS)
-@pytest.mark.parametrize("dimension", [1, 2])
-def test_value_and_gradient_equal_dense_numpy(dimension, metric, fusion, outlier):
+def test_value_and_gradient_equal_dense_numpy(outlier):
     """Breaks if a pair that matters is skipped, or a lane works on another one's numbers.
 
     Both sides round: a squared distance of u^2 standard deviations by 1e-16 u^2, and the matrix of
     a target as thin as 1 : r by 1e-16 r^2, so that less is asked of thin targets and nothing of
     those a hundred million standard deviations away.
     """
-    compared = 0
-    rng = np.random.default_rng(
-        [9, dimension, METRICS.index(metric), FUSIONS.index(fusion), OUTLIERS.index(outlier)]
-    )
-    for _ in range(4):
-        batch = random_batch(rng, dimension, metric, fusion, outlier, measured=rng.random() < 0.5)
-        values, gradients, _ = batch.derivatives()
-        for i in rng.choice(BATCH, 8, replace=False):
-            one = member(batch, i)
-            if outlier in ("never", "only"):  # the dense log of a weight of zero is none
-                one = one.with_(cost=RegistrationCost(metric, fusion, nearly(one.cost.outlier)))
-                values[i], gradients[i], _ = one.derivatives()
-            if one.measurement is not None and abs(one.theta[-1]) > 6.0:
-                continue  # the twist is that of less than a full turn
-            rounding = 1e-14 * (1e3 + thinness(one) ** 2)
-            expected = dense_value(one, one.theta)
-            if abs(expected) > 1e16:
-                continue
-            compared += 1
-            assert abs(values[i] - expected) <= rounding * (abs(expected) + one.moving.size)
-            slope = dense_gradient(one, one.theta)
-            natural = np.abs(slope) + 1e-3 * np.abs(slope).max() + 1.0 / lengths(one)
-            assert (np.abs(gradients[i] - slope) <= 1e4 * rounding * natural).all()
-    assert compared > 10
-
-
-def nearly(model: CorruptedGaussian) -> CorruptedGaussian:
-    """The same with a fraction next to 0 or 1."""
-    return CorruptedGaussian(min(max(model.fraction, 1e-12), 1.0 - 1e-12), model.covariance)
+    for dimension, metric, fusion, rng in costs(outlier, 9):
+        compared = 0
+        for _ in range(4):
+            batch = random_batch(rng, dimension, metric, fusion, outlier, rng.random() < 0.5)
+            values, gradients, _ = batch.derivatives()
+            for i in rng.choice(BATCH, 8, replace=False):
+                one = member(batch, i)
+                expected = dense_value(one)
+                if abs(expected) > 1e16:
+                    continue
+                compared += 1
+                rounding = 1e-14 * (1e3 + thinness(one) ** 2)
+                assert abs(values[i] - expected) <= rounding * (abs(expected) + one.moving.size)
+                slope = dense_gradient(one)
+                natural = np.abs(slope) + 1e-3 * np.abs(slope).max() + 1e-3 / steps_of(one)
+                assert (np.abs(gradients[i] - slope) <= 1e4 * rounding * natural).all()
+        assert compared > 10
 
 
 def thinness(problem: Problem) -> float:
     """Length over width of the thinnest target."""
-    ratios = [
-        np.sqrt(values[:, -1] / values[:, 0]).max()
-        for values in (
-            np.linalg.eigvalsh(points.covariances) for points in (problem.fixed, problem.moving)
-        )
-    ]
-    return float(max(ratios))
-
-
-def lengths(problem: Problem) -> np.ndarray:
-    """By how much each parameter must change to be noticed."""
-    smallest = np.sqrt(np.linalg.eigvalsh(problem.fixed.covariances).min())
-    if problem.fixed.dimension == 1:
-        return np.array([smallest])
-    lever = np.linalg.norm(problem.moving.means, axis=-1).max()
-    return np.array([smallest, smallest, smallest / (lever + smallest)])
+    both = (np.linalg.eigvalsh(each.covariances) for each in (problem.fixed, problem.moving))
+    return float(max(np.sqrt(values[:, -1] / values[:, 0]).max() for values in both))
 
 
 # ---- Found by this fuzz
@@ -282,7 +253,7 @@ def test_tiny_weights_change_neither_optimum_nor_covariance():
     light, heavy = (PointSet(means, unit, np.full(5, w)) for w in (1e-100, 1.0))
     moving = PointSet(means + 0.1, unit)
     expected = register(heavy, moving).covariance
-    np.testing.assert_allclose(register(light, moving).covariance, expected, rtol=1e-6)
+    assert_allclose(register(light, moving).covariance, expected, rtol=1e-6)
 
 
 def test_the_gradient_of_a_target_ten_billion_sigmas_away_does_not_vanish():
@@ -295,9 +266,7 @@ def test_the_gradient_of_a_target_ten_billion_sigmas_away_does_not_vanish():
         one = Problem(
             RegistrationCost(), np.zeros(3), fixed, PointSet(means[[k]], covariances[[k]])
         )
-        np.testing.assert_allclose(
-            one.derivatives()[1][:2], dense_gradient(one, one.theta)[:2], rtol=1e-3
-        )
+        assert_allclose(one.derivatives()[1][:2], dense_gradient(one)[:2], rtol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -322,4 +291,4 @@ def test_the_covariance_of_distant_pairs_is_that_of_close_ones(distance, toleran
     fixed, unit = PointSet([[0.0]], [[[1.0]]]), np.ones((2, 1, 1))
     estimate = register(fixed, PointSet([[-distance], [distance + 0.3]], unit))
     assert estimate.converged
-    np.testing.assert_allclose(estimate.covariance, 1.0, rtol=tolerance)
+    assert_allclose(estimate.covariance, 1.0, rtol=tolerance)

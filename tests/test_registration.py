@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize
 
@@ -31,8 +35,11 @@ from tests.strategies import (
     dense_hessian,
     dense_value,
     doppler_like,
+    in_unit,
     outlier_model,
     overlapped_scene,
+    reals,
+    seeds,
     spd,
 )
 
@@ -116,11 +123,10 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(map(str, case)).rstrip("-"))
-@pytest.mark.parametrize("seed", [1, 2])
-def test_best_optimum_is_that_of_scipy(case, seed):
+def test_best_optimum_is_that_of_scipy(case):
     """Breaks if Newton's iteration ends anywhere but at the optimum of the stated cost."""
-    problem = scene(seed, *case)
-    starts = starts_around(problem, 16, seed)
+    problem = scene(1, *case)
+    starts = starts_around(problem, 8, 1)
     estimate = run(problem, starts)
     best = int(np.nanargmin(np.where(estimate.converged, estimate.value, np.nan)))
 
@@ -128,7 +134,7 @@ def test_best_optimum_is_that_of_scipy(case, seed):
     unit = np.sqrt(np.diag(estimate.covariance[best]))
     found = [
         minimize(
-            lambda x: float(dense_value(problem, x * unit)),
+            lambda x: dense_value(problem, x * unit),
             start / unit,
             jac=lambda x: dense_gradient(problem, x * unit) * unit,
             method="BFGS",
@@ -146,31 +152,29 @@ def test_best_optimum_is_that_of_scipy(case, seed):
 
 
 @pytest.mark.parametrize("outlier", OUTLIERS)
-@pytest.mark.parametrize("fusion", FUSIONS)
-@pytest.mark.parametrize("metric", METRICS)
-@pytest.mark.parametrize("dimension", [1, 2])
-def test_what_converged_is_a_minimum_with_its_covariance(dimension, metric, fusion, outlier):
+def test_what_converged_is_a_minimum_with_its_covariance(outlier):
     """Breaks if converged, covariance or the fields of the estimate do not belong together."""
-    problem = scene(3, dimension, metric, fusion, outlier, "motion")
-    estimate = run(problem, starts_around(problem, 60, 3))
-    good = estimate.converged
-    assert good.mean() > 0.8
-    assert_array_equal(np.isnan(estimate.covariance).all(axis=(-2, -1)), ~good)
-    assert_array_equal(np.isnan(estimate.covariance).any(axis=(-2, -1)), ~good)
-    fisher = fisher_covariance(estimate.hessian[good])
-    sigma = np.sqrt(np.einsum("nii->ni", fisher))
-    allowed = 1e-9 * sigma[:, :, None] * sigma[:, None, :]
-    assert (np.abs(estimate.covariance[good] - fisher) <= allowed).all()
-    product = estimate.covariance[good] @ estimate.hessian[good]
-    assert_allclose(product, np.broadcast_to(np.eye(len(problem.theta)), product.shape), atol=1e-9)
-    # in units of standard deviations the gradient vanishes and the Hessian is positive definite
-    size = np.sqrt(np.einsum("nii->ni", estimate.hessian[good]))
-    assert np.abs(estimate.gradient[good] / size).max() < 1e-6
-    assert (np.linalg.eigvalsh(estimate.hessian[good])[:, 0] > 0.0).all()
-    value, gradient, hessian = problem.derivatives(estimate.theta)
-    assert_allclose(estimate.value, value, rtol=1e-13)
-    assert_allclose(estimate.gradient, gradient, rtol=1e-9, atol=1e-9 * size.max())
-    assert_allclose(estimate.hessian, hessian, rtol=1e-9, atol=1e-12 * size.max() ** 2)
+    for dimension, metric, fusion in product((1, 2), METRICS, FUSIONS):
+        problem = scene(3, dimension, metric, fusion, outlier, "motion")
+        estimate = run(problem, starts_around(problem, 60, 3))
+        good = estimate.converged
+        assert good.mean() > 0.8
+        assert_array_equal(np.isnan(estimate.covariance).all(axis=(-2, -1)), ~good)
+        assert_array_equal(np.isnan(estimate.covariance).any(axis=(-2, -1)), ~good)
+        fisher = fisher_covariance(estimate.hessian[good])
+        sigma = np.sqrt(np.einsum("nii->ni", fisher))
+        allowed = 1e-9 * sigma[:, :, None] * sigma[:, None, :]
+        assert (np.abs(estimate.covariance[good] - fisher) <= allowed).all()
+        unit = estimate.covariance[good] @ estimate.hessian[good]
+        assert_allclose(unit, np.broadcast_to(np.eye(len(problem.theta)), unit.shape), atol=1e-9)
+        # in units of standard deviations the gradient vanishes and the Hessian is positive definite
+        size = np.sqrt(np.einsum("nii->ni", estimate.hessian[good]))
+        assert np.abs(estimate.gradient[good] / size).max() < 1e-6
+        assert (np.linalg.eigvalsh(estimate.hessian[good])[:, 0] > 0.0).all()
+        value, gradient, hessian = problem.derivatives(estimate.theta)
+        assert_allclose(estimate.value, value, rtol=1e-13)
+        assert_allclose(estimate.gradient, gradient, rtol=1e-9, atol=1e-9 * size.max())
+        assert_allclose(estimate.hessian, hessian, rtol=1e-9, atol=1e-12 * size.max() ** 2)
 
 
 def far_starts(problem: Problem, seed: int) -> np.ndarray:
@@ -183,24 +187,23 @@ def far_starts(problem: Problem, seed: int) -> np.ndarray:
     return problem.theta + offsets
 
 
-@pytest.mark.parametrize("scales", [(1.0,), (5.0, 1.0), (20.0, 4.0, 2.0), (1.0, 8.0)], ids=str)
 @pytest.mark.parametrize("outlier", OUTLIERS)
-@pytest.mark.parametrize("fusion", FUSIONS)
-@pytest.mark.parametrize("dimension", [1, 2])
-def test_never_worse_than_the_start(dimension, fusion, outlier, scales):
+def test_never_worse_than_the_start(outlier):
     """Breaks if a step is taken that raises the cost, or a detour over the scales ends higher."""
-    problem = scene(4, dimension, "d2d", fusion, outlier, "motion")
-    starts = far_starts(problem, 5)
-    estimate = run(problem, starts, scales)
-    last = problem.with_(
-        fixed=problem.fixed.inflated(scales[-1]),
-        moving=problem.moving.inflated(scales[-1]),
-        measurement=problem.measurement.inflated(scales[-1]),
-    )
-    assert np.isfinite(estimate.theta).all()
-    before, after = last.value(starts), last.value(estimate.theta)
-    assert (estimate.value <= before).all()
-    assert_allclose(after, estimate.value, rtol=1e-12)
+    schedules = (1.0,), (5.0, 1.0), (20.0, 4.0, 2.0), (1.0, 8.0)
+    for dimension, fusion, scales in product((1, 2), FUSIONS, schedules):
+        problem = scene(4, dimension, "d2d", fusion, outlier, "motion")
+        starts = far_starts(problem, 5)
+        estimate = run(problem, starts, scales)
+        last = problem.with_(
+            fixed=problem.fixed.inflated(scales[-1]),
+            moving=problem.moving.inflated(scales[-1]),
+            measurement=problem.measurement.inflated(scales[-1]),
+        )
+        assert np.isfinite(estimate.theta).all()
+        before, after = last.value(starts), last.value(estimate.theta)
+        assert (estimate.value <= before).all()
+        assert_allclose(after, estimate.value, rtol=1e-12)
 
 
 def test_defaults_are_d2d_likelihood_from_zero():
@@ -275,12 +278,12 @@ def test_scales_find_the_truth_more_often():
 
 def test_multi_start_is_the_best_of_its_starts():
     """Breaks if another problem's best start is picked, or one that did not converge."""
-    fixed, moving = overlapped_scene(6, np.random.default_rng(33))
+    fixed, moving = overlapped_scene(4, np.random.default_rng(33))
     starts = start_grid(6.0, 6.0, [-0.3, 0.0, 0.3])
     starts[0] = 1e6
     best = multi_start(fixed, moving, ROBUST, starts, (2.0, 1.0))
-    assert best.theta.shape == (6, 3)
-    for i in range(6):
+    assert best.theta.shape == (4, 3)
+    for i in range(4):
         each = register(fixed[i], moving[i], ROBUST, starts, (2.0, 1.0))
         winner = np.argmin(np.where(each.converged, each.value, np.inf))
         for name in FIELDS[:-1]:
@@ -297,20 +300,20 @@ def test_multi_start_of_one_problem_has_no_batch_axes():
     assert best.value <= register(fixed[0], moving[0], initial=TRUTH).value
 
 
-@pytest.mark.parametrize("count", [4, 5])
-def test_multi_start_tries_every_start_for_every_measurement(count):
+def test_multi_start_tries_every_start_for_every_measurement():
     """Breaks if the axis of the starts is matched with the measurements' batch axis."""
     problem = scene(35, measured="motion")
     z = problem.measurement
     value = z.value + np.random.default_rng(36).standard_normal((4, z.size))
     batch = LinearMeasurement(value, z.sigma, z.sigma_input, z.gain, z.slope)
-    starts = starts_around(problem, count, 37)
-    best = multi_start(problem.fixed, problem.moving, problem.cost, starts, measurement=batch)
-    assert best.theta.shape == (4, 3)
-    for i in range(4):
-        one = LinearMeasurement(value[i], z.sigma, z.sigma_input, z.gain, z.slope)
-        each = run(problem.with_(measurement=one), starts)
-        assert best.value[i] == each.value[each.converged].min()
+    for count in (4, 5):
+        starts = starts_around(problem, count, 37)
+        best = multi_start(problem.fixed, problem.moving, problem.cost, starts, measurement=batch)
+        assert best.theta.shape == (4, 3)
+        for i in range(4):
+            one = LinearMeasurement(value[i], z.sigma, z.sigma_input, z.gain, z.slope)
+            each = run(problem.with_(measurement=one), starts)
+            assert best.value[i] == each.value[each.converged].min()
 
 
 def test_multi_start_of_sets_with_batch_axes_of_their_own():
@@ -328,15 +331,6 @@ def test_multi_start_of_sets_with_batch_axes_of_their_own():
         assert best.value[i, j] == each.value[each.converged].min()
 
 
-@pytest.mark.parametrize(
-    "starts", [np.zeros(3), np.zeros((0, 3)), np.zeros((4, 2)), [[np.nan] * 3], "grid", None]
-)
-def test_multi_start_refuses_what_are_no_starts(starts):
-    """Breaks if the error does not say that the starts were meant."""
-    with pytest.raises(ValueError, match="starts"):
-        multi_start(F, M, None, starts)
-
-
 def test_start_grid_reaches_its_edges_in_steps_no_longer_than_asked():
     """Breaks if an edge is left out or a rotation is not tried everywhere."""
     angles = np.array([-0.2, 0.1])
@@ -350,50 +344,23 @@ def test_start_grid_reaches_its_edges_in_steps_no_longer_than_asked():
     assert_array_equal(np.unique(starts[:, 2]), angles)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "name"),
-    [
-        ((0.0, 1.0, [0.0]), "reach"),
-        ((np.nan, 1.0, [0.0]), "reach"),
-        (([1.0, 2.0], 1.0, [0.0]), "reach"),
-        ((1.0, -1.0, [0.0]), "spacing"),
-        ((1.0, None, [0.0]), "spacing"),
-        ((1.0, 1.0, [np.inf]), "angles"),
-        ((1.0, 1.0, []), "angles"),
-        ((1.0, 1.0, [-15.0, 0.0, 15.0]), "angles must be in radians"),
-        ((1.0, 1e-12, [0.0]), "spacing"),
-        ((1.0, 0.01, np.zeros(300)), "spacing"),
-    ],
-    ids=str,
-)
-def test_start_grid_refuses_what_gives_no_grid(arguments, name):
-    """Breaks if a grid without starts, of nan, or that no memory holds, is made."""
-    with pytest.raises(ValueError, match=name):
-        start_grid(*arguments)
-
-
 # ---- Batches and threads ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scales", [(1.0,), SCHEDULE], ids=["plain", "scales"])
-@pytest.mark.parametrize("outlier", OUTLIERS)
-def test_a_batch_is_its_problems_one_by_one(outlier, scales):
-    """Breaks if a problem's result depends on what was computed before it."""
-    fixed, moving = overlapped_scene(25, np.random.default_rng(13))
-    starts = TRUTH + np.random.default_rng(14).standard_normal((25, 3)) * [4.0, 4.0, 0.3]
-    cost = RegistrationCost(outlier=outlier_model(outlier, 2))
-    batch = register(fixed, moving, cost, starts, scales)
-    for i in range(25):
-        assert_same(batch, register(fixed[i], moving[i], cost, starts[i], scales), i)
-
-
-@pytest.mark.parametrize("threads", [2, 3, 64])
-@pytest.mark.parametrize("scales", [(1.0,), SCHEDULE], ids=["plain", "scales"])
-def test_threads_change_nothing(scales, threads):
-    """Breaks if the parts of a batch overlap, are left out, or share memory."""
+def test_a_batch_is_its_problems_one_by_one_in_any_number_of_threads(scales):
+    """Breaks if a result depends on its neighbours, or on who computes it."""
+    for outlier in OUTLIERS:
+        fixed, moving = overlapped_scene(25, np.random.default_rng(13))
+        starts = TRUTH + np.random.default_rng(14).standard_normal((25, 3)) * [4.0, 4.0, 0.3]
+        cost = RegistrationCost(outlier=outlier_model(outlier, 2))
+        batch = register(fixed, moving, cost, starts, scales)
+        for i in range(25):
+            assert_same(batch, register(fixed[i], moving[i], cost, starts[i], scales), i)
     fixed, moving = overlapped_scene(101, np.random.default_rng(15))
     one = register(fixed, moving, ROBUST, scales=scales)
-    assert_same(register(fixed, moving, ROBUST, scales=scales, threads=threads), one)
+    for threads in (2, 3, 64):
+        assert_same(register(fixed, moving, ROBUST, scales=scales, threads=threads), one)
 
 
 def test_batch_axes_of_sets_starts_and_measurements_broadcast():
@@ -455,29 +422,26 @@ def test_optimum_moves_with_the_scene():
     assert_allclose(moved.covariance, expected, rtol=1e-6, atol=1e-6 * sigma.max() ** 2)
 
 
-@pytest.mark.parametrize("outlier", ["none", "corrupted"])
-def test_doubled_weights_change_neither_optimum_nor_covariance(outlier):
-    """Breaks if the weights' sum matters: the cost only shifts by K log 2."""
-    problem = scene(21, outlier=outlier)
-    f = problem.fixed
-    doubled = problem.with_(fixed=PointSet(f.means, f.covariances, 2.0 * f.weights))
-    first, second = run(problem), run(doubled)
-    assert_allclose(second.value, first.value - problem.moving.size * np.log(2.0), rtol=1e-12)
-    assert_allclose(second.theta, first.theta, rtol=1e-9)
-    assert_allclose(second.covariance, first.covariance, rtol=1e-7, atol=1e-12)
-
-
-def test_targets_may_come_in_any_order():
-    """Breaks if the optimum depends on the order beyond rounding."""
-    problem = scene(22, outlier="corrupted")
-    f, m = problem.fixed, problem.moving
-    i, k = np.random.default_rng(23).permutation(f.size), np.arange(m.size)[::-1]
-    shuffled = problem.with_(
-        fixed=PointSet(f.means[i], f.covariances[i]), moving=PointSet(m.means[k], m.covariances[k])
-    )
-    first, second = run(problem), run(shuffled)
-    assert_allclose(second.theta, first.theta, rtol=1e-9)
-    assert_allclose(second.covariance, first.covariance, rtol=1e-7, atol=1e-12)
+@given(
+    seeds,
+    st.sampled_from([1, 2]),
+    st.sampled_from(METRICS),
+    st.sampled_from(FUSIONS),
+    st.sampled_from(OUTLIERS),
+    reals(-6.0, 6.0),
+)
+@settings(max_examples=60)
+def test_the_optimum_scales_with_the_unit(seed, dimension, metric, fusion, outlier, decade):
+    """Breaks if a tolerance or radius of the minimiser is a length."""
+    problem = scene(seed, dimension, metric, fusion, outlier)
+    unit = 10.0**decade
+    one, two = run(problem), run(in_unit(problem, unit))
+    assert one.converged == two.converged
+    assume(one.converged)
+    per = np.array([unit, unit, 1.0] if dimension == 2 else [unit])
+    sigma = np.sqrt(np.diagonal(one.covariance))
+    assert (np.abs(two.theta / per - one.theta) <= 1e-5 * sigma).all()
+    assert_allclose(two.covariance / np.outer(per, per), one.covariance, rtol=1e-4, atol=1e-300)
 
 
 # ---- Where there is no optimum ----------------------------------------------------------------
@@ -489,37 +453,32 @@ def assert_refused(estimate):
     assert np.isfinite(estimate.theta).all()
 
 
-@pytest.mark.parametrize("outlier", OUTLIERS)
-@pytest.mark.parametrize("metric", METRICS)
-def test_one_round_target_does_not_show_the_rotation(metric, outlier):
+def test_one_round_target_does_not_show_the_rotation():
     """Breaks if an unobservable motion gets a covariance, however large."""
     rng = np.random.default_rng(24)
     round_target = np.eye(2)[None] * 0.09
     fixed = PointSet(rng.uniform(-20.0, 20.0, (40, 1, 2)), round_target)
     moving = PointSet(rng.uniform(-20.0, 20.0, (40, 1, 2)), round_target)
-    # an isotropic outlier component, so that it sees no rotation either
-    model = CorruptedGaussian(0.2, 9.0 * np.eye(2)) if outlier == "corrupted" else None
-    model = UniformOutlier(1e-3) if outlier == "uniform" else model
+    # an isotropic outlier component sees no rotation either
+    models = None, UniformOutlier(1e-3), CorruptedGaussian(0.2, 9.0 * np.eye(2))
     start = np.zeros((40, 3))
     start[:, :2] = (fixed.means - moving.means)[:, 0] + 0.1 * rng.standard_normal((40, 2))
-    estimate = register(fixed, moving, RegistrationCost(metric, outlier=model), start)
-    assert_refused(estimate)
+    for metric, model in product(METRICS, models):
+        assert_refused(register(fixed, moving, RegistrationCost(metric, outlier=model), start))
 
 
-@pytest.mark.parametrize("offset", [0.0, 1e-14, 1e-6, 0.1])
-def test_a_maximum_of_the_cost_is_no_optimum(offset):
+def test_a_maximum_of_the_cost_is_no_optimum():
     """Breaks if a vanishing gradient is enough: halfway between two targets the cost is highest."""
     fixed = PointSet([[-3.0], [3.0]], np.full((2, 1, 1), 0.25))
     moving = PointSet([[0.0]], [[[0.25]]])
-    estimate = register(fixed, moving, initial=[offset])
-    if estimate.converged:  # it found its way down
-        assert_allclose(np.abs(estimate.theta), 3.0, rtol=1e-6)
-    else:
-        assert_refused(estimate)
-    if offset == 0.0:
-        assert np.abs(RegistrationCost().derivatives([0.0], fixed, moving)[1]) < 1e-12
-    if offset >= 1e-6:
-        assert estimate.converged
+    assert np.abs(RegistrationCost().derivatives([0.0], fixed, moving)[1]) < 1e-12
+    for offset in (0.0, 1e-14, 1e-6, 0.1):
+        estimate = register(fixed, moving, initial=[offset])
+        if estimate.converged:  # it found its way down
+            assert_allclose(np.abs(estimate.theta), 3.0, rtol=1e-6)
+        else:
+            assert_refused(estimate)
+            assert offset < 1e-6
 
 
 @pytest.mark.parametrize("distance", [1e4, 1e6, 1e7])
@@ -553,21 +512,6 @@ def test_a_plateau_is_no_optimum(dimension):
     estimate = register(points, points, RegistrationCost(outlier=UniformOutlier(0.01)), start)
     assert_refused(estimate)
     assert_array_equal(estimate.theta, start)
-
-
-def test_a_plateau_does_not_remember_what_was_in_memory():
-    """Breaks if the step of a flat cost is uninitialised memory: the result changes by chance."""
-    points = PointSet([[0.0, 0.0], [5.0, 1.0], [2.0, 7.0]], np.eye(2)[None].repeat(3, 0) * 0.01)
-    there = np.array([20.0, 3.0, 0.1])
-    moving = points.transformed(rigid.inverse(there))
-    cost = RegistrationCost(outlier=UniformOutlier(1e-3))
-    rng = np.random.default_rng(25)
-    for _ in range(500):
-        # fill what malloc hands out next with the way to the optimum
-        litter = np.tile(there, 10)[rng.integers(3) :][: rng.integers(6, 25)]
-        freed = [litter.copy() for _ in range(50)]
-        del freed
-        assert_array_equal(register(points, moving, cost).theta, 0.0)
 
 
 def test_one_hopeless_problem_does_not_spoil_its_batch():
@@ -619,68 +563,7 @@ def test_overlapped_scene_likelihood_is_credible_and_summing_pessimistic():
     assert verdicts["summing"].inclination < -3.0
 
 
-# ---- Bad input --------------------------------------------------------------------------------
-
-SETS = overlapped_scene(1, np.random.default_rng(30))
-F, M = SETS[0][0], SETS[1][0]
-LINE = PointSet([[0.0], [1.0]], np.ones((2, 1, 1)))
-PAIRS = overlapped_scene(2, np.random.default_rng(31))[0]
-TRIPLES = overlapped_scene(3, np.random.default_rng(32))[1]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "name"),
-    [
-        ({"fixed": None}, "fixed"),
-        ({"fixed": F.means}, "fixed"),
-        ({"moving": "scan"}, "moving"),
-        ({"moving": LINE}, "fixed and moving"),
-        ({"fixed": PAIRS, "moving": TRIPLES}, "fixed"),
-        ({"cost": "likelihood"}, "cost"),
-        ({"cost": RegistrationCost}, "cost"),
-        ({"cost": RegistrationCost(outlier=CorruptedGaussian(0.2, 4.0))}, "outlier covariance"),
-        ({"initial": np.zeros(2)}, "initial"),
-        ({"initial": 0.0}, "initial"),
-        ({"initial": [0.0, np.nan, 0.0]}, "initial"),
-        ({"initial": [0.0, np.inf, 0.0]}, "initial"),
-        ({"initial": "zero"}, "initial"),
-        ({"fixed": PAIRS, "initial": np.zeros((3, 3))}, "initial"),
-        ({"scales": ()}, "scales"),
-        ({"scales": (0.0,)}, "scales"),
-        ({"scales": (2.0, -1.0)}, "scales"),
-        ({"scales": (np.nan,)}, "scales"),
-        ({"scales": (np.inf, 1.0)}, "scales"),
-        ({"scales": 2.0}, "scales"),
-        ({"scales": [[2.0], [1.0]]}, "scales"),
-        ({"scales": None}, "scales"),
-        ({"scales": "coarse"}, "scales"),
-        ({"measurement": "doppler"}, "measurement"),
-        ({"measurement": ""}, "measurement"),
-        ({"measurement": np.zeros(8)}, "measurement"),
-        (
-            {"measurement": LinearMeasurement(0.0, 1.0, 0.0, np.ones((7, 3)), np.ones((7, 3)))},
-            "measurement",
-        ),
-        ({"threads": 0}, "threads"),
-        ({"threads": -1}, "threads"),
-        ({"threads": 1.5}, "threads"),
-        ({"threads": "2"}, "threads"),
-        ({"threads": None}, "threads"),
-        ({"threads": np.nan}, "threads"),
-    ],
-    ids=lambda value: value if isinstance(value, str) else next(iter(value)),
-)
-@pytest.mark.parametrize("scales", [(1.0,), (2.0, 1.0)], ids=["plain", "scales"])
-def test_what_does_not_fit_is_refused_by_name(arguments, name, scales):
-    """Breaks if bad input reaches the kernel, or the message names something else."""
-    good = {"fixed": F, "moving": M, "scales": scales}
-    with pytest.raises(ValueError, match=name):
-        register(**(good | arguments))
-
-
-@pytest.mark.parametrize(
-    "outlier", [None, UniformOutlier(0.01), CorruptedGaussian(0.2, 100.0 * np.eye(2))]
-)
+@pytest.mark.parametrize("outlier", OUTLIERS)
 def test_an_estimate_tells_the_mean_inlier_probability(outlier):
     """Breaks if a target of a block that is not full counts, or a rejected trial's shares."""
     fixed, moving = overlapped_scene(4, np.random.default_rng(2))

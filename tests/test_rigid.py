@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,10 +12,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm
 
 from d2d import rigid
-from tests.strategies import central_difference, motions, reals, spd
+from tests.strategies import central_difference, motions, reals, seeds, spd
 
 EITHER = st.sampled_from([1, 2])
-few = settings(max_examples=50, deadline=None, derandomize=True)
+few = settings(max_examples=50)
+TURNS = (0.0, 1e-9, -0.04, 0.06, -0.29, 0.31, 1.0, -2.5)  # on either side of where series end
 
 
 def points(dimension: int) -> np.ndarray:
@@ -28,15 +31,6 @@ def test_composition_applies_the_second_motion_first(data, dimension):
     once = rigid.transform_means(rigid.compose(a, b), points(dimension))
     twice = rigid.transform_means(a, rigid.transform_means(b, points(dimension)))
     assert_allclose(once, twice, rtol=0, atol=1e-9)
-
-
-@few
-@given(st.data(), EITHER)
-def test_composition_is_associative(data, dimension):
-    """Breaks if angles are wrapped in one order and not in the other."""
-    a, b, c = (data.draw(motions(dimension)) for _ in range(3))
-    left = rigid.compose(rigid.compose(a, b), c)
-    assert_allclose(left, rigid.compose(a, rigid.compose(b, c)), rtol=0, atol=1e-9)
 
 
 @few
@@ -64,8 +58,8 @@ def test_covariances_turn_with_their_points(theta):
     assert_allclose(rigid.transform_covariances(theta, covariances), expected, atol=1e-9)
 
 
-@given(reals(-100.0, 100.0))
 @few
+@given(reals(-100.0, 100.0))
 def test_rotation_is_counter_clockwise_and_orthogonal(angle):
     """Breaks if the sign of the angle is turned round."""
     turn = rigid.rotation(angle)
@@ -115,22 +109,14 @@ def test_exponential_is_that_of_the_matrix_group(xi):
     assert_allclose(rigid.rotation(theta[2]), motion[:2, :2], atol=1e-12)
 
 
-@few
-@given(twists(), reals(0.0, 1.0))
-def test_a_constant_twist_is_driven_in_any_number_of_steps(xi, part):
-    """Breaks if exponential is no one-parameter group: two parts of the way are the whole way."""
-    steps = rigid.compose(rigid.exponential(part * xi), rigid.exponential((1.0 - part) * xi))
-    assert_allclose(steps, rigid.exponential(xi), rtol=1e-10, atol=1e-10)
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-5, -9e-4, 1.1e-3, 0.3, -2.0, np.pi, 5.0])
-def test_logarithm_undoes_exponential_and_has_the_jacobian_it_says(angle):
+def test_logarithm_undoes_exponential_and_has_the_jacobian_it_says():
     """Breaks at an angle where the closed form cancels or the series ends too early."""
-    xi = np.array([3.0, -2.0, angle])
-    theta = rigid.exponential(xi)
-    assert_allclose(rigid.logarithm(theta), xi, rtol=1e-12, atol=1e-13)
-    slopes = central_difference(rigid.logarithm, theta, np.full(3, 1e-3))
-    assert_allclose(rigid.logarithm_jacobian(theta), slopes, rtol=1e-8, atol=1e-9)
+    for angle in (*TURNS, 1e-12, 1e-5, -9e-4, 1.1e-3, np.pi, 5.0):
+        xi = np.array([3.0, -2.0, angle])
+        theta = rigid.exponential(xi)
+        assert_allclose(rigid.logarithm(theta), xi, rtol=1e-12, atol=1e-13)
+        slopes = central_difference(rigid.logarithm, theta, np.full(3, 1e-3))
+        assert_allclose(rigid.logarithm_jacobian(theta), slopes, rtol=1e-8, atol=1e-9)
 
 
 def test_exponential_logarithm_and_jacobian_broadcast():
@@ -145,71 +131,35 @@ def test_exponential_logarithm_and_jacobian_broadcast():
         assert_allclose(jacobians[index], rigid.logarithm_jacobian(theta[index]), rtol=1e-14)
 
 
-# ---- Bad input --------------------------------------------------------------------------------
+@few
+@given(seeds, st.sampled_from([(), (3,), (2, 1)]), reals(-6.0, 6.0), reals(-8.0, np.log10(6.2)))
+def test_exponential_and_logarithm_undo_each_other(seed, batch, decade, angle):
+    """Breaks at an angle where a series ends or a closed form cancels, on either side."""
+    rng = np.random.default_rng(seed)
+    twist = np.concatenate(
+        [
+            10.0**decade * rng.standard_normal((*batch, 2)),
+            10.0**angle * rng.choice([-1.0, 0.0, 1.0], (*batch, 1)),
+        ],
+        axis=-1,
+    )
+    size = np.abs(twist[..., :2]).max()
+    back = rigid.logarithm(rigid.exponential(twist))
+    assert_allclose(back, twist, rtol=1e-9, atol=1e-9 * size * (angle > 0) + 1e-12 * size)
+    there = rigid.exponential(rigid.logarithm(twist))
+    assert_allclose(there, twist, rtol=1e-9, atol=1e-9 * size * (angle > 0) + 1e-12 * size)
+    assert_allclose(
+        rigid.inverse(rigid.exponential(twist)), rigid.exponential(-twist), atol=1e-9 * size + 1e-15
+    )
 
 
-@pytest.mark.parametrize(
-    ("function", "arguments", "name"),
-    [
-        (rigid.transform_means, ([0.0, 0.0], np.zeros((3, 2))), "theta"),
-        (rigid.transform_means, (0.0, np.zeros((3, 1))), "theta"),
-        (rigid.transform_means, ([0.0, np.nan, 0.0], np.zeros((3, 2))), "theta"),
-        (rigid.transform_means, (np.zeros(3), np.full((3, 2), np.inf)), "means"),
-        (rigid.transform_means, (np.zeros(3), "points"), "means"),
-        (rigid.transform_means, (np.zeros(3), None), "means"),
-        (rigid.transform_covariances, ([0.0], np.eye(2)[None]), "theta"),
-        (rigid.transform_covariances, (np.zeros(3), np.full((1, 2, 2), np.nan)), "covariances"),
-        (rigid.compose, ([0.0, np.inf, 0.0], np.zeros(3)), "first"),
-        (rigid.compose, (np.zeros(3), [0.0, np.nan, 0.0]), "second"),
-        (rigid.inverse, ([np.nan],), "theta"),
-        (rigid.inverse, (None,), "theta"),
-    ],
-)
-def test_bad_numbers_and_shapes_are_refused(function, arguments, name):
-    """Breaks if nan passes through, or a motion of the other dimension is applied."""
-    with pytest.raises(ValueError, match=name):
-        function(*arguments)
-
-
-@pytest.mark.parametrize(
-    ("function", "arguments", "name"),
-    [
-        (rigid.transform_means, (np.zeros(3), np.zeros((4, 3))), "means"),
-        (rigid.transform_means, (np.zeros(3), 1.0), "means"),
-        (rigid.transform_covariances, (np.zeros(3), np.eye(3)[None]), "covariances"),
-        (rigid.compose, (np.zeros(2), np.zeros(2)), "first"),
-        (rigid.compose, (np.zeros(3), np.zeros(1)), "second"),
-        (rigid.inverse, (np.zeros(2),), "theta"),
-        (rigid.inverse, (0.0,), "theta"),
-        (rigid.exponential, (np.zeros(2),), "twist"),
-        (rigid.logarithm, (np.zeros(1),), "theta"),
-        (rigid.logarithm_jacobian, (np.zeros(4),), "theta"),
-    ],
-)
-def test_arrays_of_no_known_dimension_are_refused_by_name(function, arguments, name):
-    """Breaks if a wrong number of columns ends in a KeyError or IndexError of the inside."""
-    with pytest.raises(ValueError, match=name):
-        function(*arguments)
-
-
-@pytest.mark.parametrize("turn", [0.0, 1e-9, -0.04, 0.06, -0.29, 0.31, 1.0, -2.5, 6.0])
-def test_the_exponential_is_that_of_the_matrix(turn):
-    """Breaks on a wrong sign, or a series that is cut off too early."""
-    x, y = 2.0, -3.0
-    pose = expm(np.array([[0.0, -turn, x], [turn, 0.0, y], [0.0, 0.0, 0.0]]))
-    actual = rigid.exponential([x, y, turn])
-    assert_allclose(actual, [pose[0, 2], pose[1, 2], turn], rtol=1e-13, atol=1e-14)
-
-
-@pytest.mark.parametrize("turn", [0.0, 1e-9, -0.04, 0.06, -0.29, 0.31, 1.0, -2.5])
-@pytest.mark.parametrize(
-    "function", [rigid.exponential_derivatives, rigid.logarithm_derivatives], ids=["exp", "log"]
-)
-def test_derivatives_of_exponential_and_logarithm_by_differences(function, turn):
+def test_derivatives_of_exponential_and_logarithm_by_differences():
     """Breaks on a wrong entry, or a series that is too short for a derivative."""
-    point, steps = np.array([2.0, -3.0, turn]), np.full(3, 1e-3)
-    _, first, second = function(point)
-    slopes = central_difference(lambda p: function(p)[0], point, steps)
-    bends = central_difference(lambda p: function(p)[1], point, steps)
-    assert_allclose(first, slopes, rtol=1e-8, atol=1e-9)
-    assert_allclose(second, bends, rtol=1e-8, atol=1e-9)
+    functions = rigid.exponential_derivatives, rigid.logarithm_derivatives
+    for function, turn in product(functions, TURNS):
+        point, steps = np.array([2.0, -3.0, turn]), np.full(3, 1e-3)
+        _, first, second = function(point)
+        slopes = central_difference(lambda p, f=function: f(p)[0], point, steps)
+        bends = central_difference(lambda p, f=function: f(p)[1], point, steps)
+        assert_allclose(first, slopes, rtol=1e-8, atol=1e-9)
+        assert_allclose(second, bends, rtol=1e-8, atol=1e-9)

@@ -8,12 +8,16 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import broadcast_batches, check_count, check_finite, check_scalar
+from d2d._checks import (
+    broadcast_batches,
+    check_choice,
+    check_count,
+    check_finite,
+    check_positive_scalar,
+)
 from d2d._types import Array
 
 Metric = Literal["point", "line"]
-
-_METRICS = ("point", "line")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +54,8 @@ def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
     t = mean(f) - R mean(m) (Arun et al. 1987; the determinant, from Umeyama 1991, excludes
     reflections).
 
+    Raises a ``ValueError`` that names the argument if a set is empty, not finite or not paired.
+
     Parameters
     ----------
     fixed, moving : (..., N, 2) arrays, m
@@ -59,14 +65,8 @@ def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
     -------
     (..., 3) array, m, m, rad
         The motion that maps ``moving`` onto ``fixed``.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not match, a set is empty, or a value is nan or inf; the message names the
-        argument.
     """
-    target, source = _points("fixed", fixed), _points("moving", moving)
+    target, source = check_points("fixed", fixed), check_points("moving", moving)
     if target.shape[-2] != source.shape[-2]:
         raise ValueError(
             f"fixed and moving must be paired, but have {target.shape[-2]} and "
@@ -87,23 +87,11 @@ def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
 def line_normals(points: ArrayLike, neighbours: int = 5) -> Array:
     """Unit normals (N, 2) of the lines fitted to each point and its nearest neighbours.
 
-    A normal is the eigenvector of the smallest eigenvalue of their covariance; its sign is
-    arbitrary.
-
-    Parameters
-    ----------
-    points : (N, 2) array, m
-    neighbours : int
-        Number of neighbours of each point, below N.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
+    A normal is the eigenvector of the smallest eigenvalue of the covariance of a point and as many
+    nearest ``neighbours``, fewer than N; its sign is arbitrary.  Raises a ``ValueError`` that names
+    the argument that is invalid.
     """
-    cloud = _points("points", points)
-    if cloud.ndim != 2:
-        raise ValueError(f"points must have the shape (N, 2), but has {cloud.shape}")
+    cloud = check_points("points", points, dimensions=2)
     if not 1 <= check_count("neighbours", neighbours) < len(cloud):
         raise ValueError(
             f"neighbours must lie within [1, {len(cloud) - 1}] for {len(cloud)} points, "
@@ -134,6 +122,8 @@ def icp(
     to converge: it stops, not converged, when it alternates between two pairings.  No pair is
     rejected, however far apart its points are.
 
+    Raises a ``ValueError`` that names the argument that is invalid.
+
     Parameters
     ----------
     fixed, moving : (F, 2) and (M, 2) arrays, m
@@ -145,22 +135,11 @@ def icp(
     tolerance : float
         The iteration has converged once a step moves no point by more than this, in m.
     max_iterations : int
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
     """
-    target, source = _points("fixed", fixed), _points("moving", moving)
-    if target.ndim != 2 or source.ndim != 2:
-        raise ValueError(
-            f"fixed and moving must have the shape (N, 2), but have {target.shape} and "
-            f"{source.shape}"
-        )
-    if str(metric) not in _METRICS:  # str: comparing an array gives an array
-        raise ValueError(f"metric must be one of {', '.join(_METRICS)}, but is {metric!r}")
-    if check_scalar("tolerance", tolerance) < 0.0:
-        raise ValueError(f"tolerance must not be negative, but is {tolerance:g}")
+    target = check_points("fixed", fixed, dimensions=2)
+    source = check_points("moving", moving, dimensions=2)
+    check_choice("metric", metric, ("point", "line"))
+    check_positive_scalar("tolerance", tolerance)
     check_count("max_iterations", max_iterations)
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
     normals = line_normals(target, neighbours) if metric == "line" else None
@@ -227,10 +206,12 @@ def _line_step(fixed: Array, normals: Array, moved: Array) -> Array:
     return np.asarray(solved[..., 0])
 
 
-def _points(name: str, value: ArrayLike) -> Array:
+def check_points(name: str, value: ArrayLike, dimensions: int | None = None) -> Array:
+    """One or more finite points (..., N, 2); of one set only, if its array has two dimensions."""
     array = check_finite(name, value)
-    if array.ndim < 2 or array.shape[-1] != 2 or not array.size:
-        raise ValueError(
-            f"{name} must have the shape (..., N, 2) with N > 0, but has {array.shape}"
-        )
+    shape = "(N, 2)" if dimensions == 2 else "(..., N, 2)"
+    if array.ndim < 2 or array.ndim != (dimensions or array.ndim) or array.shape[-1] != 2:
+        raise ValueError(f"{name} must have the shape {shape}, but has {array.shape}")
+    if not array.size:
+        raise ValueError(f"{name} must hold at least one point, but has the shape {array.shape}")
     return array

@@ -22,6 +22,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
+from d2d._checks import check_choice
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian
 from d2d.covariance import fisher_covariance
@@ -31,7 +32,6 @@ from d2d.registration import Estimate
 
 Mixture = Literal["max", "sum", "max-sum"]
 
-_MIXTURES = ("max", "sum", "max-sum")
 DAMPING = 10.0  # 1/m^2, added to the max-sum's normalisation to make its square root less curved
 _STEP = 1e-30  # of complex-step derivatives, which do not suffer from cancellation
 _MIN_SQUARE = 1e-10  # smallest argument of a square root, whose slope at zero is infinite
@@ -48,6 +48,8 @@ def mixture_residuals(
 
     ``sum(r**2) / 2 - sum(constants)`` is the negative logarithm of the mixture.
 
+    Raises a ``ValueError`` that names the argument that is invalid.
+
     Parameters
     ----------
     theta : (..., 3) array, m, m, rad
@@ -56,11 +58,6 @@ def mixture_residuals(
         One planar set each, no batch.
     mixture : "max", "sum" or "max-sum"
     outlier : CorruptedGaussian, optional
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
     """
     _check(fixed, moving, mixture)
     pairs = _Pairs(fixed, moving, outlier)
@@ -77,23 +74,10 @@ def register_mixture(
 ) -> Estimate:
     """Minimise a mixture's negative logarithm by Levenberg-Marquardt (MINPACK), for one problem.
 
-    Parameters
-    ----------
-    fixed, moving, mixture, outlier
-        As for `mixture_residuals`.
-    initial : (3,) array, m, m, rad, optional
-        Where to start; zeros by default.
-
-    Returns
-    -------
-    Estimate
-        ``hessian`` is J'J, the approximation that such a solver uses, and ``covariance`` its
-        inverse; ``iterations`` counts evaluations of the residuals.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
+    The sets, the mixture and the outlier model are those of `mixture_residuals`; ``initial`` (3,)
+    is zeros by default.  In the result, ``hessian`` is J'J, the approximation that such a solver
+    uses, ``covariance`` its inverse, and ``iterations`` counts evaluations of the residuals.
+    Raises a ``ValueError`` that names the argument that is invalid.
     """
     _check(fixed, moving, mixture)
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
@@ -137,24 +121,21 @@ class _Pairs:
         self, fixed: PointSet, moving: PointSet, outlier: CorruptedGaussian | None
     ) -> None:
         self.fixed, self.moving, self.outlier = fixed, moving, outlier
-        log_weight = np.log(fixed.weights) - math.log(2.0 * math.pi)
+        self.log_weight = np.log(fixed.weights) - math.log(2.0 * math.pi)
         # Minkowski: det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)
-        roots = np.sqrt(np.linalg.det(moving.covariances))[:, None] + np.sqrt(
-            np.linalg.det(fixed.covariances)
-        )
-        self.log_weight = log_weight
-        self.log_bound = log_weight - np.log(roots)  # (K, J): of log s_j, for any motion
+        own, other = (np.sqrt(np.linalg.det(each.covariances)) for each in (moving, fixed))
+        self.log_bound = self.log_weight - np.log(own[:, None] + other)  # (K, J): of log s_j
         if outlier is not None:
             with np.errstate(divide="ignore"):  # a fraction of 0 or 1: one has zero weight
                 share_in, share_out = np.log1p(-outlier.fraction), np.log(outlier.fraction)
-            self.log_weight = log_weight + share_in
-            self.wide_root = np.linalg.cholesky(outlier.covariance)
-            log_wide = share_out + log_weight - np.log(np.diagonal(self.wide_root)).sum()
-            self.log_wide = np.broadcast_to(log_wide, roots.shape)
+            widths = np.diagonal(np.linalg.cholesky(outlier.covariance))
+            wide = share_out + self.log_weight - np.log(widths).sum()
+            self.log_wide = np.broadcast_to(wide, self.log_bound.shape)
+            self.log_weight = self.log_weight + share_in
             self.log_bound = np.concatenate([self.log_bound + share_in, self.log_wide], axis=-1)
 
     def constants(self, mixture: Mixture) -> Array:
-        """For each target (K,), a bound on the logarithm of its mixture."""
+        """For each target (K,), a bound on the logarithm of its mixture, for any motion."""
         best = self.log_bound.max(axis=-1)
         if mixture == "max":
             return np.asarray(best)
@@ -163,37 +144,38 @@ class _Pairs:
         return np.asarray(np.log(self.log_bound.shape[-1] * np.exp(best) + DAMPING))
 
     def at(self, theta: NDArray[Any]) -> _Components:
-        """The components at motions (..., 3), which may be complex.
-
-        Everything is in closed form, because NumPy's Cholesky factorisation does not support the
-        complex symmetric matrices that a complex motion gives.
-        """
+        """The components at motions (..., 3), which may be complex."""
         (t_x, t_y), angle = np.moveaxis(theta[..., np.newaxis, :2], -1, 0), theta[..., 2:]
         c, s = np.cos(angle), np.sin(angle)
         x, y = self.moving.means.T
         d_x = (c * x - s * y + t_x)[..., np.newaxis] - self.fixed.means[:, 0]
         d_y = (s * x + c * y + t_y)[..., np.newaxis] - self.fixed.means[:, 1]
-        own, other = self.moving.covariances, self.fixed.covariances
-        a, b, d = own[:, 0, 0], own[:, 0, 1], own[:, 1, 1]
-        xx = (c * c * a - 2.0 * c * s * b + s * s * d)[..., np.newaxis] + other[:, 0, 0]
-        xy = (c * s * (a - d) + (c * c - s * s) * b)[..., np.newaxis] + other[:, 0, 1]
-        yy = (s * s * a + 2.0 * c * s * b + c * c * d)[..., np.newaxis] + other[:, 1, 1]
-        first = np.sqrt(xx)
-        low = xy / first
-        second = np.sqrt(yy - low * low)
-        whitened = d_x / first
-        inlier = _Components(
-            whitened,
-            (d_y - low * whitened) / second,
-            self.log_weight - np.log(first * second),
-        )
+        (a, b), (_, d) = np.moveaxis(self.moving.covariances, 0, -1)
+        xx = (c * c * a - 2.0 * c * s * b + s * s * d)[..., np.newaxis]
+        xy = (c * s * (a - d) + (c * c - s * s) * b)[..., np.newaxis]
+        yy = (s * s * a + 2.0 * c * s * b + c * c * d)[..., np.newaxis]
+        (f_xx, f_xy), (_, f_yy) = np.moveaxis(self.fixed.covariances, 0, -1)
+        inlier = _whitened(d_x, d_y, xx + f_xx, xy + f_xy, yy + f_yy)
+        inlier = inlier._replace(log_scale=inlier.log_scale + self.log_weight)
         if self.outlier is None:
             return inlier
-        (first, _), (low, second) = self.wide_root
-        whitened = d_x / first
-        log_wide = np.broadcast_to(self.log_wide, whitened.shape)
-        wide = _Components(whitened, (d_y - low * whitened) / second, log_wide)
+        (xx, xy), (_, yy) = self.outlier.covariance
+        log_wide = np.broadcast_to(self.log_wide, d_x.shape)
+        wide = _whitened(d_x, d_y, xx, xy, yy)._replace(log_scale=log_wide)
         return _Components(*(np.concatenate(both, -1) for both in zip(inlier, wide, strict=True)))
+
+
+def _whitened(x: Any, y: Any, xx: Any, xy: Any, yy: Any) -> _Components:
+    """Distances divided by the Cholesky factor of their covariances, and -log of its determinant.
+
+    In closed form, because NumPy's factorisation does not support the complex symmetric matrices
+    that a complex motion gives.
+    """
+    first = np.sqrt(xx)
+    low = xy / first
+    second = np.sqrt(yy - low * low)
+    whitened = x / first
+    return _Components(whitened, (y - low * whitened) / second, -np.log(first * second))
 
 
 def _residuals(
@@ -227,5 +209,4 @@ def _check(fixed: PointSet, moving: PointSet, mixture: str) -> None:
                 f"{name} must be a single planar set, but has dimension {points.dimension} and "
                 f"the batch shape {points.batch_shape}"
             )
-    if mixture not in _MIXTURES:
-        raise ValueError(f"mixture must be one of {', '.join(_MIXTURES)}, but is {mixture!r}")
+    check_choice("mixture", mixture, ("max", "sum", "max-sum"))

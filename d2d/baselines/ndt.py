@@ -9,10 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d import gaussian
-from d2d._checks import check_count, check_finite, check_fraction, check_positive_scalar
+from d2d._checks import check_count, check_finite, check_positive_scalar, check_within
 from d2d._types import Array
 from d2d.baselines.eigenvalues import raise_eigenvalues
+from d2d.baselines.icp import check_points
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
 from d2d.registration import Estimate, register
@@ -38,6 +38,9 @@ def grid_cells(
 ) -> PointSet:
     """One Gaussian for every grid cell that contains enough points (thesis eq. 3.4, 3.5).
 
+    Raises a ``ValueError`` that names the argument if it is invalid, or ``points`` if no cell
+    contains enough of them.
+
     Parameters
     ----------
     points : (N, 2) array, m
@@ -56,56 +59,26 @@ def grid_cells(
     PointSet
         Sorted by the cells' columns, then rows.  The weights sqrt(det(2 pi Sigma)) make each
         component peak at 1, like the score of Biber & Strasser.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid, or no cell contains enough points; the message names the
-        argument.
     """
-    return _weighted(*_cells(_checked(points), size, shift, min_points, smallest_ratio))
+    cells = _cells(check_points("points", points, 2), size, shift, min_points, smallest_ratio)
+    return _peaking_at_one(*cells)
 
 
 def pooled_cells(
     points: ArrayLike,
     size: float = CELL_SIZE,
     shifts: Sequence[Sequence[float]] = FOUR_GRIDS,
-    *,
-    min_points: int = MIN_POINTS,
-    smallest_ratio: float = SMALLEST_RATIO,
 ) -> PointSet:
-    """The cells of several shifted grids together; every point counts in each grid.
+    """The cells of several shifted grids, grid by grid; every point counts in each grid.
 
     Four grids, shifted by half a cell, smooth the jumps of the score at the borders of the cells
-    (Biber & Strasser 2003, sec. III).
-
-    Parameters
-    ----------
-    points, size, min_points, smallest_ratio
-        As for `grid_cells`.
-    shifts : sequence of pairs
-        Shift of each grid's origin, in cells.
-
-    Returns
-    -------
-    PointSet
-        The cells of all grids, grid by grid, weighted as by `grid_cells`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid, or no cell of a grid contains enough points; the message names
-        the argument.
+    (Biber & Strasser 2003, sec. III).  ``shifts`` are those of `grid_cells`, in cells; what is
+    invalid raises a ``ValueError`` as it does there.
     """
-    cloud = _checked(points)
-    offsets = check_finite("shifts", shifts)
-    if offsets.ndim != 2 or not len(offsets) or offsets.shape[1] != 2:
-        raise ValueError(f"shifts must be one or more pairs, but has the shape {offsets.shape}")
-    grids = [_cells(cloud, size, shift, min_points, smallest_ratio) for shift in offsets]
-    return _weighted(
-        np.concatenate([means for means, _ in grids]),
-        np.concatenate([covariances for _, covariances in grids]),
-    )
+    cloud, offsets = check_points("points", points, 2), check_points("shifts", shifts, 2)
+    grids = [_cells(cloud, size, shift, MIN_POINTS, SMALLEST_RATIO) for shift in offsets]
+    means, covariances = (np.concatenate(arrays) for arrays in zip(*grids, strict=True))
+    return _peaking_at_one(means, covariances)
 
 
 def ndt_p2d(
@@ -123,6 +96,8 @@ def ndt_p2d(
     only the cell that contains T(m_k); without that restriction the score is smooth, and its
     derivatives are exact.
 
+    Raises a ``ValueError`` that names the argument that is invalid.
+
     Parameters
     ----------
     fixed, moving : (N, 2) and (M, 2) arrays, m
@@ -138,14 +113,9 @@ def ndt_p2d(
     Estimate
         Its ``covariance`` is the inverse Hessian of the score's negative logarithm.  That is not
         the covariance of the error, because the score is not a likelihood.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
     """
-    cells = pooled_cells(_checked(fixed, "fixed"), size, shifts)
-    return register(cells, bare_points(_checked(moving, "moving")), P2D, initial)
+    cells = pooled_cells(check_points("fixed", fixed, 2), size, shifts)
+    return register(cells, bare_points(check_points("moving", moving, 2)), P2D, initial)
 
 
 def ndt_d2d(
@@ -164,81 +134,77 @@ def ndt_d2d(
     out the normalisation of the densities, which is kept here because it is part of the inner
     product.  Each scan has one grid, without shifts.
 
+    Raises a ``ValueError`` that names the argument that is invalid.
+
     Parameters
     ----------
     fixed, moving, initial, size
         As for `ndt_p2d`.
-    d2 : float within (0, 1]
+    d2 : float
         Divisor of the variances.
 
     Returns
     -------
     Estimate
         As for `ndt_p2d`, its ``covariance`` is not that of the error.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
     """
-    if check_fraction("d2", d2) == 0.0:
-        raise ValueError("d2 must be positive, but is 0")
-    sets = (
-        grid_cells(_checked(cloud, name), size)
+    width = (1.0 / check_positive_scalar("d2", d2)) ** 0.5
+    cells = (
+        grid_cells(check_points(name, cloud, 2), size)
         for name, cloud in (("fixed", fixed), ("moving", moving))
     )
-    target, source = (_equally_weighted(cells) for cells in sets)
-    width = (1.0 / d2) ** 0.5
-    return register(target.inflated(width), source.inflated(width), D2D, initial)
+    target, source = (PointSet(each.means, each.covariances).inflated(width) for each in cells)
+    return register(target, source, D2D, initial)
 
 
 def bare_points(points: ArrayLike) -> PointSet:
     """Points (N, 2) as the moving set of a P2D cost, which ignores the moving covariances."""
-    cloud = _checked(points)
+    cloud = check_points("points", points, 2)
     return PointSet(cloud, np.broadcast_to(np.eye(2), (len(cloud), 2, 2)))
 
 
 def _cells(
     points: Array, size: float, shift: ArrayLike, min_points: int, smallest_ratio: float
 ) -> tuple[Array, Array]:
+    """Means and covariances of the points in each cell, without the cells that have too few."""
     side = check_positive_scalar("size", size)
     offset = check_finite("shift", shift)
     if offset.shape != (2,):
         raise ValueError(f"shift must be a pair, but has the shape {offset.shape}")
-    if check_count("min_points", min_points) < 2:
-        raise ValueError(f"min_points must be at least 2, but is {min_points}")
-    if check_fraction("smallest_ratio", smallest_ratio) == 0.0:
-        raise ValueError("smallest_ratio must be positive, but is 0")
+    check_count("min_points", min_points, 2)
+    check_within("smallest_ratio", smallest_ratio, 1e-16, 1.0)
     place = np.floor(points / side - offset)
     if np.abs(place).max() > _MAX_CELLS:
         raise ValueError(f"size must be larger for points so far from the origin, but is {side:g}")
-    place = place.astype(np.int64)
-    _, cell, counts = np.unique(place, axis=0, return_inverse=True, return_counts=True)
-    member = cell.ravel() == np.arange(len(counts))[:, None]  # (cells, N)
-    member = member[counts >= min_points]
-    # leave out cells whose points all coincide: there is no eigenvalue to raise the other to
-    fitted = [gaussian.fit(points[inside]) for inside in member]
-    fitted = [(mean, sigma) for mean, sigma in fitted if np.trace(sigma) > 1e-18 * side**2]
-    if not fitted:
+    _, cell, counts = np.unique(
+        place.astype(np.int64), axis=0, return_inverse=True, return_counts=True
+    )
+    means, covariances = [], []
+    for number in np.flatnonzero(counts >= min_points):
+        mean, covariance = _fit(points[cell.ravel() == number])
+        # leave out points that all coincide: there is no eigenvalue to raise the other to
+        if np.trace(covariance) > 1e-18 * side**2:
+            means.append(mean)
+            covariances.append(covariance)
+    if not means:
         raise ValueError(
             f"points must include {min_points} or more in one cell of {side:g} m, not all at the "
             "same place"
         )
-    means = np.stack([mean for mean, _ in fitted])
-    covariances = np.stack([sigma for _, sigma in fitted])
-    return means, raise_eigenvalues(covariances, smallest_ratio=smallest_ratio)
+    raised = raise_eigenvalues(np.stack(covariances), smallest_ratio=smallest_ratio)
+    return np.stack(means), raised
 
 
-def _weighted(means: Array, covariances: Array) -> PointSet:
+def _fit(points: Array) -> tuple[Array, Array]:
+    """Mean (2,) and covariance (2, 2) of points (N, 2), divided by N (thesis eq. 2.5, 2.6)."""
+    share = np.full(len(points), 1.0 / len(points))
+    mean = np.einsum("n,nd->d", share, points)
+    # once more about the mean: far from the origin, rounding moves the first one
+    mean += np.einsum("n,nd->d", share, points - mean)
+    centred = points - mean
+    return mean, np.einsum("n,ni,nj->ij", share, centred, centred)
+
+
+def _peaking_at_one(means: Array, covariances: Array) -> PointSet:
+    """The cells, weighted so that each component peaks at 1."""
     return PointSet(means, covariances, 2.0 * np.pi * np.sqrt(np.linalg.det(covariances)))
-
-
-def _equally_weighted(cells: PointSet) -> PointSet:
-    return PointSet(cells.means, cells.covariances)
-
-
-def _checked(points: ArrayLike, name: str = "points") -> Array:
-    array = check_finite(name, points)
-    if array.ndim != 2 or array.shape[1] != 2 or not array.size:
-        raise ValueError(f"{name} must have the shape (N, 2) with N > 0, but has {array.shape}")
-    return array

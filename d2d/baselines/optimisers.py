@@ -90,20 +90,9 @@ def descend(
 ) -> Path:
     """Repeat x <- x + step(problem, x), without any safeguard, until the step is short.
 
-    Parameters
-    ----------
-    problem : LeastSquares
-    start : (n,) array
-    step : callable
-        ``gradient_descent(rate)``, ``newton`` or ``gauss_newton``.
-    tolerance : float
-        The iteration has converged once the largest entry of the step is below this.
-    max_iterations : int
-
-    Returns
-    -------
-    Path
-        A step that is not finite ends the iteration; ``converged`` is then False.
+    ``step`` is ``gradient_descent(rate)``, ``newton`` or ``gauss_newton``.  The iteration has
+    converged once the largest entry of the step is below ``tolerance``; a step that is not finite
+    ends it, not converged.
     """
     points = [check_finite("start", start)]
     converged = False

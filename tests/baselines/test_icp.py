@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize
 
 from d2d import rigid
 from d2d.baselines import fit_rigid, icp, line_normals
 from d2d.study.point_sets.room_scans import MOTION, room_pair
+from tests.strategies import reals, seeds
 
 RNG_POINTS = np.random.default_rng(0).uniform(-5.0, 5.0, (30, 2))
 
@@ -17,19 +21,20 @@ def scans():
     return before.points, after.points
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.3, -2.0, 3.1, np.pi])
-def test_closed_form_recovers_a_noise_free_motion(angle):
-    theta = np.array([1.5, -0.7, angle])
-    found = fit_rigid(rigid.transform_means(theta, RNG_POINTS), RNG_POINTS)
-    np.testing.assert_allclose(found[:2], theta[:2], atol=1e-12)
-    np.testing.assert_allclose(np.exp(1j * found[2]), np.exp(1j * angle), atol=1e-12)
-
-
-def test_closed_form_runs_in_batches():
-    rng = np.random.default_rng(2)
-    thetas = rng.uniform(-1.0, 1.0, (3, 4, 3))
-    moved = rigid.transform_means(thetas, RNG_POINTS)
-    np.testing.assert_allclose(fit_rigid(moved, RNG_POINTS), thetas, atol=1e-12)
+@given(
+    seeds,
+    st.sampled_from([(), (3,), (2, 1)]),
+    st.integers(2, 500),
+    reals(-6.0, 6.0),
+)
+def test_paired_points_are_fitted_exactly_at_any_scale(seed, batch, count, decade):
+    """Breaks if a mirror is taken for a rotation, or a batch's pairs are mixed up."""
+    rng, unit = np.random.default_rng(seed), 10.0**decade
+    theta = rng.uniform(-3.1, 3.1, (*batch, 3))
+    theta[..., :2] *= unit
+    moving = unit * rng.standard_normal((*batch, count, 2))
+    found = fit_rigid(rigid.transform_means(theta, moving), moving)
+    assert_allclose(found, theta, rtol=1e-6, atol=1e-6 * unit if decade < 0 else 1e-6)
 
 
 def test_closed_form_is_the_least_squares_motion_of_noisy_pairs():
@@ -42,7 +47,7 @@ def test_closed_form_is_the_least_squares_motion_of_noisy_pairs():
     searched = minimize(squares, [0.4, 0.2, 0.5], tol=1e-12)
     found = fit_rigid(fixed, RNG_POINTS)
     assert squares(found) <= searched.fun + 1e-10
-    np.testing.assert_allclose(found, searched.x, atol=1e-5)
+    assert_allclose(found, searched.x, atol=1e-5)
 
 
 def test_closed_form_never_mirrors():
@@ -59,18 +64,19 @@ def test_closed_form_never_mirrors():
 
 
 def test_closed_form_takes_degenerate_pairs():
+    """Breaks if points on one spot give nan, or half a turn a mirror."""
     same = np.ones((4, 2))
-    np.testing.assert_allclose(
-        fit_rigid(same + np.array([2.0, 3.0]), same), [2.0, 3.0, 0.0], atol=1e-15
-    )
+    found = fit_rigid(same + np.array([2.0, 3.0]), same)
+    assert_allclose(found, [2.0, 3.0, 0.0], atol=1e-15)
+    assert_allclose(np.abs(fit_rigid(-RNG_POINTS, RNG_POINTS)), [0.0, 0.0, np.pi], atol=1e-12)
 
 
 def test_normals_are_perpendicular_to_a_wall():
     along = np.linspace(0.0, 3.0, 20)
     wall = np.stack([along, 0.5 * along], axis=-1)
     normals = line_normals(wall)
-    np.testing.assert_allclose(normals @ [2.0, 1.0], 0.0, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0)
+    assert_allclose(normals @ [2.0, 1.0], 0.0, atol=1e-12)
+    assert_allclose(np.linalg.norm(normals, axis=-1), 1.0)
 
 
 @pytest.mark.parametrize("metric", ["point", "line"])
@@ -80,7 +86,7 @@ def test_a_copy_is_recovered_exactly(scans, metric):
     moving = rigid.transform_means(rigid.inverse(theta), fixed)
     result = icp(fixed, moving, metric=metric, tolerance=1e-12)
     assert result.converged
-    np.testing.assert_allclose(result.theta, theta, atol=1e-10)
+    assert_allclose(result.theta, theta, atol=1e-10)
     assert result.rms < 1e-10
 
 
@@ -88,7 +94,29 @@ def test_a_copy_is_recovered_exactly(scans, metric):
 def test_two_scans_of_a_room_are_registered(scans, metric):
     result = icp(*scans, metric=metric)
     assert result.converged or metric == "line"  # which may swap between two pairings
-    np.testing.assert_allclose(result.theta, MOTION, atol=0.03)
+    assert_allclose(result.theta, MOTION, atol=0.03)
+
+
+@given(
+    seeds,
+    reals(-6.0, 6.0),
+    st.integers(10, 300),
+    st.sampled_from(["point", "line"]),
+)
+def test_icp_is_right_in_any_unit_and_order(seed, decade, count, metric):
+    """Breaks if a tolerance is a hidden length, or the order of the points matters."""
+    rng, unit = np.random.default_rng(seed), 10.0**decade
+    fixed = rng.uniform(-10.0, 10.0, (count, 2))
+    theta = np.array([0.02, -0.03, 0.002])
+    moving = rigid.transform_means(rigid.inverse(theta), fixed)
+    per = np.array([unit, unit, 1.0])
+    one = icp(fixed, moving, metric=metric)
+    two = icp(
+        fixed[rng.permutation(count)] * unit, moving * unit, metric=metric, tolerance=1e-6 * unit
+    )
+    assert one.converged == two.converged
+    assert_allclose(two.theta / per, one.theta, atol=1e-5)
+    assert one.thetas.shape == (one.iterations + 1, 3)
 
 
 def test_point_to_point_never_raises_its_error(scans):
@@ -108,12 +136,12 @@ def test_a_batch_is_its_problems_one_by_one(scans, metric):
     together = icp(*scans, starts, metric=metric)
     assert together.theta.shape == (2, 3, 3)
     assert together.thetas.shape[1:] == (2, 3, 3)
-    np.testing.assert_array_equal(together.thetas[0], starts)
-    np.testing.assert_array_equal(together.thetas[-1], together.theta)
-    np.testing.assert_array_equal(together.rms_history[-1], together.rms)
+    assert_array_equal(together.thetas[0], starts)
+    assert_array_equal(together.thetas[-1], together.theta)
+    assert_array_equal(together.rms_history[-1], together.rms)
     for index in np.ndindex(2, 3):
         alone = icp(*scans, starts[index], metric=metric)
-        np.testing.assert_allclose(together.theta[index], alone.theta, atol=1e-12)
+        assert_allclose(together.theta[index], alone.theta, atol=1e-12)
         assert together.iterations[index] == alone.iterations
         assert together.converged[index] == alone.converged
 
@@ -130,12 +158,11 @@ def test_a_corridor_leaves_the_open_direction_alone():
     fixed = np.concatenate([np.stack([along, np.full(80, y)], -1) for y in (-1.0, 1.0)])
     moving = fixed[10:70] + np.array([0.0, 0.2])
     result = icp(fixed, moving, metric="line")
-    np.testing.assert_allclose(result.theta, [0.0, -0.2, 0.0], atol=1e-9)
+    assert_allclose(result.theta, [0.0, -0.2, 0.0], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("call", "name"),
-    [
+def test_bad_input_names_the_argument():
+    for call, name in (
         (lambda: fit_rigid(RNG_POINTS, RNG_POINTS[:5]), "paired"),
         (lambda: fit_rigid(np.zeros((0, 2)), np.zeros((0, 2))), "fixed"),
         (lambda: fit_rigid(RNG_POINTS, RNG_POINTS * np.nan), "moving"),
@@ -146,8 +173,6 @@ def test_a_corridor_leaves_the_open_direction_alone():
         (lambda: icp(RNG_POINTS, RNG_POINTS, [0.0, 0.0]), "initial"),
         (lambda: icp(RNG_POINTS, RNG_POINTS, metric="plane"), "metric"),
         (lambda: icp(RNG_POINTS[:3], RNG_POINTS, metric="line"), "neighbours"),
-    ],
-)
-def test_bad_input_names_the_argument(call, name):
-    with pytest.raises(ValueError, match=name):
-        call()
+    ):
+        with pytest.raises(ValueError, match=name):
+            call()

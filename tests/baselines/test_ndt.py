@@ -2,19 +2,15 @@
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d import RegistrationCost, gaussian, rigid
+from d2d import gaussian, rigid
 from d2d.baselines import grid_cells, ndt_d2d, ndt_p2d, pooled_cells
 from d2d.baselines.ndt import D2D, P2D, bare_points
-from d2d.study.point_sets.room_scans import (
-    MOTION,
-    ROOM,
-    random_room,
-    ray_ranges,
-    room_pair,
-    room_scan,
-    segments,
-)
+from d2d.study.point_sets.room_scans import MOTION, room_pair
+from tests.strategies import reals, seeds
 
 THETA = np.array([0.45, 0.35, 0.15])
 
@@ -49,8 +45,8 @@ def test_cells_are_those_of_a_plain_loop(scans):
     for (_, (mean, sigma)), got_mean, got_sigma in zip(
         sorted(expected.items()), cells.means, cells.covariances, strict=True
     ):
-        np.testing.assert_allclose(got_mean, mean, atol=1e-12)
-        np.testing.assert_allclose(got_sigma, sigma, atol=1e-12)
+        assert_allclose(got_mean, mean, atol=1e-12)
+        assert_allclose(got_sigma, sigma, atol=1e-12)
 
 
 def test_points_on_a_line_get_the_floor_of_biber_and_strasser():
@@ -72,9 +68,26 @@ def test_shifted_grids_count_every_point_again(scans):
     pooled = pooled_cells(points)
     parts = [grid_cells(points, shift=s) for s in ((0, 0), (0.5, 0), (0, 0.5), (0.5, 0.5))]
     assert pooled.size == sum(part.size for part in parts)
-    np.testing.assert_array_equal(pooled.means, np.concatenate([p.means for p in parts]))
-    moved = grid_cells(points + np.array([0.5, 0.0]))
-    np.testing.assert_allclose(moved.means - [0.5, 0.0], parts[1].means, atol=1e-12)
+    assert_array_equal(pooled.means, np.concatenate([p.means for p in parts]))
+
+
+@given(seeds, st.integers(60, 300), reals(-4.0, 4.0), st.integers(-3, 3))
+def test_cells_move_with_whole_cells_and_scale_with_the_unit(seed, count, decade, steps):
+    """Breaks if a point falls through a border, or a floor of the covariance is a length."""
+    rng, unit = np.random.default_rng(seed), 2.0 ** round(decade)
+    points = rng.uniform(-4.0, 4.0, (count, 2))
+    cells = grid_cells(points, 2.0)
+    scaled = grid_cells(points * unit, 2.0 * unit)
+    assert_array_equal(scaled.means, cells.means * unit)
+    assert_allclose(scaled.covariances, cells.covariances * unit**2, rtol=1e-12)
+    moved = grid_cells(points + 2.0 * steps, 2.0)
+    assume(moved.size == cells.size)  # a point within rounding of a border may change sides
+    assert_allclose(moved.means, cells.means + 2.0 * steps, atol=1e-12)
+    pooled = pooled_cells(points, 2.0, ((0.0, 0.0), (0.5, 0.5)))
+    assert_array_equal(pooled.means[: cells.size], cells.means)
+    # each component peaks at 1
+    peak = 2.0 * np.pi * np.sqrt(np.linalg.det(pooled.covariances))
+    assert_allclose(pooled.weights / peak, 1.0, rtol=1e-12)
 
 
 def test_p2d_is_the_published_score(scans):
@@ -93,7 +106,7 @@ def test_p2d_is_the_published_score(scans):
 def test_d2d_is_the_inner_product_of_the_mixtures(scans):
     """Thesis eq. 4.6: sum of N(0 | d, R Sigma_k R' + Sigma_i), by integration on a grid."""
     fixed, moving = (grid_cells(points, 2.0) for points in scans)
-    axis = np.arange(-6.0, 8.0, 0.02)
+    axis = np.arange(-6.0, 8.0, 0.03)
     where = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
 
     def sum_of_densities(cells):
@@ -103,46 +116,34 @@ def test_d2d_is_the_inner_product_of_the_mixtures(scans):
         )
 
     one, other = fixed.inflated(3.0), moving.inflated(3.0).transformed(THETA)
-    product = (sum_of_densities(one) * sum_of_densities(other)).sum() * 0.02**2
+    product = (sum_of_densities(one) * sum_of_densities(other)).sum() * 0.03**2
     cost = D2D.value(THETA, type(one)(one.means, one.covariances), moving.inflated(3.0))
     assert np.exp(-cost) * fixed.size == pytest.approx(product, rel=1e-3)
-
-
-@pytest.mark.parametrize("metric", ["p2d", "d2d"])
-def test_gradients_and_hessians_agree_with_differences(scans, metric):
-    fixed = pooled_cells(scans[0])
-    moving = bare_points(scans[1]) if metric == "p2d" else grid_cells(scans[1])
-    cost = RegistrationCost(metric=metric, fusion="summing")
-    _, gradient, hessian = cost.derivatives(THETA, fixed, moving)
-    step = 1e-6 * np.eye(3)
-    ahead, _, _ = cost.derivatives(THETA + step, fixed, moving)
-    behind, _, _ = cost.derivatives(THETA - step, fixed, moving)
-    scale = np.abs(gradient).max()
-    np.testing.assert_allclose(gradient, (ahead - behind) / 2e-6, atol=1e-7 * scale)
-    slopes = [cost.derivatives(THETA + s, fixed, moving)[1] for s in (*step, *-step)]
-    differences = (np.array(slopes[:3]) - np.array(slopes[3:])) / 2e-6
-    np.testing.assert_allclose(hessian, differences, atol=1e-7 * np.abs(hessian).max())
 
 
 @pytest.mark.parametrize("method", [ndt_p2d, ndt_d2d])
 def test_two_scans_of_a_room_are_registered(scans, method):
     estimate = method(*scans, MOTION + np.array([0.1, -0.1, 0.03]))
     assert estimate.converged
-    np.testing.assert_allclose(estimate.theta, MOTION, atol=0.03)
+    assert_allclose(estimate.theta, MOTION, atol=0.03)
     assert np.abs(estimate.gradient).max() < 1e-4
 
 
-def test_a_batch_of_starts_is_one_call(scans):
-    starts = MOTION + np.zeros((2, 5, 3))
-    assert ndt_d2d(*scans, starts).theta.shape == (2, 5, 3)
+def test_a_batch_of_starts_is_each_of_them(scans):
+    """Breaks if a start is given to another problem, or takes part in its result."""
+    starts = MOTION + 0.1 * np.random.default_rng(2).standard_normal((2, 3, 3))
+    for method in (ndt_p2d, ndt_d2d):
+        whole = method(*scans, starts)
+        assert whole.theta.shape == (2, 3, 3)
+        for index in np.ndindex(2, 3):
+            assert_array_equal(method(*scans, starts[index]).theta, whole.theta[index])
 
 
 POINTS = np.random.default_rng(0).uniform(0.0, 2.0, (50, 2))
 
 
-@pytest.mark.parametrize(
-    ("call", "name"),
-    [
+def test_bad_input_names_the_argument():
+    for call, name in (
         (lambda: grid_cells(np.zeros((4, 3))), "points"),
         (lambda: grid_cells(POINTS * np.inf), "points"),
         (lambda: grid_cells(POINTS, 0.0), "size"),
@@ -156,72 +157,6 @@ POINTS = np.random.default_rng(0).uniform(0.0, 2.0, (50, 2))
         (lambda: ndt_p2d(np.zeros(3), POINTS), "fixed"),
         (lambda: ndt_d2d(POINTS, POINTS, d2=0.0), "d2"),
         (lambda: ndt_d2d(POINTS, POINTS, [0.0, 0.0]), "theta|initial"),
-    ],
-)
-def test_bad_input_names_the_argument(call, name):
-    with pytest.raises(ValueError, match=name):
-        call()
-
-
-# ---- The room that chapter 3 scans ---------------------------------------------------------------
-
-
-def test_rays_end_on_the_walls():
-    azimuth = np.linspace(-np.pi, np.pi, 90)
-    pose = np.array([0.5, 0.3, 0.4])
-    ends = pose[:2] + ray_ranges(pose, azimuth)[:, None] * np.stack(
-        [np.cos(pose[2] + azimuth), np.sin(pose[2] + azimuth)], axis=-1
-    )
-    start, along = segments(ROOM)[:, 0], np.diff(segments(ROOM), axis=1)[:, 0]
-    share = np.einsum("nsi,si->ns", ends[:, None] - start, along) / (along**2).sum(axis=-1)
-    foot = start + np.clip(share, 0, 1)[..., None] * along
-    assert np.linalg.norm(ends[:, None] - foot, axis=-1).min(axis=1).max() < 1e-9
-
-
-def test_scans_without_noise_agree_on_the_room():
-    """The second scan, moved by the motion, lies on the walls that the first scanner sees."""
-    _, after = room_pair(np.random.default_rng(0))
-    noise_free = room_scan(np.random.default_rng(0), MOTION, sigma_range=1e-12)
-    moved = rigid.transform_means(MOTION, noise_free.points)
-    seen = ray_ranges(np.zeros(3), np.arctan2(moved[:, 1], moved[:, 0]))
-    visible = np.hypot(*moved.T) <= seen + 1e-6
-    np.testing.assert_allclose(np.hypot(*moved.T)[visible], seen[visible], atol=1e-6)
-    assert visible.mean() > 0.9
-    assert len(after.points) == len(noise_free.points)
-
-
-def test_the_share_of_outliers_is_exact_and_seeded():
-    one, two = (room_scan(np.random.default_rng(3), outliers=0.2) for _ in range(2))
-    assert one.outlier.sum() == 36
-    np.testing.assert_array_equal(one.points, two.points)
-    assert not room_scan(np.random.default_rng(3)).outlier.any()
-
-
-def test_random_rooms_hold_the_scanner_before_and_after_the_motion():
-    for seed in range(200):
-        rng = np.random.default_rng(seed)
-        room_pair(rng, walls=random_room(rng))
-
-
-def test_targets_cover_the_gap_between_rays():
-    scan = room_scan(np.random.default_rng(4))
-    across = np.sqrt(np.linalg.eigvalsh(scan.targets().covariances))
-    gap = scan.range * 2.0 * np.pi / 180
-    widest = np.maximum(0.5 * gap, 0.03)
-    np.testing.assert_allclose(across[:, 1], widest, rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("call", "name"),
-    [
-        (lambda: room_scan(np.random.default_rng(), [50.0, 0.0, 0.0]), "pose"),
-        (lambda: room_scan(np.random.default_rng(), [0.0, 0.0]), "pose"),
-        (lambda: room_scan(np.random.default_rng(), rays=0), "rays"),
-        (lambda: room_scan(np.random.default_rng(), outliers=1.5), "outliers"),
-        (lambda: room_scan(np.random.default_rng(), sigma_range=0.0), "sigma_range"),
-        (lambda: room_scan(np.random.default_rng(), field_of_view=7.0), "field_of_view"),
-    ],
-)
-def test_bad_rooms_name_the_argument(call, name):
-    with pytest.raises(ValueError, match=name):
-        call()
+    ):
+        with pytest.raises(ValueError, match=name):
+            call()

@@ -13,6 +13,7 @@ import re
 from base64 import b64decode, b64encode
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 
@@ -25,7 +26,6 @@ from PIL import Image
 
 CHAPTERS = Path(__file__).resolve().parents[2] / "chapters"
 NOTEBOOKS = sorted(CHAPTERS.glob("*.ipynb"))
-NUMBERED = [path for path in NOTEBOOKS if path.stem[0].isdigit()]
 
 MAX_LINES = 30
 VISIBLE_LINES, VISIBLE_COLUMNS = 10, 80
@@ -166,22 +166,26 @@ def faulty_figures(notebook: NotebookNode) -> list[str]:
     return found
 
 
+def picture(output: NotebookNode) -> Image.Image | None:
+    """The picture that a cell put out, if it is one."""
+    data = output.get("data", {}).get("image/png")
+    return None if data is None else Image.open(BytesIO(b64decode(data)))
+
+
 def soft(output: NotebookNode) -> bool:
     """Whether a picture has fewer than two pixels for each of the page."""
-    picture = output.get("data", {}).get("image/png")
-    if picture is None:
+    image = picture(output)
+    if image is None:
         return False
-    with Image.open(BytesIO(b64decode(picture))) as image:
-        return image.width < 2 * output.metadata.get("image/png", {}).get("width", image.width)
+    return image.width < 2 * output.metadata.get("image/png", {}).get("width", image.width)
 
 
 def cut_off(output: NotebookNode) -> bool:
     """Whether anything is drawn on the outermost pixels of a picture."""
-    picture = output.get("data", {}).get("image/png")
-    if picture is None:
+    image = picture(output)
+    if image is None:
         return False
-    with Image.open(BytesIO(b64decode(picture))) as image:
-        pixels = np.asarray(image.convert("L"))
+    pixels = np.asarray(image.convert("L"))
     return bool((pixels[[0, -1]] < 250).any() or (pixels[:, [0, -1]] < 250).any())
 
 
@@ -201,10 +205,12 @@ CHECKS: tuple[Check, ...] = (
     machine_paths,
     repeated_ids,
     long_cells,
+    crowded_cells,
     faulty_figures,
 )
 
 
+@cache
 def load(path: Path) -> NotebookNode:
     """Read a notebook and check it against the format."""
     notebook = nbformat.read(path, as_version=nbformat.NO_CONVERT)
@@ -216,26 +222,18 @@ def test_there_are_notebooks():
     assert NOTEBOOKS, f"no notebooks in {CHAPTERS}: the tests of this file would check nothing"
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebook(path: Path, check: Check):
-    assert check(load(path)) == []
-
-
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_visible_code_is_short(path: Path):
-    """Breaks if a cell shows long or wide code."""
-    assert crowded_cells(load(path)) == []
-
-
-@pytest.mark.parametrize("path", NUMBERED, ids=lambda path: path.stem)
-def test_the_title_has_the_number_of_the_file(path: Path):
-    """Breaks if "chapter 4b" is spoken of and no heading says 4b.
+def test_notebook(path: Path):
+    """Breaks if a check finds something, or a chapter is not called by the number of its file.
 
     Pages whose file has no number stand between the chapters and have a title only.
     """
-    number = path.stem.split("_")[0].lstrip("0")
-    assert load(path).cells[0].source.startswith(f"# {number} · ")
+    notebook = load(path)
+    for check in CHECKS:
+        assert check(notebook) == [], check.__name__
+    if path.stem[0].isdigit():
+        number = path.stem.split("_")[0].lstrip("0")
+        assert notebook.cells[0].source.startswith(f"# {number} · ")
 
 
 def test_figure_names_are_unique_across_the_book():
@@ -299,6 +297,15 @@ def set_figure(key: str, value: str) -> Callable[[NotebookNode], None]:
     return change
 
 
+def changed(**fields: object) -> Callable[[NotebookNode], None]:
+    """Return a change of fields of the first code cell."""
+
+    def change(notebook: NotebookNode) -> None:
+        notebook.cells[1].update(fields)
+
+    return change
+
+
 def clear_outputs(notebook: NotebookNode) -> None:
     for _, cell in code_cells(notebook):
         cell.outputs, cell.execution_count = [], None
@@ -309,26 +316,8 @@ def swap_order(notebook: NotebookNode) -> None:
     first.execution_count, second.execution_count = second.execution_count, first.execution_count
 
 
-def run_one_cell_again(notebook: NotebookNode) -> None:
-    notebook.cells[3].execution_count += 1
-
-
-def raise_in_cell(notebook: NotebookNode) -> None:
-    notebook.cells[1].outputs = [
-        new_output("error", ename="ValueError", evalue="no", traceback=["ValueError: no"])
-    ]
-
-
-def repeat_id(notebook: NotebookNode) -> None:
-    notebook.cells[3].id = notebook.cells[1].id
-
-
 def remove_id(notebook: NotebookNode) -> None:
     del notebook.cells[3]["id"]
-
-
-def write_long_cell(notebook: NotebookNode) -> None:
-    notebook.cells[1].source = "x = 1\n" * (MAX_LINES + 1)
 
 
 def remove_picture(notebook: NotebookNode) -> None:
@@ -353,28 +342,32 @@ def remove_alt(notebook: NotebookNode) -> None:
     del notebook.cells[3].metadata.mystnb["image"]
 
 
-@pytest.mark.parametrize("code", ["x = 1\n" * (VISIBLE_LINES + 1), "x" * (VISIBLE_COLUMNS + 1)])
-def test_long_and_wide_code_is_found_unless_it_is_folded(code: str):
+ERROR = new_output("error", ename="ValueError", evalue="no", traceback=["ValueError: no"])
+
+
+def test_long_and_wide_code_may_be_folded():
     notebook = sound_notebook()
-    assert crowded_cells(notebook) == []
-    notebook.cells[1].source = code
-    assert crowded_cells(notebook) == ["one"]
-    notebook.cells[1].metadata.tags = ["hide-input"]
-    assert crowded_cells(notebook) == []
+    for code in ("x = 1\n" * (VISIBLE_LINES + 1), "x" * (VISIBLE_COLUMNS + 1)):
+        notebook.cells[1].source = code
+        notebook.cells[1].metadata.tags = []
+        assert crowded_cells(notebook) == ["one"]
+        notebook.cells[1].metadata.tags = ["hide-input"]
+        assert crowded_cells(notebook) == []
 
 
 FAULTS: list[tuple[Check, Callable[[NotebookNode], None]]] = [
     (unexecuted, clear_outputs),
     (unexecuted, swap_order),
-    (unexecuted, run_one_cell_again),
-    (errors, raise_in_cell),
+    (unexecuted, changed(execution_count=2)),
+    (errors, changed(outputs=[ERROR])),
     (stderr, printed("100%|####|", name="stderr")),
     (warnings_shown, printed("scan.py:3: RuntimeWarning: divide by zero\n")),
     (machine_paths, printed("read /home/me/scan.h5")),
     (machine_paths, printed("<ipython> in '/tmp/x.py'")),
-    (repeated_ids, repeat_id),
+    (repeated_ids, changed(id="two")),
     (repeated_ids, remove_id),
-    (long_cells, write_long_cell),
+    (long_cells, changed(source="x = 1\n" * (MAX_LINES + 1))),
+    (crowded_cells, changed(source="x = 1\n" * (VISIBLE_LINES + 1))),
     (faulty_figures, draw_softly),
     (faulty_figures, draw_to_the_edge),
     (faulty_figures, remove_picture),
@@ -385,19 +378,13 @@ FAULTS: list[tuple[Check, Callable[[NotebookNode], None]]] = [
 ]
 
 
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-def test_checks_accept_a_sound_notebook(check: Check):
-    assert check(sound_notebook()) == []
-
-
-@pytest.mark.parametrize(("check", "fault"), FAULTS)
-def test_checks_find_a_fault(check: Check, fault: Callable[[NotebookNode], None]):
-    notebook = sound_notebook()
-    fault(notebook)
-    assert check(notebook) != []
-
-
-def test_every_check_is_shown_to_find_something():
+def test_checks_accept_a_sound_notebook_and_find_each_fault():
+    for check in CHECKS:
+        assert check(sound_notebook()) == [], check.__name__
+    for check, fault in FAULTS:
+        notebook = sound_notebook()
+        fault(notebook)
+        assert check(notebook) != [], check.__name__
     assert {check for check, _ in FAULTS} == set(CHECKS)
 
 
@@ -407,10 +394,8 @@ def test_a_figure_name_used_in_two_notebooks_is_found():
     assert repeated_figures([one, copy.deepcopy(one)]) == ["fig-line on 2 cells"]
 
 
-@pytest.mark.parametrize(
-    "text", ["ratio 3/4", "https://example.org/home/page", "chapters/results/"]
-)
-def test_ordinary_text_is_not_taken_for_a_machine_path(text: str):
-    notebook = sound_notebook()
-    printed(text)(notebook)
-    assert machine_paths(notebook) == []
+def test_ordinary_text_is_not_taken_for_a_machine_path():
+    for text in ("ratio 3/4", "https://example.org/home/page", "chapters/results/"):
+        notebook = sound_notebook()
+        printed(text)(notebook)
+        assert machine_paths(notebook) == []

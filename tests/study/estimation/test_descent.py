@@ -6,7 +6,7 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d.baselines.optimisers import cost
-from d2d.study.estimation import descent
+from d2d.study.estimation import descent, figures
 from d2d.study.plane.scenarios import OVERLAPPED
 
 
@@ -45,3 +45,25 @@ def test_a_descent_that_leaves_the_numbers_has_not_converged():
     """Breaks if a comparison with nan counts as a short step."""
     start = np.array([[np.nan, 0.0, 0.0], OVERLAPPED.theta])
     assert descent.gradient_descents(problems(2), start).converged.tolist() == [False, True]
+
+
+def test_the_profile_is_the_least_over_the_third_parameter():
+    """Breaks if the surface under the paths is not that of the problem."""
+    (pairs,) = problems(1)
+    t_y, angle = np.array([-0.5, 1.0]), np.array([0.2, 0.3])
+    surface = descent.profile(pairs, t_y, angle)
+    t_x = np.linspace(0.0, 10.0, 4001)
+    for a, phi in enumerate(angle):
+        for b, y in enumerate(t_y):
+            costs = [cost(pairs, np.array([x, y, phi])) for x in t_x]
+            assert_allclose(surface[a, b], min(costs), rtol=1e-5)
+
+
+def test_frames_are_text_that_does_not_change():
+    """Breaks if a drawing depends on more than the paths."""
+    (pairs,) = problems(1)
+    paths = descent.run_all(pairs, np.zeros(3))
+    one = figures.descent_frame(pairs, paths, 3)
+    assert one == figures.descent_frame(pairs, paths, 3)
+    assert one.startswith("<svg")
+    assert "nan" not in one

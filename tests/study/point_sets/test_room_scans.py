@@ -1,0 +1,76 @@
+"""The room that chapter 3 scans: rays end on its walls, and two scans agree about it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d import rigid
+from d2d.study.point_sets.room_scans import (
+    MOTION,
+    ROOM,
+    random_room,
+    ray_ranges,
+    room_pair,
+    room_scan,
+    segments,
+)
+
+
+def test_rays_end_on_the_walls():
+    azimuth = np.linspace(-np.pi, np.pi, 90)
+    pose = np.array([0.5, 0.3, 0.4])
+    ends = pose[:2] + ray_ranges(pose, azimuth)[:, None] * np.stack(
+        [np.cos(pose[2] + azimuth), np.sin(pose[2] + azimuth)], axis=-1
+    )
+    start, along = segments(ROOM)[:, 0], np.diff(segments(ROOM), axis=1)[:, 0]
+    share = np.einsum("nsi,si->ns", ends[:, None] - start, along) / (along**2).sum(axis=-1)
+    foot = start + np.clip(share, 0, 1)[..., None] * along
+    assert np.linalg.norm(ends[:, None] - foot, axis=-1).min(axis=1).max() < 1e-9
+
+
+def test_scans_without_noise_agree_on_the_room():
+    """The second scan, moved by the motion, lies on the walls that the first scanner sees."""
+    _, after = room_pair(np.random.default_rng(0))
+    noise_free = room_scan(np.random.default_rng(0), MOTION, sigma_range=1e-12)
+    moved = rigid.transform_means(MOTION, noise_free.points)
+    seen = ray_ranges(np.zeros(3), np.arctan2(moved[:, 1], moved[:, 0]))
+    visible = np.hypot(*moved.T) <= seen + 1e-6
+    assert_allclose(np.hypot(*moved.T)[visible], seen[visible], atol=1e-6)
+    assert visible.mean() > 0.9
+    assert len(after.points) == len(noise_free.points)
+
+
+def test_the_share_of_outliers_is_exact_and_seeded():
+    one, two = (room_scan(np.random.default_rng(3), outliers=0.2) for _ in range(2))
+    assert one.outlier.sum() == 36
+    assert_array_equal(one.points, two.points)
+    assert not room_scan(np.random.default_rng(3)).outlier.any()
+
+
+def test_random_rooms_hold_the_scanner_before_and_after_the_motion():
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        room_pair(rng, walls=random_room(rng))
+
+
+def test_targets_cover_the_gap_between_rays():
+    scan = room_scan(np.random.default_rng(4))
+    across = np.sqrt(np.linalg.eigvalsh(scan.targets().covariances))
+    gap = scan.range * 2.0 * np.pi / 180
+    widest = np.maximum(0.5 * gap, 0.03)
+    assert_allclose(across[:, 1], widest, rtol=1e-9)
+
+
+def test_bad_rooms_name_the_argument():
+    for call, name in (
+        (lambda: room_scan(np.random.default_rng(), [50.0, 0.0, 0.0]), "pose"),
+        (lambda: room_scan(np.random.default_rng(), [0.0, 0.0]), "pose"),
+        (lambda: room_scan(np.random.default_rng(), rays=0), "rays"),
+        (lambda: room_scan(np.random.default_rng(), outliers=1.5), "outliers"),
+        (lambda: room_scan(np.random.default_rng(), sigma_range=0.0), "sigma_range"),
+        (lambda: room_scan(np.random.default_rng(), field_of_view=7.0), "field_of_view"),
+    ):
+        with pytest.raises(ValueError, match=name):
+            call()
