@@ -131,10 +131,12 @@ def propagate_covariance(
     problem = cost.problem(fixed, moving, measurement)
     theta = rigid.motion("estimate", estimate.theta, fixed.dimension)
     if not is_far(fixed, moving, measurement):
-        bound = problem.bind(theta)
+        bound, slope = problem.bind(theta), None
+        if position_slope is not None:
+            slope = _checked_slope(position_slope, moving, measurement, bound.shape)
         check_estimate(estimate, problem, bound)
-        return propagated(estimate.covariance, _noise(problem, bound, position_slope))
-    frame = Frame.of(fixed, moving)
+        return propagated(estimate.covariance, _noise(problem, bound, slope))
+    frame = Frame.of_far_sets(fixed, moving)
     problem = cost.problem(*frame.shifted(fixed, moving))
     bound = problem.bind(frame.inward(theta))
     check_estimate(estimate, problem, bound, hessians=False)  # the given one is that of this frame
@@ -148,7 +150,15 @@ def propagated(inverse: Array, noise: Array) -> Array:
     ``noise`` is the covariance (..., P, P) of the gradient.
     """
     product = inverse @ noise @ inverse
-    return np.asarray(0.5 * (product + np.swapaxes(product, -1, -2)))
+    product = 0.5 * (product + np.swapaxes(product, -1, -2))
+    lost = (np.diagonal(product, axis1=-2, axis2=-1) < 0.0).any(axis=-1)
+    if lost.any():  # by rounding of nearly singular matrices; a product of roots cannot be negative
+        size = np.sqrt(np.diagonal(noise[lost], axis1=-2, axis2=-1)) + 1e-300
+        values, axes = np.linalg.eigh(noise[lost] / (size[:, :, None] * size[:, None, :]))
+        inverse = np.broadcast_to(inverse, product.shape)[lost]
+        root = inverse @ (size[:, :, None] * axes * np.sqrt(np.clip(values, 0.0, None))[:, None])
+        product[lost] = root @ np.swapaxes(root, -1, -2)
+    return np.asarray(product)
 
 
 def symmetric(upper: Array) -> Array:
@@ -156,12 +166,9 @@ def symmetric(upper: Array) -> Array:
     return np.asarray(np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2))
 
 
-def _noise(problem: Problem, bound: Bound, position_slope: ArrayLike | None) -> Array:
+def _noise(problem: Problem, bound: Bound, slope: Array | None) -> Array:
     """The covariance (..., P, P) of the gradient."""
     fixed, moving, measurement, _ = problem.pairs[0]
-    slope = None
-    if position_slope is not None:
-        slope = _checked_slope(position_slope, moving, measurement, bound.shape)
     p, noise = problem.parameters, np.zeros((len(bound.thetas), 3, 3))
     for part in parts_of(problem, bound):
         cross = problem.cross_derivatives(bound, part.start, part.stop)

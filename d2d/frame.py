@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from d2d import rigid
+from d2d._kernel.pairs import FAR
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
@@ -21,7 +22,7 @@ def is_far(fixed: PointSet, moving: PointSet, measurement: LinearMeasurement | N
 
 
 class Frame(NamedTuple):
-    """The means a and b of a fixed and a moving set, about which both are taken.
+    """The origins a and b about which a fixed and a moving set are taken.
 
     With fixed targets m - a and moving targets m - b, the motion [t, phi] becomes
     [t + R(phi) b - a, phi].
@@ -31,9 +32,14 @@ class Frame(NamedTuple):
     b: Array  # (..., 2)
 
     @classmethod
-    def of(cls, fixed: PointSet, moving: PointSet) -> "Frame":
+    def about_means(cls, fixed: PointSet, moving: PointSet) -> "Frame":
         """The frame of two sets, or batches of them."""
         return cls(fixed.means.mean(axis=-2), moving.means.mean(axis=-2))
+
+    @classmethod
+    def of_far_sets(cls, fixed: PointSet, moving: PointSet) -> "Frame":
+        """The same, with those sets of a batch left in place that are near the origin."""
+        return cls(_origin_if_far(fixed), _origin_if_far(moving))
 
     def shifted(self, fixed: PointSet, moving: PointSet) -> tuple[PointSet, PointSet]:
         """The sets about their means."""
@@ -69,6 +75,15 @@ class Frame(NamedTuple):
     def turned(self, theta: Array) -> Array:
         """R b (..., 2)."""
         return np.asarray((rigid.rotation(theta[..., 2]) @ self.b[..., None])[..., 0])
+
+
+def _origin_if_far(points: PointSet) -> Array:
+    """The mean (..., 2) of each set that is far (`d2d._kernel.pairs.is_far`), else zero."""
+    mean = points.means.mean(axis=-2)
+    spread = ((points.means - mean[..., None, :]) ** 2).sum(axis=-1)
+    square = (spread + np.trace(points.covariances, axis1=-2, axis2=-1)).mean(axis=-1)
+    far = (mean**2).sum(axis=-1) > FAR**2 * square
+    return np.where(far[..., None], mean, 0.0)
 
 
 def _about(points: PointSet, origin: Array) -> PointSet:

@@ -243,8 +243,8 @@ class Problem:
             np.empty((count, moving, 3)),
         )
         memory = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)
-        scratch = layout.own_work().scratch
-        propagate.cross_batch(bound.batch, bound.thetas, begin, scratch, memory, *cross)
+        work = layout.own_work().scratch, memory
+        propagate.cross_batch(bound.batch, bound.thetas, begin, work, *cross)
         return cross
 
     def log_densities(self, bound: Bound) -> Array:

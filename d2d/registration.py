@@ -138,7 +138,7 @@ def register(
         start = rigid.motion("initial", initial, fixed.dimension)
     if not is_far(fixed, moving, measurement):
         return anneal(problem, start, steps, threads)
-    frame = Frame.of(fixed, moving)
+    frame = Frame.of_far_sets(fixed, moving)
     problem = cost.problem(*frame.shifted(fixed, moving))
     return _outward(frame, anneal(problem, frame.inward(start), steps, threads))
 
@@ -264,8 +264,16 @@ def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
 
 
 def _outward(frame: Frame, inner: Estimate) -> Estimate:
-    """The estimate between the sets as they were given, by the chain rule."""
+    """The estimate between the sets as they were given, by the chain rule.
+
+    It has not converged where doubles cannot tell its covariance from a singular one.
+    """
     theta = frame.outward(inner.theta)
+    covariance = frame.covariance_outward(theta, inner.covariance)
+    size = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    unit = covariance / (size[..., :, None] * size[..., None, :])
+    unit = np.where(inner.converged[..., None, None], unit, np.eye(3))
+    converged = inner.converged & (np.linalg.eigvalsh(unit)[..., 0] > 0.0)
     slope = frame.slope(theta)
     across = np.swapaxes(slope, -1, -2)
     hessian = across @ inner.hessian @ slope
@@ -273,9 +281,10 @@ def _outward(frame: Frame, inner: Estimate) -> Estimate:
     return replace(
         inner,
         theta=theta,
-        covariance=frame.covariance_outward(theta, inner.covariance),
+        covariance=np.where(converged[..., None, None], covariance, np.nan),
         gradient=(across @ inner.gradient[..., None])[..., 0],
         hessian=hessian,
+        converged=converged,
     )
 
 

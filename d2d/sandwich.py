@@ -164,7 +164,7 @@ def sandwich_covariance(
     given = None if reference is None else _reference(reference, known, bound, problem.parameters)
     if not free:
         return _from_scores(problem, bound, known, neighbours, given, floor)
-    frame = Frame.of(fixed, moving)
+    frame = Frame.about_means(fixed, moving)
     problem = cost.problem(*frame.shifted(fixed, moving))
     bound = problem.bind(frame.inward(theta))
     if given is not None:
@@ -188,7 +188,7 @@ def _from_scores(
     """
     p = problem.parameters
     covariance = np.full((len(bound.thetas), p, p), np.nan)
-    scores, hessians = _scores(problem, bound)
+    scores, hessians = target_scores(problem, bound)
     for b in np.flatnonzero(known).tolist():
         inverse = fisher_covariance(hessians[b].sum(axis=0))
         if not np.isfinite(inverse).all():
@@ -201,7 +201,7 @@ def _from_scores(
     return covariance.reshape(*bound.shape, p, p)
 
 
-def _scores(problem: Problem, bound: Bound) -> tuple[Array, Array]:
+def target_scores(problem: Problem, bound: Bound) -> tuple[Array, Array]:
     """What each target adds to the gradient (B, K, P) and Hessian (B, K, P, P) of the cost."""
     rows = (layout.LOG_DENSITY, *layout.GRADIENT, *layout.CURVATURE)
     terms = np.swapaxes(problem.of_targets(bound, rows), -2, -1)

@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -17,8 +18,9 @@ from numba import njit
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
-from d2d import CorruptedGaussian, PointSet, RegistrationCost, rigid
-from d2d._kernel import compiling, elementary, newton
+from d2d import CorruptedGaussian, PointSet, RegistrationCost, UniformOutlier, rigid
+from d2d._kernel import compile as compiling
+from d2d._kernel import elementary, layout, newton
 from tests.strategies import (
     FUSIONS,
     METRICS,
@@ -174,6 +176,30 @@ def test_most_pairs_of_the_wide_scene_are_beyond_the_cut_off():
     assert 0.02 < (below < 36.0).mean() < 0.5
 
 
+# ---- Outlier models ---------------------------------------------------------------------------
+
+
+def test_an_outlier_component_that_is_not_known_is_refused():
+    """Breaks if a new density that one pass does not know counts as none there.
+
+    The estimate is then right, but its propagated covariance is that of another cost.
+    """
+    theta = np.array([0.1, -0.1, 0.01])
+    points = PointSet([[8.0, 1.0], [5.0, -3.0]], [0.04 * np.eye(2)] * 2)
+    problem = RegistrationCost(outlier=UniformOutlier(0.1)).problem(points, points)
+    outlier = problem.form.outlier.copy()
+    outlier[layout.KIND] = 17
+    unknown = replace(problem, form=problem.form._replace(outlier=outlier))
+    bound = unknown.bind(theta)
+    for use in (
+        unknown.derivatives,
+        unknown.log_densities,
+        lambda b: unknown.cross_derivatives(b, 0, 1),
+    ):
+        with pytest.raises(ValueError, match="does not know this kind of outlier"):
+            use(bound)
+
+
 # ---- The trust region -------------------------------------------------------------------------
 
 
@@ -266,9 +292,9 @@ ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = """
 import sys
 import numpy as np
-from d2d._kernel import pack_targets
+from d2d._kernel.entries import pack_targets
 sets = np.ones((1, 1, 2)), np.eye(2)[None, None], np.ones((1, 1))
-pack_targets(*sets, np.empty((6, 1)), np.empty((1, 3)), np.empty((1, 2)))
+pack_targets(*sets, np.empty((6, 1)), np.empty((1, 3)))
 print(sum(pack_targets.stats.cache_hits.values()))
 if sys.argv[1:]:
     from d2d import CorruptedGaussian, RegistrationCost
@@ -313,6 +339,41 @@ def test_what_is_compiled_is_kept_until_a_module_changes(tmp_path):
     assert len(loaded) == 4
     edit(kernel / "pairs.py")
     assert run_copy(tmp_path) == ["0"]
+
+
+def test_a_damaged_cache_is_compiled_anew(tmp_path):
+    """Breaks if a half-written file of the cache makes every call fail until it is deleted."""
+    shutil.copytree(ROOT / "d2d", tmp_path / "d2d", ignore=shutil.ignore_patterns("__pycache__"))
+    assert run_copy(tmp_path) == ["0"]
+    for ending in ("nbi", "nbc"):  # the index, and the code
+        for file in (tmp_path / "cache").rglob(f"*pack_targets*.{ending}"):
+            file.write_bytes(file.read_bytes()[:-7])
+        assert run_copy(tmp_path) == ["0"]
+        assert run_copy(tmp_path) == ["1"]
+
+
+def test_the_kernel_runs_as_python():
+    """Breaks if NUMBA_DISABLE_JIT=1, with which a debugger steps through it, is an error."""
+    program = """
+import numpy as np
+from d2d import CorruptedGaussian, PointSet, RegistrationCost, propagate_covariance, register
+sets = [PointSet([[8.0, 1.0], [5.0, x]], [0.04 * np.eye(2)] * 2) for x in (-3.0, -2.9)]
+cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
+estimate = register(*sets, cost)
+print(estimate.theta, estimate.covariance, propagate_covariance(estimate, *sets, cost))
+"""
+    outputs = [
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env=os.environ | {"NUMBA_DISABLE_JIT": disabled},
+            cwd=ROOT,
+            capture_output=True,
+            check=True,
+            text=True,
+        ).stdout
+        for disabled in ("0", "1")
+    ]
+    assert outputs[0] == outputs[1]
 
 
 def test_an_edit_of_any_module_of_the_kernel_is_noticed(tmp_path):

@@ -17,7 +17,7 @@ from d2d import (
     register,
     sandwich_covariance,
 )
-from d2d.sandwich import godambe, grouped, nearby
+from d2d.sandwich import godambe, grouped, nearby, target_scores
 from d2d.study.plane.scenarios import ALL
 from tests.strategies import all_cases, case_id, overlapped_scene, random_problem
 
@@ -30,7 +30,7 @@ def test_scores_add_up_to_the_gradient_and_the_hessian(case):
     """Breaks if a target's part of either is not its own, for any cost, also off the optimum."""
     problem = random_problem(np.random.default_rng(3), **case, moving_size=11)
     bound = problem.cost.problem(problem.fixed, problem.moving, problem.measurement)
-    scores, hessians = bound.scores(bound.bind(problem.theta), 0, 1)
+    scores, hessians = target_scores(bound, bound.bind(problem.theta))
     _, gradient, hessian = problem.derivatives()
     assert_allclose(scores[0].sum(axis=0), gradient, rtol=1e-9, atol=1e-9)
     assert_allclose(hessians[0].sum(axis=0), hessian, rtol=1e-9, atol=1e-9)
@@ -40,7 +40,7 @@ def test_a_score_is_the_slope_of_the_targets_own_density():
     """Breaks if targets change places, so that only the sums are right."""
     problem = random_problem(np.random.default_rng(4), outlier="corrupted", moving_size=11)
     bound = problem.cost.problem(problem.fixed, problem.moving)
-    scores, _ = bound.scores(bound.bind(problem.theta), 0, 1)
+    scores, _ = target_scores(bound, bound.bind(problem.theta))
     for axis in range(3):
         step = 1e-6 * np.eye(3)[axis]
         ahead, behind = (

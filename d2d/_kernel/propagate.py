@@ -217,11 +217,12 @@ def measurement_slopes(factor, chart):
 
 
 @merged
-def cross_pair(pair, setting, fusion, w, cross, by_fixed, by_moving, by_value, by_input):
+def cross_pair(pair, setting, fusion, work, by_fixed, by_moving, by_value, by_input):
     """Cross derivatives of one pair of sets, of the gradient in the motion.
 
     With the sum, all targets share one density and one mean gradient, which a first round finds.
     """
+    w, cross = work
     fixed, moving, order = pair.fixed, pair.moving, pair.order
     factors, outlier = pair.factors, pair.outlier
     measured, top = factors.shape[0] > 0, 0.0
@@ -279,12 +280,13 @@ def scale_rows(rows, chart, interval):
 
 
 @entry
-def cross_batch(batch, thetas, begin, scratch, cross, by_fixed, by_moving, by_value, by_input):
+def cross_batch(batch, thetas, begin, work, by_fixed, by_moving, by_value, by_input):
     """Derivatives of the gradients of some problems, from ``begin`` on, in all that is measured.
 
     In the fixed and moving means (C, targets, 3, 2), in the measurements' values (C, targets, 3)
     and, through their predictions only, in their inputs (C, targets, 3); the targets of a problem's
-    pairs one pair after the other.  ``cross`` is memory, ROWS for each target of a fixed set.
+    pairs one pair after the other.
+    ``work`` is the scratch array and memory, ROWS for each target of a fixed set.
     """
     for c in range(by_fixed.shape[0]):
         b, fixed_done, moving_done = begin + c, 0, 0
@@ -298,15 +300,7 @@ def cross_batch(batch, thetas, begin, scratch, cross, by_fixed, by_moving, by_va
             own_value = by_value[c, moving_done : moving_done + m]
             own_input = by_input[c, moving_done : moving_done + m]
             cross_pair(
-                pair,
-                setting,
-                batch.fusion,
-                scratch,
-                cross,
-                own_fixed,
-                own_moving,
-                own_value,
-                own_input,
+                pair, setting, batch.fusion, work, own_fixed, own_moving, own_value, own_input
             )
             interval = batch.intervals[number]
             for i in range(n):

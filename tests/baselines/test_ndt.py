@@ -6,9 +6,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d import gaussian, rigid
+from d2d import rigid
 from d2d.baselines import grid_cells, ndt_d2d, ndt_p2d, pooled_cells
 from d2d.baselines.ndt import D2D, P2D, bare_points
+from d2d.study.mixtures import gaussian
 from d2d.study.point_sets.room_scans import MOTION, room_pair
 from tests.strategies import reals, seeds
 

@@ -22,7 +22,8 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 
-from d2d import CorruptedGaussian, PointSet, RegistrationCost, _kernel
+from d2d import CorruptedGaussian, PointSet, RegistrationCost
+from d2d._kernel import layout
 from d2d.measurement import LinearMeasurement
 from d2d.problem import Pair, Problem
 from d2d.registration import anneal
@@ -89,9 +90,9 @@ def optimum(problem: dict[str, Any], start: list[float]) -> Array:
     if interval is not None and "doppler" in problem["moving"][0]:
         measurement = doppler(problem, interval)
         outlier = form.outlier.copy()
-        outlier[_kernel.LOG_OUTLIER_WEIGHT] -= np.log(problem["dopplerWidth"])
+        outlier[layout.LOG_OUTLIER_WEIGHT] -= np.log(problem["dopplerWidth"])
         form = form._replace(outlier=outlier)
-    kind = _kernel.MOTION if interval is None else _kernel.ARC
+    kind = layout.MOTION if interval is None else layout.ARC
     bound = Problem(form, [Pair(fixed, moving, measurement, interval or 1.0)], kind)
     return anneal(bound, np.array(start[: 1 if line else 3])).theta
 

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d import gaussian
 from d2d._checks import check_finite
 from d2d._types import Array
 from d2d.study.book import svg
 from d2d.study.book.grammar import BLACK, GREY, PURPLE, SKY, YELLOW
+from d2d.study.mixtures import gaussian
 from d2d.study.mixtures.gaussian import GaussianMixture
 
 COLOURS = (PURPLE, YELLOW, SKY, GREY)
