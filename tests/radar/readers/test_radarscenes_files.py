@@ -18,7 +18,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from d2d.radar import Recording, load_radarscenes
-from tests.radar.test_radarscenes import SENSORS, scenes, tables, write_dataset, write_h5
+from tests.radar.readers.test_radarscenes import SENSORS, scenes, tables, write_dataset, write_h5
 
 H5 = "data/sequence_7/radar_data.h5"
 SCENES = "data/sequence_7/scenes.json"

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d.radar import Mounting, RadarScan, quantisation_sigma
-from tests.radar.test_scan import random_scan
+from tests.radar.scans.test_scan import random_scan
 
 X, Y = np.array([10.0, -4.0, 0.0]), np.array([3.0, 20.0, -7.0])
 RANGE, AZIMUTH = np.hypot(X, Y), np.arctan2(Y, X)
