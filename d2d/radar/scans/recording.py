@@ -6,8 +6,6 @@ from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan
 
-LONGEST_OFFSET = 10.0  # s, of a radar's clock from the reference's
-
 
 @dataclass(frozen=True, eq=False)
 class Recording:

@@ -1,7 +1,7 @@
-"""RadarScan, Mounting and the Doppler model.
+"""RadarScan, Mounting and the Doppler model, and scans from positions and velocity vectors.
 
 Positions are checked against complex numbers, Doppler velocities against the range of a static
-point seen from a sensor that really moves.
+point seen from a sensor that really moves, covariances against draws.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm
 
 from d2d import rigid
-from d2d.radar import Mounting, RadarScan, doppler_velocity
+from d2d.radar import Mounting, RadarScan, doppler_velocity, quantisation_sigma
 from d2d.radar.scans.scan import doppler_gradients
 from tests.strategies import central_difference
 
@@ -95,14 +95,6 @@ def test_mounting_maps_the_sensor_frame_to_the_vehicle_frame():
     assert_array_equal(Mounting().pose, np.zeros(3))
 
 
-@pytest.mark.parametrize("name", ["x", "y", "yaw"])
-@pytest.mark.parametrize("bad", [np.nan, np.inf, [1.0, 2.0], "left"])
-def test_mounting_refuses_what_is_not_a_number(name, bad):
-    """Breaks if a bad mounting is found out only in a later product, or names nothing."""
-    with pytest.raises(ValueError, match=f"^{name} must be"):
-        Mounting(**{name: bad})
-
-
 def homogeneous(x: float, y: float, yaw: float) -> np.ndarray:
     """Matrix (3, 3) of a pose."""
     c, s = np.cos(yaw), np.sin(yaw)
@@ -172,26 +164,17 @@ def test_doppler_velocity_broadcasts(theta, azimuth, shape):
         assert result[index] == pytest.approx(alone[0], rel=1e-13)
 
 
-@pytest.mark.parametrize(
-    ("theta", "azimuth", "match"),
-    [
+def test_doppler_velocity_names_what_does_not_fit():
+    """Breaks if a wrong shape or nan is passed on to the sum, or the message is einsum's own."""
+    for theta, azimuth, says in (
         ([1.0, 2.0], [0.0], "^theta must have the shape"),
-        (1.0, [0.0], "^theta must have the shape"),
         ([1.0, 2.0, np.nan], [0.0], "^theta must be finite"),
         ([1.0, 2.0, 3.0], [np.inf], "^azimuth must be finite"),
+        ([1.0, 2.0, 3.0], 0.3, "^azimuth must have the shape"),
         (np.zeros((4, 3)), np.zeros((3, 5)), "theta and azimuth do not broadcast"),
-    ],
-)
-def test_doppler_velocity_refuses(theta, azimuth, match):
-    """Breaks if a wrong shape or nan is passed on to the sum."""
-    with pytest.raises(ValueError, match=match):
-        doppler_velocity(theta, azimuth, Mounting())
-
-
-def test_doppler_velocity_names_the_azimuth_that_is_a_number():
-    """Breaks if the message is einsum's own, which names no argument."""
-    with pytest.raises(ValueError, match="azimuth"):
-        doppler_velocity([1.0, 2.0, 3.0], 0.3, Mounting())
+    ):
+        with pytest.raises(ValueError, match=says):
+            doppler_velocity(theta, azimuth, Mounting())
 
 
 @pytest.mark.parametrize("of_twist", [True, False])
@@ -210,47 +193,39 @@ def test_doppler_measurement_predicts_the_doppler_of_a_motion(of_twist):
     assert_array_equal(m.sigma_input, scan.sigma_azimuth)
 
 
-@pytest.mark.parametrize("name", ["range", "sigma_range", "sigma_azimuth", "sigma_doppler"])
-@pytest.mark.parametrize("bad", [0.0, -1.0])
-def test_scan_refuses_what_is_not_positive(name, bad):
-    """Breaks if a range of zero, whose azimuth means nothing, or a zero sigma gets in."""
-    arguments = good_arguments()
-    arguments[name] = [1.0, bad, 1.0]
-    with pytest.raises(ValueError, match=f"^{name} must be positive"):
-        RadarScan(**arguments)
+def test_a_scan_names_what_it_refuses():
+    """Breaks if one bad target poisons a sum, or arrays are broadcast to another number of them."""
+    cases = [
+        *((name, [1.0, bad, 1.0], "finite") for name in ARGUMENTS for bad in (np.nan, -np.inf)),
+        *((name, [1.0, 0.0, 1.0], "positive") for name in ("range", *ARGUMENTS[3:])),
+        *((name, np.ones(shape), "have the shape") for name in ARGUMENTS for shape in (4, (3, 1))),
+        *((name, 0.1, "have the shape") for name in ("azimuth", "doppler")),
+        ("time", np.nan, "be"),
+        ("time", None, "be"),
+        ("azimuth", [0.0, 45.0, 0.0], "be in radians .*, but holds 45; are these degrees"),
+        ("range", [8e3, 25e3, 1.0], "be in m, at most 10000, but holds 25000; are these millim"),
+        ("extent", -0.1, "be at least 0"),
+        ("doppler", np.ma.masked_greater([0.0, 1.0, 99.0], 9.0), "not hold masked"),
+    ]
+    for name, bad, says in cases:
+        named = "azimuth" if name == "range" and np.shape(bad) == (4,) else name
+        with pytest.raises(ValueError, match=f"^{named} must .*{says}"):
+            RadarScan(**{**good_arguments(), name: bad})
 
 
-@pytest.mark.parametrize("name", ARGUMENTS)
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_scan_refuses_what_is_not_finite(name, bad):
-    """Breaks if one bad target poisons a whole sum."""
-    arguments = good_arguments()
-    arguments[name] = [1.0, bad, 1.0]
-    with pytest.raises(ValueError, match=f"^{name} must be finite"):
-        RadarScan(**arguments)
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, [0.0, 1.0], "noon", None])
-def test_scan_refuses_a_time_that_is_not_a_number(bad):
-    """Breaks if scans are ordered by nan."""
-    with pytest.raises(ValueError, match=r"^time must be"):
-        RadarScan(**{**good_arguments(), "time": bad})
-
-
-@pytest.mark.parametrize("name", ARGUMENTS)
-@pytest.mark.parametrize("shape", [(2,), (4,), (3, 1), (1, 3)])
-def test_scan_refuses_arrays_of_another_length(name, shape):
-    """Breaks if arrays are silently broadcast to another number of targets."""
-    expected = name if name != "range" or len(shape) == 2 else "azimuth"
-    with pytest.raises(ValueError, match=f"^{expected} must have the shape"):
-        RadarScan(**{**good_arguments(), name: np.ones(shape)})
-
-
-@pytest.mark.parametrize("name", ["azimuth", "doppler"])
-def test_one_measurement_does_not_stand_for_all_targets(name):
-    """Breaks if, like a sigma, a measurement may be given once."""
-    with pytest.raises(ValueError, match=f"^{name} must have the shape"):
-        RadarScan(**{**good_arguments(), name: 0.1})
+def test_a_mounting_names_what_it_refuses():
+    """Breaks if a sensor 3.7 km ahead of its vehicle is believed."""
+    for name, bad, says in (
+        ("x", -3700.0, "in m, at most 100, but is -3700; are these millimetres"),
+        ("y", 870.0, "in m, at most 100, but is 870; are these millimetres"),
+        ("yaw", 90.0, "in radians .*, but is 90; are these degrees"),
+        ("x", np.nan, "finite"),
+        ("y", [1.0, 2.0], "a number"),
+        ("yaw", "left", "real numbers"),
+    ):
+        with pytest.raises(ValueError, match=f"^{name} must be .*{says}"):
+            Mounting(**{name: bad})
+    assert Mounting(30, -30, -2 * np.pi).pose.tolist() == [30.0, -30.0, -2 * np.pi]
 
 
 def test_sigmas_may_be_given_once_for_all_targets():
@@ -271,38 +246,31 @@ def test_a_scan_may_be_empty():
         empty.point_set(Mounting())
 
 
-@pytest.mark.parametrize("name", ARGUMENTS)
-def test_a_scan_cannot_be_changed(name):
+def test_a_scan_cannot_be_changed():
     """Breaks if arrays are shared with the caller's or may be written to."""
     arguments = {key: np.array(value) for key, value in good_arguments().items()}
     scan = RadarScan(**arguments)
-    before = getattr(scan, name).copy()
-    arguments[name][...] = 99.0
-    assert_array_equal(getattr(scan, name), before)
-    with pytest.raises(ValueError, match="read-only"):
-        getattr(scan, name)[0] = 1.0
-    with pytest.raises(FrozenInstanceError):
-        setattr(scan, name, before)
+    for name in ARGUMENTS:
+        before = getattr(scan, name).copy()
+        arguments[name][...] = 99.0
+        assert_array_equal(getattr(scan, name), before)
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(scan, name)[0] = 1.0
+        with pytest.raises(FrozenInstanceError):
+            setattr(scan, name, before)
 
 
-@pytest.mark.parametrize(
-    "index",
-    [
-        slice(2, 5),
-        slice(None, None, -2),
-        np.array([3, 0, 3]),
-        np.array([True, False, False, True, True, False, False]),
-        np.zeros(7, dtype=bool),
-    ],
-    ids=["slice", "backwards", "numbers", "mask", "none"],
-)
-def test_indexing_selects_targets_with_all_that_is_known_of_them(index):
+def test_indexing_selects_targets_with_all_that_is_known_of_them():
     """Breaks if one of the columns is not indexed, or the time is lost."""
     scan = random_scan()
-    part = scan[index]
-    assert part.time == scan.time
-    for name in ARGUMENTS:
-        assert_array_equal(getattr(part, name), getattr(scan, name)[index])
+    mask = np.array([True, False, False, True, True, False, False])
+    for index in (slice(2, 5), slice(None, None, -2), np.array([3, 0, 3]), mask, mask & ~mask):
+        part = scan[index]
+        assert part.time == scan.time
+        for name in (*ARGUMENTS, "extent"):
+            assert_array_equal(getattr(part, name), getattr(scan, name)[index])
+    with pytest.raises(IndexError, match="not by a number"):
+        scan[0]
 
 
 def test_mounting_acts_on_a_point_set_as_a_rigid_motion():
@@ -313,19 +281,125 @@ def test_mounting_acts_on_a_point_set_as_a_rigid_motion():
     assert_allclose(scan.point_set(mounting).means, moved, rtol=0, atol=1e-12)
 
 
-def test_ranges_in_millimetres_are_refused():
-    """Breaks if targets 25 km away are registered, which half of all scans let pass."""
-    far = np.array([8.0, 25.0])
-    assert_array_equal(
-        RadarScan(0.0, 100.0 * far, far / 25.0, far, 0.1, 0.01, 0.1).range, 100 * far
+def test_length_and_repr():
+    """Breaks if the arrays fill the screen, or a scan cannot be counted."""
+    scan = random_scan(5)
+    assert len(scan) == 5
+    assert len(scan[1:3]) == 2
+    assert repr(scan) == "RadarScan(time=1.500000 s, 5 targets)"
+
+
+# ---- Scans from positions
+
+X, Y = np.array([10.0, -4.0, 0.0]), np.array([3.0, 20.0, -7.0])
+RANGE, AZIMUTH = np.hypot(X, Y), np.arctan2(Y, X)
+ERRORS = {"sigma_range": 0.1, "sigma_azimuth": 0.01, "sigma_doppler": 0.05}
+DOPPLER = np.array([-5.0, 1.0, 0.0])
+
+
+def test_a_scan_goes_to_positions_and_back():
+    """Breaks if x and y change places, or sigmas are changed by the way."""
+    scan = random_scan()
+    x, y = scan.range * np.cos(scan.azimuth), scan.range * np.sin(scan.azimuth)
+    sigmas = {name: getattr(scan, name) for name in ERRORS}
+    back = RadarScan.from_cartesian(scan.time, x, y, doppler=scan.doppler, **sigmas)
+    assert back.time == scan.time
+    for name in ("range", "azimuth", "doppler", *ERRORS):
+        assert_allclose(getattr(back, name), getattr(scan, name), rtol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("reported", ["whole", "along x", "noise across"])
+def test_a_velocity_is_projected_onto_the_line_of_sight(reported):
+    """Breaks if the speed or v_x is taken instead."""
+    sight = np.stack([np.cos(AZIMUTH), np.sin(AZIMUTH)], axis=-1)
+    across = np.stack([-sight[:, 1], sight[:, 0]], axis=-1)
+    velocity = DOPPLER[:, None] * sight
+    if reported == "along x":
+        velocity[:2] = np.column_stack([DOPPLER[:2] / sight[:2, 0], [0.0, 0.0]])
+    elif reported == "noise across":
+        velocity += np.array([[3.0], [-7.0], [9.0]]) * across
+    scan = RadarScan.from_cartesian(0.0, X, Y, velocity=velocity, **ERRORS)
+    assert_allclose(scan.doppler, DOPPLER, atol=1e-12)
+
+
+def test_a_covariance_is_projected_along_and_across():
+    """Breaks if the axes are mixed up: against the scatter of 50 000 draws."""
+    rng = np.random.default_rng(0)
+    root = rng.normal(0.0, 0.05, (3, 2, 2))
+    covariance = root @ root.swapaxes(-1, -2) + 1e-4 * np.eye(2)
+    scan = RadarScan.from_cartesian(
+        0.0, X, Y, doppler=DOPPLER, covariance=covariance, sigma_doppler=0.1
     )
-    with pytest.raises(ValueError, match=r"^range must be in m, .* holds 25000; .* millimetres"):
-        RadarScan(0.0, 1000.0 * far, far / 25.0, far, 0.1, 0.01, 0.1)
+    for k in range(3):
+        draws = rng.multivariate_normal([X[k], Y[k]], covariance[k], 50_000)
+        angle = np.arctan2(draws[:, 1], draws[:, 0])
+        turned = (angle - AZIMUTH[k] + np.pi) % (2 * np.pi) - np.pi
+        assert np.hypot(*draws.T).std() == pytest.approx(scan.sigma_range[k], rel=0.02)
+        assert turned.std() == pytest.approx(scan.sigma_azimuth[k], rel=0.02)
+    same = RadarScan.from_cartesian(
+        0.0, X, Y, doppler=DOPPLER, covariance=covariance[1], sigma_doppler=0.1
+    )
+    assert same.sigma_range[1] == scan.sigma_range[1]
 
 
-@pytest.mark.parametrize("name", ["x", "y"])
-def test_a_mounting_in_millimetres_is_refused(name):
-    """Breaks if a sensor 3.7 km ahead of its vehicle is believed."""
-    with pytest.raises(ValueError, match=f"^{name} must be in m, .* millimetres"):
-        Mounting(**{name: -3700.0})
-    assert getattr(Mounting(**{name: 30.0}), name) == 30.0
+def test_a_covariance_along_and_across_comes_back_as_it_was():
+    """Breaks if the projection is not the inverse of what a point set is made of."""
+    scan = random_scan()
+    placed = scan.point_set(Mounting())
+    x, y = placed.means.T
+    again = RadarScan.from_cartesian(
+        scan.time, x, y, doppler=scan.doppler, covariance=placed.covariances, sigma_doppler=1.0
+    )
+    assert_allclose(again.point_set(Mounting()).covariances, placed.covariances, rtol=1e-9)
+
+
+def test_errors_add_up():
+    """Breaks if one source replaces another, or standard deviations are added instead."""
+    covariance = 0.04 * np.eye(2)
+    scan = RadarScan.from_cartesian(
+        0.0, X, Y, doppler=DOPPLER, covariance=covariance, grid=0.6, step=0.5, **ERRORS
+    )
+    assert_allclose(scan.sigma_range**2, 0.1**2 + 0.04 + 0.03)
+    assert_allclose(scan.sigma_azimuth**2, 0.01**2 + 0.07 / RANGE**2)
+    assert_allclose(scan.sigma_doppler**2, 0.05**2 + 0.25 / 12)
+
+
+def test_quantisation_sigma_is_that_of_rounding():
+    """Breaks if the error is thought to reach a whole step."""
+    values = np.random.default_rng(1).uniform(-50.0, 50.0, 100_000)
+    rounded = 0.2 * np.round(values / 0.2)
+    assert (rounded - values).std() == pytest.approx(quantisation_sigma(0.2), rel=0.01)
+
+
+def test_no_targets_make_an_empty_scan():
+    """Breaks if an empty list of objects ends a drive."""
+    scan = RadarScan.from_cartesian(1.0, [], [], velocity=np.zeros((0, 2)), grid=0.2, step=0.25)
+    assert len(scan) == scan.size == 0
+
+
+def test_what_is_not_finite_or_out_of_shape_is_refused_by_name():
+    """Breaks if NumPy's words get through."""
+    good = {"x": X, "y": Y, "doppler": DOPPLER, **ERRORS}
+    cases = [
+        ({"x": X[:2]}, "x and y must have the same shape"),
+        ({"x": 1.0, "y": 2.0}, "x and y must have the same shape"),
+        ({"x": [0.0, 1.0, 2.0], "y": [0.0, 1.0, 2.0]}, "x and y must not both be zero"),
+        ({"y": [np.nan, 1.0, 2.0]}, "y must be finite"),
+        ({"doppler": DOPPLER[:2]}, "doppler must have the shape"),
+        ({"doppler": None}, "either doppler or velocity"),
+        ({"velocity": np.zeros((3, 2))}, "either doppler or velocity"),
+        ({"doppler": None, "velocity": np.zeros(3)}, "velocity must have the shape"),
+        ({"covariance": np.ones((3, 2))}, "covariance must have the shape"),
+        ({"covariance": -np.eye(2)}, "covariance must be positive definite"),
+        ({"grid": 0.0}, "grid must be positive"),
+        ({"step": [0.1]}, "step must be a number"),
+        ({"sigma_range": -0.1}, "sigma_range must be at least 0"),
+        ({"sigma_azimuth": np.ones(4)}, "sigma_azimuth must have the shape"),
+        ({"sigma_range": 0.0}, "sigma_range must be positive"),
+        ({"sigma_doppler": 0.0}, "sigma_doppler must be positive"),
+    ]
+    for change, says in cases:
+        with pytest.raises(ValueError, match=says):
+            RadarScan.from_cartesian(0.0, **(good | change))
+    with pytest.raises(ValueError, match="step must be positive"):
+        quantisation_sigma(-1.0)
