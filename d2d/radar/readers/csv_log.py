@@ -288,7 +288,7 @@ def _sigma(name: str, unit: str) -> Option:
 
 READER = Reader(
     "csv",
-    "a log, as described below",
+    "a log with a line for each target",
     load_csv,
     (
         Option(

@@ -23,7 +23,6 @@ from d2d.radar import (
     doppler_ego_motion,
     doppler_velocity,
     load_nuscenes,
-    sensor_velocity,
 )
 from d2d.radar.readers.nuscenes import azimuth_sigma
 
@@ -324,11 +323,11 @@ def test_azimuth_sigma_grows_off_the_axis():
     assert_allclose(np.rad2deg(azimuth_sigma(azimuth)), [0.3, 0.45, 0.6, 0.6])
 
 
-@pytest.mark.parametrize(("strongest", "kept"), [(1, [2]), (3, [0, 2, 3]), (48, [0, 1, 2, 3])])
-def test_the_strongest_targets_are_kept_in_their_order(root, strongest, kept):
+def test_the_strongest_targets_are_kept_in_their_order(root):
     """Breaks if the weakest are kept, or targets that are left out count."""
-    scan = load(root, strongest=strongest).scans[0]
-    assert_allclose(scan.range, np.hypot(*np.array(TARGETS)[kept, :2].T), rtol=1e-6)
+    for strongest, kept in ((1, [2]), (3, [0, 2, 3]), (48, [0, 1, 2, 3])):
+        scan = load(root, strongest=strongest).scans[0]
+        assert_allclose(scan.range, np.hypot(*np.array(TARGETS)[kept, :2].T), rtol=1e-6)
 
 
 # ---- the reference
@@ -561,28 +560,6 @@ def test_a_tilde_is_the_home_folder(root, monkeypatch):
 
 CHANNELS = [f"RADAR_{place}" for place in ("FRONT", "FRONT_LEFT", "FRONT_RIGHT")]
 CHANNELS += ["RADAR_BACK_LEFT", "RADAR_BACK_RIGHT"]
-
-
-@pytest.mark.nuscenes
-@pytest.mark.parametrize("channel", CHANNELS)
-@pytest.mark.parametrize("scene", ["scene-0061", "scene-0103"])
-def test_real_doppler_velocities_are_those_of_the_reference(nuscenes, scene, channel):
-    """Breaks if a sign, a mounting, the projection or the clock is wrong: each costs metres."""
-    recording = load_nuscenes(nuscenes, scene, channel)
-    assert len(recording.scans) > 200
-    errors, lengths = [], []
-    for scan, theta in zip(recording.scans, recording.reference.theta, strict=True):
-        if len(scan) < 10 or not np.isfinite(theta).all():
-            continue
-        x, y = recording.mounting.pose[:2]
-        of_sensor = theta[:2] + theta[2] * np.array([-y, x])
-        errors.append(sensor_velocity(scan, recording.mounting) - of_sensor)
-        lengths.append(np.linalg.norm(of_sensor))
-    assert len(errors) > 200
-    assert np.median(lengths) > 3.0
-    ahead, across = np.median(np.abs(errors), axis=0)
-    assert ahead < 0.12
-    assert across < 0.15
 
 
 @pytest.mark.nuscenes

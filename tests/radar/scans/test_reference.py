@@ -97,6 +97,18 @@ def test_a_yaw_that_wraps_is_interpolated_the_short_way():
     assert_array_equal(np.isnan(poses[:, 2]), [False, False, True, False, False])
 
 
+def test_at_other_times_it_is_interpolated():
+    """Breaks if columns change places, or what lies outside is held instead of unknown."""
+    rows = np.column_stack([TIMES, 2.0 * TIMES, -TIMES])
+    wanted = np.array([5.4, 5.6, 6.9, 7.6])
+    found = Reference(TIMES, rows, 3.0 * rows).at(wanted)
+    expected = np.column_stack([wanted, 2.0 * wanted, -wanted])
+    expected[[0, 3]] = np.nan
+    assert_array_equal(found.times, wanted)
+    assert_allclose(found.theta, expected, rtol=1e-12)
+    assert_allclose(found.poses[:, :2], 3.0 * expected[:, :2], rtol=1e-12)
+
+
 def test_a_hole_is_not_bridged():
     """Breaks if a line through a tunnel passes for a reference."""
     times = np.array([0.0, 0.5, 10.0, 10.5])
