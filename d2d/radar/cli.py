@@ -269,9 +269,6 @@ def _prefix(output: str) -> Path:
     there = next(folder for folder in path.absolute().parents if folder.exists())
     if not there.is_dir() or not os.access(there, os.W_OK):
         raise OSError(f"--output {output}: {there} is not a writable folder")
-    for file in _files(path):
-        if file.is_dir():
-            raise IsADirectoryError(f"--output {output}: {file} is a folder")
     return path
 
 

@@ -19,7 +19,7 @@ class Source(NamedTuple):
 class Option(NamedTuple):
     """An option that the command line has for one reader."""
 
-    name: str  # with _ for -; options of two readers must not have the same
+    name: str  # with _ for -; no other reader has it
     help: str
     parsing: Mapping[str, Any] = {}  # further arguments of `argparse.ArgumentParser.add_argument`
     needed: bool = False
@@ -27,34 +27,16 @@ class Option(NamedTuple):
 
 @dataclass(frozen=True)
 class Reader:
-    """A way to read scans.
+    """A way to read scans."""
 
-    Attributes
-    ----------
-    name : str
-        Of the option that takes the file or folder: ``--name``.
-    about : str
-        What that file or folder is, in one line.
-    load : callable
-        The function for Python.
-    options : tuple of Option
-    read : callable
-        The `Source` in a file or folder, of the values of the options by name; None for those that
-        were not given.
-    metavar, heading : str
-        In the help, what stands for the file or folder, and the heading of the options.
-    trial : (recording, sensors), optional
-        Of a data set: a recording that tests may load, and its sensors.
-    """
-
-    name: str
-    about: str
-    load: Callable[..., Any]
+    name: str  # of the option that takes the file or folder
+    about: str  # what that file or folder is
+    load: Callable[..., Any]  # the function for Python
     options: tuple[Option, ...]
-    read: Callable[[str, Mapping[str, Any]], Source]
+    read: Callable[[str, Mapping[str, Any]], Source]  # of file or folder, and options by name
     metavar: str = "FILE"
     heading: str = "options of a CSV file"
-    trial: tuple[Any, tuple[Any, ...]] | None = None
+    trial: tuple[Any, tuple[Any, ...]] | None = None  # a recording and its sensors, for tests
 
     @property
     def variable(self) -> str:
@@ -73,30 +55,20 @@ def data_set(
     """The entry of a data set, whose loader takes root folder, recording and sensor."""
 
     def read(root: str, chosen: Mapping[str, Any]) -> Source:
-        sensors = chosen[sensor.name]
-        check_once(sensors)
-        loaded = [load(root, chosen[recording.name], each) for each in sensors]
-        return Source(
-            {
-                str(name): (each.scans, each.mounting)
-                for name, each in zip(sensors, loaded, strict=True)
-            },
-            loaded[0].budget or ErrorBudget(),
-        )
+        names = chosen[sensor.name]
+        check_once(names)
+        loaded = {str(name): load(root, chosen[recording.name], name) for name in names}
+        budgets = [each.budget for each in loaded.values()]
+        sensors = {name: (each.scans, each.mounting) for name, each in loaded.items()}
+        return Source(sensors, budgets[0] or ErrorBudget())
 
+    several = {"nargs": "+", **sensor.parsing}
+    options = recording._replace(needed=True), sensor._replace(needed=True, parsing=several)
     return Reader(
         title.lower(),
         f"folder of the {title} data set",
         load,
-        (
-            Option(recording.name, f"{title}: {recording.help}", recording.parsing, needed=True),
-            Option(
-                sensor.name,
-                f"{title}: {sensor.help}",
-                {"nargs": "+", **sensor.parsing},
-                needed=True,
-            ),
-        ),
+        tuple(option._replace(help=f"{title}: {option.help}") for option in options),
         read,
         metavar="ROOT",
         heading="options of a data set",
