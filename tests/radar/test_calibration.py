@@ -351,23 +351,6 @@ def test_the_slip_law_refuses_what_is_no_number():
             SlipLaw(**{name: np.nan})
 
 
-@pytest.mark.parametrize(
-    ("forward", "yaw_rate", "named"),
-    [
-        ("fast", 0.1, "forward"),
-        (8.0, None, "yaw_rate"),
-        (8.0, np.ma.array([0.1, 0.2], mask=[0, 1]), "yaw_rate"),
-        ([8.0, 9.0], 0.1j, "yaw_rate"),
-        (np.ones(2), np.ones(3), "the batch axes of forward and yaw_rate"),
-    ],
-    ids=["text", "None", "masked", "complex", "shapes"],
-)
-def test_velocities_without_a_lateral_one_are_refused(forward, yaw_rate, named):
-    """Breaks if NumPy's words are all that is said, or a masked entry comes back."""
-    with pytest.raises(ValueError, match=f"^{named} "):
-        SlipLaw(0.3, 0.005).lateral(forward, yaw_rate)
-
-
 def bad(name):
     """Arguments that `calibrate` refuses."""
     (first, _) = drive(14, duration=2.0)

@@ -272,14 +272,14 @@ def test_the_axle_slips_by_a_law_or_in_proportion(root):
     assert_allclose(v_y, -0.05 * v_x * omega, rtol=1e-12)
 
 
-@pytest.mark.parametrize("offset", [0.3, -0.2], ids=["before", "after"])
-def test_outside_the_odometry_the_reference_is_nan(root, offset):
+def test_outside_the_odometry_the_reference_is_nan(root):
     """Breaks if the first or last value is held, which looks like a vehicle at constant speed."""
-    reference = load_radarscenes(root, 7, 3, time_offset=offset).reference
-    known = np.isfinite(reference.theta[:, 0])
-    assert_array_equal(known, [False, False, True, True] if offset > 0 else [False] * 4)
-    assert np.isnan(reference.theta[~known]).all()
-    assert np.isnan(reference.poses[~known]).all()
+    for offset, expected in ((0.3, [False, False, True, True]), (-0.2, [False] * 4)):
+        reference = load_radarscenes(root, 7, 3, time_offset=offset).reference
+        known = np.isfinite(reference.theta[:, 0])
+        assert known.tolist() == expected
+        assert np.isnan(reference.theta[~known]).all()
+        assert np.isnan(reference.poses[~known]).all()
 
 
 def test_yaw_is_continuous_where_the_odometry_wraps(tmp_path):
@@ -618,17 +618,3 @@ def test_real_drive_with_and_without_doppler():
     assert v_y <= 0.15
     assert omega <= 1.8
     assert plain.rmse[0] >= 10.0 * v_x
-
-
-@real
-@pytest.mark.parametrize("sensor", SENSOR_IDS)
-def test_real_sensors_all_tell_the_speed(sensor):
-    """Breaks if a sensor's mounting or scans are read as another's."""
-    recording = load_radarscenes(ROOT, 105, sensor, strongest=48)
-    assert max(scan.size for scan in recording.scans) == 48
-    part = recording.scans[100:160]
-    driven = track(part, recording.mounting, limits=None)  # they cost sensors 1 and 4 much
-    errors = driven.theta - recording.reference.theta[101:160]
-    assert driven.converged.mean() > 0.95
-    # sensors 1 and 4 look sideways, where v_x is seen least
-    assert np.median(np.abs(errors[:, 0])) < (0.5 if sensor in (1, 4) else 0.1)
