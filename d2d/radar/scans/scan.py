@@ -31,6 +31,7 @@ from d2d.radar.scans.bounds import (
 )
 
 _LEVER = METRES._replace(most=100.0)  # m, from the vehicle's origin
+_STEP = POSITIVE._replace(most=1e50)  # its square is finite
 
 # What a scan's columns hold; a radar of a vehicle sees no target beyond 10 km.
 BOUNDS = {
@@ -277,7 +278,7 @@ def quantisation_sigma(step: float, name: str = "step") -> float:
 
     Raises a ``ValueError``, which calls the argument ``name``, unless it is a positive number.
     """
-    return float(check_positive_scalar(name, step) / np.sqrt(12.0))
+    return float(_STEP.number(name, step) / np.sqrt(12.0))
 
 
 def _position_covariances(covariance: ArrayLike | None, grid: float | None, size: int) -> Array:
