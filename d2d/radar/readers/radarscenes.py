@@ -227,19 +227,13 @@ def _scan(time: float, targets: Table, strongest: int | None, noise: Noise) -> R
 
 def _reference(times: Array, odometry: Table, offset: float) -> Reference:
     """The odometry at the times of the scans less the offset, with a lateral velocity of zero."""
-    stamps = odometry["timestamp"] * MICROSECOND
-    columns = {
-        field: odometry[field].astype(np.float64)
-        for field in _ODOMETRY_FIELDS
-        if field != "timestamp"
-    }
-    columns["yaw_seq"] = np.unwrap(columns["yaw_seq"])
-    x, y, yaw, vx, yaw_rate = (
-        np.interp(times - offset, stamps, columns[field], left=np.nan, right=np.nan)
+    x, y, yaw, v_x, omega = (
+        odometry[field].astype(np.float64)
         for field in ("x_seq", "y_seq", "yaw_seq", "vx", "yaw_rate")
     )
-    theta = np.column_stack([vx, np.zeros_like(vx), yaw_rate])
-    return Reference(times, theta, np.column_stack([x, y, yaw]))
+    theta, poses = np.column_stack([v_x, 0.0 * v_x, omega]), np.column_stack([x, y, yaw])
+    driven = Reference(odometry["timestamp"] * MICROSECOND, theta, poses).at(times - offset)
+    return Reference(times, driven.theta, driven.poses)
 
 
 READER = data_set(

@@ -16,7 +16,8 @@ class Recording:
     scans : list of RadarScan
     mounting : Mounting
     reference : Reference
-        The motion at the times of the scans; nan outside the time span of the reference's source.
+        The motion at the times of the scans; nan outside the time span of the reference's source,
+        and in its gaps.
     budget : ErrorBudget, optional
         What the targets of this data set's radars share, for ``track(..., budget=)``.
     """
