@@ -6,20 +6,17 @@ import os
 import sys
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from d2d._checks import check_path
-from d2d.radar.cli_help import HELP, PROGRAM, TRACK_EPILOG, TRACK_HELP
-from d2d.radar.readers.csv_log import load_csv, write_csv
-from d2d.radar.readers.nuscenes import load_nuscenes
-from d2d.radar.readers.radarscenes import load_radarscenes
-from d2d.radar.scans.budget import ErrorBudget
-from d2d.radar.scans.recording import Recording
+from d2d.radar.readers import READERS
+from d2d.radar.readers.csv_log import write_csv
+from d2d.radar.readers.reader import Source
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.simulation.drive import simulate_drive
 from d2d.radar.tracks.joint import track_joint
@@ -27,41 +24,27 @@ from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.one_sensor import MAX_INTERVAL, track
 from d2d.radar.tracks.track import Track
 
-# The options that belong to each source, and those of them that it needs.
-_OF_SOURCE = {
-    "radarscenes": ("sequence", "sensor"),
-    "nuscenes": ("scene", "channel"),
-    "csv": ("mounting", "degrees", "sigma_range", "sigma_azimuth", "sigma_doppler"),
+PROGRAM = "python -m d2d.radar"
+
+# Of the error budget: the unit, and what each is the standard deviation of.
+BUDGET = {
+    "azimuth": ("DEG", "of each sensor's azimuth and mounting"),
+    "doppler": ("M/S", "of all Doppler velocities of a scan"),
+    "scale": ("SHARE", "relative, of all Doppler velocities"),
+    "lag": ("S", "of the scans' time stamps (a common delay)"),
+    "neighbours": (
+        "M",
+        "length over which the position errors of neighbouring targets are correlated",
+    ),
 }
-_NEEDED = ("sequence", "sensor", "scene", "channel", "mounting")
-_BUDGET = ("azimuth", "doppler", "scale", "lag", "neighbours")
-
-
-class Source(NamedTuple):
-    """What is tracked: the scans and mounting of each sensor, and the errors that targets share."""
-
-    sensors: list[tuple[list[RadarScan], Mounting]]
-    budget: ErrorBudget
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status.
+    """Run the command line with these arguments, by default those of the process.
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        The arguments, by default those of the process.
-
-    Returns
-    -------
-    int
-        0 on success, 1 on failure, 130 if interrupted; what was wrong is written to the standard
-        error.
-
-    Raises
-    ------
-    SystemExit
-        With status 2 if the arguments are wrong, with 0 after ``--help``.
+    Returns the exit status: 0 on success, 1 on failure, 130 if interrupted; what was wrong is
+    written to the standard error.  Raises a ``SystemExit`` with status 2 if the arguments are
+    wrong, with 0 after ``--help``.
     """
     parser, of_track = _parsers()
     arguments = parser.parse_args(argv)
@@ -103,39 +86,18 @@ def _parsers() -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
 
 
 def _add_sources(parser: argparse.ArgumentParser) -> None:
-    which = parser.add_argument_group("what to read (one of three)")
+    which = parser.add_argument_group("what to read (one of them)")
     source = which.add_mutually_exclusive_group(required=True)
-    source.add_argument("--csv", metavar="FILE", help="a log, as described below")
-    source.add_argument("--radarscenes", metavar="ROOT", help="folder of the RadarScenes data set")
-    source.add_argument("--nuscenes", metavar="ROOT", help="folder of the nuScenes data set")
-    log = parser.add_argument_group("options of a CSV file")
-    log.add_argument(
-        "--mounting",
-        action="append",
-        nargs=4,
-        metavar=("NAME", "X", "Y", "YAW"),
-        help="where a sensor sits, in m, m, degrees; once for each sensor",
-    )
-    log.add_argument(
-        "--degrees",
-        action="store_true",
-        default=None,
-        help="the file's azimuths and their standard deviations are in degrees",
-    )
-    for name, unit in (("range", "M"), ("azimuth", "DEG"), ("doppler", "M/S")):
-        log.add_argument(
-            f"--sigma-{name}",
-            type=float,
-            metavar=unit,
-            help=f"standard deviation of the {name} of all targets, instead of a column",
-        )
-    scenes = parser.add_argument_group("options of a data set")
-    scenes.add_argument("--sequence", metavar="N", help="RadarScenes: number of the sequence")
-    scenes.add_argument("--sensor", type=int, nargs="+", metavar="N", help="RadarScenes: 1 to 4")
-    scenes.add_argument("--scene", metavar="NAME", help="nuScenes: name, such as scene-0061")
-    scenes.add_argument(
-        "--channel", nargs="+", metavar="NAME", help="nuScenes: radars, such as RADAR_FRONT"
-    )
+    groups: dict[str, argparse._ArgumentGroup] = {}
+    for reader in READERS.values():
+        source.add_argument(f"--{reader.name}", metavar=reader.metavar, help=reader.about)
+    for reader in READERS.values():
+        if reader.heading not in groups:
+            groups[reader.heading] = parser.add_argument_group(reader.heading)
+        for option in reader.options:
+            groups[reader.heading].add_argument(
+                _flag(option.name), help=option.help, **option.parsing
+            )
 
 
 def _add_estimation(parser: argparse.ArgumentParser) -> None:
@@ -204,24 +166,8 @@ def _add_budget(parser: argparse.ArgumentParser) -> None:
         "covariances without them are too small. The default of each is that of the data set,\n"
         "or zero for a log.",
     )
-    shared.add_argument(
-        "--budget-azimuth", type=float, metavar="DEG", help="of each sensor's azimuth and mounting"
-    )
-    shared.add_argument(
-        "--budget-doppler", type=float, metavar="M/S", help="of all Doppler velocities of a scan"
-    )
-    shared.add_argument(
-        "--budget-scale", type=float, metavar="SHARE", help="relative, of all Doppler velocities"
-    )
-    shared.add_argument(
-        "--budget-lag", type=float, metavar="S", help="of the scans' time stamps (a common delay)"
-    )
-    shared.add_argument(
-        "--budget-neighbours",
-        type=float,
-        metavar="M",
-        help="length over which the position errors of neighbouring targets are correlated",
-    )
+    for name, (unit, what) in BUDGET.items():
+        shared.add_argument(f"--budget-{name}", type=float, metavar=unit, help=what)
     shared.add_argument(
         "--no-budget",
         action="store_true",
@@ -230,117 +176,68 @@ def _add_budget(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _flag(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
 def _check_source(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
     """Leave with a message if an option of the source is missing, or one of another is given."""
-    for source, options in _OF_SOURCE.items():
-        chosen = getattr(arguments, source) is not None
-        for option in options:
-            given = getattr(arguments, option) is not None
-            flag = f"--{option.replace('_', '-')}"
+    for reader in READERS.values():
+        chosen = getattr(arguments, reader.name) is not None
+        for option in reader.options:
+            given = getattr(arguments, option.name) is not None
             if given and not chosen:
-                parser.error(f"{flag} belongs to --{source}")
-            if chosen and not given and option in _NEEDED:
-                parser.error(f"--{source} needs {flag}; see {PROGRAM} track --help")
+                parser.error(f"{_flag(option.name)} belongs to --{reader.name}")
+            if chosen and option.needed and not given:
+                parser.error(
+                    f"--{reader.name} needs {_flag(option.name)}; see {PROGRAM} track --help"
+                )
 
 
 def _check_budget(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
     """Leave with a message if a budget is both given and refused."""
-    given = [name for name in _BUDGET if getattr(arguments, f"budget_{name}") is not None]
+    given = [name for name in BUDGET if getattr(arguments, f"budget_{name}") is not None]
     if arguments.no_budget and given:
         parser.error(f"--no-budget contradicts --budget-{given[0]}: leave one of them out")
 
 
-# ---- Reading
-
-
 def _source(arguments: argparse.Namespace) -> Source:
     """The source that the arguments name, with the extent and the budget that they give."""
-    if arguments.csv is not None:
-        sensors, budget = _of_csv(arguments), ErrorBudget()
-    else:
-        recordings = _recordings(arguments)
-        sensors = [(each.scans, each.mounting) for each in recordings]
-        budget = recordings[0].budget or ErrorBudget()
+    options = vars(arguments)
+    reader = next(each for name, each in READERS.items() if options[name] is not None)
+    sensors, budget = reader.read(options[reader.name], options)
     if arguments.extent is not None:
-        sensors = [
-            ([scan.with_extent(arguments.extent) for scan in scans], mounting)
-            for scans, mounting in sensors
-        ]
-    given = {name: getattr(arguments, f"budget_{name}") for name in _BUDGET}
+        sensors = {
+            name: ([scan.with_extent(arguments.extent) for scan in scans], mounting)
+            for name, (scans, mounting) in sensors.items()
+        }
+    given = {name: options[f"budget_{name}"] for name in BUDGET}
     if given["azimuth"] is not None:
-        given["azimuth"] = np.deg2rad(given["azimuth"])
+        given["azimuth"] = math.radians(given["azimuth"])
     known = {name: value for name, value in given.items() if value is not None}
     return Source(sensors, replace(budget, **known))
-
-
-def _check_once(names: Sequence[object]) -> None:
-    """Raise a ValueError if a sensor would count twice."""
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise ValueError(f"{twice[0]} is given twice")
-
-
-def _recordings(arguments: argparse.Namespace) -> list[Recording]:
-    _check_once(arguments.sensor or arguments.channel)
-    if arguments.radarscenes is not None:
-        return [
-            load_radarscenes(arguments.radarscenes, arguments.sequence, sensor)
-            for sensor in arguments.sensor
-        ]
-    return [
-        load_nuscenes(arguments.nuscenes, arguments.scene, channel) for channel in arguments.channel
-    ]
-
-
-def _of_csv(arguments: argparse.Namespace) -> list[tuple[list[RadarScan], Mounting]]:
-    _check_once([name for name, *_ in arguments.mounting])
-    mountings = {}
-    for name, *numbers in arguments.mounting:
-        try:
-            x, y, yaw = map(float, numbers)
-            mountings[name] = Mounting(x, y, np.deg2rad(yaw))
-        except ValueError as error:
-            raise ValueError(f"--mounting {name} {' '.join(numbers)}: {error}") from None
-    angle = arguments.sigma_azimuth
-    scans = load_csv(
-        arguments.csv,
-        degrees=bool(arguments.degrees),
-        sigma_range=arguments.sigma_range,
-        sigma_azimuth=None if angle is None else float(np.deg2rad(angle)),
-        sigma_doppler=arguments.sigma_doppler,
-    )
-    if scans.keys() != mountings.keys():
-        raise ValueError(
-            f"the sensors of {arguments.csv} are {', '.join(sorted(scans))}, but --mounting names "
-            f"{', '.join(sorted(mountings))}; each needs one --mounting NAME X Y YAW"
-        )
-    return [(scans[name], mountings[name]) for name in scans]
 
 
 # ---- Estimating and writing
 
 
 def _track(arguments: argparse.Namespace) -> None:
-    source = _source(arguments)
+    sensors, budget = _source(arguments)
     prefix = _prefix(arguments.output)
-    options = {
-        "baseline": arguments.baseline,
-        "horizon": arguments.horizon,
-        "max_interval": arguments.max_interval,
-        "budget": None if arguments.no_budget else source.budget,
-        "progress": False if arguments.no_progress else None,
-        "slips": _slips(arguments.side_slip),
-        "limits": VehicleLimits(acceleration=arguments.max_acceleration),
-    }
-    count = sum(len(scans) for scans, _ in source.sensors)
-    several = "s" * (len(source.sensors) > 1)
-    print(f"read {count} scans of {len(source.sensors)} sensor{several}", flush=True)
+    count = sum(len(scans) for scans, _ in sensors.values())
+    print(f"read {count} scans of {len(sensors)} sensor{'s' * (len(sensors) > 1)}", flush=True)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", UserWarning)
-        if len(source.sensors) == 1:
-            driven = track(*source.sensors[0], **options)
-        else:
-            driven = track_joint(source.sensors, **options)
+        driven = _driven(
+            sensors,
+            baseline=arguments.baseline,
+            horizon=arguments.horizon,
+            max_interval=arguments.max_interval,
+            budget=None if arguments.no_budget else budget,
+            progress=False if arguments.no_progress else None,
+            slips=_slips(arguments.side_slip),
+            limits=VehicleLimits(acceleration=arguments.max_acceleration),
+        )
     for each in said:
         print(f"{PROGRAM}: warning: {each.message}", file=sys.stderr)
     print(driven)
@@ -348,6 +245,11 @@ def _track(arguments: argparse.Namespace) -> None:
         raise ValueError("no estimate was accepted, so nothing was written")
     for path in _write(driven, prefix, picture=not arguments.no_picture):
         print(f"wrote {path}")
+
+
+def _driven(sensors: Mapping[str, tuple[list[RadarScan], Mounting]], **options: Any) -> Track:
+    views = list(sensors.values())
+    return track(*views[0], **options) if len(views) == 1 else track_joint(views, **options)
 
 
 def _slips(sigma: float | None) -> bool | float:
@@ -367,9 +269,6 @@ def _prefix(output: str) -> Path:
     there = next(folder for folder in path.absolute().parents if folder.exists())
     if not there.is_dir() or not os.access(there, os.W_OK):
         raise OSError(f"--output {output}: {there} is not a writable folder")
-    for file in _files(path):
-        if file.is_dir():
-            raise IsADirectoryError(f"--output {output}: {file} is a folder")
     return path
 
 
@@ -417,3 +316,88 @@ def _write_example(file: str) -> None:
         f"  {PROGRAM} track --csv {file} "
         f"--mounting radar {place.x:g} {place.y:g} {np.rad2deg(place.yaw):g}"
     )
+
+
+# ---- The text of the help
+
+HELP = f"""\
+Estimates how a vehicle moved from the measurements of its Doppler radars.
+
+A first try, with a simulated log that the program writes itself:
+
+  {PROGRAM} example log.csv
+  {PROGRAM} track --csv log.csv --mounting radar 0.4 0 0 --output drive
+
+Help on each command: {PROGRAM} track --help
+"""
+
+TRACK_HELP = """\
+Estimates the velocity of a vehicle from one radar or several, integrates it to a path, and writes
+
+  PREFIX.tum              the path, a line "t x y z qx qy qz qw" per pose, for evo and others
+  PREFIX_velocities.txt   v_x, v_y, omega and their covariances; its header names the columns
+  PREFIX.npz              everything, for d2d.radar.Track.load
+  PREFIX.png              a picture (if matplotlib is installed)
+
+Either all of them are written at the end or none. The first run compiles for up to a minute.
+"""
+
+DATA_SETS = "\n".join(
+    f"    {PROGRAM} track --{each.name} ROOT {_flag(each.options[0].name)} {each.trial[0]} "
+    f"{_flag(each.options[1].name)} {' '.join(map(str, each.trial[1]))}"
+    for each in READERS.values()
+    if each.trial
+)
+
+TRACK_EPILOG = f"""\
+A CSV file has a line for each target and a first line that names the columns:
+
+  time,sensor,range,azimuth,doppler,sigma_range,sigma_azimuth,sigma_doppler
+  12.05,front,14.21,-0.31,-8.92,0.15,0.009,0.06
+
+  time            s; lines with equal time and sensor are one scan
+  sensor          a name; without this column there is one sensor, called "radar"
+  range           m
+  azimuth         rad (with --degrees: degrees), 0 along the boresight, counter-clockwise positive
+  doppler         m/s, positive if the target moves away: ahead of a moving car it is negative
+  sigma_...       standard deviations in the same units; or --sigma-range and so on for all targets
+
+Columns may come in any order; others are ignored. If in doubt, use the standard deviations of the
+sensor's data sheet. If the sensor rounds its values to steps, add the variance step^2 / 12.
+
+Where a sensor sits: x forward and y left of the vehicle's origin (best the middle of the rear axle)
+in m, and the direction of its boresight in degrees, counter-clockwise from straight ahead.
+
+examples:
+  one radar at the front bumper, standard deviations for all targets:
+    {PROGRAM} track --csv log.csv --degrees --mounting radar 3.7 0 0 \\
+        --sigma-range 0.15 --sigma-azimuth 0.5 --sigma-doppler 0.06
+
+  two corner radars together, each scan with the one 0.3 s before, errors that targets share:
+    {PROGRAM} track --csv log.csv --mounting left 3.6 0.8 45 --mounting right 3.6 -0.8 -45 \\
+        --horizon 0.3 --budget-azimuth 0.2 --budget-doppler 0.04 --output results/drive
+
+  a single side radar of a car that does not slip sideways:
+    {PROGRAM} track --csv log.csv --mounting left 3.6 0.8 90 --side-slip 0.05
+
+  data sets in their own layout:
+{DATA_SETS}
+
+What is printed at the end says how many estimates were accepted, and why the others were not:
+
+  a scan without targets          nothing to estimate; the path continues with the last velocity
+  a scan that repeats an ...      the sensor froze, or its message was delivered twice
+  no optimum near the start       too few targets are seen in both scans: more sensors
+  an optimum that rejects ...     scans do not fit each other: too small standard deviations, a
+                                  wrong mounting, azimuths of the wrong sign
+  an optimum that rests on ...    too few targets agree: --side-slip, more sensors
+  a yaw rate with a sigma of ...  the targets tell too little: --horizon 0.3, --side-slip
+  a turn of ... between scans     times in another unit than s, or a much too long --horizon
+  a side slip, an acceleration,   no vehicle moves like that: a wrong optimum, or a wrong mounting
+  a speed or a yaw rate of ...    if it is most of them
+
+If the path runs backwards, the sign of the Doppler velocities or the yaw of a mounting is wrong; if
+it bends the wrong way, the sign of the azimuths. The book's pages "Your own radar" and "When a path
+looks wrong" explain how to choose standard deviations and a budget, and how to test a
+covariance.
+"""

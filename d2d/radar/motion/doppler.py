@@ -11,7 +11,7 @@ from d2d._checks import check_flag, check_instance, check_rows
 from d2d._kernel.compile import read_only
 from d2d._kernel.consensus import find_consensus
 from d2d._types import Array
-from d2d.radar.scans.scan import Mounting, RadarScan, directions, scan_gradients
+from d2d.radar.scans.scan import Mounting, RadarScan, directions, doppler_gradients
 
 _MAX_PAIRS = 200
 _GATE = 3.0  # standard deviations within which a target agrees with a hypothesis
@@ -98,7 +98,7 @@ def doppler_ego_motion(
     inliers = np.concatenate([_agreeing(scan, _directions(scan, at)) for scan, at in views])
     gains, slopes = (
         np.concatenate(parts)
-        for parts in zip(*(scan_gradients(scan, at) for scan, at in views), strict=True)
+        for parts in zip(*(doppler_gradients(scan.azimuth, at) for scan, at in views), strict=True)
     )
     doppler, sigma_doppler, sigma_azimuth = (
         np.concatenate([getattr(scan, name) for scan, _ in views])

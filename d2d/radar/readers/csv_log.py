@@ -2,6 +2,7 @@
 
 import csv
 import io
+import itertools
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
@@ -10,9 +11,12 @@ from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
-from d2d._checks import check_flag, check_instance, check_members, check_path, check_positive_scalar
+from d2d._checks import check_path, check_positive_scalar
+from d2d._types import Array
 from d2d.radar.files import written_whole
-from d2d.radar.scans.scan import MAX_RANGE, RadarScan
+from d2d.radar.readers.reader import Option, Reader, Source, check_once
+from d2d.radar.scans.bounds import FINITE, Bounds
+from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
 
 ONLY_SENSOR = "radar"  # the name of the sensor of a file that names none
 
@@ -20,9 +24,11 @@ _MEASURED = ("time", "range", "azimuth", "doppler")
 _SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
 _READ = (*_MEASURED, *_SIGMAS, "sensor")
 _ANGLES = ("azimuth", "sigma_azimuth")
-_POSITIVE = ("range", *_SIGMAS)
 _SEPARATORS = ",;\t"
-_TURN = 2.0 * math.pi * (1.0 + 1e-6)  # as scans allow it
+_RADIANS = BOUNDS["azimuth"]._replace(
+    hint="; are these degrees (degrees=True, on the command line --degrees)?"
+)
+_DEGREES = Bounds(most=360.0, unit="in degrees, ")
 
 
 class _Header(NamedTuple):
@@ -42,6 +48,9 @@ def load_csv(
     sigma_doppler: float | None = None,
 ) -> dict[str, list[RadarScan]]:
     """Read the scans of one or several sensors from a CSV file with a line for each target.
+
+    Raises a ``ValueError`` if a column is missing, a line cannot be read (the message gives its
+    number and says what is wrong with it), or a standard deviation is not positive.
 
     Parameters
     ----------
@@ -64,14 +73,6 @@ def load_csv(
         The scans of each sensor in time order.  Lines with equal time and sensor form a scan,
         wherever they stand.  Without the column ``sensor``, all belong to one called "radar".
 
-    Raises
-    ------
-    ValueError
-        If a column is missing, or a line cannot be read; the message gives its number and says what
-        is wrong with it.  Also if an argument is invalid.
-    OSError
-        If the file cannot be read.
-
     Notes
     -----
     A scan without targets has no line.  The scan before it and the one after it are then neighbours
@@ -93,7 +94,6 @@ def load_csv(
     {'radar': [RadarScan(time=0.000000 s, 2 targets)]}
     """
     source = check_path("path", path)
-    in_degrees = check_flag("degrees", degrees)
     sigmas = {
         name: check_positive_scalar(name, sigma)
         for name, sigma in zip(_SIGMAS, (sigma_range, sigma_azimuth, sigma_doppler), strict=True)
@@ -103,20 +103,47 @@ def load_csv(
     with source.open(encoding="utf-8-sig", errors="replace", newline="") as file:
         header = _header(source, file)
         columns = _columns(source, header, sigmas)
-        targets: dict[str, dict[float, list[list[float]]]] = {}
-        for number, row in _rows(source, file, header):
+        lines: list[int] = []
+        values: list[list[float]] = []
+        members: dict[str, dict[float, list[int]]] = {}  # which targets each scan has
+        for line, row in _rows(source, file, header):
             try:
-                sensor, values = _target(row, columns, in_degrees)
+                sensor, numbers = _target(row, columns)
             except ValueError as error:
-                raise ValueError(f"{source}, line {number}: {error}") from None
-            targets.setdefault(sensor, {}).setdefault(values[0], []).append(values[1:])
-    if not targets:
+                raise ValueError(f"{source}, line {line}: {error}") from None
+            members.setdefault(sensor, {}).setdefault(numbers[0], []).append(len(lines))
+            lines.append(line)
+            values.append(numbers)
+    if not lines:
         raise ValueError(f"{source} has no line with a target")
-    names = [name for name in (*_MEASURED, *_SIGMAS) if name in columns][1:]
+    names = [name for name in columns if name != "sensor"]
+    table = dict(zip(names, np.array(values).T, strict=True))
+    _check(source, lines, table, degrees)
+    for name in _ANGLES:
+        if degrees and name in table:
+            table[name] = np.deg2rad(table[name])
+    table |= {name: np.full(len(lines), sigma) for name, sigma in sigmas.items()}
     return {
-        sensor: [_scan(time, names, scans[time], sigmas) for time in sorted(scans)]
-        for sensor, scans in targets.items()
+        sensor: [
+            RadarScan(time, *(table[name][scans[time]] for name in (*_MEASURED[1:], *_SIGMAS)))
+            for time in sorted(scans)
+        ]
+        for sensor, scans in members.items()
     }
+
+
+def _check(source: Path, lines: list[int], table: Mapping[str, Array], degrees: bool) -> None:
+    """Raise a ValueError that names the first line with a number that is out of bounds."""
+    bounds = {"time": FINITE, **BOUNDS, "azimuth": _DEGREES if degrees else _RADIANS}
+    wrong = {
+        int(np.flatnonzero(bad)[0]): name
+        for name, column in table.items()
+        if (bad := ~bounds[name].hold(column)).any()
+    }
+    if wrong:
+        first = min(wrong)
+        name = wrong[first]
+        bounds[name].number(f"{source}, line {lines[first]}: {name}", table[name][first])
 
 
 def _header(source: Path, file: TextIO) -> _Header:
@@ -170,58 +197,31 @@ def _rows(source: Path, file: TextIO, header: _Header) -> Iterator[tuple[int, li
         raise ValueError(f"{source}, line {header.line + reader.line_num}: {error}") from None
 
 
-def _target(row: list[str], columns: Mapping[str, int], degrees: bool) -> tuple[str, list[float]]:
+def _target(row: list[str], columns: Mapping[str, int]) -> tuple[str, list[float]]:
     """The sensor of a target and its numbers, in the order of the columns."""
-    values = []
-    for name, place in columns.items():
-        if name != "sensor":
-            values.append(_number(name, row[place], degrees and name in _ANGLES))
+    numbers = [_number(name, row[place]) for name, place in columns.items() if name != "sensor"]
     if "sensor" not in columns:
-        return ONLY_SENSOR, values
+        return ONLY_SENSOR, numbers
     sensor = row[columns["sensor"]].strip()
     if not sensor:
         raise ValueError("sensor must be a name or a number, but is empty")
-    return sensor, values
+    return sensor, numbers
 
 
-def _number(name: str, text: str, degrees: bool) -> float:
-    """A finite number, angles in rad."""
-    plain = text.strip()
+def _number(name: str, text: str) -> float:
     try:
-        if "_" in plain or not plain.isascii():  # a typing error, but a number to Python
+        if "_" in text or not text.isascii():  # a typing error, but a number to Python
             raise ValueError
-        value = float(plain)
+        return float(text)
     except ValueError:
         raise ValueError(f"{name} must be a number, but is {text!r}") from None
-    if not math.isfinite(value):
-        raise ValueError(f"{name} must be finite, but is {text.strip()}")
-    if name in _POSITIVE and value <= 0.0:
-        raise ValueError(f"{name} must be positive, but is {text.strip()}")
-    if name == "range" and value > MAX_RANGE:
-        raise ValueError(
-            f"range must be in m, at most {MAX_RANGE:g}, but is {plain}; are these millimetres?"
-        )
-    if degrees:
-        value = math.radians(value)
-    if name == "azimuth" and abs(value) > _TURN:
-        unit, hint = (
-            ("degrees", "")
-            if degrees
-            else ("radians", "; are these degrees (degrees=True, on the command line --degrees)?")
-        )
-        raise ValueError(f"azimuth must be in {unit}, within a turn, but is {text.strip()}{hint}")
-    return value
-
-
-def _scan(
-    time: float, names: list[str], rows: list[list[float]], sigmas: Mapping[str, float]
-) -> RadarScan:
-    values = dict(zip(names, np.array(rows).T, strict=True)) | dict(sigmas)
-    return RadarScan(time, *(values[name] for name in (*_MEASURED[1:], *_SIGMAS)))
 
 
 def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[RadarScan]]) -> None:
     """Write the scans of sensors as a CSV file that `load_csv` reads, bit by bit.
+
+    Raises a ``ValueError`` if a name is empty or begins or ends with a space, or two scans of a
+    sensor have the same time.
 
     Parameters
     ----------
@@ -231,13 +231,6 @@ def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[Radar
     sensors : mapping of str to iterable of RadarScan
         The scans by the name of their sensor.  All columns are written, in m, rad and m/s, line by
         line in time order.  The extent is not, and a scan without targets leaves no line.
-
-    Raises
-    ------
-    ValueError
-        If an argument is of the wrong type, or a name is empty.
-    OSError
-        If the file cannot be written.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -250,15 +243,68 @@ def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[Radar
 
 
 def _in_time_order(
-    sensors: Mapping[Any, Iterable[RadarScan]],
+    sensors: Mapping[str, Iterable[RadarScan]],
 ) -> list[tuple[float, str, RadarScan]]:
-    check_instance("sensors", sensors, Mapping)
-    scans = []
-    for name, own in sensors.items():
-        if not isinstance(name, str) or not name.isprintable() or name != name.strip() or not name:
+    scans = [(scan.time, name, scan) for name, own in sensors.items() for scan in own]
+    for name in sensors:
+        if not name or name != name.strip() or not name.isprintable():
             raise ValueError(f"sensors must be keyed by names, but hold {name!r}")
-        members = check_members(f"sensors[{name!r}]", own, RadarScan)
-        if len({scan.time for scan in members}) < len(members):
+    scans.sort(key=lambda entry: entry[:2])
+    for (time, name, _), later in itertools.pairwise(scans):
+        if (time, name) == later[:2]:
             raise ValueError(f"sensors[{name!r}] must hold one scan of each time")
-        scans += [(scan.time, name, scan) for scan in members]
-    return sorted(scans, key=lambda entry: entry[:2])
+    return scans
+
+
+# ---- The entry of READERS
+
+
+def _read(path: str, chosen: Mapping[str, Any]) -> Source:
+    """The sensors of a log that have a mounting; angles are in degrees."""
+    check_once([name for name, *_ in chosen["mounting"]])
+    mountings = {}
+    for name, *numbers in chosen["mounting"]:
+        try:
+            x, y, yaw = map(float, numbers)
+            mountings[name] = Mounting(x, y, math.radians(yaw))
+        except ValueError as error:
+            raise ValueError(f"--mounting {name} {' '.join(numbers)}: {error}") from None
+    sigmas = {name: chosen[name] for name in _SIGMAS}
+    if sigmas["sigma_azimuth"] is not None:
+        sigmas["sigma_azimuth"] = math.radians(sigmas["sigma_azimuth"])
+    scans = load_csv(path, degrees=bool(chosen["degrees"]), **sigmas)
+    if scans.keys() != mountings.keys():
+        raise ValueError(
+            f"the sensors of {path} are {', '.join(sorted(scans))}, but --mounting names "
+            f"{', '.join(sorted(mountings))}; each needs one --mounting NAME X Y YAW"
+        )
+    return Source({name: (own, mountings[name]) for name, own in scans.items()})
+
+
+def _sigma(name: str, unit: str) -> Option:
+    about = f"standard deviation of the {name} of all targets, instead of a column"
+    return Option(f"sigma_{name}", about, {"type": float, "metavar": unit})
+
+
+READER = Reader(
+    "csv",
+    "a log with a line for each target",
+    load_csv,
+    (
+        Option(
+            "mounting",
+            "where a sensor sits, in m, m, degrees; once for each sensor",
+            {"action": "append", "nargs": 4, "metavar": ("NAME", "X", "Y", "YAW")},
+            needed=True,
+        ),
+        Option(
+            "degrees",
+            "the file's azimuths and their standard deviations are in degrees",
+            {"action": "store_true", "default": None},
+        ),
+        _sigma("range", "M"),
+        _sigma("azimuth", "DEG"),
+        _sigma("doppler", "M/S"),
+    ),
+    _read,
+)

@@ -12,16 +12,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import check_count, check_flag, check_path, check_positive_scalar, check_seconds
+from d2d._checks import check_path, check_positive_scalar
 from d2d._types import Array
-from d2d.radar.files import existing, read_json, strongest_targets
 from d2d.radar.readers.pcd import read_pcd
+from d2d.radar.readers.reader import Option, data_set
+from d2d.radar.readers.shared import (
+    MICROSECOND,
+    Noise,
+    check_options,
+    content_of,
+    existing,
+    kept,
+    reading,
+)
+from d2d.radar.scans.bounds import SECONDS
 from d2d.radar.scans.budget import ErrorBudget
-from d2d.radar.scans.recording import LONGEST_OFFSET, Recording
+from d2d.radar.scans.recording import Recording
 from d2d.radar.scans.reference import Reference
-from d2d.radar.scans.scan import MAX_RANGE, Mounting, RadarScan
+from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
 
-MICROSECOND = 1e-6
 GRID = 0.2  # m, to which x and y are rounded
 STEP = 0.25  # m/s, to which vx and vy are rounded
 
@@ -45,7 +54,7 @@ NUSCENES_BUDGET = ErrorBudget(
 
 # The speed on the CAN bus is that much later than the poses there (fitted as below).
 _SPEED_DELAY = 0.1  # s
-_LONGEST_PREDICTION = 1.0  # s; the radar's cycle is 75 ms
+_PREDICTION = SECONDS._replace(most=1.0)  # s; the radar's cycle is 75 ms
 WHEELBASE = 2.588  # m, of the Renault Zoe
 
 # What is to be added to the mounting angles (deg), by channel and by the angle that the tables
@@ -58,8 +67,6 @@ MOUNTING_ERRORS: dict[str, dict[float, float]] = {
     "RADAR_BACK_LEFT": {174.41: 0.51, 174.74: 0.07},
     "RADAR_BACK_RIGHT": {-176.11: 0.24, -175.0: -0.08},
 }
-
-Table = list[dict[str, Any]]
 
 
 def azimuth_sigma(azimuth: Array) -> Array:
@@ -90,6 +97,10 @@ def load_nuscenes(
 ) -> Recording:
     """Read one radar's scans of one scene.
 
+    Raises a ``FileNotFoundError`` that says which file or folder is missing, or a ``ValueError`` if
+    a file is not one of nuScenes, the tables have no such scene or channel, or an option is out of
+    range.
+
     Parameters
     ----------
     root : path
@@ -119,8 +130,8 @@ def load_nuscenes(
     half_width : float, s
         Poses within this time are smoothed and differentiated; see `Reference.from_poses`.
     sigma_range, sigma_doppler : float, m and m/s
-        Standard deviations.  The rounding of positions to 0.2 m and of velocities to 0.25 m/s is
-        added to them.
+        Standard deviations, to which the rounding of positions to 0.2 m and of velocities to 0.25
+        m/s is added.
     sigma_azimuth : float or function of the azimuths (K,), rad
         Standard deviation, or a function that returns those of the azimuths; rounding is added.
     extent : float, m
@@ -135,14 +146,6 @@ def load_nuscenes(
         projected onto the line of sight.  The reference's v_y and omega are the derivatives of the
         poses on the CAN bus, or else of those in ``ego_pose.json``.
 
-    Raises
-    ------
-    FileNotFoundError
-        If a file or folder is missing; the message gives its path and what should be there.
-    ValueError
-        If a file is not one of nuScenes, the scene or channel is not in the tables, or an argument
-        is out of range.
-
     Notes
     -----
     The defaults come from scenes 0061 and 0103.  The Doppler velocities of the five radars fit the
@@ -156,52 +159,106 @@ def load_nuscenes(
     ``x_rms`` and ``vx_rms`` in the files (0.6 to 1.3 m, 0.29 to 0.37 m/s) are several times the
     residuals, and are not used.
     """
-    if strongest is not None:
-        check_count("strongest", strongest)
-    offset = check_seconds("time_offset", time_offset, LONGEST_OFFSET)
-    check_flag("stated_mounting", stated_mounting)
-    prediction = check_seconds("prediction_time", prediction_time, _LONGEST_PREDICTION)
-    for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):
-        check_positive_scalar(name, sigma)
+    check_options(strongest, time_offset)
+    _PREDICTION.number("prediction_time", prediction_time)
     if speed_factor is not None:
         check_positive_scalar("speed_factor", speed_factor)
     folder = check_path("root", root)
     tables = _tables(folder, version)
     drive = _drive(tables, scene, channel)
     motion = _motion(folder, tables, scene, drive)
-
     times = np.array([time for time, _ in drive.files])
+    reference = _reference(motion, times, time_offset, half_width, speed_factor)
+
+    noise = Noise(sigma_range, sigma_azimuth, sigma_doppler, extent)
+    excesses = prediction_time * _filled(reference.theta[:, 2]) ** 2
+    scans = []
+    for (time, file), excess in zip(drive.files, excesses, strict=True):
+        path = existing(folder, file, f"a scan of {channel}")
+        targets = _valid(read_pcd(path, _FIELDS), strongest)
+        scans.append(_scan(time, targets, excess, noise))
+    mounting = drive.mounting if stated_mounting else _corrected(drive.mounting, channel)
+    return Recording(scans, mounting, reference, NUSCENES_BUDGET)
+
+
+def _scan(time: float, targets: dict[str, Array], excess: float, noise: Noise) -> RadarScan:
+    """The scan of valid targets, whose velocities are too large by ``excess`` times the range."""
+    x, y = targets["x"], targets["y"]
+    return RadarScan.from_cartesian(
+        time,
+        x,
+        y,
+        velocity=np.stack([targets["vx"] - excess * x, targets["vy"] - excess * y], axis=-1),
+        grid=GRID,
+        step=STEP,
+        **noise.at(np.arctan2(y, x)),
+    )
+
+
+def _valid(targets: dict[str, NDArray[Any]], strongest: int | None) -> dict[str, Array]:
+    """The targets that are used; an empty scan holds one that is not a number."""
+    columns = {name: column.astype(np.float64) for name, column in targets.items()}
+    good = np.isin(columns["invalid_state"], _VALID) & (columns["ambig_state"] == _UNAMBIGUOUS)
+    good &= BOUNDS["range"].hold(np.hypot(columns["x"], columns["y"]))
+    for name in ("vx", "vy", "rcs"):
+        good &= np.isfinite(columns[name])
+    keep = kept(good, columns["rcs"], strongest)
+    return {name: column[keep] for name, column in columns.items()}
+
+
+# ---- The vehicle's motion
+
+
+class _Motion(NamedTuple):
+    """What is known of the vehicle's motion."""
+
+    times: Array  # (n,) s
+    poses: Array  # (n, 3) [x, y, yaw] in the map
+    speed: Array | None  # (n,) m/s, if there is a CAN bus
+
+
+def _motion(root: Path, tables: Path, scene: str, drive: "_Drive") -> _Motion:
+    """The poses and the speed on the CAN bus, or else the poses of all sensors' ego poses."""
+    path = root / "can_bus" / f"{scene}_pose.json"
+    on_bus = path.exists()
+    if not on_bus:
+        path = existing(tables, "ego_pose.json", "the table 'ego_pose' of nuScenes")
+    with reading(path, "a file of the vehicle's poses"):
+        rows = content_of(path)
+        if on_bus:
+            found = [(r["utime"], *r["pos"][:2], *r["orientation"], r["vel"][0]) for r in rows]
+        else:
+            found = [
+                (row["timestamp"], *row["translation"][:2], *row["rotation"], 0.0)
+                for row in rows
+                if row["token"] in drive.poses
+            ]
+        columns = np.array(found, dtype=np.float64).reshape(-1, 8)
+        if not len(columns) or not np.isfinite(columns).all():
+            raise ValueError("one is not finite" if len(columns) else "it has none of this scene")
+    # each sensor has a pose, some at one time
+    times, first = np.unique(columns[:, 0] * MICROSECOND, return_index=True)
+    columns = columns[first]
+    poses = np.column_stack([columns[:, 1:3], _yaw(*columns[:, 3:7].T)])
+    return _Motion(times, poses, columns[:, 7] if on_bus else None)
+
+
+def _yaw(w: Array, x: Array, y: Array, z: Array) -> Array:
+    """Direction (...) of the x axis in the plane, of quaternions."""
+    return np.asarray(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
+
+
+def _reference(
+    motion: _Motion, times: Array, offset: float, half_width: float, speed_factor: float | None
+) -> Reference:
+    """The derivatives of the poses at the times less the offset, and v_x of the speed."""
     moved = Reference.from_poses(motion.times, motion.poses, times - offset, half_width=half_width)
     theta = moved.theta
     if speed_factor is not None and motion.speed is not None:
         late = times - offset + _SPEED_DELAY
         speed = np.interp(late, motion.times, motion.speed, left=np.nan, right=np.nan)
         theta[:, 0] = _of_rear_axle(speed_factor * speed, theta[:, 2])
-    reference = Reference(times, theta, moved.poses)
-
-    scans = []
-    excesses = prediction * _filled(theta[:, 2]) ** 2
-    for (time, file), excess in zip(drive.files, excesses, strict=True):
-        path = existing(folder, file, f"a scan of {channel}")
-        targets = _valid(read_pcd(path, _FIELDS), strongest)
-        x, y = targets["x"], targets["y"]
-        azimuth = np.arctan2(y, x)
-        velocity = np.stack([targets["vx"] - excess * x, targets["vy"] - excess * y], axis=-1)
-        scans.append(
-            RadarScan.from_cartesian(
-                time,
-                x,
-                y,
-                velocity=velocity,
-                grid=GRID,
-                step=STEP,
-                sigma_range=sigma_range,
-                sigma_azimuth=sigma_azimuth(azimuth) if callable(sigma_azimuth) else sigma_azimuth,
-                sigma_doppler=sigma_doppler,
-            ).with_extent(extent)
-        )
-    mounting = drive.mounting if stated_mounting else _corrected(drive.mounting, channel)
-    return Recording(scans, mounting, reference, NUSCENES_BUDGET)
+    return Reference(times, theta, moved.poses)
 
 
 def _of_rear_axle(speed: Array, omega: Array) -> Array:
@@ -217,20 +274,12 @@ def _filled(values: Array) -> Array:
     return np.interp(np.arange(len(values)), known, values[known])
 
 
-def _corrected(mounting: Mounting, channel: str) -> Mounting:
-    """The mounting with the error of its angle removed, if the error is known."""
-    stated = float(np.rad2deg(mounting.yaw))
-    for angle, error in MOUNTING_ERRORS.get(channel, {}).items():
-        if abs(stated - angle) < 0.01:
-            return replace(mounting, yaw=mounting.yaw + float(np.deg2rad(error)))
-    return mounting
+# ---- The tables
 
 
-def _tables(root: Path, version: Any) -> Path:
+def _tables(root: Path, version: str | None) -> Path:
     """The folder with the tables."""
     if version is not None:
-        if not isinstance(version, str):
-            raise ValueError(f"version must be a name like v1.0-mini, but is {version!r}")
         return existing(root, version, "the folder of the tables of that version")
     found = sorted(path.name for path in root.glob("v1.0-*") if path.is_dir())
     if not found:
@@ -242,19 +291,11 @@ def _tables(root: Path, version: Any) -> Path:
     return root / found[0]
 
 
-def _table(folder: Path, name: str, texts: tuple[str, ...], others: tuple[str, ...] = ()) -> Table:
-    """The rows of a table, each checked to have these entries."""
+def _rows(folder: Path, name: str, *keys: str) -> list[tuple[Any, ...]]:
+    """These entries of all rows of a table."""
     path = existing(folder, f"{name}.json", f"the table {name!r} of nuScenes")
-    rows = read_json(path)
-    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise ValueError(f"{path} is not a table of nuScenes: it is not a list of objects")
-    for key in texts:
-        if not all(isinstance(row.get(key), str) for row in rows):
-            raise ValueError(f"{path} is not a table of nuScenes: a row has no text {key!r}")
-    for key in others:
-        if not all(key in row for row in rows):
-            raise ValueError(f"{path} is not a table of nuScenes: a row has no {key!r}")
-    return rows
+    with reading(path, "a table of nuScenes"):
+        return [tuple(row[key] for key in keys) for row in content_of(path)]
 
 
 class _Drive(NamedTuple):
@@ -266,115 +307,56 @@ class _Drive(NamedTuple):
 
 
 def _drive(folder: Path, scene: str, channel: str) -> _Drive:
-    scenes = {row["name"]: row["token"] for row in _table(folder, "scene", ("name", "token"))}
-    _choose("scene", scene, scenes)
-    sensors = {
-        row["channel"]: row["token"]
-        for row in _table(folder, "sensor", ("channel", "token", "modality"))
-        if row["modality"] == "radar"
-    }
-    _choose("channel", channel, sensors)
-    mountings = {
-        row["token"]: row
-        for row in _table(folder, "calibrated_sensor", ("token", "sensor_token"))
-        if row["sensor_token"] == sensors[channel]
-    }
+    scene_token = _chosen("scene", scene, dict(_rows(folder, "scene", "name", "token")))
+    sensors = _rows(folder, "sensor", "channel", "token", "modality")
+    radars = {name: token for name, token, modality in sensors if modality == "radar"}
+    radar = _chosen("channel", channel, radars)
+    calibrated = _rows(
+        folder, "calibrated_sensor", "token", "sensor_token", "translation", "rotation"
+    )
+    mountings = {token: pose for token, sensor, *pose in calibrated if sensor == radar}
     samples = {
-        row["token"]
-        for row in _table(folder, "sample", ("token", "scene_token"))
-        if row["scene_token"] == scenes[scene]
+        token
+        for token, of_scene in _rows(folder, "sample", "token", "scene_token")
+        if of_scene == scene_token
     }
-    texts = ("sample_token", "calibrated_sensor_token", "ego_pose_token", "filename")
-    data = [
-        row
-        for row in _table(folder, "sample_data", texts, ("timestamp",))
-        if row["sample_token"] in samples
-    ]
-    path = folder / "sample_data.json"
-    own = [row for row in data if row["calibrated_sensor_token"] in mountings]
-    used = {row["calibrated_sensor_token"] for row in own}
+    keys = "sample_token", "calibrated_sensor_token", "ego_pose_token", "timestamp", "filename"
+    data = [row for row in _rows(folder, "sample_data", *keys) if row[0] in samples]
+    own = [row for row in data if row[1] in mountings]
+    used = {row[1] for row in own}
     if len(used) != 1:
         found = f"{len(used)} mountings" if used else "no scan"
-        raise ValueError(f"{path} has {found} of {channel} in {scene}")
-    times = _stamps(path, [row["timestamp"] for row in own])
-    files = sorted(zip(times.tolist(), (row["filename"] for row in own), strict=True))
-    mounting = _mounting(folder / "calibrated_sensor.json", mountings[used.pop()])
-    return _Drive(files, mounting, {row["ego_pose_token"] for row in data})
+        raise ValueError(f"{folder / 'sample_data.json'} has {found} of {channel} in {scene}")
+    with reading(folder / "sample_data.json", "a table of nuScenes"):
+        times = np.array([row[3] for row in own], dtype=np.float64) * MICROSECOND
+        if not np.isfinite(times).all():
+            raise ValueError("a time stamp is not finite")
+    with reading(folder / "calibrated_sensor.json", "a table of nuScenes"):
+        (x, y, _), rotation = mountings[used.pop()]
+        mounting = Mounting(x, y, float(_yaw(*rotation)))
+    files = sorted(zip(times.tolist(), (row[4] for row in own), strict=True))
+    return _Drive(files, mounting, {row[2] for row in data})
 
 
-def _choose(name: str, value: Any, choices: dict[str, str]) -> None:
-    if not isinstance(value, str) or value not in choices:
+def _chosen(name: str, value: str, choices: dict[str, str]) -> str:
+    if value not in choices:
         raise ValueError(f"{name} must be one of {', '.join(sorted(choices))}, but is {value!r}")
+    return choices[value]
 
 
-def _mounting(path: Path, row: dict[str, Any]) -> Mounting:
-    try:
-        x, y, _ = row["translation"]
-        (yaw,) = _yaws([row["rotation"]])
-        return Mounting(x, y, float(yaw))
-    except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(
-            f"{path} is not a table of nuScenes: a row has no translation and rotation ({error!r})"
-        ) from None
+def _corrected(mounting: Mounting, channel: str) -> Mounting:
+    """The mounting with the error of its angle removed, if the error is known."""
+    stated = float(np.rad2deg(mounting.yaw))
+    for angle, error in MOUNTING_ERRORS.get(channel, {}).items():
+        if abs(stated - angle) < 0.01:
+            return replace(mounting, yaw=mounting.yaw + float(np.deg2rad(error)))
+    return mounting
 
 
-class _Motion(NamedTuple):
-    """What is known of the vehicle's motion."""
-
-    times: Array  # (n,) s
-    poses: Array  # (n, 3) [x, y, yaw] in the map
-    speed: Array | None  # (n,) m/s, if there is a CAN bus
-
-
-def _motion(root: Path, tables: Path, scene: str, drive: _Drive) -> _Motion:
-    path = root / "can_bus" / f"{scene}_pose.json"
-    on_bus = path.exists()
-    if on_bus:
-        rows, (stamp, position, orientation) = read_json(path), ("utime", "pos", "orientation")
-    else:
-        path = tables / "ego_pose.json"
-        rows = [r for r in _table(tables, "ego_pose", ("token",)) if r["token"] in drive.poses]
-        stamp, position, orientation = "timestamp", "translation", "rotation"
-    try:
-        times = _stamps(path, [row[stamp] for row in rows])
-        x, y = np.array([row[position][:2] for row in rows], dtype=np.float64).reshape(-1, 2).T
-        yaw = _yaws([row[orientation] for row in rows])
-        speed = np.array([row["vel"][0] if on_bus else 0.0 for row in rows], dtype=np.float64)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise ValueError(f"{path} holds no poses of the vehicle ({error!r})") from None
-    columns = np.column_stack([x, y, yaw, speed])
-    if not len(columns) or not np.isfinite(columns).all():
-        wrong = "one is not finite" if len(columns) else "it is empty"
-        raise ValueError(f"{path} holds no poses of the vehicle: {wrong}")
-    times, first = np.unique(times, return_index=True)  # each sensor has a pose, some at one time
-    columns = columns[first]
-    return _Motion(times, columns[:, :3], columns[:, 3] if on_bus else None)
-
-
-def _stamps(path: Path, microseconds: list[Any]) -> Array:
-    """Times in s."""
-    if not all(isinstance(stamp, int | float) for stamp in microseconds):
-        raise ValueError(f"{path}: a time stamp is not a number")
-    times = np.array(microseconds, dtype=np.float64) * MICROSECOND
-    if not np.isfinite(times).all():
-        raise ValueError(f"{path}: a time stamp is not finite")
-    return times
-
-
-def _yaws(quaternions: list[Any]) -> Array:
-    """Directions (n,) of the x axis in the plane, of quaternions [w, x, y, z]."""
-    w, x, y, z = np.array(quaternions, dtype=np.float64).reshape(-1, 4).T
-    return np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
-
-
-def _valid(targets: dict[str, NDArray[Any]], strongest: int | None) -> dict[str, Array]:
-    """The targets that are used; an empty scan holds one that is not a number."""
-    columns = {name: column.astype(np.float64) for name, column in targets.items()}
-    good = np.isin(columns["invalid_state"], _VALID) & (columns["ambig_state"] == _UNAMBIGUOUS)
-    distance = np.hypot(columns["x"], columns["y"])
-    good &= (distance > 0) & (distance <= MAX_RANGE)
-    for name in _FIELDS:
-        good &= np.isfinite(columns[name])
-    keep = np.flatnonzero(good)
-    keep = keep[strongest_targets(columns["rcs"][keep], strongest)]
-    return {name: column[keep] for name, column in columns.items()}
+READER = data_set(
+    "nuScenes",
+    load_nuscenes,
+    recording=Option("scene", "name, such as scene-0061", {"metavar": "NAME"}),
+    sensor=Option("channel", "radars, such as RADAR_FRONT", {"metavar": "NAME"}),
+    trial=("scene-0061", ("RADAR_FRONT", "RADAR_FRONT_LEFT")),
+)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from d2d.radar.readers.shared import reading
+
 # Version 0.7: a text header of lines "KEY value ...", which DATA ends, then the rows.
 _END = re.compile(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", re.MULTILINE)
-_KINDS = {"F": "f", "I": "i", "U": "u"}
-_SIZES = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
 
 
 def read_pcd(path: Path, fields: Iterable[str]) -> dict[str, NDArray[Any]]:
@@ -20,15 +20,12 @@ def read_pcd(path: Path, fields: Iterable[str]) -> dict[str, NDArray[Any]]:
     Raises a ``ValueError`` that names the file if it is not a PCD file, is cut short, or lacks a
     column.
     """
-    try:
-        content = path.read_bytes()
-        rows = _rows(content)
-        missing = [field for field in fields if field not in (rows.dtype.names or ())]
-        if missing:
-            raise ValueError(f"it has no field {missing[0]!r}")
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{path} is not a binary PCD file of a radar: {error}") from None
-    return {field: np.ascontiguousarray(rows[field]) for field in fields}
+    with reading(path, "a binary PCD file of a radar"):
+        rows = _rows(path.read_bytes())
+        for field in fields:
+            if field not in (rows.dtype.names or ()):
+                raise ValueError(f"it has no field {field!r}")
+        return {field: np.ascontiguousarray(rows[field]) for field in fields}
 
 
 def _rows(content: bytes) -> NDArray[Any]:
@@ -41,9 +38,6 @@ def _rows(content: bytes) -> NDArray[Any]:
     for line in content[: end.start()].decode("ascii").splitlines():
         key, *values = line.split() or [""]
         header[key] = values
-    for key in ("FIELDS", "SIZE", "TYPE", "POINTS"):
-        if not header.get(key):
-            raise ValueError(f"its header has no line {key}")
     layout = _layout(header)
     count = int(header["POINTS"][0])
     held = len(content) - end.end()
@@ -56,16 +50,7 @@ def _rows(content: bytes) -> NDArray[Any]:
 
 
 def _layout(header: dict[str, list[str]]) -> np.dtype[Any]:
-    names, kinds, sizes = header["FIELDS"], header["TYPE"], [int(s) for s in header["SIZE"]]
-    counts = header.get("COUNT", ["1"] * len(names))
-    if not len(names) == len(kinds) == len(sizes) == len(counts):
-        raise ValueError("its header's lines FIELDS, SIZE, TYPE and COUNT differ in length")
-    for name, kind, size, count in zip(names, kinds, sizes, counts, strict=True):
-        if size not in _SIZES.get(kind, ()) or count != "1":
-            raise ValueError(f"its field {name!r} is {count} times {kind} of {size} bytes")
-    return np.dtype(
-        [
-            (name, f"<{_KINDS[kind]}{size}")
-            for name, kind, size in zip(names, kinds, sizes, strict=True)
-        ]
-    )
+    if any(count != "1" for count in header.get("COUNT", [])):
+        raise ValueError("it has a field of several values")
+    columns = zip(header["FIELDS"], header["TYPE"], header["SIZE"], strict=True)
+    return np.dtype([(name, f"<{kind.lower()}{size}") for name, kind, size in columns])

@@ -10,25 +10,26 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import (
-    check_count,
-    check_instance,
-    check_path,
-    check_positive_scalar,
-    check_scalar,
-    check_seconds,
-)
+from d2d._checks import check_count, check_path
 from d2d._types import Array
-from d2d.radar.files import existing, read_json, strongest_targets
+from d2d.radar.readers.reader import Option, data_set
+from d2d.radar.readers.shared import (
+    MICROSECOND,
+    Noise,
+    check_options,
+    content_of,
+    existing,
+    kept,
+    reading,
+)
 from d2d.radar.scans.budget import ErrorBudget
-from d2d.radar.scans.recording import LONGEST_OFFSET, Recording
+from d2d.radar.scans.recording import Recording
 from d2d.radar.scans.reference import Reference
-from d2d.radar.scans.scan import MAX_RANGE, Mounting, RadarScan
+from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
 from d2d.radar.scans.slip import SlipLaw
 
-MICROSECOND = 1e-6
 SLIP = SlipLaw(ahead=0.0, compliance=0.0045)
 
 # Fitted to the errors of all four sensors together in sequence 105, by maximum likelihood.
@@ -40,6 +41,8 @@ RADARSCENES_BUDGET = ErrorBudget(
     neighbours=1.0,
     source="RadarScenes, sequence 105, four sensors",
 )
+
+Table = dict[str, NDArray[Any]]
 
 _TARGET_FIELDS = ("timestamp", "sensor_id", "range_sc", "azimuth_sc", "rcs", "vr")
 _ODOMETRY_FIELDS = ("timestamp", "x_seq", "y_seq", "yaw_seq", "vx", "yaw_rate")
@@ -65,11 +68,14 @@ def load_radarscenes(
     slip: SlipLaw = SLIP,
     side_slip: float | None = None,
     sigma_range: float = 0.15,
-    sigma_azimuth: float | Callable[[Array], Array] = azimuth_sigma,
+    sigma_azimuth: float | Callable[[Array], ArrayLike] = azimuth_sigma,
     sigma_doppler: float = 0.06,
     extent: float = 0.1,
 ) -> Recording:
     """Read one sensor's scans of one sequence.
+
+    Raises a ``FileNotFoundError`` that says which file or folder is missing, or a ``ValueError`` if
+    a file is not one of RadarScenes, has no such sensor, or an option is out of range.
 
     Parameters
     ----------
@@ -93,7 +99,6 @@ def load_radarscenes(
         Standard deviations, which the data set does not give.
     sigma_azimuth : float or function of the azimuths (K,), rad
         Standard deviation, or a function that returns those of the azimuths.
-
     extent : float, m
         Scatter of the points at which objects are seen; see `RadarScan`.
 
@@ -104,69 +109,33 @@ def load_radarscenes(
         not positive or beyond 10 km, if their azimuth is beyond 2 pi, or if one of these or the
         Doppler velocity is nan or inf.
 
-    Raises
-    ------
-    FileNotFoundError
-        If a file or folder is missing; the message gives its path and what should be there.
-    ValueError
-        If a file is not a RadarScenes file or does not contain the sensor, the indices of a scan do
-        not match the targets, or an argument is out of range.
-
     Notes
     -----
     `calibrate` finds, from four sensors in the two minutes of sequence 105, a lag of 0.121 +- 0.015
     s and, with the origin on the rear axle, a compliance of 0.0045 +- 0.0002 s^2/m.  If the place
     of the origin is fitted too, it is -0.10 +- 0.22 m ahead of the axle.
     """
-    if strongest is not None:
-        check_count("strongest", strongest)
-    offset = check_seconds("time_offset", time_offset, LONGEST_OFFSET)
-    check_instance("slip", slip, SlipLaw)
-    linear = None if side_slip is None else check_scalar("side_slip", side_slip)
-    for name, sigma in (("sigma_range", sigma_range), ("sigma_doppler", sigma_doppler)):
-        check_positive_scalar(name, sigma)
-    if not isinstance(sequence, int | np.integer | str):
-        raise ValueError(
-            f"sequence must be a number or a name like sequence_105, but is {sequence!r}"
-        )
+    check_options(strongest, time_offset)
     check_count("sensor", sensor)
-    data = existing(
-        check_path("root", root), "data", "the folder `data` of the RadarScenes data set"
-    )
+    what = "the folder `data` of the RadarScenes data set"
+    data = existing(check_path("root", root), "data", what)
     name = f"sequence_{sequence}" if str(sequence).isdigit() else str(sequence)
     folder = existing(data, name, "the folder of that sequence")
     mounting = _mounting(data, sensor)
-    scenes = _scenes(existing(folder, "scenes.json", "the list of its scans"), sensor)
+    listed = _listed(existing(folder, "scenes.json", "the list of its scans"), sensor)
     path = existing(folder, "radar_data.h5", "its targets and odometry")
     targets, odometry = _tables(path)
 
+    noise = Noise(sigma_range, sigma_azimuth, sigma_doppler, extent)
     scans = []
-    for microseconds, (first, last) in scenes:
-        if not 0 <= first <= last <= len(targets["sensor_id"]):
-            raise ValueError(
-                f"{path}: the scan at {microseconds} us has the targets {first} to {last}, but the "
-                f"file holds {len(targets['sensor_id'])} targets"
-            )
-        chosen = {field: column[first:last] for field, column in targets.items()}
-        if (chosen["sensor_id"] != sensor).any():
-            raise ValueError(
-                f"{path}: the scan at {microseconds} us holds targets of another sensor than "
-                f"{sensor}"
-            )
-        scans.append(
-            _scan(
-                microseconds * MICROSECOND,
-                chosen,
-                strongest,
-                sigma_range,
-                sigma_azimuth,
-                sigma_doppler,
-            ).with_extent(extent)
-        )
-    times = np.array([scan.time for scan in scans])
-    reference = _reference(times, odometry, offset)
+    for stamp, first, last in listed:
+        own = _own(path, stamp, slice(first, last), targets, sensor)
+        scans.append(_scan(stamp * MICROSECOND, own, strongest, noise))
+    reference = _reference(np.array([scan.time for scan in scans]), odometry, time_offset)
     v_x, omega = reference.theta[:, 0], reference.theta[:, 2]
-    reference.theta[:, 1] = slip.lateral(v_x, omega) if linear is None else linear * v_x * omega
+    reference.theta[:, 1] = (
+        slip.lateral(v_x, omega) if side_slip is None else side_slip * v_x * omega
+    )
     return Recording(scans, mounting, reference, RADARSCENES_BUDGET)
 
 
@@ -178,105 +147,99 @@ def _mounting(data: Path, sensor: int) -> Mounting:
         raise FileNotFoundError(
             f"neither {places[0]} nor {places[1]} exists; one should hold the sensors' mountings"
         )
-    entry = read_json(found[0])
     key = f"radar_{sensor}"
-    if not isinstance(entry, dict) or key not in entry:
-        raise ValueError(f"sensor must be one of those in {found[0]}, but is {sensor}")
-    try:
-        return Mounting(*(entry[key][field] for field in ("x", "y", "yaw")))
-    except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{found[0]}: {key} has no x, y and yaw ({error!r})") from None
+    with reading(found[0], f"a list of mountings with x, y and yaw of {key}"):
+        mountings = content_of(found[0])
+        if key not in mountings:
+            raise ValueError(f"it has only {', '.join(mountings)}")
+        entry = mountings[key]
+        return Mounting(entry["x"], entry["y"], entry["yaw"])
 
 
-def _scenes(path: Path, sensor: int) -> list[tuple[int, tuple[int, int]]]:
+def _listed(path: Path, sensor: int) -> list[tuple[int, int, int]]:
     """Time stamp in us and half-open target indices of the sensor's scans, in time order."""
-    content = read_json(path)
-    try:
-        chosen = sorted(
-            (int(stamp), (int(scene["radar_indices"][0]), int(scene["radar_indices"][1])))
-            for stamp, scene in content["scenes"].items()
+    with reading(path, "a RadarScenes scene list"):
+        listed = sorted(
+            (int(stamp), int(scene["radar_indices"][0]), int(scene["radar_indices"][1]))
+            for stamp, scene in content_of(path)["scenes"].items()
             if scene["sensor_id"] == sensor
         )
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
-        raise ValueError(f"{path} is not a RadarScenes scene list ({error!r})") from None
-    if not chosen:
+    if not listed:
         raise ValueError(f"{path} has no scan of sensor {sensor}")
-    return chosen
-
-
-Table = dict[str, NDArray[Any]]
+    return listed
 
 
 def _tables(path: Path) -> tuple[Table, Table]:
     """The required columns of both tables, by name, because their order differs between files."""
-    try:
-        with h5py.File(path, "r") as file:
-            targets = _table(file, "radar_data", _TARGET_FIELDS)
-            odometry = _table(file, "odometry", _ODOMETRY_FIELDS)
-    except (OSError, ValueError, TypeError, AttributeError, RuntimeError, KeyError) as error:
-        raise ValueError(f"{path} is not a RadarScenes radar file: {error}") from None
-    for field, column in odometry.items():
-        if not np.isfinite(column).all():  # np.unwrap would carry a nan on to all later headings
-            raise ValueError(
-                f"{path} is not a RadarScenes radar file: its odometry's {field!r} holds nan or inf"
-            )
-    stamps = odometry["timestamp"]  # compared, not subtracted: unsigned differences wrap around
-    if not (stamps[1:] > stamps[:-1]).all() or not len(stamps):
-        raise ValueError(
-            f"{path} is not a RadarScenes radar file: its odometry is not in time order"
-        )
+    with reading(path, "a RadarScenes radar file"), h5py.File(path, "r") as file:
+        targets = _table(file, "radar_data", _TARGET_FIELDS)
+        odometry = _table(file, "odometry", _ODOMETRY_FIELDS)
+        for field, column in odometry.items():
+            if not np.isfinite(column).all():  # np.unwrap would carry a nan on to later headings
+                raise ValueError(f"its odometry's {field!r} holds nan or inf")
+        stamps = odometry["timestamp"]  # compared, not subtracted: unsigned differences wrap around
+        if not (stamps[1:] > stamps[:-1]).all() or not len(stamps):
+            raise ValueError("its odometry is not in time order")
     return targets, odometry
 
 
 def _table(file: h5py.File, name: str, fields: tuple[str, ...]) -> Table:
     if name not in file:
         raise ValueError(f"it has no table {name!r}")
-    rows = np.atleast_1d(file[name][()])
+    rows = file[name][:]
     missing = [field for field in fields if field not in (rows.dtype.names or ())]
     if missing:
         raise ValueError(f"the table {name!r} has no column {missing[0]!r}")
     table = {field: np.ascontiguousarray(rows[field]) for field in fields}
-    text = [f for f, column in table.items() if column.dtype.kind not in "iuf" or column.ndim != 1]
-    if text:
-        raise ValueError(f"the column {text[0]!r} of the table {name!r} is not a column of numbers")
+    for field, column in table.items():
+        if column.dtype.kind not in "iuf" or column.ndim != 1:
+            raise ValueError(f"the column {field!r} of the table {name!r} does not hold numbers")
     return table
 
 
-def _scan(
-    time: float,
-    targets: Table,
-    strongest: int | None,
-    sigma_range: float,
-    sigma_azimuth: float | Callable[[Array], Array],
-    sigma_doppler: float,
-) -> RadarScan:
-    with np.errstate(invalid="ignore"):  # a signalling nan is left out like any other
-        distance, azimuth, doppler = (
-            targets[field].astype(np.float64) for field in ("range_sc", "azimuth_sc", "vr")
+def _own(path: Path, stamp: int, indices: slice, targets: Table, sensor: int) -> Table:
+    """The targets of one scan."""
+    first, last, count = indices.start, indices.stop, len(targets["sensor_id"])
+    if not 0 <= first <= last <= count:
+        raise ValueError(
+            f"{path}: the scan at {stamp} us has the targets {first} to {last}, but the file holds "
+            f"{count} targets"
         )
-    good = (distance > 0) & (distance <= MAX_RANGE) & np.isfinite(doppler)
-    good &= np.abs(azimuth) <= 2.0 * np.pi  # not so if it is nan
-    keep = np.flatnonzero(good)
-    keep = keep[strongest_targets(targets["rcs"][keep], strongest)]
-    azimuth = azimuth[keep]
-    sigma = sigma_azimuth(azimuth) if callable(sigma_azimuth) else sigma_azimuth
-    return RadarScan(
-        time, distance[keep], azimuth, doppler[keep], sigma_range, sigma, sigma_doppler
-    )
+    own = {field: column[indices] for field, column in targets.items()}
+    if (own["sensor_id"] != sensor).any():
+        raise ValueError(
+            f"{path}: the scan at {stamp} us holds targets of another sensor than {sensor}"
+        )
+    return own
+
+
+def _scan(time: float, targets: Table, strongest: int | None, noise: Noise) -> RadarScan:
+    with np.errstate(invalid="ignore"):  # a signalling nan is left out like any other
+        columns = {
+            name: targets[field].astype(np.float64)
+            for name, field in (("range", "range_sc"), ("azimuth", "azimuth_sc"), ("doppler", "vr"))
+        }
+    good = np.all([BOUNDS[name].hold(column) for name, column in columns.items()], axis=0)
+    keep = kept(good, targets["rcs"], strongest)
+    distance, azimuth, doppler = (column[keep] for column in columns.values())
+    return RadarScan(time, distance, azimuth, doppler, **noise.at(azimuth))
 
 
 def _reference(times: Array, odometry: Table, offset: float) -> Reference:
     """The odometry at the times of the scans less the offset, with a lateral velocity of zero."""
-    stamps = odometry["timestamp"] * MICROSECOND
-    columns = {
-        field: odometry[field].astype(np.float64)
-        for field in _ODOMETRY_FIELDS
-        if field != "timestamp"
-    }
-    columns["yaw_seq"] = np.unwrap(columns["yaw_seq"])
-    x, y, yaw, vx, yaw_rate = (
-        np.interp(times - offset, stamps, columns[field], left=np.nan, right=np.nan)
+    x, y, yaw, v_x, omega = (
+        odometry[field].astype(np.float64)
         for field in ("x_seq", "y_seq", "yaw_seq", "vx", "yaw_rate")
     )
-    theta = np.column_stack([vx, np.zeros_like(vx), yaw_rate])
-    return Reference(times, theta, np.column_stack([x, y, yaw]))
+    theta, poses = np.column_stack([v_x, 0.0 * v_x, omega]), np.column_stack([x, y, yaw])
+    driven = Reference(odometry["timestamp"] * MICROSECOND, theta, poses).at(times - offset)
+    return Reference(times, driven.theta, driven.poses)
+
+
+READER = data_set(
+    "RadarScenes",
+    load_radarscenes,
+    recording=Option("sequence", "number of the sequence", {"metavar": "N"}),
+    sensor=Option("sensor", "1 to 4", {"metavar": "N", "type": int}),
+    trial=("105", (1, 2, 3, 4)),
+)

@@ -1,22 +1,24 @@
 """Errors that the targets of a scan share, which their standard deviations do not contain."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from d2d._checks import check_angle, check_scalar
 from d2d._types import Array
+from d2d.radar.scans.bounds import ANGLE, NOT_NEGATIVE, Bounded, number
 
-_LARGEST = 1e3  # in any unit: beyond it a covariance holds nothing but the budget, or overflows
+# Beyond it a covariance, in whatever unit, holds nothing but the budget, or overflows.
+_SIGMA = NOT_NEGATIVE._replace(most=1e3)
 
 
 @dataclass(frozen=True)
-class ErrorBudget:
+class ErrorBudget(Bounded):
     """Standard deviations of the errors that many targets share.
 
     The inverse Hessian takes the errors of all targets as independent, so it becomes ever smaller
     with their number.  Errors that they share do not average out.  With a budget, the covariance of
     a track is the propagated noise of the single targets plus the effect of the shared errors,
-    each of which acts through the sum of the influences of the targets that share it.
+    each of which acts through the sum of the influences of the targets that share it.  Raises a
+    ``ValueError`` if a number is negative or above 1000, or the azimuth's above 2 pi.
 
     With a budget, even an empty one, a track's estimates are the velocities at its times: positions
     give the mean velocity over their interval; when the vehicle accelerates, this lags by half an
@@ -40,12 +42,6 @@ class ErrorBudget:
     source : str
         Where the numbers come from.
 
-    Raises
-    ------
-    ValueError
-        If a number is negative, nan or above 1000, or the azimuth's above 2 pi; the message names
-        it.
-
     Examples
     --------
     >>> import numpy as np
@@ -57,26 +53,12 @@ class ErrorBudget:
     True
     """
 
-    azimuth: float = 0.0
-    doppler: float = 0.0
-    scale: float = 0.0
-    lag: float = 0.0
-    neighbours: float = 0.0
+    azimuth: float = number(0.0, ANGLE._replace(least=0.0))
+    doppler: float = number(0.0, _SIGMA)
+    scale: float = number(0.0, _SIGMA)
+    lag: float = number(0.0, _SIGMA)
+    neighbours: float = number(0.0, _SIGMA)
     source: str = ""
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            if field.name == "source":
-                continue
-            value = check_scalar(field.name, getattr(self, field.name))
-            if value < 0.0:
-                raise ValueError(f"{field.name} must not be negative, but is {value:g}")
-            if value > _LARGEST:
-                raise ValueError(f"{field.name} must be at most {_LARGEST:g}, but is {value:g}")
-            object.__setattr__(self, field.name, float(value))
-        check_angle("azimuth", self.azimuth)
-        if not isinstance(self.source, str):
-            raise ValueError(f"source must be a str, but is a {type(self.source).__name__}")
 
 
 class CovarianceParts(NamedTuple):

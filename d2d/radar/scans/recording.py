@@ -6,8 +6,6 @@ from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan
 
-LONGEST_OFFSET = 10.0  # s, of a radar's clock from the reference's
-
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -18,7 +16,8 @@ class Recording:
     scans : list of RadarScan
     mounting : Mounting
     reference : Reference
-        The motion at the times of the scans; nan outside the time span of the reference's source.
+        The motion at the times of the scans; nan outside the time span of the reference's source,
+        and in its gaps.
     budget : ErrorBudget, optional
         What the targets of this data set's radars share, for ``track(..., budget=)``.
     """

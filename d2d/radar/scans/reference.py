@@ -6,19 +6,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import (
-    check_finite,
-    check_positive,
-    check_positive_scalar,
-    check_real,
-    check_seconds,
-)
+from d2d._checks import check_finite, check_positive_scalar, check_real
 from d2d._types import Array
+from d2d.radar.scans.bounds import SECONDS
+
+_HALF_WIDTH = SECONDS._replace(above=0.0, most=60.0)  # s
+_MIN_POSES = 5  # of a parabola: two more than it has coefficients
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
     """The motion at the time of each scan: the truth of a simulation, or from another sensor.
+
+    Velocities and poses may be nan where they are not known.  Raises a ``ValueError`` if ``times``
+    are not finite, or shapes do not match.
 
     Attributes
     ----------
@@ -28,12 +29,6 @@ class Reference:
         vehicle's axes.
     poses : (n, 3) array
         Pose [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw may wrap.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not match, or ``times`` are not finite; velocities and poses may be nan where
-        they are not known.  The message names the argument.
     """
 
     times: Array
@@ -41,9 +36,7 @@ class Reference:
     poses: Array
 
     def __post_init__(self) -> None:
-        times = check_finite("times", self.times)
-        if times.ndim != 1:
-            raise ValueError(f"times must have the shape (n,), but has {times.shape}")
+        times = _checked_times(self.times)
         object.__setattr__(self, "times", times)
         for name in ("theta", "poses"):
             values = check_real(name, getattr(self, name))
@@ -62,6 +55,8 @@ class Reference:
 
         A parabola is fitted to the poses within ``half_width`` of each time; its value and slope
         are pose and velocity (a Savitzky-Golay filter for stamps that are not evenly spaced).
+        Raises a ``ValueError`` if a shape is wrong, a value is not finite, ``stamps`` do not
+        increase, or ``half_width`` is not positive or beyond a minute.
 
         Parameters
         ----------
@@ -77,27 +72,17 @@ class Reference:
         Reference
             At ``times``; nan where poses are missing before or after the time, or where fewer than
             five poses are within reach.
-
-        Raises
-        ------
-        ValueError
-            If a shape is wrong, a value is not finite, ``stamps`` do not increase or ``half_width``
-            is not positive or beyond a minute; the message names the argument.
         """
-        known, wanted = check_finite("stamps", stamps), check_finite("times", times)
+        known, wanted = check_finite("stamps", stamps), _checked_times(times)
         placed = rigid.motion("poses", poses, 2)
         if known.ndim != 1 or placed.shape != (len(known), 3):
             raise ValueError(
                 "stamps and poses must have the shapes (n,) and (n, 3), but have "
                 f"{known.shape} and {placed.shape}"
             )
-        if wanted.ndim != 1:
-            raise ValueError(f"times must have the shape (m,), but has {wanted.shape}")
         if not (np.diff(known) > 0).all():
             raise ValueError("stamps must be strictly increasing, but are not")
-        reach = float(
-            check_positive("half_width", check_seconds("half_width", half_width, _LONGEST))
-        )
+        reach = _HALF_WIDTH.number("half_width", half_width)
         placed = np.column_stack([placed[:, :2], np.unwrap(placed[:, 2])])
         value, slope = _parabolas(known, placed, wanted, reach)
         turned = rigid.rotation(-value[:, 2]) @ slope[:, :2, None]
@@ -105,6 +90,9 @@ class Reference:
 
     def at(self, times: ArrayLike, *, max_gap: float = 1.0) -> "Reference":
         """The motion at other times, by linear interpolation.
+
+        Raises a ``ValueError`` if ``times`` is not a row of finite numbers, ``max_gap`` is not
+        positive, or the reference's own times are out of order.
 
         Parameters
         ----------
@@ -116,22 +104,14 @@ class Reference:
         -------
         Reference
             At ``times``; nan outside the time span and in longer gaps.
-
-        Raises
-        ------
-        ValueError
-            Unless ``times`` is a one-dimensional array of finite numbers, ``max_gap`` is positive,
-            and the reference's own times do not decrease.
         """
-        wanted = check_finite("times", times)
-        longest = check_positive_scalar("max_gap", max_gap)
+        wanted = _checked_times(times)
+        check_positive_scalar("max_gap", max_gap)
         if not len(self.times) or (np.diff(self.times) < 0.0).any():
             raise ValueError("the reference must have times, in order, to be interpolated")
-        if wanted.ndim != 1:
-            raise ValueError(f"times must have the shape (m,), but has {wanted.shape}")
         after = np.clip(np.searchsorted(self.times, wanted), 0, len(self.times) - 1)
         before = np.maximum(after - (self.times[after] != wanted), 0)
-        hole = self.times[after] - self.times[before] > longest
+        hole = self.times[after] - self.times[before] > max_gap
 
         def between(values: Array) -> Array:
             columns = [
@@ -145,8 +125,11 @@ class Reference:
         return Reference(wanted, between(self.theta), between(poses))
 
 
-_LONGEST = 60.0  # s, of the half width of a parabola
-_MIN_POSES = 5  # of a parabola: two more than it has coefficients
+def _checked_times(times: ArrayLike) -> Array:
+    array = check_finite("times", times)
+    if array.ndim != 1:
+        raise ValueError(f"times must have the shape (n,), but has {array.shape}")
+    return array
 
 
 def _parabolas(stamps: Array, poses: Array, times: Array, half_width: float) -> tuple[Array, Array]:

@@ -1,5 +1,6 @@
 """A scan of a Doppler radar, and the mounting of the sensor on the vehicle."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -10,58 +11,59 @@ from numpy.typing import ArrayLike
 from d2d import rigid
 from d2d._checks import (
     broadcast_batches,
-    check_angle,
     check_covariances,
     check_finite,
-    check_flag,
-    check_instance,
-    check_positive,
     check_positive_scalar,
     check_scalar,
-    check_within,
 )
 from d2d._kernel.compile import read_only
 from d2d._lazy import Frozen
 from d2d._types import Array, Selection
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
+from d2d.radar.scans.bounds import (
+    ANGLE,
+    FINITE,
+    METRES,
+    NOT_NEGATIVE,
+    POSITIVE,
+    Bounded,
+    number,
+)
 
-MAX_RANGE = 1e4  # m, beyond which no radar of a vehicle sees a target
-_MAX_LEVER = 100.0  # m from the vehicle's origin to a sensor; beyond it, they are millimetres
-_BROADCAST = ("sigma_range", "sigma_azimuth", "sigma_doppler", "extent")  # numbers or arrays
+_LEVER = METRES._replace(most=100.0)  # m, from the vehicle's origin
+_STEP = POSITIVE._replace(most=1e50)  # its square is finite
+
+# What a scan's columns hold; a radar of a vehicle sees no target beyond 10 km.
+BOUNDS = {
+    "range": METRES._replace(above=0.0, most=1e4),
+    "azimuth": ANGLE,
+    "doppler": FINITE,
+    "sigma_range": POSITIVE,
+    "sigma_azimuth": POSITIVE,
+    "sigma_doppler": POSITIVE,
+    "extent": NOT_NEGATIVE,
+}
+_MEASURED = ("range", "azimuth", "doppler")  # of each target; one of the others may stand for all
 
 
 @dataclass(frozen=True)
-class Mounting:
+class Mounting(Bounded):
     """Pose of the sensor in the vehicle frame (x forward, y left).
+
+    Raises a ``ValueError`` if a number is not finite, the sensor is more than 100 m from the origin
+    or the yaw is beyond 2 pi, as in degrees.
 
     Parameters
     ----------
     x, y : float, m
     yaw : float, rad
-        Direction of the boresight, counter-clockwise from the x axis, within -2 pi and 2 pi.
-
-    Raises
-    ------
-    ValueError
-        If an argument is not a finite number, a sensor is more than 100 m from the origin, or the
-        yaw is in degrees; the message names it.
+        Direction of the boresight, counter-clockwise from the x axis.
     """
 
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("x", "y", "yaw"):
-            object.__setattr__(self, name, check_scalar(name, getattr(self, name)))
-        for name in ("x", "y"):
-            if abs(getattr(self, name)) > _MAX_LEVER:
-                raise ValueError(
-                    f"{name} must be in m, at most {_MAX_LEVER:g} from the vehicle's origin, but "
-                    f"is {getattr(self, name):g}; are these millimetres?"
-                )
-        check_angle("yaw", self.yaw)
+    x: float = number(0.0, _LEVER)
+    y: float = number(0.0, _LEVER)
+    yaw: float = number(0.0, ANGLE)
 
     @property
     def pose(self) -> Array:
@@ -73,24 +75,21 @@ class Mounting:
 class RadarScan(Frozen):
     """The targets of one scan in the sensor frame, with their standard deviations.
 
+    Raises a ``ValueError`` if an argument is not finite, not positive or has the wrong shape, if
+    azimuths are beyond 2 pi, as in degrees, or a range is beyond 10 km.
+
     Parameters
     ----------
     time : float, s
     range, azimuth, doppler : (K,) arrays in m, rad, m/s
-        The azimuth is measured counter-clockwise from the boresight, within -2 pi and 2 pi; the
-        Doppler velocity is positive for receding targets.  K may be 0.
+        The azimuth is measured counter-clockwise from the boresight; the Doppler velocity is
+        positive for receding targets.  K may be 0.
     sigma_range, sigma_azimuth, sigma_doppler : numbers or (K,) arrays in the same units
         Standard deviations, positive.
     extent : number or (K,) array, m
         How far a target's reflection point lies from the point that the other scans see, as a
         standard deviation along each axis.  Objects are extended, and each scan sees different
         points of them.  Zero for point targets; see `estimate_extent`.
-
-    Raises
-    ------
-    ValueError
-        If an argument is not finite, not positive or has the wrong shape, azimuths are in degrees,
-        or a range is beyond 10 km; the message names it.
     """
 
     time: float
@@ -114,32 +113,30 @@ class RadarScan(Frozen):
         extent: ArrayLike = 0.0,
     ) -> None:
         self._keep("time", check_scalar("time", time))
+        given = (range, azimuth, doppler, sigma_range, sigma_azimuth, sigma_doppler, extent)
         arrays = {
-            "range": check_positive("range", range),
-            "azimuth": check_angle("azimuth", azimuth),
-            "doppler": check_finite("doppler", doppler),
-            "sigma_range": check_positive("sigma_range", sigma_range),
-            "sigma_azimuth": check_positive("sigma_azimuth", sigma_azimuth),
-            "sigma_doppler": check_positive("sigma_doppler", sigma_doppler),
-            "extent": check_finite("extent", extent),
+            name: bounds.array(name, values)
+            for (name, bounds), values in zip(BOUNDS.items(), given, strict=True)
         }
-        if (arrays["extent"] < 0.0).any():
-            raise ValueError("extent must not be negative")
-        if arrays["range"].max(initial=0.0) > MAX_RANGE:
-            raise ValueError(
-                f"range must be in m, at most {MAX_RANGE:g}, but holds {arrays['range'].max():g}; "
-                "are these millimetres?"
-            )
         shape = arrays["range"].shape
         if len(shape) != 1:
             raise ValueError(f"range must have the shape (K,), but has {shape}")
         for name, array in arrays.items():
-            if array.shape != shape and not (name in _BROADCAST and array.shape in ((), (1,))):
+            once = name not in _MEASURED and array.shape in ((), (1,))
+            if array.shape != shape and not once:
                 raise ValueError(
                     f"{name} must have the shape {shape} to match range, but has {array.shape}"
                 )
-            full = array if array.shape == shape else np.broadcast_to(array, shape)
-            self._keep(name, np.ascontiguousarray(full))
+            self._keep(name, np.full(shape, array) if once else array)
+
+    @classmethod
+    def _of(cls, time: float, columns: Iterable[Array]) -> "RadarScan":
+        """A scan of columns (K,) that are known to be good, in the order of the parameters."""
+        scan = cls.__new__(cls)
+        scan._keep("time", time)
+        for name, column in zip(BOUNDS, columns, strict=True):
+            scan._keep(name, column)
+        return scan
 
     @classmethod
     def from_cartesian(
@@ -156,12 +153,15 @@ class RadarScan(Frozen):
         sigma_azimuth: ArrayLike = 0.0,
         sigma_doppler: ArrayLike = 0.0,
         step: float | None = None,
+        extent: ArrayLike = 0.0,
     ) -> "RadarScan":
         """The scan of a radar that reports positions, such as a list of objects or clusters.
 
         The variances of all errors that are given are added.  A scan stores one standard deviation
         along the line of sight and one across it, so a covariance is projected onto both
-        directions, and the correlation between them is dropped.
+        directions, and the correlation between them is dropped.  Raises a ``ValueError`` if an
+        argument is not finite or has the wrong shape, a target is at the sensor's position, or
+        there is no error of the range, the azimuth or the Doppler velocity.
 
         Parameters
         ----------
@@ -182,13 +182,8 @@ class RadarScan(Frozen):
         step : float, m/s
             Spacing of the values to which the Doppler velocity, or each component of the velocity,
             is rounded.
-
-        Raises
-        ------
-        ValueError
-            If an argument is not finite or has the wrong shape, a target is at the sensor's
-            position, or there is no error of the range, the azimuth or the Doppler velocity; the
-            message names the argument.
+        extent : number or (K,) array, m
+            See `RadarScan`; it is not a part of the standard deviations above.
         """
         ahead, left = check_finite("x", x), check_finite("y", y)
         if ahead.ndim != 1 or ahead.shape != left.shape:
@@ -212,6 +207,7 @@ class RadarScan(Frozen):
             np.sqrt(_variance("sigma_range", sigma_range, size) + along),
             np.sqrt(_variance("sigma_azimuth", sigma_azimuth, size) + beside / distance**2),
             np.sqrt(_variance("sigma_doppler", sigma_doppler, size) + rounding**2),
+            extent,
         )
 
     @property
@@ -235,16 +231,8 @@ class RadarScan(Frozen):
         which: Any = index  # NumPy's own types do not take so many kinds at once
         if np.ndim(self.range[which]) != 1:
             raise IndexError("a scan is indexed by a slice, a mask or a list, not by a number")
-        return RadarScan(
-            self.time,
-            self.range[which],
-            self.azimuth[which],
-            self.doppler[which],
-            self.sigma_range[which],
-            self.sigma_azimuth[which],
-            self.sigma_doppler[which],
-            self.extent[which],
-        )
+        columns = (np.ascontiguousarray(getattr(self, name)[which]) for name in BOUNDS)
+        return RadarScan._of(self.time, columns)
 
     def with_extent(self, extent: ArrayLike) -> "RadarScan":
         """The scan with another ``extent``, a number or (K,) array in m."""
@@ -255,11 +243,9 @@ class RadarScan(Frozen):
     def point_set(self, mounting: Mounting) -> PointSet:
         """The targets as Gaussians in the vehicle frame (thesis eq. 7.1, 7.3 and 7.4).
 
-        The variance of the extent is added to the measurement's covariance.
-
-        Raises a ``ValueError`` if the scan is empty or ``mounting`` is not a `Mounting`.
+        The variance of the extent is added to the measurement's covariance.  Raises a
+        ``ValueError`` if the scan is empty.
         """
-        check_instance("mounting", mounting, Mounting)
         return _placed(self, mounting)
 
     def doppler_measurement(
@@ -270,19 +256,14 @@ class RadarScan(Frozen):
         The Doppler velocity V is linear in the body velocity theta = [v_x, v_y, omega], and thus in
         the twist ``interval * theta``.  The azimuth's error enters through the derivative of V in
         the azimuth (thesis sec. 7.1).  If ``of_twist`` is False, the translation is taken as v tau,
-        as in the thesis.
-
-        Raises a ``ValueError`` if ``mounting`` is not a `Mounting` or ``interval`` not a positive
-        number.
+        as in the thesis.  Raises a ``ValueError`` unless ``interval`` is positive.
         """
-        interval = check_positive_scalar("interval", interval)
-        check_flag("of_twist", of_twist)
-        check_instance("mounting", mounting, Mounting)
-        gain, slope = scan_gradients(self, mounting)
-        sigmas = self.sigma_doppler, self.sigma_azimuth
+        check_positive_scalar("interval", interval)
+        gain, slope = doppler_gradients(self.azimuth, mounting)
         return LinearMeasurement._of(
             self.doppler,
-            *sigmas,
+            self.sigma_doppler,
+            self.sigma_azimuth,
             gain / interval,
             slope / interval,
             of_twist,
@@ -296,10 +277,9 @@ def quantisation_sigma(step: float, name: str = "step") -> float:
     measurement: ``np.hypot(sigma, quantisation_sigma(step))``.  Where the noise is much smaller
     than the step, rounding is not independent from one value to the next.
 
-    Raises a ``ValueError``, which calls the argument ``name``, unless it is a number within 1e-50
-    and 1e50.
+    Raises a ``ValueError``, which calls the argument ``name``, unless it is a positive number.
     """
-    return float(check_within(name, step, 1e-50, 1e50) / np.sqrt(12.0))
+    return float(_STEP.number(name, step) / np.sqrt(12.0))
 
 
 def _position_covariances(covariance: ArrayLike | None, grid: float | None, size: int) -> Array:
@@ -333,11 +313,9 @@ def _radial(doppler: ArrayLike | None, velocity: ArrayLike | None, sight: Array)
 
 def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
     """Squares of standard deviations, which may be zero where other errors add to them."""
-    array = check_finite(name, sigma)
+    array = NOT_NEGATIVE.array(name, sigma)
     if array.shape not in ((), (1,), (size,)):
         raise ValueError(f"{name} must have the shape ({size},) to match x, but has {array.shape}")
-    if not (array >= 0).all():
-        raise ValueError(f"{name} must not be negative, but holds {array.min():g}")
     return array**2
 
 
@@ -349,7 +327,6 @@ def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
     return PointSet._of_polar(polar, directions(scan, mounting), scan.extent, origin)
 
 
-@lru_cache(maxsize=64)
 def directions(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
     """Cosine and sine (K,) of each target's azimuth in the vehicle frame."""
     angle = scan.azimuth + mounting.yaw
@@ -363,20 +340,10 @@ def cross_range(scan: RadarScan, mounting: Mounting) -> Array:
     return read_only(scan.range[:, None] * np.stack([-sine, cosine], axis=-1), -1, 2)
 
 
-def scan_gradients(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
-    """The `doppler_gradients` of a scan's targets."""
-    return _gradients(directions(scan, mounting), mounting)
-
-
-def doppler_gradients(azimuth: ArrayLike, mounting: Mounting) -> tuple[Array, Array]:
+def doppler_gradients(azimuth: Array, mounting: Mounting) -> tuple[Array, Array]:
     """dV/dtheta and d^2V/(dphi dtheta), each (..., 3), of a static target at ``azimuth`` (...)."""
-    check_instance("mounting", mounting, Mounting)
-    angle = check_angle("azimuth", azimuth) + mounting.yaw
-    return _gradients((np.cos(angle), np.sin(angle)), mounting)
-
-
-def _gradients(direction: tuple[Array, Array], mounting: Mounting) -> tuple[Array, Array]:
-    cosine, sine = direction
+    angle = azimuth + mounting.yaw
+    cosine, sine = np.cos(angle), np.sin(angle)
     gain, slope = np.empty((*cosine.shape, 3)), np.empty((*cosine.shape, 3))
     gain[..., 0], gain[..., 1] = -cosine, -sine
     gain[..., 2] = mounting.y * cosine - mounting.x * sine
@@ -387,6 +354,8 @@ def _gradients(direction: tuple[Array, Array], mounting: Mounting) -> tuple[Arra
 
 def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -> Array:
     """Doppler velocity of static targets seen from a moving vehicle.
+
+    Raises a ``ValueError`` if a shape is wrong or a value is not finite.
 
     Parameters
     ----------
@@ -401,15 +370,9 @@ def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -
     (..., K) array, m/s, positive for receding targets
         V = -(v_x - omega y_s) cos(phi + alpha_s) - (v_y + omega x_s) sin(phi + alpha_s)
         (thesis eq. 7.10; Barjenbruch et al. 2015).
-
-    Raises
-    ------
-    ValueError
-        If a shape is wrong, a value is not finite, or ``mounting`` is not a `Mounting`; the message
-        names the argument.
     """
     motion = rigid.motion("theta", theta, 2)
-    gain, _ = doppler_gradients(azimuth, mounting)
+    gain, _ = doppler_gradients(BOUNDS["azimuth"].array("azimuth", azimuth), mounting)
     if gain.ndim < 2:
         raise ValueError("azimuth must have the shape (..., K), but is a number")
     broadcast_batches("theta and azimuth", motion.shape[:-1], gain.shape[:-2])

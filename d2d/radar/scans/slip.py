@@ -1,16 +1,16 @@
 """The lateral velocity of a vehicle whose rear axle slips in bends."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import broadcast_batches, check_real, check_scalar
 from d2d._types import Array
+from d2d.radar.scans.bounds import Bounded, number
 
 
 @dataclass(frozen=True)
-class SlipLaw:
+class SlipLaw(Bounded):
     """The lateral velocity in a steady bend, v_y = (ahead - compliance v_x^2) omega.
 
     In a bend, the lateral acceleration v_x omega needs a lateral force of the rear tyres, and so a
@@ -23,27 +23,12 @@ class SlipLaw:
         How far the vehicle frame's origin lies ahead of the rear axle.
     compliance : float, s^2/m
         Slip angle of the rear axle (rad) over the lateral acceleration (m/s^2).
-
-    Raises
-    ------
-    ValueError
-        If a parameter is not a finite number; the message names it.
     """
 
-    ahead: float = 0.0
-    compliance: float = 0.0
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = check_scalar(field.name, getattr(self, field.name))
-            object.__setattr__(self, field.name, float(value))
+    ahead: float = number(0.0)
+    compliance: float = number(0.0)
 
     def lateral(self, forward: ArrayLike, yaw_rate: ArrayLike) -> Array:
-        """v_y (...) in m/s of v_x (...) in m/s and omega (...) in rad/s; nan stays nan.
-
-        Raises a ``ValueError`` that names the argument that is not an array of real numbers, or
-        both if they do not broadcast.
-        """
-        v_x, omega = check_real("forward", forward), check_real("yaw_rate", yaw_rate)
-        broadcast_batches("forward and yaw_rate", v_x.shape, omega.shape)
+        """v_y (...) in m/s of v_x (...) in m/s and omega (...) in rad/s; nan stays nan."""
+        v_x, omega = np.asarray(forward), np.asarray(yaw_rate)
         return np.asarray((self.ahead - self.compliance * v_x**2) * omega)

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d import rigid
-from d2d._checks import check_count, check_flag, check_instance, check_positive_scalar, check_scalar
+from d2d._checks import check_count, check_instance, check_positive_scalar
 from d2d._types import Array, Selection
+from d2d.radar.scans.bounds import ANGLE, NOT_NEGATIVE, POSITIVE, Bounded, number
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity
 from d2d.radar.simulation.sensor_errors import SensorErrors
@@ -36,12 +37,12 @@ _MAX_CLUTTER_DOPPLER = 10.0  # m/s
 
 
 @dataclass(frozen=True)
-class Sensor:
+class Sensor(Bounded):
     """A 77 GHz radar; the defaults are those of the thesis (sec. 7.2) as far as it gives them.
 
     The received power of a reflection point is its strength divided by range^4, times an
     exponential variate drawn anew for every scan (Swerling case 1).  A point is detected if its
-    power exceeds a threshold.
+    power exceeds a threshold.  Raises a ``ValueError`` if an attribute is out of range.
 
     Attributes
     ----------
@@ -62,35 +63,23 @@ class Sensor:
         azimuth and Doppler velocities of up to 10 m/s.
     quantised : bool
         Whether measurements and reported standard deviations are rounded to the sensor's steps.
-
-    Raises
-    ------
-    ValueError
-        If an attribute is out of range; the message names it.
     """
 
-    rate: float = 10.0
+    rate: float = number(10.0, POSITIVE)
     max_targets: int = 48
-    field_of_view: float = float(np.deg2rad(40.0))
-    min_range: float = 1.0
-    max_range: float = 50.0
-    half_range: float = 25.0
-    sigma_range: float = 0.1
-    sigma_azimuth: float = 0.009
-    sigma_doppler: float = 0.06
-    clutter: float = 2.0
+    field_of_view: float = number(float(np.deg2rad(40.0)), ANGLE._replace(above=0.0, most=np.pi))
+    min_range: float = number(1.0, POSITIVE)
+    max_range: float = number(50.0, POSITIVE)
+    half_range: float = number(25.0, POSITIVE)
+    sigma_range: float = number(0.1, POSITIVE)
+    sigma_azimuth: float = number(0.009, POSITIVE)
+    sigma_doppler: float = number(0.06, POSITIVE)
+    clutter: float = number(2.0, NOT_NEGATIVE)
     quantised: bool = True
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check_count("max_targets", self.max_targets)
-        check_flag("quantised", self.quantised)
-        for field in fields(self):
-            if field.type is float and field.name != "clutter":
-                check_positive_scalar(field.name, getattr(self, field.name))
-        if check_scalar("clutter", self.clutter) < 0.0:
-            raise ValueError(f"clutter must not be negative, but is {self.clutter:g}")
-        if self.field_of_view > np.pi:
-            raise ValueError(f"field_of_view must be at most pi, but is {self.field_of_view:g}")
         if self.max_range <= self.min_range:
             raise ValueError(f"max_range must exceed min_range, but is {self.max_range:g}")
 
@@ -162,7 +151,8 @@ def simulate_drive(
     """Drive around a block of houses with a radar.
 
     A lap is 300 m long, whatever the duration; at the default speed it takes 120 s.  The vehicle
-    drives without side slip and slows down in bends.
+    drives without side slip and slows down in bends.  Raises a ``ValueError`` if ``rng`` is not a
+    generator, or the duration or the speed not positive.
 
     Parameters
     ----------
@@ -182,27 +172,13 @@ def simulate_drive(
     errors : SensorErrors, optional
         What else is wrong with the sensor; by default, nothing.  They change neither what is
         detected nor the targets' own noise, unless there is a lag.
-
-    Returns
-    -------
-    Drive
-
-    Raises
-    ------
-    ValueError
-        If an argument is not positive or of the wrong type; the message names it.
     """
     check_instance("rng", rng, np.random.Generator)
     duration = check_positive_scalar("duration", duration)
     speed = check_positive_scalar("speed", speed)
-    start = check_scalar("start", start)
-    check_instance("mounting", mounting, Mounting)
-    sensor = Sensor() if sensor is None else sensor
-    check_instance("sensor", sensor, Sensor)
-    world = build_world(rng) if world is None else world
-    check_instance("world", world, World)
-    errors = SensorErrors() if errors is None else errors
-    check_instance("errors", errors, SensorErrors)
+    sensor = sensor or Sensor()
+    world = world or build_world(rng)
+    errors = errors or SensorErrors()
     times = np.arange(int(np.floor(duration * sensor.rate + 1e-9)) + 1) / sensor.rate
     truth = _motion(times, start, speed)
     seen = _motion(times - errors.lag, start, speed)

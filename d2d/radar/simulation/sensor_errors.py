@@ -1,21 +1,22 @@
 """What can be wrong with a simulated radar apart from the noise of its single targets."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
-from d2d._checks import check_angle, check_scalar
 from d2d._types import Array
+from d2d.radar.scans.bounds import ANGLE, NOT_NEGATIVE, POSITIVE, Bounded, Bounds, number
 
 _RIDGE = 1e-9  # relative variance that keeps points at the same place from a singular covariance
 
 
 @dataclass(frozen=True)
-class SensorErrors:
+class SensorErrors(Bounded):
     """Errors that the targets of a simulated scan share, and scatter of the reflection points.
 
     All are off by default.  `d2d.radar.ErrorBudget` holds the standard deviations of the errors of
-    the same names; this class holds their values, constant over a drive.
+    the same names; this class holds their values, constant over a drive.  Raises a ``ValueError``
+    if a number is out of range.
 
     Attributes
     ----------
@@ -37,11 +38,6 @@ class SensorErrors:
         Steps of the reported range, azimuth and Doppler velocity, as a multiple of the sensor's
         own; without effect on a sensor that is not quantised.
 
-    Raises
-    ------
-    ValueError
-        If a number is out of range, nan or inf; the message names it.
-
     Examples
     --------
     To a sensor that is turned by a degree and a half, the vehicle seems to slip to the left:
@@ -55,26 +51,13 @@ class SensorErrors:
     0.1
     """
 
-    azimuth: float = 0.0
-    doppler: float = 0.0
-    scale: float = 0.0
-    lag: float = 0.0
-    extent: float = 0.0
-    neighbours: float = 0.0
-    rounding: float = 1.0
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = check_scalar(field.name, getattr(self, field.name))
-            object.__setattr__(self, field.name, float(value))
-        check_angle("azimuth", self.azimuth)
-        for name in ("extent", "neighbours"):
-            if getattr(self, name) < 0.0:
-                raise ValueError(f"{name} must not be negative, but is {getattr(self, name):g}")
-        if self.scale <= -1.0:
-            raise ValueError(f"scale must be above -1, but is {self.scale:g}")
-        if self.rounding <= 0.0:
-            raise ValueError(f"rounding must be positive, but is {self.rounding:g}")
+    azimuth: float = number(0.0, ANGLE)
+    doppler: float = number(0.0)
+    scale: float = number(0.0, Bounds(above=-1.0))
+    lag: float = number(0.0)
+    extent: float = number(0.0, NOT_NEGATIVE)
+    neighbours: float = number(0.0, NOT_NEGATIVE)
+    rounding: float = number(1.0, POSITIVE)
 
     def moved(self, rng: np.random.Generator, points: Array) -> Array:
         """The places (n, 2) in m at which points (n, 2) are seen in one scan."""

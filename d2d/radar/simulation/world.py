@@ -8,7 +8,7 @@ import scipy
 from numpy.typing import NDArray
 
 from d2d import rigid
-from d2d._checks import check_count, check_finite, check_instance
+from d2d._checks import check_finite
 from d2d._lazy import Frozen
 from d2d._types import Array
 
@@ -231,15 +231,7 @@ def build_world(rng: np.random.Generator, movers: int = 6) -> World:
     movers : int
         Number of moving objects: alternately cars in the oncoming lane and walkers on the
         sidewalks, in either direction.
-
-    Raises
-    ------
-    ValueError
-        If ``rng`` is not a generator or ``movers`` is not an integer of at least 0; the message
-        names the argument.
     """
-    check_instance("rng", rng, np.random.Generator)
-    movers = check_count("movers", movers, minimum=0)
     buildings, cars = _buildings(rng), _parked_cars(rng)
     places = {
         "wall": _along_outlines(rng, buildings, 0.7, (0.02, 0.25)),
@@ -350,21 +342,11 @@ def _movers(rng: np.random.Generator, count: int) -> Movers:
     for k in range(count):
         start, direction = rng.uniform(0.0, LAP), rng.choice([-1.0, 1.0])
         if k % 2 == 0:
-            speed, middle, size, points, kind = (
-                rng.uniform(5.0, 9.0),
-                _ONCOMING_LANE,
-                (2.1, 0.8),
-                6,
-                "car",
-            )
+            kind, points, size = "car", 6, (2.1, 0.8)
+            speed, middle = rng.uniform(5.0, 9.0), _ONCOMING_LANE
         else:
-            speed, middle, size, points, kind = (
-                rng.uniform(1.0, 2.0),
-                rng.choice(_SIDEWALKS),
-                (0.2, 0.2),
-                2,
-                "walker",
-            )
+            kind, points, size = "walker", 2, (0.2, 0.2)
+            speed, middle = rng.uniform(1.0, 2.0), rng.choice(_SIDEWALKS)
         offset = rng.uniform(-1.0, 1.0, (points, 2)) * size + [0.0, middle]
         strength = _strengths(rng, kind, points)
         rows += [(start, direction * speed, *q, s) for q, s in zip(offset, strength, strict=True)]

@@ -53,41 +53,33 @@ def test_it_is_nan_where_poses_are_missing():
     assert np.isnan(few.theta).all()
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
+def test_bad_input_is_refused_by_name():
+    """Breaks if NumPy's words get through, or rows of one time are taken for those of another."""
+    good = {"stamps": STAMPS, "poses": straight(STAMPS), "times": TIMES}
+    for change, says in (
         ({"stamps": STAMPS[::-1]}, "stamps must be strictly increasing"),
         ({"stamps": STAMPS[:9]}, "stamps and poses must have the shapes"),
         ({"stamps": np.nan * STAMPS}, "stamps must be finite"),
         ({"poses": np.zeros((150, 2))}, "poses must have the shape"),
-        ({"poses": np.zeros(3)}, "stamps and poses must have the shapes"),
         ({"times": 6.0}, "times must have the shape"),
         ({"half_width": 0.0}, "half_width must be positive"),
-        ({"half_width": 200.0}, "half_width must be in seconds"),
-    ],
-    ids=str,
-)
-def test_bad_input_is_refused_by_name(change, says):
-    """Breaks if NumPy's words get through."""
-    good = {"stamps": STAMPS, "poses": straight(STAMPS), "times": TIMES}
-    with pytest.raises(ValueError, match=says):
-        Reference.from_poses(**(good | change))
-
-
-@pytest.mark.parametrize(
-    ("times", "theta", "poses", "said"),
-    [
-        ([[0.0]], np.zeros((1, 3)), np.zeros((1, 3)), r"^times must have the shape \(n,\)"),
-        ([np.nan], np.zeros((1, 3)), np.zeros((1, 3)), r"^times must be finite"),
-        ([0.0, 1.0], np.zeros((1, 3)), np.zeros((2, 3)), r"^theta must have the shape \(2, 3\)"),
-        ([0.0, 1.0], np.zeros((2, 3)), np.zeros((2, 2)), r"^poses must have the shape \(2, 3\)"),
-    ],
-    ids=["matrix", "nan", "theta", "poses"],
-)
-def test_what_is_no_reference_is_refused_by_name(times, theta, poses, said):
-    """Breaks if the rows of one time are taken for those of another."""
-    with pytest.raises(ValueError, match=said):
-        Reference(times, theta, poses)
+        ({"half_width": 200.0}, "half_width must be in seconds .* 60, but is 200; are these mill"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            Reference.from_poses(**(good | change))
+    three = np.zeros((2, 3))
+    for times, theta, poses, says in (
+        ([[0.0]], three[:1], three[:1], r"^times must have the shape \(n,\)"),
+        ([np.nan], three[:1], three[:1], r"^times must be finite"),
+        ([0.0, 1.0], three[:1], three, r"^theta must have the shape \(2, 3\)"),
+        ([0.0, 1.0], three, three[:, :2], r"^poses must have the shape \(2, 3\)"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            Reference(times, theta, poses)
+    reference = Reference([0.0, 1.0], three, three)
+    for times in (1.0, [[1.0, 1.1]], [np.nan]):
+        with pytest.raises(ValueError, match=r"^times must"):
+            reference.at(times)
 
 
 def test_lists_and_unknown_rows_are_a_reference():
@@ -103,6 +95,18 @@ def test_a_yaw_that_wraps_is_interpolated_the_short_way():
     found = Reference(np.arange(5.0), np.zeros((5, 3)), poses).at([0.5, 3.0, 3.5]).poses[:, 2]
     assert_allclose(found, [np.pi, 2.0 * np.pi - 3.0, 0.5 * (2.0 * np.pi + 0.12)], rtol=1e-12)
     assert_array_equal(np.isnan(poses[:, 2]), [False, False, True, False, False])
+
+
+def test_at_other_times_it_is_interpolated():
+    """Breaks if columns change places, or what lies outside is held instead of unknown."""
+    rows = np.column_stack([TIMES, 2.0 * TIMES, -TIMES])
+    wanted = np.array([5.4, 5.6, 6.9, 7.6])
+    found = Reference(TIMES, rows, 3.0 * rows).at(wanted)
+    expected = np.column_stack([wanted, 2.0 * wanted, -wanted])
+    expected[[0, 3]] = np.nan
+    assert_array_equal(found.times, wanted)
+    assert_allclose(found.theta, expected, rtol=1e-12)
+    assert_allclose(found.poses[:, :2], 3.0 * expected[:, :2], rtol=1e-12)
 
 
 def test_a_hole_is_not_bridged():

