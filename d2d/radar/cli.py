@@ -22,10 +22,10 @@ from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.recording import Recording
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.simulation.drive import simulate_drive
-from d2d.radar.tracks.joint import track_joint
 from d2d.radar.tracks.limits import VehicleLimits
-from d2d.radar.tracks.one_sensor import MAX_INTERVAL, track
+from d2d.radar.tracks.rounds import MAX_INTERVAL
 from d2d.radar.tracks.track import Track
+from d2d.radar.tracks.tracking import track
 
 # The options that belong to each source, and those of them that it needs.
 _OF_SOURCE = {
@@ -329,7 +329,7 @@ def _track(arguments: argparse.Namespace) -> None:
         "max_interval": arguments.max_interval,
         "budget": None if arguments.no_budget else source.budget,
         "progress": False if arguments.no_progress else None,
-        "slips": _slips(arguments.side_slip),
+        "side_slip": _side_slip(arguments.side_slip),
         "limits": VehicleLimits(acceleration=arguments.max_acceleration),
     }
     count = sum(len(scans) for scans, _ in source.sensors)
@@ -337,10 +337,7 @@ def _track(arguments: argparse.Namespace) -> None:
     print(f"read {count} scans of {len(source.sensors)} sensor{several}", flush=True)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", UserWarning)
-        if len(source.sensors) == 1:
-            driven = track(*source.sensors[0], **options)
-        else:
-            driven = track_joint(source.sensors, **options)
+        driven = track(source.sensors, **options)
     for each in said:
         print(f"{PROGRAM}: warning: {each.message}", file=sys.stderr)
     print(driven)
@@ -350,8 +347,8 @@ def _track(arguments: argparse.Namespace) -> None:
         print(f"wrote {path}")
 
 
-def _slips(sigma: float | None) -> bool | float:
-    """The value of the option ``slips`` for a standard deviation of v_y, or for none."""
+def _side_slip(sigma: float | None) -> bool | float:
+    """The value of the option ``side_slip`` for a standard deviation of v_y, or for none."""
     if sigma is None:
         return True
     if not 0.0 <= sigma < math.inf:

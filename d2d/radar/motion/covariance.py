@@ -12,7 +12,7 @@ from d2d.covariance import check_estimate
 from d2d.problem import Problem
 from d2d.radar.motion.influence import View, distinct_views, influences, noise_covariance
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
-from d2d.radar.motion.pairs import ScanPair, check_pairs, scan_pair
+from d2d.radar.motion.pairs import ScanPair, scan_pair, scan_pairs
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.registration import Estimate
 
@@ -42,7 +42,7 @@ def propagate_ego_motion(
         sensor, instead of two independent errors, as in the cost.  Without ``doppler`` it has no
         effect.
     **options
-        ``doppler``, ``outlier``, ``doppler_width``, ``slips`` and ``first_order``, as for
+        ``doppler``, ``outlier``, ``doppler_width``, ``side_slip`` and ``first_order``, as for
         `estimate_ego_motion`.
 
     Returns
@@ -66,7 +66,8 @@ def propagate_ego_motion(
     noncredibility index.
     """
     model = EgoMotionModel(**options)
-    problem = model.problem([scan_pair(previous, current, mounting, model)])
+    pairs = scan_pairs(previous, current, mounting)
+    problem = model.problem([scan_pair(*pair, model) for pair in pairs])
     views = [(previous, mounting), (current, mounting)]
     return _propagated(estimate, problem, views, [(0, 1)], shared_azimuth)
 
@@ -87,9 +88,9 @@ def propagate_joint_ego_motion(
     Parameters
     ----------
     estimate : Estimate
-        A result of `estimate_joint_ego_motion` with the same pairs and options.
+        A result of `estimate_ego_motion` with the same pairs and options.
     pairs : iterable of (previous, current, mounting)
-        As for `estimate_joint_ego_motion`.  Scans with the same content and mounting are the same
+        As for `estimate_ego_motion`.  Scans with the same content and mounting are the same
         scan.
     shared_azimuth, **options
         As for `propagate_ego_motion`.
@@ -102,10 +103,10 @@ def propagate_joint_ego_motion(
     Raises
     ------
     ValueError
-        If an argument is invalid, as in `estimate_joint_ego_motion` and `propagate_ego_motion`; the
+        If an argument is invalid, as in `estimate_ego_motion` and `propagate_ego_motion`; the
         message names it.
     """
-    pairs = check_pairs(pairs)
+    pairs = scan_pairs(*zip(*pairs, strict=True))
     model = EgoMotionModel(**options)
     problem = model.problem([scan_pair(*pair, model) for pair in pairs])
     return _propagated(estimate, problem, *distinct_views(pairs), shared_azimuth)

@@ -38,15 +38,15 @@ _QUESTIONS = {
 _OTHERS = "Azimuths in degrees, times in another unit than s and a wrong mounting look the same."
 
 
-def warn_of_contradiction(theta: Array, bind: Callable[[int], Problem | None]) -> None:
+def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> None:
     """Warn if in most intervals the positions alone fit another velocity clearly better.
 
     Parameters
     ----------
     theta : (n, 3) array
         The accepted velocities.
-    bind : callable
-        ``bind(i)`` is the problem of row i, or None if its targets have no Doppler velocities.
+    problem : callable
+        ``problem(i)`` is the problem of row i.
     """
     if len(theta) < _FEW:
         return
@@ -56,11 +56,10 @@ def warn_of_contradiction(theta: Array, bind: Callable[[int], Problem | None]) -
     compared = 0
     against: list[tuple[str, Array]] = []
     for i in np.concatenate([spread[first::step] for first in range(step)]):
-        problem = bind(int(i))
-        if problem is None or (compared == _FEW and len(against) < 2):
+        if compared == _FEW and len(against) < 2:
             return
         compared += 1
-        against += _contradiction(problem, theta[i])
+        against += _contradiction(problem(int(i)), theta[i])
     # a fit by chance has a random direction
     headings = np.array([heading for _, heading in against])
     if against and 2.0 * np.hypot(*headings.sum(axis=0)) > compared:
@@ -71,7 +70,7 @@ def warn_of_contradiction(theta: Array, bind: Callable[[int], Problem | None]) -
             f"{compared} intervals the positions fit another velocity better, mostly {kind}.  "
             f"{_QUESTIONS[kind]}  {_OTHERS}",
             UserWarning,
-            stacklevel=5,
+            stacklevel=3,
         )
 
 

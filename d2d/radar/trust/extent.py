@@ -16,7 +16,7 @@ from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
 from d2d.radar.motion.pairs import scan_pair
 from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.radar.tracks.one_sensor import MAX_INTERVAL, increasing
+from d2d.radar.tracks.rounds import MAX_INTERVAL, increasing
 
 # m; the likelihood is computed at each, the maximum is looked for between neighbours
 CANDIDATES = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])
@@ -179,7 +179,7 @@ def _start(
     previous: RadarScan, current: RadarScan, mounting: Mounting, model: EgoMotionModel
 ) -> _Start:
     problem = model.problem([scan_pair(previous, current, mounting, model)])
-    starts = doppler_starts(current, mounting)
+    starts = doppler_starts([(current, mounting)])
     return _Start(problem, estimate_velocity(widened(problem, _MIDDLE), starts, (1.0,)).theta)
 
 

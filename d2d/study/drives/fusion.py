@@ -146,7 +146,7 @@ def _measured(rng: np.random.Generator, duration: float, errors: SensorErrors) -
     )
     scans = [told(scan, wrong) for scan in drive.scans]
     plain, full = (
-        track(scans, CAR_MOUNTING, initial=drive.truth.theta[0], budget=budget, limits=None)
+        track((scans, CAR_MOUNTING), initial=drive.truth.theta[0], budget=budget, limits=None)
         for budget in (None, wrong.budget)
     )
     truth = drive.truth.theta[1:]
