@@ -22,8 +22,8 @@ WITH_EXAMPLES = {
     "d2d.radar.trust.halves",
     "d2d.radar.trust.extent",
     "d2d.radar.simulation.sensor_errors",
-    "d2d.radar.tracks.one_sensor",
     "d2d.radar.tracks.track",
+    "d2d.radar.tracks.tracking",
     "d2d.registration",
     "d2d.scores",
 }

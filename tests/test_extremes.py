@@ -42,9 +42,9 @@ def cartesian(**options):
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: track(*SENSORS[0], slips=1e-200), "slips must"),
-        (lambda: track(*SENSORS[0], slips=1e200), "slips must"),
-        (lambda: track(*SENSORS[0], initial=DRIVE.scans[0]), "initial must"),
+        (lambda: track(SENSORS[0], side_slip=1e-200), "side_slip must"),
+        (lambda: track(SENSORS[0], side_slip=1e200), "side_slip must"),
+        (lambda: track(SENSORS[0], initial=DRIVE.scans[0]), "initial must"),
         (lambda: PointSet(DRIVE.scans, EYE), "means must"),
         (lambda: PointSet(MEANS, np.zeros((0, 3, 2, 2))), "covariances must"),
         (lambda: PointSet(MEANS, [EYE] * 3, np.zeros((0, 3))), "weights must"),
@@ -85,13 +85,13 @@ def test_numbers_beyond_64_bits_do_not_hang_or_overflow():
     """Breaks if there is a thread for each number that was asked for, or a baseline overflows."""
     found = multi_start(BATCH, BATCH, None, np.zeros((2, 3)), threads=2**63)
     assert found.converged.all()
-    first = track(*SENSORS[0], baseline=2**63)
-    assert (first.theta == track(*SENSORS[0], baseline=100).theta).all()
+    first = track(SENSORS[0], baseline=2**63)
+    assert (first.theta == track(SENSORS[0], baseline=100).theta).all()
 
 
 def test_a_comparison_is_read_only():
     """Breaks if its cached numbers no longer belong to its errors."""
-    found = compare(track(*SENSORS[0]), DRIVE.truth)
+    found = compare(track(SENSORS[0]), DRIVE.truth)
     for array in (found.times, found.errors, found.covariances):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0

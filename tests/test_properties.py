@@ -42,13 +42,11 @@ from d2d.radar import (
     doppler_ego_motion,
     doppler_velocity,
     estimate_ego_motion,
-    estimate_joint_ego_motion,
     inlier_probabilities,
     propagate_ego_motion,
     sensor_velocity,
     simulate_drive,
     track,
-    track_joint,
 )
 from d2d.radar.scans.scan import doppler_gradients
 from tests.strategies import (
@@ -478,41 +476,32 @@ def successive(seed: int, theta: np.ndarray, at: Mounting, count: int) -> tuple[
     return before, now
 
 
-@given(seeds, velocities, mountings, st.booleans(), st.booleans())
-def test_ego_motion_of_exact_scans_is_the_true_one(seed, theta, mounting, doppler, joint):
+@given(seeds, velocities, mountings, st.booleans())
+def test_ego_motion_of_exact_scans_is_the_true_one(seed, theta, mounting, doppler):
     """Breaks if positions, Doppler velocities, mounting or interval do not fit together."""
     pair = (*successive(seed, theta, mounting, 30), mounting)
     options = {"doppler": doppler, "initial": theta, "outlier": UniformOutlier(1e-6)}
-    estimate = (
-        estimate_joint_ego_motion([pair], **options)
-        if joint
-        else estimate_ego_motion(*pair, **options)
-    )
+    estimate = estimate_ego_motion(*pair, **options)
     assert estimate.converged
     sigma = np.sqrt(np.diagonal(estimate.covariance))
     # neighbours within the errors' reach pull the optimum a little from the truth
     assert (np.abs(estimate.theta - theta) <= 1.5 * sigma + 1e-9).all()
-    if not joint:
-        model = {"doppler": doppler, "outlier": options["outlier"]}
-        share = inlier_probabilities(estimate.theta, *pair, **model)
-        assert share.shape == (30,)
-        assert share.min() > 0.9
-        spread = propagate_ego_motion(estimate, *pair, **model)
-        assert np.linalg.eigvalsh(spread / np.outer(sigma, sigma))[0] > 0.0
+    model = {"doppler": doppler, "outlier": options["outlier"]}
+    share = inlier_probabilities(estimate.theta, *pair, **model)
+    assert share.shape == (30,)
+    assert share.min() > 0.9
+    spread = propagate_ego_motion(estimate, *pair, **model)
+    assert np.linalg.eigvalsh(spread / np.outer(sigma, sigma))[0] > 0.0
 
 
 @FEW
-@given(seeds, st.integers(2, 6), st.integers(1, 3), st.booleans())
-def test_a_track_of_one_sensor_is_the_chain_of_its_pairs(seed, count, baseline, joint):
+@given(seeds, st.integers(2, 6), st.integers(1, 3))
+def test_a_track_of_one_sensor_is_the_chain_of_its_pairs(seed, count, baseline):
     """Breaks if a pair is left out, or a scan is registered with another one than was asked for."""
     drive = simulate_drive(np.random.default_rng(seed), duration=0.1 * count)
     scans = [scan[:12] for scan in drive.scans]
     assume(all(scan.size > 5 for scan in scans))
-    path = (
-        track_joint([(scans, drive.mounting)], baseline=baseline)
-        if joint
-        else track(scans, drive.mounting, baseline=baseline)
-    )
+    path = track((scans, drive.mounting), baseline=baseline)
     assert path.theta.shape == (len(scans) - 1, 3)
     assert_allclose(path.times, [scan.time for scan in scans[1:]])
     assert (np.isfinite(path.covariance).all(axis=(1, 2)) == path.converged).all()

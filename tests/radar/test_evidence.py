@@ -89,7 +89,7 @@ def test_targets_that_err_together_are_told_by_object_only():
     assert 1.5 < low < 3.0 < high
     # and that is what the errors themselves say, which need a reference
     scans = drive(0, 0.5)
-    driven = track(scans, MOUNTING, doppler=False)
+    driven = track((scans, MOUNTING), doppler=False)
     still = np.tile(THETA, (len(driven.times), 1))
     true = compare(driven, Reference(driven.times, still, np.zeros_like(still)))
     assert low < true.measures.anees < high
@@ -278,7 +278,7 @@ def test_an_empty_track_is_told():
     """Breaks if the mean of nothing is a warning of NumPy."""
     none = Track(*np.zeros((2, 0)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, bool))
     drive = simulate_drive(np.random.default_rng(0), duration=1.0)
-    driven = track(drive.scans, drive.mounting)
+    driven = track(drive)
     for call in (
         lambda: compare_tracks(none, driven),
         lambda: compare_tracks(driven, none),

@@ -20,9 +20,9 @@ from d2d.radar import (
     estimate_ego_motion,
     estimate_extent,
 )
-from d2d.radar.trust import extent as module
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.trust import extent as module
 from d2d.radar.trust.extent import CANDIDATES, widened
 
 THETA, STILL = np.array([6.0, 0.2, 0.1]), np.zeros(3)

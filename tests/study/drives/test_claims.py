@@ -131,12 +131,12 @@ def test_followed_pairs_have_no_second_start(short_drives):
 
 def without_doppler(scans, mounting, *, doppler):
     """A track that never looks at the Doppler velocities."""
-    return track(scans, mounting, doppler=False)
+    return track((scans, mounting), doppler=False)
 
 
 def useless_doppler(scans, mounting, *, doppler):
     """A track that is better without."""
-    return track(scans, mounting, doppler=not doppler)
+    return track((scans, mounting), doppler=not doppler)
 
 
 @pytest.mark.parametrize("claim", ["doppler-reduces-error", "doppler-more-certain"])
