@@ -19,11 +19,19 @@ from d2d._types import Array
 from d2d.problem import Problem
 from d2d.registration import ANNEALED, anneal
 
+# The thresholds were chosen by hand and tried on 15 recordings: four radars of RadarScenes, eight of
+# nuScenes, three simulated ones, each as it is, with the opposite sign, in km/h and with zeros.  Of
+# correct recordings, at most 10 % of the intervals contradict in one direction.  Of wrong ones, 52 %
+# or more do if the radar looks ahead, and 3 to 78 % if it looks aside, so that half of them must.
+# With 0.5 or 10 nats instead of 3, or a margin of 0.1 or 2 m/s, radars that look ahead stay at
+# 52 % or more; with less than 3 nats, correct recordings rise to 29 %.
 _SAMPLE = 20  # intervals at most
 _FEW = 5  # after which the search ends if at most one of them contradicts
 _TELLING = 3.0  # nats by which another velocity must fit the positions better
 _SLOW = 2.0  # m/s, below which the multiples of a velocity are too close to tell apart
 _MARGIN = 0.5  # m/s
+# Distances from a velocity, as fractions of the speed; rest is at a distance of 1 from the estimate.
+_BEYOND_REST, _AT_OPPOSITE, _AT_SLOWER = 1.15, 0.5, 0.15
 # What the velocity is multiplied by if a mistake is undone.
 _OPPOSITE, _SLOWER, _FASTER, _MUCH_FASTER = np.array(
     [[-1.0, -1.0, 1.0], [1.0 / 3.6, 1.0 / 3.6, 1.0], [3.6, 3.6, 1.0], [10.0, 10.0, 10.0]]
@@ -91,9 +99,9 @@ def _contradiction(problem: Problem, theta: Array) -> list[tuple[str, Array]]:
         return float(np.hypot(*(other.theta - multiple * theta)[:2]))
 
     heading = other.theta[:2] / max(float(np.hypot(*other.theta[:2])), 1e-9)
-    if away(np.ones(3)) > 1.15 * speed + _MARGIN:
-        opposite = away(_OPPOSITE) < 0.5 * speed
+    if away(np.ones(3)) > _BEYOND_REST * speed + _MARGIN:
+        opposite = away(_OPPOSITE) < _AT_OPPOSITE * speed
         return [("the opposite velocity" if opposite else "a faster one", heading)]
-    if speed > _SLOW and away(_SLOWER) < 0.15 * speed and rest - other.value > _TELLING:
+    if speed > _SLOW and away(_SLOWER) < _AT_SLOWER * speed and rest - other.value > _TELLING:
         return [("a 3.6 times slower one", heading)]
     return []
