@@ -13,6 +13,7 @@ from d2d.radar import Drive, Mounting, RadarScan, Reference, doppler_velocity, s
 CORNER = Mounting(3.86, 0.7, 0.436)
 AROUND = (CORNER, Mounting(3.6, -0.9, -1.48), Mounting(-0.9, -0.87, -2.9))
 SIGMAS = (0.15, np.deg2rad(0.5), 0.06)
+STRAIGHT = np.array([12.0, 0.0, 0.1])
 
 
 def arc(theta, time: float) -> np.ndarray:
@@ -72,15 +73,15 @@ def beginning(count: int = 40, seed: int = 0) -> Drive:
     return replace(whole, scans=whole.scans[:count], truth=part)
 
 
-def straight_scans(count: int = 12, seed: int = 40) -> tuple[list[RadarScan], np.ndarray]:
+def straight_scans(count: int = 12) -> list[RadarScan]:
     """Scans of one world from a car at 12 m/s, too fast to be registered from a start at zero."""
-    rng, theta = np.random.default_rng(seed), np.array([12.0, 0.0, 0.1])
+    rng = np.random.default_rng(40)
     points = rng.uniform([-10.0, -60.0], [90.0, 60.0], (400, 2))
-    return _seen(rng, points, 0.1 * np.arange(count), theta, CORNER), theta
+    return _seen(rng, points, 0.1 * np.arange(count), STRAIGHT, CORNER)
 
 
 def surround_scans(
-    count: int = 12, theta=(12.0, 0.0, 0.1), times=None, shift: float = 0.013
+    count: int = 12, theta=STRAIGHT, times=None, shift: float = 0.013
 ) -> list[tuple[list[RadarScan], Mounting]]:
     """Scans of one world by three sensors that do not run in step, at these times."""
     rng, theta = np.random.default_rng(70), np.array(theta)

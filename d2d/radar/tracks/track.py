@@ -80,7 +80,7 @@ class Track(Frozen):
     Attributes
     ----------
     times : (n,) array, s
-        Time of each current scan.
+        Time of each current scan; with several sensors, the mean time of a round of them.
     intervals : (n,) array, s
         Time since the scan before; they add up to the differences of ``times``, to within 10 ms.
     theta : (n, 3) array

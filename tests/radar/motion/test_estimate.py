@@ -131,7 +131,7 @@ def test_inlier_probabilities_are_bayes_rule(doppler, first_order, outlier):
     theta = THETA
     previous, current = two_scans(np.random.default_rng(3), theta, size=7)
     changed = current.doppler + np.array([0, 0, 0.1, 0, 1.0, 0, 0])
-    current = RadarScan(current.time, current.range, current.azimuth, changed, *SIGMAS)
+    current = replace(current, doppler=changed)
     shares = inlier_probabilities(
         theta, previous, current, CORNER, doppler=doppler, outlier=outlier, first_order=first_order
     )
@@ -166,7 +166,7 @@ def test_the_estimate_is_the_optimum_of_the_naive_joint_cost(
     if outlier is not None:  # one target that has moved, one that is new
         changed = current.doppler + np.array([0, 0, 4.0, 0, 0, 0, 0])
         distance = current.range + np.array([0, 0, 0, 0, 6.0, 0, 0])
-        current = RadarScan(current.time, distance, current.azimuth, changed, *SIGMAS)
+        current = replace(current, range=distance, doppler=changed)
     estimate = estimate_ego_motion(
         previous,
         current,
@@ -217,7 +217,7 @@ def test_fast_car_among_moving_ones_needs_no_start():
         moving = np.arange(size) < 12
         distance = np.where(moving, current.range + rng.uniform(-2.0, 2.0, size), current.range)
         doppler = np.where(moving, current.doppler + rng.uniform(-25, 25, size), current.doppler)
-        current = RadarScan(current.time, distance, current.azimuth, doppler, *SIGMAS)
+        current = replace(current, range=distance, doppler=doppler)
         estimate = estimate_ego_motion(previous, current, CORNER)
         assert estimate.converged
         from_doppler.append(estimate.theta - theta)
@@ -262,13 +262,7 @@ def test_first_order_takes_the_chord_for_the_velocity():
 def test_a_different_interval_scales_the_velocity():
     """Breaks if the interval is taken from elsewhere than the scans' times."""
     previous, current = two_scans(np.random.default_rng(26), [5.0, 0.0, 0.1])
-    later = RadarScan(
-        previous.time + 2 * (current.time - previous.time),
-        current.range,
-        current.azimuth,
-        current.doppler,
-        *SIGMAS,
-    )
+    later = replace(current, time=previous.time + 2 * (current.time - previous.time))
     slow = estimate_ego_motion(previous, later, CORNER, doppler=False, initial=[2.5, 0, 0.05])
     fast = estimate_ego_motion(previous, current, CORNER, doppler=False, initial=[5.0, 0, 0.1])
     assert_allclose(slow.theta, fast.theta / 2.0, rtol=1e-6, atol=1e-9)
