@@ -19,18 +19,18 @@ from d2d._types import Array
 from d2d.problem import Problem
 from d2d.registration import ANNEALED, anneal
 
-# The thresholds were chosen by hand and tried on 15 recordings: four radars of RadarScenes, eight of
-# nuScenes, three simulated ones, each as it is, with the opposite sign, in km/h and with zeros.  Of
-# correct recordings, at most 10 % of the intervals contradict in one direction.  Of wrong ones, 52 %
-# or more do if the radar looks ahead, and 3 to 78 % if it looks aside, so that half of them must.
-# With 0.5 or 10 nats instead of 3, or a margin of 0.1 or 2 m/s, radars that look ahead stay at
-# 52 % or more; with less than 3 nats, correct recordings rise to 29 %.
+# The thresholds were chosen by hand and tried on 15 recordings: four radars of RadarScenes, eight
+# of nuScenes, three simulated ones, each as it is, with the opposite sign, in km/h and with zeros.
+# Of correct recordings, at most 10 % of the intervals contradict in one direction.  Of wrong ones,
+# 52 % or more do if the radar looks ahead, and 3 to 78 % if it looks aside, so that half of them
+# must.  With 0.5 or 10 nats instead of 3, or a margin of 0.1 or 2 m/s, radars that look ahead stay
+# at 52 % or more; with less than 3 nats, correct recordings rise to 29 %.
 _SAMPLE = 20  # intervals at most
 _FEW = 5  # after which the search ends if at most one of them contradicts
 _TELLING = 3.0  # nats by which another velocity must fit the positions better
 _SLOW = 2.0  # m/s, below which the multiples of a velocity are too close to tell apart
 _MARGIN = 0.5  # m/s
-# Distances from a velocity, as fractions of the speed; rest is at a distance of 1 from the estimate.
+# Distances from a velocity, as fractions of the speed; rest is 1 away from the estimate.
 _BEYOND_REST, _AT_OPPOSITE, _AT_SLOWER = 1.15, 0.5, 0.15
 # What the velocity is multiplied by if a mistake is undone.
 _OPPOSITE, _SLOWER, _FASTER, _MUCH_FASTER = np.array(
