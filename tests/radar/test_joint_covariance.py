@@ -275,10 +275,8 @@ def test_bad_input_is_refused_by_name():
     """Breaks if an argument that does not fit gives a number or an obscure error."""
     pairs = pairs_of(scene())
     estimate = estimate_ego_motion(*zip(*pairs, strict=True), initial=THETA)
-    with pytest.raises(ValueError, match="pairs"):
+    with pytest.raises(ValueError, match="previous must hold at least one"):
         propagate_joint_ego_motion(estimate, [])
-    with pytest.raises(ValueError, match=r"pairs\[1\]"):
-        propagate_joint_ego_motion(estimate, [pairs[0], pairs[0][:2]])
     with pytest.raises(ValueError, match="estimate"):
         propagate_joint_ego_motion(THETA, pairs)
     with pytest.raises(ValueError, match="shared_azimuth"):

@@ -106,7 +106,12 @@ def propagate_joint_ego_motion(
         If an argument is invalid, as in `estimate_ego_motion` and `propagate_ego_motion`; the
         message names it.
     """
-    pairs = scan_pairs(*zip(*pairs, strict=True))
+    given = [ScanPair(*pair) for pair in pairs]
+    pairs = scan_pairs(
+        [pair.previous for pair in given],
+        [pair.current for pair in given],
+        [pair.mounting for pair in given],
+    )
     model = EgoMotionModel(**options)
     problem = model.problem([scan_pair(*pair, model) for pair in pairs])
     return _propagated(estimate, problem, *distinct_views(pairs), shared_azimuth)
