@@ -35,7 +35,7 @@ def measure(root: Path, repeats: int = 3) -> Throughput:
         begin = time.perf_counter()
         recording = load_radarscenes(root, SEQUENCE, SENSOR, strongest=STRONGEST)
         read = time.perf_counter()
-        track(recording.scans, recording.mounting)
+        track(recording)
         end = time.perf_counter()
         scans = recording.scans
         result = Throughput(

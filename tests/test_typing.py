@@ -19,7 +19,7 @@ def use(scan: RadarScan, points: PointSet) -> None:
     scan["range"]
     points[points.means]
     RegistrationCost(metric="icp")
-    track([scan, scan], "front")
+    track([scan, scan])
 """
 
 

@@ -33,13 +33,11 @@ from d2d.radar import (
     doppler_ego_motion,
     doppler_velocity,
     estimate_ego_motion,
-    estimate_joint_ego_motion,
     inlier_probabilities,
     load_csv,
     propagate_ego_motion,
     simulate_drive,
     track,
-    track_joint,
 )
 from d2d.study.mixtures.gaussian import GaussianMixture, confidence_ellipse, fit_mixture
 
@@ -109,21 +107,21 @@ assert_type(scan[::2], RadarScan)
 assert_type(drive.targets[0][drive.targets[0].range < 10.0].range, Array)
 first, second = drive.scans[:2]
 velocity = estimate_ego_motion(first, second, drive.mounting, initial=[5, 0, 0], outlier=None)
-joint = estimate_joint_ego_motion([(first, second, drive.mounting)], doppler=False)
+joint = estimate_ego_motion([first], [second], [drive.mounting], doppler=False)
 assert_type(inlier_probabilities(velocity.theta, first, second, drive.mounting), Array)
 propagate_ego_motion(joint, first, second, drive.mounting, doppler=False)
 assert_type(doppler_velocity([5, 0, 0], [0.1, 0.2], mounting), Array)
 assert_type(doppler_ego_motion((each, mounting) for each in drive.scans), DopplerMotion)
-driven = track(drive.scans, drive.mounting, baseline=2, initial=(5, 0, 0), scales=[2, 1])
+driven = track(drive, baseline=2, initial=(5, 0, 0), scales=[2, 1])
 assert_type(driven, Track)
-together = track_joint([(drive.scans[::2], drive.mounting), (iter(drive.scans[1::2]), mounting)])
+together = track([(drive.scans[::2], drive.mounting), (iter(drive.scans[1::2]), mounting)])
 assert_type(together.poses([0, 0, 0]), Array)
-track((each for each in drive.scans), drive.mounting, max_interval=100)
+track(((each for each in drive.scans), drive.mounting), max_interval=100)
 reference = Reference(driven.times, driven.theta, driven.poses()[1:])
 assert_type(reference.at([0.1, 0.2]), Reference)
 assert_type(driven.at([0.1, 0.2]), Velocities)
 assert_type(driven.at(driven.times).covariance, Array)
-track(drive.scans, drive.mounting, progress=False)
+track(drive, progress=False)
 
 
 def from_log(path: str) -> list[RadarScan]:

@@ -49,7 +49,7 @@ def overview() -> Figure:
     bar.set_ticks([150, 250, 350])
     style.label_planar_axes(axes[1], "cost of a translation")
     axes[1].set(xlabel="$t_x$ (m)", ylabel="$t_y$ (m)")
-    poses = track(drive.scans, drive.mounting).poses(drive.truth.poses[0])
+    poses = track(drive).poses(drive.truth.poses[0])
     drawing.path(axes[2], poses, **grammar.cost_line("robust", label="estimate"))
     drawing.path(axes[2], drive.truth.poses, **grammar.TRUTH, label="truth")
     style.label_planar_axes(axes[2], "the path")
@@ -196,7 +196,7 @@ def learn_tile() -> Figure:
 def path_tile() -> Figure:
     """The path of a simulated drive, estimated and true."""
     drive = simulate_drive(np.random.default_rng(7), duration=130.0)
-    poses = track(drive.scans, drive.mounting).poses(drive.truth.poses[0])
+    poses = track(drive).poses(drive.truth.poses[0])
     figure, ax = plt.subplots(figsize=TILE)
     drawing.path(ax, poses, **grammar.cost_line("robust", label="estimate"))
     drawing.path(ax, drive.truth.poses, **grammar.TRUTH, label="truth")

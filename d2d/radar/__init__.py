@@ -15,10 +15,9 @@ from d2d.radar.scans.slip import SlipLaw
 from d2d.radar.simulation.drive import Drive, Sensor, TrueTargets, simulate_drive
 from d2d.radar.simulation.sensor_errors import SensorErrors
 from d2d.radar.simulation.world import World, build_world
-from d2d.radar.tracks.joint import estimate_joint_ego_motion, track_joint
 from d2d.radar.tracks.limits import VehicleLimits
-from d2d.radar.tracks.one_sensor import track
 from d2d.radar.tracks.track import Track, Velocities
+from d2d.radar.tracks.tracking import track
 from d2d.radar.trust.calibration import Calibration, calibrate
 from d2d.radar.trust.comparison import Comparison, Measures, compare
 from d2d.radar.trust.extent import ExtentEstimate, estimate_extent
@@ -55,7 +54,6 @@ __all__ = [
     "doppler_velocity",
     "estimate_ego_motion",
     "estimate_extent",
-    "estimate_joint_ego_motion",
     "inlier_probabilities",
     "load_csv",
     "load_nuscenes",
@@ -65,6 +63,5 @@ __all__ = [
     "sensor_velocity",
     "simulate_drive",
     "track",
-    "track_joint",
     "write_csv",
 ]

@@ -6,10 +6,9 @@ import os
 import sys
 import tempfile
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,12 +16,11 @@ from d2d._checks import check_path
 from d2d.radar.readers import READERS
 from d2d.radar.readers.csv_log import write_csv
 from d2d.radar.readers.reader import Source
-from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.simulation.drive import simulate_drive
-from d2d.radar.tracks.joint import track_joint
 from d2d.radar.tracks.limits import VehicleLimits
-from d2d.radar.tracks.one_sensor import MAX_INTERVAL, track
+from d2d.radar.tracks.rounds import MAX_INTERVAL
 from d2d.radar.tracks.track import Track
+from d2d.radar.tracks.tracking import track
 
 PROGRAM = "python -m d2d.radar"
 
@@ -228,14 +226,14 @@ def _track(arguments: argparse.Namespace) -> None:
     print(f"read {count} scans of {len(sensors)} sensor{'s' * (len(sensors) > 1)}", flush=True)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", UserWarning)
-        driven = _driven(
+        driven = track(
             sensors,
             baseline=arguments.baseline,
             horizon=arguments.horizon,
             max_interval=arguments.max_interval,
             budget=None if arguments.no_budget else budget,
             progress=False if arguments.no_progress else None,
-            slips=_slips(arguments.side_slip),
+            side_slip=_side_slip(arguments.side_slip),
             limits=VehicleLimits(acceleration=arguments.max_acceleration),
         )
     for each in said:
@@ -247,13 +245,8 @@ def _track(arguments: argparse.Namespace) -> None:
         print(f"wrote {path}")
 
 
-def _driven(sensors: Mapping[str, tuple[list[RadarScan], Mounting]], **options: Any) -> Track:
-    views = list(sensors.values())
-    return track(*views[0], **options) if len(views) == 1 else track_joint(views, **options)
-
-
-def _slips(sigma: float | None) -> bool | float:
-    """The value of the option ``slips`` for a standard deviation of v_y, or for none."""
+def _side_slip(sigma: float | None) -> bool | float:
+    """The value of the option ``side_slip`` for a standard deviation of v_y, or for none."""
     if sigma is None:
         return True
     if not 0.0 <= sigma < math.inf:

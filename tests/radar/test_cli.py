@@ -22,7 +22,6 @@ from d2d.radar import (
     load_radarscenes,
     simulate_drive,
     track,
-    track_joint,
     write_csv,
 )
 from d2d.radar.cli import main
@@ -54,7 +53,7 @@ def test_a_log_becomes_a_path_with_covariances(log, capsys):
     """Breaks if the files hold another track than Python would give, or one is missing."""
     assert main(["track", "--csv", str(log), *FRONT, "--output", str(log.parent / "drive")]) == 0
     assert written(log.parent, "drive") == [f"drive{end}" for end in FILES]
-    expected = track(DRIVE.scans, DRIVE.mounting, budget=ErrorBudget())
+    expected = track(DRIVE, budget=ErrorBudget())
     found = Track.load(log.parent / "drive.npz")
     assert_array_equal(found.theta, expected.theta)
     assert_array_equal(found.covariance, expected.covariance)
@@ -87,7 +86,7 @@ def test_options_reach_the_estimate(tmp_path):
     wide = [[scan.with_extent(0.1) for scan in each.scans] for each in (DRIVE, FROM_SIDE)]
     sensors = list(zip(wide, (DRIVE.mounting, SIDE), strict=True))
     budget = ErrorBudget(0.2 * DEGREE, 0.03, 0.001, 0.02, 1.5)
-    expected = track_joint(sensors, baseline=2, budget=budget)
+    expected = track(sensors, baseline=2, budget=budget)
     options = "--baseline 2 --extent 0.1 --budget-azimuth 0.2 --budget-doppler 0.03"
     options += " --budget-scale 0.001 --budget-lag 0.02 --budget-neighbours 1.5 --no-picture"
     call = ["track", "--csv", str(tmp_path / "log.csv"), *BOTH, "--output", str(tmp_path / "both")]
@@ -99,21 +98,21 @@ def test_options_reach_the_estimate(tmp_path):
     assert main([*call, *options.split()[:4], "--no-budget", "--no-picture"]) == 0
     without = Track.load(tmp_path / "both.npz")
     assert without.parts is None
-    assert_allclose(without.covariance, track_joint(sensors, baseline=2).covariance, rtol=1e-9)
+    assert_allclose(without.covariance, track(sensors, baseline=2).covariance, rtol=1e-9)
     assert main([*call, "--horizon", "0.3", "--extent", "0.1", "--no-budget", "--no-picture"]) == 0
     longer = Track.load(tmp_path / "both.npz")
-    assert_allclose(longer.theta, track_joint(sensors, horizon=0.3).theta, rtol=1e-12)
+    assert_allclose(longer.theta, track(sensors, horizon=0.3).theta, rtol=1e-12)
 
 
-@pytest.mark.parametrize(("said", "slips"), [("0", False), ("0.05", 0.05)])
-def test_the_side_slip_reaches_the_estimate(log, said, slips):
+@pytest.mark.parametrize(("said", "side_slip"), [("0", False), ("0.05", 0.05)])
+def test_the_side_slip_reaches_the_estimate(log, said, side_slip):
     """Breaks if 0 is taken for "unknown" or for a standard deviation."""
     call = ["track", "--csv", str(log), *FRONT, "--side-slip", said, "--no-picture"]
     assert main([*call, "--output", str(log.parent / "drive")]) == 0
     found = Track.load(log.parent / "drive.npz")
-    expected = track(DRIVE.scans, DRIVE.mounting, slips=slips, budget=ErrorBudget())
+    expected = track(DRIVE, side_slip=side_slip, budget=ErrorBudget())
     assert_array_equal(found.theta, expected.theta)
-    free = track(DRIVE.scans, DRIVE.mounting, budget=ErrorBudget())
+    free = track(DRIVE, budget=ErrorBudget())
     assert np.abs(found.theta[:, 1]).max() < np.abs(free.theta[:, 1]).max()
 
 
@@ -122,7 +121,7 @@ def test_what_the_vehicle_can_do_reaches_the_estimate(log, capsys):
     call = ["track", "--csv", str(log), *FRONT, "--no-picture", "--no-budget"]
     call += ["--output", str(log.parent / "drive")]
     assert main([*call, "--max-acceleration", "2"]) == 0
-    expected = track(DRIVE.scans, DRIVE.mounting, limits=VehicleLimits(acceleration=2.0))
+    expected = track(DRIVE, limits=VehicleLimits(acceleration=2.0))
     assert_array_equal(Track.load(log.parent / "drive.npz").converged, expected.converged)
     said = failed([*call, "--max-acceleration", "-1"], capsys)
     assert said.startswith("acceleration must be positive")
@@ -150,7 +149,7 @@ def test_a_log_in_degrees_without_standard_deviations(tmp_path):
         RadarScan(scan.time, scan.range, scan.azimuth, scan.doppler, 0.125, 0.5 * DEGREE, 0.0625)
         for scan in DRIVE.scans
     ]
-    expected = track(scans, DRIVE.mounting, budget=ErrorBudget())
+    expected = track((scans, DRIVE.mounting), budget=ErrorBudget())
     assert_allclose(Track.load(tmp_path / "drive.npz").theta, expected.theta, atol=1e-6)
 
 
@@ -339,7 +338,7 @@ def test_radarscenes_from_the_command_line(tmp_path, radarscenes):
     call = ["track", "--radarscenes", str(radarscenes), "--sequence", "105", "--sensor", "3", "1"]
     assert main([*call, "--no-picture", "--no-budget", "--output", str(tmp_path / "drive")]) == 0
     recordings = [load_radarscenes(radarscenes, 105, sensor) for sensor in (3, 1)]
-    expected = track_joint([(each.scans, each.mounting) for each in recordings])
+    expected = track(recordings)
     assert_array_equal(Track.load(tmp_path / "drive.npz").theta, expected.theta)
 
 

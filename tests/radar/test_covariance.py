@@ -292,7 +292,9 @@ def test_bad_input_is_refused_by_name():
         propagate_ego_motion(three, previous, current, FRONT)
 
 
-@pytest.mark.parametrize("options", [{"doppler": False}, {"slips": False}, {"first_order": True}])
+@pytest.mark.parametrize(
+    "options", [{"doppler": False}, {"side_slip": False}, {"first_order": True}]
+)
 def test_an_estimate_with_other_options_is_refused(options):
     """Breaks if options that were forgotten give the covariance of another estimate."""
     theta = np.array([12.0, 0.1, 0.3])

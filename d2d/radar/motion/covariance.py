@@ -65,7 +65,7 @@ def propagate_ego_motion(
         sensor, instead of two independent errors, as in the cost.  Without ``doppler`` it has no
         effect.
     **options
-        ``doppler``, ``outlier``, ``doppler_width``, ``slips`` and ``first_order``, as for
+        ``doppler``, ``outlier``, ``doppler_width``, ``side_slip`` and ``first_order``, as for
         `estimate_ego_motion`.
 
     Returns

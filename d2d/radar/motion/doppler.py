@@ -1,6 +1,6 @@
 """Velocity from Doppler profiles alone, of one sensor (Kellner et al. 2013) or several (2014)."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -13,7 +13,9 @@ from d2d._kernel.consensus import find_consensus
 from d2d._types import Array
 from d2d.radar.scans.scan import Mounting, RadarScan, directions, doppler_gradients
 
-_MAX_PAIRS = 200
+View = tuple[RadarScan, Mounting]
+
+_MAX_HYPOTHESES = 200  # of a sensor's velocity, each from two targets
 _GATE = 3.0  # standard deviations within which a target agrees with a hypothesis
 _MAX_ITERATIONS = 20  # of fitting, weighting and selecting
 _TOLERANCE = 1e-6  # m/s, m/s, rad/s: a smaller change ends the iteration
@@ -66,9 +68,7 @@ class DopplerMotion(NamedTuple):
     inliers: tuple[NDArray[np.bool_], ...]
 
 
-def doppler_ego_motion(
-    views: Iterable[tuple[RadarScan, Mounting]], *, slips: bool = True
-) -> DopplerMotion:
+def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> DopplerMotion:
     """The vehicle's velocity from the Doppler velocities of one or several sensors.
 
     The static targets of each scan are found as in `sensor_velocity`.  Weighted least squares fits
@@ -81,15 +81,15 @@ def doppler_ego_motion(
     ----------
     views : iterable of (RadarScan, Mounting)
         Scans at (nearly) the same time; they may be empty.
-    slips : bool
+    side_slip : bool
         Whether v_y is estimated.  If not, it is zero, and a single sensor ahead of or behind the
         origin is enough (Kellner et al. 2013).
 
     Raises
     ------
     ValueError
-        If ``views`` is empty or contains anything but pairs of a scan and a mounting, or ``slips``
-        is not a bool; the message names the argument.
+        If ``views`` is empty or contains anything but pairs of a scan and a mounting, or
+        ``side_slip`` is not a bool; the message names the argument.
     """
     views = check_rows("views", views, RadarScan, Mounting)
     if not views:
@@ -104,7 +104,7 @@ def doppler_ego_motion(
         np.concatenate([getattr(scan, name) for scan, _ in views])
         for name in ("doppler", "sigma_doppler", "sigma_azimuth")
     )
-    free = np.array([True, check_flag("slips", slips), True])
+    free = np.array([True, check_flag("side_slip", side_slip), True])
     theta, covariance = np.zeros(3), np.full((3, 3), np.nan)
     sigma = sigma_doppler
     for _ in range(_MAX_ITERATIONS if inliers.any() else 0):
@@ -128,13 +128,19 @@ def doppler_ego_motion(
     return DopplerMotion(theta, covariance, tuple(np.split(inliers, edges)))
 
 
-def doppler_starts(scan: RadarScan, mounting: Mounting) -> Array:
+def doppler_starts(views: Sequence[View]) -> Array:
     """Starts (S, 3) [v_x, v_y, omega] for a registration, near the Doppler velocities.
 
-    The Doppler velocities determine the sensor's velocity, but not how much of it is due to
-    rotation.  The first start assumes no rotation.  For a sensor ahead of or behind the vehicle's
-    origin, a second one assumes no side slip instead.
+    Sensors at different places determine the whole velocity.  If they do not, the scan with the
+    most targets determines its sensor's velocity, but not how much of it is due to rotation.  The
+    first start then assumes no rotation.  For a sensor ahead of or behind the vehicle's origin, a
+    second one assumes no side slip instead.
     """
+    if len({mounting for _, mounting in views}) > 1:
+        motion = doppler_ego_motion(views)
+        if np.isfinite(motion.covariance).all():
+            return motion.theta[np.newaxis]
+    scan, mounting = max(views, key=lambda view: view[0].size)
     along, across = sensor_velocity(scan, mounting)
     starts = [[along, across, 0.0]]
     if mounting.x != 0.0:
@@ -154,14 +160,14 @@ def _agreeing(scan: RadarScan, sight: Array) -> NDArray[np.bool_]:
     if scan.size <= 2:
         return agree
     sigmas = np.stack([scan.sigma_doppler, scan.sigma_azimuth])
-    find_consensus(sight, scan.doppler, sigmas, _pairs(scan.size), _GATE, agree)
+    find_consensus(sight, scan.doppler, sigmas, _hypotheses(scan.size), _GATE, agree)
     return agree if agree.any() else np.ones_like(agree)
 
 
 @lru_cache(maxsize=256)
-def _pairs(size: int) -> NDArray[np.int64]:
-    """Index pairs (2, H) spread evenly over all pairs of ``size`` targets, always the same."""
+def _hypotheses(size: int) -> NDArray[np.int64]:
+    """Which two (2, H) of ``size`` targets give each hypothesis, spread evenly over all twos."""
     ends = np.cumsum(np.arange(size - 1, 0, -1))  # of the pairs of each first target
-    chosen = np.linspace(0, ends[-1] - 1, min(_MAX_PAIRS, ends[-1])).astype(np.int64)
+    chosen = np.linspace(0, ends[-1] - 1, min(_MAX_HYPOTHESES, ends[-1])).astype(np.int64)
     first = np.searchsorted(ends, chosen, side="right")
     return read_only(np.stack([first, size + chosen - ends[first]]), 2, -1)

@@ -1,6 +1,6 @@
-"""Ego-motion between two scans of one sensor."""
+"""Ego-motion between two scans of one sensor, or from several such pairs at once."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Unpack
 
 from numpy.typing import ArrayLike
@@ -11,41 +11,49 @@ from d2d._types import Array
 from d2d.problem import Problem
 from d2d.radar.motion.doppler import doppler_starts
 from d2d.radar.motion.model import EgoMotionModel, EstimationOptions, ModelOptions, split_options
-from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.motion.pairs import scan_pair, scan_pairs
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.registration import Estimate, anneal, best_of
 
 
 def estimate_ego_motion(
-    previous: RadarScan,
-    current: RadarScan,
-    mounting: Mounting,
+    previous: RadarScan | Iterable[RadarScan],
+    current: RadarScan | Iterable[RadarScan],
+    mounting: Mounting | Iterable[Mounting],
     *,
     initial: ArrayLike | None = None,
     **options: Unpack[EstimationOptions],
 ) -> Estimate:
-    """The vehicle's velocity between two scans of one sensor.
+    """The vehicle's velocity between two scans of one sensor, or that of several pairs of scans.
 
     Registers the current scan with the previous one by the D2D likelihood.  With ``doppler``, each
     target's inlier density is multiplied by the density of its Doppler velocity before the outlier
     component is added, prod_k ((1 - alpha) inlier_k Doppler_k + alpha outlier_k) (thesis
     eq. 7.14).
 
+    Several pairs, of several sensors or over several baselines, have one velocity: the sum of their
+    costs is minimised.  Each pair has its own mounting and its own interval tau, over which the
+    vehicle moves by exp(tau theta).  The velocity is assumed constant from the first scan to the
+    last.
+
     Parameters
     ----------
     previous, current : RadarScan
-        Two scans in time order, each with at least one target.
+        Two scans in time order, each with at least one target; or sequences, which hold one scan
+        for each pair.
     mounting : Mounting
-        Pose of the sensor in the vehicle frame.
+        Pose of the sensor in the vehicle frame; or a sequence with that of each pair.
     initial : (3,) array, optional
-        Start [v_x, v_y, omega] in m/s, m/s, rad/s.  By default, the sensor's velocity is fitted to
-        the Doppler velocities of the current scan (even if ``doppler`` is False).  It gives one
-        start for a vehicle that does not turn and, if the sensor is ahead of or behind the origin,
-        one for a vehicle without side slip; the lower optimum wins.
+        Start [v_x, v_y, omega] in m/s, m/s, rad/s.  By default, the velocity that
+        `doppler_ego_motion` finds from all current scans (even if ``doppler`` is False).  If they
+        do not determine all of it, as those of a single sensor, the sensor's velocity is taken from
+        the scan with the most targets.  It gives one start for a vehicle that does not turn and, if
+        the sensor is ahead of or behind the origin, one for a vehicle without side slip; the lower
+        optimum wins.
     **options
         ``doppler=True``, ``outlier=CorruptedGaussian(0.2, 100 I)``, ``doppler_width=4.0``,
-        ``slips=True`` and ``first_order=False``: see `EgoMotionModel`; and ``scales=(1.0,)``, the
-        inflation schedule of all standard deviations: see `d2d.register`.  All functions that
+        ``side_slip=True`` and ``first_order=False``: see `EgoMotionModel`; and ``scales=(1.0,)``,
+        the inflation schedule of all standard deviations: see `d2d.register`.  All functions that
         estimate an ego-motion share these options.
 
     Returns
@@ -58,12 +66,16 @@ def estimate_ego_motion(
     Raises
     ------
     ValueError
-        If the scans are out of time order, a scan has no targets or ``initial`` is invalid; the
-        message names the argument.
+        If scans are out of time order or have no targets, sequences differ in length, or
+        ``initial`` is invalid; the message names the argument.
     """
     model, scales = split_options(options)
-    problem = model.problem([scan_pair(previous, current, mounting, model)])
-    start = doppler_starts(current, mounting) if initial is None else check_velocity(initial)
+    pairs = scan_pairs(previous, current, mounting)
+    if initial is None:
+        start = doppler_starts([(pair.current, pair.mounting) for pair in pairs])
+    else:
+        start = check_velocity(initial)
+    problem = model.problem([scan_pair(*pair, model) for pair in pairs])
     return estimate_velocity(problem, start, scales)
 
 
@@ -91,10 +103,11 @@ def inlier_probabilities(
     """Probability (..., K) that each target of the current scan is an inlier under ``theta``.
 
     ``theta`` (..., 3) is the vehicle's velocity [v_x, v_y, omega] in m/s, m/s, rad/s.  The other
-    arguments and the errors raised are those of `estimate_ego_motion`, without ``initial`` and
-    ``scales``.  Targets that move on their own, or that have no counterpart in the previous scan,
-    get low probabilities.
+    arguments and the errors raised are those of `estimate_ego_motion` with one pair of scans,
+    without ``initial`` and ``scales``.  Targets that move on their own, or that have no counterpart
+    in the previous scan, get low probabilities.
     """
     model = EgoMotionModel(**options)
-    problem = model.problem([scan_pair(previous, current, mounting, model)])
+    pairs = scan_pairs(previous, current, mounting)
+    problem = model.problem([scan_pair(*pair, model) for pair in pairs])
     return problem.inlier_shares(problem.bind(rigid.motion("theta", theta, 2)))

@@ -19,8 +19,8 @@ from d2d.problem import CostForm, Pair, Problem
 # of the inliers.  With all velocities that traffic can have, 40 m/s, the errors of v_x and omega
 # on the road are larger by a few percent (chapter 8b).
 DEFAULT_DOPPLER_WIDTH = 4.0
-_NO_SLIP = 1e-3  # m/s, the standard deviation of v_y where it is stated to be zero
-_SLIPS = (1e-6, 1e6)  # m/s, whose inverse squares the cost can hold beside its other terms
+_NO_SIDE_SLIP = 1e-3  # m/s, the standard deviation of v_y where it is stated to be zero
+_SIDE_SLIPS = (1e-6, 1e6)  # m/s, whose inverse squares the cost can hold beside its other terms
 # thesis sec. 7.3: 20 % outliers, with a standard deviation of 10 m along both axes
 DEFAULT_OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
 
@@ -31,7 +31,7 @@ class ModelOptions(TypedDict, total=False):
     doppler: bool
     outlier: OutlierModel | None
     doppler_width: float
-    slips: bool | float
+    side_slip: bool | float
     first_order: bool
 
 
@@ -58,7 +58,7 @@ class EgoMotionModel(Frozen):
         An outlier's Doppler velocity is taken as uniform over an interval of this width: the
         outlier component's density is divided by it, so that it has the unit of the inliers'
         density.  The thesis leaves this density out of eq. 7.14, which is a width of 1 m/s.
-    slips : bool or float, m/s
+    side_slip : bool or float, m/s
         Whether the vehicle's origin may move sideways.  False says that v_y is zero, a number is
         the standard deviation of v_y about zero.  A single sensor that sees few targets
         determines v_y + omega x_s well but the two separately only poorly, so it gains most from
@@ -76,14 +76,14 @@ class EgoMotionModel(Frozen):
     doppler: bool = True
     outlier: OutlierModel | None = DEFAULT_OUTLIER
     doppler_width: float = DEFAULT_DOPPLER_WIDTH
-    slips: bool | float = True
+    side_slip: bool | float = True
     first_order: bool = False
 
     def __post_init__(self) -> None:
         check_flag("doppler", self.doppler)
         check_flag("first_order", self.first_order)
-        if not isinstance(self.slips, bool | np.bool_):
-            check_within("slips", self.slips, *_SLIPS)
+        if not isinstance(self.side_slip, bool | np.bool_):
+            check_within("side_slip", self.side_slip, *_SIDE_SLIPS)
         check_positive_scalar("doppler_width", self.doppler_width)
         self.form  # noqa: B018 - an outlier of another dimension is refused here
 
@@ -111,10 +111,10 @@ class EgoMotionModel(Frozen):
     def prior(self) -> Array:
         """Precisions (3,) of the prior of the velocity."""
         precision = np.zeros(3)
-        if not isinstance(self.slips, bool | np.bool_):
-            precision[1] = 1.0 / float(self.slips) ** 2
-        elif not self.slips:
-            precision[1] = 1.0 / _NO_SLIP**2
+        if not isinstance(self.side_slip, bool | np.bool_):
+            precision[1] = 1.0 / float(self.side_slip) ** 2
+        elif not self.side_slip:
+            precision[1] = 1.0 / _NO_SIDE_SLIP**2
         return precision
 
 

@@ -48,7 +48,7 @@ class ErrorBudget(Bounded):
     >>> from d2d.radar import ErrorBudget, simulate_drive, track
     >>> drive = simulate_drive(np.random.default_rng(0), duration=2.0)
     >>> budget = ErrorBudget(azimuth=np.deg2rad(0.1), doppler=0.02, source="data sheet")
-    >>> driven = track(drive.scans, drive.mounting, budget=budget)
+    >>> driven = track(drive, budget=budget)
     >>> bool((driven.parts.total == driven.covariance).all())
     True
     """

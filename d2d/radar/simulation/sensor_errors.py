@@ -46,7 +46,7 @@ class SensorErrors(Bounded):
     >>> from d2d.radar import SensorErrors, simulate_drive, track
     >>> turned = SensorErrors(azimuth=np.deg2rad(1.5))
     >>> drive = simulate_drive(np.random.default_rng(0), 5.0, errors=turned)
-    >>> driven = track(drive.scans, drive.mounting)
+    >>> driven = track(drive)
     >>> float((driven.theta - drive.truth.theta[1:]).mean(axis=0)[1].round(1))  # m/s
     0.1
     """

@@ -19,11 +19,19 @@ from d2d._types import Array
 from d2d.problem import Problem
 from d2d.registration import ANNEALED, anneal
 
+# The thresholds were chosen by hand and tried on 15 recordings: four radars of RadarScenes, eight
+# of nuScenes, three simulated ones, each as it is, with the opposite sign, in km/h and with zeros.
+# Of correct recordings, at most 10 % of the intervals contradict in one direction.  Of wrong ones,
+# 52 % or more do if the radar looks ahead, and 3 to 78 % if it looks aside, so that half of them
+# must.  With 0.5 or 10 nats instead of 3, or a margin of 0.1 or 2 m/s, radars that look ahead stay
+# at 52 % or more; with less than 3 nats, correct recordings rise to 29 %.
 _SAMPLE = 20  # intervals at most
 _FEW = 5  # after which the search ends if at most one of them contradicts
 _TELLING = 3.0  # nats by which another velocity must fit the positions better
 _SLOW = 2.0  # m/s, below which the multiples of a velocity are too close to tell apart
 _MARGIN = 0.5  # m/s
+# Distances from a velocity, as fractions of the speed; rest is 1 away from the estimate.
+_BEYOND_REST, _AT_OPPOSITE, _AT_SLOWER = 1.15, 0.5, 0.15
 # What the velocity is multiplied by if a mistake is undone.
 _OPPOSITE, _SLOWER, _FASTER, _MUCH_FASTER = np.array(
     [[-1.0, -1.0, 1.0], [1.0 / 3.6, 1.0 / 3.6, 1.0], [3.6, 3.6, 1.0], [10.0, 10.0, 10.0]]
@@ -38,15 +46,15 @@ _QUESTIONS = {
 _OTHERS = "Azimuths in degrees, times in another unit than s and a wrong mounting look the same."
 
 
-def warn_of_contradiction(theta: Array, bind: Callable[[int], Problem | None]) -> None:
+def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> None:
     """Warn if in most intervals the positions alone fit another velocity clearly better.
 
     Parameters
     ----------
     theta : (n, 3) array
         The accepted velocities.
-    bind : callable
-        ``bind(i)`` is the problem of row i, or None if its targets have no Doppler velocities.
+    problem : callable
+        ``problem(i)`` is the problem of row i.
     """
     if len(theta) < _FEW:
         return
@@ -56,11 +64,10 @@ def warn_of_contradiction(theta: Array, bind: Callable[[int], Problem | None]) -
     compared = 0
     against: list[tuple[str, Array]] = []
     for i in np.concatenate([spread[first::step] for first in range(step)]):
-        problem = bind(int(i))
-        if problem is None or (compared == _FEW and len(against) < 2):
+        if compared == _FEW and len(against) < 2:
             return
         compared += 1
-        against += _contradiction(problem, theta[i])
+        against += _contradiction(problem(int(i)), theta[i])
     # a fit by chance has a random direction
     headings = np.array([heading for _, heading in against])
     if against and 2.0 * np.hypot(*headings.sum(axis=0)) > compared:
@@ -71,7 +78,7 @@ def warn_of_contradiction(theta: Array, bind: Callable[[int], Problem | None]) -
             f"{compared} intervals the positions fit another velocity better, mostly {kind}.  "
             f"{_QUESTIONS[kind]}  {_OTHERS}",
             UserWarning,
-            stacklevel=5,
+            stacklevel=3,
         )
 
 
@@ -92,9 +99,9 @@ def _contradiction(problem: Problem, theta: Array) -> list[tuple[str, Array]]:
         return float(np.hypot(*(other.theta - multiple * theta)[:2]))
 
     heading = other.theta[:2] / max(float(np.hypot(*other.theta[:2])), 1e-9)
-    if away(np.ones(3)) > 1.15 * speed + _MARGIN:
-        opposite = away(_OPPOSITE) < 0.5 * speed
+    if away(np.ones(3)) > _BEYOND_REST * speed + _MARGIN:
+        opposite = away(_OPPOSITE) < _AT_OPPOSITE * speed
         return [("the opposite velocity" if opposite else "a faster one", heading)]
-    if speed > _SLOW and away(_SLOWER) < 0.15 * speed and rest - other.value > _TELLING:
+    if speed > _SLOW and away(_SLOWER) < _AT_SLOWER * speed and rest - other.value > _TELLING:
         return [("a 3.6 times slower one", heading)]
     return []

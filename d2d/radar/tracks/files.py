@@ -9,10 +9,15 @@ from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.radar.files import written_whole
+from d2d.radar.scans.budget import CovarianceParts
 
 Arrays = dict[str, NDArray[Any]]
 
+# The fields of a track, apart from the parts of its covariance.
+REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
+OPTIONAL = ("reasons", "targets", "inliers")
 _MARK, _FORMAT = "format", "d2d.radar.Track 1"
+_PARTS = tuple(f"parts_{name}" for name in CovarianceParts._fields)
 # The entries of a covariance that are written: the upper triangle.
 _UPPER = np.triu_indices(3)
 COLUMNS = {
@@ -37,28 +42,40 @@ _EXPLAINED = (
 )
 
 
-def save_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write named arrays as a compressed npz file that `load_arrays` reads."""
-    content: dict[str, Any] = {_MARK: np.array(_FORMAT), **arrays}
+def save_fields(path: Path, fields: Mapping[str, Any]) -> None:
+    """Write the fields of a track that are known as a compressed npz file."""
+    arrays: dict[str, Any] = {_MARK: np.array(_FORMAT)}
+    for name in (*REQUIRED, *OPTIONAL):
+        if fields[name] is not None:
+            arrays[name] = fields[name]
+    if fields["parts"] is not None:
+        arrays |= zip(_PARTS, fields["parts"], strict=True)
     with written_whole(path) as file:
-        np.savez_compressed(file, **content)
+        np.savez_compressed(file, **arrays)
 
 
-def load_arrays(path: Path) -> Arrays:
-    """The arrays that `save_arrays` wrote; raises a ValueError if the file is not complete."""
+def load_fields(path: Path) -> dict[str, Any]:
+    """The fields that `save_fields` wrote; raises a ValueError if the file is not complete."""
     with path.open("rb") as raw:
         try:
             opened = np.load(raw, allow_pickle=False)
             if not isinstance(opened, np.lib.npyio.NpzFile):
                 raise ValueError("it holds a single array")
             with opened as file:
-                arrays = {name: file[name] for name in file.files}
-            mark = str(arrays.pop(_MARK))
+                known = {*REQUIRED, *OPTIONAL, *_PARTS, _MARK}
+                fields: dict[str, Any] = {name: file[name] for name in known & {*file.files}}
+            mark = str(fields.pop(_MARK))
         except Exception as error:  # damaged bytes raise errors of zipfile, zlib or NumPy
             raise ValueError(f"{path} is not a complete file of Track.save ({error!r})") from None
     if mark != _FORMAT:
         raise ValueError(f"{path} has the format {mark!r}, but this version reads {_FORMAT!r}")
-    return arrays
+    with_parts = any(name in fields for name in _PARTS)
+    missing = {*REQUIRED, *(_PARTS if with_parts else ())} - fields.keys()
+    if missing:
+        raise ValueError(f"{path} is not a complete file of Track.save: it lacks {sorted(missing)}")
+    if with_parts:
+        fields["parts"] = CovarianceParts(*(fields.pop(name) for name in _PARTS))
+    return fields
 
 
 def velocity_columns(

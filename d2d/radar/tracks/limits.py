@@ -49,7 +49,7 @@ class VehicleLimits:
     yaw_acceleration : float, rad/s^2
     uncertainty : float, rad/s
         Largest useful standard deviation of omega; an estimate above it is not accepted.
-    slip : float, rad/s
+    yaw_rate_of_slip : float, rad/s
         By how much the yaw rate may move if v_y is taken as zero, whatever its standard deviation.
         A single sensor ahead of the axle determines its own lateral velocity well and the yaw rate
         poorly: an error of the yaw rate then appears as side slip.  The default is for an origin
@@ -67,7 +67,7 @@ class VehicleLimits:
     acceleration: float = 40.0
     yaw_acceleration: float = 5.0
     uncertainty: float = 0.12
-    slip: float = 0.15
+    yaw_rate_of_slip: float = 0.15
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -82,7 +82,7 @@ class VehicleLimits:
         Without them no sensor determines its lateral velocity, so that a side slip says nothing
         about omega, and all components are determined poorly.
         """
-        return self if doppler else replace(self, slip=np.inf, uncertainty=np.inf)
+        return self if doppler else replace(self, yaw_rate_of_slip=np.inf, uncertainty=np.inf)
 
     def exceeded(self, state: State, last: State | None) -> str:
         """What the state exceeds, in words; empty if it is plausible after the last one."""
@@ -94,7 +94,7 @@ class VehicleLimits:
             return f"a yaw rate of {math.degrees(turn):.1f} deg/s"
         if sigmas[2] > self.uncertainty:
             return f"a yaw rate with a sigma of {math.degrees(sigmas[2]):.1f} deg/s"
-        if abs(state.yaw_rate_of_slip) > self.slip:
+        if abs(state.yaw_rate_of_slip) > self.yaw_rate_of_slip:
             return f"a side slip of {theta[1]:.2f} m/s"
         return "" if last is None else self._jump(state, last)
 

@@ -1,4 +1,4 @@
-"""The motion along a drive, as `d2d.radar.track` and `d2d.radar.track_joint` give it."""
+"""The motion along a drive, as `d2d.radar.track` gives it."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_finite, check_path
+from d2d._checks import check_finite, check_path, check_real
 from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.radar.files import written_whole
 from d2d.radar.scans.budget import CovarianceParts
-from d2d.radar.tracks.checks import REQUIRED, check_track
 from d2d.radar.tracks.files import (
+    OPTIONAL,
+    REQUIRED,
     Arrays,
-    load_arrays,
+    load_fields,
     read_velocity_table,
-    save_arrays,
+    save_fields,
     velocity_columns,
     write_velocity_table,
 )
@@ -33,7 +34,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-_OPTIONAL = ("reasons", "targets", "inliers")
+_TYPES = {"converged": np.bool_, "reasons": np.str_, "targets": np.int64}  # others are floats
+# shapes of a row, if it is not a number
+_ROW_SHAPES: dict[str, tuple[int, ...]] = {"theta": (3,), "covariance": (3, 3), "parts": (3, 3)}
+# s, and relative to the time since the first estimate: stamps in logs are often rounded
+_STAMP, _DRIFT = 0.01, 1e-5
+_ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 _SHOWN_REASONS = 3
 # A number in a reason, but not the exponent of a unit such as m/s^2.
 _NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
@@ -74,7 +80,7 @@ class Track(Frozen):
     Attributes
     ----------
     times : (n,) array, s
-        Time of each current scan.
+        Time of each current scan; with several sensors, the mean time of a round of them.
     intervals : (n,) array, s
         Time since the scan before; they add up to the differences of ``times``, to within 10 ms.
     theta : (n, 3) array
@@ -99,9 +105,8 @@ class Track(Frozen):
     ------
     ValueError
         If shapes or types do not match, times are not finite and strictly increasing, intervals
-        contradict them, ``targets`` or ``inliers`` are out of range, or where converged an estimate
-        is not finite, its covariance is not one or ``parts`` contradict it; the message names the
-        field.
+        contradict them, or where converged an estimate is not finite, its covariance is not one or
+        ``parts`` contradict it; the message names the field.
     """
 
     times: Array
@@ -115,8 +120,20 @@ class Track(Frozen):
     parts: CovarianceParts | None = None
 
     def __post_init__(self) -> None:
-        for name, value in check_track(vars(self)).items():
-            self._keep(name, value)
+        count = np.size(self.times)
+        for name in (*REQUIRED, *OPTIONAL):
+            if getattr(self, name) is not None:
+                self._keep(name, _rows(name, getattr(self, name), count))
+        if self.parts is not None:
+            parts = (_rows("parts", part, count) for part in self.parts)
+            self._keep("parts", CovarianceParts(*parts))
+        _check_times(self.times, self.intervals)
+        good = self.converged
+        for name in ("theta", "covariance"):
+            if not np.isfinite(getattr(self, name)[good]).all():
+                raise ValueError(f"{name} must be finite wherever converged is true")
+        total = None if self.parts is None else self.parts.total[good]
+        _check_covariances(self.covariance[good], total)
 
     def poses(self, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """The path driven: (n + 1, 3) poses [x, y, yaw] in m, m, rad, beginning at ``start``.
@@ -166,38 +183,17 @@ class Track(Frozen):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all of the track to a file, from which `load` gives the same numbers bit by bit.
 
-        Parameters
-        ----------
-        path : path
-            Path of the file, best ending in ``.npz``.  An existing file is replaced once all is
-            written; a leading ``~`` stands for the home folder.
-
-        Raises
-        ------
-        ValueError
-            If ``path`` is not a path.
-        OSError
-            If the file cannot be written.
+        The path best ends in ``.npz``; a leading ``~`` stands for the home folder.  An existing
+        file is replaced once all is written.  Raises an ``OSError`` if the file cannot be written.
         """
-        arrays: Arrays = {name: getattr(self, name) for name in REQUIRED}
-        for name in _OPTIONAL:
-            if getattr(self, name) is not None:
-                arrays[name] = getattr(self, name)
-        if self.parts is not None:
-            arrays |= {f"parts_{name}": part for name, part in self.parts._asdict().items()}
-        save_arrays(check_path("path", path), arrays)
+        save_fields(check_path("path", path), vars(self))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Track:
         """The track that `save` wrote.
 
-        Raises
-        ------
-        ValueError
-            If ``path`` is not a path, or the file not a complete one of `save`; the message names
-            it.
-        OSError
-            If the file cannot be read.
+        Raises an ``OSError`` if the file cannot be read, and a ``ValueError`` that names it if it
+        is not a complete one of `save`.
 
         Examples
         --------
@@ -205,7 +201,7 @@ class Track(Frozen):
         >>> import numpy as np
         >>> from d2d.radar import Track, simulate_drive, track
         >>> drive = simulate_drive(np.random.default_rng(0), duration=1.0)
-        >>> driven = track(drive.scans, drive.mounting)
+        >>> driven = track(drive)
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     driven.save(f"{folder}/drive.npz")
         ...     again = Track.load(f"{folder}/drive.npz")
@@ -213,36 +209,16 @@ class Track(Frozen):
         True
         """
         source = check_path("path", path)
-        arrays = load_arrays(source)
-        names = [f"parts_{name}" for name in CovarianceParts._fields]
-        with_parts = names[0] in arrays
-        needed = (*REQUIRED, *(names if with_parts else ()))
-        missing = [name for name in needed if name not in arrays]
-        if missing:
-            raise ValueError(f"{source} is not a complete file of Track.save: it lacks {missing}")
-        parts = CovarianceParts(*(arrays[name] for name in names)) if with_parts else None
-        fields: dict[str, Any] = {name: arrays.get(name) for name in (*REQUIRED, *_OPTIONAL)}
-        return cls._from_file(source, fields | {"parts": parts})
+        return cls._from_file(source, load_fields(source))
 
     def write_tum(self, path: str | os.PathLike[str], start: ArrayLike = (0.0, 0.0, 0.0)) -> None:
         """Write the poses as a TUM trajectory file, one line "t x y z qx qy qz qw" per pose.
 
         `evo` and other tools read this format; t is in s, and the vehicle stays in the plane z = 0.
 
-        Parameters
-        ----------
-        path : path
-            Path of the file, as for `save`.
-        start : (3,) array, m, m, rad
-            The first pose, as for `poses`.
-
-        Raises
-        ------
-        ValueError
-            If ``path`` is not a path, ``start`` is not a pose, or the track is empty; the message
-            names the argument.
-        OSError
-            If the file cannot be written.
+        The first pose is ``start`` (m, m, rad), as for `poses`; ``path`` is as for `save`.  Raises
+        an ``OSError`` if the file cannot be written, and a ``ValueError`` if ``start`` is not a
+        pose or the track is empty.
         """
         x, y, yaw = self.poses(start).T
         if not len(self.times):
@@ -257,17 +233,7 @@ class Track(Frozen):
     def write_velocities(self, path: str | os.PathLike[str]) -> None:
         """Write the velocities with their covariances as a table of text.
 
-        Parameters
-        ----------
-        path : path
-            Path of the file, as for `save`.
-
-        Raises
-        ------
-        ValueError
-            If ``path`` is not a path.
-        OSError
-            If the file cannot be written.
+        The path is as for `save`.  Raises an ``OSError`` if the file cannot be written.
 
         Notes
         -----
@@ -298,13 +264,8 @@ class Track(Frozen):
     def read_velocities(cls, path: str | os.PathLike[str]) -> Track:
         """The track in a table of `write_velocities`, bit by bit; what the table lacks is None.
 
-        Raises
-        ------
-        ValueError
-            If ``path`` is not a path, or the file not a complete one of `write_velocities`; the
-            message names the file and the line.
-        OSError
-            If the file cannot be read.
+        Raises an ``OSError`` if the file cannot be read, and a ``ValueError`` that names it and the
+        line if it is not a complete one of `write_velocities`.
         """
         source = check_path("path", path)
         return cls._from_file(source, read_velocity_table(source))
@@ -320,17 +281,10 @@ class Track(Frozen):
     def to_dataframe(self) -> DataFrame:
         """The estimates as a pandas table, one row for each.
 
-        Returns
-        -------
-        pandas.DataFrame
-            The columns of `write_velocities` named ``time``, ``interval``, ``v_x``, ``v_y``,
-            ``omega``, ``converged``, ``var_v_x``, ``cov_v_x_v_y`` and so on and, where known,
-            ``reasons``, ``targets`` and ``inliers``.
-
-        Raises
-        ------
-        ModuleNotFoundError
-            If pandas, which `d2d` itself does not need, is not installed.
+        The columns are those of `write_velocities`, named ``time``, ``interval``, ``v_x``, ``v_y``,
+        ``omega``, ``converged``, ``var_v_x``, ``cov_v_x_v_y`` and so on and, where known,
+        ``reasons``, ``targets`` and ``inliers``.  Raises a ``ModuleNotFoundError`` if pandas, which
+        `d2d` itself does not need, is not installed.
         """
         try:
             import pandas
@@ -338,7 +292,7 @@ class Track(Frozen):
             raise ModuleNotFoundError(
                 "to_dataframe needs pandas, which is not installed: pip install pandas"
             ) from None
-        known = {name: getattr(self, name) for name in _OPTIONAL}
+        known = {name: getattr(self, name) for name in OPTIONAL}
         columns = self._columns() | {n: each for n, each in known.items() if each is not None}
         return pandas.DataFrame(columns)
 
@@ -352,15 +306,8 @@ class Track(Frozen):
     def plot(self) -> Figure:
         """Draw the path, the velocities in a band of 3 sigma, the inlier share and the failures.
 
-        Returns
-        -------
-        matplotlib.figure.Figure
-            The inlier share is left out if it is not known.
-
-        Raises
-        ------
-        ModuleNotFoundError
-            If matplotlib, which `d2d` itself does not need, is not installed.
+        The inlier share is left out if it is not known.  Raises a ``ModuleNotFoundError`` if
+        matplotlib, which `d2d` itself does not need, is not installed.
         """
         return draw(
             self.poses(), self.times, self.theta, self.covariance, self.converged, self.inliers
@@ -381,6 +328,49 @@ class Track(Frozen):
         lines = [f"  {n} failed: {reason}" for reason, n in alike.most_common(_SHOWN_REASONS)]
         other = sum(alike.values()) - sum(n for _, n in alike.most_common(_SHOWN_REASONS))
         return "\n".join([repr(self), *lines, *[f"  {other} failed otherwise"] * (other > 0)])
+
+
+def _rows(name: str, value: Any, count: int) -> NDArray[Any]:
+    """A copy of a field as an array of its type, with as many rows as the track has."""
+    kind = _TYPES.get(name)
+    array = check_real(name, value) if kind is None else np.array(value)
+    if kind is not None and array.dtype.kind != np.dtype(kind).kind:
+        raise ValueError(f"{name} must be an array of {kind.__name__}, but is of {array.dtype}")
+    shape = (count, *_ROW_SHAPES.get(name, ()))
+    if array.shape != shape:
+        raise ValueError(f"{name} must have the shape {shape}, but has {array.shape}")
+    return array
+
+
+def _check_times(times: Array, intervals: Array) -> None:
+    """Raise a ValueError unless times increase, and intervals add up to their differences."""
+    if not (np.isfinite(intervals).all() and (intervals > 0.0).all()):
+        raise ValueError("intervals must be finite and positive")
+    if not (np.isfinite(times).all() and (np.diff(times) > 0.0).all()):
+        raise ValueError("times must be finite and strictly increasing")
+    added = np.cumsum(intervals[1:])
+    passed = times[1:] - times[:1]
+    wrong = np.abs(added - passed) > _STAMP + _DRIFT * passed
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise ValueError(
+            f"intervals must add up to the differences of times, but from the first estimate to "
+            f"number {i + 1} they add up to {added[i]:g} s where {passed[i]:g} s pass"
+        )
+
+
+def _check_covariances(stated: Array, total: Array | None) -> None:
+    """Raise a ValueError unless matrices (m, 3, 3) are covariances and equal the parts' total."""
+    sigmas = np.sqrt(np.clip(np.diagonal(stated, axis1=1, axis2=2), 0.0, None))
+    scale = sigmas[:, :, None] * sigmas[:, None, :]
+    if (np.abs(stated - stated.swapaxes(1, 2)) > _ROUNDING * scale).any():
+        raise ValueError("covariance must be symmetric wherever converged is true")
+    correlations = np.divide(stated, scale, out=np.zeros_like(stated), where=scale > 0.0)
+    smallest = np.linalg.eigvalsh(correlations)[:, 0]
+    if (np.abs(stated) > (1.0 + _ROUNDING) * scale).any() or (smallest < -_ROUNDING).any():
+        raise ValueError("covariance must be positive semidefinite wherever converged is true")
+    if total is not None and not (np.abs(total - stated) <= _ROUNDING * scale).all():
+        raise ValueError("parts must add up to covariance wherever converged is true")
 
 
 def neighbours(track: Track, times: Array) -> Neighbours:

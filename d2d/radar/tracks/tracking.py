@@ -1,23 +1,35 @@
-"""The intervals of a drive one after the other, each started at the last accepted velocity."""
+"""Ego-motion over a whole drive: round after round, each started at the last accepted velocity."""
 
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TextIO, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_flag, check_instance
+from d2d._checks import check_instance
 from d2d._types import Array
 from d2d.problem import Problem
 from d2d.radar.motion.covariance import apply_budget
+from d2d.radar.motion.doppler import doppler_starts
 from d2d.radar.motion.estimate import check_velocity, estimate_velocity
-from d2d.radar.motion.pairs import ScanPair, repeats
+from d2d.radar.motion.model import EgoMotionModel, EstimationOptions, split_options
+from d2d.radar.motion.pairs import ScanPair, scan_pair
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
+from d2d.radar.scans.scan import RadarScan
 from d2d.radar.tracks.carry import accelerations, with_lag
 from d2d.radar.tracks.contradiction import warn_of_contradiction
 from d2d.radar.tracks.limits import State, VehicleLimits
-from d2d.radar.tracks.progress import counted
+from d2d.radar.tracks.rounds import (
+    MAX_INTERVAL,
+    Sensors,
+    check_intervals,
+    check_sensors,
+    check_separation,
+    round_pairs,
+    rounds,
+)
 from d2d.radar.tracks.track import Track
 from d2d.registration import Estimate
 
@@ -35,42 +47,212 @@ MAX_TURN = float(np.pi)
 # A wrong optimum rarely explains more than half of the targets (chapter 9).  One that explains at
 # least this fraction is accepted without looking for another.
 WELL_EXPLAINED = 0.6
+_MOVING = 0.5  # m/s; at a standstill a coarse radar may measure the same twice
+_BAR_DELAY = 2.0  # s, so that short tracks show no progress bar
 
 
-class Interval(NamedTuple):
-    """The cost of one interval's velocity, and the pairs of scans that it sums."""
+def track(
+    sensors: Sensors,
+    *,
+    baseline: int = 1,
+    horizon: float | None = None,
+    initial: ArrayLike | None = None,
+    max_interval: float = MAX_INTERVAL,
+    budget: ErrorBudget | None = None,
+    limits: VehicleLimits | None = DEFAULT_LIMITS,
+    progress: bool | None = None,
+    **options: Unpack[EstimationOptions],
+) -> Track:
+    """Ego-motion over a whole drive from one sensor, or from several that need not be synchronised.
 
-    problem: Problem
-    pairs: Sequence[ScanPair]
+    The scans of all sensors, in time order, are divided into rounds.  A new round begins whenever a
+    sensor already has a scan in the current one; scans of the same time stay together, and a sensor
+    may be missing from a round.  With one sensor, each scan is a round.  Each round after the first
+    gives one estimate, whose search starts at the last accepted velocity.
 
-    @property
-    def targets(self) -> int:
-        """Number of targets of the current scans."""
-        return sum(current.size for _, current, _ in self.pairs)
+    Parameters
+    ----------
+    sensors : Recording, (scans, Mounting), or a sequence or mapping of them
+        The sensor or sensors of the vehicle.  The scans of each are an iterable in strictly
+        increasing time, its mounting is a `Mounting`; a simulated `Drive` has both, too.  Error
+        messages use the names of a mapping.
+    baseline : int
+        Each scan is registered with the one of its sensor this many scans before, or with the first
+        one.  Over a longer interval, the same position error causes a smaller velocity error, as
+        long as the velocity is constant and the targets stay in view.
+    horizon : float, s, optional
+        The same as a time: each scan is registered with the one whose time is nearest to this long
+        before.  On the road the covariance was most credible at 0.3 s, or close to it, and the yaw
+        rate became more accurate up to 0.5 s (chapter 8b).
+    initial : (3,) array, optional
+        Start [v_x, v_y, omega] of the first estimate.
+    max_interval : float, s
+        Longest time between two scans of a sensor, and between two rounds.  Times in milli- or
+        microseconds exceed it; a recording with longer gaps needs a larger one.
+    budget : ErrorBudget, optional
+        Errors that the targets of a sensor share; each sensor has its own, of the same standard
+        deviations.  With a budget, also an empty one, the covariance is propagated from the
+        targets' errors and contains the budget's, and the velocities are those at the track's
+        times; see `ErrorBudget`.  Without one, the covariance is the inverse Hessian.
+    limits : VehicleLimits, optional
+        What the vehicle can do; None accepts any motion.
+    progress : bool, optional
+        Whether a bar on the standard error counts the estimates, for which tqdm must be installed.
+        By default, one appears after two seconds if that is a terminal; not in a notebook.
+    **options
+        ``doppler``, ``outlier``, ``doppler_width``, ``side_slip``, ``first_order`` and ``scales``,
+        as for `estimate_ego_motion`.
 
+    Returns
+    -------
+    Track
+        ``times`` are the mean times of each round's scans.  Pairs with an empty scan are left out.
+        An estimate fails if there is no pair left, if a scan repeats an earlier one target by
+        target while the sensor moves, the cost has no optimum near the start, the optimum rejects
+        nearly all targets (mean inlier probability below 0.1) or turns the vehicle by more than
+        half a turn between two scans, or no vehicle could move like that.  It is then marked as not
+        converged, with the reason, and the track goes on.  If the estimate from the last velocity
+        would fail or does not explain most of the targets (mean inlier probability below 0.6), the
+        round is estimated once more without it; of two acceptable optima the lower wins.
 
-class Search(NamedTuple):
-    """How the intervals of a drive are bound and where their search begins.
+    Warns
+    -----
+    UserWarning
+        If in most intervals the positions alone fit another velocity clearly better than the one
+        that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower
+        (km/h), or a faster one (velocities already compensated for the ego-motion).
 
-    ``bind(i)`` gives interval i, or None if there is nothing to estimate; ``begin(i)`` gives starts
-    (S, 3) that need no last velocity.
+    Raises
+    ------
+    ValueError
+        If something is not a sensor, two have a scan in common, scans are out of time order or
+        farther apart than ``max_interval``, there are fewer than two rounds, ``baseline`` is below
+        1, ``horizon`` is given beside it, or another argument is invalid; the message names it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from d2d.radar import simulate_drive, track
+    >>> drive = simulate_drive(np.random.default_rng(0), duration=2.0)
+    >>> driven = track(drive)  # or track((drive.scans, drive.mounting))
+    >>> bool(driven.converged.all()), driven.theta.shape
+    (True, (20, 3))
+    >>> float(driven.poses()[-1, 0].round(1))  # m ahead
+    6.2
     """
-
-    bind: Callable[[int], Interval | None]
-    begin: Callable[[int], Array]
-    scales: Sequence[float]
-
-
-def check_tracking(
-    budget: ErrorBudget | None, limits: VehicleLimits | None, progress: bool | None
-) -> None:
-    """Raise a ValueError unless the three are what their names say, or None."""
+    check_separation(baseline, horizon)
     if budget is not None:
         check_instance("budget", budget, ErrorBudget)
-    if limits is not None:
-        check_instance("limits", limits, VehicleLimits)
-    if progress is not None:
-        check_flag("progress", progress)
+    model, scales = split_options(options)
+    velocity = None if initial is None else check_velocity(initial)
+    drives = check_sensors(sensors, max_interval)
+    groups = rounds(scans for scans, _ in drives)
+    if len(groups) < 2:
+        raise ValueError(
+            "sensors must have at least two rounds of scans (of one sensor: two scans), but have "
+            f"{len(groups)}"
+        )
+    times = np.array([np.mean([drives[s][0][i].time for s, i in group]) for group in groups])
+    check_intervals("the rounds of all sensors", times, max_interval)
+
+    def pairs(i: int) -> list[ScanPair]:
+        return round_pairs(drives, groups[i + 1], baseline, horizon)
+
+    follower = Follower(model, scales, velocity, budget, limits)
+    counted = _counted(len(groups) - 1, progress)
+    rows = [follower.follow(float(times[i + 1]), pairs(i)) for i in counted]
+    driven = _track_of(times, rows)
+    if model.doppler:
+        accepted = np.flatnonzero(driven.converged)
+        warn_of_contradiction(
+            driven.theta[accepted], lambda i: _problem(pairs(int(accepted[i])), model)
+        )
+    return driven if budget is None else _with_budget(driven, rows, budget.lag)
+
+
+# ---- One round after the other
+
+
+class Row(NamedTuple):
+    """What a round adds to a track."""
+
+    theta: Array  # (3,); the last accepted one if this one is not
+    covariance: Array = np.full((3, 3), np.nan)
+    reason: str = ""  # why it is not accepted
+    targets: int = 0
+    inliers: float = np.nan
+    parts: Array = np.full((3, 3, 3), np.nan)  # of the covariance, if there is a budget
+    delay: Array = np.zeros((3, 3))  # s; times the acceleration, how far theta is from its time
+
+
+class Follower:
+    """Estimates the velocity of one round after the other, and remembers the last accepted one.
+
+    Nothing that it needs is later than the round, so that rounds can come as they are measured.
+    """
+
+    def __init__(
+        self,
+        model: EgoMotionModel,
+        scales: Sequence[float],
+        velocity: Array | None,
+        budget: ErrorBudget | None,
+        limits: VehicleLimits | None,
+    ) -> None:
+        self._model, self._scales, self._budget = model, scales, budget
+        self._limits = None if limits is None else limits.for_doppler(model.doppler)
+        self._velocity = velocity  # at which the next search starts, if it is known
+        self._last: State | None = None
+
+    def follow(self, time: float, pairs: Sequence[ScanPair]) -> Row:
+        """The next row of a track, from the pairs of scans of a round at ``time``."""
+        if not pairs:
+            return self._held("a scan without targets")
+        problem = _problem(pairs, self._model)
+        estimate = self._estimate(problem, pairs)
+        seen = sum(pair.current.size for pair in pairs), float(estimate.inliers)
+        reason = _doubt(estimate, pairs)
+        if reason:
+            return self._held(reason, *seen)
+        row = Row(estimate.theta, estimate.covariance, "", *seen)
+        if self._budget is not None:
+            parts, delay = apply_budget(problem, estimate, pairs, self._budget, time)
+            row = row._replace(covariance=parts.total, parts=np.stack(parts), delay=delay)
+        state = State(time, row.theta, row.covariance)
+        reason = self._implausible(state)
+        if reason:
+            return self._held(reason, *seen)
+        self._last, self._velocity = state, state.theta
+        return row
+
+    def _held(self, reason: str, targets: int = 0, inliers: float = np.nan) -> Row:
+        """The row of a round that gives no estimate."""
+        theta = np.zeros(3) if self._velocity is None else self._velocity
+        return Row(theta, reason=reason, targets=targets, inliers=inliers)
+
+    def _estimate(self, problem: Problem, pairs: Sequence[ScanPair]) -> Estimate:
+        """The optimum near the last velocity; where it is doubtful, the better of two."""
+        near = None
+        if self._velocity is not None:
+            near = estimate_velocity(problem, self._velocity, self._scales)
+            if is_convincing(near):
+                return near
+        starts = doppler_starts([(pair.current, pair.mounting) for pair in pairs])
+        anew = estimate_velocity(problem, starts, self._scales)
+        if near is None:
+            return anew
+        return min(near, anew, key=lambda each: (not is_good(each), float(each.value)))
+
+    def _implausible(self, state: State) -> str:
+        """Why no vehicle moves like that, in words; empty if it may."""
+        if not np.isfinite(state.covariance).all():
+            return "a covariance that is not finite"
+        return "" if self._limits is None else self._limits.exceeded(state, self._last)
+
+
+def _problem(pairs: Sequence[ScanPair], model: EgoMotionModel) -> Problem:
+    """The cost of the velocity that pairs of scans share."""
+    return model.problem([scan_pair(*pair, model) for pair in pairs])
 
 
 def is_good(estimate: Estimate) -> bool:
@@ -83,84 +265,58 @@ def is_convincing(estimate: Estimate) -> bool:
     return bool(estimate.converged) and float(estimate.inliers) >= WELL_EXPLAINED
 
 
-def follow(
-    times: Array,
-    search: Search,
-    initial: ArrayLike | None,
-    budget: ErrorBudget | None,
-    limits: VehicleLimits | None,
-    progress: bool | None,
-) -> Track:
-    """Estimate the n - 1 intervals between n times in turn."""
-    velocity = None if initial is None else check_velocity(initial)
-    last: State | None = None
-    count = len(times) - 1
-    theta, covariance = np.zeros((count, 3)), np.full((count, 3, 3), np.nan)
-    parts, delays = np.full((3, count, 3, 3), np.nan), np.zeros((count, 3, 3))
-    inliers, targets = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
-    reasons = [""] * count
-    for i in counted(count, progress):
-        interval = search.bind(i)
-        if interval is None:
-            reasons[i] = "a scan without targets"
-        else:
-            estimate = _estimate(search, i, interval.problem, velocity)
-            inliers[i], targets[i] = float(estimate.inliers), interval.targets
-            reasons[i] = _reason(estimate, interval)
-        if interval is not None and not reasons[i]:
-            stated = estimate.covariance
-            if budget is not None:
-                parts[:, i], delays[i] = apply_budget(
-                    interval.problem, estimate, interval.pairs, budget, float(times[i + 1])
-                )
-                stated = parts[:, i].sum(axis=0)
-            state = State(times[i + 1], estimate.theta, stated)
-            if not np.isfinite(stated).all():
-                reasons[i] = "a covariance that is not finite"
-            elif limits is not None:
-                reasons[i] = limits.exceeded(state, last)
-            if not reasons[i]:
-                last, velocity, covariance[i] = state, estimate.theta, stated
-        theta[i] = 0.0 if velocity is None else velocity
-    converged = np.array([not reason for reason in reasons])
-    track = Track(
-        times[1:], np.diff(times), theta, covariance, converged, np.array(reasons), targets, inliers
-    )
-    _check_positions(track, search)
-    return track if budget is None else _with_budget(track, parts, delays, budget.lag)
-
-
-def _estimate(search: Search, i: int, problem: Problem, velocity: Array | None) -> Estimate:
-    """The optimum near the last velocity; where it is doubtful, the better of two."""
-    start = search.begin(i) if velocity is None else velocity
-    first = estimate_velocity(problem, start, search.scales)
-    if velocity is None or is_convincing(first):
-        return first
-    second = estimate_velocity(problem, search.begin(i), search.scales)
-    return min(first, second, key=lambda each: (not is_good(each), float(each.value)))
-
-
-def _reason(estimate: Estimate, interval: Interval) -> str:
-    """Why an estimate is not accepted; empty if nothing speaks against it."""
-    if any(repeats(previous, current) for previous, current, _ in interval.pairs):
+def _doubt(estimate: Estimate, pairs: Sequence[ScanPair]) -> str:
+    """Why an estimate is not accepted, whatever its covariance; empty if nothing is against it."""
+    if any(_repeats(pair.previous, pair.current) for pair in pairs):
         return "a scan that repeats an earlier one"
     if not estimate.converged:
         return "no optimum near the start"
     if not is_good(estimate):
         return f"an optimum that rejects {1.0 - float(estimate.inliers):.0%} of the targets"
-    agreeing = interval.targets * float(estimate.inliers)
+    agreeing = sum(pair.current.size for pair in pairs) * float(estimate.inliers)
     if agreeing < MIN_AGREEING:
         return f"an optimum that rests on {agreeing:.1f} targets"
-    turn = abs(float(estimate.theta[2])) * max(pair.interval for pair in interval.problem.pairs)
+    turn = abs(float(estimate.theta[2])) * max(pair.interval for pair in pairs)
     if turn > MAX_TURN:
         return f"a turn of {np.rad2deg(turn):.0f} deg between scans"
     return ""
 
 
-def _with_budget(track: Track, parts: Array, delays: Array, lag: float) -> Track:
+def _repeats(previous: RadarScan, current: RadarScan) -> bool:
+    """Whether a scan has the targets of an earlier one although the sensor moves.
+
+    A frozen sensor, or a message that is delivered twice, gets a new time: its positions say that
+    the vehicle stands still.
+    """
+    measured = ("range", "azimuth", "doppler")
+    return (
+        all(np.array_equal(getattr(previous, name), getattr(current, name)) for name in measured)
+        and float(np.median(np.abs(current.doppler))) > _MOVING
+    )
+
+
+# ---- The whole track
+
+
+def _track_of(times: Array, rows: Sequence[Row]) -> Track:
+    """The track of n - 1 rows between n times, as the rounds gave them."""
+    reasons = np.array([row.reason for row in rows])
+    return Track(
+        times[1:],
+        np.diff(times),
+        np.array([row.theta for row in rows]),
+        np.array([row.covariance for row in rows]),
+        reasons == "",
+        reasons,
+        np.array([row.targets for row in rows]),
+        np.array([row.inliers for row in rows]),
+    )
+
+
+def _with_budget(track: Track, rows: Sequence[Row], lag: float) -> Track:
     """The track with its velocities at its times, and the parts of the covariances with the lag."""
     good = track.converged
-    parts[:, ~good] = np.nan
+    delays = np.array([row.delay for row in rows])
     theta, slopes = track.theta.copy(), np.zeros_like(track.theta)
     # velocities that are held, or never began, show no acceleration
     times, shown = track.times[good], track.theta[good]
@@ -169,18 +325,36 @@ def _with_budget(track: Track, parts: Array, delays: Array, lag: float) -> Track
     last = np.maximum.accumulate(np.where(good, np.arange(len(good)), -1))
     held = ~good & (last >= 0)
     theta[held] = theta[last[held]]
-    complete = with_lag(CovarianceParts(*parts), slopes, lag)
+    parts = CovarianceParts(*np.stack([row.parts for row in rows], axis=1))
+    complete = with_lag(parts, slopes, lag)
     return replace(track, theta=theta, covariance=complete.total, parts=complete)
 
 
-def _check_positions(track: Track, search: Search) -> None:
-    """Warn if the positions contradict the Doppler velocities of the accepted intervals."""
-    accepted = np.flatnonzero(track.converged)
+# ---- Progress
 
-    def bind(i: int) -> Problem | None:
-        interval = search.bind(int(accepted[i]))
-        if interval is None or interval.problem.pairs[0].measurement is None:
-            return None
-        return interval.problem
 
-    warn_of_contradiction(track.theta[accepted], bind)
+def _counted(count: int, progress: bool | None) -> Iterable[int]:
+    """The numbers 0 to count - 1, with a progress bar on the standard error.
+
+    True shows it at once, False never, and None after two seconds if that is a terminal and tqdm
+    is installed.
+    """
+    steps = range(count)
+    if progress is False or (progress is None and not _on_terminal()):
+        return steps
+    try:
+        from tqdm import tqdm
+    except ModuleNotFoundError:
+        if progress is None:
+            return steps
+        raise ModuleNotFoundError(
+            "progress=True needs tqdm, which is not installed: pip install tqdm"
+        ) from None
+    bar: Iterable[int] = tqdm(steps, unit="estimate", delay=0.0 if progress else _BAR_DELAY)
+    return bar
+
+
+def _on_terminal() -> bool:
+    """Whether somebody may be watching; a program without a console has no standard error."""
+    stream: TextIO | None = sys.stderr
+    return stream is not None and stream.isatty()

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from d2d._checks import check_instance, check_members, check_rows, check_scalar, check_within
 from d2d._types import Array
-from d2d.radar.motion.pairs import check_distinct
 from d2d.radar.scans.recording import Recording
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.scans.slip import SlipLaw
+from d2d.radar.tracks.rounds import check_distinct
 from d2d.radar.trust.alignment import Alignment, Fit, agreeing, covariance, fit, scan_velocities
 
 _POWERS = (0, 2)  # of v_x in the slip law
@@ -254,7 +254,7 @@ def _logs(recordings: Recording | Iterable[Recording | SensorLog]) -> list[Senso
         logs.append((listed, mounting, reference))
     if not logs:
         raise ValueError("recordings must hold at least one sensor, but is empty")
-    check_distinct("recordings", [scans for scans, *_ in logs])
+    check_distinct({f"recordings[{s}]": scans for s, (scans, *_) in enumerate(logs)})
     return logs
 
 

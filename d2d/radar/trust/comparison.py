@@ -377,7 +377,7 @@ def compare(track: Track, reference: Reference) -> Comparison:
     >>> import numpy as np
     >>> from d2d.radar import compare, simulate_drive, track
     >>> drive = simulate_drive(np.random.default_rng(0), duration=4.0)
-    >>> found = compare(track(drive.scans, drive.mounting), drive.truth)
+    >>> found = compare(track(drive), drive.truth)
     >>> found.errors.shape, bool(found.rmse[0] < 0.05)
     ((40, 3), True)
     """

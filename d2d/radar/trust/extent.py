@@ -16,7 +16,7 @@ from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
 from d2d.radar.motion.pairs import scan_pair
 from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.radar.tracks.one_sensor import MAX_INTERVAL, increasing
+from d2d.radar.tracks.rounds import MAX_INTERVAL, increasing
 
 CANDIDATES = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])  # m
 _MIDDLE = 0.4  # m; the search at every extent starts at the velocity found with this one
@@ -164,7 +164,7 @@ def estimate_extent(
     started = []
     for previous, current in pairs:
         problem = model.problem([scan_pair(previous, current, mounting, model)])
-        starts = doppler_starts(current, mounting)
+        starts = doppler_starts([(current, mounting)])
         near = estimate_velocity(widened(problem, _MIDDLE), starts, (1.0,)).theta
         started.append((problem, near))
     return _most_likely(started, sum(current.size for _, current in pairs))

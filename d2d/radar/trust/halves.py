@@ -1,23 +1,19 @@
 """Covariances judged without a reference, by two independent estimates of the same motion."""
 
-from collections.abc import Iterable
 from typing import Unpack
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from d2d._checks import check_choice, check_instance, check_positive_scalar, check_rows
+from d2d._checks import check_choice, check_instance, check_positive_scalar
+from d2d.radar.motion.estimate import estimate_ego_motion
 from d2d.radar.motion.model import EstimationOptions
 from d2d.radar.motion.pairs import ScanPair
-from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.radar.tracks.joint import (
-    estimate_joint_ego_motion,
-    joint_pairs,
-    rounds,
-    track_joint,
-)
+from d2d.radar.scans.scan import RadarScan
+from d2d.radar.tracks.rounds import Sensors, check_sensors, round_pairs, rounds
 from d2d.radar.tracks.track import Track, neighbours
+from d2d.radar.tracks.tracking import track
 from d2d.radar.trust.comparison import Comparison, enough
 
 
@@ -74,7 +70,7 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
 
 
 def compare_halves(
-    sensors: Iterable[tuple[Iterable[RadarScan], Mounting]],
+    sensors: Sensors,
     rng: np.random.Generator,
     *,
     by: str = "target",
@@ -91,8 +87,8 @@ def compare_halves(
 
     Parameters
     ----------
-    sensors : iterable of (scans, mounting)
-        One sensor or several, as for `track_joint`.
+    sensors : Recording, (scans, Mounting), or a sequence or mapping of them
+        One sensor or several, as for `track`.
     rng : numpy.random.Generator
     by : {"target", "object"}
         What goes to a half as a whole: each target, or each cluster of targets.  Two targets of a
@@ -105,8 +101,8 @@ def compare_halves(
     baseline, horizon : int, or float in s
         How many scans, or how long, before its second scan the first one of a pair is; see `track`.
     **options
-        ``doppler``, ``outlier``, ``doppler_width``, ``slips``, ``first_order`` and ``scales``, as
-        for `estimate_ego_motion`.
+        ``doppler``, ``outlier``, ``doppler_width``, ``side_slip``, ``first_order`` and ``scales``,
+        as for `estimate_ego_motion`.
 
     Returns
     -------
@@ -155,26 +151,24 @@ def compare_halves(
     check_instance("rng", rng, np.random.Generator)
     check_choice("by", by, ("target", "object"))
     reach = check_positive_scalar("distance", distance)
-    drives = [
-        (list(scans), mounting)
-        for scans, mounting in check_rows("sensors", sensors, Iterable, Mounting)
-    ]
-    whole = track_joint(drives, baseline=baseline, horizon=horizon, **options)
+    drives = check_sensors(sensors)
+    whole = track(drives, baseline=baseline, horizon=horizon, **options)
     errors, covariances = np.full_like(whole.theta, np.nan), np.full_like(whole.covariance, np.nan)
-    for i, group in enumerate(rounds([scans for scans, _ in drives])[1:]):
+    for i, group in enumerate(rounds(scans for scans, _ in drives)[1:]):
         if not whole.converged[i]:
             continue
         halves: tuple[list[ScanPair], list[ScanPair]] = [], []
-        for previous, current, mounting in joint_pairs(drives, group, baseline, horizon):
+        for previous, current, mounting in round_pairs(drives, group, baseline, horizon):
             labels = np.arange(current.size) if by == "target" else _clusters(current, reach)
             first = _half(rng, labels)
             for pairs, chosen in zip(halves, (first, ~first), strict=True):
                 if chosen.any():
-                    pairs.append((previous, current[chosen], mounting))
+                    pairs.append(ScanPair(previous, current[chosen], mounting))
         if not all(halves):
             continue
         one, two = (
-            estimate_joint_ego_motion(pairs, initial=whole.theta[i], **options) for pairs in halves
+            estimate_ego_motion(*zip(*pairs, strict=True), initial=whole.theta[i], **options)
+            for pairs in halves
         )
         if one.converged and two.converged:
             errors[i], covariances[i] = one.theta - two.theta, one.covariance + two.covariance

@@ -70,7 +70,7 @@ def drive_covariances(drive: Drive, *, doppler: bool, step: int = 3) -> DriveCov
     Each pair is started at the estimate of `d2d.radar.track`; the truth is the velocity at the
     second scan.
     """
-    tracked = track(drive.scans, drive.mounting, doppler=doppler)
+    tracked = track(drive, doppler=doppler)
     errors, covariances = [], []
     for i in range(0, len(drive.scans) - 1, step):
         scans = drive.scans[i], drive.scans[i + 1]

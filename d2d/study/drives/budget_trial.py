@@ -20,7 +20,7 @@ from d2d.radar import (
     build_world,
     quantisation_sigma,
     simulate_drive,
-    track_joint,
+    track,
 )
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, STEPS
 from d2d.radar.simulation.world import LAP
@@ -249,7 +249,7 @@ def _judged(views: Sequence[Drive], ingredient: Ingredient, number: int) -> Judg
     truth = views[0].truth.theta
     sensors = [([told(scan, ingredient) for scan in view.scans], view.mounting) for view in views]
     plain, full = (
-        track_joint(sensors, initial=truth[0], budget=budget, limits=None)
+        track(sensors, initial=truth[0], budget=budget, limits=None)
         for budget in (None, ingredient.budget)
     )
     assert full.parts is not None

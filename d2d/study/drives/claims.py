@@ -64,7 +64,7 @@ def tracked_drive(seed: int, by_car: bool) -> tuple[Drive, dict[bool, Track]]:
         drive = simulate_drive(rng, DURATION, CAR_SPEED, mounting=CAR_MOUNTING)
     else:
         drive = simulate_drive(rng, DURATION)
-    return drive, {d: track(drive.scans, drive.mounting, doppler=d) for d in (False, True)}
+    return drive, {d: track(drive, doppler=d) for d in (False, True)}
 
 
 def robot_drives() -> list[tuple[Drive, dict[bool, Track]]]:

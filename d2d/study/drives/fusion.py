@@ -22,7 +22,7 @@ from d2d.radar import (
     track,
 )
 from d2d.radar.motion.covariance import influences
-from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.motion.pairs import ScanPair, scan_pair
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.radar.tracks.carry import accelerations
 from d2d.scores import normalised_squares
@@ -146,7 +146,7 @@ def _measured(rng: np.random.Generator, duration: float, errors: SensorErrors) -
     )
     scans = [told(scan, wrong) for scan in drive.scans]
     plain, full = (
-        track(scans, CAR_MOUNTING, initial=drive.truth.theta[0], budget=budget, limits=None)
+        track((scans, CAR_MOUNTING), initial=drive.truth.theta[0], budget=budget, limits=None)
         for budget in (None, wrong.budget)
     )
     truth = drive.truth.theta[1:]
@@ -168,7 +168,7 @@ def slow_errors(
     model = EgoMotionModel()
     columns = np.full((len(driven.times), 3, 4), np.nan)
     for i in np.flatnonzero(driven.converged).tolist():
-        pair = scans[i], scans[i + 1], mounting
+        pair = ScanPair(scans[i], scans[i + 1], mounting)
         estimate = estimate_ego_motion(*pair, initial=driven.theta[i])
         problem = model.problem([scan_pair(*pair, model)])
         before, after = influences(problem, estimate, [pair])

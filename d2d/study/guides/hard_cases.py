@@ -14,7 +14,6 @@ from d2d.radar import (
     build_world,
     simulate_drive,
     track,
-    track_joint,
 )
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.study.guides.rows import Row, row
@@ -32,13 +31,13 @@ Ways = Mapping[str, Mapping[str, Any]]
 FEW_WAYS: Ways = {
     "as it is": {},
     "limits of this car": {"limits": CAR_LIMITS},
-    "no side slip": {"slips": False},
-    "no side slip, limits": {"slips": False, "limits": CAR_LIMITS},
+    "no side slip": {"side_slip": False},
+    "no side slip, limits": {"side_slip": False, "limits": CAR_LIMITS},
 }
 SIDE_WAYS: Ways = {
     "as it is": {},
-    "side slip of 0.05 m/s": {"slips": 0.05},
-    "no side slip": {"slips": False},
+    "side slip of 0.05 m/s": {"side_slip": 0.05},
+    "no side slip": {"side_slip": False},
     "baseline 2": {"baseline": 2},
 }
 STANDING_WAYS: Ways = {"as it is": {}, "baseline 3": {"baseline": 3}}
@@ -64,19 +63,16 @@ def few_targets() -> list[Row]:
     sensors = [(drive.scans, drive.mounting) for drive in drives]
     truth = drives[0].truth
     return [
-        *(row(f"one: {way}", track(*sensors[0], **o), truth) for way, o in FEW_WAYS.items()),
+        *(row(f"one: {way}", track(sensors[0], **o), truth) for way, o in FEW_WAYS.items()),
         *(
-            row(f"three: {way}", track_joint(sensors, **FEW_WAYS[way]), truth)
+            row(f"three: {way}", track(sensors, **FEW_WAYS[way]), truth)
             for way in ("as it is", "no side slip, limits")
         ),
     ]
 
 
 def _tried(drive: Drive, ways: Ways) -> list[Row]:
-    return [
-        row(way, track(drive.scans, drive.mounting, **options), drive.truth)
-        for way, options in ways.items()
-    ]
+    return [row(way, track(drive, **options), drive.truth) for way, options in ways.items()]
 
 
 @cache

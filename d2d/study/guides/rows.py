@@ -80,5 +80,5 @@ def halves(view: View, *, seed: int = 0) -> dict[str, float]:
 
 def two_sensors(first: View, second: View, *, budget: ErrorBudget | None = None) -> float:
     """ANEES of the differences between the tracks of two sensors, each on its own."""
-    tracks = [track(*each, budget=budget) for each in (first, second)]
+    tracks = [track(each, budget=budget) for each in (first, second)]
     return compare_tracks(*tracks).credibility.anees

@@ -183,9 +183,9 @@ def bias_against_targets(counts: Sequence[int] = COUNTS) -> list[BiasRow]:
     for count in counts:
         sensor = Sensor(max_targets=count, half_range=60.0, max_range=80.0, quantised=False)
         drive = _driven(_PLACES[0], sensor, SensorErrors(azimuth=BIAS), 11)
-        plain = compare(track(drive.scans, drive.mounting), drive.truth)
+        plain = compare(track(drive), drive.truth)
         budget = ErrorBudget(azimuth=BIAS)
-        wide = compare(track(drive.scans, drive.mounting, budget=budget), drive.truth)
+        wide = compare(track(drive, budget=budget), drive.truth)
         rows.append(
             BiasRow(
                 float(np.mean([len(scan) for scan in drive.scans])),
@@ -251,7 +251,7 @@ def _evidence(reason: Reason) -> Evidence:
         for number, (place, turned) in enumerate(zip(_PLACES, reason.turned, strict=True))
     ]
     scans = [[scaled(scan, reason.factor) for scan in drive.scans] for drive in drives]
-    tracks = [track(own, place) for own, place in zip(scans, _PLACES, strict=True)]
+    tracks = [track((own, place)) for own, place in zip(scans, _PLACES, strict=True)]
     by = [
         compare_halves([(scans[0], _PLACES[0])], np.random.default_rng(1), by=each)
         for each in ("target", "object")

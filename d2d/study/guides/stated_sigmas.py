@@ -40,8 +40,10 @@ def stated_sigmas(factors: Sequence[float] = FACTORS) -> dict[str, list[Row]]:
             row(
                 f"{_IN_WORDS.get(name, name)} x {factor:g}",
                 track(
-                    [replace(s, **{field: factor * getattr(s, field)}) for s in drive.scans],
-                    drive.mounting,
+                    (
+                        [replace(s, **{field: factor * getattr(s, field)}) for s in drive.scans],
+                        drive.mounting,
+                    )
                 ),
                 drive.truth,
             )

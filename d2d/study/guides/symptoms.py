@@ -118,7 +118,7 @@ def _tried(name: str, scans: Scans, mounting: Mounting, truth: Reference) -> Sym
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", UserWarning)
         try:
-            driven = track(*FAULTS[name](scans, mounting, truth))
+            driven = track(FAULTS[name](scans, mounting, truth))
         except ValueError as error:
             return Symptom(name, nan, nan, nan, nan, "", f"ValueError: {error}")
     message = str(said[0].message) if said else ""

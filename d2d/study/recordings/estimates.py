@@ -28,9 +28,8 @@ from d2d.radar import (
     doppler_ego_motion,
     load_radarscenes,
     track,
-    track_joint,
 )
-from d2d.radar.tracks.joint import rounds
+from d2d.radar.tracks.rounds import rounds
 from d2d.study.drives.errors import DriveErrors
 from d2d.study.recordings.calibration import (
     Correction,
@@ -234,12 +233,7 @@ def drive(run: Run, recordings: Sequence[Recording]) -> Track:
     ]
     if run.method != "registration":
         return _doppler_track(recordings, run.method == "Doppler only")
-    baseline, doppler = run.baseline, run.doppler
-    if len(recordings) == 1:
-        scans, mounting = recordings[0].scans, recordings[0].mounting
-        return track(scans, mounting, baseline=baseline, doppler=doppler)
-    sensors = [(r.scans, r.mounting) for r in recordings]
-    return track_joint(sensors, baseline=baseline, doppler=doppler)
+    return track(recordings, baseline=run.baseline, doppler=run.doppler)
 
 
 def thinned(recording: Recording, count: int) -> Recording:
@@ -263,7 +257,7 @@ def with_own_sigmas(recording: Recording) -> Recording:
 
     They are interpolated between the middles of the sectors.
     """
-    sigmas = residual_sigmas(recording, track(recording.scans, recording.mounting), SECTORS)
+    sigmas = residual_sigmas(recording, track(recording), SECTORS)
     middles = [0.5 * sum(sigma.sector) for sigma in sigmas]
 
     def renewed(scan: RadarScan) -> RadarScan:
@@ -298,7 +292,7 @@ def _doppler_track(recordings: Sequence[Recording], weighted: bool) -> Track:
             (scan if weighted else _with_exact_azimuth(scan), recordings[s].mounting)
             for scan, (s, _) in zip(scans, group, strict=True)
         ]
-        motions.append(doppler_ego_motion(views, slips=len(recordings) > 1))
+        motions.append(doppler_ego_motion(views, side_slip=len(recordings) > 1))
         times.append(np.mean([scan.time for scan in scans]))
     covariance = np.array([motion.covariance for motion in motions[1:]])
     return Track(

@@ -29,7 +29,6 @@ from d2d.radar import (
     load_nuscenes,
     load_radarscenes,
     track,
-    track_joint,
 )
 from d2d.study.recordings.turning import CHANNELS, of_turning
 from d2d.study.results import results_path
@@ -77,7 +76,7 @@ def joint_reference(recordings: Sequence[Recording]) -> Reference:
 
 def joint_track(recordings: Sequence[Recording], **options: Any) -> Track:
     """The track of all sensors together."""
-    return track_joint([(r.scans, r.mounting) for r in recordings], **options)
+    return track(recordings, **options)
 
 
 def whole(name: str, recordings: Sequence[Recording], baseline: int) -> Part:
@@ -241,7 +240,7 @@ def side_radars(root: str | Path) -> list[dict[str, Any]]:
         "width 4 m/s, no limits": {"limits": None},
         "width 40 m/s, no limits": {"doppler_width": 40.0, "limits": None},
         "vehicle limits": {"limits": VehicleLimits()},
-        "vehicle limits, no side slip": {"slips": False},
+        "vehicle limits, no side slip": {"side_slip": False},
     }
     rows = []
     for way, options in ways.items():
@@ -250,7 +249,7 @@ def side_radars(root: str | Path) -> list[dict[str, Any]]:
             for scene in scenes:
                 for channel in SIDE_CHANNELS:
                     own = load_nuscenes(root, scene, channel)
-                    driven = track(own.scans, own.mounting, **options)
+                    driven = track(own, **options)
                     error = driven.theta - own.reference.at(driven.times).theta
                     told = np.isfinite(error).all(axis=1)
                     kept += int((told & driven.converged).sum())
@@ -279,9 +278,7 @@ def without_reference(recordings: Sequence[Recording]) -> dict[str, Any]:
         for by in ("target", "object")
     }
     for name, budget in (("inverse Hessian", None), ("noise and budget", third.budget)):
-        pair = [
-            track(r.scans, r.mounting, baseline=2, budget=budget) for r in (third, recordings[1])
-        ]
+        pair = [track(r, baseline=2, budget=budget) for r in (third, recordings[1])]
         found[f"sensor 3 against sensor 2, {name}"] = compare_tracks(*pair)
     return {name: scores(each) for name, each in found.items()}
 

@@ -596,7 +596,7 @@ def test_real_doppler_is_compensated_as_the_data_does(sensor):
 def test_real_radar_is_late_against_the_odometry():
     """Breaks if the time offset has the wrong sign: v_x from static targets tells."""
     recording = load_radarscenes(ROOT, 105, 3)
-    driven = track(recording.scans, recording.mounting)
+    driven = track(recording)
     rmse = {}
     for offset in (-0.11, 0.0, 0.11, 0.22):
         reference = load_radarscenes(ROOT, 105, 3, time_offset=offset).reference
@@ -609,8 +609,7 @@ def test_real_drive_with_and_without_doppler():
     """Breaks if the estimates on sequence 105, sensor 3, get worse than the project promises."""
     recording = load_radarscenes(ROOT, 105, 3)
     sharp, plain = (
-        DriveErrors.of(track(recording.scans, recording.mounting, doppler=d), recording.reference)
-        for d in (True, False)
+        DriveErrors.of(track(recording, doppler=d), recording.reference) for d in (True, False)
     )
     v_x, v_y, omega = sharp.rmse
     assert sharp.share > 0.99

@@ -390,8 +390,7 @@ def test_doppler_sharpens_the_velocity(speed, mounting):
     """
     driven = simulate_drive(np.random.default_rng(1), 30.0, speed, mounting=mounting)
     sharp, plain = (
-        DriveErrors.of(track(driven.scans, driven.mounting, doppler=doppler), driven.truth)
-        for doppler in (True, False)
+        DriveErrors.of(track(driven, doppler=doppler), driven.truth) for doppler in (True, False)
     )
     assert sharp.share > 0.99
     assert plain.share > 0.99

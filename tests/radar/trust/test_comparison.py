@@ -215,6 +215,6 @@ except ModuleNotFoundError:
 def test_a_simulated_drive_is_credible_where_its_targets_are_independent():
     """Breaks if the truth of a drive is not a reference, or degrees meet radians."""
     drive = simulate_drive(np.random.default_rng(2), 6.0)
-    found = compare(track(drive.scans, drive.mounting), drive.truth)
+    found = compare(track(drive), drive.truth)
     assert found.share > 0.95
     assert 0.5 < found.measures.anees < 2.0

@@ -84,7 +84,7 @@ def test_targets_that_err_together_are_told_by_object_only():
     assert 1.5 < low < 3.0 < high
     # and that is what the errors themselves say, which need a reference
     scans = drive(0, 0.5)
-    driven = track(scans, MOUNTING, doppler=False)
+    driven = track((scans, MOUNTING), doppler=False)
     still = np.tile(THETA, (len(driven.times), 1))
     true = compare(driven, Reference(driven.times, still, np.zeros_like(still)))
     assert low < true.measures.anees < high

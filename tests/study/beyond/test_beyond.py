@@ -55,7 +55,7 @@ def test_drive_covariances_are_those_of_each_pair() -> None:
     """Breaks if a covariance is lost on the way, or belongs to another pair or another kind."""
     drive = simulate_drive(np.random.default_rng(2), 2.0)
     found = drive_covariances(drive, doppler=True, step=2)
-    followed = track(drive.scans, drive.mounting)
+    followed = track(drive)
     for number, i in enumerate(range(0, len(drive.scans) - 1, 2)):
         pair = drive.scans[i], drive.scans[i + 1], drive.mounting
         estimate = estimate_ego_motion(*pair, initial=followed.theta[i])

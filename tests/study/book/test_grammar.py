@@ -260,7 +260,7 @@ def test_the_laboratories_have_the_colours_of_the_figures():
 def test_a_track_and_the_book_draw_an_estimate_alike():
     """Breaks if the picture of a track has a colour, line or marker of its own."""
     drive = simulate_drive(np.random.default_rng(0), duration=1.0)
-    driven = track(drive.scans, drive.mounting)
+    driven = track(drive)
     for figure in (driven.plot(), compare(driven, drive.truth).plot()):
         drawn = [line for ax in figure.axes for line in ax.lines if line.get_label() != "failed"]
         robust = grammar.COSTS["robust"]

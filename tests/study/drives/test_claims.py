@@ -129,14 +129,14 @@ def test_followed_pairs_have_no_second_start(short_drives):
     np.testing.assert_allclose(starts[1:], found[:-1])
 
 
-def without_doppler(scans, mounting, *, doppler):
+def without_doppler(drive, *, doppler):
     """A track that never looks at the Doppler velocities."""
-    return track(scans, mounting, doppler=False)
+    return track(drive, doppler=False)
 
 
-def useless_doppler(scans, mounting, *, doppler):
+def useless_doppler(drive, *, doppler):
     """A track that is better without."""
-    return track(scans, mounting, doppler=not doppler)
+    return track(drive, doppler=not doppler)
 
 
 @pytest.mark.parametrize("claim", ["doppler-reduces-error", "doppler-more-certain"])
@@ -156,7 +156,7 @@ def test_drift_is_refuted_where_the_path_is_known(short_drives):
         truths.append(simulate(*arguments))
         return truths[-1]
 
-    def knowing(scans, mounting, *, doppler):
+    def knowing(drive, *, doppler):
         true = truths[-1].truth.poses
         return SimpleNamespace(poses=lambda start: true)
 

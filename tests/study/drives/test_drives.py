@@ -160,7 +160,7 @@ def test_the_table_says_what_was_measured():
 def driven() -> tuple[Drive, Track]:
     """A short simulated drive and its track."""
     drive = simulate_drive(np.random.default_rng(2), 6.0)
-    return drive, track(drive.scans, drive.mounting)
+    return drive, track(drive)
 
 
 def test_weights_are_the_probabilities_of_all_targets_of_all_good_pairs():

@@ -64,7 +64,7 @@ def test_a_column_is_what_its_error_does_to_the_radar(column, name, small, withi
             errors=errors,
         )
         budget = ErrorBudget(**{name: small})
-        found = track(drive.scans, CAR_MOUNTING, initial=drive.truth.theta[0], budget=budget)
+        found = track((drive.scans, CAR_MOUNTING), initial=drive.truth.theta[0], budget=budget)
         return found.theta, fusion.slow_errors(drive.scans, CAR_MOUNTING, found, budget)
 
     plain, slow = driven(None)

@@ -182,6 +182,6 @@ def test_the_picture_has_the_conventions():
 def test_a_lap_with_true_sigmas_is_credible():
     """Breaks if the drive that everything is compared with is itself at fault."""
     drive = front_drive()
-    found = row("right", track(drive.scans, drive.mounting), drive.truth)
+    found = row("right", track(drive), drive.truth)
     assert found.accepted > 0.97
     assert 0.8 < found.anees < 1.4

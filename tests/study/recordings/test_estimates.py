@@ -22,10 +22,10 @@ from d2d.radar import (
     Reference,
     Track,
     doppler_velocity,
-    estimate_joint_ego_motion,
+    estimate_ego_motion,
     track,
 )
-from d2d.radar.tracks.one_sensor import integrate
+from d2d.radar.tracks.track import integrate
 from d2d.study.recordings import estimates
 from d2d.study.recordings.calibration import (
     fit_correction,
@@ -175,7 +175,7 @@ def test_sigmas_are_read_off_the_residuals():
     recording = recordings(20)[2]
     near = [scan[scan.range < 25.0] for scan in recording.scans]
     recording = replace(recording, scans=near, mounting=turned(recording, YAW[2]).mounting)
-    driven = track(recording.scans, recording.mounting)
+    driven = track(recording)
     (found,) = residual_sigmas(recording, driven, (0, 90))
     assert found.sector == (0, 90)
     assert found.range == pytest.approx(SIGMAS[0], rel=0.2)
@@ -211,10 +211,10 @@ def test_each_run_is_what_it_says(loader):
     assert (3, 20) in {row[2:] for row in loader}
 
     one = recordings(30)[2]
-    direct = track(one.scans, one.mounting, baseline=2)
+    direct = track(one, baseline=2)
     assert_allclose(results["one"].track.theta, direct.theta)
     assert_allclose(results["one"].track.times, direct.times - START)
-    blind = track(one.scans, one.mounting, doppler=False)
+    blind = track(one, doppler=False)
     assert_allclose(results["blind"].track.theta, blind.theta)
     sigma = {name: results[name].judged.sigmas.mean(axis=0) for name in results}
     assert (sigma["few"] > 1.2 * sigma["one"]).all()
@@ -255,7 +255,7 @@ def test_an_incomplete_last_round_is_left_out():
     result = estimates.drive(Run(SENSORS), cut)
     assert len(result.times) == 8
     last = [(r.scans[7], r.scans[8], r.mounting) for r in cut]
-    alone = estimate_joint_ego_motion(last, initial=result.theta[-1])
+    alone = estimate_ego_motion(*zip(*last, strict=True), initial=result.theta[-1])
     assert_allclose(result.theta[-1], alone.theta, rtol=0, atol=1e-6)
 
 
@@ -269,7 +269,7 @@ def estimated() -> dict[str, Result]:
     scans = [*recording.scans[:7], recording.scans[7][:0], *recording.scans[8:]]
     found = {}
     for name, doppler in (("with", True), ("without, Doppler", False)):
-        driven = track(scans, recording.mounting, doppler=doppler)
+        driven = track((scans, recording.mounting), doppler=doppler)
         errors = driven.theta - recording.reference.theta[1:]
         errors[-2:] = np.nan
         found[name] = Result(driven, errors)

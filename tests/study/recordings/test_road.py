@@ -127,7 +127,7 @@ def test_side_radars_rarely_end_far_off(nuscenes, baseline):
     for scene in road.FITTED_SCENES + road.OTHER_SCENES:
         for channel in road.SIDE_CHANNELS:
             own = load_nuscenes(nuscenes, scene, channel)
-            driven = track(own.scans, own.mounting, baseline=baseline)
+            driven = track(own, baseline=baseline)
             error = np.abs(driven.theta - own.reference.at(driven.times).theta)[:, 2]
             told = np.isfinite(error)
             kept += (told & driven.converged).sum()

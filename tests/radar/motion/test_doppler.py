@@ -14,7 +14,7 @@ from d2d.radar import (
     doppler_velocity,
     sensor_velocity,
 )
-from d2d.radar.motion.doppler import _agreeing, _pairs, doppler_starts
+from d2d.radar.motion.doppler import _agreeing, _hypotheses, doppler_starts
 
 MOUNTINGS = [
     pytest.param(Mounting(), id="origin"),
@@ -53,7 +53,7 @@ def test_start_takes_the_velocity_of_the_sensor_for_that_of_the_vehicle():
     scan = scan_of(azimuth, doppler_velocity([17.0, 0.0, 0.35], azimuth, mounting))
     straight = [17.0 - 0.245, 0.35 * 3.86, 0.0]
     turning = [17.0, 0.0, 0.35]  # the truth, since this vehicle does not slip
-    assert_allclose(doppler_starts(scan, mounting), [straight, turning], atol=1e-9)
+    assert_allclose(doppler_starts([(scan, mounting)]), [straight, turning], atol=1e-9)
 
 
 @pytest.mark.parametrize("outliers", ["scattered", "one-car"])
@@ -227,6 +227,15 @@ def test_moving_targets_do_not_pull_several_sensors():
         assert motion.inliers[0][14:].sum() >= 22
 
 
+def test_sensors_at_different_places_give_one_start():
+    """Breaks if the yaw rate that several sensors show is not used, or one sensor invents one."""
+    views = views_of(np.random.default_rng(26), [17.0, -0.6, 0.35])
+    assert_array_equal(doppler_starts(views), [doppler_ego_motion(views).theta])
+    scan, at = views[0]
+    fewer = scan[::2], Mounting(at.x, at.y, at.yaw - 0.1)  # at the same place
+    assert_array_equal(doppler_starts([fewer, views[0]]), doppler_starts(views[:1]))
+
+
 def test_one_sensor_does_not_show_rotation_unless_the_vehicle_does_not_slip():
     """Breaks if what is not observable gets a covariance, or zero slip is not used."""
     theta = [17.0, 0.0, 0.35]
@@ -237,7 +246,7 @@ def test_one_sensor_does_not_show_rotation_unless_the_vehicle_does_not_slip():
     assert_allclose(
         velocity_of_sensor(whole.theta, at), velocity_of_sensor(theta, at), rtol=0, atol=1e-8
     )
-    fixed = doppler_ego_motion(views, slips=False)
+    fixed = doppler_ego_motion(views, side_slip=False)
     assert_allclose(fixed.theta, theta, rtol=0, atol=1e-8)
     assert_array_equal(fixed.covariance[1], np.zeros(3))
     assert (np.diag(fixed.covariance)[[0, 2]] > 0.0).all()
@@ -255,18 +264,18 @@ def test_empty_scans_show_nothing():
         doppler_ego_motion([])
 
 
-@pytest.mark.parametrize("size", [3, 4, 20, 21, 60, 500])
-def test_pairs_are_spread_evenly_over_all(size):
-    """Breaks if the closed form counts the pairs otherwise than row by row."""
-    first, second = np.triu_indices(size, 1)
-    chosen = np.linspace(0, len(first) - 1, min(200, len(first))).astype(int)
-    assert_array_equal(_pairs(size), [first[chosen], second[chosen]])
+def test_hypotheses_are_spread_evenly_over_all_twos():
+    """Breaks if the closed form counts the targets otherwise than row by row."""
+    for size in (3, 4, 20, 21, 60, 500):
+        first, second = np.triu_indices(size, 1)
+        chosen = np.linspace(0, len(first) - 1, min(200, len(first))).astype(int)
+        assert_array_equal(_hypotheses(size), [first[chosen], second[chosen]])
 
 
 def naive_consensus(scan: RadarScan, directions: np.ndarray) -> np.ndarray:
     """The targets that agree with the best pair's velocity, by the pseudoinverse of each pair."""
     best = np.zeros(scan.size, dtype=bool)
-    for i, j in _pairs(scan.size).T:
+    for i, j in _hypotheses(scan.size).T:
         velocity = np.linalg.pinv(directions[[i, j]], rcond=1e-3) @ scan.doppler[[i, j]]
         slope = directions @ [velocity[1], -velocity[0]]
         sigma = np.hypot(scan.sigma_doppler, scan.sigma_azimuth * slope)

@@ -1,0 +1,433 @@
+"""Ego-motion between two scans, and from several pairs of scans.
+
+The joint cost of thesis eq. 7.14 is written once more, target by target with scipy.stats, as a
+function of the velocity; nothing of the package takes part in it but the scans' numbers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import multivariate_normal, norm
+
+from d2d import CorruptedGaussian, UniformOutlier, credibility
+from d2d.radar import (
+    EgoMotionModel,
+    Mounting,
+    RadarScan,
+    estimate_ego_motion,
+    inlier_probabilities,
+)
+from d2d.radar.motion.model import DEFAULT_OUTLIER
+from tests.radar.scenes import AROUND, CORNER, SIGMAS, arc, two_scans
+
+THETA = np.array([12.0, -0.5, 0.6])
+
+
+def naive_targets(scan: RadarScan, mounting: Mounting) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Mean and covariance of each target in the vehicle frame."""
+    found = []
+    for r, phi, sr, sp in zip(
+        scan.range, scan.azimuth, scan.sigma_range, scan.sigma_azimuth, strict=True
+    ):
+        c, s = np.cos(phi + mounting.yaw), np.sin(phi + mounting.yaw)
+        radial, across = np.array([c, s]), np.array([-s, c])
+        mean = np.array([mounting.x, mounting.y]) + r * radial
+        spread = sr**2 * np.outer(radial, radial) + (r * sp) ** 2 * np.outer(across, across)
+        found.append((mean, spread))
+    return found
+
+
+def normal_density(x, mean, covariance) -> float:
+    """The normal density at x (D,); that of SciPy takes several times as long."""
+    away = np.subtract(x, mean)
+    exponent = -0.5 * away @ np.linalg.solve(covariance, away)
+    return np.exp(exponent) / np.sqrt(np.linalg.det(2.0 * np.pi * np.asarray(covariance)))
+
+
+def test_the_naive_density_is_that_of_scipy():
+    """Breaks if the reference that estimates are compared with is itself wrong."""
+    x, mean, covariance = [1.0, -2.0], [0.4, 0.3], np.array([[2.0, 0.6], [0.6, 0.5]])
+    expected = multivariate_normal.pdf(x, mean, covariance)
+    assert normal_density(x, mean, covariance) == pytest.approx(expected, rel=1e-12)
+    expected = norm.pdf(1.3, 0.2, 0.7)
+    assert normal_density([1.3], [0.2], [[0.49]]) == pytest.approx(expected, rel=1e-12)
+
+
+def naive_cost(theta, previous, current, mounting, outlier, doppler, first_order) -> float:
+    """-sum_k log((1 - alpha) inlier_k Doppler_k + alpha outlier_k / width), in the velocity theta.
+
+    The width is that of an outlier's uniform Doppler density, 1 without Doppler velocities.
+    """
+    width = 4.0 if doppler else 1.0
+    tau = current.time - previous.time
+    v_x, v_y, omega = theta
+    motion = arc([0.0, 0.0, omega], tau) if first_order else arc(theta, tau)
+    turn, shift = motion[:2, :2], motion[:2, 2]
+    if first_order:
+        shift = tau * np.array([v_x, v_y])
+    fixed, total = naive_targets(previous, mounting), 0.0
+    for k, (mean, spread) in enumerate(naive_targets(current, mounting)):
+        moved, turned = turn @ mean + shift, turn @ spread @ turn.T
+        inlier = far = 0.0
+        for center, own in fixed:
+            inlier += normal_density(moved, center, turned + own) / len(fixed)
+            if isinstance(outlier, CorruptedGaussian):
+                far += normal_density(moved, center, outlier.covariance) / len(fixed)
+        if doppler:
+            angle = current.azimuth[k] + mounting.yaw
+            u_x, u_y = v_x - omega * mounting.y, v_y + omega * mounting.x
+            expected = -u_x * np.cos(angle) - u_y * np.sin(angle)
+            slope = u_x * np.sin(angle) - u_y * np.cos(angle)
+            sigma = np.hypot(current.sigma_doppler[k], slope * current.sigma_azimuth[k])
+            inlier *= normal_density([current.doppler[k]], [expected], [[sigma**2]])
+        if isinstance(outlier, CorruptedGaussian):
+            total -= np.log((1.0 - outlier.fraction) * inlier + outlier.fraction * far / width)
+        else:
+            total -= np.log(inlier + (outlier.density / width if outlier else 0.0))
+    return total
+
+
+def derivative_along(function, direction, step=0.03) -> tuple[float, float]:
+    """First and second derivative at 0, fourth-order differences."""
+    far, near, here, ahead, beyond = (function(i * step * direction) for i in (-2, -1, 0, 1, 2))
+    first = (far - 8.0 * near + 8.0 * ahead - beyond) / (12.0 * step)
+    second = (-far + 16.0 * near - 30.0 * here + 16.0 * ahead - beyond) / (12.0 * step**2)
+    return first, second
+
+
+def assert_optimum_of(estimate, cost) -> None:
+    """The estimate is at a minimum of ``cost``, with its value, Hessian and inverse Hessian.
+
+    Derivatives are taken in units of the estimated standard deviations.
+    """
+    root = np.linalg.cholesky(estimate.covariance)
+
+    def shifted(offset):
+        return cost(estimate.theta + root @ offset)
+
+    assert estimate.value == pytest.approx(shifted(np.zeros(3)), rel=1e-10)
+    axes = np.eye(3)
+    slopes, curvatures = np.transpose([derivative_along(shifted, axis) for axis in axes])
+    assert_allclose(slopes, 0.0, atol=1e-5)
+    naive = np.diag(curvatures)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        mixed = derivative_along(shifted, axes[i] + axes[j])[1]
+        naive[i, j] = naive[j, i] = 0.5 * (mixed - curvatures[i] - curvatures[j])
+    assert_allclose(root.T @ estimate.hessian @ root, naive, rtol=0, atol=1e-5)
+    assert_allclose(estimate.covariance @ estimate.hessian, np.eye(3), atol=1e-8)
+
+
+@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+@pytest.mark.parametrize("first_order", [True, False], ids=["first-order", "exact"])
+@pytest.mark.parametrize(
+    "outlier", [DEFAULT_OUTLIER, UniformOutlier(1e-3)], ids=["corrupted", "uniform"]
+)
+def test_inlier_probabilities_are_bayes_rule(doppler, first_order, outlier):
+    """Breaks if a share is not the inlier part of that target's naive density."""
+    theta = THETA
+    previous, current = two_scans(np.random.default_rng(3), theta, size=7)
+    changed = current.doppler + np.array([0, 0, 0.1, 0, 1.0, 0, 0])
+    current = replace(current, doppler=changed)
+    shares = inlier_probabilities(
+        theta, previous, current, CORNER, doppler=doppler, outlier=outlier, first_order=first_order
+    )
+    prior = 1.0 - getattr(outlier, "fraction", 0.0)
+    for k, share in enumerate(shares):
+        rest = (theta, previous, current[k : k + 1], CORNER)
+        inlier, both = (
+            np.exp(-naive_cost(*rest, model, doppler, first_order)) for model in (None, outlier)
+        )
+        assert share == pytest.approx(prior * inlier / both, rel=1e-9, abs=3e-16)
+    assert (shares[4] < 1e-3) == doppler
+    assert (shares[[0, 1, 3, 5, 6]] > 0.5).all()
+
+
+@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+@pytest.mark.parametrize("first_order", [True, False], ids=["first-order", "exact"])
+@pytest.mark.parametrize(
+    "mounting", [Mounting(), CORNER, Mounting(-0.9, -0.87, -2.9)], ids=["origin", "left", "rear"]
+)
+@pytest.mark.parametrize(
+    "outlier", [DEFAULT_OUTLIER, UniformOutlier(1e-3), None], ids=["corrupted", "uniform", "none"]
+)
+def test_the_estimate_is_the_optimum_of_the_naive_joint_cost(
+    doppler, first_order, mounting, outlier
+):
+    """Breaks with any slip in the cost, or if gradient or Hessian are not those of the velocity.
+
+    Differences are taken in standard deviations of the estimate, in which the Hessian is I.
+    """
+    theta = THETA
+    previous, current = two_scans(np.random.default_rng(21), theta, mounting, size=7)
+    if outlier is not None:  # one target that has moved, one that is new
+        changed = current.doppler + np.array([0, 0, 4.0, 0, 0, 0, 0])
+        distance = current.range + np.array([0, 0, 0, 0, 6.0, 0, 0])
+        current = replace(current, range=distance, doppler=changed)
+    estimate = estimate_ego_motion(
+        previous,
+        current,
+        mounting,
+        doppler=doppler,
+        outlier=outlier,
+        initial=theta,
+        first_order=first_order,
+    )
+    assert estimate.converged
+
+    def cost(theta):
+        return naive_cost(theta, previous, current, mounting, outlier, doppler, first_order)
+
+    assert_optimum_of(estimate, cost)
+
+
+@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+@pytest.mark.parametrize(
+    "theta",
+    [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0], [15.0, -0.4, 0.5], [-2.0, 0.1, -0.3]],
+    ids=["standing", "straight", "bend", "reversing"],
+)
+@pytest.mark.parametrize("sharp", [False, True], ids=["from-doppler", "sharp-near-truth"])
+def test_a_noise_free_motion_is_recovered(theta, doppler, sharp):
+    """Breaks if scans are registered the wrong way round, or against another interval.
+
+    Not exactly: neighbours pull, and covariances that differ in direction between the scans move
+    the optimum, the less the smaller the sigmas are.
+    """
+    sigmas = (0.01, 1e-4, 0.01) if sharp else SIGMAS
+    start = np.add(theta, [0.02, -0.02, 0.001]) if sharp else None
+    previous, current = two_scans(np.random.default_rng(22), theta, sigmas=sigmas, noisy=False)
+    estimate = estimate_ego_motion(previous, current, CORNER, doppler=doppler, initial=start)
+    assert estimate.converged
+    deviations = np.sqrt(np.diag(estimate.covariance))
+    assert (np.abs(estimate.theta - theta) < (0.001 if sharp else 0.2) * deviations).all()
+    if sharp:
+        assert_allclose(estimate.theta, theta, rtol=0, atol=1e-5)
+
+
+def test_fast_car_among_moving_ones_needs_no_start():
+    """Breaks if the default start is zero, which ends in a wrong optimum here, or not robust."""
+    rng, theta, size = np.random.default_rng(23), np.array([30.0, 0.2, 0.05]), 40
+    from_doppler, from_zero = [], []
+    for _ in range(25):
+        previous, current = two_scans(rng, theta, size=size, interval=0.075)
+        moving = np.arange(size) < 12
+        distance = np.where(moving, current.range + rng.uniform(-2.0, 2.0, size), current.range)
+        doppler = np.where(moving, current.doppler + rng.uniform(-25, 25, size), current.doppler)
+        current = replace(current, range=distance, doppler=doppler)
+        estimate = estimate_ego_motion(previous, current, CORNER)
+        assert estimate.converged
+        from_doppler.append(estimate.theta - theta)
+        from_zero.append(
+            estimate_ego_motion(previous, current, CORNER, initial=np.zeros(3)).theta - theta
+        )
+    assert np.abs(from_doppler)[:, 0].max() < 0.3
+    assert np.abs(from_doppler)[:, 1].max() < 1.0
+    assert np.abs(from_zero)[:, 0].max() > 1.0, "the scene is too easy to tell starts apart"
+
+
+@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+def test_covariances_are_credible(doppler):
+    """Breaks if the covariance is not of the velocity, too large or too small by a few percent."""
+    rng, theta = np.random.default_rng(24), np.array([10.0, 0.3, 0.3])
+    errors, covariances = [], []
+    for _ in range(1000):  # few targets, so that it is clear which meets which
+        pair = two_scans(rng, theta, size=12)
+        estimate = estimate_ego_motion(*pair, CORNER, doppler=doppler)
+        if estimate.converged:
+            errors.append(estimate.theta - theta)
+            covariances.append(estimate.covariance)
+    assert len(errors) > 990
+    judged = credibility(np.array(errors), np.array(covariances))
+    assert judged.consistent, f"ANEES {judged.anees:.3f} outside {judged.bounds}"
+    assert abs(judged.inclination) < 0.5
+
+
+def test_first_order_takes_the_chord_for_the_velocity():
+    """Breaks if first_order changes the motion that is found, and not only how it is read."""
+    theta = np.array([10.0, 0.0, 1.0])
+    previous, current = two_scans(np.random.default_rng(25), theta)
+    exact, first = (
+        estimate_ego_motion(previous, current, CORNER, doppler=False, first_order=flag)
+        for flag in (False, True)
+    )
+    chord = arc(exact.theta, 0.1)[:2, 2] / 0.1
+    assert_allclose(first.theta, [*chord, exact.theta[2]], rtol=0, atol=1e-6)
+    assert first.theta[1] - exact.theta[1] > 0.4  # v omega tau / 2
+
+
+def test_a_different_interval_scales_the_velocity():
+    """Breaks if the interval is taken from elsewhere than the scans' times."""
+    previous, current = two_scans(np.random.default_rng(26), [5.0, 0.0, 0.1])
+    later = replace(current, time=previous.time + 2 * (current.time - previous.time))
+    slow = estimate_ego_motion(previous, later, CORNER, doppler=False, initial=[2.5, 0, 0.05])
+    fast = estimate_ego_motion(previous, current, CORNER, doppler=False, initial=[5.0, 0, 0.1])
+    assert_allclose(slow.theta, fast.theta / 2.0, rtol=1e-6, atol=1e-9)
+    assert_allclose(slow.covariance, fast.covariance / 4.0, rtol=1e-6, atol=1e-12)
+
+
+def test_scales_reach_the_optimum_from_a_far_start():
+    """Breaks if the schedule is not handed on to the registration."""
+    theta = np.array([40.0, 0.0, 0.0])
+    previous, current = two_scans(np.random.default_rng(27), theta)
+    options = {"doppler": False, "initial": np.zeros(3)}
+    direct = estimate_ego_motion(previous, current, CORNER, **options)
+    annealed = estimate_ego_motion(previous, current, CORNER, scales=(8, 4, 2, 1), **options)
+    assert abs(direct.theta[0] - 40.0) > 10.0, "the start is too near to tell"
+    assert abs(annealed.theta[0] - 40.0) < 3.0 * np.sqrt(annealed.covariance[0, 0])
+    assert annealed.value < direct.value
+
+
+def test_scans_out_of_time_order_empty_or_none_are_refused_by_name():
+    """Breaks if a zero interval divides, or the error does not say which scan."""
+    before, after = two_scans(np.random.default_rng(28), [5.0, 0.0, 0.0])
+    for given, said in (
+        ((before, replace(after, time=before.time), CORNER), "current must be later than previous"),
+        ((after, before, CORNER), "current must be later than previous"),
+        ((before[:0], after, CORNER), "previous holds no targets"),
+        ((before, after[:0], CORNER), "current holds no targets"),
+        ((before, "a scan", CORNER), "current must be a RadarScan, but is a str"),
+        ((before, after, (3.6, 0.0, 0.0)), "mounting must be a Mounting, but is a tuple"),
+        ((before, [after], [CORNER]), "current must be a RadarScan, but is a list"),
+    ):
+        with pytest.raises(ValueError, match=f"^{said}"):
+            estimate_ego_motion(*given)
+
+
+def test_a_wrong_start_or_schedule_is_refused_by_name():
+    """Breaks if several starts get through: the covariances of three came out wrong in silence."""
+    pair = (*two_scans(np.random.default_rng(30), [5.0, 0, 0]), CORNER)
+    for initial in (1.0, [1.0, 2.0], [1.0, 2.0, np.nan], np.ones((1, 3)), np.ones((3, 3))):
+        with pytest.raises(ValueError, match=r"^initial must"):
+            estimate_ego_motion(*pair, initial=initial)
+    for scales in ([], 1.0, [[1.0]], [0.0]):
+        with pytest.raises(ValueError, match=r"^scales must be"):
+            estimate_ego_motion(*pair, scales=scales)
+
+
+# ---- several pairs
+
+
+def pairs_around(rng, theta, size=7):
+    """A pair of scans of each sensor, over intervals of their own and not at the same times."""
+    pairs = []
+    for i, mounting in enumerate(AROUND):
+        scans = two_scans(rng, theta, mounting, size=size, interval=0.07 + 0.02 * i)
+        pairs.append((*(replace(scan, time=scan.time + 0.01 * i) for scan in scans), mounting))
+    return pairs
+
+
+def together(pairs, **options):
+    """The estimate from pairs of scans, given one by one."""
+    return estimate_ego_motion(*zip(*pairs, strict=True), **options)
+
+
+@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+@pytest.mark.parametrize("outlier", [DEFAULT_OUTLIER, None], ids=["corrupted", "none"])
+def test_the_joint_estimate_is_the_optimum_of_the_sum_of_naive_costs(doppler, outlier):
+    """Breaks if a pair's interval, mounting or chain rule is another's, or one is left out."""
+    theta = THETA
+    pairs = pairs_around(np.random.default_rng(60), theta)
+    if outlier is not None:  # one target that has moved
+        previous, current, mounting = pairs[1]
+        changed = current.doppler + np.array([0, 0, 4.0, 0, 0, 0, 0])
+        pairs[1] = previous, replace(current, doppler=changed), mounting
+    estimate = together(pairs, doppler=doppler, outlier=outlier, initial=theta)
+    assert estimate.converged
+
+    def cost(theta):
+        return sum(naive_cost(theta, *pair, outlier, doppler, False) for pair in pairs)
+
+    assert_optimum_of(estimate, cost)
+
+
+def test_one_pair_in_a_sequence_is_that_pair():
+    """Breaks if one pair and several take different ways: the results are equal bit by bit."""
+    pair = (*two_scans(np.random.default_rng(61), THETA, size=30), CORNER)
+    annealed = {"doppler": False, "initial": [11.5, 0.0, 0.5], "scales": (8.0, 4.0, 2.0, 1.0)}
+    for options in ({}, {"doppler": False}, {"side_slip": 0.1}, annealed):
+        alone, listed = estimate_ego_motion(*pair, **options), together([pair], **options)
+        assert alone.converged
+        assert_array_equal(listed.theta, alone.theta)
+        assert_array_equal(listed.covariance, alone.covariance)
+        assert listed.value == alone.value
+
+
+def test_joint_covariances_are_credible_and_smaller_than_each_sensor_s():
+    """Breaks if the sum's Hessian is not that of the velocity, or sensors are weighed wrongly."""
+    rng, theta = np.random.default_rng(62), np.array([10.0, 0.3, 0.3])
+    errors, covariances = [], []
+    for _ in range(150):
+        pairs = pairs_around(rng, theta, size=6)
+        estimate = together(pairs)
+        assert estimate.converged
+        errors.append(estimate.theta - theta)
+        covariances.append(estimate.covariance)
+    judged = credibility(np.array(errors), np.array(covariances))
+    assert judged.consistent, f"ANEES {judged.anees:.3f} outside {judged.bounds}"
+    for pair in pairs:
+        alone = estimate_ego_motion(*pair, initial=theta)
+        assert np.linalg.eigvalsh(alone.covariance - covariances[-1]).min() > 0.0
+
+
+def test_joint_start_comes_from_all_sensors_doppler_velocities():
+    """Breaks if the default start is zero, from where the positions find another optimum."""
+    theta = np.array([40.0, 0.2, 0.4])
+    pairs = pairs_around(np.random.default_rng(63), theta, size=40)
+    estimate = together(pairs, doppler=False)
+    assert estimate.converged
+    assert (np.abs(estimate.theta - theta) < 4.0 * np.sqrt(np.diag(estimate.covariance))).all()
+    from_zero = together(pairs, doppler=False, initial=np.zeros(3))
+    assert np.abs(from_zero.theta - theta)[0] > 1.0, "the scene is too easy to tell starts apart"
+
+
+def test_several_pairs_that_do_not_fit_are_refused_by_name():
+    """Breaks if a sum over nothing is minimised, or the error does not say which pair."""
+    previous, current, mounting = zip(*pairs_around(np.random.default_rng(66), THETA), strict=True)
+    empty = [*current[:2], current[2][:0]]
+    for given, said in (
+        (([], [], []), "previous must hold at least one scan, but is empty"),
+        ((previous, current[:2], mounting), "previous, current .* length, but have 3, 2 and 3"),
+        ((previous, current, mounting[0]), "mounting must be a sequence, but is a Mounting"),
+        ((previous, empty, mounting), r"current\[2\] holds no targets"),
+        ((current, previous, mounting), r"current\[0\] must be later than previous\[0\]"),
+        ((previous, mounting, current), r"current\[0\] must be a RadarScan, but is a Mounting"),
+    ):
+        with pytest.raises(ValueError, match=f"^{said}"):
+            estimate_ego_motion(*given)
+
+
+# ---- what is known of the side slip
+
+
+@pytest.mark.parametrize("side_slip", [False, 0.05])
+def test_what_is_known_of_the_side_slip_is_a_prior(side_slip):
+    """Breaks if the prior is not in the cost, in its optimum or in its covariance."""
+    pair = (*two_scans(np.random.default_rng(67), [8.0, 0.1, 0.2]), CORNER)
+    precision = np.diag([0.0, (side_slip or 1e-3) ** -2, 0.0])
+    free, bound = estimate_ego_motion(*pair), estimate_ego_motion(*pair, side_slip=side_slip)
+
+    def cost(theta):
+        own = naive_cost(theta, *pair, DEFAULT_OUTLIER, True, False)
+        return own + 0.5 * theta @ precision @ theta
+
+    assert_optimum_of(bound, cost)
+    assert abs(bound.theta[1]) < abs(free.theta[1])
+    assert bound.covariance[2, 2] < 0.7 * free.covariance[2, 2]
+
+
+def test_a_side_slip_is_a_flag_or_a_standard_deviation():
+    """Breaks if a prior without a width makes the cost nan."""
+    for side_slip in (0.0, -0.1, np.nan, "no", [0.1, 0.2]):
+        with pytest.raises(ValueError, match=r"^side_slip must"):
+            EgoMotionModel(side_slip=side_slip)
+
+
+def test_a_prior_cannot_be_edited():
+    """Breaks if what a caller does to the array changes later problems of the same model."""
+    model = EgoMotionModel(side_slip=0.1)
+    model.prior[1] = 0.0
+    assert model.prior[1] == pytest.approx(100.0)

@@ -1,0 +1,103 @@
+"""Scans of static points by sensors of a moving vehicle, which the tests of the radar share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from scipy.linalg import expm
+
+from d2d.radar import Drive, Mounting, RadarScan, Reference, doppler_velocity, simulate_drive
+
+CORNER = Mounting(3.86, 0.7, 0.436)
+AROUND = (CORNER, Mounting(3.6, -0.9, -1.48), Mounting(-0.9, -0.87, -2.9))
+SIGMAS = (0.15, np.deg2rad(0.5), 0.06)
+STRAIGHT = np.array([12.0, 0.0, 0.1])
+
+
+def arc(theta, time: float) -> np.ndarray:
+    """Pose matrix (3, 3) after ``time`` at the constant body velocity."""
+    v_x, v_y, omega = theta
+    return expm(time * np.array([[0.0, -omega, v_x], [omega, 0.0, v_y], [0.0, 0.0, 0.0]]))
+
+
+def frame(mounting: Mounting) -> np.ndarray:
+    """Pose matrix (3, 3) of the sensor in the vehicle."""
+    turn = arc([0.0, 0.0, mounting.yaw], 1.0)
+    turn[:2, 2] = mounting.x, mounting.y
+    return turn
+
+
+def observe(points, pose, time, theta, mounting, noise, sigmas) -> RadarScan:
+    """Measurements of world points (n, 2) by the vehicle at ``pose``."""
+    local = np.linalg.solve(
+        pose @ frame(mounting), np.column_stack([points, np.ones(len(points))]).T
+    )
+    distance, azimuth = np.hypot(local[0], local[1]), np.arctan2(local[1], local[0])
+    doppler = doppler_velocity(theta, azimuth, mounting)
+    return RadarScan(
+        time,
+        distance + sigmas[0] * noise[0],
+        azimuth + sigmas[1] * noise[1],
+        doppler + sigmas[2] * noise[2],
+        *sigmas,
+    )
+
+
+def two_scans(
+    rng, theta, mounting=CORNER, size=20, interval=0.1, sigmas=SIGMAS, noisy=True
+) -> tuple[RadarScan, RadarScan]:
+    """Two scans of the same static targets, 45 degrees to either side and 5 to 50 m away."""
+    distance, azimuth = 50.0 * np.sqrt(rng.uniform(0.01, 1.0, size)), rng.uniform(-0.8, 0.8, size)
+    ahead = np.stack([distance * np.cos(azimuth), distance * np.sin(azimuth), np.ones(size)])
+    points = (arc(theta, interval) @ frame(mounting) @ ahead)[:2].T
+    noise = rng.standard_normal((2, 3, size)) * noisy
+    return (
+        observe(points, np.eye(3), 5.0, theta, mounting, noise[0], sigmas),
+        observe(points, arc(theta, interval), 5.0 + interval, theta, mounting, noise[1], sigmas),
+    )
+
+
+@cache
+def _whole_drive(seed: int) -> Drive:
+    """A simulated drive of a minute, simulated once."""
+    return simulate_drive(np.random.default_rng(seed), 60.0, mounting=CORNER)
+
+
+def beginning(count: int = 40, seed: int = 0) -> Drive:
+    """The first scans of a simulated drive."""
+    whole = _whole_drive(seed)
+    truth = whole.truth
+    part = Reference(truth.times[:count], truth.theta[:count], truth.poses[:count])
+    return replace(whole, scans=whole.scans[:count], truth=part)
+
+
+def straight_scans(count: int = 12) -> list[RadarScan]:
+    """Scans of one world from a car at 12 m/s, too fast to be registered from a start at zero."""
+    rng = np.random.default_rng(40)
+    points = rng.uniform([-10.0, -60.0], [90.0, 60.0], (400, 2))
+    return _seen(rng, points, 0.1 * np.arange(count), STRAIGHT, CORNER)
+
+
+def surround_scans(
+    count: int = 12, theta=STRAIGHT, times=None, shift: float = 0.013
+) -> list[tuple[list[RadarScan], Mounting]]:
+    """Scans of one world by three sensors that do not run in step, at these times."""
+    rng, theta = np.random.default_rng(70), np.array(theta)
+    points = rng.uniform([-60.0, -60.0], [90.0, 60.0], (600, 2))
+    times = 0.1 * np.arange(count) if times is None else np.asarray(times)
+    return [
+        (_seen(rng, points, times + shift * s, theta, mounting), mounting)
+        for s, mounting in enumerate(AROUND)
+    ]
+
+
+def _seen(rng, points, times, theta, mounting) -> list[RadarScan]:
+    """Scans of world points at each time, of those in front of the sensor."""
+    scans = []
+    for time in times:
+        noise = rng.standard_normal((3, len(points)))
+        full = observe(points, arc(theta, time), time, theta, mounting, noise, (0.05, 1e-3, 0.06))
+        scans.append(full[(np.abs(full.azimuth) < 0.8) & (full.range < 45.0)])
+    return scans

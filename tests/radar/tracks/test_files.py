@@ -1,0 +1,292 @@
+"""The files of a track, its data frame, and that nothing is half written."""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+import zipfile
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d.radar import Track
+from tests.radar.scenes import arc
+from tests.radar.tracks.test_track import N, example
+
+
+def assert_same(one: Track, other: Track) -> None:
+    """Equal in all fields, types and bits, nan included."""
+    for field in fields(Track):
+        first, second = getattr(one, field.name), getattr(other, field.name)
+        if first is None or second is None:
+            assert first is second, field.name
+            continue
+        assert type(first) is type(second)
+        pairs = zip(first, second, strict=True) if field.name == "parts" else [(first, second)]
+        for mine, theirs in pairs:
+            assert mine.dtype == theirs.dtype
+            assert mine.shape == theirs.shape
+            assert mine.tobytes() == theirs.tobytes(), field.name
+
+
+@pytest.mark.parametrize("parts", [False, True])
+@pytest.mark.parametrize("known", [False, True])
+def test_a_saved_track_loads_bit_by_bit(tmp_path, parts, known):
+    """Breaks if a field is lost, a type changes or None becomes an array."""
+    driven = example(parts=parts, known=known)
+    driven.save(tmp_path / "drive.npz")
+    assert_same(Track.load(tmp_path / "drive.npz"), driven)
+    assert os.listdir(tmp_path) == ["drive.npz"]
+
+
+def test_a_file_gets_the_name_that_was_asked_for(tmp_path, monkeypatch):
+    """Breaks if NumPy adds its suffix, or a tilde is a folder's name."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    example().save("~/drive.track")
+    assert os.listdir(tmp_path) == ["drive.track"]
+    assert_same(Track.load("~/drive.track"), example())
+
+
+def test_what_was_cut_off_is_refused(tmp_path):
+    """Breaks if half a file loads, or the error is zipfile's own."""
+    file = tmp_path / "drive.npz"
+    example().save(file)
+    whole = file.read_bytes()
+    for length in (0, 1, 100, len(whole) // 2, len(whole) - 1):
+        file.write_bytes(whole[:length])
+        with pytest.raises(ValueError, match=r"drive\.npz is not a complete file of Track\.save"):
+            Track.load(file)
+
+
+def test_damage_within_is_noticed(tmp_path):
+    """Breaks if a flipped bit changes a velocity and nobody is told."""
+    file = tmp_path / "drive.npz"
+    example().save(file)
+    damaged = bytearray(file.read_bytes())
+    damaged[len(damaged) // 3] ^= 16
+    file.write_bytes(bytes(damaged))
+    with pytest.raises(ValueError, match=r"not a complete file"):
+        Track.load(file)
+
+
+def test_a_field_that_is_missing_is_named(tmp_path):
+    """Breaks if a part is taken for all."""
+    example().save(tmp_path / "whole.npz")
+    for gone in ("theta", "parts_systematic"):
+        with (
+            zipfile.ZipFile(tmp_path / "whole.npz") as source,
+            zipfile.ZipFile(tmp_path / "less.npz", "w") as target,
+        ):
+            for name in source.namelist():
+                if name != f"{gone}.npy":
+                    target.writestr(name, source.read(name))
+        with pytest.raises(ValueError, match=rf"it lacks \['{gone}'\]"):
+            Track.load(tmp_path / "less.npz")
+
+
+def test_foreign_files_are_refused(tmp_path):
+    """Breaks if any arrays pass for a track, or Python objects are unpacked."""
+    np.savez(tmp_path / "other.npz", times=np.arange(3.0))
+    np.save(tmp_path / "array.npy", np.arange(3.0))
+    np.save(tmp_path / "objects.npy", np.array([{}], dtype=object), allow_pickle=True)
+    (tmp_path / "text.npz").write_text("no archive", encoding="utf-8")
+    for name in ("other.npz", "array.npy", "objects.npy", "text.npz"):
+        with pytest.raises(ValueError, match=rf"{name} is not a complete file of Track\.save"):
+            Track.load(tmp_path / name)
+    example().write_tum(tmp_path / "drive.tum")
+    with pytest.raises(ValueError, match=r"drive\.tum is not a table of velocities: line 1"):
+        Track.read_velocities(tmp_path / "drive.tum")
+    np.savez(tmp_path / "later.npz", format="d2d.radar.Track 9")
+    with pytest.raises(ValueError, match=r"has the format 'd2d\.radar\.Track 9', but this version"):
+        Track.load(tmp_path / "later.npz")
+    with pytest.raises(FileNotFoundError):
+        Track.load(tmp_path / "none.npz")
+
+
+# ---- nothing half written
+
+WRITERS = {
+    "save": lambda driven, path: driven.save(path),
+    "write_tum": lambda driven, path: driven.write_tum(path),
+    "write_velocities": lambda driven, path: driven.write_velocities(path),
+}
+
+
+each_writer = pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS.keys())
+
+
+@each_writer
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch, write):
+    """Breaks if an interrupted writer leaves half a file, a part of its own, or nothing."""
+    file = tmp_path / "drive"
+    file.write_text("before", encoding="utf-8")
+
+    def full(*_arguments):
+        raise OSError("no space left")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", full)
+        with pytest.raises(OSError, match="no space left"):
+            write(example(), file)
+    assert os.listdir(tmp_path) == ["drive"]
+    assert file.read_text(encoding="utf-8") == "before"
+    write(example(), file)
+    assert os.listdir(tmp_path) == ["drive"]
+    assert file.stat().st_size > 1000
+
+
+@each_writer
+def test_a_file_has_the_usual_rights_and_a_link_stays_one(tmp_path, write):
+    """Breaks if others may not read it, as of temporary files, or a link is replaced."""
+    (tmp_path / "plain").touch()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    write(example(), tmp_path / "link")
+    assert (tmp_path / "link").is_symlink()
+    rights = [stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("plain", "real")]
+    assert rights[0] == rights[1]
+
+
+@each_writer
+def test_a_folder_that_is_not_there_is_named(tmp_path, write):
+    """Breaks if the error names a temporary file that nobody has heard of."""
+    with pytest.raises(FileNotFoundError, match=r"nowhere does not exist"):
+        write(example(), tmp_path / "nowhere" / "drive")
+
+
+def test_a_device_is_written_to_and_not_replaced():
+    """Breaks if /dev/null becomes a file."""
+    if not Path("/dev/null").is_char_device():
+        pytest.skip("this system has no /dev/null")
+    example().write_velocities("/dev/null")
+    assert Path("/dev/null").is_char_device()
+
+
+# ---- text
+
+
+def test_velocities_are_read_as_they_were_written(tmp_path):
+    """Breaks if a digit is lost, columns change places or nan is not read."""
+    driven = example()
+    driven.write_velocities(tmp_path / "drive.txt")
+    left_out = {"reasons": None, "targets": None, "inliers": None, "parts": None}
+    symmetric = np.triu(driven.covariance) + np.swapaxes(np.triu(driven.covariance, 1), 1, 2)
+    assert_same(
+        Track.read_velocities(tmp_path / "drive.txt"),
+        replace(driven, covariance=symmetric, **left_out),
+    )
+
+
+def test_the_header_names_columns_and_units_and_numpy_reads_the_rest(tmp_path):
+    """Breaks if other programs need this one to read the table."""
+    driven = example()
+    driven.write_velocities(tmp_path / "drive.txt")
+    lines = (tmp_path / "drive.txt").read_text(encoding="utf-8").splitlines()
+    names = [line for line in lines if line.startswith("#")][-2].lstrip("# ").split()
+    assert names[:5] == ["time[s]", "interval[s]", "v_x[m/s]", "v_y[m/s]", "omega[rad/s]"]
+    table = np.loadtxt(tmp_path / "drive.txt")
+    assert table.shape == (N, len(names)) == (N, 12)
+    assert_array_equal(table[:, names.index("omega[rad/s]")], driven.theta[:, 2])
+    assert_array_equal(table[:, names.index("var_v_y[m^2/s^2]")], driven.covariance[:, 1, 1])
+    cross = driven.covariance[:, 0, 2]
+    assert_array_equal(table[:, names.index("cov_v_x_omega[m*rad/s^2]")], cross)
+    assert_array_equal(table[:, names.index("converged[0/1]")], driven.converged)
+
+
+def test_a_table_that_was_cut_off_is_refused_wherever_that_was(tmp_path):
+    """Breaks if a shorter drive, or half a number, is read without a word."""
+    file = tmp_path / "drive.txt"
+    example().write_velocities(file)
+    whole = file.read_bytes()
+    for length in (*range(0, len(whole) - 1, 37), len(whole) - 2):
+        file.write_bytes(whole[:length])
+        with pytest.raises(ValueError, match=r"drive\.txt"):
+            Track.read_velocities(file)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda row: row + " 1.0", "line 8: there must be 12 numbers, but are 13"),
+        (lambda row: row.replace(row.split()[3], "fast"), "line 8: could not .* 'fast'"),
+        (
+            lambda row: row.replace(" 1 ", " 0.5 ", 1),
+            "line 8: converged must be 0 or 1, but is 0.5",
+        ),
+        (lambda row: "", "is not complete: its last line must be '# end of 39 estimates'"),
+        (lambda row: row.replace(row.split()[2], "nan"), "holds no track: theta must be finite"),
+    ],
+    ids=["too-many", "word", "half", "none", "nan"],
+)
+def test_a_row_that_cannot_be_read_is_named(tmp_path, change, said):
+    file = tmp_path / "drive.txt"
+    example().write_velocities(file)
+    lines = file.read_text(encoding="utf-8").splitlines()
+    lines[7] = change(lines[7])
+    file.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(ValueError, match=rf"drive\.txt.* ?{said}"):
+        Track.read_velocities(file)
+
+
+def test_a_tum_file_is_what_evo_reads(tmp_path):
+    """Breaks if columns change places, the first pose is lost, or quaternions are not of yaw."""
+    file_interface = pytest.importorskip("evo.tools.file_interface")
+    driven = example()
+    start = (3.0, -2.0, 2.5)
+    driven.write_tum(tmp_path / "path.tum", start)
+    read = file_interface.read_tum_trajectory_file(tmp_path / "path.tum")
+    poses = driven.poses(start)
+    assert_allclose(
+        read.timestamps,
+        np.append(driven.times[0] - driven.intervals[0], driven.times),
+        rtol=0,
+        atol=1e-8,
+    )
+    assert_allclose(read.positions_xyz, np.column_stack([poses[:, :2], np.zeros(N + 1)]), atol=1e-8)
+    for matrix, yaw in zip(read.poses_se3, poses[:, 2], strict=True):
+        assert_allclose(matrix[:2, :2], arc([0.0, 0.0, yaw], 1.0)[:2, :2], rtol=0, atol=1e-7)
+    assert read.check()[0]
+
+
+def test_no_path_is_written_of_an_empty_track_or_to_no_file(tmp_path):
+    """Breaks if it is told in NumPy's words about indices or `fname`."""
+    empty = Track(*np.zeros((2, 0)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, bool))
+    with pytest.raises(ValueError, match=r"^the track must hold at least one estimate"):
+        empty.write_tum(tmp_path / "empty.tum")
+    with pytest.raises(ValueError, match=r"^path must be a path, but is 7"):
+        example().write_tum(7)
+
+
+# ---- pandas
+
+
+def test_a_data_frame_holds_the_track_and_survives_a_file(tmp_path):
+    """Breaks if rows and columns are exchanged or an unknown field becomes a column."""
+    pandas = pytest.importorskip("pandas")
+    driven = example()
+    frame = driven.to_dataframe()
+    assert len(frame) == N
+    assert_array_equal(frame[["v_x", "v_y", "omega"]], driven.theta)
+    frame.to_csv(tmp_path / "drive.csv", index=False)
+    # pandas 2 reads numbers exactly only if asked to; later versions warn if they are asked
+    exactly = {"float_precision": "round_trip"} if pandas.__version__.startswith("2.") else {}
+    again = pandas.read_csv(tmp_path / "drive.csv", **exactly)
+    for name in ("time", "interval", "cov_v_y_omega", "converged", "targets", "inliers"):
+        assert again[name].dtype == frame[name].dtype
+        assert_allclose(again[name], frame[name], rtol=1e-15)
+    assert_array_equal(again["reasons"].fillna(""), driven.reasons)
+    assert_array_equal(frame["cov_v_y_omega"], driven.covariance[:, 1, 2])
+    assert_array_equal(frame["targets"], driven.targets)
+    assert "targets" not in example(known=False).to_dataframe()
+
+
+def test_without_pandas_it_is_asked_for(monkeypatch):
+    """Breaks if the user is told about an import that somebody else wrote."""
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(
+        ModuleNotFoundError, match=r"^to_dataframe needs pandas.*pip install pandas"
+    ):
+        example().to_dataframe()

@@ -1,0 +1,49 @@
+"""What no vehicle does, and by how much an estimate may exceed it."""
+
+import numpy as np
+import pytest
+
+from d2d.radar import VehicleLimits
+from d2d.radar.tracks.limits import State
+
+
+@pytest.mark.parametrize(
+    ("theta", "sigma", "reason"),
+    [
+        ([20.0, 0.0, 0.1], 0.1, ""),
+        ([101.0, 0.0, 0.0], 0.1, "a speed of 101.0 m/s"),
+        ([101.0, 0.0, 0.0], 1.0, "an acceleration of 810.0 m/s^2 along x"),
+        ([20.0, 0.0, -3.5], 0.1, "a yaw rate of 200.5 deg/s"),
+        ([26.0, 0.0, 0.0], 0.1, "an acceleration of 60.0 m/s^2 along x"),
+        ([26.0, 0.0, 0.0], 0.8, ""),
+        ([20.0, 0.0, 1.2], 0.1, "a yaw acceleration of 12.0 rad/s^2"),
+    ],
+)
+def test_limits_count_beyond_three_standard_deviations(theta, sigma, reason):
+    """Breaks if a limit is compared with another quantity, or without the uncertainty of both."""
+    last = State(1.0, np.array([20.0, 0.0, 0.0]), 0.1**2 * np.eye(3))
+    state = State(1.1, np.array(theta), sigma**2 * np.eye(3))
+    assert VehicleLimits(uncertainty=np.inf).exceeded(state, last) == reason
+
+
+def test_a_side_slip_counts_where_it_may_be_a_yaw_rate():
+    """Breaks if a slip that is measured is refused, or one that is not is accepted."""
+    theta = np.array([20.0, 1.1, -0.3])
+    apart = np.diag([0.1, 0.3, 0.1]) ** 2
+    torn = apart.copy()
+    torn[1, 2] = torn[2, 1] = -0.95 * 0.3 * 0.1
+    assert VehicleLimits().exceeded(State(0.0, theta, apart), None) == ""
+    assert VehicleLimits().exceeded(State(0.0, theta, torn), None) == "a side slip of 1.10 m/s"
+    assert State(0.0, theta, torn).yaw_rate_of_slip == pytest.approx(-0.95 * 0.1 / 0.3 * 1.1)
+    assert VehicleLimits(yaw_rate_of_slip=0.4).exceeded(State(0.0, theta, torn), None) == ""
+    assert VehicleLimits().for_doppler(False).exceeded(State(0.0, theta, torn), None) == ""
+    vague = State(0.0, np.array([20.0, 0.0, 0.0]), np.diag([0.1, 0.1, 0.2]) ** 2)
+    assert VehicleLimits().exceeded(vague, None) == "a yaw rate with a sigma of 11.5 deg/s"
+
+
+def test_a_limit_is_a_positive_number():
+    """Breaks if a limit that is no limit accepts or refuses everything."""
+    for value in (0.0, -1.0, np.nan, "fast"):
+        with pytest.raises(ValueError, match=r"^speed must"):
+            VehicleLimits(speed=value)
+    assert VehicleLimits(speed=np.inf).speed == np.inf

@@ -1,0 +1,313 @@
+"""A track: what it holds, its poses, its velocities at other times, in words and as a picture."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d.radar import CovarianceParts, Track, track
+from d2d.radar.tracks.track import integrate
+from tests.radar.scenes import arc, beginning
+
+N = 40
+
+
+def example(*, parts: bool = True, known: bool = True) -> Track:
+    """A track whose numbers have all their digits, with three failures."""
+    rng = np.random.default_rng(7)
+    intervals = rng.uniform(0.05, 0.15, N)
+    converged = np.ones(N, dtype=bool)
+    converged[[4, 20, 21]] = False
+    root = rng.standard_normal((3, N, 3, 4)) * np.array([0.1, 0.2, 0.02])[:, None]
+    covariances = root @ np.swapaxes(root, -1, -2)
+    covariances[:, ~converged] = np.nan
+    reasons = np.full(N, "", dtype="<U60")
+    reasons[4] = "a scan without targets"
+    reasons[[20, 21]] = ["a speed of 120.5 m/s", "a speed of 98.0 m/s"]
+    driven = Track(
+        1.6e9 + np.cumsum(intervals),
+        intervals,
+        rng.uniform([-5.0, -1.0, -1.0], [20.0, 1.0, 1.0], (N, 3)),
+        covariances.sum(axis=0),
+        converged,
+        parts=CovarianceParts(*covariances) if parts else None,
+    )
+    if not known:
+        return driven
+    inliers = np.where(converged, rng.uniform(size=N), np.nan)
+    return replace(driven, reasons=reasons, targets=rng.integers(0, 90, N), inliers=inliers)
+
+
+def all_with(covariance) -> dict[str, np.ndarray]:
+    """The change of a track that states one covariance everywhere."""
+    return {"covariance": np.broadcast_to(np.asarray(covariance, dtype=float), (N, 3, 3))}
+
+
+def test_what_is_no_track_is_refused():
+    """Breaks if times out of order are interpolated, nan passes for an estimate, integers choose
+    rows where a mask is meant, or only pairs of a covariance's components are looked at."""
+    driven = example()
+    none = CovarianceParts(*np.zeros((3, 2, 3, 3)))
+    torn = [[1.0, 0.9, 0.9], [0.9, 1.0, -0.9], [0.9, -0.9, 1.0]]
+    for changed, said in (
+        ({"theta": np.zeros((3, 3))}, r"theta must have the shape \(40, 3\)"),
+        ({"theta": driven.theta * 1j}, "theta must be an array of real numbers"),
+        ({"reasons": np.array(["a"])}, r"reasons must have the shape \(40,\)"),
+        ({"converged": driven.converged.astype(int)}, "converged must be an array of bool"),
+        ({"targets": driven.targets + 0.5}, "targets must be an array of int"),
+        ({"parts": none}, "parts must have the shape"),
+        ({"times": np.zeros(N)}, "times must be finite and strictly increasing"),
+        ({"times": np.append(np.arange(N - 1.0), np.nan)}, "times must be finite"),
+        ({"intervals": -driven.intervals}, "intervals must be finite and positive"),
+        ({"intervals": np.full(N, 50.0)}, "intervals must add up to the diff"),
+        ({"converged": np.ones(N, dtype=bool)}, "covariance must be finite wherever converged"),
+        ({"theta": np.full((N, 3), np.nan)}, "theta must be finite wherever converged"),
+        (all_with(np.eye(3)), "parts must add up to covariance"),
+        (all_with([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), "covariance must be sym"),
+        (all_with(-np.eye(3)), "covariance must be positive semidefinite"),
+        (all_with([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), "covariance must be pos"),
+        (all_with(torn), "covariance must be positive semidefinite"),
+    ):
+        with pytest.raises(ValueError, match=f"^{said}"):
+            replace(driven, **changed)
+
+
+def test_intervals_fit_the_times_to_within_the_rounding_of_stamps():
+    """Breaks if a path is driven for longer than it took, or a log with rounded times refused."""
+    driven = example()
+    rounded = replace(driven, times=driven.times.round(3))  # to milliseconds
+    assert_array_equal(rounded.poses(), driven.poses())
+    kept = np.delete(np.arange(N), 7)
+    names = [field.name for field in fields(Track) if field.name != "parts"]
+    rows = {name: getattr(driven, name)[kept] for name in names}
+    with pytest.raises(ValueError, match=r"^intervals must add up .* to number 7 they"):
+        Track(**rows)
+    rows["intervals"] = np.append(driven.intervals[0], np.diff(rows["times"]))
+    assert Track(**rows).poses().shape == (N, 3)
+
+
+def test_a_track_keeps_its_own_arrays():
+    """Breaks if a later change of an argument, or of the track, changes what was estimated."""
+    given = example(parts=True)
+    values = {field.name: getattr(given, field.name) for field in fields(Track)}
+    mine = {n: v.copy() for n, v in values.items() if isinstance(v, np.ndarray)}
+    driven = Track(**(values | mine))
+    mine["theta"][:] = 7.0
+    assert_array_equal(driven.theta, given.theta)
+    for array in (driven.theta, driven.times, driven.reasons, *driven.parts):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = array[1]
+    listed = {n: v.tolist() if n != "covariance" else v for n, v in mine.items()}
+    assert_array_equal(replace(given, **(listed | {"theta": given.theta})).times, given.times)
+
+
+def test_a_track_can_be_changed_only_by_making_another():
+    """Breaks if a track is no longer frozen; replace() is how a study makes variants."""
+    one = track_of([[1.0, 0.0, 0.0]], [0.1])
+    with pytest.raises(AttributeError):
+        one.theta = np.zeros((1, 3))
+    assert_allclose(replace(one, intervals=np.array([2.0])).poses()[-1], [2.0, 0.0, 0.0])
+
+
+# ---- at other times
+
+
+def test_at_the_times_of_its_estimates_a_track_gives_them():
+    """Breaks if a neighbour has a say at the time itself, or a failed estimate passes for one."""
+    driven = example()
+    found = driven.at(driven.times)
+    good = driven.converged
+    assert_array_equal(found.theta[good], driven.theta[good])
+    assert_array_equal(found.covariance[good], driven.covariance[good])
+    assert np.isnan(found.theta[~good]).all()
+    assert np.isnan(found.covariance[~good]).all()
+
+
+def test_between_two_estimates_a_track_is_linear():
+    """Breaks if weights are exchanged, or one direction gets those of another."""
+    driven = replace(example(), times=0.1 * np.arange(N), intervals=np.full(N, 0.1))
+    i = np.array([0, 7, 30])
+    for share in (0.25, 0.5, 0.9):
+        found = driven.at(driven.times[i] + share * np.diff(driven.times)[i])
+        theta = (1.0 - share) * driven.theta[i] + share * driven.theta[i + 1]
+        assert_allclose(found.theta, theta, rtol=1e-9)
+        sigma = (1.0 - share) * driven.covariance[i] + share * driven.covariance[i + 1]
+        assert_allclose(found.covariance, sigma, rtol=1e-9)
+
+
+def test_the_covariance_between_is_a_bound_whatever_the_correlation():
+    """Breaks if the two errors are taken as independent, which says too little if they are not."""
+    driven = example()
+    weight = 0.3
+    found = driven.at(driven.times[10:11] + weight * np.diff(driven.times)[10])
+    one, two = (np.linalg.cholesky(driven.covariance[i]) for i in (10, 11))
+    for sign in (-1.0, 0.0, 1.0):
+        mixed = np.hstack([(1.0 - weight) * one, weight * two])
+        both = np.block([[np.eye(3), sign * np.eye(3)], [sign * np.eye(3), np.eye(3)]])
+        rest = found.covariance[0] - mixed @ both @ mixed.T
+        assert np.linalg.eigvalsh(rest).min() > -1e-6
+
+
+def test_outside_next_to_failures_and_in_gaps_nothing_is_known():
+    """Breaks if a velocity is invented where there was none."""
+    driven = example()
+    step = driven.times[:-1] + 0.5 * np.diff(driven.times)
+    theta = driven.at([driven.times[0] - 1e-3, *step, driven.times[-1] + 1e-3]).theta
+    unknown = np.isnan(theta[1:-1]).all(axis=1)
+    assert_array_equal(np.flatnonzero(unknown), [3, 4, 19, 20, 21])
+    assert np.isnan(theta[[0, -1]]).all()
+    later = replace(
+        driven,
+        times=driven.times + 10.0 * (np.arange(N) >= 30),
+        intervals=driven.intervals + 10.0 * (np.arange(N) == 30),
+    )
+    assert np.isnan(later.at([later.times[29] + 5.0]).theta).all()
+
+
+def test_wrong_times_are_refused():
+    """Breaks if a single time gives half an answer, or an empty track an error of indices."""
+    for times in (1.0, [[1.0]], [np.nan], "now"):
+        with pytest.raises(ValueError, match=r"^times must"):
+            example().at(times)
+    empty = Track(*np.zeros((2, 0)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, bool))
+    with pytest.raises(ValueError, match=r"^the track must hold at least one estimate"):
+        empty.at([1.0])
+
+
+# ---- poses
+
+
+def track_of(theta, intervals) -> Track:
+    """A track with these velocities."""
+    theta, intervals = np.asarray(theta, dtype=float), np.asarray(intervals, dtype=float)
+    n = len(theta)
+    covariance = np.broadcast_to(np.eye(3), (n, 3, 3))
+    return Track(np.cumsum(intervals), intervals, theta, covariance, np.ones(n, dtype=bool))
+
+
+@pytest.mark.parametrize("v_y", [0.0, 1.5])
+@pytest.mark.parametrize("count", [1, 10, 500])
+def test_a_constant_velocity_drives_a_circle(count, v_y):
+    """Breaks if chords are added instead of arcs: then the number of pairs matters."""
+    v, omega, duration = 10.0, 0.4, 12.0
+    poses = track_of([[v, v_y, omega]] * count, [duration / count] * count).poses()
+    t = np.linspace(0.0, duration, count + 1)
+    sine, versine = np.sin(omega * t) / omega, (1.0 - np.cos(omega * t)) / omega
+    expected = np.column_stack([v * sine - v_y * versine, v * versine + v_y * sine, omega * t])
+    assert_allclose(poses, expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0, 0.0), (100.0, -30.0, 2.0), (5.0, 5.0, -40.0)])
+def test_poses_are_products_of_matrix_exponentials(start):
+    """Breaks if motions are applied in the world's axes, or the start is only added."""
+    rng = np.random.default_rng(50)
+    theta = rng.uniform([-5.0, -2.0, -1.5], [25.0, 2.0, 1.5], (40, 3))
+    theta[3:6, 2] = 0.0, 1e-12, -1e-7
+    intervals = rng.uniform(0.05, 0.3, 40)
+    poses = track_of(theta, intervals).poses(start)
+    assert_array_equal(poses, integrate(theta, intervals, start))
+    assert_array_equal(poses[0], start)
+    pose = arc([0.0, 0.0, start[2]], 1.0)
+    pose[:2, 2] = start[:2]
+    for i in range(40):
+        pose = pose @ arc(theta[i], intervals[i])
+        assert_allclose(poses[i + 1, :2], pose[:2, 2], rtol=0, atol=1e-9)
+        assert np.exp(1j * poses[i + 1, 2]) == pytest.approx(pose[0, 0] + 1j * pose[1, 0], abs=1e-9)
+    assert_allclose(np.diff(poses[:, 2]), theta[:, 2] * intervals, atol=1e-12)
+
+
+def test_poses_refuse_a_wrong_start():
+    """Breaks if half a pose is taken for one, or several for one."""
+    for start in ((0.0, 0.0), (0.0, 0.0, np.nan), 1.0, np.zeros((0, 3))):
+        with pytest.raises(ValueError, match=r"^start must"):
+            track_of([[1.0, 0.0, 0.0]], [0.1]).poses(start)
+
+
+def test_poses_of_the_track_are_near_the_truth_and_evo_agrees_how_near():
+    """Breaks if the poses' frame or order is not what trajectory tools expect."""
+    trajectory = pytest.importorskip("evo.core.trajectory")
+    metrics = pytest.importorskip("evo.core.metrics")
+    driven = beginning(200, seed=51)
+    result = track(driven)
+    poses, true = result.poses(driven.truth.poses[0]), driven.truth.poses
+
+    def path(rows):
+        matrices = []
+        for x, y, yaw in rows:
+            matrix = np.eye(4)
+            matrix[:2, :2] = arc([0.0, 0.0, yaw], 1.0)[:2, :2]
+            matrix[:2, 3] = x, y
+            matrices.append(matrix)
+        return trajectory.PosePath3D(poses_se3=matrices)
+
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    ape.process_data((path(true), path(poses)))
+    rmse = np.sqrt(np.mean(np.sum((poses - true)[:, :2] ** 2, axis=1)))
+    assert ape.get_statistic(metrics.StatisticsType.rmse) == pytest.approx(rmse, rel=1e-6)
+    assert rmse < 1.0
+    rpe = metrics.RPE(
+        metrics.PoseRelation.rotation_angle_rad, delta=1, delta_unit=metrics.Unit.frames
+    )
+    rpe.process_data((path(true), path(poses)))
+    turns = np.abs(np.diff((poses - true)[:, 2]))
+    assert_allclose(rpe.error, turns, rtol=0, atol=1e-6)
+
+
+# ---- in words and as a picture
+
+
+def test_a_track_in_a_few_words():
+    """Breaks if arrays fill the screen, or reasons that differ in a number count one by one."""
+    driven = replace(example(), times=1.0 + np.arange(N) / 10.0, intervals=np.full(N, 0.1))
+    assert repr(driven) == "Track(40 estimates from 1.000 s to 4.900 s, 92.5% converged)"
+    assert str(driven).splitlines() == [
+        repr(driven),
+        "  2 failed: a speed of ... m/s",
+        "  1 failed: a scan without targets",
+    ]
+    assert str(example(known=False)) == repr(example(known=False))
+
+
+def test_rare_reasons_are_counted_together():
+    """Breaks if failures are left out, or a unit's exponent is taken for a number."""
+    driven = example()
+    reasons = driven.reasons.copy()
+    reasons[:9] = 3 * ["an acceleration of 31.5 m/s^2 along x"] + 2 * ["a"] + ["b", "b", "c", "d"]
+    words = str(replace(driven, reasons=reasons)).splitlines()
+    assert words[1] == "  3 failed: an acceleration of ... m/s^2 along x"
+    assert words[-1] == "  4 failed otherwise"
+    assert sum(int(line.split()[0]) for line in words[1:]) == 11
+
+
+def test_slips_to_either_side_are_counted_together():
+    """Breaks if the sign of a number makes two reasons of one."""
+    driven = example()
+    reasons = np.array(["a side slip of -1.20 m/s", "a side slip of 0.90 m/s", *(N - 2) * [""]])
+    words = str(replace(driven, reasons=reasons)).splitlines()
+    assert words[1:] == ["  2 failed: a side slip of ... m/s"]
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_the_picture_shows_velocities_bands_and_failures(known):
+    """Breaks if an axis lacks its unit, a failed estimate is drawn, or the band is one sigma."""
+    driven = example(known=known)
+    figure = driven.plot()
+    path, *axes = figure.axes
+    labels = ["$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (deg/s)", *["inlier share"] * known]
+    assert [ax.get_ylabel() for ax in axes] == labels
+    assert (path.get_xlabel(), axes[-1].get_xlabel()) == ("x (m)", "time (s)")
+    assert_array_equal(path.lines[0].get_xydata(), driven.poses()[:, :2])
+    line = axes[2].lines[0]
+    assert_allclose(
+        line.get_ydata(), np.where(driven.converged, np.rad2deg(driven.theta[:, 2]), np.nan)
+    )
+    band = axes[0].collections[0].get_paths()[0].vertices
+    top = driven.theta[0, 0] + 3.0 * np.sqrt(driven.covariance[0, 0, 0])
+    assert band[band[:, 0] == driven.times[0], 1].max() == pytest.approx(top)
+    for ax in axes:
+        assert_array_equal(ax.lines[-1].get_xdata(), driven.times[~driven.converged])
+    plt.close(figure)

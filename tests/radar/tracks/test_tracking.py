@@ -1,0 +1,479 @@
+"""Tracks of simulated drives: what is estimated, what fails, and what stays in order then."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d import UniformOutlier
+from d2d.radar import (
+    ErrorBudget,
+    Mounting,
+    RadarScan,
+    Sensor,
+    Track,
+    VehicleLimits,
+    estimate_ego_motion,
+    inlier_probabilities,
+    simulate_drive,
+    track,
+)
+from d2d.radar.tracks.carry import accelerations
+from d2d.radar.tracks.tracking import MIN_EXPLAINED
+from tests.radar.scenes import (
+    AROUND,
+    CORNER,
+    STRAIGHT,
+    arc,
+    beginning,
+    observe,
+    straight_scans,
+    surround_scans,
+)
+
+
+def test_track_estimates_each_pair_of_a_drive():
+    """Breaks if pairs are skipped, or times are not those of each pair's later scan."""
+    driven = beginning()
+    result = track(driven)
+    times = np.array([scan.time for scan in driven.scans])
+    assert_allclose(result.times, times[1:])
+    assert_allclose(result.intervals, np.diff(times))
+    assert result.converged.all()
+    assert result.converged.dtype == bool
+    for i in (0, 7, len(times) - 2):
+        alone = estimate_ego_motion(
+            *driven.scans[i : i + 2], driven.mounting, initial=driven.truth.theta[i]
+        )
+        assert_allclose(result.theta[i], alone.theta, rtol=0, atol=1e-5)
+        assert_allclose(result.covariance[i], alone.covariance, rtol=1e-4)
+
+
+def test_a_fast_drive_is_not_lost():
+    """Breaks if the last velocity is the only start: 2 pairs in 100 then end elsewhere."""
+    drive = simulate_drive(np.random.default_rng(0), 10.0, 20.0)
+    found = track(drive)
+    assert found.converged.all()
+    assert (np.abs(found.theta - drive.truth.theta[1:])[:, 0] < 0.5).all()
+
+
+def test_each_pair_starts_at_the_last_velocity():
+    """Breaks if each scan starts from its own Doppler velocities, which are nonsense here."""
+    scans = straight_scans()
+    scans[2:] = [replace(scan, doppler=np.full(scan.size, 25.0)) for scan in scans[2:]]
+    result = track((scans, CORNER), doppler=False)
+    assert result.converged.all()
+    assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.6
+    lost = estimate_ego_motion(scans[3], scans[4], CORNER, doppler=False)
+    assert abs(lost.theta[0] - 12.0) > 2.0, "the Doppler start is too good to tell"
+
+
+def test_initial_starts_the_first_pair():
+    """Breaks if the option is dropped, or given to every pair."""
+    scans = straight_scans()
+    scans = [replace(scan, doppler=np.full(scan.size, 25.0)) for scan in scans]
+    with_start = track((scans, CORNER), doppler=False, initial=STRAIGHT)
+    without = track((scans, CORNER), doppler=False)
+    assert np.abs(with_start.theta - STRAIGHT)[:, 0].max() < 0.6
+    assert abs(without.theta[0, 0] - 12.0) > 2.0, "the Doppler start is too good to tell"
+
+
+def test_options_reach_the_estimate():
+    """Breaks if track does not hand on what it does not know itself."""
+    driven = beginning(10)
+    with_it, without = (track(driven, doppler=d) for d in (True, False))
+    assert (with_it.covariance[:, 0, 0] < 0.2 * without.covariance[:, 0, 0]).all()
+    with pytest.raises(TypeError, match="dopler"):
+        track(driven, dopler=True)
+
+
+def test_empty_scans_at_the_beginning_leave_the_start_to_the_first_good_pair():
+    """Breaks if a prediction of zero is taken for an estimate to start from."""
+    driven = beginning(10)
+    scans = [driven.scans[0][:0], driven.scans[1][:0], *driven.scans[2:]]
+    result = track((scans, driven.mounting))
+    assert_array_equal(result.converged[:3], [False, False, True])
+    assert_array_equal(result.theta[:2], np.zeros((2, 3)))
+    assert np.abs(result.theta[2:, 0] - driven.truth.theta[3:, 0]).max() < 0.1
+
+
+def test_a_scan_of_another_place_does_not_lose_the_drive():
+    """Breaks if an estimate that did not converge becomes the start of the next pair."""
+    scans = straight_scans()
+    scans[5] = replace(scans[5], range=scans[5].range + 5000.0)
+    result = track((scans, CORNER), doppler=False, outlier=UniformOutlier(1e-3))
+    assert_array_equal(np.flatnonzero(~result.converged), [4, 5])
+    assert_array_equal(result.theta[4:6], result.theta[[3, 3]])
+    assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.6
+
+
+def test_an_optimum_that_rejects_everything_is_what_the_mark_is_for():
+    """Breaks if the cost has no such optimum any more, and the rule no purpose."""
+    scans = straight_scans()
+    start = [400.0, 0.0, 0.0]
+    estimate = estimate_ego_motion(scans[0], scans[1], CORNER, initial=start)
+    shares = inlier_probabilities(estimate.theta, scans[0], scans[1], CORNER)
+    assert estimate.converged
+    assert shares.mean() < MIN_EXPLAINED
+    result = track((scans, CORNER), initial=start)
+    assert result.converged.all()
+    assert np.abs(result.theta[:, 0] - 12.0).max() < 0.3
+
+
+# ---- one sensor or several
+
+
+def front_alone(sensors, **options) -> Track:
+    """The first sensor's track."""
+    return track(sensors[0], **options)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"baseline": 2, "budget": ErrorBudget()},
+        {"horizon": 0.3, "side_slip": 0.05, "budget": ErrorBudget(azimuth=0.002, lag=0.02)},
+        {"doppler": False, "limits": None},
+    ],
+    ids=["plain", "baseline", "budget", "positions"],
+)
+def test_one_sensor_is_the_smallest_number_of_several(options):
+    """Breaks if one sensor takes another path than several: a second, blind one changes no bit."""
+    scans, mounting = surround_scans(20)[0]
+    scans[7], scans[12] = scans[7][:0], scans[12][:2]
+    blind = [scan[:0] for scan in scans], Mounting(-1.0, 0.5, 3.0)
+    alone = track((scans, mounting), **options)
+    for sensors in ([(scans, mounting)], [(scans, mounting), blind], [blind, (scans, mounting)]):
+        assert_same(track(sensors, **options), alone)
+
+
+def assert_same(one: Track, other: Track) -> None:
+    """Equal in all fields, bit by bit."""
+    for field in fields(Track):
+        assert_array_equal(getattr(one, field.name), getattr(other, field.name), field.name)
+
+
+either_tracker = pytest.mark.parametrize(
+    "driven_by", [front_alone, track], ids=["one-sensor", "three"]
+)
+
+
+def changed(sensors, change, which=slice(5, 6)):
+    """The sensors with some scans of each replaced by ``change(scan)``."""
+    return [
+        (scans[: which.start] + [change(scan) for scan in scans[which]] + scans[which.stop :], at)
+        for scans, at in sensors
+    ]
+
+
+@either_tracker
+@pytest.mark.parametrize("baseline", [1, 2, 3])
+def test_a_longer_baseline_keeps_the_rows_and_sharpens_the_yaw_rate(driven_by, baseline):
+    """Breaks if rows are lost, the interval is not that of the scans registered, or no use."""
+    sensors = surround_scans(30)
+    result = driven_by(sensors, baseline=baseline)
+    assert result.converged.all()
+    assert len(result.times) == 29
+    sigma = np.sqrt(result.covariance[5:, 2, 2]).mean()
+    once = np.sqrt(driven_by(sensors).covariance[5:, 2, 2]).mean()
+    assert 0.8 < baseline * sigma / once < 1.4  # farther apart, the scans share fewer targets
+    assert (np.abs(result.theta - STRAIGHT)[:, 2] < 5.0 * np.sqrt(result.covariance[:, 2, 2])).all()
+    if driven_by is front_alone:
+        scans, mounting = sensors[0]
+        alone = estimate_ego_motion(scans[8 - baseline], scans[8], mounting, initial=STRAIGHT)
+        assert_allclose(result.theta[7], alone.theta, rtol=0, atol=1e-6)
+
+
+@either_tracker
+@pytest.mark.parametrize(("horizon", "baseline"), [(0.3, 3), (0.26, 3), (0.05, 1), (0.35, 3)])
+def test_a_horizon_is_the_baseline_nearest_to_it(driven_by, horizon, baseline):
+    """Breaks if another scan is taken, or if rounding decides between two that are equally near."""
+    sensors = surround_scans(12)
+    found = driven_by(sensors, horizon=horizon)
+    assert_array_equal(found.theta, driven_by(sensors, baseline=baseline).theta)
+
+
+@either_tracker
+def test_a_full_turn_between_two_scans_is_no_motion(driven_by):
+    """Breaks if times in ms of a 20 Hz radar, in which a drive is a circle each 50 s, converge."""
+    drive = simulate_drive(np.random.default_rng(3), 2.0, sensor=Sensor(rate=20.0))
+    late = [replace(scan, time=1000.0 * scan.time) for scan in drive.scans]
+    driven = driven_by([(late, drive.mounting)])
+    assert not driven.converged.any()
+    turns = [reason.startswith("a turn of 3") for reason in driven.reasons.tolist()]
+    assert np.mean(turns) > 0.3
+    assert all(reason.endswith(" deg between scans") for reason in driven.reasons[turns].tolist())
+
+
+def test_each_round_of_several_sensors_gives_an_estimate():
+    """Breaks if pairs of a round are lost, or its time is not the mean of its scans' times."""
+    sensors = surround_scans()
+    result = track(sensors)
+    assert_allclose(result.times, 0.1 * np.arange(1, 12) + 0.013, atol=1e-12)
+    assert_allclose(result.intervals, 0.1, atol=1e-12)
+    previous, current = ([scans[i] for scans, _ in sensors] for i in (6, 7))
+    alone = estimate_ego_motion(previous, current, AROUND, initial=STRAIGHT)
+    assert_allclose(result.theta[6], alone.theta, rtol=0, atol=1e-6)
+    assert_allclose(result.covariance[6], alone.covariance, rtol=1e-4)
+
+
+def test_a_sensor_that_fails_leaves_the_track_to_the_others():
+    """Breaks if one empty or missing scan loses the round, or a blind sensor the drive."""
+    sensors = surround_scans()
+    scans, mounting = sensors[1]
+    blind = [scan[:0] for scan in scans]
+    for other in (blind, scans[:3] + scans[7:], scans[:4] + blind[4:]):
+        result = track([sensors[0], (other, mounting), sensors[2]])
+        assert result.converged.all()
+        assert len(result.times) == 11
+        assert np.abs(result.theta - STRAIGHT).max() < 0.1
+
+
+@either_tracker
+@pytest.mark.parametrize("options", [{}, {"doppler": False}, {"budget": ErrorBudget(azimuth=0.01)}])
+def test_scans_without_targets_are_marked_and_passed_over(driven_by, options):
+    """Breaks if the drive ends there, or a prediction looks like an estimate."""
+    result = driven_by(changed(surround_scans(), lambda scan: scan[:0]), **options)
+    assert_array_equal(np.flatnonzero(~result.converged), [4, 5])
+    assert set(result.reasons[4:6]) == {"a scan without targets"}
+    assert np.isnan(result.covariance[4:6]).all()
+    assert np.isnan(result.inliers[4:6]).all()
+    if "budget" in options:
+        assert np.isnan(result.parts.systematic[4:6]).all()
+    assert_array_equal(result.theta[4:6], result.theta[[3, 3]])
+    whole = driven_by(surround_scans(), **options)
+    if "budget" not in options:  # whose accelerations reach across the gap
+        assert_allclose(result.theta[6:], whole.theta[6:], rtol=0, atol=1e-4)
+    assert np.isfinite(result.poses()).all()
+
+
+@either_tracker
+def test_one_target_tells_little_and_says_so(driven_by):
+    """Breaks if a motion that one target cannot show is given with a small covariance."""
+    result = driven_by(changed(surround_scans(), lambda scan: scan[:1]))
+    usual = np.sqrt(np.linalg.eigvalsh(result.covariance[2])[-1])
+    for i in (4, 5):
+        if result.converged[i]:
+            spread = np.sqrt(np.linalg.eigvalsh(result.covariance[i])[-1])
+            assert spread > 2.0 * usual
+            error = result.theta[i] - STRAIGHT
+            assert error @ np.linalg.solve(result.covariance[i], error) < 30.0
+    assert result.converged[6:].all()
+    assert np.abs(result.theta[6:] - STRAIGHT)[:, 0].max() < 0.3
+
+
+@either_tracker
+def test_a_scan_in_which_everything_moves_is_marked(driven_by):
+    """Breaks if an optimum that rejects all targets is taken for the motion, and carried on."""
+    rng = np.random.default_rng(71)
+
+    def astir(scan):
+        away = rng.uniform(2.0, 40.0, scan.size)
+        return replace(scan, range=scan.range + away, doppler=rng.uniform(-60.0, 60.0, scan.size))
+
+    result = driven_by(changed(surround_scans(), astir))
+    assert not result.converged[4]
+    assert result.converged[6:].all()
+    assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.5
+
+
+@either_tracker
+def test_targets_in_one_direction_leave_the_motion_across_uncertain(driven_by):
+    """Breaks if what is not observable is given with a small covariance, or ends the drive."""
+
+    def bundle(scan):
+        near = np.argsort(np.abs(scan.azimuth - 0.1))[:6]
+        return scan[np.sort(near)]
+
+    usual = driven_by(surround_scans())
+    result = driven_by(changed(surround_scans(), bundle, slice(4, 7)))
+    good = np.flatnonzero(result.converged)
+    assert set(range(3)) | set(range(7, 11)) <= set(good)
+    errors = result.theta[good] - STRAIGHT
+    nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(result.covariance[good]), errors)
+    assert nees.max() < 30.0
+    for i in set(good) & {4, 5}:
+        assert np.trace(result.covariance[i]) > 4.0 * np.trace(usual.covariance[i])
+
+
+@either_tracker
+def test_a_gap_of_two_seconds_does_not_lose_the_drive(driven_by):
+    """Breaks if the interval of the gap is taken for the usual one, or the end is not found."""
+    times = [0.0, 0.1, 0.2, 0.3, 2.3, 2.4, 2.5, 2.6]
+    result = driven_by(surround_scans(times=times))
+    assert_allclose(result.intervals[3], 2.0, atol=1e-9)
+    assert result.converged[[0, 1, 2, 4, 5, 6]].all()
+    assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.3
+    position = result.poses()[-1, :2] - arc(STRAIGHT, 2.6)[:2, 2]
+    assert np.hypot(*position) < 2.0
+
+
+@either_tracker
+def test_a_standing_vehicle_stands(driven_by):
+    """Breaks if a velocity of zero divides, or is taken for no estimate."""
+    result = driven_by(surround_scans(theta=(0.0, 0.0, 0.0)))
+    assert result.converged.all()
+    assert np.abs(result.theta).max() < 0.1
+    errors = result.theta
+    nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(result.covariance), errors)
+    assert nees.mean() < 6.0
+
+
+def test_scans_that_repeat_an_earlier_one_are_not_believed():
+    """Breaks if a frozen sensor, or a message that comes twice, gives a velocity."""
+    drive = simulate_drive(np.random.default_rng(3), duration=1.5)
+    scans = list(drive.scans)
+    scans[7] = replace(scans[6], time=scans[7].time)
+    reasons = track((scans, drive.mounting)).reasons
+    assert np.flatnonzero(reasons == "a scan that repeats an earlier one").tolist() == [6]
+    frozen = [replace(scans[0], time=scan.time) for scan in scans]
+    assert not track((frozen, drive.mounting)).converged.any()
+    other = simulate_drive(np.random.default_rng(4), duration=1.5)
+    together = [(other.scans, other.mounting), (frozen, Mounting(x=1.0))]
+    assert not track(together).converged.any()
+
+
+def test_a_sensor_at_a_standstill_may_measure_the_same_twice():
+    """Breaks if a coarse radar loses its estimates where nothing moves."""
+    drive = simulate_drive(np.random.default_rng(3), duration=0.5)
+    first = drive.scans[0]
+    still = [
+        RadarScan(0.1 * i, first.range, first.azimuth, 0.0 * first.doppler, 0.15, 0.01, 0.06)
+        for i in range(4)
+    ]
+    found = track((still, drive.mounting))
+    assert found.converged.all()
+    assert_allclose(found.theta, 0.0, atol=1e-4)
+
+
+# ---- budget and limits
+
+
+def test_a_track_contains_its_budget():
+    """Breaks if the covariance is not the sum of the parts, or the lag is not in it."""
+    drive = simulate_drive(np.random.default_rng(1), duration=3.0)
+    plain = track(drive)
+    budget = ErrorBudget(azimuth=0.002, doppler=0.02, scale=0.001, neighbours=1.0)
+    found = track(drive, budget=budget)
+    assert plain.parts is None
+    assert found.parts is not None
+    assert_array_equal(found.covariance, found.parts.total)
+    assert_array_equal(found.converged, plain.converged)
+    assert_array_equal(found.reasons, "")
+    assert_array_equal(found.targets, [scan.size for scan in drive.scans[1:]])
+    assert ((found.inliers > 0.1) & (found.inliers <= 1.0)).all()
+    late = track(drive, budget=replace(budget, lag=0.1))
+    moved = 0.1 * accelerations(found.times, found.theta)
+    assert_allclose(
+        late.parts.systematic - found.parts.systematic,
+        moved[:, :, None] * moved[:, None, :],
+        atol=1e-12,
+    )
+    for each in (found.covariance, *found.parts):  # else a table of the upper triangle differs
+        assert_array_equal(each, np.swapaxes(each, 1, 2))
+
+
+@pytest.mark.parametrize("missing", [[0, 1, 2], [8, 9, 10, 11]], ids=["at-first", "between"])
+def test_a_failure_shows_no_acceleration(missing):
+    """Breaks if the zero before the first estimate, or a held velocity, counts as driven."""
+    acceleration, rng = 4.0, np.random.default_rng(2)
+    points = rng.uniform([5.0, -20.0], [60.0, 20.0], (40, 2))
+    scans = []
+    for time in 0.1 * np.arange(20):
+        pose = arc([1.0, 0.0, 0.0], 5.0 * time + 0.5 * acceleration * time**2)
+        theta, noise = [5.0 + acceleration * time, 0.0, 0.0], 0.1 * rng.standard_normal((3, 40))
+        scans.append(observe(points, pose, time, theta, CORNER, noise, (0.1, 0.005, 0.05)))
+    for i in missing:
+        scans[i + 1] = scans[i + 1][:0]
+    found = track((scans, CORNER), budget=ErrorBudget(lag=0.1))
+    good = found.converged
+    assert good.any()
+    assert not good.all()
+    expected = (0.1 * acceleration) ** 2
+    assert_allclose(found.parts.systematic[good, 0, 0], expected, rtol=0.3)
+    for i in np.flatnonzero(~good):
+        before = np.flatnonzero(good[:i])
+        assert_array_equal(found.theta[i], found.theta[before[-1]] if before.size else 0.0)
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
+def test_a_covariance_that_overflows_is_no_estimate():
+    """Breaks if nan, which exceeds no limit, passes for plausible."""
+    drive = simulate_drive(np.random.default_rng(1), duration=0.3)
+    scans = [
+        replace(scan, sigma_doppler=np.append(scan.sigma_doppler[1:], 1e160))
+        for scan in drive.scans
+    ]
+    for limits in (None, VehicleLimits()):
+        found = track((scans, drive.mounting), budget=ErrorBudget(), limits=limits)
+        assert set(found.reasons) == {"a covariance that is not finite"}
+        assert np.isnan(found.covariance).all()
+
+
+def test_estimates_that_no_vehicle_follows_are_not_accepted():
+    """Breaks if a limit is not applied, or the reason does not say which."""
+    drive = simulate_drive(np.random.default_rng(2), duration=3.0)
+    found = track(drive, limits=VehicleLimits(speed=0.5))
+    refused = [text for text in found.reasons if text]
+    assert refused
+    assert all(text.startswith("a speed of") for text in refused)
+    free = track(drive, limits=None)
+    assert free.converged.all()
+    assert_array_equal(free.theta, track(drive).theta)
+
+
+def test_a_jump_is_refused_until_the_vehicle_could_have_made_it():
+    """Breaks if a wrong estimate starts the next ones, or a track never recovers."""
+    limits = VehicleLimits(acceleration=5.0, yaw_acceleration=1.0)
+    drive = simulate_drive(np.random.default_rng(2), duration=4.0)
+    scans = list(drive.scans)
+    # one scan of a vehicle that is 6 m/s faster
+    angle = scans[20].azimuth + drive.mounting.yaw
+    scans[20] = replace(scans[20], doppler=scans[20].doppler - 6.0 * np.cos(angle))
+    found = track((scans, drive.mounting), limits=limits)
+    assert found.reasons[19].startswith(("an acceleration", "an optimum", "no optimum"))
+    assert found.converged[22:].all()
+
+
+# ---- progress
+
+
+def test_a_bar_is_shown_only_if_wanted(capsys):
+    """Breaks if tests and notebooks fill with bars, or the bar counts something else."""
+    drive = simulate_drive(np.random.default_rng(0), duration=0.4)
+    for silent in (None, False):
+        track(drive, progress=silent)
+        assert capsys.readouterr() == ("", "")
+    shown = track(drive, progress=True)
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "4/4" in said.err
+    assert_same(shown, track(drive, progress=False))
+
+
+def test_without_tqdm_only_a_bar_that_was_asked_for_is_missed():
+    """Breaks if a track on a terminal needs what the package does not."""
+    program = """
+import sys
+sys.modules["tqdm"] = None
+from d2d.radar.tracks import tracking
+tracking._on_terminal = lambda: True
+print(list(tracking._counted(3, None)))
+try:
+    tracking._counted(3, True)
+except ModuleNotFoundError as error:
+    print(error)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], check=True, capture_output=True, text=True
+    )
+    assert done.stdout.splitlines() == [
+        "[0, 1, 2]",
+        "progress=True needs tqdm, which is not installed: pip install tqdm",
+    ]
