@@ -1,4 +1,4 @@
-"""100 000 random registrations at extreme scales: none may crash, hang or lie about its outcome.
+"""90 000 random registrations at extreme scales: none may crash, hang or lie about its outcome.
 
 The unit of length runs from 1e-6 to 1e6 m, standard deviations from 1e-6 to 1000 units, weights
 over a hundred decades, angles to a million radians; sets of 1 to 40 targets lie apart, on one spot
@@ -28,7 +28,7 @@ from d2d import (
 from tests.strategies import FUSIONS, METRICS, Problem, dense_gradient, dense_value, steps_of, taken
 
 BATCH = 250
-ROUNDS = 10  # of each case; 2 x 2 x 2 x 5 cases
+ROUNDS = 6  # of each case; 2 x 2 x 2 x 5 cases
 LAYOUTS = ("apart", "far", "one spot", "overlapping", "on a line", "coincident")
 OUTLIERS = ("none", "uniform", "corrupted", "never", "only")
 
@@ -152,7 +152,7 @@ def costs(outlier: str, seed: int) -> Iterator[tuple[int, Any, Any, np.random.Ge
 def test_no_result_is_dishonest(outlier):
     """Breaks on nan with converged=True, a covariance that is none, or a cost above the start's.
 
-    2500 registrations for each of 40 costs.
+    1500 registrations for each of 40 costs.
     """
     for dimension, metric, fusion, rng in costs(outlier, 0):
         converged = 0
@@ -169,8 +169,8 @@ def test_no_result_in_map_coordinates_is_dishonest(outlier):
 
     The sets lie a kilometre to ten thousand from the origin, both together or each on its own.
     """
+    converged = tried = 0
     for dimension, metric, fusion, rng in costs(outlier, 5):
-        converged = 0
         for _ in range(ROUNDS // 2):
             problem = random_batch(rng, dimension, metric, fusion, outlier, False)
             away = 10.0 ** rng.uniform(3.0, 7.0, (2, BATCH, 1, 1))
@@ -184,7 +184,8 @@ def test_no_result_in_map_coordinates_is_dishonest(outlier):
             theta[:, dimension:] = 0.0
             theta[:, :dimension] += (away[0] - away[1])[:, 0]
             converged += honestly_converged(problem.with_(fixed=fixed, moving=moving, theta=theta))
-        assert converged > 0.05 * BATCH * (ROUNDS // 2)
+            tried += BATCH
+    assert converged > 0.1 * tried
 
 
 def member(problem: Problem, i: int) -> Problem:
