@@ -7,8 +7,8 @@ from d2d.credibility import Credibility, credibility
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 from d2d.registration import ANNEALED, Estimate, multi_start, register, start_grid
-from d2d.score_covariance import sandwich_covariance
-from d2d.scores import Whitened, coverage, crps, energy_score, log_score, whiten
+from d2d.sandwich import sandwich_covariance
+from d2d.scores import Whitened, coverage, crps, log_score, whiten
 
 __all__ = [
     "ANNEALED",
@@ -25,7 +25,6 @@ __all__ = [
     "coverage",
     "credibility",
     "crps",
-    "energy_score",
     "fisher_covariance",
     "log_score",
     "multi_start",

@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_count, check_finite, check_flag, check_fraction, check_instance
+from d2d._checks import check_count, check_finite, check_fraction, check_instance
 from d2d._types import Array
 
-_DRAWN = 500_000  # values of an array that are drawn at a time
+_DRAWN = 500_000  # values of an array that are drawn at a time, which limits the memory
 
 
 def block_bootstrap(
@@ -26,8 +26,8 @@ def block_bootstrap(
 
     The data are drawn anew in blocks of neighbouring rows, so that what lies within a block keeps
     its correlation; the series is joined end to end, so that all rows are drawn equally often
-    (Politis & Romano 1992).  The interval holds the middle ``confidence`` of the statistic's values
-    on the drawn data.
+    (Politis & Romano 1992).  The interval contains the middle ``confidence`` of the values that the
+    statistic has on the drawn data.
 
     Parameters
     ----------
@@ -56,17 +56,16 @@ def block_bootstrap(
     Raises
     ------
     ValueError
-        If the arrays are empty or of different lengths, or another argument is out of range; the
-        message names it.
+        If the arrays are empty or of different lengths, or another argument is out of range.
 
     Notes
     -----
     With fewer than some twenty blocks the interval is too narrow, and variations slower than the
-    whole series do not widen it at all.  A share of exactly 0 or 1 gives an interval of no width.
+    whole series do not widen it at all.  A share of exactly 0 or 1 has an interval of no width.
 
     Examples
     --------
-    The mean of 1000 numbers that stay the same ten times in a row is that of 100 numbers:
+    One hundred numbers, each ten times in a row, do not determine a mean as well as a thousand:
 
     >>> import numpy as np
     >>> from d2d import block_bootstrap
@@ -78,10 +77,7 @@ def block_bootstrap(
     0.12
     0.37
     """
-    check_instance("arrays", arrays, Sequence)
     data = [np.asarray(array) for array in arrays]
-    if any(np.ma.is_masked(array) for array in arrays):
-        raise ValueError("arrays must not hold masked entries; remove them first")
     if not data or any(array.ndim < 1 for array in data) or not len(data[0]):
         raise ValueError("arrays must be a sequence of arrays (N, ...) with at least one row")
     rows = len(data[0])
@@ -92,37 +88,40 @@ def block_bootstrap(
     if check_count("block", block) > rows:
         raise ValueError(f"block must be at most the number of rows, {rows}, but is {block}")
     check_instance("rng", rng, np.random.Generator)
+    check_count("resamples", resamples)
     tail = 0.5 * (1.0 - check_fraction("confidence", confidence))
     if not 0.0 < tail < 0.5:
         raise ValueError(f"confidence must lie within (0, 1), but is {confidence:g}")
-    at_once = check_flag("vectorized", vectorized)
     blocks, within = math.ceil(rows / block), np.arange(block)
     batch = max(1, _DRAWN // max(rows, *(array.size for array in data)))
-    remaining = check_count("resamples", resamples)
     values: list[Array] = []
-    while remaining:
-        count = min(batch, remaining)
+    for first in range(0, resamples, batch):
+        count = min(batch, resamples - first)
         starts = rng.integers(rows, size=(count, blocks, 1))
         drawn = ((starts + within) % rows).reshape(count, -1)[:, :rows]
-        if at_once:
-            values.append(_one_each(count, statistic(*(array[drawn] for array in data), axis=1)))
+        if vectorized:
+            found = np.asarray(statistic(*(array[drawn] for array in data), axis=1))
         else:
-            alone = [statistic(*(array[each] for array in data)) for each in drawn]
-            values.append(np.asarray(alone))
-        remaining -= count
+            found = np.asarray([statistic(*(array[each] for array in data)) for each in drawn])
+        if found.shape[:1] != (count,):
+            raise ValueError(
+                f"statistic must give one value for each of {count} data sets if vectorized, but "
+                f"gave an array of the shape {found.shape}"
+            )
+        values.append(found)
     drawings = check_finite("the values of statistic", np.concatenate(values))
     return np.asarray(np.quantile(drawings, [tail, 1.0 - tail], axis=0))
 
 
-def _one_each(count: int, values: ArrayLike) -> Array:
-    """The values (R, ...) of a vectorized statistic."""
-    found = np.asarray(values)
-    if found.shape[:1] != (count,):
-        raise ValueError(
-            f"statistic must give one value for each of {count} data sets if vectorized, but gave "
-            f"an array of the shape {found.shape}"
-        )
-    return found
+def block_sums(series: Array, block: int) -> Array:
+    """Sums of every ``block`` successive rows of a series (N, ...), which is joined end to end.
+
+    Their squares, added up and divided by ``block``, are the variance that the sum of a centred
+    series has over the drawings of `block_bootstrap`.
+    """
+    ring = np.concatenate([np.zeros_like(series[:1]), series, series[: block - 1]])
+    totals = ring.cumsum(axis=0)
+    return np.asarray(totals[block:] - totals[:-block])
 
 
 def block_length(series: ArrayLike) -> int:
@@ -141,7 +140,7 @@ def block_length(series: ArrayLike) -> int:
     Raises
     ------
     ValueError
-        If ``series`` is not such an array, or is empty, nan or inf.
+        If ``series`` is empty, or holds nan or inf.
 
     Notes
     -----
@@ -178,9 +177,9 @@ def _block_length(series: Array) -> int:
         last = int(np.flatnonzero(np.append(True, ~quiet))[-1])
     width = min(2 * last, lags)
     k = np.arange(1, width + 1)
-    weights = np.clip(2.0 * (1.0 - k / width), 0.0, 1.0) * covariance[1 : width + 1]
-    total = covariance[0] + 2.0 * weights.sum()
-    slow = 2.0 * (k * weights).sum()
+    weighted = np.clip(2.0 * (1.0 - k / width), 0.0, 1.0) * covariance[1 : width + 1]
+    total = covariance[0] + 2.0 * weighted.sum()
+    slow = 2.0 * (k * weighted).sum()
     if total <= 0.0:
         return 1
     length: float = (1.5 * rows) ** (1.0 / 3.0) * (abs(slow) / total) ** (2.0 / 3.0)

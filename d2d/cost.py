@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d import _kernel, rigid
+from d2d import rigid
 from d2d._checks import (
     check_choice,
     check_covariances,
@@ -15,6 +15,7 @@ from d2d._checks import (
     check_fraction,
     check_positive_scalar,
 )
+from d2d._kernel import layout
 from d2d._lazy import Frozen, lazy
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
@@ -27,8 +28,8 @@ Fusion = Literal["likelihood", "summing"]
 _METRICS = ("d2d", "p2d")
 # An outlier model as the kernel reads it: its kind, the logarithms of the weights of the inliers
 # and of the outlier component (normalisation included), and that component's precision xx, xy, yy.
-_NO_OUTLIER = np.array([_kernel.NO_OUTLIER, 0.0, -np.inf, 0.0, 0.0, 0.0])
-_FUSIONS = {"likelihood": _kernel.LIKELIHOOD, "summing": _kernel.SUMMING}
+_NO_OUTLIER = np.array([layout.NO_OUTLIER, 0.0, -np.inf, 0.0, 0.0, 0.0])
+_FUSIONS = {"likelihood": layout.LIKELIHOOD, "summing": layout.SUMMING}
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class UniformOutlier(Frozen):
 
     @lazy
     def _packed(self) -> Array:
-        return np.array([_kernel.UNIFORM, 0.0, math.log(self.density), 0.0, 0.0, 0.0])
+        return np.array([layout.UNIFORM, 0.0, math.log(self.density), 0.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +102,7 @@ class CorruptedGaussian(Frozen):
         with np.errstate(divide="ignore"):  # a fraction of 0 or 1: one component has zero weight
             inlier, outlier = np.log1p(-self.fraction), np.log(self.fraction) - norm
         return np.array(
-            [_kernel.CORRUPTED, inlier, outlier, precision[0, 0], precision[0, 1], precision[1, 1]]
+            [layout.CORRUPTED, inlier, outlier, precision[0, 0], precision[0, 1], precision[1, 1]]
         )
 
 
@@ -112,9 +113,10 @@ OutlierModel = UniformOutlier | CorruptedGaussian
 class RegistrationCost:
     """The cost that is minimised over the motion: a metric, a fusion and an outlier model.
 
-    All methods take ``theta`` (..., P), the point sets ``fixed`` and ``moving`` and, by keyword
-    only, a ``measurement`` of each moving target; their batch axes broadcast.  An invalid argument
-    raises a ``ValueError`` that names it.
+    All methods take the motion ``theta`` (..., P), [t_x] in m or [t_x, t_y, phi_z] in m, m, rad;
+    the point sets ``fixed`` with N components and ``moving`` with K targets; and, by keyword only,
+    a `LinearMeasurement` of each target, whose density multiplies the inlier density.  Their batch
+    axes broadcast.  An invalid argument raises a ``ValueError`` that names it.
 
     Parameters
     ----------
@@ -158,26 +160,10 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> Array:
-        """Density q_k of each moving target under the motion, outlier component included.
+        """Density q_k (..., K) of each moving target, in 1/m (1D) or 1/m^2 (2D).
 
-        Parameters
-        ----------
-        theta : (..., P) array
-            [t_x] in m, or [t_x, t_y, phi_z] in m, m, rad.
-        fixed, moving : PointSet
-            N components and K targets; batch axes broadcast with those of ``theta``.
-        measurement : LinearMeasurement, optional
-            A measurement of each moving target, whose density multiplies the inlier density.
-
-        Returns
-        -------
-        (..., K) array, 1/m (1D) or 1/m^2 (2D)
-            With a measurement, the unit is also divided by that of the measurement.
-
-        Raises
-        ------
-        ValueError
-            If an argument is invalid; the message names it.
+        The outlier component is included.  With a measurement, the unit is also divided by that of
+        the measurement.
         """
         problem, bound = self._bound(theta, fixed, moving, measurement)
         return np.exp(problem.log_densities(bound))
@@ -190,26 +176,11 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> Array:
-        """Share of the inlier component in each target's density.
+        """Share (..., K) of the inlier component in each target's density, within [0, 1].
 
         This is the posterior probability that the target is an inlier (the responsibility of
-        Bishop 2006, sec. 9.3).
-
-        Parameters
-        ----------
-        theta, fixed, moving, measurement
-            As for `target_densities`.
-
-        Returns
-        -------
-        (..., K) array within [0, 1]
-            All ones without an outlier model.  With `UniformOutlier`, whose density is not
-            normalised, the share is a weight rather than a probability.
-
-        Raises
-        ------
-        ValueError
-            If an argument is invalid; the message names it.
+        Bishop 2006, sec. 9.3); 1 without an outlier model.  With `UniformOutlier`, whose density is
+        not normalised, the share is a weight rather than a probability.
         """
         problem, bound = self._bound(theta, fixed, moving, measurement)
         return problem.inlier_shares(bound)
@@ -222,23 +193,7 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> Array:
-        """Value of the cost; finite even where the sets are far apart.
-
-        Parameters
-        ----------
-        theta, fixed, moving, measurement
-            As for `target_densities`.
-
-        Returns
-        -------
-        (...) array
-            A negative logarithm, without a unit.
-
-        Raises
-        ------
-        ValueError
-            If an argument is invalid; the message names it.
-        """
+        """Value (...) of the cost, a negative logarithm; finite however far apart the sets are."""
         return self.derivatives(theta, fixed, moving, measurement=measurement)[0]
 
     def derivatives(
@@ -249,30 +204,7 @@ class RegistrationCost:
         *,
         measurement: LinearMeasurement | None = None,
     ) -> tuple[Array, Array, Array]:
-        """The cost with its exact gradient and Hessian, in one pass.
-
-        Parameters
-        ----------
-        theta, fixed, moving, measurement
-            As for `target_densities`.
-
-        Returns
-        -------
-        value, gradient, hessian : (...), (..., P) and (..., P, P) arrays
-            Derivatives per m and per rad.
-
-        Raises
-        ------
-        ValueError
-            If an argument is invalid; the message names it.
-
-        Notes
-        -----
-        Both derivatives include the dependence of the covariance on the rotation (Stoyanov 2012,
-        eq. 5-8); leaving it out, as Gauss-Newton variants do, biases the gradient.  Rounding causes
-        a relative error of about 1e-16, times the squared Mahalanobis distance of the nearest pairs
-        and the condition number of their covariances.
-        """
+        """The cost (...) with its exact gradient (..., P) and Hessian (..., P, P), in one pass."""
         problem, bound = self._bound(theta, fixed, moving, measurement)
         value, gradient, hessian = problem.derivatives(bound)
         p, shape = problem.parameters, bound.shape

@@ -14,13 +14,15 @@ from d2d._checks import (
     check_real,
     symmetrise,
 )
-from d2d._kernel import SINGULAR
+from d2d._kernel.compile import read_only
+from d2d._kernel.errors import add_measurements, add_positions
+from d2d._kernel.newton import SINGULAR
 from d2d._types import Array
 from d2d.cost import RegistrationCost
-from d2d.dense import factor_of
+from d2d.frame import Frame, is_far
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-from d2d.problem import Bound, CrossDerivatives, Problem, members
+from d2d.problem import Bound, CrossDerivatives, Problem, flat_index
 from d2d.registration import Estimate
 
 _SAME = 1e-6  # relative; only rounding makes a cost differ from itself
@@ -126,59 +128,76 @@ def propagate_covariance(
     cost = RegistrationCost() if cost is None else cost
     check_instance("cost", cost, RegistrationCost)
     check_instance("estimate", estimate, Estimate)
-    problem, bound = bind_pair(estimate.theta, fixed, moving, cost, measurement)
+    problem = cost.problem(fixed, moving, measurement)
+    theta = rigid.motion("estimate", estimate.theta, fixed.dimension)
+    if not is_far(fixed, moving, measurement):
+        bound = problem.bind(theta)
+        check_estimate(estimate, problem, bound)
+        return propagated(estimate.covariance, _noise(problem, bound, position_slope))
+    frame = Frame.of(fixed, moving)
+    problem = cost.problem(*frame.shifted(fixed, moving))
+    bound = problem.bind(frame.inward(theta))
+    check_estimate(estimate, problem, bound, hessians=False)  # the given one is that of this frame
+    inverse = frame.covariance_inward(theta, estimate.covariance)
+    return frame.covariance_outward(theta, propagated(inverse, _noise(problem, bound, None)))
+
+
+def propagated(inverse: Array, noise: Array) -> Array:
+    """H^-1 (f_z Sigma_z f_z') H^-1 (..., P, P), exactly symmetric.
+
+    ``noise`` is the covariance (..., P, P) of the gradient.
+    """
+    product = inverse @ noise @ inverse
+    return np.asarray(0.5 * (product + np.swapaxes(product, -1, -2)))
+
+
+def symmetric(upper: Array) -> Array:
+    """The symmetric matrices (..., P, P) of which the kernel has filled the upper triangles."""
+    return np.asarray(np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2))
+
+
+def _noise(problem: Problem, bound: Bound, position_slope: ArrayLike | None) -> Array:
+    """The covariance (..., P, P) of the gradient."""
+    fixed, moving, measurement, _ = problem.pairs[0]
     slope = None
     if position_slope is not None:
         slope = _checked_slope(position_slope, moving, measurement, bound.shape)
-    check_estimate(estimate, problem, bound)
-    p = problem.parameters
-    middle = np.empty((len(bound.thetas), p, p))
+    p, noise = problem.parameters, np.zeros((len(bound.thetas), 3, 3))
     for part in parts_of(problem, bound):
         cross = problem.cross_derivatives(bound, part.start, part.stop)
-        middle[part] = _spread(cross.fixed, taken_by(fixed.covariances, 3, bound, part))
-        middle[part] += _spread(cross.moving, taken_by(moving.covariances, 3, bound, part))
+        for position, points in ((cross.fixed, fixed), (cross.moving, moving)):
+            covariances = np.zeros((*points.covariances.shape[:-2], 2, 2))
+            covariances[..., : points.dimension, : points.dimension] = points.covariances
+            add_positions(position, _selected(covariances, 3, bound, part), noise[part])
         if measurement is not None:
-            measured = _own_measurement(measurement, bound, part)
-            middle[part] += (
-                _independent(cross, measured, bound.thetas[part, :p])
-                if slope is None
-                else _shared(cross, measured, taken_by(slope, 2, bound, part))
-            )
-    if bound.frame is None:
-        return _sandwich(estimate.covariance, middle.reshape(*bound.shape, p, p))
-    own = np.broadcast_to(estimate.covariance, (*bound.shape, p, p)).reshape(-1, p, p)
-    inner = bound.frame.inner_covariance(bound.thetas, own)
-    outer = bound.frame.covariance(bound.thetas, _sandwich(inner, middle))
-    return outer.reshape(*bound.shape, p, p)
+            sigmas, turned = _measurement_errors(measurement, slope, bound, part)
+            add_measurements(cross.measured, cross.input, sigmas, cross.moving, turned, noise[part])
+    return symmetric(noise[:, :p, :p]).reshape(*bound.shape, p, p)
 
 
-def _sandwich(inverse: Array, middle: Array) -> Array:
-    """H^-1 M H^-1, exactly symmetric."""
-    product = inverse @ middle @ inverse
-    product = 0.5 * (product + np.swapaxes(product, -1, -2))
-    lost = (np.diagonal(product, axis1=-2, axis2=-1) < 0.0).any(axis=-1)
-    if lost.any():  # by rounding of nearly singular matrices; a product of roots cannot be negative
-        size = np.sqrt(np.diagonal(middle[lost], axis1=-2, axis2=-1)) + 1e-300
-        values, axes = np.linalg.eigh(middle[lost] / (size[:, :, None] * size[:, None, :]))
-        inverse = np.broadcast_to(inverse, product.shape)[lost]
-        root = inverse @ (size[:, :, None] * axes * np.sqrt(np.clip(values, 0.0, None))[:, None])
-        product[lost] = root @ np.swapaxes(root, -1, -2)
-    return np.asarray(product)
+def _measurement_errors(
+    measurement: LinearMeasurement, slope: Array | None, bound: Bound, part: slice
+) -> tuple[tuple[Array, Array], Array]:
+    """Both sigmas (C, K) of a measurement, and how its input's error moves the position.
+
+    Without a slope, the effect of the input's error is part of the value's.
+    """
+    sigma = _selected(measurement.sigma, 1, bound, part)
+    sigma_input = _selected(measurement.sigma_input, 1, bound, part)
+    if slope is not None:
+        return (sigma, sigma_input), _selected(slope, 2, bound, part)
+    theta = bound.thetas[part, : measurement.parameters]
+    xi = rigid.logarithm(theta) if measurement.of_twist else theta
+    predicted = (select(measurement.slope, 2, bound, part) @ xi[..., None])[..., 0]
+    whole = np.sqrt(sigma**2 + (sigma_input * predicted) ** 2)
+    shape = sigma.shape
+    none = np.zeros((*shape, 2))
+    return (read_only(whole, *shape), read_only(none[..., 0], *shape)), read_only(none, *none.shape)
 
 
-def bind_pair(
-    theta: ArrayLike,
-    fixed: PointSet,
-    moving: PointSet,
-    cost: RegistrationCost,
-    measurement: LinearMeasurement | None,
-) -> tuple[Problem, Bound]:
-    """The cost bound to its sets, and these at theta (..., P)."""
-    problem = cost.problem(fixed, moving, measurement)
-    return problem, problem.bind(rigid.motion("theta", theta, fixed.dimension))
-
-
-def check_estimate(estimate: Estimate, problem: Problem, bound: Bound) -> None:
+def check_estimate(
+    estimate: Estimate, problem: Problem, bound: Bound, *, hessians: bool = True
+) -> None:
     """Raise a ValueError if an estimate that converged is one of another cost, or of other sets.
 
     Its cost and Hessian are then not those of the problem at its parameters.
@@ -186,10 +205,12 @@ def check_estimate(estimate: Estimate, problem: Problem, bound: Bound) -> None:
     p = problem.parameters
     value, _, hessian = problem.derivatives(bound)
     value, hessian = value.reshape(bound.shape), hessian[:, :p, :p].reshape(*bound.shape, p, p)
-    root = np.sqrt(np.abs(np.diagonal(hessian, axis1=-2, axis2=-1)))
-    bent = np.abs(hessian - estimate.hessian) > _SAME * root[..., :, None] * root[..., None, :]
     off = np.abs(value - estimate.value) > _SAME * (1.0 + np.abs(value))
-    off = (off | bent.any(axis=(-2, -1))) & np.isfinite(estimate.covariance).all(axis=(-2, -1))
+    if hessians:
+        root = np.sqrt(np.abs(np.diagonal(hessian, axis1=-2, axis2=-1)))
+        bent = np.abs(hessian - estimate.hessian) > _SAME * root[..., :, None] * root[..., None, :]
+        off = off | bent.any(axis=(-2, -1))
+    off = off & np.isfinite(estimate.covariance).all(axis=(-2, -1))
     if off.any():
         raise ValueError(
             "estimate must be of the same sets or scans, cost, measurement and options as the other"
@@ -205,54 +226,16 @@ def parts_of(problem: Problem, bound: Bound) -> Iterator[slice]:
     return (slice(start, min(start + step, count)) for start in range(0, count, step))
 
 
-def taken_by(array: NDArray[Any], axes: int, bound: Bound, part: slice) -> NDArray[Any]:
+def select(array: NDArray[Any], axes: int, bound: Bound, part: slice = slice(None)) -> NDArray[Any]:
     """The arrays, with that many axes, that each problem of a part (C, ...) reads from a batch."""
     batch, own = array.shape[:-axes], array.shape[-axes:]
-    return np.asarray(array.reshape(-1, *own)[members(batch, bound.shape)[part]])
+    return np.asarray(array.reshape(-1, *own)[flat_index(batch, bound.shape)[part]])
 
 
-def _own_measurement(
-    measurement: LinearMeasurement, bound: Bound, part: slice
-) -> LinearMeasurement:
-    return LinearMeasurement._of(
-        taken_by(measurement.value, 1, bound, part),
-        taken_by(measurement.sigma, 1, bound, part),
-        taken_by(measurement.sigma_input, 1, bound, part),
-        taken_by(measurement.gain, 2, bound, part),
-        taken_by(measurement.slope, 2, bound, part),
-        measurement.of_twist,
-    )
-
-
-def _spread(cross: Array, covariances: Array) -> Array:
-    """Covariance (..., P, P) of the gradient: G Sigma G', with G (..., N, P, D), summed over N."""
-    rooted = cross @ np.linalg.cholesky(covariances)
-    flat = np.swapaxes(rooted, -3, -2).reshape(*rooted.shape[:-3], rooted.shape[-2], -1)
-    return np.asarray(flat @ np.swapaxes(flat, -1, -2))
-
-
-def _gram(rows: Array) -> Array:
-    """A' A (..., P, P) of the rows (..., K, P)."""
-    return np.asarray(np.swapaxes(rows, -1, -2) @ rows)
-
-
-def _independent(cross: CrossDerivatives, measurement: LinearMeasurement, theta: Array) -> Array:
-    """The measurement's share (..., P, P) of the gradient's covariance, with independent inputs."""
-    sigma = np.sqrt(factor_of(measurement, theta).variance)
-    return _gram(cross.measured * sigma[..., None])
-
-
-def _shared(cross: CrossDerivatives, measurement: LinearMeasurement, slope: Array) -> Array:
-    """As `_independent`, but an input's error also moves its target along ``slope`` (..., K, D).
-
-    The error changes the gradient by a through the position and by b through the prediction.  The
-    positions' share already contains a a', so (a + b)(a + b)' - a a' is added.
-    """
-    own = _gram(cross.measured * measurement.sigma[..., None])
-    sigma = measurement.sigma_input[..., None]
-    by_position = (cross.moving @ slope[..., None])[..., 0] * sigma
-    both = by_position + cross.input * sigma
-    return own + _gram(both) - _gram(by_position)
+def _selected(array: Array, axes: int, bound: Bound, part: slice) -> Array:
+    """The same, as the kernel takes it."""
+    own = select(array, axes, bound, part)
+    return read_only(own, *own.shape)
 
 
 def _checked_slope(
@@ -299,11 +282,9 @@ def cross_derivatives(
     at the measured point.  The arguments' batch axes broadcast.  An invalid argument raises a
     ``ValueError`` that names it.
     """
-    problem, bound = bind_pair(theta, fixed, moving, cost, measurement)
+    problem = cost.problem(fixed, moving, measurement)
+    bound = problem.bind(rigid.motion("theta", theta, fixed.dimension))
+    p, d = problem.parameters, fixed.dimension
     cross = problem.cross_derivatives(bound, 0, len(bound.thetas))
-    if bound.frame is not None:
-        across = np.swapaxes(bound.frame.slope(bound.thetas), -1, -2)
-        p = problem.parameters
-        across = across[:, np.newaxis, :p, :p]
-        cross = cross._replace(fixed=across @ cross.fixed, moving=across @ cross.moving)
-    return CrossDerivatives(*(block.reshape(*bound.shape, *block.shape[1:]) for block in cross))
+    blocks = (*(each[:, :, :p, :d] for each in cross[:2]), *(each[:, :, :p] for each in cross[2:]))
+    return CrossDerivatives(*(each.reshape(*bound.shape, *each.shape[1:]) for each in blocks))

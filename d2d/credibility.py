@@ -1,4 +1,4 @@
-"""Is an estimator's covariance credible? NEES, noncredibility index and inclination indicator."""
+"""Whether an estimator's covariances are credible: NEES, noncredibility index, inclination."""
 
 from dataclasses import dataclass
 
@@ -13,12 +13,12 @@ from d2d.scores import checked_errors, normalised_squares
 
 @dataclass(frozen=True, eq=False)
 class Credibility:
-    """How N errors compare with their covariances and their estimated covariances.
+    """How N errors compare with the covariances that were estimated for them.
 
     Attributes
     ----------
     nees : (N,) array
-        Normalised estimation error squared, e' Sigma^-1 e; ideally its mean is the dimension n.
+        Normalised estimation error squared, e' Sigma^-1 e; its mean is ideally the dimension n.
     anees : float
         Average NEES over runs and dimensions; 1 is ideal, more is optimistic.
     bounds : (2,) array
@@ -65,9 +65,7 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     Raises
     ------
     ValueError
-        If the shapes do not match, a value is nan or inf (leave out the runs that did not converge
-        and report their number), a covariance is not positive definite, or there are too few runs;
-        the message names the argument.
+        If an argument does not fit.  Leave out runs that did not converge, and report their number.
 
     Notes
     -----

@@ -144,6 +144,8 @@ def _all_logs(parts: list[Pairs], cost: RegistrationCost) -> Array:
     logs = [each.log for each in parts]
     if isinstance(cost.outlier, UniformOutlier):
         logs.append(np.full((*logs[0].shape[:2], 1), math.log(cost.outlier.density)))
+    elif not isinstance(cost.outlier, CorruptedGaussian | None):
+        raise ValueError(f"this module does not know the outlier model {cost.outlier!r}")
     return np.concatenate(logs, axis=-1)
 
 

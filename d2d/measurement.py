@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d import _kernel
 from d2d._checks import broadcast_batches, check_finite, check_flag, check_positive, check_within
+from d2d._kernel import layout
 from d2d._lazy import Frozen, lazy
 from d2d._types import Array
 
@@ -137,9 +137,9 @@ class LinearMeasurement(Frozen):
     def _packed(self) -> Array:
         """(B K, 9) array that the kernel reads, one row per target."""
         packed = np.zeros((*self.value.shape, 9))
-        packed[..., _kernel.VALUE] = self.value
-        packed[..., _kernel.VARIANCE] = self.sigma**2
-        packed[..., _kernel.INPUT_VARIANCE] = self.sigma_input**2
-        packed[..., _kernel.GAIN : _kernel.GAIN + self.parameters] = self.gain
-        packed[..., _kernel.SLOPE : _kernel.SLOPE + self.parameters] = self.slope
+        packed[..., layout.VALUE] = self.value
+        packed[..., layout.VARIANCE] = self.sigma**2
+        packed[..., layout.INPUT_VARIANCE] = self.sigma_input**2
+        packed[..., layout.GAIN : layout.GAIN + self.parameters] = self.gain
+        packed[..., layout.SLOPE : layout.SLOPE + self.parameters] = self.slope
         return packed.reshape(-1, 9)

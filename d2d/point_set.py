@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d import _kernel, rigid
+from d2d import rigid
 from d2d._checks import (
     broadcast_batches,
     check_angle,
@@ -18,6 +18,8 @@ from d2d._checks import (
     check_real,
     check_within,
 )
+from d2d._kernel import entries, layout
+from d2d._kernel.compile import read_only
 from d2d._lazy import Frozen, lazy
 from d2d._types import Array, Index
 
@@ -69,7 +71,7 @@ class PointSet(Frozen):
         if not (
             covariances.shape == (*means.shape, dimension)
             and given.shape == means.shape[-2:-1]
-            and _kernel.are_good_targets(
+            and entries.are_good_targets(
                 means.reshape(-1, dimension),
                 covariances.reshape(-1, dimension, dimension),
                 given if means.ndim == 2 else np.tile(given, means.size // (count * dimension)),
@@ -159,11 +161,11 @@ class PointSet(Frozen):
         if 0 in shape:
             raise ValueError(f"range must hold at least one target, but has the shape {shape}")
         means, covariances = np.empty((*shape, 2)), np.empty((*shape, 2, 2))
-        if not _kernel.place_polar_targets(
-            tuple(_kernel.read_only(each, -1) for each in polar),
-            tuple(_kernel.read_only(each, -1) for each in direction),
-            _kernel.read_only(extent, -1),
-            _kernel.read_only(origin, 2),
+        if not entries.place_polar_targets(
+            tuple(read_only(each, -1) for each in polar),
+            tuple(read_only(each, -1) for each in direction),
+            read_only(extent, -1),
+            read_only(origin, 2),
             means.reshape(-1, 2),
             covariances.reshape(-1, 2, 2),
         ):
@@ -250,17 +252,16 @@ class PointSet(Frozen):
         return PointSet._of(self.means, self.covariances + added, self.weights)
 
     @lazy
-    def _layout(self) -> tuple[Array, Array, Array | None]:
+    def _layout(self) -> tuple[Array, Array, bool]:
         """The set as the kernel reads it, and what it needs to know of it before it begins."""
         size, dimension = self.means.shape[-2:]
-        means = _kernel.read_only(self.means, -1, size, dimension)
-        covariances = _kernel.read_only(self.covariances, -1, size, dimension, dimension)
-        weights = _kernel.read_only(self.weights, -1, size)
+        means = read_only(self.means, -1, size, dimension)
+        covariances = read_only(self.covariances, -1, size, dimension, dimension)
+        weights = read_only(self.weights, -1, size)
         count = len(means)
         packed = np.empty((6, count * size))
-        extremes, origins = np.empty((count, 3)), np.empty((count, 2))
-        far = _kernel.pack_targets(means, covariances, weights, packed, extremes, origins)
-        return packed, extremes, origins if far else None
+        extremes = np.empty((count, 3))
+        return packed, extremes, entries.pack_targets(means, covariances, weights, packed, extremes)
 
     @property
     def _packed(self) -> Array:
@@ -274,7 +275,7 @@ class PointSet(Frozen):
         By the size of their covariances: those that go side by side then have about as many
         components within the cut-off.
         """
-        traces = self._packed[_kernel.XX] + self._packed[_kernel.YY]
+        traces = self._packed[layout.XX] + self._packed[layout.YY]
         return np.argsort(traces.reshape(-1, self.size), axis=-1, kind="stable").ravel()
 
     @property
@@ -283,8 +284,8 @@ class PointSet(Frozen):
         return self._layout[1]
 
     @property
-    def _origins(self) -> Array | None:
-        """(B, 2) origins of sets of which one at least is far away, see `d2d.frame`."""
+    def _is_far(self) -> bool:
+        """Whether a set is far from the origin, see `d2d.frame`."""
         return self._layout[2]
 
 
@@ -298,9 +299,9 @@ def _checked_covariances(covariances: Array, count: int, dimension: int) -> Arra
             f"covariances must have the shape (..., {count}, {dimension}, {dimension}) "
             f"to match means, but has {checked.shape}"
         )
-    if checked.max() > _kernel.MAX_VARIANCE:
+    if checked.max() > layout.MAX_VARIANCE:
         raise ValueError(
-            f"covariances must be at most {_kernel.MAX_VARIANCE:g} m^2, but reach {checked.max():g}"
+            f"covariances must be at most {layout.MAX_VARIANCE:g} m^2, but reach {checked.max():g}"
         )
     return checked
 
@@ -309,7 +310,7 @@ def _check_weights(weights: Array, count: int) -> None:
     check_positive("weights", weights)
     if not weights.size:
         raise ValueError(f"weights must not be empty, but has the shape {weights.shape}")
-    least, greatest = _kernel.MIN_WEIGHT, _kernel.MAX_WEIGHT
+    least, greatest = layout.MIN_WEIGHT, layout.MAX_WEIGHT
     if not (weights.min() >= least and weights.max() <= greatest):
         raise ValueError(
             f"weights must lie within {least:g} and {greatest:g}, but range from "

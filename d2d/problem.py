@@ -8,14 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d import _kernel, rigid
+from d2d import rigid
 from d2d._checks import broadcast_batches
+from d2d._kernel import entries, layout, propagate
 from d2d._lazy import lazy
 from d2d._slices import run_in_slices
 from d2d._types import Array
-from d2d.frame import Frame, packed_about_origins
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
+
+TOLERANCE = 1e-14  # of the Newton decrement: 1e-7 standard deviations from the optimum
+MAX_ITERATIONS = 200
 
 _NO_FACTORS = np.empty((0, 9))
 _NO_PRIOR = np.zeros(3)
@@ -24,7 +27,7 @@ _NO_PRIOR = np.zeros(3)
 class Pair(NamedTuple):
     """Two point sets, a measurement of each moving target, and the time between the two.
 
-    ``interval`` (s) counts only where the parameters are a velocity.
+    A motion does not depend on the ``interval`` (s), a velocity does.
     """
 
     fixed: PointSet
@@ -52,14 +55,24 @@ class Bound(NamedTuple):
     """A batch of problems at their parameters, in the layout that the kernel reads."""
 
     thetas: Array  # (B, 3)
-    batch: _kernel.Batch
+    batch: layout.Batch
     shape: tuple[int, ...]  # of the batch
-    frame: Frame | None = None  # of the thetas, if it is not the user's
-    given: Array | None = None  # (B, 3) in the user's frame, if there is another
 
-    def part(self, first: int, last: int) -> _kernel.Batch:
+    def part(self, first: int, last: int) -> layout.Batch:
         """The problems from ``first`` to ``last``."""
         return self.batch._replace(first=self.batch.first[first : last + 1])
+
+
+class Minima(NamedTuple):
+    """The optimum of each bound problem; covariances are nan where not converged."""
+
+    value: Array  # (B,)
+    gradient: Array  # (B, 3)
+    hessian: Array  # (B, 3, 3)
+    covariance: Array  # (B, 3, 3)
+    converged: NDArray[np.bool_]  # (B,)
+    iterations: NDArray[np.int64]  # (B,)
+    inliers: Array  # (B,) mean share of the inlier component
 
 
 class CrossDerivatives(NamedTuple):
@@ -86,7 +99,7 @@ class Problem:
     pairs : sequence of Pair
         One, which may be a batch, or several single ones.
     kind : int
-        ``_kernel.MOTION``, ``ARC`` or ``CHORD``.
+        ``layout.MOTION``, ``ARC`` or ``CHORD``.
     prior : (3,) array
         Precisions of a Gaussian prior of the parameters about zero, whose negative logarithm is
         added, without its constant.
@@ -94,7 +107,7 @@ class Problem:
 
     form: CostForm
     pairs: Sequence[Pair]
-    kind: int = _kernel.MOTION
+    kind: int = layout.MOTION
     prior: Array = field(default_factory=lambda: _NO_PRIOR)
 
     @property
@@ -124,28 +137,12 @@ class Problem:
             shape = broadcast_batches(f"{name}, fixed, moving and measurement", shape, *batches)
         thetas = np.zeros((*shape, 3))
         thetas[..., : self.parameters] = theta
-        thetas = thetas.reshape(-1, 3)
         if shape:
             batch = self._repeated(batch, batches, shape)
-        if not self._is_far:
-            return Bound(thetas, batch, shape)
-        fixed, moving, *_ = self.pairs[0]
-        frame = Frame(_origins(fixed, shape), _origins(moving, shape))
-        return Bound(frame.inward(thetas), batch, shape, frame, thetas)
+        return Bound(thetas.reshape(-1, 3), batch, shape)
 
     @lazy
-    def _is_far(self) -> bool:
-        """Whether sets lie so far from the origin that they are shifted to their means.
-
-        Sets with a measurement, and those that share a velocity, are not: these depend on where
-        the origin is.
-        """
-        fixed, moving, measurement, _ = self.pairs[0]
-        apart = self.kind == _kernel.MOTION and measurement is None
-        return apart and not (fixed._origins is None and moving._origins is None)
-
-    @lazy
-    def _layout(self) -> tuple[list[tuple[int, ...]], _kernel.Batch]:
+    def _layout(self) -> tuple[list[tuple[int, ...]], layout.Batch]:
         """The batch shapes of the sets of a single pair, and the layout of one problem."""
         rows, fixed_start, moving_start = [], 0, 0
         for number, (fixed, moving, measurement, _) in enumerate(self.pairs):
@@ -155,13 +152,13 @@ class Problem:
         fixed, moving, measurement, _ = self.pairs[0]
         batches = [fixed.batch_shape, moving.batch_shape]
         batches.append(() if measurement is None else measurement.batch_shape)
-        packed = packed_about_origins if self._is_far else _packed
-        batch = _kernel.Batch(
-            _joined([packed(pair.fixed) for pair in self.pairs], 1),
-            _joined([packed(pair.moving) for pair in self.pairs], 1),
+        factors = [pair.measurement._packed for pair in self.pairs if pair.measurement is not None]
+        batch = layout.Batch(
+            _joined([pair.fixed._packed for pair in self.pairs], 1),
+            _joined([pair.moving._packed for pair in self.pairs], 1),
             _joined([pair.moving._order for pair in self.pairs], 0),
             _joined([pair.fixed._extremes for pair in self.pairs], 0),
-            self._factors(),
+            _joined(factors, 0) if factors else _NO_FACTORS,
             self.form.outlier,
             np.array(rows),
             np.array([pair.interval for pair in self.pairs]),
@@ -175,54 +172,68 @@ class Problem:
         )
         return batches, batch
 
-    def _factors(self) -> Array:
-        """The packed measurements of all pairs, or of none."""
-        packed = [pair.measurement._packed for pair in self.pairs if pair.measurement is not None]
-        return _joined(packed, 0) if packed else _NO_FACTORS
-
     def _repeated(
         self,
-        batch: _kernel.Batch,
+        batch: layout.Batch,
         batches: list[tuple[int, ...]],
         shape: tuple[int, ...],
-    ) -> _kernel.Batch:
+    ) -> layout.Batch:
         """The layout of a batch of problems, each with its own sets of a single pair's batches."""
         count = math.prod(shape)
         pairs = np.tile(batch.pairs, (count, 1))
-        for column, (own, size) in enumerate(zip(batches, pairs[0, [1, 4, 4]], strict=True)):
+        starts = layout.FIXED_START, layout.MOVING_START, layout.FACTOR_START
+        sizes = layout.FIXED_SIZE, layout.MOVING_SIZE, layout.MOVING_SIZE
+        for start, size, own in zip(starts, sizes, batches, strict=True):
             if own:
-                which = members(own, shape)
-                pairs[:, (0, 3, 5)[column]] = which * size
-                if column == 0:
-                    pairs[:, 2] = which
+                which = flat_index(own, shape)
+                pairs[:, start] = which * pairs[0, size]
+                if start == layout.FIXED_START:
+                    pairs[:, layout.FIXED_SET] = which
         return batch._replace(
             pairs=pairs,
             intervals=np.tile(batch.intervals, count),
             first=len(self.pairs) * np.arange(count + 1),
         )
 
-    def derivatives(self, bound: Bound) -> tuple[Array, Array, Array]:
-        """Value (B,), gradient (B, 3) and Hessian (B, 3, 3) of each bound problem."""
-        count = len(bound.thetas)
-        value, gradient, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
-        work = _kernel.own_work()
+    def minimise(
+        self, bound: Bound, max_iterations: int = MAX_ITERATIONS, threads: int = 1
+    ) -> Minima:
+        """The optimum of each bound problem near its parameters, which become the optimum's."""
+        thetas, count = bound.thetas, len(bound.thetas)
+        found = Minima(
+            np.empty(count),
+            np.empty((count, 3)),
+            np.empty((count, 3, 3)),
+            np.empty((count, 3, 3)),
+            np.empty(count, dtype=np.bool_),
+            np.empty(count, dtype=np.int64),
+            np.empty(count),
+        )
 
         def run(first: int, last: int) -> None:
-            own = (a[first:last] for a in (value, gradient, hessian))
-            _kernel.evaluate_batch(bound.part(first, last), bound.thetas[first:last], work, *own)
+            part, begin, own = bound.batch, thetas, tuple(found)
+            if last - first < count:
+                part, begin = bound.part(first, last), thetas[first:last]
+                own = tuple(array[first:last] for array in found)
+            work = layout.own_work()
+            entries.minimise_batch(part, begin, TOLERANCE, max_iterations, work, own)
 
-        run_in_slices(run, count, self.size)
-        if bound.frame is not None:
-            gradient, hessian = bound.frame.derivatives(bound.thetas, gradient, hessian)
-        return value, gradient, hessian
+        run_in_slices(run, count, self.size, threads)
+        if self.form.outlier[layout.KIND] == layout.NO_OUTLIER:
+            found.inliers[:] = 1.0
+        return found
+
+    def derivatives(self, bound: Bound) -> tuple[Array, Array, Array]:
+        """Value (B,), gradient (B, 3) and Hessian (B, 3, 3) of each bound problem."""
+        return self.minimise(bound, max_iterations=0)[:3]
 
     def cross_derivatives(self, bound: Bound, begin: int, end: int) -> CrossDerivatives:
         """Derivatives of the gradients of some bound problems in all that is measured.
 
-        They are those in the bound's own frame.  The batch axis counts the problems from ``begin``
-        to ``end``; the targets are those of all pairs, one pair after the other.
+        The batch axis counts the problems from ``begin`` to ``end``; the targets are those of all
+        pairs, one pair after the other.  Of sets on a line, only the first coordinates count.
         """
-        p, dimension, count = self.parameters, self.pairs[0].fixed.dimension, end - begin
+        count = end - begin
         fixed = sum(pair.fixed.size for pair in self.pairs)
         moving = sum(pair.moving.size for pair in self.pairs)
         cross = CrossDerivatives(
@@ -231,24 +242,20 @@ class Problem:
             np.empty((count, moving, 3)),
             np.empty((count, moving, 3)),
         )
-        work = _kernel.make_propagation_work(max(pair.fixed.size for pair in self.pairs))
-        _kernel.cross_batch(bound.batch, bound.thetas, begin, work, *cross)
-        return CrossDerivatives(
-            cross.fixed[:, :, :p, :dimension],
-            cross.moving[:, :, :p, :dimension],
-            cross.measured[:, :, :p],
-            cross.input[:, :, :p],
-        )
+        memory = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)
+        scratch = layout.own_work().scratch
+        propagate.cross_batch(bound.batch, bound.thetas, begin, scratch, memory, *cross)
+        return cross
 
     def log_densities(self, bound: Bound) -> Array:
         """log q_k (..., K) of every target of every pair, one pair after the other."""
-        return self._of_targets(bound, (_kernel.LOG_DENSITY,))[..., 0, :]
+        return self.of_targets(bound, (layout.LOG_DENSITY,))[..., 0, :]
 
     def inlier_shares(self, bound: Bound) -> Array:
         """Share (..., K) of the inlier component in each target's density."""
-        if self.form.outlier[0] == _kernel.NO_OUTLIER:
+        if self.form.outlier[layout.KIND] == layout.NO_OUTLIER:
             return np.ones((*bound.shape, sum(pair.moving.size for pair in self.pairs)))
-        return self._of_targets(bound, (_kernel.SHARE,))[..., 0, :]
+        return self.of_targets(bound, (layout.SHARE,))[..., 0, :]
 
     def widening_slopes(self, bound: Bound) -> Array:
         """Derivatives (..., K) of each log q_k in a variance added to all targets, of either set.
@@ -259,90 +266,28 @@ class Problem:
         over itself.  The factor of the measurement does not depend on v.
         """
         outlier, pairs = self.form.outlier.copy(), bound.batch.pairs.copy()
-        outlier[_kernel.KIND] = _kernel.NO_OUTLIER
-        pairs[:, -1] = -1  # no measurements
+        outlier[layout.KIND] = layout.NO_OUTLIER
+        pairs[:, layout.FACTOR_START] = -1  # no measurements
         positions = bound._replace(batch=bound.batch._replace(outlier=outlier, pairs=pairs))
-        second = self._of_targets(positions, (_kernel.CURVATURE[0], _kernel.CURVATURE[4]))
+        second = self.of_targets(positions, (layout.CURVATURE[0], layout.CURVATURE[4]))
         return np.asarray(self.inlier_shares(bound) * second.sum(axis=-2))
 
-    def scores(self, bound: Bound, begin: int, end: int) -> tuple[Array, Array]:
-        """What each target adds to the gradient (C, K, P) and Hessian (C, K, P, P) of the cost.
-
-        Of the bound problems from ``begin`` to ``end``; targets as in `cross_derivatives`.
-        """
-        first = bound.batch.first[begin : end + 1]
-        part = Bound(bound.thetas[begin:end], bound.batch._replace(first=first), (end - begin,))
-        rows = (_kernel.LOG_DENSITY, *_kernel.GRADIENT, *_kernel.CURVATURE)
-        terms = np.swapaxes(self._of_targets(part, rows), 1, 2)
-        gradients, hessians, start = [], [], 0
-        for pair in self.pairs:
-            own = terms[:, start : start + pair.moving.size]
-            g, second = own[..., 1:4], own[..., 4:].reshape(*own.shape[:2], 3, 3)
-            outer = g[..., :, None] * g[..., None, :]
-            if self.form.fusion == _kernel.SUMMING:
-                share = np.exp(own[..., 0] - own[..., 0].max(axis=1, keepdims=True))
-                share /= share.sum(axis=1, keepdims=True)
-                mean = (share[..., None] * g).sum(axis=1)[:, None]
-                outer = 0.5 * (g[..., :, None] * mean[..., None, :])
-                outer = outer + np.swapaxes(outer, -1, -2)
-                g, second = share[..., None] * g, share[..., None, None] * second
-                outer = share[..., None, None] * outer
-            gradient, hessian = -g, outer - second
-            if self.kind != _kernel.MOTION:
-                gradient, hessian = self._in_velocity(part.thetas, pair, gradient, hessian)
-            gradients.append(gradient)
-            hessians.append(hessian)
-            start += pair.moving.size
-        p, gradient, hessian = self.parameters, np.hstack(gradients), np.hstack(hessians)
-        if bound.frame is not None:
-            count, targets = gradient.shape[:2]
-            gradient, hessian = bound.frame.repeated(begin, end, targets).derivatives(
-                np.repeat(part.thetas, targets, axis=0),
-                gradient.reshape(-1, 3),
-                hessian.reshape(-1, 3, 3),
-            )
-            gradient = gradient.reshape(count, targets, 3)
-            hessian = hessian.reshape(count, targets, 3, 3)
-        return gradient[..., :p], hessian[..., :p, :p]
-
-    def _in_velocity(
-        self, thetas: Array, pair: Pair, gradient: Array, hessian: Array
-    ) -> tuple[Array, Array]:
-        """Derivatives (B, K, ...) in a pair's motion become those in the velocity (B, 3)."""
-        tau = pair.interval
-        if self.kind == _kernel.CHORD:
-            return tau * gradient, tau**2 * hessian
-        _, first, second = rigid.exponential_derivatives(tau * thetas)
-        bent = np.einsum("bki,biuv->bkuv", gradient, second)
-        turned = np.swapaxes(first, -1, -2)[:, None] @ hessian @ first[:, None]
-        return tau * (gradient @ first), tau**2 * (turned + bent)
-
-    def _of_targets(self, bound: Bound, rows: tuple[int, ...]) -> Array:
-        """Rows of the kernel's results for each target (..., rows, K)."""
+    def of_targets(self, bound: Bound, rows: tuple[int, ...]) -> Array:
+        """Rows of the kernel's scratch array for each target (..., rows, K)."""
         targets = sum(pair.moving.size for pair in self.pairs)
         values = np.empty((len(bound.thetas), len(rows), targets))
-        work, numbers = _kernel.own_work(), np.array(rows)
+        work, numbers = layout.own_work(), np.array(rows)
 
         def run(first: int, last: int) -> None:
             thetas, own = bound.thetas[first:last], values[first:last]
-            _kernel.target_batch(bound.part(first, last), thetas, numbers, work, own)
+            entries.target_batch(bound.part(first, last), thetas, numbers, work, own)
 
         run_in_slices(run, len(values), self.size)
         return values.reshape(*bound.shape, len(rows), targets)
 
 
-def _packed(points: PointSet) -> Array:
-    return points._packed
-
-
-def _origins(points: PointSet, shape: tuple[int, ...]) -> Array:
-    """The origin (B, 2) of the set that each problem of a batch takes."""
-    origins = np.zeros((1, 2)) if points._origins is None else points._origins
-    return origins[members(points.batch_shape, shape)] if len(origins) > 1 else origins
-
-
-def members(own: tuple[int, ...], shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Which member of a batch of the shape ``own`` each problem of a batch takes, both flat."""
+def flat_index(own: tuple[int, ...], shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """For each problem of a batch, its flat index into a batch of the shape ``own``."""
     return np.broadcast_to(np.arange(math.prod(own)).reshape(own), shape).ravel()
 
 

@@ -3,12 +3,11 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d import _kernel, rigid
+from d2d import rigid
 from d2d._checks import (
     check_angle,
     check_count,
@@ -16,15 +15,13 @@ from d2d._checks import (
     check_positive_scalar,
     check_schedule,
 )
-from d2d._slices import run_in_slices
 from d2d._types import Array
 from d2d.cost import RegistrationCost
+from d2d.frame import Frame, is_far
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 from d2d.problem import Bound, Problem, check_pair
 
-TOLERANCE = 1e-14  # of the Newton decrement: 1e-7 standard deviations from the optimum
-MAX_ITERATIONS = 200
 _MAX_STARTS = 10_000_000  # in a grid: 240 MB
 
 # Standard deviations are first inflated tenfold, then reduced in steps.  A start at zero then finds
@@ -139,7 +136,11 @@ def register(
     start = np.zeros(problem.parameters)
     if initial is not None:
         start = rigid.motion("initial", initial, fixed.dimension)
-    return anneal(problem, start, steps, threads)
+    if not is_far(fixed, moving, measurement):
+        return anneal(problem, start, steps, threads)
+    frame = Frame.of(fixed, moving)
+    problem = cost.problem(*frame.shifted(fixed, moving))
+    return _outward(frame, anneal(problem, frame.inward(start), steps, threads))
 
 
 def multi_start(
@@ -248,73 +249,34 @@ def anneal(
 
 def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
     """The optimum of each bound problem near its parameters."""
-    thetas = bound.thetas.copy()
-    count, p, shape = len(thetas), problem.parameters, bound.shape
-    value, gradient, hessian = np.empty(count), np.empty((count, 3)), np.empty((count, 3, 3))
-    covariance, shares = np.empty((count, 3, 3)), np.empty(count)
-    converged, iterations = np.empty(count, dtype=np.bool_), np.empty(count, dtype=np.int64)
-    results = value, gradient, hessian, covariance, converged, iterations, shares
-
-    def run(first: int, last: int) -> None:
-        part, begin = bound.batch, thetas
-        own: tuple[NDArray[Any], ...] = results
-        if last - first < count:
-            part, begin = bound.part(first, last), thetas[first:last]
-            own = tuple(array[first:last] for array in results)
-        _kernel.minimise_batch(part, begin, TOLERANCE, MAX_ITERATIONS, _kernel.own_work(), own)
-
-    run_in_slices(run, count, problem.size, threads)
-    if bound.frame is not None:
-        covariance = bound.frame.covariance(thetas, covariance)
-        covariance, converged = _if_definite(covariance, converged, p)
-        thetas, value, gradient, hessian = _in_the_users_frame(problem, bound, thetas)
+    found = problem.minimise(bound, threads=threads)
+    p, shape = problem.parameters, bound.shape
     return Estimate(
-        theta=thetas[:, :p].reshape(*shape, p),
-        covariance=covariance[:, :p, :p].reshape(*shape, p, p),
-        value=value.reshape(shape),
-        gradient=gradient[:, :p].reshape(*shape, p),
-        hessian=hessian[:, :p, :p].reshape(*shape, p, p),
-        converged=converged.reshape(shape),
-        iterations=iterations.reshape(shape),
-        inliers=_mean_shares(problem, shares).reshape(shape),
+        theta=bound.thetas[:, :p].reshape(*shape, p),
+        covariance=found.covariance[:, :p, :p].reshape(*shape, p, p),
+        value=found.value.reshape(shape),
+        gradient=found.gradient[:, :p].reshape(*shape, p),
+        hessian=found.hessian[:, :p, :p].reshape(*shape, p, p),
+        converged=found.converged.reshape(shape),
+        iterations=found.iterations.reshape(shape),
+        inliers=found.inliers.reshape(shape),
     )
 
 
-def _in_the_users_frame(
-    problem: Problem, bound: Bound, thetas: Array
-) -> tuple[Array, Array, Array, Array]:
-    """The optima in the user's coordinates, with the cost and its derivatives there.
-
-    Far from the origin these are rounded, and then the start may be better than the optimum.
-    """
-    assert bound.frame is not None
-    assert bound.given is not None
-    outer = bound.frame.outward(thetas)
-    found = outer, *problem.derivatives(bound._replace(thetas=bound.frame.inward(outer)))
-    start = bound.given, *problem.derivatives(bound)
-    better = start[1] < found[1]
-    for own, other in zip(found, start, strict=True):
-        own[better] = other[better]
-    return found
-
-
-def _if_definite(
-    covariance: Array, converged: NDArray[np.bool_], p: int
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Not converged where doubles cannot tell the covariance (B, 3, 3) from a singular one."""
-    own = covariance[:, :p, :p]
-    size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))
-    unit = np.where(
-        converged[:, None, None], own / (size[:, :, None] * size[:, None, :]), np.eye(p)
+def _outward(frame: Frame, inner: Estimate) -> Estimate:
+    """The estimate between the sets as they were given, by the chain rule."""
+    theta = frame.outward(inner.theta)
+    slope = frame.slope(theta)
+    across = np.swapaxes(slope, -1, -2)
+    hessian = across @ inner.hessian @ slope
+    hessian[..., 2, 2] -= (frame.turned(theta) * inner.gradient[..., :2]).sum(axis=-1)
+    return replace(
+        inner,
+        theta=theta,
+        covariance=frame.covariance_outward(theta, inner.covariance),
+        gradient=(across @ inner.gradient[..., None])[..., 0],
+        hessian=hessian,
     )
-    converged = converged & (np.linalg.eigvalsh(unit)[:, 0] > 0.0)
-    return np.where(converged[:, None, None], covariance, np.nan), converged
-
-
-def _mean_shares(problem: Problem, shares: Array) -> Array:
-    """Mean inlier share, from the kernel's sums; 1 without an outlier component."""
-    without = problem.form.outlier[0] == _kernel.NO_OUTLIER
-    return np.ones_like(shares) if without else shares
 
 
 def _no_worse_than_start(

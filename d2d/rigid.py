@@ -7,8 +7,8 @@ in 2D, with ``T(m) = R(phi_z) m + t``.  All functions broadcast over leading bat
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d import _kernel
 from d2d._checks import broadcast_batches, check_finite
+from d2d._kernel import entries
 from d2d._types import Array
 
 PARAMETERS = {1: 1, 2: 3}  # number of parameters of a rigid motion, by dimension
@@ -136,7 +136,7 @@ def _charted(points: Array, inverse: bool) -> tuple[Array, Array, Array]:
     batch, count = points.shape[:-1], points.size // 3
     image, first = np.empty((count, 3)), np.empty((count, 3, 3))
     second = np.empty((count, 3, 3, 3))
-    _kernel.chart_batch(points.reshape(count, 3), inverse, image, first, second)
+    entries.chart_batch(points.reshape(count, 3), inverse, image, first, second)
     return (
         image.reshape(*batch, 3),
         first.reshape(*batch, 3, 3),

@@ -49,6 +49,14 @@ def spd(rng: np.random.Generator, count: int, dimension: int, size: float = 1.0)
     return size**2 * (root @ np.swapaxes(root, -1, -2) + 0.1 * np.eye(dimension))
 
 
+def drawn_errors(seed: int, runs: int, dimension: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (N, D) and the covariances (N, D, D), all different, from which they are drawn."""
+    rng = np.random.default_rng(seed)
+    covariances = spd(rng, runs, dimension)
+    normal = rng.standard_normal((runs, dimension))
+    return np.einsum("nij,nj->ni", np.linalg.cholesky(covariances), normal), covariances
+
+
 def doppler_like(
     rng: np.random.Generator, theta: np.ndarray, count: int, of_twist: bool = False
 ) -> LinearMeasurement:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import lfilter
 
 from d2d import block_bootstrap, block_length
+from d2d.bootstrap import block_sums
 
 
 def autoregression(rng: np.random.Generator, coefficient: float, shape) -> np.ndarray:
@@ -72,17 +75,13 @@ def test_the_same_rows_are_drawn_from_all_arrays_in_whole_blocks_on_a_ring():
 
 
 def test_many_data_sets_in_one_call_give_the_interval_of_each_alone():
-    """Breaks if others are drawn, or the last ones are forgotten."""
+    """Breaks if others are drawn, the last ones are forgotten, or the draw is not the seed's."""
     rng = np.random.default_rng(3)
     arrays = rng.standard_normal((5000, 3)), rng.standard_normal(5000)
-
-    def statistic(a, b, axis=0):
-        return a.mean(axis).sum(axis=-1) - np.median(b, axis)
-
     for block in (1, 4):
         alone, at_once = (
             block_bootstrap(
-                statistic,
+                lambda a, b, axis=0: a.mean(axis).sum(axis=-1) - np.median(b, axis),
                 arrays,
                 block,
                 np.random.default_rng(5),
@@ -94,39 +93,35 @@ def test_many_data_sets_in_one_call_give_the_interval_of_each_alone():
         assert_allclose(at_once, alone, rtol=1e-12)
 
 
-def test_a_vectorized_statistic_that_forgets_the_axis_is_refused():
-    """Breaks if one number for all data sets is taken for an interval without width."""
-    with pytest.raises(ValueError, match="statistic must give one value for each of"):
-        block_bootstrap(
-            lambda x, axis: np.mean(x),
-            [np.arange(10.0)],
-            1,
-            np.random.default_rng(0),
-            vectorized=True,
-        )
-
-
 def test_blocks_that_do_not_fill_the_series_are_cut():
     """Breaks if a drawn series is longer than the data."""
     lengths = set()
-    block_bootstrap(
-        lambda x: lengths.add(len(x)) or 0.0,
-        [np.arange(10.0)],
-        4,
-        np.random.default_rng(3),
-        resamples=3,
-    )
+    rng = np.random.default_rng(3)
+    block_bootstrap(lambda x: lengths.add(len(x)) or 0.0, [np.arange(10.0)], 4, rng, resamples=3)
     assert lengths == {10}
 
 
-def test_the_same_generator_gives_the_same_interval():
-    """Breaks if anything is drawn from global state."""
-    series = np.arange(30.0)
-    one, two = (block_bootstrap(np.median, [series], 3, np.random.default_rng(4)) for _ in "ab")
-    assert_array_equal(one, two)
+def kept_sum(kept: list[float], series: np.ndarray) -> float:
+    """The sum, which is also appended to a list."""
+    kept.append(series.sum())
+    return kept[-1]
 
 
-# ---- Length of the blocks ---------------------------------------------------------------------
+def test_block_sums_have_the_variance_of_the_drawn_sums():
+    """Breaks if the last rows are not joined to the first, or a sum is of one row too many."""
+    rng = np.random.default_rng(8)
+    series = autoregression(rng, 0.7, 60)
+    series -= series.mean()
+    for block in (1, 4, 12):
+        ring = np.tile(series, 2)
+        sums = block_sums(series, block)
+        assert_allclose(sums, [ring[i : i + block].sum() for i in range(60)], atol=1e-12)
+        drawn: list[float] = []
+        statistic = partial(kept_sum, drawn)
+        block_bootstrap(statistic, [series], block, rng, resamples=4000)
+        assert_allclose(np.var(drawn), (sums**2).sum() / block, rtol=0.1)
+    both = np.column_stack([series, -series])
+    assert_array_equal(block_sums(both, 5)[:, 0], block_sums(series, 5))
 
 
 def test_block_length_of_an_autoregression():
@@ -154,3 +149,10 @@ def test_the_slowest_column_counts_and_a_trend_is_bounded():
     assert block_length(np.arange(30.0)) <= 10
     for constant in ([1.0], [1.0, 1.0], np.ones(50)):
         assert block_length(constant) == 1
+
+
+def test_a_vectorized_statistic_that_forgets_the_axis_is_refused():
+    """Breaks if one number for all data sets is taken for an interval without width."""
+    rng = np.random.default_rng(0)
+    with pytest.raises(ValueError, match="statistic must give one value for each of"):
+        block_bootstrap(lambda x, axis: np.mean(x), [np.arange(10.0)], 1, rng, vectorized=True)

@@ -2,75 +2,56 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import chi2
 
 from d2d import credibility
-from tests.strategies import reals, seeds, spd
+from tests.strategies import drawn_errors
 
 
-def draw(seed: int, runs: int = 1000, dimension: int = 3):
-    """Errors drawn from covariances that differ from run to run."""
-    rng = np.random.default_rng(seed)
-    covariances = spd(rng, runs, dimension)
-    errors = np.einsum(
-        "nij,nj->ni", np.linalg.cholesky(covariances), rng.standard_normal((runs, dimension))
-    )
-    return errors, covariances
-
-
-def draw_alike(seed: int, runs: int = 1000, dimension: int = 3):
+def draw_alike(seed: int, runs: int = 1000) -> tuple[np.ndarray, np.ndarray]:
     """Errors drawn from one covariance, of very different size along its axes."""
     rng = np.random.default_rng(seed)
-    covariance = np.diag([1.0, 100.0, 1e-4])[:dimension, :dimension]
-    turn = np.linalg.qr(rng.standard_normal((dimension, dimension)))[0]
-    covariance = turn @ covariance @ turn.T
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    covariance = turn @ np.diag([1.0, 100.0, 1e-4]) @ turn.T
     covariance = 0.5 * (covariance + covariance.T)
-    return rng.multivariate_normal(np.zeros(dimension), covariance, runs), covariance
+    return rng.multivariate_normal(np.zeros(3), covariance, runs), covariance
 
 
 def test_true_covariances_are_credible():
     """Breaks if Sigma stands for its inverse, n is left out or log is not to base 10."""
-    for seed in range(5):
+    indices = []
+    for seed in range(20):
         errors, covariance = draw_alike(seed)
         result = credibility(errors, covariance)
         # the mean of 3000 squares scatters by sqrt(2 / 3000) = 2.6 %; five of those
         assert_allclose(result.anees, 1.0, atol=0.13)
-        assert abs(result.inclination) < 0.15
-        assert_allclose(result.nci, 0.15, atol=0.1)
+        assert abs(result.inclination) < 0.35  # dB, three of the same
         expected = np.einsum("ni,ij,nj->n", errors, np.linalg.inv(covariance), errors)
         assert_allclose(result.nees, expected, rtol=1e-9)
         assert_allclose(result.anees, expected.mean() / 3, rtol=1e-9)
+        indices.append(result.nci)
+    assert_allclose(np.mean(indices), 0.15, atol=0.05)
 
 
 def test_credible_estimators_are_found_consistent_as_often_as_the_region_says():
     """Breaks if the region has another content than 95 %, such as the thesis's 90 %."""
-    draws = [credibility(*draw(seed, runs=40)) for seed in range(400)]
+    draws = [credibility(*drawn_errors(seed, 40)) for seed in range(400)]
     inside = np.mean([result.consistent for result in draws])
     # a binomial proportion of 400: three standard deviations are 3.3 %; 90 % would be five off
     assert_allclose(inside, 0.95, atol=0.033)
 
 
-def test_noncredibility_index_of_a_thousand_credible_runs():
-    """Breaks if the index is not that of the ratio to the actual mean square error matrix."""
-    indices = [credibility(*draw_alike(seed)).nci for seed in range(20)]
-    assert_allclose(np.mean(indices), 0.15, atol=0.05)
-
-
 def test_a_covariance_too_large_shifts_the_inclination_by_its_decibels():
     """Breaks if I^2 is not linear in the covariance's decibels, or its sign is turned round."""
-    errors, covariances = draw(7)
+    errors, covariances = drawn_errors(7, 1000)
     honest = credibility(errors, covariances)
     assert honest.consistent
     for factor in (0.01, 0.5, 2.0, 4.0, 1000.0):
         result = credibility(errors, factor * covariances)
-        shift = -10.0 * np.log10(factor)
-        assert_allclose(result.inclination - honest.inclination, shift, rtol=1e-12)
+        shift = result.inclination - honest.inclination
+        assert_allclose(shift, -10.0 * np.log10(factor), rtol=1e-12)
         assert_allclose(result.anees, honest.anees / factor, rtol=1e-12)
         assert_allclose(result.ratio, honest.ratio / factor, rtol=1e-12)
         assert_array_equal(result.credible_nees, honest.credible_nees)
@@ -80,14 +61,14 @@ def test_a_covariance_too_large_shifts_the_inclination_by_its_decibels():
 
 def test_bounds_are_those_of_chi_square():
     """Breaks if the degrees of freedom or the tails are wrong."""
-    sizes = (4, 3), (50, 1), (1000, 3)
-    for confidence, (runs, dimension) in product((0.5, 0.9, 0.95, 0.999), sizes):
-        errors, covariances = draw(8, runs, dimension)
-        result = credibility(errors, covariances, confidence)
-        tail = 0.5 * (1.0 - confidence)
-        expected = chi2.ppf([tail, 1.0 - tail], runs * dimension) / (runs * dimension)
-        assert_allclose(result.bounds, expected, rtol=1e-9)
-        assert result.consistent == (expected[0] <= result.anees <= expected[1])
+    for runs, dimension in ((4, 3), (50, 1), (1000, 3)):
+        errors, covariances = drawn_errors(8, runs, dimension)
+        for confidence in (0.5, 0.9, 0.95, 0.999):
+            result = credibility(errors, covariances, confidence)
+            tail = 0.5 * (1.0 - confidence)
+            expected = chi2.ppf([tail, 1.0 - tail], runs * dimension) / (runs * dimension)
+            assert_allclose(result.bounds, expected, rtol=1e-9)
+            assert result.consistent == (expected[0] <= result.anees <= expected[1])
 
 
 def test_one_covariance_stands_for_all_runs():
@@ -101,7 +82,7 @@ def test_one_covariance_stands_for_all_runs():
 
 def test_credible_errors_are_measured_against_their_own_mean_square():
     """Breaks if the mean is subtracted: a bias is an error too."""
-    errors = draw(10)[0] + np.array([5.0, 0.0, -2.0])
+    errors = drawn_errors(10, 1000)[0] + np.array([5.0, 0.0, -2.0])
     result = credibility(errors, np.eye(3))
     actual = errors.T @ errors / len(errors)
     expected = np.einsum("ni,ij,nj->n", errors, np.linalg.inv(actual), errors)
@@ -112,7 +93,7 @@ def test_credible_errors_are_measured_against_their_own_mean_square():
 
 def test_all_follows_from_the_ratio():
     """Breaks if absolute value and mean are taken in the wrong order."""
-    errors, covariances = draw(11, runs=30)
+    errors, covariances = drawn_errors(11, 30)
     result = credibility(errors, covariances)
     decibel = 10.0 * np.log10(result.ratio)
     assert_allclose(result.nci, np.abs(decibel).mean(), rtol=1e-12)
@@ -122,27 +103,19 @@ def test_all_follows_from_the_ratio():
     assert isinstance(result.anees, float)
 
 
-@given(seeds, st.integers(1, 4), st.integers(6, 60), reals(-6.0, 6.0))
-def test_credibility_does_not_depend_on_the_coordinates(seed, n, runs, decade):
-    """Breaks if an error is compared with a deviation of another axis: any linear map will do."""
-    rng = np.random.default_rng(seed)
-    errors = rng.standard_normal((runs, n))
-    covariances = spd(rng, runs, n)
-    map_ = rng.standard_normal((n, n)) + 3.0 * np.eye(n)
-    map_ *= 10.0 ** (decade * np.linspace(0.0, 1.0, n))[:, None]
-    one = credibility(errors, covariances)
-    two = credibility(errors @ map_.T, map_ @ covariances @ map_.T)
-    assert_allclose(two.nees, one.nees, rtol=1e-6)
-    assert_allclose(two.credible_nees, one.credible_nees, rtol=1e-6)
-    assert_allclose([two.nci, two.inclination], [one.nci, one.inclination], rtol=1e-6, atol=1e-6)
-    order = rng.permutation(runs)
-    three = credibility(errors[order], covariances[order])
-    assert_allclose([three.anees, three.nci], [one.anees, one.nci], rtol=1e-12)
+def test_units_do_not_matter():
+    """Breaks if an angle in rad beside lengths in m is called singular."""
+    errors, covariances = drawn_errors(12, 1000)
+    units = np.array([1.0, 1e-5, 1e4])
+    result = credibility(errors * units, covariances * np.outer(units, units))
+    plain = credibility(errors, covariances)
+    assert_allclose(result.anees, plain.anees, rtol=1e-9)
+    assert_allclose(result.nci, plain.nci, rtol=1e-6)
 
 
 def test_an_error_of_exactly_zero_counts_as_credible():
     """Breaks if 0 / 0 makes the indices nan."""
-    errors = draw(13, runs=20)[0]
+    errors = drawn_errors(13, 20)[0]
     errors[4] = 0.0
     result = credibility(errors, np.eye(3))
     assert result.ratio[4] == 1.0

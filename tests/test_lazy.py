@@ -21,10 +21,10 @@ from d2d import (
     register,
 )
 from d2d._lazy import Frozen, lazy
-from d2d.gaussian import GaussianMixture
 from d2d.radar import EgoMotionModel, Mounting, RadarScan, World, build_world, estimate_ego_motion
 from d2d.radar.motion.model import DEFAULT_OUTLIER
 from d2d.radar.simulation.drive import simulate_drive
+from d2d.study.mixtures.gaussian import GaussianMixture
 
 EYES = np.tile(np.eye(2), (3, 1, 1))
 SCANS = simulate_drive(np.random.default_rng(0), 0.2).scans

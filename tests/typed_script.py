@@ -21,7 +21,6 @@ from d2d import (
     register,
     start_grid,
 )
-from d2d.gaussian import GaussianMixture, confidence_ellipse, fit_mixture
 from d2d.radar import (
     DopplerMotion,
     Drive,
@@ -42,6 +41,7 @@ from d2d.radar import (
     track,
     track_joint,
 )
+from d2d.study.mixtures.gaussian import GaussianMixture, confidence_ellipse, fit_mixture
 
 Array = NDArray[np.float64]
 

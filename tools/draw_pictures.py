@@ -14,7 +14,7 @@ from d2d import ANNEALED, CorruptedGaussian, PointSet, RegistrationCost, rigid
 from d2d.radar import simulate_drive, track
 from d2d.study import monte_carlo, scenarios
 from d2d.study.book import drawing, grammar, style
-from d2d.study.book.card import SIGNS
+from d2d.study.book.ledger import SIGNS
 from d2d.study.book.record import read_record
 from d2d.study.plane.evaluation import COSTS, at_truth
 from d2d.study.recordings.estimates import estimates_path, read_estimates

@@ -7,7 +7,7 @@ and the second derivatives that both SE(2) maps have.  `d2d.rigid` is their publ
 import math
 from typing import NamedTuple
 
-from d2d._kernel.compiling import compiled, inlined
+from d2d._kernel.compile import compiled, inlined
 
 # Below these angles (rad) the closed forms cancel, and the series are exact to rounding.
 SERIES, LOGARITHM_SERIES = 0.3, 0.05
@@ -91,29 +91,6 @@ def exponential_chart(x, y, w):
         -q1,
         p2 * x - q2 * y,
         p2 * y + q2 * x,
-    )
-
-
-@inlined
-def through_chart(terms, chart):
-    """Chain rule: a value's derivatives in the image become those in the coordinates."""
-    value, g0, g1, g2, h00, h01, h11, h02, h12, h22 = terms
-    a, b, c, d, a1, b1 = chart.a, chart.b, chart.c, chart.d, chart.a1, chart.b1
-    # H J, column by column
-    m00, m10 = h00 * a - h01 * b, h01 * a - h11 * b
-    m01, m11 = h00 * b + h01 * a, h01 * b + h11 * a
-    m02, m12, m22 = h00 * c + h01 * d + h02, h01 * c + h11 * d + h12, h02 * c + h12 * d + h22
-    return (
-        value,
-        a * g0 - b * g1,
-        b * g0 + a * g1,
-        c * g0 + d * g1 + g2,
-        a * m00 - b * m10,
-        a * m01 - b * m11,
-        b * m01 + a * m11,
-        a * m02 - b * m12 + a1 * g0 - b1 * g1,
-        b * m02 + a * m12 + b1 * g0 + a1 * g1,
-        c * m02 + d * m12 + m22 + chart.e * g0 + chart.f * g1,
     )
 
 

@@ -1,6 +1,6 @@
 """The velocity that most Doppler velocities of a scan agree with."""
 
-from d2d._kernel.compiling import compiled, entry
+from d2d._kernel.compile import compiled, entry
 
 _MIN_RATIO = 1e-3  # of the singular values of two directions, below which they count as one
 

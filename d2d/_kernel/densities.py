@@ -1,15 +1,17 @@
-"""Densities of a block of targets: outliers, measurements, their mixture, and their fusion.
+"""Densities of a block of targets beside that of the positions: outliers and measurements.
 
-Each has a table of ten rows: the logarithm of the density, and its gradient and second derivatives
-over the density itself.
+Each function leaves a jet in its table (see ``jets.py``).  An outlier model is a class that packs
+itself (`d2d.cost`) and a jet here; where it depends on the components one by one, ``propagate.py``
+needs its pairs as well.  A kind that is not known raises.
 """
 
 import math
 
 import numpy as np
 
-from d2d._kernel.compiling import inlined, vectorised
+from d2d._kernel.compile import inlined, merged, vectorised
 from d2d._kernel.elementary import exp, log
+from d2d._kernel.jets import through_chart
 from d2d._kernel.layout import (
     A00,
     A01,
@@ -17,37 +19,36 @@ from d2d._kernel.layout import (
     A11,
     A12,
     A22,
-    COUNTS,
+    CORRUPTED,
     FACTOR,
     G0,
     G1,
     G2,
     GAIN,
-    INLIER,
     INPUT_VARIANCE,
+    KIND,
     LANES,
     LOG_2PI,
     LOG_OUTLIER_WEIGHT,
     MX,
     MY,
-    OFFSET,
+    NO_OUTLIER,
     OUTLIER,
+    OUTLIER_OFFSET,
+    OUTLIER_TO_SHARE,
     PRECISION_XX,
     PRECISION_XY,
     PRECISION_YY,
-    SECOND,
-    SHARE,
-    SHARES,
     SLOPE,
-    TOP,
-    TOTAL,
+    UNIFORM,
     VALUE,
     VARIANCE,
     WEIGHT,
     X,
     Y,
+    lane_count,
 )
-from d2d._kernel.pairs import ABOVE, GATE, MAX_EXPONENT, lane_count
+from d2d._kernel.pairs import ABOVE, MAX_EXPONENT
 
 VANISHING = 1e-180  # outlier sums below it are computed again, relative to the nearest component
 
@@ -62,7 +63,7 @@ def half_square(w, k, mean, precision):
 
 @vectorised
 def add_moments(w, fixed, setting, precision):
-    """Sum the six moments, of 1, d and d d', of the weights w_i exp(OFFSET - d' B d / 2)."""
+    """Sum the six moments, of 1, d and d d', of the weights of the pairs."""
     lanes = lane_count(w)
     for k in range(6 * LANES):
         w[OUTLIER + k] = 0.0
@@ -70,7 +71,7 @@ def add_moments(w, fixed, setting, precision):
         mean, own = (fixed[X, i] - setting.x, fixed[Y, i] - setting.y), fixed[WEIGHT, i]
         for k in range(lanes):
             dx, dy, half = half_square(w, k, mean, precision)
-            v = own * exp(min(w[OFFSET + k] - half, MAX_EXPONENT))
+            v = own * exp(min(w[OUTLIER_OFFSET + k] - half, MAX_EXPONENT))
             w[OUTLIER + k] += v
             w[OUTLIER + G0 + k] += v * dx
             w[OUTLIER + G1 + k] += v * dy
@@ -80,7 +81,7 @@ def add_moments(w, fixed, setting, precision):
 
 
 @vectorised
-def sum_outliers(w, fixed, setting, outlier):
+def corrupted_jet(w, fixed, setting, outlier):
     """The corrupted Gaussian's component: sum_i w_i N(0 | d_i, S_o), one covariance for all pairs.
 
     Six moments of its weights are enough for all derivatives.
@@ -88,7 +89,7 @@ def sum_outliers(w, fixed, setting, outlier):
     lanes = lane_count(w)
     precision = outlier[PRECISION_XX], outlier[PRECISION_XY], outlier[PRECISION_YY]
     for k in range(LANES):
-        w[OFFSET + k] = 0.0
+        w[OUTLIER_OFFSET + k] = 0.0
     for again in range(2):
         add_moments(w, fixed, setting, precision)
         vanishing = False
@@ -97,12 +98,12 @@ def sum_outliers(w, fixed, setting, outlier):
         if again or not vanishing:
             break
         for k in range(LANES):
-            w[OFFSET + k] = np.inf
+            w[OUTLIER_OFFSET + k] = np.inf
         for i in range(fixed.shape[1]):
             mean = fixed[X, i] - setting.x, fixed[Y, i] - setting.y
             for k in range(lanes):
                 _, _, half = half_square(w, k, mean, precision)
-                w[OFFSET + k] = min(w[OFFSET + k], ABOVE * half)
+                w[OUTLIER_OFFSET + k] = min(w[OUTLIER_OFFSET + k], ABOVE * half)
     finish_outliers(w, precision, outlier[LOG_OUTLIER_WEIGHT])
 
 
@@ -116,7 +117,7 @@ def finish_outliers(w, precision, log_weight):
     bxx, bxy, byy = precision
     for k in range(lanes):
         x, y, s = w[MX + k], w[MY + k], w[OUTLIER + k]
-        r = 1.0 / s
+        r = w[OUTLIER_TO_SHARE + k] = 1.0 / s
         sx, sy = w[OUTLIER + G0 + k] * r, w[OUTLIER + G1 + k] * r
         sxx, sxy = w[OUTLIER + G2 + k] * r, w[OUTLIER + A00 + k] * r
         syy = w[OUTLIER + A01 + k] * r
@@ -125,7 +126,7 @@ def finish_outliers(w, precision, log_weight):
         uxy = bxx * (bxy * sxx + byy * sxy) + bxy * (bxy * sxy + byy * syy)
         uyy = bxy * (bxy * sxx + byy * sxy) + byy * (bxy * sxy + byy * syy)
         bdx, bdy = bxy * x - bxx * y, byy * x - bxy * y  # B d_phi
-        w[OUTLIER + k] = log_weight - w[OFFSET + k] + log(s)
+        w[OUTLIER + k] = log_weight - w[OUTLIER_OFFSET + k] + log(s)
         w[OUTLIER + G0 + k] = -ux
         w[OUTLIER + G1 + k] = -uy
         w[OUTLIER + G2 + k] = y * ux - x * uy
@@ -140,17 +141,29 @@ def finish_outliers(w, precision, log_weight):
 
 
 @inlined
-def set_uniform(w, log_density):
-    """The uniform outlier component: a constant, without derivatives."""
+def uniform_jet(w, log_density):
+    """A constant density, without derivatives."""
     for k in range(10 * LANES):
         w[OUTLIER + k] = 0.0
     for k in range(LANES):
         w[OUTLIER + k] = log_density
 
 
+@merged
+def outlier_jet(w, fixed, setting, outlier):
+    """The outlier component of any kind but none."""
+    kind = outlier[KIND]
+    if kind == CORRUPTED:
+        corrupted_jet(w, fixed, setting, outlier)
+    elif kind == UNIFORM:
+        uniform_jet(w, outlier[LOG_OUTLIER_WEIGHT])
+    elif kind != NO_OUTLIER:
+        raise ValueError("the kernel does not know this kind of outlier component")
+
+
 @inlined
-def measurement_terms(factor, xi):
-    """log N(z | h' xi, sigma^2 + q^2 (s' xi)^2) of one target, its gradient and Hessian."""
+def measurement_jet(factor, xi):
+    """The jet of N(z | h' xi, sigma^2 + q^2 (s' xi)^2), one target's measurement, in xi."""
     h0, h1, h2 = factor[GAIN], factor[GAIN + 1], factor[GAIN + 2]
     s0, s1, s2 = factor[SLOPE], factor[SLOPE + 1], factor[SLOPE + 2]
     residual = factor[VALUE] - h0 * xi[0] - h1 * xi[1] - h2 * xi[2]
@@ -159,87 +172,31 @@ def measurement_terms(factor, xi):
     e = residual / variance
     dv = 2.0 * factor[INPUT_VARIANCE] * slope  # d variance / d xi = dv s
     first = 0.5 * (e * e - 1.0 / variance)
+    # second derivatives of the logarithm along h h', h s' + s h' and s s'
+    hh = -1.0 / variance
     hs = -e / variance * dv
     ss = first * 2.0 * factor[INPUT_VARIANCE] - (e * e - 0.5 / variance) / variance * dv * dv
-    hh = -1.0 / variance
+    g0, g1, g2 = e * h0 + first * dv * s0, e * h1 + first * dv * s1, e * h2 + first * dv * s2
     return (
         -0.5 * (residual * e + math.log(variance) + LOG_2PI),
-        e * h0 + first * dv * s0,
-        e * h1 + first * dv * s1,
-        e * h2 + first * dv * s2,
-        hh * h0 * h0 + 2.0 * hs * h0 * s0 + ss * s0 * s0,
-        hh * h0 * h1 + hs * (h0 * s1 + h1 * s0) + ss * s0 * s1,
-        hh * h1 * h1 + 2.0 * hs * h1 * s1 + ss * s1 * s1,
-        hh * h0 * h2 + hs * (h0 * s2 + h2 * s0) + ss * s0 * s2,
-        hh * h1 * h2 + hs * (h1 * s2 + h2 * s1) + ss * s1 * s2,
-        hh * h2 * h2 + 2.0 * hs * h2 * s2 + ss * s2 * s2,
+        g0,
+        g1,
+        g2,
+        hh * h0 * h0 + 2.0 * hs * h0 * s0 + ss * s0 * s0 + g0 * g0,
+        hh * h0 * h1 + hs * (h0 * s1 + h1 * s0) + ss * s0 * s1 + g0 * g1,
+        hh * h1 * h1 + 2.0 * hs * h1 * s1 + ss * s1 * s1 + g1 * g1,
+        hh * h0 * h2 + hs * (h0 * s2 + h2 * s0) + ss * s0 * s2 + g0 * g2,
+        hh * h1 * h2 + hs * (h1 * s2 + h2 * s1) + ss * s1 * s2 + g1 * g2,
+        hh * h2 * h2 + 2.0 * hs * h2 * s2 + ss * s2 * s2 + g2 * g2,
     )
 
 
-@vectorised
-def multiply_measurements(w):
-    """Multiply the inlier densities by those of the measurements.
-
-    (p f)'' / (p f) = p'' / p + p' f' / (p f) + f' p' / (p f) + f'' / f.  The measurements' rows
-    hold the second derivatives of log f, which are f'' / f - (f' / f)^2.
-    """
-    lanes = lane_count(w)
-    for row, i, j in SECOND:
-        for k in range(lanes):
-            fi, fj = w[FACTOR + i + k], w[FACTOR + j + k]
-            gi, gj = w[INLIER + i + k], w[INLIER + j + k]
-            w[INLIER + row + k] += gi * fj + gj * fi + fi * fj + w[FACTOR + row + k]
-    for row in range(0, 4 * LANES, LANES):
-        for k in range(lanes):
-            w[INLIER + row + k] += w[FACTOR + row + k]
-
-
-@vectorised
-def mix(w, log_inlier_weight):
-    """Mix the inlier densities with those of the outlier component.
-
-    The derivatives of a mixture over itself are those of its parts, weighted by their shares.  A
-    share that vanishes beside the other is zero: otherwise its measurement would give a plateau the
-    curvature of an optimum.
-    """
-    lanes = lane_count(w)
-    for k in range(lanes):
-        inlier, other = log_inlier_weight + w[INLIER + k], w[OUTLIER + k]
-        gap = other - inlier
-        ratio = exp(-abs(gap))  # of the smaller over the larger
-        ratio = 0.0 if abs(gap) > GATE else ratio
-        larger = 1.0 / (1.0 + ratio)
-        w[SHARE + k] = ratio * larger if gap > 0.0 else larger
-        w[SHARES + k] += w[COUNTS + k] * w[SHARE + k]
-        w[INLIER + k] = max(inlier, other) + log(1.0 + ratio)
-    for row in range(G0, A22 + LANES, LANES):
-        for k in range(lanes):
-            share = w[SHARE + k]
-            w[INLIER + row + k] = share * w[INLIER + row + k] + (1.0 - share) * w[OUTLIER + row + k]
-
-
-@vectorised
-def fuse_likelihood(w):
-    """Fuse by the likelihood: add log q_k and its derivatives to the totals."""
-    lanes = lane_count(w)
-    for row, i, j in SECOND:
-        for k in range(lanes):
-            curved = w[INLIER + row + k] - w[INLIER + i + k] * w[INLIER + j + k]
-            w[TOTAL + row + k] += w[COUNTS + k] * curved
-    for row in range(0, 4 * LANES, LANES):
-        for k in range(lanes):
-            w[TOTAL + row + k] += w[COUNTS + k] * w[INLIER + row + k]
-
-
-@vectorised
-def fuse_summing(w):
-    """Fuse by the sum: add q_k exp(-TOP) and its derivatives, TOP rising with the largest."""
-    lanes = lane_count(w)
-    for k in range(lanes):
-        top = max(w[TOP + k], w[INLIER + k])
-        keep = exp(w[TOP + k] - top)
-        own = w[COUNTS + k] * exp(w[INLIER + k] - top)
-        w[TOP + k] = top
-        w[TOTAL + k] = keep * w[TOTAL + k] + own
-        for row in range(G0, A22 + LANES, LANES):
-            w[TOTAL + row + k] = keep * w[TOTAL + row + k] + own * w[INLIER + row + k]
+@inlined
+def measurement_jets(w, factors, order, chart, first):
+    """The jets of a block's measurements, in the motion."""
+    last = order.shape[0] - 1
+    xi = chart.x, chart.y, chart.phi
+    for k in range(lane_count(w)):
+        jet = through_chart(measurement_jet(factors[order[min(first + k, last)]], xi), chart)
+        for row in range(10):
+            w[FACTOR + row * LANES + k] = jet[row]

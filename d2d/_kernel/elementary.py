@@ -1,34 +1,24 @@
-"""Exponential and logarithm that loops over the lanes vectorise, and two bit operations."""
+"""Exponential and logarithm that loops over the lanes vectorise, and the lowest bit of a number."""
 
 import math
-from typing import Any
 
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
+import numpy as np
 
-from d2d._kernel.compiling import part
+from d2d._kernel.compile import part
 
 _ROUND = 1.5 * 2.0**52  # adding it leaves the nearest integer in a double's lowest bits
 _BIAS = 1023.0
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 _C = tuple(1.0 / math.factorial(n) for n in range(14))
-
-
-@intrinsic
-def exponent_bits(typingctx: Any, number: Any) -> Any:
-    """2^n from ``n + 1023 + 1.5 * 2^52``: the low bits of the sum become the exponent field."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        bits = builder.bitcast(args[0], ir.IntType(64))
-        return builder.bitcast(builder.shl(bits, ir.Constant(ir.IntType(64), 52)), ir.DoubleType())
-
-    return types.float64(types.float64), codegen
-
+_FRACTION, _ONE, _FIELD = (np.int64(bits) for bits in (2**52 - 1, 1023 << 52, 1075 << 52))
+_SHIFT = np.int64(52)  # of the exponent field
 
 # Numba hands a caller's fastmath flags down unless the function sets its own, and reassociation
 # would cancel the rounding constant.
-@part(forceinline=True, fastmath={"contract"})
+_exactly = part(forceinline=True, fastmath={"contract"})
+
+
+@_exactly
 def exp(x: float) -> float:
     """exp(x) for x <= 700 by range reduction and its Taylor polynomial of degree 13.
 
@@ -53,36 +43,20 @@ def exp(x: float) -> float:
     p = p * r + _C[2]
     p = p * r + 1.0
     p = p * r + 1.0
-    return p * exponent_bits(shifted)
+    # 2^n: the lowest bits of ``shifted``, n + 1023, become the exponent field
+    return p * np.int64(np.float64(shifted).view(np.int64) << _SHIFT).view(np.float64)
 
 
-@intrinsic
-def split(typingctx: Any, number: Any) -> Any:
-    """Mantissa in [1, 2) and exponent of a positive normal number, both as doubles."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        word, real = ir.IntType(64), ir.DoubleType()
-        bits = builder.bitcast(args[0], word)
-        fraction = builder.and_(bits, ir.Constant(word, 0x000FFFFFFFFFFFFF))
-        mantissa = builder.or_(fraction, ir.Constant(word, 0x3FF0000000000000))
-        # the exponent field becomes the low bits of 2^52 + exponent
-        field = builder.lshr(bits, ir.Constant(word, 52))
-        shifted = builder.bitcast(builder.or_(field, ir.Constant(word, 0x4330000000000000)), real)
-        exponent = builder.fsub(shifted, ir.Constant(real, 2.0**52 + 1023.0))
-        return context.make_tuple(
-            builder, signature.return_type, (builder.bitcast(mantissa, real), exponent)
-        )
-
-    return types.UniTuple(types.float64, 2)(types.float64), codegen
-
-
-@part(forceinline=True, fastmath={"contract"})
+@_exactly
 def log(x: float) -> float:
     """log(x) of a positive normal number, by the artanh series; vectorises like `exp`.
 
     The absolute error is below 3e-16 near 1, the relative error below 3e-16 elsewhere.
     """
-    m, n = split(x)
+    bits = np.float64(x).view(np.int64)
+    m = np.int64((bits & _FRACTION) | _ONE).view(np.float64)  # the mantissa in [1, 2)
+    # the exponent field becomes the lowest bits of 2^52
+    n = np.int64((bits >> _SHIFT) | _FIELD).view(np.float64) - (2.0**52 + _BIAS)
     high = m > 1.4142135623730951
     m = 0.5 * m if high else m
     n = n + 1.0 if high else n
@@ -101,21 +75,8 @@ def log(x: float) -> float:
     return n * _LN2_HIGH + (2.0 * r + (2.0 * r * q * p + n * _LN2_LOW))
 
 
-@intrinsic
-def count_bits(typingctx: Any, number: Any) -> Any:
-    """How many bits are set."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.ctpop(args[0])
-
-    return types.int64(types.int64), codegen
-
-
-@intrinsic
-def lowest_bit(typingctx: Any, number: Any) -> Any:
-    """Index of the lowest bit that is set; 64 if none is."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 0))
-
-    return types.int64(types.int64), codegen
+@_exactly
+def lowest_bit(bits):
+    """Index of the lowest bit that is set, of a number of at most 53 bits that is not zero."""
+    lowest = np.float64(bits & -bits)  # a power of two
+    return (lowest.view(np.int64) >> _SHIFT) - 1023

@@ -1,12 +1,18 @@
-"""Newton's method in a trust region, for three parameters."""
+"""The minimum of a cost of three parameters, by Newton's method in a trust region."""
 
 import math
 
-from d2d._kernel.compiling import compiled
+import numpy as np
+
+from d2d._kernel.compile import compiled, inlined, merged
+from d2d._kernel.cost import evaluate, pair_at
+from d2d._kernel.layout import MOTION, MOVING_SIZE, XX, YY, X, Y
 
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
 # do not determine leaves pivots of rounding errors and of the residual gradient there.
 SINGULAR = 1e-8
+ROUNDING = 2e-15  # error of a cost, relative to its size plus the number of targets
+RESOLVED = 1e-8  # Newton decrement: 1e-4 standard deviations from the optimum
 
 
 @compiled
@@ -158,3 +164,103 @@ def trust_region_step(h, g, scale, radius, planar, vectors, step):
     vectors[0, 0], vectors[0, 1], vectors[0, 2] = 1.0, 0.7 * planar, 0.4 * planar
     step_to_boundary(h, g, high, scale, radius, vectors, step)
     return decrease(h, g, step)
+
+
+@compiled
+def first_radius(pair, scale):
+    """Three times the typical standard deviation of a pair: less than most basins of attraction.
+
+    Fills the scale of the parameters: a rotation counts by the displacement that it causes.
+    """
+    fixed, moving, planar = pair.fixed, pair.moving, pair.planar
+    variance = lever = 0.0
+    for i in range(fixed.shape[1]):
+        variance += (fixed[XX, i] + planar * fixed[YY, i]) / fixed.shape[1]
+    for k in range(moving.shape[1]):
+        variance += pair.d2d * (moving[XX, k] + planar * moving[YY, k]) / moving.shape[1]
+        lever += (moving[X, k] ** 2 + moving[Y, k] ** 2) / moving.shape[1]
+    scale[0] = scale[1] = 1.0
+    scale[2] = lever if planar and lever > 0.0 else 1.0
+    return 3.0 * math.sqrt(variance)
+
+
+@inlined
+def accept_trial(work, theta, g, h):
+    """Make the trial the new parameters, with its gradient and Hessian."""
+    for j in range(3):
+        theta[j] = work.trial[j]
+        g[j] = work.trial_gradient[j]
+        for i in range(3):
+            h[i, j] = work.trial_hessian[i, j]
+
+
+@inlined
+def newton_decrement(work, g, h):
+    """The Newton step, to ``work.step``, and g' H^-1 g; infinite unless H is positive definite."""
+    step = work.step
+    definite, _ = shifted_solve(h, g, 0.0, work.scale, step)
+    return -(g[0] * step[0] + g[1] * step[1] + g[2] * step[2]) if definite else np.inf
+
+
+@merged
+def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
+    """Newton's method in a trust region, in place; (value, converged, iterations, mean share).
+
+    A step is accepted only if it lowers the cost, so the result is never worse than the start.
+    Converged means that the Hessian is positive definite and the Newton decrement g' H^-1 g, the
+    squared distance to the optimum in estimated standard deviations, is below the tolerance.
+
+    A large cost is rounded by more than a step gains, so that it cannot tell whether the step was
+    good.  Then a step is accepted if it lowers the decrement, and one below RESOLVED is enough.
+    """
+    pair = pair_at(batch, batch.first[problem])
+    step, scale, trial = work.step, work.scale, work.trial
+    radius = first_radius(pair, scale)
+    if batch.kind != MOTION:
+        radius /= batch.intervals[batch.first[problem]]
+    targets = 0
+    for number in range(batch.first[problem], batch.first[problem + 1]):
+        targets += batch.pairs[number, MOVING_SIZE]
+    for j in range(3):
+        trial[j] = theta[j]
+    # the start is the first trial: a second call of `evaluate` would be compiled a second time
+    value, shares, decrement, decrease, norm = np.inf, 0.0, np.inf, np.inf, np.inf
+    for tried in range(max_iterations + 1):
+        trial_value, trial_shares = evaluate(
+            batch, problem, pair, trial, work, work.trial_gradient, work.trial_hessian
+        )
+        gain = value - trial_value
+        better = gain > 0.0 or tried == 0
+        if not better and decrease <= ROUNDING * (abs(value) + targets):
+            after = newton_decrement(work, work.trial_gradient, work.trial_hessian)
+            nearer = after < 0.25 * decrement < np.inf
+            if decrement <= RESOLVED or not nearer:
+                return value, decrement <= RESOLVED, tried, shares / targets
+            better = True
+        elif tried > 0:
+            ratio = gain / decrease if decrease > 0.0 else -1.0
+            if not ratio >= 0.25:
+                radius = 0.25 * min(norm, radius)
+            elif ratio > 0.75 and norm > 0.8 * radius:
+                radius *= 2.0
+        if better:
+            value, shares = trial_value, trial_shares
+            accept_trial(work, theta, g, h)
+        elif norm == 0.0:
+            return value, False, tried, shares / targets
+        if not math.isfinite(value):
+            return value, False, tried, shares / targets
+        decrement = newton_decrement(work, g, h)
+        if decrement <= tolerance:
+            return value, True, tried, shares / targets
+        if tried == max_iterations:
+            break
+        norm = math.sqrt(inner_product(step, step, scale))
+        if norm <= radius and decrement < np.inf:
+            decrease = 0.5 * decrement
+        else:
+            decrease = trust_region_step(h, g, scale, radius, batch.planar, work.vectors, step)
+            norm = math.sqrt(inner_product(step, step, scale))
+        for j in range(3):
+            trial[j] = theta[j] + step[j]
+    return value, False, max_iterations, shares / targets

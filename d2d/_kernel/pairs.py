@@ -17,8 +17,8 @@ change its density by less than ``exp(-GATE)`` = 2e-16 of it.
 
 import math
 
-from d2d._kernel.compiling import compiled, inlined, vectorised
-from d2d._kernel.elementary import count_bits, exp, log, lowest_bit
+from d2d._kernel.compile import compiled, inlined, vectorised
+from d2d._kernel.elementary import exp, log, lowest_bit
 from d2d._kernel.layout import (
     A00,
     A01,
@@ -43,10 +43,10 @@ from d2d._kernel.layout import (
     MX,
     MY,
     OFFSET,
-    SCRATCH,
     SQUARE,
     STEP,
     STEPS,
+    TO_SHARE,
     WEIGHT,
     WITHIN,
     XX,
@@ -54,25 +54,16 @@ from d2d._kernel.layout import (
     YY,
     X,
     Y,
+    lane_count,
 )
 
-GATE = 36.0
 NEAR = 12.5  # half a squared distance of five standard deviations
 # A sum that is computed relative to its nearest component must not lose that component to rounding,
 # however far away it is.  So all passes compute the distance by one formula, the offset is a little
 # larger than it, and exponents above MAX_EXPONENT are cut off.
 ABOVE, MAX_EXPONENT = 1.0 + 1e-14, 200.0
-FAR = 1000.0  # times its own size away, a set is computed about its mean, see `d2d.frame`
+FAR = 1000.0  # times its own size away, a set is registered about its mean
 TINY = 1e-300  # where each sum begins, so that the logarithm of an empty one is finite
-
-
-@inlined
-def lane_count(w):
-    """LANES as a value that is known only at run time.
-
-    The compiler unrolls loops whose length it knows, and vectorises the others.
-    """
-    return w.shape[0] // (SCRATCH // LANES)
 
 
 @vectorised
@@ -158,7 +149,11 @@ def find_within(w, fixed, setting, first, last):
         bit *= 2.0
     largest = 0
     for k in range(LANES):
-        largest = max(largest, count_bits(int(w[WITHIN + k])))
+        bits, number = int(w[WITHIN + k]), 0
+        while bits != 0:
+            bits &= bits - 1  # without the lowest one
+            number += 1
+        largest = max(largest, number)
     return largest
 
 
@@ -172,8 +167,8 @@ def gather_within(w, fixed, setting, first, steps):
     for k in range(LANES):
         bits = int(w[WITHIN + k])
         for at in range(STEPS + k, STEPS + k + steps * STEP, STEP):
-            i = min(first + lowest_bit(bits), last)
             more = bits != 0
+            i = first + lowest_bit(bits) if more else last
             w[at + X * LANES] = fixed[X, i] - setting.x if more else w[MX + k]
             w[at + Y * LANES] = fixed[Y, i] - setting.y if more else w[MY + k]
             w[at + XX * LANES] = fixed[XX, i]
@@ -282,7 +277,7 @@ def finish_inliers(w):
     lanes = lane_count(w)
     for k in range(lanes):
         x, y, a, h = w[MX + k], w[MY + k], w[CXY + k], 0.5 * (w[CXX + k] - w[CYY + k])
-        r = 1.0 / w[INLIER + k]
+        r = w[TO_SHARE + k] = 1.0 / w[INLIER + k]
         g0, g1 = r * w[INLIER + G0 + k], r * w[INLIER + G1 + k]
         a00, a01, a11 = r * w[INLIER + A00 + k], r * w[INLIER + A01 + k], r * w[INLIER + A11 + k]
         k0, k1 = r * w[INLIER + A02 + k], r * w[INLIER + A12 + k]
@@ -335,8 +330,8 @@ def find_extremes(points, extremes):
 
 
 @compiled
-def find_origin(points, planar, origin):
-    """The mean of a set that is more than FAR times its own size away, else zero; whether it is.
+def is_far(points, planar):
+    """Whether a set's mean is more than FAR times its own size away from the origin.
 
     The size is the root mean square distance of its targets from their mean, errors included.
     """
@@ -347,6 +342,4 @@ def find_origin(points, planar, origin):
     for i in range(count):
         dx, dy = points[X, i] - x, points[Y, i] - y
         square += (dx * dx + dy * dy + points[XX, i] + planar * points[YY, i]) / count
-    far = x * x + y * y > FAR * FAR * square
-    origin[0], origin[1] = x if far else 0.0, y if far else 0.0
-    return far
+    return x * x + y * y > FAR * FAR * square

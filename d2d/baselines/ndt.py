@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from d2d._checks import check_count, check_finite, check_positive_scalar, check_within
 from d2d._types import Array
+from d2d.baselines.eigenvalues import raise_eigenvalues
 from d2d.baselines.icp import check_points
 from d2d.cost import RegistrationCost
-from d2d.eigenvalues import raise_eigenvalues
 from d2d.point_set import PointSet
 from d2d.registration import Estimate, register
 

@@ -1,6 +1,6 @@
 """Ego-motion of a vehicle from automotive Doppler radar."""
 
-from d2d.radar.motion.covariance import propagate_ego_motion, propagate_joint_ego_motion
+from d2d.radar.motion.covariance import propagate_ego_motion
 from d2d.radar.motion.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
 from d2d.radar.motion.estimate import estimate_ego_motion, inlier_probabilities
 from d2d.radar.motion.model import EgoMotionModel
@@ -61,7 +61,6 @@ __all__ = [
     "load_nuscenes",
     "load_radarscenes",
     "propagate_ego_motion",
-    "propagate_joint_ego_motion",
     "quantisation_sigma",
     "sensor_velocity",
     "simulate_drive",

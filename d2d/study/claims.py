@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 
-from d2d.study.book import chapter_box as box
-from d2d.study.book.card import Cards, cards
 from d2d.study.book.claim import Claim, Evidence, claims_of, judge
+from d2d.study.book.ledger import Cards, ChapterBox, cards, verdicts_of
 from d2d.study.book.record import read_record
 from d2d.study.drives import claims as drives
 from d2d.study.estimation import claims as estimation
@@ -15,22 +14,9 @@ from d2d.study.mixtures import claims as mixtures
 from d2d.study.plane.claims import clusters, combined, indices, outliers, overlapped
 from d2d.study.point_sets import claims as point_sets
 
-CLAIMS: dict[str, Claim] = claims_of(
-    (
-        mixtures,
-        point_sets,
-        surfaces,
-        line_outliers,
-        line_clusters,
-        estimation,
-        overlapped,
-        outliers,
-        clusters,
-        combined,
-        indices,
-        drives,
-    )
-)
+CHAPTERS_2_TO_5 = (mixtures, point_sets, surfaces, line_outliers, line_clusters, estimation)
+CHAPTERS_6_AND_7 = (overlapped, outliers, clusters, combined, indices, drives)
+CLAIMS: dict[str, Claim] = claims_of(CHAPTERS_2_TO_5 + CHAPTERS_6_AND_7)
 
 
 def show(*claims: Claim) -> Cards:
@@ -45,17 +31,22 @@ def chapter_box(
     found: str | Sequence[str],
     minutes: int,
     needs: str,
-) -> box.ChapterBox:
-    """The box atop a chapter, with its verdicts on record: see `d2d.study.book.chapter_box`."""
-    return box.chapter_box(
-        chapter,
-        CLAIMS.values(),
-        read_record(),
-        asked=asked,
-        found=found,
-        minutes=minutes,
-        needs=needs,
-    )
+) -> ChapterBox:
+    """The box atop a chapter, with the verdicts of its claims as they are on record.
+
+    Parameters
+    ----------
+    chapter : str
+        The number in the page's file name, "03" or "04a".
+    asked, found : str or sequence of str
+        One sentence, or several; MyST Markdown.
+    minutes : int
+        To read the chapter, without the exercises.
+    needs : str
+        What a reader should know; MyST Markdown.
+    """
+    verdicts = verdicts_of(chapter, CLAIMS.values(), read_record())
+    return ChapterBox(asked, found, verdicts, minutes, needs)
 
 
 __all__ = ["CLAIMS", "Claim", "Evidence", "chapter_box", "claims_of", "judge", "show"]

@@ -20,7 +20,7 @@ import yaml
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 
-from d2d.study.book.card import SIGNS, anchor
+from d2d.study.book.ledger import SIGNS, anchor
 from d2d.study.book.record import read_record
 from d2d.study.book.thesis_figures import FIGURES
 from d2d.study.claims import CLAIMS

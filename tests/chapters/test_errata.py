@@ -24,11 +24,11 @@ from d2d import (
     rigid,
 )
 from d2d.baselines import fit_rigid
-from d2d.gaussian import density
 from d2d.radar import Mounting, RadarScan, doppler_velocity, inlier_probabilities
 from d2d.radar.scans.scan import doppler_gradients
 from d2d.study import scenarios
 from d2d.study.line.scene import FIXED_POSITIONS, TRUTH
+from d2d.study.mixtures.gaussian import density
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "chapters" / "11_errata.md"

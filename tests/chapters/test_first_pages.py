@@ -9,7 +9,7 @@ import pytest
 from matplotlib import pyplot as plt
 
 from d2d.radar.cli import main
-from d2d.study.book.card import SIGNS
+from d2d.study.book.ledger import SIGNS
 from d2d.study.book.record import read_record
 from d2d.study.recordings.road import read_road
 

@@ -22,8 +22,9 @@ from d2d.radar import (
     track,
     track_joint,
 )
+from d2d.radar.motion.covariance import apply_budget
 from d2d.radar.motion.pairs import scan_pair
-from d2d.radar.motion.shared_errors import accelerations, apply_budget
+from d2d.radar.tracks.carry import accelerations
 from d2d.radar.tracks.joint import joint_pairs
 from d2d.radar.tracks.limits import State
 

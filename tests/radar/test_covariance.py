@@ -28,7 +28,7 @@ from d2d.radar import (
     estimate_ego_motion,
     propagate_ego_motion,
 )
-from d2d.radar.motion.influence import cross_range
+from d2d.radar.motion.covariance import cross_range
 from d2d.radar.motion.model import DEFAULT_OUTLIER
 from d2d.radar.scans.scan import doppler_gradients
 

@@ -21,7 +21,7 @@ from d2d.radar import (
     propagate_ego_motion,
     propagate_joint_ego_motion,
 )
-from d2d.radar.motion.influence import distinct_views, influences, noise_covariance
+from d2d.radar.motion.covariance import distinct_views, influences, noise_covariance
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import scan_pair
 

@@ -1,27 +1,48 @@
-"""The covariance of an ego-motion estimate, propagated from the sensor's errors."""
+"""The covariance of an ego-motion estimate, propagated from the sensor's errors.
+
+By the implicit function theorem (Censi 2007) an optimum moves by -H^-1 f_theta,z per unit of a
+measured value z.  A scan that is in several pairs, with several baselines or as the current scan of
+one pair and the previous scan of another, moves it by the sum over these pairs.  So the effects of
+one target are added up first and squared afterwards.
+
+Errors that targets share are sums of these influences: an azimuth bias b of a sensor moves the
+estimate by b times the sum of ``azimuth`` over the targets of its scans, a Doppler scale error s by
+s times the sum of ``doppler`` times the Doppler velocities.
+"""
 
 from collections.abc import Iterable, Sequence
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
 from d2d import rigid
-from d2d._checks import check_flag, check_instance
+from d2d._checks import check_instance
+from d2d._kernel.compile import read_only
+from d2d._kernel.errors import (
+    add_dependence,
+    add_measurements,
+    add_positions,
+    add_shared,
+    add_turned,
+)
 from d2d._types import Array
-from d2d.covariance import check_estimate
+from d2d.covariance import check_estimate, propagated, symmetric
+from d2d.point_set import PointSet
 from d2d.problem import Problem
-from d2d.radar.motion.influence import View, distinct_views, influences, noise_covariance
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
-from d2d.radar.motion.pairs import ScanPair, check_pairs, scan_pair
-from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.motion.pairs import ScanPair, scan_pair, scan_pairs
+from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
+from d2d.radar.scans.scan import Mounting, RadarScan, cross_range
 from d2d.registration import Estimate
+
+_IDENTITY = np.eye(3)
 
 
 def propagate_ego_motion(
     estimate: Estimate,
-    previous: RadarScan,
-    current: RadarScan,
-    mounting: Mounting,
+    previous: RadarScan | Iterable[RadarScan],
+    current: RadarScan | Iterable[RadarScan],
+    mounting: Mounting | Iterable[Mounting],
     *,
     shared_azimuth: bool = True,
     **options: Unpack[ModelOptions],
@@ -34,9 +55,11 @@ def propagate_ego_motion(
     Parameters
     ----------
     estimate : Estimate
-        A single result of `estimate_ego_motion` with the same scans, mounting and options.
+        A single result of `estimate_ego_motion` with the same scans, mountings and options.
     previous, current, mounting
-        As for `estimate_ego_motion`.
+        As for `estimate_ego_motion`.  A scan can be in several pairs: scans with the same content
+        and mounting are the same scan, whose errors are the same in all of them.  The inverse
+        Hessian treats the pairs as independent.
     shared_azimuth : bool
         Whether a single azimuth error of each current target causes both effects, as in a real
         sensor, instead of two independent errors, as in the cost.  Without ``doppler`` it has no
@@ -65,68 +88,173 @@ def propagate_ego_motion(
     covariance more than its size: it hardly affects the average NEES, but it does affect the
     noncredibility index.
     """
-    model = EgoMotionModel(**options)
-    problem = model.problem([scan_pair(previous, current, mounting, model)])
-    views = [(previous, mounting), (current, mounting)]
-    return _propagated(estimate, problem, views, [(0, 1)], shared_azimuth)
-
-
-def propagate_joint_ego_motion(
-    estimate: Estimate,
-    pairs: Iterable[ScanPair],
-    *,
-    shared_azimuth: bool = True,
-    **options: Unpack[ModelOptions],
-) -> Array:
-    """Covariance of a joint ego-motion estimate by propagating range, azimuth and Doppler errors.
-
-    A scan can be in several pairs: of several baselines, or as the current scan of one and the
-    previous scan of another.  Its errors are the same in all of them, so their effects are added up
-    before they are squared.  The inverse Hessian treats the pairs as independent.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        A result of `estimate_joint_ego_motion` with the same pairs and options.
-    pairs : iterable of (previous, current, mounting)
-        As for `estimate_joint_ego_motion`.  Scans with the same content and mounting are the same
-        scan.
-    shared_azimuth, **options
-        As for `propagate_ego_motion`.
-
-    Returns
-    -------
-    (3, 3) array
-        Covariance of [v_x, v_y, omega] in m/s, m/s, rad/s; nan if the estimate did not converge.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid, as in `estimate_joint_ego_motion` and `propagate_ego_motion`; the
-        message names it.
-    """
-    pairs = check_pairs(pairs)
-    model = EgoMotionModel(**options)
-    problem = model.problem([scan_pair(*pair, model) for pair in pairs])
-    return _propagated(estimate, problem, *distinct_views(pairs), shared_azimuth)
-
-
-def _propagated(
-    estimate: Estimate,
-    problem: Problem,
-    views: Sequence[View],
-    sides: Sequence[tuple[int, int]],
-    shared_azimuth: bool,
-) -> Array:
-    check_flag("shared_azimuth", shared_azimuth)
     check_instance("estimate", estimate, Estimate)
     if np.shape(estimate.theta) != (3,):
         raise ValueError(
             "estimate must be of one velocity with the shape (3,), but its theta has "
             f"{np.shape(estimate.theta)}"
         )
-    bound = problem.bind(rigid.motion("estimate", estimate.theta, 2))
-    check_estimate(estimate, problem, bound)
-    found = influences(problem, estimate, views, sides)
-    prior = estimate.covariance @ np.diag(problem.prior) @ estimate.covariance
+    pairs = scan_pairs(previous, current, mounting)
+    model = EgoMotionModel(**options)
+    problem = model.problem([scan_pair(*pair, model) for pair in pairs])
+    check_estimate(estimate, problem, problem.bind(rigid.motion("estimate", estimate.theta, 2)))
+    found = influences(problem, estimate, pairs)
+    prior = propagated(estimate.covariance, np.diag(problem.prior))
     return noise_covariance(found, shared_azimuth=shared_azimuth) + prior
+
+
+class Influence(NamedTuple):
+    """Derivatives of a velocity [v_x, v_y, omega] in the measured values of one scan's K targets.
+
+    Rows of v_x and v_y are in m/s, those of omega in rad/s, per unit of the measured value.  Those
+    in Doppler velocities are empty (0, 3) for a scan that is only the previous one of a pair, and
+    without ``doppler``.
+    """
+
+    scan: RadarScan
+    mounting: Mounting
+    points: PointSet  # the positions, with their covariances as the cost has them
+    position: Array  # (K, 3, 2) per m, in the vehicle frame
+    doppler: Array  # (K, 3) per m/s
+    prediction: Array  # (K, 3) per rad of azimuth, by the predicted Doppler velocity alone
+
+    @property
+    def azimuth(self) -> Array:
+        """(K, 3) per rad of azimuth, by position and prediction together."""
+        slope = cross_range(self.scan, self.mounting)
+        turned: Array = np.einsum("kij,kj->ki", self.position, slope)
+        return turned + self.prediction if len(self.prediction) else turned
+
+
+def influences(problem: Problem, estimate: Estimate, pairs: Sequence[ScanPair]) -> list[Influence]:
+    """The influence of each scan on a velocity (3,), the optimum of a problem of pairs of scans.
+
+    Scans are the same if all that they hold is the same, and the mounting; each is listed once, in
+    the order of the pairs.  All is nan if the estimate did not converge.
+    """
+    gain = -estimate.covariance
+    found: dict[tuple[object, ...], Influence] = {}
+    for both in _slopes(problem, estimate, pairs):
+        for each in both:
+            arrays = (value for value in vars(each.scan).values() if isinstance(value, np.ndarray))
+            key = (each.mounting, each.scan.time, *(array.tobytes() for array in arrays))
+            moved = each._replace(
+                position=gain @ each.position,
+                doppler=each.doppler @ gain,
+                prediction=each.prediction @ gain,
+            )
+            found[key] = _added(found[key], moved) if key in found else moved
+    return list(found.values())
+
+
+def _added(first: Influence, second: Influence) -> Influence:
+    """Two influences of one scan, of which the first or both may lack the Doppler velocities."""
+    measured = second._replace(position=first.position + second.position)
+    if not len(first.doppler):
+        return measured
+    if not len(second.doppler):
+        return first._replace(position=measured.position)
+    return measured._replace(
+        doppler=first.doppler + second.doppler, prediction=first.prediction + second.prediction
+    )
+
+
+def _slopes(
+    problem: Problem, estimate: Estimate, pairs: Sequence[ScanPair]
+) -> list[tuple[Influence, Influence]]:
+    """The same derivatives of the gradient, of the previous and the current scan of each pair."""
+    cross = problem.cross_derivatives(problem.bind(estimate.theta), 0, 1)
+    none = np.empty((0, 3))
+    slopes, fixed, moving = [], 0, 0
+    for pair, (previous, current, mounting) in zip(problem.pairs, pairs, strict=True):
+        of_fixed = slice(fixed, fixed := fixed + pair.fixed.size)
+        of_moving = slice(moving, moving := moving + pair.moving.size)
+        measured = pair.measurement is not None
+        slopes.append(
+            (
+                Influence(previous, mounting, pair.fixed, cross.fixed[0, of_fixed], none, none),
+                Influence(
+                    current,
+                    mounting,
+                    pair.moving,
+                    cross.moving[0, of_moving],
+                    cross.measured[0, of_moving] if measured else none,
+                    cross.input[0, of_moving] if measured else none,
+                ),
+            )
+        )
+    return slopes
+
+
+def noise_covariance(found: Iterable[Influence], *, shared_azimuth: bool = True) -> Array:
+    """Covariance (3, 3) of a velocity due to the targets' own errors, which are independent.
+
+    With ``shared_azimuth``, a single azimuth error of each target turns its position and changes
+    its predicted Doppler velocity; else two independent ones do.  The rest of the positions'
+    covariances, range and extent, belongs to the positions alone.
+    """
+    noise = np.zeros((1, 3, 3))
+    for each in found:
+        covariances = read_only(each.points.covariances, 1, -1, 2, 2)
+        add_positions(each.position[None], covariances, noise)
+        if len(each.doppler):
+            slope = cross_range(each.scan, each.mounting)
+            sigmas = each.scan.sigma_doppler, each.scan.sigma_azimuth
+            add_measurements(
+                each.doppler[None],
+                each.prediction[None],
+                tuple(read_only(sigma, 1, -1) for sigma in sigmas),
+                each.position[None],
+                read_only(slope if shared_azimuth else np.zeros_like(slope), 1, -1, 2),
+                noise,
+            )
+    return symmetric(noise[0])
+
+
+def apply_budget(
+    problem: Problem,
+    estimate: Estimate,
+    pairs: Sequence[ScanPair],
+    budget: ErrorBudget,
+    time: float,
+) -> tuple[CovarianceParts, Array]:
+    """The parts (3, 3) of a velocity's covariance, without the lag's, and its delay (3, 3) in s.
+
+    ``pairs`` are those of the problem; no scan is in two of them, and no two pairs are of one
+    sensor.  The delay times the acceleration is how far the estimate is from the velocity at
+    ``time``: positions give the mean velocity over their interval, and each sensor's Doppler
+    velocities belong to its own scan.
+    """
+    slopes, gain = _slopes(problem, estimate, pairs), -estimate.covariance
+    noise = noise_covariance(each for both in slopes for each in both)
+    dependence, systematic = np.zeros((2, 3, 3))
+    scaled, doppler_share, doppler_delay = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
+    sigmas = np.array([[budget.azimuth], [budget.doppler]])
+    for pair, (before, now) in zip(problem.pairs, slopes, strict=True):
+        shared = np.zeros((3, 3))
+        for each in (before, now):
+            add_turned(each.position, cross_range(each.scan, each.mounting), shared[0])
+            if budget.neighbours:
+                _add_neighbours(each, budget.neighbours, dependence)
+        if pair.measurement is not None:
+            add_shared(now.doppler, now.prediction, now.scan.doppler, shared)
+            share = pair.interval * (now.doppler.T @ pair.measurement.gain)
+            doppler_share += share
+            doppler_delay += (now.scan.time - time) * share
+        scaled += shared[2]
+        biases = sigmas * shared[:2]
+        systematic += biases.T @ biases
+    systematic += budget.scale**2 * scaled[:, None] * scaled
+    systematic.flat[::4] += problem.prior  # the diagonal
+    middle = sum(before.scan.time + now.scan.time for before, now in slopes) / len(slopes) / 2.0
+    delay = gain @ doppler_delay + (middle - time) * (_IDENTITY - gain @ doppler_share)
+    gradients = np.stack([noise, symmetric(dependence), systematic])
+    return CovarianceParts(*propagated(estimate.covariance, gradients)), delay
+
+
+def _add_neighbours(slopes: Influence, length: float, dependence: Array) -> None:
+    """Add what correlated errors of neighbours do to the gradient, in the upper triangle."""
+    means = slopes.points.means
+    order, memory = np.argsort(means[:, 0], kind="stable"), np.empty((9, len(means)))
+    covariances = read_only(slopes.points.covariances, -1, 2, 2)
+    add_dependence(slopes.position, covariances, means, order, length, memory, dependence)

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d import _kernel
 from d2d._checks import check_flag, check_instance, check_rows
+from d2d._kernel.compile import read_only
+from d2d._kernel.consensus import find_consensus
 from d2d._types import Array
 from d2d.radar.scans.scan import Mounting, RadarScan, directions, scan_gradients
 
@@ -153,7 +154,7 @@ def _agreeing(scan: RadarScan, sight: Array) -> NDArray[np.bool_]:
     if scan.size <= 2:
         return agree
     sigmas = np.stack([scan.sigma_doppler, scan.sigma_azimuth])
-    _kernel.find_consensus(sight, scan.doppler, sigmas, _pairs(scan.size), _GATE, agree)
+    find_consensus(sight, scan.doppler, sigmas, _pairs(scan.size), _GATE, agree)
     return agree if agree.any() else np.ones_like(agree)
 
 
@@ -163,4 +164,4 @@ def _pairs(size: int) -> NDArray[np.int64]:
     ends = np.cumsum(np.arange(size - 1, 0, -1))  # of the pairs of each first target
     chosen = np.linspace(0, ends[-1] - 1, min(_MAX_PAIRS, ends[-1])).astype(np.int64)
     first = np.searchsorted(ends, chosen, side="right")
-    return _kernel.read_only(np.stack([first, size + chosen - ends[first]]), 2, -1)
+    return read_only(np.stack([first, size + chosen - ends[first]]), 2, -1)

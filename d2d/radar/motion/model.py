@@ -8,8 +8,8 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from d2d import _kernel
 from d2d._checks import check_flag, check_positive_scalar, check_schedule, check_within
+from d2d._kernel import layout
 from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
@@ -99,12 +99,12 @@ class EgoMotionModel(Frozen):
         if not self.doppler or self.outlier is None:
             return form
         outlier = form.outlier.copy()
-        outlier[_kernel.LOG_OUTLIER_WEIGHT] -= math.log(self.doppler_width)
+        outlier[layout.LOG_OUTLIER_WEIGHT] -= math.log(self.doppler_width)
         return form._replace(outlier=outlier)
 
     def problem(self, pairs: Sequence[Pair]) -> Problem:
         """The cost of the velocity that pairs of scans share."""
-        kind = _kernel.CHORD if self.first_order else _kernel.ARC
+        kind = layout.CHORD if self.first_order else layout.ARC
         return Problem(self.form, pairs, kind, self.prior)
 
     @property

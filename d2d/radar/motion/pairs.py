@@ -106,3 +106,10 @@ def scan_pair(
         measurement if model.doppler else None,
         interval,
     )
+
+
+def scan_pairs(previous, current, mounting):  # type: ignore[no-untyped-def]
+    """Placeholder until the merge."""
+    if isinstance(previous, RadarScan):
+        return [(previous, current, mounting)]
+    return list(zip(previous, current, mounting, strict=True))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d import _kernel, rigid
+from d2d import rigid
 from d2d._checks import (
     broadcast_batches,
     check_angle,
@@ -20,6 +20,7 @@ from d2d._checks import (
     check_scalar,
     check_within,
 )
+from d2d._kernel.compile import read_only
 from d2d._lazy import Frozen
 from d2d._types import Array, Selection
 from d2d.measurement import LinearMeasurement
@@ -352,7 +353,14 @@ def _placed(scan: RadarScan, mounting: Mounting) -> PointSet:
 def directions(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
     """Cosine and sine (K,) of each target's azimuth in the vehicle frame."""
     angle = scan.azimuth + mounting.yaw
-    return _kernel.read_only(np.cos(angle), -1), _kernel.read_only(np.sin(angle), -1)
+    return read_only(np.cos(angle), -1), read_only(np.sin(angle), -1)
+
+
+@lru_cache(maxsize=64)
+def cross_range(scan: RadarScan, mounting: Mounting) -> Array:
+    """Derivative (K, 2) of each target's position in its azimuth, in m/rad in the vehicle frame."""
+    cosine, sine = directions(scan, mounting)
+    return read_only(scan.range[:, None] * np.stack([-sine, cosine], axis=-1), -1, 2)
 
 
 def scan_gradients(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:

@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 from d2d._checks import check_flag, check_instance
 from d2d._types import Array
 from d2d.problem import Problem
+from d2d.radar.motion.covariance import apply_budget
 from d2d.radar.motion.estimate import check_velocity, estimate_velocity
 from d2d.radar.motion.pairs import ScanPair, repeats
-from d2d.radar.motion.shared_errors import accelerations, apply_budget, with_lag
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
+from d2d.radar.tracks.carry import accelerations, with_lag
 from d2d.radar.tracks.contradiction import warn_of_contradiction
 from d2d.radar.tracks.limits import State, VehicleLimits
 from d2d.radar.tracks.progress import counted

@@ -1,8 +1,8 @@
 """The clock, speed, slip and mounting angles with which a reference fits Doppler velocities best.
 
-All static targets of a scan see one velocity u of their sensor.  The sum of their squared Doppler
-residuals is a quadratic function of u, whatever the reference; its coefficients are all that a
-fit needs from a scan.
+The Doppler velocities of a scan's static targets depend on the velocity u of their sensor alone.
+The sum of their squared residuals is a quadratic function of u, whose coefficients are all that a
+fit needs to know of a scan.
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from d2d._types import Array
-from d2d.bootstrap import block_length
+from d2d.bootstrap import block_length, block_sums
 from d2d.radar.motion.doppler import doppler_ego_motion
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
@@ -28,11 +28,11 @@ _GATE = 5.0  # times the median deviation of a sensor's scans
 
 
 class ScanVelocities(NamedTuple):
-    """What the static targets of n scans say about the velocity of their sensors.
+    """What the static targets of n scans say about the velocities of their sensors.
 
-    A scan's sum of squared Doppler residuals, each over its standard deviation, is
-    square - 2 projection' u + u' information u, if its sensor moves with u (m/s) along the
-    vehicle's axes and is mounted as stated.
+    If the sensor moves with u (m/s, along the vehicle's axes) and is mounted as stated, the squares
+    of the scan's Doppler residuals over their standard deviations add up to
+    square - 2 projection' u + u' information u.
     """
 
     sensor: NDArray[np.int64]  # (n,)
@@ -78,11 +78,11 @@ def _quadratic(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array, float
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """A model of sensors that move with a corrected reference.
+    """A model of sensors that move as a corrected reference says.
 
-    The parameters are [speed, a coefficient of each power, yaw of each sensor] in the velocities
-    v_x (1 + speed), v_y = sum_j c_j v_x^(p_j) omega, and the angles (rad) to be added to the
-    mountings.
+    The parameters are [speed, coefficients c_j, yaw of each sensor]: the vehicle moves with
+    v_x (1 + speed) and v_y = sum_j c_j v_x^(p_j) omega, where v_x and omega are those of the
+    reference, and each yaw (rad) is added to the angle of a mounting.
 
     Attributes
     ----------
@@ -90,6 +90,7 @@ class Alignment:
     references : sequence of Reference
         One for each sensor; its v_y is not used.
     powers : tuple of int
+        The p_j.
     start : (P,) array
         Parameters to begin with.
     free : (P,) array of bool
@@ -109,37 +110,35 @@ class Alignment:
     def of(
         cls, velocities: ScanVelocities, references: Sequence[Reference], powers: tuple[int, ...]
     ) -> "Alignment":
-        """The model with all parameters free, started at zero, and with all scans."""
+        """The model of all scans with all parameters free, started at zero."""
         count = 1 + len(powers) + velocities.sensors
-        everything = np.ones(len(velocities.time), dtype=np.bool_)
-        return cls(
-            velocities, references, powers, np.zeros(count), np.ones(count, np.bool_), everything
-        )
+        scans = np.ones(len(velocities.time), dtype=np.bool_)
+        return cls(velocities, references, powers, np.zeros(count), np.ones(count, np.bool_), scans)
 
     def predicted(self, lag: float, parameters: Array) -> tuple[Array, Array]:
         """Velocities (n, 2) of the sensors and their derivatives (n, 2, P); nan where unknown.
 
-        A sensor whose mounting is to be turned by yaw measures, in terms of the stated mounting, a
-        velocity that is turned back by it.
+        They are those that a sensor measures if it takes its mounting to be as stated: turned back
+        by its yaw.
         """
         sensor, place = self.velocities.sensor, self.velocities.place
         v, omega = self._odometry(lag)
-        speed, slips, yaw = np.split(parameters, [1, 1 + len(self.powers)])
+        speed, coefficients, yaw = np.split(parameters, [1, 1 + len(self.powers)])
         columns = [v**power * omega for power in self.powers]
-        lateral = sum((c * column for c, column in zip(slips, columns, strict=True)), 0.0 * v)
-        velocity = [v * (1.0 + speed) - omega * place[:, 1], lateral + omega * place[:, 0]]
-        cosine, sine = np.cos(yaw[sensor]), np.sin(yaw[sensor])
-        predicted = np.stack(
-            [
-                cosine * velocity[0] + sine * velocity[1],
-                cosine * velocity[1] - sine * velocity[0],
-            ],
-            axis=-1,
+        lateral = 0.0 * v
+        for coefficient, column in zip(coefficients, columns, strict=True):
+            lateral += coefficient * column
+        velocity = np.stack(
+            [v * (1.0 + speed) - omega * place[:, 1], lateral + omega * place[:, 0]], axis=-1
         )
+        # the vehicle's axes, as such a sensor sees them
+        cosine, sine = np.cos(yaw[sensor]), np.sin(yaw[sensor])
+        forward, left = np.stack([cosine, -sine], axis=-1), np.stack([sine, cosine], axis=-1)
+        predicted = forward * velocity[:, :1] + left * velocity[:, 1:]
         derivatives = np.zeros((*predicted.shape, len(parameters)))
-        derivatives[..., 0] = np.stack([cosine, -sine], axis=-1) * v[:, None]
+        derivatives[..., 0] = forward * v[:, np.newaxis]
         for j, column in enumerate(columns, start=1):
-            derivatives[..., j] = np.stack([sine, cosine], axis=-1) * column[:, None]
+            derivatives[..., j] = left * column[:, np.newaxis]
         turned = np.stack([predicted[:, 1], -predicted[:, 0]], axis=-1)
         derivatives[np.arange(len(v)), :, 1 + len(self.powers) + sensor] = turned
         return predicted, derivatives
@@ -157,7 +156,7 @@ class Alignment:
 
 
 class Fit(NamedTuple):
-    """The parameters that fit best, at one lag or at the best one."""
+    """The parameters that fit best, at a given lag or at the best one."""
 
     lag: float  # s
     parameters: Array  # (P,), see `Alignment`
@@ -166,17 +165,14 @@ class Fit(NamedTuple):
 
 
 def fit_at(model: Alignment, lag: float) -> Fit:
-    """The best parameters at one lag, by Gauss-Newton steps.
-
-    Raises a ``ValueError`` if the reference is not known at the time of any scan.
-    """
+    """The best parameters at one lag, by Gauss-Newton steps."""
     parameters = model.start.copy()
     for _ in range(_MAX_ITERATIONS):
-        predicted, derivatives, known = _where_known(model, lag, parameters)
-        scores, information = _normal_equations(model, predicted, derivatives[..., model.free])
+        predicted, derivatives, _ = _where_known(model, lag, parameters)
+        gradients, information = _normal_equations(model, predicted, derivatives[..., model.free])
         scale = _scale(information)
         step = np.linalg.lstsq(
-            information / np.outer(scale, scale), scores.sum(axis=0) / scale, rcond=_RIDGE
+            information / np.outer(scale, scale), gradients.sum(axis=0) / scale, rcond=_RIDGE
         )[0]
         parameters[model.free] += step / scale
         if np.abs(step / scale).max() < _TOLERANCE:
@@ -190,9 +186,9 @@ def fit_at(model: Alignment, lag: float) -> Fit:
 
 
 def fit(model: Alignment, low: float, high: float) -> Fit:
-    """The best parameters and the best lag from ``low`` to ``high`` (s).
+    """The best parameters at the best lag from ``low`` to ``high`` (s).
 
-    The lowest point of a grid is refined; a bound is returned exactly if it fits best.
+    The best lag of a grid is refined; a bound that fits best is returned exactly.
     """
     if low == high:
         return fit_at(model, low)
@@ -212,9 +208,8 @@ def fit(model: Alignment, low: float, high: float) -> Fit:
 def agreeing(model: Alignment, found: Fit) -> NDArray[np.bool_]:
     """Which scans (n,) are not grossly off: in dense traffic most targets may move alike.
 
-    The deviation of a scan is that of its sensor's velocity, over the standard deviations that its
-    targets give it.  Errors of the reference make it larger than 1, so that it is compared with
-    the median of the sensor's scans.
+    The deviation of a scan is the error of its sensor's velocity in standard deviations.  It is
+    compared with the median of that sensor's scans, because errors of the reference add to it.
     """
     predicted, _ = model.predicted(found.lag, found.parameters)
     information = model.velocities.information
@@ -235,10 +230,10 @@ def covariance(model: Alignment, found: Fit, *, with_lag: bool) -> tuple[Array, 
     If ``with_lag``, the lag comes first.
 
     The errors of the reference, and so the residuals, are correlated in time and between sensors.
-    The influences of all scans within a short time are added up.  The variance of their total is
-    that of sums over blocks, as drawn by the circular block bootstrap.  It is enlarged by
-    blocks / (blocks - parameters of a sensor), because the fit makes residuals smaller than errors,
-    and is never smaller than for independent targets.
+    Therefore the influences of all scans within a short time are added up, and their total gets the
+    variance that it has under the circular block bootstrap.  This is enlarged by
+    blocks / (blocks - parameters of a sensor), because residuals are smaller than errors after a
+    fit, and is never smaller than for independent targets.
     """
     predicted, derivatives, known = _where_known(model, found.lag, found.parameters)
     derivatives = derivatives[..., model.free]
@@ -250,15 +245,14 @@ def covariance(model: Alignment, found: Fit, *, with_lag: bool) -> tuple[Array, 
         slope = np.nan_to_num((later - earlier) / (2.0 * _HALF_DIFFERENCE))
         slope[~known] = 0.0
         derivatives = np.concatenate([slope[..., None], derivatives], axis=-1)
-    scores, information = _normal_equations(model, predicted, derivatives)
+    gradients, information = _normal_equations(model, predicted, derivatives)
     scale = _scale(information)
     ridge = _RIDGE * np.eye(len(scale))
     inverse = np.linalg.inv(information / np.outer(scale, scale) + ridge) / np.outer(scale, scale)
-    series, interval = _in_time(model.velocities, known, scores[known] @ inverse)
+    series, interval = _in_time(model.velocities, known, gradients[known] @ inverse)
     series -= series.mean(axis=0)
     block = block_length(series)
-    ring = np.concatenate([np.zeros((1, len(scale))), series, series[:block]]).cumsum(axis=0)
-    sums = ring[block : block + len(series)] - ring[: len(series)]
+    sums = block_sums(series, block)
     # the fit uses up these degrees of freedom of each sensor's residuals
     own = len(scale) - (model.velocities.sensors - 1)
     blocks = len(series) / block
@@ -285,12 +279,12 @@ def _where_known(
 def _normal_equations(
     model: Alignment, predicted: Array, derivatives: Array
 ) -> tuple[Array, Array]:
-    """Score (n, P) of each scan and the information (P, P) of all."""
+    """The gradient (n, P) of each scan's log-likelihood and the information (P, P) of all."""
     data = model.velocities
     residual = data.projection - np.einsum("kij,kj->ki", data.information, predicted)
-    scores = np.einsum("kia,ki->ka", derivatives, residual)
+    gradients = np.einsum("kia,ki->ka", derivatives, residual)
     weighted = np.einsum("kij,kja->kia", data.information, derivatives)
-    return scores, np.tensordot(derivatives, weighted, axes=([0, 1], [0, 1]))
+    return gradients, np.tensordot(derivatives, weighted, axes=([0, 1], [0, 1]))
 
 
 def _scale(information: Array) -> Array:
@@ -302,7 +296,10 @@ def _scale(information: Array) -> Array:
 def _in_time(
     data: ScanVelocities, known: NDArray[np.bool_], influences: Array
 ) -> tuple[Array, float]:
-    """Influences summed over intervals as long as that between a sensor's scans, and its length."""
+    """Sums of the influences over successive intervals, and the length of an interval in s.
+
+    It is the usual time between two scans of a sensor.
+    """
     times, sensor = data.time[known], data.sensor[known]
     gaps = [np.diff(np.sort(times[sensor == s])) for s in range(data.sensors)]
     interval = float(np.median(np.concatenate(gaps)))

@@ -18,19 +18,18 @@ from d2d.radar.trust.alignment import Alignment, Fit, agreeing, covariance, fit,
 
 _POWERS = (0, 2)  # of v_x in the slip law
 _LAG, _AHEAD, _COMPLIANCE = 0, 2, 3  # places among the parameters
-# Larger standard deviations than these mean that the drive does not determine the parameter.
+# A drive does not determine a parameter whose standard deviation is larger than this.
 _LIMITS = {_LAG: 0.1, _AHEAD: 0.3, _COMPLIANCE: 0.01}  # s, m, s^2/m
 _AT_BOUND = 1e-3  # s
-_LONGEST_LAG = 1e4  # s
 _MAX_SELECTIONS = 10  # of scans that are not grossly off
 _MIN_SPEED = 0.5  # m/s
 
-View = tuple[Iterable[RadarScan], Mounting, Reference]
+SensorLog = tuple[Iterable[RadarScan], Mounting, Reference]
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What the Doppler velocities show about the reference and the mountings; prints as a table.
+    """The corrections of a reference and of the mountings; prints as a table.
 
     Attributes
     ----------
@@ -38,14 +37,14 @@ class Calibration:
         The radars' time stamps are late by this much, early if it is negative: a scan at t shows
         the motion that the reference gives for t - lag.
     speed_factor : float
-        v_x is this times the reference's.
+        Factor by which the reference's v_x is multiplied.
     slip : SlipLaw
         The lateral velocity.
     yaw : (S,) array, rad
         Angle to be added to the mounting angle of each sensor.
     covariance : (4 + S, 4 + S) array
         Covariance of [lag, speed_factor, slip.ahead, slip.compliance, yaw]; nan for parameters that
-        were held at zero instead of fitted.
+        were held instead of fitted.
     mountings : list of Mounting
         The mountings with the angles added.
     rms : float
@@ -76,11 +75,11 @@ class Calibration:
         return np.sqrt(np.diag(self.covariance))
 
     def reference(self, reference: Reference) -> Reference:
-        """The motion that the radars see according to ``reference``, at the same times.
+        """The reference as the radars see it, at the same times.
 
-        Lag and speed factor are applied, and v_y is that of the slip law.  The poses are shifted by
-        the lag and otherwise unchanged.  Before the reference's first and after its last time all
-        values are nan.  Raises a ``ValueError`` if ``reference`` is not a `Reference`.
+        Lag and speed factor are applied, and v_y is given by the slip law.  The poses are shifted
+        by the lag and otherwise unchanged.  Where the lag leads beyond the reference's first or
+        last time, all values are nan.
         """
         check_instance("reference", reference, Reference)
         moved = reference.at(reference.times - self.lag)
@@ -108,18 +107,14 @@ class Calibration:
         for (name, value, unit, digits, text), sigma in zip(rows, self.sigmas, strict=True):
             error = f"+- {sigma * unit:.{digits}f}" if np.isfinite(sigma) else ""
             lines.append(f"{name:22}  {value * unit:+9.{digits}f} {error:10} {text}".rstrip())
-        blocks = f"Standard deviations from blocks of {self.block:.1f} s."
-        return "\n".join([*lines, "", blocks, *self._notes()])
-
-    def _notes(self) -> list[str]:
-        """What the drive cannot determine."""
-        held = np.isnan(self.sigmas)
+        lines += ["", f"Standard deviations from blocks of {self.block:.1f} s."]
         names = {_LAG: "the lag", _AHEAD: "the place of the axle", _COMPLIANCE: "the compliance"}
-        return [f"Held, not fitted: {name}." for place, name in names.items() if held[place]]
+        held = [name for place, name in names.items() if np.isnan(self.sigmas[place])]
+        return "\n".join([*lines, *(f"Held, not fitted: {name}." for name in held)])
 
 
 def calibrate(
-    recordings: Recording | Iterable[Recording | View],
+    recordings: Recording | Iterable[Recording | SensorLog],
     *,
     max_lag: float = 0.5,
     ahead: float | None = None,
@@ -134,8 +129,9 @@ def calibrate(
     Parameters
     ----------
     recordings : Recording, or iterable of Recording or (scans, mounting, reference)
-        One entry for each sensor of one vehicle, on one clock.  Of the references only times, v_x
-        and omega are used.  They should be uncorrected: ``load_radarscenes(..., time_offset=0)``,
+        One entry for each sensor of a vehicle, all on the same clock.  Only the times, v_x and
+        omega of the references are used.  They should be uncorrected:
+        ``load_radarscenes(..., time_offset=0)``,
         ``load_nuscenes(..., time_offset=0, speed_factor=1)``.
     max_lag : float, s
         The lag is searched for from -max_lag to max_lag.
@@ -151,29 +147,28 @@ def calibrate(
     -----
     UserWarning
         If the best lag is at a bound of the search, or the drive has too little acceleration to
-        determine it (standard deviation above 0.1 s); it is then held at zero.
+        determine it (standard deviation above 0.1 s), so that it is held at zero.
 
     Raises
     ------
     ValueError
-        If an argument is of the wrong type or out of range, two sensors have a scan in common, a
-        sensor has fewer than two scans with targets, the vehicle stands still, or the references
-        cover no scan; the message names the argument.
+        If two sensors have a scan in common, a sensor has fewer than two scans with targets, the
+        vehicle stands still, the references cover no scan, or an argument is invalid.
 
     Notes
     -----
-    Residuals are correlated in time, because those of the reference are, and between sensors.  The
-    covariance is that of a circular block bootstrap over time, in closed form, with the length of
-    `d2d.block_length`, enlarged because the fit makes residuals smaller than errors.  It contains
-    nothing that varies more slowly than the recording is long.
+    Residuals are correlated in time, because the errors of the reference are, and between sensors.
+    The covariance is therefore that of a circular block bootstrap over time, in closed form, with
+    the length of `d2d.block_length`, enlarged because residuals are smaller than errors after a
+    fit.  It contains nothing that varies more slowly than the recording is long.
 
     A scan is left out if its sensor's velocity deviates from the reference, in standard deviations,
     by more than five times the median of that sensor: in dense traffic most targets may move.
 
-    ``ahead`` and ``compliance`` differ only where bends are driven at different speeds.  If the
-    standard deviation of ``ahead`` exceeds 0.3 m, it is held at zero; if then that of
-    ``compliance`` exceeds 0.01 s^2/m, so is ``compliance``.  ``ahead`` also contains errors that
-    all sensors have in common along the vehicle, and those of a factor on omega.
+    ``ahead`` and ``compliance`` can be told apart only if bends are driven at different speeds.
+    ``ahead`` is held at zero if its standard deviation exceeds 0.3 m, and then ``compliance`` too
+    if its own still exceeds 0.01 s^2/m.  ``ahead`` also contains position errors along the vehicle
+    that all sensors have in common, and the effect of a factor on omega.
 
     Examples
     --------
@@ -185,31 +180,34 @@ def calibrate(
     >>> bool(abs(found.lag - 0.2) < 3.0 * found.sigmas[0])
     True
     """
-    views = _views(recordings)
-    bound = check_within("max_lag", max_lag, 1e-6, _LONGEST_LAG)
-    given = None if ahead is None else check_scalar("ahead", ahead)
-    velocities = scan_velocities((scans, mounting) for scans, mounting, _ in views)
-    model = Alignment.of(velocities, [reference for *_, reference in views], _POWERS)
-    if given is not None:
-        model.start[_AHEAD - 1] = given
+    logs = _logs(recordings)
+    bound = check_within("max_lag", max_lag, 1e-6, 1e4)
+    velocities = scan_velocities((scans, mounting) for scans, mounting, _ in logs)
+    model = Alignment.of(velocities, [reference for *_, reference in logs], _POWERS)
+    if ahead is not None:
+        model.start[_AHEAD - 1] = check_scalar("ahead", ahead)
         model.free[_AHEAD - 1] = False
+    free = np.concatenate([[True], model.free])
     model, found = _selected(model, -bound, bound)
     spread, block = covariance(model, found, with_lag=True)
-    free = np.concatenate([[True], model.free])
     for place, limit in _LIMITS.items():
         if not free[place] or np.sqrt(_placed(spread, free)[place, place]) <= limit:
             continue
         if place == _LAG:
-            _warn("the drive has too little acceleration to find the lag, which is held at 0 s")
+            warnings.warn(
+                "the drive has too little acceleration to find the lag, which is held at 0 s",
+                stacklevel=2,
+            )
             bound = 0.0
         free[place] = False
         model.free[:] = free[1:]
         model, found = _selected(model, -bound, bound)
         spread, block = covariance(model, found, with_lag=bool(free[_LAG]))
     if free[_LAG] and abs(found.lag) > bound - _AT_BOUND:
-        _warn(
+        warnings.warn(
             f"the best lag, {found.lag:+.3f} s, is at the bound of the search; the clock may be "
-            "off by more (max_lag), or the reference belong to another drive"
+            "off by more (max_lag), or the reference belong to another drive",
+            stacklevel=2,
         )
     speed, offset, square, *yaw = found.parameters
     speed_factor = 1.0 + float(speed)
@@ -222,8 +220,8 @@ def calibrate(
         yaw=np.array(yaw),
         covariance=_placed(spread, free) * np.outer(unit, unit),
         mountings=[
-            Mounting(mounting.x, mounting.y, _wrapped(mounting.yaw + angle))
-            for (_, mounting, _), angle in zip(views, yaw, strict=True)
+            Mounting(mounting.x, mounting.y, float(np.fmod(mounting.yaw + angle, 2.0 * np.pi)))
+            for (_, mounting, _), angle in zip(logs, yaw, strict=True)
         ],
         rms=float(np.sqrt(found.mean_square)),
         share=float(found.known.mean()),
@@ -233,17 +231,17 @@ def calibrate(
     )
 
 
-def _views(recordings: Recording | Iterable[Recording | View]) -> list[View]:
-    """The arguments as (scans, mounting, reference), checked."""
+def _logs(recordings: Recording | Iterable[Recording | SensorLog]) -> list[SensorLog]:
+    """Scans, mounting and reference of each sensor, checked."""
     if isinstance(recordings, Recording):
         recordings = [recordings]
     rows = [
         (entry.scans, entry.mounting, entry.reference) if isinstance(entry, Recording) else entry
         for entry in check_members("recordings", recordings, object)
     ]
-    views: list[View] = []
+    logs: list[SensorLog] = []
     for s, (scans, mounting, reference) in enumerate(
-        check_rows("recordings", rows, object, Mounting, Reference)
+        check_rows("recordings", rows, Iterable, Mounting, Reference)
     ):
         name = f"recordings[{s}]"
         listed = check_members(f"the scans of {name}", scans, RadarScan)
@@ -253,15 +251,15 @@ def _views(recordings: Recording | Iterable[Recording | View]) -> list[View]:
             raise ValueError(f"{name} must have a reference with at least two times, increasing")
         if not (np.abs(reference.theta[:, 0]) > _MIN_SPEED).any():
             raise ValueError(f"{name} must be of a moving vehicle, but its reference stands still")
-        views.append((listed, mounting, reference))
-    if not views:
+        logs.append((listed, mounting, reference))
+    if not logs:
         raise ValueError("recordings must hold at least one sensor, but is empty")
-    check_distinct("recordings", [scans for scans, *_ in views])
-    return views
+    check_distinct("recordings", [scans for scans, *_ in logs])
+    return logs
 
 
 def _selected(model: Alignment, low: float, high: float) -> tuple[Alignment, Fit]:
-    """The fit to the scans that agree with it, and the model with only these scans."""
+    """The model of only those scans that agree with its best fit, and that fit."""
     found = fit(model, low, high)
     for _ in range(_MAX_SELECTIONS):
         used = agreeing(model, found)
@@ -277,13 +275,3 @@ def _placed(covariance: Array, free: NDArray[np.bool_]) -> Array:
     placed = np.full((len(free), len(free)), np.nan)
     placed[np.ix_(free, free)] = covariance
     return placed
-
-
-def _wrapped(angle: float) -> float:
-    """The angle within -2 pi and 2 pi."""
-    return float(np.fmod(angle, 2.0 * np.pi))
-
-
-def _warn(message: str) -> None:
-    """A warning at the caller of `calibrate`."""
-    warnings.warn(message, UserWarning, stacklevel=3)

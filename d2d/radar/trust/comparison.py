@@ -1,9 +1,7 @@
-"""A track beside a reference: errors, and whether the covariances are true to them."""
+"""The errors of a track against a reference, and whether its covariances agree with them."""
 
 from __future__ import annotations
 
-import html
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, Self
 
@@ -25,16 +23,16 @@ if TYPE_CHECKING:
 
 NAMES = ("v_x", "v_y", "omega")
 UNITS = ("m/s", "m/s", "deg/s")
+HEAD = [*map("{} ({})".format, NAMES, UNITS), "all"]  # of the table
 IN_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
-# omega first, then v_y given omega, then v_x given both
-ORDER = (2, 1, 0)
+ORDER = (2, 1, 0)  # of whitening: omega, v_y given omega, v_x given both
 
 
 class Measures(NamedTuple):
-    """What a comparison measures, or the bounds of its confidence intervals.
+    """The measures of a comparison, or the bounds of their confidence intervals.
 
-    Directions are in the order v_x, v_y, omega.  Of intervals, each array has a leading axis of
-    length 2, the lower and upper bounds.
+    Directions are in the order v_x, v_y, omega.  Bounds have a leading axis of length 2, lower and
+    upper.
 
     Attributes
     ----------
@@ -45,12 +43,12 @@ class Measures(NamedTuple):
     crps : (3,) array
         Mean continuous ranked probability score, in the same units; see `d2d.crps`.
     whitened_squares : (3,) array
-        Mean squares of the whitened errors: of v_x given v_y and omega, of v_y given omega, and of
-        omega; ideally 1.
+        Mean squares of the whitened errors, v_x given v_y and omega, v_y given omega, and omega;
+        ideally 1.
     anees : float
         Average normalised estimation error squared, the mean of the three; see `d2d.credibility`.
     log_scores : (3,) array
-        Mean parts of the three in ``log_score``.
+        What each of the three contributes to ``log_score``.
     log_score : float
         Mean negative log density of the errors, in m/s, m/s, rad/s; see `d2d.log_score`.
     coverages : (3, 3) array
@@ -72,9 +70,9 @@ class Measures(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Frozen):
-    """The errors of a track's velocities, and what they say about its covariances.
+    """The errors of a track's velocities and how well its covariances describe them.
 
-    Printed, it is a table; in a notebook it is shown as one.
+    It prints as a table, also in a notebook.
 
     Attributes
     ----------
@@ -101,16 +99,17 @@ class Comparison(Frozen):
             self._keep(name, np.array(getattr(self, name)))
 
     @classmethod
-    def from_errors(cls, track: Track, errors: Array) -> Self:
-        """The comparison of a track whose errors (n, 3) are known, nan where there is none.
+    def from_errors(cls, track: Track, errors: Array, covariances: Array | None = None) -> Self:
+        """The comparison of a track whose errors (n, 3) are known; nan where they are not.
 
-        Estimates that did not converge are left out, whatever their errors.
+        The covariances (n, 3, 3) of the errors are by default those of the track.  Estimates that
+        did not converge are left out.
         """
         good = track.converged & np.isfinite(errors).all(axis=-1)
         return cls(
             track.times[good],
             errors[good],
-            track.covariance[good],
+            (track.covariance if covariances is None else covariances)[good],
             float(good.mean()),
             float(track.converged.mean()),
         )
@@ -118,7 +117,7 @@ class Comparison(Frozen):
     @property
     def rmse(self) -> Array:
         """Root mean square error (3,) in m/s, m/s and deg/s."""
-        # of the errors alone: it is known where a covariance is singular too
+        # not from `measures`, which fail if a covariance is singular
         return np.asarray(np.sqrt(np.mean(self.errors**2, axis=0)) * IN_UNITS)
 
     @property
@@ -130,23 +129,23 @@ class Comparison(Frozen):
     def credibility(self) -> Credibility:
         """NEES, ANEES, NCI and I^2 of the covariances, given the errors.
 
-        The region of the ANEES is that for independent errors; those of a track mostly are not.
+        The region of the ANEES assumes independent errors, which a track seldom has.
         """
         return credibility(self.errors, self.covariances)
 
     @lazy
     def whitened(self) -> Whitened:
-        """The errors taken apart into omega, v_y given omega, and v_x given both."""
+        """The whitened errors of omega, of v_y given omega, and of v_x given both."""
         return whiten(self.errors, self.covariances, ORDER)
 
     @lazy
     def measures(self) -> Measures:
-        """All measures, each the mean over the estimates or its root."""
+        """All measures: means over the estimates, or roots of means."""
         return _measures(self._columns.mean(axis=0))
 
     @lazy
     def block(self) -> int:
-        """Length of a block of the bootstrap, the most that an error or the NEES needs."""
+        """Length of the bootstrap's blocks: the longest that the errors or the NEES need."""
         squares = (self.whitened.values**2).sum(axis=-1)
         return block_length(np.column_stack([self.errors, squares]))
 
@@ -165,13 +164,13 @@ class Comparison(Frozen):
         confidence : float
             Probability content of each interval, within (0, 1).
         block : int, optional
-            Number of successive estimates that are drawn together, by default `block`, by the
-            rule of `d2d.block_length`.  It cannot know of errors that are slower than the drive
-            is long.
+            Number of successive estimates that are drawn together, by default `block`, which
+            follows `d2d.block_length`.  It cannot know of errors that change more slowly than the
+            drive is long.
         rng : numpy.random.Generator, optional
-            By default one with a fixed seed, so that a comparison is always printed alike.
+            By default one with a fixed seed, so that a comparison always prints the same.
         resamples : int
-            Number of drawings.
+            How often the estimates are drawn.
 
         Returns
         -------
@@ -181,7 +180,7 @@ class Comparison(Frozen):
         Raises
         ------
         ValueError
-            If an argument is out of range; the message names it.
+            If an argument is out of range.
         """
         bounds = block_bootstrap(
             lambda rows: rows.mean(axis=0),
@@ -195,7 +194,7 @@ class Comparison(Frozen):
 
     @lazy
     def _columns(self) -> Array:
-        """What all measures are the means of (n, 29), in the order of `Measures`."""
+        """Terms (n, 29) whose means over the estimates give `Measures`, in its order."""
         count, white = len(self.errors), self.whitened
         squares = white.values**2
         return np.column_stack(
@@ -217,35 +216,31 @@ class Comparison(Frozen):
         return self.intervals()
 
     def _rows(self) -> list[tuple[str, list[str]]]:
-        """The table: a label and a cell for each direction and for all together."""
-        found, bounds = self.measures, self._printed_intervals
+        """The table: a label, and a cell for each direction and for all together."""
+        both = self.measures, self._printed_intervals
         rows: list[tuple[str, list[str]]] = []
 
-        def add(label: str, values: Array, intervals: Array, form: Callable[[float], str]) -> None:
-            cells = [form(value) for value in values]
-            ranges = [f"[{form(low)}, {form(high)}]" for low, high in intervals.T]
-            gap = [""] * (4 - len(cells))
-            rows.extend([(label, cells + gap), ("", ranges + gap)])
+        def add(label: str, form: str, found: list[Array]) -> None:
+            """A row of three or four values, and below it a row of their intervals."""
+            values, bounds = found
+            ranges = [f"[{form}, {form}]".format(low, high) for low, high in bounds.T]
+            gap = [""] * (4 - len(values))
+            rows.extend([(label, [*map(form.format, values), *gap]), ("", ranges + gap)])
 
-        add("RMSE", found.rmse, bounds.rmse, "{:.3f}".format)
-        add("mean error", found.mean_error, bounds.mean_error, "{:+.3f}".format)
+        add("RMSE", "{:.3f}", [m.rmse for m in both])
+        add("mean error", "{:+.3f}", [m.mean_error for m in both])
         stated = np.sqrt(np.mean(self.sigmas**2, axis=0))
         rows.append(("stated sigma", [*map("{:.3f}".format, stated), ""]))
-        add("CRPS", found.crps, bounds.crps, "{:.3f}".format)
-        squares = np.append(found.whitened_squares, found.anees)
-        bound = np.column_stack([bounds.whitened_squares, bounds.anees])
-        add("whitened square", squares, bound, "{:.2f}".format)
-        scores = np.append(found.log_scores, found.log_score)
-        bound = np.column_stack([bounds.log_scores, bounds.log_score])
-        add("-log density", scores, bound, "{:.2f}".format)
+        add("CRPS", "{:.3f}", [m.crps for m in both])
+        add("whitened square", "{:.2f}", [_append(m.whitened_squares, m.anees) for m in both])
+        add("-log density", "{:.2f}", [_append(m.log_scores, m.log_score) for m in both])
         for i, level in enumerate(LEVELS):
-            shares = np.append(found.coverages[:, i], found.coverage[i])
-            bound = np.column_stack([bounds.coverages[:, :, i], bounds.coverage[:, i]])
-            add(f"within {level:.0%}", 100.0 * shares, 100.0 * bound, "{:.1f}%".format)
+            shares = [_append(m.coverages[..., i], m.coverage[..., i]) for m in both]
+            add(f"within {level:.0%}", "{:.1%}", shares)
         return rows
 
     def _notes(self) -> list[str]:
-        """What stands below the table."""
+        """The lines below the table."""
         judged = self.credibility
         low, high = judged.bounds
         return [
@@ -263,8 +258,7 @@ class Comparison(Frozen):
         )
 
     def __str__(self) -> str:
-        head = ("", [f"{n} ({u})" for n, u in zip(NAMES, UNITS, strict=True)] + ["all"])
-        rows = [head, *self._rows()]
+        rows = [("", HEAD), *self._rows()]
         first = max(len(label) for label, _ in rows)
         widths = [max(len(cells[i]) for _, cells in rows) for i in range(4)]
         lines = [
@@ -274,20 +268,16 @@ class Comparison(Frozen):
         return "\n".join([self._title(), "", *lines, "", *self._notes()])
 
     def _repr_html_(self) -> str:
-        head = "".join(
-            f"<th>{name}</th>"
-            for name in ("", *map("{} ({})".format, NAMES, UNITS), "all")  # no markup in them
-        )
+        # no text of the table needs to be escaped
+        head = "".join(f"<th>{name}</th>" for name in ("", *HEAD))
         body = "".join(
-            f"<tr><th>{html.escape(label)}</th>"
-            + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells)
-            + "</tr>"
+            f"<tr><th>{label}</th>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
             for label, cells in self._rows()
         )
-        notes = "<br>".join(map(html.escape, self._notes()))
         return (
-            f"<table><caption>{html.escape(self._title())}</caption>"
-            f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table><p>{notes}</p>"
+            f"<table><caption>{self._title()}</caption>"
+            f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+            f"<p>{'<br>'.join(self._notes())}</p>"
         )
 
     def plot(self) -> Figure:
@@ -296,12 +286,12 @@ class Comparison(Frozen):
         Returns
         -------
         matplotlib.figure.Figure
-            In the last picture, the dashed lines hold 95 % of the values of a credible estimator.
+            The NEES of a credible estimator lies between the dashed lines in 95 % of the cases.
 
         Raises
         ------
         ModuleNotFoundError
-            If matplotlib, which `d2d` itself does not need, is not installed.
+            If matplotlib is not installed; `d2d` itself does not need it.
         """
         from matplotlib import pyplot as plt
 
@@ -325,7 +315,7 @@ class Comparison(Frozen):
 
 
 def _measures(columns: Array) -> Measures:
-    """Means (..., 29) of the columns, or bounds of them, as measures."""
+    """The measures from means (29,) of `Comparison._columns`, or from bounds (2, 29) of them."""
     widths = np.cumsum([3, 3, 3, 3, 1, 3, 1, 9])
     error, square, score, white, anees, logs, log, inside, ellipsoid = np.split(
         columns, widths, axis=-1
@@ -335,12 +325,17 @@ def _measures(columns: Array) -> Measures:
         np.sqrt(square) * IN_UNITS,
         score,
         white,
-        anees[..., 0],
+        anees.T[0],
         logs,
-        log[..., 0],
+        log.T[0],
         inside.reshape(*inside.shape[:-1], 3, len(LEVELS)),
         ellipsoid,
     )
+
+
+def _append(each: Array, together: Array) -> Array:
+    """Values (..., 3) of the three directions and (...) of all together, as (..., 4)."""
+    return np.concatenate([each, np.expand_dims(together, -1)], axis=-1)
 
 
 def compare(track: Track, reference: Reference) -> Comparison:
@@ -349,11 +344,11 @@ def compare(track: Track, reference: Reference) -> Comparison:
     Parameters
     ----------
     track : Track
-        Of one sensor or several, with any baseline.  Estimates that did not converge are left out.
+        Its estimates that did not converge are left out.
     reference : Reference
-        The truth of a simulation (``drive.truth``), or what another sensor measured
-        (``recording.reference``), at any times of the same clock.  Estimates where it is nan or
-        outside its time span are left out.
+        The truth of a simulation (``drive.truth``) or the measurement of another sensor
+        (``recording.reference``), at any times of the same clock.  Estimates outside its time span,
+        or where it is nan, are left out.
 
     Returns
     -------
@@ -363,19 +358,18 @@ def compare(track: Track, reference: Reference) -> Comparison:
     Raises
     ------
     ValueError
-        If an argument is of the wrong type, or fewer than four estimates can be compared.
+        If fewer than four estimates can be compared, as with clocks that differ.
 
     Notes
     -----
-    The reference is interpolated linearly to the time of each estimate, ``track.times``, which is
-    that of the *later* scan of its pair (of several sensors, the mean time of the round's later
-    scans).  An estimate is a velocity between two scans: its Doppler velocities are those at the
-    later scan, but its positions tell the mean velocity over the interval.  Where the vehicle
-    accelerates, what positions tell lags by half an interval, which is half the baseline times the
-    time between scans; that part counts as an error here, because a user of the track takes the
-    velocity at its time.
+    The reference is interpolated linearly to ``track.times``, the time of the *later* scan of each
+    pair (of several sensors, the mean time of the round's later scans).  The Doppler velocities are
+    those at that time, but the positions give the mean velocity since the earlier scan.  When the
+    vehicle accelerates, the positions therefore lag by half the interval between the two scans.
+    This lag counts as an error, because users of a track take its velocities to be those at its
+    times.
 
-    The errors contain those of the reference itself.  Without a reference, see `compare_tracks` and
+    The reference's own errors are included.  Without a reference, see `compare_tracks` and
     `compare_halves`.
 
     Examples
@@ -391,18 +385,18 @@ def compare(track: Track, reference: Reference) -> Comparison:
     check_instance("reference", reference, Reference)
     if not len(track.times):
         raise ValueError("track must hold at least one estimate, but is empty")
-    errors = track.theta - reference.at(track.times).theta
     first, last = reference.times[[0, -1]]
     if not ((track.times >= first) & (track.times <= last)).any():
         raise ValueError(
             f"reference must overlap the track in time, but extends from {first:g} s to {last:g} s "
             f"and the track from {track.times[0]:g} s to {track.times[-1]:g} s"
         )
+    errors = track.theta - reference.at(track.times).theta
     return enough(Comparison.from_errors(track, errors), "track and reference have")
 
 
 def enough(found: Comparison, whose: str) -> Comparison:
-    """The comparison itself, if there is anything to judge in it."""
+    """The comparison itself; a ``ValueError`` if it holds too few estimates to judge."""
     if len(found.times) < 4:
         raise ValueError(
             f"{whose} {len(found.times)} converged estimates at common times, but at least 4 are "

@@ -1,14 +1,13 @@
-"""Evidence about covariances without a reference: independent estimates of the same motion."""
+"""Covariances judged without a reference, by two independent estimates of the same motion."""
 
 from collections.abc import Iterable
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from d2d._checks import check_choice, check_instance, check_positive_scalar, check_rows
-from d2d._types import Array
 from d2d.radar.motion.model import EstimationOptions
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import Mounting, RadarScan
@@ -23,10 +22,10 @@ from d2d.radar.trust.comparison import Comparison, enough
 
 
 def compare_tracks(first: Track, second: Track) -> Comparison:
-    """Compare two tracks of the same vehicle, each against the other.
+    """Compare two tracks of the same vehicle with each other.
 
-    If the tracks come from different measurements and both covariances are true, the differences
-    have the sum of the covariances.  No reference is needed, and none adds errors of its own.
+    If the tracks come from different measurements and both covariances are true, their differences
+    have the sum of the covariances.  No reference is needed, so none adds errors of its own.
 
     Parameters
     ----------
@@ -42,46 +41,36 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
     Raises
     ------
     ValueError
-        If an argument is not a `Track`, or fewer than four estimates can be compared.
+        If fewer than four estimates can be compared, as with clocks that differ.
 
     Notes
     -----
     ``second`` is interpolated linearly between two successive converged estimates, unless they are
     more than twice the usual interval apart.  The interpolated covariance is that of a weighted
     mean of independent errors, ``(1 - w)^2 Sigma_i + w^2 Sigma_j``, which is too small for errors
-    that change slowly; estimates at equal times are not affected.
+    that change slowly.  Estimates at equal times are not affected.
 
-    The difference contains the noise of both, the dependence of their targets, and biases of each
-    sensor, such as those of its mounting; a mean whitened error that is not zero, or one that
-    changes slowly, is a bias.  What both have in common cancels, such as the lag of a common clock
-    or a motion that is not constant over the interval.  Credible differences do not prove credible
-    estimates.  To tell noise and correlation apart without biases, see `compare_halves`.
+    The difference contains the noise of both tracks, correlations between the targets of each, and
+    the biases of each sensor, such as an error of its mounting.  A bias shows as a mean whitened
+    error that is not zero, or as one that changes slowly.  Whatever the tracks have in common
+    cancels, such as the lag of a common clock or a motion that is not constant over the interval.
+    Credible differences therefore do not prove credible estimates.  `compare_halves` separates
+    noise from correlation, without biases.
     """
     check_instance("first", first, Track)
     check_instance("second", second, Track)
     if not len(first.times):
         raise ValueError("first must hold at least one estimate, but is empty")
-    theta, covariance, good = _interpolated(second, first.times)
-    good &= first.converged
-    return enough(
-        Comparison(
-            first.times[good],
-            (first.theta - theta)[good],
-            first.covariance[good] + covariance[good],
-            float(good.mean()),
-            float(first.converged.mean()),
-        ),
-        "first and second have",
+    before, after, weight, known = neighbours(second, first.times)
+    late = weight[:, np.newaxis]
+    theta = (1.0 - late) * second.theta[before] + late * second.theta[after]
+    errors = np.where(known[:, np.newaxis], first.theta - theta, np.nan)
+    late = late[..., np.newaxis]
+    covariances = first.covariance + (
+        (1.0 - late) ** 2 * second.covariance[before] + late**2 * second.covariance[after]
     )
-
-
-def _interpolated(track: Track, times: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Velocities and covariances at other times, and where they are known."""
-    before, after, weight, good = neighbours(track, times)
-    own, other = 1.0 - weight[:, np.newaxis], weight[:, np.newaxis]
-    theta = own * track.theta[before] + other * track.theta[after]
-    own, other = own[..., np.newaxis] ** 2, other[..., np.newaxis] ** 2
-    return theta, own * track.covariance[before] + other * track.covariance[after], good
+    found = Comparison.from_errors(first, errors, covariances)
+    return enough(found, "first and second have")
 
 
 def compare_halves(
@@ -96,7 +85,7 @@ def compare_halves(
 ) -> Comparison:
     """Estimate each motion twice, from each half of the targets, and compare the two.
 
-    The targets of each *later* scan are divided at random; each half is registered with the whole
+    The targets of each *later* scan are divided at random.  Each half is registered with the whole
     scan before, so that every target keeps its counterpart.  Run it with both values of ``by``: the
     two ANEES distinguish standard deviations that are too small from errors that are correlated.
 
@@ -106,10 +95,10 @@ def compare_halves(
         One sensor or several, as for `track_joint`.
     rng : numpy.random.Generator
     by : {"target", "object"}
-        What is assigned to a half as a whole: each target, or each cluster of targets.  Clusters
-        are formed within one scan, by single linkage: two targets are of the same cluster if a
-        chain of targets joins them in steps of at most ``distance``.  In random order, they go to
-        the half that is smaller so far.
+        What goes to a half as a whole: each target, or each cluster of targets.  Two targets of a
+        scan are in the same cluster if a chain of targets joins them in steps of at most
+        ``distance`` (single linkage).  In random order, each goes to the half that is smaller so
+        far.
     distance : float, m
         Largest step between neighbours in a cluster; only used with ``by="object"``.  It should be
         longer than the steps within an object, and shorter than those between objects.
@@ -122,21 +111,20 @@ def compare_halves(
     Returns
     -------
     Comparison
-        ``errors`` are first half minus second, ``covariances`` the sums of theirs.  Where an
-        estimate from all targets fails, or one from a half, there is no comparison; ``converged``
-        is the share of the estimates from all targets that converged, at which the halves start.
+        ``errors`` are first half minus second, ``covariances`` the sums of both.  The halves start
+        at the estimates from all targets, and ``converged`` is the share of these that converged.
+        Where one of the three fails, there is no comparison.
 
     Raises
     ------
     ValueError
-        If there are fewer than two rounds of scans, fewer than four estimates can be compared, or
-        another argument is invalid; the message names the argument.
+        If fewer than four estimates can be compared, or an argument is invalid.
 
     Notes
     -----
-    What is the same for all targets of a sensor (mounting, Doppler scale, clock) and what is the
-    same for all estimates (a motion that is not constant over the interval) cancels in the
-    difference.  What is left:
+    Errors that all targets of a sensor have in common (mounting, Doppler scale, clock), or all
+    estimates (a motion that is not constant over the interval), cancel in the difference.  What is
+    left:
 
     - **By target** it shows whether the standard deviations of single targets are right.  The
       targets of an object are in both halves, so that their common error counts as if each had its
@@ -157,10 +145,9 @@ def compare_halves(
     >>> import numpy as np
     >>> from d2d.radar import compare_halves, simulate_drive
     >>> drive = simulate_drive(np.random.default_rng(0), duration=4.0)
+    >>> sensors = [(drive.scans, drive.mounting)]
     >>> for by in ("target", "object"):
-    ...     halves = compare_halves(
-    ...         [(drive.scans, drive.mounting)], np.random.default_rng(1), by=by
-    ...     )
+    ...     halves = compare_halves(sensors, np.random.default_rng(1), by=by)
     ...     print(by, halves.errors.shape)
     target (40, 3)
     object (40, 3)
@@ -173,8 +160,7 @@ def compare_halves(
         for scans, mounting in check_rows("sensors", sensors, Iterable, Mounting)
     ]
     whole = track_joint(drives, baseline=baseline, horizon=horizon, **options)
-    count = len(whole.times)
-    errors, covariances = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
+    errors, covariances = np.full_like(whole.theta, np.nan), np.full_like(whole.covariance, np.nan)
     for i, group in enumerate(rounds([scans for scans, _ in drives])[1:]):
         if not whole.converged[i]:
             continue
@@ -190,18 +176,9 @@ def compare_halves(
         one, two = (
             estimate_joint_ego_motion(pairs, initial=whole.theta[i], **options) for pairs in halves
         )
-        errors[i], covariances[i] = one.theta - two.theta, one.covariance + two.covariance
-    good = np.isfinite(covariances).all(axis=(1, 2))
-    return enough(
-        Comparison(
-            whole.times[good],
-            errors[good],
-            covariances[good],
-            float(good.mean()),
-            float(whole.converged.mean()),
-        ),
-        "the halves have",
-    )
+        if one.converged and two.converged:
+            errors[i], covariances[i] = one.theta - two.theta, one.covariance + two.covariance
+    return enough(Comparison.from_errors(whole, errors, covariances), "the halves have")
 
 
 def _clusters(scan: RadarScan, distance: float) -> NDArray[np.int_]:
@@ -215,11 +192,11 @@ def _clusters(scan: RadarScan, distance: float) -> NDArray[np.int_]:
     return np.asarray(found, dtype=np.int_)
 
 
-def _half(rng: np.random.Generator, labels: NDArray[np.int_]) -> NDArray[Any]:
-    """Whether (K,) each target belongs to the first half; those of a label stay together."""
+def _half(rng: np.random.Generator, labels: NDArray[np.int_]) -> NDArray[np.bool_]:
+    """Which targets (K,) belong to the first half; targets with the same label stay together."""
     names, cluster, sizes = np.unique(labels, return_inverse=True, return_counts=True)
     first = np.zeros(len(names), dtype=np.bool_)
-    lead = 0  # targets that the first half has more than the second
+    lead = 0  # how many more targets the first half has than the second
     for name in rng.permutation(len(names)):
         first[name] = lead < 0 or (lead == 0 and rng.random() < 0.5)
         lead += int(sizes[name]) if first[name] else -int(sizes[name])

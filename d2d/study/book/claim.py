@@ -20,7 +20,7 @@ was measured and is stated; *refuted* if no part passes, or the contrary does.  
 the draws, layouts or drives that were measured.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Literal, NamedTuple
@@ -28,6 +28,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from d2d.study.book.measured import Measured
+from d2d.study.book.thesis_figures import page_of
 
 Verdict = Literal["confirmed", "qualified", "refuted"]
 
@@ -102,10 +103,10 @@ class Evidence:
         Decided by the check from the numbers, see `judge`.
     because : str
         One sentence that gives the reason, composed from the numbers.
-    numbers : dict of str to float
+    numbers : mapping of str to float
         What was measured, by name with its unit, with its 95 % interval as
         `d2d.study.book.measured.Measured`; a plain float is exact, a count or the value of a
-        formula.
+        formula.  The one or two that tell most are marked with `d2d.study.book.measured.telling`.
     holds : str
         The condition under which the claim holds, composed from the numbers; not used if the claim
         is confirmed as it stands.
@@ -115,9 +116,23 @@ class Evidence:
 
     verdict: Verdict
     because: str
-    numbers: dict[str, float]
+    numbers: Mapping[str, float]
     holds: str = ""
     over: str = ""
+
+    @property
+    def telling(self) -> dict[str, Measured]:
+        """The numbers that tell most: the ledger shows these, and a card shows them first."""
+        return {
+            name: value
+            for name, value in self.numbers.items()
+            if isinstance(value, Measured) and value.telling
+        }
+
+    @property
+    def is_conditional(self) -> bool:
+        """Whether it is said when the claim holds."""
+        return self.verdict != "confirmed" and bool(self.holds)
 
 
 @dataclass(frozen=True)
@@ -133,8 +148,6 @@ class Claim:
         The claim in our words.
     figure : str
         Label of the figure of the book that shows it, without ``fig-``.
-    telling : tuple of str
-        Names of the one or two most telling numbers of the evidence.
     check : callable
         Measures and judges, with a fixed seed; other measurements would give another verdict.
     """
@@ -143,18 +156,20 @@ class Claim:
     section: str
     text: str
     figure: str
-    telling: tuple[str, ...]
     check: Callable[[], Evidence]
 
+    @property
+    def page(self) -> str:
+        """The page of the book that judges it."""
+        return page_of(self.section, self.id)
 
-def claim(
-    id: str, *, section: str, figure: str, telling: tuple[str, ...]
-) -> Callable[[Callable[[], Evidence]], Claim]:
+
+def claim(id: str, *, section: str, figure: str) -> Callable[[Callable[[], Evidence]], Claim]:
     """Turn the decorated check into a claim, with the check's docstring as its text."""
 
     def decorate(check: Callable[[], Evidence]) -> Claim:
         text = " ".join((check.__doc__ or "").split())
-        return Claim(id, section, text, figure, telling, check)
+        return Claim(id, section, text, figure, check)
 
     return decorate
 

@@ -1,15 +1,197 @@
-"""The tables of the ledger: every claim with its verdict, every figure of the thesis with ours.
+"""Claims as readers see them: cards, the box atop a chapter, and the tables of the ledger.
 
-The tables are MyST Markdown: ``[text](#fig-x)`` links to the figure with that label, and the build
-of the book fails if there is none.
+A card is HTML.  Boxes and tables are MyST Markdown, so that their sentences may cite, refer and
+hold formulas as the text does: ``[text](#fig-x)`` links to the figure with that label, and the
+build of the book fails if there is none.
 """
 
-from collections.abc import Iterable, Mapping
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
-from d2d.study.book.card import SIGNS, anchor, badge, told
 from d2d.study.book.claim import Claim, Evidence, Verdict
-from d2d.study.book.thesis_figures import ThesisFigure, page_of
+from d2d.study.book.measured import Measured
+from d2d.study.book.table import significant
+from d2d.study.book.thesis_figures import ThesisFigure
 from d2d.study.book.typography import typeset
+
+SIGNS: dict[Verdict, str] = {"confirmed": "✓", "qualified": "≈", "refuted": "✗"}
+"""The sign beside the word of each verdict, so that no verdict is marked by its colour alone."""
+
+LEDGER = "10_claims.html"
+"""Beside the page that links to it, because all pages with claims are chapters."""
+
+WIDTH = 88
+EXACT = "exact"
+"""What is said of a number without an interval, such as a count or the value of a formula."""
+
+
+def badge(verdict: Verdict) -> str:
+    """A verdict as HTML; ``_static/ledger.css`` colours it."""
+    return f'<span class="verdict verdict-{verdict}">{SIGNS[verdict]} {verdict}</span>'
+
+
+def anchor(id: str) -> str:
+    """The place of a claim's row in the ledger."""
+    return f"claim-{id}"
+
+
+def ledger_link(id: str, text: str = "") -> str:
+    """A link, as HTML, from any chapter to a claim's row in the ledger."""
+    return f'<a href="{LEDGER}#{anchor(id)}"><code>{id}</code>{text}</a>'
+
+
+def with_interval(value: float, mark: str = "") -> str:
+    """A number between marks with its 95 % interval, or the word that it needs none."""
+    return f"{mark}{significant(value)}{mark} [{', '.join(_bounds(value))}]"
+
+
+def _bounds(value: float) -> list[str]:
+    bounds = (value.low, value.high) if isinstance(value, Measured) else ()
+    return [significant(bound) for bound in bounds] or [EXACT]
+
+
+def _capital(sentence: str) -> str:
+    return sentence[:1].upper() + sentence[1:]
+
+
+@dataclass(frozen=True)
+class Cards:
+    """Claims with their evidence, one card each, which show themselves.
+
+    Attributes
+    ----------
+    shown : tuple of (Claim, Evidence)
+    """
+
+    shown: tuple[tuple[Claim, Evidence], ...]
+
+    def __str__(self) -> str:
+        """Claim, verdict, reason and all numbers, wrapped."""
+        return "\n\n".join(_text(claim, evidence) for claim, evidence in self.shown)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        """A card each: verdict, claim, reason, telling numbers, and the others folded away."""
+        return "\n".join(_html(claim, evidence) for claim, evidence in self.shown)
+
+
+def cards(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> Cards:
+    """The cards of claims.  Raises ``KeyError`` with the id if one is not on record."""
+    return Cards(tuple((claim, record[claim.id]) for claim in claims))
+
+
+def _text(claim: Claim, evidence: Evidence) -> str:
+    sentences = [f"[{claim.id}] {claim.text} (thesis {claim.section})"]
+    if evidence.is_conditional:
+        sentences.append(f"holds: {evidence.holds}")
+    sentences.append(f"{evidence.verdict}: {evidence.because}")
+    if evidence.over:
+        sentences.append(f"measured over {evidence.over}")
+    numbers = [f"  {name}: {with_interval(value)}" for name, value in evidence.numbers.items()]
+    return "\n".join([*(textwrap.fill(sentence, WIDTH) for sentence in sentences), *numbers])
+
+
+def _html(claim: Claim, evidence: Evidence) -> str:
+    parts = [
+        f'<div class="claim claim-{evidence.verdict}" role="group" aria-label="Claim {claim.id}">',
+        f'<p class="claim-head">{badge(evidence.verdict)} <span class="claim-source">thesis, '
+        f"section {claim.section} · {ledger_link(claim.id, ' in the ledger')}</span></p>",
+        f'<p class="claim-text">{typeset(claim.text)}</p>',
+    ]
+    if evidence.is_conditional:
+        parts.append(f'<p class="claim-holds"><b>Holds:</b> {typeset(evidence.holds)}</p>')
+    parts.append(f'<p class="claim-why">{typeset(_capital(evidence.because))}</p>')
+    telling = evidence.telling
+    parts.append(_numbers(telling))
+    if evidence.over:
+        parts.append(f'<p class="claim-over">Measured over {typeset(evidence.over)}</p>')
+    others = {name: value for name, value in evidence.numbers.items() if name not in telling}
+    if others:
+        summary = "The other number" if len(others) == 1 else f"The other {len(others)} numbers"
+        parts.append(f"<details><summary>{summary}</summary>\n{_numbers(others)}\n</details>")
+    return "\n".join([*parts, "</div>"])
+
+
+def _numbers(numbers: Mapping[str, float]) -> str:
+    rows = "\n".join(
+        f"<div><dt>{typeset(name)} "
+        f'<span class="interval">{" to ".join(map(typeset, _bounds(value)))}</span></dt>'
+        f"<dd>{typeset(significant(value))}</dd></div>"
+        for name, value in numbers.items()
+    )
+    return f'<dl class="claim-numbers">\n{rows}\n</dl>'
+
+
+@dataclass(frozen=True)
+class ChapterBox:
+    """What a reader wants to know before a chapter; displays itself.
+
+    Attributes
+    ----------
+    asked, found : str or sequence of str
+        One sentence, or several, in MyST Markdown.
+    verdicts : dict of str to list of str
+        The ids of the chapter's claims by verdict.
+    minutes : int
+        To read the chapter, without the exercises.
+    needs : str
+        What a reader should know, in MyST Markdown.
+    """
+
+    asked: str | Sequence[str]
+    found: str | Sequence[str]
+    verdicts: dict[Verdict, list[str]]
+    minutes: int
+    needs: str
+
+    def __str__(self) -> str:
+        """The same without HTML."""
+        lines = [f"Asked: {sentence}" for sentence in _listed(self.asked)]
+        lines += [f"Found: {sentence}" for sentence in _listed(self.found)]
+        for verdict, ids in self.verdicts.items():
+            lines.append(f"{len(ids)} {verdict}: {', '.join(ids)}")
+        lines.append(f"About {self.minutes} minutes. You need: {self.needs}")
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def _repr_markdown_(self) -> str:
+        """A box of Markdown, with blank lines so that its sentences are parsed."""
+        parts = ['<div class="chapter-box">']
+        parts.append(_part("What is asked", _listed(self.asked)))
+        parts.append(_part("What is found", _listed(self.found)))
+        if self.verdicts:
+            claims = sum(map(len, self.verdicts.values()))
+            verdicts = [
+                f"{len(ids)} {badge(verdict)}: {', '.join(map(ledger_link, ids))}"
+                for verdict, ids in self.verdicts.items()
+            ]
+            several = f"Its {claims} claims of the thesis"
+            parts.append(_part(several if claims > 1 else "Its claim of the thesis", verdicts))
+        parts.append(f"**What you need:** {self.needs} **Time:** about {self.minutes} minutes.")
+        return "\n\n".join([*parts, "</div>"])
+
+
+def _listed(sentences: str | Sequence[str]) -> Sequence[str]:
+    return [sentences] if isinstance(sentences, str) else sentences
+
+
+def _part(title: str, sentences: Sequence[str]) -> str:
+    if len(sentences) == 1:
+        return f"**{title}:** {sentences[0]}"
+    listed = "\n".join(f"- {sentence}" for sentence in sentences)
+    return f"**{title}**\n\n{listed}"
+
+
+def verdicts_of(
+    chapter: str, claims: Iterable[Claim], record: Mapping[str, Evidence]
+) -> dict[Verdict, list[str]]:
+    """The ids of the claims of a chapter ("03" or "04a") by verdict, without empty ones."""
+    own = [claim.id for claim in claims if claim.page.startswith(f"{chapter}_")]
+    ids = {verdict: [id for id in own if record[id].verdict == verdict] for verdict in SIGNS}
+    return {verdict: listed for verdict, listed in ids.items() if listed}
 
 
 def count_verdicts(record: Mapping[str, Evidence]) -> str:
@@ -23,54 +205,56 @@ def verdicts_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> s
     """A table of the number of claims with each verdict, by page, with a last row for all pages."""
     by_page: dict[str, list[Evidence]] = {}
     for claim in claims:
-        by_page.setdefault(page_of(claim.section, claim.id), []).append(record[claim.id])
-    lines = [f"| chapter | claims | {' | '.join(SIGNS)} |", "|" + " --- |" * (2 + len(SIGNS))]
-    in_order = sorted(by_page.items())  # the thesis tells of optimisers (5b) before chapter 5
-    linked = {f"[{_chapter(page)}]({page}.ipynb)": listed for page, listed in in_order}
-    for name, evidence in (linked | {"all": list(record.values())}).items():
-        cells = (name, len(evidence), *_counts(evidence).values())
-        lines.append(f"| {' | '.join(map(str, cells))} |")
-    return "\n".join(lines)
+        by_page.setdefault(claim.page, []).append(record[claim.id])
+    rows = {
+        f"[{_chapter(page)}]({page}.ipynb)": evidence
+        for page, evidence in sorted(by_page.items())  # optimisers (5b) precede chapter 5
+    }
+    rows["all"] = list(record.values())
+    return _markdown_table(
+        ["chapter", "claims", *SIGNS],
+        [[name, len(evidence), *_counts(evidence).values()] for name, evidence in rows.items()],
+    )
 
 
 def claims_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> str:
     """A table with one row for each claim: its verdict, its telling numbers, its figure, and why.
 
-    Raises
-    ------
-    ValueError
-        If a claim is not on record.
+    Raises ``KeyError`` with the id if a claim is not on record.
     """
-    lines = ["| claim | verdict | measured | why |", "|" + " --- |" * 4]
+    rows = []
     for claim in claims:
-        evidence = record.get(claim.id)
-        if evidence is None:
-            raise ValueError(f"record: has no evidence for {claim.id}")
-        page = page_of(claim.section, claim.id)
-        shown = f"[chapter {_chapter(page)}]({page}.ipynb), [figure](#fig-{claim.figure})"
-        numbers = "<br>".join(
-            typeset(f"{told(evidence.numbers[name], '**')} {name}") for name in claim.telling
+        evidence = record[claim.id]
+        chapter = f"[chapter {_chapter(claim.page)}]({claim.page}.ipynb)"
+        said = (
+            f'<span id="{anchor(claim.id)}"></span>{claim.section} {typeset(claim.text)}'
+            f"<br>`{claim.id}`<br>{chapter}, [figure](#fig-{claim.figure})"
         )
-        why = typeset(evidence.because[0].upper() + evidence.because[1:])
+        numbers = [
+            typeset(f"{with_interval(value, '**')} {name}")
+            for name, value in evidence.telling.items()
+        ]
+        measured = "<br>".join([*numbers, f"over {typeset(evidence.over)}"])
+        why = typeset(_capital(evidence.because))
         if evidence.verdict != "confirmed":
             why = f"**Holds:** {typeset(evidence.holds)}<br>**Why:** {why}"
-        lines.append(
-            f'| <span id="{anchor(claim.id)}"></span>{claim.section} {typeset(claim.text)}'
-            f"<br>`{claim.id}`<br>{shown} "
-            f"| {badge(evidence.verdict)} | {numbers}<br>over {typeset(evidence.over)} | {why} |"
-        )
-    return "\n".join(lines)
+        rows.append([said, badge(evidence.verdict), measured, why])
+    return _markdown_table(["claim", "verdict", "measured", "why"], rows)
 
 
 def figures_table(figures: Iterable[ThesisFigure]) -> str:
     """A table with one row per figure of the thesis: its number, what it shows, where ours is."""
-    lines = ["| thesis | what it shows | ours |", "|" + " --- |" * 3]
+    rows = []
     for figure in figures:
         kind = "" if figure.number.startswith("Table") else "Figure "
-        lines.append(
-            f"| {kind}{figure.number} | {figure.shows} "
-            f"| [chapter {_chapter(figure.page)}, {figure.id}](#fig-{figure.id}) |"
-        )
+        ours = f"[chapter {_chapter(figure.page)}, {figure.id}](#fig-{figure.id})"
+        rows.append([f"{kind}{figure.number}", figure.shows, ours])
+    return _markdown_table(["thesis", "what it shows", "ours"], rows)
+
+
+def _markdown_table(header: Sequence[str], rows: Iterable[Sequence[str | int]]) -> str:
+    lines = [f"| {' | '.join(map(str, row))} |" for row in (header, *rows)]
+    lines.insert(1, "|" + " --- |" * len(header))
     return "\n".join(lines)
 
 

@@ -22,15 +22,18 @@ class Measured(float):
     ----------
     low, high : float
         Bounds of the interval.
+    telling : bool
+        Whether the ledger shows it, see `telling`.
     """
 
     low: float
     high: float
+    telling: bool
 
-    def __new__(cls, value: float, low: float, high: float) -> "Measured":
+    def __new__(cls, value: float, low: float, high: float, telling: bool = False) -> "Measured":
         """Attach bounds to a value."""
         self = super().__new__(cls, value)
-        self.low, self.high = float(low), float(high)
+        self.low, self.high, self.telling = float(low), float(high), telling
         return self
 
     def __getnewargs__(self) -> tuple[float, float, float]:  # type: ignore[override]
@@ -44,6 +47,11 @@ class Measured(float):
     def plus(self, shift: float) -> "Measured":
         """The number and its bounds, all shifted."""
         return Measured(self + shift, self.low + shift, self.high + shift)
+
+
+def telling(number: Measured, where: bool = True) -> Measured:
+    """The number, marked as one of the two or so that tell most, if a condition is met."""
+    return Measured(number, number.low, number.high, telling=where)
 
 
 def share_of(condition: ArrayLike) -> Measured:
@@ -69,17 +77,11 @@ def share_over(shares: ArrayLike, cases: float) -> Measured:
     return share_counted(share, float(np.clip(effective, groups, groups * cases)))
 
 
-def share_in_series(condition: ArrayLike, block: int) -> Measured:
-    """Share of the rows (N,) of a series in which a condition is met, with Wilson's interval.
-
-    The rows count as N / block independent cases.
-    """
-    met = np.asarray(condition, dtype=np.float64)
-    return share_counted(float(met.mean()), len(met) / block)
-
-
 def share_counted(share: float, cases: float) -> Measured:
-    """A share of so many independent cases, with Wilson's interval."""
+    """A share of so many independent cases, with Wilson's interval.
+
+    The N rows of a series that are correlated over ``block`` rows count as N / block cases.
+    """
     z2 = float(scipy.special.ndtri(UPPER)) ** 2 / cases
     middle = (share + 0.5 * z2) / (1.0 + z2)
     half = np.sqrt(z2 * (share * (1.0 - share) + 0.25 * z2)) / (1.0 + z2)

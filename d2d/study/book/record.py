@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping
 from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 from d2d.study.book.claim import Evidence
 from d2d.study.book.measured import Measured
@@ -27,7 +28,7 @@ def record_path() -> Path:
 def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
     """Write the evidence, with its numbers rounded to four significant digits.
 
-    A number with an interval becomes a list of itself and the two bounds.
+    A number with an interval becomes a list of itself and the two bounds, and "telling" if it is.
     """
     rounded = {
         key: vars(item)
@@ -37,28 +38,28 @@ def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
     path.write_text(json.dumps(rounded, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def _rounded(value: float) -> float | list[float]:
+def _rounded(value: float) -> float | list[float | str]:
     """Four significant digits of a number, or of one with its bounds."""
-    if isinstance(value, Measured):
-        return [float(f"{part:.4g}") for part in (value, value.low, value.high)]
-    return float(f"{value:.4g}")
+    parts = [float(f"{part:.4g}") for part in _parts(value)]
+    if not isinstance(value, Measured):
+        return parts[0]
+    return [*parts, "telling"] if value.telling else [*parts]
 
 
 def read_record(path: Path | None = None) -> dict[str, Evidence]:
     """Read what `write_record` wrote; by default the book's record."""
     stored = json.loads((path or record_path()).read_text(encoding="utf-8"))
-    return {
-        key: Evidence(**entries | {"numbers": _with_bounds(entries["numbers"])})
-        for key, entries in stored.items()
-    }
+    for entries in stored.values():
+        entries["numbers"] = {name: _read(value) for name, value in entries["numbers"].items()}
+    return {key: Evidence(**entries) for key, entries in stored.items()}
 
 
-def _with_bounds(numbers: Mapping[str, float | list[float]]) -> dict[str, float]:
-    """The numbers of a record, those with an interval as `Measured`."""
-    return {
-        name: Measured(*value) if isinstance(value, list) else value
-        for name, value in numbers.items()
-    }
+def _read(value: float | list[Any]) -> float:
+    """A number of a record, as `Measured` if it has an interval."""
+    if not isinstance(value, list):
+        return value
+    number, low, high, *mark = value
+    return Measured(number, low, high, telling=bool(mark))
 
 
 def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
@@ -77,6 +78,8 @@ def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
         )
         if not math.isclose(value, stored, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
     ]
+    if list(fresh.telling) != list(recorded.telling):
+        differing.append(f"telling: {list(fresh.telling)}, on record {list(recorded.telling)}")
     if fresh.verdict != recorded.verdict:
         differing.append(f"{fresh.verdict}, on record {recorded.verdict}")
     for field in ("because", "holds", "over"):

@@ -18,6 +18,7 @@ Column = str | tuple[str, ...]
 
 GAP = "  "
 ABSENT = "–"
+NUMBER = ' class="number"'
 
 
 def significant(value: float) -> str:
@@ -94,33 +95,36 @@ class Table:
 
     def _repr_html_(self) -> str:
         """A table in a box of its own that scrolls where it is wider than the page."""
-        caption = f"<figcaption>{typeset(self.caption)}</figcaption>" if self.caption else ""
-        head = "".join(
-            f'<th scope="col"{_number(right)}>{typeset(name)}{_unit(unit)}</th>'
-            for (name, unit), right in zip(self.header, self.numeric, strict=bool(self.header))
-        )
-        over = "".join(
+        parts = ['<figure class="measured">']
+        if self.caption:
+            parts.append(f"<figcaption>{typeset(self.caption)}</figcaption>")
+        parts.append('<div class="measured-scroll"><table>\n')
+        if self.header:
+            parts.append(f"<thead>{self._html_groups()}<tr>{self._html_header()}</tr></thead>\n")
+        body = "\n".join(f"<tr>{self._html_row(row)}</tr>" for row in self.rows)
+        parts.append(f"<tbody>\n{body}\n</tbody></table></div></figure>")
+        return "".join(parts)
+
+    def _html_groups(self) -> str:
+        cells = [
             f'<th scope="colgroup" colspan="{span}">{typeset(title)}</th>'
             if title
             else f'<td colspan="{span}"></td>'
             for title, span in self.groups
-        )
-        over = f"<tr>{over}</tr>" if over else ""
-        body = "\n".join(f"<tr>{self._html_row(row)}</tr>" for row in self.rows)
-        return (
-            f'<figure class="measured">{caption}<div class="measured-scroll"><table>\n'
-            + (
-                f"<thead>{f'<tr>{over}</tr>' if over else ''}<tr>{head}</tr></thead>\n"
-                if head
-                else ""
-            )
-            + f"<tbody>\n{body}\n</tbody></table></div></figure>"
-        )
+        ]
+        return f"<tr>{''.join(cells)}</tr>" if cells else ""
+
+    def _html_header(self) -> str:
+        cells = []
+        for (name, unit), right in zip(self.header, self.numeric, strict=True):
+            of_unit = f' <span class="unit">{typeset(unit)}</span>' if unit else ""
+            cells.append(f'<th scope="col"{NUMBER if right else ""}>{typeset(name)}{of_unit}</th>')
+        return "".join(cells)
 
     def _html_row(self, row: Sequence[str]) -> str:
         first, *others = map(typeset, row)
         cells = [
-            f"<td{_number(right)}>{text}</td>"
+            f"<td{NUMBER if right else ''}>{text}</td>"
             for text, right in zip(others, self.numeric[1:], strict=True)
         ]
         return "".join([f'<th scope="row">{first}</th>', *cells])
@@ -157,8 +161,7 @@ def table(
     Raises
     ------
     ValueError
-        If there are no rows, the number of cells of a row is wrong, or the groups have more columns
-        than the table.
+        If a row has another number of cells than there are columns.
 
     Examples
     --------
@@ -166,14 +169,12 @@ def table(
     method  translation (mm)  rotation (deg)
     ICP                   15            0.46
     """
-    specified = [_complete(column) for column in columns]
+    specified = [_padded((column,) if isinstance(column, str) else column) for column in columns]
     headings = [name for name, _, _ in specified]
     if isinstance(rows, Mapping):
         listed = [(name, *_rest(value, headings[1:])) for name, value in rows.items()]
     else:
         listed = [tuple(row) for row in rows]
-    if not listed:
-        raise ValueError("rows: a table needs at least one")
     for row in listed:
         if len(row) != len(specified):
             raise ValueError(f"rows: {row} has {len(row)} cells for {len(specified)} columns")
@@ -181,11 +182,11 @@ def table(
         tuple(cell(value, form) for value, (_, _, form) in zip(row, specified, strict=True))
         for row in listed
     )
-    numeric = tuple(
+    numeric = [
         not any(isinstance(value, str) for value in column) for column in zip(*listed, strict=True)
-    )
+    ]
     header = tuple((name, unit) for name, unit, _ in specified)
-    over = _groups(groups or {}, len(header))
+    over = (("", len(header) - sum(groups.values())), *groups.items()) if groups else ()
     return Table(header, cells, (False, *numeric[1:]), caption, over)
 
 
@@ -199,43 +200,23 @@ def quantities(*named: tuple[Any, ...], caption: str = "") -> Table:
     caption : str
         What they belong to.
 
-    Raises
-    ------
-    ValueError
-        If there are none, or one is not a name and a value.
-
     Examples
     --------
     >>> quantities(("points", 180), ("true motion, x", 0.5, "m", ".1f"))
     points            180
     true motion, x  0.5 m
     """
-    if not named:
-        raise ValueError("named: at least one is needed")
     rows = []
     for quantity in named:
-        if not 2 <= len(quantity) <= 4:
-            raise ValueError(f"named: expected (name, value, unit, format), got {quantity}")
         name, value, unit, form = (*quantity, "", "")[:4]
         rows.append((str(name), f"{cell(value, form)} {unit}".rstrip()))
     return Table((), tuple(rows), (False, True), caption)
 
 
-def _complete(column: Column) -> tuple[str, str, str]:
-    """Heading, unit and format of a column."""
-    parts = (column,) if isinstance(column, str) else tuple(column)
-    if not 1 <= len(parts) <= 3:
-        raise ValueError(f"columns: expected a heading or (heading, unit, format), got {column!r}")
-    name, unit, form = (*parts, "", "")[:3]
+def _padded(column: Sequence[str]) -> tuple[str, str, str]:
+    """Heading, unit and format of a column; what is not given is empty."""
+    name, unit, form = (*column, "", "")[:3]
     return name, unit, form
-
-
-def _groups(groups: Mapping[str, int], columns: int) -> tuple[tuple[str, int], ...]:
-    """The groups, after one without a title over the columns before them."""
-    before = columns - sum(groups.values())
-    if before < 1:
-        raise ValueError(f"groups: {dict(groups)} leave no column of {columns} for the rows' names")
-    return (("", before), *groups.items()) if groups else ()
 
 
 def _rest(value: Any, headings: Sequence[str]) -> tuple[Any, ...]:
@@ -245,11 +226,3 @@ def _rest(value: Any, headings: Sequence[str]) -> tuple[Any, ...]:
     if isinstance(value, str) or np.ndim(value) == 0:
         return (value,)
     return tuple(value)
-
-
-def _number(right: bool) -> str:
-    return ' class="number"' if right else ""
-
-
-def _unit(unit: str) -> str:
-    return f' <span class="unit">{typeset(unit)}</span>' if unit else ""

@@ -27,8 +27,9 @@ from d2d.study.book.measured import (
     geometric_mean_of,
     mean_of,
     rms_ratio,
-    share_in_series,
+    share_counted,
     share_over,
+    telling,
 )
 from d2d.study.drives.errors import NAMES, DriveErrors
 from d2d.study.drives.moving_targets import TargetWeights, walkers_by_pair
@@ -36,21 +37,17 @@ from d2d.study.drives.variations import followed
 
 DRIVES = 8
 DURATION = 40.0  # s: a third of a lap, with two bends
+DOPPLER = {"without": False, "with": True}
 WALKING_SPEED = 1.5  # m/s
 OVER = f"{DRIVES} drives of the robot of {DURATION:g} s"
 
 
-def _ratios(what: str, ratio: list[Measured]) -> dict[str, float]:
-    """A ratio of v_x, v_y and omega as three numbers."""
+def _ratios(what: str, ratio: list[Measured], shown: Sequence[str]) -> dict[str, float]:
+    """A ratio of v_x, v_y and omega as three numbers, of which some are telling."""
     return {
-        f"{what} of {name}, without / with": each for name, each in zip(NAMES, ratio, strict=True)
+        f"{what} of {name}, without / with": telling(each, name in shown)
+        for name, each in zip(NAMES, ratio, strict=True)
     }
-
-
-def _rms_ratios(over: Array, under: Array) -> list[Measured]:
-    """Ratio of the RMSEs of each component, of errors (n, 3) of drives one after the other."""
-    block = max(block_length(np.square(over)), block_length(np.square(under)))
-    return [rms_ratio(a, b, block) for a, b in zip(over.T, under.T, strict=True)]
 
 
 def _by_component(values: Sequence[float]) -> str:
@@ -70,46 +67,19 @@ def tracked_drive(seed: int, by_car: bool) -> tuple[Drive, dict[bool, Track]]:
     return drive, {d: track(drive.scans, drive.mounting, doppler=d) for d in (False, True)}
 
 
-def drive_in_traffic(seed: int) -> tuple[Drive, dict[bool, Track]]:
-    """`tracked_drive` of the robot or, every second time, the car."""
-    return tracked_drive(seed, seed % 2 == 1)
+def robot_drives() -> list[tuple[Drive, dict[bool, Track]]]:
+    """The drives of the robot, each with its tracks."""
+    return [tracked_drive(seed, False) for seed in range(DRIVES)]
 
 
-def errors_of_drives(doppler: bool) -> list[DriveErrors]:
-    """Errors of the robot's drives."""
-    found = []
-    for seed in range(DRIVES):
-        drive, tracks = tracked_drive(seed, False)
-        found.append(DriveErrors.of(tracks[doppler], drive.truth))
-    return found
-
-
-def offsets_of_drives(doppler: bool) -> Array:
-    """Position error (drives, scans) along the robot's drives, in m."""
-    offsets = []
-    for seed in range(DRIVES):
-        drive, tracks = tracked_drive(seed, False)
-        poses = tracks[doppler].poses(drive.truth.poses[0])
-        offsets.append(np.linalg.norm((poses - drive.truth.poses)[:, :2], axis=-1))
-    return np.array(offsets)
-
-
-@claim(
-    "doppler-rejects-moving",
-    section="7.1",
-    figure="moving-targets",
-    telling=(
-        "share of moving targets rejected with Doppler",
-        "share rejected with Doppler, walking across it",
-    ),
-)
+@claim("doppler-rejects-moving", section="7.1", figure="moving-targets")
 def doppler_rejects_moving() -> Evidence:
     """The Doppler velocities suppress targets that move."""
     # per drive: moving without and with Doppler, still with; per pair: walking along, and across
     shares, counts = np.empty((DRIVES, 3)), np.empty((DRIVES, 2))
     walking: list[Array] = []
     for seed in range(DRIVES):
-        drive, tracks = drive_in_traffic(seed)
+        drive, tracks = tracked_drive(seed, by_car=seed % 2 == 1)
         for doppler, driven in tracks.items():
             weights = TargetWeights.of(drive, driven, doppler=doppler)
             moving = weights.kind == "moving"
@@ -137,11 +107,11 @@ def doppler_rejects_moving() -> Evidence:
         f"to miss their place, {across:.1%}.",
         {
             "share of moving targets rejected without Doppler": without,
-            "share of moving targets rejected with Doppler": with_doppler,
+            "share of moving targets rejected with Doppler": telling(with_doppler),
             "difference of these shares": gain,
             "share of targets that stand still rejected with Doppler": still,
             "share rejected with Doppler, walking along the line of sight": along,
-            "share rejected with Doppler, walking across it": across,
+            "share rejected with Doppler, walking across it": telling(across),
         },
         holds="For targets that move along the line of sight, as most traffic in a street does: "
         f"{along:.0%} of those that walk along it are rejected, {across:.1%} of those that walk "
@@ -151,24 +121,19 @@ def doppler_rejects_moving() -> Evidence:
     )
 
 
-@claim(
-    "doppler-reduces-error",
-    section="7.3",
-    figure="ego-error",
-    telling=(
-        "ratio of the RMSE of v_x, without / with",
-        "ratio of the RMSE of omega, without / with",
-    ),
-)
+@claim("doppler-reduces-error", section="7.3", figure="ego-error")
 def doppler_reduces_error() -> Evidence:
     """The Doppler velocities reduce the estimation error."""
-    ratio = _rms_ratios(*_paired_errors())
+    without, with_doppler = _paired_errors()
+    block = max(block_length(np.square(without)), block_length(np.square(with_doppler)))
+    pairs = zip(without.T, with_doppler.T, strict=True)
+    ratio = [rms_ratio(over, under, block) for over, under in pairs]
     less = [larger(each, RATIO) for each in ratio]
     return Evidence(
         judge(confirmed=all(less), qualified=any(less)),
         f"the RMSE without Doppler over that with it is {_by_component(ratio)}. The Doppler "
         "velocities measure the sensor's velocity directly; the rotation is seen by the positions.",
-        _ratios("ratio of the RMSE", ratio),
+        _ratios("ratio of the RMSE", ratio, ("v_x", "omega")),
         holds="For the components for which the lower bound of the 95% interval of the ratio "
         f"exceeds {RATIO.high:g}: it is {_by_component([each.low for each in ratio])}.",
         over=OVER,
@@ -181,26 +146,20 @@ def _paired_errors() -> tuple[Array, Array]:
     Only pairs of scans for which both estimates are accepted.
     """
     errors: dict[bool, list[Array]] = {False: [], True: []}
-    for seed in range(DRIVES):
-        drive, tracks = tracked_drive(seed, False)
+    for drive, tracks in robot_drives():
         accepted = tracks[False].converged & tracks[True].converged
         for doppler, driven in tracks.items():
             errors[doppler].append((driven.theta - drive.truth.theta[1:])[accepted])
     return np.concatenate(errors[False]), np.concatenate(errors[True])
 
 
-@claim(
-    "doppler-more-certain",
-    section="7.3",
-    figure="ego-covariance",
-    telling=(
-        "ratio of the median sigma of v_x, without / with",
-        "mean ANEES with Doppler",
-    ),
-)
+@claim("doppler-more-certain", section="7.3", figure="ego-covariance")
 def doppler_more_certain() -> Evidence:
     """The Doppler velocities make the estimate more certain."""
-    drives = {"without": errors_of_drives(False), "with": errors_of_drives(True)}
+    drives = {
+        name: [DriveErrors.of(tracks[doppler], drive.truth) for drive, tracks in robot_drives()]
+        for name, doppler in DOPPLER.items()
+    }
     sigmas = {
         name: np.array([np.median(each.sigmas, axis=0) for each in found])
         for name, found in drives.items()
@@ -216,42 +175,36 @@ def doppler_more_certain() -> Evidence:
         f"mean ANEES is {anees['without']:.2f} without and {anees['with']:.2f} with it. Another "
         "factor adds curvature to the negative logarithm, so that its inverse shrinks; the thesis "
         "has it the other way round when it says that the curvature becomes less.",
-        _ratios("ratio of the median sigma", ratio)
-        | {f"mean ANEES {name} Doppler": value for name, value in anees.items()},
+        _ratios("ratio of the median sigma", ratio, ("v_x",))
+        | {
+            "mean ANEES without Doppler": anees["without"],
+            "mean ANEES with Doppler": telling(anees["with"]),
+        },
         holds="For the components whose ratio has a lower bound of the 95% interval above "
         f"{RATIO.high:g}: it is {_by_component([each.low for each in ratio])}.",
         over=OVER,
     )
 
 
-@claim(
-    "trajectory-drifts",
-    section="7.3",
-    figure="ego-trajectory",
-    telling=(
-        "mean position error at the end, without Doppler (m)",
-        "mean position error at the end, with Doppler (m)",
-    ),
-)
+@claim("trajectory-drifts", section="7.3", figure="ego-trajectory")
 def trajectory_drifts() -> Evidence:
     """The integrated trajectory accumulates error, with and without Doppler."""
     numbers: dict[str, float] = {}
-    growing, told = True, []
-    for name, doppler in (("without", False), ("with", True)):
-        offsets = offsets_of_drives(doppler)
-        quarter, end = offsets[:, offsets.shape[1] // 4], offsets[:, -1]
+    growing, said = True, []
+    for name, doppler in DOPPLER.items():
+        quarter, end = _offsets(doppler)
         growth = mean_of(end - quarter)
         growing &= larger(growth, Margin(0.0, (RATIO.high - 1.0) * float(quarter.mean())))
-        told.append(f"{quarter.mean():.2f} m and {end.mean():.2f} m {name} Doppler")
+        said.append(f"{quarter.mean():.2f} m and {end.mean():.2f} m {name} Doppler")
         numbers |= {
             f"mean position error after a quarter, {name} Doppler (m)": mean_of(quarter),
-            f"mean position error at the end, {name} Doppler (m)": mean_of(end),
+            f"mean position error at the end, {name} Doppler (m)": telling(mean_of(end)),
             f"mean growth, {name} Doppler (m)": growth,
         }
     return Evidence(
         judge(confirmed=growing),
         "after a quarter of the drive and at its end the mean position error is "
-        f"{told[0]}, {told[1]}. Each pair's error is added to all later poses; the Doppler "
+        f"{said[0]}, {said[1]}. Each pair's error is added to all later poses; the Doppler "
         "velocities change the size of a pair's error, not that errors add up.",
         numbers,
         holds="Only where the path is not known.",
@@ -259,32 +212,37 @@ def trajectory_drifts() -> Evidence:
     )
 
 
-@claim(
-    "annealing-no-gain",
-    section="7.3",
-    figure="ego-error",
-    telling=(
-        "share of pairs that annealing brings nearer to the true v_x, with Doppler, robot",
-        "share of pairs that annealing brings nearer to the true v_x, with Doppler, car",
-    ),
-)
+def _offsets(doppler: bool) -> Array:
+    """Position error (2, drives) in m: after a quarter of each robot's drive, and at its end."""
+    offsets = []
+    for drive, tracks in robot_drives():
+        true = drive.truth.poses
+        quarter = len(true) // 4
+        off = tracks[doppler].poses(true[0]) - true
+        offsets.append(np.linalg.norm(off[[quarter, -1], :2], axis=-1))
+    return np.transpose(offsets)
+
+
+@claim("annealing-no-gain", section="7.3", figure="ego-error")
 def annealing_no_gain() -> Evidence:
     """Starting from inflated covariances gains little over the constant-velocity start."""
     numbers: dict[str, float] = {}
     little: dict[tuple[str, bool], bool] = {}
-    told = []
+    said = []
     for vehicle, by_car in (("robot", False), ("car", True)):
         for name, doppler in (("with", True), ("without", False)):
             gain = _gain_of_annealing(by_car, doppler)
             little[vehicle, doppler] = hardly_any(gain.nearer) and gain.ratio.high < RATIO.high
             what = f"{name} Doppler, {vehicle}"
             numbers |= {
-                f"share of pairs that annealing brings nearer to the true v_x, {what}": gain.nearer,
+                f"share of pairs that annealing brings nearer to the true v_x, {what}": telling(
+                    gain.nearer, doppler
+                ),
                 f"share of pairs that it takes farther from it, {what}": gain.farther,
                 f"ratio of the RMSE of v_x, plain / annealed, {what}": gain.ratio,
                 f"drives in which it lowers the RMSE of v_x by more than 5 %, {what}": gain.drives,
             }
-            told.append(
+            said.append(
                 f"{what}: {gain.nearer:.2%} nearer and {gain.farther:.2%} farther, RMSE "
                 f"{gain.ratio:.2f} times ({gain.ratio.between('.2f')})"
             )
@@ -295,7 +253,7 @@ def annealing_no_gain() -> Evidence:
         "each pair is estimated once from the last velocity, without the second start that `track` "
         "gives to a doubtful pair. Share of pairs that annealing brings nearer to the true v_x and "
         "takes farther from it, and the RMSE from plain starts over that with annealing: "
-        f"{'; '.join(told)}. Where the last velocity lies within the basin of the best optimum "
+        f"{'; '.join(said)}. Where the last velocity lies within the basin of the best optimum "
         "both end there. Where a pair goes astray, the next ones start from its velocity, and "
         "inflated standard deviations can lead back.",
         numbers,
@@ -341,6 +299,7 @@ def _gain_of_annealing(by_car: bool, doppler: bool) -> _Gain:
     ratio = rms_ratio(plain, annealed, block)
     gains = [np.sqrt(np.mean(a**2) / np.mean(b**2)) > RATIO.high for a, b in errors]
     closer, worse = (
-        share_in_series(each, block_length(each)) for each in map(np.concatenate, (nearer, farther))
+        share_counted(float(each.mean()), len(each) / block_length(each))
+        for each in map(np.concatenate, (nearer, farther))
     )
     return _Gain(closer, worse, ratio, float(sum(gains)))

@@ -21,10 +21,10 @@ from d2d.radar import (
     simulate_drive,
     track,
 )
-from d2d.radar.motion.influence import influences
+from d2d.radar.motion.covariance import influences
 from d2d.radar.motion.pairs import scan_pair
-from d2d.radar.motion.shared_errors import accelerations
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
+from d2d.radar.tracks.carry import accelerations
 from d2d.scores import normalised_squares
 from d2d.study.drives.budget_trial import INGREDIENTS, drawn_errors, told
 
@@ -170,9 +170,8 @@ def slow_errors(
     for i in np.flatnonzero(driven.converged).tolist():
         pair = scans[i], scans[i + 1], mounting
         estimate = estimate_ego_motion(*pair, initial=driven.theta[i])
-        views = [(scan, mounting) for scan in pair[:2]]
         problem = model.problem([scan_pair(*pair, model)])
-        before, after = influences(problem, estimate, views, [(0, 1)])
+        before, after = influences(problem, estimate, [pair])
         columns[i, :, 0] = before.azimuth.sum(axis=0) + after.azimuth.sum(axis=0)
         columns[i, :, 1] = after.doppler.sum(axis=0)
         columns[i, :, 2] = scans[i + 1].doppler @ after.doppler

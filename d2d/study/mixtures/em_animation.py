@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike
 from d2d import gaussian
 from d2d._checks import check_finite
 from d2d._types import Array
-from d2d.gaussian import GaussianMixture
 from d2d.study.book import svg
 from d2d.study.book.grammar import BLACK, GREY, PURPLE, SKY, YELLOW
+from d2d.study.mixtures.gaussian import GaussianMixture
 
 COLOURS = (PURPLE, YELLOW, SKY, GREY)
 WIDTH, HEIGHT, STRIP, MARGIN = svg.PHONE, 330.0, 124.0, 36.0  # of the drawing, in SVG units

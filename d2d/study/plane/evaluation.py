@@ -151,7 +151,7 @@ def over_layouts(
     """
 
     def one(seed: int) -> tuple[float, ...]:
-        scenario = _random(kind, seed)
+        scenario = random_layout(kind, seed)
         result = monte_carlo(scenario, cost, runs, seed, initial)
         distance, _ = distance_and_rotation(result.errors)
         share = float(at_truth(result.errors).mean())
@@ -175,5 +175,6 @@ def optimistic_share(layout: Layout, cost: RegistrationCost, layouts: int = 30) 
 
 
 @cache
-def _random(kind: str, seed: int) -> Scenario:
+def random_layout(kind: str, seed: int) -> Scenario:
+    """A scene of that kind, with targets in other places for every seed."""
     return random_scene(kind, LAYOUTS[kind], np.random.default_rng(seed))

@@ -89,11 +89,10 @@ def error_ratio(over: Condition, under: Condition) -> Measured:
     return rms_ratio(errors_of(*over)[0], errors_of(*under)[0])
 
 
-def error_ratio_of_layouts(
-    over: tuple[str, RegistrationCost], under: tuple[str, RegistrationCost]
-) -> Array:
-    """The same ratio on each of 200 random layouts."""
-    return over_layouts(*over).rmse / over_layouts(*under).rmse
+def error_ratio_of_layouts(over: Condition, under: Condition) -> Array:
+    """The same ratio on each of 200 random layouts, each with the targets of such a scene."""
+    above, below = (over_layouts(scenario.name, cost).rmse for scenario, cost in (over, under))
+    return above / below
 
 
 def inclination(scenario: Scenario, cost: RegistrationCost) -> Measured:

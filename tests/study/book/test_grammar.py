@@ -121,25 +121,8 @@ def sets_on_a_line():
     )
 
 
-def plane_costs():
-    """The maps and profiles of chapter 6."""
-    scene = scenarios.OUTLIERS
-    plane_figures.cost_columns(scene, plane_figures.one_draw(scene), evaluation.COSTS)
-
-
-def plane_errors():
-    plane_figures.error_panels(scenarios.OVERLAPPED, tuple(evaluation.COSTS))
-
-
-def plane_bounds():
-    plane_figures.bounds_columns(scenarios.OVERLAPPED, tuple(evaluation.COSTS))
-
-
-def plane_credibility():
-    plane_figures.credibility_columns(scenarios.OVERLAPPED, tuple(evaluation.COSTS))
-
-
 def plane_scene():
+    """A scene in the plane."""
     _, ax = plt.subplots()
     plane_figures.planar_scene(ax, scenarios.OUTLIERS, *plane_figures.one_draw(scenarios.OUTLIERS))
 
@@ -152,24 +135,28 @@ def sweep():
 
 
 def driven_path():
+    """A path beside its estimate."""
     _, ax = plt.subplots()
     poses = np.zeros((201, 3))
     drive_figures.track_lines(ax, poses, poses)
     drawing.path(ax, poses, **grammar.TRUTH, label="truth")
 
 
-DRAWINGS = (
-    line_surfaces,
-    sets_on_a_line,
-    plane_costs,
-    plane_errors,
-    plane_bounds,
-    plane_credibility,
-    plane_scene,
-    sweep,
-    driven_path,
-    grammar.key,
-)
+COSTS = tuple(evaluation.COSTS)
+DRAWINGS = {
+    "surfaces on a line": line_surfaces,
+    "sets on a line": sets_on_a_line,
+    "costs in the plane": lambda: plane_figures.cost_columns(
+        scenarios.OUTLIERS, plane_figures.one_draw(scenarios.OUTLIERS), evaluation.COSTS
+    ),
+    "errors": lambda: plane_figures.error_panels(scenarios.OVERLAPPED, COSTS),
+    "bounds": lambda: plane_figures.bounds_columns(scenarios.OVERLAPPED, COSTS),
+    "credibility": lambda: plane_figures.credibility_columns(scenarios.OVERLAPPED, COSTS),
+    "scene in the plane": plane_scene,
+    "sweep": sweep,
+    "path": driven_path,
+    "key": grammar.key,
+}
 
 
 @pytest.fixture(autouse=True)
@@ -178,34 +165,31 @@ def _closed():
     plt.close("all")
 
 
-@pytest.mark.parametrize("draw", DRAWINGS, ids=lambda draw: draw.__name__)
-def test_a_figure_keeps_the_grammar(draw) -> None:
+@pytest.mark.parametrize("name", DRAWINGS)
+def test_a_figure_keeps_the_grammar(name):
     """Breaks if a cost changes its colour, marker, line or column, or anything else takes one."""
-    draw()
+    DRAWINGS[name]()
     (number,) = plt.get_fignums()
     figure = plt.figure(number)
     assert breaches(figure) == []
     assert in_order(figure)
 
 
-@pytest.mark.parametrize(
-    ("label", "style"),
-    [
-        ("sum", {"color": grammar.PURPLE, "ls": grammar.DASHED}),
-        ("likelihood", {"color": grammar.COSTS["likelihood"].color, "marker": "s"}),
-        ("robust likelihood", {"color": grammar.COSTS["robust"].color, "ls": "-"}),
-        ("something else", {"color": grammar.COSTS["robust"].color}),
-        ("truth", {"color": grammar.PURPLE, "ls": "--"}),
-    ],
-)
-def test_a_breach_is_noticed(label, style) -> None:
+def test_a_breach_is_noticed():
     """Breaks if the check above passes whatever is drawn."""
-    figure, ax = plt.subplots()
-    ax.plot([0, 1], [0, 1], label=label, **style)
-    assert breaches(figure)
+    for label, style in {
+        "sum": {"color": grammar.PURPLE, "ls": grammar.DASHED},
+        "likelihood": {"color": grammar.COSTS["likelihood"].color, "marker": "s"},
+        "robust likelihood": {"color": grammar.COSTS["robust"].color, "ls": "-"},
+        "something else": {"color": grammar.COSTS["robust"].color},
+        "truth": {"color": grammar.PURPLE, "ls": "--"},
+    }.items():
+        figure, ax = plt.subplots()
+        ax.plot([0, 1], [0, 1], label=label, **style)
+        assert breaches(figure), label
 
 
-def test_a_wrong_order_is_noticed() -> None:
+def test_a_wrong_order_is_noticed():
     """Breaks if the columns are not compared."""
     figure, axes = plt.subplots(1, 2)
     axes[0].set_title("(a) robust likelihood")
@@ -213,21 +197,21 @@ def test_a_wrong_order_is_noticed() -> None:
     assert not in_order(figure)
 
 
-@pytest.mark.parametrize(("draw", "map_name"), [("cost", "viridis"), ("density", "viridis_r")])
-def test_low_cost_is_dark(draw, map_name) -> None:
+def test_low_cost_is_dark():
     """Breaks if a map is turned round: what a reader takes for a well would be a hill."""
     logs = -np.add.outer(np.linspace(-1, 1, 65) ** 2, np.linspace(-1, 1, 65) ** 2)
-    figure, ax = plt.subplots()
-    if draw == "cost":
-        plane_figures.cost_map(ax, plane_figures.NEAR_OFFSETS, logs)
-    else:
-        plane_figures.density_map(ax, plane_figures.NEAR_OFFSETS, logs, logs)
-    mesh = next(each for each in ax.collections if isinstance(each, QuadMesh))
-    assert mesh.get_cmap().name == map_name
-    values = np.asarray(mesh.get_array()).reshape(65, 65)
-    at_truth, at_edge = (np.sum(mesh.to_rgba(values)[i, j, :3]) for i, j in ((32, 32), (0, 0)))
-    assert at_truth < 0.5 * at_edge
-    assert any(axes.get_ylabel() or axes.get_xlabel() for axes in figure.axes[1:]), "bar unlabelled"
+    figure, axes = plt.subplots(1, 2)
+    plane_figures.cost_map(axes[0], plane_figures.NEAR_OFFSETS, logs)
+    plane_figures.density_map(axes[1], plane_figures.NEAR_OFFSETS, logs, logs)
+    for ax, name in zip(axes, ("viridis", "viridis_r"), strict=True):
+        mesh = next(each for each in ax.collections if isinstance(each, QuadMesh))
+        assert mesh.get_cmap().name == name
+        values = np.asarray(mesh.get_array()).reshape(65, 65)
+        at_truth, at_edge = (np.sum(mesh.to_rgba(values)[i, i, :3]) for i in (32, 0))
+        assert at_truth < 0.5 * at_edge
+    bars = [ax for ax in figure.axes if ax not in axes]
+    assert all(bar.get_ylabel() or bar.get_xlabel() for bar in bars), "bar unlabelled"
+    assert len(bars) == 2
 
 
 def sources() -> list[tuple[str, str]]:
@@ -241,7 +225,7 @@ def sources() -> list[tuple[str, str]]:
     return found
 
 
-def test_colours_of_costs_and_maps_come_from_the_grammar() -> None:
+def test_colours_of_costs_and_maps_come_from_the_grammar():
     """Breaks if a figure writes a cost's colour or a colour map by hand, where none checks it."""
     by_hand = {}
     for name, source in sources():
@@ -253,7 +237,7 @@ def test_colours_of_costs_and_maps_come_from_the_grammar() -> None:
     assert by_hand == {}
 
 
-def test_figures_fit_a_phone() -> None:
+def test_figures_fit_a_phone():
     """Breaks if a figure grows wider than a phone shows, where panels and legends would be cut."""
     wide = {}
     for name, source in sources():
@@ -266,7 +250,7 @@ def test_figures_fit_a_phone() -> None:
     assert wide == {}
 
 
-def test_the_laboratories_have_the_colours_of_the_figures() -> None:
+def test_the_laboratories_have_the_colours_of_the_figures():
     """Breaks if a cost has another colour where it is played with than where it is printed."""
     css = (ROOT / "_static" / "labs" / "labs.css").read_text(encoding="utf-8")
     for key, look in grammar.COSTS.items():

@@ -1,69 +1,161 @@
-"""The ledger's tables say what the registry and the evidence say."""
+"""Cards, boxes and the ledger's tables say what is on record, as text and as HTML."""
+
+from __future__ import annotations
+
+import re
+from html import unescape
 
 import pytest
 
-from d2d.study.book import ledger
 from d2d.study.book.claim import Claim, Evidence
-from d2d.study.book.measured import Measured
-from d2d.study.book.thesis_figures import ThesisFigure
-
-EVIDENCE = {
-    "a": Evidence(
-        "confirmed", "it is so.", {"ratio": Measured(1.23456, 1.1, 2), "other": 2.0}, over="9 draws"
-    ),
-    "b": Evidence("refuted", "it is not.", {"steps": 6080.0}, "Never.", "one drive"),
-}
-CLAIMS = (
-    Claim("a", "4.4", "A.", "outlier-cost", ("ratio",), lambda: EVIDENCE["a"]),
-    Claim("b", "6.3", "B.", "all-scenes", ("steps",), lambda: EVIDENCE["b"]),
+from d2d.study.book.ledger import (
+    LEDGER,
+    SIGNS,
+    ChapterBox,
+    anchor,
+    badge,
+    cards,
+    claims_table,
+    count_verdicts,
+    figures_table,
+    verdicts_of,
+    verdicts_table,
 )
+from d2d.study.book.measured import Measured
+from d2d.study.book.record import read_record
+from d2d.study.book.thesis_figures import ThesisFigure
+from d2d.study.claims import CLAIMS, show
+
+RATIO = Measured(1.23456, 1.1, 2.0, telling=True)
+NUMBERS = {"steps": 6080.0, "ratio < 2": RATIO, "slope": -0.5}
+RECORD = {
+    "a": Evidence("confirmed", "it is so.", NUMBERS, "Not said.", "9 draws"),
+    "b": Evidence("refuted", f"it is {'very ' * 40}wrong.", {"ratio": RATIO}, "Never.", "a drive"),
+}
+CLAIMS_OF_TWO = [
+    Claim("a", "4.4", "A is right.", "outlier-cost", lambda: RECORD["a"]),
+    Claim("b", "6.3", "B is wrong.", "all-scenes", lambda: RECORD["b"]),
+]
 
 
-def test_count_is_of_the_verdicts_given() -> None:
-    """Breaks if a count is typed, or a verdict without claims is left out."""
-    assert ledger.count_verdicts(EVIDENCE) == "2 claims: 1 confirmed, 0 qualified, 1 refuted"
+def read(html: str) -> str:
+    """What a reader of the HTML sees."""
+    return unescape(re.sub("<[^>]*>", " ", html)).replace("−", "-")
 
 
-def test_each_claim_is_a_row_with_verdict_number_place_and_reason() -> None:
-    """Breaks if a row tells another claim's evidence, or a claim that fails hides when it holds."""
-    head, rule, first, second = ledger.claims_table(CLAIMS, EVIDENCE).splitlines()
-    assert head.count("|") == rule.count("|") == first.count("|") == second.count("|") == 5
-    assert "✓ confirmed" in first
-    assert '**1.23** <span class="whole">[1.1, 2]</span> ratio<br>over 9 draws' in first
-    assert "other" not in first
-    assert "**6080** [exact] steps<br>over one drive" in second
-    assert "[chapter 4b](04b_outliers_and_clusters_1d.ipynb), [figure](#fig-outlier-cost)" in first
-    assert first.startswith('| <span id="claim-a"></span>4.4 A.')
-    assert first.endswith("| It is so. |")
-    assert "✗ refuted" in second
-    assert second.endswith("| **Holds:** Never.<br>**Why:** It is not. |")
+def test_verdicts_differ_by_sign_and_word():
+    """Breaks if two verdicts can be told apart by their colour alone."""
+    shown = {re.sub("<[^>]*>", "", badge(verdict)) for verdict in SIGNS}
+    assert len({text.split()[0] for text in shown}) == len({text.split()[1] for text in shown}) == 3
 
 
-def test_a_claim_without_evidence_is_refused() -> None:
-    """Breaks if the page could leave out what has not been measured."""
-    with pytest.raises(ValueError, match=r"^record: has no evidence for b"):
-        ledger.claims_table(CLAIMS, {"a": EVIDENCE["a"]})
+def test_the_text_of_a_card_is_wrapped_and_complete():
+    """Breaks if a reason runs off the page, or nbval no longer sees a number or its interval."""
+    text = str(cards(CLAIMS_OF_TWO, RECORD))
+    assert max(map(len, text.splitlines())) <= 88
+    assert text.splitlines()[:6] == [
+        "[a] A is right. (thesis 4.4)",
+        "confirmed: it is so.",
+        "measured over 9 draws",
+        "  steps: 6080 [exact]",
+        "  ratio < 2: 1.23 [1.1, 2]",
+        "  slope: -0.5 [exact]",
+    ]
+    assert "holds: Never." in text
+    assert "Not said." not in text
 
 
-def test_verdicts_are_counted_by_page() -> None:
-    """Breaks if a claim is counted on another page, or the last row is no sum."""
-    rows = ledger.verdicts_table(CLAIMS, EVIDENCE).splitlines()[2:]
-    assert rows == [
+def test_the_card_says_what_its_text_says():
+    """Breaks if a reader sees other numbers than those that are compared, or not the telling first.
+
+    A claim that is confirmed holds without a condition, and has a card without one.
+    """
+    html = cards(CLAIMS_OF_TWO, RECORD)._repr_html_()
+    seen = " ".join(read(html).split())
+    for shown in ("✓ confirmed", "A is right.", "It is so.", "Never.", "Measured over 9 draws"):
+        assert shown in seen
+    for shown in ("ratio < 2 1.1 to 2 1.23", "steps exact 6080", "slope exact -0.5"):
+        assert shown in seen
+    first, _ = html.split('aria-label="Claim b"')
+    assert "Not said." not in first
+    assert first.index("ratio &lt; 2") < first.index("<details>") < first.index("steps")
+    assert "<details>" not in html[len(first) :]
+
+
+def test_each_card_leads_to_its_row_of_the_ledger():
+    """Breaks if the link's target and the ledger's rows are named differently."""
+    html = cards(CLAIMS_OF_TWO, RECORD)._repr_html_()
+    assert re.findall(r'href="([^"]*)"', html) == [f"{LEDGER}#{anchor(id)}" for id in "ab"]
+    rows = claims_table(CLAIMS_OF_TWO, RECORD)
+    assert re.findall(r'<span id="([^"]*)">', rows) == [anchor(id) for id in "ab"]
+
+
+def test_a_claim_without_evidence_is_refused():
+    """Breaks if a page could show, or leave out, what has not been measured."""
+    for shown in (cards, claims_table):
+        with pytest.raises(KeyError, match="b"):
+            shown(CLAIMS_OF_TWO, {"a": RECORD["a"]})
+
+
+def test_show_shows_what_is_on_record():
+    """Breaks if a chapter shows another claim's evidence."""
+    recorded = read_record()["nci-not-enough"]
+    assert show(CLAIMS["nci-not-enough"]).shown == ((CLAIMS["nci-not-enough"], recorded),)
+
+
+def test_a_box_has_the_verdicts_of_its_chapter():
+    """Breaks if a claim is counted on another page, or a verdict without claims is shown."""
+    expected = {"04b": {"confirmed": ["a"]}, "06": {"refuted": ["b"]}, "04": {}}
+    for chapter, verdicts in expected.items():
+        assert verdicts_of(chapter, CLAIMS_OF_TWO, RECORD) == verdicts
+
+
+def test_a_box_says_the_same_as_text_and_as_markdown():
+    """Breaks if something is said to the tests only, or the Markdown in the box is not parsed.
+
+    A blank line ends a block of HTML.
+    """
+    box = ChapterBox(["What?", "Why?"], "This.", {"confirmed": ["a"]}, 20, "Time.")
+    markdown = box._repr_markdown_()
+    for said in (str(box), read(markdown)):
+        for part in ("What?", "Why?", "This.", "1 ", "confirmed", " a", "20 minutes", "Time."):
+            assert part in said
+    lines = markdown.splitlines()
+    assert lines[:2] == ['<div class="chapter-box">', ""]
+    assert lines[-2:] == ["", "</div>"]
+
+
+def test_verdicts_are_counted_in_all_and_by_page():
+    """Breaks if a count is typed, a verdict without claims is left out, or a page is another."""
+    assert count_verdicts(RECORD) == "2 claims: 1 confirmed, 0 qualified, 1 refuted"
+    assert verdicts_table(CLAIMS_OF_TWO, RECORD).splitlines()[2:] == [
         "| [4b](04b_outliers_and_clusters_1d.ipynb) | 1 | 1 | 0 | 0 |",
         "| [6](06_credibility_2d.ipynb) | 1 | 0 | 0 | 1 |",
         "| all | 2 | 1 | 0 | 1 |",
     ]
 
 
-def test_each_figure_leads_to_ours() -> None:
+def test_each_claim_is_a_row_with_verdict_number_place_and_reason():
+    """Breaks if a row has another claim's evidence, or a claim that fails hides when it holds."""
+    head, rule, first, second = claims_table(CLAIMS_OF_TWO, RECORD).splitlines()
+    assert head.count("|") == rule.count("|") == first.count("|") == second.count("|") == 5
+    assert "✓ confirmed" in first
+    assert '**1.23** <span class="whole">[1.1, 2]</span> ratio &lt; 2<br>over 9 draws' in first
+    assert "steps" not in first
+    assert "[chapter 4b](04b_outliers_and_clusters_1d.ipynb), [figure](#fig-outlier-cost)" in first
+    assert first.startswith('| <span id="claim-a"></span>4.4 A is right.')
+    assert first.endswith("| It is so. |")
+    assert "✗ refuted" in second
+    assert re.search(r"\| \*\*Holds:\*\* Never.<br>\*\*Why:\*\* It is very .*wrong. \|$", second)
+
+
+def test_each_figure_leads_to_ours():
     """Breaks if a link lacks the label's prefix, or a table is called a figure."""
-    rows = ledger.figures_table(
-        [
-            ThesisFigure("overall-noisy", "4.6", "4.2", "a surface"),
-            ThesisFigure("optimizer-steps", "Table 5.1", "5.1", "steps"),
-        ]
-    ).splitlines()[2:]
-    assert rows == [
+    figures = [
+        ThesisFigure("overall-noisy", "4.6", "4.2", "a surface"),
+        ThesisFigure("optimizer-steps", "Table 5.1", "5.1", "steps"),
+    ]
+    assert figures_table(figures).splitlines()[2:] == [
         "| Figure 4.6 | a surface | [chapter 4a, overall-noisy](#fig-overall-noisy) |",
         "| Table 5.1 | steps | [chapter 5b, optimizer-steps](#fig-optimizer-steps) |",
     ]

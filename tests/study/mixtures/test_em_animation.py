@@ -5,9 +5,9 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from d2d.gaussian import GaussianMixture, fit_mixture
 from d2d.study.book import slider
 from d2d.study.mixtures import em_animation
+from d2d.study.mixtures.gaussian import GaussianMixture, fit_mixture
 
 
 @pytest.fixture(scope="module")

@@ -26,6 +26,7 @@ from d2d.study.book.measured import (
     rms_of,
     rms_ratio,
     share_of,
+    telling,
 )
 from d2d.study.line.cluster_study import (
     ESTIMATES,
@@ -45,15 +46,7 @@ OVER = (
 )
 
 
-@claim(
-    "tight-cluster-certain",
-    section="4.5",
-    figure="cluster-tight-cost",
-    telling=(
-        "ratio of the stated standard deviations, with / without, likelihood",
-        "ratio of the stated standard deviations, with / without, sum",
-    ),
-)
+@claim("tight-cluster-certain", section="4.5", figure="cluster-tight-cost")
 def tight_cluster_certain() -> Evidence:
     """Very close targets act as one and make the peak more certain."""
     likelihood, summing = _effect_of_tight_cluster(LIKELIHOOD), _effect_of_tight_cluster(SUMMING)
@@ -138,22 +131,16 @@ def _numbers(name: str, effect: _Effect) -> dict[str, float]:
     return {
         f"stated standard deviation without the cluster, {name} (sigma)": effect.stated_without,
         f"maximum stated standard deviation with it, {within}, {name} (sigma)": effect.stated,
-        f"ratio of the stated standard deviations, with / without, {name}": effect.stated_ratio,
+        f"ratio of the stated standard deviations, with / without, {name}": telling(
+            effect.stated_ratio
+        ),
         f"root mean square error without the cluster, {name} (sigma)": effect.error_without,
         f"maximum root mean square error with it, {within}, {name} (sigma)": effect.error,
         f"ratio of the root mean square errors, with / without, {name}": effect.error_ratio,
     }
 
 
-@claim(
-    "loose-cluster-summing",
-    section="4.5",
-    figure="cluster-loose-cost",
-    telling=(
-        "share of draws with several maxima within 1.75 m, spacing 2 sigma",
-        "share of draws with several maxima within 1.75 m, minimum over spacings of 4 to 6 sigma",
-    ),
-)
+@claim("loose-cluster-summing", section="4.5", figure="cluster-loose-cost")
 def loose_cluster_summing() -> Evidence:
     """Close targets add local peaks beside the global one to the sum."""
     several = _several(SUMMING)
@@ -167,9 +154,9 @@ def loose_cluster_summing() -> Evidence:
         f"{several[3.0]:.0%} at 3 sigma and in at least {several_if_loose:.1%} at 4 to 6 sigma.",
         {
             f"{what}, spacing 1 sigma": several[1.0],
-            f"{what}, spacing 2 sigma": several[2.0],
+            f"{what}, spacing 2 sigma": telling(several[2.0]),
             f"{what}, spacing 3 sigma": several[3.0],
-            f"{what}, minimum over spacings of 4 to 6 sigma": several_if_loose,
+            f"{what}, minimum over spacings of 4 to 6 sigma": telling(several_if_loose),
             f"mean number of maxima within {NEAR:g} m, spacing 5 sigma": mean_of(
                 cluster_sweep(SUMMING).maxima[SPACINGS.index(5.0)]
             ),
@@ -180,15 +167,7 @@ def loose_cluster_summing() -> Evidence:
     )
 
 
-@claim(
-    "loose-cluster-likelihood",
-    section="4.5",
-    figure="cluster-sweep",
-    telling=(
-        "share of draws with one maximum within 1.75 m, minimum over spacings of 3 to 6 sigma",
-        "maximum ANEES over spacings of 3 to 6 sigma",
-    ),
-)
+@claim("loose-cluster-likelihood", section="4.5", figure="cluster-sweep")
 def loose_cluster_likelihood() -> Evidence:
     """Close targets do not disturb the likelihood."""
     loose = [at for at in SPACINGS if 3.0 <= at <= 6.0]
@@ -206,12 +185,12 @@ def loose_cluster_likelihood() -> Evidence:
         f"{anees[1.0]:.2f} at 1 sigma and {anees[10.0]:.2f} at 10 sigma.",
         {
             f"share of draws with one maximum within {NEAR:g} m, "
-            "minimum over spacings of 3 to 6 sigma": single,
+            "minimum over spacings of 3 to 6 sigma": telling(single),
             "ANEES at a spacing of 0": anees[0.0],
             "ANEES at a spacing of 1 sigma": anees[1.0],
             "ANEES at a spacing of 5 sigma": anees[5.0],
             "ANEES at a spacing of 10 sigma": anees[10.0],
-            "maximum ANEES over spacings of 3 to 6 sigma": largest,
+            "maximum ANEES over spacings of 3 to 6 sigma": telling(largest),
             "maximum ANEES over all other spacings": largest_outside,
             "maximum root mean square error over all spacings (sigma)": error,
             "root mean square error without the cluster (sigma)": error_without,

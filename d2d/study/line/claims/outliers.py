@@ -30,7 +30,9 @@ from d2d.study.book.measured import (
     rms_ratio,
     share_difference,
     share_of,
+    telling,
 )
+from d2d.study.line.claims.surfaces import is_right
 from d2d.study.line.outlier_study import (
     COMPARABLE,
     DRAWS,
@@ -57,20 +59,7 @@ SEPARATE = 2.0 * np.sqrt(2.0)  # standard deviations between two equal bumps wit
 VANISHED = 16.0  # decades: what double precision cannot add to the value without the outlier
 
 
-def _share_right(found: Survey) -> Measured:
-    """Share of the draws with the highest maximum at the true alignment."""
-    return share_of(np.abs(found.highest - TRUTH) < RIGHT)
-
-
-@claim(
-    "outlier-fixed-summing",
-    section="4.4",
-    figure="outlier-fixed-cost",
-    telling=(
-        "mean number of maxima without the outlier",
-        "mean number of maxima with it",
-    ),
-)
+@claim("outlier-fixed-summing", section="4.4", figure="outlier-fixed-cost")
 def outlier_fixed_summing() -> Evidence:
     """An outlier in F adds a possibility to every target and local peaks to the sum."""
     before, after = survey_scene(SUMMING), survey_scene(SUMMING, "fixed")
@@ -95,8 +84,8 @@ def outlier_fixed_summing() -> Evidence:
             "share of draws in which target B's surface has four peaks": four,
             "share of draws with more local maxima of the sum than without the outlier": more,
             "share of draws with more local maxima, outlier apart from all targets": more_if_apart,
-            "mean number of maxima without the outlier": number_before,
-            "mean number of maxima with it": number,
+            "mean number of maxima without the outlier": telling(number_before),
+            "mean number of maxima with it": telling(number),
             "share of draws with a rival above half the highest, without the outlier": share_of(
                 before.rival > COMPARABLE
             ),
@@ -111,19 +100,11 @@ def outlier_fixed_summing() -> Evidence:
     )
 
 
-@claim(
-    "outlier-fixed-likelihood",
-    section="4.4",
-    figure="outlier-fixed-cost",
-    telling=(
-        "share of draws with the highest peak at the true alignment",
-        "root mean square error with the outlier over that without",
-    ),
-)
+@claim("outlier-fixed-likelihood", section="4.4", figure="outlier-fixed-cost")
 def outlier_fixed_likelihood() -> Evidence:
     """The likelihood is robust against an outlier in F."""
     before, after = survey_scene(LIKELIHOOD), survey_scene(LIKELIHOOD, "fixed")
-    right, single = _share_right(after), share_of(after.rival < TINY)
+    right, single = share_of(is_right(after)), share_of(after.rival < TINY)
     ratio = _error_with_outlier_over_without()
     number, number_before = mean_of(after.optima), mean_of(before.optima)
     return Evidence(
@@ -137,9 +118,9 @@ def outlier_fixed_likelihood() -> Evidence:
         f"on average instead of {number_before:.2f}, and the root mean square error changes "
         f"by {ratio - 1:+.1%}, because some outliers happen to stand next to a target.",
         {
-            "share of draws with the highest peak at the true alignment": right,
+            "share of draws with the highest peak at the true alignment": telling(right),
             "share of draws with one visible peak (no rival above 1 %)": single,
-            "root mean square error with the outlier over that without": ratio,
+            "root mean square error with the outlier over that without": telling(ratio),
             "mean number of maxima of the logarithm without the outlier": number_before,
             "mean number of maxima of the logarithm with it": number,
         },
@@ -157,19 +138,11 @@ def _error_with_outlier_over_without() -> Measured:
     return rms_ratio(with_it, without)
 
 
-@claim(
-    "outlier-moving-summing",
-    section="4.4",
-    figure="outlier-moving-cost",
-    telling=(
-        "share of draws with the highest peak at the true alignment",
-        "share of draws with a rival above half the highest, with the outlier",
-    ),
-)
+@claim("outlier-moving-summing", section="4.4", figure="outlier-moving-cost")
 def outlier_moving_summing() -> Evidence:
     """An outlier in M gives the sum a competitive local peak, but the global one stays right."""
     before, after = survey_scene(SUMMING), survey_scene(SUMMING, "moving")
-    right = _share_right(after)
+    right = share_of(is_right(after))
     with_it, without = share_of(after.rival > COMPARABLE), share_of(before.rival > COMPARABLE)
     added = share_difference(after.rival > COMPARABLE, before.rival > COMPARABLE)
     return Evidence(
@@ -182,9 +155,11 @@ def outlier_moving_summing() -> Evidence:
         "of targets meets, which depends on where the outlier stands. The highest peak stays at "
         f"the true alignment in {right:.0%} of the draws; in the others a rival wins.",
         {
-            "share of draws with the highest peak at the true alignment": right,
+            "share of draws with the highest peak at the true alignment": telling(right),
             "share of draws with a rival above half the highest, without the outlier": without,
-            "share of draws with a rival above half the highest, with the outlier": with_it,
+            "share of draws with a rival above half the highest, with the outlier": telling(
+                with_it
+            ),
             "difference of these shares": added,
             "median height of the rival with it": median_of(after.rival),
             "mean number of maxima with it": mean_of(after.optima),
@@ -196,15 +171,7 @@ def outlier_moving_summing() -> Evidence:
     )
 
 
-@claim(
-    "outlier-moving-likelihood",
-    section="4.4",
-    figure="outlier-moving-cost",
-    telling=(
-        "share of draws in which the outlier costs more than six decades",
-        "share of draws in which it costs more than 16",
-    ),
-)
+@claim("outlier-moving-likelihood", section="4.4", figure="outlier-moving-cost")
 def outlier_moving_likelihood() -> Evidence:
     """An outlier in M makes the likelihood zero at the true alignment."""
     before, after = (
@@ -215,7 +182,7 @@ def outlier_moving_likelihood() -> Evidence:
     invisible, vanished = share_of(drop > 6.0), share_of(drop > VANISHED)
     zero = share_of(np.exp(after) == 0.0)
     found = survey_scene(LIKELIHOOD, "moving")
-    right, limit = _share_right(found), 3.0 * SIGMA
+    right, limit = share_of(is_right(found)), 3.0 * SIGMA
     near = f"within {RIGHT:g} m"
     return Evidence(
         judge(confirmed=nearly_all(vanished), qualified=some(invisible)),
@@ -226,8 +193,8 @@ def outlier_moving_likelihood() -> Evidence:
         f"densities is exactly zero in {zero:.0%}, and its logarithm keeps its highest maximum "
         f"{near} of the truth in {right:.0%}.",
         {
-            "share of draws in which the outlier costs more than six decades": invisible,
-            f"share of draws in which it costs more than {VANISHED:.0f}": vanished,
+            "share of draws in which the outlier costs more than six decades": telling(invisible),
+            f"share of draws in which it costs more than {VANISHED:.0f}": telling(vanished),
             "median number of decades that it costs": decades,
             "share of draws in which the product is exactly zero": zero,
             f"share of draws with the highest log-likelihood {near} of the truth": right,
@@ -242,33 +209,30 @@ def outlier_moving_likelihood() -> Evidence:
     )
 
 
-def _numbers_with_outlier_in_m(found: Survey) -> dict[str, float]:
-    """The numbers of a survey of a robust cost."""
+def _numbers_with_outlier_in_m(found: Survey, limit: float) -> dict[str, float]:
+    """The numbers of a survey of a robust cost; the rivals above a limit are telling."""
+    comparable, tiny = (share_of(found.rival > each) for each in (COMPARABLE, TINY))
     return {
-        "share of draws with the highest peak at the true alignment": _share_right(found),
-        "share of draws with a rival above half the highest": share_of(found.rival > COMPARABLE),
-        "share of draws with a rival above 1 % of the highest": share_of(found.rival > TINY),
+        "share of draws with the highest peak at the true alignment": telling(
+            share_of(is_right(found))
+        ),
+        "share of draws with a rival above half the highest": telling(
+            comparable, limit == COMPARABLE
+        ),
+        "share of draws with a rival above 1 % of the highest": telling(tiny, limit == TINY),
         "median height of the rival": median_of(found.rival),
         "mean number of maxima of the logarithm": mean_of(found.optima),
         "median width of the basin around the true alignment (m)": median_of(found.basin_width),
     }
 
 
-@claim(
-    "uniform-restores",
-    section="4.4",
-    figure="blake-zisserman",
-    telling=(
-        "share of draws with the highest peak at the true alignment",
-        "share of draws with a rival above half the highest",
-    ),
-)
+@claim("uniform-restores", section="4.4", figure="blake-zisserman")
 def uniform_restores() -> Evidence:
     """A uniform outlier component restores the likelihood's one global peak, without a comparable
     local one.
     """
     found = survey_scene(UNIFORM, "moving")
-    right, comparable = _share_right(found), share_of(found.rival > COMPARABLE)
+    right, comparable = share_of(is_right(found)), share_of(found.rival > COMPARABLE)
     return Evidence(
         judge(confirmed=nearly_all(right) and hardly_any(comparable), qualified=most(right)),
         f"as a density, with c = {UNIFORM_DENSITY:g} per metre, it is highest at the true "
@@ -277,22 +241,14 @@ def uniform_restores() -> Evidence:
         "ten distances at which targets meet, and the median basin around the truth is "
         f"{np.median(found.basin_width):.1f} m wide: the price of a robust cost is that it needs a "
         "good start.",
-        _numbers_with_outlier_in_m(found),
+        _numbers_with_outlier_in_m(found, COMPARABLE),
         holds=f"For the place of the highest peak, right in {right:.0%} of the draws; a rival "
         f"exceeds half of it in {comparable:.1%}.",
         over=OVER,
     )
 
 
-@claim(
-    "uniform-not-a-density",
-    section="4.4",
-    figure="blake-zisserman",
-    telling=(
-        "I2 of the inverse Hessian, uniform component (dB)",
-        "difference of the two I2 (dB)",
-    ),
-)
+@claim("uniform-not-a-density", section="4.4", figure="blake-zisserman")
 def uniform_not_a_density() -> Evidence:
     """The uniform component breaks the Gaussian assumption, the area is not one; the corrupted
     Gaussian does not.
@@ -331,9 +287,9 @@ def uniform_not_a_density() -> Evidence:
             f"{what} 4000 m, uniform component": areas["uniform", 4000.0],
             f"{what} 40 m, corrupted Gaussian": areas["corrupted", 40.0],
             f"{what} 4000 m, corrupted Gaussian": areas["corrupted", 4000.0],
-            "I2 of the inverse Hessian, uniform component (dB)": uniform,
+            "I2 of the inverse Hessian, uniform component (dB)": telling(uniform),
             "I2 of the inverse Hessian, corrupted Gaussian (dB)": corrupted,
-            "difference of the two I2 (dB)": change,
+            "difference of the two I2 (dB)": telling(change),
         },
         holds="For the area over an unbounded axis. For the covariance of the estimate it makes "
         f"{'no' if same(change, DECIBELS) else 'an uncertain'} difference: I2 is "
@@ -360,45 +316,29 @@ def _credibility_with_outlier(cost: RegistrationCost) -> Credibility:
     return credibility(errors[cost][kept], found[cost].covariance[kept])
 
 
-@claim(
-    "corrupted-restores",
-    section="4.4",
-    figure="corrupted-gaussian",
-    telling=(
-        "share of draws with the highest peak at the true alignment",
-        "share of draws with a rival above 1 % of the highest",
-    ),
-)
+@claim("corrupted-restores", section="4.4", figure="corrupted-gaussian")
 def corrupted_restores() -> Evidence:
     """The corrupted Gaussian restores one global peak, and all local peaks are tiny."""
     found, uniform = survey_scene(ROBUST, "moving"), survey_scene(UNIFORM, "moving")
-    right, tiny = _share_right(found), share_of(found.rival < TINY)
+    right, tiny = share_of(is_right(found)), share_of(found.rival < TINY)
     return Evidence(
         judge(confirmed=nearly_all(right) and nearly_all(tiny), qualified=nearly_all(right)),
         f"the highest peak is at the true alignment in {right:.0%} of the draws, and all others "
         f"are below {TINY:.0%} of it in {tiny:.0%}; a higher one is where the outlier supports a "
         f"meeting of two other targets. The logarithm has {found.optima.mean():.1f} maxima on "
         f"average, with the uniform component {uniform.optima.mean():.1f}.",
-        _numbers_with_outlier_in_m(found),
+        _numbers_with_outlier_in_m(found, TINY),
         holds="The outlier does not support a meeting of two other targets; all other peaks are "
         f"below {TINY:.0%} of the highest in {tiny:.0%} of the draws.",
         over=OVER,
     )
 
 
-@claim(
-    "outlier-parameters-crucial",
-    section="4.4",
-    figure="corrupted-map",
-    telling=(
-        "minimum share of right optima, widths of 3 m to 100 m",
-        "minimum share of right optima, widths of 1 m or less",
-    ),
-)
+@claim("outlier-parameters-crucial", section="4.4", figure="corrupted-map")
 def outlier_parameters_crucial() -> Evidence:
     """The parameters of the outlier component are crucial to the surface."""
     surveys = {(a, b): survey_corrupted(a, b, MAP_DRAWS) for a in FRACTIONS for b in WIDTHS}
-    right = {pair: _share_right(found) for pair, found in surveys.items()}
+    right = {pair: share_of(is_right(found)) for pair, found in surveys.items()}
     rival = {pair: share_of(found.rival > COMPARABLE) for pair, found in surveys.items()}
     basin = {pair: median_of(found.basin_width) for pair, found in surveys.items()}
     wide = [(fraction, width) for fraction, width in surveys if width >= 3.0]
@@ -419,8 +359,8 @@ def outlier_parameters_crucial() -> Evidence:
         f"{rival_if_moderate:.1%} of the draws for fractions up to 0.5, and in up to "
         f"{rival_if_extreme:.1%} for 0.9.",
         {
-            "minimum share of right optima, widths of 3 m to 100 m": right_if_wide,
-            "minimum share of right optima, widths of 1 m or less": right_if_narrow,
+            "minimum share of right optima, widths of 3 m to 100 m": telling(right_if_wide),
+            "minimum share of right optima, widths of 1 m or less": telling(right_if_narrow),
             "maximum share with a rival above half the highest, widths of 3 m to 100 m, "
             "fractions up to 0.5": rival_if_moderate,
             "maximum share with a rival above half the highest, widths of 3 m to 100 m, "

@@ -14,14 +14,19 @@ from d2d.study.book.claim import (
     same,
     some,
 )
-from d2d.study.book.measured import anees_of, geometric_mean_of, median_of, share_over
+from d2d.study.book.measured import anees_of, geometric_mean_of, median_of, share_over, telling
 from d2d.study.plane.cluster_search import DRAWS, KINDS, shares_wrong, worst
-from d2d.study.plane.evaluation import LIKELIHOOD, SUMMING, evaluated, over_layouts
+from d2d.study.plane.evaluation import (
+    LIKELIHOOD,
+    SUMMING,
+    evaluated,
+    over_layouts,
+    random_layout,
+)
 from d2d.study.plane.measures import (
     BOTH,
     OVER_LAYOUTS,
     SEARCHED,
-    MinimaOfDraws,
     decades_to_second,
     error_ratio,
     error_ratio_of_layouts,
@@ -33,28 +38,17 @@ from d2d.study.plane.measures import (
     share_one_visible,
 )
 from d2d.study.plane.optima import local_minima
-from d2d.study.plane.scenarios import CLUSTERS, LAYOUTS, OVERLAPPED, random_scene
+from d2d.study.plane.scenarios import CLUSTERS, OVERLAPPED
 
 SCENES, FRESH = 8, 40  # random scenes of each kind in the search, and of what it finds
 
 
-@claim(
-    "cluster-summing-wrong",
-    section="6.3",
-    figure="cluster-cost",
-    telling=(
-        "share of 40 draws with the global minimum at the truth, this scene",
-        "share of wrong global minima, worst kind of cluster found",
-    ),
-)
+@claim("cluster-summing-wrong", section="6.3", figure="cluster-cost")
 def cluster_summing_wrong() -> Evidence:
     """Clusters: the sum's global minimum is wrong, even from the true start."""
     scenes = {"this scene": CLUSTERS} | {f"with outliers, {name}": s for name, s in BOTH.items()}
     found = {name: local_minima(each, SUMMING, draws=40) for name, each in scenes.items()}
-    layouts: list[MinimaOfDraws] = []
-    for seed in range(FRESH):
-        other = random_scene("clusters", LAYOUTS["clusters"], np.random.default_rng(seed))
-        layouts.append(local_minima(other, SUMMING))
+    layouts = [local_minima(random_layout("clusters", seed), SUMMING) for seed in range(FRESH)]
     right = {name: share_lowest_at_truth(draws) for name, draws in found.items()}
     right_in_all = share_lowest_at_truth(sum(found.values(), ()))
     right_on_layouts = share_over([share_lowest_at_truth(draws) for draws in layouts], 5)
@@ -76,7 +70,9 @@ def cluster_summing_wrong() -> Evidence:
         "outnumbers the rest leaves the rotation to the few others; with the thesis's eight "
         f"targets the worst is {eight}, with {wrong_of_eight:.0%}.",
         {
-            f"share of 40 draws with the global minimum at the truth, {name}": share
+            f"share of 40 draws with the global minimum at the truth, {name}": telling(
+                share, name == "this scene"
+            )
             for name, share in right.items()
         }
         | {
@@ -91,7 +87,7 @@ def cluster_summing_wrong() -> Evidence:
             "the same on 200 random layouts": share_over(
                 over_layouts("clusters", SUMMING).share, 100
             ),
-            "share of wrong global minima, worst kind of cluster found": wrong,
+            "share of wrong global minima, worst kind of cluster found": telling(wrong),
             "share of wrong global minima, worst kind with eight targets": wrong_of_eight,
             "kinds of layout in the search with more than half of the minima wrong": float(
                 sum(share > 0.5 for share in searched.values())
@@ -105,25 +101,16 @@ def cluster_summing_wrong() -> Evidence:
     )
 
 
-@claim(
-    "cluster-likelihood-same",
-    section="6.3",
-    figure="cluster-cost",
-    telling=(
-        "ratio of the RMSE, clusters / overlapped",
-        "I2 (dB)",
-    ),
-)
+@claim("cluster-likelihood-same", section="6.3", figure="cluster-cost")
 def cluster_likelihood_same() -> Evidence:
     """Clusters: the likelihood surface is almost that without clusters."""
     found, without = (local_minima(s, LIKELIHOOD, SEARCHED) for s in (CLUSTERS, OVERLAPPED))
     share_right = share_lowest_at_truth(found)
     lower, lower_without = decades_to_second(found), decades_to_second(without)
     one_visible = share_one_visible(found)
-    ratio = error_ratio((CLUSTERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD))
-    ratio_of_layouts = geometric_mean_of(
-        error_ratio_of_layouts(("clusters", LIKELIHOOD), ("overlapped", LIKELIHOOD))
-    )
+    conditions = (CLUSTERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD)
+    ratio = error_ratio(*conditions)
+    ratio_of_layouts = geometric_mean_of(error_ratio_of_layouts(*conditions))
     here = inclination(CLUSTERS, LIKELIHOOD)
     right = nearly_all(one_visible) and nearly_all(share_right)
     same_error = same(ratio, RATIO) and same(ratio_of_layouts, RATIO)
@@ -143,10 +130,10 @@ def cluster_likelihood_same() -> Evidence:
             "mean number of minima there, overlapped": mean_count_near(without),
             "log10 of the second density over the first": lower,
             "log10 of the second density over the first, overlapped": lower_without,
-            "ratio of the RMSE, clusters / overlapped": ratio,
+            "ratio of the RMSE, clusters / overlapped": telling(ratio),
             "mean of this ratio over 200 random layouts": ratio_of_layouts,
             "ANEES": anees_of(evaluated(CLUSTERS, LIKELIHOOD).credibility),
-            "I2 (dB)": here,
+            "I2 (dB)": telling(here),
         },
         holds="For the shape of the surface, with one visible optimum, at the truth in "
         f"{share_right:.0%} of {SEARCHED} draws, and for the covariance (I2 {here:+.2f} dB). The "
@@ -156,26 +143,17 @@ def cluster_likelihood_same() -> Evidence:
     )
 
 
-@claim(
-    "cluster-error",
-    section="6.3",
-    figure="cluster-error",
-    telling=(
-        "ratio of the sum's RMSE, clusters / overlapped",
-        "ratio of the RMSE in clusters, sum / likelihood",
-    ),
-)
+@claim("cluster-error", section="6.3", figure="cluster-error")
 def cluster_error() -> Evidence:
     """Clusters: the sum's error grows against the overlapped scene, and exceeds the
     likelihood's.
     """
-    excess = error_ratio((CLUSTERS, SUMMING), (CLUSTERS, LIKELIHOOD))
-    growth = error_ratio((CLUSTERS, SUMMING), (OVERLAPPED, SUMMING))
-    growth_of_layouts = geometric_mean_of(
-        error_ratio_of_layouts(("clusters", SUMMING), ("overlapped", SUMMING))
-    )
-    excess_of_layouts = geometric_mean_of(
-        error_ratio_of_layouts(("clusters", SUMMING), ("clusters", LIKELIHOOD))
+    summing, likelihood = (CLUSTERS, SUMMING), (CLUSTERS, LIKELIHOOD)
+    overlapped = OVERLAPPED, SUMMING
+    excess, growth = error_ratio(summing, likelihood), error_ratio(summing, overlapped)
+    excess_of_layouts, growth_of_layouts = (
+        geometric_mean_of(error_ratio_of_layouts(summing, other))
+        for other in (likelihood, overlapped)
     )
     without, with_clusters = (
         median_of(over_layouts(kind, SUMMING).rmse) for kind in ("overlapped", "clusters")
@@ -190,11 +168,11 @@ def cluster_error() -> Evidence:
         f"with clusters and of {without:.2f} m without. The clusters add targets, which help the "
         "sum as well.",
         {
-            "ratio of the sum's RMSE, clusters / overlapped": growth,
+            "ratio of the sum's RMSE, clusters / overlapped": telling(growth),
             "mean of this ratio over 200 random layouts": growth_of_layouts,
             "median RMSE over 200 random layouts, overlapped (m)": without,
             "median RMSE over 200 random layouts, clusters (m)": with_clusters,
-            "ratio of the RMSE in clusters, sum / likelihood": excess,
+            "ratio of the RMSE in clusters, sum / likelihood": telling(excess),
             "mean of this ratio over the layouts": excess_of_layouts,
         },
         holds=f"For the comparison with the likelihood, where the ratio of the RMSEs is "

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.study.book.claim import SHARE, Evidence, claim, judge
-from d2d.study.book.measured import bootstrapped
+from d2d.study.book.measured import bootstrapped, telling
 from d2d.study.plane.evaluation import COSTS, LayoutStudy, over_layouts
 from d2d.study.plane.scenarios import LAYOUTS
 
@@ -36,15 +36,7 @@ def recognised(index: Array, dangerous: NDArray[np.bool_]) -> float:
     return float(max(right.max(), 1.0 - right.min()))
 
 
-@claim(
-    "nci-not-enough",
-    section="6.4",
-    figure="overlap-credibility",
-    telling=(
-        "share recognised by the NCI",
-        "share recognised by I2",
-    ),
-)
+@claim("nci-not-enough", section="6.4", figure="overlap-credibility")
 def nci_not_enough() -> Evidence:
     """The NCI alone is not enough to judge an estimate."""
     found = conditions()
@@ -69,8 +61,8 @@ def nci_not_enough() -> Evidence:
         f"{by_inclination:.0%}: the NCI has no sign, and the sum's harmless regions, too large, "
         "have one as high as regions that are too small.",
         {
-            "share recognised by the NCI": by_nci,
-            "share recognised by I2": by_inclination,
+            "share recognised by the NCI": telling(by_nci),
+            "share recognised by I2": telling(by_inclination),
             "share of conditions that are dangerous": bootstrapped(np.mean, dangerous),
             "median NCI of the dangerous (dB)": bootstrapped(median_where, nci, dangerous),
             "median NCI of the others (dB)": bootstrapped(median_where, nci, ~dangerous),

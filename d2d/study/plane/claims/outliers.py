@@ -25,6 +25,7 @@ from d2d.study.book.measured import (
     quantile_of,
     share_of,
     share_over,
+    telling,
 )
 from d2d.study.plane.evaluation import (
     LIKELIHOOD,
@@ -33,6 +34,7 @@ from d2d.study.plane.evaluation import (
     SUMMING,
     evaluated,
     over_layouts,
+    random_layout,
     same_draws,
 )
 from d2d.study.plane.measures import (
@@ -51,7 +53,7 @@ from d2d.study.plane.measures import (
     times_off,
 )
 from d2d.study.plane.optima import highest_density, local_minima
-from d2d.study.plane.scenarios import LAYOUTS, OUTLIERS, OVERLAPPED, Scenario, random_scene
+from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED, Scenario
 
 OTHERS = 80  # random layouts whose minima are searched for
 VALUED = 600  # random layouts on which it is only evaluated
@@ -68,24 +70,14 @@ def _vanishing_on_layouts() -> Array:
     shares = []
     for seed in range(VALUED):
         without, with_outliers = (
-            _log10_density_at_truth(
-                random_scene(kind, LAYOUTS[kind], np.random.default_rng(seed)), 10
-            )
+            _log10_density_at_truth(random_layout(kind, seed), 10)
             for kind in ("overlapped", "outliers")
         )
         shares.append(float((with_outliers - np.median(without) < VANISHED).mean()))
     return np.array(shares)
 
 
-@claim(
-    "outlier-likelihood-vanishes",
-    section="6.3",
-    figure="outlier-cost",
-    telling=(
-        "median log10 of the likelihood at the truth, with outliers",
-        "share of draws with a drop by more than 16 decades everywhere",
-    ),
-)
+@claim("outlier-likelihood-vanishes", section="6.3", figure="outlier-cost")
 def outlier_likelihood_vanishes() -> Evidence:
     """Outliers: the plain likelihood vanishes."""
     outliers = _log10_density_at_truth(OUTLIERS)
@@ -116,10 +108,10 @@ def outlier_likelihood_vanishes() -> Evidence:
         f"covariance that is {times_off(tilt)}.",
         {
             "median log10 of the likelihood at the truth, overlapped": before,
-            "median log10 of the likelihood at the truth, with outliers": after,
+            "median log10 of the likelihood at the truth, with outliers": telling(after),
             "share of draws with a drop by more than 16 decades at the truth": here,
             f"the same on {VALUED} random layouts": on_layouts,
-            "share of draws with a drop by more than 16 decades everywhere": everywhere,
+            "share of draws with a drop by more than 16 decades everywhere": telling(everywhere),
             "median log10 of the highest likelihood, overlapped": highest_before,
             "median log10 of the highest likelihood, with outliers": highest,
             "share within 1.5 m and 6 deg of the truth, started there": stays,
@@ -133,22 +125,11 @@ def outlier_likelihood_vanishes() -> Evidence:
     )
 
 
-@claim(
-    "outlier-robust-minimum",
-    section="6.3",
-    figure="outlier-cost",
-    telling=(
-        "share of draws with the global minimum at the truth",
-        "share of draws with no other above 1 % of its density",
-    ),
-)
+@claim("outlier-robust-minimum", section="6.3", figure="outlier-cost")
 def outlier_robust_minimum() -> Evidence:
     """Outliers: the robust likelihood has one global minimum, at the truth."""
     found = local_minima(OUTLIERS, ROBUST, SEARCHED)
-    others = []
-    for seed in range(OTHERS):
-        other = random_scene("outliers", LAYOUTS["outliers"], np.random.default_rng(seed))
-        others.append(local_minima(other, ROBUST, draws=1))
+    others = [local_minima(random_layout("outliers", seed), ROBUST, 1) for seed in range(OTHERS)]
     right, single = share_lowest_at_truth(found), share_one_visible(found)
     right_of_layouts, single_of_layouts = (
         share_over([measure(each) for each in others], 1)
@@ -165,8 +146,8 @@ def outlier_robust_minimum() -> Evidence:
         f"and {single_of_layouts:.1%} no other has more than 1% of its density; the negative "
         f"logarithm has a mean of {near:.0f} local minima near the truth.",
         {
-            "share of draws with the global minimum at the truth": right,
-            "share of draws with no other above 1 % of its density": single,
+            "share of draws with the global minimum at the truth": telling(right),
+            "share of draws with no other above 1 % of its density": telling(single),
             "share of draws on random layouts with the global minimum at the truth": (
                 right_of_layouts
             ),
@@ -183,19 +164,11 @@ def outlier_robust_minimum() -> Evidence:
     )
 
 
-@claim(
-    "outlier-error",
-    section="6.3",
-    figure="outlier-error",
-    telling=(
-        "ratio of the RMSE, sum / robust",
-        "share of 200 random layouts on which the sum's RMSE is the larger",
-    ),
-)
+@claim("outlier-error", section="6.3", figure="outlier-error")
 def outlier_error() -> Evidence:
     """Outliers: the sum's error is larger than the robust likelihood's."""
-    ratio = error_ratio((OUTLIERS, SUMMING), (OUTLIERS, ROBUST))
-    ratios = error_ratio_of_layouts(("outliers", SUMMING), ("outliers", ROBUST))
+    conditions = (OUTLIERS, SUMMING), (OUTLIERS, ROBUST)
+    ratio, ratios = error_ratio(*conditions), error_ratio_of_layouts(*conditions)
     share, mean = share_of(ratios > 1.0), geometric_mean_of(ratios)
     grown = error_ratio((OUTLIERS, SUMMING), (OVERLAPPED, SUMMING))
     grown_robust = error_ratio((OUTLIERS, ROBUST), (OVERLAPPED, LIKELIHOOD))
@@ -209,8 +182,8 @@ def outlier_error() -> Evidence:
         f"{grown:.2f} times that in the overlapped scene, and the robust likelihood's "
         f"{grown_robust:.2f} times that of the plain likelihood there.",
         {
-            "ratio of the RMSE, sum / robust": ratio,
-            "share of 200 random layouts on which the sum's RMSE is the larger": share,
+            "ratio of the RMSE, sum / robust": telling(ratio),
+            "share of 200 random layouts on which the sum's RMSE is the larger": telling(share),
             "mean ratio over the layouts": mean,
             "ratio of the sum's RMSE, with outliers / overlapped": grown,
             "ratio of the robust RMSE, with outliers / overlapped likelihood": grown_robust,
@@ -221,15 +194,7 @@ def outlier_error() -> Evidence:
     )
 
 
-@claim(
-    "outlier-credibility",
-    section="6.3",
-    figure="outlier-credibility",
-    telling=(
-        "I2 of the sum (dB)",
-        "I2 of the robust likelihood (dB)",
-    ),
-)
+@claim("outlier-credibility", section="6.3", figure="outlier-credibility")
 def outlier_credibility() -> Evidence:
     """Outliers: the sum stays pessimistic; the robust likelihood shows a pessimistic and an
     optimistic part.
@@ -260,9 +225,9 @@ def outlier_credibility() -> Evidence:
         f"{mean_above:.1%} do, with an I2 from {low:+.1f} dB to {high:+.1f} dB (5% and 95% "
         "quantiles).",
         {
-            "I2 of the sum (dB)": summing,
+            "I2 of the sum (dB)": telling(summing),
             "change of the sum's I2, outliers - overlapped (dB)": change,
-            "I2 of the robust likelihood (dB)": inclination(OUTLIERS, ROBUST),
+            "I2 of the robust likelihood (dB)": telling(inclination(OUTLIERS, ROBUST)),
             "ANEES of the robust likelihood": anees_of(evaluated(OUTLIERS, ROBUST).credibility),
             "share of its runs below -0.3 dB": below,
             "share of its runs above +0.3 dB": above,

@@ -25,6 +25,7 @@ from d2d.study.book.measured import (
     rms_ratio,
     share_difference,
     share_of,
+    telling,
 )
 from d2d.study.plane.evaluation import (
     LIKELIHOOD,
@@ -54,15 +55,7 @@ from d2d.study.plane.thesis_readings import unweighted_outlier
 from d2d.study.runs import monte_carlo
 
 
-@claim(
-    "overlap-local-minima",
-    section="6.3",
-    figure="overlap-cost",
-    telling=(
-        "share of draws with ten or more above 1 % of the highest density, sum",
-        "mean number of minima there, likelihood",
-    ),
-)
+@claim("overlap-local-minima", section="6.3", figure="overlap-cost")
 def overlap_local_minima() -> Evidence:
     """Overlapped: the summing cost has many local minima and the likelihood one minimum."""
     summing = local_minima(OVERLAPPED, SUMMING, SEARCHED)
@@ -86,8 +79,8 @@ def overlap_local_minima() -> Evidence:
             "mean number of minima within 10 m and 45 deg of the truth, sum": mean_count_near(
                 summing
             ),
-            "mean number of minima there, likelihood": near,
-            "share of draws with ten or more above 1 % of the highest density, sum": many,
+            "share of draws with ten or more above 1 % of the highest density, sum": telling(many),
+            "mean number of minima there, likelihood": telling(near),
             "share of draws with one above 1 % of the highest density, likelihood": one_visible,
             "number above 1 % of the highest density, minimum of the draws, sum": visible,
             "number above 1 % of the highest density, maximum of the draws, likelihood": (
@@ -103,53 +96,38 @@ def overlap_local_minima() -> Evidence:
     )
 
 
-@claim(
-    "overlap-error",
-    section="6.3",
-    figure="overlap-error",
-    telling=(
-        "ratio of the RMSE of the translation, sum / likelihood",
-        "ratio of the RMSE of the rotation, sum / likelihood",
-    ),
-)
+@claim("overlap-error", section="6.3", figure="overlap-error")
 def overlap_error() -> Evidence:
     """Overlapped: the likelihood's estimation error is smaller than the sum's."""
-    parts = zip(errors_of(OVERLAPPED, SUMMING), errors_of(OVERLAPPED, LIKELIHOOD), strict=True)
-    ratio = {
-        name: rms_ratio(over, under)
-        for name, (over, under) in zip(("translation", "rotation"), parts, strict=True)
-    }
-    numbers: dict[str, float] = {
-        f"ratio of the RMSE of the {name}, sum / likelihood": each for name, each in ratio.items()
-    }
-    ratios = error_ratio_of_layouts(("overlapped", SUMMING), ("overlapped", LIKELIHOOD))
+    translation, rotation = (
+        rms_ratio(of_sum, of_likelihood)
+        for of_sum, of_likelihood in zip(
+            errors_of(OVERLAPPED, SUMMING), errors_of(OVERLAPPED, LIKELIHOOD), strict=True
+        )
+    )
+    ratios = error_ratio_of_layouts((OVERLAPPED, SUMMING), (OVERLAPPED, LIKELIHOOD))
     share = share_of(ratios > 1.0)
-    numbers["share of 200 random layouts on which the sum's RMSE is the larger"] = share
-    numbers["mean ratio over the layouts, translation"] = geometric_mean_of(ratios)
-    holds_here = all(larger(each, RATIO) for each in ratio.values())
+    holds_here = larger(translation, RATIO) and larger(rotation, RATIO)
     return Evidence(
         judge(confirmed=holds_here and nearly_all(share), qualified=holds_here),
-        f"the sum's RMSE is {ratio['translation']:.2f} times the likelihood's in translation and "
-        f"{ratio['rotation']:.2f} times in rotation, and the larger one on {share:.0%} of 200 "
+        f"the sum's RMSE is {translation:.2f} times the likelihood's in translation and "
+        f"{rotation:.2f} times in rotation, and the larger one on {share:.0%} of 200 "
         "random layouts. The sum weights a target by how well it happens to fit, the likelihood "
         "by its covariance.",
-        numbers,
+        {
+            "ratio of the RMSE of the translation, sum / likelihood": telling(translation),
+            "ratio of the RMSE of the rotation, sum / likelihood": telling(rotation),
+            "share of 200 random layouts on which the sum's RMSE is the larger": share,
+            "mean ratio over the layouts, translation": geometric_mean_of(ratios),
+        },
         holds="In this scene, where the 95% intervals of the ratios are "
-        f"{ratio['translation'].between('.2f')} (translation) and "
-        f"{ratio['rotation'].between('.2f')} (rotation), and on {share:.0%} of 200 random layouts.",
+        f"{translation.between('.2f')} (translation) and {rotation.between('.2f')} (rotation), and "
+        f"on {share:.0%} of 200 random layouts.",
         over=OVER_LAYOUTS,
     )
 
 
-@claim(
-    "overlap-initial-guess",
-    section="6.3",
-    figure="overlap-error",
-    telling=(
-        "share of runs from zero that end at the truth, sum",
-        "share of runs from zero that end at the truth, likelihood",
-    ),
-)
+@claim("overlap-initial-guess", section="6.3", figure="overlap-error")
 def overlap_initial_guess() -> Evidence:
     """Overlapped: a start at zero hurts the sum and not the likelihood."""
     costs = {"sum": SUMMING, "likelihood": LIKELIHOOD}
@@ -176,8 +154,10 @@ def overlap_initial_guess() -> Evidence:
         f"likelihood's runs and {annealed['sum']:.1%} of the sum's end there.",
         {
             "share of runs from the truth that end there, sum": share_of(ends["sum"][0]),
-            "share of runs from zero that end at the truth, sum": zero["sum"],
-            "share of runs from zero that end at the truth, likelihood": zero["likelihood"],
+            "share of runs from zero that end at the truth, sum": telling(zero["sum"]),
+            "share of runs from zero that end at the truth, likelihood": telling(
+                zero["likelihood"]
+            ),
             "share that a start at zero loses, sum": harm["sum"],
             "share that a start at zero loses, likelihood": harm["likelihood"],
             "share of annealed runs from zero that end at the truth, sum": annealed["sum"],
@@ -195,15 +175,7 @@ def overlap_initial_guess() -> Evidence:
     )
 
 
-@claim(
-    "overlap-summing-pessimistic",
-    section="6.3",
-    figure="overlap-covariance",
-    telling=(
-        "ANEES",
-        "I2 (dB)",
-    ),
-)
+@claim("overlap-summing-pessimistic", section="6.3", figure="overlap-covariance")
 def overlap_summing_pessimistic() -> Evidence:
     """Overlapped: the sum's covariance is larger than its error (pessimistic)."""
     found = evaluated(OVERLAPPED, SUMMING).credibility
@@ -219,8 +191,8 @@ def overlap_summing_pessimistic() -> Evidence:
         "a total, so that with K targets the covariance is of the order of K times too large (9K/8 "
         "for many equal ones).",
         {
-            "I2 (dB)": here,
-            "ANEES": anees_of(found),
+            "ANEES": telling(anees_of(found)),
+            "I2 (dB)": telling(here),
             "share of 200 random layouts with an I2 below -0.5 dB": share,
             "95 % quantile of I2 over 200 random layouts (dB)": high,
         },
@@ -230,15 +202,7 @@ def overlap_summing_pessimistic() -> Evidence:
     )
 
 
-@claim(
-    "overlap-likelihood-credible",
-    section="6.3",
-    figure="overlap-credibility",
-    telling=(
-        "ANEES",
-        "I2 (dB)",
-    ),
-)
+@claim("overlap-likelihood-credible", section="6.3", figure="overlap-credibility")
 def overlap_likelihood_credible() -> Evidence:
     """Overlapped: the likelihood is credible, its NEES near that of the credible estimator."""
     runs = evaluated(OVERLAPPED, LIKELIHOOD)
@@ -253,11 +217,11 @@ def overlap_likelihood_credible() -> Evidence:
         f"the ANEES is {anees:.3f} (95% region {low:.3f} to {high:.3f}), "
         f"and I2 is {here:+.2f} dB here and {mean:+.2f} dB in the mean over 200 random layouts.",
         {
-            "ANEES": anees,
+            "ANEES": telling(anees),
             "lower bound of the 95 % region": low,
             "upper bound of the 95 % region": high,
             "NCI (dB)": nci_of(runs.errors[good], runs.covariances[good]),
-            "I2 (dB)": here,
+            "I2 (dB)": telling(here),
             "mean of I2 over 200 random layouts (dB)": mean,
         },
         holds=f"In this scene, where I2 is {here:+.2f} dB; its mean over 200 random layouts is "
@@ -266,27 +230,18 @@ def overlap_likelihood_credible() -> Evidence:
     )
 
 
-@claim(
-    "overlap-outlier-component",
-    section="6.3",
-    figure="overlap-credibility",
-    telling=(
-        "ratio of the RMSE with the component / without",
-        "change of I2 (dB)",
-    ),
-)
+@claim("overlap-outlier-component", section="6.3", figure="overlap-credibility")
 def overlap_outlier_component() -> Evidence:
     """The outlier component leaves the error and makes the covariance more pessimistic."""
-    ratio = error_ratio((OVERLAPPED, ROBUST), (OVERLAPPED, LIKELIHOOD))
+    conditions = (OVERLAPPED, ROBUST), (OVERLAPPED, LIKELIHOOD)
+    ratio = error_ratio(*conditions)
+    ratio_of_layouts = geometric_mean_of(error_ratio_of_layouts(*conditions))
     unweighted = unweighted_outlier(len(OVERLAPPED.targets))
     plain, robust, printed = (
         evaluated(OVERLAPPED, cost).credibility for cost in (LIKELIHOOD, ROBUST, unweighted)
     )
     change, change_printed = (inclination_change(each, plain) for each in (robust, printed))
     before, after = inclination(OVERLAPPED, LIKELIHOOD), inclination(OVERLAPPED, ROBUST)
-    ratio_of_layouts = geometric_mean_of(
-        error_ratio_of_layouts(("overlapped", ROBUST), ("overlapped", LIKELIHOOD))
-    )
     leaves = same(ratio, RATIO) and same(ratio_of_layouts, RATIO)
     more = smaller(change, DECIBELS)
     none = same(change, DECIBELS) and same(change_printed, DECIBELS)
@@ -298,11 +253,11 @@ def overlap_outlier_component() -> Evidence:
         f"{'both less than' if none else 'compared with'} the {DECIBELS.high:g} dB that count. The "
         "component takes curvature away; the thesis says that it adds curvature.",
         {
-            "ratio of the RMSE with the component / without": ratio,
+            "ratio of the RMSE with the component / without": telling(ratio),
             "mean of this ratio over 200 random layouts": ratio_of_layouts,
             "I2 without the component (dB)": before,
             "I2 with the component (dB)": after,
-            "change of I2 (dB)": change,
+            "change of I2 (dB)": telling(change),
             "change of I2 with the unweighted component (dB)": change_printed,
         },
         holds=f"For the error, whose ratio has a 95% interval of {ratio.between('.2f')}. I2 "

@@ -3,8 +3,8 @@
 import math
 
 from d2d._kernel.charts import exponential_chart, logarithm_chart, write_chart
-from d2d._kernel.compiling import entry
-from d2d._kernel.evaluation import evaluate_block, setting_of
+from d2d._kernel.compile import entry
+from d2d._kernel.cost import evaluate_block, motion_chart, pair_at, setting_of
 from d2d._kernel.layout import (
     LANES,
     MAX_VARIANCE,
@@ -18,9 +18,8 @@ from d2d._kernel.layout import (
     X,
     Y,
 )
-from d2d._kernel.minimisation import evaluate, minimise, motion_chart, pair_at
-from d2d._kernel.newton import invert
-from d2d._kernel.pairs import find_extremes, find_origin
+from d2d._kernel.newton import invert, minimise
+from d2d._kernel.pairs import find_extremes, is_far
 
 
 @entry
@@ -67,10 +66,10 @@ def place_polar_targets(polar, direction, extent, origin, means, covariances):
 
 
 @entry
-def pack_targets(means, covariances, weights, packed, extremes, origins):
+def pack_targets(means, covariances, weights, packed, extremes):
     """Pack sets (B, N, D), (B, N, D, D), (B, N) into (6, B N); whether any is far from the origin.
 
-    Fills also their bounds (B, 3) and origins (B, 2), see `find_extremes` and `find_origin`.
+    Fills also their bounds (B, 3), see `find_extremes`.
     """
     size, planar, far = means.shape[1], means.shape[2] == 2, False
     for b in range(means.shape[0]):
@@ -85,16 +84,8 @@ def pack_targets(means, covariances, weights, packed, extremes, origins):
                 points[Y, k] = points[XY, k] = 0.0
                 points[YY, k] = UNIT_DENSITY_VARIANCE
         find_extremes(points, extremes[b])
-        far |= find_origin(points, 1.0 if planar else 0.0, origins[b])
+        far |= is_far(points, 1.0 if planar else 0.0)
     return far
-
-
-@entry
-def evaluate_batch(batch, thetas, work, value, gradient, hessian):
-    """Cost (B,), gradient (B, 3) and Hessian (B, 3, 3) of every problem at its theta."""
-    for b in range(thetas.shape[0]):
-        pair = pair_at(batch, batch.first[b])
-        value[b], _ = evaluate(batch, b, pair, thetas[b], work, gradient[b], hessian[b])
 
 
 @entry
@@ -124,7 +115,10 @@ def target_batch(batch, thetas, rows, work, values):
 
 @entry
 def minimise_batch(batch, thetas, tolerance, max_iterations, work, results):
-    """Minimise every problem separately; ``thetas`` holds the starts, then the optima."""
+    """Minimise every problem separately; ``thetas`` holds the starts, then the optima.
+
+    Without an iteration, the results are the cost and its derivatives at the starts.
+    """
     value, gradient, hessian, covariance, converged, iterations, shares = results
     for b in range(thetas.shape[0]):
         value[b], converged[b], iterations[b], shares[b] = minimise(

@@ -1,4 +1,4 @@
-"""A track beside a reference: what is compared, in which units, and how it is shown."""
+"""A track against a reference: what is compared, in which units, and how it is shown."""
 
 from __future__ import annotations
 
@@ -14,41 +14,16 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import block_bootstrap, coverage, credibility, crps, log_score, whiten
 from d2d.radar import Comparison, Reference, Track, compare, simulate_drive, track
+from tests.radar.trust.noisy_tracks import EMPTY, SCALE, failed, noisy, truth
 
-N = 400
-SCALE = np.array([0.1, 0.2, 0.02])
+N = 400  # estimates
 DEGREES = np.array([1.0, 1.0, 180.0 / np.pi])
 
 
-def example(seed: int = 0, factor: float = 1.0) -> tuple[Track, Reference]:
-    """A track with Gaussian errors of ``factor`` times its covariances, and the truth."""
-    rng = np.random.default_rng(seed)
+def example(factor: float = 1.0) -> tuple[Track, Reference]:
+    """A track with errors of ``factor`` times its covariances, and the truth."""
     times = np.arange(N + 1) / 10.0
-    truth = rng.uniform([5.0, -0.5, -0.3], [15.0, 0.5, 0.3], (N + 1, 3))
-    root = rng.standard_normal((N, 3, 4)) * SCALE[:, None]
-    covariance = root @ np.swapaxes(root, -1, -2)
-    errors = np.einsum("nij,nj->ni", np.linalg.cholesky(covariance), rng.standard_normal((N, 3)))
-    return (
-        Track(
-            times[1:],
-            np.diff(times),
-            truth[1:] + np.sqrt(factor) * errors,
-            covariance,
-            np.ones(N, dtype=bool),
-        ),
-        Reference(times, truth, np.zeros((N + 1, 3))),
-    )
-
-
-def without(driven: Track, rows, **changed) -> Track:
-    """The track with some of its estimates as not converged, and what is then in their place."""
-    arrays = {name: getattr(driven, name).copy() for name in ("converged", *changed)}
-    for name, value in ({"converged": False} | changed).items():
-        arrays[name][rows] = value
-    return replace(driven, **arrays)
-
-
-# ---- What is compared -------------------------------------------------------------------------
+    return noisy(0, times[1:], factor), Reference(times, truth(times), np.zeros((N + 1, 3)))
 
 
 def test_errors_are_relative_to_the_reference_at_the_later_scan():
@@ -63,18 +38,9 @@ def test_errors_are_relative_to_the_reference_at_the_later_scan():
 
 def test_a_reference_at_other_times_is_interpolated():
     """Breaks if estimates and reference are paired by their numbers."""
-    times = np.arange(20) / 10.0
-    slope, offset = np.array([2.0, -0.3, 0.05]), np.array([8.0, 0.1, 0.0])
-    driven = Track(
-        times[1:],
-        np.diff(times),
-        times[1:, None] * slope + offset,
-        np.tile(np.eye(3), (19, 1, 1)),
-        np.ones(19, dtype=bool),
-    )
     at = np.array([0.33, 0.5, 1.21, 1.23])
-    reference = Reference(at, at[:, None] * slope + offset, np.zeros((4, 3)))
-    found = compare(driven, reference)
+    reference = Reference(at, truth(at), np.zeros((4, 3)))
+    found = compare(noisy(0, np.arange(1, 20) / 10.0, factor=0.0), reference)
     assert_allclose(found.times, np.arange(4, 13) / 10.0)  # those within its time span
     assert_allclose(found.errors, 0.0, atol=1e-12)
     assert found.share == pytest.approx(9 / 19)
@@ -83,9 +49,9 @@ def test_a_reference_at_other_times_is_interpolated():
 def test_what_did_not_converge_or_has_no_reference_is_left_out():
     """Breaks if a prediction is judged as an estimate, or nan spreads over the drive."""
     driven, reference = example()
-    driven = without(driven, 4, theta=1e6, covariance=np.nan)
-    reference.theta[11, 1] = np.nan  # of pair 10
-    found = compare(driven, reference)
+    theta = reference.theta.copy()
+    theta[11, 1] = np.nan  # of estimate 10
+    found = compare(failed(driven, 4), replace(reference, theta=theta))
     left = np.delete(np.arange(N), [4, 10])
     assert_array_equal(found.times, driven.times[left])
     assert found.share == pytest.approx(1.0 - 2 / N)
@@ -93,22 +59,19 @@ def test_what_did_not_converge_or_has_no_reference_is_left_out():
     assert np.isfinite(np.concatenate([np.ravel(m) for m in found.measures])).all()
 
 
-def test_a_clock_of_its_own_is_told():
-    """Breaks if nothing to compare gives a table of nan."""
+def test_what_cannot_be_compared_is_refused_by_name():
+    """Breaks if clocks that differ give a table of nan."""
     driven, reference = example()
-    with pytest.raises(ValueError, match=r"reference must overlap the track in time"):
-        compare(driven, Reference(reference.times + 1e6, reference.theta, reference.poses))
-
-
-@pytest.mark.parametrize("name", ["track", "reference"])
-def test_other_types_are_refused_by_name(name):
-    """Breaks if a recording is taken for its reference."""
-    arguments = dict(zip(("track", "reference"), example(), strict=True))
-    with pytest.raises(ValueError, match=name):
-        compare(**{**arguments, name: np.zeros((3, 3))})
-
-
-# ---- Measures ---------------------------------------------------------------------------------
+    late = Reference(reference.times + 1e6, reference.theta, reference.poses)
+    for given, beside, message in (
+        (driven, late, "reference must overlap the track in time"),
+        (EMPTY, reference, "track must hold at least one"),
+        (failed(driven, slice(3, None)), reference, "have 3 converged estimates"),
+        (np.zeros((3, 3)), reference, "track must be"),
+        (driven, np.zeros((3, 3)), "reference must be"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            compare(given, beside)
 
 
 def test_measures_are_those_of_the_errors():
@@ -124,6 +87,7 @@ def test_measures_are_those_of_the_errors():
     assert_allclose(found.sigmas, sigmas * DEGREES)
     assert_allclose(m.crps, crps(e * DEGREES, sigmas * DEGREES).mean(axis=0))
     assert_allclose(m.whitened_squares, (parts.values**2).mean(axis=0))
+    assert isinstance(m.anees, float)
     assert_allclose(m.anees, credibility(e, c).anees)
     assert_allclose(m.anees, m.whitened_squares.mean())
     assert_allclose(m.log_scores, parts.log_score.mean(axis=0))
@@ -177,9 +141,6 @@ def test_slow_errors_have_wider_intervals():
     widths = [np.ptp(found.intervals(block=b).mean_error, axis=0) for b in (1, found.block)]
     assert (widths[1] > 2.0 * widths[0]).all()
     assert compare(driven, reference).block <= 5
-
-
-# ---- How it is shown --------------------------------------------------------------------------
 
 
 def test_the_table_holds_each_number_in_its_column():

@@ -20,7 +20,7 @@ from d2d._checks import (
 )
 from d2d._lazy import Frozen
 from d2d._types import Array
-from d2d.eigenvalues import raise_eigenvalues
+from d2d.baselines.eigenvalues import raise_eigenvalues
 
 # Smallest variance of a fitted component, relative to the data's.  With a smaller one, the rounding
 # of an oblique covariance lets the likelihood fall.

@@ -1,8 +1,7 @@
-"""Covariances judged without a reference: pairs of sensors, halves by target and by object."""
+"""Covariances judged without a reference: two tracks, halves by target and by object."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -15,14 +14,13 @@ from d2d.radar import (
     Mounting,
     RadarScan,
     Reference,
-    Track,
     compare,
     compare_halves,
     compare_tracks,
-    simulate_drive,
     track,
 )
 from d2d.radar.trust.halves import _clusters, _half
+from tests.radar.trust.noisy_tracks import EMPTY, failed, noisy
 
 THETA = np.array([3.0, 0.0, 0.1])
 MOUNTING = Mounting(2.0, 0.0, 0.0)
@@ -61,9 +59,6 @@ def drive(seed: int, shared: float, scans: int = 120) -> list[RadarScan]:
 def halves(shared: float, by: str) -> Comparison:
     sensors = [(drive(0, shared), MOUNTING)]
     return compare_halves(sensors, np.random.default_rng(1), by=by, distance=3.0, doppler=False)
-
-
-# ---- Halves -----------------------------------------------------------------------------------
 
 
 def test_independent_targets_are_credible_both_ways():
@@ -130,25 +125,20 @@ def test_a_single_cluster_has_no_halves():
         compare_halves(sensors, np.random.default_rng(0), by="object", distance=100.0)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_clusters_are_chains_of_short_steps(seed):
-    """Breaks if distances are taken in range and azimuth, or between centres of clusters."""
-    rng = np.random.default_rng(seed)
-    distance, azimuth = rng.uniform(5.0, 30.0, 40), rng.uniform(-1.0, 1.0, 40)
-    scan = RadarScan(0.0, distance, azimuth, np.zeros(40), 0.1, 0.01, 0.1)
-    points = np.column_stack([distance * np.cos(azimuth), distance * np.sin(azimuth)])
-    near = np.linalg.norm(points[:, None] - points, axis=-1) <= 2.0
-    joined = np.linalg.matrix_power(near.astype(float), 40) > 0.0
-    labels = _clusters(scan, 2.0)
-    assert_array_equal(labels[:, None] == labels, joined)
-    assert 1 < len(set(labels)) < 40
-
-
-@pytest.mark.parametrize("count", [0, 1])
-def test_a_scan_of_less_than_two_targets_is_one_cluster(count):
-    """Breaks if an empty scan ends in an error of SciPy's."""
-    ones = np.ones(count)
-    assert_array_equal(_clusters(RadarScan(0.0, ones, ones, ones, 1.0, 1.0, 1.0), 1.0), 0 * ones)
+def test_clusters_are_chains_of_short_steps():
+    """Breaks if distances are taken in range and azimuth, or an empty scan is SciPy's error."""
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        distance, azimuth = rng.uniform(5.0, 30.0, 40), rng.uniform(-1.0, 1.0, 40)
+        scan = RadarScan(0.0, distance, azimuth, np.zeros(40), 0.1, 0.01, 0.1)
+        points = np.column_stack([distance * np.cos(azimuth), distance * np.sin(azimuth)])
+        near = np.linalg.norm(points[:, None] - points, axis=-1) <= 2.0
+        joined = np.linalg.matrix_power(near.astype(float), 40) > 0.0
+        labels = _clusters(scan, 2.0)
+        assert_array_equal(labels[:, None] == labels, joined)
+        assert 1 < len(set(labels)) < 40
+    for count in (0, 1):
+        assert_array_equal(_clusters(scan[:count], 1.0), np.zeros(count))
 
 
 def test_halves_are_of_equal_size_and_labels_stay_together():
@@ -165,58 +155,34 @@ def test_halves_are_of_equal_size_and_labels_stay_together():
     assert_allclose(single.mean(axis=0), 0.5, atol=0.1)
 
 
-@pytest.mark.parametrize(
-    ("change", "name"),
-    [
+def test_arguments_of_halves_are_refused_by_name():
+    """Breaks if a mistake is found only after the drive has been estimated, or not at all."""
+    scans = drive(0, 0.0, 2)
+    good = {"sensors": [(scans, MOUNTING)], "rng": np.random.default_rng(0)}
+    for change, name in (
         ({"by": "scan"}, "by"),
-        ({"by": None}, "by"),
         ({"distance": 0.0}, "distance"),
         ({"rng": 1}, "rng"),
         ({"baseline": 0}, "baseline"),
-        ({"sensors": drive(0, 0.0, 2)}, "sensors"),
+        ({"sensors": scans}, "sensors"),
         ({"sensors": []}, "sensors"),
         ({"scales": -1.0}, "scales"),
-    ],
-)
-def test_arguments_of_halves_are_refused_by_name(change, name):
-    """Breaks if a mistake is found only after the drive has been estimated, or not at all."""
-    good = {"sensors": [(drive(0, 0.0, 2), MOUNTING)], "rng": np.random.default_rng(0)}
-    with pytest.raises(ValueError, match=name):
-        compare_halves(**{**good, **change})
+    ):
+        with pytest.raises(ValueError, match=name):
+            compare_halves(**{**good, **change})
 
 
-# ---- Two tracks -------------------------------------------------------------------------------
-
-SCALE = np.array([0.1, 0.2, 0.02])
-
-
-def noisy(seed: int, times: np.ndarray, factor: float = 1.0) -> Track:
-    """A track of a smooth motion with Gaussian errors of ``factor`` times its covariances."""
-    rng = np.random.default_rng(seed)
-    root = rng.standard_normal((len(times), 3, 5)) * SCALE[:, None]
-    covariance = root @ np.swapaxes(root, -1, -2)
-    errors = np.linalg.cholesky(covariance) @ rng.standard_normal((len(times), 3, 1))
-    truth = np.column_stack([10.0 + 2.0 * times, 0.1 * times, 0.2 - 0.01 * times])
-    return Track(
-        times,
-        np.diff(times, prepend=times[0] - 0.1),
-        truth + np.sqrt(factor) * errors[..., 0],
-        covariance,
-        np.ones(len(times), dtype=bool),
-    )
-
-
-@pytest.mark.parametrize("shift", [0.0, 0.03, 0.05])
-def test_differences_of_independent_tracks_have_the_sum_of_their_covariances(shift):
+def test_differences_of_independent_tracks_have_the_sum_of_their_covariances():
     """Breaks if the interpolated covariance is the mean of its neighbours'."""
     times = np.arange(600) / 10.0
-    found = compare_tracks(noisy(0, times), noisy(1, times - shift))
-    assert len(found.times) == 600 - (shift > 0.0)
-    low, high = found.intervals(0.99).anees
-    assert low < 1.0 < high
-    assert high - low < 0.35
-    doubled = compare_tracks(noisy(0, times), noisy(1, times - shift, factor=3.0))
-    assert doubled.intervals(0.99).anees[0] > 1.1
+    for shift in (0.0, 0.03, 0.05):
+        found = compare_tracks(noisy(0, times), noisy(1, times - shift))
+        assert len(found.times) == 600 - (shift > 0.0)
+        low, high = found.intervals(0.99).anees
+        assert low < 1.0 < high
+        assert high - low < 0.35
+        doubled = compare_tracks(noisy(0, times), noisy(1, times - shift, factor=3.0))
+        assert doubled.intervals(0.99).anees[0] > 1.1
 
 
 def test_the_second_track_is_interpolated_to_the_times_of_the_first():
@@ -230,13 +196,6 @@ def test_the_second_track_is_interpolated_to_the_times_of_the_first():
         assert_allclose(found.errors[i], first.theta[i] - theta, atol=1e-12)
         sigma = 0.49 * second.covariance[i] + 0.09 * second.covariance[i + 1]
         assert_allclose(found.covariances[i], first.covariance[i] + sigma, rtol=1e-9)
-
-
-def failed(driven: Track, row: int) -> Track:
-    """The track with one estimate that did not converge."""
-    here = np.arange(len(driven.times)) == row
-    covariance = np.where(here[:, None, None], np.nan, driven.covariance)
-    return replace(driven, converged=~here, covariance=covariance)
 
 
 def test_at_equal_times_nothing_is_interpolated():
@@ -263,26 +222,16 @@ def test_gaps_and_failed_estimates_are_not_bridged():
     assert_allclose(found.times, times[[0, 1, 2, 3, 4, 12, 13, 14, 17, 18]])
 
 
-def test_tracks_that_have_nothing_in_common_are_refused():
-    """Breaks if the clocks of two sensors differ, and nobody is told."""
+def test_tracks_that_cannot_be_compared_are_refused():
+    """Breaks if the clocks of two sensors differ, or a track is empty, and nobody is told."""
     times = np.arange(20) / 10.0
-    with pytest.raises(ValueError, match=r"first and second have 0 .* clocks"):
-        compare_tracks(noisy(0, times), noisy(1, times + 100.0))
-    with pytest.raises(ValueError, match="second"):
-        compare_tracks(noisy(0, times), times)
-    with pytest.raises(ValueError, match="first"):
-        compare_tracks(times, noisy(0, times))
-
-
-def test_an_empty_track_is_told():
-    """Breaks if the mean of nothing is a warning of NumPy."""
-    none = Track(*np.zeros((2, 0)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, bool))
-    drive = simulate_drive(np.random.default_rng(0), duration=1.0)
-    driven = track(drive.scans, drive.mounting)
-    for call in (
-        lambda: compare_tracks(none, driven),
-        lambda: compare_tracks(driven, none),
-        lambda: compare(none, drive.truth),
+    one, other = noisy(0, times), noisy(1, times + 100.0)
+    for first, second, message in (
+        (one, other, r"first and second have 0 .* clocks"),
+        (one, times, "second must be"),
+        (times, one, "first must be"),
+        (EMPTY, one, "first must hold at least one"),
+        (one, EMPTY, "track must hold at least one"),
     ):
-        with pytest.raises(ValueError, match=r"track must hold at least one|first must hold"):
-            call()
+        with pytest.raises(ValueError, match=message):
+            compare_tracks(first, second)

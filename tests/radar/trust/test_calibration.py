@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,7 +25,6 @@ from d2d.radar import (
     doppler_velocity,
     load_nuscenes,
     load_radarscenes,
-    simulate_drive,
 )
 from d2d.radar.trust.alignment import (
     Alignment,
@@ -114,21 +113,17 @@ def values(found) -> np.ndarray:
 TRUE = np.array([0.0, FACTOR, LAW.ahead, LAW.compliance, *YAW])
 
 
-# ---- what is found
-
-
-@pytest.mark.parametrize("lag", [-0.27, 0.0, 0.13])
-def test_what_was_put_in_is_found(lag):
+def test_what_was_put_in_is_found():
     """Breaks if a parameter has the wrong sign or size, or the odometry's v_y is used."""
-    found = calibrate(drive(1, lag, jitter=0.02))
-    error = values(found) - TRUE
-    error[0] -= lag
-    assert (np.abs(error) < 3.0 * found.sigmas).all()
-    assert (found.sigmas < [0.005, 0.002, 0.1, 0.001, 0.002, 0.002]).all()
-    assert found.share > 0.99
-    assert found.scans == 600
-    for corrected, stated, yaw in zip(found.mountings, MOUNTINGS, found.yaw, strict=True):
-        assert corrected == Mounting(stated.x, stated.y, stated.yaw + yaw)
+    for lag in (-0.27, 0.0, 0.13):
+        found = calibrate(drive(1, lag, jitter=0.02))
+        error = values(found) - [lag, *TRUE[1:]]
+        assert (np.abs(error) < 3.0 * found.sigmas).all()
+        assert (found.sigmas < [0.005, 0.002, 0.1, 0.001, 0.002, 0.002]).all()
+        assert found.share > 0.99
+        assert found.scans == 600
+        for corrected, stated, yaw in zip(found.mountings, MOUNTINGS, found.yaw, strict=True):
+            assert corrected == Mounting(stated.x, stated.y, stated.yaw + yaw)
 
 
 def measured(rng, lag: float, duration: float) -> ScanVelocities:
@@ -150,7 +145,7 @@ def measured(rng, lag: float, duration: float) -> ScanVelocities:
 
 def test_the_standard_deviations_are_those_of_the_errors():
     """Breaks if the correlation in time is left out: the errors are then several times as large."""
-    scores = []
+    ratios = []
     for seed in range(25):
         reference = drive(seed, jitter=0.06, duration=40.0, scans=False)[0].reference
         velocities = measured(np.random.default_rng(seed), 0.1, 40.0)
@@ -159,10 +154,10 @@ def test_the_standard_deviations_are_those_of_the_errors():
         spread, block = covariance(model, found, with_lag=True)
         truth = [0.1, FACTOR - 1.0, LAW.ahead, -LAW.compliance * FACTOR**2, *YAW]
         error = np.array([found.lag, *found.parameters]) - truth
-        scores.append(error / np.sqrt(np.diag(spread)))
+        ratios.append(error / np.sqrt(np.diag(spread)))
         assert block > 0.5
-    size = np.sqrt(np.mean(np.square(scores), axis=0))
-    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.25
+    size = np.sqrt(np.mean(np.square(ratios), axis=0))
+    assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.25
     assert (size > 0.4).all()
     assert (size < 1.6).all()
 
@@ -218,15 +213,12 @@ def test_scans_that_follow_traffic_are_left_out():
     assert (np.abs(values(found) - values(clean)) < clean.sigmas).all()
 
 
-# ---- what a drive cannot tell
-
-
-@pytest.mark.parametrize("lag", [-0.3, 0.3])
-def test_a_lag_at_the_bound_is_said(lag):
+def test_a_lag_at_the_bound_is_said():
     """Breaks if a user believes the bound of the search."""
-    with pytest.warns(UserWarning, match="is at the bound of the search"):
-        found = calibrate(drive(6, lag), max_lag=0.2)
-    assert found.lag == pytest.approx(np.copysign(0.2, lag), abs=1e-3)
+    for lag in (-0.3, 0.3):
+        with pytest.warns(UserWarning, match="is at the bound of the search"):
+            found = calibrate(drive(6, lag), max_lag=0.2)
+        assert found.lag == pytest.approx(np.copysign(0.2, lag), abs=1e-3)
 
 
 def test_no_acceleration_tells_no_lag():
@@ -258,9 +250,6 @@ def test_a_straight_drive_tells_no_slip():
     assert np.isnan(found.sigmas[2:4]).all()
     assert_allclose(found.yaw, YAW, atol=0.002)
     assert found.lag == pytest.approx(0.1, abs=0.01)
-
-
-# ---- how it is computed
 
 
 def test_a_scan_s_squares_are_kept_as_a_quadratic():
@@ -325,11 +314,8 @@ def test_the_best_parameters_have_a_lower_sum_than_their_neighbours():
             )
 
 
-# ---- the result, and what is refused
-
-
-def test_the_result_prints_with_units_and_is_frozen():
-    """Breaks if a number has no unit, or a result can be changed by accident."""
+def test_the_result_prints_with_units():
+    """Breaks if a number has no unit, or stands without its standard deviation."""
     found = calibrate(drive(13, 0.1))
     lines = str(found).splitlines()
     assert lines[0].startswith("600 scans over 29.9 s")
@@ -339,86 +325,44 @@ def test_the_result_prints_with_units_and_is_frozen():
         assert line.endswith(f" {unit}")
     assert f"{np.rad2deg(found.yaw[1]):+.3f}" in str(found)
     assert "Held" not in str(found)
-    with pytest.raises(FrozenInstanceError):
-        found.lag = 0.0
 
 
 def test_the_slip_law_refuses_what_is_no_number():
     """Breaks if nan gets into every v_y."""
-    assert SlipLaw(1, 0).lateral([1.0, 2.0], [0.1, np.nan])[0] == pytest.approx(0.1)
     for name in ("ahead", "compliance"):
         with pytest.raises(ValueError, match=f"^{name} must be"):
             SlipLaw(**{name: np.nan})
 
 
-@pytest.mark.parametrize(
-    ("forward", "yaw_rate", "named"),
-    [
-        ("fast", 0.1, "forward"),
-        (8.0, None, "yaw_rate"),
-        (8.0, np.ma.array([0.1, 0.2], mask=[0, 1]), "yaw_rate"),
-        ([8.0, 9.0], 0.1j, "yaw_rate"),
-        (np.ones(2), np.ones(3), "the batch axes of forward and yaw_rate"),
-    ],
-    ids=["text", "None", "masked", "complex", "shapes"],
-)
-def test_velocities_without_a_lateral_one_are_refused(forward, yaw_rate, named):
-    """Breaks if NumPy's words are all that is said, or a masked entry comes back."""
-    with pytest.raises(ValueError, match=f"^{named} "):
-        SlipLaw(0.3, 0.005).lateral(forward, yaw_rate)
-
-
-def bad(name):
-    """Arguments that `calibrate` refuses."""
-    (first, _) = drive(14, duration=2.0)
-    still = Reference(first.reference.times, 0.0 * first.reference.theta, first.reference.poses)
-    late = replace(first.reference, times=first.reference.times + 100.0)
-    back = replace(first.reference, times=first.reference.times[::-1])
-    entry = (first.scans, first.mounting, first.reference)
-    return {
-        "nothing": [],
-        "twice": [entry, (entry[0][:5], MOUNTINGS[1], entry[2])],
-        "a number": 3,
-        "a pair": [entry[:2]],
-        "no scan": [("abc", *entry[1:])],
-        "one scan": [(first.scans[:1], *entry[1:])],
-        "empty scans": [([scan[:0] for scan in first.scans], *entry[1:])],
-        "standing": [(*entry[:2], still)],
-        "another day": [(*entry[:2], late)],
-        "backwards": [(*entry[:2], back)],
-    }[name]
-
-
-@pytest.mark.parametrize(
-    ("name", "match"),
-    [
-        ("nothing", "^recordings must hold at least one sensor"),
-        ("a number", "^recordings must be a sequence"),
-        ("a pair", r"^recordings\[0\] must be a tuple"),
-        ("no scan", r"^the scans of recordings\[0\]"),
-        ("one scan", r"^recordings\[0\] must have at least two scans"),
-        ("empty scans", r"^recordings\[0\] must have at least two scans"),
-        ("standing", r"^recordings\[0\] must be of a moving vehicle"),
-        ("another day", "^the references of recordings must cover the times of the scans"),
-        ("backwards", r"^recordings\[0\] must have a reference .* increasing"),
-    ],
-)
-def test_what_cannot_be_calibrated_is_refused_by_name(name, match):
+def test_what_cannot_be_calibrated_is_refused_by_name():
     """Breaks if a user gets a number, or an error that does not say what is wrong."""
-    with pytest.raises(ValueError, match=match):
-        calibrate(bad(name))
-
-
-@pytest.mark.parametrize(
-    ("option", "value"), [("max_lag", 0.0), ("max_lag", "long"), ("ahead", np.nan)]
-)
-def test_options_out_of_range_are_refused(option, value):
-    """Breaks if the search has no width, or nan is held."""
-    with pytest.raises(ValueError, match=f"^{option} must be"):
-        calibrate(drive(15, duration=2.0), **{option: value})
-
-
-# ---- real data
+    (first, _) = drive(14, duration=2.0)
+    scans, mounting, reference = first.scans, first.mounting, first.reference
+    entry = scans, mounting, reference
+    still = replace(reference, theta=0.0 * reference.theta)
+    late = replace(reference, times=reference.times + 100.0)
+    back = replace(reference, times=reference.times[::-1])
+    for recordings, options, message in (
+        ([], {}, "^recordings must hold at least one sensor"),
+        (3, {}, "^recordings must be a sequence"),
+        ([entry[:2]], {}, r"^recordings\[0\] must be a tuple"),
+        ([("abc", *entry[1:])], {}, r"^the scans of recordings\[0\]"),
+        ([(scans[:1], *entry[1:])], {}, r"^recordings\[0\] must have at least two scans"),
+        (
+            [([scan[:0] for scan in scans], *entry[1:])],
+            {},
+            r"^recordings\[0\] must have at least two scans",
+        ),
+        ([(*entry[:2], still)], {}, r"^recordings\[0\] must be of a moving vehicle"),
+        ([(*entry[:2], late)], {}, "^the references of recordings must cover the times"),
+        ([(*entry[:2], back)], {}, r"^recordings\[0\] must have a reference .* increasing"),
+        ([entry, (scans[:5], MOUNTINGS[1], reference)], {}, "is one sensor given twice"),
+        ([entry], {"max_lag": 0.0}, "^max_lag must be"),
+        ([entry], {"ahead": np.nan}, "^ahead must be"),
+        ([entry], {"max_lag": 5.0}, r"at a lag of -5.000 s; is max_lag longer than the drive"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            calibrate(recordings, **options)
 
 
 @pytest.mark.radarscenes
@@ -456,10 +400,3 @@ def test_nuscenes_has_an_early_clock_and_a_slow_speedometer():
     assert found.lag == pytest.approx(-0.03, abs=0.015)
     assert found.speed_factor == pytest.approx(1.0125, abs=0.004)
     assert found.slip.ahead == 0.0
-
-
-def test_a_lag_longer_than_the_drive_is_told():
-    """Breaks if the references are blamed, which do cover the scans."""
-    drive = simulate_drive(np.random.default_rng(0), duration=1.0)
-    with pytest.raises(ValueError, match=r"at a lag of -5.000 s; is max_lag longer than the drive"):
-        calibrate([(drive.scans, drive.mounting, drive.truth)], max_lag=5.0)

@@ -8,9 +8,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from sklearn.mixture import GaussianMixture as SklearnMixture
 
-from d2d import gaussian, rigid
-from d2d.eigenvalues import raise_eigenvalues
-from d2d.gaussian import GaussianMixture, fit_mixture
+from d2d import rigid
+from d2d.baselines.eigenvalues import raise_eigenvalues
+from d2d.study.mixtures import gaussian
+from d2d.study.mixtures.gaussian import GaussianMixture, fit_mixture
 
 SIGMA = np.array([[2.0, -0.6], [-0.6, 0.5]])
 MIXTURE = GaussianMixture(

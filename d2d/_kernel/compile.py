@@ -10,6 +10,8 @@
 
 None of them counts references (``_nrt``): where arrays are passed in tuples, counting costs as much
 as a small problem.  So no function of the kernel allocates memory.
+
+With ``NUMBA_DISABLE_JIT=1`` all of it runs as Python, slowly, but line by line in a debugger.
 """
 
 import gc
@@ -21,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import config, njit
 from numba.core.caching import FunctionCache
 from numpy.typing import NDArray
 
@@ -34,8 +36,7 @@ FAST = {"contract", "nnan"}
 def part(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """How to compile a function that only compiled ones call: without the wrappers for Python.
 
-    They take a seventh of the time of the first call.  Called from Python, say in a test, such a
-    function runs uncompiled.
+    They take a seventh of the time of the first call.
     """
     compile_part = njit(
         error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options
@@ -43,8 +44,9 @@ def part(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def compiling(function: Callable[..., Any]) -> Any:
         dispatcher = compile_part(function)
-        dispatcher._insert = lambda *compiled: None  # there is nothing that Python could call
-        dispatcher._compile_for_args = lambda *args: function
+        if not config.DISABLE_JIT:
+            dispatcher._insert = lambda *compiled: None  # there is nothing that Python could call
+            dispatcher._compile_for_args = lambda *args: function  # Python runs it uncompiled
         return dispatcher
 
     return compiling
@@ -57,21 +59,13 @@ merged = part(inline="always")
 vectorised = part(forceinline=True, fastmath=FAST)
 
 
-def source_stamp(folder: Path) -> str:
-    """A hash of all modules in a folder."""
-    digest = hashlib.sha256()
-    for path in sorted(folder.glob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
 def _with_room(function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
     return function(*args)
 
 
 # Python keeps the frames of its calls in chunks of 16 KB.  Where one ends within the compiler, the
-# next is allocated and freed at millions of calls: up to two seconds, depending on the depth of the
-# user's calls.  A frame that claims 320 KB makes Python allocate one chunk with room for all.
+# next is allocated and freed at millions of calls: up to two seconds.  A frame that claims 320 KB
+# makes Python allocate one chunk with room for all.
 _with_room.__code__ = _with_room.__code__.replace(co_stacksize=40_000)
 
 
@@ -95,6 +89,14 @@ def unhindered(function: Callable[..., Any]) -> Callable[..., Any]:
     return run
 
 
+def source_stamp(folder: Path) -> str:
+    """A hash of all modules in a folder."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
 _STAMP = source_stamp(Path(__file__).parent)
 
 
@@ -113,6 +115,9 @@ class _KernelCache(FunctionCache):  # type: ignore[misc]
         try:
             return super().load_overload(*which)
         except OSError:
+            return None
+        except Exception:  # unpickling a damaged file can raise anything
+            self.flush()
             return None
 
     def save_overload(self, *compiled: Any) -> None:
@@ -148,6 +153,8 @@ def read_only(array: NDArray[Any], *shape: int) -> NDArray[Any]:
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a function that Python calls."""
     dispatcher = njit(nogil=True, error_model="numpy", _nrt=False, no_cfunc_wrapper=True)(function)
+    if config.DISABLE_JIT:
+        return dispatcher
     try:
         dispatcher._cache = _KernelCache(function)
     except RuntimeError:  # Numba found no writable folder, beside this file or in the user's home

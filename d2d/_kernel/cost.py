@@ -8,21 +8,10 @@ import math
 
 import numpy as np
 
-from d2d._kernel.charts import (
-    identity_chart,
-    logarithm_chart,
-    through_chart,
-)
-from d2d._kernel.compiling import inlined, merged
-from d2d._kernel.densities import (
-    fuse_likelihood,
-    fuse_summing,
-    measurement_terms,
-    mix,
-    multiply_measurements,
-    set_uniform,
-    sum_outliers,
-)
+from d2d._kernel.charts import exponential_chart, identity_chart, logarithm_chart
+from d2d._kernel.compile import compiled, inlined, merged
+from d2d._kernel.densities import measurement_jets, outlier_jet
+from d2d._kernel.jets import fuse_likelihood, fuse_summing, mix, multiply, through_chart
 from d2d._kernel.layout import (
     A00,
     A01,
@@ -30,9 +19,13 @@ from d2d._kernel.layout import (
     A11,
     A12,
     A22,
-    CORRUPTED,
+    ARC,
     COUNTS,
     FACTOR,
+    FACTOR_START,
+    FIXED_SET,
+    FIXED_SIZE,
+    FIXED_START,
     G0,
     G1,
     G2,
@@ -42,16 +35,18 @@ from d2d._kernel.layout import (
     LIMIT,
     LOG_2PI,
     LOG_INLIER_WEIGHT,
-    LOG_OUTLIER_WEIGHT,
+    MOVING_SIZE,
+    MOVING_START,
     NO_OUTLIER,
     OUTLIER,
+    SHARES,
     SUMMING,
     TOP,
     TOTAL,
-    UNIFORM,
+    Pair,
     Setting,
 )
-from d2d._kernel.pairs import lane_count, load_block, sum_inliers
+from d2d._kernel.pairs import bounds, load_block, sum_inliers
 
 
 @inlined
@@ -69,18 +64,6 @@ def setting_of(pair, theta):
         pair.log_peak,
         pair.log_spread,
     )
-
-
-@inlined
-def load_measurements(w, factors, order, chart, first):
-    """Logarithms of the densities of the block's measurements, their gradients and Hessians."""
-    last = order.shape[0] - 1
-    xi = chart.x, chart.y, chart.phi
-    for k in range(lane_count(w)):
-        j = order[min(first + k, last)]
-        terms = through_chart(measurement_terms(factors[j], xi), chart)
-        for row in range(10):
-            w[FACTOR + row * LANES + k] = terms[row]
 
 
 @inlined
@@ -109,15 +92,12 @@ def evaluate_block(w, fixed, moving, order, factors, outlier, setting, first):
     kind, measured = outlier[KIND], factors.shape[0] > 0
     load_block(w, moving, order, setting, first)
     if measured:
-        load_measurements(w, factors, order, setting.chart, first)
-    if kind == CORRUPTED:
-        sum_outliers(w, fixed, setting, outlier)
-    elif kind == UNIFORM:
-        set_uniform(w, outlier[LOG_OUTLIER_WEIGHT])
+        measurement_jets(w, factors, order, setting.chart, first)
+    outlier_jet(w, fixed, setting, outlier)
     limit_pairs(w, outlier, setting, measured)
     sum_inliers(w, fixed, setting)
     if measured:
-        multiply_measurements(w)
+        multiply(w)
     if kind != NO_OUTLIER:
         mix(w, outlier[LOG_INLIER_WEIGHT])
 
@@ -181,3 +161,88 @@ def evaluate_pair(pair, theta, fusion, w, g, h):
     h[0, 2] = h[2, 0] = -a02
     h[1, 2] = h[2, 1] = -a12
     return value
+
+
+@compiled
+def pair_at(batch, number):
+    """One pair of the batch, bound."""
+    row = batch.pairs[number]
+    start, stop = row[MOVING_START], row[MOVING_START] + row[MOVING_SIZE]
+    fixed = batch.fixed[:, row[FIXED_START] : row[FIXED_START] + row[FIXED_SIZE]]
+    moving = batch.moving[:, start:stop]
+    at, measured = row[FACTOR_START], row[MOVING_SIZE] if row[FACTOR_START] >= 0 else 0
+    factors = batch.factors[at : at + measured]
+    log_peak, log_spread = bounds(fixed, moving, batch.extremes[row[FIXED_SET]])
+    return Pair(
+        fixed,
+        moving,
+        batch.orders[start:stop],
+        factors,
+        batch.outlier,
+        batch.d2d,
+        batch.planar,
+        batch.in_twist,
+        batch.gate,
+        log_peak,
+        log_spread,
+    )
+
+
+@inlined
+def motion_chart(batch, number, theta):
+    """The motion of a pair at theta; if theta is a velocity, the exponential of its twist."""
+    interval = batch.intervals[number]
+    x, y, w = interval * theta[0], interval * theta[1], interval * theta[2]
+    if batch.kind == ARC:
+        return exponential_chart(x, y, w)
+    return identity_chart((x, y, w))
+
+
+@inlined
+def add_derivatives(work, chart, interval, g, h):
+    """Add a pair's derivatives in theta, from those in its motion, which are in ``work``."""
+    pg, ph = work.gradient, work.hessian
+    terms = (0.0, pg[0], pg[1], pg[2], ph[0, 0], ph[0, 1], ph[1, 1], ph[0, 2], ph[1, 2], ph[2, 2])
+    _, g0, g1, g2, h00, h01, h11, h02, h12, h22 = through_chart(terms, chart)
+    square = interval * interval
+    g[0] += interval * g0
+    g[1] += interval * g1
+    g[2] += interval * g2
+    h[0, 0] += square * h00
+    h[1, 1] += square * h11
+    h[2, 2] += square * h22
+    h[0, 1] += square * h01
+    h[0, 2] += square * h02
+    h[1, 2] += square * h12
+    h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
+
+
+@merged
+def evaluate(batch, problem, pair, theta, work, g, h):
+    """Cost of a problem at theta, and the sum of its targets' inlier shares.
+
+    The cost is the sum over the problem's pairs, of which ``pair`` is the first, and the prior's;
+    its gradient goes to g (3), its Hessian to h (3, 3).
+    """
+    w, motion = work.scratch, work.motion
+    for k in range(LANES):
+        w[SHARES + k] = 0.0
+    for j in range(3):
+        g[j] = h[0, j] = h[1, j] = h[2, j] = 0.0
+    value, shares = 0.0, 0.0
+    first = batch.first[problem]
+    for number in range(first, batch.first[problem + 1]):
+        if number > first:
+            pair = pair_at(batch, number)
+        chart = motion_chart(batch, number, theta)
+        motion[0], motion[1], motion[2] = chart.x, chart.y, chart.phi
+        value += evaluate_pair(pair, motion, batch.fusion, w, work.gradient, work.hessian)
+        add_derivatives(work, chart, batch.intervals[number], g, h)
+    for j in range(3):
+        weighted = batch.prior[j] * theta[j]
+        value += 0.5 * weighted * theta[j]
+        g[j] += weighted
+        h[j, j] += batch.prior[j]
+    for k in range(LANES):
+        shares += w[SHARES + k]
+    return value, shares

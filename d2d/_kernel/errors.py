@@ -1,0 +1,148 @@
+"""What the errors of the targets of one set do to the gradient, added up."""
+
+import math
+
+from d2d._kernel.compile import compiled, entry, inlined, vectorised
+from d2d._kernel.elementary import exp
+
+REACH = 5.0  # correlation lengths, at which the correlation is 0.7 %
+
+
+@compiled
+def root_of(covariance):
+    """Symmetric root of a covariance (2, 2): xx, xy, yy.
+
+    It turns with the axes, so that errors of two targets correlate alike along any of them.
+    """
+    xx, xy, yy = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+    product = math.sqrt(max(xx * yy - xy * xy, 0.0))  # of the two standard deviations
+    total = math.sqrt(xx + yy + 2.0 * product)
+    return (xx + product) / total, xy / total, (yy + product) / total
+
+
+@compiled
+def add_outer(total, a, b, weight):
+    """Add weight (a b' + b a') / 2 to the upper triangle of a matrix (3, 3)."""
+    for i in range(3):
+        for j in range(i, 3):
+            total[i, j] += 0.5 * weight * (a[i] * b[j] + b[i] * a[j])
+
+
+@inlined
+def along(row, slope):
+    """The derivatives (3,) along a direction (2,) of those in a position (3, 2)."""
+    x, y = slope[0], slope[1]
+    return (
+        row[0, 0] * x + row[0, 1] * y,
+        row[1, 0] * x + row[1, 1] * y,
+        row[2, 0] * x + row[2, 1] * y,
+    )
+
+
+@entry
+def add_positions(position, covariances, noise):
+    """Add f_z Sigma_z f_z' of each target's own position error to the upper triangle of noise.
+
+    For B problems, with the derivatives f_z in the ``position`` (B, K, 3, 2) of each target and the
+    ``covariances`` (B, K, 2, 2); noise is (B, 3, 3).
+    """
+    for b in range(position.shape[0]):
+        for k in range(position.shape[1]):
+            row, own = position[b, k], covariances[b, k]
+            xx, xy, yy = own[0, 0], own[0, 1], own[1, 1]
+            for i in range(3):
+                x, y = row[i, 0] * xx + row[i, 1] * xy, row[i, 0] * xy + row[i, 1] * yy
+                for j in range(i, 3):
+                    noise[b, i, j] += x * row[j, 0] + y * row[j, 1]
+
+
+@entry
+def add_measurements(value, prediction, sigmas, position, slope, noise):
+    """Add the same of each target's measurement, and of what its errors share with the position.
+
+    With the derivatives in the measured ``value`` (B, K, 3) and, through the ``prediction``, in its
+    input, and with both ``sigmas``, two (B, K).  An input's error also moves the position along
+    ``slope`` (B, K, 2); the positions' covariances already contain the square of this.
+    """
+    for b in range(value.shape[0]):
+        for k in range(value.shape[1]):
+            own, square = sigmas[0][b, k], sigmas[1][b, k] * sigmas[1][b, k]
+            add_outer(noise[b], value[b, k], value[b, k], own * own)
+            add_outer(noise[b], prediction[b, k], prediction[b, k], square)
+            turned = along(position[b, k], slope[b, k])
+            add_outer(noise[b], prediction[b, k], turned, 2.0 * square)
+
+
+@entry
+def add_turned(position, slope, total):
+    """Add up the derivatives (3,) in an error that turns the positions of all targets (K,).
+
+    With the derivatives in the ``position`` (K, 3, 2), which moves along ``slope`` (K, 2).
+    """
+    for k in range(position.shape[0]):
+        turned = along(position[k], slope[k])
+        for i in range(3):
+            total[i] += turned[i]
+
+
+@entry
+def add_shared(value, prediction, doppler, shared):
+    """Add up the derivatives in errors that the Doppler velocities (K,) of all targets share.
+
+    In an azimuth error, through the ``prediction`` (K, 3), an error of the velocities, through
+    their ``value`` (K, 3), and a relative one go to the rows of ``shared`` (3, 3).
+    """
+    for k in range(value.shape[0]):
+        for i in range(3):
+            shared[0, i] += prediction[k, i]
+            shared[1, i] += value[k, i]
+            shared[2, i] += doppler[k] * value[k, i]
+
+
+@vectorised
+def weigh_neighbours(x, y, length, weights):
+    """How strongly the errors of targets correlate with those of the first of them.
+
+    Those farther than REACH lengths away do not count.
+    """
+    scale = 1.0 / length
+    for b in range(1, weights.shape[0]):
+        dx, dy = x[b] - x[0], y[b] - y[0]
+        distance = math.sqrt(dx * dx + dy * dy) * scale
+        weight = exp(-distance)
+        weights[b] = weight if distance < REACH else 0.0
+
+
+@entry
+def add_dependence(position, covariances, means, order, length, rows, dependence):
+    """Add what correlated neighbours cause beyond independent ones, in the upper triangle.
+
+    The errors of the positions of K targets, seen along the axes of their own covariances,
+    correlate by exp(-distance / length).  ``position`` (K, 3, 2) and ``covariances`` (K, 2, 2) are
+    those of `add_positions`, of one problem.
+    ``order`` sorts the means (K, 2) along x, so that only those near enough along x are looked at.
+    ``rows`` (9, K) is memory.
+    """
+    count, end = order.shape[0], 0
+    for a in range(count):
+        k = order[a]
+        rows[0, a], rows[1, a] = means[k, 0], means[k, 1]
+        xx, xy, yy = root_of(covariances[k])
+        for i in range(3):
+            x, y = position[k, i, 0], position[k, i, 1]
+            rows[3 + i, a], rows[6 + i, a] = x * xx + y * xy, x * xy + y * yy
+    for a in range(count):
+        while end < count and rows[0, end] - rows[0, a] < REACH * length:
+            end += 1
+        weigh_neighbours(rows[0, a:end], rows[1, a:end], length, rows[2, a:end])
+        x0 = x1 = x2 = y0 = y1 = y2 = 0.0  # what the neighbours of one target weigh
+        for b in range(a + 1, end):
+            weight = rows[2, b]
+            x0 += weight * rows[3, b]
+            x1 += weight * rows[4, b]
+            x2 += weight * rows[5, b]
+            y0 += weight * rows[6, b]
+            y1 += weight * rows[7, b]
+            y2 += weight * rows[8, b]
+        add_outer(dependence, rows[3:6, a], (x0, x1, x2), 2.0)
+        add_outer(dependence, rows[6:9, a], (y0, y1, y2), 2.0)
