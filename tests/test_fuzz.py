@@ -1,4 +1,4 @@
-"""90 000 random registrations at extreme scales: none may crash, hang or lie about its outcome.
+"""60 000 random registrations at extreme scales: none may crash, hang or lie about its outcome.
 
 The unit of length runs from 1e-6 to 1e6 m, standard deviations from 1e-6 to 1000 units, weights
 over a hundred decades, angles to a million radians; sets of 1 to 40 targets lie apart, on one spot
@@ -161,31 +161,6 @@ def test_no_result_is_dishonest(outlier):
             converged += honestly_converged(problem)
         # else the problems are too hopeless to tell anything
         assert converged > 0.1 * BATCH * ROUNDS
-
-
-@CASES
-def test_no_result_in_map_coordinates_is_dishonest(outlier):
-    """Breaks if what is computed about the sets' means is not what is said of the user's frame.
-
-    The sets lie a kilometre to ten thousand from the origin, both together or each on its own.
-    """
-    converged = tried = 0
-    for dimension, metric, fusion, rng in costs(outlier, 5):
-        for _ in range(ROUNDS // 2):
-            problem = random_batch(rng, dimension, metric, fusion, outlier, False)
-            away = 10.0 ** rng.uniform(3.0, 7.0, (2, BATCH, 1, 1))
-            away = away * rng.standard_normal((2, BATCH, 1, dimension))
-            away[1, ::2] = away[0, ::2]
-            fixed, moving = (
-                PointSet(points.means + shift, points.covariances, points.weights)
-                for points, shift in zip((problem.fixed, problem.moving), away, strict=True)
-            )
-            theta = problem.theta.copy()
-            theta[:, dimension:] = 0.0
-            theta[:, :dimension] += (away[0] - away[1])[:, 0]
-            converged += honestly_converged(problem.with_(fixed=fixed, moving=moving, theta=theta))
-            tried += BATCH
-    assert converged > 0.1 * tried
 
 
 def member(problem: Problem, i: int) -> Problem:

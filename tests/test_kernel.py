@@ -271,11 +271,12 @@ sets = np.ones((1, 1, 2)), np.eye(2)[None, None], np.ones((1, 1))
 pack_targets(*sets, np.empty((6, 1)), np.empty((1, 3)), np.empty((1, 2)))
 print(sum(pack_targets.stats.cache_hits.values()))
 if sys.argv[1:]:
-    from d2d import CorruptedGaussian, PointSet, RegistrationCost
+    from d2d import CorruptedGaussian, RegistrationCost
+    from d2d.study import scenarios
+    scene = scenarios.OVERLAPPED
     cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100 * np.eye(2)))
-    means = np.random.default_rng(0).uniform(-9.0, 9.0, (2, 300, 8, 2))
-    sets = (PointSet(each, [0.3 * np.eye(2)] * 8) for each in means)
-    print(*(array.tobytes().hex() for array in cost.derivatives([5.0, 0.0, 0.3], *sets)))
+    sets = scene.sample(300, np.random.default_rng(0))
+    print(*(array.tobytes().hex() for array in cost.derivatives(scene.theta, *sets)))
 """
 
 
