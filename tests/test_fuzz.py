@@ -1,4 +1,4 @@
-"""100 000 random registrations at extreme scales: none may crash, hang or lie about its outcome.
+"""60 000 random registrations at extreme scales: none may crash, hang or lie about its outcome.
 
 The unit of length runs from 1e-6 to 1e6 m, standard deviations from 1e-6 to 1000 units, weights
 over a hundred decades, angles to a million radians; sets of 1 to 40 targets lie apart, on one spot
@@ -29,7 +29,7 @@ from d2d.frame import is_far
 from tests.strategies import FUSIONS, METRICS, Problem, dense_gradient, dense_value, steps_of, taken
 
 BATCH = 250
-ROUNDS = 10  # of each case; 2 x 2 x 2 x 5 cases
+ROUNDS = 6  # of each case; 2 x 2 x 2 x 5 cases
 LAYOUTS = ("apart", "far", "one spot", "overlapping", "on a line", "coincident")
 OUTLIERS = ("none", "uniform", "corrupted", "never", "only")
 
@@ -156,7 +156,7 @@ def costs(outlier: str, seed: int) -> Iterator[tuple[int, Any, Any, np.random.Ge
 def test_no_result_is_dishonest(outlier):
     """Breaks on nan with converged=True, a covariance that is none, or a cost above the start's.
 
-    2500 registrations for each of 40 costs.
+    1500 registrations for each of 40 costs.
     """
     for dimension, metric, fusion, rng in costs(outlier, 0):
         converged = 0

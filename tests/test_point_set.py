@@ -70,22 +70,6 @@ def test_weights_are_one_over_n_unless_given():
     assert_array_equal(PointSet(means, covariances, [1, 2, 3, 4]).weights, [1.0, 2.0, 3.0, 4.0])
 
 
-def test_a_set_keeps_its_own_copy_which_nobody_can_change():
-    """Breaks if a caller's later change of an array reaches the set or its packed copy."""
-    means, covariances = np.zeros((3, 2)), np.eye(2)[None].repeat(3, axis=0)
-    weights = np.ones(3)
-    points = PointSet(means, covariances, weights)
-    means += 1.0
-    covariances *= 4.0
-    weights *= 2.0
-    assert_array_equal(points.means, 0.0)
-    assert_array_equal(points.covariances, np.eye(2)[None].repeat(3, axis=0))
-    assert_array_equal(points.weights, 1.0)
-    for array in (points.means, points.covariances, points.weights):
-        with pytest.raises(ValueError, match="read-only"):
-            array[...] = 7.0
-
-
 def test_integers_and_lists_become_float64():
     """Breaks if an integer array's covariance is rounded."""
     points = PointSet([[1, 2]], [[[1, 0], [0, 1]]])

@@ -289,46 +289,33 @@ def test_multi_start_is_the_best_of_its_starts():
         for name in FIELDS[:-1]:
             assert_array_equal(getattr(best, name)[i], getattr(each, name)[winner], err_msg=name)
         assert best.iterations[i] == each.iterations.sum()
+    one = multi_start(fixed[0], moving[0], ROBUST, starts, (2.0, 1.0))
+    assert_same(best, one, 0)
+    assert all(type(getattr(one, name)) is np.ndarray for name in FIELDS)
 
 
-def test_multi_start_of_one_problem_has_no_batch_axes():
-    """Breaks if the axis of the starts is left over."""
-    fixed, moving = overlapped_scene(1, np.random.default_rng(34))
-    best = multi_start(fixed[0], moving[0], None, [TRUTH, np.zeros(3)])
-    assert best.theta.shape == (3,)
-    assert all(type(getattr(best, name)) is np.ndarray for name in FIELDS)
-    assert best.value <= register(fixed[0], moving[0], initial=TRUTH).value
-
-
-def test_multi_start_tries_every_start_for_every_measurement():
-    """Breaks if the axis of the starts is matched with the measurements' batch axis."""
+def test_multi_start_tries_every_start_for_every_problem():
+    """Breaks if the axis of the starts is matched with a batch axis of a set or a measurement."""
     problem = scene(35, measured="motion")
-    z = problem.measurement
-    value = z.value + np.random.default_rng(36).standard_normal((4, z.size))
-    batch = LinearMeasurement(value, z.sigma, z.sigma_input, z.gain, z.slope)
-    for count in (4, 5):
-        starts = starts_around(problem, count, 37)
-        best = multi_start(problem.fixed, problem.moving, problem.cost, starts, measurement=batch)
-        assert best.theta.shape == (4, 3)
-        for i in range(4):
-            one = LinearMeasurement(value[i], z.sigma, z.sigma_input, z.gain, z.slope)
-            each = run(problem.with_(measurement=one), starts)
-            assert best.value[i] == each.value[each.converged].min()
-
-
-def test_multi_start_of_sets_with_batch_axes_of_their_own():
-    """Breaks if only one set's batch axes are counted."""
-    problem = scene(38)
-    f, m = problem.fixed, problem.moving
-    rng = np.random.default_rng(39)
+    f, m, z = problem.fixed, problem.moving, problem.measurement
+    rng = np.random.default_rng(36)
     fixed = PointSet(f.means + 0.1 * rng.standard_normal((3, 1, *f.means.shape)), f.covariances)
     moving = PointSet(m.means + 0.1 * rng.standard_normal((2, *m.means.shape)), m.covariances)
-    starts = starts_around(problem, 3, 40)
-    best = multi_start(fixed, moving, problem.cost, starts)
-    assert best.theta.shape == (3, 2, 3)
-    for i, j in np.ndindex(3, 2):
-        each = register(fixed[i, 0], moving[j], problem.cost, starts)
-        assert best.value[i, j] == each.value[each.converged].min()
+    value = z.value + rng.standard_normal((3, 2, z.size))
+
+    def measured(value):
+        return LinearMeasurement(value, z.sigma, z.sigma_input, z.gain, z.slope)
+
+    for count in (2, 3, 4):
+        starts = starts_around(problem, count, 37)
+        best = multi_start(fixed, moving, problem.cost, starts, measurement=measured(value))
+        assert best.theta.shape == (3, 2, 3)
+        for i, j in np.ndindex(3, 2):
+            one = problem.with_(
+                fixed=fixed[i, 0], moving=moving[j], measurement=measured(value[i, j])
+            )
+            each = run(one, starts)
+            assert best.value[i, j] == each.value[each.converged].min()
 
 
 def test_start_grid_reaches_its_edges_in_steps_no_longer_than_asked():

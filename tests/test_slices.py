@@ -99,7 +99,7 @@ def test_an_interrupted_batch_ends_and_the_next_call_is_right():
     try:
         for _ in range(4):
             assert process.stdout.readline() == "ready\n"
-            time.sleep(0.3)
+            time.sleep(0.2)
             process.send_signal(signal.SIGINT)
             assert process.stdout.readline() == "stopped\n"
         output, error = process.communicate(timeout=60)

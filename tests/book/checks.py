@@ -19,19 +19,37 @@ BLANK = 30
 Check = Callable[[Visit, Path], list[str]]
 
 
-def complaints(visit: Visit, book: Path) -> list[str]:
-    """Errors on the console, failed requests, requests to another machine."""
-    return visit.complaints
+def of_the_visit(name: str) -> Check:
+    """A check that is a field of `Visit`, where it is described; by theme or width, if there."""
+
+    def check(visit: Visit, book: Path) -> list[str]:
+        found = getattr(visit, name)
+        if isinstance(found, dict):
+            return [f"{where}: {place}" for where, places in found.items() for place in places]
+        return list(found)
+
+    check.__name__ = name
+    return check
+
+
+complaints = of_the_visit("complaints")
+formulas = of_the_visit("faulty_formulas")
+too_wide = of_the_visit("overflows")
+too_small = of_the_visit("shrunken")
+pushed = of_the_visit("pushed")
+crowded = of_the_visit("crowded")
+tiny = of_the_visit("tiny")
+orphans = of_the_visit("orphans")
+faint = of_the_visit("faint")
+cut = of_the_visit("cut")
+pale = of_the_visit("pale")
+unmarked = of_the_visit("unmarked")
+uncited = of_the_visit("uncited")
 
 
 def too_heavy(visit: Visit, book: Path) -> list[str]:
     """More bytes than a phone should have to load."""
     return [f"{visit.bytes / 1e6:.2f} MB"] if visit.bytes > MAX_BYTES else []
-
-
-def formulas(visit: Visit, book: Path) -> list[str]:
-    """Formulas that are not typeset."""
-    return visit.faulty_formulas
 
 
 def pictures(visit: Visit, book: Path) -> list[str]:
@@ -107,72 +125,15 @@ def anchors(path: Path) -> frozenset[str]:
     return frozenset(parser.found)
 
 
-def too_wide(visit: Visit, book: Path) -> list[str]:
-    """What reaches past the window's edge on a desk or a phone."""
-    return [
-        f"at {width} px: {place}" for width, places in visit.overflows.items() for place in places
-    ]
-
-
-def too_small(visit: Visit, book: Path) -> list[str]:
-    """Pictures whose labels cannot be read on a phone."""
-    return visit.shrunken
-
-
-def pushed(visit: Visit, book: Path) -> list[str]:
-    """Figures, formulas and moving pictures that a phone has to scroll sideways."""
-    return visit.pushed
-
-
-def crowded(visit: Visit, book: Path) -> list[str]:
-    """Tables of at most seven columns that a phone has to scroll sideways."""
-    return visit.crowded
-
-
-def tiny(visit: Visit, book: Path) -> list[str]:
-    """Words of drawings that cannot be read on a phone."""
-    return visit.tiny
-
-
-def orphans(visit: Visit, book: Path) -> list[str]:
-    """Lines that begin with the comma or the bracket after a formula."""
-    return visit.orphans
-
-
-def faint(visit: Visit, book: Path) -> list[str]:
-    """Text with too little contrast in the light or the dark theme."""
-    return [f"{theme}: {place}" for theme, places in visit.faint.items() for place in places]
-
-
 def shared(visit: Visit, book: Path) -> list[str]:
     """More bytes of icons, formulas and styles than half of what they once were."""
     size = visit.shared_bytes
     return [f"{size / 1e6:.2f} MB"] if size > MAX_SHARED_BYTES else []
 
 
-def cut(visit: Visit, book: Path) -> list[str]:
-    """Code, printed text and formulas that are wider than their box on a desk."""
-    return visit.cut
-
-
-def pale(visit: Visit, book: Path) -> list[str]:
-    """Captions that are thinner than the text, or have too little contrast."""
-    return [f"{theme}: {place}" for theme, places in visit.pale.items() for place in places]
-
-
-def unmarked(visit: Visit, book: Path) -> list[str]:
-    """What the keyboard reaches without a sign of it, and formulas that it reaches."""
-    return visit.unmarked
-
-
 def too_long(visit: Visit, book: Path) -> list[str]:
     """A page of more windows than a reader stays with."""
     return [f"{visit.screens:.1f} screens"] if visit.screens > MAX_SCREENS else []
-
-
-def uncited(visit: Visit, book: Path) -> list[str]:
-    """Figures that stand before the text has told what they are for."""
-    return visit.uncited
 
 
 CHECKS: tuple[Check, ...] = (
