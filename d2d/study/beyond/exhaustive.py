@@ -2,8 +2,9 @@
 
     python -m d2d.study.beyond.exhaustive [--jobs 2]
 
-computes ``chapters/results/exhaustive.csv``, with one row for each condition.  An interrupted sweep
-resumes where it stopped; `recompute` repeats any single condition.
+computes ``chapters/results/exhaustive.csv``, with one row for each condition.  joblib keeps the
+outcome of each, so that an interrupted sweep resumes where it stopped; `recompute` repeats any
+single condition.
 """
 
 import argparse
@@ -15,9 +16,11 @@ from itertools import product
 from pathlib import Path
 from typing import Any, get_type_hints
 
+import joblib
 import numpy as np
 import scipy
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
@@ -27,7 +30,7 @@ from d2d.study.beyond.random_scenes import RandomScenes
 from d2d.study.plane.evaluation import at_truth, distance_and_rotation, rms
 from d2d.study.plane.scenarios import OVERLAPPED
 from d2d.study.results import results_path
-from d2d.study.runs import Condition, MonteCarlo, monte_carlo, sweep
+from d2d.study.runs import MonteCarlo, monte_carlo
 
 _TURNS = np.deg2rad([-20.0, 0.0, 20.0])
 # Offsets of the starts from the given one, on a grid 3 m apart, by the number of starts.
@@ -84,12 +87,7 @@ class Trial:
     starts: int = 1
 
     @property
-    def name(self) -> str:
-        """A unique name that can serve as a file name."""
-        return "_".join(str(value).replace(" ", "-") for value in asdict(self).values())
-
-    @property
-    def condition(self) -> Condition:
+    def arguments(self) -> dict[str, Any]:
         """The arguments of `monte_carlo`, with the same draws for all trials of the same scenes."""
         scene = RandomScenes(
             sigma_range=self.noise * OVERLAPPED.sigma_range,
@@ -110,14 +108,14 @@ class Trial:
             np.deg2rad(self.turn_deg),
         ]
         starts = scene.theta + offset + GRIDS[self.starts]
-        return Condition(
-            scene,
-            self._registration_cost(),
-            RUNS[self.starts],
-            seed,
-            starts[0] if self.starts == 1 else starts,
-            tuple(map(float, self.scales.split())),
-        )
+        return {
+            "scenario": scene,
+            "cost": self._registration_cost(),
+            "runs": RUNS[self.starts],
+            "seed": seed,
+            "initial": starts[0] if self.starts == 1 else starts,
+            "scales": tuple(map(float, self.scales.split())),
+        }
 
     def _registration_cost(self) -> RegistrationCost:
         if self.cost == "robust":
@@ -283,15 +281,7 @@ def stepped_down(first: float) -> str:
 
 def simulate(trial: Trial) -> MonteCarlo:
     """The runs of one trial, drawn from its seed."""
-    condition = trial.condition
-    return monte_carlo(
-        condition.scenario,
-        condition.cost,
-        condition.runs,
-        condition.seed,
-        condition.initial,
-        scales=condition.scales,
-    )
+    return monte_carlo(**trial.arguments)
 
 
 def recompute(trial: Trial) -> Outcome:
@@ -304,13 +294,12 @@ def inlier_shares(trial: Trial) -> tuple[Array, NDArray[np.bool_]]:
 
     The draws are not those of `recompute`; of several starts, only the first is used.
     """
-    condition = trial.condition
-    rng = np.random.default_rng([condition.seed, 1])
-    fixed, moving = condition.scenario.sample(condition.runs, rng)
-    start = np.atleast_2d(condition.starts())[0]
-    theta = register(fixed, moving, condition.cost, start, condition.scales).theta
-    inliers = condition.cost.inlier_probabilities(theta, fixed, moving)
-    return inliers.mean(axis=-1), at_truth(theta - condition.scenario.theta)
+    given = trial.arguments
+    scene, cost, start = given["scenario"], given["cost"], np.atleast_2d(given["initial"])[0]
+    fixed, moving = scene.sample(given["runs"], np.random.default_rng([given["seed"], 1]))
+    theta = register(fixed, moving, cost, start, given["scales"]).theta
+    inliers = cost.inlier_probabilities(theta, fixed, moving)
+    return inliers.mean(axis=-1), at_truth(theta - scene.theta)
 
 
 Rows = list[tuple[Trial, Outcome]]
@@ -381,11 +370,17 @@ def main() -> None:
     parser.add_argument("--folder", default="build/exhaustive", help="for the unfinished sweep")
     arguments = parser.parse_args()
     wanted = trials()
-    results = sweep({t.name: t.condition for t in wanted}, arguments.folder, arguments.jobs)
-    write_table(table_path(), [(trial, Outcome.of(results[trial.name])) for trial in wanted])
-    total = sum(trial.condition.runs for trial in wanted)
-    print(f"{total} registrations in {len(wanted)} conditions, written to {table_path()}")
+    kept = joblib.Memory(arguments.folder, verbose=0).cache(recompute)
+    parallel = joblib.Parallel(arguments.jobs, return_as="generator")
+    outcomes = parallel(joblib.delayed(kept)(trial) for trial in wanted)
+    rows = list(zip(wanted, tqdm(outcomes, total=len(wanted), disable=None), strict=True))
+    write_table(table_path(), rows)
+    total = sum(outcome.runs for _, outcome in rows)
+    print(f"{total} registrations in {len(rows)} conditions, written to {table_path()}")
 
 
 if __name__ == "__main__":
-    main()
+    # under the module's own name, by which the workers and what they keep know the functions
+    from d2d.study.beyond import exhaustive
+
+    exhaustive.main()

@@ -114,16 +114,6 @@ class BudgetTrial(NamedTuple):
     intervals: Array  # (I, 2, 3), 95 % of the average NEES
     covered: Array  # (I, 3), share within the 95 % region
 
-    def __str__(self) -> str:
-        """A table with a row for each ingredient."""
-        lines = [
-            f"{'ANEES (share in 95 % region)':30s}" + "".join(f"{c:>18s}" for c in COVARIANCES)
-        ]
-        for name, anees, covered in zip(self.names, self.anees, self.covered, strict=True):
-            cells = [f"{a:.2f} ({c:.0%})" for a, c in zip(anees, covered, strict=True)]
-            lines.append(f"{name:30s}" + "".join(f"{cell:>18s}" for cell in cells))
-        return "\n".join(lines)
-
 
 def budget_trial(
     names: Sequence[str] = tuple(INGREDIENTS),

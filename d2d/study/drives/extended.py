@@ -120,11 +120,6 @@ class ExtendedStudy:
     errors: dict[str, Array]
     covariances: dict[str, dict[str, Array]]
 
-    @property
-    def true_extent(self) -> float:
-        """Standard deviation (m) of the points that differ from scan to scan."""
-        return _true_extent(self.half_width, self.redrawn)
-
     def credibility(self, model: str, covariance: str) -> Credibility:
         """Credibility of one of the covariances with one of the models."""
         return credibility(self.errors[model], self.covariances[model][covariance])

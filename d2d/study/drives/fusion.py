@@ -85,24 +85,10 @@ class FusionTrial(NamedTuple):
     """
 
     nis: Array  # (3,) mean per dimension
-    nis_within: Array  # (3,) share in the 95 % region
     rejected: Array  # (3,) share beyond the gate
     nees: Array  # (3,) mean per dimension, of the filtered velocity
     nees_within: Array  # (3,) share in the 95 % region
     rmse: Array  # (3, 4) of v_x, v_y, omega and the gyro's bias in m/s, m/s, °/s, °/s
-
-    def __str__(self) -> str:
-        """A table with a row for each filter."""
-        lines = [
-            f"{'':31s}{'NIS':>11s}{'rejected':>10s}{'NEES':>12s}   RMSE v_x, v_y (m/s), omega (°/s)"
-        ]
-        for k, name in enumerate(FILTERS):
-            lines.append(
-                f"{name:31s}{self.nis[k]:5.2f} ({self.nis_within[k]:3.0%}){self.rejected[k]:10.1%}"
-                f"{self.nees[k]:6.2f} ({self.nees_within[k]:3.0%})   "
-                + ", ".join(f"{value:.2f}" for value in self.rmse[k, :3])
-            )
-        return "\n".join(lines)
 
 
 def fusion_trial(drives: Sequence[Measured]) -> FusionTrial:
@@ -119,7 +105,6 @@ def fusion_trial(drives: Sequence[Measured]) -> FusionTrial:
         columns.append(
             (
                 nis[known].mean() / 3.0,
-                np.mean(nis[known] < REGION),
                 np.mean(~used[known]),
                 nees.mean() / 3.0,
                 np.mean(nees < REGION),

@@ -1,6 +1,7 @@
 """The exhaustive evaluation: its scenes, its table, and a hundredth of it computed again."""
 
 import os
+import sys
 from datetime import date
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from d2d import rigid
 from d2d.study.beyond import exhaustive
 from d2d.study.beyond.exhaustive import (
     GRIDS,
+    RUNS,
     Outcome,
     Trial,
     read_table,
@@ -96,19 +98,18 @@ def test_impossible_scenes_are_refused() -> None:
 def test_start_is_off_by_what_the_trial_says() -> None:
     """Breaks if the error of the start is measured from somewhere else."""
     trial = Trial("start", "robust", distance_m=3.0, direction_deg=90.0, turn_deg=10.0)
-    offset = trial.condition.starts() - trial.condition.scenario.theta
+    offset = trial.arguments["initial"] - trial.arguments["scenario"].theta
     assert_allclose(offset, [0.0, 3.0, np.deg2rad(10.0)], atol=1e-12)
-    zero = Trial("start", "robust", **exhaustive.FROM_ZERO).condition
-    assert_allclose(zero.starts(), 0.0, atol=1e-12)
-    several = Trial("start", "robust", starts=9, **exhaustive.FROM_ZERO).condition
-    assert_allclose(several.starts(), GRIDS[9], atol=1e-12)
+    for starts in (1, 9):
+        zero = Trial("start", "robust", starts=starts, **exhaustive.FROM_ZERO)
+        assert_allclose(np.atleast_2d(zero.arguments["initial"]), GRIDS[starts], atol=1e-12)
 
 
 def test_methods_are_compared_on_the_same_draws() -> None:
     """Breaks if the seed depends on more than the scenes: differences would be blurred by noise."""
     here, there = Trial("noise", "sum"), Trial("start", "robust", distance_m=5.0, starts=9)
-    assert here.condition.seed == there.condition.seed
-    assert here.condition.seed != Trial("noise", "sum", noise=2.0).condition.seed
+    assert here.arguments["seed"] == there.arguments["seed"]
+    assert here.arguments["seed"] != Trial("noise", "sum", noise=2.0).arguments["seed"]
 
 
 def test_schedules_step_down_in_equal_ratios() -> None:
@@ -161,10 +162,10 @@ def test_the_table_holds_every_condition_and_a_million_runs() -> None:
     """Breaks if the conditions change and the table is not made again."""
     rows = read_table()
     assert [trial for trial, _ in rows] == trials()
-    assert len({trial.name for trial, _ in rows}) == len(rows)
+    assert len(set(trials())) == len(rows)
     assert sum(outcome.runs for _, outcome in rows) >= 1_000_000
     for trial, outcome in rows:
-        assert outcome.runs == trial.condition.runs
+        assert outcome.runs == RUNS[trial.starts]
         assert 0 <= outcome.at_truth <= outcome.converged <= outcome.runs
 
 
@@ -173,6 +174,21 @@ def test_write_and_read_are_inverse(tmp_path: Path) -> None:
     write_table(tmp_path / "table.csv", rows)
     again = read_table(tmp_path / "table.csv")
     np.testing.assert_equal(again, rows)  # nan equals nan
+
+
+def test_an_interrupted_sweep_does_only_the_rest(tmp_path: Path, monkeypatch) -> None:
+    """Breaks if an outcome that is kept is computed again, or taken for that of another trial."""
+    wanted = [Trial("noise", "sum", size=size, starts=405) for size in (5, 6, 7)]
+    monkeypatch.setattr(exhaustive, "table_path", lambda: tmp_path / "table.csv")
+    monkeypatch.setattr(sys, "argv", ["x", "--jobs", "1", "--folder", str(tmp_path / "kept")])
+    simulated, simulate = [], exhaustive.simulate
+    monkeypatch.setattr(exhaustive, "simulate", lambda t: simulated.append(t) or simulate(t))
+    for part in (wanted[:2], wanted):
+        monkeypatch.setattr(exhaustive, "trials", lambda part=part: part)
+        exhaustive.main()
+    assert simulated == wanted
+    assert [trial for trial, _ in read_table()] == wanted
+    assert read_table()[0][1].iterations == recompute(wanted[0]).iterations
 
 
 def test_select_filters() -> None:

@@ -76,13 +76,10 @@ def test_neighbours_that_move_alike_need_their_dependence():
     assert unknown.anees[0] > 2.0
 
 
-def test_the_table_has_a_row_for_each_ingredient_and_several_sensors_can_be_tried():
-    """Breaks if sensors share their own errors, or rows and names are exchanged."""
+def test_several_sensors_can_be_tried():
+    """Breaks if sensors share their own errors, or ingredients are exchanged."""
     names = ("nothing", "Doppler")
     found = trial.budget_trial(names, mountings=CORNERS[:2], drives=6, duration=0.5)
     assert found.anees.shape == found.covered.shape == (2, 3)
     assert found.intervals.shape == (2, 2, 3)
     assert found.anees[1, 1] > 3.0 > found.anees[1, 2]
-    lines = str(found).splitlines()
-    assert [line.split("  ")[0] for line in lines[1:]] == list(names)
-    assert f"{found.anees[1, 0]:.2f}" in lines[2]
