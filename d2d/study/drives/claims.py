@@ -9,7 +9,7 @@ import numpy as np
 from d2d import ANNEALED
 from d2d._types import Array
 from d2d.bootstrap import block_length
-from d2d.radar import Track, simulate_drive, track
+from d2d.radar import Comparison, Track, compare, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, Drive
 from d2d.study.book.claim import (
     RATIO,
@@ -30,7 +30,7 @@ from d2d.study.book.measured import (
     share_in_series,
     share_over,
 )
-from d2d.study.drives.errors import NAMES, DriveErrors
+from d2d.study.drives.errors import NAMES
 from d2d.study.drives.moving_targets import TargetWeights, walkers_by_pair
 from d2d.study.drives.variations import followed
 
@@ -75,12 +75,12 @@ def drive_in_traffic(seed: int) -> tuple[Drive, dict[bool, Track]]:
     return tracked_drive(seed, seed % 2 == 1)
 
 
-def errors_of_drives(doppler: bool) -> list[DriveErrors]:
+def errors_of_drives(doppler: bool) -> list[Comparison]:
     """Errors of the robot's drives."""
     found = []
     for seed in range(DRIVES):
         drive, tracks = tracked_drive(seed, False)
-        found.append(DriveErrors.of(tracks[doppler], drive.truth))
+        found.append(compare(tracks[doppler], drive.truth))
     return found
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._types import Array
-from d2d.radar import Mounting
+from d2d.radar import Comparison, Mounting
 from d2d.radar.simulation.drive import STEPS, Sensor
 from d2d.radar.simulation.world import KINDS, World
 from d2d.study.book.grammar import (
@@ -30,7 +30,7 @@ from d2d.study.book.grammar import (
 )
 from d2d.study.drives import budget_trial, extended
 from d2d.study.drives.budget_trial import BudgetTrial
-from d2d.study.drives.errors import IN_UNITS, UNITS, DriveErrors
+from d2d.study.drives.errors import IN_UNITS, UNITS
 from d2d.study.drives.extended import MODELS, ExtendedStudy
 from d2d.study.drives.fusion import GATE, REGION, Fused
 
@@ -228,7 +228,7 @@ def _face(
 
 def error_columns(
     axes: NDArray[np.object_],
-    errors: Mapping[str, DriveErrors],
+    errors: Mapping[str, Comparison],
     limits: Sequence[Sequence[float]],
 ) -> None:
     """Errors over time, a column (3 axes) for each track.

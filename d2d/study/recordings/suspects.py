@@ -4,6 +4,7 @@ All of them need only what `d2d.study.recordings.estimates` stores: tracks and t
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -48,19 +49,10 @@ def without_slow_part(found: Comparison, seconds: float) -> Comparison:
 
     The remainder varies faster.  If the errors of successive estimates are independent, this
     removes a share of one over the number of neighbours.
-
-    Raises
-    ------
-    ValueError
-        If ``seconds`` is not positive.
     """
-    if not seconds > 0.0:
-        raise ValueError(f"seconds must be positive, but is {seconds:g}")
     near = np.abs(found.times[:, np.newaxis] - found.times) <= 0.5 * seconds
     slow = (near @ found.errors) / near.sum(axis=1, keepdims=True)
-    return Comparison(
-        found.times, found.errors - slow, found.covariances, found.share, found.converged
-    )
+    return replace(found, errors=found.errors - slow)
 
 
 def beside_changed_reference(
