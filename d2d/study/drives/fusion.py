@@ -26,7 +26,7 @@ from d2d.radar.motion.pairs import scan_pair
 from d2d.radar.motion.shared_errors import accelerations
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.scores import normalised_squares
-from d2d.study.drives.budget_trial import INGREDIENTS, drawn_errors, told
+from d2d.study.drives.budget_trial import INGREDIENTS, drawn_errors, with_known_errors
 
 FILTERS = ("inverse Hessian", "budget as white noise", "budget, slow errors as states")
 SEED, DRIVES, DURATION = 29, 12, 20.0  # s: half a lap of the car
@@ -121,7 +121,7 @@ def measured_drives(
     """Drives of the car with all that can be wrong, and a gyro with a constant bias in each."""
     rng = np.random.default_rng(seed)
     wrong = INGREDIENTS["all"]
-    return [_measured(rng, duration, errors) for (errors,) in drawn_errors(rng, wrong, drives, 1)]
+    return [_measured(rng, duration, errors) for errors in drawn_errors(rng, wrong, drives)]
 
 
 def _measured(rng: np.random.Generator, duration: float, errors: SensorErrors) -> Measured:
@@ -129,7 +129,7 @@ def _measured(rng: np.random.Generator, duration: float, errors: SensorErrors) -
     drive = simulate_drive(
         rng, duration, CAR_SPEED, mounting=CAR_MOUNTING, sensor=Sensor(), errors=errors
     )
-    scans = [told(scan, wrong) for scan in drive.scans]
+    scans = [with_known_errors(scan, wrong) for scan in drive.scans]
     plain, full = (
         track(scans, CAR_MOUNTING, initial=drive.truth.theta[0], budget=budget, limits=None)
         for budget in (None, wrong.budget)
