@@ -48,43 +48,27 @@ RUNS = {1: 1000, 9: 1000, 27: 200, 75: 200, 405: 100}
 
 @dataclass(frozen=True)
 class Trial:
-    """One condition of the evaluation; the defaults are common to all factors.
+    """One condition of the evaluation; the defaults are common to all factors."""
 
-    Attributes
-    ----------
-    factor : str
-        The factor whose evaluation it belongs to.
-    cost : "sum", "likelihood" or "robust"
-    size, outlier_share, overlap, spacing_m, field_deg, reported
-        Parameters of `RandomScenes`.
-    noise : float
-        Standard deviations of the noise over the thesis's, 0.2 m and 0.03 rad.
-    alpha, sigma_outlier_m : float
-        Share and standard deviation of the outliers that the robust cost assumes.
-    distance_m, direction_deg, turn_deg : float
-        Offset of the start from the truth.
-    scales : str
-        Inflation schedule, joined by spaces.
-    starts : int
-        Number of starts, a key of `GRIDS`.
-    """
-
-    factor: str
-    cost: str
+    factor: str  # whose evaluation it belongs to
+    cost: str  # "sum", "likelihood" or "robust"
+    # parameters of `RandomScenes`
     size: int = 20
     outlier_share: float = 0.2
     overlap: float = 1.0
     spacing_m: float = 2.0
     field_deg: float = 40.0
-    noise: float = 1.0
+    noise: float = 1.0  # standard deviations over the thesis's, 0.2 m and 0.03 rad
     reported: float = 1.0
+    # share and standard deviation of the outliers that the robust cost assumes
     alpha: float = 0.2
     sigma_outlier_m: float = 10.0
+    # offset of the start from the truth
     distance_m: float = 0.0
     direction_deg: float = 0.0
     turn_deg: float = 0.0
-    scales: str = "1"
-    starts: int = 1
+    scales: str = "1"  # inflation schedule, joined by spaces
+    starts: int = 1  # a key of `GRIDS`
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -126,34 +110,20 @@ class Trial:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of the runs of one trial.
-
-    Attributes
-    ----------
-    runs, converged : int
-    at_truth : int
-        Runs that ended within 1.5 m and 6 degrees of the truth.
-    covered : int
-        Converged runs whose 95 % region contains the truth.
-    rmse_m, rmse_deg : float
-        Root mean square errors in translation and rotation of the runs at the truth; nan if there
-        are none.
-    anees, nci_db, inclination_db : float
-        Credibility of the converged runs.
-    iterations : float
-        Mean Newton iterations of a run, over all its scales and starts.
-    """
+    """The outcome of the runs of one trial."""
 
     runs: int
     converged: int
-    at_truth: int
-    covered: int
+    at_truth: int  # runs that ended within 1.5 m and 6 degrees of the truth
+    covered: int  # converged runs whose 95 % region contains the truth
+    # root mean square errors of the runs at the truth; nan if there are none
     rmse_m: float
     rmse_deg: float
+    # credibility of the converged runs
     anees: float
     nci_db: float
     inclination_db: float
-    iterations: float
+    iterations: float  # mean Newton iterations of a run, over all its scales and starts
 
     @classmethod
     def of(cls, result: MonteCarlo) -> "Outcome":

@@ -179,15 +179,18 @@ def drawn_errors(
     """
     budget = ingredient.budget
     sigmas = budget.azimuth, budget.doppler, budget.scale, budget.lag
-    drawn = [sigma * _stratified(rng, drives) for sigma in sigmas]
+    drawn = np.stack([sigma * _stratified(rng, drives) for sigma in sigmas], axis=-1)
     return [
         SensorErrors(
-            *own,  # in the order of the sigmas
+            azimuth,
+            doppler,
+            scale,
+            lag,
             extent=ingredient.extent,
             neighbours=budget.neighbours,
             rounding=ingredient.rounding or 1.0,
         )
-        for own in zip(*drawn, strict=True)
+        for azimuth, doppler, scale, lag in drawn.tolist()
     ]
 
 

@@ -1,7 +1,8 @@
 """Which targets of a drive are rejected, and what they are."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,20 +11,11 @@ from d2d._types import Array
 from d2d.radar import Drive, Track, inlier_probabilities
 
 
-@dataclass(frozen=True, eq=False)
-class TargetWeights:
-    """How far a track trusts each target of a simulated drive, whose true kind is known.
+class TargetWeights(NamedTuple):
+    """How far a track trusts each target of a simulated drive, whose true kind is known."""
 
-    Attributes
-    ----------
-    kind : (M,) array of str
-        One of `d2d.radar.simulation.world.KINDS`.
-    probability : (M,) array
-        Probability that the target is an inlier under the pair's estimate.
-    """
-
-    kind: NDArray[np.str_]
-    probability: Array
+    kind: NDArray[np.str_]  # (M,) one of `d2d.radar.simulation.world.KINDS`
+    probability: Array  # (M,) that the target is an inlier under the pair's estimate
 
     @classmethod
     def of(cls, drive: Drive, driven: Track, *, doppler: bool = True) -> "TargetWeights":

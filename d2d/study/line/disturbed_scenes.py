@@ -1,7 +1,5 @@
 """The line scene with an outlier in one set, and with a cluster (thesis sec. 4.4 and 4.5)."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from d2d._types import Array
@@ -40,11 +38,6 @@ def with_outlier(
         Standard deviation of the observations.
     draws : tuple of int
         Batch shape.
-
-    Raises
-    ------
-    ValueError
-        If ``where`` is neither "fixed" nor "moving".
     """
     fixed, moving = line_scene(rng, draws=draws, sigma_fixed=sigma, sigma_moving=sigma)
     shift = 0.0 if where == "fixed" else TRUTH
@@ -53,9 +46,7 @@ def with_outlier(
     outlier = (position + sigma * rng.standard_normal(draws))[..., None, None]
     if where == "fixed":
         return _extended(fixed, outlier), moving
-    if where == "moving":
-        return fixed, _extended(moving, outlier)
-    raise ValueError(f"where must be 'fixed' or 'moving', but is {where!r}")
+    return fixed, _extended(moving, outlier)
 
 
 def _extended(points: PointSet, mean: Array) -> PointSet:
@@ -75,8 +66,3 @@ def clustered(
 ) -> tuple[PointSet, PointSet]:
     """The line scene with a cluster of three targets around A."""
     return line_scene(rng, positions=cluster_positions(spacing), draws=draws)
-
-
-def observed(positions: Sequence[float] | Array) -> str:
-    """Positions as text, with two decimals each."""
-    return " ".join(f"{x:.2f}" for x in np.ravel(positions))

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import gaussian
-from d2d._checks import check_finite
 from d2d._types import Array
 from d2d.gaussian import GaussianMixture
 from d2d.study.book import svg
@@ -33,7 +32,7 @@ def em_frame(
     step : int
         Index of the step to draw.
     """
-    points = check_finite("x", x)
+    points = np.asarray(x, dtype=np.float64)
     mixture = steps[step]
     low, high = points.min(axis=0), points.max(axis=0)
     low, high = low - 0.08 * (high - low), high + 0.08 * (high - low)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_finite, check_fraction, check_positive_scalar
+from d2d._checks import check_fraction, check_within
 from d2d._types import Array
 from d2d.point_set import PointSet
 
@@ -48,14 +48,10 @@ def ray_ranges(pose: ArrayLike, azimuth: ArrayLike, walls: Walls = ROOM) -> Arra
 
     Solves ``p + r u = a + s (b - a)`` for every ray and segment, and keeps the smallest r > 0
     with s within [0, 1].
-
-    Raises
-    ------
-    ValueError
-        If a ray meets no wall: the pose lies outside the room.
+    Raises a ``ValueError`` if a ray meets no wall: the pose lies outside the room.
     """
-    place, angles = rigid.motion("pose", pose, 2), check_finite("azimuth", azimuth)
-    direction = rigid.rotation(place[2] + angles)[:, :, 0]
+    place = rigid.motion("pose", pose, 2)
+    direction = rigid.rotation(place[2] + np.asarray(azimuth))[:, :, 0]
     lines = segments(walls)
     along, offset = lines[:, 1] - lines[:, 0], lines[:, 0] - place[:2]
     cross = direction[:, None, 0] * along[:, 1] - direction[:, None, 1] * along[:, 0]
@@ -74,21 +70,12 @@ def ray_ranges(pose: ArrayLike, azimuth: ArrayLike, walls: Walls = ROOM) -> Arra
 
 @dataclass(frozen=True, eq=False)
 class RoomScan:
-    """One scan of the room, in the scanner's own frame.
+    """One scan of the room, in the scanner's own frame."""
 
-    Attributes
-    ----------
-    range, azimuth : (N,) arrays, m and rad
-    spacing : float, rad
-        Angle between neighbouring rays.
-    outlier : (N,) array of bool
-        Whether the point does not lie on a wall.
-    """
-
-    range: Array
-    azimuth: Array
-    spacing: float
-    outlier: NDArray[np.bool_]
+    range: Array  # (N,) m
+    azimuth: Array  # (N,) rad
+    spacing: float  # rad, between neighbouring rays
+    outlier: NDArray[np.bool_]  # (N,) whether the point does not lie on a wall
 
     @property
     def points(self) -> Array:
@@ -134,19 +121,14 @@ def room_scan(
     Raises
     ------
     ValueError
-        Naming the argument: a pose outside the room, fewer than one ray, a share outside [0, 1].
+        Naming the argument: a pose outside the room, a field of view or a share out of range.
     """
-    if rays < 1:
-        raise ValueError(f"rays must be at least 1, but is {rays}")
-    sigma = check_positive_scalar("sigma_range", sigma_range)
     share = check_fraction("outliers", outliers)
-    view = check_positive_scalar("field_of_view", field_of_view)
-    if view > 2.0 * np.pi:
-        raise ValueError(f"field_of_view must be at most 2 pi, but is {view:g}")
+    view = check_within("field_of_view", field_of_view, 1e-6, 2.0 * np.pi)
     spacing = view / rays
     azimuth = spacing * np.arange(rays, dtype=np.float64) - 0.5 * view
     wall = ray_ranges(pose, azimuth, walls)
-    measured = np.maximum(wall + sigma * rng.standard_normal(rays), NEAREST)
+    measured = np.maximum(wall + sigma_range * rng.standard_normal(rays), NEAREST)
     outlier = np.zeros(rays, dtype=np.bool_)
     outlier[rng.permutation(rays)[: round(share * rays)]] = True
     stray = NEAREST + (np.maximum(wall, NEAREST) - NEAREST) * rng.random(rays)

@@ -32,10 +32,8 @@ class View(NamedTuple):
 def animate_scans(name: str, rounds: Sequence[Sequence[View]], ahead: float = 60.0) -> str:
     """Animate rounds of views, with ``ahead`` metres in front of the vehicle in the picture.
 
-    The x axis, forward, points up.  Raises ``ValueError`` if there is no round.
+    The x axis, forward, points up.
     """
-    if not rounds:
-        raise ValueError("rounds must hold at least one round of views, but is empty")
     captions = []
     for views in rounds:
         trusted = np.concatenate([view.probabilities for view in views])

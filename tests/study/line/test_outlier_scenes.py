@@ -30,8 +30,6 @@ def test_the_outlier_stands_where_it_is_put():
         sets = with_outlier(np.random.default_rng(2), where, at=4.0, draws=(4000,))
         assert_allclose(sets[with_it].means[:, 3].mean(), 4.0, atol=0.01)
         assert_allclose(sets[with_it].means[:, 3].std(), 0.15, rtol=0.05)
-    with pytest.raises(ValueError, match="where"):
-        with_outlier(np.random.default_rng(2), "both")
 
 
 def test_a_cluster_grows_around_a():
