@@ -151,11 +151,14 @@ class Outcome:
 ANNEALING = " ".join(f"{scale:g}" for scale in ANNEALED)
 SCHEDULES = ("1", "2 1", "4 2 1", "8 4 2 1", "10 1", ANNEALING, "20 10 5.5 3.2 1.7 1")
 FIRST_SCALES = (1.0, 3.2, 10.0, 32.0, 100.0, 316.0)
-FROM_ZERO: dict[str, Any] = {
-    "distance_m": 5.0,
-    "direction_deg": 180.0,
-    "turn_deg": -15.0,
-}  # minus the true motion, so that the start is zero
+
+
+def _off(distance: float, turn: float, direction: float = 180.0) -> dict[str, Any]:
+    """A start this far (m, deg) from the truth."""
+    return {"distance_m": distance, "direction_deg": direction, "turn_deg": turn}
+
+
+FROM_ZERO = _off(5.0, -15.0)  # minus the true motion, so that the start is zero
 ALPHAS = (0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
 OUTLIER_SIGMAS = (1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # m
 DISTANCES = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)  # m
@@ -194,32 +197,19 @@ def _starts() -> Iterator[Trial]:
     methods = [("likelihood", "1"), ("robust", "1"), ("robust", ANNEALING)]
     for (cost, scales), distance, turn in product(methods, DISTANCES, TURNS):
         for direction in DIRECTIONS if distance else DIRECTIONS[:1]:
-            yield Trial(
-                "start",
-                cost,
-                scales=scales,
-                distance_m=distance,
-                direction_deg=direction,
-                turn_deg=turn,
-            )
+            yield Trial("start", cost, scales=scales, **_off(distance, turn, direction))
 
 
 def _outlier_models() -> Iterator[Trial]:
     starts: tuple[dict[str, Any], ...] = ({}, FROM_ZERO)
     for share, alpha, sigma, start in product((0.2, 0.4), ALPHAS, OUTLIER_SIGMAS, starts):
-        yield Trial(
-            "outlier model",
-            "robust",
-            outlier_share=share,
-            alpha=alpha,
-            sigma_outlier_m=sigma,
-            **start,
-        )
+        model = {"outlier_share": share, "alpha": alpha, "sigma_outlier_m": sigma}
+        yield Trial("outlier model", "robust", **model, **start)
 
 
 def _schedules() -> Iterator[Trial]:
     for distance, turn in ((1.0, -3.0), (2.0, -6.0), (5.0, -15.0), (10.0, -30.0), (15.0, -60.0)):
-        start: dict[str, Any] = {"distance_m": distance, "direction_deg": 180.0, "turn_deg": turn}
+        start = _off(distance, turn)
         for cost, scales in product(("sum", "likelihood", "robust"), SCHEDULES):
             yield Trial("schedule", cost, scales=scales, **start)
         for cost, starts in product(("likelihood", "robust"), (9, 27, 75, 405)):
@@ -229,18 +219,10 @@ def _schedules() -> Iterator[Trial]:
 
 
 def _first_scales() -> Iterator[Trial]:
-    for noise, first, distance in product(
-        (0.1, 0.25, 0.5, 1.0, 2.0), FIRST_SCALES, (2.0, 5.0, 10.0)
-    ):
-        start: dict[str, Any] = {"distance_m": distance, "direction_deg": 180.0}
-        yield Trial(
-            "first scale",
-            "robust",
-            noise=noise,
-            scales=stepped_down(first),
-            turn_deg=-3.0 * distance,
-            **start,
-        )
+    noises, distances = (0.1, 0.25, 0.5, 1.0, 2.0), (2.0, 5.0, 10.0)
+    for noise, first, distance in product(noises, FIRST_SCALES, distances):
+        start, scales = _off(distance, -3.0 * distance), stepped_down(first)
+        yield Trial("first scale", "robust", noise=noise, scales=scales, **start)
 
 
 def stepped_down(first: float) -> str:

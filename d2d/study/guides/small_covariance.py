@@ -114,12 +114,8 @@ class Halves(NamedTuple):
     halves: float
 
 
-class _Case(NamedTuple):
-    fixed: PointSet
-    moving: PointSet
-    cost: RegistrationCost
-    initial: ArrayLike
-    labels: NDArray[np.int_]  # (K,): which of the moving targets stay together
+# Fixed and moving sets, cost, start, and which of the moving targets (K,) stay together.
+Case = tuple[PointSet, PointSet, RegistrationCost, ArrayLike, NDArray[np.int_]]
 
 
 @cache
@@ -138,7 +134,7 @@ def halves_of_each_reason(runs: int = 1000, seed: int = 0) -> list[Halves]:
     ]
 
 
-def _cases(runs: int, seed: int) -> dict[str, _Case]:
+def _cases(runs: int, seed: int) -> dict[str, Case]:
     theta, zero = OVERLAPPED.theta, np.zeros(3)
     whole = OVERLAPPED.sample(runs, np.random.default_rng(seed))
     partly = OUTLIERS.sample(runs, np.random.default_rng(seed))
@@ -147,15 +143,15 @@ def _cases(runs: int, seed: int) -> dict[str, _Case]:
     narrow_fixed, narrow_moving = (each.inflated(0.5) for each in whole)
     turned = whole[1].transformed([0.0, 0.0, TURN])
     return {
-        "nothing wrong": _Case(*whole, LIKELIHOOD, theta, eight),
-        "1 sigmas half as large": _Case(narrow_fixed, narrow_moving, LIKELIHOOD, theta, eight),
-        "2 start at zero": _Case(*partly, ROBUST, zero, ten),
-        "3 repeated, by point": _Case(fixed, moving, LIKELIHOOD, theta, copies),
-        "3 repeated, by target": _Case(fixed, moving, LIKELIHOOD, theta, np.repeat(eight, COPIES)),
-        "4 turned by 5 deg": _Case(whole[0], turned, LIKELIHOOD, theta, eight),
-        "5 P2D": _Case(*whole, RegistrationCost("p2d"), theta, eight),
-        "5 sum": _Case(*whole, SUMMING, theta, eight),
-        "6 no partner": _Case(*partly, LIKELIHOOD, theta, ten),
+        "nothing wrong": (*whole, LIKELIHOOD, theta, eight),
+        "1 sigmas half as large": (narrow_fixed, narrow_moving, LIKELIHOOD, theta, eight),
+        "2 start at zero": (*partly, ROBUST, zero, ten),
+        "3 repeated, by point": (fixed, moving, LIKELIHOOD, theta, copies),
+        "3 repeated, by target": (fixed, moving, LIKELIHOOD, theta, np.repeat(eight, COPIES)),
+        "4 turned by 5 deg": (whole[0], turned, LIKELIHOOD, theta, eight),
+        "5 P2D": (*whole, RegistrationCost("p2d"), theta, eight),
+        "5 sum": (*whole, SUMMING, theta, eight),
+        "6 no partner": (*partly, LIKELIHOOD, theta, ten),
     }
 
 

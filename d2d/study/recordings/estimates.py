@@ -24,7 +24,6 @@ import numpy as np
 from d2d._types import Array
 from d2d.radar import (
     Comparison,
-    RadarScan,
     Recording,
     Track,
     doppler_ego_motion,
@@ -156,28 +155,22 @@ def compute(
     return results, facts
 
 
-def whole_rounds(recordings: Sequence[Recording]) -> list[list[RadarScan]]:
-    """The scans of each sensor, without those of a last round that lacks a sensor.
+def whole_rounds(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings without the scans of a last round that lacks a sensor.
 
     A recording is cut off at a time, not at the end of a round: an incomplete last round would give
     an estimate from one sensor among those from all sensors.
     """
     groups = rounds([r.scans for r in recordings])
-    while groups and len(groups[-1]) < len(recordings):
+    while len(groups[-1]) < len(recordings):
         groups.pop()
-    kept = [
-        1 + max((i for group in groups for s, i in group if s == number), default=-1)
-        for number in range(len(recordings))
-    ]
-    return [list(r.scans[:count]) for r, count in zip(recordings, kept, strict=True)]
+    last = dict(groups[-1])  # index of the scan by sensor
+    return [replace(r, scans=r.scans[: last[s] + 1]) for s, r in enumerate(recordings)]
 
 
 def drive(run: Run, recordings: Sequence[Recording]) -> Track:
     """Estimate a drive from the recordings of the run's sensors, with the run's options."""
-    recordings = [
-        replace(r, scans=scans)
-        for r, scans in zip(recordings, whole_rounds(recordings), strict=True)
-    ]
+    recordings = whole_rounds(recordings)
     if run.method == "registration":
         return joint_track(recordings, baseline=run.baseline, doppler=run.doppler)
     if run.method == "Doppler only":

@@ -226,8 +226,8 @@ def test_an_incomplete_last_round_is_left_out():
     """Breaks if what one sensor measured last is judged as an estimate of all."""
     found = recordings(10)
     cut = [replace(found[0], scans=found[0].scans[:9]), *found[1:]]
-    assert [len(scans) for scans in estimates.whole_rounds(cut)] == [9, 9, 9, 9]
-    assert [len(scans) for scans in estimates.whole_rounds(found)] == [10] * 4
+    for given, count in ((cut, 9), (found, 10)):
+        assert [len(r.scans) for r in estimates.whole_rounds(given)] == [count] * 4
     result = estimates.drive(Run(SENSORS), cut)
     assert len(result.times) == 8
     last = [(r.scans[7], r.scans[8], r.mounting) for r in cut]
