@@ -1,13 +1,9 @@
 """The exhaustive evaluation: more than a million registrations, one table.
 
-    python -m d2d.study.beyond.exhaustive [--jobs 2]
-
-computes ``chapters/results/exhaustive.csv``, with one row for each condition.  joblib keeps the
-outcome of each, so that an interrupted sweep resumes where it stopped; `recompute` repeats any
-single condition.
+``chapters/results/exhaustive.csv`` has one row for each condition; ``python -m d2d.study.beyond``
+computes it, and `recompute` any single condition.
 """
 
-import argparse
 import csv
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -16,11 +12,9 @@ from itertools import product
 from pathlib import Path
 from typing import Any, get_type_hints
 
-import joblib
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
@@ -313,26 +307,3 @@ def span(rows: Rows, parameter: str, holds: Callable[[Outcome], bool]) -> str:
             ranges.append([])
     longest = max(ranges, key=len)
     return f"{longest[0]:g} to {longest[-1]:g}" if longest else "nowhere"
-
-
-def main() -> None:
-    """Compute the table."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--jobs", type=int, default=2, help="worker processes")
-    parser.add_argument("--folder", default="build/exhaustive", help="for the unfinished sweep")
-    arguments = parser.parse_args()
-    wanted = trials()
-    kept = joblib.Memory(arguments.folder, verbose=0).cache(recompute)
-    parallel = joblib.Parallel(arguments.jobs, return_as="generator")
-    outcomes = parallel(joblib.delayed(kept)(trial) for trial in wanted)
-    rows = list(zip(wanted, tqdm(outcomes, total=len(wanted), disable=None), strict=True))
-    write_table(table_path(), rows)
-    total = sum(outcome.runs for _, outcome in rows)
-    print(f"{total} registrations in {len(rows)} conditions, written to {table_path()}")
-
-
-if __name__ == "__main__":
-    # under the module's own name, by which the workers and what they keep know the functions
-    from d2d.study.beyond import exhaustive
-
-    exhaustive.main()

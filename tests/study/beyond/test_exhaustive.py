@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from d2d import rigid
+from d2d.study.beyond import __main__ as command
 from d2d.study.beyond import exhaustive
 from d2d.study.beyond.exhaustive import (
     GRIDS,
@@ -179,16 +180,17 @@ def test_write_and_read_are_inverse(tmp_path: Path) -> None:
 def test_an_interrupted_sweep_does_only_the_rest(tmp_path: Path, monkeypatch) -> None:
     """Breaks if an outcome that is kept is computed again, or taken for that of another trial."""
     wanted = [Trial("noise", "sum", size=size, starts=405) for size in (5, 6, 7)]
-    monkeypatch.setattr(exhaustive, "table_path", lambda: tmp_path / "table.csv")
+    table = tmp_path / "table.csv"
+    monkeypatch.setattr(command, "table_path", lambda: table)
     monkeypatch.setattr(sys, "argv", ["x", "--jobs", "1", "--folder", str(tmp_path / "kept")])
     simulated, simulate = [], exhaustive.simulate
     monkeypatch.setattr(exhaustive, "simulate", lambda t: simulated.append(t) or simulate(t))
     for part in (wanted[:2], wanted):
-        monkeypatch.setattr(exhaustive, "trials", lambda part=part: part)
-        exhaustive.main()
+        monkeypatch.setattr(command, "trials", lambda part=part: part)
+        command.main()
     assert simulated == wanted
-    assert [trial for trial, _ in read_table()] == wanted
-    stored = [outcome.iterations for _, outcome in read_table()]
+    assert [trial for trial, _ in read_table(table)] == wanted
+    stored = [outcome.iterations for _, outcome in read_table(table)]
     assert_allclose(stored, [recompute(trial).iterations for trial in wanted], rtol=1e-4)
 
 
