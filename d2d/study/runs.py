@@ -20,7 +20,7 @@ from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.credibility import Credibility, credibility
 from d2d.point_set import PointSet
-from d2d.registration import multi_start, register
+from d2d.registration import Estimate, multi_start, register
 
 THREADS = os.cpu_count() or 1  # the kernel releases the GIL; no result depends on their number
 CHUNK = 1000  # runs in one batched call, a worker's unit of work; bounds the memory
@@ -69,6 +69,16 @@ class MonteCarlo:
     def credibility(self) -> Credibility:
         """Credibility of the covariances of the converged runs."""
         return credibility(self.errors[self.converged], self.covariances[self.converged])
+
+
+def judged(estimate: Estimate, theta: ArrayLike, covariance: Array | None = None) -> Credibility:
+    """Credibility of a batch of estimates (N,) of the motion ``theta`` (3,), of those converged.
+
+    ``covariance`` (N, 3, 3) takes the place of the inverse Hessian.
+    """
+    stated = estimate.covariance if covariance is None else covariance
+    good = np.isfinite(stated).all(axis=(1, 2))
+    return credibility((estimate.theta - np.asarray(theta))[good], stated[good])
 
 
 def monte_carlo(

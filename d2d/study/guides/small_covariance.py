@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
-from d2d import Credibility, Estimate, PointSet, RegistrationCost, credibility, register, rigid
+from d2d import Credibility, PointSet, RegistrationCost, credibility, register, rigid
 from d2d._types import Array
 from d2d.radar import (
     Drive,
@@ -30,6 +30,7 @@ from d2d.study.book.table import Table, table
 from d2d.study.guides.stated_sigmas import scaled
 from d2d.study.plane.evaluation import LIKELIHOOD, ROBUST, SUMMING
 from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED
+from d2d.study.runs import judged
 
 COUNTS = (12, 24, 48, 96)  # targets that a scan keeps
 BIAS = float(np.deg2rad(1.0))  # of all azimuths of a sensor
@@ -42,16 +43,6 @@ _PLACES = (Mounting(3.7, 0.5, 0.0), Mounting(3.7, -0.5, 0.0))  # two radars that
 
 
 # ---- Point sets
-
-
-def judged(estimate: Estimate, theta: ArrayLike, covariance: Array | None = None) -> Credibility:
-    """Credibility of a batch of estimates (N,) of the motion ``theta`` (3,), of those converged.
-
-    ``covariance`` (N, 3, 3) takes the place of the inverse Hessian.
-    """
-    stated = estimate.covariance if covariance is None else covariance
-    good = np.isfinite(stated).all(axis=(1, 2))
-    return credibility((estimate.theta - np.asarray(theta))[good], stated[good])
 
 
 def unit_weights(points: PointSet) -> PointSet:

@@ -56,13 +56,13 @@ def scaled(scan: RadarScan, factor: float) -> RadarScan:
     return replace(scan, **{name: factor * getattr(scan, name) for name in names})
 
 
-def rounded(scans: Sequence[RadarScan], step: float, told: float = 0.0) -> list[RadarScan]:
-    """Doppler velocities rounded to multiples of ``step``, and ``told`` added to their sigmas."""
+def rounded(scans: Sequence[RadarScan], step: float, added: float = 0.0) -> list[RadarScan]:
+    """Doppler velocities rounded to multiples of ``step``, and ``added`` to their sigmas."""
     return [
         replace(
             scan,
             doppler=np.round(scan.doppler / step) * step,
-            sigma_doppler=np.hypot(scan.sigma_doppler, told),
+            sigma_doppler=np.hypot(scan.sigma_doppler, added),
         )
         for scan in scans
     ]
