@@ -41,20 +41,12 @@ def extended_drive(
     most: int = 8,
     count: int = 100,
 ) -> list[RadarScan]:
-    """Scans of objects that return several targets each, from a vehicle of velocity `THETA`.
+    """Scans (``count``) of objects with several targets each, from a vehicle of velocity `THETA`.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    half_width : float, m
-        The points that reflect lie uniformly within this of the object's middle, along both axes;
-        their standard deviation along each is ``half_width / sqrt(3)``.
-    redrawn : bool
-        Whether they are drawn anew for every scan, or stay where they are.
-    most : int
-        An object has 1 to ``most`` of them.  About 40 objects are in view.
-    count : int
-        Number of scans.
+    An object has 1 to ``most`` points that reflect, uniformly within ``half_width`` (m) of its
+    middle along both axes; their standard deviation along each is ``half_width / sqrt(3)``.  They
+    are drawn anew for every scan if ``redrawn``, and otherwise stay where they are.  About 40
+    objects are in view.
     """
     middles = _middles(rng, count * INTERVAL)
     numbers = rng.integers(1, most + 1, len(middles))

@@ -24,20 +24,11 @@ def with_outlier(
     sigma: float = SIGMA,
     draws: tuple[int, ...] = (),
 ) -> tuple[PointSet, PointSet]:
-    """The line scene with one extra target, in one set only.
+    """The line scene with one extra target, the last one of the set ``where``, fixed or moving.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    where : "fixed" or "moving"
-        The set that has the outlier, as its last target.
-    at : float, optional, m
-        Position of the outlier in that set's frame. Unless given, it is drawn anew for every draw,
-        uniformly over the targets and 5 m beyond.
-    sigma : float, m
-        Standard deviation of the observations.
-    draws : tuple of int
-        Batch shape.
+    It stands ``at`` (m) in that set's frame or, unless that is given, anywhere over the targets and
+    5 m beyond, drawn anew for every draw.  ``sigma`` (m) is the standard deviation of all
+    observations, ``draws`` the batch shape.
     """
     fixed, moving = line_scene(rng, draws=draws, sigma_fixed=sigma, sigma_moving=sigma)
     shift = 0.0 if where == "fixed" else TRUTH

@@ -20,17 +20,9 @@ def em_frame(
 ) -> str:
     """SVG of one step of EM in the plane: data and components, and the log-likelihood below.
 
-    Parameters
-    ----------
-    x : (N, 2) array, m
-        Data, coloured by the responsibilities of ``steps[step]``.
-    steps : sequence of GaussianMixture
-        The mixture at each step, of at most four components; each component is drawn as its
-        ellipses of one and two standard deviations.
-    log_likelihoods : sequence of float
-        Log-likelihood of every step, per observation.
-    step : int
-        Index of the step to draw.
+    The data ``x`` (N, 2), in m, are coloured by the responsibilities of ``steps[step]``, a mixture
+    of at most four components; each component is drawn as its ellipses of one and two standard
+    deviations.
     """
     points = np.asarray(x, dtype=np.float64)
     mixture = steps[step]

@@ -96,42 +96,26 @@ def room_scan(
     pose: ArrayLike = (0.0, 0.0, 0.0),
     *,
     walls: Walls = ROOM,
-    rays: int = RAYS,
     field_of_view: float = 2.0 * np.pi,
     sigma_range: float = SIGMA_RANGE,
     outliers: float = 0.0,
 ) -> RoomScan:
-    """Cast equally spaced rays over the field of view, with Gaussian noise on the range.
+    """Cast equally spaced rays over the field of view, with Gaussian noise on the range (m).
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    pose : (3,) array, m, m, rad
-        Pose of the scanner in the room.
-    walls : sequence of (C, 2) arrays, m
-        Closed loops of corners.
-    rays : int
-    field_of_view : float within (0, 2 pi], rad
-        Centred on the scanner's x axis.
-    sigma_range : float, m
-    outliers : float within [0, 1]
-        Share of the points that come from an obstacle in front of the wall, uniformly distributed
-        along the ray.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument: a pose outside the room, a field of view or a share out of range.
+    ``pose`` (3,), in m, m, rad, is that of the scanner in the room; the field of view (rad) is
+    centred on the scanner's x axis.  A share ``outliers`` of the points comes from an obstacle in
+    front of the wall, uniformly distributed along the ray.  Raises a ``ValueError`` if the pose
+    lies outside the room, or the field of view or the share is out of range.
     """
     share = check_fraction("outliers", outliers)
     view = check_within("field_of_view", field_of_view, 1e-6, 2.0 * np.pi)
-    spacing = view / rays
-    azimuth = spacing * np.arange(rays, dtype=np.float64) - 0.5 * view
+    spacing = view / RAYS
+    azimuth = spacing * np.arange(RAYS, dtype=np.float64) - 0.5 * view
     wall = ray_ranges(pose, azimuth, walls)
-    measured = np.maximum(wall + sigma_range * rng.standard_normal(rays), NEAREST)
-    outlier = np.zeros(rays, dtype=np.bool_)
-    outlier[rng.permutation(rays)[: round(share * rays)]] = True
-    stray = NEAREST + (np.maximum(wall, NEAREST) - NEAREST) * rng.random(rays)
+    measured = np.maximum(wall + sigma_range * rng.standard_normal(RAYS), NEAREST)
+    outlier = np.zeros(RAYS, dtype=np.bool_)
+    outlier[rng.permutation(RAYS)[: round(share * RAYS)]] = True
+    stray = NEAREST + (np.maximum(wall, NEAREST) - NEAREST) * rng.random(RAYS)
     return RoomScan(np.where(outlier, stray, measured), azimuth, spacing, outlier)
 
 

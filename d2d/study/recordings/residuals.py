@@ -78,14 +78,8 @@ def residual_sigmas(recording: Recording, track: Track, edges: Sequence[float]) 
     the nearest target of the previous scan, if each is the other's nearest.  The deviations along
     and across the line of sight are divided by sqrt(2), because both targets have errors.  They are
     median absolute deviations, so that wrong matches count little.  The nearest target tends to be
-    a little too near, so the true standard deviations are, if anything, larger.
-
-    Parameters
-    ----------
-    recording, track
-        A recording and its track, which has one row for each pair of successive scans.
-    edges : sequence of float, deg
-        Edges of the sectors of ``|azimuth|``.
+    a little too near, so the true standard deviations are, if anything, larger.  ``track`` has one
+    row for each pair of successive scans; ``edges`` (deg) divide ``|azimuth|`` into sectors.
     """
     residuals = [
         _matched_residuals(previous, current, recording.mounting, theta)
