@@ -7,7 +7,6 @@ import pytest
 from d2d import ANNEALED, CorruptedGaussian, RegistrationCost, register, start_grid
 from d2d.study import MonteCarlo, monte_carlo, runs, scenarios
 
-LIKELIHOOD = RegistrationCost()
 ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100 * np.eye(2)))
 
 
@@ -26,16 +25,6 @@ def test_equals_registering_the_draws_one_by_one() -> None:
         estimate = register(fixed[run], moving[run], ROBUST, truth)
         np.testing.assert_array_equal(result.errors[run], estimate.theta - truth)
         np.testing.assert_array_equal(result.covariances[run], estimate.covariance)
-
-
-def test_likelihood_is_credible_and_the_sum_is_not() -> None:
-    """1000 runs of the overlapped scene from the truth, as the thesis ran them."""
-    credible = monte_carlo(scenarios.OVERLAPPED, LIKELIHOOD).credibility
-    summing = monte_carlo(scenarios.OVERLAPPED, RegistrationCost(fusion="summing")).credibility
-    print(f"likelihood: ANEES {credible.anees:.3f} in {credible.bounds.round(3)}")
-    print(f"summing: ANEES {summing.anees:.3f}, I2 {summing.inclination:.1f} dB")
-    assert credible.consistent
-    assert summing.inclination < -3.0
 
 
 def test_workers_do_not_change_the_results(monkeypatch: pytest.MonkeyPatch) -> None:

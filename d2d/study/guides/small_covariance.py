@@ -73,7 +73,6 @@ def halves(
     cost: RegistrationCost,
     initial: ArrayLike,
     labels: NDArray[np.int_],
-    seed: int = 0,
 ) -> Credibility:
     """Register two halves of the moving sets (N, K) with the fixed ones, and judge the difference.
 
@@ -82,7 +81,7 @@ def halves(
     the differences have the sum of the covariances.
     """
     names, runs = np.unique(labels), len(moving.means)
-    drawn = np.random.default_rng(seed).permuted(np.tile(names, (runs, 1)), axis=1)
+    drawn = np.random.default_rng(0).permuted(np.tile(names, (runs, 1)), axis=1)
     chosen = drawn[:, : len(names) // 2]
     first = (labels[None, :, None] == chosen[:, None, :]).any(axis=-1)
     one, two = (register(fixed, _only(moving, own), cost, initial) for own in (first, ~first))
@@ -110,7 +109,7 @@ Case = tuple[PointSet, PointSet, RegistrationCost, ArrayLike, NDArray[np.int_]]
 
 
 @cache
-def halves_of_each_reason(runs: int = 1000, seed: int = 0) -> list[Halves]:
+def halves_of_each_reason(runs: int = 1000) -> list[Halves]:
     """What the halves of the moving set reveal of each reason, in the scenes of chapter 6.
 
     Halves are drawn by target; where targets are repeated, by copy or by target.
@@ -121,14 +120,15 @@ def halves_of_each_reason(runs: int = 1000, seed: int = 0) -> list[Halves]:
             float(judged(register(*case[:4]), OVERLAPPED.theta).anees),
             float(halves(*case).anees),
         )
-        for name, case in _cases(runs, seed).items()
+        for name, case in _cases(runs).items()
     ]
 
 
-def _cases(runs: int, seed: int) -> dict[str, Case]:
+def _cases(runs: int) -> dict[str, Case]:
     theta, zero = OVERLAPPED.theta, np.zeros(3)
-    whole = OVERLAPPED.sample(runs, np.random.default_rng(seed))
-    partly = OUTLIERS.sample(runs, np.random.default_rng(seed))
+    whole, partly = (
+        scene.sample(runs, np.random.default_rng(0)) for scene in (OVERLAPPED, OUTLIERS)
+    )
     eight, ten, copies = (np.arange(count) for count in (8, 10, 8 * COPIES))
     fixed, moving = (repeated(each, COPIES) for each in whole)
     narrow_fixed, narrow_moving = (each.inflated(0.5) for each in whole)
@@ -164,10 +164,10 @@ class BiasRow(NamedTuple):
 
 
 @cache
-def bias_against_targets(counts: Sequence[int] = COUNTS) -> list[BiasRow]:
+def bias_against_targets() -> list[BiasRow]:
     """The lateral velocity of a front radar turned by `BIAS`, with more and more targets."""
     rows = []
-    for count in counts:
+    for count in COUNTS:
         sensor = Sensor(max_targets=count, half_range=60.0, max_range=80.0, quantised=False)
         drive = _driven(_PLACES[0], sensor, SensorErrors(azimuth=BIAS), 11)
         plain = compare(track(drive.scans, drive.mounting), drive.truth)
@@ -226,9 +226,9 @@ class Evidence(NamedTuple):
 
 
 @cache
-def without_truth(names: Sequence[str] = tuple(REASONS)) -> dict[str, Evidence]:
+def without_truth() -> dict[str, Evidence]:
     """Judge the inverse Hessian of drives of two front radars in which one thing is wrong."""
-    return {name: _evidence(REASONS[name]) for name in names}
+    return {name: _evidence(reason) for name, reason in REASONS.items()}
 
 
 def _evidence(reason: Reason) -> Evidence:

@@ -21,14 +21,14 @@ _DURATION = 40.0  # s, a lap
 
 
 @cache
-def front_drive(seed: int = 5) -> Drive:
+def front_drive() -> Drive:
     """A lap of the car with a front radar that knows its errors exactly."""
-    rng, sensor = np.random.default_rng(seed), Sensor(quantised=False)
+    rng, sensor = np.random.default_rng(5), Sensor(quantised=False)
     return simulate_drive(rng, _DURATION, CAR_SPEED, mounting=CAR_MOUNTING, sensor=sensor)
 
 
 @cache
-def stated_sigmas(factors: Sequence[float] = FACTORS) -> dict[str, list[Row]]:
+def stated_sigmas() -> dict[str, list[Row]]:
     """Track the same drive with one of the three standard deviations multiplied by each factor.
 
     The limits of the vehicle are the default ones.  The errors themselves do not change.
@@ -45,7 +45,7 @@ def stated_sigmas(factors: Sequence[float] = FACTORS) -> dict[str, list[Row]]:
                 ),
                 drive.truth,
             )
-            for factor in factors
+            for factor in FACTORS
         ]
     return found
 

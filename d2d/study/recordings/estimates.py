@@ -149,9 +149,9 @@ def compute(
         )
     for s in SENSORS:
         if f"sensor {s}" in results:
-            sigmas = residual_sigmas(load(s), results[f"sensor {s}"].track, SECTORS)
+            sigmas = residual_sigmas(load(s, None), results[f"sensor {s}"].track, SECTORS)
             facts["sigmas"][f"sensor {s}"] = [sigma._asdict() for sigma in sigmas]
-    facts["halves"] = judge_halves(load(FORWARD))
+    facts["halves"] = judge_halves(load(FORWARD, None))
     return results, facts
 
 

@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 
 from d2d._types import Array
 from d2d.radar import Comparison, Recording, Track, compare_halves
+from d2d.radar.trust.comparison import NAMES
 from d2d.study.book.grammar import BLACK, GREY, OCHRE, TRUTH
 from d2d.study.book.table import Table, table
 
-DIRECTIONS = ("v_x", "v_y", "omega")
 _MARKS = {"v_x": ("o", BLACK), "v_y": ("s", OCHRE), "omega": ("D", GREY)}
 
 
@@ -93,7 +93,7 @@ def parts_table(judged: Mapping[str, Mapping[str, Any]], caption: str) -> Table:
             "experiment",
             ("ANEES", "", ".1f"),
             "95 % interval",
-            *((f"part of {name}", "", ".1f") for name in DIRECTIONS),
+            *((f"part of {name}", "", ".1f") for name in NAMES),
         ],
         caption,
     )
@@ -105,7 +105,7 @@ def draw_parts(ax: Axes, judged: Mapping[str, Mapping[str, Any]], groups: Sequen
     A credible covariance has all of them at one, the dashed line.
     """
     rows = np.arange(len(judged))[::-1]
-    for k, name in enumerate(DIRECTIONS):
+    for k, name in enumerate(NAMES):
         marker, color = _MARKS[name]
         values = [found["whitened"][k] for found in judged.values()]
         ax.plot(values, rows, marker, color=color, ms=6, label=("$v_x$", "$v_y$", "ω")[k])

@@ -293,14 +293,6 @@ def test_columns_are_what_the_header_says(tmp_path):
     assert lines[2] == "a,0.3,0.2,0,4,5,6,11,12,13,22,23,33,nan,nan,nan"
 
 
-def test_judged_leaves_out_what_is_not_known(estimated):
-    """Breaks if a pair without an estimate or without a reference is judged."""
-    judged = estimated["with"].judged
-    assert len(judged.errors) == 24 - 2 - 2
-    assert judged.share == pytest.approx(20 / 24)
-    assert np.isfinite(judged.rmse).all()
-
-
 def test_the_data_s_place_comes_from_the_environment(monkeypatch):
     """Breaks if an unset or empty variable means the working directory."""
     for value, expected in (("", None), ("/x/y", Path("/x/y"))):
