@@ -153,7 +153,7 @@ $(PEERS)/.installed: requirements.txt pyproject.toml benchmarks/install.py
 	@touch $@
 
 sweep: $(STAMP) ## Recompute chapters/results/exhaustive.csv: over a million registrations, in minutes
-	$(BIN)/python -m d2d.study.beyond.exhaustive --jobs $(JOBS)
+	$(BIN)/python -m d2d.study.beyond --jobs $(JOBS)
 
 lab: $(STAMP) ## Open the notebooks in JupyterLab
 	$(BIN)/python -m jupyterlab chapters

@@ -17,7 +17,7 @@ Each subpackage covers one subject:
 Within a subpackage, each scene or experiment has a module named after it, ``figures.py`` draws, and
 ``claims.py`` (or the folder ``claims/``) judges the claims of the thesis.
 
-Four modules serve all subpackages: ``runs.py`` runs Monte Carlo evaluations and sweeps,
+Four modules serve all subpackages: ``runs.py`` runs Monte Carlo evaluations,
 ``results.py`` knows where stored results are, ``noise.py`` simulates the noise of a sensor, and
 ``claims.py`` collects all claims in ``CLAIMS``.
 
@@ -26,6 +26,6 @@ Apart from the ``plot`` methods of `d2d.radar`, only this part of the package dr
 
 from d2d.study.claims import CLAIMS
 from d2d.study.plane import scenarios
-from d2d.study.runs import Condition, MonteCarlo, monte_carlo, sweep
+from d2d.study.runs import MonteCarlo, monte_carlo
 
-__all__ = ["CLAIMS", "Condition", "MonteCarlo", "monte_carlo", "scenarios", "sweep"]
+__all__ = ["CLAIMS", "MonteCarlo", "monte_carlo", "scenarios"]

@@ -124,7 +124,7 @@ def test_a_track_of_one_sensor_is_the_chain_of_its_pairs(seed, count, baseline, 
     path = (
         track_joint([(scans, drive.mounting)], baseline=baseline)
         if joint
-        else track(scans, drive.mounting, baseline=baseline)
+        else track((scans, drive.mounting), baseline=baseline)
     )
     assert path.theta.shape == (len(scans) - 1, 3)
     assert_allclose(path.times, [scan.time for scan in scans[1:]])

@@ -23,7 +23,6 @@ class BothCovariances(NamedTuple):
 
     fisher: Credibility
     propagated: Credibility
-    usable: float  # share of the runs that converged and have both covariances
     slowdown: float  # time of the propagation over that of the registration
 
 
@@ -49,7 +48,6 @@ def judged(errors: Array, fisher: Array, propagated: Array, slowdown: float) -> 
     return BothCovariances(
         credibility(errors[good], fisher[good]),
         credibility(errors[good], propagated[good]),
-        float(good.mean()),
         slowdown,
     )
 
@@ -60,8 +58,6 @@ class DriveCovariances(NamedTuple):
     fisher: Credibility
     independent: Credibility  # propagation that treats a target's position and Doppler as unrelated
     shared: Credibility  # propagation with one azimuth error in both
-    rmse: Array  # (3,) m/s, m/s, rad/s
-    usable: float  # share of the pairs that have all three covariances
 
 
 def drive_covariances(drive: Drive, *, doppler: bool, step: int = 3) -> DriveCovariances:
@@ -87,6 +83,4 @@ def drive_covariances(drive: Drive, *, doppler: bool, step: int = 3) -> DriveCov
         covariances.append([estimate.covariance, *propagated])
     error, covariance = np.array(errors), np.array(covariances)
     good = np.isfinite(covariance).all(axis=(1, 2, 3))
-    fisher, independent, shared = (credibility(error[good], covariance[good, k]) for k in range(3))
-    rmse = np.asarray(np.sqrt(np.mean(error[good] ** 2, axis=0)))
-    return DriveCovariances(fisher, independent, shared, rmse, float(good.mean()))
+    return DriveCovariances(*(credibility(error[good], covariance[good, k]) for k in range(3)))

@@ -1,12 +1,9 @@
 """The exhaustive evaluation: more than a million registrations, one table.
 
-    python -m d2d.study.beyond.exhaustive [--jobs 2]
-
-computes ``chapters/results/exhaustive.csv``, with one row for each condition.  An interrupted sweep
-resumes where it stopped; `recompute` repeats any single condition.
+``chapters/results/exhaustive.csv`` has one row for each condition; ``python -m d2d.study.beyond``
+computes it, and `recompute` any single condition.
 """
 
-import argparse
 import csv
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -27,7 +24,7 @@ from d2d.study.beyond.random_scenes import RandomScenes
 from d2d.study.plane.evaluation import at_truth, distance_and_rotation, rms
 from d2d.study.plane.scenarios import OVERLAPPED
 from d2d.study.results import results_path
-from d2d.study.runs import Condition, MonteCarlo, monte_carlo, sweep
+from d2d.study.runs import MonteCarlo, monte_carlo
 
 _TURNS = np.deg2rad([-20.0, 0.0, 20.0])
 # Offsets of the starts from the given one, on a grid 3 m apart, by the number of starts.
@@ -45,51 +42,30 @@ RUNS = {1: 1000, 9: 1000, 27: 200, 75: 200, 405: 100}
 
 @dataclass(frozen=True)
 class Trial:
-    """One condition of the evaluation; the defaults are common to all factors.
+    """One condition of the evaluation; the defaults are common to all factors."""
 
-    Attributes
-    ----------
-    factor : str
-        The factor whose evaluation it belongs to.
-    cost : "sum", "likelihood" or "robust"
-    size, outlier_share, overlap, spacing_m, field_deg, reported
-        Parameters of `RandomScenes`.
-    noise : float
-        Standard deviations of the noise over the thesis's, 0.2 m and 0.03 rad.
-    alpha, sigma_outlier_m : float
-        Share and standard deviation of the outliers that the robust cost assumes.
-    distance_m, direction_deg, turn_deg : float
-        Offset of the start from the truth.
-    scales : str
-        Inflation schedule, joined by spaces.
-    starts : int
-        Number of starts, a key of `GRIDS`.
-    """
-
-    factor: str
-    cost: str
+    factor: str  # whose evaluation it belongs to
+    cost: str  # "sum", "likelihood" or "robust"
+    # parameters of `RandomScenes`
     size: int = 20
     outlier_share: float = 0.2
     overlap: float = 1.0
     spacing_m: float = 2.0
     field_deg: float = 40.0
-    noise: float = 1.0
+    noise: float = 1.0  # standard deviations over the thesis's, 0.2 m and 0.03 rad
     reported: float = 1.0
+    # share and standard deviation of the outliers that the robust cost assumes
     alpha: float = 0.2
     sigma_outlier_m: float = 10.0
+    # offset of the start from the truth
     distance_m: float = 0.0
     direction_deg: float = 0.0
     turn_deg: float = 0.0
-    scales: str = "1"
-    starts: int = 1
+    scales: str = "1"  # inflation schedule, joined by spaces
+    starts: int = 1  # a key of `GRIDS`
 
     @property
-    def name(self) -> str:
-        """A unique name that can serve as a file name."""
-        return "_".join(str(value).replace(" ", "-") for value in asdict(self).values())
-
-    @property
-    def condition(self) -> Condition:
+    def arguments(self) -> dict[str, Any]:
         """The arguments of `monte_carlo`, with the same draws for all trials of the same scenes."""
         scene = RandomScenes(
             sigma_range=self.noise * OVERLAPPED.sigma_range,
@@ -110,14 +86,14 @@ class Trial:
             np.deg2rad(self.turn_deg),
         ]
         starts = scene.theta + offset + GRIDS[self.starts]
-        return Condition(
-            scene,
-            self._registration_cost(),
-            RUNS[self.starts],
-            seed,
-            starts[0] if self.starts == 1 else starts,
-            tuple(map(float, self.scales.split())),
-        )
+        return {
+            "scenario": scene,
+            "cost": self._registration_cost(),
+            "runs": RUNS[self.starts],
+            "seed": seed,
+            "initial": starts[0] if self.starts == 1 else starts,
+            "scales": tuple(map(float, self.scales.split())),
+        }
 
     def _registration_cost(self) -> RegistrationCost:
         if self.cost == "robust":
@@ -128,34 +104,20 @@ class Trial:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of the runs of one trial.
-
-    Attributes
-    ----------
-    runs, converged : int
-    at_truth : int
-        Runs that ended within 1.5 m and 6 degrees of the truth.
-    covered : int
-        Converged runs whose 95 % region contains the truth.
-    rmse_m, rmse_deg : float
-        Root mean square errors in translation and rotation of the runs at the truth; nan if there
-        are none.
-    anees, nci_db, inclination_db : float
-        Credibility of the converged runs.
-    iterations : float
-        Mean Newton iterations of a run, over all its scales and starts.
-    """
+    """The outcome of the runs of one trial."""
 
     runs: int
     converged: int
-    at_truth: int
-    covered: int
+    at_truth: int  # runs that ended within 1.5 m and 6 degrees of the truth
+    covered: int  # converged runs whose 95 % region contains the truth
+    # root mean square errors of the runs at the truth; nan if there are none
     rmse_m: float
     rmse_deg: float
+    # credibility of the converged runs
     anees: float
     nci_db: float
     inclination_db: float
-    iterations: float
+    iterations: float  # mean Newton iterations of a run, over all its scales and starts
 
     @classmethod
     def of(cls, result: MonteCarlo) -> "Outcome":
@@ -183,11 +145,14 @@ class Outcome:
 ANNEALING = " ".join(f"{scale:g}" for scale in ANNEALED)
 SCHEDULES = ("1", "2 1", "4 2 1", "8 4 2 1", "10 1", ANNEALING, "20 10 5.5 3.2 1.7 1")
 FIRST_SCALES = (1.0, 3.2, 10.0, 32.0, 100.0, 316.0)
-FROM_ZERO: dict[str, Any] = {
-    "distance_m": 5.0,
-    "direction_deg": 180.0,
-    "turn_deg": -15.0,
-}  # minus the true motion, so that the start is zero
+
+
+def _off(distance: float, turn: float, direction: float = 180.0) -> dict[str, Any]:
+    """A start this far (m, deg) from the truth."""
+    return {"distance_m": distance, "direction_deg": direction, "turn_deg": turn}
+
+
+FROM_ZERO = _off(5.0, -15.0)  # minus the true motion, so that the start is zero
 ALPHAS = (0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9)
 OUTLIER_SIGMAS = (1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # m
 DISTANCES = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0)  # m
@@ -226,32 +191,19 @@ def _starts() -> Iterator[Trial]:
     methods = [("likelihood", "1"), ("robust", "1"), ("robust", ANNEALING)]
     for (cost, scales), distance, turn in product(methods, DISTANCES, TURNS):
         for direction in DIRECTIONS if distance else DIRECTIONS[:1]:
-            yield Trial(
-                "start",
-                cost,
-                scales=scales,
-                distance_m=distance,
-                direction_deg=direction,
-                turn_deg=turn,
-            )
+            yield Trial("start", cost, scales=scales, **_off(distance, turn, direction))
 
 
 def _outlier_models() -> Iterator[Trial]:
     starts: tuple[dict[str, Any], ...] = ({}, FROM_ZERO)
     for share, alpha, sigma, start in product((0.2, 0.4), ALPHAS, OUTLIER_SIGMAS, starts):
-        yield Trial(
-            "outlier model",
-            "robust",
-            outlier_share=share,
-            alpha=alpha,
-            sigma_outlier_m=sigma,
-            **start,
-        )
+        model = {"outlier_share": share, "alpha": alpha, "sigma_outlier_m": sigma}
+        yield Trial("outlier model", "robust", **model, **start)
 
 
 def _schedules() -> Iterator[Trial]:
     for distance, turn in ((1.0, -3.0), (2.0, -6.0), (5.0, -15.0), (10.0, -30.0), (15.0, -60.0)):
-        start: dict[str, Any] = {"distance_m": distance, "direction_deg": 180.0, "turn_deg": turn}
+        start = _off(distance, turn)
         for cost, scales in product(("sum", "likelihood", "robust"), SCHEDULES):
             yield Trial("schedule", cost, scales=scales, **start)
         for cost, starts in product(("likelihood", "robust"), (9, 27, 75, 405)):
@@ -261,18 +213,10 @@ def _schedules() -> Iterator[Trial]:
 
 
 def _first_scales() -> Iterator[Trial]:
-    for noise, first, distance in product(
-        (0.1, 0.25, 0.5, 1.0, 2.0), FIRST_SCALES, (2.0, 5.0, 10.0)
-    ):
-        start: dict[str, Any] = {"distance_m": distance, "direction_deg": 180.0}
-        yield Trial(
-            "first scale",
-            "robust",
-            noise=noise,
-            scales=stepped_down(first),
-            turn_deg=-3.0 * distance,
-            **start,
-        )
+    noises, distances = (0.1, 0.25, 0.5, 1.0, 2.0), (2.0, 5.0, 10.0)
+    for noise, first, distance in product(noises, FIRST_SCALES, distances):
+        start, scales = _off(distance, -3.0 * distance), stepped_down(first)
+        yield Trial("first scale", "robust", noise=noise, scales=scales, **start)
 
 
 def stepped_down(first: float) -> str:
@@ -283,15 +227,7 @@ def stepped_down(first: float) -> str:
 
 def simulate(trial: Trial) -> MonteCarlo:
     """The runs of one trial, drawn from its seed."""
-    condition = trial.condition
-    return monte_carlo(
-        condition.scenario,
-        condition.cost,
-        condition.runs,
-        condition.seed,
-        condition.initial,
-        scales=condition.scales,
-    )
+    return monte_carlo(**trial.arguments)
 
 
 def recompute(trial: Trial) -> Outcome:
@@ -304,13 +240,12 @@ def inlier_shares(trial: Trial) -> tuple[Array, NDArray[np.bool_]]:
 
     The draws are not those of `recompute`; of several starts, only the first is used.
     """
-    condition = trial.condition
-    rng = np.random.default_rng([condition.seed, 1])
-    fixed, moving = condition.scenario.sample(condition.runs, rng)
-    start = np.atleast_2d(condition.starts())[0]
-    theta = register(fixed, moving, condition.cost, start, condition.scales).theta
-    inliers = condition.cost.inlier_probabilities(theta, fixed, moving)
-    return inliers.mean(axis=-1), at_truth(theta - condition.scenario.theta)
+    given = trial.arguments
+    scene, cost, start = given["scenario"], given["cost"], np.atleast_2d(given["initial"])[0]
+    fixed, moving = scene.sample(given["runs"], np.random.default_rng([given["seed"], 1]))
+    theta = register(fixed, moving, cost, start, given["scales"]).theta
+    inliers = cost.inlier_probabilities(theta, fixed, moving)
+    return inliers.mean(axis=-1), at_truth(theta - scene.theta)
 
 
 Rows = list[tuple[Trial, Outcome]]
@@ -372,20 +307,3 @@ def span(rows: Rows, parameter: str, holds: Callable[[Outcome], bool]) -> str:
             ranges.append([])
     longest = max(ranges, key=len)
     return f"{longest[0]:g} to {longest[-1]:g}" if longest else "nowhere"
-
-
-def main() -> None:
-    """Compute the table."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--jobs", type=int, default=2, help="worker processes")
-    parser.add_argument("--folder", default="build/exhaustive", help="for the unfinished sweep")
-    arguments = parser.parse_args()
-    wanted = trials()
-    results = sweep({t.name: t.condition for t in wanted}, arguments.folder, arguments.jobs)
-    write_table(table_path(), [(trial, Outcome.of(results[trial.name])) for trial in wanted])
-    total = sum(trial.condition.runs for trial in wanted)
-    print(f"{total} registrations in {len(wanted)} conditions, written to {table_path()}")
-
-
-if __name__ == "__main__":
-    main()

@@ -18,44 +18,21 @@ class RandomScenes:
     """Targets at random places in the field of view, drawn anew for every run.
 
     A sweep over them averages over layouts and noise together.
-
-    Attributes
-    ----------
-    theta : (3,) array
-        True motion [t_x, t_y, phi_z] in m, m, rad, from the moving onto the fixed set.
-    sigma_range, sigma_azimuth : float, m and rad
-        Standard deviations of the noise.
-    size : int
-        Number of targets in each scan.
-    outlier_share : float
-        Share of each scan's targets that only this scan sees, at random places in the field of
-        view.
-    overlap : float
-        One minus the share of each scan's targets that the other does not see because they lie
-        beyond one side of its field of view: to the right in the fixed scan, to the left in the
-        moving one.
-    spacing : float, m
-        Minimum distance between any two targets.
-    view : float, rad
-        Half the width of the field of view.
-    reported : float
-        Ratio of the standard deviations that the targets report to those of the noise.
-
-    Raises
-    ------
-    ValueError
-        If fewer than two targets are shared; on drawing, if the targets do not fit at that spacing.
     """
 
+    # [t_x, t_y, phi_z] in m, m, rad, from the moving onto the fixed set
     theta: Array = field(default_factory=lambda: OVERLAPPED.theta)
-    sigma_range: float = OVERLAPPED.sigma_range
-    sigma_azimuth: float = OVERLAPPED.sigma_azimuth
-    size: int = 20
+    sigma_range: float = OVERLAPPED.sigma_range  # m
+    sigma_azimuth: float = OVERLAPPED.sigma_azimuth  # rad
+    size: int = 20  # number of targets in each scan
+    # share of each scan's targets that only this scan sees, anywhere in the field of view
     outlier_share: float = 0.2
+    # one minus the share of each scan's targets that lie beyond one side of the other's field of
+    # view: to the right in the fixed scan, to the left in the moving one
     overlap: float = 1.0
-    spacing: float = 2.0
-    view: float = FIELD_OF_VIEW
-    reported: float = 1.0
+    spacing: float = 2.0  # m, minimum distance between any two targets
+    view: float = FIELD_OF_VIEW  # rad, half the width of the field of view
+    reported: float = 1.0  # standard deviations that the targets report, over those of the noise
 
     def __post_init__(self) -> None:
         if self.shared < 2:

@@ -13,7 +13,6 @@ from d2d._types import Array
 from d2d.radar import (
     Drive,
     ErrorBudget,
-    Mounting,
     RadarScan,
     Sensor,
     SensorErrors,
@@ -32,25 +31,19 @@ DURATION = (
     2.0  # s: an error is constant in a drive, so many short drives tell more than a few long ones
 )
 COVARIANCES = ("inverse Hessian", "propagated noise", "noise and budget")
-CORNERS = (  # four sensors, at the corners of the car
-    Mounting(3.4, 0.8, float(np.deg2rad(45.0))),
-    Mounting(3.4, -0.8, float(np.deg2rad(-45.0))),
-    Mounting(-0.6, 0.8, float(np.deg2rad(135.0))),
-    Mounting(-0.6, -0.8, float(np.deg2rad(-135.0))),
-)
 
 
 class Ingredient(NamedTuple):
     """What is wrong in a drive: shared errors, with the standard deviations of a budget, and more.
 
-    ``told`` says whether the estimator knows the extent and the rounding, which each target has for
-    itself.  It always knows the targets' own noise.
+    ``stated`` says whether the estimator knows the extent and the rounding, which each target has
+    for itself.  It always knows the targets' own noise.
     """
 
     budget: ErrorBudget = ErrorBudget()
     extent: float = 0.0  # m
     rounding: float = 0.0  # in steps of the sensor; 0 for a sensor that does not round
-    told: bool = True
+    stated: bool = True
 
 
 _EXTENT, _ROUNDING = 0.3, 4.0
@@ -59,10 +52,10 @@ _ALL = ErrorBudget(
 )
 INGREDIENTS = {
     "nothing": Ingredient(),
-    "extent, not stated": Ingredient(extent=_EXTENT, told=False),
+    "extent, not stated": Ingredient(extent=_EXTENT, stated=False),
     "extent": Ingredient(extent=_EXTENT),
     "extent, neighbours correlated": Ingredient(ErrorBudget(neighbours=_ALL.neighbours), _EXTENT),
-    "rounding, not stated": Ingredient(rounding=_ROUNDING, told=False),
+    "rounding, not stated": Ingredient(rounding=_ROUNDING, stated=False),
     "rounding": Ingredient(rounding=_ROUNDING),
     "azimuth": Ingredient(ErrorBudget(azimuth=_ALL.azimuth)),
     "Doppler": Ingredient(ErrorBudget(doppler=_ALL.doppler)),
@@ -114,24 +107,9 @@ class BudgetTrial(NamedTuple):
     intervals: Array  # (I, 2, 3), 95 % of the average NEES
     covered: Array  # (I, 3), share within the 95 % region
 
-    def __str__(self) -> str:
-        """A table with a row for each ingredient."""
-        lines = [
-            f"{'ANEES (share in 95 % region)':30s}" + "".join(f"{c:>18s}" for c in COVARIANCES)
-        ]
-        for name, anees, covered in zip(self.names, self.anees, self.covered, strict=True):
-            cells = [f"{a:.2f} ({c:.0%})" for a, c in zip(anees, covered, strict=True)]
-            lines.append(f"{name:30s}" + "".join(f"{cell:>18s}" for cell in cells))
-        return "\n".join(lines)
-
 
 def budget_trial(
-    names: Sequence[str] = tuple(INGREDIENTS),
-    *,
-    mountings: Sequence[Mounting] = (CAR_MOUNTING,),
-    drives: int = DRIVES,
-    duration: float = DURATION,
-    seed: int = SEED,
+    names: Sequence[str] = tuple(INGREDIENTS), *, drives: int = DRIVES, duration: float = DURATION
 ) -> BudgetTrial:
     """Switch on each ingredient alone, and judge the covariances of many short drives.
 
@@ -151,7 +129,7 @@ def budget_trial(
     Where the noise is not small compared with the extent, the covariance is therefore a little too
     large: an ANEES of 0.85 with an extent of 0.1 m and a length of 3 m, 1.04 with 1 m and 3 m.
     """
-    judged = [judge(INGREDIENTS[name], tuple(mountings), drives, duration, seed) for name in names]
+    judged = [judge(INGREDIENTS[name], drives, duration) for name in names]
     return BudgetTrial(
         tuple(names),
         np.array([each.anees for each in judged]),
@@ -160,16 +138,10 @@ def budget_trial(
     )
 
 
-def judge(
-    ingredient: Ingredient,
-    mountings: tuple[Mounting, ...] = (CAR_MOUNTING,),
-    drives: int = DRIVES,
-    duration: float = DURATION,
-    seed: int = SEED,
-) -> Judged:
+def judge(ingredient: Ingredient, drives: int = DRIVES, duration: float = DURATION) -> Judged:
     """Errors and covariances with one ingredient; see `budget_trial`."""
-    driven = _simulated(ingredient._replace(told=True), mountings, drives, duration, seed)
-    parts = [_judged(views, ingredient, number) for number, views in enumerate(driven)]
+    driven = _simulated(ingredient._replace(stated=True), drives, duration)
+    parts = [_judged(drive, ingredient, number) for number, drive in enumerate(driven)]
     return Judged(
         np.concatenate([part.errors for part in parts]),
         np.concatenate([part.covariances for part in parts], axis=1),
@@ -177,79 +149,63 @@ def judge(
     )
 
 
-@lru_cache(maxsize=1)  # the next ingredient may be the same, but with ``told``
-def _simulated(
-    ingredient: Ingredient,
-    mountings: tuple[Mounting, ...],
-    drives: int,
-    duration: float,
-    seed: int,
-) -> list[list[Drive]]:
-    """Each drive, as each sensor sees it."""
-    rng, *streams = np.random.default_rng(seed).spawn(1 + drives)
-    wrong = drawn_errors(rng, ingredient, drives, len(mountings))
+@lru_cache(maxsize=1)  # the next ingredient may be the same, but with ``stated``
+def _simulated(ingredient: Ingredient, drives: int, duration: float) -> list[Drive]:
+    rng, *streams = np.random.default_rng(SEED).spawn(1 + drives)
+    wrong = drawn_errors(rng, ingredient, drives)
     starts = (np.arange(drives) + rng.random(drives)) / drives * LAP / CAR_SPEED
-    driven = []
-    for stream, start, errors in zip(streams, starts, wrong, strict=True):
-        world = build_world(stream)
-        views = [
-            simulate_drive(
-                stream,
-                duration,
-                CAR_SPEED,
-                start=float(start),
-                mounting=mounting,
-                sensor=Sensor(quantised=ingredient.rounding > 0.0),
-                world=world,
-                errors=own,
-            )
-            for mounting, own in zip(mountings, errors, strict=True)
-        ]
-        driven.append(views)
-    return driven
-
-
-def drawn_errors(
-    rng: np.random.Generator, ingredient: Ingredient, drives: int, sensors: int
-) -> list[list[SensorErrors]]:
-    """The errors of each sensor in each drive, from the standard deviations of a budget.
-
-    Azimuth and Doppler errors are each sensor's own, scale and lag are common to all.  Over the
-    drives, an error takes one value from each of as many equally probable parts of its distribution
-    (stratified sampling), so that even a few drives have the intended variance.
-    """
-    budget = ingredient.budget
-    azimuth, doppler = (_stratified(rng, drives, sensors) for _ in range(2))
-    scale, lag = (_stratified(rng, drives, 1) for _ in range(2))
     return [
-        [
-            SensorErrors(
-                azimuth=budget.azimuth * azimuth[k, s],
-                doppler=budget.doppler * doppler[k, s],
-                scale=budget.scale * scale[k, 0],
-                lag=budget.lag * lag[k, 0],
-                extent=ingredient.extent,
-                neighbours=budget.neighbours,
-                rounding=ingredient.rounding or 1.0,
-            )
-            for s in range(sensors)
-        ]
-        for k in range(drives)
+        simulate_drive(
+            stream,
+            duration,
+            CAR_SPEED,
+            start=float(start),
+            mounting=CAR_MOUNTING,
+            sensor=Sensor(quantised=ingredient.rounding > 0.0),
+            world=build_world(stream),
+            errors=errors,
+        )
+        for stream, start, errors in zip(streams, starts, wrong, strict=True)
     ]
 
 
-def _stratified(rng: np.random.Generator, drives: int, columns: int) -> Array:
-    """Standard normal numbers (drives, columns), in a column one from each of equal parts."""
-    parts = rng.permuted(np.tile(np.arange(drives)[:, np.newaxis], columns), axis=0)
-    return np.asarray(scipy.special.ndtri((parts + rng.random(parts.shape)) / drives))
+def drawn_errors(
+    rng: np.random.Generator, ingredient: Ingredient, drives: int
+) -> list[SensorErrors]:
+    """The errors of the sensor in each drive, from the standard deviations of a budget.
+
+    Over the drives, an error takes one value from each of as many equally probable parts of its
+    distribution (stratified sampling), so that even a few drives have the intended variance.
+    """
+    budget = ingredient.budget
+    sigmas = budget.azimuth, budget.doppler, budget.scale, budget.lag
+    drawn = np.stack([sigma * _stratified(rng, drives) for sigma in sigmas], axis=-1)
+    return [
+        SensorErrors(
+            azimuth,
+            doppler,
+            scale,
+            lag,
+            extent=ingredient.extent,
+            neighbours=budget.neighbours,
+            rounding=ingredient.rounding or 1.0,
+        )
+        for azimuth, doppler, scale, lag in drawn.tolist()
+    ]
 
 
-def _judged(views: Sequence[Drive], ingredient: Ingredient, number: int) -> Judged:
+def _stratified(rng: np.random.Generator, drives: int) -> Array:
+    """Standard normal numbers (drives,), one from each of equal parts."""
+    parts = rng.permuted(np.arange(drives))
+    return np.asarray(scipy.special.ndtri((parts + rng.random(drives)) / drives))
+
+
+def _judged(drive: Drive, ingredient: Ingredient, number: int) -> Judged:
     """One drive, tracked from where it truly starts; estimates that failed are left out."""
-    truth = views[0].truth.theta
-    sensors = [([told(scan, ingredient) for scan in view.scans], view.mounting) for view in views]
+    truth = drive.truth.theta
+    scans = [with_known_errors(scan, ingredient) for scan in drive.scans]
     plain, full = (
-        track(sensors, initial=truth[0], budget=budget, limits=None)
+        track((scans, drive.mounting), initial=truth[0], budget=budget, limits=None)
         for budget in (None, ingredient.budget)
     )
     assert full.parts is not None
@@ -258,9 +214,9 @@ def _judged(views: Sequence[Drive], ingredient: Ingredient, number: int) -> Judg
     return Judged((full.theta - truth[1:])[good], covariances[:, good], np.full(good.sum(), number))
 
 
-def told(scan: RadarScan, ingredient: Ingredient) -> RadarScan:
+def with_known_errors(scan: RadarScan, ingredient: Ingredient) -> RadarScan:
     """The scan with the known errors of its targets added to those that the sensor reports."""
-    if not ingredient.told:
+    if not ingredient.stated:
         return scan
     known = scan.with_extent(ingredient.extent)
     if not ingredient.rounding:

@@ -31,7 +31,7 @@ from d2d.study.book.measured import (
     share_over,
     telling,
 )
-from d2d.study.drives.errors import NAMES, DriveErrors
+from d2d.study.drives.errors import NAMES
 from d2d.study.drives.moving_targets import TargetWeights, walkers_by_pair
 from d2d.study.drives.variations import followed
 
@@ -157,7 +157,7 @@ def _paired_errors() -> tuple[Array, Array]:
 def doppler_more_certain() -> Evidence:
     """The Doppler velocities make the estimate more certain."""
     drives = {
-        name: [DriveErrors.of(tracks[doppler], drive.truth) for drive, tracks in robot_drives()]
+        name: [compare(tracks[doppler], drive.truth) for drive, tracks in robot_drives()]
         for name, doppler in DOPPLER.items()
     }
     sigmas = {

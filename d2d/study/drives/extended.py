@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,20 +41,12 @@ def extended_drive(
     most: int = 8,
     count: int = 100,
 ) -> list[RadarScan]:
-    """Scans of objects that return several targets each, from a vehicle of velocity `THETA`.
+    """Scans (``count``) of objects with several targets each, from a vehicle of velocity `THETA`.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    half_width : float, m
-        The points that reflect lie uniformly within this of the object's middle, along both axes;
-        their standard deviation along each is ``half_width / sqrt(3)``.
-    redrawn : bool
-        Whether they are drawn anew for every scan, or stay where they are.
-    most : int
-        An object has 1 to ``most`` of them.  About 40 objects are in view.
-    count : int
-        Number of scans.
+    An object has 1 to ``most`` points that reflect, uniformly within ``half_width`` (m) of its
+    middle along both axes; their standard deviation along each is ``half_width / sqrt(3)``.  They
+    are drawn anew for every scan if ``redrawn``, and otherwise stay where they are.  About 40
+    objects are in view.
     """
     middles = _middles(rng, count * INTERVAL)
     numbers = rng.integers(1, most + 1, len(middles))
@@ -96,34 +88,14 @@ def _middles(rng: np.random.Generator, duration: float) -> Array:
     return rng.uniform(low, high, (number, 2))
 
 
-@dataclass(frozen=True, eq=False)
-class ExtendedStudy:
-    """Errors of the estimates between successive scans, and their covariances.
+class ExtendedStudy(NamedTuple):
+    """Errors of the estimates between successive scans, and their covariances."""
 
-    Attributes
-    ----------
-    half_width : float, m
-        Of the objects.
-    redrawn : bool
-        Whether each scan shows other points of them.
-    found : ExtentEstimate
-        The extent at which the scans are most likely.
-    errors : dict of (n, 3) arrays
-        Of [v_x, v_y, omega] in m/s, m/s, rad/s, for each of `MODELS`.
-    covariances : dict of dicts of (n, 3, 3) arrays
-        For each of `MODELS`, each of `COVARIANCES`.
-    """
-
-    half_width: float
-    redrawn: bool
-    found: ExtentEstimate
-    errors: dict[str, Array]
-    covariances: dict[str, dict[str, Array]]
-
-    @property
-    def true_extent(self) -> float:
-        """Standard deviation (m) of the points that differ from scan to scan."""
-        return _true_extent(self.half_width, self.redrawn)
+    half_width: float  # m, of the objects
+    redrawn: bool  # whether each scan shows other points of them
+    found: ExtentEstimate  # the extent at which the scans are most likely
+    errors: dict[str, Array]  # (n, 3) in m/s, m/s, rad/s, for each of `MODELS`
+    covariances: dict[str, dict[str, Array]]  # (n, 3, 3), of each model for each of `COVARIANCES`
 
     def credibility(self, model: str, covariance: str) -> Credibility:
         """Credibility of one of the covariances with one of the models."""
@@ -143,7 +115,7 @@ def extended_study(
     """
     scans = extended_drive(rng, half_width, redrawn=redrawn, count=count)
     found = estimate_extent(scans, MOUNTING, max_pairs=25)
-    true = _true_extent(half_width, redrawn)
+    true = half_width / math.sqrt(3.0) if redrawn else 0.0
     errors: dict[str, Array] = {}
     covariances: dict[str, dict[str, Array]] = {}
     for model, extent in zip(MODELS, (0.0, found.extent, true), strict=True):
@@ -151,19 +123,14 @@ def extended_study(
     return ExtendedStudy(half_width, redrawn, found, errors, covariances)
 
 
-def _true_extent(half_width: float, redrawn: bool) -> float:
-    return half_width / math.sqrt(3.0) if redrawn else 0.0
-
-
 def _estimates(scans: Sequence[RadarScan]) -> tuple[Array, dict[str, Array]]:
     """Errors of the estimates that converged, and both covariances."""
-    errors, inverse, propagated = [], [], []
+    errors, covariances = [], []
     for pair in pairwise(scans):
         estimate = estimate_ego_motion(*pair, MOUNTING, initial=THETA)
-        if not estimate.converged:
-            continue
-        errors.append(estimate.theta - THETA)
-        inverse.append(estimate.covariance)
-        propagated.append(propagate_ego_motion(estimate, *pair, MOUNTING))
-    found = dict(zip(COVARIANCES, (np.array(inverse), np.array(propagated)), strict=True))
-    return np.array(errors), found
+        if estimate.converged:
+            errors.append(estimate.theta - THETA)
+            propagated = propagate_ego_motion(estimate, *pair, MOUNTING)
+            covariances.append((estimate.covariance, propagated))
+    both = np.swapaxes(covariances, 0, 1)
+    return np.array(errors), dict(zip(COVARIANCES, both, strict=True))

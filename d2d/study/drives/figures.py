@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._types import Array
-from d2d.radar import ExtentEstimate, Mounting
+from d2d.radar import Comparison, Mounting
 from d2d.radar.simulation.drive import STEPS, Sensor
 from d2d.radar.simulation.world import KINDS, World
 from d2d.study.book.grammar import (
@@ -30,7 +30,7 @@ from d2d.study.book.grammar import (
 )
 from d2d.study.drives import budget_trial, extended
 from d2d.study.drives.budget_trial import BudgetTrial
-from d2d.study.drives.errors import IN_UNITS, UNITS, DriveErrors
+from d2d.study.drives.errors import IN_UNITS, UNITS
 from d2d.study.drives.extended import MODELS, ExtendedStudy
 from d2d.study.drives.fusion import GATE, REGION, Fused
 
@@ -38,7 +38,6 @@ SYMBOLS = ("$v_x$", "$v_y$", "ω")
 # Things of the street have colours of their own: parked cars sky, vegetation olive, movers purple.
 COLOURS = dict(zip(KINDS, (BLACK, "#2B83BA", PINK, "#6B8E23", PURPLE, YELLOW), strict=True))
 WALL, CAR = "0.85", SKY
-CURVES = (YELLOW, PURPLE, SKY, BLACK)
 ROBUST = COSTS["robust"].color  # every estimate of a drive is the robust likelihood's
 
 # Heights of the camera and of what it sees, in m.
@@ -229,7 +228,7 @@ def _face(
 
 def error_columns(
     axes: NDArray[np.object_],
-    errors: Mapping[str, DriveErrors],
+    errors: Mapping[str, Comparison],
     limits: Sequence[Sequence[float]],
 ) -> None:
     """Errors over time, a column (3 axes) for each track.
@@ -284,20 +283,6 @@ def track_lines(ax: Axes, poses: Array, true: Array) -> None:
     ax.plot(*true[0, :2], "o", color=BLACK, ms=4)
 
 
-def likelihood_curves(ax: Axes, found: Mapping[str, ExtentEstimate]) -> None:
-    """Log-likelihood per target less its maximum against the extent; each estimate with 2 sigma."""
-    for (name, each), colour in zip(found.items(), CURVES, strict=False):
-        curve = each.log_likelihoods - each.log_likelihoods.max()
-        ax.plot(each.candidates, curve, "o-", ms=3, color=colour, label=name)
-        ax.axvspan(
-            each.extent - 2.0 * each.sigma, each.extent + 2.0 * each.sigma, color=colour, alpha=0.3
-        )
-    ax.set(
-        xlim=(0.0, 1.65), ylim=(-1.5, 0.1), xlabel="extent (m)", ylabel="log-likelihood per target"
-    )
-    ax.legend()
-
-
 def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> None:
     """ANEES (first axes) and RMSE of omega (second) against the objects' half width, per model.
 
@@ -307,7 +292,7 @@ def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> N
     still = [study for study in studies if not study.redrawn]
     groups = [(redrawn, model, model) for model in MODELS]
     groups.append((still, MODELS[0], "points that stay"))
-    for (chosen, model, name), colour in zip(groups, CURVES, strict=True):
+    for (chosen, model, name), colour in zip(groups, (YELLOW, PURPLE, SKY, BLACK), strict=True):
         widths = [study.half_width for study in chosen]
         for covariance, line in zip(extended.COVARIANCES, ("P-", "^:"), strict=True):
             anees = [study.credibility(model, covariance).anees for study in chosen]

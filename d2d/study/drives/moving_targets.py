@@ -1,32 +1,21 @@
 """Which targets of a drive are rejected, and what they are."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from d2d._types import Array
-from d2d.radar import Drive, RadarScan, Track, doppler_velocity, inlier_probabilities
+from d2d.radar import Drive, Track, inlier_probabilities
 
 
-@dataclass(frozen=True, eq=False)
-class TargetWeights:
-    """How far a track trusts each target of a simulated drive, whose true kind is known.
+class TargetWeights(NamedTuple):
+    """How far a track trusts each target of a simulated drive, whose true kind is known."""
 
-    Attributes
-    ----------
-    kind : (M,) array of str
-        One of `d2d.radar.simulation.world.KINDS`.
-    probability : (M,) array
-        Probability that the target is an inlier under the pair's estimate.
-    own_speed : (M,) array, m/s
-        The true Doppler velocity minus that of a static target; nan for clutter.
-    """
-
-    kind: NDArray[np.str_]
-    probability: Array
-    own_speed: Array
+    kind: NDArray[np.str_]  # (M,) one of `d2d.radar.simulation.world.KINDS`
+    probability: Array  # (M,) that the target is an inlier under the pair's estimate
 
     @classmethod
     def of(cls, drive: Drive, driven: Track, *, doppler: bool = True) -> "TargetWeights":
@@ -34,20 +23,14 @@ class TargetWeights:
 
         Pairs that did not converge are left out.
         """
-        kinds, probabilities, speeds = [], [], []
+        kinds, probabilities = [], []
         for i, (previous, current) in enumerate(pairwise(drive.scans)):
             if not driven.converged[i]:
                 continue
-            true, theta = drive.targets[i + 1], driven.theta[i]
-            still = doppler_velocity(
-                drive.truth.theta[i + 1], np.nan_to_num(true.azimuth), drive.mounting
-            )
-            kinds.append(true.kind)
-            speeds.append(true.doppler - still)
-            probabilities.append(
-                inlier_probabilities(theta, previous, current, drive.mounting, doppler=doppler)
-            )
-        return cls(np.concatenate(kinds), np.concatenate(probabilities), np.concatenate(speeds))
+            pair = previous, current, drive.mounting
+            kinds.append(drive.targets[i + 1].kind)
+            probabilities.append(inlier_probabilities(driven.theta[i], *pair, doppler=doppler))
+        return cls(np.concatenate(kinds), np.concatenate(probabilities))
 
     def rejected(self, chosen: NDArray[np.bool_]) -> float:
         """Share of the chosen targets, a mask (M,), whose inlier probability is below one half.
@@ -77,14 +60,11 @@ def walkers_by_pair(
         at_angle = []
         for angle in angles:
             away, aside = speed * np.cos(angle), speed * np.sin(angle)
-            walked = RadarScan(
-                current.time,
-                current.range + away * driven.intervals[i],
-                current.azimuth + aside * driven.intervals[i] / current.range,
-                current.doppler + away,
-                current.sigma_range,
-                current.sigma_azimuth,
-                current.sigma_doppler,
+            walked = replace(
+                current,
+                range=current.range + away * driven.intervals[i],
+                azimuth=current.azimuth + aside * driven.intervals[i] / current.range,
+                doppler=current.doppler + away,
             )
             pair = previous, walked, drive.mounting
             judged = inlier_probabilities(driven.theta[i], *pair, doppler=doppler)

@@ -1,6 +1,6 @@
 """The effect of treating the azimuth error in a target's position and Doppler as two errors."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,17 +16,13 @@ INTERVAL = 0.1  # s
 COVARIANCES = ("inverse Hessian", "propagated, errors apart", "propagated, error shared")
 
 
-@dataclass(frozen=True, eq=False)
-class SharedAzimuth:
-    """Errors (n, 3) of [v_x, v_y, omega], and covariances (n, 3, 3) for each name in `COVARIANCES`.
+class SharedAzimuth(NamedTuple):
+    """Errors of registrations of noisy scan pairs, and the covariances stated for them."""
 
-    ``weight`` compares the error of the Doppler velocity that the azimuth causes with the standard
-    deviation of the Doppler itself: the root mean square of their ratio over the targets.
-    """
-
+    # root mean square of the Doppler errors that the azimuth causes, over the Doppler's own sigma
     weight: float
-    errors: Array
-    covariances: dict[str, Array]
+    errors: Array  # (n, 3) of [v_x, v_y, omega] in m/s, m/s, rad/s
+    covariances: dict[str, Array]  # (n, 3, 3) for each of `COVARIANCES`
 
     def credibility(self, name: str) -> Credibility:
         """Credibility of one of the covariances."""

@@ -17,6 +17,7 @@ from d2d.registration import register
 from d2d.study.book.claim import DECIBELS
 from d2d.study.book.measured import Measured, anees_of, kolmogorov_distance, length_of, mean_of
 from d2d.study.plane.scenarios import OVERLAPPED, cartesian
+from d2d.study.runs import judged
 
 SEED = 5
 RUNS = 20_000  # a variance is known to 1 % (one standard error)
@@ -155,12 +156,10 @@ def shared_partner(count: int, runs: int = 2000) -> SharedPartner:
     together = PointSet(means, np.concatenate([each.covariances for each in others], axis=-3))
     cost = COSTS["likelihood"]
     estimates = register(fixed, together, cost, OVERLAPPED.theta)
-    good = estimates.converged
-    errors = (estimates.theta - OVERLAPPED.theta)[good]
-    propagated = propagate_covariance(estimates, fixed, together, cost)[good]
+    propagated = propagate_covariance(estimates, fixed, together, cost)
     return SharedPartner(
-        anees_of(credibility(errors, estimates.covariance[good])),
-        anees_of(credibility(errors, propagated)),
+        anees_of(judged(estimates, OVERLAPPED.theta)),
+        anees_of(judged(estimates, OVERLAPPED.theta, propagated)),
         0.5 * (count + 1),
     )
 
@@ -213,7 +212,5 @@ def over_layouts(name: str, layouts: int = 12, runs: int = 1000) -> tuple[Measur
         places = np.stack([rng.uniform(-0.7, 0.7, 8), rng.uniform(14.0, 33.0, 8)], axis=-1)
         scenario = replace(OVERLAPPED, targets=cartesian(places))
         estimates = register(*scenario.sample(runs, rng), COSTS[name], scenario.theta)
-        good = estimates.converged
-        errors = (estimates.theta - scenario.theta)[good]
-        anees.append(anees_of(credibility(errors, estimates.covariance[good])))
+        anees.append(anees_of(judged(estimates, scenario.theta)))
     return tuple(anees)

@@ -26,8 +26,7 @@ KEY, AXES = 92.0, 58.0  # of HEIGHT, above and below the picture
 def draw_paths(ax: Axes, problem: PairedTargets, paths: Mapping[str, Path]) -> None:
     """The paths over the profiled cost in the plane of t_y and phi."""
     t_y, angle = _window(paths)
-    cost = profile(problem, t_y, angle)
-    levels = cost.min() + np.geomspace(1.0, float(np.ptp(cost)), 14)
+    cost, levels = _surface(problem, t_y, angle)
     ax.contour(t_y, np.rad2deg(angle), cost, levels, colors="0.7", linewidths=0.7)
     for name, path in paths.items():
         plotted = path.points[:, 1], np.rad2deg(path.points[:, 2])
@@ -71,11 +70,15 @@ def _window(paths: Mapping[str, Path]) -> tuple[Array, Array]:
     return np.linspace(low[0], high[0], 81), np.linspace(low[1], high[1], 81)
 
 
-def _contours(problem: PairedTargets, t_y: Array, angle: Array) -> list[Array]:
+def _surface(problem: PairedTargets, t_y: Array, angle: Array) -> tuple[Array, Array]:
+    """The profiled cost, and the levels of its contours."""
     cost = profile(problem, t_y, angle)
-    levels = cost.min() + np.geomspace(1.0, float(np.ptp(cost)), 14)
+    return cost, cost.min() + np.geomspace(1.0, float(np.ptp(cost)), 14)
+
+
+def _contours(problem: PairedTargets, t_y: Array, angle: Array) -> list[Array]:
     figure, ax = plt.subplots()
-    lines = ax.contour(t_y, angle, cost, levels).allsegs
+    lines = ax.contour(t_y, angle, *_surface(problem, t_y, angle)).allsegs
     plt.close(figure)
     return [line[::2] for level in lines for line in level if len(line) > 4]
 

@@ -26,15 +26,7 @@ class Terms(NamedTuple):
 def line_terms(
     translations: Array, fixed: PointSet, moving: PointSet, outlier: CorruptedGaussian
 ) -> Terms:
-    """The terms on a line, summed over the moving targets.
-
-    Parameters
-    ----------
-    translations : (T,) array, m
-    fixed, moving : PointSet
-        One-dimensional, one set each.
-    outlier : CorruptedGaussian
-    """
+    """The terms at translations (T,), in m, of two sets on a line, summed over moving targets."""
     d = translations[:, None, None] + moving.means - fixed.means.T  # (T, K, N)
     inner = moving.covariances[:, :, 0] + fixed.covariances[:, 0, 0]
     spread = np.concatenate([inner, np.full_like(inner, outlier.covariance[0, 0])], axis=1)
@@ -94,13 +86,10 @@ class Kernel(NamedTuple):
 
 
 def kernels(residuals: Array, ratio: float) -> dict[str, Kernel]:
-    """The kernels that the three costs apply to the residual r = d / s of a single pair.
+    """The kernels that the three costs apply to the residuals r = d / s (R,) of a single pair.
 
-    Parameters
-    ----------
-    residuals : (R,) array
-    ratio : float
-        Height of the outlier component over that of the inliers, alpha o / ((1 - alpha) q(0)).
+    ``ratio`` is the height of the outlier component over that of the inliers,
+    alpha o / ((1 - alpha) q(0)).
     """
     squares = residuals**2
     peak = np.exp(-0.5 * squares)  # q over its highest value

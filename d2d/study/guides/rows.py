@@ -20,7 +20,7 @@ from d2d.radar import (
 from d2d.study.book.table import Table, table
 
 _FEWEST = 4  # estimates that `compare` needs
-View = tuple[Sequence[RadarScan], Mounting]
+ScansAndMounting = tuple[Sequence[RadarScan], Mounting]
 
 
 class Row(NamedTuple):
@@ -68,17 +68,18 @@ def row_table(rows: Iterable[Row], caption: str = "") -> Table:
     )
 
 
-def halves(view: View, *, seed: int = 0) -> dict[str, float]:
+def halves(sensor: ScansAndMounting) -> dict[str, float]:
     """ANEES of the differences between halves of one sensor's scans, by target and by object."""
-    return {
-        f"halves by {by}": compare_halves(
-            [view], np.random.default_rng(seed), by=by
-        ).credibility.anees
-        for by in ("target", "object")
-    }
+    found = {}
+    for by in ("target", "object"):
+        compared = compare_halves([sensor], np.random.default_rng(0), by=by)
+        found[f"halves by {by}"] = compared.credibility.anees
+    return found
 
 
-def two_sensors(first: View, second: View, *, budget: ErrorBudget | None = None) -> float:
+def two_sensors(
+    first: ScansAndMounting, second: ScansAndMounting, *, budget: ErrorBudget | None = None
+) -> float:
     """ANEES of the differences between the tracks of two sensors, each on its own."""
     tracks = [track(each, budget=budget) for each in (first, second)]
     return compare_tracks(*tracks).credibility.anees

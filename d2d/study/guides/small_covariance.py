@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
-from d2d import Credibility, Estimate, PointSet, RegistrationCost, credibility, register, rigid
+from d2d import Credibility, PointSet, RegistrationCost, credibility, register, rigid
 from d2d._types import Array
 from d2d.radar import (
     Drive,
@@ -30,6 +30,7 @@ from d2d.study.book.table import Table, table
 from d2d.study.guides.stated_sigmas import scaled
 from d2d.study.plane.evaluation import LIKELIHOOD, ROBUST, SUMMING
 from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED
+from d2d.study.runs import judged
 
 COUNTS = (12, 24, 48, 96)  # targets that a scan keeps
 BIAS = float(np.deg2rad(1.0))  # of all azimuths of a sensor
@@ -42,16 +43,6 @@ _PLACES = (Mounting(3.7, 0.5, 0.0), Mounting(3.7, -0.5, 0.0))  # two radars that
 
 
 # ---- Point sets
-
-
-def judged(estimate: Estimate, theta: ArrayLike, covariance: Array | None = None) -> Credibility:
-    """Credibility of a batch of estimates (N,) of the motion ``theta`` (3,), of those converged.
-
-    ``covariance`` (N, 3, 3) takes the place of the inverse Hessian.
-    """
-    stated = estimate.covariance if covariance is None else covariance
-    good = np.isfinite(stated).all(axis=(1, 2))
-    return credibility((estimate.theta - np.asarray(theta))[good], stated[good])
 
 
 def unit_weights(points: PointSet) -> PointSet:
@@ -82,7 +73,6 @@ def halves(
     cost: RegistrationCost,
     initial: ArrayLike,
     labels: NDArray[np.int_],
-    seed: int = 0,
 ) -> Credibility:
     """Register two halves of the moving sets (N, K) with the fixed ones, and judge the difference.
 
@@ -91,7 +81,7 @@ def halves(
     the differences have the sum of the covariances.
     """
     names, runs = np.unique(labels), len(moving.means)
-    drawn = np.random.default_rng(seed).permuted(np.tile(names, (runs, 1)), axis=1)
+    drawn = np.random.default_rng(0).permuted(np.tile(names, (runs, 1)), axis=1)
     chosen = drawn[:, : len(names) // 2]
     first = (labels[None, :, None] == chosen[:, None, :]).any(axis=-1)
     one, two = (register(fixed, _only(moving, own), cost, initial) for own in (first, ~first))
@@ -114,16 +104,12 @@ class Halves(NamedTuple):
     halves: float
 
 
-class _Case(NamedTuple):
-    fixed: PointSet
-    moving: PointSet
-    cost: RegistrationCost
-    initial: ArrayLike
-    labels: NDArray[np.int_]  # (K,): which of the moving targets stay together
+# Fixed and moving sets, cost, start, and which of the moving targets (K,) stay together.
+Case = tuple[PointSet, PointSet, RegistrationCost, ArrayLike, NDArray[np.int_]]
 
 
 @cache
-def halves_of_each_reason(runs: int = 1000, seed: int = 0) -> list[Halves]:
+def halves_of_each_reason(runs: int = 1000) -> list[Halves]:
     """What the halves of the moving set reveal of each reason, in the scenes of chapter 6.
 
     Halves are drawn by target; where targets are repeated, by copy or by target.
@@ -134,28 +120,29 @@ def halves_of_each_reason(runs: int = 1000, seed: int = 0) -> list[Halves]:
             float(judged(register(*case[:4]), OVERLAPPED.theta).anees),
             float(halves(*case).anees),
         )
-        for name, case in _cases(runs, seed).items()
+        for name, case in _cases(runs).items()
     ]
 
 
-def _cases(runs: int, seed: int) -> dict[str, _Case]:
+def _cases(runs: int) -> dict[str, Case]:
     theta, zero = OVERLAPPED.theta, np.zeros(3)
-    whole = OVERLAPPED.sample(runs, np.random.default_rng(seed))
-    partly = OUTLIERS.sample(runs, np.random.default_rng(seed))
+    whole, partly = (
+        scene.sample(runs, np.random.default_rng(0)) for scene in (OVERLAPPED, OUTLIERS)
+    )
     eight, ten, copies = (np.arange(count) for count in (8, 10, 8 * COPIES))
     fixed, moving = (repeated(each, COPIES) for each in whole)
     narrow_fixed, narrow_moving = (each.inflated(0.5) for each in whole)
     turned = whole[1].transformed([0.0, 0.0, TURN])
     return {
-        "nothing wrong": _Case(*whole, LIKELIHOOD, theta, eight),
-        "1 sigmas half as large": _Case(narrow_fixed, narrow_moving, LIKELIHOOD, theta, eight),
-        "2 start at zero": _Case(*partly, ROBUST, zero, ten),
-        "3 repeated, by point": _Case(fixed, moving, LIKELIHOOD, theta, copies),
-        "3 repeated, by target": _Case(fixed, moving, LIKELIHOOD, theta, np.repeat(eight, COPIES)),
-        "4 turned by 5 deg": _Case(whole[0], turned, LIKELIHOOD, theta, eight),
-        "5 P2D": _Case(*whole, RegistrationCost("p2d"), theta, eight),
-        "5 sum": _Case(*whole, SUMMING, theta, eight),
-        "6 no partner": _Case(*partly, LIKELIHOOD, theta, ten),
+        "nothing wrong": (*whole, LIKELIHOOD, theta, eight),
+        "1 sigmas half as large": (narrow_fixed, narrow_moving, LIKELIHOOD, theta, eight),
+        "2 start at zero": (*partly, ROBUST, zero, ten),
+        "3 repeated, by point": (fixed, moving, LIKELIHOOD, theta, copies),
+        "3 repeated, by target": (fixed, moving, LIKELIHOOD, theta, np.repeat(eight, COPIES)),
+        "4 turned by 5 deg": (whole[0], turned, LIKELIHOOD, theta, eight),
+        "5 P2D": (*whole, RegistrationCost("p2d"), theta, eight),
+        "5 sum": (*whole, SUMMING, theta, eight),
+        "6 no partner": (*partly, LIKELIHOOD, theta, ten),
     }
 
 
@@ -177,10 +164,10 @@ class BiasRow(NamedTuple):
 
 
 @cache
-def bias_against_targets(counts: Sequence[int] = COUNTS) -> list[BiasRow]:
+def bias_against_targets() -> list[BiasRow]:
     """The lateral velocity of a front radar turned by `BIAS`, with more and more targets."""
     rows = []
-    for count in counts:
+    for count in COUNTS:
         sensor = Sensor(max_targets=count, half_range=60.0, max_range=80.0, quantised=False)
         drive = _driven(_PLACES[0], sensor, SensorErrors(azimuth=BIAS), 11)
         plain = compare(track(drive), drive.truth)
@@ -239,9 +226,9 @@ class Evidence(NamedTuple):
 
 
 @cache
-def without_truth(names: Sequence[str] = tuple(REASONS)) -> dict[str, Evidence]:
+def without_truth() -> dict[str, Evidence]:
     """Judge the inverse Hessian of drives of two front radars in which one thing is wrong."""
-    return {name: _evidence(REASONS[name]) for name in names}
+    return {name: _evidence(reason) for name, reason in REASONS.items()}
 
 
 def _evidence(reason: Reason) -> Evidence:

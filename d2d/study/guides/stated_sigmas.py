@@ -21,14 +21,14 @@ _DURATION = 40.0  # s, a lap
 
 
 @cache
-def front_drive(seed: int = 5) -> Drive:
+def front_drive() -> Drive:
     """A lap of the car with a front radar that knows its errors exactly."""
-    rng, sensor = np.random.default_rng(seed), Sensor(quantised=False)
+    rng, sensor = np.random.default_rng(5), Sensor(quantised=False)
     return simulate_drive(rng, _DURATION, CAR_SPEED, mounting=CAR_MOUNTING, sensor=sensor)
 
 
 @cache
-def stated_sigmas(factors: Sequence[float] = FACTORS) -> dict[str, list[Row]]:
+def stated_sigmas() -> dict[str, list[Row]]:
     """Track the same drive with one of the three standard deviations multiplied by each factor.
 
     The limits of the vehicle are the default ones.  The errors themselves do not change.
@@ -47,7 +47,7 @@ def stated_sigmas(factors: Sequence[float] = FACTORS) -> dict[str, list[Row]]:
                 ),
                 drive.truth,
             )
-            for factor in factors
+            for factor in FACTORS
         ]
     return found
 
@@ -58,13 +58,13 @@ def scaled(scan: RadarScan, factor: float) -> RadarScan:
     return replace(scan, **{name: factor * getattr(scan, name) for name in names})
 
 
-def rounded(scans: Sequence[RadarScan], step: float, told: float = 0.0) -> list[RadarScan]:
-    """Doppler velocities rounded to multiples of ``step``, and ``told`` added to their sigmas."""
+def rounded(scans: Sequence[RadarScan], step: float, added: float = 0.0) -> list[RadarScan]:
+    """Doppler velocities rounded to multiples of ``step``, and ``added`` to their sigmas."""
     return [
         replace(
             scan,
             doppler=np.round(scan.doppler / step) * step,
-            sigma_doppler=np.hypot(scan.sigma_doppler, told),
+            sigma_doppler=np.hypot(scan.sigma_doppler, added),
         )
         for scan in scans
     ]

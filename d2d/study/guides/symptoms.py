@@ -107,10 +107,10 @@ def unfolded(
 
 
 @cache
-def symptoms(names: Sequence[str] = tuple(FAULTS)) -> list[Symptom]:
+def symptoms() -> list[Symptom]:
     """Track a lap of the car with one fault of `FAULTS` after the other."""
     drive = front_drive()
-    return [_tried(name, drive.scans, drive.mounting, drive.truth) for name in names]
+    return [_tried(name, drive.scans, drive.mounting, drive.truth) for name in FAULTS]
 
 
 def _tried(name: str, scans: Scans, mounting: Mounting, truth: Reference) -> Symptom:

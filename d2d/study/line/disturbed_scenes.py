@@ -1,7 +1,5 @@
 """The line scene with an outlier in one set, and with a cluster (thesis sec. 4.4 and 4.5)."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from d2d._types import Array
@@ -26,25 +24,11 @@ def with_outlier(
     sigma: float = SIGMA,
     draws: tuple[int, ...] = (),
 ) -> tuple[PointSet, PointSet]:
-    """The line scene with one extra target, in one set only.
+    """The line scene with one extra target, the last one of the set ``where``, fixed or moving.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    where : "fixed" or "moving"
-        The set that has the outlier, as its last target.
-    at : float, optional, m
-        Position of the outlier in that set's frame. Unless given, it is drawn anew for every draw,
-        uniformly over the targets and 5 m beyond.
-    sigma : float, m
-        Standard deviation of the observations.
-    draws : tuple of int
-        Batch shape.
-
-    Raises
-    ------
-    ValueError
-        If ``where`` is neither "fixed" nor "moving".
+    It stands ``at`` (m) in that set's frame or, unless that is given, anywhere over the targets and
+    5 m beyond, drawn anew for every draw.  ``sigma`` (m) is the standard deviation of all
+    observations, ``draws`` the batch shape.
     """
     fixed, moving = line_scene(rng, draws=draws, sigma_fixed=sigma, sigma_moving=sigma)
     shift = 0.0 if where == "fixed" else TRUTH
@@ -53,9 +37,7 @@ def with_outlier(
     outlier = (position + sigma * rng.standard_normal(draws))[..., None, None]
     if where == "fixed":
         return _extended(fixed, outlier), moving
-    if where == "moving":
-        return fixed, _extended(moving, outlier)
-    raise ValueError(f"where must be 'fixed' or 'moving', but is {where!r}")
+    return fixed, _extended(moving, outlier)
 
 
 def _extended(points: PointSet, mean: Array) -> PointSet:
@@ -75,8 +57,3 @@ def clustered(
 ) -> tuple[PointSet, PointSet]:
     """The line scene with a cluster of three targets around A."""
     return line_scene(rng, positions=cluster_positions(spacing), draws=draws)
-
-
-def observed(positions: Sequence[float] | Array) -> str:
-    """Positions as text, with two decimals each."""
-    return " ".join(f"{x:.2f}" for x in np.ravel(positions))

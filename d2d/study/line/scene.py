@@ -21,22 +21,11 @@ def line_scene(
     sigma_moving: float = SIGMA,
     draws: tuple[int, ...] = (),
 ) -> tuple[PointSet, PointSet]:
-    """Noisy observations of the targets before and after the motion.
+    """Noisy observations of the targets before and after the motion: the fixed and the moving set.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    positions : sequence of float, m
-        True positions in F; those in M are smaller by the true translation.
-    sigma_fixed, sigma_moving : float, m
-        Standard deviations of the observations in F and in M.
-    draws : tuple of int
-        Batch shape; the noise of every draw is independent.
-
-    Returns
-    -------
-    fixed, moving : PointSet
-        One-dimensional, of batch shape ``draws``.
+    ``positions`` (m) are the true ones in F; those in M are smaller by the true translation.  The
+    sets are one-dimensional, of batch shape ``draws``, with independent noise of the standard
+    deviations ``sigma_fixed`` and ``sigma_moving`` (m).
     """
     true = np.asarray(positions, dtype=np.float64)
     shape = (*draws, len(true))

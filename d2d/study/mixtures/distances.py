@@ -20,21 +20,9 @@ def distance_errors(
 ) -> tuple[float, float]:
     """Median relative errors of squared distances, by the inverse and by the Cholesky factor.
 
-    Parameters
-    ----------
-    ratio : float
-        Smaller over larger eigenvalue of the covariances; the larger is 1 m^2.
-    rng : numpy.random.Generator
-        Draws the directions of the ellipses' long axes.
-    angle : float, rad
-        Between the long axis and the offset, which is 1 m long: 0 is along, pi/2 across the axis.
-    directions : int
-        Number of ellipses.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the ratio is so small that rounding leaves no positive definite matrix.
+    The covariances have eigenvalues of 1 m^2 and of ``ratio`` m^2, and long axes in random
+    directions.  The offset is 1 m long, at an ``angle`` (rad) from the long axis.  If the ratio is
+    so small that rounding leaves no positive definite matrix, NumPy raises a ``LinAlgError``.
     """
     errors = np.empty((directions, 2))
     for n, turn in enumerate(rng.uniform(0.0, np.pi, directions)):

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_finite
 from d2d._types import Array
 from d2d.study.book import svg
 from d2d.study.book.grammar import BLACK, GREY, PURPLE, SKY, YELLOW
@@ -21,19 +20,11 @@ def em_frame(
 ) -> str:
     """SVG of one step of EM in the plane: data and components, and the log-likelihood below.
 
-    Parameters
-    ----------
-    x : (N, 2) array, m
-        Data, coloured by the responsibilities of ``steps[step]``.
-    steps : sequence of GaussianMixture
-        The mixture at each step, of at most four components; each component is drawn as its
-        ellipses of one and two standard deviations.
-    log_likelihoods : sequence of float
-        Log-likelihood of every step, per observation.
-    step : int
-        Index of the step to draw.
+    The data ``x`` (N, 2), in m, are coloured by the responsibilities of ``steps[step]``, a mixture
+    of at most four components; each component is drawn as its ellipses of one and two standard
+    deviations.
     """
-    points = check_finite("x", x)
+    points = np.asarray(x, dtype=np.float64)
     mixture = steps[step]
     low, high = points.min(axis=0), points.max(axis=0)
     low, high = low - 0.08 * (high - low), high + 0.08 * (high - low)

@@ -20,32 +20,19 @@ TURNS = np.deg2rad(np.arange(-45.0, 45.1, 7.5))
 
 @dataclass(frozen=True)
 class ClusterKind:
-    """Clusters among targets at random places.
+    """Clusters among targets at random places."""
 
-    Attributes
-    ----------
-    targets : int
-        Number of targets before some of them become clusters.
-    clusters : int
-        How many of them do.
-    companions : int
-        Targets added to each.
-    radius : float, m
-        Companions are spread evenly over a disc of this radius.
-    """
-
-    targets: int
-    clusters: int
-    companions: int
-    radius: float
+    targets: int  # before some of them become clusters
+    clusters: int  # how many of them do
+    companions: int  # targets added to each
+    radius: float  # m, of the disc over which companions are spread evenly
 
     def __str__(self) -> str:
         """The clusters and their companions in words."""
         lone = self.targets - self.clusters
         which = "one cluster" if self.clusters == 1 else f"{self.clusters} clusters"
-        return (
-            f"{which} of {self.companions + 1} targets within {self.radius:g} m among {lone} others"
-        )
+        size = self.companions + 1
+        return f"{which} of {size} targets within {self.radius:g} m among {lone} others"
 
 
 KINDS = tuple(

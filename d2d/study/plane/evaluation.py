@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -80,8 +81,6 @@ class Row:
         Shares of runs that end at the truth, by where they start.
     rmse : Measured, m
         Of the translation, started at the truth, over all runs.
-    rmse_rotation : float, rad
-    rmse_from_zero : float, m
     credibility : Credibility
         Started at the truth.
     """
@@ -91,30 +90,24 @@ class Row:
     from_truth: float
     from_zero: float
     rmse: Measured
-    rmse_rotation: float
-    rmse_from_zero: float
     credibility: Credibility
 
 
 def summary(scenarios: Iterable[Scenario]) -> list[Row]:
     """A row for each scenario and cost, 1000 runs each from the truth and from zero."""
-    return [_row(scenario, name) for scenario in scenarios for name in COSTS]
-
-
-def _row(scenario: Scenario, name: str) -> Row:
-    good = evaluated(scenario, COSTS[name], "truth")
-    zero = evaluated(scenario, COSTS[name], "zero")
-    distance, turn = distance_and_rotation(good.errors)
-    return Row(
-        scenario=scenario.name,
-        cost=name,
-        from_truth=float(at_truth(good.errors).mean()),
-        from_zero=float(at_truth(zero.errors).mean()),
-        rmse=rms_of(distance),
-        rmse_rotation=rms(turn),
-        rmse_from_zero=rms(distance_and_rotation(zero.errors)[0]),
-        credibility=good.credibility,
-    )
+    rows = []
+    for scenario, (name, cost) in product(scenarios, COSTS.items()):
+        good, zero = (evaluated(scenario, cost, start) for start in ("truth", "zero"))
+        row = Row(
+            scenario=scenario.name,
+            cost=name,
+            from_truth=float(at_truth(good.errors).mean()),
+            from_zero=float(at_truth(zero.errors).mean()),
+            rmse=rms_of(distance_and_rotation(good.errors)[0]),
+            credibility=good.credibility,
+        )
+        rows.append(row)
+    return rows
 
 
 @dataclass(frozen=True, eq=False)

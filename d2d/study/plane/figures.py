@@ -1,6 +1,6 @@
 """The figures of the scenes in the plane: a scene, its cost surfaces, errors and credibility."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -69,10 +70,7 @@ def cost_columns(
         cost_map(column[1], OFFSETS, surface)
         profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
         rotation_profiles(column[2:], ROTATIONS, profile, name)
-    for ax in axes[:, 1:].ravel():
-        ax.set_ylabel("")
-    for letter, ax, name in zip("abc", axes[0], costs, strict=False):
-        ax.set_title(f"({letter}) {LOOKS[name].name}", fontsize=9)
+    _head_columns(axes, costs)
 
 
 def error_panels(scenario: Scenario, names: Sequence[str]) -> None:
@@ -100,27 +98,29 @@ def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
         np.sqrt(np.diagonal(r.covariances, axis1=1, axis2=2)) * IN_LABEL_UNITS for r in results
     ]
     limits = 4.5 * np.max([np.nanmedian(s, axis=0) for s in sigmas], axis=0)
-    for letter, column, name, result, sigma in zip(
-        "abc", axes.T, names, results, sigmas, strict=False
-    ):
+    for column, result, sigma in zip(axes.T, results, sigmas, strict=True):
         errors = result.errors[:200] * IN_LABEL_UNITS
         for k, ax in enumerate(column):
             ax.set_ylim(-limits[k], limits[k])
             error_bands(ax, np.arange(200.0), errors[:, k], sigma[:200, k], *LABELS[k])
-        column[0].set_title(f"({letter}) {LOOKS[name].name}", fontsize=9)
         column[2].set_xlabel("run")
-    for ax in axes[:, 1:].ravel():
-        ax.set_ylabel("")
+    _head_columns(axes, names)
 
 
 def credibility_columns(scenario: Scenario, names: Sequence[str]) -> None:
     """NEES, NEES of the credible estimator and credibility ratio of each run, a column per cost."""
     _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(5.0, 5.6))
-    for letter, column, name in zip("abc", axes.T, names, strict=False):
-        result = evaluated(scenario, COSTS[name]).credibility
-        credibility_panels(column, result, name, f"({letter}) {LOOKS[name].name}")
+    for column, name in zip(axes.T, names, strict=True):
+        credibility_panels(column, evaluated(scenario, COSTS[name]).credibility, name)
+    _head_columns(axes, names)
+
+
+def _head_columns(axes: NDArray[np.object_], names: Iterable[str]) -> None:
+    """A letter and the name of a cost above each column; labels of heights in the first only."""
     for ax in axes[:, 1:].ravel():
         ax.set_ylabel("")
+    for letter, ax, name in zip("abc", axes[0], names, strict=False):
+        ax.set_title(f"({letter}) {LOOKS[name].name}", fontsize=9)
 
 
 def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet) -> None:
@@ -147,7 +147,7 @@ def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet
     label_planar_axes(ax)
 
 
-def density_map(ax: Axes, offsets: Array, log_values: Array, near: Array, title: str = "") -> None:
+def density_map(ax: Axes, offsets: Array, log_values: Array, near: Array) -> None:
     """A fused density over t_x and t_y around the truth (cross), relative to its maximum.
 
     The inset enlarges what is within 1 m of the truth: ``near`` holds the logarithms there, on the
@@ -157,13 +157,9 @@ def density_map(ax: Axes, offsets: Array, log_values: Array, near: Array, title:
     inset = ax.inset_axes((0.58, 0.58, 0.42, 0.42))
     for panel, grid, values in ((ax, offsets, log_values), (inset, NEAR_OFFSETS, near)):
         relative = np.exp(values - highest)
-        settings: dict[str, Any] = {
-            "vmin": 0.0,
-            "vmax": 1.0,
-            "cmap": DENSITY_MAP,
-            "rasterized": True,
-        }
-        picture = panel.pcolormesh(grid, grid, relative, **settings)
+        picture = panel.pcolormesh(
+            grid, grid, relative, vmin=0.0, vmax=1.0, cmap=DENSITY_MAP, rasterized=True
+        )
         panel.grid(False)
     ax.plot([-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1], color=BLACK, lw=0.7)
     inset.set_aspect("equal")
@@ -171,7 +167,7 @@ def density_map(ax: Axes, offsets: Array, log_values: Array, near: Array, title:
     for spine in inset.spines.values():
         spine.set(visible=True, linewidth=0.7)
     inset.text(0.05, 0.78, "±1 m", transform=inset.transAxes, fontsize=6)
-    _map_axes(ax, title, cross=False)
+    _map_axes(ax)
     mark_truth(inset, size=5.0)
     _map_bar(ax, picture, "density / its highest")
 
@@ -186,6 +182,7 @@ def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> No
     levels = -np.log([0.5, 0.1, 0.01])
     ax.contour(offsets, offsets, above, levels, colors="white", linewidths=0.5)
     _map_axes(ax, title)
+    mark_truth(ax)
     _map_bar(ax, picture, "−log density")
 
 
@@ -195,9 +192,7 @@ def _map_bar(ax: Axes, picture: Any, label: str) -> None:
     bar.ax.tick_params(labelsize=7)
 
 
-def _map_axes(ax: Axes, title: str, *, cross: bool = True) -> None:
-    if cross:
-        mark_truth(ax)
+def _map_axes(ax: Axes, title: str = "") -> None:
     ax.grid(False)
     ax.set_aspect("equal")
     ax.set(xlabel="$t_x$ − truth (m)", ylabel="$t_y$ − truth (m)", title=title)
@@ -239,9 +234,7 @@ def error_shares(
     ax.set_xlim(*ERROR_LIMITS[unit])
 
 
-def credibility_panels(
-    axes: Sequence[Axes], result: Credibility, cost: str, title: str = ""
-) -> None:
+def credibility_panels(axes: Sequence[Axes], result: Credibility, cost: str) -> None:
     """NEES, NEES of the credible estimator and credibility ratio of every run, top to bottom.
 
     The bands hold 95 % of a credible estimator's NEES (chi-square with three degrees of freedom).
@@ -262,7 +255,6 @@ def credibility_panels(
     axes[2].axhline(0.0, **TRUTH)
     axes[2].axhline(result.inclination, color=GREY, lw=1.2)
     axes[2].set(ylabel="ratio (dB)", xlabel="run", ylim=(-24.0, 24.0))
-    axes[0].set_title(title, fontsize=9)
     for ax in axes:
         ax.margins(x=0.0)
 

@@ -11,7 +11,6 @@ from d2d.study.book.measured import (
     median_of,
     rms_ratio,
     share_of,
-    share_over,
 )
 from d2d.study.plane.evaluation import (
     Start,
@@ -77,11 +76,6 @@ def share_ending_at_truth(
 ) -> Measured:
     """Share of the runs that end at the truth."""
     return share_of(at_truth(evaluated(scenario, cost, initial).errors))
-
-
-def share_of_layouts(kind: str, cost: RegistrationCost, initial: Start = "truth") -> Measured:
-    """Share of the runs on 200 random layouts that end at the truth."""
-    return share_over(over_layouts(kind, cost, initial).share, 100)
 
 
 def error_ratio(over: Condition, under: Condition) -> Measured:

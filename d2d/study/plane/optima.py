@@ -1,7 +1,7 @@
 """Where the optima of a planar registration cost are, and from where they are reached."""
 
-from dataclasses import dataclass
 from functools import cache, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,20 +24,11 @@ DISTANCES = np.arange(0.0, 20.1, 1.0)  # m
 TURNS = np.deg2rad(np.arange(-60.0, 60.1, 6.0))  # rad
 
 
-@dataclass(frozen=True, eq=False)
-class Minima:
-    """Distinct local minima of one cost, the lowest first.
+class Minima(NamedTuple):
+    """Distinct local minima of one cost, the lowest first."""
 
-    Attributes
-    ----------
-    errors : (M, 3) array, m, m, rad
-        Minus the truth.
-    log_heights : (M,) array
-        Logarithm of the density over the highest.
-    """
-
-    errors: Array
-    log_heights: Array
+    errors: Array  # (M, 3) in m, m, rad
+    log_heights: Array  # (M,) logarithm of the density over the highest
 
     @property
     def near(self) -> int:

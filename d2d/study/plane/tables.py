@@ -13,12 +13,12 @@ from d2d.study.plane.scenarios import Scenario
 def error_table(scenario: Scenario, names: Sequence[str] = tuple(COSTS)) -> Table:
     """Where 1000 runs of each cost end, started at the truth and at zero."""
     rows = []
-    for start, told in (("truth", "the truth"), ("zero", "zero")):
+    for start, place in (("truth", "the truth"), ("zero", "zero")):
         for name in names:
             errors = evaluated(scenario, COSTS[name], start).errors
             distance, turn = distance_and_rotation(errors)
             share = float(at_truth(errors).mean())
-            rows.append((told, LOOKS[name].name, share, rms(distance), np.rad2deg(rms(turn))))
+            rows.append((place, LOOKS[name].name, share, rms(distance), np.rad2deg(rms(turn))))
     return table(
         rows,
         [

@@ -55,14 +55,9 @@ METHODS: dict[str, Method] = {
 
 
 def start_plane(distances: ArrayLike, rotations: ArrayLike, directions: int) -> Array:
-    """Offsets (R, D, A, 3) of starts from the truth, over a grid of distances and rotations.
+    """Offsets (R, D, A, 3) of starts from the truth, over distances (D,) and rotations (R,).
 
-    Parameters
-    ----------
-    distances : (D,) array, m
-    rotations : (R,) array, rad
-    directions : int
-        Number A of directions in which each distance is taken.
+    In m and rad; each distance is taken in A ``directions``.
     """
     bearing = 2.0 * np.pi * (np.arange(directions) + 0.25) / directions
     turn, distance, angle = np.meshgrid(rotations, distances, bearing, indexing="ij")

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_finite, check_fraction, check_positive_scalar
+from d2d._checks import check_fraction, check_within
 from d2d._types import Array
 from d2d.point_set import PointSet
 
@@ -48,14 +48,10 @@ def ray_ranges(pose: ArrayLike, azimuth: ArrayLike, walls: Walls = ROOM) -> Arra
 
     Solves ``p + r u = a + s (b - a)`` for every ray and segment, and keeps the smallest r > 0
     with s within [0, 1].
-
-    Raises
-    ------
-    ValueError
-        If a ray meets no wall: the pose lies outside the room.
+    Raises a ``ValueError`` if a ray meets no wall: the pose lies outside the room.
     """
-    place, angles = rigid.motion("pose", pose, 2), check_finite("azimuth", azimuth)
-    direction = rigid.rotation(place[2] + angles)[:, :, 0]
+    place = rigid.motion("pose", pose, 2)
+    direction = rigid.rotation(place[2] + np.asarray(azimuth))[:, :, 0]
     lines = segments(walls)
     along, offset = lines[:, 1] - lines[:, 0], lines[:, 0] - place[:2]
     cross = direction[:, None, 0] * along[:, 1] - direction[:, None, 1] * along[:, 0]
@@ -74,21 +70,12 @@ def ray_ranges(pose: ArrayLike, azimuth: ArrayLike, walls: Walls = ROOM) -> Arra
 
 @dataclass(frozen=True, eq=False)
 class RoomScan:
-    """One scan of the room, in the scanner's own frame.
+    """One scan of the room, in the scanner's own frame."""
 
-    Attributes
-    ----------
-    range, azimuth : (N,) arrays, m and rad
-    spacing : float, rad
-        Angle between neighbouring rays.
-    outlier : (N,) array of bool
-        Whether the point does not lie on a wall.
-    """
-
-    range: Array
-    azimuth: Array
-    spacing: float
-    outlier: NDArray[np.bool_]
+    range: Array  # (N,) m
+    azimuth: Array  # (N,) rad
+    spacing: float  # rad, between neighbouring rays
+    outlier: NDArray[np.bool_]  # (N,) whether the point does not lie on a wall
 
     @property
     def points(self) -> Array:
@@ -109,47 +96,26 @@ def room_scan(
     pose: ArrayLike = (0.0, 0.0, 0.0),
     *,
     walls: Walls = ROOM,
-    rays: int = RAYS,
     field_of_view: float = 2.0 * np.pi,
     sigma_range: float = SIGMA_RANGE,
     outliers: float = 0.0,
 ) -> RoomScan:
-    """Cast equally spaced rays over the field of view, with Gaussian noise on the range.
+    """Cast equally spaced rays over the field of view, with Gaussian noise on the range (m).
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    pose : (3,) array, m, m, rad
-        Pose of the scanner in the room.
-    walls : sequence of (C, 2) arrays, m
-        Closed loops of corners.
-    rays : int
-    field_of_view : float within (0, 2 pi], rad
-        Centred on the scanner's x axis.
-    sigma_range : float, m
-    outliers : float within [0, 1]
-        Share of the points that come from an obstacle in front of the wall, uniformly distributed
-        along the ray.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument: a pose outside the room, fewer than one ray, a share outside [0, 1].
+    ``pose`` (3,), in m, m, rad, is that of the scanner in the room; the field of view (rad) is
+    centred on the scanner's x axis.  A share ``outliers`` of the points comes from an obstacle in
+    front of the wall, uniformly distributed along the ray.  Raises a ``ValueError`` if the pose
+    lies outside the room, or the field of view or the share is out of range.
     """
-    if rays < 1:
-        raise ValueError(f"rays must be at least 1, but is {rays}")
-    sigma = check_positive_scalar("sigma_range", sigma_range)
     share = check_fraction("outliers", outliers)
-    view = check_positive_scalar("field_of_view", field_of_view)
-    if view > 2.0 * np.pi:
-        raise ValueError(f"field_of_view must be at most 2 pi, but is {view:g}")
-    spacing = view / rays
-    azimuth = spacing * np.arange(rays, dtype=np.float64) - 0.5 * view
+    view = check_within("field_of_view", field_of_view, 1e-6, 2.0 * np.pi)
+    spacing = view / RAYS
+    azimuth = spacing * np.arange(RAYS, dtype=np.float64) - 0.5 * view
     wall = ray_ranges(pose, azimuth, walls)
-    measured = np.maximum(wall + sigma * rng.standard_normal(rays), NEAREST)
-    outlier = np.zeros(rays, dtype=np.bool_)
-    outlier[rng.permutation(rays)[: round(share * rays)]] = True
-    stray = NEAREST + (np.maximum(wall, NEAREST) - NEAREST) * rng.random(rays)
+    measured = np.maximum(wall + sigma_range * rng.standard_normal(RAYS), NEAREST)
+    outlier = np.zeros(RAYS, dtype=np.bool_)
+    outlier[rng.permutation(RAYS)[: round(share * RAYS)]] = True
+    stray = NEAREST + (np.maximum(wall, NEAREST) - NEAREST) * rng.random(RAYS)
     return RoomScan(np.where(outlier, stray, measured), azimuth, spacing, outlier)
 
 

@@ -14,7 +14,8 @@ import json
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ import numpy as np
 
 from d2d._types import Array
 from d2d.radar import (
-    RadarScan,
+    Comparison,
     Recording,
     Track,
     doppler_ego_motion,
@@ -30,15 +31,13 @@ from d2d.radar import (
     track,
 )
 from d2d.radar.tracks.rounds import rounds
-from d2d.study.drives.errors import DriveErrors
-from d2d.study.recordings.calibration import (
+from d2d.radar.trust.alignment import scan_velocities
+from d2d.study.recordings.residuals import (
     Correction,
     fit_correction,
     residual_rms,
     residual_sigmas,
     some_of,
-    static_targets,
-    turned,
 )
 from d2d.study.recordings.suspects import judge_halves
 from d2d.study.results import results_path
@@ -56,37 +55,19 @@ COLUMNS = (
 _UPPER = np.triu_indices(3)
 
 
-@dataclass(frozen=True)
-class Run:
+class Run(NamedTuple):
     """One way to estimate a drive.
 
-    Attributes
-    ----------
-    sensors : tuple of int
-    method : "registration", "Doppler only" or "Doppler only, equal weights"
-    baseline, doppler
-        Options of the registration, see `d2d.radar.track`.
-    strongest : int, optional
-        See `load_radarscenes`.
-    at_random : int, optional
-        Number of targets kept in each scan, chosen at random.
-    turned : bool
-        Whether to use the mounting angles that the first half of the recording suggests.
-    own_sigmas : bool
-        Whether to use the standard deviations of range and azimuth that the residuals of each
-        sensor's first registration show, instead of the defaults of `load_radarscenes`.
-    extent : float, optional, m
-        Position scatter of every target instead of the default of `load_radarscenes`.
+    ``baseline`` and ``doppler`` are options of the registration, see `d2d.radar.track`;
+    ``strongest`` is one of `load_radarscenes`, as is ``extent``, the position scatter (m) of every
+    target, whose default it replaces.
     """
 
     sensors: tuple[int, ...]
-    method: str = "registration"
+    method: str = "registration"  # or "Doppler only", or "Doppler only, equal weights"
     baseline: int = 1
     doppler: bool = True
     strongest: int | None = None
-    at_random: int | None = None
-    turned: bool = False
-    own_sigmas: bool = False
     extent: float | None = None
 
 
@@ -96,17 +77,9 @@ RUNS = {
     "sensor 3, baseline 2": Run((3,), baseline=2),
     "sensor 3, baseline 3": Run((3,), baseline=3),
     "sensor 3, without Doppler": Run((3,), doppler=False),
-    "sensor 3, strongest 48": Run((3,), strongest=48),
-    "sensor 3, strongest 48, baseline 2": Run((3,), baseline=2, strongest=48),
-    "sensor 3, random 48, baseline 2": Run((3,), baseline=2, at_random=48),
-    "sensor 3, own sigmas, baseline 2": Run((3,), baseline=2, own_sigmas=True),
-    "sensor 3, Doppler only": Run((3,), "Doppler only"),
     "four sensors": Run(SENSORS),
     "four sensors, baseline 2": Run(SENSORS, baseline=2),
     "four sensors, strongest 48, baseline 2": Run(SENSORS, baseline=2, strongest=48),
-    "four sensors, random 48, baseline 2": Run(SENSORS, baseline=2, at_random=48),
-    "four sensors, turned, baseline 2": Run(SENSORS, baseline=2, turned=True),
-    "four sensors, own sigmas, baseline 2": Run(SENSORS, baseline=2, own_sigmas=True),
     **{
         f"four sensors, extent {extent:g} m, baseline 2": Run(SENSORS, baseline=2, extent=extent)
         for extent in (0.0, 0.3)
@@ -123,9 +96,9 @@ class Result(NamedTuple):
     errors: Array
 
     @property
-    def judged(self) -> DriveErrors:
+    def judged(self) -> Comparison:
         """The errors of the converged pairs that have a reference, with their covariances."""
-        return DriveErrors.from_errors(self.track, self.errors)
+        return Comparison.from_errors(self.track, self.errors)
 
     @property
     def reference(self) -> Array:
@@ -146,43 +119,34 @@ def compute(
     stated time offset and side slip.  Times count from the first scan of the first sensor.
     ``report`` is called with one line for each run.
     """
-    load = _Loader(root, sequence)
-    raw = [load(s, None, 0.0, 0.0) for s in SENSORS]
+
+    @cache
+    def load(sensor: int, strongest: int | None = None, **corrected: Any) -> Recording:
+        return load_radarscenes(root, sequence, sensor, strongest=strongest, **corrected)
+
+    raw = [load(s, time_offset=0.0, side_slip=0.0) for s in SENSORS]
     start, end = raw[0].scans[0].time, raw[0].scans[-1].time
     facts, correction = recording_facts(raw, end - start)
-    reference = load(1, None, correction.time_offset, correction.side_slip).reference
-    stated = load(1, None, *STATED).reference
+    offset, slip = correction.time_offset, correction.side_slip
+    reference = load(1, time_offset=offset, side_slip=slip).reference
+    stated = load(1, time_offset=STATED[0], side_slip=STATED[1]).reference
     results = {}
     for name, run in runs.items():
         recordings = [load(s, run.strongest) for s in run.sensors]
-        if run.at_random is not None:
-            recordings = [thinned(recording, run.at_random) for recording in recordings]
-        if run.turned:
-            recordings = [
-                turned(r, correction.yaw[SENSORS.index(s)])
-                for r, s in zip(recordings, run.sensors, strict=True)
-            ]
-        if run.own_sigmas:
-            recordings = [with_own_sigmas(recording) for recording in recordings]
         if run.extent is not None:
             recordings = [with_extent(recording, run.extent) for recording in recordings]
         begin = time.perf_counter()
         driven = drive(run, recordings)
         facts["seconds"][name] = round(time.perf_counter() - begin, 2)
         errors = driven.theta - reference.at(driven.times).theta
-        against_stated = DriveErrors.from_errors(
-            driven, driven.theta - stated.at(driven.times).theta
+        against_stated = driven.theta - stated.at(driven.times).theta
+        facts["stated_rmse"][name] = Comparison.from_errors(driven, against_stated).rmse.tolist()
+        results[name] = Result(replace(driven, times=driven.times - start), errors)
+        report(
+            "{}: v_x {:.3f} m/s, v_y {:.3f} m/s, omega {:.2f} deg/s".format(
+                name, *results[name].judged.rmse
+            )
         )
-        facts["stated_rmse"][name] = against_stated.rmse.tolist()
-        from_start = Track(
-            driven.times - start,
-            driven.intervals,
-            driven.theta,
-            driven.covariance,
-            driven.converged,
-        )
-        results[name] = Result(from_start, errors)
-        report(f"{name}: {rmse_text(results[name].judged)}")
     for s in SENSORS:
         if f"sensor {s}" in results:
             sigmas = residual_sigmas(load(s, None), results[f"sensor {s}"].track, SECTORS)
@@ -191,60 +155,27 @@ def compute(
     return results, facts
 
 
-class _Loader:
-    """Recordings by sensor and options, each read once."""
-
-    def __init__(self, root: str | os.PathLike[str], sequence: int | str) -> None:
-        self.root, self.sequence = root, sequence
-        self.known: dict[tuple[Any, ...], Recording] = {}
-
-    def __call__(self, sensor: int, strongest: int | None, *corrected: float) -> Recording:
-        key = (sensor, strongest, *corrected)
-        if key not in self.known:
-            names = ("time_offset", "side_slip")
-            options: dict[str, Any] = dict(zip(names, corrected, strict=False))
-            self.known[key] = load_radarscenes(
-                self.root, self.sequence, sensor, strongest=strongest, **options
-            )
-        return self.known[key]
-
-
-def whole_rounds(recordings: Sequence[Recording]) -> list[list[RadarScan]]:
-    """The scans of each sensor, without those of a last round that lacks a sensor.
+def whole_rounds(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings without the scans of a last round that lacks a sensor.
 
     A recording is cut off at a time, not at the end of a round: an incomplete last round would give
     an estimate from one sensor among those from all sensors.
     """
     groups = rounds([r.scans for r in recordings])
-    while groups and len(groups[-1]) < len(recordings):
+    while len(groups[-1]) < len(recordings):
         groups.pop()
-    kept = [
-        1 + max((i for group in groups for s, i in group if s == number), default=-1)
-        for number in range(len(recordings))
-    ]
-    return [list(r.scans[:count]) for r, count in zip(recordings, kept, strict=True)]
+    last = dict(groups[-1])  # index of the scan by sensor
+    return [replace(r, scans=r.scans[: last[s] + 1]) for s, r in enumerate(recordings)]
 
 
 def drive(run: Run, recordings: Sequence[Recording]) -> Track:
     """Estimate a drive from the recordings of the run's sensors, with the run's options."""
-    recordings = [
-        replace(r, scans=scans)
-        for r, scans in zip(recordings, whole_rounds(recordings), strict=True)
-    ]
-    if run.method != "registration":
-        return _doppler_track(recordings, run.method == "Doppler only")
-    return track(recordings, baseline=run.baseline, doppler=run.doppler)
-
-
-def thinned(recording: Recording, count: int) -> Recording:
-    """The recording with at most ``count`` random targets of each scan, the same at every call."""
-    rng = np.random.default_rng(0)
-
-    def some(scan: RadarScan) -> RadarScan:
-        chosen = rng.choice(scan.size, min(count, scan.size), replace=False)
-        return scan[np.sort(chosen)]
-
-    return replace(recording, scans=[some(scan) for scan in recording.scans])
+    recordings = whole_rounds(recordings)
+    if run.method == "registration":
+        return track(recordings, baseline=run.baseline, doppler=run.doppler)
+    if run.method == "Doppler only":
+        return _doppler_track(recordings)
+    return _doppler_track([_with_exact_azimuth(recording) for recording in recordings])
 
 
 def with_extent(recording: Recording, extent: float) -> Recording:
@@ -252,48 +183,19 @@ def with_extent(recording: Recording, extent: float) -> Recording:
     return replace(recording, scans=[scan.with_extent(extent) for scan in recording.scans])
 
 
-def with_own_sigmas(recording: Recording) -> Recording:
-    """The recording with the standard deviations of range and azimuth that its residuals show.
-
-    They are interpolated between the middles of the sectors.
-    """
-    sigmas = residual_sigmas(recording, track(recording), SECTORS)
-    middles = [0.5 * sum(sigma.sector) for sigma in sigmas]
-
-    def renewed(scan: RadarScan) -> RadarScan:
-        degrees = np.rad2deg(np.abs(scan.azimuth))
-        sigma_range, sigma_azimuth = (
-            np.interp(degrees, middles, [getattr(sigma, name) for sigma in sigmas])
-            for name in ("range", "azimuth")
-        )
-        return RadarScan(
-            scan.time,
-            scan.range,
-            scan.azimuth,
-            scan.doppler,
-            sigma_range,
-            sigma_azimuth,
-            scan.sigma_doppler,
-        )
-
-    return replace(recording, scans=[renewed(scan) for scan in recording.scans])
+def _with_exact_azimuth(recording: Recording) -> Recording:
+    """The recording with azimuth errors that count neither in the weights nor in the gate."""
+    scans = [replace(s, sigma_azimuth=np.full(s.size, 1e-9)) for s in recording.scans]
+    return replace(recording, scans=scans)
 
 
-def _doppler_track(recordings: Sequence[Recording], weighted: bool) -> Track:
-    """Least squares on each round's Doppler velocities; with a single sensor, v_y is taken as zero.
-
-    If not ``weighted``, the azimuth error is ignored, both in the weights and in the gate.
-    """
-    groups = rounds([r.scans for r in recordings])
+def _doppler_track(recordings: Sequence[Recording]) -> Track:
+    """Least squares on each round's Doppler velocities; with one sensor, v_y is taken as zero."""
     motions, times = [], []
-    for group in groups:
-        scans = [recordings[s].scans[i] for s, i in group]
-        views = [
-            (scan if weighted else _with_exact_azimuth(scan), recordings[s].mounting)
-            for scan, (s, _) in zip(scans, group, strict=True)
-        ]
+    for group in rounds([r.scans for r in recordings]):
+        views = [(recordings[s].scans[i], recordings[s].mounting) for s, i in group]
         motions.append(doppler_ego_motion(views, side_slip=len(recordings) > 1))
-        times.append(np.mean([scan.time for scan in scans]))
+        times.append(np.mean([scan.time for scan, _ in views]))
     covariance = np.array([motion.covariance for motion in motions[1:]])
     return Track(
         np.array(times[1:]),
@@ -301,18 +203,6 @@ def _doppler_track(recordings: Sequence[Recording], weighted: bool) -> Track:
         np.array([motion.theta for motion in motions[1:]]),
         covariance,
         np.isfinite(covariance).all(axis=(1, 2)),
-    )
-
-
-def _with_exact_azimuth(scan: RadarScan) -> RadarScan:
-    return RadarScan(
-        scan.time,
-        scan.range,
-        scan.azimuth,
-        scan.doppler,
-        scan.sigma_range,
-        1e-9,
-        scan.sigma_doppler,
     )
 
 
@@ -324,7 +214,8 @@ def recording_facts(raw: Sequence[Recording], duration: float) -> tuple[dict[str
     is judged with a correction that it did not help to choose.
     """
     halves = {"first half": (0.0, 0.5 * duration), "second half": (0.5 * duration, np.inf)}
-    odometry, found = raw[0].reference, static_targets(raw)
+    odometry = raw[0].reference
+    found = scan_velocities((recording.scans, recording.mounting) for recording in raw)
     starts = np.array([recording.scans[0].time for recording in raw])
     elapsed = found.time - starts[found.sensor]
     groups = {f"sensor {s}": found.sensor == number for number, s in enumerate(SENSORS)}
@@ -334,7 +225,7 @@ def recording_facts(raw: Sequence[Recording], duration: float) -> tuple[dict[str
         for name, own in groups.items():
             targets = some_of(found, own & (elapsed >= first) & (elapsed < last))
             fit = fit_correction(targets, odometry)
-            fits.append({"part": part, "sensors": name, **asdict(fit)})
+            fits.append({"part": part, "sensors": name, **fit._asdict()})
             if part == "all":
                 profile[name] = [residual_rms(targets, odometry, t) for t in OFFSETS]
             if (part, name) == ("first half", "four sensors"):
@@ -352,11 +243,6 @@ def recording_facts(raw: Sequence[Recording], duration: float) -> tuple[dict[str
         "profile": profile,
     }
     return facts, correction
-
-
-def rmse_text(judged: DriveErrors) -> str:
-    """The RMSE in m/s, m/s and deg/s, as one line of text."""
-    return "v_x {:.3f} m/s, v_y {:.3f} m/s, omega {:.2f} deg/s".format(*judged.rmse)
 
 
 def write_estimates(path: Path, results: dict[str, Result]) -> None:

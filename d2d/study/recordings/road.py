@@ -10,18 +10,18 @@ see `Part`.
 import argparse
 import json
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from d2d._types import Array
 from d2d.radar import (
     Comparison,
     ErrorBudget,
     Recording,
     Reference,
-    Track,
     VehicleLimits,
     compare,
     compare_halves,
@@ -30,11 +30,11 @@ from d2d.radar import (
     load_radarscenes,
     track,
 )
+from d2d.study.recordings.estimates import SENSORS, with_extent
 from d2d.study.recordings.turning import CHANNELS, of_turning
 from d2d.study.results import results_path
 
 SEQUENCE = 105
-SENSORS = (1, 2, 3, 4)
 SIDE_CHANNELS = CHANNELS[1:3]
 FITTED_SCENES, OTHER_SCENES = ("scene-0061", "scene-0103"), ("scene-0916", "scene-1077")
 BASELINES = (2, 4)  # about 0.15 and 0.3 s
@@ -74,19 +74,15 @@ def joint_reference(recordings: Sequence[Recording]) -> Reference:
     return Reference(columns[:, 0], columns[:, 1:4], columns[:, 4:])
 
 
-def joint_track(recordings: Sequence[Recording], **options: Any) -> Track:
-    """The track of all sensors together."""
-    return track(recordings, **options)
+def judged(recordings: Sequence[Recording], **options: Any) -> Comparison:
+    """The track of all sensors together, with these options, beside the reference."""
+    return compare(track(recordings, **options), joint_reference(recordings))
 
 
 def whole(name: str, recordings: Sequence[Recording], baseline: int) -> Part:
     """A drive with the three covariances that need nothing fitted here."""
-    reference = joint_reference(recordings)
-    tracks = [
-        joint_track(recordings, baseline=baseline, budget=budget)
-        for budget in (None, ErrorBudget(), recordings[0].budget)
-    ]
-    return Part(name, *(compare(each, reference) for each in tracks))
+    budgets = (None, ErrorBudget(), recordings[0].budget)
+    return Part(name, *(judged(recordings, baseline=baseline, budget=each) for each in budgets))
 
 
 def between(part: Part, name: str, first: float, last: float) -> Part:
@@ -96,20 +92,14 @@ def between(part: Part, name: str, first: float, last: float) -> Part:
         begin, end = found.times[[0, -1]]
         share = (found.times - begin) / (end - begin)
         inside = (share >= first) & (share <= last)
-        return Comparison(
-            found.times[inside],
-            found.errors[inside],
-            found.covariances[inside],
-            found.share,
-            found.converged,
+        return replace(
+            found,
+            times=found.times[inside],
+            errors=found.errors[inside],
+            covariances=found.covariances[inside],
         )
 
     return Part(name, *(cut(each) for each in part[1:]))
-
-
-def with_covariances(found: Comparison, covariances: Array) -> Comparison:
-    """The same errors beside other covariances (n, 3, 3)."""
-    return Comparison(found.times, found.errors, covariances, found.share, found.converged)
 
 
 def models(part: Part, fitted: Sequence[Part]) -> dict[str, Comparison]:
@@ -121,13 +111,12 @@ def models(part: Part, fitted: Sequence[Part]) -> dict[str, Comparison]:
     errors = np.concatenate([each.plain.errors for each in fitted])
     covariances = np.concatenate([each.plain.covariances for each in fitted])
     nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors)
-    constant = np.broadcast_to(errors.T @ errors / len(errors), part.plain.covariances.shape)
+    scaled = part.plain.covariances * nees.mean() / 3.0
+    constant = np.broadcast_to(errors.T @ errors / len(errors), scaled.shape)
     return {
         "inverse Hessian": part.plain,
-        "inverse Hessian, one factor": with_covariances(
-            part.plain, part.plain.covariances * nees.mean() / 3.0
-        ),
-        "one constant matrix": with_covariances(part.plain, constant),
+        "inverse Hessian, one factor": replace(part.plain, covariances=scaled),
+        "one constant matrix": replace(part.plain, covariances=constant),
         "propagated noise": part.noise,
         "noise and budget": part.budget,
     }
@@ -150,7 +139,7 @@ def scores(found: Comparison) -> dict[str, Any]:
 
 def judge_radarscenes(recordings: Sequence[Recording]) -> dict[str, Any]:
     """The whole sequence, and each half with the simple models fitted on the other."""
-    judged = {}
+    found = {}
     for baseline in BASELINES:
         part = whole("all", recordings, baseline)
         halves = [
@@ -159,42 +148,31 @@ def judge_radarscenes(recordings: Sequence[Recording]) -> dict[str, Any]:
         ]
         rows = {"all": models(part, [part])}
         rows |= {halves[i].name: models(halves[i], [halves[1 - i]]) for i in (0, 1)}
-        judged[f"baseline {baseline}"] = {
-            where: {name: scores(found) for name, found in row.items()}
-            for where, row in rows.items()
+        found[f"baseline {baseline}"] = {
+            where: {name: scores(each) for name, each in row.items()} for where, row in rows.items()
         }
-    return judged
+    return found
 
 
 def judge_nuscenes(scenes: dict[str, list[Recording]]) -> dict[str, Any]:
     """Every scene, with the simple models fitted on the two training scenes."""
-    judged = {}
+    found = {}
     for baseline in BASELINES:
         parts = {name: whole(name, own, baseline) for name, own in scenes.items()}
         fitted = [parts[name] for name in FITTED_SCENES]
-        judged[f"baseline {baseline}"] = {
-            name: {model: scores(found) for model, found in models(part, fitted).items()}
+        found[f"baseline {baseline}"] = {
+            name: {model: scores(each) for model, each in models(part, fitted).items()}
             for name, part in parts.items()
         }
-    return judged
-
-
-def with_extent(recordings: Sequence[Recording], extent: float) -> list[Recording]:
-    """Recordings whose targets scatter by another extent."""
-    return [
-        Recording([scan.with_extent(extent) for scan in r.scans], r.mounting, r.reference, r.budget)
-        for r in recordings
-    ]
+    return found
 
 
 def extents(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
     """Errors and inverse Hessian of all sensors together against the extent, baseline 2."""
-    reference = joint_reference(recordings)
     rows = []
     for extent in EXTENTS:
-        own = with_extent(recordings, extent)
-        plain = compare(joint_track(own, baseline=2), reference)
-        noise = compare(joint_track(own, baseline=2, budget=ErrorBudget()), reference)
+        own = [with_extent(recording, extent) for recording in recordings]
+        plain, noise = (judged(own, baseline=2, budget=each) for each in (None, ErrorBudget()))
         rows.append(
             {"extent": extent, "inverse Hessian": scores(plain), "propagated": scores(noise)}
         )
@@ -203,34 +181,23 @@ def extents(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
 
 def widths(recordings: Sequence[Recording]) -> dict[str, Any]:
     """All sensors together with the thesis's outliers (a width of 1 m/s), ours, and wide ones."""
-    reference = joint_reference(recordings)
     return {
-        f"{width:g} m/s": scores(
-            compare(joint_track(recordings, baseline=2, doppler_width=width), reference)
-        )
+        f"{width:g} m/s": scores(judged(recordings, baseline=2, doppler_width=width))
         for width in (1.0, 4.0, 40.0)
     }
 
 
-def horizons(drives: dict[str, list[Recording]]) -> dict[str, list[dict[str, Any]]]:
+def horizons(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
     """Scores with the budget, and the mean time between the scans of a pair, by baseline."""
-    found: dict[str, list[dict[str, Any]]] = {}
-    for name, recordings in drives.items():
-        reference = joint_reference(recordings)
-        step = float(np.median(np.diff([scan.time for scan in recordings[0].scans])))
-        found[name] = [
-            {
-                "horizon": baseline * step,
-                **scores(
-                    compare(
-                        joint_track(recordings, baseline=baseline, budget=recordings[0].budget),
-                        reference,
-                    )
-                ),
-            }
-            for baseline in LONGER
-        ]
-    return found
+    step = float(np.median(np.diff([scan.time for scan in recordings[0].scans])))
+    budget = recordings[0].budget
+    return [
+        {
+            "horizon": baseline * step,
+            **scores(judged(recordings, baseline=baseline, budget=budget)),
+        }
+        for baseline in LONGER
+    ]
 
 
 def side_radars(root: str | Path) -> list[dict[str, Any]]:
@@ -246,15 +213,15 @@ def side_radars(root: str | Path) -> list[dict[str, Any]]:
     for way, options in ways.items():
         for scenes in (FITTED_SCENES, OTHER_SCENES):
             kept, errors, known = 0, [], 0
-            for scene in scenes:
-                for channel in SIDE_CHANNELS:
-                    own = load_nuscenes(root, scene, channel)
-                    driven = track(own, **options)
-                    error = driven.theta - own.reference.at(driven.times).theta
-                    told = np.isfinite(error).all(axis=1)
-                    kept += int((told & driven.converged).sum())
-                    known += int(told.sum())
-                    errors.append(error[told & driven.converged, 2])
+            for scene, channel in product(scenes, SIDE_CHANNELS):
+                own = load_nuscenes(root, scene, channel)
+                driven = track(own, **options)
+                error = driven.theta - own.reference.at(driven.times).theta
+                judgeable = np.isfinite(error).all(axis=1)
+                good = judgeable & driven.converged
+                kept += int(good.sum())
+                known += int(judgeable.sum())
+                errors.append(error[good, 2])
             omega = np.concatenate(errors)
             rows.append(
                 {
@@ -290,7 +257,7 @@ def of_radarscenes(root: str | Path) -> dict[str, Any]:
         "radarscenes": judge_radarscenes(recordings),
         "extents": extents(recordings),
         "widths": widths(recordings),
-        "horizons of RadarScenes": horizons({"sequence 105": recordings}),
+        "horizons of RadarScenes": {"sequence 105": horizons(recordings)},
         "without_reference": without_reference(recordings),
     }
 
@@ -300,7 +267,7 @@ def of_nuscenes(root: str | Path) -> dict[str, Any]:
     scenes = {name: load_scene(root, name) for name in FITTED_SCENES + OTHER_SCENES}
     return {
         "nuscenes": judge_nuscenes(scenes),
-        "horizons of nuScenes": horizons(scenes),
+        "horizons of nuScenes": {name: horizons(own) for name, own in scenes.items()},
         "turning": of_turning(root),
         "side_radars": side_radars(root),
     }

@@ -21,21 +21,19 @@ CLASSES = (
 )
 
 
-class View(NamedTuple):
-    """What one sensor sees, and the inlier probability (K,) of each target."""
+class WeighedScan(NamedTuple):
+    """The scan of one sensor, and the inlier probability (K,) of each of its targets."""
 
     scan: RadarScan
     mounting: Mounting
     probabilities: Array
 
 
-def animate_scans(name: str, rounds: Sequence[Sequence[View]], ahead: float = 60.0) -> str:
+def animate_scans(name: str, rounds: Sequence[Sequence[WeighedScan]], ahead: float = 60.0) -> str:
     """Animate rounds of views, with ``ahead`` metres in front of the vehicle in the picture.
 
-    The x axis, forward, points up.  Raises ``ValueError`` if there is no round.
+    The x axis, forward, points up.
     """
-    if not rounds:
-        raise ValueError("rounds must hold at least one round of views, but is empty")
     captions = []
     for views in rounds:
         trusted = np.concatenate([view.probabilities for view in views])
@@ -55,14 +53,14 @@ class Field(NamedTuple):
     aside: float
 
 
-def _places(view: View) -> Array:
+def _places(view: WeighedScan) -> Array:
     """Positions (K, 2) of the targets in the vehicle frame, in m."""
     angle = view.scan.azimuth + view.mounting.yaw
     x = view.mounting.x + view.scan.range * np.cos(angle)
     return np.column_stack([x, view.mounting.y + view.scan.range * np.sin(angle)])
 
 
-def _field(rounds: Sequence[Sequence[View]], ahead: float) -> Field:
+def _field(rounds: Sequence[Sequence[WeighedScan]], ahead: float) -> Field:
     """As much of the ground as most targets need that are not farther than ``ahead`` m."""
     where = np.concatenate([_places(view) for views in rounds for view in views])
     x, y = where[np.hypot(*where.T) < ahead].T
@@ -74,7 +72,7 @@ def _field(rounds: Sequence[Sequence[View]], ahead: float) -> Field:
     return Field(behind, before, max(aside, 0.5 * (behind + before) / TALLEST))
 
 
-def _frame(views: Sequence[View], field: Field) -> str:
+def _frame(views: Sequence[WeighedScan], field: Field) -> str:
     scale = 0.5 * WIDTH / field.aside
     height = scale * (field.ahead + field.behind) + KEY
     origin = np.array([0.5 * WIDTH, scale * field.ahead])

@@ -29,15 +29,7 @@ EDGES: dict[str, Array] = {
 
 
 def scan_profile(scans: Sequence[RadarScan]) -> dict[str, Any]:
-    """Targets in a scan, and how many of them lie in each bin of `EDGES`, means over the scans.
-
-    Raises
-    ------
-    ValueError
-        If there are no scans.
-    """
-    if not scans:
-        raise ValueError("scans must hold at least one scan, but is empty")
+    """Targets in a scan, and how many of them lie in each bin of `EDGES`, means over the scans."""
     measured = (
         np.concatenate([scan.range for scan in scans]),
         np.rad2deg(np.concatenate([scan.azimuth for scan in scans])),

@@ -4,6 +4,7 @@ All of them need only what `d2d.study.recordings.estimates` stores: tracks and t
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,10 @@ from matplotlib.axes import Axes
 
 from d2d._types import Array
 from d2d.radar import Comparison, Recording, Track, compare_halves
+from d2d.radar.trust.comparison import NAMES
 from d2d.study.book.grammar import BLACK, GREY, OCHRE, TRUTH
 from d2d.study.book.table import Table, table
 
-DIRECTIONS = ("v_x", "v_y", "omega")
 _MARKS = {"v_x": ("o", BLACK), "v_y": ("s", OCHRE), "omega": ("D", GREY)}
 
 
@@ -48,19 +49,10 @@ def without_slow_part(found: Comparison, seconds: float) -> Comparison:
 
     The remainder varies faster.  If the errors of successive estimates are independent, this
     removes a share of one over the number of neighbours.
-
-    Raises
-    ------
-    ValueError
-        If ``seconds`` is not positive.
     """
-    if not seconds > 0.0:
-        raise ValueError(f"seconds must be positive, but is {seconds:g}")
     near = np.abs(found.times[:, np.newaxis] - found.times) <= 0.5 * seconds
     slow = (near @ found.errors) / near.sum(axis=1, keepdims=True)
-    return Comparison(
-        found.times, found.errors - slow, found.covariances, found.share, found.converged
-    )
+    return replace(found, errors=found.errors - slow)
 
 
 def beside_changed_reference(
@@ -101,7 +93,7 @@ def parts_table(judged: Mapping[str, Mapping[str, Any]], caption: str) -> Table:
             "experiment",
             ("ANEES", "", ".1f"),
             "95 % interval",
-            *((f"part of {name}", "", ".1f") for name in DIRECTIONS),
+            *((f"part of {name}", "", ".1f") for name in NAMES),
         ],
         caption,
     )
@@ -113,7 +105,7 @@ def draw_parts(ax: Axes, judged: Mapping[str, Mapping[str, Any]], groups: Sequen
     A credible covariance has all of them at one, the dashed line.
     """
     rows = np.arange(len(judged))[::-1]
-    for k, name in enumerate(DIRECTIONS):
+    for k, name in enumerate(NAMES):
         marker, color = _MARKS[name]
         values = [found["whitened"][k] for found in judged.values()]
         ax.plot(values, rows, marker, color=color, ms=6, label=("$v_x$", "$v_y$", "ω")[k])

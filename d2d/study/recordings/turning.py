@@ -30,40 +30,21 @@ _EDGES = np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0])  # 
 
 
 class Residuals(NamedTuple):
-    """By how much the Doppler velocities of n targets exceed those that the reference predicts.
+    """By how much the Doppler velocities of n targets exceed those that the reference predicts."""
 
-    Attributes
-    ----------
-    excess : (n,) array, m/s
-    outward : (n,) array, m/s^2
-        omega^2 r.
-    ahead, sideways : (n,) arrays
-        Cosine of the direction in the vehicle frame, and its sine times v_x in m/s.
-    sensor : (n,) array of int
-    """
-
-    excess: Array
-    outward: Array
-    ahead: Array
-    sideways: Array
-    sensor: NDArray[np.int64]
+    excess: Array  # (n,) m/s
+    outward: Array  # (n,) m/s^2, omega^2 r
+    ahead: Array  # (n,) cosine of the direction in the vehicle frame
+    sideways: Array  # (n,) m/s, its sine times v_x
+    sensor: NDArray[np.int64]  # (n,)
 
 
 class Turning(NamedTuple):
-    """The fit to one drive.
+    """The fit to one drive with S sensors."""
 
-    Attributes
-    ----------
-    prediction_time : float, s
-    mounting_errors : (S,) array, rad
-        To be added to the stated angles.
-    speed_errors : (S,) array, m/s
-        By how much each sensor's speed exceeds the reference's.
-    """
-
-    prediction_time: float
-    mounting_errors: Array
-    speed_errors: Array
+    prediction_time: float  # s
+    mounting_errors: Array  # (S,) rad, to be added to the stated angles
+    speed_errors: Array  # (S,) m/s, by how much each sensor's speed exceeds the reference's
 
 
 def load_stated(root: str | Path, scene: str) -> list[Recording]:

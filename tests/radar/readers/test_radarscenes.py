@@ -20,10 +20,9 @@ import pytest
 from numpy.lib.recfunctions import repack_fields
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.radar import Mounting, SlipLaw, doppler_velocity, load_radarscenes, track
+from d2d.radar import Mounting, SlipLaw, compare, doppler_velocity, load_radarscenes, track
 from d2d.radar.readers.radarscenes import azimuth_sigma
 from d2d.radar.scans.scan import doppler_gradients
-from d2d.study.drives.errors import DriveErrors
 from d2d.study.recordings.estimates import data_root
 
 SENSORS = {
@@ -600,7 +599,7 @@ def test_real_radar_is_late_against_the_odometry():
     rmse = {}
     for offset in (-0.11, 0.0, 0.11, 0.22):
         reference = load_radarscenes(ROOT, 105, 3, time_offset=offset).reference
-        rmse[offset] = DriveErrors.of(driven, reference).rmse[0]
+        rmse[offset] = compare(driven, reference).rmse[0]
     assert min(rmse, key=rmse.get) == 0.11
 
 
@@ -609,7 +608,7 @@ def test_real_drive_with_and_without_doppler():
     """Breaks if the estimates on sequence 105, sensor 3, get worse than the project promises."""
     recording = load_radarscenes(ROOT, 105, 3)
     sharp, plain = (
-        DriveErrors.of(track(recording, doppler=d), recording.reference) for d in (True, False)
+        compare(track(recording, doppler=d), recording.reference) for d in (True, False)
     )
     v_x, v_y, omega = sharp.rmse
     assert sharp.share > 0.99

@@ -11,10 +11,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import CubicSpline
 from scipy.stats import kstest
 
-from d2d.radar import Drive, Mounting, doppler_velocity, simulate_drive, track
+from d2d.radar import Drive, Mounting, compare, doppler_velocity, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, MAX_STEPS, Sensor
 from d2d.radar.simulation.world import KINDS, World, build_world
-from d2d.study.drives.errors import DriveErrors
 from tests.strategies import central_difference
 
 MOUNTING = Mounting(1.2, -0.4, 0.3)
@@ -390,7 +389,7 @@ def test_doppler_sharpens_the_velocity(speed, mounting):
     """
     driven = simulate_drive(np.random.default_rng(1), 30.0, speed, mounting=mounting)
     sharp, plain = (
-        DriveErrors.of(track(driven, doppler=doppler), driven.truth) for doppler in (True, False)
+        compare(track(driven, doppler=doppler), driven.truth) for doppler in (True, False)
     )
     assert sharp.share > 0.99
     assert plain.share > 0.99

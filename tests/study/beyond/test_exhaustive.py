@@ -1,17 +1,18 @@
-"""The exhaustive evaluation: its scenes, its table, and a hundredth of it computed again."""
+"""The exhaustive evaluation: its conditions, its table, and a hundredth of it computed again."""
 
 import os
+import sys
 from datetime import date
 from pathlib import Path
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 
-from d2d import rigid
+from d2d.study.beyond import __main__ as command
 from d2d.study.beyond import exhaustive
 from d2d.study.beyond.exhaustive import (
     GRIDS,
+    RUNS,
     Outcome,
     Trial,
     read_table,
@@ -20,95 +21,26 @@ from d2d.study.beyond.exhaustive import (
     trials,
     write_table,
 )
-from d2d.study.beyond.random_scenes import RandomScenes
-from d2d.study.plane.scenarios import RANGES
 from d2d.study.runs import MonteCarlo
 
 SHARE = 0.01  # of the table, computed again
-NOISE_FREE = {"sigma_range": 1e-6, "sigma_azimuth": 1e-7}
-
-
-# ---- The scenes ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("size", "outlier_share", "overlap", "shared"),
-    [(20, 0.2, 1.0, 16), (20, 0.0, 0.6, 12), (10, 0.3, 0.8, 5), (5, 0.2, 1.0, 4)],
-)
-def test_as_many_targets_are_shared_as_it_says(
-    size: int, outlier_share: float, overlap: float, shared: int
-) -> None:
-    """Breaks if an outlier is seen in both scans, or a shared target in one only."""
-    scene = RandomScenes(size=size, outlier_share=outlier_share, overlap=overlap, **NOISE_FREE)
-    fixed, moving = scene.sample(50, np.random.default_rng(0))
-    back = rigid.transform_means(scene.theta, moving.means)
-    apart = np.linalg.norm(back[:, :, None] - fixed.means[:, None], axis=-1)
-    assert fixed.size == moving.size == size
-    assert scene.shared == shared
-    assert ((apart < 1e-3).sum(axis=(1, 2)) == shared).all()
-    # no two different targets are nearer than the spacing
-    assert apart[apart > 1e-3].min() > scene.spacing - 1e-3
-
-
-def test_what_lies_outside_the_overlap_lies_at_the_sides() -> None:
-    """Breaks if partial overlap is just another kind of clutter."""
-    scene = RandomScenes(outlier_share=0.0, overlap=0.5, **NOISE_FREE)
-    fixed, moving = scene.sample(50, np.random.default_rng(1))
-    back = rigid.transform_means(scene.theta, moving.means)
-    lone = np.linalg.norm(fixed.means[:, :, None] - back[:, None], axis=-1).min(axis=-1) > 1e-3
-    azimuth = np.arctan2(fixed.means[..., 1], fixed.means[..., 0])
-    rightmost = np.argsort(azimuth, axis=1)[:, :10]
-    assert np.take_along_axis(lone, rightmost, axis=1).all()
-    assert lone.sum() == 50 * 10
-
-
-def test_layouts_differ_from_run_to_run_and_stay_in_the_field() -> None:
-    """Breaks if all runs share a layout: the sweep would speak of one scene."""
-    scene = RandomScenes(view=0.3, spacing=0.5, **NOISE_FREE)
-    fixed, _ = scene.sample(200, np.random.default_rng(2))
-    distance = np.hypot(fixed.means[..., 0], fixed.means[..., 1])
-    assert fixed.means.std(axis=0).min() > 1.0
-    assert np.abs(np.arctan2(fixed.means[..., 1], fixed.means[..., 0])).max() < 0.3 + 1e-5
-    assert distance.min() > RANGES[0] - 1e-4
-    assert distance.max() < RANGES[1] + 1e-4
-
-
-def test_reported_noise_is_a_multiple_of_the_actual() -> None:
-    """Breaks if the factor changes the noise as well."""
-    one = RandomScenes().sample(20, np.random.default_rng(3))
-    two = RandomScenes(reported=2.0).sample(20, np.random.default_rng(3))
-    for honest, cautious in zip(one, two, strict=True):
-        assert_allclose(cautious.means, honest.means)
-        assert_allclose(cautious.covariances, 4.0 * honest.covariances)
-
-
-def test_impossible_scenes_are_refused() -> None:
-    """Breaks if drawing goes on for ever, or two scans that share nothing are compared."""
-    with pytest.raises(ValueError, match="two are needed"):
-        RandomScenes(size=10, outlier_share=0.9)
-    with pytest.raises(ValueError, match="spacing"):
-        RandomScenes(spacing=15.0).sample(2, np.random.default_rng(0))
-
-
-# ---- The conditions -----------------------------------------------------------------------------
 
 
 def test_start_is_off_by_what_the_trial_says() -> None:
     """Breaks if the error of the start is measured from somewhere else."""
     trial = Trial("start", "robust", distance_m=3.0, direction_deg=90.0, turn_deg=10.0)
-    offset = trial.condition.starts() - trial.condition.scenario.theta
+    offset = trial.arguments["initial"] - trial.arguments["scenario"].theta
     assert_allclose(offset, [0.0, 3.0, np.deg2rad(10.0)], atol=1e-12)
-    zero = Trial("start", "robust", **exhaustive.FROM_ZERO).condition
-    assert_allclose(zero.starts(), 0.0, atol=1e-12)
-    several = Trial("start", "robust", starts=9, **exhaustive.FROM_ZERO).condition
-    assert_allclose(several.starts(), GRIDS[9], atol=1e-12)
+    for starts in (1, 9):
+        zero = Trial("start", "robust", starts=starts, **exhaustive.FROM_ZERO)
+        assert_allclose(np.atleast_2d(zero.arguments["initial"]), GRIDS[starts], atol=1e-12)
 
 
 def test_methods_are_compared_on_the_same_draws() -> None:
     """Breaks if the seed depends on more than the scenes: differences would be blurred by noise."""
     here, there = Trial("noise", "sum"), Trial("start", "robust", distance_m=5.0, starts=9)
-    assert here.condition.seed == there.condition.seed
-    assert here.condition.seed != Trial("noise", "sum", noise=2.0).condition.seed
+    assert here.arguments["seed"] == there.arguments["seed"]
+    assert here.arguments["seed"] != Trial("noise", "sum", noise=2.0).arguments["seed"]
 
 
 def test_schedules_step_down_in_equal_ratios() -> None:
@@ -154,17 +86,14 @@ def test_inlier_share_at_the_truth_is_the_share_of_shared_targets() -> None:
     assert shares[~right].max() < 0.7
 
 
-# ---- The table ----------------------------------------------------------------------------------
-
-
 def test_the_table_holds_every_condition_and_a_million_runs() -> None:
     """Breaks if the conditions change and the table is not made again."""
     rows = read_table()
     assert [trial for trial, _ in rows] == trials()
-    assert len({trial.name for trial, _ in rows}) == len(rows)
+    assert len(set(trials())) == len(rows)
     assert sum(outcome.runs for _, outcome in rows) >= 1_000_000
     for trial, outcome in rows:
-        assert outcome.runs == trial.condition.runs
+        assert outcome.runs == RUNS[trial.starts]
         assert 0 <= outcome.at_truth <= outcome.converged <= outcome.runs
 
 
@@ -173,6 +102,23 @@ def test_write_and_read_are_inverse(tmp_path: Path) -> None:
     write_table(tmp_path / "table.csv", rows)
     again = read_table(tmp_path / "table.csv")
     np.testing.assert_equal(again, rows)  # nan equals nan
+
+
+def test_an_interrupted_sweep_does_only_the_rest(tmp_path: Path, monkeypatch) -> None:
+    """Breaks if an outcome that is kept is computed again, or taken for that of another trial."""
+    wanted = [Trial("noise", "sum", size=size) for size in (5, 6, 7)]
+    table = tmp_path / "table.csv"
+    monkeypatch.setattr(command, "table_path", lambda: table)
+    monkeypatch.setattr(sys, "argv", ["x", "--jobs", "1", "--folder", str(tmp_path / "kept")])
+    simulated, simulate = [], exhaustive.simulate
+    monkeypatch.setattr(exhaustive, "simulate", lambda t: simulated.append(t) or simulate(t))
+    for part in (wanted[:2], wanted):
+        monkeypatch.setattr(command, "trials", lambda part=part: part)
+        command.main()
+    assert simulated == wanted
+    assert [trial for trial, _ in read_table(table)] == wanted
+    stored = [outcome.iterations for _, outcome in read_table(table)]
+    assert_allclose(stored, [recompute(trial).iterations for trial in wanted], rtol=1e-4)
 
 
 def test_select_filters() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -38,22 +40,13 @@ def test_the_columns_add_up_to_the_systematic_covariance(drives):
         assert_allclose(total, measured.radar.parts.systematic, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("column", "name", "small", "within"),
-    [
-        (0, "azimuth", 1e-4, 0.02),
-        (1, "doppler", 1e-3, 0.02),
-        (2, "scale", 1e-4, 0.02),
-        (3, "lag", 0.02, 0.3),
-    ],
-)
-def test_a_column_is_what_its_error_does_to_the_radar(column, name, small, within):
+def test_a_column_is_what_its_error_does_to_the_radar():
     """Breaks if a column has the wrong sign: the budget squares it, a filter does not.
 
     The same drive with and without the error; a lag is known only as well as the acceleration.
     """
 
-    def driven(errors: SensorErrors | None):
+    def driven(budget: ErrorBudget, errors: SensorErrors | None):
         drive = simulate_drive(
             np.random.default_rng(2),
             3.0,
@@ -63,17 +56,18 @@ def test_a_column_is_what_its_error_does_to_the_radar(column, name, small, withi
             sensor=Sensor(quantised=False, clutter=0.0),
             errors=errors,
         )
-        budget = ErrorBudget(**{name: small})
         found = track((drive.scans, CAR_MOUNTING), initial=drive.truth.theta[0], budget=budget)
         return found.theta, fusion.slow_errors(drive.scans, CAR_MOUNTING, found, budget)
 
-    plain, slow = driven(None)
-    moved = driven(SensorErrors(**{name: small}))[0] - plain
-    component = 1 if name == "azimuth" else 0
-    expected = slow[:, component, column]
-    assert np.abs(expected).max() > 1e-5
-    slope = expected @ moved[:, component] / (expected @ expected)
-    assert slope == pytest.approx(1.0, abs=within)
+    errors = {"azimuth": (1e-4, 1), "doppler": (1e-3, 0), "scale": (1e-4, 0), "lag": (0.02, 0)}
+    for column, (name, (small, component)) in enumerate(errors.items()):
+        budget = ErrorBudget(**{name: small})
+        plain, slow = driven(budget, None)
+        moved = driven(budget, SensorErrors(**{name: small}))[0] - plain
+        expected = slow[:, component, column]
+        assert np.abs(expected).max() > 1e-5
+        slope = expected @ moved[:, component] / (expected @ expected)
+        assert slope == pytest.approx(1.0, abs=0.3 if name == "lag" else 0.02), name
 
 
 def synthetic(rng: np.random.Generator, count: int = 300) -> Measured:
@@ -115,16 +109,7 @@ def test_nothing_is_used_where_the_radar_has_no_estimate():
     measured = synthetic(np.random.default_rng(0), 60)
     converged = measured.radar.converged.copy()
     converged[30:40] = False
-    lost = measured._replace(
-        radar=Track(
-            measured.radar.times,
-            measured.radar.intervals,
-            measured.radar.theta,
-            measured.radar.covariance,
-            converged,
-            parts=measured.radar.parts,
-        )
-    )
+    lost = measured._replace(radar=replace(measured.radar, converged=converged))
     result, whole = fuse(lost, FILTERS[2]), fuse(measured, FILTERS[2])
     assert np.isnan(result.nis[30:40]).all()
     assert not result.used[30:40].any()
@@ -142,7 +127,6 @@ def test_only_with_the_slow_errors_as_states_the_filter_can_be_believed(drives):
     assert found.nees_within[inverse] < 0.5 < 0.8 < found.nees_within[states]
     assert found.nees_within[white] < found.nees_within[states]
     assert found.rmse[states, 0] < found.rmse[inverse, 0]
-    assert len(str(found).splitlines()) == 4
 
 
 def test_the_figures_show_every_ingredient_and_what_the_gate_rejects(drives):

@@ -1,4 +1,4 @@
-"""The one-dimensional scene, its cost surfaces and their peaks."""
+"""Cost surfaces of scenes on a line: their peaks and their basins of attraction."""
 
 from __future__ import annotations
 
@@ -8,66 +8,56 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import find_peaks
-from scipy.stats import kstest
 
-from d2d import PointSet, RegistrationCost, UniformOutlier
-from d2d.study.line.scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
-from d2d.study.line.surfaces import log_surface, peaks, target_log_surfaces
+from d2d import RegistrationCost, UniformOutlier
+from d2d.study.line.scene import line_scene
+from d2d.study.line.surfaces import (
+    basin_of_attraction,
+    log_surface,
+    peaks,
+    survey,
+    target_log_surfaces,
+)
 from tests.strategies import FUSIONS, METRICS
 
 GRID = np.linspace(-4.0, 14.0, 181)
+WIDE = np.linspace(-10.0, 10.0, 2001)
 COSTS = [RegistrationCost(*pair) for pair in product(METRICS, FUSIONS)]
 COSTS.append(RegistrationCost(outlier=UniformOutlier(0.01)))
 
 
-def name(cost: RegistrationCost) -> str:
-    """For pytest."""
-    return f"{cost.metric}-{cost.fusion}{'-uniform' if cost.outlier else ''}"
+def test_log_surface_of_a_batch_is_that_of_each_scene_and_translation():
+    """Breaks if the axis of the translations gets mixed up with those of the draws.
+
+    If both are of equal length, they could broadcast against each other.
+    """
+    some = GRID[[0, 60, 61, 100, 180]]
+    for cost, draws in product(COSTS, [(), (3,), (2, 3), (len(some),)]):
+        fixed, moving = line_scene(np.random.default_rng(1), draws=draws)
+        surface = log_surface(cost, some, fixed, moving)
+        assert surface.shape == (*draws, len(some))
+        for index in np.ndindex(draws):
+            a, b = (fixed[index], moving[index]) if draws else (fixed, moving)
+            alone = [-cost.value([t], a, b) for t in some]
+            assert_allclose(surface[index], alone, rtol=1e-13)
 
 
-@pytest.mark.parametrize("cost", COSTS, ids=name)
-@pytest.mark.parametrize("draws", [(), (3,), (2, 3)], ids=str)
-def test_log_surface_of_a_batch_is_that_of_each_scene_and_translation(cost, draws):
-    """Breaks if the axis of the translations gets mixed up with those of the draws."""
-    fixed, moving = line_scene(np.random.default_rng(1), draws=draws)
-    surface = log_surface(cost, GRID, fixed, moving)
-    assert surface.shape == (*draws, len(GRID))
-    for index in np.ndindex(draws):
-        a, b = (fixed[index], moving[index]) if draws else (fixed, moving)
-        for t in (0, 60, 61, 180):
-            alone = -cost.value([GRID[t]], a, b)
-            assert surface[(*index, t)] == pytest.approx(alone, rel=1e-13)
-
-
-def test_log_surface_has_a_batch_axis_as_long_as_the_grid():
-    """Breaks if equal lengths let the two axes broadcast against each other."""
-    fixed, moving = line_scene(np.random.default_rng(2), draws=(5,))
-    surface = log_surface(RegistrationCost(), GRID[:5], fixed, moving)
-    one_by_one = [log_surface(RegistrationCost(), GRID[i : i + 1], fixed, moving) for i in range(5)]
-    assert_allclose(surface, np.concatenate(one_by_one, axis=1), rtol=1e-13)
-
-
-@pytest.mark.parametrize("cost", COSTS, ids=name)
-def test_target_surfaces_are_those_of_each_target_alone(cost):
+def test_target_surfaces_are_those_of_each_target_alone():
     """Breaks if targets are fused, or change places."""
     fixed, moving = line_scene(np.random.default_rng(3))
-    surfaces = target_log_surfaces(cost, GRID, fixed, moving)
-    assert surfaces.shape == (3, len(GRID))
-    densities = cost.target_densities(GRID[:, None], fixed, moving)
-    assert_allclose(np.exp(surfaces), densities.T, rtol=1e-12)
-    for k in range(3):
-        alone = PointSet(moving.means[k : k + 1], moving.covariances[k : k + 1])
-        assert surfaces[k, 70] == pytest.approx(float(-cost.value([GRID[70]], fixed, alone)))
+    for cost in COSTS:
+        densities = cost.target_densities(GRID[:, None], fixed, moving)
+        surfaces = target_log_surfaces(cost, GRID, fixed, moving)
+        assert_allclose(np.exp(surfaces), densities.T, rtol=1e-12)
 
 
-@pytest.mark.parametrize("fusion", FUSIONS)
-def test_target_surfaces_fuse_to_the_whole(fusion):
+def test_target_surfaces_fuse_to_the_whole():
     """Breaks if a target's surface is not the factor, or the term, that the fusion takes."""
-    cost = RegistrationCost(fusion=fusion)
-    fixed, moving = line_scene(np.random.default_rng(4))
-    parts = target_log_surfaces(cost, GRID, fixed, moving)
-    fused = parts.sum(axis=0) if fusion == "likelihood" else np.logaddexp.reduce(parts, axis=0)
-    assert_allclose(log_surface(cost, GRID, fixed, moving), fused, rtol=1e-12, atol=1e-12)
+    sets = line_scene(np.random.default_rng(4))
+    for fusion, fuse in (("likelihood", np.add), ("summing", np.logaddexp)):
+        cost = RegistrationCost(fusion=fusion)
+        fused = fuse.reduce(target_log_surfaces(cost, GRID, *sets), axis=0)
+        assert_allclose(log_surface(cost, GRID, *sets), fused, rtol=1e-12, atol=1e-12)
 
 
 def test_peaks_of_a_known_function():
@@ -80,19 +70,6 @@ def test_peaks_of_a_known_function():
     found = peaks(x, np.log(surface))
     assert_allclose(found.positions, [5.0, 8.5, 2.0], atol=0.005)
     assert_allclose(np.exp(found.log_heights), [1.0, 0.5, 0.25], rtol=1e-3)
-
-
-def test_peaks_of_a_surface_without_any():
-    """Breaks if an edge counts for a peak, or no peak is an error."""
-    found = peaks(np.arange(5.0), np.arange(5.0))
-    assert found.positions.shape == found.log_heights.shape == (0,)
-
-
-def test_the_highest_peak_is_kept_on_a_plateau():
-    """Breaks if a flat top, two equal samples either side of the maximum, is no peak."""
-    found = peaks(np.arange(6.0), np.array([0.0, 3.0, 3.0, 0.0, 1.0, 0.0]))
-    assert found.positions[0] in (1.0, 2.0)
-    assert_array_equal(found.log_heights, [0.0, -2.0])
 
 
 def assert_peaks_of_each_row(found, grid, rows):
@@ -108,22 +85,18 @@ def assert_peaks_of_each_row(found, grid, rows):
         assert np.isneginf(found.log_heights[i, len(index) :]).all()
 
 
-@pytest.mark.parametrize("levels", [2, 3, 5])
-def test_peaks_of_a_batch_are_those_of_each_surface_plateaus_included(levels):
+def test_peaks_of_a_batch_are_those_of_each_surface_plateaus_included():
     """Breaks if a plateau is lost, counted twice or placed elsewhere, or if rows are mixed up."""
-    rng = np.random.default_rng(10 + levels)
-    grid, rows = np.linspace(0.0, 1.0, 30), rng.integers(levels, size=(400, 30)).astype(float)
-    rows[:3] = np.outer([0.0, 1.0, -1.0], np.arange(30.0))  # without any peak
-    assert_peaks_of_each_row(peaks(grid, rows), grid, rows)
+    rng, grid = np.random.default_rng(10), np.linspace(0.0, 1.0, 30)
+    for levels in (2, 3, 5):
+        rows = rng.integers(levels, size=(400, 30)).astype(float)
+        rows[:3] = np.outer([0.0, 1.0, -1.0], np.arange(30.0))  # without any peak
+        assert_peaks_of_each_row(peaks(grid, rows), grid, rows)
     folded = peaks(grid, rows.reshape(20, 20, 30))
     assert_array_equal(folded.positions, peaks(grid, rows).positions.reshape(20, 20, -1))
-
-
-@pytest.mark.parametrize("cost", COSTS, ids=name)
-def test_peaks_of_a_batch_of_cost_surfaces(cost):
-    """Breaks if the real surfaces, level where only a uniform component is left, are special."""
-    rows = log_surface(cost, GRID, *line_scene(np.random.default_rng(14), draws=(50,)))
-    assert_peaks_of_each_row(peaks(GRID, rows), GRID, rows)
+    for cost in COSTS:  # real surfaces, level where only a uniform component is left
+        rows = log_surface(cost, GRID, *line_scene(rng, draws=(50,)))
+        assert_peaks_of_each_row(peaks(GRID, rows), GRID, rows)
 
 
 def test_the_second_peak_of_a_batch():
@@ -136,40 +109,64 @@ def test_the_second_peak_of_a_batch():
     assert peaks(np.arange(5.0), rows[:0]).number.shape == (0,)
 
 
-@pytest.mark.parametrize(("sigma_fixed", "sigma_moving"), [(SIGMA, SIGMA), (0.1, 0.6)])
-def test_line_scene_is_the_targets_with_their_noise(sigma_fixed, sigma_moving):
-    """Breaks if the sets move the wrong way, share their noise, or claim another sigma."""
-    runs = 2000
-    fixed, moving = line_scene(
-        np.random.default_rng(5), sigma_fixed=sigma_fixed, sigma_moving=sigma_moving, draws=(runs,)
-    )
-    assert fixed.means.shape == moving.means.shape == (runs, 3, 1)
-    z_fixed = (fixed.means[..., 0] - FIXED_POSITIONS) / sigma_fixed
-    z_moving = (moving.means[..., 0] + TRUTH - FIXED_POSITIONS) / sigma_moving
-    for z in (z_fixed, z_moving):
-        assert kstest(z.ravel(), "norm").pvalue > 0.01
-    noise = np.corrcoef(np.hstack([z_fixed, z_moving]).T)
-    assert np.abs(noise - np.eye(6)).max() < 4.0 / np.sqrt(runs)
-    assert_allclose(fixed.covariances, sigma_fixed**2)
-    assert_allclose(moving.covariances, sigma_moving**2)
+def test_a_basin_reaches_from_valley_to_valley():
+    """Breaks if an edge is missed: cos has maxima at 0 and 2 pi, and minima half way."""
+    top, left, right = basin_of_attraction(WIDE, np.cos(WIDE), 1.0)
+    assert_allclose([top, left, right], [0.0, -np.pi, np.pi], atol=0.011)
+    top, left, right = basin_of_attraction(WIDE, np.cos(WIDE), 4.0)
+    assert_allclose([top, left, right], [2 * np.pi, np.pi, 3 * np.pi], atol=0.011)
 
 
-def test_line_scene_is_that_of_the_thesis():
-    """Breaks if B no longer meets the components of F at 2, 10 and 12.2 m."""
-    fixed, moving = line_scene(np.random.default_rng(6), sigma_fixed=1e-9, sigma_moving=1e-9)
-    expected = [2.0, 10.0, 12.2]
-    assert_allclose(fixed.means[:, 0] - moving.means[0, 0], expected, atol=1e-7)
-    assert (TRUTH, SIGMA, fixed.size, fixed.dimension) == (2.0, 0.15, 3, 1)
+def test_a_basin_without_a_valley_is_the_whole_axis():
+    """Breaks at the ends of the grid."""
+    assert basin_of_attraction(WIDE, -(WIDE**2), 7.0) == (pytest.approx(0.0, abs=1e-9), -10.0, 10.0)
+    assert basin_of_attraction(WIDE, WIDE, 0.0) == (10.0, -10.0, 10.0)
+    assert basin_of_attraction(WIDE, -WIDE, 0.0) == (-10.0, -10.0, 10.0)
 
 
-def test_line_scene_takes_other_positions_and_repeats_with_the_seed():
-    """Breaks if the layout is not a parameter, or noise is not the generator's."""
-    again = [line_scene(np.random.default_rng(7), positions=[0.0, 3.0])[1] for _ in range(2)]
-    assert again[0].size == 2
-    assert_array_equal(again[0].means, again[1].means)
-    assert fixed_means(8) != fixed_means(9)
+def walked_basin(values, start):
+    """Sample by sample: up from a start to the top, and from there down on either side."""
+    top = start
+    while top + 1 < len(values) and values[top + 1] > values[top]:
+        top += 1
+    while top > 0 and values[top - 1] >= values[top]:
+        top -= 1
+    left = right = top
+    while left > 0 and values[left - 1] < values[left]:
+        left -= 1
+    while right + 1 < len(values) and values[right + 1] <= values[right]:
+        right += 1
+    return top, left, right
 
 
-def fixed_means(seed: int) -> list[float]:
-    """Of one draw."""
-    return line_scene(np.random.default_rng(seed))[0].means.ravel().tolist()
+def test_basins_of_a_batch_are_those_of_each_surface():
+    """Breaks if a level stretch, or one row's basin, leads elsewhere in a batch."""
+    rows = np.random.default_rng(5).integers(4, size=(500, 15)).astype(float)
+    grid = np.arange(15.0)
+    for start in (0, 6, 14):
+        found = np.stack(basin_of_attraction(grid, rows, float(start)), axis=-1)
+        assert_array_equal(found, [walked_basin(row, start) for row in rows])
+
+
+def test_a_survey_counts_what_one_sees():
+    """Breaks if the rival is taken from the wrong peak, or the share from the wrong place."""
+    two = np.log(np.exp(-0.5 * WIDE**2) + 0.25 * np.exp(-0.5 * (WIDE - 6.0) ** 2))
+    one = -0.5 * (WIDE - 3.0) ** 2
+    found = survey(WIDE, np.stack([two, one]), 0.0)
+    assert_array_equal(found.optima, [2, 1])
+    assert_allclose(found.rival, [0.25, 0.0], rtol=1e-3)
+    assert_allclose(found.ascent, [0.0, 3.0], atol=0.011)
+    assert found.right(0.0, 1.0) == 0.5
+    assert_allclose(found.basin_width[1], 20.0)
+
+
+def test_without_noise_neighbours_part_at_two_root_two_sigma():
+    """Breaks if the sum's bumps do not part where two equal Gaussians do."""
+    sigma, cost = 0.15, RegistrationCost(fusion="summing")
+    window = np.arange(-1.0, 1.0, 0.001)
+    for spacing, expected in ((2.7, 1), (2.95, 2)):
+        fixed, moving = line_scene(np.random.default_rng(4), positions=[0.0, spacing * sigma])
+        fixed = type(fixed)([[0.0], [spacing * sigma]], fixed.covariances)
+        moving = type(moving)([[0.0]], moving.covariances[:1])
+        found = peaks(window, log_surface(cost, window, fixed, moving))
+        assert len(found.positions) == expected

@@ -1,7 +1,6 @@
 """The plane of wrong initial guesses, and what counts as a success."""
 
 import numpy as np
-import pytest
 
 from d2d import rigid
 from d2d.baselines import ndt_p2d
@@ -46,11 +45,11 @@ def test_success_is_judged_in_the_frame_of_the_motion_and_modulo_full_turns():
     assert is_registered(far, truth, tolerance=2.0)
 
 
-@pytest.mark.parametrize("outliers", [0.0, 0.2])
-@pytest.mark.parametrize("method", METHODS)
-def test_every_method_stays_at_the_truth(method, outliers):
-    before, after = room_pair(np.random.default_rng(5), outliers=outliers)
-    assert is_registered(METHODS[method](before, after, MOTION[None]), MOTION).all()
+def test_every_method_stays_at_the_truth():
+    for outliers in (0.0, 0.2):
+        scans = room_pair(np.random.default_rng(5), outliers=outliers)
+        for name, method in METHODS.items():
+            assert is_registered(method(*scans, MOTION[None]), MOTION).all(), (name, outliers)
 
 
 def test_coarse_to_fine_starts_each_size_where_the_last_ended():

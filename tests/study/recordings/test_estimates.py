@@ -26,16 +26,15 @@ from d2d.radar import (
     track,
 )
 from d2d.radar.tracks.track import integrate
+from d2d.radar.trust.alignment import scan_velocities
 from d2d.study.recordings import estimates
-from d2d.study.recordings.calibration import (
+from d2d.study.recordings.estimates import SENSORS, Result, Run
+from d2d.study.recordings.residuals import (
     fit_correction,
     residual_rms,
     residual_sigmas,
     some_of,
-    static_targets,
-    turned,
 )
-from d2d.study.recordings.estimates import SENSORS, Result, Run, thinned
 
 ROOT = estimates.data_root()
 
@@ -114,6 +113,10 @@ def loader(monkeypatch):
 # ---- clock, slip, mountings, noise
 
 
+def static_targets(found):
+    return scan_velocities((recording.scans, recording.mounting) for recording in found)
+
+
 def test_lag_slip_speed_and_mountings_are_found(raw):
     """Breaks if a parameter enters with the wrong sign or size, or takes over another's part."""
     fit = fit_correction(static_targets(raw), raw[0].reference)
@@ -133,14 +136,6 @@ def test_the_fit_is_the_lowest_of_the_profile(raw):
     assert profile[4] == pytest.approx(fit.rms, rel=0.01)
 
 
-def test_turning_a_mounting_is_undone_by_the_fit(raw):
-    """Breaks if yaw is to be subtracted from the mounting instead of added."""
-    fit = fit_correction(static_targets(raw), raw[0].reference)
-    mended = [turned(r, yaw) for r, yaw in zip(raw, fit.yaw, strict=True)]
-    again = fit_correction(static_targets(mended), raw[0].reference)
-    assert_allclose(again.yaw, 0.0, atol=np.deg2rad(0.01))
-
-
 def test_some_of_the_scans_say_what_they_say_alone(raw):
     """Breaks if the sensors keep their numbers, or a column keeps all scans."""
     found = static_targets(raw)
@@ -156,25 +151,12 @@ def test_some_of_the_scans_say_what_they_say_alone(raw):
         assert_array_equal(column, own)
 
 
-def test_a_thinned_recording_keeps_that_many_targets_of_each_scan(raw):
-    """Breaks if targets are made up, lose their order, or change from call to call."""
-    least = min(scan.size for scan in raw[1].scans)
-    few, again = (thinned(raw[1], least - 5) for _ in range(2))
-    for scan, kept, same in zip(raw[1].scans, few.scans, again.scans, strict=True):
-        assert kept.size == least - 5
-        places = np.searchsorted(scan.range, kept.range, sorter=np.argsort(scan.range))
-        places = np.argsort(scan.range)[places]
-        assert (np.diff(places) > 0).all()
-        assert_array_equal(scan.doppler[places], kept.doppler)
-        assert_array_equal(kept.range, same.range)
-    assert [s.size for s in thinned(raw[1], 10_000).scans] == [s.size for s in raw[1].scans]
-
-
 def test_sigmas_are_read_off_the_residuals():
     """Breaks if along and across change places, or the sqrt(2) of two scans is forgotten."""
     recording = recordings(20)[2]
     near = [scan[scan.range < 25.0] for scan in recording.scans]
-    recording = replace(recording, scans=near, mounting=turned(recording, YAW[2]).mounting)
+    true = replace(recording.mounting, yaw=recording.mounting.yaw + YAW[2])
+    recording = replace(recording, scans=near, mounting=true)
     driven = track(recording)
     (found,) = residual_sigmas(recording, driven, (0, 90))
     assert found.sector == (0, 90)
@@ -193,10 +175,7 @@ def test_each_run_is_what_it_says(loader):
         "one": Run((3,), baseline=2),
         "blind": Run((3,), doppler=False),
         "few": Run((3,), strongest=20),
-        "any": Run((3,), baseline=2, at_random=15),
         "all": Run(SENSORS, baseline=2),
-        "turned": Run(SENSORS, turned=True),
-        "sharp": Run((3,), own_sigmas=True),
         "wide": Run((3,), baseline=2, extent=0.5),
         "Doppler": Run(SENSORS, "Doppler only"),
         "plain": Run(SENSORS, "Doppler only, equal weights"),
@@ -218,13 +197,10 @@ def test_each_run_is_what_it_says(loader):
     assert_allclose(results["blind"].track.theta, blind.theta)
     sigma = {name: results[name].judged.sigmas.mean(axis=0) for name in results}
     assert (sigma["few"] > 1.2 * sigma["one"]).all()
-    assert (sigma["any"] > 1.2 * sigma["one"]).all()
     assert (sigma["all"] < sigma["one"]).all()
     assert sigma["wide"][2] > 1.2 * sigma["one"][2]
     assert_array_equal(results["alone"].track.theta[:, 1], np.zeros(29))
     assert not np.allclose(results["Doppler"].track.theta, results["plain"].track.theta, atol=1e-4)
-    assert not np.allclose(results["sharp"].track.covariance, direct.covariance, rtol=1e-3)
-    assert (results["turned"].judged.rmse < results["Doppler"].judged.rmse)[1:].all()
 
 
 def test_errors_are_against_what_the_first_half_suggests(loader):
@@ -250,8 +226,8 @@ def test_an_incomplete_last_round_is_left_out():
     """Breaks if what one sensor measured last is judged as an estimate of all."""
     found = recordings(10)
     cut = [replace(found[0], scans=found[0].scans[:9]), *found[1:]]
-    assert [len(scans) for scans in estimates.whole_rounds(cut)] == [9, 9, 9, 9]
-    assert [len(scans) for scans in estimates.whole_rounds(found)] == [10] * 4
+    for given, count in ((cut, 9), (found, 10)):
+        assert [len(r.scans) for r in estimates.whole_rounds(given)] == [count] * 4
     result = estimates.drive(Run(SENSORS), cut)
     assert len(result.times) == 8
     last = [(r.scans[7], r.scans[8], r.mounting) for r in cut]
@@ -277,7 +253,7 @@ def estimated() -> dict[str, Result]:
 
 
 def test_what_was_written_is_read(estimated, tmp_path):
-    """Breaks if columns change places, a covariance loses its symmetry, or nan its place."""
+    """Breaks if columns change places, a covariance loses its symmetry, or the file its bytes."""
     path = tmp_path / "new" / "results.csv"
     estimates.write_estimates(path, estimated)
     again = estimates.read_estimates(path)
@@ -289,16 +265,8 @@ def test_what_was_written_is_read(estimated, tmp_path):
         assert_array_equal(other.converged, driven.converged)
         assert other.converged.dtype == bool
         assert_allclose(again[name].errors, errors, rtol=1e-4)
-        assert (~driven.converged).sum() == 2
-        assert np.isnan(errors[-2:]).all()
-
-
-def test_reading_and_writing_again_gives_the_same_bytes(estimated, tmp_path):
-    """Breaks if the file would change each time it is touched."""
-    first, second = tmp_path / "first.csv", tmp_path / "second.csv"
-    estimates.write_estimates(first, estimated)
-    estimates.write_estimates(second, estimates.read_estimates(first))
-    assert first.read_bytes() == second.read_bytes()
+    estimates.write_estimates(tmp_path / "again.csv", again)
+    assert (tmp_path / "again.csv").read_bytes() == path.read_bytes()
 
 
 def test_columns_are_what_the_header_says(tmp_path):
@@ -325,50 +293,29 @@ def test_columns_are_what_the_header_says(tmp_path):
     assert lines[2] == "a,0.3,0.2,0,4,5,6,11,12,13,22,23,33,nan,nan,nan"
 
 
-def test_judged_leaves_out_what_is_not_known(estimated):
-    """Breaks if a pair without an estimate or without a reference is judged."""
-    judged = estimated["with"].judged
-    assert len(judged.errors) == 24 - 2 - 2
-    assert judged.share == pytest.approx(20 / 24)
-    assert np.isfinite(judged.rmse).all()
-
-
-@pytest.mark.parametrize(("value", "expected"), [(None, None), ("", None), ("/x/y", Path("/x/y"))])
-def test_the_data_s_place_comes_from_the_environment(monkeypatch, value, expected):
+def test_the_data_s_place_comes_from_the_environment(monkeypatch):
     """Breaks if an unset or empty variable means the working directory."""
-    if value is None:
-        monkeypatch.delenv("D2D_RADARSCENES", raising=False)
-    else:
+    for value, expected in (("", None), ("/x/y", Path("/x/y"))):
         monkeypatch.setenv("D2D_RADARSCENES", value)
-    assert estimates.data_root() == expected
+        assert estimates.data_root() == expected
+    monkeypatch.delenv("D2D_RADARSCENES")
+    assert estimates.data_root() is None
 
 
-def test_estimates_path_is_beside_the_chapters():
-    """Breaks if the module moves and the path does not."""
-    path = estimates.estimates_path(105)
-    assert path.name == "radarscenes_105.csv"
-    assert path.parent == Path(__file__).resolve().parents[3] / "chapters" / "results"
-
-
-def test_the_command_writes_the_results_of_what_it_is_asked_for(
-    loader, monkeypatch, tmp_path, capsys
-):
+def test_the_command_writes_the_results_of_what_it_is_asked_for(estimated, monkeypatch, tmp_path):
     """Breaks if the sequence is not handed on, or a file goes elsewhere."""
-    compute = estimates.compute
-    monkeypatch.setattr(
-        estimates,
-        "compute",
-        lambda root, sequence, report: compute(root, sequence, {"a": Run((2,))}, report),
-    )
+    facts = {"asked": []}
+
+    def compute(root, sequence, report):
+        facts["asked"] = [root, sequence]
+        return estimated, facts
+
+    monkeypatch.setattr(estimates, "compute", compute)
     monkeypatch.setattr(estimates, "estimates_path", lambda name: tmp_path / f"{name}.csv")
     monkeypatch.setattr(sys, "argv", ["x", "/data", "--sequence", "9"])
     estimates.main()
-    assert {row[:2] for row in loader} == {("/data", "9")}
-    assert list(estimates.read_estimates(tmp_path / "9.csv")) == ["a"]
-    assert estimates.read_facts(tmp_path / "9.csv")["seconds"].keys() == {"a"}
-    printed = capsys.readouterr().out
-    assert "a: v_x" in printed
-    assert str(tmp_path / "9.csv") in printed
+    assert list(estimates.read_estimates(tmp_path / "9.csv")) == list(estimated)
+    assert estimates.read_facts(tmp_path / "9.csv") == {"asked": ["/data", "9"]}
 
 
 # ---- the committed results

@@ -1,5 +1,7 @@
 """Covariances on the road: their models, tables and drawings, and what they reach on real data."""
 
+from itertools import product
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -112,7 +114,7 @@ def test_five_radars_are_credible_with_their_budget(nuscenes):
 def test_other_scenes_are_credible_over_a_horizon_of_a_third_of_a_second(nuscenes, scene):
     """Breaks if scenes that nothing was fitted to are no longer judged rightly."""
     own = road.load_scene(nuscenes, scene)
-    driven = road.joint_track(own, horizon=0.3, budget=own[0].budget)
+    driven = track(own, horizon=0.3, budget=own[0].budget)
     measures = compare(driven, road.joint_reference(own)).measures
     assert 0.5 < measures.anees < 2.0
     assert measures.coverage[1] > 0.85
@@ -124,22 +126,13 @@ def test_other_scenes_are_credible_over_a_horizon_of_a_third_of_a_second(nuscene
 def test_side_radars_rarely_end_far_off(nuscenes, baseline):
     """Breaks if an estimate of a lone side radar is grossly wrong and said to be good."""
     kept = gross = known = 0
-    for scene in road.FITTED_SCENES + road.OTHER_SCENES:
-        for channel in road.SIDE_CHANNELS:
-            own = load_nuscenes(nuscenes, scene, channel)
-            driven = track(own, baseline=baseline)
-            error = np.abs(driven.theta - own.reference.at(driven.times).theta)[:, 2]
-            told = np.isfinite(error)
-            kept += (told & driven.converged).sum()
-            gross += (told & driven.converged & (error > road.SIDE_ERROR)).sum()
-            known += told.sum()
+    for scene, channel in product(road.FITTED_SCENES + road.OTHER_SCENES, road.SIDE_CHANNELS):
+        own = load_nuscenes(nuscenes, scene, channel)
+        driven = track(own, baseline=baseline)
+        error = np.abs(driven.theta - own.reference.at(driven.times).theta)[:, 2]
+        judgeable = np.isfinite(error)
+        kept += (judgeable & driven.converged).sum()
+        gross += (judgeable & driven.converged & (error > road.SIDE_ERROR)).sum()
+        known += judgeable.sum()
     assert gross <= 0.01 * kept
     assert kept >= 0.6 * known
-
-
-def test_a_comparison_of_parts_is_that_of_compare(recordings):
-    """Breaks if the parts are compared in another way than the users' function does."""
-    own = recordings[:1]
-    part = road.whole("all", own, 2)
-    alone = compare(road.joint_track(own, baseline=2), road.joint_reference(own))
-    assert_allclose(part.plain.errors, alone.errors)

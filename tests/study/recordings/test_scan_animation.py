@@ -10,15 +10,15 @@ import pytest
 
 from d2d.radar import Mounting, RadarScan
 from d2d.study.book.grammar import PINK, PURPLE, YELLOW
-from d2d.study.recordings.scan_animation import View, animate_scans
+from d2d.study.recordings.scan_animation import WeighedScan, animate_scans
 
 AHEAD = Mounting(3.0, 0.0, 0.0)
 
 
-def view(time, distance, azimuth, probabilities, mounting=AHEAD) -> View:
+def view(time, distance, azimuth, probabilities, mounting=AHEAD) -> WeighedScan:
     """A view of these targets."""
     scan = RadarScan(time, distance, azimuth, np.zeros(len(distance)), 0.1, 0.01, 0.1)
-    return View(scan, mounting, np.asarray(probabilities))
+    return WeighedScan(scan, mounting, np.asarray(probabilities))
 
 
 def dots(html: str) -> dict[str, list[tuple[float, float]]]:
@@ -64,5 +64,3 @@ def test_a_round_s_caption_counts_and_its_picture_is_well_formed():
     assert "0.25 s: 0 targets, mean inlier probability 0.00" in html
     for picture in re.findall(r"<svg.*?</svg>", html, re.DOTALL):
         ET.fromstring(picture)
-    with pytest.raises(ValueError, match=r"^rounds must hold at least one"):
-        animate_scans("x", [])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import matplotlib.pyplot as plt
 import numpy as np
-import pytest
 
 from d2d.radar import RadarScan
 from d2d.study.recordings import scan_profile
@@ -29,11 +28,6 @@ def test_a_profile_counts_each_target_in_its_bin():
     assert of_azimuth[-45.0] == 0.5
     assert of_azimuth[15.0] == 1.5
     assert sum(profile["Doppler velocity (m/s)"]) == 2.0
-
-
-def test_without_scans_there_is_no_profile():
-    with pytest.raises(ValueError, match="scans"):
-        scan_profile.scan_profile([])
 
 
 def test_the_stored_profile_fits_the_bins_and_is_drawn():

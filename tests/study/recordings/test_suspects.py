@@ -5,7 +5,7 @@ import pytest
 from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose
 
-from d2d.radar import Comparison, Recording, Reference, Track, simulate_drive
+from d2d.radar import Comparison, Recording, Track, simulate_drive
 from d2d.study.recordings.suspects import (
     beside_changed_reference,
     draw_parts,
@@ -39,8 +39,6 @@ def test_a_slow_error_is_taken_off_and_noise_is_left():
     assert parts(drifting)["whitened"][0] > 10.0
     left = parts(without_slow_part(drifting, 1.0))["whitened"]
     assert_allclose(left, 10.0 / 11.0, atol=0.12)
-    with pytest.raises(ValueError, match="seconds must be positive"):
-        without_slow_part(drifting, 0.0)
 
 
 def test_a_changed_reference_is_later_and_faster():
@@ -61,8 +59,7 @@ def test_a_changed_reference_is_later_and_faster():
 
 def test_halves_are_compared_both_ways():
     drive = simulate_drive(np.random.default_rng(0), 3.0)
-    nothing = Reference(drive.truth.times, drive.truth.theta, drive.truth.poses)
-    found = judge_halves(Recording(drive.scans, drive.mounting, nothing))
+    found = judge_halves(Recording(drive.scans, drive.mounting, drive.truth))
     assert set(found) == {"target", "object"}
     assert 0.5 < found["target"]["anees"] < 3.0
 

@@ -1,4 +1,4 @@
-"""What a recording reveals about its own clock, side slip, mountings and noise.
+"""What residuals reveal about a recording: its clock, side slip, mountings and noise.
 
 RadarScenes states no time offset, side slip or standard deviations.  The Doppler velocities of
 static targets give the time offset, the side slip and the errors of the mounting angles, as in
@@ -7,7 +7,6 @@ deviations; the residuals after registration give those of the measurements.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -19,40 +18,20 @@ from d2d import rigid
 from d2d._types import Array
 from d2d.radar import Recording, Reference, Track, inlier_probabilities
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
-from d2d.radar.trust.alignment import Alignment, ScanVelocities, fit, fit_at, scan_velocities
+from d2d.radar.trust.alignment import Alignment, ScanVelocities, fit, fit_at
 
 MAX_OFFSET = 0.25  # s, the largest time offset considered
 NORMAL = 1.4826  # standard deviation of a normal variable over its median absolute deviation
 
 
-@dataclass(frozen=True)
-class Correction:
-    """The change of the odometry and the mountings that fits the Doppler velocities best.
+class Correction(NamedTuple):
+    """The change of the odometry and the mountings that fits the Doppler velocities best."""
 
-    Attributes
-    ----------
-    time_offset : float, s
-        The radar's time stamps are late by this much.
-    side_slip : float, s
-        v_y = side_slip v_x omega.
-    speed : float
-        Relative error of the odometry's speed: the radar measures v_x (1 + speed).
-    yaw : tuple of float, rad
-        Angle to be added to each sensor's mounting angle.
-    rms : float
-        Root mean square of the Doppler residuals over their standard deviations.
-    """
-
-    time_offset: float
-    side_slip: float
-    speed: float
-    yaw: tuple[float, ...]
-    rms: float
-
-
-def static_targets(recordings: Sequence[Recording]) -> ScanVelocities:
-    """The static targets of every scan, found from its own Doppler velocities alone."""
-    return scan_velocities((recording.scans, recording.mounting) for recording in recordings)
+    time_offset: float  # s, by which the radar's time stamps are late
+    side_slip: float  # s: v_y = side_slip v_x omega
+    speed: float  # relative error of the odometry: the radar measures v_x (1 + speed)
+    yaw: tuple[float, ...]  # rad, to be added to each sensor's mounting angle
+    rms: float  # of the Doppler residuals over their standard deviations
 
 
 def some_of(velocities: ScanVelocities, chosen: NDArray[np.bool_]) -> ScanVelocities:
@@ -82,12 +61,6 @@ def _model(velocities: ScanVelocities, odometry: Reference) -> Alignment:
     return Alignment.of(velocities, [odometry] * velocities.sensors, (1,))
 
 
-def turned(recording: Recording, yaw: float) -> Recording:
-    """The recording with ``yaw`` (rad) added to the mounting angle."""
-    mounting = recording.mounting
-    return replace(recording, mounting=Mounting(mounting.x, mounting.y, mounting.yaw + yaw))
-
-
 class Sigmas(NamedTuple):
     """Standard deviations in one sector of azimuth, from residuals."""
 
@@ -105,36 +78,23 @@ def residual_sigmas(recording: Recording, track: Track, edges: Sequence[float]) 
     the nearest target of the previous scan, if each is the other's nearest.  The deviations along
     and across the line of sight are divided by sqrt(2), because both targets have errors.  They are
     median absolute deviations, so that wrong matches count little.  The nearest target tends to be
-    a little too near, so the true standard deviations are, if anything, larger.
-
-    Parameters
-    ----------
-    recording, track
-        A recording and its track, which has one row for each pair of successive scans.
-    edges : sequence of float, deg
-        Edges of the sectors of ``|azimuth|``.
+    a little too near, so the true standard deviations are, if anything, larger.  ``track`` has one
+    row for each pair of successive scans; ``edges`` (deg) divide ``|azimuth|`` into sectors.
     """
-    residuals = []
-    for (previous, current), theta in zip(pairwise(recording.scans), track.theta, strict=True):
-        if previous.size and current.size:
-            residuals.append(_matched_residuals(previous, current, recording.mounting, theta))
-    azimuth, along, across, doppler = np.concatenate(residuals, axis=1)
+    residuals = [
+        _matched_residuals(previous, current, recording.mounting, theta)
+        for (previous, current), theta in zip(pairwise(recording.scans), track.theta, strict=True)
+        if previous.size and current.size
+    ]
+    azimuth, *deviations = np.concatenate(residuals, axis=1)
     degrees = np.rad2deg(np.abs(azimuth))
     sigmas = []
     for low, high in pairwise(edges):
         inside = (degrees >= low) & (degrees < high)
-        deviations = [
-            NORMAL * float(np.median(np.abs(values[inside]))) for values in (along, across, doppler)
-        ]
-        sigmas.append(
-            Sigmas(
-                (low, high),
-                deviations[0] / np.sqrt(2.0),
-                deviations[1] / np.sqrt(2.0),
-                deviations[2],
-                int(inside.sum()),
-            )
-        )
+        medians = [np.median(np.abs(values[inside])) for values in deviations]
+        along, across, doppler = NORMAL * np.array(medians) / np.sqrt([2.0, 2.0, 1.0])
+        pairs = int(inside.sum())
+        sigmas.append(Sigmas((low, high), float(along), float(across), float(doppler), pairs))
     return sigmas
 
 

@@ -1,0 +1,31 @@
+"""Compute the table of the exhaustive evaluation: ``python -m d2d.study.beyond [--jobs 2]``.
+
+joblib keeps the outcome of each condition, so that an interrupted sweep resumes where it stopped.
+"""
+
+import argparse
+
+import joblib
+from tqdm import tqdm
+
+from d2d.study.beyond.exhaustive import recompute, table_path, trials, write_table
+
+
+def main() -> None:
+    """Compute the table."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--jobs", type=int, default=2, help="worker processes")
+    parser.add_argument("--folder", default="build/exhaustive", help="for the unfinished sweep")
+    arguments = parser.parse_args()
+    wanted = trials()
+    kept = joblib.Memory(arguments.folder, verbose=0).cache(recompute)
+    parallel = joblib.Parallel(arguments.jobs, return_as="generator")
+    outcomes = parallel(joblib.delayed(kept)(trial) for trial in wanted)
+    rows = list(zip(wanted, tqdm(outcomes, total=len(wanted), disable=None), strict=True))
+    write_table(table_path(), rows)
+    total = sum(outcome.runs for _, outcome in rows)
+    print(f"{total} registrations in {len(rows)} conditions, written to {table_path()}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,58 @@
+"""How a drive is judged: the table of errors, and the drift of the path."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from d2d.radar import compare, simulate_drive, track
+from d2d.study.drives.errors import Drift, errors_table
+
+
+def test_the_table_says_what_was_measured():
+    """Breaks if a number is printed in another place or unit than it says."""
+    drive = simulate_drive(np.random.default_rng(2), 3.0)
+    found = compare(track(drive), drive.truth)
+    shown = errors_table({"one": replace(found, share=0.9)}, "Errors.")
+    low, high = found.intervals().anees
+    assert dict(zip([name for name, _ in shown.header], shown.rows[0], strict=True)) == {
+        "": "one",
+        "v_x": f"{found.rmse[0]:.3f}",
+        "v_y": f"{found.rmse[1]:.3f}",
+        "omega": f"{found.rmse[2]:.3f}",
+        "usable": "90.0%",
+        "ANEES": f"{found.credibility.anees:.2f}",
+        "95 % interval": f"{low:.2f} to {high:.2f}",
+        "NCI": f"{found.credibility.nci:.1f}",
+        "I²": f"{found.credibility.inclination:+.1f}",
+    }
+    assert dict(shown.header)["omega"] == "deg/s"
+
+
+def straight(length: float = 100.0, scale: float = 1.0, turn: float = 0.0) -> np.ndarray:
+    """Poses every metre along x, the way scaled and the heading turned by so many rad/m."""
+    along = np.arange(length + 1.0)
+    return np.column_stack([scale * along, np.zeros_like(along), turn * along])
+
+
+def test_drift_of_known_errors():
+    """Breaks if a measure is not per metre, in degrees, or the root mean square."""
+    longer = Drift.of(straight(scale=1.02), straight())
+    # evo takes stretches of about the length
+    assert longer.rpe_translation == pytest.approx(0.02, rel=0.1)
+    assert longer.rpe_rotation == pytest.approx(0.0, abs=1e-6)
+    assert longer.ape_translation == pytest.approx(np.sqrt(np.mean((0.02 * np.arange(101.0)) ** 2)))
+    assert longer.ape_rotation == pytest.approx(0.0, abs=1e-6)
+    turning = Drift.of(straight(turn=np.deg2rad(0.3)), straight())
+    assert turning.rpe_rotation == pytest.approx(0.3, rel=0.1)
+    assert turning.ape_rotation == pytest.approx(np.sqrt(np.mean((0.3 * np.arange(101.0)) ** 2)))
+    assert turning.ape_translation == pytest.approx(0.0, abs=1e-9)
+
+
+def test_drift_does_not_align_the_paths():
+    """Breaks if a constant offset is taken out, and does not count it as drift per metre."""
+    off = Drift.of(straight() + np.array([3.0, 4.0, 0.0]), straight())
+    assert off.ape_translation == pytest.approx(5.0)
+    assert off.rpe_translation == pytest.approx(0.0, abs=1e-9)

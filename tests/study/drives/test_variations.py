@@ -1,0 +1,55 @@
+"""Variations of a drive: a sparse world, fixed starts, propagated errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from d2d.radar import estimate_ego_motion, propagate_ego_motion, simulate_drive
+from d2d.study.drives.variations import propagated_covariances, sparse, track_from
+
+
+def test_a_sparse_world_has_fewer_points_and_nobody_about(driven):
+    """Breaks if positions, strengths and kinds are thinned apart."""
+    world = driven[0].world
+    few = sparse(world, np.random.default_rng(0), 0.2)
+    count = len(world.reflectors.kind)
+    assert len(few.reflectors.kind) == pytest.approx(0.2 * count, abs=4.0 * np.sqrt(0.16 * count))
+    where = {tuple(at): k for k, at in enumerate(world.reflectors.positions)}
+    rows = [where[tuple(at)] for at in few.reflectors.positions]
+    assert_allclose(few.reflectors.strength, 4.0 * world.reflectors.strength[rows])
+    assert_array_equal(few.reflectors.kind, world.reflectors.kind[rows])
+    lonely = simulate_drive(np.random.default_rng(0), 0.5, world=few)
+    assert "moving" not in set(np.concatenate([true.kind for true in lonely.targets]))
+
+
+def test_track_from_starts_every_pair_at_the_same_place(driven):
+    """Breaks if a pair is started at the last one's velocity, as track does."""
+    drive, result = driven
+    start = np.array([1.0, 0.5, 0.0])
+    alone = track_from(drive, start, doppler=False, scales=(2.0, 1.0))
+    assert_array_equal(alone.times, result.times)
+    assert_array_equal(alone.intervals, result.intervals)
+    for i in (0, 30, 59):
+        pair = drive.scans[i], drive.scans[i + 1], drive.mounting
+        direct = estimate_ego_motion(*pair, doppler=False, initial=start, scales=(2.0, 1.0))
+        assert_array_equal(alone.theta[i], direct.theta)
+        assert_array_equal(alone.covariance[i], direct.covariance)
+        assert alone.converged[i] == direct.converged
+
+
+def test_propagated_covariances_are_those_of_the_chosen_pairs(driven):
+    """Breaks if pairs are shifted, or both options give the same."""
+    drive, result = driven
+    pairs = [5, 40]
+    shared, apart = (
+        propagated_covariances(drive, result, pairs, shared_azimuth=shared)
+        for shared in (True, False)
+    )
+    for k, i in enumerate(pairs):
+        pair = drive.scans[i], drive.scans[i + 1], drive.mounting
+        estimate = estimate_ego_motion(*pair, initial=result.theta[i])
+        assert_allclose(estimate.theta, result.theta[i], rtol=0, atol=1e-6)
+        assert_allclose(shared[k], propagate_ego_motion(estimate, *pair), rtol=1e-9)
+    assert not np.allclose(shared, apart, rtol=1e-4)

@@ -1,0 +1,42 @@
+"""The one-dimensional scene of the thesis."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import kstest
+
+from d2d.study.line.scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
+
+
+def test_line_scene_is_the_targets_with_their_noise():
+    """Breaks if the sets move the wrong way, share their noise, or claim another sigma."""
+    runs, sigma_fixed, sigma_moving = 2000, 0.1, 0.6
+    fixed, moving = line_scene(
+        np.random.default_rng(5), sigma_fixed=sigma_fixed, sigma_moving=sigma_moving, draws=(runs,)
+    )
+    assert fixed.means.shape == moving.means.shape == (runs, 3, 1)
+    z_fixed = (fixed.means[..., 0] - FIXED_POSITIONS) / sigma_fixed
+    z_moving = (moving.means[..., 0] + TRUTH - FIXED_POSITIONS) / sigma_moving
+    for z in (z_fixed, z_moving):
+        assert kstest(z.ravel(), "norm").pvalue > 0.01
+    noise = np.corrcoef(np.hstack([z_fixed, z_moving]).T)
+    assert np.abs(noise - np.eye(6)).max() < 4.0 / np.sqrt(runs)
+    assert_allclose(fixed.covariances, sigma_fixed**2)
+    assert_allclose(moving.covariances, sigma_moving**2)
+
+
+def test_line_scene_is_that_of_the_thesis():
+    """Breaks if B no longer meets the components of F at 2, 10 and 12.2 m."""
+    fixed, moving = line_scene(np.random.default_rng(6), sigma_fixed=1e-9, sigma_moving=1e-9)
+    expected = [2.0, 10.0, 12.2]
+    assert_allclose(fixed.means[:, 0] - moving.means[0, 0], expected, atol=1e-7)
+    assert (TRUTH, SIGMA, fixed.size, fixed.dimension) == (2.0, 0.15, 3, 1)
+
+
+def test_line_scene_takes_other_positions_and_repeats_with_the_seed():
+    """Breaks if the layout is not a parameter, or noise is not the generator's."""
+    again = [line_scene(np.random.default_rng(7), positions=[0.0, 3.0])[1] for _ in range(2)]
+    assert again[0].size == 2
+    assert_array_equal(again[0].means, again[1].means)
+    assert (line_scene(np.random.default_rng(8))[1].means != again[0].means[0]).all()
