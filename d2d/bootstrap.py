@@ -29,6 +29,9 @@ def block_bootstrap(
     (Politis & Romano 1992).  The interval contains the middle ``confidence`` of the values that the
     statistic has on the drawn data.
 
+    Raises a ``ValueError`` if the arrays are empty or of different lengths, or another argument is
+    out of range.
+
     Parameters
     ----------
     statistic : callable
@@ -52,11 +55,6 @@ def block_bootstrap(
     -------
     (2, ...) array
         Lower and upper bounds.
-
-    Raises
-    ------
-    ValueError
-        If the arrays are empty or of different lengths, or another argument is out of range.
 
     Notes
     -----
@@ -127,6 +125,8 @@ def block_sums(series: Array, block: int) -> Array:
 def block_length(series: ArrayLike) -> int:
     """Block length with which `block_bootstrap` best estimates the variance of a series' mean.
 
+    Raises a ``ValueError`` if ``series`` is empty, or holds nan or inf.
+
     Parameters
     ----------
     series : (N,) or (N, n) array
@@ -136,11 +136,6 @@ def block_length(series: ArrayLike) -> int:
     -------
     int
         1 for a series without correlation; at most 3 sqrt(N) and N / 3.
-
-    Raises
-    ------
-    ValueError
-        If ``series`` is empty, or holds nan or inf.
 
     Notes
     -----

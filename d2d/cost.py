@@ -38,15 +38,12 @@ class UniformOutlier(Frozen):
 
     The sum is not a probability density of the target's position: its integral diverges.
 
+    Raises a ``ValueError`` if ``density`` is not a positive number.
+
     Parameters
     ----------
     density : float, 1/m (1D) or 1/m^2 (2D)
         The constant c, positive.
-
-    Raises
-    ------
-    ValueError
-        If ``density`` is not a positive number.
     """
 
     density: float
@@ -65,6 +62,8 @@ class CorruptedGaussian(Frozen):
 
     The name follows Hartley & Zisserman, Multiple View Geometry, appendix 6.
 
+    Raises a ``ValueError`` if an argument is out of range or has the wrong shape.
+
     Parameters
     ----------
     fraction : float
@@ -72,11 +71,6 @@ class CorruptedGaussian(Frozen):
         the fraction of inliers).
     covariance : (D, D) array, m^2
         S_o, symmetric positive definite; in 1D, a number is taken as the variance.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of range or has the wrong shape; the message names it.
     """
 
     fraction: float

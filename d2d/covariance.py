@@ -32,6 +32,9 @@ _TARGETS_AT_ONCE = 50_000  # of both sets: about 20 MB of intermediate arrays
 def fisher_covariance(hessian: ArrayLike) -> Array:
     """Inverse of the Hessian of a negative log-likelihood (thesis sec. 5.2, Cramér-Rao bound).
 
+    Raises a ``ValueError`` if ``hessian`` is not an array of square matrices that are symmetric to
+    within rounding.
+
     Parameters
     ----------
     hessian : (..., P, P) array
@@ -42,11 +45,6 @@ def fisher_covariance(hessian: ArrayLike) -> Array:
     (..., P, P) array
         Inverse of the observed information; nan where the Hessian is not positive definite, because
         such a point is not an optimum and has no covariance.
-
-    Raises
-    ------
-    ValueError
-        If ``hessian`` is not an array of square matrices that are symmetric to within rounding.
     """
     matrices = check_real("hessian", hessian)
     if matrices.ndim < 2 or matrices.shape[-1] != matrices.shape[-2] or not matrices.shape[-1]:
@@ -83,6 +81,9 @@ def propagate_covariance(
 
         Sigma_theta = H^-1 (d2f / d theta d z) Sigma_z (d2f / d theta d z)' H^-1
 
+    Raises a ``ValueError`` if an argument is invalid, or the cost that the estimate states is not
+    that of the others.
+
     Parameters
     ----------
     estimate : Estimate
@@ -105,12 +106,6 @@ def propagate_covariance(
     -------
     (..., P, P) array
         Covariance of ``theta``; nan where the estimate did not converge.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid, or the cost that the estimate states is not that of the others;
-        the message names it.
 
     Notes
     -----

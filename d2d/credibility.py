@@ -49,6 +49,9 @@ class Credibility:
 def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0.95) -> Credibility:
     """Compare estimation errors with their estimated covariances.
 
+    Raises a ``ValueError`` if an argument does not fit. Leave out runs that did not converge, and
+    report their number.
+
     Parameters
     ----------
     errors : (N, n) array
@@ -61,11 +64,6 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     Returns
     -------
     Credibility
-
-    Raises
-    ------
-    ValueError
-        If an argument does not fit.  Leave out runs that did not converge, and report their number.
 
     Notes
     -----

@@ -23,6 +23,9 @@ class LinearMeasurement(Frozen):
     the prediction in an input of standard deviation ``q_k`` (for Doppler velocities the azimuth,
     thesis sec. 7.1).
 
+    Raises a ``ValueError`` if the shapes do not match, a value is nan or inf, or a standard
+    deviation is out of range.
+
     Parameters
     ----------
     value : (..., K) array
@@ -33,12 +36,6 @@ class LinearMeasurement(Frozen):
         h_k and s_k.
     of_twist : bool
         Whether xi is the twist of the motion (2D only) instead of its parameters.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not match, a value is nan or inf, or a standard deviation is out of range;
-        the message names the argument.
     """
 
     value: Array

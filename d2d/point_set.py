@@ -30,6 +30,10 @@ class PointSet(Frozen):
 
     Leading axes are batch axes and broadcast against each other.
 
+    Raises a ``ValueError`` if the shapes do not match, a set is empty, a value is nan or inf, a
+    covariance is not symmetric positive definite or above 1e150 m^2, or a weight is not positive or
+    out of range.
+
     Parameters
     ----------
     means : (..., N, D) array, m
@@ -39,13 +43,6 @@ class PointSet(Frozen):
     weights : (..., N) array, optional
         Mixture weights between 1e-100 and 1e100; 1/N each by default.  Only those of the fixed set
         are used, without normalisation.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not match, a set is empty, a value is nan or inf, a covariance is not
-        symmetric positive definite or above 1e150 m^2, or a weight is not positive or out of range;
-        the message names the argument.
     """
 
     means: Array
@@ -117,6 +114,9 @@ class PointSet(Frozen):
         The covariance is J diag(sigma_r^2, sigma_phi^2) J' with J = d(x, y)/d(r, phi) at the
         measured point (thesis eq. 7.3 and 7.4, the columns of J in the order of the variances).
 
+        Raises a ``ValueError`` if an argument is not finite, not positive or has the wrong shape,
+        or azimuths are in degrees.
+
         Parameters
         ----------
         range, azimuth : (..., N) arrays, m and rad
@@ -124,12 +124,6 @@ class PointSet(Frozen):
             are positive.
         sigma_range, sigma_azimuth : arrays that broadcast to (..., N), m and rad
             Standard deviations, positive.
-
-        Raises
-        ------
-        ValueError
-            If an argument is not finite, not positive or has the wrong shape, or azimuths are in
-            degrees; the message names it.
         """
         r, phi = check_positive("range", range), check_angle("azimuth", azimuth)
         sr, sp = (

@@ -77,6 +77,8 @@ def register(
     Newton's method with exact derivatives in a trust region (Moré & Sorensen 1983) solves a single
     problem or a whole batch in one call.
 
+    Raises a ``ValueError`` that names an invalid argument.
+
     Parameters
     ----------
     fixed, moving : PointSet
@@ -99,11 +101,6 @@ def register(
     -------
     Estimate
         Its cost is never higher than that of ``initial`` at the last scale.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
 
     Notes
     -----
@@ -155,6 +152,8 @@ def multi_start(
 ) -> Estimate:
     """The best of the optima found from several starts, all in one batch.
 
+    Raises a ``ValueError`` that names an invalid argument.
+
     Parameters
     ----------
     starts : (S, P) array
@@ -167,11 +166,6 @@ def multi_start(
     Estimate
         For each problem, the converged optimum of lowest cost; ``iterations`` counts those of all
         starts.  If no start converged, the result is that of the first start, not converged.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
     """
     check_pair(fixed, moving, measurement)
     tried = rigid.motion("starts", starts, fixed.dimension)
@@ -199,18 +193,15 @@ def best_of(found: Estimate) -> Estimate:
 def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
     """Starts (S, 3) on a square grid of translations, each combined with every rotation.
 
+    Raises a ``ValueError`` if an argument is not positive or has the wrong shape, angles are in
+    degrees, or if there would be more than ten million starts.
+
     Parameters
     ----------
     reach, spacing : float, m
         The grid extends from -reach to reach along x and y, in steps of at most ``spacing``.
     angles : (A,) array, rad
         Within -2 pi and 2 pi.
-
-    Raises
-    ------
-    ValueError
-        If an argument is not positive or has the wrong shape, angles are in degrees, or if there
-        would be more than ten million starts; the message names the argument.
     """
     span = check_positive_scalar("reach", reach)
     step = check_positive_scalar("spacing", spacing)

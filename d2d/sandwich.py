@@ -105,6 +105,9 @@ def sandwich_covariance(
     with the score s_k, the gradient of target k's part of the cost, and the correlation kappa_kl of
     the errors of two targets.
 
+    Raises a ``ValueError`` if an argument is invalid, or the cost that the estimate states is not
+    that of the others.
+
     Parameters
     ----------
     estimate : Estimate
@@ -129,12 +132,6 @@ def sandwich_covariance(
     -------
     (..., P, P) array
         Covariance of ``theta``; nan where the estimate did not converge.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid, or the cost that the estimate states is not that of the others;
-        the message names it.
 
     Notes
     -----

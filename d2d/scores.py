@@ -61,6 +61,9 @@ def whiten(
     standard deviation that remains.  This is L^-1 e with the Cholesky factor L of the covariance,
     whose rows and columns are in that order.
 
+    Raises a ``ValueError`` if an argument does not fit, such as a covariance that is not positive
+    definite.
+
     Parameters
     ----------
     errors : (N, n) array
@@ -74,11 +77,6 @@ def whiten(
     Returns
     -------
     Whitened
-
-    Raises
-    ------
-    ValueError
-        If an argument does not fit, such as a covariance that is not positive definite.
     """
     e, sigma = checked_errors(errors, covariances)
     n = e.shape[1]
@@ -95,6 +93,9 @@ def whiten(
 def log_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
     """The logarithmic score: negative log density of each error under its stated covariance.
 
+    Raises a ``ValueError`` if an argument does not fit, such as a covariance that is not positive
+    definite.
+
     Parameters
     ----------
     errors : (N, n) array
@@ -107,11 +108,6 @@ def log_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
     (N,) array
         -log N(e | 0, Sigma) in nats; smaller is better.  Another unit of the errors only adds a
         constant.  `Whitened.log_score` has what each component contributes.
-
-    Raises
-    ------
-    ValueError
-        If an argument does not fit, such as a covariance that is not positive definite.
 
     Examples
     --------
@@ -129,6 +125,8 @@ def log_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
 def crps(errors: ArrayLike, sigmas: ArrayLike) -> Array:
     """Continuous ranked probability score of a Gaussian in one dimension, in the errors' unit.
 
+    Raises a ``ValueError`` if a standard deviation is not positive, or another value does not fit.
+
     Parameters
     ----------
     errors, sigmas : arrays that broadcast to (...)
@@ -139,11 +137,6 @@ def crps(errors: ArrayLike, sigmas: ArrayLike) -> Array:
     (...) array
         Smaller is better; 0.234 sigma for an error of zero, and about ``|e| - 0.564 sigma`` for a
         large one.
-
-    Raises
-    ------
-    ValueError
-        If a standard deviation is not positive, or another value does not fit.
 
     Notes
     -----
@@ -163,6 +156,8 @@ def crps(errors: ArrayLike, sigmas: ArrayLike) -> Array:
 def coverage(errors: ArrayLike, covariances: ArrayLike, levels: ArrayLike = LEVELS) -> Array:
     """Share of the errors that lie within the ellipsoids that their covariances state.
 
+    Raises a ``ValueError`` if an argument does not fit, such as a level in percent.
+
     Parameters
     ----------
     errors : (N, n) array
@@ -177,11 +172,6 @@ def coverage(errors: ArrayLike, covariances: ArrayLike, levels: ArrayLike = LEVE
     (L,) array or number
         The levels themselves, if the estimator is credible.  The mean of `Whitened.within` is the
         share for each component; `block_bootstrap` gives an interval.
-
-    Raises
-    ------
-    ValueError
-        If an argument does not fit, such as a level in percent.
 
     Examples
     --------

@@ -93,6 +93,8 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Register many noisy draws of a scenario and compare with the truth.
 
+    Raises a ``ValueError`` naming the argument that does not fit.
+
     Parameters
     ----------
     scenario : Scene
@@ -113,11 +115,6 @@ def monte_carlo(
     Returns
     -------
     MonteCarlo
-
-    Raises
-    ------
-    ValueError
-        Naming the argument that does not fit.
     """
     check_instance("scenario", scenario, Scene)
     check_instance("cost", cost, RegistrationCost)

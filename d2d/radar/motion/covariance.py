@@ -52,6 +52,9 @@ def propagate_ego_motion(
     A target's azimuth error both rotates its position about the sensor and changes its predicted
     Doppler velocity.  The joint cost (thesis eq. 7.14) treats the two effects as independent.
 
+    Raises a ``ValueError`` if an argument is invalid, as in `estimate_ego_motion` and
+    `d2d.propagate_covariance`.
+
     Parameters
     ----------
     estimate : Estimate
@@ -72,12 +75,6 @@ def propagate_ego_motion(
     -------
     (3, 3) array
         Covariance of [v_x, v_y, omega] in m/s, m/s, rad/s; nan if the estimate did not converge.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid, as in `estimate_ego_motion` and `d2d.propagate_covariance`; the
-        message names it.
 
     Notes
     -----

@@ -77,6 +77,9 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
     The fit is repeated until nothing changes, at most 20 times.  Sensors at different positions
     make the yaw rate observable (Kellner et al. 2014).
 
+    Raises a ``ValueError`` if ``views`` is empty or contains anything but pairs of a scan and a
+    mounting, or ``side_slip`` is not a bool.
+
     Parameters
     ----------
     views : iterable of (RadarScan, Mounting)
@@ -84,12 +87,6 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
     side_slip : bool
         Whether v_y is estimated.  If not, it is zero, and a single sensor ahead of or behind the
         origin is enough (Kellner et al. 2013).
-
-    Raises
-    ------
-    ValueError
-        If ``views`` is empty or contains anything but pairs of a scan and a mounting, or
-        ``side_slip`` is not a bool; the message names the argument.
     """
     views = check_rows("views", views, RadarScan, Mounting)
     if not views:

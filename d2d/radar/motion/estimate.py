@@ -36,6 +36,9 @@ def estimate_ego_motion(
     vehicle moves by exp(tau theta).  The velocity is assumed constant from the first scan to the
     last.
 
+    Raises a ``ValueError`` if scans are out of time order or have no targets, sequences differ in
+    length, or ``initial`` is invalid.
+
     Parameters
     ----------
     previous, current : RadarScan
@@ -62,12 +65,6 @@ def estimate_ego_motion(
         theta = [v_x, v_y, omega] in m/s, m/s, rad/s, with covariance, gradient and Hessian (at
         an optimum) in these units.  ``converged`` means that it is an optimum, possibly one that
         rejects nearly all targets: `inlier_probabilities` shows this, and `track` checks it.
-
-    Raises
-    ------
-    ValueError
-        If scans are out of time order or have no targets, sequences differ in length, or
-        ``initial`` is invalid; the message names the argument.
     """
     model, scales = split_options(options)
     pairs = scan_pairs(previous, current, mounting)

@@ -48,6 +48,8 @@ class EgoMotionModel(Frozen):
     Its fields are keyword options of all functions that estimate an ego-motion, propagate its
     covariance or compute inlier probabilities.
 
+    Raises a ``ValueError`` if an option is invalid.
+
     Attributes
     ----------
     doppler : bool
@@ -66,11 +68,6 @@ class EgoMotionModel(Frozen):
     first_order : bool
         Whether the translation over the interval tau is v tau (thesis eq. 7.2) instead of that of
         the SE(2) exponential, by which a turning vehicle moves at constant velocity.
-
-    Raises
-    ------
-    ValueError
-        If an option is invalid; the message names it.
     """
 
     doppler: bool = True

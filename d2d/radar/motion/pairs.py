@@ -31,11 +31,8 @@ def scan_pairs(
 ) -> list[ScanPair]:
     """The pairs of scans that a caller gives, checked: one, or several as three sequences.
 
-    Raises
-    ------
-    ValueError
-        If an argument has the wrong type, the sequences are empty or differ in length, a pair is
-        out of time order or a scan has no targets; the message names the argument.
+    Raises a ``ValueError`` if an argument has the wrong type, the sequences are empty or differ in
+    length, a pair is out of time order or a scan has no targets.
     """
     given: dict[str, Any] = {"previous": previous, "current": current, "mounting": mounting}
     if isinstance(previous, RadarScan) or isinstance(current, RadarScan):

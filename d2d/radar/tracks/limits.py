@@ -39,6 +39,9 @@ class VehicleLimits:
     limit by more than three of its own standard deviations is not accepted: radar alone sometimes
     finds an optimum that no vehicle could follow, which its inlier probability does not reveal.
 
+    Raises a ``ValueError`` if a limit is not positive; the message names it. ``math.inf`` switches
+    one off.
+
     Attributes
     ----------
     speed : float, m/s
@@ -55,11 +58,6 @@ class VehicleLimits:
         poorly: an error of the yaw rate then appears as side slip.  The default is for an origin
         near the rear axle; where it is far from the axle, or the wheels turn all ways, take a
         larger one.
-
-    Raises
-    ------
-    ValueError
-        If a limit is not positive; the message names it.  ``math.inf`` switches one off.
     """
 
     speed: float = 100.0

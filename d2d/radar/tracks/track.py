@@ -77,6 +77,10 @@ class Track(Frozen):
 
     It keeps read-only copies of what it is given; `dataclasses.replace` makes another one.
 
+    Raises a ``ValueError`` if shapes or types do not match, times are not finite and strictly
+    increasing, intervals contradict them, or where converged an estimate is not finite, its
+    covariance is not one or ``parts`` contradict it; the message names the field.
+
     Attributes
     ----------
     times : (n,) array, s
@@ -100,13 +104,6 @@ class Track(Frozen):
         Mean inlier probability of these targets; nan where there was nothing to estimate.
     parts : CovarianceParts or None
         The parts of the covariance, nan where not converged; None without a budget.
-
-    Raises
-    ------
-    ValueError
-        If shapes or types do not match, times are not finite and strictly increasing, intervals
-        contradict them, or where converged an estimate is not finite, its covariance is not one or
-        ``parts`` contradict it; the message names the field.
     """
 
     times: Array
@@ -145,6 +142,9 @@ class Track(Frozen):
     def at(self, times: ArrayLike) -> Velocities:
         """The velocities at other times, by linear interpolation.
 
+        Raises a ``ValueError`` unless ``times`` is a one-dimensional array of finite numbers, or if
+        the track is empty.
+
         Parameters
         ----------
         times : (m,) array, s
@@ -157,11 +157,6 @@ class Track(Frozen):
             covariance is interpolated linearly too.  It is then an upper bound for the interpolated
             error, however the errors of the two neighbours are correlated; it does not contain a
             change of the velocity between their times.
-
-        Raises
-        ------
-        ValueError
-            Unless ``times`` is a one-dimensional array of finite numbers, or if the track is empty.
         """
         wanted = check_finite("times", times)
         if wanted.ndim != 1:

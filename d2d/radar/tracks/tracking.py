@@ -70,6 +70,10 @@ def track(
     may be missing from a round.  With one sensor, each scan is a round.  Each round after the first
     gives one estimate, whose search starts at the last accepted velocity.
 
+    Raises a ``ValueError`` if something is not a sensor, two have a scan in common, scans are out
+    of time order or farther apart than ``max_interval``, there are fewer than two rounds,
+    ``baseline`` is below 1, ``horizon`` is given beside it, or another argument is invalid.
+
     Parameters
     ----------
     sensors : Recording, (scans, Mounting), or a sequence or mapping of them
@@ -121,13 +125,6 @@ def track(
         If in most intervals the positions alone fit another velocity clearly better than the one
         that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower
         (km/h), or a faster one (velocities already compensated for the ego-motion).
-
-    Raises
-    ------
-    ValueError
-        If something is not a sensor, two have a scan in common, scans are out of time order or
-        farther apart than ``max_interval``, there are fewer than two rounds, ``baseline`` is below
-        1, ``horizon`` is given beside it, or another argument is invalid; the message names it.
 
     Examples
     --------

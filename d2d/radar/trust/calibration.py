@@ -126,6 +126,9 @@ def calibrate(
     lag, a factor on v_x, the side slip of `SlipLaw`, and an angle added to each mounting.  No
     registration is needed.
 
+    Raises a ``ValueError`` if two sensors have a scan in common, a sensor has fewer than two scans
+    with targets, the vehicle stands still, the references cover no scan, or an argument is invalid.
+
     Parameters
     ----------
     recordings : Recording, or iterable of Recording or (scans, mounting, reference)
@@ -148,12 +151,6 @@ def calibrate(
     UserWarning
         If the best lag is at a bound of the search, or the drive has too little acceleration to
         determine it (standard deviation above 0.1 s), so that it is held at zero.
-
-    Raises
-    ------
-    ValueError
-        If two sensors have a scan in common, a sensor has fewer than two scans with targets, the
-        vehicle stands still, the references cover no scan, or an argument is invalid.
 
     Notes
     -----

@@ -159,6 +159,8 @@ class Comparison(Frozen):
     ) -> Measures:
         """Confidence intervals of all measures, by a block bootstrap.
 
+        Raises a ``ValueError`` if an argument is out of range.
+
         Parameters
         ----------
         confidence : float
@@ -176,11 +178,6 @@ class Comparison(Frozen):
         -------
         Measures
             Lower and upper bounds along a leading axis.
-
-        Raises
-        ------
-        ValueError
-            If an argument is out of range.
         """
         bounds = block_bootstrap(
             lambda rows: rows.mean(axis=0),
@@ -283,15 +280,13 @@ class Comparison(Frozen):
     def plot(self) -> Figure:
         """Draw the errors over time in a band of 3 sigma to either side, and below them the NEES.
 
+        Raises a ``ModuleNotFoundError`` if matplotlib is not installed; `d2d` itself does not need
+        it.
+
         Returns
         -------
         matplotlib.figure.Figure
             The NEES of a credible estimator lies between the dashed lines in 95 % of the cases.
-
-        Raises
-        ------
-        ModuleNotFoundError
-            If matplotlib is not installed; `d2d` itself does not need it.
         """
         from matplotlib import pyplot as plt
 
@@ -341,6 +336,9 @@ def _append(each: Array, together: Array) -> Array:
 def compare(track: Track, reference: Reference) -> Comparison:
     """Compare the velocities of a track with a reference.
 
+    Raises a ``ValueError`` if fewer than four estimates can be compared, as with clocks that
+    differ.
+
     Parameters
     ----------
     track : Track
@@ -354,11 +352,6 @@ def compare(track: Track, reference: Reference) -> Comparison:
     -------
     Comparison
         Errors are estimate minus reference.
-
-    Raises
-    ------
-    ValueError
-        If fewer than four estimates can be compared, as with clocks that differ.
 
     Notes
     -----

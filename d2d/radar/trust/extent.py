@@ -81,6 +81,9 @@ def estimate_extent(
     All targets get the one extent with which the registered pairs of scans are most likely.  No
     reference is needed.  The scans' own ``extent`` is not used.
 
+    Raises a ``ValueError`` if fewer than two pairs have targets in both scans, the likelihood still
+    grows at the largest candidate (3.2 m), or an argument is invalid.
+
     Parameters
     ----------
     scans : iterable of RadarScan
@@ -98,12 +101,6 @@ def estimate_extent(
     Returns
     -------
     ExtentEstimate
-
-    Raises
-    ------
-    ValueError
-        If fewer than two pairs have targets in both scans, the likelihood still grows at the
-        largest candidate (3.2 m), or an argument is invalid.
 
     Notes
     -----

@@ -23,6 +23,9 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
     If the tracks come from different measurements and both covariances are true, their differences
     have the sum of the covariances.  No reference is needed, so none adds errors of its own.
 
+    Raises a ``ValueError`` if fewer than four estimates can be compared, as with clocks that
+    differ.
+
     Parameters
     ----------
     first, second : Track
@@ -33,11 +36,6 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
     Comparison
         At the times of ``first``: ``errors`` are first minus second, ``covariances`` the sums.
         ``converged`` is the share of ``first`` that converged.
-
-    Raises
-    ------
-    ValueError
-        If fewer than four estimates can be compared, as with clocks that differ.
 
     Notes
     -----
@@ -85,6 +83,8 @@ def compare_halves(
     scan before, so that every target keeps its counterpart.  Run it with both values of ``by``: the
     two ANEES distinguish standard deviations that are too small from errors that are correlated.
 
+    Raises a ``ValueError`` if fewer than four estimates can be compared, or an argument is invalid.
+
     Parameters
     ----------
     sensors : Recording, (scans, Mounting), or a sequence or mapping of them
@@ -110,11 +110,6 @@ def compare_halves(
         ``errors`` are first half minus second, ``covariances`` the sums of both.  The halves start
         at the estimates from all targets, and ``converged`` is the share of these that converged.
         Where one of the three fails, there is no comparison.
-
-    Raises
-    ------
-    ValueError
-        If fewer than four estimates can be compared, or an argument is invalid.
 
     Notes
     -----

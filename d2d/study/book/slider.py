@@ -32,17 +32,14 @@ def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
 
     The first frame is shown; without JavaScript, a line of text says that there are more.
 
+    Raises a ``ValueError`` if there are no frames, or not exactly one caption for each.
+
     Parameters
     ----------
     name : str
         Id of the HTML element, unique on its page.
     frames, captions : sequences of str
         HTML of each frame, as wide as its place, and the plain text of the line below it.
-
-    Raises
-    ------
-    ValueError
-        If there are no frames, or not exactly one caption for each.
     """
     if not frames or len(frames) != len(captions):
         raise ValueError(

@@ -139,6 +139,8 @@ def table(
 ) -> Table:
     """Set values as a table; end a cell with it.
 
+    Raises a ``ValueError`` if a row has another number of cells than there are columns.
+
     Parameters
     ----------
     rows : mapping or iterable of sequences
@@ -157,11 +159,6 @@ def table(
     -------
     Table
         Shown as HTML in a notebook and printed as text.
-
-    Raises
-    ------
-    ValueError
-        If a row has another number of cells than there are columns.
 
     Examples
     --------

@@ -9,7 +9,7 @@ import numpy as np
 from d2d import ANNEALED
 from d2d._types import Array
 from d2d.bootstrap import block_length
-from d2d.radar import Track, simulate_drive, track
+from d2d.radar import Track, compare, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, Drive
 from d2d.study.book.claim import (
     RATIO,

@@ -31,6 +31,8 @@ _LEAST_VARIANCE = 1e-150  # of observations that are all zero; its square does n
 def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
     """log N(x | mu, Sigma), the logarithm of thesis eq. 2.7 (Bishop 2006, eq. 2.43).
 
+    Raises a ``ValueError`` that names an invalid argument.
+
     Parameters
     ----------
     x, mean : (..., D) arrays
@@ -41,11 +43,6 @@ def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
     Returns
     -------
     (...) array
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
     """
     points, centre = _vectors("x", x), _vectors("mean", mean)
     sigma = check_covariances("covariance", covariance)
@@ -78,6 +75,8 @@ def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
 def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
     """Maximum-likelihood mean (..., D) and covariance (..., D, D) (thesis eq. 2.5, 2.6).
 
+    Raises a ``ValueError`` if a set is empty, a value is nan or inf, or a weight is negative.
+
     Parameters
     ----------
     x : (..., N, D) array
@@ -91,12 +90,6 @@ def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
         The covariance is divided by the sum of the weights, not by N - 1: with equal weights its
         expectation is too small by the factor (N - 1) / N.  It is singular where the observations
         span less than D dimensions.
-
-    Raises
-    ------
-    ValueError
-        If a set is empty, a value is nan or inf, or a weight is negative; the message names the
-        argument.
     """
     points = _observations(x)
     w = np.ones(points.shape[-2]) if weights is None else check_finite("weights", weights)
@@ -135,16 +128,13 @@ def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float
     freedom, so the semi-axes are sqrt(chi2 quantile x eigenvalue).  The ellipses of one, two and
     three standard deviations contain 39 %, 86 % and 99 %.
 
+    Raises a ``ValueError`` that names an invalid argument.
+
     Parameters
     ----------
     mean : (..., 2) array
     covariance : (..., 2, 2) array
     confidence : float within [0, 1)
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
     """
     centre, sigma = _vectors("mean", mean), check_covariances("covariance", covariance)
     if centre.shape[-1] != 2 or sigma.shape[-1] != 2:
@@ -167,6 +157,8 @@ def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float
 class GaussianMixture(Frozen):
     """p(x) = sum_k w_k N(x | mu_k, Sigma_k) (thesis eq. 2.8, Bishop 2006, eq. 9.7).
 
+    Raises a ``ValueError`` that names an invalid argument.
+
     Parameters
     ----------
     weights : (K,) array
@@ -174,11 +166,6 @@ class GaussianMixture(Frozen):
     means : (K, D) array
     covariances : (K, D, D) array
         Symmetric positive definite.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
     """
 
     weights: Array
@@ -375,6 +362,8 @@ def fit_mixture(
 ) -> MixtureFit:
     """Fit a mixture by expectation maximisation (Dempster, Laird & Rubin 1977; thesis sec. 2.3).
 
+    Raises a ``ValueError`` that names an invalid argument.
+
     Parameters
     ----------
     x : (N, D) array
@@ -398,11 +387,6 @@ def fit_mixture(
     -------
     MixtureFit
         A local maximum; which one depends on the start.
-
-    Raises
-    ------
-    ValueError
-        If an argument is invalid; the message names it.
     """
     points = _observations(x)
     floor = _floor(points, floor)
