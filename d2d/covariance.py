@@ -145,20 +145,16 @@ def propagated(inverse: Array, noise: Array) -> Array:
     ``noise`` is the covariance (..., P, P) of the gradient.
     """
     product = inverse @ noise @ inverse
-    product = 0.5 * (product + np.swapaxes(product, -1, -2))
-    lost = (np.diagonal(product, axis1=-2, axis2=-1) < 0.0).any(axis=-1)
-    if lost.any():  # by rounding of nearly singular matrices; a product of roots cannot be negative
+    product = 0.5 * (product + product.swapaxes(-1, -2))
+    negative = product.diagonal(0, -2, -1) < 0.0
+    if negative.any():  # by rounding of nearly singular matrices; no product of roots is
+        lost = negative.any(axis=-1)
         size = np.sqrt(np.diagonal(noise[lost], axis1=-2, axis2=-1)) + 1e-300
         values, axes = np.linalg.eigh(noise[lost] / (size[:, :, None] * size[:, None, :]))
         inverse = np.broadcast_to(inverse, product.shape)[lost]
         root = inverse @ (size[:, :, None] * axes * np.sqrt(np.clip(values, 0.0, None))[:, None])
         product[lost] = root @ np.swapaxes(root, -1, -2)
     return np.asarray(product)
-
-
-def symmetric(upper: Array) -> Array:
-    """The symmetric matrices (..., P, P) of which the kernel has filled the upper triangles."""
-    return np.asarray(np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2))
 
 
 def _noise(problem: Problem, bound: Bound, slope: Array | None) -> Array:
@@ -174,7 +170,7 @@ def _noise(problem: Problem, bound: Bound, slope: Array | None) -> Array:
         if measurement is not None:
             sigmas, turned = _measurement_errors(measurement, slope, bound, part)
             add_measurements(cross.measured, cross.input, sigmas, cross.moving, turned, noise[part])
-    return symmetric(noise[:, :p, :p]).reshape(*bound.shape, p, p)
+    return noise[:, :p, :p].reshape(*bound.shape, p, p)
 
 
 def _measurement_errors(
