@@ -36,6 +36,7 @@ from d2d._kernel.layout import (
     G0,
     G1,
     G2,
+    GATE,
     INLIER,
     LANES,
     LIMIT,
@@ -246,7 +247,7 @@ def sum_inliers(w, fixed, setting):
     """
     lanes = lane_count(w)
     # Nearly always some component is so near that all beyond this distance vanish beside it.
-    enough = NEAR + setting.gate + setting.log_spread
+    enough = NEAR + GATE + setting.log_spread
     for k in range(lanes):
         w[CUT_OFF + k] = 2.0 * min(w[LIMIT + k], enough)
         w[OFFSET + k] = 0.0
@@ -261,9 +262,7 @@ def sum_inliers(w, fixed, setting):
         # Where none is near, the cut-off is measured from the nearest component.
         find_nearest(w, fixed, setting)
         for k in range(lanes):
-            w[CUT_OFF + k] = 2.0 * min(
-                w[LIMIT + k], w[OFFSET + k] + setting.gate + setting.log_spread
-            )
+            w[CUT_OFF + k] = 2.0 * min(w[LIMIT + k], w[OFFSET + k] + GATE + setting.log_spread)
     finish_inliers(w)
 
 
