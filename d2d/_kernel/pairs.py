@@ -184,8 +184,11 @@ def add_step(w, step):
     """Add one pair of each target: w_i N(0 | d_i, S_i) exp(OFFSET) and its derivatives.
 
     By the heat equation, dN/dS = N_dd / 2 (Price 1958), all derivatives follow from those along d,
-    which are polynomials in u = S^-1 d times N.  The rotation turns S by the operator K = M : d^2,
-    M = [[-a, h], [h, a]]; summed are 1, d, d^2, K d and K^2.
+    which are polynomials in u = B d times N.  The rotation turns S by C_phi = 2 M with
+    M = [[-a, h], [h, a]], and so N by the operator K = M : d^2; summed are 1, d, d^2, K d and K^2::
+
+        K N = (u'Mu - tr(MB)) N         K N_d = (2 BMu - u K) N
+        K^2 N = (K^2 - 4 u'MBMu + 2 tr(MBMB)) N,  tr(MBMB) = tr(MB)^2 - 2 det(M) det(B)
     """
     lanes = lane_count(w)
     for k in range(lanes):
