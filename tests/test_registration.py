@@ -17,7 +17,6 @@ from d2d import (
     PointSet,
     RegistrationCost,
     UniformOutlier,
-    credibility,
     fisher_covariance,
     multi_start,
     register,
@@ -30,7 +29,6 @@ from tests.strategies import (
     OUTLIERS,
     TRUTH,
     Problem,
-    central_difference,
     dense_gradient,
     dense_hessian,
     dense_value,
@@ -351,7 +349,10 @@ def test_a_batch_is_its_problems_one_by_one_in_any_number_of_threads(scales):
 
 
 def test_batch_axes_of_sets_starts_and_measurements_broadcast():
-    """Breaks if the batch axes are flattened in another order than they are unfolded."""
+    """Breaks if the batch axes are flattened in another order than they are unfolded.
+
+    Also if one problem comes back as a batch of one, or the caller's starts are overwritten.
+    """
     problem = scene(16, measured="motion", count=5)
     rng = np.random.default_rng(17)
     f, m, z = problem.fixed, problem.moving, problem.measurement
@@ -360,6 +361,7 @@ def test_batch_axes_of_sets_starts_and_measurements_broadcast():
     value = z.value + rng.standard_normal((2, 1, 1, z.size))
     measurement = LinearMeasurement(value, z.sigma, z.sigma_input, z.gain, z.slope)
     starts = problem.theta + 0.1 * rng.standard_normal((4, 3))
+    before = starts.copy()
     cost = RegistrationCost(outlier=outlier_model("corrupted", 2))
     batch = register(fixed, moving, cost, starts, (2.0, 1.0), measurement=measurement)
     assert batch.theta.shape == batch.gradient.shape == (2, 3, 4, 3)
@@ -369,44 +371,12 @@ def test_batch_axes_of_sets_starts_and_measurements_broadcast():
         one = LinearMeasurement(value[i, 0, 0], z.sigma, z.sigma_input, z.gain, z.slope)
         alone = register(fixed[k], moving[j, 0], cost, starts[k], (2.0, 1.0), measurement=one)
         assert_same(batch, alone, (i, j, k))
-
-
-def test_start_is_left_alone():
-    """Breaks if the caller's array is used as the iteration's memory."""
-    problem = scene(18)
-    starts = starts_around(problem, 5, 19)
-    before = starts.copy()
-    estimate = run(problem, starts)
+    shapes = {name: np.shape(getattr(alone, name)) for name in FIELDS}
+    assert [*shapes.values()] == [(3,), (3, 3), (), (3,), (3, 3), (), ()]
     assert_array_equal(starts, before)
-    assert (estimate.theta != starts).any()
 
 
 # ---- Invariances ------------------------------------------------------------------------------
-
-
-def test_optimum_moves_with_the_scene():
-    """Breaks if the origin or the axes play a role: both sets are moved, each in its own way."""
-    problem = scene(20)
-    a, b = np.array([30.0, -12.0, 1.1]), np.array([-7.0, 40.0, -2.6])
-
-    def conjugated(theta):
-        return rigid.compose(a, rigid.compose(theta, rigid.inverse(b)))
-
-    first = run(problem)
-    moved = register(
-        problem.fixed.transformed(a),
-        problem.moving.transformed(b),
-        problem.cost,
-        conjugated(problem.theta),
-    )
-    assert first.converged
-    assert moved.converged
-    assert_allclose(moved.value, first.value, rtol=1e-11)
-    sigma = np.sqrt(np.diag(moved.covariance))
-    assert (np.abs(moved.theta - conjugated(first.theta)) < 1e-6 * sigma).all()
-    jacobian = central_difference(conjugated, first.theta, np.full(3, 1e-3))
-    expected = jacobian @ first.covariance @ jacobian.T
-    assert_allclose(moved.covariance, expected, rtol=1e-6, atol=1e-6 * sigma.max() ** 2)
 
 
 @given(
@@ -510,44 +480,6 @@ def test_one_hopeless_problem_does_not_spoil_its_batch():
     assert_array_equal(estimate.converged, [True, True, True, False, True, True])
     assert np.isnan(estimate.covariance[3]).all()
     assert np.isfinite(estimate.covariance[[0, 1, 2, 4, 5]]).all()
-
-
-def test_a_single_problem_has_no_batch_axes():
-    """Breaks if one problem is returned as a batch of one."""
-    estimate = run(scene(28))
-    shapes = {name: np.shape(getattr(estimate, name)) for name in FIELDS}
-    assert shapes == {
-        "theta": (3,),
-        "covariance": (3, 3),
-        "value": (),
-        "gradient": (3,),
-        "hessian": (3, 3),
-        "converged": (),
-        "iterations": (),
-    }
-    assert bool(estimate.converged) is True
-
-
-# ---- The overlapped scene ---------------------------------------------------------------------
-
-
-def test_overlapped_scene_likelihood_is_credible_and_summing_pessimistic():
-    """Breaks if the covariance of the likelihood is not that of its errors over 1000 runs."""
-    fixed, moving = overlapped_scene(1000, np.random.default_rng(29))
-    verdicts = {}
-    for fusion in FUSIONS:
-        estimate = register(fixed, moving, RegistrationCost(fusion=fusion), TRUTH)
-        good = estimate.converged
-        assert good.mean() > 0.99
-        verdicts[fusion] = credibility((estimate.theta - TRUTH)[good], estimate.covariance[good])
-        v = verdicts[fusion]
-        low, high = v.bounds
-        print(
-            f"{fusion:10}: {good.sum()} of 1000 converged, ANEES {v.anees:.3f} in "
-            f"[{low:.3f}, {high:.3f}], NCI {v.nci:.2f} dB, I^2 {v.inclination:+.2f} dB"
-        )
-    assert verdicts["likelihood"].consistent
-    assert verdicts["summing"].inclination < -3.0
 
 
 @pytest.mark.parametrize("outlier", OUTLIERS)
