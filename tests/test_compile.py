@@ -23,7 +23,6 @@ points = d2d.PointSet([[8.0, 1.0]], [[[0.1, 0.0], [0.0, 0.1]]])
 print(d2d.__file__, points.size)
 """
 COUNT_HITS = """
-import sys
 import numpy as np
 from d2d._kernel.entries import pack_targets
 sets = np.ones((1, 1, 2)), np.eye(2)[None, None], np.ones((1, 1))
