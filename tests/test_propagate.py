@@ -280,24 +280,18 @@ def test_an_exact_input_shares_no_error():
 
 def test_batches_broadcast_and_come_out_one_by_one(monkeypatch):
     """Breaks if members of a batch, or the parts that it is cut into, change places."""
-    monkeypatch.setattr("d2d.covariance._TARGETS_AT_ONCE", 5000)
-    fixed, moving = overlapped_scene(1200, np.random.default_rng(6))
-    estimate = register(fixed, moving, ROBUST, TRUTH)
-    batch = propagate_covariance(estimate, fixed, moving, ROBUST)
-    assert batch.shape == (1200, 3, 3)
-    assert_array_equal(batch, np.swapaxes(batch, 1, 2))
-    for i in (0, 700, 1199):
-        one = register(fixed[i], moving[i], ROBUST, TRUTH)
-        single = propagate_covariance(one, fixed[i], moving[i], ROBUST)
-        assert_allclose(single, batch[i], rtol=1e-7)
-    many = register(fixed[0], moving[:6], ROBUST, np.broadcast_to(TRUTH, (2, 6, 3)))
-    monkeypatch.setattr("d2d.covariance._TARGETS_AT_ONCE", 1)
-    both = propagate_covariance(many, fixed[0], moving[:6], ROBUST)
-    assert both.shape == (2, 6, 3, 3)
-    assert_allclose(both[0], both[1], rtol=1e-12)
-    for i in range(6):
-        one = register(fixed[0], moving[i], ROBUST, TRUTH)
-        assert_allclose(both[0, i], propagate_covariance(one, fixed[0], moving[i], ROBUST))
+    fixed, moving = overlapped_scene(6, np.random.default_rng(6))
+    many = register(fixed[0], moving, ROBUST, np.broadcast_to(TRUTH, (2, 6, 3)))
+    singles = [register(fixed[0], moving[i], ROBUST, TRUTH) for i in range(6)]
+    for at_once in (1, 80):  # targets of both sets: one problem at a time, or five
+        monkeypatch.setattr("d2d.covariance._TARGETS_AT_ONCE", at_once)
+        both = propagate_covariance(many, fixed[0], moving, ROBUST)
+        assert both.shape == (2, 6, 3, 3)
+        assert_array_equal(both, np.swapaxes(both, 2, 3))
+        assert_allclose(both[0], both[1], rtol=1e-12)
+        for i, one in enumerate(singles):
+            single = propagate_covariance(one, fixed[0], moving[i], ROBUST)
+            assert_allclose(both[0, i], single, rtol=1e-7)
 
 
 @pytest.mark.parametrize("opinion", [propagate_covariance, d2d.sandwich_covariance])

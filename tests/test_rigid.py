@@ -46,18 +46,6 @@ def test_inverse_undoes_a_motion_from_both_sides(data, dimension):
     assert_allclose(rigid.inverse(back), theta, rtol=1e-12, atol=1e-9)
 
 
-@few
-@given(motions(2))
-def test_covariances_turn_with_their_points(theta):
-    """Breaks if R Sigma R' is R' Sigma R: checked on the differences of turned points."""
-    root = np.random.default_rng(2).standard_normal((5, 2, 4))
-    covariances = np.einsum("nia,nja->nij", root, root)
-    moved = rigid.transform_means(theta, np.swapaxes(root, 1, 2))
-    moved -= rigid.transform_means(theta, np.zeros((1, 2)))
-    expected = np.einsum("nai,naj->nij", moved, moved)
-    assert_allclose(rigid.transform_covariances(theta, covariances), expected, atol=1e-9)
-
-
 @pytest.mark.parametrize("dimension", [1, 2])
 def test_batch_axes_broadcast(dimension):
     """Breaks if theta's batch axes are matched with the targets' axis."""
