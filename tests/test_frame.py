@@ -6,14 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d import (
-    CorruptedGaussian,
-    PointSet,
-    RegistrationCost,
-    propagate_covariance,
-    register,
-    rigid,
-)
+from d2d import CorruptedGaussian, PointSet, RegistrationCost, propagate_covariance, register, rigid
 
 COSTS = (
     RegistrationCost(),

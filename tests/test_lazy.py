@@ -12,12 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from d2d import (
-    CorruptedGaussian,
-    LinearMeasurement,
-    PointSet,
-    UniformOutlier,
-)
+from d2d import CorruptedGaussian, LinearMeasurement, PointSet, UniformOutlier
 from d2d._lazy import Frozen, lazy
 from d2d.radar import EgoMotionModel, Mounting, RadarScan, World, build_world
 from d2d.radar.motion.model import DEFAULT_OUTLIER
