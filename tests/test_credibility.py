@@ -94,6 +94,14 @@ def test_credible_errors_are_measured_against_their_own_mean_square():
     assert_allclose(result.ratio, result.nees / expected, rtol=1e-9)
 
 
+def test_units_do_not_matter():
+    """Breaks if an angle in rad beside lengths in m is called singular."""
+    errors, covariances = drawn_errors(12, 1000)
+    units = np.array([1.0, 1e-5, 1e4])
+    result = credibility(errors * units, covariances * np.outer(units, units))
+    assert_allclose(result.anees, credibility(errors, covariances).anees, rtol=1e-9)
+
+
 def test_an_error_of_exactly_zero_counts_as_credible():
     """Breaks if 0 / 0 makes the indices nan."""
     errors = drawn_errors(13, 20)[0]

@@ -44,6 +44,7 @@ from tests.strategies import (
 
 FIELDS = ("theta", "covariance", "value", "gradient", "hessian", "converged", "iterations")
 SCHEDULE = (10.0, 5.5, 3.2, 1.7, 1.0)
+SCALES = (2.0, 1.0)
 ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
 
 
@@ -261,46 +262,37 @@ def test_scales_find_the_truth_more_often():
 # ---- Several starts ---------------------------------------------------------------------------
 
 
-def test_multi_start_is_the_best_of_its_starts():
-    """Breaks if another problem's best start is picked, or one that did not converge."""
-    fixed, moving = overlapped_scene(4, np.random.default_rng(33))
-    starts = start_grid(6.0, 6.0, [-0.3, 0.0, 0.3])
-    starts[0] = 1e6
-    best = multi_start(fixed, moving, ROBUST, starts, (2.0, 1.0))
-    assert best.theta.shape == (4, 3)
-    for i in range(4):
-        each = register(fixed[i], moving[i], ROBUST, starts, (2.0, 1.0))
-        winner = np.argmin(np.where(each.converged, each.value, np.inf))
-        for name in FIELDS[:-1]:
-            assert_array_equal(getattr(best, name)[i], getattr(each, name)[winner], err_msg=name)
-        assert best.iterations[i] == each.iterations.sum()
-    one = multi_start(fixed[0], moving[0], ROBUST, starts, (2.0, 1.0))
-    assert_same(best, one, 0)
-    assert all(type(getattr(one, name)) is np.ndarray for name in FIELDS)
+def test_multi_start_is_the_best_of_its_starts_for_every_problem():
+    """Breaks if another problem's best start is picked, or one that did not converge.
 
-
-def test_multi_start_tries_every_start_for_every_problem():
-    """Breaks if the axis of the starts is matched with a batch axis of a set or a measurement."""
-    problem = scene(35, measured="motion")
+    Also if the axis of the starts is matched with a batch axis of a set or a measurement.
+    """
+    problem = scene(35, outlier="corrupted", measured="motion")
     f, m, z = problem.fixed, problem.moving, problem.measurement
     rng = np.random.default_rng(36)
     fixed = PointSet(f.means + 0.1 * rng.standard_normal((3, 1, *f.means.shape)), f.covariances)
     moving = PointSet(m.means + 0.1 * rng.standard_normal((2, *m.means.shape)), m.covariances)
     value = z.value + rng.standard_normal((3, 2, z.size))
 
-    def measured(value):
-        return LinearMeasurement(value, z.sigma, z.sigma_input, z.gain, z.slope)
+    def best_of(fixed, moving, value):
+        measurement = LinearMeasurement(value, z.sigma, z.sigma_input, z.gain, z.slope)
+        one = problem.with_(fixed=fixed, moving=moving, measurement=measurement)
+        best = multi_start(fixed, moving, problem.cost, starts, SCALES, measurement=measurement)
+        return best, one
 
     for count in (2, 3, 4):
         starts = starts_around(problem, count, 37)
-        best = multi_start(fixed, moving, problem.cost, starts, measurement=measured(value))
-        assert best.theta.shape == (3, 2, 3)
+        starts[0] = 1e6
+        every, _ = best_of(fixed, moving, value)
+        assert every.theta.shape == (3, 2, 3)
         for i, j in np.ndindex(3, 2):
-            one = problem.with_(
-                fixed=fixed[i, 0], moving=moving[j], measurement=measured(value[i, j])
-            )
-            each = run(one, starts)
-            assert best.value[i, j] == each.value[each.converged].min()
+            best, one = best_of(fixed[i, 0], moving[j], value[i, j])
+            assert_same(every, best, (i, j))
+            each = run(one, starts, SCALES)
+            winner = np.argmin(np.where(each.converged, each.value, np.inf))
+            for name in FIELDS[:-1]:
+                assert_array_equal(getattr(best, name), getattr(each, name)[winner], name)
+            assert best.iterations == each.iterations.sum()
 
 
 def test_start_grid_reaches_its_edges_in_steps_no_longer_than_asked():

@@ -178,16 +178,19 @@ def test_extended_objects_are_judged_better():
 
 
 def test_a_cost_that_knows_no_moving_noise_is_seen_through():
-    """Breaks if P2D's inverse Hessian, which leaves the moving noise out, stands uncorrected."""
-    rng = np.random.default_rng(13)
-    fixed, theta = PointSet(rng.uniform(-20.0, 20.0, (60, 2)), [0.01 * np.eye(2)] * 60), np.zeros(3)
-    means = fixed.means + 0.3 * rng.standard_normal((200, 60, 2))
-    moving = PointSet(means, fixed.covariances)
-    cost = RegistrationCost("p2d")
-    estimate = register(fixed, moving, cost, theta)
-    covariance = sandwich_covariance(estimate, fixed, moving, cost)
-    assert credibility(estimate.theta, estimate.covariance).anees > 5.0
-    assert 0.8 < credibility(estimate.theta, covariance).anees < 1.25
+    """Breaks if P2D's inverse Hessian, which leaves the moving noise out, stands uncorrected.
+
+    On a line, also if parameters that do not exist there are counted.
+    """
+    rng, cost = np.random.default_rng(13), RegistrationCost("p2d")
+    for means in (rng.uniform(-20.0, 20.0, (60, 2)), 3.0 * np.arange(60.0)[:, None]):
+        fixed = PointSet(means, [0.01 * np.eye(means.shape[1])] * 60)
+        noise = 0.3 * rng.standard_normal((200, *means.shape))
+        moving = PointSet(means + noise, fixed.covariances)
+        estimate = register(fixed, moving, cost)
+        covariance = sandwich_covariance(estimate, fixed, moving, cost)
+        assert credibility(estimate.theta, estimate.covariance).anees > 5.0
+        assert 0.8 < credibility(estimate.theta, covariance).anees < 1.25
 
 
 def test_batches_come_out_one_by_one(monkeypatch):
