@@ -144,12 +144,6 @@ def random_problem(
     return Problem(cost, theta, fixed, moving, measurement)
 
 
-def taken(measurement: LinearMeasurement, rows: Any) -> LinearMeasurement:
-    """The measurements of some of the targets, of one problem."""
-    names = ("value", "sigma", "sigma_input", "gain", "slope")
-    return LinearMeasurement(*(getattr(measurement, n)[rows] for n in names), measurement.of_twist)
-
-
 def in_unit(problem: Problem, unit: float) -> Problem:
     """The same scene with all lengths multiplied by ``unit``; no measurement."""
     f, m, model = problem.fixed, problem.moving, problem.cost.outlier

@@ -213,7 +213,8 @@ def test_batch_axes_broadcast(outlier):
         def measured(value):
             return LinearMeasurement(value, z.sigma, z.sigma_input, z.gain, z.slope)
 
-        whole = Problem(cost, theta, fixed, moving, measured(value))
+        parts = theta, fixed, moving, value
+        whole = Problem(cost, *parts[:3], measured(value))
         found = (*whole.derivatives(), whole.densities(), whole.value())
         assert [each.shape for each in found] == [
             shape,
@@ -223,15 +224,12 @@ def test_batch_axes_broadcast(outlier):
             shape,
         ]
         for index in np.ndindex(shape):
-
-            def own(array, axes, index=index, shape=shape):
-                return np.broadcast_to(array, shape + array.shape[array.ndim - axes :])[index]
-
-            sets = (
-                PointSet(own(s.means, 2), own(s.covariances, 3), own(s.weights, 1))
-                for s in (fixed, moving)
-            )
-            one = Problem(cost, own(theta, 1), *sets, measured(own(value, 1)))
+            own = []
+            for part, batch in zip(parts, batches, strict=True):
+                last = index[len(shape) - len(batch) :]  # axes of length 1 are stretched
+                place = tuple(i if size > 1 else 0 for i, size in zip(last, batch, strict=True))
+                own.append(part[place] if place else part)
+            one = Problem(cost, *own[:3], measured(own[3]))
             alone = (*one.derivatives(), one.densities(), one.value())
             for ours, theirs in zip(found, alone, strict=True):
                 assert_array_equal(ours[index], theirs)

@@ -26,7 +26,7 @@ from d2d import (
     rigid,
 )
 from d2d.frame import is_far
-from tests.strategies import FUSIONS, METRICS, Problem, dense_gradient, dense_value, steps_of, taken
+from tests.strategies import FUSIONS, METRICS, Problem, dense_gradient, dense_value, steps_of
 
 BATCH = 250
 ROUNDS = 6  # of each case; 2 x 2 x 2 x 5 cases
@@ -169,12 +169,12 @@ def test_no_result_is_dishonest(outlier):
 
 def member(problem: Problem, i: int) -> Problem:
     """One problem of a batch."""
-    f, m, z = problem.fixed, problem.moving, problem.measurement
+    z, names = problem.measurement, ("value", "sigma", "sigma_input", "gain", "slope")
     return problem.with_(
         theta=problem.theta[i],
-        fixed=PointSet(f.means[i], f.covariances[i], f.weights[i]),
-        moving=PointSet(m.means[i], m.covariances[i]),
-        measurement=z and taken(z, i),
+        fixed=problem.fixed[i],
+        moving=problem.moving[i],
+        measurement=z and LinearMeasurement(*(getattr(z, name)[i] for name in names), z.of_twist),
     )
 
 
