@@ -1,4 +1,4 @@
-"""The compiled kernel: its elementary functions, cut-off, trust region and cache."""
+"""The compiled kernel: its elementary functions, cut-off, outlier models and trust region."""
 
 from __future__ import annotations
 
