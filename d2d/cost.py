@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -141,10 +141,8 @@ class RegistrationCost:
         check_choice("metric", self.metric, _METRICS)
         check_choice("fusion", self.fusion, _FUSIONS)
         if not isinstance(self.outlier, OutlierModel | None):
-            raise ValueError(
-                "outlier must be None, a UniformOutlier or a CorruptedGaussian, "
-                f"but is {self.outlier!r}"
-            )
+            models = ", ".join(model.__name__ for model in get_args(OutlierModel))
+            raise ValueError(f"outlier must be None or one of {models}, but is {self.outlier!r}")
 
     def target_densities(
         self,

@@ -149,14 +149,16 @@ def propagated(inverse: Array, noise: Array) -> Array:
 
 
 def _definite(inverse: Array, noise: Array) -> Array:
-    """The same of a whole covariance, without negative variances.
+    """`propagated` of a whole covariance.
 
-    Rounding of nearly singular matrices may leave them; no product of roots has any.
+    If the rounding of nearly singular matrices leaves a negative variance, it is computed as a
+    product of roots, which has none.
     """
     product = propagated(inverse, noise)
     negative = (np.diagonal(product, axis1=-2, axis2=-1) < 0.0).any(axis=-1)
     if negative.any():
-        size = np.sqrt(np.diagonal(noise[negative], axis1=-2, axis2=-1)) + 1e-300
+        size = np.sqrt(np.diagonal(noise[negative], axis1=-2, axis2=-1))
+        size = np.where(size > 0.0, size, 1.0)
         values, axes = np.linalg.eigh(noise[negative] / (size[:, :, None] * size[:, None, :]))
         inverse = np.broadcast_to(inverse, product.shape)[negative]
         root = inverse @ (size[:, :, None] * axes * np.sqrt(np.clip(values, 0.0, None))[:, None])

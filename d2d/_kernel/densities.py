@@ -111,7 +111,7 @@ def corrupted_jet(w, fixed, setting, outlier):
 def finish_outliers(w, precision, log_weight):
     """From the moments to the logarithm and its derivatives.
 
-    With E[u] and E[u u'] of u = B d, and d_phi = (-y, x).
+    These need E[u] and E[u u'] with u = B d, and d_phi = (-y, x).
     """
     lanes = lane_count(w)
     bxx, bxy, byy = precision

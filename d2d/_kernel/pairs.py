@@ -185,10 +185,11 @@ def add_step(w, step):
 
     By the heat equation, dN/dS = N_dd / 2 (Price 1958), all derivatives follow from those along d,
     which are polynomials in u = B d times N.  The rotation turns S by C_phi = 2 M with
-    M = [[-a, h], [h, a]], and so N by the operator K = M : d^2; summed are 1, d, d^2, K d and K^2::
+    M = [[-a, h], [h, a]], and so N by the operator K = sum_ij M_ij D_i D_j, with the derivative D
+    along d.  Summed are 1, D, D D', K D and K^2; with k = u'Mu - tr(MB)::
 
-        K N = (u'Mu - tr(MB)) N         K N_d = (2 BMu - u K) N
-        K^2 N = (K^2 - 4 u'MBMu + 2 tr(MBMB)) N,  tr(MBMB) = tr(MB)^2 - 2 det(M) det(B)
+        K N = k N       K D N = (2 BMu - k u) N
+        K^2 N = (k^2 - 4 u'MBMu + 2 tr(MBMB)) N,  tr(MBMB) = tr(MB)^2 - 2 det(M) det(B)
     """
     lanes = lane_count(w)
     for k in range(lanes):
@@ -271,7 +272,7 @@ def sum_inliers(w, fixed, setting):
 
 @vectorised
 def finish_inliers(w):
-    """From the sums of 1, d, d^2, K d and K^2 to the logarithm and its derivatives.
+    """From the sums of 1, D, D D', K D and K^2 to the logarithm and its derivatives.
 
     d/dphi = d_phi . d + K with d_phi = (-y, x), d_phiphi = -(x, y) and
     M_phi = 2 [[-h, -a], [-a, h]].
@@ -307,7 +308,7 @@ def finish_inliers(w):
 
 @compiled
 def bounds(fixed, moving, extremes):
-    """Logarithms of the largest possible sum over the pairs, and of its ratio to the smallest pair.
+    """log of the largest possible sum over the pairs, and log of its ratio to the smallest pair's peak.
 
     ``extremes`` holds the largest w_i det(Sigma_i)^(-1/2), the smallest w_i and the largest trace
     of the fixed set; det(S)^(1/2) <= tr(S) / 2.
