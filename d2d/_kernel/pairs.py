@@ -308,7 +308,7 @@ def finish_inliers(w):
 
 @compiled
 def bounds(fixed, moving, extremes):
-    """log of the largest possible sum over the pairs, and log of its ratio to the smallest pair's peak.
+    """Logarithms of the largest possible sum over the pairs, and of its ratio to the smallest peak.
 
     ``extremes`` holds the largest w_i det(Sigma_i)^(-1/2), the smallest w_i and the largest trace
     of the fixed set; det(S)^(1/2) <= tr(S) / 2.
