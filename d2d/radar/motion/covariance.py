@@ -245,8 +245,9 @@ def apply_budget(
     systematic.flat[::4] += problem.prior  # the diagonal
     middle = sum(before.scan.time + now.scan.time for before, now in slopes) / len(slopes) / 2.0
     delay = gain @ doppler_delay + (middle - time) * (_IDENTITY - gain @ doppler_share)
-    gradients = np.stack([noise, symmetric(dependence), systematic])
-    return CovarianceParts(*propagated(estimate.covariance, gradients)), delay
+    noise, systematic = propagated(estimate.covariance, np.stack([noise, systematic]))
+    added = gain @ symmetric(dependence) @ gain  # may be negative: errors in common may cancel
+    return CovarianceParts(noise, 0.5 * (added + added.T), systematic), delay
 
 
 def _add_neighbours(slopes: Influence, length: float, dependence: Array) -> None:

@@ -47,7 +47,7 @@ class ErrorBudget(Bounded):
     >>> import numpy as np
     >>> from d2d.radar import ErrorBudget, simulate_drive, track
     >>> drive = simulate_drive(np.random.default_rng(0), duration=2.0)
-    >>> budget = ErrorBudget(azimuth=np.deg2rad(0.1), doppler=0.02, source="data sheet")
+    >>> budget = ErrorBudget(azimuth=np.deg2rad(0.1), doppler=0.02, neighbours=1.0)
     >>> driven = track(drive, budget=budget)
     >>> bool((driven.parts.total == driven.covariance).all())
     True
