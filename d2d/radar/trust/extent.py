@@ -16,7 +16,7 @@ from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
 from d2d.radar.motion.pairs import scan_pair
 from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.radar.tracks.rounds import MAX_INTERVAL, increasing
+from d2d.radar.tracks.rounds import MAX_INTERVAL, check_increasing
 
 CANDIDATES = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])  # m
 _MIDDLE = 0.4  # m; the search at every extent starts at the velocity found with this one
@@ -143,7 +143,7 @@ def estimate_extent(
     if max_pairs is not None:
         check_count("max_pairs", max_pairs, minimum=2)
     model = EgoMotionModel(**options)
-    increasing("scans", scans, max_interval)
+    check_increasing("scans", scans, max_interval)
     points = [scan.with_extent(0.0) for scan in scans]
     pairs = [
         (previous, current)
