@@ -50,10 +50,7 @@ class ScanVelocities(NamedTuple):
 
 
 def scan_velocities(views: Iterable[tuple[Iterable[RadarScan], Mounting]]) -> ScanVelocities:
-    """Find the static targets of every scan from its own Doppler velocities alone.
-
-    Scans without targets are left out.
-    """
+    """The static targets of every scan that has targets, from its own Doppler velocities alone."""
     rows = [
         (s, (mounting.x, mounting.y), scan.time, *_quadratic(scan, mounting))
         for s, (scans, mounting) in enumerate(views)
@@ -116,10 +113,9 @@ class Alignment:
         return cls(velocities, references, powers, np.zeros(count), np.ones(count, np.bool_), scans)
 
     def predicted(self, lag: float, parameters: Array) -> tuple[Array, Array]:
-        """Velocities (n, 2) of the sensors and their derivatives (n, 2, P); nan where unknown.
+        """Velocities (n, 2) that sensors measure if mounted as stated; derivatives (n, 2, P).
 
-        They are those that a sensor measures if it takes its mounting to be as stated: turned back
-        by its yaw.
+        Nan where unknown.
         """
         sensor, place = self.velocities.sensor, self.velocities.place
         v, omega = self._odometry(lag)

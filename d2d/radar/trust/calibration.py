@@ -75,11 +75,10 @@ class Calibration:
         return np.sqrt(np.diag(self.covariance))
 
     def reference(self, reference: Reference) -> Reference:
-        """The reference as the radars see it, at the same times.
+        """The reference as the radars see it, at the same times: nan where the lag leads beyond it.
 
         Lag and speed factor are applied, and v_y is given by the slip law.  The poses are shifted
-        by the lag and otherwise unchanged.  Where the lag leads beyond the reference's first or
-        last time, all values are nan.
+        by the lag.
         """
         check_instance("reference", reference, Reference)
         moved = reference.at(reference.times - self.lag)
@@ -128,6 +127,8 @@ def calibrate(
 
     Raises a ``ValueError`` if two sensors have a scan in common, a sensor has fewer than two scans
     with targets, the vehicle stands still, the references cover no scan, or an argument is invalid.
+    Warns if the best lag is at a bound of the search, or the drive has too little acceleration to
+    determine it (standard deviation above 0.1 s), so that it is held at zero.
 
     Parameters
     ----------
@@ -140,17 +141,6 @@ def calibrate(
         The lag is searched for from -max_lag to max_lag.
     ahead : float, m, optional
         How far the vehicle frame's origin lies ahead of the rear axle.  By default it is fitted.
-
-    Returns
-    -------
-    Calibration
-        Prints as a table; ``reference`` and ``mountings`` are corrected by it.
-
-    Warns
-    -----
-    UserWarning
-        If the best lag is at a bound of the search, or the drive has too little acceleration to
-        determine it (standard deviation above 0.1 s), so that it is held at zero.
 
     Notes
     -----

@@ -14,7 +14,7 @@ from d2d.problem import Problem
 from d2d.radar.motion.doppler import doppler_starts
 from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
-from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.rounds import MAX_INTERVAL, check_increasing
 
@@ -41,14 +41,13 @@ class ExtentEstimate:
         Its standard error, from how much the slope of the likelihood differs between the pairs; nan
         if there is none.
     sigma_independent : float, m
-        Its standard error if all targets were independent and the model true, from the curvature of
-        the likelihood; usually the smaller of the two.
+        The same from the curvature of the likelihood, as if all targets were independent and the
+        model true; usually the smaller of the two.
     pairs, targets : int
         Number of pairs of scans, and of targets in their current scans, that were used.
-    candidates : (G,) array, m
-        Extents at which the likelihood was computed, ascending from 0 and including ``extent``.
-    log_likelihoods : (G,) array
-        Log-likelihood per target at each of them, with every pair at its own best velocity.
+    candidates, log_likelihoods : (G,) arrays, m and 1
+        Extents, ascending from 0 and including ``extent``, and the log-likelihood per target at
+        each of them, with every pair at its own best velocity.
     """
 
     extent: float
@@ -79,28 +78,13 @@ def estimate_extent(
     """Estimate the extent of a sensor's targets (`RadarScan.extent`) by maximum likelihood.
 
     All targets get the one extent with which the registered pairs of scans are most likely.  No
-    reference is needed.  The scans' own ``extent`` is not used.
+    reference is needed.  The scans' own ``extent`` is not used.  Of the pairs, which are
+    ``baseline`` scans apart, ``max_pairs`` are used, spread evenly over the recording; None uses
+    all.  ``max_interval`` (s) is as for `track`; the other options are the fields of
+    `EgoMotionModel`.
 
     Raises a ``ValueError`` if fewer than two pairs have targets in both scans, the likelihood still
     grows at the largest candidate (3.2 m), or an argument is invalid.
-
-    Parameters
-    ----------
-    scans : iterable of RadarScan
-        Scans of one sensor, in strictly increasing time.
-    mounting : Mounting
-    baseline : int
-        How many scans before its second scan the first one of a pair is, as for `track`.
-    max_pairs : int or None
-        Largest number of pairs used, spread evenly over the recording; None uses all.
-    max_interval : float, s
-        Longest time between two scans; see `track`.
-    **options
-        Fields of `EgoMotionModel`.
-
-    Returns
-    -------
-    ExtentEstimate
 
     Notes
     -----
@@ -160,7 +144,7 @@ def estimate_extent(
         pairs = [pairs[i] for i in spread]
     started = []
     for previous, current in pairs:
-        problem = model.problem([scan_pair(previous, current, mounting, model)])
+        problem = problem_of([ScanPair(previous, current, mounting)], model)
         starts = doppler_starts([(current, mounting)])
         near = estimate_velocity(widened(problem, _MIDDLE), starts, (1.0,)).theta
         started.append((problem, near))
