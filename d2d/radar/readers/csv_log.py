@@ -217,28 +217,22 @@ def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[Radar
     leading ``~`` stands for the home folder.  Raises a ``ValueError`` if a name is empty or begins
     or ends with a space, or two scans of a sensor have the same time.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("time", "sensor", *_MEASURED[1:], *_SIGMAS))
-    for time, name, scan in _in_time_order(sensors):
-        columns = [getattr(scan, field).tolist() for field in (*_MEASURED[1:], *_SIGMAS)]
-        writer.writerows((time, name, *row) for row in zip(*columns, strict=True))
-    with written_whole(check_path("path", path)) as file:
-        file.write(text.getvalue().encode())
-
-
-def _in_time_order(
-    sensors: Mapping[str, Iterable[RadarScan]],
-) -> list[tuple[float, str, RadarScan]]:
-    scans = [(scan.time, name, scan) for name, own in sensors.items() for scan in own]
     for name in sensors:
         if not name or name != name.strip() or not name.isprintable():
             raise ValueError(f"sensors must be keyed by names, but hold {name!r}")
+    scans = [(scan.time, name, scan) for name, own in sensors.items() for scan in own]
     scans.sort(key=lambda entry: entry[:2])
     for (time, name, _), later in itertools.pairwise(scans):
         if (time, name) == later[:2]:
             raise ValueError(f"sensors[{name!r}] must hold one scan of each time")
-    return scans
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("time", "sensor", *_MEASURED[1:], *_SIGMAS))
+    for time, name, scan in scans:
+        columns = [getattr(scan, field).tolist() for field in (*_MEASURED[1:], *_SIGMAS)]
+        writer.writerows((time, name, *row) for row in zip(*columns, strict=True))
+    with written_whole(check_path("path", path)) as file:
+        file.write(text.getvalue().encode())
 
 
 # ---- The entry of READERS

@@ -41,43 +41,23 @@ _STRENGTH = {
 
 @dataclass(frozen=True, eq=False)
 class Reflectors:
-    """Stationary reflection points.
+    """Stationary reflection points."""
 
-    Attributes
-    ----------
-    positions : (n, 2) array, m
-    strength : (n,) array
-        Radar cross-section, relative to that of a point that is detected with probability 1/2 at
-        the sensor's ``half_range``.
-    kind : (n,) array of str
-        "wall", "car", "pole" or "vegetation".
-    """
-
-    positions: Array
+    positions: Array  # (n, 2), m
+    # radar cross-section (n,), relative to that of a point that is detected with probability 1/2 at
+    # the sensor's half_range
     strength: Array
-    kind: NDArray[np.str_]
+    kind: NDArray[np.str_]  # (n,), "wall", "car", "pole" or "vegetation"
 
 
 @dataclass(frozen=True, eq=False)
 class Movers:
-    """Reflection points on rigid bodies that follow the path beside the vehicle's own lane.
+    """Reflection points on rigid bodies that follow the path beside the vehicle's own lane."""
 
-    Attributes
-    ----------
-    start : (m,) array, m
-        Position of the body's frame along the path at time 0.
-    speed : (m,) array, m/s
-        Speed along the path, negative if opposite to the vehicle's direction.
-    offset : (m, 2) array, m
-        Position of the point in the frame that moves along the path: x along it, y to its left.
-    strength : (m,) array
-        As for `Reflectors`.
-    """
-
-    start: Array
-    speed: Array
-    offset: Array
-    strength: Array
+    start: Array  # (m,), m along the path, of the body's frame at time 0
+    speed: Array  # (m,), m/s along the path, negative if opposite to the vehicle's direction
+    offset: Array  # (m, 2), m, of the point in that frame: x along the path, y to its left
+    strength: Array  # (m,), as for `Reflectors`
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Positions and velocities (..., m, 2) in m and m/s at times (...) in s."""
@@ -95,13 +75,8 @@ class Movers:
 class World(Frozen):
     """Everything that the radar can see.
 
-    Attributes
-    ----------
-    buildings, cars : (n, 4, 2) arrays, m
-        Corners of the outlines, counter-clockwise; both block the view.
-    reflectors : Reflectors
-    movers : Movers
-        They do not block the view.
+    ``buildings`` and ``cars``, corners (n, 4, 2) of outlines in m, counter-clockwise, block the
+    view; the movers do not.
     """
 
     buildings: Array
@@ -225,12 +200,8 @@ def _corners() -> Array:
 def build_world(rng: np.random.Generator, movers: int = 6) -> World:
     """Line the street with buildings, parked cars, poles and bushes, and add moving objects.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    movers : int
-        Number of moving objects: alternately cars in the oncoming lane and walkers on the
-        sidewalks, in either direction.
+    These are alternately cars in the oncoming lane and walkers on the sidewalks, in either
+    direction; ``movers`` is their number.
     """
     buildings, cars = _buildings(rng), _parked_cars(rng)
     places = {

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Unpack
+from typing import Unpack
 
 import numpy as np
 import scipy
@@ -151,33 +151,25 @@ def estimate_extent(
     return _most_likely(started, sum(current.size for _, current in pairs))
 
 
-class _Profile(NamedTuple):
-    """Log-likelihood of each pair at its best velocity, and its derivative in e^2; both (n,)."""
-
-    log_likelihood: Array
-    slope: Array
-
-
 def _most_likely(pairs: Sequence[_Started], targets: int) -> ExtentEstimate:
     """The extent of largest likelihood, with its standard errors."""
-    profiles = [_profile(pairs, candidate) for candidate in CANDIDATES]
-    curve = np.array([profile.log_likelihood.sum() for profile in profiles])
-    slopes = np.array([profile.slope.sum() for profile in profiles])
+    profiles = np.array([_profile(pairs, candidate) for candidate in CANDIDATES])
+    curve, slopes = profiles.sum(axis=-1).T
     extent = _maximum(pairs, curve, slopes)
     candidates = CANDIDATES.copy()
     if extent > 0.0:
-        best = _profile(pairs, extent)
+        log_likelihood, slope = _profile(pairs, extent)
         place = np.searchsorted(candidates, extent)
         candidates = np.insert(candidates, place, extent)
-        curve = np.insert(curve, place, best.log_likelihood.sum())
-        near = [_profile(pairs, extent * np.sqrt(1.0 + step)) for step in (-_STEP, _STEP)]
-        curvature = (near[0].slope - near[1].slope).sum() / (2.0 * _STEP * extent**2)
+        curve = np.insert(curve, place, log_likelihood.sum())
+        below, above = (_profile(pairs, extent * np.sqrt(1.0 + s))[1] for s in (-_STEP, _STEP))
+        curvature = (below - above).sum() / (2.0 * _STEP * extent**2)
     else:
-        best = profiles[0]
-        curvature = (best.slope - _profile(pairs, _SMALL).slope).sum() / _SMALL**2
+        slope = profiles[0, 1]
+        curvature = (slope - _profile(pairs, _SMALL)[1]).sum() / _SMALL**2
     return ExtentEstimate(
         extent,
-        _standard_error(extent, np.sqrt(_variance_of_sum(best.slope)), curvature),
+        _standard_error(extent, np.sqrt(_variance_of_sum(slope)), curvature),
         _standard_error(extent, np.sqrt(max(curvature, 0.0)), curvature),
         len(pairs),
         targets,
@@ -186,15 +178,14 @@ def _most_likely(pairs: Sequence[_Started], targets: int) -> ExtentEstimate:
     )
 
 
-def _profile(pairs: Sequence[_Started], extent: float) -> _Profile:
-    """The log-likelihoods at an extent, each at the best velocity from its start."""
-    log_likelihood, slope = np.empty(len(pairs)), np.empty(len(pairs))
+def _profile(pairs: Sequence[_Started], extent: float) -> Array:
+    """Log-likelihoods and their derivatives in e^2 (2, n), each at the best velocity."""
+    found = np.empty((2, len(pairs)))
     for i, (problem, velocity) in enumerate(pairs):
         wider = widened(problem, extent)
         best = estimate_velocity(wider, velocity, (1.0,))
-        log_likelihood[i] = -best.value
-        slope[i] = wider.widening_slopes(wider.bind(best.theta)).sum()
-    return _Profile(log_likelihood, slope)
+        found[:, i] = -best.value, wider.widening_slopes(wider.bind(best.theta)).sum()
+    return found
 
 
 def widened(problem: Problem, extent: float) -> Problem:
@@ -226,7 +217,7 @@ def _maximum(pairs: Sequence[_Started], curve: Array, slopes: Array) -> float:
     first = max(inside, key=lambda i: max(curve[i], curve[i + 1]))
     return float(
         scipy.optimize.brentq(
-            lambda extent: _profile(pairs, extent).slope.sum(),
+            lambda extent: _profile(pairs, extent)[1].sum(),
             CANDIDATES[first],
             CANDIDATES[first + 1],
             xtol=_TOLERANCE,
