@@ -140,7 +140,7 @@ def simulate_drive(
     duration : float, s
     speed : float, m/s
         Mean speed over a lap.  The default is that of a robot; for a car in town, use `CAR_SPEED`
-        and `CAR_MOUNTING` of `d2d.radar.simulation.drive`.
+        and `CAR_MOUNTING` of ``d2d.radar.simulation.drive``.
     start : float, s
         How long the vehicle has driven when the drive begins, at time 0.
     mounting : Mounting

@@ -150,7 +150,7 @@ def lap_progress(times: Array, speed: float) -> tuple[Array, Array]:
 
 @cache
 def _lap() -> "tuple[scipy.interpolate.CubicHermiteSpline, ...]":
-    """Splines of position and heading over the distance driven, and of the distance over time.
+    """Splines of position and heading over the distance (m), and of the distance over time.
 
     The time is multiplied by the mean speed, so that it is in m as well.
     """
@@ -238,11 +238,7 @@ def _offset(along: Array, aside: Array) -> Array:
 
 
 def _buildings(rng: np.random.Generator) -> Array:
-    """Rows of houses, 8 m deep, along both sides of the whole street.
-
-    A house is parallel to the path at its own centre.  Houses too close to another part of the
-    street are left out.
-    """
+    """Rows of houses, 8 m deep, along both sides of the street, none too near to another part."""
     frames, lengths = [], []
     for side, setbacks in ((-1.0, (6.0, 9.0)), (1.0, (9.0, 11.0))):
         along = 0.0
