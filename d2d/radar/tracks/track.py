@@ -103,15 +103,15 @@ class Track(Frozen):
         for name in (*REQUIRED, *OPTIONAL):
             if getattr(self, name) is not None:
                 self._keep(name, _rows(name, getattr(self, name), count))
-        if self.parts is not None:
-            parts = (_rows("parts", part, count) for part in self.parts)
-            self._keep("parts", CovarianceParts(*parts))
         _check_times(self.times, self.intervals)
-        good = self.converged
+        good, total = self.converged, None
+        if self.parts is not None:
+            parts = CovarianceParts(*(_rows("parts", part, count) for part in self.parts))
+            self._keep("parts", parts)
+            total = parts.total[good]
         for name in ("theta", "covariance"):
             if not np.isfinite(getattr(self, name)[good]).all():
                 raise ValueError(f"{name} must be finite wherever converged is true")
-        total = None if self.parts is None else self.parts.total[good]
         _check_covariances(self.covariance[good], total)
 
     def poses(self, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
@@ -126,9 +126,9 @@ class Track(Frozen):
 
         They are nan outside the track's time span, next to an estimate that failed, and in gaps of
         more than twice the usual interval; at the time of an estimate, they are that estimate
-        itself.  The covariance is interpolated linearly too: an upper bound for the interpolated
-        error, however the errors of the two neighbours are correlated, but without what the
-        velocity changes between their times.
+        itself.  The covariance is interpolated linearly too.  It is an upper bound for the
+        interpolated error, however the errors of the two neighbours are correlated, but does not
+        contain a change of the velocity between their times.
 
         Raises a ``ValueError`` unless ``times`` is a row of finite numbers, or if the track is
         empty.
@@ -198,8 +198,9 @@ class Track(Frozen):
     def write_velocities(self, path: str | os.PathLike[str]) -> None:
         """Write the velocities with their covariances as a table of text.
 
-        Lines that begin with # are the header and the end.  All others hold twelve numbers, with
-        all their digits and a space between them; ``numpy.loadtxt`` reads them too:
+        Lines that begin with # are the header, which ends with the columns' names and units, and
+        the end.  All others hold twelve numbers, with all their digits and a space between them;
+        ``numpy.loadtxt`` reads them too:
 
         ========== ================================================ =====================
         number     what                                             unit
@@ -248,9 +249,8 @@ class Track(Frozen):
             raise ModuleNotFoundError(
                 "to_dataframe needs pandas, which is not installed: pip install pandas"
             ) from None
-        known = {name: getattr(self, name) for name in OPTIONAL}
-        given = {name: each for name, each in known.items() if each is not None}
-        return pandas.DataFrame(velocity_columns(self) | given)
+        known = {name: vars(self)[name] for name in OPTIONAL if vars(self)[name] is not None}
+        return pandas.DataFrame(velocity_columns(self) | known)
 
     # ---- Seen by people
 
@@ -326,8 +326,8 @@ def neighbours(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, NDArray[np.bool_]]:
     """The estimates of a track before and after each of ``times`` (m,), for linear interpolation.
 
-    With them come the weight of the one after, and whether both were accepted and are not too far
-    apart.  They are the same where an estimate is at the time itself.
+    With these two (m,) come the weight of the second, and whether both were accepted and are not
+    too far apart.  Both are the same where an estimate is at the time itself.
     """
     if not len(track.times):
         raise ValueError("the track must hold at least one estimate, but is empty")

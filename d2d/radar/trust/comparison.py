@@ -148,7 +148,7 @@ class Comparison(Frozen):
         rng: np.random.Generator | None = None,
         resamples: int = 1000,
     ) -> Measures:
-        """Lower and upper bounds of all measures, by a block bootstrap.
+        """Lower and upper bounds of all measures, by a block bootstrap with ``resamples`` draws.
 
         Each interval has the probability content ``confidence``.  ``block`` successive estimates
         are drawn together, by default as many as `d2d.block_length` says, which cannot know of

@@ -78,9 +78,9 @@ def estimate_extent(
     """Estimate the extent of a sensor's targets (`RadarScan.extent`) by maximum likelihood.
 
     All targets get the one extent with which the registered pairs of scans are most likely.  No
-    reference is needed.  The scans' own ``extent`` is not used.  Of the pairs, which are
-    ``baseline`` scans apart, ``max_pairs`` are used, spread evenly over the recording; None uses
-    all.  ``max_interval`` (s) is as for `track`; the other options are the fields of
+    reference is needed, and the scans' own ``extent`` is not used.  The scans of a pair are
+    ``baseline`` scans apart.  At most ``max_pairs`` are used, spread evenly over the recording;
+    None uses all.  ``max_interval`` (s) is as for `track`; the other options are the fields of
     `EgoMotionModel`.
 
     Raises a ``ValueError`` if fewer than two pairs have targets in both scans, the likelihood still
