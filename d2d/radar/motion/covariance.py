@@ -132,20 +132,20 @@ def influences(problem: Problem, estimate: Estimate, pairs: Sequence[ScanPair]) 
                 doppler=each.doppler @ gain,
                 prediction=each.prediction @ gain,
             )
-            found[key] = _added(found[key], moved) if key in found else moved
+            if key in found:
+                before = found[key]
+                moved = moved._replace(
+                    position=before.position + moved.position,
+                    doppler=_added(before.doppler, moved.doppler),
+                    prediction=_added(before.prediction, moved.prediction),
+                )
+            found[key] = moved
     return list(found.values())
 
 
-def _added(first: Influence, second: Influence) -> Influence:
-    """Two influences of one scan, of which the first or both may lack the Doppler velocities."""
-    measured = second._replace(position=first.position + second.position)
-    if not len(first.doppler):
-        return measured
-    if not len(second.doppler):
-        return first._replace(position=measured.position)
-    return measured._replace(
-        doppler=first.doppler + second.doppler, prediction=first.prediction + second.prediction
-    )
+def _added(first: Array, second: Array) -> Array:
+    """The sum of two influences (K, 3), of which one may be missing."""
+    return first + second if len(first) == len(second) else max(first, second, key=len)
 
 
 def _slopes(

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TextIO, Unpack
 
 import numpy as np
@@ -150,6 +150,8 @@ def track(
     def pairs(i: int) -> list[ScanPair]:
         return round_pairs(drives, groups[i + 1], baseline, horizon)
 
+    if limits is not None:
+        limits = limits.for_doppler(model.doppler)
     follower = Follower(model, scales, velocity, budget, limits)
     counted = _counted(len(groups) - 1, progress)
     rows = [follower.follow(float(times[i + 1]), pairs(i)) for i in counted]
@@ -187,63 +189,58 @@ class Row(NamedTuple):
     delay: Array = np.zeros((3, 3))  # s; times the acceleration, how far theta is from its time
 
 
+@dataclass
 class Follower:
     """Estimates the velocity of one round after the other, and remembers the last accepted one.
 
     Nothing that it needs is later than the round, so that rounds can come as they are measured.
     """
 
-    def __init__(
-        self,
-        model: EgoMotionModel,
-        scales: Sequence[float],
-        velocity: Array | None,
-        budget: ErrorBudget | None,
-        limits: VehicleLimits | None,
-    ) -> None:
-        self._model, self._scales, self._budget = model, scales, budget
-        self._limits = None if limits is None else limits.for_doppler(model.doppler)
-        self._velocity = velocity  # at which the next search starts, if it is known
-        self._last: State | None = None
+    model: EgoMotionModel
+    scales: Sequence[float]
+    velocity: Array | None  # at which the next search starts, if it is known
+    budget: ErrorBudget | None
+    limits: VehicleLimits | None
+    last: State | None = None
 
     def follow(self, time: float, pairs: Sequence[ScanPair]) -> Row:
         """The next row of a track, from the pairs of scans of a round at ``time``."""
         if not pairs:
             return self._held("a scan without targets")
-        problem = problem_of(pairs, self._model)
+        problem = problem_of(pairs, self.model)
         estimate = self._estimate(problem, pairs)
         seen = sum(pair.current.size for pair in pairs), float(estimate.inliers)
         reason = _doubt(estimate, pairs)
         if reason:
             return self._held(reason, *seen)
         row = Row(estimate.theta, estimate.covariance, "", *seen)
-        if self._budget is not None:
-            parts, delay = apply_budget(problem, estimate, pairs, self._budget, time)
+        if self.budget is not None:
+            parts, delay = apply_budget(problem, estimate, pairs, self.budget, time)
             row = row._replace(covariance=parts.total, parts=np.stack(parts), delay=delay)
         state = State(time, row.theta, row.covariance)
         if not np.isfinite(state.covariance).all():
             reason = "a covariance that is not finite"
-        elif self._limits is not None:
-            reason = self._limits.exceeded(state, self._last)
+        elif self.limits is not None:
+            reason = self.limits.exceeded(state, self.last)
         if reason:
             return self._held(reason, *seen)
-        self._last, self._velocity = state, state.theta
+        self.last, self.velocity = state, state.theta
         return row
 
     def _held(self, reason: str, targets: int = 0, inliers: float = np.nan) -> Row:
         """The row of a round that gives no estimate."""
-        theta = np.zeros(3) if self._velocity is None else self._velocity
+        theta = np.zeros(3) if self.velocity is None else self.velocity
         return Row(theta, reason=reason, targets=targets, inliers=inliers)
 
     def _estimate(self, problem: Problem, pairs: Sequence[ScanPair]) -> Estimate:
         """The optimum near the last velocity; where it is doubtful, the better of two."""
         near = None
-        if self._velocity is not None:
-            near = estimate_velocity(problem, self._velocity, self._scales)
+        if self.velocity is not None:
+            near = estimate_velocity(problem, self.velocity, self.scales)
             if near.converged and float(near.inliers) >= _WELL_EXPLAINED:
                 return near
         starts = doppler_starts([(pair.current, pair.mounting) for pair in pairs])
-        anew = estimate_velocity(problem, starts, self._scales)
+        anew = estimate_velocity(problem, starts, self.scales)
         if near is None:
             return anew
         return min(near, anew, key=lambda each: (not _is_good(each), float(each.value)))
