@@ -91,8 +91,12 @@ class World(Frozen):
     @cached_property
     def walls(self) -> Array:
         """Start and end (S, 2, 2) in m of all wall segments, which block the view."""
-        outlines = np.concatenate([self.buildings, self.cars])
-        return np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+        return _edges(np.concatenate([self.buildings, self.cars]))
+
+
+def _edges(outlines: Array) -> Array:
+    """Start and end (4 n, 2, 2) of the edges of outlines (n, 4, 2)."""
+    return np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2).reshape(-1, 2, 2)
 
 
 def visible(points: Array, walls: Array) -> NDArray[np.bool_]:
@@ -280,7 +284,7 @@ def _along_outlines(
 
     Window sills, pipes and door handles reflect, but not the plane surfaces between them.
     """
-    edges = np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+    edges = _edges(outlines)
     along = edges[:, 1] - edges[:, 0]
     length = np.linalg.norm(along, axis=-1)
     which = np.repeat(np.arange(len(edges)), rng.poisson(length / spacing))

@@ -18,9 +18,8 @@ from d2d._types import Array
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import Mounting, RadarScan
 
-# Times between two scans that are longer than this are taken to be in another unit.
+# Times between two scans, and horizons, that are longer than this are taken to be in another unit.
 MAX_INTERVAL = 60.0  # s
-_LONGEST_HORIZON = 60.0  # s
 
 SensorScans = tuple[list[RadarScan], Mounting]
 
@@ -129,7 +128,7 @@ def check_separation(baseline: int, horizon: float | None) -> None:
     check_count("baseline", baseline)
     if horizon is None:
         return
-    check_positive("horizon", check_seconds("horizon", horizon, _LONGEST_HORIZON))
+    check_positive("horizon", check_seconds("horizon", horizon, MAX_INTERVAL))
     if baseline != 1:
         raise ValueError(
             f"horizon and baseline must not both be given, but are {horizon:g} s and {baseline}"

@@ -160,21 +160,7 @@ class Track(Frozen):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Track:
-        """The track that `save` wrote; a ``ValueError`` names a file that is not a complete one.
-
-        Examples
-        --------
-        >>> import tempfile
-        >>> import numpy as np
-        >>> from d2d.radar import Track, simulate_drive, track
-        >>> drive = simulate_drive(np.random.default_rng(0), duration=1.0)
-        >>> driven = track(drive)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     driven.save(f"{folder}/drive.npz")
-        ...     again = Track.load(f"{folder}/drive.npz")
-        >>> bool((again.theta == driven.theta).all())
-        True
-        """
+        """The track that `save` wrote; a ``ValueError`` names a file that is not a complete one."""
         source = check_path("path", path)
         return cls._from_file(source, load_fields(source))
 
