@@ -1,19 +1,14 @@
 """The files of a track: arrays that load bit by bit, and a table of velocities as text."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from d2d.radar.files import written_whole
 from d2d.radar.scans.budget import CovarianceParts
-
-if TYPE_CHECKING:
-    from d2d.radar.tracks.track import Track
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -82,18 +77,18 @@ def load_fields(path: Path) -> dict[str, Any]:
     return fields
 
 
-def velocity_columns(track: Track) -> Arrays:
-    """The columns (n,) of a table of velocities, named as in `COLUMNS`."""
-    entries = track.covariance[:, _UPPER[0], _UPPER[1]].T
-    columns = [track.times, track.intervals, *track.theta.T, track.converged, *entries]
-    return dict(zip(COLUMNS, columns, strict=True))
+def velocity_columns(fields: Mapping[str, Any]) -> Arrays:
+    """The columns (n,) of a table of velocities, named as in `COLUMNS`, from a track's fields."""
+    times, intervals, theta, covariance, converged = (fields[name] for name in REQUIRED)
+    entries = covariance[:, _UPPER[0], _UPPER[1]].T
+    return dict(zip(COLUMNS, [times, intervals, *theta.T, converged, *entries], strict=True))
 
 
-def write_velocity_table(path: Path, track: Track) -> None:
+def write_velocity_table(path: Path, fields: Mapping[str, Any]) -> None:
     """Write the columns as text, each number with all its digits."""
     lists = [
         column.astype(int).tolist() if column.dtype == np.bool_ else column.tolist()
-        for column in velocity_columns(track).values()
+        for column in velocity_columns(fields).values()
     ]
     units = " ".join(f"{name}[{unit}]" for name, unit in COLUMNS.items())
     rows = (" ".join(map(repr, row)) for row in zip(*lists, strict=True))

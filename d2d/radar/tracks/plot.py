@@ -14,26 +14,33 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from d2d.radar.tracks.track import Track
-
 _LABELS = ("$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (deg/s)")
 _FAILED = "black"
 
 
-def draw(track: Track) -> Figure:
-    """The picture, whose panels stand one below the other, so that it fits a phone."""
+def draw(
+    path: Array,
+    times: Array,
+    theta: Array,
+    covariance: Array,
+    converged: NDArray[np.bool_],
+    inliers: Array | None,
+) -> Figure:
+    """Draw a path (n + 1, 3), velocities (n, 3) in a band of 3 sigma, and inliers (n,) if known.
+
+    The panels stand one below the other, so that the picture fits a phone.
+    """
     from matplotlib import pyplot as plt
 
-    times, converged, inliers = track.times, track.converged, track.inliers
     rows = 3 + (inliers is not None)
     figure = plt.figure(figsize=(5.0, 3.2 + 1.0 * rows), layout="constrained")
     grid = figure.add_gridspec(1 + rows, height_ratios=(3.2, *[1.0] * rows))
-    _draw_path(figure.add_subplot(grid[0]), track.poses(), converged)
+    _draw_path(figure.add_subplot(grid[0]), path, converged)
     first = figure.add_subplot(grid[1])
     axes = [first, *(figure.add_subplot(grid[i], sharex=first) for i in range(2, 1 + rows))]
     in_units = np.array([1.0, 1.0, np.rad2deg(1.0)])
-    shown = np.where(converged[:, None], track.theta, np.nan) * in_units
-    spread = 3.0 * np.sqrt(np.diagonal(track.covariance, axis1=1, axis2=2)) * in_units
+    shown = np.where(converged[:, None], theta, np.nan) * in_units
+    spread = 3.0 * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) * in_units
     for ax, label, value, width in zip(axes, _LABELS, shown.T, spread.T, strict=False):
         ax.fill_between(
             times, value - width, value + width, color=COLOR, alpha=0.3, lw=0.0, label="±3 sigma"

@@ -203,7 +203,7 @@ class Track(Frozen):
         Where an estimate was not accepted, the (co)variances are ``nan`` and the velocity is the
         last one that was.  The path is as for `save`.
         """
-        write_velocity_table(check_path("path", path), self)
+        write_velocity_table(check_path("path", path), vars(self))
 
     @classmethod
     def read_velocities(cls, path: str | os.PathLike[str]) -> Track:
@@ -236,7 +236,7 @@ class Track(Frozen):
                 "to_dataframe needs pandas, which is not installed: pip install pandas"
             ) from None
         known = {name: vars(self)[name] for name in OPTIONAL if vars(self)[name] is not None}
-        return pandas.DataFrame(velocity_columns(self) | known)
+        return pandas.DataFrame(velocity_columns(vars(self)) | known)
 
     # ---- Seen by people
 
@@ -245,7 +245,9 @@ class Track(Frozen):
 
         An inlier share that is not known is left out.  Matplotlib must be installed.
         """
-        return draw(self)
+        return draw(
+            self.poses(), self.times, self.theta, self.covariance, self.converged, self.inliers
+        )
 
     def __repr__(self) -> str:
         """Number of estimates and share of those accepted; the arrays would fill the screen."""
