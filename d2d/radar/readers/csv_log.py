@@ -49,9 +49,9 @@ def load_csv(
 ) -> dict[str, list[RadarScan]]:
     """Read the scans of one or several sensors from a CSV file with a line for each target.
 
-    Returns the scans of each sensor in time order, by its name.  Lines with equal time and sensor
-    form a scan, wherever they stand.  A scan without targets has no line: the one before it and the
-    one after it are then neighbours at a longer interval.
+    Returns a dict with the scans of each sensor, in time order, by its name.  Lines with equal time
+    and sensor form a scan, wherever they stand.  A scan without targets has no line: the one before
+    it and the one after it are then neighbours at a longer interval.
 
     Raises a ``ValueError`` if a column is missing, a line cannot be read (the message gives its
     number and says what is wrong with it), or a standard deviation is not positive.

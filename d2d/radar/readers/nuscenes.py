@@ -137,8 +137,9 @@ def load_nuscenes(
     Recording
         With the budget `NUSCENES_BUDGET`.  The origin is the middle of the rear axle.  Targets are
         kept if the radar calls them valid and their velocity unambiguous, if position and velocity
-        are finite, and within 10 km.  The reference's v_y and omega are the derivatives of the
-        poses on the CAN bus, or else of those in ``ego_pose.json``.
+        are finite, and within 10 km; the velocity is projected onto the line of sight.  The
+        reference's v_y and omega are the derivatives of the poses on the CAN bus, or else of those
+        in ``ego_pose.json``.
 
     Notes
     -----
