@@ -53,12 +53,12 @@ class Reference:
     ) -> "Reference":
         """The motion at ``times`` from poses alone, such as those of a localisation.
 
-        A parabola is fitted to the poses (n, 3) that are within ``half_width`` (s) of each time;
-        its value and slope are pose and velocity (a Savitzky-Golay filter for stamps that are not
-        evenly spaced).  They are nan where poses are missing before or after the time, or fewer
-        than five are within reach.  Raises a ``ValueError`` if a shape is wrong, a value is not
-        finite, the poses' ``stamps`` (n,) do not strictly increase, or ``half_width`` is not
-        positive or beyond a minute.
+        The poses (n, 3) [x, y, yaw] in m, m, rad were measured at ``stamps`` (n,) in s.  A parabola
+        is fitted to those within ``half_width`` (s) of each time; its value and slope are pose and
+        velocity (a Savitzky-Golay filter for stamps that are not evenly spaced).  They are nan
+        where poses are missing before or after the time, or fewer than five are within reach.
+        Raises a ``ValueError`` if a shape is wrong, a value is not finite, stamps do not strictly
+        increase, or ``half_width`` is not positive or beyond a minute.
         """
         known, wanted = check_finite("stamps", stamps), _checked_times(times)
         placed = rigid.motion("poses", poses, 2)
