@@ -24,6 +24,8 @@ from d2d.radar.tracks.tracking import track
 
 PROGRAM = "python -m d2d.radar"
 
+_MAX_ACCELERATION = VehicleLimits().acceleration
+
 # Of the error budget: the unit, and what each is the standard deviation of.
 BUDGET = {
     "azimuth": ("DEG", "of each sensor's azimuth and mounting"),
@@ -50,8 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.command == "example":
             _write_example(arguments.file)
         else:
-            _check_source(of_track, arguments)
-            _check_budget(of_track, arguments)
+            _check_options(of_track, arguments)
             _track(arguments)
     except (ValueError, OSError) as error:
         print(f"{PROGRAM}: error: {error}", file=sys.stderr)
@@ -100,59 +101,17 @@ def _add_sources(parser: argparse.ArgumentParser) -> None:
 
 def _add_estimation(parser: argparse.ArgumentParser) -> None:
     how = parser.add_argument_group("how to estimate and what to write")
-    how.add_argument(
-        "--output",
-        default="track",
-        metavar="PREFIX",
-        help="beginning of the files' names (default: track); if it is a folder or ends with /, "
-        "the files are called track.* in it",
-    )
-    how.add_argument(
-        "--baseline",
-        type=int,
-        default=1,
-        metavar="N",
-        help="register each scan with the Nth before (default: 1); 2 or 3 make the yaw rate more "
-        "accurate where the motion is smooth",
-    )
-    how.add_argument(
-        "--horizon",
-        type=float,
-        metavar="S",
-        help="instead of --baseline: register each scan with the one nearest to S seconds before; "
-        "0.3 is a good choice on the road",
-    )
-    how.add_argument(
-        "--extent",
-        type=float,
-        metavar="M",
-        help="how far reflections wander on objects from scan to scan, as a standard deviation "
-        "(default: the data set's own, or 0 for a log)",
-    )
-    how.add_argument(
-        "--side-slip",
-        type=float,
-        metavar="M/S",
-        help="standard deviation of the sideways velocity of the vehicle's origin about zero; 0 if "
-        "it never moves sideways, as the middle of a rear axle that does not slip (default: "
-        "unknown). It helps a single radar most: the yaw rate becomes more accurate",
-    )
-    how.add_argument(
-        "--max-acceleration",
-        type=float,
-        default=VehicleLimits().acceleration,
-        metavar="M/S^2",
-        help="estimates that need a larger acceleration are not accepted (default: "
-        f"{VehicleLimits().acceleration:g}, far beyond a car's); with few targets in dense traffic "
-        "use the limit of your vehicle, such as 8",
-    )
-    how.add_argument(
-        "--max-interval",
-        type=float,
-        default=MAX_INTERVAL,
-        metavar="S",
-        help=f"longest time between two scans (default: {MAX_INTERVAL:g})",
-    )
+
+    def add(name: str, metavar: str, kind: type = float, default: object = None) -> None:
+        how.add_argument(name, type=kind, default=default, metavar=metavar, help=ABOUT[name])
+
+    add("--output", "PREFIX", str, "track")
+    add("--baseline", "N", int, 1)
+    add("--horizon", "S")
+    add("--extent", "M")
+    add("--side-slip", "M/S")
+    add("--max-acceleration", "M/S^2", default=_MAX_ACCELERATION)
+    add("--max-interval", "S", default=MAX_INTERVAL)
     how.add_argument("--no-picture", action="store_true", help="write no picture")
     how.add_argument("--no-progress", action="store_true", help="show no progress bar")
 
@@ -178,8 +137,8 @@ def _flag(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def _check_source(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
-    """Leave with a message if an option of the source is missing, or one of another is given."""
+def _check_options(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
+    """Leave with a message if an option is missing, or does not go with another."""
     for reader in READERS.values():
         chosen = getattr(arguments, reader.name) is not None
         for option in reader.options:
@@ -190,13 +149,9 @@ def _check_source(parser: argparse.ArgumentParser, arguments: argparse.Namespace
                 parser.error(
                     f"--{reader.name} needs {_flag(option.name)}; see {PROGRAM} track --help"
                 )
-
-
-def _check_budget(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
-    """Leave with a message if a budget is both given and refused."""
-    given = [name for name in BUDGET if getattr(arguments, f"budget_{name}") is not None]
-    if arguments.no_budget and given:
-        parser.error(f"--no-budget contradicts --budget-{given[0]}: leave one of them out")
+    for name in BUDGET if arguments.no_budget else ():
+        if getattr(arguments, f"budget_{name}") is not None:
+            parser.error(f"--no-budget contradicts --budget-{name}: leave one of them out")
 
 
 def _source(arguments: argparse.Namespace) -> Source:
@@ -224,6 +179,9 @@ def _track(arguments: argparse.Namespace) -> None:
     prefix = _prefix(arguments.output)
     count = sum(len(scans) for scans, _ in sensors.values())
     print(f"read {count} scans of {len(sensors)} sensor{'s' * (len(sensors) > 1)}", flush=True)
+    slip = arguments.side_slip
+    if slip is not None and not 0.0 <= slip < math.inf:
+        raise ValueError(f"--side-slip must be a number from 0 on, but is {slip:g}")
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", UserWarning)
         driven = track(
@@ -233,7 +191,7 @@ def _track(arguments: argparse.Namespace) -> None:
             max_interval=arguments.max_interval,
             budget=None if arguments.no_budget else budget,
             progress=False if arguments.no_progress else None,
-            side_slip=_side_slip(arguments.side_slip),
+            side_slip=True if slip is None else slip or False,
             limits=VehicleLimits(acceleration=arguments.max_acceleration),
         )
     for each in said:
@@ -243,15 +201,6 @@ def _track(arguments: argparse.Namespace) -> None:
         raise ValueError("no estimate was accepted, so nothing was written")
     for path in _write(driven, prefix, picture=not arguments.no_picture):
         print(f"wrote {path}")
-
-
-def _side_slip(sigma: float | None) -> bool | float:
-    """The value of the option ``side_slip`` for a standard deviation of v_y, or for none."""
-    if sigma is None:
-        return True
-    if not 0.0 <= sigma < math.inf:
-        raise ValueError(f"--side-slip must be a number from 0 on, but is {sigma:g}")
-    return sigma or False
 
 
 def _prefix(output: str) -> Path:
@@ -334,6 +283,24 @@ Estimates the velocity of a vehicle from one radar or several, integrates it to 
 
 Either all of them are written at the end or none. The first run compiles for up to a minute.
 """
+
+ABOUT = {
+    "--output": "beginning of the files' names (default: track); if it is a folder or ends with /, "
+    "the files are called track.* in it",
+    "--baseline": "register each scan with the Nth before (default: 1); 2 or 3 make the yaw rate "
+    "more accurate where the motion is smooth",
+    "--horizon": "instead of --baseline: register each scan with the one nearest to S seconds "
+    "before; 0.3 is a good choice on the road",
+    "--extent": "how far reflections wander on objects from scan to scan, as a standard deviation "
+    "(default: the data set's own, or 0 for a log)",
+    "--side-slip": "standard deviation of the sideways velocity of the vehicle's origin about "
+    "zero; 0 if it never moves sideways, as the middle of a rear axle that does not slip "
+    "(default: unknown). It helps a single radar most: the yaw rate becomes more accurate",
+    "--max-acceleration": "estimates that need a larger acceleration are not accepted (default: "
+    f"{_MAX_ACCELERATION:g}, far beyond a car's); with few targets in dense traffic use the limit "
+    "of your vehicle, such as 8",
+    "--max-interval": f"longest time between two scans (default: {MAX_INTERVAL:g})",
+}
 
 DATA_SETS = "\n".join(
     f"    {PROGRAM} track --{each.name} ROOT {_flag(each.options[0].name)} {each.trial[0]} "

@@ -30,7 +30,7 @@ from d2d.covariance import check_estimate, propagated
 from d2d.point_set import PointSet
 from d2d.problem import Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
-from d2d.radar.motion.pairs import ScanPair, scan_pair, scan_pairs
+from d2d.radar.motion.pairs import ScanPair, problem_of, scan_pairs
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, cross_range
 from d2d.registration import Estimate
@@ -49,11 +49,9 @@ def propagate_ego_motion(
 ) -> Array:
     """Covariance of an ego-motion estimate by propagating range, azimuth and Doppler errors.
 
-    A target's azimuth error both rotates its position about the sensor and changes its predicted
-    Doppler velocity.  The joint cost (thesis eq. 7.14) treats the two effects as independent.
-
-    Raises a ``ValueError`` if an argument is invalid, as in `estimate_ego_motion` and
-    `d2d.propagate_covariance`.
+    Returns the covariance (3, 3) of [v_x, v_y, omega] in m/s, m/s, rad/s; nan if the estimate did
+    not converge.  Raises a ``ValueError`` if an argument is invalid, as in `estimate_ego_motion`
+    and `d2d.propagate_covariance`.
 
     Parameters
     ----------
@@ -64,17 +62,11 @@ def propagate_ego_motion(
         and mounting are the same scan, whose errors are the same in all of them.  The inverse
         Hessian treats the pairs as independent.
     shared_azimuth : bool
-        Whether a single azimuth error of each current target causes both effects, as in a real
-        sensor, instead of two independent errors, as in the cost.  Without ``doppler`` it has no
-        effect.
+        Whether a single azimuth error of each current target both rotates its position about the
+        sensor and changes its predicted Doppler velocity, as in a real sensor.  Otherwise two
+        independent errors do, as in the cost (thesis eq. 7.14).
     **options
-        ``doppler``, ``outlier``, ``doppler_width``, ``side_slip`` and ``first_order``, as for
-        `estimate_ego_motion`.
-
-    Returns
-    -------
-    (3, 3) array
-        Covariance of [v_x, v_y, omega] in m/s, m/s, rad/s; nan if the estimate did not converge.
+        The fields of `EgoMotionModel`.
 
     Notes
     -----
@@ -93,7 +85,7 @@ def propagate_ego_motion(
         )
     pairs = scan_pairs(previous, current, mounting)
     model = EgoMotionModel(**options)
-    problem = model.problem([scan_pair(*pair, model) for pair in pairs])
+    problem = problem_of(pairs, model)
     check_estimate(estimate, problem, problem.bind(rigid.motion("estimate", estimate.theta, 2)))
     found = influences(problem, estimate, pairs)
     prior = propagated(estimate.covariance, np.diag(problem.prior))
@@ -140,20 +132,20 @@ def influences(problem: Problem, estimate: Estimate, pairs: Sequence[ScanPair]) 
                 doppler=each.doppler @ gain,
                 prediction=each.prediction @ gain,
             )
-            found[key] = _added(found[key], moved) if key in found else moved
+            if key in found:
+                before = found[key]
+                moved = moved._replace(
+                    position=before.position + moved.position,
+                    doppler=_added(before.doppler, moved.doppler),
+                    prediction=_added(before.prediction, moved.prediction),
+                )
+            found[key] = moved
     return list(found.values())
 
 
-def _added(first: Influence, second: Influence) -> Influence:
-    """Two influences of one scan, of which the first or both may lack the Doppler velocities."""
-    measured = second._replace(position=first.position + second.position)
-    if not len(first.doppler):
-        return measured
-    if not len(second.doppler):
-        return first._replace(position=measured.position)
-    return measured._replace(
-        doppler=first.doppler + second.doppler, prediction=first.prediction + second.prediction
-    )
+def _added(first: Array, second: Array) -> Array:
+    """The sum of two influences (K, 3), of which one may be missing."""
+    return first + second if len(first) == len(second) else max(first, second, key=len)
 
 
 def _slopes(

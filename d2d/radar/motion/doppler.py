@@ -57,8 +57,7 @@ class DopplerMotion(NamedTuple):
     theta : (3,) array
         [v_x, v_y, omega] in m/s, m/s, rad/s; zero along directions that are not observable.
     covariance : (3, 3) array
-        Covariance from the weighted least squares; nan unless all estimated components were
-        observable.
+        Of the weighted least squares; nan unless all estimated components were observable.
     inliers : tuple of (K,) arrays of bool
         For each scan, which targets were taken as static.
     """

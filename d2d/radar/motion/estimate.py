@@ -11,7 +11,7 @@ from d2d._types import Array
 from d2d.problem import Problem
 from d2d.radar.motion.doppler import doppler_starts
 from d2d.radar.motion.model import EgoMotionModel, EstimationOptions, ModelOptions, split_options
-from d2d.radar.motion.pairs import scan_pair, scan_pairs
+from d2d.radar.motion.pairs import problem_of, scan_pairs
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.registration import Estimate, anneal, best_of
 
@@ -29,12 +29,9 @@ def estimate_ego_motion(
     Registers the current scan with the previous one by the D2D likelihood.  With ``doppler``, each
     target's inlier density is multiplied by the density of its Doppler velocity before the outlier
     component is added, prod_k ((1 - alpha) inlier_k Doppler_k + alpha outlier_k) (thesis
-    eq. 7.14).
-
-    Several pairs, of several sensors or over several baselines, have one velocity: the sum of their
-    costs is minimised.  Each pair has its own mounting and its own interval tau, over which the
-    vehicle moves by exp(tau theta).  The velocity is assumed constant from the first scan to the
-    last.
+    eq. 7.14).  Several pairs, of several sensors or over several baselines, have one velocity: the
+    sum of their costs is minimised.  The velocity is assumed constant from the first scan to the
+    last, so that over the interval tau of a pair the vehicle moves by exp(tau theta).
 
     Raises a ``ValueError`` if scans are out of time order or have no targets, sequences differ in
     length, or ``initial`` is invalid.
@@ -42,29 +39,25 @@ def estimate_ego_motion(
     Parameters
     ----------
     previous, current : RadarScan
-        Two scans in time order, each with at least one target; or sequences, which hold one scan
-        for each pair.
+        Two scans in time order; or sequences, which hold one scan for each pair.
     mounting : Mounting
         Pose of the sensor in the vehicle frame; or a sequence with that of each pair.
     initial : (3,) array, optional
         Start [v_x, v_y, omega] in m/s, m/s, rad/s.  By default, the velocity that
         `doppler_ego_motion` finds from all current scans (even if ``doppler`` is False).  If they
-        do not determine all of it, as those of a single sensor, the sensor's velocity is taken from
-        the scan with the most targets.  It gives one start for a vehicle that does not turn and, if
-        the sensor is ahead of or behind the origin, one for a vehicle without side slip; the lower
-        optimum wins.
+        do not determine all of it, as those of a single sensor, the sensor's velocity according to
+        the scan with the most targets gives two starts, one without rotation and, if the sensor is
+        ahead of or behind the origin, one without side slip; the lower optimum wins.
     **options
-        ``doppler=True``, ``outlier=CorruptedGaussian(0.2, 100 I)``, ``doppler_width=4.0``,
-        ``side_slip=True`` and ``first_order=False``: see `EgoMotionModel`; and ``scales=(1.0,)``,
-        the inflation schedule of all standard deviations: see `d2d.register`.  All functions that
-        estimate an ego-motion share these options.
+        The fields of `EgoMotionModel`, and ``scales=(1.0,)``, the inflation schedule of all
+        standard deviations, as for `d2d.register`.
 
     Returns
     -------
     Estimate
-        theta = [v_x, v_y, omega] in m/s, m/s, rad/s, with covariance, gradient and Hessian (at
-        an optimum) in these units.  ``converged`` means that it is an optimum, possibly one that
-        rejects nearly all targets: `inlier_probabilities` shows this, and `track` checks it.
+        theta = [v_x, v_y, omega] in m/s, m/s, rad/s, with covariance, gradient and Hessian in these
+        units.  ``converged`` means that it is an optimum, possibly one that rejects nearly all
+        targets: `inlier_probabilities` shows this, and `track` checks it.
     """
     model, scales = split_options(options)
     pairs = scan_pairs(previous, current, mounting)
@@ -72,8 +65,7 @@ def estimate_ego_motion(
         start = doppler_starts([(pair.current, pair.mounting) for pair in pairs])
     else:
         start = check_velocity(initial)
-    problem = model.problem([scan_pair(*pair, model) for pair in pairs])
-    return estimate_velocity(problem, start, scales)
+    return estimate_velocity(problem_of(pairs, model), start, scales)
 
 
 def check_velocity(initial: ArrayLike) -> Array:
@@ -100,11 +92,9 @@ def inlier_probabilities(
     """Probability (..., K) that each target of the current scan is an inlier under ``theta``.
 
     ``theta`` (..., 3) is the vehicle's velocity [v_x, v_y, omega] in m/s, m/s, rad/s.  The other
-    arguments and the errors raised are those of `estimate_ego_motion` with one pair of scans,
-    without ``initial`` and ``scales``.  Targets that move on their own, or that have no counterpart
-    in the previous scan, get low probabilities.
+    arguments and the errors raised are those of `estimate_ego_motion`.  Targets that move on their
+    own, or that have no counterpart in the previous scan, get low probabilities.
     """
     model = EgoMotionModel(**options)
-    pairs = scan_pairs(previous, current, mounting)
-    problem = model.problem([scan_pair(*pair, model) for pair in pairs])
+    problem = problem_of(scan_pairs(previous, current, mounting), model)
     return problem.inlier_shares(problem.bind(rigid.motion("theta", theta, 2)))

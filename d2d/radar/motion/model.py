@@ -11,7 +11,6 @@ import numpy as np
 from d2d._checks import check_flag, check_positive_scalar, check_schedule, check_within
 from d2d._kernel import layout
 from d2d._lazy import Frozen
-from d2d._types import Array
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
 from d2d.problem import CostForm, Pair, Problem
 
@@ -46,9 +45,7 @@ class EgoMotionModel(Frozen):
     """The model behind the cost of a velocity.
 
     Its fields are keyword options of all functions that estimate an ego-motion, propagate its
-    covariance or compute inlier probabilities.
-
-    Raises a ``ValueError`` if an option is invalid.
+    covariance or compute inlier probabilities.  Raises a ``ValueError`` if one is invalid.
 
     Attributes
     ----------
@@ -57,14 +54,13 @@ class EgoMotionModel(Frozen):
     outlier : UniformOutlier, CorruptedGaussian or None
         By default the thesis's corrupted Gaussian, with alpha = 0.2 and variances of (10 m)^2.
     doppler_width : float, m/s
-        An outlier's Doppler velocity is taken as uniform over an interval of this width: the
-        outlier component's density is divided by it, so that it has the unit of the inliers'
-        density.  The thesis leaves this density out of eq. 7.14, which is a width of 1 m/s.
+        An outlier's Doppler velocity is taken as uniform over an interval of this width, by which
+        the outlier component's density is divided.  The thesis leaves this out of eq. 7.14, which
+        is a width of 1 m/s.
     side_slip : bool or float, m/s
         Whether the vehicle's origin may move sideways.  False says that v_y is zero, a number is
-        the standard deviation of v_y about zero.  A single sensor that sees few targets
-        determines v_y + omega x_s well but the two separately only poorly, so it gains most from
-        knowing one of them.
+        the standard deviation of v_y about zero.  A single sensor gains most: it determines
+        v_y + omega x_s well, but the two separately only poorly.
     first_order : bool
         Whether the translation over the interval tau is v tau (thesis eq. 7.2) instead of that of
         the SE(2) exponential, by which a turning vehicle moves at constant velocity.
@@ -102,17 +98,12 @@ class EgoMotionModel(Frozen):
     def problem(self, pairs: Sequence[Pair]) -> Problem:
         """The cost of the velocity that pairs of scans share."""
         kind = layout.CHORD if self.first_order else layout.ARC
-        return Problem(self.form, pairs, kind, self.prior)
-
-    @property
-    def prior(self) -> Array:
-        """Precisions (3,) of the prior of the velocity."""
-        precision = np.zeros(3)
+        precisions = np.zeros(3)  # of the prior of the velocity
         if not isinstance(self.side_slip, bool | np.bool_):
-            precision[1] = 1.0 / float(self.side_slip) ** 2
+            precisions[1] = 1.0 / float(self.side_slip) ** 2
         elif not self.side_slip:
-            precision[1] = 1.0 / _NO_SIDE_SLIP**2
-        return precision
+            precisions[1] = 1.0 / _NO_SIDE_SLIP**2
+        return Problem(self.form, pairs, kind, precisions)
 
 
 def split_options(options: EstimationOptions) -> tuple[EgoMotionModel, tuple[float, ...]]:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from d2d._checks import check_instance, check_members
-from d2d.problem import Pair
+from d2d.problem import Pair, Problem
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.scans.scan import Mounting, RadarScan
 
@@ -71,13 +71,15 @@ def _check_pair(pair: ScanPair, place: str) -> None:
 def scan_pair(
     previous: RadarScan, current: RadarScan, mounting: Mounting, model: EgoMotionModel
 ) -> Pair:
-    """The previous scan as the fixed set, the current one as the moving set, with its velocities.
-
-    The scans are in time order, and both have targets.
-    """
+    """The earlier scan as the fixed set, the later one as the moving set, with its velocities."""
     interval = current.time - previous.time
     measurement = None
     if model.doppler:
         of_twist = not model.first_order
         measurement = current.doppler_measurement(mounting, interval, of_twist=of_twist)
     return Pair(previous.point_set(mounting), current.point_set(mounting), measurement, interval)
+
+
+def problem_of(pairs: Iterable[ScanPair], model: EgoMotionModel) -> Problem:
+    """The cost of the velocity that pairs of scans share."""
+    return model.problem([scan_pair(*pair, model) for pair in pairs])

@@ -32,7 +32,7 @@ _DEGREES = Bounds(most=360.0, unit="in degrees, ")
 
 
 class _Header(NamedTuple):
-    """The content of the first line, and its number."""
+    """What the first line says, and its number."""
 
     names: list[str]
     separator: str
@@ -49,6 +49,10 @@ def load_csv(
 ) -> dict[str, list[RadarScan]]:
     """Read the scans of one or several sensors from a CSV file with a line for each target.
 
+    Returns a dict with the scans of each sensor, in time order, by its name.  Lines with equal time
+    and sensor form a scan, wherever they stand.  A scan without targets has no line: the one before
+    it and the one after it are then neighbours at a longer interval.
+
     Raises a ``ValueError`` if a column is missing, a line cannot be read (the message gives its
     number and says what is wrong with it), or a standard deviation is not positive.
 
@@ -58,25 +62,13 @@ def load_csv(
         The first line names the columns, in any order: ``time`` (s), ``range`` (m), ``azimuth``
         (rad, counter-clockwise from the boresight), ``doppler`` (m/s, positive for receding
         targets), the standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler``
-        in the same units, and ``sensor``, a name or number.  Other columns are ignored, and so are
-        empty lines and those that begin with #.  The separator is a comma, a semicolon or a tab;
-        the decimal separator is a point.
+        in the same units, and ``sensor``, a name or number; without it, there is one sensor called
+        "radar".  Other columns are ignored, and so are empty lines and those that begin with #.
+        The separator is a comma, a semicolon or a tab; the decimal separator is a point.
     degrees : bool
         Whether the columns ``azimuth`` and ``sigma_azimuth`` are in degrees.
     sigma_range, sigma_azimuth, sigma_doppler : float, optional, in m, rad and m/s
-        Standard deviations of all targets.  Needed if the file has no such column; if it has, these
-        are taken instead.
-
-    Returns
-    -------
-    dict of str to list of RadarScan
-        The scans of each sensor in time order.  Lines with equal time and sensor form a scan,
-        wherever they stand.  Without the column ``sensor``, all belong to one called "radar".
-
-    Notes
-    -----
-    A scan without targets has no line.  The scan before it and the one after it are then neighbours
-    at a longer interval.
+        Standard deviations of all targets, instead of the columns or where the file has none.
 
     Examples
     --------
@@ -218,42 +210,29 @@ def _number(name: str, text: str) -> float:
 
 
 def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[RadarScan]]) -> None:
-    """Write the scans of sensors as a CSV file that `load_csv` reads, bit by bit.
+    """Write the scans of sensors, by their names, as a CSV file that `load_csv` reads, bit by bit.
 
-    Raises a ``ValueError`` if a name is empty or begins or ends with a space, or two scans of a
-    sensor have the same time.
-
-    Parameters
-    ----------
-    path : path
-        An existing file is replaced once all is written; a leading ``~`` stands for the home
-        folder.
-    sensors : mapping of str to iterable of RadarScan
-        The scans by the name of their sensor.  All columns are written, in m, rad and m/s, line by
-        line in time order.  The extent is not, and a scan without targets leaves no line.
+    All columns are written, in m, rad and m/s, line by line in time order.  The extent is not, and
+    a scan without targets leaves no line.  An existing file is replaced once all is written; a
+    leading ``~`` stands for the home folder.  Raises a ``ValueError`` if a name is empty or begins
+    or ends with a space, or two scans of a sensor have the same time.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("time", "sensor", *_MEASURED[1:], *_SIGMAS))
-    for time, name, scan in _in_time_order(sensors):
-        columns = [getattr(scan, field).tolist() for field in (*_MEASURED[1:], *_SIGMAS)]
-        writer.writerows((time, name, *row) for row in zip(*columns, strict=True))
-    with written_whole(check_path("path", path)) as file:
-        file.write(text.getvalue().encode())
-
-
-def _in_time_order(
-    sensors: Mapping[str, Iterable[RadarScan]],
-) -> list[tuple[float, str, RadarScan]]:
-    scans = [(scan.time, name, scan) for name, own in sensors.items() for scan in own]
     for name in sensors:
         if not name or name != name.strip() or not name.isprintable():
             raise ValueError(f"sensors must be keyed by names, but hold {name!r}")
+    scans = [(scan.time, name, scan) for name, own in sensors.items() for scan in own]
     scans.sort(key=lambda entry: entry[:2])
     for (time, name, _), later in itertools.pairwise(scans):
         if (time, name) == later[:2]:
             raise ValueError(f"sensors[{name!r}] must hold one scan of each time")
-    return scans
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(("time", "sensor", *_MEASURED[1:], *_SIGMAS))
+    for time, name, scan in scans:
+        columns = [getattr(scan, field).tolist() for field in (*_MEASURED[1:], *_SIGMAS)]
+        writer.writerows((time, name, *row) for row in zip(*columns, strict=True))
+    with written_whole(check_path("path", path)) as file:
+        file.write(text.getvalue().encode())
 
 
 # ---- The entry of READERS

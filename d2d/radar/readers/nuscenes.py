@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import check_path, check_positive_scalar
+from d2d._checks import check_choice, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.readers.pcd import read_pcd
 from d2d.radar.readers.reader import Option, data_set
@@ -55,7 +55,7 @@ NUSCENES_BUDGET = ErrorBudget(
 # The speed on the CAN bus is that much later than the poses there (fitted as below).
 _SPEED_DELAY = 0.1  # s
 _PREDICTION = SECONDS._replace(most=1.0)  # s; the radar's cycle is 75 ms
-WHEELBASE = 2.588  # m, of the Renault Zoe
+_WHEELBASE = 2.588  # m, of the Renault Zoe
 
 # What is to be added to the mounting angles (deg), by channel and by the angle that the tables
 # state: one vehicle has them from scene 0061, the other from scene 0103
@@ -106,10 +106,8 @@ def load_nuscenes(
     root : path
         The folder that contains ``v1.0-*/`` with the tables, ``samples/``, ``sweeps/`` and, if
         present, ``can_bus/``; a leading ``~`` is replaced by the home folder.
-    scene : str
-        Name, such as "scene-0061".
-    channel : str
-        Name of the radar, such as "RADAR_FRONT".
+    scene, channel : str
+        Names of the scene and the radar, such as "scene-0061" and "RADAR_FRONT".
     version : str, optional
         Name of the folder with the tables, such as "v1.0-mini"; needed only if there are several.
     strongest : int, optional
@@ -123,28 +121,25 @@ def load_nuscenes(
         without a CAN bus, v_x is the derivative of the poses too.
     prediction_time : float, s
         In a turn the radar reports the velocity of a static target at range r as larger by omega^2
-        r times this.  The excess is removed with the yaw rate of the reference; 0 leaves the
-        velocities unchanged.
+        r times this.  The excess is removed with the yaw rate of the reference.
     stated_mounting : bool
         Whether the mounting angle is the one that the tables state, without `MOUNTING_ERRORS`.
     half_width : float, s
         Poses within this time are smoothed and differentiated; see `Reference.from_poses`.
-    sigma_range, sigma_doppler : float, m and m/s
+    sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
         Standard deviations, to which the rounding of positions to 0.2 m and of velocities to 0.25
-        m/s is added.
-    sigma_azimuth : float or function of the azimuths (K,), rad
-        Standard deviation, or a function that returns those of the azimuths; rounding is added.
+        m/s is added.  That of the azimuth may be a function of the azimuths (K,).
     extent : float, m
         Scatter of the points at which objects are seen; see `RadarScan`.
 
     Returns
     -------
     Recording
-        With the budget `NUSCENES_BUDGET`.  Times in s, in the frame whose origin is the middle of
-        the rear axle.  Targets are kept if the radar calls them valid and their velocity
-        unambiguous, if position and velocity are finite, and within 10 km.  The radar's velocity is
-        projected onto the line of sight.  The reference's v_y and omega are the derivatives of the
-        poses on the CAN bus, or else of those in ``ego_pose.json``.
+        With the budget `NUSCENES_BUDGET`.  The origin is the middle of the rear axle.  Targets are
+        kept if the radar calls them valid and their velocity unambiguous, if position and velocity
+        are finite, and within 10 km; the velocity is projected onto the line of sight.  The
+        reference's v_y and omega are the derivatives of the poses on the CAN bus, or else of those
+        in ``ego_pose.json``.
 
     Notes
     -----
@@ -234,8 +229,10 @@ def _motion(root: Path, tables: Path, scene: str, drive: "_Drive") -> _Motion:
                 if row["token"] in drive.poses
             ]
         columns = np.array(found, dtype=np.float64).reshape(-1, 8)
-        if not len(columns) or not np.isfinite(columns).all():
-            raise ValueError("one is not finite" if len(columns) else "it has none of this scene")
+        if not len(columns):
+            raise ValueError("it has none of this scene")
+        if not np.isfinite(columns).all():
+            raise ValueError("one is not finite")
     # each sensor has a pose, some at one time
     times, first = np.unique(columns[:, 0] * MICROSECOND, return_index=True)
     columns = columns[first]
@@ -256,14 +253,11 @@ def _reference(
     theta = moved.theta
     if speed_factor is not None and motion.speed is not None:
         late = times - offset + _SPEED_DELAY
-        speed = np.interp(late, motion.times, motion.speed, left=np.nan, right=np.nan)
-        theta[:, 0] = _of_rear_axle(speed_factor * speed, theta[:, 2])
+        on_bus = np.interp(late, motion.times, motion.speed, left=np.nan, right=np.nan)
+        speed = speed_factor * on_bus  # of the front axle
+        square = speed**2 - (_WHEELBASE * theta[:, 2]) ** 2
+        theta[:, 0] = np.sign(speed) * np.sqrt(np.maximum(square, 0.0))
     return Reference(times, theta, moved.poses)
-
-
-def _of_rear_axle(speed: Array, omega: Array) -> Array:
-    """Speed (n,) of the rear axle, from that of the front axle and the yaw rate."""
-    return np.sign(speed) * np.sqrt(np.maximum(speed**2 - (WHEELBASE * omega) ** 2, 0.0))
 
 
 def _filled(values: Array) -> Array:
@@ -339,8 +333,7 @@ def _drive(folder: Path, scene: str, channel: str) -> _Drive:
 
 
 def _chosen(name: str, value: str, choices: dict[str, str]) -> str:
-    if value not in choices:
-        raise ValueError(f"{name} must be one of {', '.join(sorted(choices))}, but is {value!r}")
+    check_choice(name, value, sorted(choices))
     return choices[value]
 
 

@@ -85,7 +85,7 @@ def load_radarscenes(
     sequence : int or str
         Number or name, such as 105 or "sequence_105".
     sensor : int
-        Number of the sensor, 1 to 4.
+        1 to 4.
     strongest : int, optional
         Keep only this many targets of each scan, those of largest radar cross-section.
     time_offset : float, s
@@ -95,19 +95,17 @@ def load_radarscenes(
         The odometry has no lateral velocity; it is taken from this law.
     side_slip : float, s, optional
         In place of ``slip``: v_y = side_slip v_x omega.
-    sigma_range, sigma_doppler : float, m and m/s
-        Standard deviations, which the data set does not give.
-    sigma_azimuth : float or function of the azimuths (K,), rad
-        Standard deviation, or a function that returns those of the azimuths.
+    sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
+        Standard deviations, which the data set does not give.  That of the azimuth may be a
+        function of the azimuths (K,).
     extent : float, m
         Scatter of the points at which objects are seen; see `RadarScan`.
 
     Returns
     -------
     Recording
-        With the budget `RADARSCENES_BUDGET`.  Times in s.  Targets are left out if their range is
-        not positive or beyond 10 km, if their azimuth is beyond 2 pi, or if one of these or the
-        Doppler velocity is nan or inf.
+        With the budget `RADARSCENES_BUDGET`.  Targets are left out if their range is not positive
+        or beyond 10 km, their azimuth beyond 2 pi, or a number nan or inf.
 
     Notes
     -----

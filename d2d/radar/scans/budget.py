@@ -16,9 +16,8 @@ class ErrorBudget(Bounded):
 
     The inverse Hessian takes the errors of all targets as independent, so it becomes ever smaller
     with their number.  Errors that they share do not average out.  With a budget, the covariance of
-    a track is the propagated noise of the single targets plus the effect of the shared errors,
-    each of which acts through the sum of the influences of the targets that share it.  Raises a
-    ``ValueError`` if a number is negative or above 1000, or the azimuth's above 2 pi.
+    a track is the propagated noise of the single targets plus the effect of the shared errors.
+    Raises a ``ValueError`` if a number is negative or above 1000, or the azimuth's above 2 pi.
 
     With a budget, even an empty one, a track's estimates are the velocities at its times: positions
     give the mean velocity over their interval; when the vehicle accelerates, this lags by half an
@@ -47,7 +46,7 @@ class ErrorBudget(Bounded):
     >>> import numpy as np
     >>> from d2d.radar import ErrorBudget, simulate_drive, track
     >>> drive = simulate_drive(np.random.default_rng(0), duration=2.0)
-    >>> budget = ErrorBudget(azimuth=np.deg2rad(0.1), doppler=0.02, source="data sheet")
+    >>> budget = ErrorBudget(azimuth=np.deg2rad(0.1), doppler=0.02, neighbours=1.0)
     >>> driven = track(drive, budget=budget)
     >>> bool((driven.parts.total == driven.covariance).all())
     True
@@ -64,18 +63,10 @@ class ErrorBudget(Bounded):
 class CovarianceParts(NamedTuple):
     """The parts of a track's covariances, each (n, 3, 3) in m/s, m/s, rad/s.
 
-    A filter may take the first two as white noise.  The systematic part changes slowly: it belongs
-    in the filter's state, or the filter's steps must be far enough apart.
-
-    Attributes
-    ----------
-    noise : (n, 3, 3) array
-        Of the errors of each target, independent of all others.
-    dependence : (n, 3, 3) array
-        What the correlation of neighbouring targets adds.
-    systematic : (n, 3, 3) array
-        Of the errors that all targets of a scan, or all sensors, share, and of the prior on the
-        side slip.
+    ``noise`` is that of the targets' independent errors, and ``dependence`` what the correlation of
+    neighbouring targets adds; a filter may take both as white noise.  The ``systematic`` part, of
+    the errors that all targets of a scan, or all sensors, share, and of the prior on the side slip,
+    changes slowly: it belongs in the filter's state, or its steps must be far enough apart.
     """
 
     noise: Array

@@ -11,15 +11,8 @@ from d2d.radar.scans.scan import Mounting, RadarScan
 class Recording:
     """One sensor's scans of a drive, its mounting, and the motion according to other sensors.
 
-    Attributes
-    ----------
-    scans : list of RadarScan
-    mounting : Mounting
-    reference : Reference
-        The motion at the times of the scans; nan outside the time span of the reference's source,
-        and in its gaps.
-    budget : ErrorBudget, optional
-        What the targets of this data set's radars share, for ``track(..., budget=)``.
+    The reference is at the times of the scans, and nan outside the time span of its source and in
+    its gaps.  The budget, for ``track(..., budget=)``, is what the targets of these radars share.
     """
 
     scans: list[RadarScan]

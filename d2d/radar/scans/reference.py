@@ -18,8 +18,8 @@ _MIN_POSES = 5  # of a parabola: two more than it has coefficients
 class Reference:
     """The motion at the time of each scan: the truth of a simulation, or from another sensor.
 
-    Velocities and poses may be nan where they are not known.  Raises a ``ValueError`` if ``times``
-    are not finite, or shapes do not match.
+    Velocities and poses are nan where they are not known.  Raises a ``ValueError`` if ``times`` are
+    not finite, or shapes do not match.
 
     Attributes
     ----------
@@ -53,25 +53,12 @@ class Reference:
     ) -> "Reference":
         """The motion at ``times`` from poses alone, such as those of a localisation.
 
-        A parabola is fitted to the poses within ``half_width`` of each time; its value and slope
-        are pose and velocity (a Savitzky-Golay filter for stamps that are not evenly spaced).
-        Raises a ``ValueError`` if a shape is wrong, a value is not finite, ``stamps`` do not
+        The poses (n, 3) [x, y, yaw] in m, m, rad were measured at ``stamps`` (n,) in s.  A parabola
+        is fitted to those within ``half_width`` (s) of each time; its value and slope are pose and
+        velocity (a Savitzky-Golay filter for stamps that are not evenly spaced).  They are nan
+        where poses are missing before or after the time, or fewer than five are within reach.
+        Raises a ``ValueError`` if a shape is wrong, a value is not finite, stamps do not strictly
         increase, or ``half_width`` is not positive or beyond a minute.
-
-        Parameters
-        ----------
-        stamps : (n,) array, s
-            Times of the poses, strictly increasing.
-        poses : (n, 3) array
-            Pose [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw may wrap.
-        times : (m,) array, s
-        half_width : float, s
-
-        Returns
-        -------
-        Reference
-            At ``times``; nan where poses are missing before or after the time, or where fewer than
-            five poses are within reach.
         """
         known, wanted = check_finite("stamps", stamps), _checked_times(times)
         placed = rigid.motion("poses", poses, 2)
@@ -89,21 +76,11 @@ class Reference:
         return cls(wanted, np.column_stack([turned[..., 0], slope[:, 2]]), value)
 
     def at(self, times: ArrayLike, *, max_gap: float = 1.0) -> "Reference":
-        """The motion at other times, by linear interpolation.
+        """The motion at other times (m,) in s, by linear interpolation.
 
+        It is nan outside the reference's time span, and in gaps longer than ``max_gap`` (s).
         Raises a ``ValueError`` if ``times`` is not a row of finite numbers, ``max_gap`` is not
         positive, or the reference's own times are out of order.
-
-        Parameters
-        ----------
-        times : (m,) array, s
-        max_gap : float, s
-            Longest gap between two times of the reference that is interpolated.
-
-        Returns
-        -------
-        Reference
-            At ``times``; nan outside the time span and in longer gaps.
         """
         wanted = _checked_times(times)
         check_positive_scalar("max_gap", max_gap)

@@ -49,16 +49,10 @@ _MEASURED = ("range", "azimuth", "doppler")  # of each target; one of the others
 
 @dataclass(frozen=True)
 class Mounting(Bounded):
-    """Pose of the sensor in the vehicle frame (x forward, y left).
+    """Pose of the sensor in the vehicle frame: x forward and y left in m, yaw in rad.
 
-    Raises a ``ValueError`` if a number is not finite, the sensor is more than 100 m from the origin
-    or the yaw is beyond 2 pi, as in degrees.
-
-    Parameters
-    ----------
-    x, y : float, m
-    yaw : float, rad
-        Direction of the boresight, counter-clockwise from the x axis.
+    The yaw is the direction of the boresight, counter-clockwise from the x axis.  Raises a
+    ``ValueError`` if a number is not finite, x or y is beyond 100 m, or the yaw beyond 2 pi.
     """
 
     x: float = number(0.0, _LEVER)
@@ -75,8 +69,8 @@ class Mounting(Bounded):
 class RadarScan(Frozen):
     """The targets of one scan in the sensor frame, with their standard deviations.
 
-    Raises a ``ValueError`` if an argument is not finite, not positive or has the wrong shape, if
-    azimuths are beyond 2 pi, as in degrees, or a range is beyond 10 km.
+    Raises a ``ValueError`` if an argument is not finite or has the wrong shape, a range or standard
+    deviation is not positive, an azimuth is beyond 2 pi, or a range beyond 10 km.
 
     Parameters
     ----------
@@ -85,11 +79,11 @@ class RadarScan(Frozen):
         The azimuth is measured counter-clockwise from the boresight; the Doppler velocity is
         positive for receding targets.  K may be 0.
     sigma_range, sigma_azimuth, sigma_doppler : numbers or (K,) arrays in the same units
-        Standard deviations, positive.
+        Standard deviations.
     extent : number or (K,) array, m
         How far a target's reflection point lies from the point that the other scans see, as a
-        standard deviation along each axis.  Objects are extended, and each scan sees different
-        points of them.  Zero for point targets; see `estimate_extent`.
+        standard deviation along each axis: each scan sees different points of an object.  Zero for
+        point targets; see `estimate_extent`.
     """
 
     time: float
@@ -165,7 +159,7 @@ class RadarScan(Frozen):
 
         Parameters
         ----------
-        time : float, s
+        time, extent : as for `RadarScan`
         x, y : (K,) arrays, m
             Positions in the sensor frame, x along the boresight, y to the left.
         doppler : (K,) array, m/s
@@ -175,15 +169,11 @@ class RadarScan(Frozen):
             onto the line of sight: a Doppler radar measures nothing else.
         covariance : (K, 2, 2) or (2, 2) array, m^2
             Of the position.
-        grid : float, m
-            Spacing of the values to which x and y are rounded; see `quantisation_sigma`.
+        grid, step : float, m and m/s
+            Spacing of the values to which x and y, and to which the Doppler velocity or each
+            component of the velocity, are rounded; see `quantisation_sigma`.
         sigma_range, sigma_azimuth, sigma_doppler : numbers or (K,) arrays in m, rad, m/s
-            Standard deviations, not negative.
-        step : float, m/s
-            Spacing of the values to which the Doppler velocity, or each component of the velocity,
-            is rounded.
-        extent : number or (K,) array, m
-            See `RadarScan`; it is not a part of the standard deviations above.
+            Standard deviations.
         """
         ahead, left = check_finite("x", x), check_finite("y", y)
         if ahead.ndim != 1 or ahead.shape != left.shape:
@@ -224,10 +214,7 @@ class RadarScan(Frozen):
         return f"RadarScan(time={self.time:.6f} s, {len(self)} targets)"
 
     def __getitem__(self, index: Selection) -> "RadarScan":
-        """The scan with only some of its targets, selected by a slice, a mask or a list of indices.
-
-        Raises an ``IndexError`` for a single number, or if the index is out of range.
-        """
+        """The scan with only those targets that a slice, a mask or a list of indices selects."""
         which: Any = index  # NumPy's own types do not take so many kinds at once
         if np.ndim(self.range[which]) != 1:
             raise IndexError("a scan is indexed by a slice, a mask or a list, not by a number")
@@ -243,8 +230,7 @@ class RadarScan(Frozen):
     def point_set(self, mounting: Mounting) -> PointSet:
         """The targets as Gaussians in the vehicle frame (thesis eq. 7.1, 7.3 and 7.4).
 
-        The variance of the extent is added to the measurement's covariance.  Raises a
-        ``ValueError`` if the scan is empty.
+        The variance of the extent is added.  Raises a ``ValueError`` if the scan is empty.
         """
         return _placed(self, mounting)
 
@@ -275,9 +261,8 @@ def quantisation_sigma(step: float, name: str = "step") -> float:
 
     The error is uniform over one step, so that the variance is step^2 / 12.  It adds to that of the
     measurement: ``np.hypot(sigma, quantisation_sigma(step))``.  Where the noise is much smaller
-    than the step, rounding is not independent from one value to the next.
-
-    Raises a ``ValueError``, which calls the argument ``name``, unless it is a positive number.
+    than the step, rounding is not independent from one value to the next.  Raises a ``ValueError``,
+    which calls the argument ``name``, unless it is a positive number.
     """
     return float(_STEP.number(name, step) / np.sqrt(12.0))
 
@@ -355,23 +340,12 @@ def doppler_gradients(azimuth: Array, mounting: Mounting) -> tuple[Array, Array]
 
 
 def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -> Array:
-    """Doppler velocity of static targets seen from a moving vehicle.
+    """Doppler velocities (..., K) in m/s of static targets, positive if they recede.
 
-    Raises a ``ValueError`` if a shape is wrong or a value is not finite.
-
-    Parameters
-    ----------
-    theta : (..., 3) array
-        Velocity [v_x, v_y, omega] of the vehicle in m/s, m/s, rad/s.
-    azimuth : (..., K) array, rad
-        Azimuth of the targets in the sensor frame, within -2 pi and 2 pi.
-    mounting : Mounting
-
-    Returns
-    -------
-    (..., K) array, m/s, positive for receding targets
-        V = -(v_x - omega y_s) cos(phi + alpha_s) - (v_y + omega x_s) sin(phi + alpha_s)
-        (thesis eq. 7.10; Barjenbruch et al. 2015).
+    V = -(v_x - omega y_s) cos(phi + alpha_s) - (v_y + omega x_s) sin(phi + alpha_s) (thesis
+    eq. 7.10; Barjenbruch et al. 2015).  ``theta`` (..., 3) is the vehicle's velocity
+    [v_x, v_y, omega] in m/s, m/s, rad/s, and ``azimuth`` (..., K) in rad is in the sensor frame.
+    Raises a ``ValueError`` if a shape is wrong, a value is not finite or an azimuth beyond 2 pi.
     """
     motion = rigid.motion("theta", theta, 2)
     gain, _ = doppler_gradients(BOUNDS["azimuth"].array("azimuth", azimuth), mounting)

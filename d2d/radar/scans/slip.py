@@ -15,14 +15,8 @@ class SlipLaw(Bounded):
 
     In a bend, the lateral acceleration v_x omega needs a lateral force of the rear tyres, and so a
     slip angle -compliance v_x omega of the rear axle (linear single-track model: Riekert & Schunck
-    1940).  A point ahead of the axle also moves sideways because of the rotation.
-
-    Parameters
-    ----------
-    ahead : float, m
-        How far the vehicle frame's origin lies ahead of the rear axle.
-    compliance : float, s^2/m
-        Slip angle of the rear axle (rad) over the lateral acceleration (m/s^2).
+    1940), with ``compliance`` in s^2/m.  The vehicle frame's origin, ``ahead`` metres ahead of the
+    axle, also moves sideways because of the rotation.
     """
 
     ahead: float = number(0.0)

@@ -86,17 +86,11 @@ class Sensor(Bounded):
 
 @dataclass(frozen=True, eq=False)
 class TrueTargets:
-    """The truth behind the targets of one scan.
+    """The truth behind the K targets of one scan.
 
-    Attributes
-    ----------
-    kind : (K,) array of str
-        Entries of `d2d.radar.simulation.world.KINDS`.
-    point : (K,) array of int
-        Index of the reflection point in the world, with the movers' points after the stationary
-        ones; -1 for clutter.
-    range, azimuth, doppler : (K,) arrays, m, rad, m/s
-        Values without the sensor's errors, of where the point is seen; nan for clutter.
+    ``kind`` holds entries of `d2d.radar.simulation.world.KINDS`, ``point`` the reflection point's
+    index in the world, with the movers' points after the stationary ones.  The other values, in m,
+    rad, m/s, are without the sensor's errors.  Clutter has the index -1 and nan.
     """
 
     kind: NDArray[np.str_]
@@ -106,10 +100,7 @@ class TrueTargets:
     doppler: Array
 
     def __getitem__(self, index: Selection) -> "TrueTargets":
-        """Only some of the targets, selected by a slice, a mask or a list of indices.
-
-        Raises an ``IndexError`` if the index is out of range.
-        """
+        """Only those targets that a slice, a mask or a list of indices selects."""
         return TrueTargets(*(getattr(self, field.name)[index] for field in fields(self)))
 
     __iter__ = None  # else Python would try the indices 0, 1, ... and stop at the first IndexError
@@ -117,18 +108,7 @@ class TrueTargets:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A simulated drive.
-
-    Attributes
-    ----------
-    scans : list of RadarScan
-    mounting : Mounting
-    truth : Reference
-        The true motion at the times of the scans.
-    targets : list of TrueTargets
-        The truth behind the targets, one entry per scan.
-    world : World
-    """
+    """A simulated drive: scans, the true motion at their times, and the truth behind each scan."""
 
     scans: list[RadarScan]
     mounting: Mounting
@@ -160,15 +140,14 @@ def simulate_drive(
     duration : float, s
     speed : float, m/s
         Mean speed over a lap.  The default is that of a robot; for a car in town, use `CAR_SPEED`
-        and `CAR_MOUNTING`.
+        and `CAR_MOUNTING` of ``d2d.radar.simulation.drive``.
     start : float, s
         How long the vehicle has driven when the drive begins, at time 0.
     mounting : Mounting
-        Pose of the sensor in the vehicle frame.
     sensor : Sensor, optional
         By default, the thesis's sensor.
     world : World, optional
-        By default, it is drawn by `d2d.radar.simulation.world.build_world`.
+        By default, `build_world` draws it.
     errors : SensorErrors, optional
         What else is wrong with the sensor; by default, nothing.  They change neither what is
         detected nor the targets' own noise, unless there is a lag.
@@ -285,10 +264,7 @@ def _measured(
     sensor: Sensor,
     errors: SensorErrors,
 ) -> tuple[RadarScan, TrueTargets]:
-    """The scan with its errors, and the truth behind its targets.
-
-    A near target whose measured range is zero or negative is left out.
-    """
+    """The scan of the targets whose measured range is positive, and the truth behind them."""
     worse = np.sqrt(1.0 + 3.0 / power)
     sigma = np.array([[sensor.sigma_range], [sensor.sigma_azimuth], [sensor.sigma_doppler]]) * worse
     values = errors.measured(np.stack([true.range, true.azimuth, true.doppler]))

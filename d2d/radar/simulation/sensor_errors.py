@@ -14,9 +14,8 @@ _RIDGE = 1e-9  # relative variance that keeps points at the same place from a si
 class SensorErrors(Bounded):
     """Errors that the targets of a simulated scan share, and scatter of the reflection points.
 
-    All are off by default.  `d2d.radar.ErrorBudget` holds the standard deviations of the errors of
-    the same names; this class holds their values, constant over a drive.  Raises a ``ValueError``
-    if a number is out of range.
+    All are off by default and constant over a drive; `d2d.radar.ErrorBudget` holds the standard
+    deviations of those of the same names.  Raises a ``ValueError`` if a number is out of range.
 
     Attributes
     ----------

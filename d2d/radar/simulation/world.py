@@ -41,43 +41,23 @@ _STRENGTH = {
 
 @dataclass(frozen=True, eq=False)
 class Reflectors:
-    """Stationary reflection points.
+    """Stationary reflection points."""
 
-    Attributes
-    ----------
-    positions : (n, 2) array, m
-    strength : (n,) array
-        Radar cross-section, relative to that of a point that is detected with probability 1/2 at
-        the sensor's ``half_range``.
-    kind : (n,) array of str
-        "wall", "car", "pole" or "vegetation".
-    """
-
-    positions: Array
+    positions: Array  # (n, 2), m
+    # radar cross-section (n,), relative to that of a point that is detected with probability 1/2 at
+    # the sensor's half_range
     strength: Array
-    kind: NDArray[np.str_]
+    kind: NDArray[np.str_]  # (n,), "wall", "car", "pole" or "vegetation"
 
 
 @dataclass(frozen=True, eq=False)
 class Movers:
-    """Reflection points on rigid bodies that follow the path beside the vehicle's own lane.
+    """Reflection points on rigid bodies that follow the path beside the vehicle's own lane."""
 
-    Attributes
-    ----------
-    start : (m,) array, m
-        Position of the body's frame along the path at time 0.
-    speed : (m,) array, m/s
-        Speed along the path, negative if opposite to the vehicle's direction.
-    offset : (m, 2) array, m
-        Position of the point in the frame that moves along the path: x along it, y to its left.
-    strength : (m,) array
-        As for `Reflectors`.
-    """
-
-    start: Array
-    speed: Array
-    offset: Array
-    strength: Array
+    start: Array  # (m,), m along the path, of the body's frame at time 0
+    speed: Array  # (m,), m/s along the path, negative if opposite to the vehicle's direction
+    offset: Array  # (m, 2), m, of the point in that frame: x along the path, y to its left
+    strength: Array  # (m,), as for `Reflectors`
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Positions and velocities (..., m, 2) in m and m/s at times (...) in s."""
@@ -95,13 +75,8 @@ class Movers:
 class World(Frozen):
     """Everything that the radar can see.
 
-    Attributes
-    ----------
-    buildings, cars : (n, 4, 2) arrays, m
-        Corners of the outlines, counter-clockwise; both block the view.
-    reflectors : Reflectors
-    movers : Movers
-        They do not block the view.
+    ``buildings`` and ``cars``, corners (n, 4, 2) of outlines in m, counter-clockwise, block the
+    view; the movers do not.
     """
 
     buildings: Array
@@ -116,8 +91,12 @@ class World(Frozen):
     @cached_property
     def walls(self) -> Array:
         """Start and end (S, 2, 2) in m of all wall segments, which block the view."""
-        outlines = np.concatenate([self.buildings, self.cars])
-        return np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+        return _edges(np.concatenate([self.buildings, self.cars]))
+
+
+def _edges(outlines: Array) -> Array:
+    """Start and end (4 n, 2, 2) of the edges of outlines (n, 4, 2)."""
+    return np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2).reshape(-1, 2, 2)
 
 
 def visible(points: Array, walls: Array) -> NDArray[np.bool_]:
@@ -175,7 +154,7 @@ def lap_progress(times: Array, speed: float) -> tuple[Array, Array]:
 
 @cache
 def _lap() -> "tuple[scipy.interpolate.CubicHermiteSpline, ...]":
-    """Splines of position and heading over the distance driven, and of the distance over time.
+    """Splines of position and heading over the distance (m), and of the distance over time.
 
     The time is multiplied by the mean speed, so that it is in m as well.
     """
@@ -225,12 +204,8 @@ def _corners() -> Array:
 def build_world(rng: np.random.Generator, movers: int = 6) -> World:
     """Line the street with buildings, parked cars, poles and bushes, and add moving objects.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    movers : int
-        Number of moving objects: alternately cars in the oncoming lane and walkers on the
-        sidewalks, in either direction.
+    These are alternately cars in the oncoming lane and walkers on the sidewalks, in either
+    direction; ``movers`` is their number.
     """
     buildings, cars = _buildings(rng), _parked_cars(rng)
     places = {
@@ -267,11 +242,7 @@ def _offset(along: Array, aside: Array) -> Array:
 
 
 def _buildings(rng: np.random.Generator) -> Array:
-    """Rows of houses, 8 m deep, along both sides of the whole street.
-
-    A house is parallel to the path at its own centre.  Houses too close to another part of the
-    street are left out.
-    """
+    """Rows of houses, 8 m deep, along both sides of the street, none too near to another part."""
     frames, lengths = [], []
     for side, setbacks in ((-1.0, (6.0, 9.0)), (1.0, (9.0, 11.0))):
         along = 0.0
@@ -313,7 +284,7 @@ def _along_outlines(
 
     Window sills, pipes and door handles reflect, but not the plane surfaces between them.
     """
-    edges = np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+    edges = _edges(outlines)
     along = edges[:, 1] - edges[:, 0]
     length = np.linalg.norm(along, axis=-1)
     which = np.repeat(np.arange(len(edges)), rng.poisson(length / spacing))

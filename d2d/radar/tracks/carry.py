@@ -1,20 +1,12 @@
-"""Velocities carried to the times of their estimates along the acceleration of the track."""
+"""The acceleration of a track."""
 
 import numpy as np
 
 from d2d._types import Array
-from d2d.radar.scans.budget import CovarianceParts
 
 # s to either side, over which an acceleration is fitted; a little more than half a second, so that
 # the rounding of times does not decide which estimates of a radar with steps of 0.1 s count
 _SLOPE_SPAN = 0.5 + 1e-6
-
-
-def with_lag(parts: CovarianceParts, acceleration: Array, lag: float) -> CovarianceParts:
-    """The parts (n, 3, 3) with a lag (s) times the acceleration (n, 3) in the systematic one."""
-    moved = lag * acceleration
-    added = moved[:, :, None] * moved[:, None, :]
-    return parts._replace(systematic=parts.systematic + added)
 
 
 def accelerations(times: Array, theta: Array) -> Array:

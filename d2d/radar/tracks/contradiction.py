@@ -49,12 +49,7 @@ _OTHERS = "Azimuths in degrees, times in another unit than s and a wrong mountin
 def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> None:
     """Warn if in most intervals the positions alone fit another velocity clearly better.
 
-    Parameters
-    ----------
-    theta : (n, 3) array
-        The accepted velocities.
-    problem : callable
-        ``problem(i)`` is the problem of row i.
+    ``theta`` (n, 3) holds the accepted velocities, and ``problem(i)`` is the problem of row i.
     """
     if len(theta) < _FEW:
         return

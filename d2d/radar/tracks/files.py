@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._types import Array
 from d2d.radar.files import written_whole
 from d2d.radar.scans.budget import CovarianceParts
 
@@ -78,23 +77,18 @@ def load_fields(path: Path) -> dict[str, Any]:
     return fields
 
 
-def velocity_columns(
-    times: Array,
-    intervals: Array,
-    theta: Array,
-    covariance: Array,
-    converged: NDArray[np.bool_],
-) -> Arrays:
-    """The columns (n,) of a table of velocities, named as in `COLUMNS`."""
+def velocity_columns(fields: Mapping[str, Any]) -> Arrays:
+    """The columns (n,) of a table of velocities, named as in `COLUMNS`, from a track's fields."""
+    times, intervals, theta, covariance, converged = (fields[name] for name in REQUIRED)
     entries = covariance[:, _UPPER[0], _UPPER[1]].T
     return dict(zip(COLUMNS, [times, intervals, *theta.T, converged, *entries], strict=True))
 
 
-def write_velocity_table(path: Path, columns: Arrays) -> None:
+def write_velocity_table(path: Path, fields: Mapping[str, Any]) -> None:
     """Write the columns as text, each number with all its digits."""
     lists = [
         column.astype(int).tolist() if column.dtype == np.bool_ else column.tolist()
-        for column in columns.values()
+        for column in velocity_columns(fields).values()
     ]
     units = " ".join(f"{name}[{unit}]" for name, unit in COLUMNS.items())
     rows = (" ".join(map(repr, row)) for row in zip(*lists, strict=True))
@@ -105,10 +99,7 @@ def write_velocity_table(path: Path, columns: Arrays) -> None:
 
 
 def read_velocity_table(path: Path) -> dict[str, Any]:
-    """The arguments of `velocity_columns` from what `write_velocity_table` wrote.
-
-    Raises a ValueError that names the file and the line if the content is anything else.
-    """
+    """The fields that `write_velocity_table` wrote; raises a ValueError that names a wrong line."""
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     if not lines or lines[0].rstrip() != _TITLE:
         raise ValueError(f"{path} is not a table of velocities: line 1 must be {_TITLE!r}")

@@ -35,12 +35,10 @@ class State:
 class VehicleLimits:
     """How fast a vehicle moves, and how fast its velocity changes.
 
-    The defaults are far beyond what a road vehicle does.  An estimate that exceeds a
-    limit by more than three of its own standard deviations is not accepted: radar alone sometimes
-    finds an optimum that no vehicle could follow, which its inlier probability does not reveal.
-
-    Raises a ``ValueError`` if a limit is not positive; the message names it. ``math.inf`` switches
-    one off.
+    The defaults are far beyond what a road vehicle does; ``math.inf`` switches a limit off.  An
+    estimate that exceeds one by more than three of its own standard deviations is not accepted:
+    radar alone sometimes finds an optimum that no vehicle could follow, which its inlier
+    probability does not reveal.  Raises a ``ValueError`` if a limit is not positive.
 
     Attributes
     ----------
@@ -51,13 +49,12 @@ class VehicleLimits:
         Of v_x and of v_y, from one accepted estimate to the next.
     yaw_acceleration : float, rad/s^2
     uncertainty : float, rad/s
-        Largest useful standard deviation of omega; an estimate above it is not accepted.
+        Largest useful standard deviation of omega.
     yaw_rate_of_slip : float, rad/s
         By how much the yaw rate may move if v_y is taken as zero, whatever its standard deviation.
         A single sensor ahead of the axle determines its own lateral velocity well and the yaw rate
         poorly: an error of the yaw rate then appears as side slip.  The default is for an origin
-        near the rear axle; where it is far from the axle, or the wheels turn all ways, take a
-        larger one.
+        near the rear axle; where it is far from it, or all wheels turn, take a larger one.
     """
 
     speed: float = 100.0
@@ -77,8 +74,7 @@ class VehicleLimits:
     def for_doppler(self, doppler: bool) -> "VehicleLimits":
         """The limits of an estimate with or without Doppler velocities.
 
-        Without them no sensor determines its lateral velocity, so that a side slip says nothing
-        about omega, and all components are determined poorly.
+        Without them all components are determined poorly, and a side slip says nothing about omega.
         """
         return self if doppler else replace(self, yaw_rate_of_slip=np.inf, uncertainty=np.inf)
 

@@ -18,9 +18,8 @@ from d2d._types import Array
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import Mounting, RadarScan
 
-# Times between two scans that are longer than this are taken to be in another unit.
+# Times between two scans, and horizons, that are longer than this are taken to be in another unit.
 MAX_INTERVAL = 60.0  # s
-_LONGEST_HORIZON = 60.0  # s
 
 SensorScans = tuple[list[RadarScan], Mounting]
 
@@ -43,17 +42,13 @@ Sensors = OneSensor | Iterable[OneSensor] | Mapping[Any, OneSensor]
 
 
 def check_sensors(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> list[SensorScans]:
-    """The scans and the mounting of each sensor, whichever way they are given.
-
-    Raises a ``ValueError`` that names the sensor if something is not a sensor, if its scans are out
-    of time order or too far apart, or if another sensor has one of them too.
-    """
+    """The scans and the mounting of each sensor, checked, whichever way they are given."""
     named = {
         name: (check_members(name, scans, RadarScan), mounting)
         for name, (scans, mounting) in _named(sensors).items()
     }
     for name, (scans, _) in named.items():
-        increasing(name, scans, max_interval)
+        check_increasing(name, scans, max_interval)
     check_distinct({name: scans for name, (scans, _) in named.items()})
     return list(named.values())
 
@@ -88,11 +83,8 @@ def _parts(sensor: Any) -> tuple[Any, Mounting] | None:
     return (scans, mounting) if isinstance(mounting, Mounting) else None
 
 
-def increasing(name: str, scans: Sequence[RadarScan], max_interval: float) -> Array:
-    """The scans' times (n,) in s, strictly increasing and at most ``max_interval`` apart.
-
-    Raises a ValueError if they are not.
-    """
+def check_increasing(name: str, scans: Sequence[RadarScan], max_interval: float) -> None:
+    """Raise a ValueError unless times increase strictly, by at most ``max_interval`` (s)."""
     times = np.array([scan.time for scan in scans])
     intervals = np.diff(times)
     if not (intervals > 0).all():
@@ -102,7 +94,6 @@ def increasing(name: str, scans: Sequence[RadarScan], max_interval: float) -> Ar
             f"{times[late]:.6f} s after {times[late - 1]:.6f} s"
         )
     check_intervals(name, times, max_interval)
-    return times
 
 
 def check_intervals(name: str, times: Array, max_interval: float) -> None:
@@ -118,10 +109,7 @@ def check_intervals(name: str, times: Array, max_interval: float) -> None:
 
 
 def check_distinct(sensors: Mapping[str, Iterable[RadarScan]]) -> None:
-    """Raise a ValueError if two sensors have a scan in common: it would count twice.
-
-    The message calls the sensors by the names of the mapping.
-    """
+    """Raise a ValueError if two sensors have a scan in common: it would count twice."""
     owners: dict[tuple[object, ...], str] = {}
     for name, scans in sensors.items():
         for scan in scans:
@@ -140,7 +128,7 @@ def check_separation(baseline: int, horizon: float | None) -> None:
     check_count("baseline", baseline)
     if horizon is None:
         return
-    check_positive("horizon", check_seconds("horizon", horizon, _LONGEST_HORIZON))
+    check_positive("horizon", check_seconds("horizon", horizon, MAX_INTERVAL))
     if baseline != 1:
         raise ValueError(
             f"horizon and baseline must not both be given, but are {horizon:g} s and {baseline}"

@@ -21,7 +21,6 @@ from d2d.radar.scans.budget import CovarianceParts
 from d2d.radar.tracks.files import (
     OPTIONAL,
     REQUIRED,
-    Arrays,
     load_fields,
     read_velocity_table,
     save_fields,
@@ -46,15 +45,9 @@ _NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
 
 
 class Velocities(NamedTuple):
-    """Velocities at given times, with their covariances.
+    """Velocities (m, 3) [v_x, v_y, omega] in m/s, m/s, rad/s at times (m,) in s.
 
-    Attributes
-    ----------
-    times : (m,) array, s
-    theta : (m, 3) array
-        [v_x, v_y, omega] in m/s, m/s, rad/s; nan where not known.
-    covariance : (m, 3, 3) array
-        Nan where not known.
+    They and their covariances (m, 3, 3) are nan where not known.
     """
 
     times: Array
@@ -62,24 +55,13 @@ class Velocities(NamedTuple):
     covariance: Array
 
 
-class Neighbours(NamedTuple):
-    """The estimates between which each of m times lies."""
-
-    before: NDArray[np.intp]
-    after: NDArray[np.intp]  # the same as before where an estimate is at the time itself
-    weight: Array  # of the one after
-    known: NDArray[np.bool_]  # whether both were accepted and are not too far apart
-
-
 @dataclass(frozen=True, eq=False)
 class Track(Frozen):
     """The motion along a drive, one row for each scan (or round of scans) after the first.
 
-    It keeps read-only copies of what it is given; `dataclasses.replace` makes another one.
-
-    Raises a ``ValueError`` if shapes or types do not match, times are not finite and strictly
-    increasing, intervals contradict them, or where converged an estimate is not finite, its
-    covariance is not one or ``parts`` contradict it; the message names the field.
+    Its arrays are read-only; `dataclasses.replace` makes another one.  Raises a ``ValueError`` if
+    shapes or types do not match, times do not increase strictly, intervals contradict them, or
+    where converged an estimate is not finite, its covariance is not one or ``parts`` contradict it.
 
     Attributes
     ----------
@@ -91,8 +73,8 @@ class Track(Frozen):
         Velocity [v_x, v_y, omega] in m/s, m/s, rad/s.  Where not converged, it is the last
         converged one or, before any has converged, the initial velocity or zero.
     covariance : (n, 3, 3) array
-        Covariance of ``theta``; nan where not converged.  Without a budget, the inverse Hessian;
-        with one, the sum of the ``parts``.
+        Of ``theta``; nan where not converged.  Without a budget, the inverse Hessian; with one, the
+        sum of the ``parts``.
     converged : (n,) array of bool
         Whether an optimum was found and accepted.
     reasons : (n,) array of str
@@ -102,8 +84,8 @@ class Track(Frozen):
         Number of targets of the current scans.
     inliers : (n,) array
         Mean inlier probability of these targets; nan where there was nothing to estimate.
-    parts : CovarianceParts or None
-        The parts of the covariance, nan where not converged; None without a budget.
+    parts : CovarianceParts
+        Of the covariance, nan where not converged; None also without a budget.
     """
 
     times: Array
@@ -121,15 +103,15 @@ class Track(Frozen):
         for name in (*REQUIRED, *OPTIONAL):
             if getattr(self, name) is not None:
                 self._keep(name, _rows(name, getattr(self, name), count))
-        if self.parts is not None:
-            parts = (_rows("parts", part, count) for part in self.parts)
-            self._keep("parts", CovarianceParts(*parts))
         _check_times(self.times, self.intervals)
-        good = self.converged
+        good, total = self.converged, None
+        if self.parts is not None:
+            parts = CovarianceParts(*(_rows("parts", part, count) for part in self.parts))
+            self._keep("parts", parts)
+            total = parts.total[good]
         for name in ("theta", "covariance"):
             if not np.isfinite(getattr(self, name)[good]).all():
                 raise ValueError(f"{name} must be finite wherever converged is true")
-        total = None if self.parts is None else self.parts.total[good]
         _check_covariances(self.covariance[good], total)
 
     def poses(self, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
@@ -140,23 +122,16 @@ class Track(Frozen):
         return integrate(self.theta, self.intervals, start)
 
     def at(self, times: ArrayLike) -> Velocities:
-        """The velocities at other times, by linear interpolation.
+        """The velocities at other times (m,) in s, by linear interpolation.
 
-        Raises a ``ValueError`` unless ``times`` is a one-dimensional array of finite numbers, or if
-        the track is empty.
+        They are nan outside the track's time span, next to an estimate that failed, and in gaps of
+        more than twice the usual interval; at the time of an estimate, they are that estimate
+        itself.  The covariance is interpolated linearly too.  It is an upper bound for the
+        interpolated error, however the errors of the two neighbours are correlated, but does not
+        contain a change of the velocity between their times.
 
-        Parameters
-        ----------
-        times : (m,) array, s
-
-        Returns
-        -------
-        Velocities
-            Nan outside the track's time span, next to an estimate that failed, and in gaps of more
-            than twice the usual interval; at the time of an estimate, that estimate itself.  The
-            covariance is interpolated linearly too.  It is then an upper bound for the interpolated
-            error, however the errors of the two neighbours are correlated; it does not contain a
-            change of the velocity between their times.
+        Raises a ``ValueError`` unless ``times`` is a row of finite numbers, or if the track is
+        empty.
         """
         wanted = check_finite("times", times)
         if wanted.ndim != 1:
@@ -179,30 +154,13 @@ class Track(Frozen):
         """Write all of the track to a file, from which `load` gives the same numbers bit by bit.
 
         The path best ends in ``.npz``; a leading ``~`` stands for the home folder.  An existing
-        file is replaced once all is written.  Raises an ``OSError`` if the file cannot be written.
+        file is replaced once all is written.  Raises an ``OSError`` if that is not possible.
         """
         save_fields(check_path("path", path), vars(self))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Track:
-        """The track that `save` wrote.
-
-        Raises an ``OSError`` if the file cannot be read, and a ``ValueError`` that names it if it
-        is not a complete one of `save`.
-
-        Examples
-        --------
-        >>> import tempfile
-        >>> import numpy as np
-        >>> from d2d.radar import Track, simulate_drive, track
-        >>> drive = simulate_drive(np.random.default_rng(0), duration=1.0)
-        >>> driven = track(drive)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     driven.save(f"{folder}/drive.npz")
-        ...     again = Track.load(f"{folder}/drive.npz")
-        >>> bool((again.theta == driven.theta).all())
-        True
-        """
+        """The track that `save` wrote; a ``ValueError`` names a file that is not a complete one."""
         source = check_path("path", path)
         return cls._from_file(source, load_fields(source))
 
@@ -210,10 +168,8 @@ class Track(Frozen):
         """Write the poses as a TUM trajectory file, one line "t x y z qx qy qz qw" per pose.
 
         `evo` and other tools read this format; t is in s, and the vehicle stays in the plane z = 0.
-
-        The first pose is ``start`` (m, m, rad), as for `poses`; ``path`` is as for `save`.  Raises
-        an ``OSError`` if the file cannot be written, and a ``ValueError`` if ``start`` is not a
-        pose or the track is empty.
+        ``start`` is as for `poses`, ``path`` as for `save`.  Raises a ``ValueError`` if the track
+        is empty.
         """
         x, y, yaw = self.poses(start).T
         if not len(self.times):
@@ -228,12 +184,9 @@ class Track(Frozen):
     def write_velocities(self, path: str | os.PathLike[str]) -> None:
         """Write the velocities with their covariances as a table of text.
 
-        The path is as for `save`.  Raises an ``OSError`` if the file cannot be written.
-
-        Notes
-        -----
-        Lines that begin with # are the header and the end; the last line of the header names the
-        columns with their units.  All others hold twelve numbers with a space between them:
+        Lines that begin with # are the header, which ends with the columns' names and units, and
+        the end.  All others hold twelve numbers, with all their digits and a space between them;
+        ``numpy.loadtxt`` reads them too:
 
         ========== ================================================ =====================
         number     what                                             unit
@@ -242,44 +195,39 @@ class Track(Frozen):
         2          interval, the time since the scan before         s
         3, 4, 5    v_x, v_y, omega                                  m/s, m/s, rad/s
         6          1 if the estimate was accepted, otherwise 0
-        7          variance of v_x                                  m^2/s^2
-        8          covariance of v_x and v_y                        m^2/s^2
-        9          covariance of v_x and omega                      m rad/s^2
-        10         variance of v_y                                  m^2/s^2
-        11         covariance of v_y and omega                      m rad/s^2
+        7, 8, 9    (co)variances of v_x with v_x, v_y, omega        m^2/s^2, m rad/s^2
+        10, 11     (co)variances of v_y with v_y, omega             m^2/s^2, m rad/s^2
         12         variance of omega                                rad^2/s^2
         ========== ================================================ =====================
 
-        Numbers have all their digits.  Where an estimate was not accepted, the (co)variances are
-        ``nan`` and the velocity is the last one that was.  ``numpy.loadtxt`` reads the file too.
+        Where an estimate was not accepted, the (co)variances are ``nan`` and the velocity is the
+        last one that was.  The path is as for `save`.
         """
-        write_velocity_table(check_path("path", path), self._columns())
+        write_velocity_table(check_path("path", path), vars(self))
 
     @classmethod
     def read_velocities(cls, path: str | os.PathLike[str]) -> Track:
         """The track in a table of `write_velocities`, bit by bit; what the table lacks is None.
 
-        Raises an ``OSError`` if the file cannot be read, and a ``ValueError`` that names it and the
-        line if it is not a complete one of `write_velocities`.
+        Raises a ``ValueError`` that names file and line if it is not a complete table.
         """
         source = check_path("path", path)
         return cls._from_file(source, read_velocity_table(source))
 
     @classmethod
     def _from_file(cls, source: Path, fields: dict[str, Any]) -> Track:
-        """The track from a file's content; raises a ValueError naming the file if there is none."""
+        """The track in a file's content; a ValueError names the file if it holds none."""
         try:
             return cls(**fields)
         except ValueError as error:
             raise ValueError(f"{source} holds no track: {error}") from None
 
     def to_dataframe(self) -> DataFrame:
-        """The estimates as a pandas table, one row for each.
+        """The estimates as a pandas table, one row for each; pandas must be installed.
 
         The columns are those of `write_velocities`, named ``time``, ``interval``, ``v_x``, ``v_y``,
         ``omega``, ``converged``, ``var_v_x``, ``cov_v_x_v_y`` and so on and, where known,
-        ``reasons``, ``targets`` and ``inliers``.  Raises a ``ModuleNotFoundError`` if pandas, which
-        `d2d` itself does not need, is not installed.
+        ``reasons``, ``targets`` and ``inliers``.
         """
         try:
             import pandas
@@ -287,22 +235,15 @@ class Track(Frozen):
             raise ModuleNotFoundError(
                 "to_dataframe needs pandas, which is not installed: pip install pandas"
             ) from None
-        known = {name: getattr(self, name) for name in OPTIONAL}
-        columns = self._columns() | {n: each for n, each in known.items() if each is not None}
-        return pandas.DataFrame(columns)
-
-    def _columns(self) -> Arrays:
-        return velocity_columns(
-            self.times, self.intervals, self.theta, self.covariance, self.converged
-        )
+        known = {name: vars(self)[name] for name in OPTIONAL if vars(self)[name] is not None}
+        return pandas.DataFrame(velocity_columns(vars(self)) | known)
 
     # ---- Seen by people
 
     def plot(self) -> Figure:
         """Draw the path, the velocities in a band of 3 sigma, the inlier share and the failures.
 
-        The inlier share is left out if it is not known.  Raises a ``ModuleNotFoundError`` if
-        matplotlib, which `d2d` itself does not need, is not installed.
+        An inlier share that is not known is left out.  Matplotlib must be installed.
         """
         return draw(
             self.poses(), self.times, self.theta, self.covariance, self.converged, self.inliers
@@ -368,10 +309,13 @@ def _check_covariances(stated: Array, total: Array | None) -> None:
         raise ValueError("parts must add up to covariance wherever converged is true")
 
 
-def neighbours(track: Track, times: Array) -> Neighbours:
-    """The estimates of a track around each of ``times`` (m,), for linear interpolation.
+def neighbours(
+    track: Track, times: Array
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, NDArray[np.bool_]]:
+    """The estimates of a track before and after each of ``times`` (m,), for linear interpolation.
 
-    Raises a ``ValueError`` if the track has no estimates.
+    With these two (m,) come the weight of the second, and whether both were accepted and are not
+    too far apart.  Both are the same where an estimate is at the time itself.
     """
     if not len(track.times):
         raise ValueError("the track must hold at least one estimate, but is empty")
@@ -384,7 +328,7 @@ def neighbours(track: Track, times: Array) -> Neighbours:
     inside = (track.times[before] <= times) & (times <= track.times[after])
     near = gap <= 2.0 * np.median(track.intervals)
     good = track.converged[before] & track.converged[after]
-    return Neighbours(before, after, weight, inside & near & good)
+    return before, after, weight, inside & near & good
 
 
 def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TextIO, Unpack
 
 import numpy as np
@@ -15,10 +15,10 @@ from d2d.radar.motion.covariance import apply_budget
 from d2d.radar.motion.doppler import doppler_starts
 from d2d.radar.motion.estimate import check_velocity, estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel, EstimationOptions, split_options
-from d2d.radar.motion.pairs import ScanPair, scan_pair
+from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import RadarScan
-from d2d.radar.tracks.carry import accelerations, with_lag
+from d2d.radar.tracks.carry import accelerations
 from d2d.radar.tracks.contradiction import warn_of_contradiction
 from d2d.radar.tracks.limits import State, VehicleLimits
 from d2d.radar.tracks.rounds import (
@@ -40,13 +40,13 @@ DEFAULT_LIMITS = VehicleLimits()
 MIN_EXPLAINED = 0.1
 # A velocity has three components.  An optimum that rests on fewer targets is accidental, however
 # large a share of the scan they are.
-MIN_AGREEING = 2.5  # sum of the inlier probabilities
+_MIN_AGREEING = 2.5  # sum of the inlier probabilities
 # rad; a vehicle that drives in a circle between two scans is back where it was: scans of one place
 # then fit at any speed, as they do where times are in another unit
-MAX_TURN = float(np.pi)
+_MAX_TURN = float(np.pi)
 # A wrong optimum rarely explains more than half of the targets (chapter 9).  One that explains at
 # least this fraction is accepted without looking for another.
-WELL_EXPLAINED = 0.6
+_WELL_EXPLAINED = 0.6
 _MOVING = 0.5  # m/s; at a standstill a coarse radar may measure the same twice
 _BAR_DELAY = 2.0  # s, so that short tracks show no progress bar
 
@@ -66,20 +66,22 @@ def track(
     """Ego-motion over a whole drive from one sensor, or from several that need not be synchronised.
 
     The scans of all sensors, in time order, are divided into rounds.  A new round begins whenever a
-    sensor already has a scan in the current one; scans of the same time stay together, and a sensor
-    may be missing from a round.  With one sensor, each scan is a round.  Each round after the first
-    gives one estimate, whose search starts at the last accepted velocity.
+    sensor already has a scan in the current one; scans of the same time stay together.  With one
+    sensor, each scan is a round.  Each round after the first gives one estimate.
 
     Raises a ``ValueError`` if something is not a sensor, two have a scan in common, scans are out
-    of time order or farther apart than ``max_interval``, there are fewer than two rounds,
-    ``baseline`` is below 1, ``horizon`` is given beside it, or another argument is invalid.
+    of time order or too far apart, there are fewer than two rounds, ``horizon`` is given beside
+    ``baseline``, or another argument is invalid.
+
+    Warns if in most intervals the positions alone fit another velocity clearly better than the one
+    that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower (km/h),
+    or a faster one (velocities already compensated for the ego-motion).
 
     Parameters
     ----------
     sensors : Recording, (scans, Mounting), or a sequence or mapping of them
-        The sensor or sensors of the vehicle.  The scans of each are an iterable in strictly
-        increasing time, its mounting is a `Mounting`; a simulated `Drive` has both, too.  Error
-        messages use the names of a mapping.
+        The sensor or sensors of the vehicle, each with its scans in strictly increasing time; a
+        simulated `Drive` will do, too.  Error messages use the names of a mapping.
     baseline : int
         Each scan is registered with the one of its sensor this many scans before, or with the first
         one.  Over a longer interval, the same position error causes a smaller velocity error, as
@@ -96,35 +98,28 @@ def track(
     budget : ErrorBudget, optional
         Errors that the targets of a sensor share; each sensor has its own, of the same standard
         deviations.  With a budget, also an empty one, the covariance is propagated from the
-        targets' errors and contains the budget's, and the velocities are those at the track's
-        times; see `ErrorBudget`.  Without one, the covariance is the inverse Hessian.
+        targets' errors, and the velocities are those at the track's times.  Without one, the
+        covariance is the inverse Hessian.
     limits : VehicleLimits, optional
         What the vehicle can do; None accepts any motion.
     progress : bool, optional
         Whether a bar on the standard error counts the estimates, for which tqdm must be installed.
         By default, one appears after two seconds if that is a terminal; not in a notebook.
     **options
-        ``doppler``, ``outlier``, ``doppler_width``, ``side_slip``, ``first_order`` and ``scales``,
-        as for `estimate_ego_motion`.
+        As for `estimate_ego_motion`.
 
     Returns
     -------
     Track
         ``times`` are the mean times of each round's scans.  Pairs with an empty scan are left out.
-        An estimate fails if there is no pair left, if a scan repeats an earlier one target by
-        target while the sensor moves, the cost has no optimum near the start, the optimum rejects
-        nearly all targets (mean inlier probability below 0.1) or turns the vehicle by more than
-        half a turn between two scans, or no vehicle could move like that.  It is then marked as not
-        converged, with the reason, and the track goes on.  If the estimate from the last velocity
-        would fail or does not explain most of the targets (mean inlier probability below 0.6), the
-        round is estimated once more without it; of two acceptable optima the lower wins.
-
-    Warns
-    -----
-    UserWarning
-        If in most intervals the positions alone fit another velocity clearly better than the one
-        that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower
-        (km/h), or a faster one (velocities already compensated for the ego-motion).
+        An estimate fails if there is no pair left, a scan repeats an earlier one target by target
+        while the sensor moves, the cost has no optimum near the start, the optimum rejects nearly
+        all targets (mean inlier probability below 0.1) or turns the vehicle by more than half a
+        turn between two scans, or no vehicle could move like that.  It is then marked as not
+        converged, with the reason, and the track goes on.  The search starts at the last accepted
+        velocity.  If that fails or does not explain most of the targets (mean inlier probability
+        below 0.6), the round is estimated once more without it; of two acceptable optima the lower
+        wins.
 
     Examples
     --------
@@ -155,14 +150,26 @@ def track(
     def pairs(i: int) -> list[ScanPair]:
         return round_pairs(drives, groups[i + 1], baseline, horizon)
 
+    if limits is not None:
+        limits = limits.for_doppler(model.doppler)
     follower = Follower(model, scales, velocity, budget, limits)
     counted = _counted(len(groups) - 1, progress)
     rows = [follower.follow(float(times[i + 1]), pairs(i)) for i in counted]
-    driven = _track_of(times, rows)
+    reasons = np.array([row.reason for row in rows])
+    driven = Track(
+        times[1:],
+        np.diff(times),
+        np.array([row.theta for row in rows]),
+        np.array([row.covariance for row in rows]),
+        reasons == "",
+        reasons,
+        np.array([row.targets for row in rows]),
+        np.array([row.inliers for row in rows]),
+    )
     if model.doppler:
         accepted = np.flatnonzero(driven.converged)
         warn_of_contradiction(
-            driven.theta[accepted], lambda i: _problem(pairs(int(accepted[i])), model)
+            driven.theta[accepted], lambda i: problem_of(pairs(int(accepted[i])), model)
         )
     return driven if budget is None else _with_budget(driven, rows, budget.lag)
 
@@ -182,84 +189,66 @@ class Row(NamedTuple):
     delay: Array = np.zeros((3, 3))  # s; times the acceleration, how far theta is from its time
 
 
+@dataclass
 class Follower:
     """Estimates the velocity of one round after the other, and remembers the last accepted one.
 
     Nothing that it needs is later than the round, so that rounds can come as they are measured.
     """
 
-    def __init__(
-        self,
-        model: EgoMotionModel,
-        scales: Sequence[float],
-        velocity: Array | None,
-        budget: ErrorBudget | None,
-        limits: VehicleLimits | None,
-    ) -> None:
-        self._model, self._scales, self._budget = model, scales, budget
-        self._limits = None if limits is None else limits.for_doppler(model.doppler)
-        self._velocity = velocity  # at which the next search starts, if it is known
-        self._last: State | None = None
+    model: EgoMotionModel
+    scales: Sequence[float]
+    velocity: Array | None  # at which the next search starts, if it is known
+    budget: ErrorBudget | None
+    limits: VehicleLimits | None
+    last: State | None = None
 
     def follow(self, time: float, pairs: Sequence[ScanPair]) -> Row:
         """The next row of a track, from the pairs of scans of a round at ``time``."""
         if not pairs:
             return self._held("a scan without targets")
-        problem = _problem(pairs, self._model)
+        problem = problem_of(pairs, self.model)
         estimate = self._estimate(problem, pairs)
         seen = sum(pair.current.size for pair in pairs), float(estimate.inliers)
         reason = _doubt(estimate, pairs)
         if reason:
             return self._held(reason, *seen)
         row = Row(estimate.theta, estimate.covariance, "", *seen)
-        if self._budget is not None:
-            parts, delay = apply_budget(problem, estimate, pairs, self._budget, time)
+        if self.budget is not None:
+            parts, delay = apply_budget(problem, estimate, pairs, self.budget, time)
             row = row._replace(covariance=parts.total, parts=np.stack(parts), delay=delay)
         state = State(time, row.theta, row.covariance)
-        reason = self._implausible(state)
+        if not np.isfinite(state.covariance).all():
+            reason = "a covariance that is not finite"
+        elif self.limits is not None:
+            reason = self.limits.exceeded(state, self.last)
         if reason:
             return self._held(reason, *seen)
-        self._last, self._velocity = state, state.theta
+        self.last, self.velocity = state, state.theta
         return row
 
     def _held(self, reason: str, targets: int = 0, inliers: float = np.nan) -> Row:
         """The row of a round that gives no estimate."""
-        theta = np.zeros(3) if self._velocity is None else self._velocity
+        theta = np.zeros(3) if self.velocity is None else self.velocity
         return Row(theta, reason=reason, targets=targets, inliers=inliers)
 
     def _estimate(self, problem: Problem, pairs: Sequence[ScanPair]) -> Estimate:
         """The optimum near the last velocity; where it is doubtful, the better of two."""
         near = None
-        if self._velocity is not None:
-            near = estimate_velocity(problem, self._velocity, self._scales)
-            if is_convincing(near):
+        if self.velocity is not None:
+            near = estimate_velocity(problem, self.velocity, self.scales)
+            if near.converged and float(near.inliers) >= _WELL_EXPLAINED:
                 return near
         starts = doppler_starts([(pair.current, pair.mounting) for pair in pairs])
-        anew = estimate_velocity(problem, starts, self._scales)
+        anew = estimate_velocity(problem, starts, self.scales)
         if near is None:
             return anew
-        return min(near, anew, key=lambda each: (not is_good(each), float(each.value)))
-
-    def _implausible(self, state: State) -> str:
-        """Why no vehicle moves like that, in words; empty if it may."""
-        if not np.isfinite(state.covariance).all():
-            return "a covariance that is not finite"
-        return "" if self._limits is None else self._limits.exceeded(state, self._last)
+        return min(near, anew, key=lambda each: (not _is_good(each), float(each.value)))
 
 
-def _problem(pairs: Sequence[ScanPair], model: EgoMotionModel) -> Problem:
-    """The cost of the velocity that pairs of scans share."""
-    return model.problem([scan_pair(*pair, model) for pair in pairs])
-
-
-def is_good(estimate: Estimate) -> bool:
+def _is_good(estimate: Estimate) -> bool:
     """Whether an estimate is an optimum that does not reject nearly all targets."""
     return bool(estimate.converged) and float(estimate.inliers) >= MIN_EXPLAINED
-
-
-def is_convincing(estimate: Estimate) -> bool:
-    """Whether an estimate explains so many targets that no other optimum is looked for."""
-    return bool(estimate.converged) and float(estimate.inliers) >= WELL_EXPLAINED
 
 
 def _doubt(estimate: Estimate, pairs: Sequence[ScanPair]) -> str:
@@ -268,13 +257,13 @@ def _doubt(estimate: Estimate, pairs: Sequence[ScanPair]) -> str:
         return "a scan that repeats an earlier one"
     if not estimate.converged:
         return "no optimum near the start"
-    if not is_good(estimate):
+    if not _is_good(estimate):
         return f"an optimum that rejects {1.0 - float(estimate.inliers):.0%} of the targets"
     agreeing = sum(pair.current.size for pair in pairs) * float(estimate.inliers)
-    if agreeing < MIN_AGREEING:
+    if agreeing < _MIN_AGREEING:
         return f"an optimum that rests on {agreeing:.1f} targets"
     turn = abs(float(estimate.theta[2])) * max(pair.interval for pair in pairs)
-    if turn > MAX_TURN:
+    if turn > _MAX_TURN:
         return f"a turn of {np.rad2deg(turn):.0f} deg between scans"
     return ""
 
@@ -295,21 +284,6 @@ def _repeats(previous: RadarScan, current: RadarScan) -> bool:
 # ---- The whole track
 
 
-def _track_of(times: Array, rows: Sequence[Row]) -> Track:
-    """The track of n - 1 rows between n times, as the rounds gave them."""
-    reasons = np.array([row.reason for row in rows])
-    return Track(
-        times[1:],
-        np.diff(times),
-        np.array([row.theta for row in rows]),
-        np.array([row.covariance for row in rows]),
-        reasons == "",
-        reasons,
-        np.array([row.targets for row in rows]),
-        np.array([row.inliers for row in rows]),
-    )
-
-
 def _with_budget(track: Track, rows: Sequence[Row], lag: float) -> Track:
     """The track with its velocities at its times, and the parts of the covariances with the lag."""
     good = track.converged
@@ -323,8 +297,10 @@ def _with_budget(track: Track, rows: Sequence[Row], lag: float) -> Track:
     held = ~good & (last >= 0)
     theta[held] = theta[last[held]]
     parts = CovarianceParts(*np.stack([row.parts for row in rows], axis=1))
-    complete = with_lag(parts, slopes, lag)
-    return replace(track, theta=theta, covariance=complete.total, parts=complete)
+    moved = lag * slopes
+    late = parts.systematic + moved[:, :, None] * moved[:, None, :]
+    parts = parts._replace(systematic=late)
+    return replace(track, theta=theta, covariance=parts.total, parts=parts)
 
 
 # ---- Progress

@@ -50,10 +50,7 @@ class ScanVelocities(NamedTuple):
 
 
 def scan_velocities(views: Iterable[tuple[Iterable[RadarScan], Mounting]]) -> ScanVelocities:
-    """Find the static targets of every scan from its own Doppler velocities alone.
-
-    Scans without targets are left out.
-    """
+    """The static targets of every scan that has targets, from its own Doppler velocities alone."""
     rows = [
         (s, (mounting.x, mounting.y), scan.time, *_quadratic(scan, mounting))
         for s, (scans, mounting) in enumerate(views)
@@ -83,28 +80,14 @@ class Alignment:
     The parameters are [speed, coefficients c_j, yaw of each sensor]: the vehicle moves with
     v_x (1 + speed) and v_y = sum_j c_j v_x^(p_j) omega, where v_x and omega are those of the
     reference, and each yaw (rad) is added to the angle of a mounting.
-
-    Attributes
-    ----------
-    velocities : ScanVelocities
-    references : sequence of Reference
-        One for each sensor; its v_y is not used.
-    powers : tuple of int
-        The p_j.
-    start : (P,) array
-        Parameters to begin with.
-    free : (P,) array of bool
-        Which of them are fitted.
-    used : (n,) array of bool
-        Which scans count.
     """
 
     velocities: ScanVelocities
-    references: Sequence[Reference]
-    powers: tuple[int, ...]
-    start: Array
-    free: NDArray[np.bool_]
-    used: NDArray[np.bool_]
+    references: Sequence[Reference]  # one for each sensor; its v_y is not used
+    powers: tuple[int, ...]  # the p_j
+    start: Array  # (P,), the parameters to begin with
+    free: NDArray[np.bool_]  # (P,), which of them are fitted
+    used: NDArray[np.bool_]  # (n,), which scans count
 
     @classmethod
     def of(
@@ -116,10 +99,9 @@ class Alignment:
         return cls(velocities, references, powers, np.zeros(count), np.ones(count, np.bool_), scans)
 
     def predicted(self, lag: float, parameters: Array) -> tuple[Array, Array]:
-        """Velocities (n, 2) of the sensors and their derivatives (n, 2, P); nan where unknown.
+        """Velocities (n, 2) that sensors measure if mounted as stated; derivatives (n, 2, P).
 
-        They are those that a sensor measures if it takes its mounting to be as stated: turned back
-        by its yaw.
+        Nan where unknown.
         """
         sensor, place = self.velocities.sensor, self.velocities.place
         v, omega = self._odometry(lag)
@@ -186,10 +168,7 @@ def fit_at(model: Alignment, lag: float) -> Fit:
 
 
 def fit(model: Alignment, low: float, high: float) -> Fit:
-    """The best parameters at the best lag from ``low`` to ``high`` (s).
-
-    The best lag of a grid is refined; a bound that fits best is returned exactly.
-    """
+    """The best parameters at the best lag from ``low`` to ``high`` (s), the bounds included."""
     if low == high:
         return fit_at(model, low)
     grid = np.linspace(low, high, max(2, round((high - low) / _STEP)) + 1)
@@ -225,9 +204,7 @@ def agreeing(model: Alignment, found: Fit) -> NDArray[np.bool_]:
 
 
 def covariance(model: Alignment, found: Fit, *, with_lag: bool) -> tuple[Array, float]:
-    """Covariance of the free parameters, and the length of the blocks behind it in s.
-
-    If ``with_lag``, the lag comes first.
+    """Covariance of the free parameters, the lag first if it is one; length of its blocks in s.
 
     The errors of the reference, and so the residuals, are correlated in time and between sensors.
     Therefore the influences of all scans within a short time are added up, and their total gets the

@@ -36,10 +36,8 @@ class Calibration:
     lag : float, s
         The radars' time stamps are late by this much, early if it is negative: a scan at t shows
         the motion that the reference gives for t - lag.
-    speed_factor : float
-        Factor by which the reference's v_x is multiplied.
-    slip : SlipLaw
-        The lateral velocity.
+    speed_factor, slip : float and SlipLaw
+        Factor by which the reference's v_x is multiplied, and the lateral velocity.
     yaw : (S,) array, rad
         Angle to be added to the mounting angle of each sensor.
     covariance : (4 + S, 4 + S) array
@@ -49,10 +47,9 @@ class Calibration:
         The mountings with the angles added.
     rms : float
         Root mean square of the static targets' Doppler residuals over their standard deviations.
-    share : float
-        Share of the scans that were used; the others have no reference or are grossly off.
-    scans : int
-        Number of scans with targets.
+    scans, share : int and float
+        Number of scans with targets, and the share of them that was used; the others have no
+        reference or are grossly off.
     duration, block : float, s
         Length of the recordings, and of the blocks from which the covariance comes.
     """
@@ -75,11 +72,10 @@ class Calibration:
         return np.sqrt(np.diag(self.covariance))
 
     def reference(self, reference: Reference) -> Reference:
-        """The reference as the radars see it, at the same times.
+        """The reference as the radars see it, at the same times: nan where the lag leads beyond it.
 
         Lag and speed factor are applied, and v_y is given by the slip law.  The poses are shifted
-        by the lag and otherwise unchanged.  Where the lag leads beyond the reference's first or
-        last time, all values are nan.
+        by the lag.
         """
         check_instance("reference", reference, Reference)
         moved = reference.at(reference.times - self.lag)
@@ -128,6 +124,8 @@ def calibrate(
 
     Raises a ``ValueError`` if two sensors have a scan in common, a sensor has fewer than two scans
     with targets, the vehicle stands still, the references cover no scan, or an argument is invalid.
+    Warns if the best lag is at a bound of the search, or the drive has too little acceleration to
+    determine it (standard deviation above 0.1 s), so that it is held at zero.
 
     Parameters
     ----------
@@ -141,23 +139,12 @@ def calibrate(
     ahead : float, m, optional
         How far the vehicle frame's origin lies ahead of the rear axle.  By default it is fitted.
 
-    Returns
-    -------
-    Calibration
-        Prints as a table; ``reference`` and ``mountings`` are corrected by it.
-
-    Warns
-    -----
-    UserWarning
-        If the best lag is at a bound of the search, or the drive has too little acceleration to
-        determine it (standard deviation above 0.1 s), so that it is held at zero.
-
     Notes
     -----
     Residuals are correlated in time, because the errors of the reference are, and between sensors.
     The covariance is therefore that of a circular block bootstrap over time, in closed form, with
     the length of `d2d.block_length`, enlarged because residuals are smaller than errors after a
-    fit.  It contains nothing that varies more slowly than the recording is long.
+    fit.  It does not contain what varies more slowly than the recording is long.
 
     A scan is left out if its sensor's velocity deviates from the reference, in standard deviations,
     by more than five times the median of that sensor: in dense traffic most targets may move.

@@ -31,17 +31,13 @@ ORDER = (2, 1, 0)  # of whitening: omega, v_y given omega, v_x given both
 class Measures(NamedTuple):
     """The measures of a comparison, or the bounds of their confidence intervals.
 
-    Directions are in the order v_x, v_y, omega.  Bounds have a leading axis of length 2, lower and
-    upper.
+    Directions are in the order v_x, v_y, omega.  Bounds have a leading axis: lower, upper.
 
     Attributes
     ----------
-    mean_error : (3,) array
-        In m/s, m/s, deg/s.
-    rmse : (3,) array
-        Root mean square error, in the same units.
-    crps : (3,) array
-        Mean continuous ranked probability score, in the same units; see `d2d.crps`.
+    mean_error, rmse, crps : (3,) arrays
+        Mean, root mean square and continuous ranked probability score (`d2d.crps`) of the errors,
+        in m/s, m/s, deg/s.
     whitened_squares : (3,) array
         Mean squares of the whitened errors, v_x given v_y and omega, v_y given omega, and omega;
         ideally 1.
@@ -78,14 +74,10 @@ class Comparison(Frozen):
     ----------
     times : (n,) array, s
         Times of the estimates that are compared.
-    errors : (n, 3) array
-        Errors of [v_x, v_y, omega] in m/s, m/s, rad/s.
-    covariances : (n, 3, 3) array
-        Their stated covariances, in the same units.
-    share : float
-        Share of the track's estimates that are compared.
-    converged : float
-        Share of the track's estimates that converged.
+    errors, covariances : (n, 3) and (n, 3, 3) arrays
+        Errors of [v_x, v_y, omega] in m/s, m/s, rad/s, and their stated covariances.
+    share, converged : float
+        Shares of the track's estimates that are compared, and that converged.
     """
 
     times: Array
@@ -102,8 +94,7 @@ class Comparison(Frozen):
     def from_errors(cls, track: Track, errors: Array, covariances: Array | None = None) -> Self:
         """The comparison of a track whose errors (n, 3) are known; nan where they are not.
 
-        The covariances (n, 3, 3) of the errors are by default those of the track.  Estimates that
-        did not converge are left out.
+        The covariances (n, 3, 3) of the errors are by default those of the track.
         """
         good = track.converged & np.isfinite(errors).all(axis=-1)
         return cls(
@@ -157,27 +148,13 @@ class Comparison(Frozen):
         rng: np.random.Generator | None = None,
         resamples: int = 1000,
     ) -> Measures:
-        """Confidence intervals of all measures, by a block bootstrap.
+        """Lower and upper bounds of all measures, by a block bootstrap with ``resamples`` draws.
 
-        Raises a ``ValueError`` if an argument is out of range.
-
-        Parameters
-        ----------
-        confidence : float
-            Probability content of each interval, within (0, 1).
-        block : int, optional
-            Number of successive estimates that are drawn together, by default `block`, which
-            follows `d2d.block_length`.  It cannot know of errors that change more slowly than the
-            drive is long.
-        rng : numpy.random.Generator, optional
-            By default one with a fixed seed, so that a comparison always prints the same.
-        resamples : int
-            How often the estimates are drawn.
-
-        Returns
-        -------
-        Measures
-            Lower and upper bounds along a leading axis.
+        Each interval has the probability content ``confidence``.  ``block`` successive estimates
+        are drawn together, by default as many as `d2d.block_length` says, which cannot know of
+        errors that change more slowly than the drive is long.  The default of ``rng`` has a fixed
+        seed, so that a comparison always prints the same.  Raises a ``ValueError`` if an argument
+        is out of range.
         """
         bounds = block_bootstrap(
             lambda rows: rows.mean(axis=0),
@@ -209,12 +186,9 @@ class Comparison(Frozen):
         )
 
     @lazy
-    def _printed_intervals(self) -> Measures:
-        return self.intervals()
-
     def _rows(self) -> list[tuple[str, list[str]]]:
         """The table: a label, and a cell for each direction and for all together."""
-        both = self.measures, self._printed_intervals
+        both = self.measures, self.intervals()
         rows: list[tuple[str, list[str]]] = []
 
         def add(label: str, form: str, found: list[Array]) -> None:
@@ -255,7 +229,7 @@ class Comparison(Frozen):
         )
 
     def __str__(self) -> str:
-        rows = [("", HEAD), *self._rows()]
+        rows = [("", HEAD), *self._rows]
         first = max(len(label) for label, _ in rows)
         widths = [max(len(cells[i]) for _, cells in rows) for i in range(4)]
         lines = [
@@ -269,7 +243,7 @@ class Comparison(Frozen):
         head = "".join(f"<th>{name}</th>" for name in ("", *HEAD))
         body = "".join(
             f"<tr><th>{label}</th>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
-            for label, cells in self._rows()
+            for label, cells in self._rows
         )
         return (
             f"<table><caption>{self._title()}</caption>"
@@ -280,13 +254,8 @@ class Comparison(Frozen):
     def plot(self) -> Figure:
         """Draw the errors over time in a band of 3 sigma to either side, and below them the NEES.
 
-        Raises a ``ModuleNotFoundError`` if matplotlib is not installed; `d2d` itself does not need
-        it.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            The NEES of a credible estimator lies between the dashed lines in 95 % of the cases.
+        The NEES of a credible estimator lies between the dashed lines in 95 % of the cases.
+        Matplotlib must be installed.
         """
         from matplotlib import pyplot as plt
 
@@ -336,34 +305,18 @@ def _append(each: Array, together: Array) -> Array:
 def compare(track: Track, reference: Reference) -> Comparison:
     """Compare the velocities of a track with a reference.
 
+    Errors are estimate minus reference.  The reference is the truth of a simulation
+    (``drive.truth``) or the measurement of another sensor (``recording.reference``), whose own
+    errors are included.  Without one, see `compare_tracks` and `compare_halves`.
+
+    It is interpolated linearly to ``track.times``, the times of the *later* scans.  Estimates that
+    did not converge, outside its time span, or where it is nan, are left out.  The Doppler
+    velocities are those at these times, but the positions give the mean velocity since the earlier
+    scan: when the vehicle accelerates, they lag by half the interval.  This lag counts as an error,
+    because users of a track take its velocities to be those at its times.
+
     Raises a ``ValueError`` if fewer than four estimates can be compared, as with clocks that
     differ.
-
-    Parameters
-    ----------
-    track : Track
-        Its estimates that did not converge are left out.
-    reference : Reference
-        The truth of a simulation (``drive.truth``) or the measurement of another sensor
-        (``recording.reference``), at any times of the same clock.  Estimates outside its time span,
-        or where it is nan, are left out.
-
-    Returns
-    -------
-    Comparison
-        Errors are estimate minus reference.
-
-    Notes
-    -----
-    The reference is interpolated linearly to ``track.times``, the time of the *later* scan of each
-    pair (of several sensors, the mean time of the round's later scans).  The Doppler velocities are
-    those at that time, but the positions give the mean velocity since the earlier scan.  When the
-    vehicle accelerates, the positions therefore lag by half the interval between the two scans.
-    This lag counts as an error, because users of a track take its velocities to be those at its
-    times.
-
-    The reference's own errors are included.  Without a reference, see `compare_tracks` and
-    `compare_halves`.
 
     Examples
     --------

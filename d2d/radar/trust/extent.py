@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Unpack
+from typing import Unpack
 
 import numpy as np
 import scipy
@@ -14,9 +14,9 @@ from d2d.problem import Problem
 from d2d.radar.motion.doppler import doppler_starts
 from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
-from d2d.radar.motion.pairs import scan_pair
+from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.radar.tracks.rounds import MAX_INTERVAL, increasing
+from d2d.radar.tracks.rounds import MAX_INTERVAL, check_increasing
 
 CANDIDATES = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])  # m
 _MIDDLE = 0.4  # m; the search at every extent starts at the velocity found with this one
@@ -41,14 +41,13 @@ class ExtentEstimate:
         Its standard error, from how much the slope of the likelihood differs between the pairs; nan
         if there is none.
     sigma_independent : float, m
-        Its standard error if all targets were independent and the model true, from the curvature of
-        the likelihood; usually the smaller of the two.
+        The same from the curvature of the likelihood, as if all targets were independent and the
+        model true; usually the smaller of the two.
     pairs, targets : int
         Number of pairs of scans, and of targets in their current scans, that were used.
-    candidates : (G,) array, m
-        Extents at which the likelihood was computed, ascending from 0 and including ``extent``.
-    log_likelihoods : (G,) array
-        Log-likelihood per target at each of them, with every pair at its own best velocity.
+    candidates, log_likelihoods : (G,) arrays, m and 1
+        Extents, ascending from 0 and including ``extent``, and the log-likelihood per target at
+        each of them, with every pair at its own best velocity.
     """
 
     extent: float
@@ -79,28 +78,13 @@ def estimate_extent(
     """Estimate the extent of a sensor's targets (`RadarScan.extent`) by maximum likelihood.
 
     All targets get the one extent with which the registered pairs of scans are most likely.  No
-    reference is needed.  The scans' own ``extent`` is not used.
+    reference is needed, and the scans' own ``extent`` is not used.  The scans of a pair are
+    ``baseline`` scans apart.  At most ``max_pairs`` are used, spread evenly over the recording;
+    None uses all.  ``max_interval`` (s) is as for `track`; the other options are the fields of
+    `EgoMotionModel`.
 
     Raises a ``ValueError`` if fewer than two pairs have targets in both scans, the likelihood still
     grows at the largest candidate (3.2 m), or an argument is invalid.
-
-    Parameters
-    ----------
-    scans : iterable of RadarScan
-        Scans of one sensor, in strictly increasing time.
-    mounting : Mounting
-    baseline : int
-        How many scans before its second scan the first one of a pair is, as for `track`.
-    max_pairs : int or None
-        Largest number of pairs used, spread evenly over the recording; None uses all.
-    max_interval : float, s
-        Longest time between two scans; see `track`.
-    **options
-        Fields of `EgoMotionModel`.
-
-    Returns
-    -------
-    ExtentEstimate
 
     Notes
     -----
@@ -143,7 +127,7 @@ def estimate_extent(
     if max_pairs is not None:
         check_count("max_pairs", max_pairs, minimum=2)
     model = EgoMotionModel(**options)
-    increasing("scans", scans, max_interval)
+    check_increasing("scans", scans, max_interval)
     points = [scan.with_extent(0.0) for scan in scans]
     pairs = [
         (previous, current)
@@ -160,40 +144,32 @@ def estimate_extent(
         pairs = [pairs[i] for i in spread]
     started = []
     for previous, current in pairs:
-        problem = model.problem([scan_pair(previous, current, mounting, model)])
+        problem = problem_of([ScanPair(previous, current, mounting)], model)
         starts = doppler_starts([(current, mounting)])
         near = estimate_velocity(widened(problem, _MIDDLE), starts, (1.0,)).theta
         started.append((problem, near))
     return _most_likely(started, sum(current.size for _, current in pairs))
 
 
-class _Profile(NamedTuple):
-    """Log-likelihood of each pair at its best velocity, and its derivative in e^2; both (n,)."""
-
-    log_likelihood: Array
-    slope: Array
-
-
 def _most_likely(pairs: Sequence[_Started], targets: int) -> ExtentEstimate:
     """The extent of largest likelihood, with its standard errors."""
-    profiles = [_profile(pairs, candidate) for candidate in CANDIDATES]
-    curve = np.array([profile.log_likelihood.sum() for profile in profiles])
-    slopes = np.array([profile.slope.sum() for profile in profiles])
+    profiles = np.array([_profile(pairs, candidate) for candidate in CANDIDATES])
+    curve, slopes = profiles.sum(axis=-1).T
     extent = _maximum(pairs, curve, slopes)
     candidates = CANDIDATES.copy()
     if extent > 0.0:
-        best = _profile(pairs, extent)
+        log_likelihood, slope = _profile(pairs, extent)
         place = np.searchsorted(candidates, extent)
         candidates = np.insert(candidates, place, extent)
-        curve = np.insert(curve, place, best.log_likelihood.sum())
-        near = [_profile(pairs, extent * np.sqrt(1.0 + step)) for step in (-_STEP, _STEP)]
-        curvature = (near[0].slope - near[1].slope).sum() / (2.0 * _STEP * extent**2)
+        curve = np.insert(curve, place, log_likelihood.sum())
+        below, above = (_profile(pairs, extent * np.sqrt(1.0 + s))[1] for s in (-_STEP, _STEP))
+        curvature = (below - above).sum() / (2.0 * _STEP * extent**2)
     else:
-        best = profiles[0]
-        curvature = (best.slope - _profile(pairs, _SMALL).slope).sum() / _SMALL**2
+        slope = profiles[0, 1]
+        curvature = (slope - _profile(pairs, _SMALL)[1]).sum() / _SMALL**2
     return ExtentEstimate(
         extent,
-        _standard_error(extent, np.sqrt(_variance_of_sum(best.slope)), curvature),
+        _standard_error(extent, np.sqrt(_variance_of_sum(slope)), curvature),
         _standard_error(extent, np.sqrt(max(curvature, 0.0)), curvature),
         len(pairs),
         targets,
@@ -202,15 +178,14 @@ def _most_likely(pairs: Sequence[_Started], targets: int) -> ExtentEstimate:
     )
 
 
-def _profile(pairs: Sequence[_Started], extent: float) -> _Profile:
-    """The log-likelihoods at an extent, each at the best velocity from its start."""
-    log_likelihood, slope = np.empty(len(pairs)), np.empty(len(pairs))
+def _profile(pairs: Sequence[_Started], extent: float) -> Array:
+    """Log-likelihoods and their derivatives in e^2 (2, n), each at the best velocity."""
+    found = np.empty((2, len(pairs)))
     for i, (problem, velocity) in enumerate(pairs):
         wider = widened(problem, extent)
         best = estimate_velocity(wider, velocity, (1.0,))
-        log_likelihood[i] = -best.value
-        slope[i] = wider.widening_slopes(wider.bind(best.theta)).sum()
-    return _Profile(log_likelihood, slope)
+        found[:, i] = -best.value, wider.widening_slopes(wider.bind(best.theta)).sum()
+    return found
 
 
 def widened(problem: Problem, extent: float) -> Problem:
@@ -242,7 +217,7 @@ def _maximum(pairs: Sequence[_Started], curve: Array, slopes: Array) -> float:
     first = max(inside, key=lambda i: max(curve[i], curve[i + 1]))
     return float(
         scipy.optimize.brentq(
-            lambda extent: _profile(pairs, extent).slope.sum(),
+            lambda extent: _profile(pairs, extent)[1].sum(),
             CANDIDATES[first],
             CANDIDATES[first + 1],
             xtol=_TOLERANCE,

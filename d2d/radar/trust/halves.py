@@ -20,22 +20,12 @@ from d2d.radar.trust.comparison import Comparison, enough
 def compare_tracks(first: Track, second: Track) -> Comparison:
     """Compare two tracks of the same vehicle with each other.
 
-    If the tracks come from different measurements and both covariances are true, their differences
-    have the sum of the covariances.  No reference is needed, so none adds errors of its own.
-
+    If the tracks come from sensors that have no measurement in common, on the same clock, and both
+    covariances are true, their differences have the sum of the covariances.  No reference is
+    needed, so none adds errors of its own.  The comparison is at the times of ``first``: ``errors``
+    are first minus second, ``covariances`` the sums, and ``converged`` is the share of ``first``.
     Raises a ``ValueError`` if fewer than four estimates can be compared, as with clocks that
     differ.
-
-    Parameters
-    ----------
-    first, second : Track
-        From sensors that have no measurement in common, on the same clock.
-
-    Returns
-    -------
-    Comparison
-        At the times of ``first``: ``errors`` are first minus second, ``covariances`` the sums.
-        ``converged`` is the share of ``first`` that converged.
 
     Notes
     -----
@@ -83,12 +73,15 @@ def compare_halves(
     scan before, so that every target keeps its counterpart.  Run it with both values of ``by``: the
     two ANEES distinguish standard deviations that are too small from errors that are correlated.
 
-    Raises a ``ValueError`` if fewer than four estimates can be compared, or an argument is invalid.
+    In the comparison, ``errors`` are first half minus second, and ``covariances`` the sums of both.
+    The halves start at the estimates from all targets, and ``converged`` is the share of these that
+    converged.  Where one of the three fails, there is no comparison.  Raises a ``ValueError`` if
+    fewer than four estimates can be compared, or an argument is invalid.
 
     Parameters
     ----------
-    sensors : Recording, (scans, Mounting), or a sequence or mapping of them
-        One sensor or several, as for `track`.
+    sensors, baseline, horizon, **options
+        As for `track`.
     rng : numpy.random.Generator
     by : {"target", "object"}
         What goes to a half as a whole: each target, or each cluster of targets.  Two targets of a
@@ -96,20 +89,8 @@ def compare_halves(
         ``distance`` (single linkage).  In random order, each goes to the half that is smaller so
         far.
     distance : float, m
-        Largest step between neighbours in a cluster; only used with ``by="object"``.  It should be
-        longer than the steps within an object, and shorter than those between objects.
-    baseline, horizon : int, or float in s
-        How many scans, or how long, before its second scan the first one of a pair is; see `track`.
-    **options
-        ``doppler``, ``outlier``, ``doppler_width``, ``side_slip``, ``first_order`` and ``scales``,
-        as for `estimate_ego_motion`.
-
-    Returns
-    -------
-    Comparison
-        ``errors`` are first half minus second, ``covariances`` the sums of both.  The halves start
-        at the estimates from all targets, and ``converged`` is the share of these that converged.
-        Where one of the three fails, there is no comparison.
+        Largest step within a cluster, for ``by="object"``.  It should be longer than the steps
+        within an object, and shorter than those between objects.
 
     Notes
     -----
@@ -123,10 +104,8 @@ def compare_halves(
     - **By object**, a common error is in one half only, and counts with its full weight.  If all
       errors are independent, both ways give the same ANEES.  If the errors of an object's
       targets are correlated, the ANEES by object is larger: by that factor the covariances are too
-      small because of the correlation.
-
-    Objects also lie in different directions, and some move.  So a bias that depends on the azimuth,
-    and traffic that is not rejected, also show up by object.
+      small because of the correlation.  Objects also lie in different directions, and some move, so
+      that a bias that depends on the azimuth, and traffic that is not rejected, show up too.
 
     Targets that share a counterpart in the scan before share its error, which makes the differences
     a little smaller than the covariances say.
@@ -136,12 +115,8 @@ def compare_halves(
     >>> import numpy as np
     >>> from d2d.radar import compare_halves, simulate_drive
     >>> drive = simulate_drive(np.random.default_rng(0), duration=4.0)
-    >>> sensors = [(drive.scans, drive.mounting)]
-    >>> for by in ("target", "object"):
-    ...     halves = compare_halves(sensors, np.random.default_rng(1), by=by)
-    ...     print(by, halves.errors.shape)
-    target (40, 3)
-    object (40, 3)
+    >>> compare_halves(drive, np.random.default_rng(1), by="object").errors.shape
+    (40, 3)
     """
     check_instance("rng", rng, np.random.Generator)
     check_choice("by", by, ("target", "object"))
