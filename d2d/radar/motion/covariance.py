@@ -245,8 +245,10 @@ def apply_budget(
     systematic.flat[::4] += problem.prior  # the diagonal
     middle = sum(before.scan.time + now.scan.time for before, now in slopes) / len(slopes) / 2.0
     delay = gain @ doppler_delay + (middle - time) * (_IDENTITY - gain @ doppler_share)
-    gradients = np.stack([noise, symmetric(dependence), systematic])
-    return CovarianceParts(*propagated(estimate.covariance, gradients)), delay
+    noise, systematic = propagated(estimate.covariance, np.stack([noise, systematic]))
+    # neighbours may also take variance away, so that this part alone need not be a covariance
+    dependence = gain @ symmetric(dependence) @ gain
+    return CovarianceParts(noise, 0.5 * (dependence + dependence.T), systematic), delay
 
 
 def _add_neighbours(slopes: Influence, length: float, dependence: Array) -> None:
