@@ -91,6 +91,10 @@ def test_mounting_maps_the_sensor_frame_to_the_vehicle_frame():
     ahead = RadarScan(0.0, [10.0], [0.0], [0.0], 0.1, 0.01, 0.06)
     on_the_left_looking_left = Mounting(3.0, 1.0, np.pi / 2)
     assert_allclose(ahead.point_set(on_the_left_looking_left).means, [[3.0, 11.0]], atol=1e-12)
+    turn = 2.0 * np.pi  # azimuth and yaw are within a turn each, not their sum
+    behind = RadarScan(0.0, [5.0], [turn - 0.1], [0.0], 0.1, 0.01, 0.1)
+    placed = behind.point_set(Mounting(1.0, 0.0, turn - 0.2)).means
+    assert_allclose(placed, [[1.0 + 5.0 * np.cos(0.3), -5.0 * np.sin(0.3)]])
     assert_array_equal(Mounting(3.0, 1.0, 0.5).pose, [3.0, 1.0, 0.5])
     assert_array_equal(Mounting().pose, np.zeros(3))
 
@@ -170,6 +174,7 @@ def test_doppler_velocity_names_what_does_not_fit():
         ([1.0, 2.0], [0.0], "^theta must have the shape"),
         ([1.0, 2.0, np.nan], [0.0], "^theta must be finite"),
         ([1.0, 2.0, 3.0], [np.inf], "^azimuth must be finite"),
+        ([1.0, 2.0, 3.0], [0.1, 88.0], "^azimuth must be in radians .* 88; are these degrees"),
         ([1.0, 2.0, 3.0], 0.3, "^azimuth must have the shape"),
         (np.zeros((4, 3)), np.zeros((3, 5)), "theta and azimuth do not broadcast"),
     ):
@@ -191,6 +196,8 @@ def test_doppler_measurement_predicts_the_doppler_of_a_motion(of_twist):
     assert_array_equal(m.value, scan.doppler)
     assert_array_equal(m.sigma, scan.sigma_doppler)
     assert_array_equal(m.sigma_input, scan.sigma_azimuth)
+    with pytest.raises(ValueError, match=r"^interval must"):
+        scan.doppler_measurement(mounting, 0.0)
 
 
 def test_a_scan_names_what_it_refuses():
@@ -392,7 +399,9 @@ def test_what_is_not_finite_or_out_of_shape_is_refused_by_name():
         ({"covariance": np.ones((3, 2))}, "covariance must have the shape"),
         ({"covariance": -np.eye(2)}, "covariance must be positive definite"),
         ({"grid": 0.0}, "grid must be positive"),
+        ({"grid": 1e300}, "grid must be"),
         ({"step": [0.1]}, "step must be a number"),
+        ({"step": 1e300}, "step must be"),
         ({"sigma_range": -0.1}, "sigma_range must be at least 0"),
         ({"sigma_azimuth": np.ones(4)}, "sigma_azimuth must have the shape"),
         ({"sigma_range": 0.0}, "sigma_range must be positive"),

@@ -49,6 +49,8 @@ def test_a_file_gets_the_name_that_was_asked_for(tmp_path, monkeypatch):
     example().save("~/drive.track")
     assert os.listdir(tmp_path) == ["drive.track"]
     assert_same(Track.load("~/drive.track"), example())
+    example().write_tum("~/drive.tum")
+    assert len(np.loadtxt(tmp_path / "drive.tum")) == N + 1
 
 
 def test_what_was_cut_off_is_refused(tmp_path):

@@ -42,8 +42,12 @@ def test_a_side_slip_counts_where_it_may_be_a_yaw_rate():
 
 
 def test_a_limit_is_a_positive_number():
-    """Breaks if a limit that is no limit accepts or refuses everything."""
-    for value in (0.0, -1.0, np.nan, "fast"):
+    """Breaks if a limit that is no limit accepts or refuses everything, or can be changed later."""
+    for value in (0.0, -1.0, np.nan, "fast", np.ones(3)):
         with pytest.raises(ValueError, match=r"^speed must"):
             VehicleLimits(speed=value)
     assert VehicleLimits(speed=np.inf).speed == np.inf
+    speed = np.array(30.0)
+    limits = VehicleLimits(speed=speed)
+    speed[...] = 1e9
+    assert limits == VehicleLimits(speed=30.0)

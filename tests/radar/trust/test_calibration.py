@@ -358,6 +358,7 @@ def test_what_cannot_be_calibrated_is_refused_by_name():
         ([(*entry[:2], back)], {}, r"^recordings\[0\] must have a reference .* increasing"),
         ([entry, (scans[:5], MOUNTINGS[1], reference)], {}, "is one sensor given twice"),
         ([entry], {"max_lag": 0.0}, "^max_lag must be"),
+        ([entry], {"max_lag": 1e300}, "^max_lag must be"),
         ([entry], {"ahead": np.nan}, "^ahead must be"),
         ([entry], {"max_lag": 5.0}, r"at a lag of -5.000 s; is max_lag longer than the drive"),
     ):

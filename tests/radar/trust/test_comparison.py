@@ -34,6 +34,9 @@ def test_errors_are_relative_to_the_reference_at_the_later_scan():
     assert_array_equal(found.times, driven.times)
     assert_array_equal(found.covariances, driven.covariance)
     assert found.share == found.converged == 1.0
+    for array in (found.times, found.errors, found.covariances):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
 
 
 def test_a_reference_at_other_times_is_interpolated():
