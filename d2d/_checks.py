@@ -27,18 +27,9 @@ def check_real(name: str, value: ArrayLike) -> Array:
         raise ValueError(f"{name} must be an array of real numbers: {error}") from None
     if raw.dtype.kind not in "biuf":
         raise ValueError(f"{name} must be an array of real numbers, but is of type {raw.dtype}")
-    if _is_masked(value):
+    if np.ma.is_masked(value):
         raise ValueError(f"{name} must not hold masked entries; remove them first")
     return raw.astype(np.float64)
-
-
-def _is_masked(value: object) -> bool:
-    """Whether an array, or one in a list or tuple, hides entries; NumPy would bring them back."""
-    if type(value) is np.ndarray:
-        return False
-    if isinstance(value, list | tuple):
-        return bool(value) and not np.isscalar(value[0]) and any(map(_is_masked, value))
-    return bool(np.ma.is_masked(value))
 
 
 def check_finite(name: str, value: ArrayLike) -> Array:

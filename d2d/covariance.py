@@ -130,35 +130,38 @@ def propagate_covariance(
         if position_slope is not None:
             slope = _checked_slope(position_slope, moving, measurement, bound.shape)
         check_estimate(estimate, problem, bound)
-        return propagated(estimate.covariance, _noise(problem, bound, slope))
+        return _definite(estimate.covariance, _noise(problem, bound, slope))
     frame = Frame.of_far_sets(fixed, moving)
     problem = cost.problem(*frame.shifted(fixed, moving))
     bound = problem.bind(frame.inward(theta))
     check_estimate(estimate, problem, bound, hessians=False)  # the given one is that of this frame
     inverse = frame.covariance_inward(theta, estimate.covariance)
-    return frame.covariance_outward(theta, propagated(inverse, _noise(problem, bound, None)))
+    return frame.covariance_outward(theta, _definite(inverse, _noise(problem, bound, None)))
 
 
 def propagated(inverse: Array, noise: Array) -> Array:
     """H^-1 (f_z Sigma_z f_z') H^-1 (..., P, P), exactly symmetric.
 
-    ``noise`` is the covariance (..., P, P) of the gradient.
+    ``noise`` is the covariance (..., P, P) of the gradient, or a part of it.
     """
     product = inverse @ noise @ inverse
-    product = 0.5 * (product + np.swapaxes(product, -1, -2))
-    lost = (np.diagonal(product, axis1=-2, axis2=-1) < 0.0).any(axis=-1)
-    if lost.any():  # by rounding of nearly singular matrices; a product of roots cannot be negative
-        size = np.sqrt(np.diagonal(noise[lost], axis1=-2, axis2=-1)) + 1e-300
-        values, axes = np.linalg.eigh(noise[lost] / (size[:, :, None] * size[:, None, :]))
-        inverse = np.broadcast_to(inverse, product.shape)[lost]
+    return np.asarray(0.5 * (product + product.swapaxes(-1, -2)))
+
+
+def _definite(inverse: Array, noise: Array) -> Array:
+    """The same of a whole covariance, without negative variances.
+
+    Rounding of nearly singular matrices may leave them; no product of roots has any.
+    """
+    product = propagated(inverse, noise)
+    negative = (np.diagonal(product, axis1=-2, axis2=-1) < 0.0).any(axis=-1)
+    if negative.any():
+        size = np.sqrt(np.diagonal(noise[negative], axis1=-2, axis2=-1)) + 1e-300
+        values, axes = np.linalg.eigh(noise[negative] / (size[:, :, None] * size[:, None, :]))
+        inverse = np.broadcast_to(inverse, product.shape)[negative]
         root = inverse @ (size[:, :, None] * axes * np.sqrt(np.clip(values, 0.0, None))[:, None])
-        product[lost] = root @ np.swapaxes(root, -1, -2)
-    return np.asarray(product)
-
-
-def symmetric(upper: Array) -> Array:
-    """The symmetric matrices (..., P, P) of which the kernel has filled the upper triangles."""
-    return np.asarray(np.triu(upper) + np.swapaxes(np.triu(upper, 1), -1, -2))
+        product[negative] = root @ np.swapaxes(root, -1, -2)
+    return product
 
 
 def _noise(problem: Problem, bound: Bound, slope: Array | None) -> Array:
@@ -174,7 +177,7 @@ def _noise(problem: Problem, bound: Bound, slope: Array | None) -> Array:
         if measurement is not None:
             sigmas, turned = _measurement_errors(measurement, slope, bound, part)
             add_measurements(cross.measured, cross.input, sigmas, cross.moving, turned, noise[part])
-    return symmetric(noise[:, :p, :p]).reshape(*bound.shape, p, p)
+    return noise[:, :p, :p].reshape(*bound.shape, p, p)
 
 
 def _measurement_errors(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import broadcast_batches, check_finite, check_flag, check_positive, check_within
+from d2d._checks import broadcast_batches, check_finite, check_positive, check_within
 from d2d._kernel import layout
 from d2d._lazy import Frozen, lazy
 from d2d._types import Array
@@ -79,10 +79,9 @@ class LinearMeasurement(Frozen):
         if 0 in shape:
             raise ValueError(f"value must hold at least one target, but has the shape {shape}")
         parameters = arrays["gain"].shape[-1]
-        of_twist = check_flag("of_twist", of_twist)
         if of_twist and parameters != 3:
             raise ValueError(f"of_twist needs P = 3 parameters, but gain has {parameters}")
-        self._keep("of_twist", of_twist)
+        self._keep("of_twist", bool(of_twist))
         for name, array in arrays.items():
             full = (*shape, parameters) if name in ("gain", "slope") else shape
             self._keep(name, np.broadcast_to(array, full))

@@ -22,9 +22,9 @@ def root_of(covariance):
 
 @compiled
 def add_outer(total, a, b, weight):
-    """Add weight (a b' + b a') / 2 to the upper triangle of a matrix (3, 3)."""
+    """Add weight (a b' + b a') / 2 to a matrix (3, 3)."""
     for i in range(3):
-        for j in range(i, 3):
+        for j in range(3):
             total[i, j] += 0.5 * weight * (a[i] * b[j] + b[i] * a[j])
 
 
@@ -41,7 +41,7 @@ def along(row, slope):
 
 @entry
 def add_positions(position, covariances, noise):
-    """Add f_z Sigma_z f_z' of each target's own position error to the upper triangle of noise.
+    """Add f_z Sigma_z f_z' of each target's own position error to noise.
 
     For B problems, with the derivatives f_z in the ``position`` (B, K, 3, 2) of each target and the
     ``covariances`` (B, K, 2, 2); noise is (B, 3, 3).
@@ -52,7 +52,7 @@ def add_positions(position, covariances, noise):
             xx, xy, yy = own[0, 0], own[0, 1], own[1, 1]
             for i in range(3):
                 x, y = row[i, 0] * xx + row[i, 1] * xy, row[i, 0] * xy + row[i, 1] * yy
-                for j in range(i, 3):
+                for j in range(3):
                     noise[b, i, j] += x * row[j, 0] + y * row[j, 1]
 
 
@@ -115,7 +115,7 @@ def weigh_neighbours(x, y, length, weights):
 
 @entry
 def add_dependence(position, covariances, means, order, length, rows, dependence):
-    """Add what correlated neighbours cause beyond independent ones, in the upper triangle.
+    """Add what correlated neighbours cause beyond independent ones.
 
     The errors of the positions of K targets, seen along the axes of their own covariances,
     correlate by exp(-distance / length).  ``position`` (K, 3, 2) and ``covariances`` (K, 2, 2) are

@@ -26,7 +26,7 @@ from d2d._kernel.errors import (
     add_turned,
 )
 from d2d._types import Array
-from d2d.covariance import check_estimate, propagated, symmetric
+from d2d.covariance import check_estimate, propagated
 from d2d.point_set import PointSet
 from d2d.problem import Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
@@ -190,22 +190,27 @@ def noise_covariance(found: Iterable[Influence], *, shared_azimuth: bool = True)
     its predicted Doppler velocity; else two independent ones do.  The rest of the positions'
     covariances, range and extent, belongs to the positions alone.
     """
-    noise = np.zeros((1, 3, 3))
+    noise = np.zeros((3, 3))
     for each in found:
-        covariances = read_only(each.points.covariances, 1, -1, 2, 2)
-        add_positions(each.position[None], covariances, noise)
-        if len(each.doppler):
-            slope = cross_range(each.scan, each.mounting)
-            sigmas = each.scan.sigma_doppler, each.scan.sigma_azimuth
-            add_measurements(
-                each.doppler[None],
-                each.prediction[None],
-                tuple(read_only(sigma, 1, -1) for sigma in sigmas),
-                each.position[None],
-                read_only(slope if shared_azimuth else np.zeros_like(slope), 1, -1, 2),
-                noise,
-            )
-    return symmetric(noise[0])
+        _add_noise(each, shared_azimuth, noise)
+    return 0.5 * (noise + noise.T)
+
+
+def _add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
+    """Add the share of one scan's targets."""
+    add_positions(own.position[None], own.points.covariances[None], noise[None])
+    if len(own.doppler):
+        slope = cross_range(own.scan, own.mounting)
+        if not shared_azimuth:
+            slope = read_only(np.zeros_like(slope), -1, 2)
+        add_measurements(
+            own.doppler[None],
+            own.prediction[None],
+            (own.scan.sigma_doppler[None], own.scan.sigma_azimuth[None]),
+            own.position[None],
+            slope[None],
+            noise[None],
+        )
 
 
 def apply_budget(
@@ -223,13 +228,13 @@ def apply_budget(
     velocities belong to its own scan.
     """
     slopes, gain = _slopes(problem, estimate, pairs), -estimate.covariance
-    noise = noise_covariance(each for both in slopes for each in both)
-    dependence, systematic = np.zeros((2, 3, 3))
+    noise, dependence, systematic = gradients = np.zeros((3, 3, 3))
     scaled, doppler_share, doppler_delay = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     sigmas = np.array([[budget.azimuth], [budget.doppler]])
     for pair, (before, now) in zip(problem.pairs, slopes, strict=True):
         shared = np.zeros((3, 3))
         for each in (before, now):
+            _add_noise(each, True, noise)
             add_turned(each.position, cross_range(each.scan, each.mounting), shared[0])
             if budget.neighbours:
                 _add_neighbours(each, budget.neighbours, dependence)
@@ -245,15 +250,12 @@ def apply_budget(
     systematic.flat[::4] += problem.prior  # the diagonal
     middle = sum(before.scan.time + now.scan.time for before, now in slopes) / len(slopes) / 2.0
     delay = gain @ doppler_delay + (middle - time) * (_IDENTITY - gain @ doppler_share)
-    noise, systematic = propagated(estimate.covariance, np.stack([noise, systematic]))
-    # neighbours may also take variance away, so that this part alone need not be a covariance
-    dependence = gain @ symmetric(dependence) @ gain
-    return CovarianceParts(noise, 0.5 * (dependence + dependence.T), systematic), delay
+    return CovarianceParts(*propagated(estimate.covariance, gradients)), delay
 
 
 def _add_neighbours(slopes: Influence, length: float, dependence: Array) -> None:
-    """Add what correlated errors of neighbours do to the gradient, in the upper triangle."""
+    """Add what correlated errors of neighbours do to the gradient."""
     means = slopes.points.means
-    order, memory = np.argsort(means[:, 0], kind="stable"), np.empty((9, len(means)))
-    covariances = read_only(slopes.points.covariances, -1, 2, 2)
+    order, memory = means[:, 0].argsort(kind="stable"), np.empty((9, len(means)))
+    covariances = slopes.points.covariances
     add_dependence(slopes.position, covariances, means, order, length, memory, dependence)

@@ -336,8 +336,10 @@ def directions(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
 @lru_cache(maxsize=64)
 def cross_range(scan: RadarScan, mounting: Mounting) -> Array:
     """Derivative (K, 2) of each target's position in its azimuth, in m/rad in the vehicle frame."""
-    cosine, sine = directions(scan, mounting)
-    return read_only(scan.range[:, None] * np.stack([-sine, cosine], axis=-1), -1, 2)
+    means = _placed(scan, mounting).means
+    slope = np.empty((scan.size, 2))
+    slope[:, 0], slope[:, 1] = mounting.y - means[:, 1], means[:, 0] - mounting.x
+    return read_only(slope, -1, 2)
 
 
 def doppler_gradients(azimuth: Array, mounting: Mounting) -> tuple[Array, Array]:
