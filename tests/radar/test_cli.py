@@ -81,16 +81,11 @@ def test_a_log_becomes_a_path_with_covariances(log, capsys):
     assert said.err == ""
 
 
-def test_evo_reads_what_is_written(log):
-    """Breaks if another program cannot read the path."""
-    file_interface = pytest.importorskip("evo.tools.file_interface")
+def test_a_folder_that_is_not_there_is_made(log):
+    """Breaks if the user must make it first, or files get no name in it."""
     output = f"{log.parent}/new/"
-    main(["track", "--csv", str(log), *FRONT, "--output", output, "--no-picture"])
+    assert main(["track", "--csv", str(log), *FRONT, "--output", output, "--no-picture"]) == 0
     assert written(log.parent / "new", "") == ["track.npz", "track.tum", "track_velocities.txt"]
-    read = file_interface.read_tum_trajectory_file(log.parent / "new" / "track.tum")
-    assert read.check()[0]
-    assert read.num_poses == len(DRIVE.scans)
-    assert_allclose(read.timestamps, [scan.time for scan in DRIVE.scans], atol=1e-8)
 
 
 def test_options_reach_the_estimate(tmp_path):

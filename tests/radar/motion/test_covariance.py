@@ -36,7 +36,7 @@ from d2d.radar import (
 from d2d.radar.motion.covariance import apply_budget, influences, noise_covariance
 from d2d.radar.motion.model import DEFAULT_OUTLIER
 from d2d.radar.motion.pairs import ScanPair, scan_pair
-from d2d.radar.scans.scan import cross_range, doppler_gradients
+from d2d.radar.scans.scan import doppler_gradients
 from tests.radar.scenes import CORNER, arc, frame, observe
 
 THETA = np.array([12.0, -0.5, 0.6])
@@ -256,14 +256,6 @@ def test_where_an_azimuth_turns_no_doppler_velocity_there_is_nothing_to_share():
         )
         assert_allclose(ratios(shared, apart), 1.0, atol=tolerance + 1e-12)
         assert_allclose(ratios(shared, estimate.covariance), 1.0, atol=0.5)
-
-
-def test_cross_range_is_the_slope_of_the_position():
-    """Breaks if the mounting's yaw is left out, or the direction is turned."""
-    scan = seen()[0]
-    azimuths = np.array([[0.0], [1.0], [0.0]])
-    expected = slope(lambda by: with_errors(scan, by * azimuths).point_set(CORNER).means, 1e-6)
-    assert_allclose(cross_range(scan, CORNER), expected, rtol=1e-6, atol=1e-7)
 
 
 # ---- several pairs, in which a scan is used several times

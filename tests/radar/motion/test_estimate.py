@@ -219,34 +219,20 @@ def test_fast_car_among_moving_ones_needs_no_start():
     assert np.abs(from_zero)[:, 0].max() > 1.0, "the scene is too easy to tell starts apart"
 
 
-@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+@pytest.mark.parametrize("doppler", EITHER, ids=["doppler", "positions"])
 def test_covariances_are_credible(doppler):
     """Breaks if the covariance is not of the velocity, too large or too small by a few percent."""
     rng, theta = np.random.default_rng(24), np.array([10.0, 0.3, 0.3])
-    errors, covariances = [], []
-    for _ in range(1000):  # few targets, so that it is clear which meets which
-        pair = two_scans(rng, theta, size=12)
-        estimate = estimate_ego_motion(*pair, CORNER, doppler=doppler)
-        if estimate.converged:
-            errors.append(estimate.theta - theta)
-            covariances.append(estimate.covariance)
-    assert len(errors) > 990
-    judged = credibility(np.array(errors), np.array(covariances))
+    found = [  # of few targets, so that it is clear which meets which
+        estimate_ego_motion(*two_scans(rng, theta, size=12), CORNER, doppler=doppler)
+        for _ in range(1000)
+    ]
+    good = [estimate for estimate in found if estimate.converged]
+    assert len(good) > 990
+    errors = np.array([estimate.theta for estimate in good]) - theta
+    judged = credibility(errors, np.array([estimate.covariance for estimate in good]))
     assert judged.consistent, f"ANEES {judged.anees:.3f} outside {judged.bounds}"
     assert abs(judged.inclination) < 0.5
-
-
-def test_first_order_takes_the_chord_for_the_velocity():
-    """Breaks if first_order changes the motion that is found, and not only how it is read."""
-    theta = np.array([10.0, 0.0, 1.0])
-    previous, current = two_scans(np.random.default_rng(25), theta)
-    exact, first = (
-        estimate_ego_motion(previous, current, CORNER, doppler=False, first_order=flag)
-        for flag in (False, True)
-    )
-    chord = arc(exact.theta, 0.1)[:2, 2] / 0.1
-    assert_allclose(first.theta, [*chord, exact.theta[2]], rtol=0, atol=1e-6)
-    assert first.theta[1] - exact.theta[1] > 0.4  # v omega tau / 2
 
 
 def test_scales_reach_the_optimum_from_a_far_start():
@@ -334,23 +320,6 @@ def test_one_pair_in_a_sequence_is_that_pair():
         assert_array_equal(listed.theta, alone.theta)
         assert_array_equal(listed.covariance, alone.covariance)
         assert listed.value == alone.value
-
-
-def test_joint_covariances_are_credible_and_smaller_than_each_sensor_s():
-    """Breaks if the sum's Hessian is not that of the velocity, or sensors are weighed wrongly."""
-    rng, theta = np.random.default_rng(62), np.array([10.0, 0.3, 0.3])
-    errors, covariances = [], []
-    for _ in range(150):
-        pairs = pairs_around(rng, theta, size=6)
-        estimate = together(pairs)
-        assert estimate.converged
-        errors.append(estimate.theta - theta)
-        covariances.append(estimate.covariance)
-    judged = credibility(np.array(errors), np.array(covariances))
-    assert judged.consistent, f"ANEES {judged.anees:.3f} outside {judged.bounds}"
-    for pair in pairs:
-        alone = estimate_ego_motion(*pair, initial=theta)
-        assert np.linalg.eigvalsh(alone.covariance - covariances[-1]).min() > 0.0
 
 
 def test_joint_start_comes_from_all_sensors_doppler_velocities():

@@ -314,17 +314,6 @@ def test_a_covariance_is_projected_along_and_across():
     assert same.sigma_range[1] == scan.sigma_range[1]
 
 
-def test_a_covariance_along_and_across_comes_back_as_it_was():
-    """Breaks if the projection is not the inverse of what a point set is made of."""
-    scan = random_scan()
-    placed = scan.point_set(Mounting())
-    x, y = placed.means.T
-    again = RadarScan.from_cartesian(
-        scan.time, x, y, doppler=scan.doppler, covariance=placed.covariances, sigma_doppler=1.0
-    )
-    assert_allclose(again.point_set(Mounting()).covariances, placed.covariances, rtol=1e-9)
-
-
 def test_errors_add_up():
     """Breaks if one source replaces another, or standard deviations are added instead."""
     covariance = 0.04 * np.eye(2)

@@ -202,34 +202,12 @@ def test_poses_are_products_of_matrix_exponentials():
         assert_allclose(np.diff(poses[:, 2]), theta[:, 2] * intervals, atol=1e-12)
 
 
-def test_poses_of_the_track_are_near_the_truth_and_evo_agrees_how_near():
-    """Breaks if the poses' frame or order is not what trajectory tools expect."""
-    trajectory = pytest.importorskip("evo.core.trajectory")
-    metrics = pytest.importorskip("evo.core.metrics")
+def test_poses_of_the_track_are_near_the_truth():
+    """Breaks if the poses' frame is another's, or errors do not cancel along the way."""
     driven = beginning(200, seed=51)
-    result = track(driven)
-    poses, true = result.poses(driven.truth.poses[0]), driven.truth.poses
-
-    def path(rows):
-        matrices = []
-        for x, y, yaw in rows:
-            matrix = np.eye(4)
-            matrix[:2, :2] = arc([0.0, 0.0, yaw], 1.0)[:2, :2]
-            matrix[:2, 3] = x, y
-            matrices.append(matrix)
-        return trajectory.PosePath3D(poses_se3=matrices)
-
-    ape = metrics.APE(metrics.PoseRelation.translation_part)
-    ape.process_data((path(true), path(poses)))
-    rmse = np.sqrt(np.mean(np.sum((poses - true)[:, :2] ** 2, axis=1)))
-    assert ape.get_statistic(metrics.StatisticsType.rmse) == pytest.approx(rmse, rel=1e-6)
-    assert rmse < 1.0
-    rpe = metrics.RPE(
-        metrics.PoseRelation.rotation_angle_rad, delta=1, delta_unit=metrics.Unit.frames
-    )
-    rpe.process_data((path(true), path(poses)))
-    turns = np.abs(np.diff((poses - true)[:, 2]))
-    assert_allclose(rpe.error, turns, rtol=0, atol=1e-6)
+    true = driven.truth.poses
+    away = (track(driven).poses(true[0]) - true)[:, :2]
+    assert np.sqrt(np.mean(np.sum(away**2, axis=1))) < 1.0
 
 
 # ---- in words and as a picture

@@ -147,7 +147,8 @@ def test_slow_errors_have_wider_intervals():
 
 
 def test_the_table_holds_each_number_in_its_column():
-    """Breaks if a direction stands below another's name, or columns do not line up."""
+    """Breaks if a direction stands below another's name, columns do not line up, or the table of
+    notebooks has other cells."""
     found = compare(*example(factor=3.0))
     text, m = str(found), found.measures
     lines = text.splitlines()
@@ -168,16 +169,10 @@ def test_the_table_holds_each_number_in_its_column():
     assert f"ANEES {m.anees:.2f} " in text
     assert max(map(len, lines)) <= 100
     assert str(found) == str(compare(*example(factor=3.0)))
-
-
-def test_the_notebook_table_has_the_same_cells():
-    """Breaks if one of the two is out of date."""
-    found = compare(*example())
     page = found._repr_html_()
     cells = re.findall(r"<td>(.*?)</td>", page)
-    text = re.sub(r"\s+", " ", str(found))
     assert len(cells) > 40
-    assert all(cell in text for cell in cells)
+    assert all(cell in re.sub(r"\s+", " ", text) for cell in cells)
     assert page.count("<tr>") == page.count("</tr>") == 1 + len(cells) // 4
 
 

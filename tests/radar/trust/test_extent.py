@@ -170,12 +170,17 @@ def test_it_is_printed_in_a_line():
 
 
 def test_arguments_are_refused_by_name():
-    """Breaks if a mistake is found late, or not named."""
-    scans = drive(0, 0.1, pairs=3)
+    """Breaks if a mistake is found late, or the largest candidate is returned as an extent."""
+    scans, rng = drive(0, 0.1, pairs=3), np.random.default_rng(6)
+    apart = [
+        RadarScan(0.1 * i, rng.uniform(5, 80, 9), rng.uniform(-1, 1, 9), np.zeros(9), *SIGMAS)
+        for i in range(4)
+    ]
     for change, name in (
         ({"scans": 3}, "scans"),
         ({"scans": scans[:2]}, "two pairs"),
         ({"scans": scans[::-1]}, "scans"),
+        ({"scans": apart, "outlier": None}, r"a likelihood that still grows at 3\.2 m"),
         ({"mounting": None}, "mounting"),
         ({"baseline": 0}, "baseline"),
         ({"baseline": 3}, "baseline = 3"),
@@ -185,14 +190,3 @@ def test_arguments_are_refused_by_name():
     ):
         with pytest.raises(ValueError, match=name):
             estimate_extent(**({"scans": scans, "mounting": MOUNTING} | change))
-
-
-def test_scans_that_have_nothing_in_common_are_refused():
-    """Breaks if the largest candidate is returned as if it were the extent."""
-    rng = np.random.default_rng(6)
-    scans = [
-        RadarScan(0.1 * i, rng.uniform(5, 80, 9), rng.uniform(-1, 1, 9), np.zeros(9), *SIGMAS)
-        for i in range(4)
-    ]
-    with pytest.raises(ValueError, match=r"scans have a likelihood that still grows at 3\.2 m"):
-        estimate_extent(scans, MOUNTING, outlier=None)

@@ -118,13 +118,6 @@ def test_a_scan_that_cannot_be_halved_is_left_out():
     assert found.share < found.converged <= 6 / 8  # all targets of scan 6 do give an estimate
 
 
-def test_a_single_cluster_has_no_halves():
-    """Breaks if an estimate is compared with that of no targets."""
-    sensors = [(drive(2, 0.0, scans=8), MOUNTING)]
-    with pytest.raises(ValueError, match="halves have 0 "):
-        compare_halves(sensors, np.random.default_rng(0), by="object", distance=100.0)
-
-
 def test_clusters_are_chains_of_short_steps():
     """Breaks if distances are taken in range and azimuth, or an empty scan is SciPy's error."""
     for seed in range(4):
@@ -166,6 +159,7 @@ def test_arguments_of_halves_are_refused_by_name():
         ({"baseline": 0}, "baseline"),
         ({"sensors": scans}, "sensors"),
         ({"sensors": []}, "sensors"),
+        ({"by": "object", "distance": 100.0}, "halves have 0 "),
         ({"scales": -1.0}, "scales"),
     ):
         with pytest.raises(ValueError, match=name):
