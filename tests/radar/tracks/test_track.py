@@ -240,23 +240,21 @@ def test_rare_reasons_are_counted_together():
     assert words[1:] == ["  2 failed: a side slip of ... m/s"]
 
 
-@pytest.mark.parametrize("known", [False, True])
-def test_the_picture_shows_velocities_bands_and_failures(known):
+def test_the_picture_shows_velocities_bands_and_failures():
     """Breaks if an axis lacks its unit, a failed estimate is drawn, or the band is one sigma."""
-    driven = example(known=known)
-    figure = driven.plot()
-    path, *axes = figure.axes
-    labels = ["$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (deg/s)", *["inlier share"] * known]
-    assert [ax.get_ylabel() for ax in axes] == labels
-    assert (path.get_xlabel(), axes[-1].get_xlabel()) == ("x (m)", "time (s)")
-    assert_array_equal(path.lines[0].get_xydata(), driven.poses()[:, :2])
-    line = axes[2].lines[0]
-    assert_allclose(
-        line.get_ydata(), np.where(driven.converged, np.rad2deg(driven.theta[:, 2]), np.nan)
-    )
-    band = axes[0].collections[0].get_paths()[0].vertices
-    top = driven.theta[0, 0] + 3.0 * np.sqrt(driven.covariance[0, 0, 0])
-    assert band[band[:, 0] == driven.times[0], 1].max() == pytest.approx(top)
-    for ax in axes:
-        assert_array_equal(ax.lines[-1].get_xdata(), driven.times[~driven.converged])
-    plt.close(figure)
+    for known in (False, True):
+        driven = example(known=known)
+        figure = driven.plot()
+        path, *axes = figure.axes
+        labels = ["$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (deg/s)", *["inlier share"] * known]
+        assert [ax.get_ylabel() for ax in axes] == labels
+        assert (path.get_xlabel(), axes[-1].get_xlabel()) == ("x (m)", "time (s)")
+        assert_array_equal(path.lines[0].get_xydata(), driven.poses()[:, :2])
+        drawn = np.where(driven.converged, np.rad2deg(driven.theta[:, 2]), np.nan)
+        assert_allclose(axes[2].lines[0].get_ydata(), drawn)
+        band = axes[0].collections[0].get_paths()[0].vertices
+        top = driven.theta[0, 0] + 3.0 * np.sqrt(driven.covariance[0, 0, 0])
+        assert band[band[:, 0] == driven.times[0], 1].max() == pytest.approx(top)
+        for ax in axes:
+            assert_array_equal(ax.lines[-1].get_xdata(), driven.times[~driven.converged])
+        plt.close(figure)

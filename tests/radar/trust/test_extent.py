@@ -16,7 +16,6 @@ from d2d.radar import (
     ExtentEstimate,
     Mounting,
     RadarScan,
-    doppler_velocity,
     estimate_ego_motion,
     estimate_extent,
 )
@@ -24,6 +23,7 @@ from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import scan_pair
 from d2d.radar.trust import extent as module
 from d2d.radar.trust.extent import CANDIDATES, widened
+from tests.radar.scenes import arc, observe
 
 THETA, STILL = np.array([6.0, 0.2, 0.1]), np.zeros(3)
 MOUNTING = Mounting(2.0, 0.5, 0.1)
@@ -36,14 +36,11 @@ def drive(seed: int, scatter: float, pairs: int = 20, velocity=STILL) -> list[Ra
     rng = np.random.default_rng(seed)
     middles = rng.uniform([8.0, -40.0], [70.0, 40.0], (40, 2))
     found = []
-    for i in range(pairs + 1):
-        pose = rigid.compose(rigid.exponential(0.1 * i * velocity), MOUNTING.pose)
+    for time in 0.1 * np.arange(pairs + 1):
         points = middles + scatter * rng.standard_normal(middles.shape)
-        x, y = rigid.transform_means(rigid.inverse(pose), points).T
-        azimuth = np.arctan2(y, x)
-        values = np.stack([np.hypot(x, y), azimuth, doppler_velocity(velocity, azimuth, MOUNTING)])
-        values += np.array(SIGMAS)[:, None] * rng.standard_normal((3, 40))
-        found.append(RadarScan(0.1 * i, *values, *SIGMAS))
+        noise = rng.standard_normal((3, 40))
+        pose = arc(velocity, time)
+        found.append(observe(points, pose, time, velocity, MOUNTING, noise, SIGMAS))
     return found
 
 
