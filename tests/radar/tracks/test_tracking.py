@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from dataclasses import fields, replace
 
@@ -22,6 +21,7 @@ from d2d.radar import (
     simulate_drive,
     track,
 )
+from d2d.radar.tracks import tracking
 from d2d.radar.tracks.carry import accelerations
 from d2d.radar.tracks.tracking import MIN_EXPLAINED
 from tests.radar.scenes import (
@@ -429,23 +429,12 @@ def test_a_bar_is_shown_only_if_wanted(capsys):
     assert_same(shown, track(drive, progress=False))
 
 
-def test_without_tqdm_only_a_bar_that_was_asked_for_is_missed():
+def test_without_tqdm_only_a_bar_that_was_asked_for_is_missed(monkeypatch):
     """Breaks if a track on a terminal needs what the package does not."""
-    program = """
-import sys
-sys.modules["tqdm"] = None
-from d2d.radar.tracks import tracking
-tracking._on_terminal = lambda: True
-print(list(tracking._counted(3, None)))
-try:
-    tracking._counted(3, True)
-except ModuleNotFoundError as error:
-    print(error)
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", program], check=True, capture_output=True, text=True
-    )
-    assert done.stdout.splitlines() == [
-        "[0, 1, 2]",
-        "progress=True needs tqdm, which is not installed: pip install tqdm",
-    ]
+    monkeypatch.setitem(sys.modules, "tqdm", None)
+    monkeypatch.setattr(tracking, "_on_terminal", lambda: True)
+    assert list(tracking._counted(3, None)) == [0, 1, 2]
+    with pytest.raises(
+        ModuleNotFoundError, match=r"^progress=True needs tqdm, .* pip install tqdm"
+    ):
+        tracking._counted(3, True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from dataclasses import replace
 
@@ -189,25 +188,14 @@ def test_plot_draws_errors_bands_and_nees():
     plt.close(figure)
 
 
-def test_only_a_plot_needs_matplotlib():
+def test_only_a_plot_needs_matplotlib(monkeypatch):
     """Breaks if a table asks for a package that `d2d` does not require."""
-    program = """
-import sys
-sys.modules["matplotlib"] = None
-import numpy as np
-from d2d.radar import Comparison
-errors = np.random.default_rng(0).standard_normal((20, 3))
-found = Comparison(np.arange(20.0), errors, np.tile(np.eye(3), (20, 1, 1)), 1.0, 1.0)
-str(found), found._repr_html_()
-try:
-    found.plot()
-except ModuleNotFoundError:
-    print("asked for")
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", program], check=True, capture_output=True, text=True
-    )
-    assert done.stdout.strip() == "asked for"
+    found = compare(*example())
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert str(found)
+    assert found._repr_html_()
+    with pytest.raises(ModuleNotFoundError, match="matplotlib"):
+        found.plot()
 
 
 def test_a_simulated_drive_is_credible_where_its_targets_are_independent():
