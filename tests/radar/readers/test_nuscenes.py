@@ -188,22 +188,17 @@ def first_scan(root: Path) -> Path:
 
 
 def test_scans_of_one_radar_in_one_scene_in_time_order(root, monkeypatch):
-    """Breaks if samples and sweeps are not merged, scenes or channels get mixed up, or a tilde is
-    taken for a folder's name."""
+    """Breaks if samples and sweeps are not merged, scenes or channels get mixed up, a tilde is
+    taken for a folder's name, or valid states, ambiguity or the columns' order not heeded."""
     recording = load(root)
     assert_allclose([s.time for s in recording.scans], TIMES * 1e-6, rtol=0, atol=1e-6)
     assert [len(s) for s in recording.scans] == [GOOD, 0, GOOD, GOOD, GOOD]
+    scan, (x, y) = recording.scans[0], np.array(TARGETS)[:GOOD, :2].T
+    assert_allclose(scan.range * np.cos(scan.azimuth), x, rtol=1e-6)
+    assert_allclose(scan.range * np.sin(scan.azimuth), y, rtol=1e-6, atol=1e-9)
     monkeypatch.setenv("HOME", str(root.parent))
     back = load_nuscenes(f"~/{root.name}", "scene-0001", "RADAR_BACK_LEFT")
     assert_allclose([s.time for s in back.scans], TIMES * 1e-6 + 0.011, rtol=0, atol=1e-6)
-
-
-def test_positions_of_the_valid_targets(root):
-    """Breaks if the list of valid states, the ambiguity or the columns' order is not heeded."""
-    scan = load(root).scans[0]
-    x, y = np.array(TARGETS)[:GOOD, :2].T
-    assert_allclose(scan.range * np.cos(scan.azimuth), x, rtol=1e-6)
-    assert_allclose(scan.range * np.sin(scan.azimuth), y, rtol=1e-6, atol=1e-9)
 
 
 def test_velocities_are_projected_onto_the_line_of_sight(root):
@@ -250,6 +245,8 @@ def test_a_tilted_radar_keeps_its_direction(root):
 def test_standard_deviations_have_the_rounding_in_them(root):
     """Breaks if an option is not handed on, the grid's share is left out, or not divided by the
     range for the azimuth, or a function does not see the kept azimuths."""
+    angles = np.deg2rad([0.0, 30.0, 60.0, -60.0])
+    assert_allclose(np.rad2deg(azimuth_sigma(angles)), [0.3, 0.45, 0.6, 0.6])
     other = {"sigma_range": 0.4, "sigma_doppler": 0.3}
     for options, along, speed, angle in (
         ({}, 0.15, 0.06, azimuth_sigma),
@@ -261,12 +258,6 @@ def test_standard_deviations_have_the_rounding_in_them(root):
         assert_allclose(scan.sigma_doppler, np.sqrt(speed**2 + 0.25**2 / 12))
         grid = 0.2 / np.sqrt(12.0) / scan.range
         assert_allclose(scan.sigma_azimuth, np.hypot(angle(scan.azimuth), grid))
-
-
-def test_azimuth_sigma_grows_off_the_axis():
-    """Breaks if degrees are taken for radians, or it is not even."""
-    azimuth = np.deg2rad([0.0, 30.0, 60.0, -60.0])
-    assert_allclose(np.rad2deg(azimuth_sigma(azimuth)), [0.3, 0.45, 0.6, 0.6])
 
 
 def test_the_strongest_targets_are_kept_in_their_order(root):
@@ -344,11 +335,7 @@ def test_what_is_missing_is_named_with_its_path(root):
         (root.parent / "elsewhere").rename(root / gone)
     with pytest.raises(FileNotFoundError, match=r"v1\.0-\* does not exist; it should be"):
         load(root / "samples")
-
-
-def test_several_versions_must_be_chosen_from(root):
-    """Breaks if the first is taken, which may not hold the scene."""
-    (root / "v1.0-trainval").mkdir()
+    (root / "v1.0-trainval").mkdir()  # of several versions the first may not hold the scene
     with pytest.raises(ValueError, match=r"version must be given.*: v1\.0-mini, v1\.0-trainval"):
         load(root)
     assert len(load(root, version="v1.0-mini").scans) == len(TIMES)

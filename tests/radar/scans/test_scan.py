@@ -209,14 +209,6 @@ def test_a_mounting_names_what_it_refuses():
     assert Mounting(30, -30, -2 * np.pi).pose.tolist() == [30.0, -30.0, -2 * np.pi]
 
 
-def test_sigmas_may_be_given_once_for_all_targets():
-    """Breaks if a scalar or a single entry is not spread over the targets."""
-    scan = RadarScan(**good_arguments())
-    assert_array_equal(scan.sigma_range, [0.15] * 3)
-    assert_array_equal(scan.sigma_doppler, [0.06] * 3)
-    assert_array_equal(scan.sigma_azimuth, [0.01, 0.02, 0.03])
-
-
 def test_a_scan_may_be_empty():
     """Breaks if a radar that sees nothing ends a drive before it begins."""
     empty = RadarScan(2.0, [], [], [], 0.1, [], [0.06])
@@ -257,11 +249,15 @@ def test_indexing_selects_targets_with_all_that_is_known_of_them():
 
 
 def test_length_and_repr():
-    """Breaks if the arrays fill the screen, or a scan cannot be counted."""
-    scan = random_scan(5)
-    assert len(scan) == 5
-    assert len(scan[1:3]) == 2
-    assert repr(scan) == "RadarScan(time=1.500000 s, 5 targets)"
+    """Breaks if the arrays fill the screen, a scan cannot be counted, or a standard deviation that
+    is given once is not spread over the targets."""
+    scan = RadarScan(**good_arguments())
+    assert len(scan) == scan.size == 3
+    assert len(scan[1:]) == 2
+    assert repr(scan) == "RadarScan(time=0.000000 s, 3 targets)"
+    assert_array_equal(scan.sigma_range, [0.15] * 3)
+    assert_array_equal(scan.sigma_doppler, [0.06] * 3)
+    assert_array_equal(scan.sigma_azimuth, [0.01, 0.02, 0.03])
 
 
 # ---- Scans from positions

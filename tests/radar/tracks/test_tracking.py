@@ -174,16 +174,15 @@ def test_a_horizon_is_the_baseline_nearest_to_it(driven_by):
         assert_array_equal(found.theta, driven_by(sensors, baseline=baseline).theta)
 
 
-@either_tracker
-def test_a_full_turn_between_two_scans_is_no_motion(driven_by):
+def test_a_full_turn_between_two_scans_is_no_motion():
     """Breaks if times in ms of a 20 Hz radar, in which a drive is a circle each 50 s, converge."""
     drive = simulate_drive(np.random.default_rng(3), 2.0, sensor=Sensor(rate=20.0))
     late = [replace(scan, time=1000.0 * scan.time) for scan in drive.scans]
-    driven = driven_by([(late, drive.mounting)])
+    driven = track((late, drive.mounting))
     assert not driven.converged.any()
-    turns = [reason.startswith("a turn of 3") for reason in driven.reasons.tolist()]
-    assert np.mean(turns) > 0.3
-    assert all(reason.endswith(" deg between scans") for reason in driven.reasons[turns].tolist())
+    turns = [reason for reason in driven.reasons.tolist() if reason.startswith("a turn of 3")]
+    assert len(turns) > 0.3 * len(driven.reasons)
+    assert all(reason.endswith(" deg between scans") for reason in turns)
 
 
 @either_tracker
@@ -391,8 +390,7 @@ def test_a_covariance_that_overflows_is_no_estimate():
 def test_estimates_that_no_vehicle_follows_are_not_accepted():
     """Breaks if a limit is not applied, or the reason does not say which."""
     drive = simulate_drive(np.random.default_rng(2), duration=3.0)
-    found = track(drive, limits=VehicleLimits(speed=0.5))
-    refused = [text for text in found.reasons if text]
+    refused = set(track(drive, limits=VehicleLimits(speed=0.5)).reasons.tolist()) - {""}
     assert refused
     assert all(text.startswith("a speed of") for text in refused)
     free = track(drive, limits=None)
