@@ -44,6 +44,21 @@ def test_progress_keeps_the_mean_speed_and_slows_down_in_bends():
         assert forward[tightest] == pytest.approx(forward.min(), rel=1e-3)
 
 
+def test_a_point_is_hidden_where_a_wall_crosses_its_ray():
+    """Breaks if a ray through a wall's prolongation is stopped, one through the wall is not, or a
+    wall that reaches beyond all points is left out."""
+    rng = np.random.default_rng(1)
+    walls = np.cumsum(rng.uniform(-6.0, 6.0, (40, 2, 2)), axis=1) + rng.uniform(-18, 18, (40, 1, 2))
+    for points in (rng.uniform(-20.0, 20.0, (200, 2)), *rng.uniform(-20.0, 20.0, (200, 1, 2))):
+        for point, seen in zip(points, visible(points, walls), strict=True):
+            crossings = [
+                np.linalg.solve(np.column_stack([point, start - end]), start)
+                for start, end in walls
+            ]
+            within = [(shares > 0.0).all() and (shares < 1.0).all() for shares in crossings]
+            assert seen == (not any(within))
+
+
 def test_nothing_hides_where_there_are_no_walls():
     """Breaks if an empty world is an error, or a point hides itself."""
     points = np.array([[3.0, 1.0], [1.0, 0.0]])
