@@ -6,14 +6,19 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from d2d.radar import Drive, Mounting, RadarScan, Reference, doppler_velocity, simulate_drive
+from tests.strategies import reals
 
 CORNER = Mounting(3.86, 0.7, 0.436)
 AROUND = (CORNER, Mounting(3.6, -0.9, -1.48), Mounting(-0.9, -0.87, -2.9))
 SIGMAS = (0.15, np.deg2rad(0.5), 0.06)
 STRAIGHT = np.array([12.0, 0.0, 0.1])
+
+velocities = st.tuples(reals(-40.0, 40.0), reals(-3.0, 3.0), reals(-1.0, 1.0)).map(np.array)
+mountings = st.builds(Mounting, reals(-4.0, 4.0), reals(-2.0, 2.0), reals(-3.2, 3.2))
 
 
 def arc(theta, time: float) -> np.ndarray:

@@ -31,6 +31,7 @@ DEGREE = np.deg2rad(1.0)
 SIDE = Mounting(0.3, 0.2, 60.0 * DEGREE)
 DRIVE = simulate_drive(np.random.default_rng(0), duration=1.5)
 FROM_SIDE = simulate_drive(np.random.default_rng(0), duration=1.5, mounting=SIDE)
+BUDGET = ErrorBudget(0.2 * DEGREE, 0.03, 0.001, 0.02, 1.5)
 FRONT = ("--mounting", "front", "0.4", "0", "0")
 BOTH = (*FRONT, "--mounting", "side", "0.3", "0.2", "60")
 
@@ -42,6 +43,18 @@ def log(tmp_path) -> Path:
     return tmp_path / "log.csv"
 
 
+def tracked(log: Path, *options: str, mounting=FRONT) -> list[str]:
+    """The arguments by which a log becomes files ``drive`` beside it."""
+    output = str(log.parent / "drive")
+    return ["track", "--csv", str(log), *mounting, "--output", output, *options]
+
+
+def result(log: Path, *options: str, mounting=FRONT) -> Track:
+    """The track that the program writes, without a picture."""
+    assert main(tracked(log, "--no-picture", *options, mounting=mounting)) == 0
+    return Track.load(log.parent / "drive.npz")
+
+
 def written(folder: Path, prefix: str) -> list[str]:
     return sorted(name for name in os.listdir(folder) if name.startswith(prefix))
 
@@ -51,7 +64,7 @@ FILES = [".npz", ".png", ".tum", "_velocities.txt"]
 
 def test_a_log_becomes_a_path_with_covariances(log, capsys):
     """Breaks if the files hold another track than Python would give, or one is missing."""
-    assert main(["track", "--csv", str(log), *FRONT, "--output", str(log.parent / "drive")]) == 0
+    assert main(tracked(log)) == 0
     assert written(log.parent, "drive") == [f"drive{end}" for end in FILES]
     expected = track(DRIVE, budget=ErrorBudget())
     found = Track.load(log.parent / "drive.npz")
@@ -68,69 +81,53 @@ def test_a_log_becomes_a_path_with_covariances(log, capsys):
     assert said.err == ""
 
 
-def test_evo_reads_what_is_written(log):
-    """Breaks if another program cannot read the path."""
-    file_interface = pytest.importorskip("evo.tools.file_interface")
+def test_a_folder_that_is_not_there_is_made(log):
+    """Breaks if the user must make it first, or files get no name in it."""
     output = f"{log.parent}/new/"
-    main(["track", "--csv", str(log), *FRONT, "--output", output, "--no-picture"])
+    assert main(["track", "--csv", str(log), *FRONT, "--output", output, "--no-picture"]) == 0
     assert written(log.parent / "new", "") == ["track.npz", "track.tum", "track_velocities.txt"]
-    read = file_interface.read_tum_trajectory_file(log.parent / "new" / "track.tum")
-    assert read.check()[0]
-    assert read.num_poses == len(DRIVE.scans)
-    assert_allclose(read.timestamps, [scan.time for scan in DRIVE.scans], atol=1e-8)
 
 
 def test_options_reach_the_estimate(tmp_path):
     """Breaks if one is dropped, or degrees stay degrees."""
-    write_csv(tmp_path / "log.csv", {"front": DRIVE.scans, "side": FROM_SIDE.scans})
+    log = tmp_path / "log.csv"
+    write_csv(log, {"front": DRIVE.scans, "side": FROM_SIDE.scans})
     wide = [[scan.with_extent(0.1) for scan in each.scans] for each in (DRIVE, FROM_SIDE)]
     sensors = list(zip(wide, (DRIVE.mounting, SIDE), strict=True))
-    budget = ErrorBudget(0.2 * DEGREE, 0.03, 0.001, 0.02, 1.5)
-    expected = track(sensors, baseline=2, budget=budget)
-    options = "--baseline 2 --extent 0.1 --budget-azimuth 0.2 --budget-doppler 0.03"
-    options += " --budget-scale 0.001 --budget-lag 0.02 --budget-neighbours 1.5 --no-picture"
-    call = ["track", "--csv", str(tmp_path / "log.csv"), *BOTH, "--output", str(tmp_path / "both")]
-    assert main([*call, *options.split()]) == 0
-    found = Track.load(tmp_path / "both.npz")
-    assert_allclose(found.theta, expected.theta, rtol=1e-12)
-    assert_allclose(found.covariance, expected.covariance, rtol=1e-9)
-    assert_allclose(found.parts, expected.parts, rtol=1e-9, atol=1e-18)
-    assert main([*call, *options.split()[:4], "--no-budget", "--no-picture"]) == 0
-    without = Track.load(tmp_path / "both.npz")
-    assert without.parts is None
-    assert_allclose(without.covariance, track(sensors, baseline=2).covariance, rtol=1e-9)
-    assert main([*call, "--horizon", "0.3", "--extent", "0.1", "--no-budget", "--no-picture"]) == 0
-    longer = Track.load(tmp_path / "both.npz")
-    assert_allclose(longer.theta, track(sensors, horizon=0.3).theta, rtol=1e-12)
+    options = "--budget-azimuth 0.2 --budget-doppler 0.03 --budget-scale 0.001 --budget-lag 0.02"
+    options += " --budget-neighbours 1.5"
+    for given, expected in (
+        (f"--baseline 2 {options}", {"baseline": 2, "budget": BUDGET}),
+        ("--baseline 2 --no-budget", {"baseline": 2}),
+        ("--horizon 0.3 --no-budget", {"horizon": 0.3}),
+    ):
+        found = result(log, "--extent", "0.1", *given.split(), mounting=BOTH)
+        wanted = track(sensors, **expected)
+        assert_allclose(found.theta, wanted.theta, rtol=1e-12)
+        assert_allclose(found.covariance, wanted.covariance, rtol=1e-9)
+        assert (found.parts is None) == (wanted.parts is None)
+        if wanted.parts is not None:
+            assert_allclose(found.parts, wanted.parts, rtol=1e-9, atol=1e-18)
 
 
-@pytest.mark.parametrize(("said", "side_slip"), [("0", False), ("0.05", 0.05)])
-def test_the_side_slip_reaches_the_estimate(log, said, side_slip):
+def test_the_side_slip_reaches_the_estimate(log, capsys):
     """Breaks if 0 is taken for "unknown" or for a standard deviation."""
-    call = ["track", "--csv", str(log), *FRONT, "--side-slip", said, "--no-picture"]
-    assert main([*call, "--output", str(log.parent / "drive")]) == 0
-    found = Track.load(log.parent / "drive.npz")
-    expected = track(DRIVE, side_slip=side_slip, budget=ErrorBudget())
-    assert_array_equal(found.theta, expected.theta)
     free = track(DRIVE, budget=ErrorBudget())
-    assert np.abs(found.theta[:, 1]).max() < np.abs(free.theta[:, 1]).max()
-
-
-def test_what_the_vehicle_can_do_reaches_the_estimate(log, capsys):
-    """Breaks if the limit is dropped, or one that is none is not refused."""
-    call = ["track", "--csv", str(log), *FRONT, "--no-picture", "--no-budget"]
-    call += ["--output", str(log.parent / "drive")]
-    assert main([*call, "--max-acceleration", "2"]) == 0
-    expected = track(DRIVE, limits=VehicleLimits(acceleration=2.0))
-    assert_array_equal(Track.load(log.parent / "drive.npz").converged, expected.converged)
-    said = failed([*call, "--max-acceleration", "-1"], capsys)
-    assert said.startswith("acceleration must be positive")
-
-
-def test_a_side_slip_that_is_none_is_refused(log, capsys):
+    for said, side_slip in (("0", False), ("0.05", 0.05)):
+        found = result(log, "--side-slip", said)
+        expected = track(DRIVE, side_slip=side_slip, budget=ErrorBudget())
+        assert_array_equal(found.theta, expected.theta)
+        assert np.abs(found.theta[:, 1]).max() < np.abs(free.theta[:, 1]).max()
     for said in ("-0.1", "nan", "inf"):
-        call = ["track", "--csv", str(log), *FRONT, f"--side-slip={said}"]
-        assert failed(call, capsys) == f"--side-slip must be a number from 0 on, but is {said}"
+        refusal = f"--side-slip must be a number from 0 on, but is {said}"
+        assert failed(tracked(log, f"--side-slip={said}"), capsys) == refusal
+
+
+def test_what_the_vehicle_can_do_reaches_the_estimate(log):
+    """Breaks if the limit is dropped."""
+    found = result(log, "--no-budget", "--max-acceleration", "2")
+    expected = track(DRIVE, limits=VehicleLimits(acceleration=2.0))
+    assert_array_equal(found.converged, expected.converged)
 
 
 def test_a_log_in_degrees_without_standard_deviations(tmp_path):
@@ -140,17 +137,16 @@ def test_a_log_in_degrees_without_standard_deviations(tmp_path):
         for scan in DRIVE.scans
         for distance, azimuth, doppler in zip(scan.range, scan.azimuth, scan.doppler, strict=True)
     ]
-    np.savetxt(tmp_path / "log.csv", rows, "%.12g", ",", header="time,range,azimuth,doppler")
-    call = ["track", "--csv", str(tmp_path / "log.csv"), "--mounting", "radar", "0.4", "0", "0"]
-    call += ["--degrees", "--sigma-range", "0.125", "--sigma-doppler", "0.0625", "--no-picture"]
-    call += ["--sigma-azimuth", "0.5", "--output", str(tmp_path / "drive")]
-    assert main(call) == 0
+    log = tmp_path / "log.csv"
+    np.savetxt(log, rows, "%.12g", ",", header="time,range,azimuth,doppler")
+    options = "--degrees --sigma-range 0.125 --sigma-doppler 0.0625 --sigma-azimuth 0.5"
+    found = result(log, *options.split(), mounting=("--mounting", "radar", "0.4", "0", "0"))
     scans = [
         RadarScan(scan.time, scan.range, scan.azimuth, scan.doppler, 0.125, 0.5 * DEGREE, 0.0625)
         for scan in DRIVE.scans
     ]
     expected = track((scans, DRIVE.mounting), budget=ErrorBudget())
-    assert_allclose(Track.load(tmp_path / "drive.npz").theta, expected.theta, atol=1e-6)
+    assert_allclose(found.theta, expected.theta, atol=1e-6)
 
 
 # ---- Messages
@@ -175,27 +171,27 @@ def test_a_line_that_cannot_be_read_is_named_and_nothing_written(log, capsys):
     assert os.listdir(log.parent) == ["log.csv"]
 
 
-def test_mountings_must_fit_the_log(log, capsys):
-    for mountings, said in (
-        (("--mounting", "radar", "0", "0", "0"), "are front, but --mounting names radar"),
-        (BOTH, "are front, but --mounting names front, side"),
-        ((*FRONT, *FRONT), "front is given twice"),
-        (("--mounting", "front", "0", "0", "left"), "--mounting front 0 0 left: could not convert"),
-        (("--mounting", "front", "0", "0", "900"), "--mounting front 0 0 900: yaw must be"),
-    ):
-        assert said in failed(["track", "--csv", str(log), *mountings], capsys)
-
-
 def test_missing_files_and_wrong_values_are_named(log, capsys):
-    assert "No such file" in failed(["track", "--csv", f"{log}x", *FRONT], capsys)
-    call = ["track", "--csv", str(log), *FRONT]
-    assert failed([*call, "--baseline", "0"], capsys).startswith("baseline must be")
-    assert failed([*call, "--budget-lag", "-1"], capsys).startswith(
-        "lag must be at least 0, but is -1"
-    )
+    """Breaks if there is a traceback, or the message does not say what is wrong."""
     scenes = ["track", "--radarscenes", str(log.parent), "--sequence", "105", "--sensor", "1"]
-    assert "should be the folder `data`" in failed(scenes, capsys)
-    assert failed([*scenes, "2", "1"], capsys) == "1 is given twice"
+    left, turned = (("--mounting", "front", "0", "0", yaw) for yaw in ("left", "900"))
+    for arguments, said in (
+        (["track", "--csv", f"{log}x", *FRONT], "No such file"),
+        (tracked(log, "--baseline", "0"), "baseline must be"),
+        (tracked(log, "--budget-lag", "-1"), "lag must be at least 0, but is -1"),
+        (tracked(log, "--max-acceleration", "-1"), "acceleration must be positive"),
+        (scenes, "should be the folder `data`"),
+        ([*scenes, "2", "1"], "1 is given twice"),
+        (
+            tracked(log, mounting=("--mounting", "radar", "0", "0", "0")),
+            "are front, but --mounting names radar",
+        ),
+        (tracked(log, mounting=BOTH), "are front, but --mounting names front, side"),
+        (tracked(log, *FRONT), "front is given twice"),
+        (tracked(log, mounting=left), "--mounting front 0 0 left: could not convert"),
+        (tracked(log, mounting=turned), "--mounting front 0 0 900: yaw must be"),
+    ):
+        assert said in failed(arguments, capsys)
 
 
 def test_where_nothing_can_be_written_is_known_before_the_work(log, capsys, monkeypatch):
@@ -210,33 +206,25 @@ def test_where_nothing_can_be_written_is_known_before_the_work(log, capsys, monk
 
 
 def test_all_files_are_written_or_none(log, capsys, monkeypatch):
-    """Breaks if an error in the last one leaves the others behind."""
+    """Breaks if an error in the last one leaves the others behind, or Ctrl-C a traceback."""
+    for error, status, said in (
+        (OSError("no space left"), 1, "error: no space left"),
+        (KeyboardInterrupt(), 130, "interrupted, nothing was written"),
+    ):
 
-    def full(*_arguments):
-        raise OSError("no space left")
+        def full(*_arguments, error=error):
+            raise error
 
-    monkeypatch.setattr(Track, "save", full)
-    call = ["track", "--csv", str(log), *FRONT, "--output", str(log.parent / "drive")]
-    assert failed(call, capsys) == "no space left"
-    assert os.listdir(log.parent) == ["log.csv"]
-
-
-def test_an_interruption_leaves_nothing_behind(log, capsys, monkeypatch):
-    """Breaks if Ctrl-C gives a traceback, or files that look like a result."""
-
-    def interrupted(*_arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Track, "save", interrupted)
-    assert main(["track", "--csv", str(log), *FRONT, "--output", str(log.parent / "drive")]) == 130
-    assert "interrupted, nothing was written" in capsys.readouterr().err
-    assert os.listdir(log.parent) == ["log.csv"]
+        monkeypatch.setattr(Track, "save", full)
+        assert main(tracked(log)) == status
+        assert said in capsys.readouterr().err
+        assert os.listdir(log.parent) == ["log.csv"]
 
 
 def test_without_matplotlib_there_is_no_picture(log, capsys, monkeypatch):
     """Breaks if what can be written is not, or the picture is left out without a word."""
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert main(["track", "--csv", str(log), *FRONT, "--output", str(log.parent / "drive")]) == 0
+    assert main(tracked(log)) == 0
     assert "no picture" in capsys.readouterr().err
     assert written(log.parent, "drive") == [f"drive{end}" for end in FILES if end != ".png"]
 
@@ -245,10 +233,11 @@ def test_a_track_without_an_estimate_is_no_success(tmp_path, capsys):
     """Breaks if a file full of nan passes for a result."""
     rng = np.random.default_rng(0)
     rows = [(t, rng.uniform(5, 50), rng.uniform(-1, 1), rng.uniform(-30, 30)) for t in range(5)]
-    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="time,range,azimuth,doppler")
-    call = ["track", "--csv", str(tmp_path / "log.csv"), "--mounting", "radar", "0", "0", "0"]
-    call += ["--sigma-range", "0.1", "--sigma-azimuth", "0.5", "--sigma-doppler", "0.1"]
-    assert "no estimate was accepted" in failed([*call, "--output", str(tmp_path / "d")], capsys)
+    log = tmp_path / "log.csv"
+    np.savetxt(log, rows, delimiter=",", header="time,range,azimuth,doppler")
+    sigmas = ["--sigma-range", "0.1", "--sigma-azimuth", "0.5", "--sigma-doppler", "0.1"]
+    call = tracked(log, *sigmas, mounting=("--mounting", "radar", "0", "0", "0"))
+    assert "no estimate was accepted" in failed(call, capsys)
     assert os.listdir(tmp_path) == ["log.csv"]
 
 
@@ -256,8 +245,7 @@ def test_a_flipped_sign_is_warned_of(tmp_path, capsys):
     """Breaks if the warning of the estimate is lost, or shown as a line of source."""
     scans = [replace(scan, doppler=-scan.doppler) for scan in DRIVE.scans]
     write_csv(tmp_path / "log.csv", {"front": scans})
-    call = ["track", "--csv", str(tmp_path / "log.csv"), *FRONT, "--no-picture"]
-    assert main([*call, "--output", str(tmp_path / "drive")]) == 0
+    result(tmp_path / "log.csv")
     said = capsys.readouterr().err
     assert said.startswith("python -m d2d.radar: warning: Doppler velocities and positions contr")
     assert len(said.splitlines()) == 1
@@ -287,24 +275,18 @@ def test_arguments_that_do_not_fit_are_refused(capsys):
         assert said in capsys.readouterr().err
 
 
-def test_every_reader_is_in_the_help_with_its_options(capsys):
-    """Breaks if a reader that is added to the table cannot be used from the command line."""
-    with pytest.raises(SystemExit):
+def test_the_help_teaches(capsys):
+    """Breaks if units, conventions, files, examples or reasons of failures are missing, or a
+    reader that is added to the table cannot be used from the command line."""
+    with pytest.raises(SystemExit) as left:
         main(["track", "--help"])
+    assert left.value.code == 0
     said = capsys.readouterr().out
     for name, reader in READERS.items():
         assert re.search(rf"--{name} {reader.metavar} +{reader.about}", said)
         for option in reader.options:
             assert f"--{option.name.replace('_', '-')} " in said
     assert "--nuscenes ROOT --scene scene-0061 --channel RADAR_FRONT" in said
-
-
-def test_the_help_teaches(capsys):
-    """Breaks if units, conventions, files or examples are missing."""
-    with pytest.raises(SystemExit) as left:
-        main(["track", "--help"])
-    assert left.value.code == 0
-    said = capsys.readouterr().out
     for word in ("PREFIX_velocities.txt", "counter-clockwise", "m/s, positive if", "examples:"):
         assert word in said
     reasons = ("a scan without targets", "no optimum near the start", "an optimum that rejects")

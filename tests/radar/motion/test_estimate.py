@@ -7,9 +7,12 @@ function of the velocity; nothing of the package takes part in it but the scans'
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal, norm
 
@@ -22,9 +25,12 @@ from d2d.radar import (
     inlier_probabilities,
 )
 from d2d.radar.motion.model import DEFAULT_OUTLIER
-from tests.radar.scenes import AROUND, CORNER, SIGMAS, arc, two_scans
+from tests.radar.scenes import AROUND, CORNER, SIGMAS, arc, mountings, two_scans, velocities
+from tests.strategies import seeds
 
 THETA = np.array([12.0, -0.5, 0.6])
+OUTLIERS = (DEFAULT_OUTLIER, UniformOutlier(1e-3), None)
+EITHER = (True, False)
 
 
 def naive_targets(scan: RadarScan, mounting: Mounting) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -121,91 +127,75 @@ def assert_optimum_of(estimate, cost) -> None:
     assert_allclose(estimate.covariance @ estimate.hessian, np.eye(3), atol=1e-8)
 
 
-@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
-@pytest.mark.parametrize("first_order", [True, False], ids=["first-order", "exact"])
-@pytest.mark.parametrize(
-    "outlier", [DEFAULT_OUTLIER, UniformOutlier(1e-3)], ids=["corrupted", "uniform"]
-)
-def test_inlier_probabilities_are_bayes_rule(doppler, first_order, outlier):
+def test_inlier_probabilities_are_bayes_rule():
     """Breaks if a share is not the inlier part of that target's naive density."""
-    theta = THETA
-    previous, current = two_scans(np.random.default_rng(3), theta, size=7)
+    previous, current = two_scans(np.random.default_rng(3), THETA, size=7)
     changed = current.doppler + np.array([0, 0, 0.1, 0, 1.0, 0, 0])
     current = replace(current, doppler=changed)
-    shares = inlier_probabilities(
-        theta, previous, current, CORNER, doppler=doppler, outlier=outlier, first_order=first_order
-    )
-    prior = 1.0 - getattr(outlier, "fraction", 0.0)
-    for k, share in enumerate(shares):
-        rest = (theta, previous, current[k : k + 1], CORNER)
-        inlier, both = (
-            np.exp(-naive_cost(*rest, model, doppler, first_order)) for model in (None, outlier)
-        )
-        assert share == pytest.approx(prior * inlier / both, rel=1e-9, abs=3e-16)
-    assert (shares[4] < 1e-3) == doppler
-    assert (shares[[0, 1, 3, 5, 6]] > 0.5).all()
+    for doppler, first_order, outlier in product(EITHER, EITHER, OUTLIERS[:2]):
+        options = {"doppler": doppler, "outlier": outlier, "first_order": first_order}
+        shares = inlier_probabilities(THETA, previous, current, CORNER, **options)
+        prior = 1.0 - getattr(outlier, "fraction", 0.0)
+        for k, share in enumerate(shares):
+            rest = (THETA, previous, current[k : k + 1], CORNER)
+            inlier, both = (
+                np.exp(-naive_cost(*rest, model, doppler, first_order)) for model in (None, outlier)
+            )
+            assert share == pytest.approx(prior * inlier / both, rel=1e-9, abs=3e-16)
+        assert (shares[4] < 1e-3) == doppler
+        assert (shares[[0, 1, 3, 5, 6]] > 0.5).all()
 
 
-@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
-@pytest.mark.parametrize("first_order", [True, False], ids=["first-order", "exact"])
-@pytest.mark.parametrize(
-    "mounting", [Mounting(), CORNER, Mounting(-0.9, -0.87, -2.9)], ids=["origin", "left", "rear"]
-)
-@pytest.mark.parametrize(
-    "outlier", [DEFAULT_OUTLIER, UniformOutlier(1e-3), None], ids=["corrupted", "uniform", "none"]
-)
-def test_the_estimate_is_the_optimum_of_the_naive_joint_cost(
-    doppler, first_order, mounting, outlier
-):
+@pytest.mark.parametrize("doppler", EITHER, ids=["doppler", "positions"])
+@pytest.mark.parametrize("first_order", EITHER, ids=["first-order", "exact"])
+def test_the_estimate_is_the_optimum_of_the_naive_joint_cost(doppler, first_order):
     """Breaks with any slip in the cost, or if gradient or Hessian are not those of the velocity.
 
     Differences are taken in standard deviations of the estimate, in which the Hessian is I.
     """
-    theta = THETA
-    previous, current = two_scans(np.random.default_rng(21), theta, mounting, size=7)
-    if outlier is not None:  # one target that has moved, one that is new
-        changed = current.doppler + np.array([0, 0, 4.0, 0, 0, 0, 0])
-        distance = current.range + np.array([0, 0, 0, 0, 6.0, 0, 0])
-        current = replace(current, range=distance, doppler=changed)
-    estimate = estimate_ego_motion(
-        previous,
-        current,
-        mounting,
-        doppler=doppler,
-        outlier=outlier,
-        initial=theta,
-        first_order=first_order,
-    )
-    assert estimate.converged
-
-    def cost(theta):
-        return naive_cost(theta, previous, current, mounting, outlier, doppler, first_order)
-
-    assert_optimum_of(estimate, cost)
+    options = {"doppler": doppler, "first_order": first_order}
+    for mounting, outlier in product((Mounting(), CORNER, AROUND[2]), OUTLIERS):
+        previous, current = two_scans(np.random.default_rng(21), THETA, mounting, size=7)
+        if outlier is not None:  # one target that has moved, one that is new
+            changed = current.doppler + np.array([0, 0, 4.0, 0, 0, 0, 0])
+            distance = current.range + np.array([0, 0, 0, 0, 6.0, 0, 0])
+            current = replace(current, range=distance, doppler=changed)
+        pair = previous, current, mounting
+        estimate = estimate_ego_motion(*pair, outlier=outlier, initial=THETA, **options)
+        assert estimate.converged
+        assert_optimum_of(
+            estimate, lambda t, p=pair, o=outlier: naive_cost(t, *p, o, doppler, first_order)
+        )
 
 
-@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
-@pytest.mark.parametrize(
-    "theta",
-    [[0.0, 0.0, 0.0], [8.0, 0.0, 0.0], [15.0, -0.4, 0.5], [-2.0, 0.1, -0.3]],
-    ids=["standing", "straight", "bend", "reversing"],
-)
-@pytest.mark.parametrize("sharp", [False, True], ids=["from-doppler", "sharp-near-truth"])
-def test_a_noise_free_motion_is_recovered(theta, doppler, sharp):
-    """Breaks if scans are registered the wrong way round, or against another interval.
+@given(seeds, velocities, mountings, st.booleans(), st.booleans())
+def test_a_noise_free_motion_is_recovered(seed, theta, mounting, doppler, sharp):
+    """Breaks if positions, Doppler velocities, mounting or interval do not fit together.
 
     Not exactly: neighbours pull, and covariances that differ in direction between the scans move
     the optimum, the less the smaller the sigmas are.
     """
     sigmas = (0.01, 1e-4, 0.01) if sharp else SIGMAS
-    start = np.add(theta, [0.02, -0.02, 0.001]) if sharp else None
-    previous, current = two_scans(np.random.default_rng(22), theta, sigmas=sigmas, noisy=False)
-    estimate = estimate_ego_motion(previous, current, CORNER, doppler=doppler, initial=start)
+    rng, start = np.random.default_rng(seed), theta + np.array([0.02, -0.02, 0.001])
+    pair = (*two_scans(rng, theta, mounting, sigmas=sigmas, noisy=False), mounting)
+    estimate = estimate_ego_motion(*pair, doppler=doppler, initial=start)
     assert estimate.converged
     deviations = np.sqrt(np.diag(estimate.covariance))
-    assert (np.abs(estimate.theta - theta) < (0.001 if sharp else 0.2) * deviations).all()
-    if sharp:
-        assert_allclose(estimate.theta, theta, rtol=0, atol=1e-5)
+    assert (np.abs(estimate.theta - theta) < (0.01 if sharp else 1.5) * deviations).all()
+    share = inlier_probabilities(estimate.theta, *pair, doppler=doppler)
+    assert share.shape == (20,)
+    assert share.min() > 0.8
+
+
+def test_the_doppler_velocities_give_the_start():
+    """Breaks if the default start is another velocity's, at a standstill or in reverse."""
+    for theta in ([0.0, 0.0, 0.0], [8.0, 0.0, 0.0], [15.0, -0.4, 0.5], [-2.0, 0.1, -0.3]):
+        pair = two_scans(np.random.default_rng(22), theta, noisy=False)
+        for doppler in EITHER:
+            estimate = estimate_ego_motion(*pair, CORNER, doppler=doppler)
+            assert estimate.converged
+            deviations = np.sqrt(np.diag(estimate.covariance))
+            assert (np.abs(estimate.theta - theta) < 0.2 * deviations).all()
 
 
 def test_fast_car_among_moving_ones_needs_no_start():
@@ -229,44 +219,20 @@ def test_fast_car_among_moving_ones_needs_no_start():
     assert np.abs(from_zero)[:, 0].max() > 1.0, "the scene is too easy to tell starts apart"
 
 
-@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
+@pytest.mark.parametrize("doppler", EITHER, ids=["doppler", "positions"])
 def test_covariances_are_credible(doppler):
     """Breaks if the covariance is not of the velocity, too large or too small by a few percent."""
     rng, theta = np.random.default_rng(24), np.array([10.0, 0.3, 0.3])
-    errors, covariances = [], []
-    for _ in range(1000):  # few targets, so that it is clear which meets which
-        pair = two_scans(rng, theta, size=12)
-        estimate = estimate_ego_motion(*pair, CORNER, doppler=doppler)
-        if estimate.converged:
-            errors.append(estimate.theta - theta)
-            covariances.append(estimate.covariance)
-    assert len(errors) > 990
-    judged = credibility(np.array(errors), np.array(covariances))
+    found = [  # of few targets, so that it is clear which meets which
+        estimate_ego_motion(*two_scans(rng, theta, size=12), CORNER, doppler=doppler)
+        for _ in range(1000)
+    ]
+    good = [estimate for estimate in found if estimate.converged]
+    assert len(good) > 990
+    errors = np.array([estimate.theta for estimate in good]) - theta
+    judged = credibility(errors, np.array([estimate.covariance for estimate in good]))
     assert judged.consistent, f"ANEES {judged.anees:.3f} outside {judged.bounds}"
     assert abs(judged.inclination) < 0.5
-
-
-def test_first_order_takes_the_chord_for_the_velocity():
-    """Breaks if first_order changes the motion that is found, and not only how it is read."""
-    theta = np.array([10.0, 0.0, 1.0])
-    previous, current = two_scans(np.random.default_rng(25), theta)
-    exact, first = (
-        estimate_ego_motion(previous, current, CORNER, doppler=False, first_order=flag)
-        for flag in (False, True)
-    )
-    chord = arc(exact.theta, 0.1)[:2, 2] / 0.1
-    assert_allclose(first.theta, [*chord, exact.theta[2]], rtol=0, atol=1e-6)
-    assert first.theta[1] - exact.theta[1] > 0.4  # v omega tau / 2
-
-
-def test_a_different_interval_scales_the_velocity():
-    """Breaks if the interval is taken from elsewhere than the scans' times."""
-    previous, current = two_scans(np.random.default_rng(26), [5.0, 0.0, 0.1])
-    later = replace(current, time=previous.time + 2 * (current.time - previous.time))
-    slow = estimate_ego_motion(previous, later, CORNER, doppler=False, initial=[2.5, 0, 0.05])
-    fast = estimate_ego_motion(previous, current, CORNER, doppler=False, initial=[5.0, 0, 0.1])
-    assert_allclose(slow.theta, fast.theta / 2.0, rtol=1e-6, atol=1e-9)
-    assert_allclose(slow.covariance, fast.covariance / 4.0, rtol=1e-6, atol=1e-12)
 
 
 def test_scales_reach_the_optimum_from_a_far_start():
@@ -284,7 +250,7 @@ def test_scales_reach_the_optimum_from_a_far_start():
 def test_scans_out_of_time_order_empty_or_none_are_refused_by_name():
     """Breaks if a zero interval divides, or the error does not say which scan."""
     before, after = two_scans(np.random.default_rng(28), [5.0, 0.0, 0.0])
-    for given, said in (
+    for wrong, said in (
         ((before, replace(after, time=before.time), CORNER), "current must be later than previous"),
         ((after, before, CORNER), "current must be later than previous"),
         ((before[:0], after, CORNER), "previous holds no targets"),
@@ -294,13 +260,14 @@ def test_scans_out_of_time_order_empty_or_none_are_refused_by_name():
         ((before, [after], [CORNER]), "current must be a RadarScan, but is a list"),
     ):
         with pytest.raises(ValueError, match=f"^{said}"):
-            estimate_ego_motion(*given)
+            estimate_ego_motion(*wrong)
 
 
 def test_a_wrong_start_or_schedule_is_refused_by_name():
     """Breaks if several starts get through: the covariances of three came out wrong in silence."""
     pair = (*two_scans(np.random.default_rng(30), [5.0, 0, 0]), CORNER)
-    for initial in (1.0, [1.0, 2.0], [1.0, 2.0, np.nan], np.ones((1, 3)), np.ones((3, 3))):
+    several = np.ones((1, 3)), np.ones((3, 3))
+    for initial in (1.0, [1.0, 2.0], [1.0, 2.0, np.nan], *several, pair[0]):
         with pytest.raises(ValueError, match=r"^initial must"):
             estimate_ego_motion(*pair, initial=initial)
     for scales in ([], 1.0, [[1.0]], [0.0]):
@@ -325,23 +292,21 @@ def together(pairs, **options):
     return estimate_ego_motion(*zip(*pairs, strict=True), **options)
 
 
-@pytest.mark.parametrize("doppler", [True, False], ids=["doppler", "positions"])
-@pytest.mark.parametrize("outlier", [DEFAULT_OUTLIER, None], ids=["corrupted", "none"])
-def test_the_joint_estimate_is_the_optimum_of_the_sum_of_naive_costs(doppler, outlier):
+def test_the_joint_estimate_is_the_optimum_of_the_sum_of_naive_costs():
     """Breaks if a pair's interval, mounting or chain rule is another's, or one is left out."""
-    theta = THETA
-    pairs = pairs_around(np.random.default_rng(60), theta)
-    if outlier is not None:  # one target that has moved
-        previous, current, mounting = pairs[1]
-        changed = current.doppler + np.array([0, 0, 4.0, 0, 0, 0, 0])
-        pairs[1] = previous, replace(current, doppler=changed), mounting
-    estimate = together(pairs, doppler=doppler, outlier=outlier, initial=theta)
-    assert estimate.converged
+    for doppler, outlier in product(EITHER, (DEFAULT_OUTLIER, None)):
+        pairs = pairs_around(np.random.default_rng(60), THETA)
+        if outlier is not None:  # one target that has moved
+            previous, current, mounting = pairs[1]
+            changed = current.doppler + np.array([0, 0, 4.0, 0, 0, 0, 0])
+            pairs[1] = previous, replace(current, doppler=changed), mounting
+        estimate = together(pairs, doppler=doppler, outlier=outlier, initial=THETA)
+        assert estimate.converged
 
-    def cost(theta):
-        return sum(naive_cost(theta, *pair, outlier, doppler, False) for pair in pairs)
+        def cost(theta, pairs=pairs, rest=(outlier, doppler, False)):
+            return sum(naive_cost(theta, *pair, *rest) for pair in pairs)
 
-    assert_optimum_of(estimate, cost)
+        assert_optimum_of(estimate, cost)
 
 
 def test_one_pair_in_a_sequence_is_that_pair():
@@ -349,28 +314,12 @@ def test_one_pair_in_a_sequence_is_that_pair():
     pair = (*two_scans(np.random.default_rng(61), THETA, size=30), CORNER)
     annealed = {"doppler": False, "initial": [11.5, 0.0, 0.5], "scales": (8.0, 4.0, 2.0, 1.0)}
     for options in ({}, {"doppler": False}, {"side_slip": 0.1}, annealed):
-        alone, listed = estimate_ego_motion(*pair, **options), together([pair], **options)
+        alone = estimate_ego_motion(*pair, **options)
+        listed = estimate_ego_motion(*(iter([each]) for each in pair), **options)
         assert alone.converged
         assert_array_equal(listed.theta, alone.theta)
         assert_array_equal(listed.covariance, alone.covariance)
         assert listed.value == alone.value
-
-
-def test_joint_covariances_are_credible_and_smaller_than_each_sensor_s():
-    """Breaks if the sum's Hessian is not that of the velocity, or sensors are weighed wrongly."""
-    rng, theta = np.random.default_rng(62), np.array([10.0, 0.3, 0.3])
-    errors, covariances = [], []
-    for _ in range(150):
-        pairs = pairs_around(rng, theta, size=6)
-        estimate = together(pairs)
-        assert estimate.converged
-        errors.append(estimate.theta - theta)
-        covariances.append(estimate.covariance)
-    judged = credibility(np.array(errors), np.array(covariances))
-    assert judged.consistent, f"ANEES {judged.anees:.3f} outside {judged.bounds}"
-    for pair in pairs:
-        alone = estimate_ego_motion(*pair, initial=theta)
-        assert np.linalg.eigvalsh(alone.covariance - covariances[-1]).min() > 0.0
 
 
 def test_joint_start_comes_from_all_sensors_doppler_velocities():
@@ -388,7 +337,7 @@ def test_several_pairs_that_do_not_fit_are_refused_by_name():
     """Breaks if a sum over nothing is minimised, or the error does not say which pair."""
     previous, current, mounting = zip(*pairs_around(np.random.default_rng(66), THETA), strict=True)
     empty = [*current[:2], current[2][:0]]
-    for given, said in (
+    for wrong, said in (
         (([], [], []), "previous must hold at least one scan, but is empty"),
         ((previous, current[:2], mounting), "previous, current .* length, but have 3, 2 and 3"),
         ((previous, current, mounting[0]), "mounting must be a sequence, but is a Mounting"),
@@ -397,7 +346,7 @@ def test_several_pairs_that_do_not_fit_are_refused_by_name():
         ((previous, mounting, current), r"current\[0\] must be a RadarScan, but is a Mounting"),
     ):
         with pytest.raises(ValueError, match=f"^{said}"):
-            estimate_ego_motion(*given)
+            estimate_ego_motion(*wrong)
 
 
 # ---- what is known of the side slip
@@ -421,13 +370,6 @@ def test_what_is_known_of_the_side_slip_is_a_prior(side_slip):
 
 def test_a_side_slip_is_a_flag_or_a_standard_deviation():
     """Breaks if a prior without a width makes the cost nan."""
-    for side_slip in (0.0, -0.1, np.nan, "no", [0.1, 0.2]):
+    for side_slip in (0.0, -0.1, 1e-200, 1e200, np.nan, "no", [0.1, 0.2]):
         with pytest.raises(ValueError, match=r"^side_slip must"):
             EgoMotionModel(side_slip=side_slip)
-
-
-def test_a_prior_cannot_be_edited():
-    """Breaks if what a caller does to the array changes later problems of the same model."""
-    model = EgoMotionModel(side_slip=0.1)
-    model.prior[1] = 0.0
-    assert model.prior[1] == pytest.approx(100.0)

@@ -127,18 +127,17 @@ def test_a_line_that_cannot_be_read_is_named(log):
             load_csv(path, **ALL)
 
 
-def test_the_first_of_several_bad_lines_is_named(log):
-    with pytest.raises(ValueError, match=r"line 3: azimuth must be"):
-        load_csv(log(f"{HEADER}\n0,5,0,0\n0,5,9,0\n0,-5,0,0"), **ALL)
-
-
-def test_wrong_standard_deviations_degrees_and_names_are_named_with_their_line(log):
-    with pytest.raises(ValueError, match=r"line 2: sigma_range must be positive, but is 0"):
-        load_csv(log(f"{HEADER},sigma_range\n0,5,0,0,0"), sigma_azimuth=0.1, sigma_doppler=0.1)
-    with pytest.raises(ValueError, match=r"line 2: azimuth must be in degrees, .* is 400"):
-        load_csv(log(f"{HEADER}\n0,5,400,0"), degrees=True, **ALL)
-    with pytest.raises(ValueError, match=r"line 2: sensor must be a name .* but is empty"):
-        load_csv(log(f"{HEADER},sensor\n0,5,0,0, "), **ALL)
+def test_other_columns_and_the_first_of_several_bad_lines_are_named(log):
+    """Breaks if the line is another's, or an optional column is not looked at."""
+    sigmas = {"sigma_azimuth": 0.1, "sigma_doppler": 0.1}
+    for text, options, said in (
+        (f"{HEADER}\n0,5,0,0\n0,5,9,0\n0,-5,0,0", ALL, "3: azimuth must be"),
+        (f"{HEADER},sigma_range\n0,5,0,0,0", sigmas, "2: sigma_range must be positive, but is 0"),
+        (f"{HEADER}\n0,5,400,0", {"degrees": True} | ALL, "2: azimuth must be in degrees, .* 400"),
+        (f"{HEADER},sensor\n0,5,0,0, ", ALL, "2: sensor must be a name .* but is empty"),
+    ):
+        with pytest.raises(ValueError, match=f"line {said}"):
+            load_csv(log(text), **options)
 
 
 def test_a_file_that_is_no_log_is_refused(log):
@@ -165,17 +164,13 @@ def test_standard_deviations_must_come_from_somewhere(log):
 
 
 def test_only_scans_under_names_are_written(tmp_path):
-    path = tmp_path / "log.csv"
+    """Breaks if a name is lost, or two scans of a time become one, when they are read."""
     scan = RadarScan(0.0, [5.0], [0.0], [0.0], 0.1, 0.01, 0.1)
-    for bad in ("", " front", "a\nb"):
-        with pytest.raises(ValueError, match=re.escape(f"by names, but hold {bad!r}")):
-            write_csv(path, {bad: [scan]})
-    assert not path.exists()
-
-
-def test_two_scans_of_one_time_are_not_written(tmp_path):
-    """Breaks if they become one scan when they are read."""
-    scan = RadarScan(0.0, [10.0], [0.1], [1.0], 0.1, 0.01, 0.1)
-    with pytest.raises(ValueError, match=r"^sensors\['a'\] must hold one scan of each time"):
-        write_csv(tmp_path / "log.csv", {"a": [scan, scan]})
+    names = ({bad: [scan]} for bad in ("", " front", "a\nb"))
+    for sensors, said in (
+        *((given, f"by names, but hold {next(iter(given))!r}") for given in names),
+        ({"a": [scan, scan]}, "sensors['a'] must hold one scan of each time"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(said)):
+            write_csv(tmp_path / "log.csv", sensors)
     assert not list(tmp_path.iterdir())

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from d2d.radar import Mounting, SlipLaw, compare, doppler_velocity, load_radarscenes, track
 from d2d.radar.readers.radarscenes import azimuth_sigma
 from d2d.radar.scans.scan import doppler_gradients
-from d2d.study.recordings.estimates import data_root
 
 SENSORS = {
     "radar_1": {"id": 1, "x": 3.663, "y": -0.873, "yaw": -1.484},
@@ -53,6 +53,9 @@ SCANS = [
     (1_226_000, 3, [(18.0, 0.0, 0.0, -5.0)]),
 ]
 ODOMETRY_START, ODOMETRY_STEP = 800_000, 25_000
+H5 = "data/sequence_7/radar_data.h5"
+SCENES = "data/sequence_7/scenes.json"
+MOUNTINGS = "data/sensors.json"
 
 
 def odometry(time: np.ndarray) -> dict[str, np.ndarray]:
@@ -66,39 +69,37 @@ def odometry(time: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
+ORIGINAL = (
+    "timestamp:i8 sensor_id:u1 range_sc:f4 azimuth_sc:f4 rcs:f4 vr:f4",
+    "timestamp:i8 x_seq:f4 y_seq:f4 yaw_seq:f4 vx:f4 yaw_rate:f4",
+)
+OTHER = (
+    "uuid:S8 vr:f8 rcs:f4 x_cc:f4 azimuth_sc:f8 vr_compensated:f8 label_id:i2 sensor_id:i8 "
+    "range_sc:f8 track_id:S4 timestamp:u8",
+    "yaw_rate:f8 vy:f4 vx:f8 yaw_seq:f8 timestamp:u8 y_seq:f8 x_seq:f8",
+)
+
+
 def tables(like_the_original: bool) -> tuple[np.ndarray, np.ndarray]:
     """The targets and the odometry, in the columns of the original files or quite others."""
     rows = [(t, s, *target) for t, s, targets in SCANS for target in targets]
-    columns = dict(
-        zip(
-            ("timestamp", "sensor_id", "range_sc", "azimuth_sc", "rcs", "vr"),
-            map(np.array, zip(*rows, strict=True)),
-            strict=True,
-        )
-    )
-    if like_the_original:
-        layout = "timestamp:i8 sensor_id:u1 range_sc:f4 azimuth_sc:f4 rcs:f4 vr:f4"
-        moves = "timestamp:i8 x_seq:f4 y_seq:f4 yaw_seq:f4 vx:f4 yaw_rate:f4"
-    else:
-        layout = (
-            "uuid:S8 vr:f8 rcs:f4 x_cc:f4 azimuth_sc:f8 vr_compensated:f8 label_id:i2 "
-            "sensor_id:i8 range_sc:f8 track_id:S4 timestamp:u8"
-        )
-        moves = "yaw_rate:f8 vy:f4 vx:f8 yaw_seq:f8 timestamp:u8 y_seq:f8 x_seq:f8"
+    names = ("timestamp", "sensor_id", "range_sc", "azimuth_sc", "rcs", "vr")
+    columns = dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
     stamps = ODOMETRY_START + ODOMETRY_STEP * np.arange(15)
     driven = {"timestamp": stamps, **odometry(stamps * 1e-6)}
-    return tuple(_table(text, content) for text, content in ((layout, columns), (moves, driven)))
-
-
-def _table(layout: str, columns: dict[str, np.ndarray]) -> np.ndarray:
-    fields = [tuple(field.split(":")) for field in layout.split()]
-    table = np.zeros(len(columns["timestamp"]), dtype=fields)
-    for name, kind in fields:
-        if name in columns:
-            table[name] = columns[name]
-        elif kind[0] == "f":
-            table[name] = 777.0  # must not be read
-    return table
+    found = []
+    for layout, content in zip(
+        ORIGINAL if like_the_original else OTHER, (columns, driven), strict=True
+    ):
+        fields = [tuple(field.split(":")) for field in layout.split()]
+        table = np.zeros(len(content["timestamp"]), dtype=fields)
+        for name, kind in fields:
+            if name in content:
+                table[name] = content[name]
+            elif kind[0] == "f":
+                table[name] = 777.0  # must not be read
+        found.append(table)
+    return found[0], found[1]
 
 
 def scenes() -> dict[str, Any]:
@@ -118,14 +119,14 @@ def write_h5(path: Path, **contents: Any) -> None:
             file.create_dataset(name, data=content)
 
 
-def write_dataset(root: Path, like_the_original: bool = False, sensors_in: str = "data") -> Path:
+def write_dataset(root: Path, like_the_original: bool = False) -> Path:
     """The tiny data set, sequence 7."""
     folder = root / "data" / "sequence_7"
     folder.mkdir(parents=True)
     targets, driven = tables(like_the_original)
     write_h5(folder / "radar_data.h5", radar_data=targets, odometry=driven)
     (folder / "scenes.json").write_text(json.dumps(scenes()))
-    (root / sensors_in / "sensors.json").write_text(json.dumps(SENSORS))
+    (root / "data" / "sensors.json").write_text(json.dumps(SENSORS))
     return root
 
 
@@ -135,42 +136,29 @@ def root(tmp_path) -> Path:
     return write_dataset(tmp_path / "RadarScenes")
 
 
-@pytest.fixture(params=[True, False], ids=["original-columns", "other-columns"])
-def either(tmp_path, request) -> Path:
-    """The tiny data set in both kinds of columns."""
-    return write_dataset(tmp_path / "RadarScenes", request.param)
+def test_scans_of_each_sensor_in_time_order(tmp_path):
+    """Breaks if columns are read by position, indices are closed, sensors get mixed up, or a zero
+    range or nan ends the reading or takes good targets with it."""
+    for like_the_original in (True, False):
+        root = write_dataset(tmp_path / str(like_the_original), like_the_original)
+        third, first = (load_radarscenes(root, 7, sensor) for sensor in (3, 1))
+        assert [scan.size for scan in third.scans] == [3, 0, 4, 1]
+        times = [scan.time for scan in third.scans]
+        assert_allclose(times, [1.0, 1.075, 1.15, 1.226], rtol=0, atol=1e-12)
+        assert_allclose(third.scans[3].range, [18.0])
+        for scan, *expected in (
+            (third.scans[0], [10.0, 20.5, 31.25], [0.1, -0.2, 0.3], [-9.0, -8.0, 0.5]),
+            (third.scans[2], [12, 13, 14, 16], [0.25, 0.8, 1.0, -0.8], [-7.0, -6.5, -6.0, -5.5]),
+        ):
+            assert_allclose([scan.range, scan.azimuth, scan.doppler], expected, rtol=1e-7)
+        assert [scan.size for scan in first.scans] == [2, 1]
+        assert first.mounting == Mounting(3.663, -0.873, -1.484)
+        assert third.mounting == Mounting(3.86, 0.7, 0.436)
 
 
-def test_scans_of_one_sensor_in_time_order(either):
-    """Breaks if columns are read by position, indices are closed, or sensors get mixed up."""
-    scans = load_radarscenes(either, 7, 3).scans
-    assert_allclose([scan.time for scan in scans], [1.0, 1.075, 1.15, 1.226], rtol=0, atol=1e-12)
-    assert [scan.size for scan in scans] == [3, 0, 4, 1]
-    assert_allclose(scans[0].range, [10.0, 20.5, 31.25], rtol=1e-7)
-    assert_allclose(scans[0].azimuth, [0.1, -0.2, 0.3], rtol=1e-7)
-    assert_allclose(scans[0].doppler, [-9.0, -8.0, 0.5], rtol=1e-7)
-    assert_allclose(scans[3].range, [18.0])
-
-
-def test_targets_without_a_position_or_velocity_are_left_out(either):
-    """Breaks if a zero range or nan ends the reading, or takes good targets with it."""
-    scan = load_radarscenes(either, 7, 3).scans[2]
-    assert_allclose(scan.range, [12.0, 13.0, 14.0, 16.0])
-    assert_allclose(scan.azimuth, [0.25, 0.8, 1.0, -0.8], rtol=1e-7)
-    assert_allclose(scan.doppler, [-7.0, -6.5, -6.0, -5.5], rtol=1e-7)
-
-
-def test_the_other_sensor_has_scans_and_mounting_of_its_own(either):
-    """Breaks if the sensor is not looked at; its fields are named in another order, too."""
-    first, third = (load_radarscenes(either, 7, sensor) for sensor in (1, 3))
-    assert [scan.size for scan in first.scans] == [2, 1]
-    assert first.mounting == Mounting(3.663, -0.873, -1.484)
-    assert third.mounting == Mounting(3.86, 0.7, 0.436)
-
-
-def test_sensors_json_lies_in_the_root_or_in_data(tmp_path):
+def test_sensors_json_lies_in_the_root_or_in_data(root):
     """Breaks if only one of the two places is looked at."""
-    root = write_dataset(tmp_path / "RadarScenes", sensors_in=".")
+    (root / MOUNTINGS).rename(root / "sensors.json")
     assert load_radarscenes(root, 7, 3).mounting == Mounting(3.86, 0.7, 0.436)
 
 
@@ -197,20 +185,15 @@ def test_the_strongest_targets_are_kept_in_their_order(root):
 
 
 def test_default_sigmas_are_those_measured_on_the_data(root):
-    """Breaks if degrees are taken for radians, or the azimuth's does not grow off boresight."""
-    scan = load_radarscenes(root, 7, 3).scans[2]
-    assert_array_equal(scan.sigma_range, 0.15)
-    assert_array_equal(scan.sigma_doppler, 0.06)
-    # azimuths of 14, 46, 57 and -46 degrees
-    degrees = np.rad2deg(scan.sigma_azimuth)
-    assert_allclose(degrees, [0.3, 0.5 + 0.5 * 0.8366 / 15, 0.909859, 0.5279], atol=1e-3)
-
-
-def test_azimuth_sigma_by_sector():
-    """Breaks if it is not even, or extrapolates beyond 1 degree."""
+    """Breaks if degrees are taken for radians, or the azimuth's sigma is not even, does not grow
+    off boresight, or is extrapolated beyond 1 degree."""
     azimuth = np.deg2rad([0.0, 44.9, 45.1, 52.5, 60.0, 80.0])
     assert_allclose(np.rad2deg(azimuth_sigma(azimuth)), [0.3, 0.3, 0.5, 0.75, 1.0, 1.0], atol=5e-3)
     assert_array_equal(azimuth_sigma(azimuth), azimuth_sigma(-azimuth))
+    scan = load_radarscenes(root, 7, 3).scans[2]
+    assert_array_equal(scan.sigma_range, 0.15)
+    assert_array_equal(scan.sigma_doppler, 0.06)
+    assert_array_equal(scan.sigma_azimuth, azimuth_sigma(scan.azimuth))
 
 
 def test_sigmas_may_be_given(root):
@@ -231,26 +214,26 @@ def test_sigmas_may_be_given(root):
     assert_array_equal(scan.sigma_azimuth, 0.02)
 
 
-@pytest.mark.parametrize("offset", [0.11, 0.0, -0.02])
-@pytest.mark.parametrize("slip", [-0.05, 0.0])
-def test_reference_is_the_odometry_at_the_offset_time(root, offset, slip):
-    """Breaks if the offset has the other sign, yaw jumps at pi, or v_y is not slip v_x omega."""
-    reference = load_radarscenes(root, 7, 3, time_offset=offset, side_slip=slip).reference
-    assert_allclose(reference.times, [1.0, 1.075, 1.15, 1.226], atol=1e-12)
-    inside = reference.times - offset <= (ODOMETRY_START + 14 * ODOMETRY_STEP) * 1e-6
-    expected = odometry(reference.times - offset)
-    theta = np.column_stack(
-        [expected["vx"], slip * expected["vx"] * expected["yaw_rate"], expected["yaw_rate"]]
-    )
-    assert_array_equal(np.isfinite(reference.theta).all(axis=1), inside)
-    assert_array_equal(np.isfinite(reference.poses).all(axis=1), inside)
-    assert inside.sum() >= 2
-    # v_y: omega and v_x are interpolated, not their product
-    assert_allclose(reference.theta[inside], theta[inside], rtol=0, atol=1e-9)
-    assert_allclose(reference.poses[inside, 0], expected["x_seq"][inside], atol=1e-9)
-    assert_allclose(reference.poses[inside, 1], expected["y_seq"][inside], atol=1e-9)
-    yaw = 2.95 + 0.2 * (reference.times - offset)
-    assert_allclose(reference.poses[inside, 2], yaw[inside], atol=1e-9)
+def test_reference_is_the_odometry_at_the_offset_time(root):
+    """Breaks if the offset has the other sign, yaw jumps at pi, v_y is not slip v_x omega, or the
+    first or last value is held outside, which looks like a vehicle at constant speed."""
+    last = (ODOMETRY_START + 14 * ODOMETRY_STEP) * 1e-6
+    for offset, slip in product((0.3, 0.11, 0.0, -0.02), (-0.05, 0.0)):
+        reference = load_radarscenes(root, 7, 3, time_offset=offset, side_slip=slip).reference
+        assert_allclose(reference.times, [1.0, 1.075, 1.15, 1.226], atol=1e-12)
+        past = reference.times - offset
+        inside = (past >= ODOMETRY_START * 1e-6) & (past <= last)
+        assert 2 <= inside.sum() < 4 or offset in (0.11, 0.0)
+        assert_array_equal(np.isfinite(reference.theta).all(axis=1), inside)
+        assert_array_equal(np.isfinite(reference.poses).all(axis=1), inside)
+        then = odometry(past[inside])
+        v_y = slip * then["vx"] * then["yaw_rate"]
+        theta = np.column_stack([then["vx"], v_y, then["yaw_rate"]])
+        yaw = 2.95 + 0.2 * past[inside]
+        poses = np.column_stack([then["x_seq"], then["y_seq"], yaw])
+        # v_y: omega and v_x are interpolated, not their product
+        assert_allclose(reference.theta[inside], theta, rtol=0, atol=1e-9)
+        assert_allclose(reference.poses[inside], poses, rtol=0, atol=1e-9)
 
 
 def test_the_defaults_are_a_late_clock_and_a_slipping_axle(root):
@@ -263,30 +246,17 @@ def test_the_defaults_are_a_late_clock_and_a_slipping_axle(root):
 def test_the_axle_slips_by_a_law_or_in_proportion(root):
     """Breaks if the law is not that of the lateral acceleration, or both slips add up."""
     law = SlipLaw(ahead=0.3, compliance=0.006)
-    theta = load_radarscenes(root, 7, 3, slip=law).reference.theta
-    v_x, v_y, omega = theta[np.isfinite(theta).all(axis=1)].T
-    assert_allclose(v_y, (0.3 - 0.006 * v_x**2) * omega, rtol=1e-12)
-    theta = load_radarscenes(root, 7, 3, slip=law, side_slip=-0.05).reference.theta
-    v_x, v_y, omega = theta[np.isfinite(theta).all(axis=1)].T
-    assert_allclose(v_y, -0.05 * v_x * omega, rtol=1e-12)
+    for options, lever in (({}, lambda v: 0.3 - 0.006 * v**2), ({"side_slip": -0.05}, None)):
+        theta = load_radarscenes(root, 7, 3, slip=law, **options).reference.theta
+        v_x, v_y, omega = theta[np.isfinite(theta).all(axis=1)].T
+        assert_allclose(v_y, (lever(v_x) if lever else -0.05 * v_x) * omega, rtol=1e-12)
 
 
-def test_outside_the_odometry_the_reference_is_nan(root):
-    """Breaks if the first or last value is held, which looks like a vehicle at constant speed."""
-    for offset, expected in ((0.3, [False, False, True, True]), (-0.2, [False] * 4)):
-        reference = load_radarscenes(root, 7, 3, time_offset=offset).reference
-        known = np.isfinite(reference.theta[:, 0])
-        assert known.tolist() == expected
-        assert np.isnan(reference.theta[~known]).all()
-        assert np.isnan(reference.poses[~known]).all()
-
-
-def test_yaw_is_continuous_where_the_odometry_wraps(tmp_path):
+def test_yaw_is_continuous_where_the_odometry_wraps(root):
     """Breaks if interpolating between +pi and -pi passes through zero."""
-    root = write_dataset(tmp_path / "RadarScenes")
-    targets, driven = tables(False)
+    driven = ODOMETRY.copy()
     driven["yaw_seq"] = np.where(np.arange(15) % 2, 3.13, -3.13)
-    write_h5(root / "data/sequence_7/radar_data.h5", radar_data=targets, odometry=driven)
+    write_h5(root / H5, radar_data=TARGETS, odometry=driven)
     yaw = load_radarscenes(root, 7, 3).reference.poses[:, 2]
     assert np.ptp(yaw) < 0.03
     assert np.abs(np.cos(yaw) + 1.0).max() < 1e-3
@@ -295,33 +265,20 @@ def test_yaw_is_continuous_where_the_odometry_wraps(tmp_path):
 # ---- what is not there
 
 
-@pytest.mark.parametrize(
-    "gone",
-    [
-        ".",
-        "data",
-        "data/sequence_7",
-        "data/sequence_7/radar_data.h5",
-        "data/sequence_7/scenes.json",
-    ],
-)
-def test_what_is_missing_is_named_with_its_path(root, gone):
+def test_what_is_missing_is_named_with_its_path(root):
     """Breaks if the error comes from h5py or names a file that is not the one that is missing."""
-    path = root / gone
-    path.rename(root.parent / "elsewhere")
-    missing = path / "data" if gone == "." else path
+    for gone in (".", "data", "data/sequence_7", H5, SCENES):
+        path, aside = root / gone, root.parent / "elsewhere"
+        path.rename(aside)
+        missing = path / "data" if gone == "." else path
+        with pytest.raises(FileNotFoundError) as caught:
+            load_radarscenes(root, 7, 3)
+        assert str(caught.value).startswith(f"{missing} does not exist; it should be ")
+        aside.rename(path)
+    (root / MOUNTINGS).unlink()
     with pytest.raises(FileNotFoundError) as caught:
         load_radarscenes(root, 7, 3)
-    message = str(caught.value)
-    assert message.startswith(f"{missing} does not exist; it should be ")
-
-
-def test_missing_mountings_are_named_with_both_places(root):
-    """Breaks if a reader is told of one place only."""
-    (root / "data" / "sensors.json").unlink()
-    with pytest.raises(FileNotFoundError) as caught:
-        load_radarscenes(root, 7, 3)
-    for place in (root / "data" / "sensors.json", root / "sensors.json"):
+    for place in (root / MOUNTINGS, root / "sensors.json"):
         assert str(place) in str(caught.value)
 
 
@@ -340,9 +297,6 @@ def test_a_sequence_or_a_sensor_that_is_not_there_is_named(root):
 
 # ---- what is not right
 
-H5 = "data/sequence_7/radar_data.h5"
-SCENES = "data/sequence_7/scenes.json"
-MOUNTINGS = "data/sensors.json"
 TARGETS, ODOMETRY = tables(like_the_original=True)
 
 
@@ -371,14 +325,10 @@ def test_a_file_cut_anywhere_is_refused(root):
             (root / file).write_bytes(content[:length])
             assert f"is not a RadarScenes {what}" in refused(root, file)
         (root / file).write_bytes(content)
-
-
-def test_an_unreadable_table_is_refused(root):
-    """Breaks if a KeyError gets through: h5py raises one for a table whose header is damaged."""
-    content = bytearray((root / H5).read_bytes())
-    header = content.index(b"range_sc")
-    content[header : header + 8] = b"\xff" * 8
-    (root / H5).write_bytes(content)
+    damaged = bytearray((root / H5).read_bytes())
+    header = damaged.index(b"range_sc")
+    damaged[header : header + 8] = b"\xff" * 8  # for which h5py raises a KeyError
+    (root / H5).write_bytes(damaged)
     assert "is not a RadarScenes radar file" in refused(root, H5)
 
 
@@ -449,30 +399,44 @@ def test_a_column_that_is_missing_or_of_another_type_is_named(root):
 
 def test_targets_that_are_not_finite_are_left_out(root):
     """Breaks if one reading that failed ends the drive: the scan's other targets stay."""
-    for column in ("range_sc", "azimuth_sc", "vr"):
-        for value in (np.nan, np.inf, -np.inf):
-            damaged = TARGETS.copy()
-            damaged[column][1] = value
-            write_h5(root / H5, radar_data=damaged, odometry=ODOMETRY)
-            first = load_radarscenes(root, 7, 3).scans[0]
-            assert_array_equal(first.range, TARGETS["range_sc"][[0, 2]].astype(float))
+    for column, value in product(("range_sc", "azimuth_sc", "vr"), (np.nan, np.inf, -np.inf)):
+        damaged = TARGETS.copy()
+        damaged[column][1] = value
+        write_h5(root / H5, radar_data=damaged, odometry=ODOMETRY)
+        first = load_radarscenes(root, 7, 3).scans[0]
+        assert_array_equal(first.range, TARGETS["range_sc"][[0, 2]].astype(float))
 
 
-def test_a_list_of_scans_that_is_none_is_refused(root):
-    """Breaks if a KeyError, TypeError or IndexError gets through, or a scan is left out."""
+def test_lists_of_scans_and_mountings_that_are_none_are_refused(root):
+    """Breaks if a KeyError, TypeError or IndexError gets through, a scan is left out, or a sensor
+    at the origin stands in for one that is not described."""
 
     def first(**changes: Any) -> dict[str, Any]:
         scene = {"sensor_id": 3, "radar_indices": [0, 3]} | changes
         return {"scenes": {"1000000": {k: v for k, v in scene.items() if v != "gone"}}}
 
-    for content in (
+    described = SENSORS["radar_3"]
+    lists = (
         *([], 3, {}, {"scenes": []}),
         *(first(radar_indices=bad) for bad in ([], [0], ["a", "b"], [np.inf, 1], None, "gone")),
         first(sensor_id="gone"),
         *({"scenes": {key: first()["scenes"]["1000000"]}} for key in ("", "noon", "1.5")),
+    )
+    mountings = (
+        *(b"", b"\xff\xfe\x00", b"[1, 2", b"3"),
+        *({"radar_3": bad} for bad in (None, {"x": 1.0, "y": 2.0})),
+        *({"radar_3": described | {"yaw": bad}} for bad in (None, "a", [1.0], np.nan, 90.0)),
+    )
+    for file, contents, what in (
+        (MOUNTINGS, mountings, "a list of mountings with x, y and yaw"),
+        (SCENES, lists, "a RadarScenes scene list"),
     ):
-        (root / SCENES).write_text(json.dumps(content))
-        assert "is not a RadarScenes scene list" in refused(root, SCENES)
+        whole = (root / file).read_bytes()
+        for content in contents:
+            raw = content if isinstance(content, bytes) else json.dumps(content).encode()
+            (root / file).write_bytes(raw)
+            assert f"is not {what}" in refused(root, file)
+        (root / file).write_bytes(whole)
 
 
 def test_indices_that_do_not_fit_the_targets_are_refused(root):
@@ -489,19 +453,6 @@ def test_indices_that_do_not_fit_the_targets_are_refused(root):
         said = refused(root, H5)
         assert "the scan at 1000000 us" in said
         assert says in said
-
-
-def test_mountings_that_are_none_are_refused(root):
-    """Breaks if a sensor at the origin stands in for one that is not described."""
-    described = SENSORS["radar_3"]
-    for content in (
-        *(b"", b"\xff\xfe\x00", b"[1, 2", b"3"),
-        *({"radar_3": bad} for bad in (None, {"x": 1.0, "y": 2.0})),
-        *({"radar_3": described | {"yaw": bad}} for bad in (None, "a", [1.0], np.nan, 90.0)),
-    ):
-        raw = content if isinstance(content, bytes) else json.dumps(content).encode()
-        (root / MOUNTINGS).write_bytes(raw)
-        assert "is not a list of mountings with x, y and yaw" in refused(root, MOUNTINGS)
 
 
 def test_arguments_out_of_range_are_refused_by_name(root):
@@ -525,20 +476,12 @@ def test_arguments_out_of_range_are_refused_by_name(root):
 
 # ---- the real data
 
-ROOT = data_root()
 SENSOR_IDS = (1, 2, 3, 4)
 
 
-def real(test):
-    """Only where the data set is."""
-    test = pytest.mark.radarscenes(test)
-    reason = "set D2D_RADARSCENES to the folder of the RadarScenes data set"
-    return pytest.mark.skipif(ROOT is None, reason=reason)(test)
-
-
-def original(sensor: int) -> tuple[np.ndarray, np.ndarray, list[dict[str, Any]]]:
+def original(root: Path, sensor: int) -> tuple[np.ndarray, np.ndarray, list[dict[str, Any]]]:
     """The tables as they are in the file, and the sensor's scenes in time order."""
-    folder = ROOT / "data" / "sequence_105"
+    folder = root / "data" / "sequence_105"
     with h5py.File(folder / "radar_data.h5", "r") as file:
         targets, driven = file["radar_data"][:], file["odometry"][:]
     content = json.loads((folder / "scenes.json").read_text())["scenes"]
@@ -546,12 +489,12 @@ def original(sensor: int) -> tuple[np.ndarray, np.ndarray, list[dict[str, Any]]]
     return targets, driven, [scene for _, scene in chosen]
 
 
-@real
+@pytest.mark.radarscenes
 @pytest.mark.parametrize("sensor", SENSOR_IDS)
-def test_real_positions_are_the_data_s_own(sensor):
+def test_real_positions_are_the_data_s_own(radarscenes, sensor):
     """Breaks if azimuth, mounting or frame differ from those of x_cc and y_cc."""
-    recording = load_radarscenes(ROOT, 105, sensor)
-    targets, _, listed = original(sensor)
+    recording = load_radarscenes(radarscenes, 105, sensor)
+    targets, _, listed = original(radarscenes, sensor)
     assert len(recording.scans) == len(listed) > 300
     for scan, scene in zip(recording.scans, listed, strict=True):
         rows = targets[slice(*scene["radar_indices"])]
@@ -561,9 +504,9 @@ def test_real_positions_are_the_data_s_own(sensor):
         assert_allclose(means, np.column_stack([rows["x_cc"], rows["y_cc"]]), rtol=0, atol=1e-5)
 
 
-@real
+@pytest.mark.radarscenes
 @pytest.mark.parametrize("sensor", SENSOR_IDS)
-def test_real_doppler_is_compensated_as_the_data_does(sensor):
+def test_real_doppler_is_compensated_as_the_data_does(radarscenes, sensor):
     """Breaks if our Doppler model is not that of vr_compensated, in any sign or lever arm.
 
     The data compensate with the odometry of the radar's time stamp, without the time offset, and
@@ -571,8 +514,8 @@ def test_real_doppler_is_compensated_as_the_data_does(sensor):
     of odometry_index, in the others it differs by up to one step of v_x, 0.02 m/s.  So v_x and
     omega are fitted to each scan, which must leave nothing but the rounding of single precision.
     """
-    recording = load_radarscenes(ROOT, 105, sensor)
-    targets, driven, listed = original(sensor)
+    recording = load_radarscenes(radarscenes, 105, sensor)
+    targets, driven, listed = original(radarscenes, sensor)
     exact = []
     for scan, scene in zip(recording.scans, listed, strict=True):
         rows = targets[slice(*scene["radar_indices"])]
@@ -591,22 +534,10 @@ def test_real_doppler_is_compensated_as_the_data_does(sensor):
     assert np.mean(np.array(exact) < 1e-5) > 0.45
 
 
-@real
-def test_real_radar_is_late_against_the_odometry():
-    """Breaks if the time offset has the wrong sign: v_x from static targets tells."""
-    recording = load_radarscenes(ROOT, 105, 3)
-    driven = track(recording)
-    rmse = {}
-    for offset in (-0.11, 0.0, 0.11, 0.22):
-        reference = load_radarscenes(ROOT, 105, 3, time_offset=offset).reference
-        rmse[offset] = compare(driven, reference).rmse[0]
-    assert min(rmse, key=rmse.get) == 0.11
-
-
-@real
-def test_real_drive_with_and_without_doppler():
+@pytest.mark.radarscenes
+def test_real_drive_with_and_without_doppler(radarscenes):
     """Breaks if the estimates on sequence 105, sensor 3, get worse than the project promises."""
-    recording = load_radarscenes(ROOT, 105, 3)
+    recording = load_radarscenes(radarscenes, 105, 3)
     sharp, plain = (
         compare(track(recording, doppler=d), recording.reference) for d in (True, False)
     )

@@ -71,13 +71,8 @@ def test_the_same_seed_gives_the_same_drive():
     for a, b in zip(first.targets, again.targets, strict=True):
         assert_array_equal(a.kind, b.kind)
     assert not np.array_equal(first.scans[0].azimuth[:5], other.scans[0].azimuth[:5])
-
-
-def test_a_world_can_be_driven_again():
-    """Breaks if a world that is given is not the one that is driven through."""
-    world = build_world(np.random.default_rng(3))
-    driven = simulate_drive(np.random.default_rng(4), 2.0, world=world)
-    assert driven.world is world
+    given = simulate_drive(np.random.default_rng(4), 2.0, world=other.world)
+    assert given.world is other.world
 
 
 def test_scans_truth_and_labels_are_given_at_the_same_times():
@@ -92,19 +87,15 @@ def test_scans_truth_and_labels_are_given_at_the_same_times():
     assert_allclose(fast.truth.times, np.arange(22) / 30.0, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("speed", [2.5, CAR_SPEED])
-def test_velocity_is_the_derivative_of_the_poses(speed):
+def test_velocity_is_the_derivative_of_the_poses():
     """Breaks if theta is not in the vehicle's axes."""
-    often, world = Sensor(rate=50.0), bare(np.empty((0, 2)), [])
+    often, world, speed = Sensor(rate=50.0), bare(np.empty((0, 2)), []), CAR_SPEED
     rng = np.random.default_rng(0)
     truth = simulate_drive(rng, 300.0 / speed, speed, sensor=often, world=world).truth
-    spline = CubicSpline(truth.times, truth.poses)
     inner = slice(10, -10)  # a spline is less exact at its ends
-    rate = spline(truth.times[inner], 1)
-    cosine, sine = np.cos(truth.poses[inner, 2]), np.sin(truth.poses[inner, 2])
-    forward = cosine * rate[:, 0] + sine * rate[:, 1]
-    left = cosine * rate[:, 1] - sine * rate[:, 0]
-    numeric = np.column_stack([forward, left, rate[:, 2]])
+    rate = CubicSpline(truth.times, truth.poses)(truth.times[inner], 1)
+    turned = rate[:, :2] @ [1.0, 1.0j] * np.exp(-1j * truth.poses[inner, 2])
+    numeric = np.column_stack([turned.real, turned.imag, rate[:, 2]])
     assert_allclose(numeric, truth.theta[inner], rtol=0, atol=2e-4 * speed)
     assert (truth.theta[:, 0] > 0).all()
     assert_array_equal(truth.theta[:, 1], 0.0)
@@ -114,29 +105,19 @@ def test_velocity_is_the_derivative_of_the_poses(speed):
     assert_allclose(closed, [0, 0, 2.0 * np.pi], rtol=0, atol=0.1 * speed)
 
 
-def test_a_short_drive_is_a_part_of_the_lap():
-    """Breaks if the lap shrinks with the duration, so that short drives turn faster."""
-    short, long = drive(0, 10.0).truth, drive(0, 30.0).truth
-    assert_allclose(short.poses, long.poses[:101], rtol=0, atol=1e-12)
-    assert_allclose(short.theta, long.theta[:101], rtol=0, atol=1e-12)
-    whole = simulate_drive(np.random.default_rng(0), 120.0, sensor=Sensor(half_range=1e-3)).truth
-    assert_allclose(whole.poses[-1] - whole.poses[0], [0, 0, 2.0 * np.pi], rtol=0, atol=1e-8)
-
-
-@pytest.mark.parametrize("mounting", [Mounting(0.4), MOUNTING])
-def test_a_keen_sensor_sees_all_that_nothing_hides(mounting):
+def test_a_keen_sensor_sees_all_that_nothing_hides():
     """Breaks if something is seen through a wall, or the field of view is the vehicle's.
 
     Each point in view is looked for along 2000 steps of its line of sight.
     """
-    driven = drive(4, 12.0, mounting=mounting, sensor=KEEN)
+    driven = drive(4, 8.0, mounting=MOUNTING, sensor=KEEN)
     hidden = 0
-    for i in (0, 40, 80, 120):
+    for i in (0, 40, 80):
         points, _ = everything(driven, i)
         inside = (abs(points) > 1.0) & (abs(points) < 50.0)
         inside &= abs(np.angle(points)) < np.deg2rad(40.0)
         inside = np.flatnonzero(inside)
-        at, direction = sensor_frame(driven.truth.poses[i], mounting)
+        at, direction = sensor_frame(driven.truth.poses[i], MOUNTING)
         outlines = np.concatenate([driven.world.buildings, driven.world.cars]) @ [1.0, 1.0j]
         rays = at + direction * np.linspace(0.0, 1.0, 2001)[:-1] * points[inside, None]
         free = ~np.any([within(rays, outline) for outline in outlines], axis=(0, 2))
@@ -144,7 +125,7 @@ def test_a_keen_sensor_sees_all_that_nothing_hides(mounting):
         wrong = np.setxor1d(driven.targets[i].point, inside[free])
         assert len(wrong) <= 3, "steps of 2 cm may miss a corner"
         assert free.sum() > 30
-    assert hidden > 500
+    assert hidden > 300
 
 
 def within(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
@@ -237,37 +218,27 @@ def test_sigmas_grow_from_strong_to_weak_targets():
 
 
 def test_quantised_values_lie_on_the_grid_of_the_sensor():
-    """Breaks if a step is wrong, a sigma becomes zero or needs more than six bits."""
+    """Breaks if a step is wrong, values are cut off instead of rounded, a sigma becomes zero or
+    needs more than six bits."""
     driven = drive(0, mounting=MOUNTING)
     coarse = simulate_drive(np.random.default_rng(0), 5.0, sensor=Sensor(sigma_range=6.0))
-    steps = {
-        "range": 0.0625,
-        "azimuth": 0.0002,
-        "doppler": 0.0625,
-        "sigma_range": 0.0625,
-        "sigma_azimuth": 0.001,
-        "sigma_doppler": 0.0625,
-    }
+    steps = {"range": 0.0625, "azimuth": 0.0002, "doppler": 0.0625}
+    sigma_steps = {"sigma_range": 0.0625, "sigma_azimuth": 0.001, "sigma_doppler": 0.0625}
     for scan in [*driven.scans[::10], *coarse.scans[::10]]:
-        for name, step in steps.items():
+        for name, step in (steps | sigma_steps).items():
             number = getattr(scan, name) / step
             assert_allclose(number, np.round(number), rtol=0, atol=1e-6)
-            if name.startswith("sigma"):
-                assert number.min() > 0.999
-                assert number.max() < MAX_STEPS + 1e-6
+        for name, step in sigma_steps.items():
+            assert getattr(scan, name).min() > 0.999 * step
+            assert getattr(scan, name).max() < (MAX_STEPS + 1e-6) * step
     assert max(scan.sigma_range.max() for scan in coarse.scans) == pytest.approx(63 * 0.0625)
-
-
-def test_quantisation_rounds_to_the_nearest_step():
-    """Breaks if values are cut off instead, which shifts all ranges by half a step."""
-    fine, coarse = (
+    fine, rounded = (
         simulate_drive(np.random.default_rng(2), 5.0, sensor=replace(SILENT, quantised=quantised))
         for quantised in (False, True)
     )
-    for a, b in zip(fine.scans, coarse.scans, strict=True):
-        assert np.abs(a.range - b.range).max() <= 0.0625 / 2 + 1e-9
-        assert np.abs(a.doppler - b.doppler).max() <= 0.0625 / 2 + 1e-9
-        assert np.abs(a.azimuth - b.azimuth).max() <= 0.0002 / 2 + 1e-9
+    for a, b in zip(fine.scans, rounded.scans, strict=True):
+        for name, step in steps.items():
+            assert np.abs(getattr(a, name) - getattr(b, name)).max() <= step / 2 + 1e-9
 
 
 def test_a_scan_holds_at_most_48_targets_the_strongest():
@@ -286,26 +257,17 @@ def test_a_scan_holds_at_most_48_targets_the_strongest():
 
 def test_detection_falls_with_range_as_swerling_says():
     """Breaks if a point of strength 1 at the half range is not detected every other time."""
-    near = replace(SILENT, max_range=60.0, max_targets=10_000)
-    ranges = np.array([12.0, 25.0, 35.0])
-    found = np.zeros(3)
-    strengths = (1.0, 1.0, 1.0)
-    angle = np.array([-0.3, 0.0, 0.3])
-    points = np.column_stack([ranges * np.cos(angle), ranges * np.sin(angle)])
-    world = bare(points, strengths)
+    ranges, angle = np.array([12.0, 25.0, 35.0]), np.array([-0.3, 0.0, 0.3])
+    world = bare(np.column_stack([ranges * np.cos(angle), ranges * np.sin(angle)]), np.ones(3))
+    sensor = replace(SILENT, max_range=60.0, max_targets=10_000, rate=1.0)
     still = simulate_drive(
-        np.random.default_rng(0),
-        4000.0,
-        1e-9,
-        mounting=Mounting(),
-        sensor=replace(near, rate=1.0),
-        world=world,
+        np.random.default_rng(0), 3000.0, 1e-9, mounting=Mounting(), sensor=sensor, world=world
     )
-    for true in still.targets:
-        found[true.point] += 1
+    seen = np.concatenate([true.point for true in still.targets])
+    found = np.bincount(seen, minlength=3) / len(still.scans)
     expected = 0.5 ** ((ranges / 25.0) ** 4)
     deviation = np.sqrt(expected * (1.0 - expected) / len(still.scans))
-    assert (np.abs(found / len(still.scans) - expected) < 4.0 * deviation).all()
+    assert (np.abs(found - expected) < 4.0 * deviation).all()
 
 
 def test_clutter_comes_as_often_as_asked_for_and_from_everywhere():
@@ -323,8 +285,10 @@ def test_clutter_comes_as_often_as_asked_for_and_from_everywhere():
     ):
         values = np.concatenate([getattr(scan, name) for scan in driven.scans])
         assert kstest(values, "uniform", args=(low, high - low)).pvalue > 0.01
-    none = simulate_drive(np.random.default_rng(1), 5.0, sensor=replace(blind, clutter=0.0))
-    assert {scan.size for scan in none.scans} == {0}
+    world = bare(np.empty((0, 2)), [])
+    for sensor, options in ((replace(blind, clutter=0.0), {}), (SILENT, {"world": world})):
+        none = simulate_drive(np.random.default_rng(1), 5.0, sensor=sensor, **options)
+        assert {scan.size for scan in none.scans} == {0}
 
 
 def test_reflection_points_persist():
@@ -345,18 +309,9 @@ def test_bad_input_is_refused_by_name():
             simulate_drive(np.random.default_rng(0), **{name: bad})
     with pytest.raises(ValueError, match=r"^rng must be"):
         simulate_drive(7)
-
-
-def test_a_sensor_that_cannot_be_is_refused_by_name():
-    """Breaks if an attribute is not looked at."""
     for name, bad in (
-        ("rate", 0.0),
-        ("max_targets", 4.5),
-        ("field_of_view", 40.0),
-        ("max_range", 0.5),
-        ("half_range", np.nan),
-        ("sigma_azimuth", -1.0),
-        ("clutter", -0.1),
+        *(("rate", 0.0), ("max_targets", 4.5), ("field_of_view", 40.0), ("max_range", 0.5)),
+        *(("half_range", np.nan), ("sigma_azimuth", -1.0), ("clutter", -0.1)),
     ):
         with pytest.raises(ValueError, match=f"^{name} must"):
             Sensor(**{name: bad})
@@ -371,28 +326,15 @@ def test_a_coarse_range_does_not_end_the_simulation():
         assert all(s.size == len(t.kind) for s, t in zip(driven.scans, driven.targets, strict=True))
 
 
-def test_an_empty_world_gives_empty_scans():
-    """Breaks if nothing to see is an error."""
-    driven = simulate_drive(
-        np.random.default_rng(0), 5.0, sensor=Sensor(clutter=0.0), world=bare(np.empty((0, 2)), [])
-    )
-    assert {scan.size for scan in driven.scans} == {0}
-
-
-@pytest.mark.parametrize(
-    ("speed", "mounting"), [(2.5, Mounting(0.4)), (CAR_SPEED, CAR_MOUNTING)], ids=["robot", "car"]
-)
-def test_doppler_sharpens_the_velocity(speed, mounting):
+def test_doppler_sharpens_the_velocity():
     """Breaks if the Doppler velocities do not help, or the drive is too hard to be estimated.
 
     Medians, because a few pairs of the car's scans end at another optimum.
     """
-    driven = simulate_drive(np.random.default_rng(1), 30.0, speed, mounting=mounting)
-    sharp, plain = (
-        compare(track(driven, doppler=doppler), driven.truth) for doppler in (True, False)
-    )
-    assert sharp.share > 0.99
-    assert plain.share > 0.99
-    sharp_size, plain_size = (np.median(np.abs(each.errors), axis=0) for each in (sharp, plain))
-    assert sharp_size[0] < 0.03
-    assert (plain_size[:2] > 5.0 * sharp_size[:2]).all()
+    for speed, mounting in ((2.5, Mounting(0.4)), (CAR_SPEED, CAR_MOUNTING)):
+        driven = simulate_drive(np.random.default_rng(1), 20.0, speed, mounting=mounting)
+        both = [compare(track(driven, doppler=d), driven.truth) for d in (True, False)]
+        assert min(each.share for each in both) > 0.99
+        sharp, plain = (np.median(np.abs(each.errors), axis=0) for each in both)
+        assert sharp[0] < 0.03
+        assert (plain[:2] > 5.0 * sharp[:2]).all()

@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -28,17 +29,22 @@ def test_a_flipped_doppler_sign_is_told():
     assert said[0].filename == __file__  # the caller's line, not one of the package
 
 
-def test_a_wrong_unit_of_the_doppler_velocities_is_told():
-    """Breaks if km/h are taken for m/s without a word, or a vehicle at rest is accused of it."""
+def test_a_wrong_unit_is_told():
+    """Breaks if km/h are taken for m/s without a word, only multiples of 3.6 are looked at, or a
+    vehicle at rest is accused."""
     drive = simulate_drive(np.random.default_rng(3), duration=4.0)
-    wrong = [
+    first, rng = drive.scans[0], np.random.default_rng(4)
+    in_kmh = [
         replace(scan, doppler=3.6 * scan.doppler, sigma_doppler=3.6 * scan.sigma_doppler)
         for scan in drive.scans
     ]
-    with pytest.warns(UserWarning, match="3.6 times slower .* not in km/h"):
-        track((wrong, drive.mounting), limits=None)
-    rng = np.random.default_rng(4)
-    first = drive.scans[0]
+    in_dm = [replace(scan, range=10.0 * scan.range) for scan in drive.scans]
+    for scans, said in (
+        (in_kmh, "3.6 times slower .* not in km/h"),
+        (in_dm, "a faster one.* another unit"),
+    ):
+        with pytest.warns(UserWarning, match=said):
+            track((scans, drive.mounting), limits=None)
     still = [
         replace(
             first,
@@ -62,37 +68,25 @@ def compensated(drive):
     ]
 
 
-@pytest.mark.parametrize("speed", [5.0, 15.0])
-def test_velocities_that_are_compensated_or_not_filled_in_are_told(speed):
+def test_velocities_that_are_compensated_or_not_filled_in_are_told():
     """Breaks if a moving vehicle gets a track at rest without a word."""
-    drive = simulate_drive(np.random.default_rng(5), 4.0, speed)
-    empty = [replace(scan, doppler=np.zeros(scan.size)) for scan in drive.scans]
-    for scans in (compensated(drive), empty):
-        with pytest.warns(UserWarning, match="a faster one.*compensated for the ego-motion"):
-            track((scans, drive.mounting))
+    for speed in (5.0, 15.0):
+        drive = simulate_drive(np.random.default_rng(5), 4.0, speed)
+        empty = [replace(scan, doppler=np.zeros(scan.size)) for scan in drive.scans]
+        for scans in (compensated(drive), empty):
+            with pytest.warns(UserWarning, match="a faster one.*compensated for the ego-motion"):
+                track((scans, drive.mounting))
 
 
-def test_ranges_in_another_unit_are_told():
-    """Breaks if only multiples of 3.6 are looked at."""
-    drive = simulate_drive(np.random.default_rng(6), duration=4.0)
-    wrong = [replace(scan, range=10.0 * scan.range) for scan in drive.scans]
-    with pytest.warns(UserWarning, match="a faster one.* another unit"):
-        track((wrong, drive.mounting))
-
-
-@pytest.mark.parametrize("clutter", [0.0, 10.0])
-@pytest.mark.parametrize("speed", [0.5, 2.5, 10.0])
-@pytest.mark.parametrize("yaw", [0.0, 1.57, 2.6])
-def test_correct_drives_are_not_accused(yaw, speed, clutter):
+def test_correct_drives_are_not_accused():
     """Breaks if positions that fit something else by chance count."""
-    sensor = Sensor(max_targets=15, sigma_azimuth=0.009, clutter=clutter)
-    mounting = Mounting(2.0, 0.5, yaw)
-    drive = simulate_drive(
-        np.random.default_rng(1023), 4.0, speed, mounting=mounting, sensor=sensor
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        track((drive.scans, mounting))
+    for yaw, speed, clutter in product((0.0, 1.57, 2.6), (0.5, 2.5, 10.0), (0.0, 10.0)):
+        sensor = Sensor(max_targets=15, sigma_azimuth=0.009, clutter=clutter)
+        rng, mounting = np.random.default_rng(1023), Mounting(2.0, 0.5, yaw)
+        drive = simulate_drive(rng, 4.0, speed, mounting=mounting, sensor=sensor)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            track((drive.scans, mounting))
 
 
 def test_what_travels_with_the_vehicle_is_no_contradiction():

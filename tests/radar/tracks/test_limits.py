@@ -7,9 +7,10 @@ from d2d.radar import VehicleLimits
 from d2d.radar.tracks.limits import State
 
 
-@pytest.mark.parametrize(
-    ("theta", "sigma", "reason"),
-    [
+def test_limits_count_beyond_three_standard_deviations():
+    """Breaks if a limit is compared with another quantity, or without the uncertainty of both."""
+    last = State(1.0, np.array([20.0, 0.0, 0.0]), 0.1**2 * np.eye(3))
+    for theta, sigma, reason in (
         ([20.0, 0.0, 0.1], 0.1, ""),
         ([101.0, 0.0, 0.0], 0.1, "a speed of 101.0 m/s"),
         ([101.0, 0.0, 0.0], 1.0, "an acceleration of 810.0 m/s^2 along x"),
@@ -17,13 +18,9 @@ from d2d.radar.tracks.limits import State
         ([26.0, 0.0, 0.0], 0.1, "an acceleration of 60.0 m/s^2 along x"),
         ([26.0, 0.0, 0.0], 0.8, ""),
         ([20.0, 0.0, 1.2], 0.1, "a yaw acceleration of 12.0 rad/s^2"),
-    ],
-)
-def test_limits_count_beyond_three_standard_deviations(theta, sigma, reason):
-    """Breaks if a limit is compared with another quantity, or without the uncertainty of both."""
-    last = State(1.0, np.array([20.0, 0.0, 0.0]), 0.1**2 * np.eye(3))
-    state = State(1.1, np.array(theta), sigma**2 * np.eye(3))
-    assert VehicleLimits(uncertainty=np.inf).exceeded(state, last) == reason
+    ):
+        state = State(1.1, np.array(theta), sigma**2 * np.eye(3))
+        assert VehicleLimits(uncertainty=np.inf).exceeded(state, last) == reason
 
 
 def test_a_side_slip_counts_where_it_may_be_a_yaw_rate():
@@ -42,8 +39,12 @@ def test_a_side_slip_counts_where_it_may_be_a_yaw_rate():
 
 
 def test_a_limit_is_a_positive_number():
-    """Breaks if a limit that is no limit accepts or refuses everything."""
-    for value in (0.0, -1.0, np.nan, "fast"):
+    """Breaks if a limit that is no limit accepts or refuses everything, or can be changed later."""
+    for value in (0.0, -1.0, np.nan, "fast", np.ones(3)):
         with pytest.raises(ValueError, match=r"^speed must"):
             VehicleLimits(speed=value)
     assert VehicleLimits(speed=np.inf).speed == np.inf
+    speed = np.array(30.0)
+    limits = VehicleLimits(speed=speed)
+    speed[...] = 1e9
+    assert limits == VehicleLimits(speed=30.0)

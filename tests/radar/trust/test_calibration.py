@@ -6,7 +6,6 @@ turned, on a vehicle whose axle slips, beside an odometry that is late or early,
 
 from __future__ import annotations
 
-import os
 import warnings
 from dataclasses import replace
 
@@ -31,7 +30,6 @@ from d2d.radar.trust.alignment import (
     ScanVelocities,
     covariance,
     fit,
-    fit_at,
     scan_velocities,
 )
 
@@ -163,7 +161,8 @@ def test_the_standard_deviations_are_those_of_the_errors():
 
 
 def test_a_wrong_clock_and_mounting_are_mended():
-    """Breaks if what is handed back is corrected the other way round."""
+    """Breaks if what is handed back is corrected the other way round, v_y is not that of the law,
+    or unknown times are made up."""
     sensors = drive(2, 0.15)
     found = calibrate(sensors)
     again = calibrate(
@@ -176,12 +175,6 @@ def test_a_wrong_clock_and_mounting_are_mended():
     assert again.speed_factor == pytest.approx(1.0, abs=1e-4)
     assert_allclose(again.yaw, 0.0, atol=1e-4)
     assert again.slip.compliance == pytest.approx(found.slip.compliance, abs=1e-4)
-
-
-def test_the_corrected_reference_is_what_the_radars_see():
-    """Breaks if v_y is not that of the law, or unknown times are made up."""
-    sensors = drive(3, 0.15)
-    found = calibrate(sensors)
     reference = found.reference(sensors[0].reference)
     known = np.isfinite(reference.theta).all(axis=1)
     assert_array_equal(known, reference.times - found.lag >= reference.times[0])
@@ -252,20 +245,6 @@ def test_a_straight_drive_tells_no_slip():
     assert found.lag == pytest.approx(0.1, abs=0.01)
 
 
-def test_a_scan_s_squares_are_kept_as_a_quadratic():
-    """Breaks if a weight, a sign or a target is lost."""
-    (recording, _) = drive(10)
-    kept = scan_velocities([(recording.scans[:3], recording.mounting)])
-    angle = recording.scans[1].azimuth + recording.mounting.yaw
-    for u in ([9.0, 0.5], [11.0, -2.0]):
-        quadratic = kept.square[1] - 2.0 * kept.projection[1] @ u + u @ kept.information[1] @ u
-        residual = recording.scans[1].doppler + np.cos(angle) * u[0] + np.sin(angle) * u[1]
-        truth = 12.0 + 1.5 * np.sin(1.7 * 0.1) + 6.0 * np.sin(0.05)  # for the azimuth's share
-        sigma = np.hypot(SIGMAS[2], SIGMAS[1] * truth * np.sin(angle))
-        assert kept.targets[1] == 12
-        assert quadratic == pytest.approx(np.sum((residual / sigma) ** 2), rel=0.1)
-
-
 def test_the_prediction_is_the_doppler_model_s_and_its_derivatives_are_exact():
     """Breaks if a mounting is turned the wrong way, or a derivative is wrong."""
     sensors = drive(11)
@@ -296,24 +275,6 @@ def test_the_prediction_is_the_doppler_model_s_and_its_derivatives_are_exact():
         assert_allclose(derivatives[..., j], (upper - lower) / 2e-6, rtol=1e-5, atol=1e-5)
 
 
-def test_the_best_parameters_have_a_lower_sum_than_their_neighbours():
-    """Breaks if the steps stop early, or the mean square is not that of the targets."""
-    sensors = drive(12, 0.1, jitter=0.05)
-    kept = scan_velocities((r.scans, r.mounting) for r in sensors)
-    model = Alignment.of(kept, [r.reference for r in sensors], (0, 2))
-    best = fit_at(model, 0.1)
-    held = np.zeros(5, dtype=bool)
-    for j in range(5):
-        free = held.copy()
-        free[(j + 1) % 5] = True  # one parameter less near its best, the others held
-        for shift in (-1e-3, 1e-3):
-            start = best.parameters.copy()
-            start[j] += shift
-            assert fit_at(replace(model, start=start, free=free), 0.1).mean_square > (
-                best.mean_square
-            )
-
-
 def test_the_result_prints_with_units():
     """Breaks if a number has no unit, or stands without its standard deviation."""
     found = calibrate(drive(13, 0.1))
@@ -327,18 +288,11 @@ def test_the_result_prints_with_units():
     assert "Held" not in str(found)
 
 
-def test_the_slip_law_refuses_what_is_no_number():
-    """Breaks if nan gets into every v_y."""
-    for name in ("ahead", "compliance"):
-        with pytest.raises(ValueError, match=f"^{name} must be"):
-            SlipLaw(**{name: np.nan})
-
-
 def test_what_cannot_be_calibrated_is_refused_by_name():
     """Breaks if a user gets a number, or an error that does not say what is wrong."""
     (first, _) = drive(14, duration=2.0)
     scans, mounting, reference = first.scans, first.mounting, first.reference
-    entry = scans, mounting, reference
+    entry, empty = (scans, mounting, reference), [scan[:0] for scan in scans]
     still = replace(reference, theta=0.0 * reference.theta)
     late = replace(reference, times=reference.times + 100.0)
     back = replace(reference, times=reference.times[::-1])
@@ -348,32 +302,27 @@ def test_what_cannot_be_calibrated_is_refused_by_name():
         ([entry[:2]], {}, r"^recordings\[0\] must be a tuple"),
         ([("abc", *entry[1:])], {}, r"^the scans of recordings\[0\]"),
         ([(scans[:1], *entry[1:])], {}, r"^recordings\[0\] must have at least two scans"),
-        (
-            [([scan[:0] for scan in scans], *entry[1:])],
-            {},
-            r"^recordings\[0\] must have at least two scans",
-        ),
+        ([(empty, *entry[1:])], {}, r"^recordings\[0\] must have at least two scans"),
         ([(*entry[:2], still)], {}, r"^recordings\[0\] must be of a moving vehicle"),
         ([(*entry[:2], late)], {}, "^the references of recordings must cover the times"),
         ([(*entry[:2], back)], {}, r"^recordings\[0\] must have a reference .* increasing"),
         ([entry, (scans[:5], MOUNTINGS[1], reference)], {}, "is one sensor given twice"),
-        ([entry], {"max_lag": 0.0}, "^max_lag must be"),
+        ([entry], {"max_lag": 0.0}, "^max_lag must"),
+        ([entry], {"max_lag": 1e300}, "^max_lag must"),
         ([entry], {"ahead": np.nan}, "^ahead must be"),
         ([entry], {"max_lag": 5.0}, r"at a lag of -5.000 s; is max_lag longer than the drive"),
     ):
         with pytest.raises(ValueError, match=message):
             calibrate(recordings, **options)
+    for name in ("ahead", "compliance"):
+        with pytest.raises(ValueError, match=f"^{name} must be"):
+            SlipLaw(**{name: np.nan})
 
 
 @pytest.mark.radarscenes
-@pytest.mark.skipif(
-    "D2D_RADARSCENES" not in os.environ,
-    reason="set D2D_RADARSCENES to the folder of the RadarScenes data set",
-)
-def test_radarscenes_has_a_late_clock_and_no_other_large_error():
+def test_radarscenes_has_a_late_clock_and_no_other_large_error(radarscenes):
     """Breaks if the defaults of `load_radarscenes` are not what the data say."""
-    root = os.environ["D2D_RADARSCENES"]
-    sensors = [load_radarscenes(root, 105, s, time_offset=0.0) for s in (1, 2, 3, 4)]
+    sensors = [load_radarscenes(radarscenes, 105, s, time_offset=0.0) for s in (1, 2, 3, 4)]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = calibrate(sensors)
@@ -385,17 +334,12 @@ def test_radarscenes_has_a_late_clock_and_no_other_large_error():
 
 
 @pytest.mark.nuscenes
-@pytest.mark.skipif(
-    "D2D_NUSCENES" not in os.environ,
-    reason="set D2D_NUSCENES to the folder of the nuScenes data set",
-)
-def test_nuscenes_has_an_early_clock_and_a_slow_speedometer():
+def test_nuscenes_has_an_early_clock_and_a_slow_speedometer(nuscenes):
     """Breaks if a lag below zero is not found, or the defaults of `load_nuscenes` are wrong."""
-    root = os.environ["D2D_NUSCENES"]
     channels = ("FRONT", "FRONT_LEFT", "FRONT_RIGHT", "BACK_LEFT", "BACK_RIGHT")
     options = {"time_offset": 0.0, "speed_factor": 1.0}
     found = calibrate(
-        [load_nuscenes(root, "scene-0103", f"RADAR_{name}", **options) for name in channels]
+        [load_nuscenes(nuscenes, "scene-0103", f"RADAR_{name}", **options) for name in channels]
     )
     assert found.lag == pytest.approx(-0.03, abs=0.015)
     assert found.speed_factor == pytest.approx(1.0125, abs=0.004)

@@ -16,7 +16,6 @@ from d2d.radar import (
     ExtentEstimate,
     Mounting,
     RadarScan,
-    doppler_velocity,
     estimate_ego_motion,
     estimate_extent,
 )
@@ -24,6 +23,7 @@ from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import scan_pair
 from d2d.radar.trust import extent as module
 from d2d.radar.trust.extent import CANDIDATES, widened
+from tests.radar.scenes import arc, observe
 
 THETA, STILL = np.array([6.0, 0.2, 0.1]), np.zeros(3)
 MOUNTING = Mounting(2.0, 0.5, 0.1)
@@ -36,14 +36,11 @@ def drive(seed: int, scatter: float, pairs: int = 20, velocity=STILL) -> list[Ra
     rng = np.random.default_rng(seed)
     middles = rng.uniform([8.0, -40.0], [70.0, 40.0], (40, 2))
     found = []
-    for i in range(pairs + 1):
-        pose = rigid.compose(rigid.exponential(0.1 * i * velocity), MOUNTING.pose)
+    for time in 0.1 * np.arange(pairs + 1):
         points = middles + scatter * rng.standard_normal(middles.shape)
-        x, y = rigid.transform_means(rigid.inverse(pose), points).T
-        azimuth = np.arctan2(y, x)
-        values = np.stack([np.hypot(x, y), azimuth, doppler_velocity(velocity, azimuth, MOUNTING)])
-        values += np.array(SIGMAS)[:, None] * rng.standard_normal((3, 40))
-        found.append(RadarScan(0.1 * i, *values, *SIGMAS))
+        noise = rng.standard_normal((3, 40))
+        pose = arc(velocity, time)
+        found.append(observe(points, pose, time, velocity, MOUNTING, noise, SIGMAS))
     return found
 
 
@@ -170,12 +167,17 @@ def test_it_is_printed_in_a_line():
 
 
 def test_arguments_are_refused_by_name():
-    """Breaks if a mistake is found late, or not named."""
-    scans = drive(0, 0.1, pairs=3)
+    """Breaks if a mistake is found late, or the largest candidate is returned as an extent."""
+    scans, rng = drive(0, 0.1, pairs=3), np.random.default_rng(6)
+    apart = [
+        RadarScan(0.1 * i, rng.uniform(5, 80, 9), rng.uniform(-1, 1, 9), np.zeros(9), *SIGMAS)
+        for i in range(4)
+    ]
     for change, name in (
         ({"scans": 3}, "scans"),
         ({"scans": scans[:2]}, "two pairs"),
         ({"scans": scans[::-1]}, "scans"),
+        ({"scans": apart, "outlier": None}, r"a likelihood that still grows at 3\.2 m"),
         ({"mounting": None}, "mounting"),
         ({"baseline": 0}, "baseline"),
         ({"baseline": 3}, "baseline = 3"),
@@ -185,14 +187,3 @@ def test_arguments_are_refused_by_name():
     ):
         with pytest.raises(ValueError, match=name):
             estimate_extent(**({"scans": scans, "mounting": MOUNTING} | change))
-
-
-def test_scans_that_have_nothing_in_common_are_refused():
-    """Breaks if the largest candidate is returned as if it were the extent."""
-    rng = np.random.default_rng(6)
-    scans = [
-        RadarScan(0.1 * i, rng.uniform(5, 80, 9), rng.uniform(-1, 1, 9), np.zeros(9), *SIGMAS)
-        for i in range(4)
-    ]
-    with pytest.raises(ValueError, match=r"scans have a likelihood that still grows at 3\.2 m"):
-        estimate_extent(scans, MOUNTING, outlier=None)

@@ -1,0 +1,538 @@
+"""The propagated covariance of an ego-motion estimate, from one pair of scans and from several.
+
+Three references owe nothing to the formulas: the optimum registered again with measured values
+changed, the gradient of the cost with them changed, and the scatter of estimates from a sensor
+that errs as a sensor does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import sqrtm
+
+from d2d import (
+    CorruptedGaussian,
+    LinearMeasurement,
+    PointSet,
+    RegistrationCost,
+    UniformOutlier,
+    register,
+    rigid,
+)
+from d2d.radar import (
+    EgoMotionModel,
+    ErrorBudget,
+    Mounting,
+    RadarScan,
+    estimate_ego_motion,
+    propagate_ego_motion,
+    simulate_drive,
+    track,
+)
+from d2d.radar.motion.covariance import apply_budget, influences, noise_covariance
+from d2d.radar.motion.model import DEFAULT_OUTLIER
+from d2d.radar.motion.pairs import ScanPair, scan_pair
+from d2d.radar.scans.scan import doppler_gradients
+from tests.radar.scenes import CORNER, arc, frame, observe
+
+THETA = np.array([12.0, -0.5, 0.6])
+SIGMAS = (0.15, np.deg2rad(1.0), 0.06)
+TIMES = (0.0, 0.1)
+REAR = Mounting(-0.5, -0.8, 2.6)
+
+
+def seen(rng=None, theta=THETA, mounting=CORNER, times=TIMES, size=10) -> list[RadarScan]:
+    """Scans of static targets, always the same, 46 degrees to either side, 5 to 50 m away.
+
+    They have noise if ``rng`` is given: each azimuth errs once.
+    """
+    draw = np.random.default_rng(int(100 * mounting.yaw) % 1000)
+    distance, azimuth = 50.0 * np.sqrt(draw.uniform(0.01, 1.0, size)), draw.uniform(-0.8, 0.8, size)
+    ahead = np.stack([distance * np.cos(azimuth), distance * np.sin(azimuth), np.ones(size)])
+    points = (arc(theta, times[-1]) @ frame(mounting) @ ahead)[:2].T
+    scans = []
+    for time in times:
+        noise = np.zeros((3, size)) if rng is None else rng.standard_normal((3, size))
+        scans.append(observe(points, arc(theta, time), time, theta, mounting, noise, SIGMAS))
+    return scans
+
+
+def with_errors(scan: RadarScan, errors) -> RadarScan:
+    """The scan with errors (3, K) added to range, azimuth and Doppler velocity."""
+    values = np.stack([scan.range, scan.azimuth, scan.doppler]) + errors
+    return RadarScan(scan.time, *values, scan.sigma_range, scan.sigma_azimuth, scan.sigma_doppler)
+
+
+def one_error(shape, *place, size) -> np.ndarray:
+    """Errors (shape) of which only one is not zero."""
+    errors = np.zeros(shape)
+    errors[place] = size
+    return errors
+
+
+def several(rng=None) -> dict[Mounting, list[RadarScan]]:
+    """Three scans of each of two sensors, which do not run in step."""
+    return {
+        CORNER: seen(rng, times=np.array([0.0, 0.06, 0.13])),
+        REAR: seen(rng, times=np.array([0.02, 0.08, 0.15]), mounting=REAR),
+    }
+
+
+def two_pairs(seed=0, size=25) -> list[ScanPair]:
+    """A pair of noisy scans of each of two sensors."""
+    rng = np.random.default_rng(seed)
+    return [ScanPair(*seen(rng, mounting=m, size=size), m) for m in (CORNER, REAR)]
+
+
+def pairs_of(scans) -> list[ScanPair]:
+    """All baselines of all sensors: each middle scan is a previous and a current one."""
+    return [
+        ScanPair(own[i], own[j], mounting)
+        for mounting, own in scans.items()
+        for i, j in ((0, 1), (1, 2), (0, 2))
+    ]
+
+
+def estimated(pairs, **options):
+    """The velocity that fits all pairs."""
+    found = estimate_ego_motion(*zip(*pairs, strict=True), initial=THETA, **options)
+    assert found.converged
+    return found
+
+
+def propagated(estimate, pairs, **options) -> np.ndarray:
+    """Its covariance."""
+    return propagate_ego_motion(estimate, *zip(*pairs, strict=True), **options)
+
+
+def problem_of(pairs):
+    """Their cost."""
+    model = EgoMotionModel()
+    return model.problem([scan_pair(*pair, model) for pair in pairs])
+
+
+def slope(function, step) -> np.ndarray:
+    """Derivative of ``function`` at zero, by a step to either side."""
+    return (function(step) - function(-step)) / (2.0 * step)
+
+
+def ratios(actual, reported) -> np.ndarray:
+    """Variances of ``actual`` where ``reported`` has 1, along their common axes, in rising order.
+
+    Both covariances' strong correlations hide nothing: all are 1 only if the two are the same.
+    """
+    root = np.linalg.inv(np.linalg.cholesky(reported))
+    return np.linalg.eigvalsh(root @ actual @ root.T)
+
+
+# ---- one pair
+
+
+def held_optimum(pair, errors, doppler_error, outlier, first_order) -> np.ndarray:
+    """The velocity that registers ``pair`` with ``errors`` (2, 3, K), what it reports held.
+
+    Covariances and the slope of the Doppler velocity are those of ``pair``; ``doppler_error`` (K,)
+    is the error of the azimuths that the Doppler velocities are predicted at.
+    """
+    previous, current = (with_errors(scan, by) for scan, by in zip(pair, errors, strict=True))
+    gain = doppler_gradients(pair[1].azimuth + doppler_error, CORNER)[0]
+    turned = doppler_gradients(pair[1].azimuth, CORNER)[1]
+    if isinstance(outlier, UniformOutlier):  # the outliers' Doppler density, 1 / 4 m/s
+        outlier = UniformOutlier(outlier.density / 4.0)
+    elif outlier is not None:  # the same ratio of the two weights
+        alpha = outlier.fraction / (outlier.fraction + (1.0 - outlier.fraction) * 4.0)
+        outlier = CorruptedGaussian(alpha, outlier.covariance)
+    interval = current.time - previous.time
+    twist = interval * THETA
+    found = register(
+        PointSet(previous.point_set(CORNER).means, pair[0].point_set(CORNER).covariances),
+        PointSet(current.point_set(CORNER).means, pair[1].point_set(CORNER).covariances),
+        RegistrationCost(outlier=outlier),
+        twist if first_order else rigid.exponential(twist),
+        measurement=LinearMeasurement(
+            current.doppler,
+            current.sigma_doppler,
+            current.sigma_azimuth,
+            gain / interval,
+            turned / interval,
+            not first_order,
+        ),
+    )
+    assert found.converged
+    return (found.theta if first_order else rigid.logarithm(found.theta)) / interval
+
+
+def by_differences(optimum, pair, shared: bool) -> np.ndarray:
+    """Covariance (3, 3) from one registration to either side for every input of both scans.
+
+    ``optimum(errors, doppler_error)`` is the velocity.
+    """
+    total, step, shape = np.zeros((3, 3)), 1e-3, (2, 3, pair[0].size)
+    for place in np.ndindex(shape):
+        error = one_error(shape, *place, size=SIGMAS[place[1]])
+        own = error[1, 1] * shared
+        moved = slope(lambda by, e=error, own=own: optimum(by * e, by * own), step)
+        total += np.outer(moved, moved)
+    for target in range(0 if shared else pair[1].size):  # the prediction's azimuth errs alone
+        error = one_error(pair[1].size, target, size=SIGMAS[1])
+        moved = slope(lambda by, e=error: optimum(np.zeros(shape), by * e), step)
+        total += np.outer(moved, moved)
+    return total
+
+
+@pytest.mark.parametrize("first_order", [False, True], ids=["exact", "first-order"])
+def test_errors_propagate_as_differences_of_the_optimum(first_order):
+    """Breaks if a derivative of the optimum is wrong in any range, azimuth or Doppler velocity.
+
+    What is reported is held.  With a shared azimuth the scans are noisy, so that terms in the
+    residuals count; the logarithms of the variances leave residuals where azimuths err apart.
+    """
+    for outlier, shared, tolerance in (
+        (DEFAULT_OUTLIER, True, 2e-5),
+        (UniformOutlier(1e-3), True, 2e-5),
+        (None, True, 2e-5),
+        (DEFAULT_OUTLIER, False, 1e-3),
+    ):
+        pair = seen(np.random.default_rng(3) if shared else None)
+        options = {"outlier": outlier, "first_order": first_order}
+        estimate = estimate_ego_motion(*pair, CORNER, initial=THETA, **options)
+        covariance = propagate_ego_motion(estimate, *pair, CORNER, shared_azimuth=shared, **options)
+
+        def optimum(errors, azimuth_error, pair=pair, options=options):
+            return held_optimum(pair, errors, azimuth_error, **options)
+
+        expected = by_differences(optimum, pair, shared)
+        assert_allclose(ratios(covariance, expected), 1.0, atol=tolerance)
+        if shared and outlier is DEFAULT_OUTLIER:
+            mirrored = by_differences(lambda e, a, of=optimum: of(e, -a), pair, True)
+            assert np.abs(ratios(covariance, mirrored) - 1.0).max() > 0.5
+
+
+def test_estimates_scatter_as_the_shared_error_says():
+    """Breaks if sharing has the wrong sign or size: 1500 noisy pairs at 12 m/s and 1 degree.
+
+    With the sensor at the vehicle's origin the errors of v_y and omega are correlated by -0.55,
+    which the cost knows nothing of.
+    """
+    theta, origin = np.array([12.0, 0.0, 0.3]), Mounting()
+    rng, options = np.random.default_rng(0), {"outlier": None}
+    scans = [seen(rng, theta, origin, size=30) for _ in range(1500)]
+    estimates = [estimate_ego_motion(*scan, origin, initial=theta, **options) for scan in scans]
+    assert all(estimate.converged for estimate in estimates)
+    actual = np.cov(np.array([estimate.theta for estimate in estimates]).T)
+    some = list(zip(estimates, scans, strict=True))[:100]
+    shared, apart = (
+        np.mean(
+            [propagate_ego_motion(e, *s, origin, shared_azimuth=by, **options) for e, s in some],
+            axis=0,
+        )
+        for by in (True, False)
+    )
+
+    def correlation(covariance):
+        return covariance[1, 2] / np.sqrt(covariance[1, 1] * covariance[2, 2])
+
+    assert_allclose(correlation(actual), -0.55, atol=0.04)
+    assert_allclose(correlation(shared), correlation(actual), atol=0.05)
+    assert abs(correlation(apart)) < 0.15
+    assert abs(correlation(estimates[0].covariance)) < 0.15
+    assert_allclose(ratios(actual, shared), 1.0, atol=0.1)
+    assert ratios(actual, apart)[0] < 0.6
+    assert ratios(actual, apart)[2] > 1.35
+
+
+def test_where_an_azimuth_turns_no_doppler_velocity_there_is_nothing_to_share():
+    """Breaks if the shared part does not vanish at a standstill, or without Doppler velocities."""
+    for theta, doppler, tolerance in ((np.zeros(3), True, 1e-3), (THETA, False, 0.0)):
+        pair = (*seen(theta=theta), CORNER)
+        estimate = estimate_ego_motion(*pair, initial=theta, doppler=doppler)
+        shared, apart = (
+            propagate_ego_motion(estimate, *pair, doppler=doppler, shared_azimuth=by)
+            for by in (True, False)
+        )
+        assert_allclose(ratios(shared, apart), 1.0, atol=tolerance + 1e-12)
+        assert_allclose(ratios(shared, estimate.covariance), 1.0, atol=0.5)
+
+
+# ---- several pairs, in which a scan is used several times
+
+
+@pytest.mark.parametrize("first_order", [False, True], ids=["arc", "chord"])
+def test_cross_derivatives_of_a_velocity_are_those_of_its_gradient(first_order):
+    """Breaks if a pair's interval, chart or place among the targets of all pairs is wrong."""
+    model = EgoMotionModel(first_order=first_order)
+    pairs = [scan_pair(*p, model) for p in pairs_of(several(np.random.default_rng(1)))]
+    problem = model.problem(pairs)
+    cross = problem.cross_derivatives(problem.bind(THETA), 0, 1)
+
+    def gradient(number, field, target, axis, by):
+        pair = pairs[number]
+        if field == "measurement":
+            error = one_error(pair.moving.size, target, size=by)
+            other = replace(pair.measurement, value=pair.measurement.value + error)
+        else:
+            points = getattr(pair, field)
+            means = points.means + one_error(points.means.shape, target, axis, size=by)
+            other = PointSet(means, points.covariances, points.weights)
+        changed = pair._replace(**{field: other})
+        moved = model.problem([*pairs[:number], changed, *pairs[number + 1 :]])
+        return moved.derivatives(moved.bind(THETA))[1][0]
+
+    for number, target in ((0, 3), (1, 0), (5, 9)):
+        at = 10 * number + target
+        for field, block in (
+            ("fixed", cross.fixed[0, at]),
+            ("moving", cross.moving[0, at]),
+            ("measurement", cross.measured[0, at][:, None]),
+        ):
+            for axis in range(block.shape[1]):
+                where = number, field, target, axis
+                expected = slope(lambda by, where=where: gradient(*where, by), 1e-5)
+                atol = 1e-6 * np.abs(expected).max()
+                assert_allclose(block[:, axis], expected, rtol=1e-5, atol=atol)
+
+
+def test_it_is_how_the_optimum_of_whole_scans_moves():
+    """Breaks if a scan's uses in several pairs are squared one by one, or one of them is lost.
+
+    All that is computed at a measured point moves with it here, which propagation leaves out; where
+    nothing errs yet, that is little.
+    """
+    scans = several()
+    total = np.zeros((3, 3))
+    for sensor, index, coordinate, target in np.ndindex(2, 3, 3, 10):
+        mounting = list(scans)[sensor]
+        error = one_error((3, 10), coordinate, target, size=SIGMAS[coordinate])
+
+        def optimum(by, mounting=mounting, index=index, error=error):
+            own = list(scans[mounting])
+            own[index] = with_errors(own[index], by * error)
+            return estimated(pairs_of(scans | {mounting: own})).theta
+
+        moved = slope(optimum, 1e-2)
+        total += np.outer(moved, moved)
+    pairs = pairs_of(scans)
+    estimate = estimated(pairs)
+    assert_allclose(ratios(propagated(estimate, pairs), total), 1.0, atol=0.03)
+    # scans with other contents are other scans, of which each use is squared on its own
+    apart = [
+        ScanPair(*(with_errors(scan, 1e-12 * i) for scan in pair[:2]), pair.mounting)
+        for i, pair in enumerate(pairs)
+    ]
+    assert np.abs(ratios(propagated(estimate, apart), total) - 1.0).max() > 0.2
+    two_errors = propagated(estimate, pairs, shared_azimuth=False)
+    assert np.abs(ratios(two_errors, total) - 1.0).max() > 0.2
+
+
+def test_the_same_pair_twice_tells_nothing_new():
+    """Breaks if what is used twice counts as two measurements, as the inverse Hessian takes it."""
+    previous, current = seen(np.random.default_rng(3))
+    pair = ScanPair(previous, current, CORNER)
+    copy = ScanPair(with_errors(previous, 0.0), with_errors(current, 0.0), CORNER)
+    once, twice = estimated([pair]), estimated([pair, copy])
+    assert_allclose(2.0 * twice.covariance, once.covariance, rtol=1e-6)
+    alone = propagate_ego_motion(once, *pair)
+    assert_allclose(propagated(twice, [pair, copy]), alone, rtol=1e-6)
+    assert_array_equal(propagated(once, [pair]), alone)
+
+
+def test_shared_errors_are_sums_of_influences():
+    """Breaks if an azimuth bias or a Doppler scale of one sensor moves the optimum otherwise."""
+    scans = several()
+    pairs = pairs_of(scans)
+    found = influences(problem_of(pairs), estimated(pairs), pairs)
+    assert len(found) == 6
+    for mounting, own in scans.items():
+        of_sensor = [each for each in found if each.mounting == mounting]
+        assert len(of_sensor) == 3
+        for row, step, expected in (
+            (1, 1e-5, sum(each.azimuth.sum(axis=0) for each in of_sensor)),
+            (
+                2,
+                1e-4,
+                sum(each.scan.doppler @ each.doppler for each in of_sensor if len(each.doppler)),
+            ),
+        ):
+
+            def optimum(by, mounting=mounting, own=own, row=row):
+                every = []
+                for scan in own:
+                    errors = np.zeros((3, scan.size))
+                    errors[row] = by if row == 1 else by * scan.doppler
+                    every.append(with_errors(scan, errors))
+                return estimated(pairs_of(scans | {mounting: every})).theta
+
+            atol = 0.02 * np.abs(expected).max()
+            assert_allclose(slope(optimum, step), expected, rtol=0.02, atol=atol)
+
+
+def test_more_scatter_of_the_positions_is_none_of_the_azimuth():
+    """Breaks if the azimuth's share is taken from the positions' covariances instead of its sigma.
+
+    The extent of an object makes those larger.
+    """
+    pairs = pairs_of(several(np.random.default_rng(4)))
+    found = influences(problem_of(pairs), estimated(pairs), pairs)
+    extended = [
+        each._replace(
+            points=PointSet(each.points.means, each.points.covariances + 0.09 * np.eye(2))
+        )
+        for each in found
+    ]
+    more = sum(np.einsum("kid,kjd->ij", each.position, each.position) for each in found)
+    assert_allclose(noise_covariance(extended), noise_covariance(found) + 0.09 * more, rtol=1e-9)
+    for each in found:
+        assert_array_equal(each.points.covariances, each.scan.point_set(each.mounting).covariances)
+
+
+# ---- what has no covariance, and what is refused
+
+
+def test_what_does_not_fit_gives_nothing_or_is_refused_by_name():
+    """Breaks if a covariance is made up where there is no optimum, or of several velocities."""
+    pair = (*seen(), CORNER)
+    estimate = estimate_ego_motion(*pair, initial=THETA)
+    lost = replace(estimate, converged=np.bool_(False), covariance=np.full((3, 3), np.nan))
+    assert np.isnan(propagate_ego_motion(lost, *pair)).all()
+    three = replace(
+        estimate,
+        theta=np.tile(estimate.theta, (3, 1)),
+        covariance=np.tile(estimate.covariance, (3, 1, 1)),
+    )
+    for given, said in (
+        ((THETA, *pair), "estimate"),
+        ((estimate, pair[1], pair[0], CORNER), "current must be later"),
+        ((estimate, pair[0][:0], *pair[1:]), "previous holds no targets"),
+        ((estimate, [], [], []), "previous must hold at least one"),
+        ((three, *pair), r"estimate must be of one velocity .* has \(3, 3\)"),
+    ):
+        with pytest.raises(ValueError, match=f"^{said}"):
+            propagate_ego_motion(*given)
+
+
+@pytest.mark.parametrize(
+    "options", [{"doppler": False}, {"side_slip": False}, {"first_order": True}]
+)
+def test_an_estimate_with_other_options_is_refused(options):
+    """Breaks if options that were forgotten give the covariance of another estimate."""
+    pair = seen(np.random.default_rng(2), size=30)
+    estimate = estimate_ego_motion(*pair, CORNER, initial=THETA, **options)
+    assert np.isfinite(propagate_ego_motion(estimate, *pair, CORNER, **options)).all()
+    for mounting, others in ((CORNER, {}), (Mounting(3.6), options)):
+        with pytest.raises(ValueError, match=r"^estimate must be of the same sets or scans, cost"):
+            propagate_ego_motion(estimate, *pair, mounting, **others)
+
+
+# ---- the budget
+
+
+def applied(pairs, budget: ErrorBudget):
+    """The parts of the covariance of two sensors, and the delay."""
+    return apply_budget(problem_of(pairs), estimated(pairs), pairs, budget, TIMES[1])
+
+
+def moved_by(change, pairs) -> np.ndarray:
+    """Derivative (3,) of the joint estimate when ``change(pair, step)`` changes pairs of scans."""
+    return slope(lambda by: estimated([change(pair, by) for pair in pairs]).theta, 1e-5)
+
+
+def turned(pair, by):
+    """Azimuths of both scans with a bias."""
+    both = (replace(scan, azimuth=scan.azimuth + by) for scan in pair[:2])
+    return ScanPair(*both, pair.mounting)
+
+
+def shifted(pair, by):
+    """Doppler velocities of the current scan with an error in common."""
+    return pair._replace(current=replace(pair.current, doppler=pair.current.doppler + by))
+
+
+def scaled(pair, by):
+    """Doppler velocities of the current scan with an error in proportion."""
+    return shifted(pair, by * pair.current.doppler)
+
+
+def test_a_budget_is_how_shared_errors_move_the_estimate():
+    """Breaks if an error is shared by too few or too many scans or sensors, or weighed wrongly.
+
+    Covariances and gains depend a little on the azimuths, which propagation holds.
+    """
+    pairs, each, all_of_them = two_pairs(), ((CORNER,), (REAR,)), ((CORNER, REAR),)
+    nothing, _ = applied(pairs, ErrorBudget())
+    assert_allclose(nothing.noise, propagated(estimated(pairs), pairs), rtol=1e-10)
+    assert_array_equal([nothing.dependence, nothing.systematic], 0.0)
+    for change, groups, budget, sigma, rtol in (
+        (turned, each, ErrorBudget(azimuth=0.01), 0.01, 0.05),
+        (shifted, each, ErrorBudget(doppler=0.03), 0.03, 1e-4),
+        (scaled, all_of_them, ErrorBudget(scale=0.002), 0.002, 1e-4),
+    ):
+        expected = np.zeros((3, 3))
+        for sensors in groups:
+
+            def of_sensors(pair, by, change=change, sensors=sensors):
+                return change(pair, by) if pair.mounting in sensors else pair
+
+            moved = moved_by(of_sensors, pairs)
+            expected += sigma**2 * np.outer(moved, moved)
+        found = applied(pairs, budget)[0].systematic
+        assert_allclose(np.diag(found), np.diag(expected), rtol=rtol)
+        assert_allclose(found, expected, rtol=rtol, atol=rtol * np.abs(expected).max())
+
+
+def test_neighbours_share_what_their_distance_says():
+    """Breaks if the dependence is not the double sum over pairs of targets of one scan.
+
+    Where influences of neighbours cancel, it takes variance away.
+    """
+    found = []
+    for length, pairs in ((2.0, two_pairs()), (200.0, two_pairs(3, 10))):
+        expected = np.zeros((3, 3))
+        for each in influences(problem_of(pairs), estimated(pairs), pairs):
+            rooted = each.position @ np.array([sqrtm(own) for own in each.points.covariances])
+            apart = np.linalg.norm(each.points.means[:, None] - each.points.means, axis=-1)
+            alike = np.where(apart < 5.0 * length, np.exp(-apart / length), 0.0)
+            np.fill_diagonal(alike, 0.0)
+            expected += np.einsum("kl,kid,ljd->ij", alike, rooted, rooted)
+        found.append(applied(pairs, ErrorBudget(neighbours=length))[0].dependence)
+        assert_allclose(found[-1], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+    assert found[0][1, 1] > 0.0 > found[1][1, 1]
+
+
+def test_no_part_depends_on_the_axes_of_the_vehicle_frame():
+    """Breaks if the errors of neighbours correlate along x and y more than along other axes."""
+    angle = 0.7
+    turn = np.eye(3)
+    turn[:2, :2] = rigid.rotation(-angle)
+    budget = ErrorBudget(azimuth=0.002, doppler=0.03, scale=0.002, neighbours=2.0)
+    drive = simulate_drive(np.random.default_rng(8), duration=1.0)
+    place = Mounting(3.6, 0.7, 0.4)
+    x, y = turn[:2, :2] @ [place.x, place.y]
+    found, other = (
+        track((drive.scans, mounting), budget=budget, limits=None)
+        for mounting in (place, Mounting(x, y, place.yaw - angle))
+    )
+    assert found.converged.all()
+    assert_allclose(other.theta, found.theta @ turn.T, atol=1e-6)
+    for own, of_other in zip(found.parts, other.parts, strict=True):
+        size = np.abs(own).max()
+        assert_allclose(of_other, turn @ own @ turn.T, rtol=0, atol=1e-5 * size)
+
+
+def test_the_delay_is_how_far_an_accelerating_vehicle_is_ahead():
+    """Breaks if an estimate is not carried from the middle of the interval to its time."""
+    pairs, gained = two_pairs(), 0.5 * TIMES[1] * np.array([2.0, 0.0, 0.5])
+    _, delay = applied(pairs, ErrorBudget())
+
+    def faster(pair, by):
+        """Doppler velocities of a vehicle that is faster at the later scan than on average."""
+        gain, _ = doppler_gradients(pair.current.azimuth, pair.mounting)
+        return shifted(pair, by * gain @ gained)
+
+    # the mean velocity of the interval stays, so that its end is half an interval's gain ahead
+    moved = moved_by(faster, pairs)
+    acceleration = gained / (0.5 * TIMES[1])
+    assert_allclose(moved - delay @ acceleration, gained, rtol=1e-3, atol=1e-6)
