@@ -18,26 +18,15 @@ Metric = Literal["point", "line"]
 class IcpResult:
     """The result of ICP, for one start or a batch of starts, and the iterations on the way to it.
 
-    Attributes
-    ----------
-    theta : (..., 3) array, m, m, rad
-        The motion that maps the moving set onto the fixed one.
-    rms : (...) array, m
-        Root mean squared distance of the final correspondences: to the nearest point, or to the
-        line through it.
-    converged : (...) array of bool
-        Whether the last step was within the tolerance.
-    iterations : (...) array of int
-    thetas, rms_history : (I + 1, ..., 3) and (I + 1, ...) arrays
-        Motion and rms distance at the start and after each iteration; constant once stopped.
+    Distances are those of the correspondences: to the nearest point, or to the line through it.
     """
 
-    theta: Array
-    rms: Array
-    converged: NDArray[np.bool_]
-    iterations: NDArray[np.int64]
-    thetas: Array
-    rms_history: Array
+    theta: Array  # (..., 3) m, m, rad: maps the moving set onto the fixed one
+    rms: Array  # (...) m, root mean squared distance at the end
+    converged: NDArray[np.bool_]  # (...), whether the last step was within the tolerance
+    iterations: NDArray[np.int64]  # (...)
+    thetas: Array  # (I + 1, ..., 3), at the start and after each iteration; constant once stopped
+    rms_history: Array  # (I + 1, ...) m
 
 
 def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:

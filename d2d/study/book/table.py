@@ -47,27 +47,13 @@ def cell(value: Any, specification: str = "") -> str:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of finished cells, which shows itself.
+    """A table of finished cells, which shows itself; `table` makes one."""
 
-    Attributes
-    ----------
-    header : tuple of (str, str)
-        The heading and the unit of each column; empty if the rows speak for themselves.
-    rows : tuple of tuple of str
-        The first cell of each names the row.
-    numeric : tuple of bool
-        Which columns hold numbers, and so are set flush right.
-    caption : str
-        What the table shows, in one sentence.
-    groups : tuple of (str, int)
-        Headings over several columns each, with how many, from the first column on.
-    """
-
-    header: tuple[tuple[str, str], ...]
-    rows: tuple[tuple[str, ...], ...]
-    numeric: tuple[bool, ...]
+    header: tuple[tuple[str, str], ...]  # heading and unit of each column; may be empty
+    rows: tuple[tuple[str, ...], ...]  # the first cell of each names the row
+    numeric: tuple[bool, ...]  # which columns hold numbers, and so are set flush right
     caption: str = ""
-    groups: tuple[tuple[str, int], ...] = ()
+    groups: tuple[tuple[str, int], ...] = ()  # headings with their columns, from the first one on
 
     def __str__(self) -> str:
         """The caption and the columns, aligned."""

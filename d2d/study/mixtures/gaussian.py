@@ -94,12 +94,13 @@ def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float
 class GaussianMixture(Frozen):
     """p(x) = sum_k w_k N(x | mu_k, Sigma_k) (thesis eq. 2.8, Bishop 2006, eq. 9.7).
 
-    Raises a ``ValueError`` that names an invalid argument.
+    The weights (K,) are not negative and have the sum 1, the means (K, D) and covariances (K, D, D)
+    belong to them.  Raises a ``ValueError`` that names an invalid argument.
     """
 
-    weights: Array  # (K,), not negative, with the sum 1
-    means: Array  # (K, D)
-    covariances: Array  # (K, D, D), symmetric positive definite
+    weights: Array
+    means: Array
+    covariances: Array
 
     def __init__(self, weights: ArrayLike, means: ArrayLike, covariances: ArrayLike) -> None:
         weights, means = check_finite("weights", weights), check_finite("means", means)

@@ -29,12 +29,7 @@ from d2d.radar.tracks.track import integrate
 from d2d.radar.trust.alignment import scan_velocities
 from d2d.study.recordings import estimates
 from d2d.study.recordings.estimates import SENSORS, Result, Run
-from d2d.study.recordings.residuals import (
-    fit_correction,
-    residual_rms,
-    residual_sigmas,
-    some_of,
-)
+from d2d.study.recordings.residuals import fit_correction, residual_rms, residual_sigmas, some_of
 
 ROOT = estimates.data_root()
 
