@@ -1,7 +1,5 @@
 """Many gradient descents at once end where one after the other does."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 

@@ -1,7 +1,5 @@
 """The one-dimensional scene of the thesis."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import kstest

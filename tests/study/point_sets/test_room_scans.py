@@ -1,7 +1,5 @@
 """The room that chapter 3 scans: rays end on its walls, and two scans agree about it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal

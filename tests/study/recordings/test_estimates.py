@@ -4,8 +4,6 @@ The stand-in for the data set is a made-up drive of four sensors whose clock is 
 slips and whose mountings are turned by known amounts.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from dataclasses import replace
@@ -15,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from d2d import rigid
 from d2d.radar import (
     Mounting,
     RadarScan,
@@ -66,12 +65,11 @@ def recordings(count: int = 50, time_offset: float = LAG, side_slip: float = SLI
             real = time - LAG
             x, y, yaw = (np.interp(real, fine, column) for column in poses.T)
             theta = velocity([real])[0] * [1.0 + SPEED, 1.0, 1.0]
-            c, s_yaw = np.cos(yaw), np.sin(yaw)
-            ahead = (points - [x, y]) @ [[c, -s_yaw], [s_yaw, c]] - [mounting.x, mounting.y]
             true = replace(mounting, yaw=mounting.yaw + YAW[s])
-            azimuth = np.arctan2(ahead[:, 1], ahead[:, 0]) - true.yaw
-            azimuth = np.angle(np.exp(1j * azimuth))
-            distance = np.hypot(*ahead.T)
+            ahead = rigid.transform_means(
+                rigid.inverse(rigid.compose([x, y, yaw], true.pose)), points
+            )
+            distance, azimuth = np.hypot(*ahead.T), np.arctan2(ahead[:, 1], ahead[:, 0])
             doppler = doppler_velocity(theta, azimuth, true)
             seen = (np.abs(azimuth) < 0.9) & (distance < 50.0) & (distance > 3.0)
             noise = rng.standard_normal((3, len(points))) * np.array(SIGMAS)[:, None]
