@@ -70,14 +70,6 @@ def test_of_single_targets_the_scatter_is_found_of_several_less():
     assert found.sigma < 0.02
 
 
-def test_a_study_depends_on_its_seed_only():
-    """Breaks if something draws from a global state."""
-    first, second = (extended_study(np.random.default_rng(3), 0.3, count=8) for _ in range(2))
-    assert first.found.extent == second.found.extent
-    for model in MODELS:
-        assert (first.errors[model] == second.errors[model]).all()
-
-
 def test_figures_show_what_was_computed():
     """Breaks if models are exchanged."""
     _, axes = plt.subplots(1, 2)
