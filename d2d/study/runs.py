@@ -92,17 +92,16 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Register many noisy draws of a scenario and compare with the truth.
 
-    Raises a ``ValueError`` naming the argument that does not fit.
+    The same seed gives the same results, whatever ``n_jobs`` and the backend.  Raises a
+    ``ValueError`` naming the argument that does not fit.
 
     Parameters
     ----------
     scenario : Scene
         For example a `d2d.study.plane.scenarios.Scenario`.
     cost : RegistrationCost
-    runs : int
-        Number of independent draws.
-    seed : int
-        The same seed gives the same results, whatever ``n_jobs`` and the backend.
+    runs, seed : int
+        Number of independent draws, and what they are drawn from.
     initial : "truth", "zero", (P,) array or (S, P) array
         Start of every run; with several starts, the lowest optimum is kept.
     n_jobs : int, optional
@@ -110,10 +109,6 @@ def monte_carlo(
         backend (for example ``"dask"``) then runs the chunks.
     scales : sequence of positive numbers
         Inflation schedule, see `d2d.register`.
-
-    Returns
-    -------
-    MonteCarlo
     """
     full, rest = divmod(check_count("runs", runs), CHUNK)
     sizes = [CHUNK] * full + [rest] * (rest > 0)
@@ -136,10 +131,7 @@ def _starts(scenario: Scene, initial: Initial) -> Array:
         if initial not in ("truth", "zero"):
             raise ValueError(f"initial must be 'truth', 'zero' or an array, but is {initial!r}")
         return scenario.theta * (initial == "truth")
-    starts = rigid.motion("initial", initial, 1 if len(scenario.theta) == 1 else 2)
-    if starts.ndim > 2:
-        raise ValueError(f"initial must have the shape (P,) or (S, P), but has {starts.shape}")
-    return starts
+    return rigid.motion("initial", initial, 1 if len(scenario.theta) == 1 else 2)
 
 
 def _run(

@@ -125,26 +125,12 @@ def table(
 ) -> Table:
     """Set values as a table; end a cell with it.
 
-    Raises a ``ValueError`` if a row has another number of cells than there are columns.
-
-    Parameters
-    ----------
-    rows : mapping or iterable of sequences
-        The rows, the first cell of each being its name.  Of a mapping, the keys name the rows, and
-        a value is the rest of a row: a sequence or array, a mapping by heading, or a single value.
-    columns : sequence of str or (str, str) or (str, str, str)
-        For each column its heading, or (heading, unit), or (heading, unit, format): ``"method"``,
-        ``("translation", "mm", ".0f")``, ``("share", "", ".0%")``.  Without a format, numbers have
-        three significant digits.
-    caption : str
-        What the table shows.
-    groups : mapping of str to int
-        Headings over several columns, with how many columns each; together the last ones.
-
-    Returns
-    -------
-    Table
-        Shown as HTML in a notebook and printed as text.
+    The first cell of each of the ``rows`` is its name.  Of a mapping, the keys name the rows, and a
+    value is the rest of a row: a sequence or array, a mapping by heading, or a single value.  Each
+    of the ``columns`` has a heading, or (heading, unit), or (heading, unit, format); without a
+    format, numbers have three significant digits.  ``groups`` are headings over several columns,
+    with how many columns each; together the last ones.  Raises a ``ValueError`` if a row has
+    another number of cells than there are columns.
 
     Examples
     --------
@@ -176,12 +162,7 @@ def table(
 def quantities(*named: tuple[Any, ...], caption: str = "") -> Table:
     """Set single quantities one below the other; end a cell with it.
 
-    Parameters
-    ----------
-    *named : (str, value) or (str, value, str) or (str, value, str, str)
-        The name of each with its value, unit ("" for none) and format, as in `table`.
-    caption : str
-        What they belong to.
+    Each has a name, a value and, if wanted, a unit ("" for none) and a format, as in `table`.
 
     Examples
     --------

@@ -274,12 +274,13 @@ def fit_mixture(
     Raises a ``ValueError`` if there are no observations or no components, a value is nan or inf,
     the floor is not positive, or ``initial`` has another number of components.
 
+    The result is a local maximum; which one depends on the start.
+
     Parameters
     ----------
     x : (N, D) array
         Observations; may be fewer than ``components``, or all equal.
     components : int
-        Number K of components.
     rng : numpy.random.Generator
         Draws the initial means, unless ``initial`` is given.
     initial : GaussianMixture, optional
@@ -289,14 +290,8 @@ def fit_mixture(
     equal_weights : bool
         Keep the weights at 1/K instead of estimating them.
     tolerance : float
-        The iteration has converged once a step raises the log-likelihood by no more than this per
-        observation.
+        Largest gain in log-likelihood per observation of a step that ends the iteration.
     max_iterations : int
-
-    Returns
-    -------
-    MixtureFit
-        A local maximum; which one depends on the start.
     """
     points = _observations(x)
     floor = variance_floor(points) if floor is None else floor
