@@ -37,27 +37,13 @@ def grid_cells(
 ) -> PointSet:
     """One Gaussian for every grid cell that contains enough points (thesis eq. 3.4, 3.5).
 
+    The cells of the points (N, 2), squares of ``size`` m on a grid whose origin is shifted by so
+    many cells, are sorted by columns, then rows.  Those with fewer than ``min_points`` are left
+    out.  The smaller eigenvalue of a covariance is raised to at least ``smallest_ratio`` times the
+    larger, so that the covariance of collinear points is not singular.  The weights
+    sqrt(det(2 pi Sigma)) make each component peak at 1, like the score of Biber & Strasser.
     Raises a ``ValueError`` that names the argument if it is invalid, or ``points`` if no cell
     contains enough of them.
-
-    Parameters
-    ----------
-    points : (N, 2) array, m
-    size : float, m
-        Side length of the square cells.
-    shift : pair of float
-        Shift of the grid's origin, in cells.
-    min_points : int
-        Cells with fewer points are left out; at least 2.
-    smallest_ratio : float within (0, 1]
-        The smaller eigenvalue of a cell's covariance is raised to at least this fraction of the
-        larger, so that the covariance of collinear points is not singular.
-
-    Returns
-    -------
-    PointSet
-        Sorted by the cells' columns, then rows.  The weights sqrt(det(2 pi Sigma)) make each
-        component peak at 1, like the score of Biber & Strasser.
     """
     cells = _cells(check_points("points", points, 2), size, shift, min_points, smallest_ratio)
     return _peaking_at_one(*cells)
