@@ -130,31 +130,38 @@ def propagate_covariance(
         if position_slope is not None:
             slope = _checked_slope(position_slope, moving, measurement, bound.shape)
         check_estimate(estimate, problem, bound)
-        return propagated(estimate.covariance, _noise(problem, bound, slope))
+        return _definite(estimate.covariance, _noise(problem, bound, slope))
     frame = Frame.of_far_sets(fixed, moving)
     problem = cost.problem(*frame.shifted(fixed, moving))
     bound = problem.bind(frame.inward(theta))
     check_estimate(estimate, problem, bound, hessians=False)  # the given one is that of this frame
     inverse = frame.covariance_inward(theta, estimate.covariance)
-    return frame.covariance_outward(theta, propagated(inverse, _noise(problem, bound, None)))
+    return frame.covariance_outward(theta, _definite(inverse, _noise(problem, bound, None)))
 
 
 def propagated(inverse: Array, noise: Array) -> Array:
     """H^-1 (f_z Sigma_z f_z') H^-1 (..., P, P), exactly symmetric.
 
-    ``noise`` is the covariance (..., P, P) of the gradient.
+    ``noise`` is the covariance (..., P, P) of the gradient, or a part of it.
     """
     product = inverse @ noise @ inverse
-    product = 0.5 * (product + product.swapaxes(-1, -2))
-    negative = product.diagonal(0, -2, -1) < 0.0
-    if negative.any():  # by rounding of nearly singular matrices; no product of roots is
-        lost = negative.any(axis=-1)
-        size = np.sqrt(np.diagonal(noise[lost], axis1=-2, axis2=-1)) + 1e-300
-        values, axes = np.linalg.eigh(noise[lost] / (size[:, :, None] * size[:, None, :]))
-        inverse = np.broadcast_to(inverse, product.shape)[lost]
+    return np.asarray(0.5 * (product + product.swapaxes(-1, -2)))
+
+
+def _definite(inverse: Array, noise: Array) -> Array:
+    """The same of a whole covariance, without negative variances.
+
+    Rounding of nearly singular matrices may leave them; no product of roots has any.
+    """
+    product = propagated(inverse, noise)
+    negative = (np.diagonal(product, axis1=-2, axis2=-1) < 0.0).any(axis=-1)
+    if negative.any():
+        size = np.sqrt(np.diagonal(noise[negative], axis1=-2, axis2=-1)) + 1e-300
+        values, axes = np.linalg.eigh(noise[negative] / (size[:, :, None] * size[:, None, :]))
+        inverse = np.broadcast_to(inverse, product.shape)[negative]
         root = inverse @ (size[:, :, None] * axes * np.sqrt(np.clip(values, 0.0, None))[:, None])
-        product[lost] = root @ np.swapaxes(root, -1, -2)
-    return np.asarray(product)
+        product[negative] = root @ np.swapaxes(root, -1, -2)
+    return product
 
 
 def _noise(problem: Problem, bound: Bound, slope: Array | None) -> Array:

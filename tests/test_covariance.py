@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import fisher_covariance
-from d2d.covariance import propagated
+from d2d.covariance import _definite
 from tests.strategies import reals, seeds, spd
 
 
@@ -106,7 +106,7 @@ def test_a_product_of_nearly_singular_matrices_has_no_negative_variance():
         root = axes[:, 1:] @ rng.standard_normal((2, 2))
         middle = root @ root.T
         lost += (np.diag(inverse @ middle @ inverse) < 0.0).any()
-        found = propagated(inverse, middle)
+        found = _definite(inverse, middle)
         assert (np.diag(found) >= 0.0).all()
         assert (found == found.T).all()
     assert lost > 20

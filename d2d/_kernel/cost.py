@@ -29,6 +29,7 @@ from d2d._kernel.layout import (
     G0,
     G1,
     G2,
+    GATE,
     KIND,
     LANES,
     LIKELIHOOD,
@@ -60,7 +61,6 @@ def setting_of(pair, theta):
         logarithm_chart(theta) if pair.in_twist else identity_chart(theta),
         pair.d2d,
         pair.planar,
-        pair.gate,
         pair.log_peak,
         pair.log_spread,
     )
@@ -76,7 +76,7 @@ def limit_pairs(w, outlier, setting, measured):
         w[LIMIT + k] = np.inf
         if outlier[KIND] != NO_OUTLIER:
             largest = outlier[LOG_INLIER_WEIGHT] + setting.log_peak - LOG_2PI
-            w[LIMIT + k] = setting.gate + largest - w[OUTLIER + k]
+            w[LIMIT + k] = GATE + largest - w[OUTLIER + k]
             if measured:
                 w[LIMIT + k] += w[FACTOR + k]
         if w[COUNTS + k] == 0.0:
@@ -182,7 +182,6 @@ def pair_at(batch, number):
         batch.d2d,
         batch.planar,
         batch.in_twist,
-        batch.gate,
         log_peak,
         log_spread,
     )

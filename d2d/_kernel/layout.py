@@ -92,7 +92,6 @@ class Pair(NamedTuple):
     d2d: float  # 1.0 if the moving covariances count, else 0.0
     planar: float  # 1.0 in the plane, 0.0 on a line
     in_twist: bool  # whether the measurements are linear in the twist
-    gate: float  # half the squared distance at which a pair is negligible, see pairs.py
     log_peak: float  # bounds of the sums over the components, see `bounds`
     log_spread: float
 
@@ -111,7 +110,6 @@ class Setting(NamedTuple):
     chart: Any
     d2d: float
     planar: float
-    gate: float
     log_peak: float
     log_spread: float
 
@@ -138,7 +136,6 @@ class Batch(NamedTuple):
     in_twist: bool
     kind: int  # of the parameters: MOTION, ARC or CHORD
     prior: Any  # (3,) precisions of the parameters' prior, a Gaussian about zero
-    gate: float = GATE
 
 
 class Work(NamedTuple):

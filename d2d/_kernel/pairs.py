@@ -36,6 +36,7 @@ from d2d._kernel.layout import (
     G0,
     G1,
     G2,
+    GATE,
     INLIER,
     LANES,
     LIMIT,
@@ -183,8 +184,11 @@ def add_step(w, step):
     """Add one pair of each target: w_i N(0 | d_i, S_i) exp(OFFSET) and its derivatives.
 
     By the heat equation, dN/dS = N_dd / 2 (Price 1958), all derivatives follow from those along d,
-    which are polynomials in u = S^-1 d times N.  The rotation turns S by the operator K = M : d^2,
-    M = [[-a, h], [h, a]]; summed are 1, d, d^2, K d and K^2.
+    which are polynomials in u = B d times N.  The rotation turns S by C_phi = 2 M with
+    M = [[-a, h], [h, a]], and so N by the operator K = M : d^2; summed are 1, d, d^2, K d and K^2::
+
+        K N = (u'Mu - tr(MB)) N         K N_d = (2 BMu - u K) N
+        K^2 N = (K^2 - 4 u'MBMu + 2 tr(MBMB)) N,  tr(MBMB) = tr(MB)^2 - 2 det(M) det(B)
     """
     lanes = lane_count(w)
     for k in range(lanes):
@@ -246,7 +250,7 @@ def sum_inliers(w, fixed, setting):
     """
     lanes = lane_count(w)
     # Nearly always some component is so near that all beyond this distance vanish beside it.
-    enough = NEAR + setting.gate + setting.log_spread
+    enough = NEAR + GATE + setting.log_spread
     for k in range(lanes):
         w[CUT_OFF + k] = 2.0 * min(w[LIMIT + k], enough)
         w[OFFSET + k] = 0.0
@@ -261,9 +265,7 @@ def sum_inliers(w, fixed, setting):
         # Where none is near, the cut-off is measured from the nearest component.
         find_nearest(w, fixed, setting)
         for k in range(lanes):
-            w[CUT_OFF + k] = 2.0 * min(
-                w[LIMIT + k], w[OFFSET + k] + setting.gate + setting.log_spread
-            )
+            w[CUT_OFF + k] = 2.0 * min(w[LIMIT + k], w[OFFSET + k] + GATE + setting.log_spread)
     finish_inliers(w)
 
 
