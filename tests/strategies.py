@@ -144,24 +144,6 @@ def random_problem(
     return Problem(cost, theta, fixed, moving, measurement)
 
 
-def taken(measurement: LinearMeasurement, rows: Any) -> LinearMeasurement:
-    """The measurements of some of the targets, of one problem."""
-    names = ("value", "sigma", "sigma_input", "gain", "slope")
-    return LinearMeasurement(*(getattr(measurement, n)[rows] for n in names), measurement.of_twist)
-
-
-def shuffled(problem: Problem, rng: np.random.Generator) -> tuple[Problem, np.ndarray]:
-    """The problem with its components and its targets in another order, and that of the targets."""
-    f, m, z = problem.fixed, problem.moving, problem.measurement
-    i, k = rng.permutation(f.size), rng.permutation(m.size)
-    changed = problem.with_(
-        fixed=PointSet(f.means[i], f.covariances[i], f.weights[i]),
-        moving=PointSet(m.means[k], m.covariances[k]),
-        measurement=z and taken(z, k),
-    )
-    return changed, k
-
-
 def in_unit(problem: Problem, unit: float) -> Problem:
     """The same scene with all lengths multiplied by ``unit``; no measurement."""
     f, m, model = problem.fixed, problem.moving, problem.cost.outlier

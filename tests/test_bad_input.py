@@ -54,28 +54,18 @@ def one_wrong(matrix: Any) -> np.ndarray:
 
 NOT_COVARIANCES = (
     np.zeros((2, 2)),
-    np.ones((2, 2)),
     [[1.0, 2.0], [2.0, 1.0]],
-    -EYE,
     [[1.0, 0.5], [0.1, 1.0]],
     [[NAN, 0.0], [0.0, 1.0]],
-    [[INF, 0.0], [0.0, 1.0]],
 )
-NOT_MOTIONS = (np.zeros(2), np.zeros(1), 0.0, [0.0, NAN, 0.0], [INF, 0.0, 0.0], "zero")
+NOT_MOTIONS = (np.zeros(2), 0.0, [0.0, NAN, 0.0], "zero")
 NOT_ERRORS = (ERRORS[0], ERRORS[:0], ERRORS * NAN)
-NOT_OF_ERRORS = (
-    np.eye(3),
-    EYE[None].repeat(5, axis=0),
-    1.0,
-    np.diag([1.0, 0.0]),
-    np.diag([1.0, NAN]),
-    [[1.0, 0.5], [0.0, 1.0]],
-)
+NOT_OF_ERRORS = (np.eye(3), EYE[None].repeat(5, axis=0), 1.0, *NOT_COVARIANCES)
 OF_THE_COST = {
     "fixed": [None, MEANS],
-    "moving": ["scan", MEANS],
+    "moving": [MEANS],
     "fixed and moving": [{"moving": LINE}],
-    "measurement": [doppler(2), doppler(parameters=1), np.zeros(3), "doppler"],
+    "measurement": [doppler(2), doppler(parameters=1), np.zeros(3)],
 }
 SETS_AND_THETA = {"theta": np.zeros(3), **SETS, "measurement": None}
 OF_AN_ESTIMATE = {
@@ -92,53 +82,43 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
         {"means": MEANS, "covariances": EYES, "weights": None},
         {
             "means": [
-                *(MEANS * NAN, MEANS * INF, [[1.0, 2.0], [3.0]], "points", None, HOLEY),
-                *(1.0, MEANS[0], np.zeros((3, 3)), MEANS[:0], np.zeros((0, 3, 2))),
+                *(MEANS * NAN, [[1.0, 2.0], [3.0]], None, HOLEY),
+                *(MEANS[0], MEANS[:0], np.zeros((3, 3)), np.zeros((0, 3, 2))),
             ],
             "covariances": [
                 *map(one_wrong, NOT_COVARIANCES),
-                *([1.0, 1.0, 1.0], EYE, EYES[:2], np.ones((3, 1, 1)), np.ones((3, 2, 3))),
-                1e154 * EYES,
-                {"means": np.zeros((3, 3, 2)), "covariances": np.tile(EYES, (4, 1, 1, 1))},
+                *(EYE, EYES[:2], np.ones((3, 1, 1)), 1e154 * EYES),
+                {"means": np.zeros((3, 3, 2)), "covariances": [EYES] * 4},
             ],
-            "weights": [[1.0, 1.0, w] for w in (0.0, -1.0, NAN, 1e101, 1e-101)]
-            + [1.0, np.ones(2), np.ones((4, 2))],
+            "weights": [[1.0, 1.0, w] for w in (0.0, NAN, 1e101, 1e-101)] + [np.ones(2)],
         },
     ),
     "from_polar": (
         PointSet.from_polar,
         {"range": [10.0, 20.0], "azimuth": [0.1, 0.2], "sigma_range": 0.2, "sigma_azimuth": 0.03},
         {
-            "range": [[9.0, 0.0], [9.0, -1.0], [9.0, NAN], [INF, 1.0], [], 9.0, [1.0, 2.0, 3.0]],
-            "azimuth": [[0.1, NAN], [0.1, INF], [0.1, 0.2, 0.3], [0.1, 88.0], [0.1, -6.3]],
-            "sigma_range": [0.0, [0.2, -0.2], NAN, [0.2, 0.2, 0.2]],
-            "sigma_azimuth": [0.0, -0.03, INF, "narrow"],
+            "range": [[9.0, 0.0], [9.0, NAN], [], 9.0, [1.0, 2.0, 3.0]],
+            "azimuth": [[0.1, NAN], [0.1, 0.2, 0.3], [0.1, 88.0], [0.1, -6.3]],
+            "sigma_range": [0.0, [0.2, -0.2], [0.2, 0.2, 0.2]],
+            "sigma_azimuth": [0.0, INF, "narrow"],
         },
     ),
-    "inflated": (FIXED.inflated, {"scale": 2.0}, {"scale": [0.0, -1.0, NAN, INF, 1e300, 1e-300]}),
+    "inflated": (FIXED.inflated, {"scale": 2.0}, {"scale": [0.0, NAN, 1e300, 1e-300]}),
     "transformed": (FIXED.transformed, {"theta": np.zeros(3)}, {"theta": NOT_MOTIONS}),
-    "shifted": (
-        FIXED.shifted,
-        {"translation": [1, 2]},
-        {"translation": [1.0, [1.0], np.ones(3), [0.0, NAN]]},
-    ),
-    "UniformOutlier": (UniformOutlier, {"density": 1}, {"density": [0.0, -1.0, NAN, INF, "low"]}),
+    "shifted": (FIXED.shifted, {"translation": [1, 2]}, {"translation": [1.0, [0.0, NAN]]}),
+    "UniformOutlier": (UniformOutlier, {"density": 1}, {"density": [0.0, NAN, INF, "low"]}),
     "CorruptedGaussian": (
         CorruptedGaussian,
         {"fraction": 0.2, "covariance": EYE},
         {
-            "fraction": [-0.1, 1.1, NAN, "half", [0.1, 0.2]],
-            "covariance": [*NOT_COVARIANCES, np.eye(3), EYES, np.ones((2, 3)), -1.0, 0.0, None],
+            "fraction": [-0.1, 1.1, NAN, [0.1, 0.2]],
+            "covariance": [*NOT_COVARIANCES, np.eye(3), EYES, -1.0, None],
         },
     ),
     "RegistrationCost": (
         RegistrationCost,
         {},
-        {
-            "metric": ["d2p", "D2D", None],
-            "fusion": ["product", ["likelihood"]],
-            "outlier": [0.1, "uniform", UniformOutlier, object()],
-        },
+        {"metric": ["D2D", None], "fusion": ["product"], "outlier": [0.1, UniformOutlier]},
     ),
     "LinearMeasurement": (
         LinearMeasurement,
@@ -150,8 +130,8 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
             "slope": np.ones((4, 3)),
         },
         {
-            "value": [[0.0, 0.0, 0.0, NAN], np.zeros(3), np.zeros(0), "fast"],
-            "sigma": [0.0, -0.1, INF, np.ones(3)],
+            "value": [[0.0, 0.0, 0.0, NAN], np.zeros(3), np.zeros(0)],
+            "sigma": [0.0, INF, np.ones(3)],
             "sigma_input": [-0.1, NAN, np.ones(5)],
             "gain": [np.ones(3), np.ones((4, 2)), np.ones((3, 3)), np.full((4, 3), INF)],
             "slope": [np.ones((4, 2)), np.full((4, 3), NAN), None],
@@ -178,8 +158,8 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
             "cost": ["likelihood", RegistrationCost],
             "outlier covariance": [{"cost": RegistrationCost(outlier=CorruptedGaussian(0.2, 4.0))}],
             "initial": [*NOT_MOTIONS, {"fixed": PAIRS, "initial": np.zeros((3, 3))}],
-            "scales": [(), (0.0,), (2.0, -1.0), (NAN,), (INF, 1.0), 2.0, [[2.0], [1.0]], "coarse"],
-            "threads": [0, -1, 1.5, None],
+            "scales": [(), (2.0, -1.0), (NAN,), 2.0, [[2.0], [1.0]]],
+            "threads": [0, 1.5, None],
         },
     ),
     "multi_start": (
@@ -192,7 +172,7 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
         {"reach": 1.0, "spacing": 1.0, "angles": [0.0]},
         {
             "reach": [0.0, NAN, [1.0, 2.0]],
-            "spacing": [-1.0, None, 1e-12, {"spacing": 0.01, "angles": np.zeros(300)}],
+            "spacing": [-1.0, 1e-12, {"spacing": 0.01, "angles": np.zeros(300)}],
             "angles": [[INF], []],
             "angles must be in radians": [{"angles": [-15.0, 0.0, 15.0]}],
         },
@@ -200,12 +180,7 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
     "fisher_covariance": (
         fisher_covariance,
         {"hessian": EYE},
-        {
-            "hessian": [
-                *(1.0, [1.0, 2.0], np.ones((2, 3)), np.zeros((0, 0)), "curved"),
-                *([[1.0, 0.5], [0.4, 1.0]], [[1e-8, 0.5], [0.4, 1e8]]),
-            ]
-        },
+        {"hessian": [1.0, np.ones((2, 3)), np.zeros((0, 0)), [[1e-8, 0.5], [0.4, 1e8]]]},
     ),
     "propagate_covariance": (
         propagate_covariance,
@@ -214,7 +189,7 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
             **OF_AN_ESTIMATE,
             "position_slope": [
                 {"measurement": doppler(), "position_slope": slope}
-                for slope in (np.ones((2, 2)), np.ones(3), np.full((3, 2), NAN))
+                for slope in (np.ones((2, 2)), np.full((3, 2), NAN))
             ],
             "position_slope needs a measurement": [{"position_slope": np.zeros((3, 2))}],
         },
@@ -233,7 +208,7 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
     "transform_means": (
         rigid.transform_means,
         {"theta": np.zeros(3), "means": MEANS},
-        {"theta": NOT_MOTIONS, "means": [MEANS * INF, "points", np.zeros((4, 3)), 1.0]},
+        {"theta": NOT_MOTIONS, "means": [MEANS * INF, np.zeros((4, 3)), 1.0]},
     ),
     "transform_covariances": (
         rigid.transform_covariances,
@@ -244,23 +219,14 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
         rigid.compose,
         {"first": np.zeros(3), "second": np.zeros(3)},
         {
-            "first": [[0.0, INF, 0.0], np.zeros(2)],
-            "second": [[0.0, NAN, 0.0], np.zeros(1)],
+            "first": NOT_MOTIONS,
+            "second": NOT_MOTIONS,
             "first and second": [{"first": np.zeros((3, 3)), "second": np.zeros((4, 3))}],
         },
     ),
-    "inverse": (rigid.inverse, {"theta": np.zeros(3)}, {"theta": [[NAN], np.zeros(2), 0.0, None]}),
-    "exponential": (rigid.exponential, {"twist": np.zeros(3)}, {"twist": [np.zeros(2)]}),
-    "logarithm": (rigid.logarithm, {"theta": np.zeros(3)}, {"theta": [np.zeros(1)]}),
-    "credibility": (
-        credibility,
-        {"errors": ERRORS, "covariances": EYE},
-        {
-            "errors": [*NOT_ERRORS, ERRORS[:2], ERRORS * [1.0, 0.0], "small"],
-            "covariances": NOT_OF_ERRORS,
-            "confidence": [0.0, 1.0, -0.1, 1.5, NAN, "high"],
-        },
-    ),
+    "inverse": (rigid.inverse, {"theta": np.zeros(3)}, {"theta": NOT_MOTIONS}),
+    "exponential": (rigid.exponential, {"twist": np.zeros(3)}, {"twist": NOT_MOTIONS}),
+    "logarithm": (rigid.logarithm, {"theta": np.zeros(3)}, {"theta": NOT_MOTIONS}),
     **{
         function.__name__: (
             function,
@@ -268,13 +234,10 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
             {"errors": NOT_ERRORS, "covariances": NOT_OF_ERRORS} | wrong,
         )
         for function, more, wrong in (
+            (credibility, {}, {"confidence": [0.0, 1.5, NAN, "high"]}),
             (log_score, {}, {}),
-            (whiten, {}, {"order": [(0,), (0, 0), (1, 2), "10", 3, [[0, 1]]]}),
-            (
-                coverage,
-                {"levels": 0.9},
-                {"levels": [0.0, 1.0, [0.5, 1.5], NAN, [[0.5]], None]},
-            ),
+            (whiten, {}, {"order": [(0,), (0, 0), (1, 2), "10", 3]}),
+            (coverage, {"levels": 0.9}, {"levels": [0.0, [0.5, 1.5], NAN, None]}),
         )
     },
     "crps": (
@@ -291,11 +254,11 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
             "rng": np.random.default_rng(0),
         },
         {
-            "arrays": [[], np.arange(6.0), [1.0], [[]]],
+            "arrays": [[], np.arange(6.0), [[]]],
             r"arrays.*\[6, 5\]": [{"arrays": [np.arange(6.0), np.arange(5.0)]}],
             "block": [0, 7, 2.5],
             "rng": [0],
-            "confidence": [0.0, 1.0],
+            "confidence": [0.0],
             "resamples": [0],
             "statistic": [lambda *_: NAN],
         },
@@ -303,7 +266,7 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
     "block_length": (
         block_length,
         {"series": np.arange(6.0)},
-        {"series": [[], [[]], np.ones((2, 2, 2)), [NAN], "long", 3.0]},
+        {"series": [[], np.ones((2, 2, 2)), [NAN], 3.0]},
     ),
 }
 

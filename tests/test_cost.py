@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from itertools import product
 
 import numpy as np
@@ -34,10 +33,8 @@ from tests.strategies import (
     random_problem,
     reals,
     seeds,
-    shuffled,
     spd,
     steps_of,
-    taken,
 )
 
 CASES = pytest.mark.parametrize("case", all_cases(), ids=case_id)
@@ -46,9 +43,11 @@ CASES = pytest.mark.parametrize("case", all_cases(), ids=case_id)
 def assert_is_the_cost(problem: Problem, curved: float = 1e-8) -> None:
     """Value, gradient and, within ``curved``, the Hessian are those of the formulas.
 
+    The densities are those of a plain double loop, which knows normalisations, weights and turns.
     Derivatives are compared relative to each element and, where symmetry makes one vanish, to its
     natural size: that of one target at one standard deviation.
     """
+    assert_allclose(problem.densities(), np.exp(naive_log_densities(problem)), rtol=1e-9)
     value, gradient, hessian = problem.derivatives()
     assert_allclose(value, dense_value(problem), rtol=1e-12)
     assert_array_equal(problem.value(), value)
@@ -62,22 +61,17 @@ def assert_is_the_cost(problem: Problem, curved: float = 1e-8) -> None:
 
 
 @CASES
-def test_value_and_densities_equal_a_naive_double_loop(case):
-    """Breaks on a wrong normalisation, weight, rotation, mixture or an underflow."""
-    for layout in LAYOUTS:
-        problem = random_problem(np.random.default_rng(1), layout=layout, **case)
-        assert_allclose(problem.value(), naive_value(problem), rtol=1e-10)
-        densities = np.exp(naive_log_densities(problem))
-        assert_allclose(problem.densities(), densities, rtol=1e-9 if layout == "far" else 1e-10)
-
-
-@CASES
 def test_derivatives_equal_those_of_the_formulas(case):
-    """Breaks if gradient or Hessian leave out a term, such as the covariance's own rotation."""
+    """Breaks if gradient or Hessian leave out a term, such as the covariance's own rotation.
+
+    Also if the caller's theta is used as memory.
+    """
     for layout in LAYOUTS:
         problem = random_problem(np.random.default_rng(4), layout=layout, **case)
+        before = problem.theta.copy()
         # far away, the differences of the reference itself are rounded
         assert_is_the_cost(problem, 1e-5 if layout == "far" else 1e-8)
+        assert_array_equal(problem.theta, before)
 
 
 @pytest.mark.parametrize("outlier", OUTLIERS)
@@ -106,15 +100,6 @@ def test_any_number_of_targets_and_components(outlier):
             weighted=fixed % 2 == 0,
         )
         assert_is_the_cost(problem, 1e-6)
-        m = problem.measurement
-        alone = [
-            problem.with_(
-                moving=PointSet(problem.moving.means[[k]], problem.moving.covariances[[k]]),
-                measurement=m and taken(m, [k]),
-            ).densities()[0]
-            for k in range(moving)
-        ]
-        assert_allclose(problem.densities(), alone, rtol=1e-12)
 
 
 def test_derivatives_at_any_angle():
@@ -123,20 +108,7 @@ def test_derivatives_at_any_angle():
     for measured, angle in product(MEASURED, angles):
         problem = random_problem(np.random.default_rng(5), outlier="corrupted", measured=measured)
         problem = problem.with_(theta=np.array([0.4, -0.3, angle]))
-        assert_allclose(problem.value(), naive_value(problem), rtol=1e-10)
         assert_is_the_cost(problem)
-
-
-def test_far_targets_cost_much_but_never_inf():
-    """Breaks if a density is formed before its logarithm: exp(-1e18) is zero."""
-    for fusion, distance in product(FUSIONS, (1e3, 1e6, 1e9)):
-        problem = random_problem(np.random.default_rng(6), fusion=fusion)
-        problem = problem.with_(theta=np.array([distance, -distance, 0.25]))
-        value, gradient, hessian = problem.derivatives()
-        assert_allclose(value, naive_value(problem), rtol=1e-10)
-        assert_allclose(gradient, dense_gradient(problem), rtol=1e-8)
-        assert np.isfinite(hessian).all()
-        assert value > 1e3
 
 
 def test_an_outlier_model_bounds_what_one_far_target_can_do():
@@ -159,21 +131,6 @@ def test_corrupted_gaussian_without_outliers_is_no_outlier_model():
         zero = plain.with_(cost=RegistrationCost(metric, outlier=model))
         for ours, theirs in zip(zero.derivatives(), plain.derivatives(), strict=True):
             assert_allclose(ours, theirs, rtol=1e-13)
-
-
-def test_corrupted_gaussian_of_outliers_only_knows_neither_covariances_nor_measurements():
-    """Breaks if alpha = 1 leaves a log(0) behind, or the measurement reaches the outliers."""
-    problem = random_problem(np.random.default_rng(9), measured="motion")
-    wide = outlier_model("corrupted", 2).covariance
-    only = problem.with_(cost=RegistrationCost(outlier=CorruptedGaussian(1.0, wide)))
-    point_to_wide = Problem(
-        RegistrationCost("p2d"),
-        problem.theta,
-        PointSet(problem.fixed.means, wide[None].repeat(5, 0), problem.fixed.weights),
-        problem.moving,
-    )
-    for ours, theirs in zip(only.derivatives(), point_to_wide.derivatives(), strict=True):
-        assert_allclose(ours, theirs, rtol=1e-11)
 
 
 def test_what_the_cost_does_not_know():
@@ -256,7 +213,8 @@ def test_batch_axes_broadcast(outlier):
         def measured(value):
             return LinearMeasurement(value, z.sigma, z.sigma_input, z.gain, z.slope)
 
-        whole = Problem(cost, theta, fixed, moving, measured(value))
+        parts = theta, fixed, moving, value
+        whole = Problem(cost, *parts[:3], measured(value))
         found = (*whole.derivatives(), whole.densities(), whole.value())
         assert [each.shape for each in found] == [
             shape,
@@ -266,26 +224,15 @@ def test_batch_axes_broadcast(outlier):
             shape,
         ]
         for index in np.ndindex(shape):
-
-            def own(array, axes, index=index, shape=shape):
-                return np.broadcast_to(array, shape + array.shape[array.ndim - axes :])[index]
-
-            sets = (
-                PointSet(own(s.means, 2), own(s.covariances, 3), own(s.weights, 1))
-                for s in (fixed, moving)
-            )
-            one = Problem(cost, own(theta, 1), *sets, measured(own(value, 1)))
+            own = []
+            for part, batch in zip(parts, batches, strict=True):
+                last = index[len(shape) - len(batch) :]  # axes of length 1 are stretched
+                place = tuple(i if size > 1 else 0 for i, size in zip(last, batch, strict=True))
+                own.append(part[place] if place else part)
+            one = Problem(cost, *own[:3], measured(own[3]))
             alone = (*one.derivatives(), one.densities(), one.value())
             for ours, theirs in zip(found, alone, strict=True):
                 assert_array_equal(ours[index], theirs)
-
-
-def test_theta_is_left_alone():
-    """Breaks if the caller's array is used as memory."""
-    problem = random_problem(np.random.default_rng(13), outlier="corrupted")
-    theta = problem.theta.copy()
-    problem.derivatives()
-    assert_array_equal(theta, problem.theta)
 
 
 # ---- Invariances ------------------------------------------------------------------------------
@@ -326,19 +273,6 @@ def test_a_rigid_motion_of_the_scene_keeps_the_cost():
         assert_allclose(slopes, problem.derivatives()[1], rtol=1e-8)
 
 
-@CASES
-def test_order_of_targets_does_not_matter(case):
-    """Breaks if a target's covariance, weight or measurement is another one's."""
-    for size in ((9, 8), (40, 31)):
-        problem = random_problem(
-            np.random.default_rng(15), fixed_size=size[0], moving_size=size[1], **case
-        )
-        other, order = shuffled(problem, np.random.default_rng(16))
-        for ours, theirs in zip(other.derivatives(), problem.derivatives(), strict=True):
-            assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12 * np.abs(theirs).max())
-        assert_allclose(other.densities(), problem.densities()[order], rtol=1e-12)
-
-
 @given(
     seeds,
     st.sampled_from([case for case in all_cases() if not case["measured"]]),
@@ -361,20 +295,21 @@ def test_a_change_of_unit_shifts_the_cost_by_a_constant(seed, case, size, decade
     assert (np.abs(bend * np.outer(per, per) - hessian) <= 1e-9 * (outer + np.abs(hessian))).all()
 
 
-def test_doubled_weights_shift_the_cost_by_a_constant():
-    """Breaks if weights are normalised behind the user's back or the outliers' are not doubled."""
+def test_a_factor_on_all_weights_shifts_the_cost_by_a_constant():
+    """Breaks if weights are normalised, the outliers' are left out, or a constant is added."""
     for dimension, fusion, outlier in product((1, 2), FUSIONS, ("none", "corrupted")):
         problem = random_problem(
             np.random.default_rng(17), dimension, fusion=fusion, outlier=outlier, measured="motion"
         )
         f = problem.fixed
-        doubled = problem.with_(fixed=PointSet(f.means, f.covariances, 2.0 * f.weights))
-        shift = (problem.moving.size if fusion == "likelihood" else 1) * np.log(2.0)
         value, gradient, hessian = problem.derivatives()
-        other, slope, bend = doubled.derivatives()
-        assert_allclose(other, value - shift, rtol=1e-13)
-        assert_allclose(slope, gradient, rtol=1e-11)
-        assert_allclose(bend, hessian, rtol=1e-11)
+        for factor in (2.0, 1e-99):
+            changed = problem.with_(fixed=PointSet(f.means, f.covariances, factor * f.weights))
+            shift = (problem.moving.size if fusion == "likelihood" else 1) * np.log(factor)
+            other, slope, bend = changed.derivatives()
+            assert_allclose(other, value - shift, rtol=1e-13)
+            assert_allclose(slope, gradient, rtol=1e-11)
+            assert_allclose(bend, hessian, rtol=1e-11)
 
 
 def test_summing_d2d_sees_both_sets_alike():
@@ -386,53 +321,6 @@ def test_summing_d2d_sees_both_sets_alike():
             theta=rigid_motion.inverse(there.theta), fixed=there.moving, moving=there.fixed
         )
         assert_allclose(back.value(), there.value(), rtol=1e-12)
-
-
-@pytest.mark.parametrize("outlier", OUTLIERS)
-@pytest.mark.parametrize("fusion", FUSIONS)
-@pytest.mark.parametrize("metric", METRICS)
-def test_one_dimension_is_the_plane_along_x(metric, fusion, outlier):
-    """Breaks if the 1D set's stand-in variance along y is seen in value, gradient or Hessian."""
-    line = random_problem(np.random.default_rng(19), 1, metric, fusion, outlier)
-    across = 0.7  # variance along y of every target
-    factor = 2.0 * across if metric == "d2d" else across
-    density = 1.0 / np.sqrt(2.0 * np.pi * factor)  # along y, of every pair
-
-    def embedded(points):
-        means = np.concatenate([points.means, np.zeros_like(points.means)], axis=-1)
-        covariances = np.zeros((points.size, 2, 2))
-        covariances[:, 0, 0] = points.covariances[:, 0, 0]
-        covariances[:, 1, 1] = across
-        return PointSet(means, covariances, points.weights)
-
-    model = line.cost.outlier
-    if outlier == "uniform":
-        model = UniformOutlier(model.density * density)
-    elif outlier == "corrupted":
-        wide = np.diag([model.covariance[0, 0], factor])
-        model = CorruptedGaussian(model.fraction, wide)
-    plane = Problem(
-        RegistrationCost(metric, fusion, model),
-        np.array([line.theta[0], 0.0, 0.0]),
-        embedded(line.fixed),
-        embedded(line.moving),
-    )
-    count = line.moving.size if fusion == "likelihood" else 1
-    value, gradient, hessian = line.derivatives()
-    planar = plane.derivatives()
-    assert_allclose(value, planar[0] + count * np.log(density), rtol=1e-12)
-    assert_allclose(gradient[0], planar[1][0], rtol=1e-11)
-    assert_allclose(hessian[0, 0], planar[2][0, 0], rtol=1e-11)
-    assert_allclose(line.densities(), plane.densities() / density, rtol=1e-12)
-
-
-def test_a_name_may_be_a_string_of_another_type():
-    """Breaks if NumPy's strings, or an enumeration's, are refused."""
-    problem = random_problem(np.random.default_rng(20), 2, "p2d", "summing")
-    fusion = StrEnum("Fusion", {"SUMMING": "summing"}).SUMMING
-    for name in (fusion, np.str_("summing")):
-        cost = RegistrationCost(np.str_("p2d"), name)
-        assert_array_equal(problem.with_(cost=cost).value(), problem.value())
 
 
 def test_corrupted_gaussian_takes_a_variance_in_one_dimension():

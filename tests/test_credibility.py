@@ -25,6 +25,9 @@ def test_true_covariances_are_credible():
     for seed in range(20):
         errors, covariance = draw_alike(seed)
         result = credibility(errors, covariance)
+        decibel = 10.0 * np.log10(result.ratio)
+        assert_allclose(result.nci, np.abs(decibel).mean(), rtol=1e-12)
+        assert_allclose(result.inclination, decibel.mean(), rtol=1e-10)
         # the mean of 3000 squares scatters by sqrt(2 / 3000) = 2.6 %; five of those
         assert_allclose(result.anees, 1.0, atol=0.13)
         assert abs(result.inclination) < 0.35  # dB, three of the same
@@ -91,26 +94,12 @@ def test_credible_errors_are_measured_against_their_own_mean_square():
     assert_allclose(result.ratio, result.nees / expected, rtol=1e-9)
 
 
-def test_all_follows_from_the_ratio():
-    """Breaks if absolute value and mean are taken in the wrong order."""
-    errors, covariances = drawn_errors(11, 30)
-    result = credibility(errors, covariances)
-    decibel = 10.0 * np.log10(result.ratio)
-    assert_allclose(result.nci, np.abs(decibel).mean(), rtol=1e-12)
-    assert_allclose(result.inclination, decibel.mean(), rtol=1e-10)
-    assert result.nees.shape == result.credible_nees.shape == result.ratio.shape == (30,)
-    assert isinstance(result.consistent, bool)
-    assert isinstance(result.anees, float)
-
-
 def test_units_do_not_matter():
     """Breaks if an angle in rad beside lengths in m is called singular."""
     errors, covariances = drawn_errors(12, 1000)
     units = np.array([1.0, 1e-5, 1e4])
     result = credibility(errors * units, covariances * np.outer(units, units))
-    plain = credibility(errors, covariances)
-    assert_allclose(result.anees, plain.anees, rtol=1e-9)
-    assert_allclose(result.nci, plain.nci, rtol=1e-6)
+    assert_allclose(result.anees, credibility(errors, covariances).anees, rtol=1e-9)
 
 
 def test_an_error_of_exactly_zero_counts_as_credible():

@@ -1,16 +1,10 @@
-"""The compiled kernel: its elementary functions, cut-off, trust region and cache."""
+"""The compiled kernel: its elementary functions, cut-off, outlier models and trust region."""
 
 from __future__ import annotations
 
-import gc
 import math
-import os
-import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -253,139 +247,6 @@ def test_trust_region_step_on_a_plateau_is_zero():
     )
     assert_array_equal(step, 0.0)
     assert decrease == 0.0
-
-
-# ---- Compiling and its cache ------------------------------------------------------------------
-
-
-def test_a_part_without_a_wrapper_may_be_called_from_python():
-    """Breaks if Python jumps to the address 0: a part is compiled for compiled callers alone."""
-    rng = np.random.default_rng(3)
-    h, g, step = rng.standard_normal((3, 3)), *rng.standard_normal((2, 3))
-    expected = -(g @ step + 0.5 * step @ h @ step)
-    calls_it = njit(lambda h, g, step: newton.decrease(h, g, step))
-    for function in (newton.decrease, calls_it, newton.decrease):
-        assert_allclose(function(h, g, step), expected)
-
-
-@pytest.mark.parametrize("collecting", [True, False])
-def test_compiling_leaves_the_collector_as_it_was(collecting):
-    """Breaks if what is switched off while compiling stays off, or is switched on."""
-    seen = []
-
-    def fails():
-        seen.append(gc.isenabled())
-        raise ValueError("it fails")
-
-    was = gc.isenabled()
-    try:
-        (gc.enable if collecting else gc.disable)()
-        with pytest.raises(ValueError, match="it fails"):
-            compiling.unhindered(fails)()
-        assert seen == [False]
-        assert gc.isenabled() == collecting
-    finally:
-        (gc.enable if was else gc.disable)()
-
-
-ROOT = Path(__file__).resolve().parents[1]
-PROGRAM = """
-import sys
-import numpy as np
-from d2d._kernel.entries import pack_targets
-sets = np.ones((1, 1, 2)), np.eye(2)[None, None], np.ones((1, 1))
-pack_targets(*sets, np.empty((6, 1)), np.empty((1, 3)))
-print(sum(pack_targets.stats.cache_hits.values()))
-if sys.argv[1:]:
-    from d2d import CorruptedGaussian, RegistrationCost
-    from d2d.study import scenarios
-    scene = scenarios.OVERLAPPED
-    cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100 * np.eye(2)))
-    sets = scene.sample(300, np.random.default_rng(0))
-    print(*(array.tobytes().hex() for array in cost.derivatives(scene.theta, *sets)))
-"""
-
-
-def run_copy(folder: Path, *arguments: str) -> list[str]:
-    """What the program prints with the package in a folder, which keeps its compiled code, too."""
-    environment = os.environ | {
-        "NUMBA_CACHE_DIR": str(folder / "cache"),
-        "PYTHONPATH": str(folder),
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }
-    command = [sys.executable, "-c", PROGRAM, *arguments]
-    return subprocess.run(
-        command, env=environment, cwd=folder, capture_output=True, check=True, text=True
-    ).stdout.split()
-
-
-def edit(path: Path) -> None:
-    """Change a module."""
-    with path.open("a", encoding="utf-8") as file:
-        file.write("# an edit\n")
-
-
-def test_what_is_compiled_is_kept_until_a_module_changes(tmp_path):
-    """Breaks if a cached function calls a stale one, or gives other bits than one just compiled.
-
-    Numba itself looks at one file only, and LLVM may order sums by its own choice: then workers
-    differ from who compiled.
-    """
-    kernel = tmp_path / "d2d" / "_kernel"
-    shutil.copytree(ROOT / "d2d", kernel.parent, ignore=shutil.ignore_patterns("__pycache__"))
-    compiled, loaded = run_copy(tmp_path, "all"), run_copy(tmp_path, "all")
-    assert (compiled[0], loaded[0]) == ("0", "1")
-    assert compiled[1:] == loaded[1:]
-    assert len(loaded) == 4
-    edit(kernel / "pairs.py")
-    assert run_copy(tmp_path) == ["0"]
-
-
-def test_a_damaged_cache_is_compiled_anew(tmp_path):
-    """Breaks if a half-written file of the cache makes every call fail until it is deleted."""
-    shutil.copytree(ROOT / "d2d", tmp_path / "d2d", ignore=shutil.ignore_patterns("__pycache__"))
-    assert run_copy(tmp_path) == ["0"]
-    for ending in ("nbi", "nbc"):  # the index, and the code
-        for file in (tmp_path / "cache").rglob(f"*pack_targets*.{ending}"):
-            file.write_bytes(file.read_bytes()[:-7])
-        assert run_copy(tmp_path) == ["0"]
-        assert run_copy(tmp_path) == ["1"]
-
-
-def test_the_kernel_runs_as_python():
-    """Breaks if NUMBA_DISABLE_JIT=1, with which a debugger steps through it, is an error."""
-    program = """
-import numpy as np
-from d2d import CorruptedGaussian, PointSet, RegistrationCost, propagate_covariance, register
-sets = [PointSet([[8.0, 1.0], [5.0, x]], [0.04 * np.eye(2)] * 2) for x in (-3.0, -2.9)]
-cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
-estimate = register(*sets, cost)
-print(estimate.theta, estimate.covariance, propagate_covariance(estimate, *sets, cost))
-"""
-    outputs = [
-        subprocess.run(
-            [sys.executable, "-c", program],
-            env=os.environ | {"NUMBA_DISABLE_JIT": disabled},
-            cwd=ROOT,
-            capture_output=True,
-            check=True,
-            text=True,
-        ).stdout
-        for disabled in ("0", "1")
-    ]
-    assert outputs[0] == outputs[1]
-
-
-def test_an_edit_of_any_module_of_the_kernel_is_noticed(tmp_path):
-    """Breaks if a module does not count in what the cache depends on."""
-    kernel = tmp_path / "_kernel"
-    shutil.copytree(ROOT / "d2d" / "_kernel", kernel)
-    stamps = [compiling.source_stamp(kernel)]
-    assert stamps == [compiling._STAMP]
-    for module in sorted(kernel.glob("*.py")):
-        edit(module)
-        stamps.append(compiling.source_stamp(kernel))
-    assert len(set(stamps)) == len(stamps) > 5
 
 
 # ---- Far away ---------------------------------------------------------------------------------

@@ -12,16 +12,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from d2d import (
-    CorruptedGaussian,
-    LinearMeasurement,
-    PointSet,
-    RegistrationCost,
-    UniformOutlier,
-    register,
-)
+from d2d import CorruptedGaussian, LinearMeasurement, PointSet, UniformOutlier
 from d2d._lazy import Frozen, lazy
-from d2d.radar import EgoMotionModel, Mounting, RadarScan, World, build_world, estimate_ego_motion
+from d2d.radar import EgoMotionModel, Mounting, RadarScan, World, build_world
 from d2d.radar.motion.model import DEFAULT_OUTLIER
 from d2d.radar.simulation.drive import simulate_drive
 from d2d.study.mixtures.gaussian import GaussianMixture
@@ -33,7 +26,6 @@ MOUNTING = Mounting(0.4)
 # Each with all that it can compute lazily in use.
 MAKERS = {
     "PointSet": lambda: PointSet([[8.0, 1.0], [5.0, -3.0], [6.0, 4.0]], EYES),
-    "PointSet-batch": lambda: PointSet(np.zeros((4, 3, 2)), EYES),
     "PointSet-from_polar": lambda: PointSet.from_polar([8.0, 5.0], [0.1, -0.4], 0.2, 0.01),
     "PointSet-shifted": lambda: PointSet(np.ones((3, 2)), EYES).shifted(np.ones(2)),
     "RadarScan": lambda: RadarScan(0.0, [5.0, 8.0], [0.1, 0.2], [1.0, 2.0], 0.1, 0.01, 0.1),
@@ -42,7 +34,6 @@ MAKERS = {
         np.zeros(3), 1.0, 0.1, np.ones((3, 3)), np.ones((3, 3))
     ),
     "LinearMeasurement-doppler": lambda: SCANS[0].doppler_measurement(MOUNTING, 0.1),
-    "LinearMeasurement-inflated": lambda: SCANS[0].doppler_measurement(MOUNTING, 0.1).inflated(2.0),
     "CorruptedGaussian": lambda: CorruptedGaussian(0.2, 100.0 * np.eye(2)),
     "CorruptedGaussian-default": lambda: DEFAULT_OUTLIER,
     "UniformOutlier": lambda: UniformOutlier(0.1),
@@ -55,23 +46,13 @@ WAYS = {
     "itself": lambda thing: thing,
     "copy": copy.copy,
     "deepcopy": copy.deepcopy,
-    **{
-        f"pickle-{number}": lambda thing, number=number: pickle.loads(pickle.dumps(thing, number))
-        for number in range(2, pickle.HIGHEST_PROTOCOL + 1)
-    },
+    "pickle": lambda thing: pickle.loads(pickle.dumps(thing)),
 }
 
 
 def lazy_names(thing: Frozen) -> list[str]:
     kind = type(thing)
     return [name for name in dir(kind) if isinstance(getattr(kind, name), lazy | cached_property)]
-
-
-def in_use(thing: Frozen) -> Frozen:
-    """The same, with every lazy value computed."""
-    for name in lazy_names(thing):
-        getattr(thing, name)
-    return thing
 
 
 @pytest.mark.parametrize("kind", MAKERS)
@@ -81,8 +62,10 @@ def test_every_copy_is_read_only_and_computes_its_own_values(kind):
     Also if what was computed for the original travels along, or changes what is stored: a sweep
     would run a condition anew because its sets had been registered before.
     """
-    original = in_use(MAKERS[kind]())
+    original = MAKERS[kind]()
     names = lazy_names(original)
+    for name in names:
+        getattr(original, name)
     for way, duplicate in WAYS.items():
         other = duplicate(original)
         assert type(other) is type(original)
@@ -100,32 +83,10 @@ def test_every_copy_is_read_only_and_computes_its_own_values(kind):
         assert joblib.hash(MAKERS[kind]()) == joblib.hash(original)
 
 
-def test_copies_give_the_same_estimate():
-    """Breaks if a copy loses something that the kernel reads."""
-    sets = MAKERS["PointSet"](), MAKERS["PointSet"]().transformed([0.1, 0.2, 0.05])
-    cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
-    expected = register(*sets, cost)
-    for duplicate in WAYS.values():
-        found = register(*map(duplicate, sets), duplicate(cost))
-        assert_array_equal(found.theta, expected.theta)
-        assert_array_equal(found.covariance, expected.covariance)
-        first, second = (duplicate(scan) for scan in SCANS[:2])
-        velocity = estimate_ego_motion(first, second, duplicate(MOUNTING))
-        assert_array_equal(velocity.theta, estimate_ego_motion(*SCANS[:2], MOUNTING).theta)
-
-
 def test_an_edit_of_the_users_array_reaches_no_container():
     """Breaks if a container keeps the array that it was given."""
-    given = {
-        "one": np.ones(3),
-        "points": np.ones((3, 2)),
-        "eyes": EYES.copy(),
-        "gain": np.ones((3, 3)),
-        "corners": np.ones((1, 4, 2)),
-        "wide": 100.0 * np.eye(2),
-        "mixed": np.full(3, 1.0 / 3.0),
-    }
-    one, points, eyes, gain, corners, wide, mixed = given.values()
+    one, points, gain, corners = np.ones(3), np.ones((3, 2)), np.ones((3, 3)), np.ones((1, 4, 2))
+    eyes, wide, mixed = EYES.copy(), 100.0 * np.eye(2), np.full(3, 1.0 / 3.0)
     world = MAKERS["World"]()
     made = [
         PointSet(points, eyes, one),
@@ -136,7 +97,7 @@ def test_an_edit_of_the_users_array_reaches_no_container():
         World(corners, corners, world.reflectors, world.movers),
     ]
     before = copy.deepcopy(made)
-    for array in given.values():
+    for array in (one, points, gain, corners, eyes, wide, mixed):
         array *= 2.0
     for thing, same in zip(made, before, strict=True):
         for field in fields(thing):

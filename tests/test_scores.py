@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
-from scipy.stats import chi2, multivariate_normal, norm
+from scipy.stats import multivariate_normal, norm
 
 from d2d import coverage, credibility, crps, log_score, whiten
 from tests.strategies import drawn_errors
@@ -89,11 +89,3 @@ def test_gaussian_errors_are_covered_as_often_as_the_levels_say():
         inside = whiten(errors, covariances).within(levels)
         assert inside.shape == (runs, dimension, 4)
         assert (np.abs(inside.mean(axis=0) - levels) < 4.5 * scatter).all()
-
-
-def test_an_ellipsoid_contains_what_its_quantile_says():
-    """Breaks if the length of an error is compared with its square."""
-    edge = np.sqrt(chi2.ppf(0.95, 3))
-    errors = np.array([[0.999 * edge, 0.0, 0.0], [0.0, 1.001 * edge, 0.0]])
-    assert_array_equal(coverage(errors, np.eye(3), 0.95), 0.5)
-    assert_array_equal(coverage(2.0 * errors, 4.0 * np.eye(3), [0.95]), [0.5])

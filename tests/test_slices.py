@@ -10,7 +10,6 @@ from itertools import product
 from threading import Lock
 
 import numpy as np
-import pytest
 
 from d2d import _slices
 from d2d._slices import run_in_slices
@@ -45,21 +44,6 @@ def test_slices_follow_the_time_that_they_take(monkeypatch):
     sizes.clear()
     run_in_slices(slow, 1000, 10**9)
     assert sizes[:3] == [1, 4, 6]
-
-
-def test_an_interrupt_ends_all_threads():
-    """Breaks if the threads go on with what is left, and the caller waits for them."""
-    calls = []
-
-    def run(first, last):
-        calls.append(first)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        time.sleep(0.001)
-
-    with pytest.raises(KeyboardInterrupt):
-        run_in_slices(run, 100_000, 10**9, threads=2)
-    assert calls[-1] < 50_000
 
 
 # A process that a shell starts in the background ignores interrupts, and so would its own children.

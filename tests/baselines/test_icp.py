@@ -9,16 +9,10 @@ from scipy.optimize import minimize
 
 from d2d import rigid
 from d2d.baselines import fit_rigid, icp, line_normals
-from d2d.study.point_sets.room_scans import MOTION, room_pair
+from d2d.study.point_sets.room_scans import MOTION
 from tests.strategies import reals, seeds
 
 RNG_POINTS = np.random.default_rng(0).uniform(-5.0, 5.0, (30, 2))
-
-
-@pytest.fixture(scope="module")
-def scans():
-    before, after = room_pair(np.random.default_rng(1))
-    return before.points, after.points
 
 
 @given(
@@ -37,30 +31,19 @@ def test_paired_points_are_fitted_exactly_at_any_scale(seed, batch, count, decad
     assert_allclose(found, theta, rtol=1e-6, atol=1e-6 * unit if decade < 0 else 1e-6)
 
 
-def test_closed_form_is_the_least_squares_motion_of_noisy_pairs():
-    rng = np.random.default_rng(3)
-    fixed = rigid.transform_means([0.4, 0.2, 0.5], RNG_POINTS) + 0.3 * rng.standard_normal((30, 2))
+def test_closed_form_is_the_best_motion():
+    """Breaks if it is no optimum; mirrored points are best matched by what is no rigid motion."""
+    noise = 0.3 * np.random.default_rng(3).standard_normal((30, 2))
+    moved = rigid.transform_means([0.4, 0.2, 0.5], RNG_POINTS) + noise
+    for fixed in (moved, RNG_POINTS * [1.0, -1.0]):
+        found = fit_rigid(fixed, RNG_POINTS)
 
-    def squares(theta):
-        return ((rigid.transform_means(theta, RNG_POINTS) - fixed) ** 2).sum()
+        def squares(theta, fixed=fixed):
+            return ((rigid.transform_means(theta, RNG_POINTS) - fixed) ** 2).sum()
 
-    searched = minimize(squares, [0.4, 0.2, 0.5], tol=1e-12)
-    found = fit_rigid(fixed, RNG_POINTS)
-    assert squares(found) <= searched.fun + 1e-10
-    assert_allclose(found, searched.x, atol=1e-5)
-
-
-def test_closed_form_never_mirrors():
-    """Mirrored points are best matched by a mirror, which is no rigid motion."""
-    theta = fit_rigid(RNG_POINTS * [1.0, -1.0], RNG_POINTS)
-    assert np.linalg.det(rigid.rotation(theta[2])) == pytest.approx(1.0)
-
-    def squares(angle):
-        turned = rigid.transform_means([0.0, 0.0, angle], RNG_POINTS - RNG_POINTS.mean(axis=0))
-        target = (RNG_POINTS - RNG_POINTS.mean(axis=0)) * [1.0, -1.0]
-        return ((turned - target) ** 2).sum()
-
-    assert squares(theta[2]) <= min(map(squares, np.linspace(-np.pi, np.pi, 400))) + 1e-9
+        for angle in np.linspace(-np.pi, np.pi, 7):
+            searched = minimize(squares, [0.0, 0.0, angle], tol=1e-12)
+            assert squares(found) <= searched.fun + 1e-9
 
 
 def test_closed_form_takes_degenerate_pairs():
@@ -80,18 +63,13 @@ def test_normals_are_perpendicular_to_a_wall():
 
 
 @pytest.mark.parametrize("metric", ["point", "line"])
-def test_a_copy_is_recovered_exactly(scans, metric):
-    fixed, _ = scans
+def test_two_scans_of_a_room_are_registered_and_a_copy_exactly(scans, metric):
     theta = np.array([0.02, -0.01, 0.005])  # nearer than the points are to each other
-    moving = rigid.transform_means(rigid.inverse(theta), fixed)
-    result = icp(fixed, moving, metric=metric, tolerance=1e-12)
+    moving = rigid.transform_means(rigid.inverse(theta), scans[0])
+    result = icp(scans[0], moving, metric=metric, tolerance=1e-12)
     assert result.converged
     assert_allclose(result.theta, theta, atol=1e-10)
     assert result.rms < 1e-10
-
-
-@pytest.mark.parametrize("metric", ["point", "line"])
-def test_two_scans_of_a_room_are_registered(scans, metric):
     result = icp(*scans, metric=metric)
     assert result.converged or metric == "line"  # which may swap between two pairings
     assert_allclose(result.theta, MOTION, atol=0.03)
@@ -164,14 +142,11 @@ def test_a_corridor_leaves_the_open_direction_alone():
 def test_bad_input_names_the_argument():
     for call, name in (
         (lambda: fit_rigid(RNG_POINTS, RNG_POINTS[:5]), "paired"),
-        (lambda: fit_rigid(np.zeros((0, 2)), np.zeros((0, 2))), "fixed"),
         (lambda: fit_rigid(RNG_POINTS, RNG_POINTS * np.nan), "moving"),
         (lambda: line_normals(RNG_POINTS, 30), "neighbours"),
-        (lambda: icp(RNG_POINTS, RNG_POINTS[None]), "moving"),
         (lambda: icp(RNG_POINTS[:, :1], RNG_POINTS), "fixed"),
         (lambda: icp(RNG_POINTS, RNG_POINTS, [0.0, 0.0]), "initial"),
         (lambda: icp(RNG_POINTS, RNG_POINTS, metric="plane"), "metric"),
-        (lambda: icp(RNG_POINTS[:3], RNG_POINTS, metric="line"), "neighbours"),
     ):
         with pytest.raises(ValueError, match=name):
             call()

@@ -18,12 +18,6 @@ COSTS = (
 THETA = OVERLAPPED.theta + np.array([0.4, -0.3, 0.05])
 
 
-@pytest.fixture(scope="module")
-def sets() -> tuple[PointSet, PointSet]:
-    fixed, moving = OVERLAPPED.sample(1, np.random.default_rng(3))
-    return fixed[0], moving[0]
-
-
 @pytest.mark.parametrize("cost", COSTS)
 def test_derivatives_are_those_of_the_value(
     sets: tuple[PointSet, PointSet], cost: RegistrationCost

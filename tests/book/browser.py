@@ -93,8 +93,9 @@ class Visit:
     """One page as the browser saw it."""
 
     address: str
-    complaints: list[str]
-    """Errors on the console, requests that failed or left this machine."""
+    found: dict[str, list[str]]
+    """What is wrong, by the name of the function of inspect.js that describes it; by complaints,
+    errors on the console and requests that failed or left this machine."""
     bytes: int
     """Of the page itself and its pictures: what is in _static serves the whole book."""
     shared_bytes: int
@@ -104,37 +105,14 @@ class Visit:
     figures: list[str]
     """Labels of the pictures and tables that have one."""
     formulas: int
-    faulty_formulas: list[str]
     links: list[dict[str, str]]
     """Each as written, as resolved by the browser, and its label."""
     unresolved: list[str]
     """References that are no links."""
     next: str
     """The address behind the button "next"; empty on the last page."""
-    overflows: dict[int, list[str]]
-    """By width of the window: what reaches past its edge."""
-    shrunken: list[str]
-    """Pictures that a phone shows too small."""
-    pushed: list[str]
-    """Figures, formulas and moving pictures that scroll sideways on a phone."""
-    crowded: list[str]
-    """Tables of few columns that scroll sideways on a phone."""
-    tiny: list[str]
-    """Words of drawings that a phone shows too small."""
-    orphans: list[str]
-    """Signs that a phone sets at the beginning of a line, after a formula."""
-    faint: dict[str, list[str]]
-    """By theme: text with too little contrast."""
     screens: float
     """The length of the page in windows of 1400 by 900 px, as it opens."""
-    cut: list[str]
-    """Code, printed text and formulas wider than their box on a desk, as the page opens."""
-    pale: dict[str, list[str]]
-    """By theme: captions that are thin or have too little contrast."""
-    unmarked: list[str]
-    """What looks the same with the keyboard's focus as without."""
-    uncited: list[str]
-    """Labels of figures that stand before the text refers to them."""
 
 
 def visit(driver: webdriver.Chrome, address: str) -> Visit:
@@ -149,48 +127,38 @@ def visit(driver: webdriver.Chrome, address: str) -> Visit:
     links = ask(driver, "inspectBook.links()")
     complaints, size, shared = traffic(driver, address)
     screens = ask(driver, "inspectBook.screens()")
-    uncited = ask(driver, "inspectBook.uncited()")
-    cut = ask(driver, "inspectBook.cut()")
+    found: dict[str, list[str]] = {"complaints": complaints, "formulas": formulas["found"]}
+
+    def look(call: str, where: str = "") -> None:
+        places = ask(driver, f"inspectBook.{call}")
+        found.setdefault(call.split("(")[0], []).extend(where + place for place in places)
+
+    look("uncited()")
+    look("cut()")
     ask(driver, "inspectBook.settle()")
-    unmarked = ask(driver, "inspectBook.unmarked()")
-    overflows = {}
+    look("unmarked()")
     for width in (WIDE, NARROW):
         resize(driver, width)
-        overflows[width] = ask(driver, "inspectBook.overflows()")
-    shrunken = ask(driver, f"inspectBook.shrunken({LEGIBLE})")
-    pushed = ask(driver, "inspectBook.pushed()")
-    crowded = ask(driver, f"inspectBook.crowded({FEW})")
-    tiny = ask(driver, f"inspectBook.tiny({SMALLEST})")
-    orphans = ask(driver, "inspectBook.orphans()")
-    faint, pale = {}, {}
+        look("overflows()", f"{width} px: ")
+    for call in (f"shrunken({LEGIBLE})", "pushed()", f"crowded({FEW})", f"tiny({SMALLEST})"):
+        look(call)
+    look("orphans()")
     for theme in THEMES:
         driver.execute_script("document.documentElement.dataset.theme = arguments[0]", theme)
-        faint[theme] = ask(driver, f"inspectBook.faint({CONTRAST})")
-        pale[theme] = ask(driver, f"inspectBook.pale({CONTRAST})")
+        look(f"faint({CONTRAST})", f"{theme}: ")
+        look(f"pale({CONTRAST})", f"{theme}: ")
     return Visit(
         address,
-        complaints,
+        found,
         size,
         shared,
         images,
         ask(driver, "inspectBook.figures()"),
         formulas["count"],
-        formulas["found"],
         links["targets"],
         links["unresolved"],
         links["next"],
-        overflows,
-        shrunken,
-        pushed,
-        crowded,
-        tiny,
-        orphans,
-        faint,
         screens,
-        cut,
-        pale,
-        unmarked,
-        uncited,
     )
 
 

@@ -19,34 +19,6 @@ BLANK = 30
 Check = Callable[[Visit, Path], list[str]]
 
 
-def of_the_visit(name: str) -> Check:
-    """A check that is a field of `Visit`, where it is described; by theme or width, if there."""
-
-    def check(visit: Visit, book: Path) -> list[str]:
-        found = getattr(visit, name)
-        if isinstance(found, dict):
-            return [f"{where}: {place}" for where, places in found.items() for place in places]
-        return list(found)
-
-    check.__name__ = name
-    return check
-
-
-complaints = of_the_visit("complaints")
-formulas = of_the_visit("faulty_formulas")
-too_wide = of_the_visit("overflows")
-too_small = of_the_visit("shrunken")
-pushed = of_the_visit("pushed")
-crowded = of_the_visit("crowded")
-tiny = of_the_visit("tiny")
-orphans = of_the_visit("orphans")
-faint = of_the_visit("faint")
-cut = of_the_visit("cut")
-pale = of_the_visit("pale")
-unmarked = of_the_visit("unmarked")
-uncited = of_the_visit("uncited")
-
-
 def too_heavy(visit: Visit, book: Path) -> list[str]:
     """More bytes than a phone should have to load."""
     return [f"{visit.bytes / 1e6:.2f} MB"] if visit.bytes > MAX_BYTES else []
@@ -136,26 +108,15 @@ def too_long(visit: Visit, book: Path) -> list[str]:
     return [f"{visit.screens:.1f} screens"] if visit.screens > MAX_SCREENS else []
 
 
-CHECKS: tuple[Check, ...] = (
-    complaints,
-    too_heavy,
-    formulas,
-    pictures,
-    references,
-    too_wide,
-    too_small,
-    pushed,
-    crowded,
-    tiny,
-    orphans,
-    faint,
-    shared,
-    cut,
-    pale,
-    unmarked,
-    too_long,
-    uncited,
+# What the browser itself finds, and what is made of what it tells.
+FOUND = (
+    *("complaints", "formulas", "overflows", "shrunken", "pushed", "crowded", "tiny", "orphans"),
+    *("faint", "cut", "pale", "unmarked", "uncited"),
 )
+CHECKS: dict[str, Check] = {
+    **{name: lambda visit, book, name=name: visit.found[name] for name in FOUND},
+    **{each.__name__: each for each in (too_heavy, pictures, references, shared, too_long)},
+}
 
 
 def pages(toc: object) -> Iterator[str]:

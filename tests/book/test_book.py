@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from d2d.study.book.record import read_record
 from d2d.study.book.thesis_figures import FIGURES
 from d2d.study.claims import CLAIMS
 from tests.book import browser
-from tests.book.checks import CHECKS, Check, pages, too_long
+from tests.book.checks import CHECKS, pages
 
 ROOT = Path(__file__).resolve().parents[2]
 TOC = Path(os.environ.get("D2D_BOOK_TOC", ROOT / "_toc.yml"))
@@ -49,11 +49,11 @@ Visit = Callable[[str], browser.Visit]
 
 
 @EACH_PAGE
-@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
-def test_page(page: str, check: Check, visit: Visit, book: Path):
-    if check is too_long and page in LOOKED_UP:
+@pytest.mark.parametrize("check", CHECKS)
+def test_page(page: str, check: str, visit: Visit, book: Path):
+    if check == "too_long" and page in LOOKED_UP:
         pytest.skip("looked things up in, not read from the first line to the last")
-    assert check(visit(page), book) == []
+    assert CHECKS[check](visit(page), book) == []
 
 
 def test_the_list_names_pages_of_the_book():
@@ -84,32 +84,29 @@ def test_most_chapters_have_formulas(visit: Visit):
     assert visit("chapters/03_point_set_registration").formulas > 10
 
 
+RESULTS = "[...document.querySelectorAll('#search-results .search li {}')]"
+
+
 def test_search_finds_a_word_of_the_book(driver: webdriver.Chrome, address: str):
+    """Breaks if a page is not found, or excerpts show imports or TeX."""
+    links, excerpts = RESULTS.format("a"), RESULTS.format("p.context")
     driver.get(f"{address}search.html?q=credibility")
-    browser.wait(driver, "return document.querySelector('#search-results .search li a') !== null")
-    browser.wait(
-        driver, "return document.querySelectorAll('#search-results .search li a').length > 2"
-    )
-    found = driver.execute_script(
-        "return [...document.querySelectorAll('#search-results .search li a')].map(a => a.href)"
-    )
+    browser.wait(driver, f"return {links}.length > 2")
+    found = driver.execute_script(f"return {links}.map(a => a.href)")
     assert any("06_credibility_2d.html" in link for link in found)
-
-
-def test_an_excerpt_of_the_search_is_prose(driver: webdriver.Chrome, address: str):
-    """Breaks if excerpts show imports or TeX."""
     driver.get(f"{address}search.html?q=likelihood")
-    context = "#search-results .search li p.context"
-    browser.wait(driver, f"return document.querySelectorAll('{context}').length > 5")
-    shown = driver.execute_script(
-        f"return [...document.querySelectorAll('{context}')].map(p => p.textContent)"
-    )
+    browser.wait(driver, f"return {excerpts}.length > 5")
+    shown = driver.execute_script(f"return {excerpts}.map(p => p.textContent)")
     assert [text for text in shown if "import " in text or "\\" in text] == []
 
 
-def choose(driver: webdriver.Chrome, list: str, text: str) -> None:
-    """Type into a list, as somebody without a mouse does."""
-    driver.find_element(By.CSS_SELECTOR, f".ledger-filter select[name={list}]").send_keys(text)
+def test_search_finds_nothing_for_a_word_that_is_nowhere(driver: webdriver.Chrome, address: str):
+    """Breaks if the search lists pages whatever is asked."""
+    driver.get(f"{address}search.html?q=qwertzuiop")
+    browser.wait(driver, "return document.querySelector('.search-summary') !== null")
+    summary = "document.querySelector('.search-summary').textContent"
+    browser.wait(driver, f"return /did not match|no results/i.test({summary})")
+    assert driver.execute_script(f"return {RESULTS.format('a')}.length") == 0
 
 
 def test_the_ledger_is_filtered_from_the_keyboard(driver: webdriver.Chrome, address: str):
@@ -119,7 +116,8 @@ def test_the_ledger_is_filtered_from_the_keyboard(driver: webdriver.Chrome, addr
     rows = "return [...document.querySelectorAll('tr:has([id^=claim-])')]"
     everything = driver.execute_script(f"{rows}.length")
     assert everything == len(CLAIMS)
-    choose(driver, "verdict", SIGNS["qualified"])
+    verdict = driver.find_element(By.CSS_SELECTOR, ".ledger-filter select[name=verdict]")
+    verdict.send_keys(SIGNS["qualified"])
     expected = {id for id, evidence in read_record().items() if evidence.verdict == "qualified"}
     shown = driver.execute_script(
         f"{rows}.filter(r => r.checkVisibility()).map(r => r.querySelector('[id]').id)"
@@ -172,21 +170,17 @@ def test_somebody_lost_finds_the_book(
         assert driver.execute_script("return document.styleSheets.length") > 5
 
 
-def test_search_finds_nothing_for_a_word_that_is_nowhere(driver: webdriver.Chrome, address: str):
-    """Breaks if the search lists pages whatever is asked."""
-    driver.get(f"{address}search.html?q=qwertzuiop")
-    browser.wait(driver, "return document.querySelector('.search-summary') !== null")
-    summary = "document.querySelector('.search-summary').textContent"
-    browser.wait(driver, f"return /did not match|no results/i.test({summary})")
-    assert (
-        driver.execute_script("return document.querySelector('#search-results .search li a')")
-        is None
-    )
+@pytest.fixture
+def resized(driver: webdriver.Chrome) -> Iterator[webdriver.Chrome]:
+    """The browser, whose window and colours are put back afterwards."""
+    yield driver
+    browser.resize(driver, browser.WIDE)
+    browser.prefer(driver, "")
 
 
 @pytest.mark.parametrize("page", ["03_point_set_registration", "07_radar_ego_motion"])
 def test_a_note_follows_what_it_is_about_on_a_phone(
-    driver: webdriver.Chrome, address: str, page: str
+    resized: webdriver.Chrome, address: str, page: str
 ):
     """Breaks if a note divides a sentence from its formula, or leaves its place in the margin."""
     order = (
@@ -194,20 +188,17 @@ def test_a_note_follows_what_it_is_about_on_a_phone(
         ".map(note => [note.textContent, note.%s?.textContent.slice(0, 80)])"
     )
     before_formula = "return document.querySelectorAll('aside.margin.sidebar + div.math').length"
-    browser.resize(driver, browser.WIDE)
-    driver.get(f"{address}chapters/{page}.html")
-    wide = driver.execute_script(order % "nextElementSibling")
-    assert driver.execute_script(before_formula) > 2
-    try:
-        browser.resize(driver, browser.NARROW)
-        browser.wait(driver, f"{before_formula} === 0")
-        narrow = driver.execute_script(order % "previousElementSibling")
-        assert [note for note, _ in narrow] == [note for note, _ in wide]
-        browser.resize(driver, browser.WIDE)
-        browser.wait(driver, f"{before_formula} > 2")
-        assert driver.execute_script(order % "nextElementSibling") == wide
-    finally:
-        browser.resize(driver, browser.WIDE)
+    browser.resize(resized, browser.WIDE)
+    resized.get(f"{address}chapters/{page}.html")
+    wide = resized.execute_script(order % "nextElementSibling")
+    assert resized.execute_script(before_formula) > 2
+    browser.resize(resized, browser.NARROW)
+    browser.wait(resized, f"{before_formula} === 0")
+    narrow = resized.execute_script(order % "previousElementSibling")
+    assert [note for note, _ in narrow] == [note for note, _ in wide]
+    browser.resize(resized, browser.WIDE)
+    browser.wait(resized, f"{before_formula} > 2")
+    assert resized.execute_script(order % "nextElementSibling") == wide
 
 
 # The characters of names in tables after which a line ends.
@@ -232,24 +223,18 @@ LINE_ENDS = """
 """
 
 
-def test_a_name_in_a_table_breaks_between_its_words(driver: webdriver.Chrome, address: str):
+def test_a_name_in_a_table_breaks_between_its_words(resized: webdriver.Chrome, address: str):
     """Breaks if the name of a test is cut within a word on a phone."""
-    try:
-        browser.resize(driver, browser.NARROW)
-        driver.get(f"{address}chapters/11_errata.html")
-        ends = driver.execute_script(LINE_ENDS)
-        assert ends.count("_") > 10
-        assert set(ends) <= {"_", "/", ":"}
-    finally:
-        browser.resize(driver, browser.WIDE)
+    browser.resize(resized, browser.NARROW)
+    resized.get(f"{address}chapters/11_errata.html")
+    ends = resized.execute_script(LINE_ENDS)
+    assert ends.count("_") > 10
+    assert set(ends) <= {"_", "/", ":"}
 
 
 @pytest.mark.parametrize("theme", browser.THEMES)
-def test_the_book_follows_the_system(driver: webdriver.Chrome, address: str, theme: str):
+def test_the_book_follows_the_system(resized: webdriver.Chrome, address: str, theme: str):
     """Breaks if the book opens light on a dark screen, or the other way round."""
-    try:
-        browser.prefer(driver, theme)
-        driver.get(f"{address}{PAGES[0]}.html")
-        browser.wait(driver, f"return document.documentElement.dataset.theme === '{theme}'")
-    finally:
-        browser.prefer(driver, "")
+    browser.prefer(resized, theme)
+    resized.get(f"{address}{PAGES[0]}.html")
+    browser.wait(resized, f"return document.documentElement.dataset.theme === '{theme}'")

@@ -369,79 +369,44 @@ class Fact(NamedTuple):
     """The words that the text has around it."""
 
 
+LOWEST, ANEES = "lab.result.lowest", "lab.result.judged.anees"
 OFF = "Math.hypot(...[0, 1].map((i) => lab.result.found.theta[i] - {}[i]))"
+TURN = "lab.result.found.theta[2] * 180 / Math.PI"
 SPREAD = "Math.sqrt(lab.result.found.covariance[{0}][{0}])"
+YAW_SPREAD = f"{SPREAD.format(2)} * 180 / Math.PI"
+NEES = (
+    "d2d.nees(lab.result.found.theta.map((t, i) => t - labs.SCENE.theta[i]),"
+    " lab.result.found.covariance)"
+)
+AGREEING = "Number(lab.told.textContent.match(/[0-9]+/)[0])"
+ROLLED = "d2d.register(lab.result.problem, [6.4, 0, 0]).theta[0]"
+WITHOUT_C = "cost=robust&moving=-2.2,6.14,9.27"
 OUTLIERS = (
     "moving=10.82,0.17,16.33,5.27,26.64,4.03,18.01,-3.21,26.64,-8.19,3.8,-10.3,13.37,-15.45,"
     "20.03,-17.66,16.8,-10.7,10.39,11.71"
 )
 FACTS = (
-    Fact(
-        "lab-line",
-        "cost=summing",
-        "d2d.register(lab.result.problem, [6.4, 0, 0]).theta[0]",
-        "takes the ball to {:.1f} m",
-    ),
-    Fact(
-        "lab-line",
-        "cost=robust&moving=-2.2,6.14,9.27",
-        "lab.result.lowest",
-        "stay at {:.1f} m with A and B",
-    ),
-    Fact("lab-outlier", "cost=likelihood", "lab.result.lowest", "deepest valley is at {:.1f} m"),
-    Fact("lab-outlier", "cost=summing", "lab.result.lowest", "The sum is at {:.2f} m"),
-    Fact(
-        "lab-outlier", "cost=robust&width=0.3", "lab.result.lowest", "pulls the valley to {:.1f} m"
-    ),
-    Fact("lab-outlier", "cost=robust", "lab.result.lowest", "the three others agree on {:.2f} m"),
-    Fact("lab-line", "cost=summing", "lab.result.lowest", "and not to {:.2f} m"),
-    Fact("lab-outlier", "cost=robust", "lab.result.lowest", "the valley is back at {:.1f} m"),
+    Fact("lab-line", "cost=summing", ROLLED, "takes the ball to {:.1f} m"),
+    Fact("lab-line", WITHOUT_C, LOWEST, "stay at {:.1f} m with A and B"),
+    Fact("lab-line", "cost=summing", LOWEST, "and not to {:.2f} m"),
+    Fact("lab-outlier", "cost=likelihood", LOWEST, "deepest valley is at {:.1f} m"),
+    Fact("lab-outlier", "cost=summing", LOWEST, "The sum is at {:.2f} m"),
+    Fact("lab-outlier", "cost=robust&width=0.3", LOWEST, "pulls the valley to {:.1f} m"),
+    Fact("lab-outlier", "cost=robust", LOWEST, "the three others agree on {:.2f} m"),
+    Fact("lab-outlier", "cost=robust", LOWEST, "the valley is back at {:.1f} m"),
     Fact("lab-plane", "cost=summing", OFF.format("[5, 0]"), "the sum ends {:.0f} m off"),
-    Fact(
-        "lab-plane",
-        OUTLIERS,
-        "15 - lab.result.found.theta[2] * 180 / Math.PI",
-        "likelihood is turned by {:.1f}°",
-    ),
-    Fact("lab-plane", OUTLIERS, f"{SPREAD.format(2)} * 180 / Math.PI", "deviation of {:.1f}°"),
-    Fact(
-        "lab-plane",
-        OUTLIERS,
-        "d2d.nees(lab.result.found.theta.map((t, i) => t - labs.SCENE.theta[i]),"
-        " lab.result.found.covariance)",
-        "its NEES is {:.0f}",
-    ),
-    Fact(
-        "lab-doppler",
-        "vx=6&vy=1.15",
-        "Number(lab.told.textContent.match(/[0-9]+/)[0])",
-        "all {:.0f} static targets agree",
-    ),
-    Fact(
-        "lab-doppler",
-        "vx=6&vy=1.15",
-        f"{SPREAD.format(2)} * 180 / Math.PI",
-        "the yaw rate is known to {:.1f} °/s",
-    ),
+    Fact("lab-plane", OUTLIERS, f"15 - {TURN}", "likelihood is turned by {:.1f}°"),
+    Fact("lab-plane", OUTLIERS, YAW_SPREAD, "deviation of {:.1f}°"),
+    Fact("lab-plane", OUTLIERS, NEES, "its NEES is {:.0f}"),
+    Fact("lab-doppler", "vx=6&vy=1.15", AGREEING, "all {:.0f} static targets agree"),
+    Fact("lab-doppler", "vx=6&vy=1.15", YAW_SPREAD, "the yaw rate is known to {:.1f} °/s"),
     Fact("lab-doppler", "vx=6&use=positions", SPREAD.format(0), "uncertain by {:.1f} m/s"),
-    Fact("lab-credible", "who=all&echoes=5", "lab.result.judged.anees", "ANEES is close to {:.0f}"),
-    Fact(
-        "lab-credible", "who=one&echoes=5", "lab.result.judged.anees", "D alone it is about {:.0f}"
-    ),
-    Fact("lab-credible", "bias=0.2", "lab.result.judged.anees", "m the ANEES is about {:.0f}"),
+    Fact("lab-credible", "who=all&echoes=5", ANEES, "ANEES is close to {:.0f}"),
+    Fact("lab-credible", "who=one&echoes=5", ANEES, "D alone it is about {:.0f}"),
+    Fact("lab-credible", "bias=0.2", ANEES, "m the ANEES is about {:.0f}"),
     Fact("lab-live", "cost=likelihood", OFF.format("[2, 0.5]"), "ends {:.2f} m off the truth"),
-    Fact(
-        "lab-live",
-        "outlier=1",
-        "Math.abs(10 - lab.result.found.theta[2] * 180 / Math.PI)",
-        "The outlier turns it by {:.1f}°",
-    ),
-    Fact(
-        "lab-live",
-        "turn=-40",
-        "Math.abs(10 - lab.result.found.theta[2] * 180 / Math.PI)",
-        "ends four metres and {:.0f}° off",
-    ),
+    Fact("lab-live", "outlier=1", f"Math.abs(10 - {TURN})", "The outlier turns it by {:.1f}°"),
+    Fact("lab-live", "turn=-40", f"Math.abs(10 - {TURN})", "ends four metres and {:.0f}° off"),
 )
 
 

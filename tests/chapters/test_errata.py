@@ -15,14 +15,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import chi2
 
-from d2d import (
-    CorruptedGaussian,
-    RegistrationCost,
-    UniformOutlier,
-    credibility,
-    register,
-    rigid,
-)
+from d2d import CorruptedGaussian, RegistrationCost, UniformOutlier, credibility, register, rigid
 from d2d.baselines import fit_rigid
 from d2d.radar import Mounting, RadarScan, doppler_velocity, inlier_probabilities
 from d2d.radar.scans.scan import doppler_gradients

@@ -62,42 +62,23 @@ def unexecuted(notebook: NotebookNode) -> list[str]:
     return found
 
 
-def errors(notebook: NotebookNode) -> list[str]:
-    """Find cells that raised."""
+def complaints(notebook: NotebookNode) -> list[str]:
+    """Find cells that raised, or wrote to stderr."""
     return [
-        f"{name}: {output.ename}"
+        f"{name}: {output.get('ename') or output.text[:200]}"
         for name, cell in code_cells(notebook)
         for output in cell.outputs
-        if output.output_type == "error"
+        if output.output_type == "error" or output.get("name") == "stderr"
     ]
 
 
-def stderr(notebook: NotebookNode) -> list[str]:
-    """Find cells that wrote to stderr."""
-    return [
-        f"{name}: {output.text[:200]}"
-        for name, cell in code_cells(notebook)
-        for output in cell.outputs
-        if output.get("name") == "stderr"
-    ]
-
-
-def warnings_shown(notebook: NotebookNode) -> list[str]:
-    """Find Python warnings in any output."""
-    return matches(notebook, WARNING)
-
-
-def machine_paths(notebook: NotebookNode) -> list[str]:
-    """Find outputs that name a folder of the machine they were made on."""
-    return matches(notebook, MACHINE_PATH)
-
-
-def matches(notebook: NotebookNode, pattern: re.Pattern[str]) -> list[str]:
-    """Find outputs in which `pattern` occurs."""
+def unwanted(notebook: NotebookNode) -> list[str]:
+    """Find outputs with a Python warning, or a folder of the machine they were made on."""
     return [
         f"{name}: {text[match.start() : match.start() + 80]!r}"
         for name, cell in code_cells(notebook)
         for text in (ANSI.sub("", text) for text in output_texts(cell))
+        for pattern in (WARNING, MACHINE_PATH)
         if (match := pattern.search(text))
     ]
 
@@ -159,34 +140,23 @@ def faulty_figures(notebook: NotebookNode) -> list[str]:
             )
         if pictures != 1:
             found.append(f"{name}: {pictures} pictures, expected 1")
-        if any(map(soft, cell.outputs)):
-            found.append(f"{name}: fewer than two pixels for each of the page")
-        if any(map(cut_off, cell.outputs)):
-            found.append(f"{name}: something touches the edge of the picture, and may be cut off")
+        found += [
+            f"{name}: {problem}" for output in cell.outputs for problem in badly_drawn(output)
+        ]
     return found
 
 
-def picture(output: NotebookNode) -> Image.Image | None:
-    """The picture that a cell put out, if it is one."""
+def badly_drawn(output: NotebookNode) -> Iterator[str]:
+    """What is wrong with the pixels of a picture that a cell put out, if it is one."""
     data = output.get("data", {}).get("image/png")
-    return None if data is None else Image.open(BytesIO(b64decode(data)))
-
-
-def soft(output: NotebookNode) -> bool:
-    """Whether a picture has fewer than two pixels for each of the page."""
-    image = picture(output)
-    if image is None:
-        return False
-    return image.width < 2 * output.metadata.get("image/png", {}).get("width", image.width)
-
-
-def cut_off(output: NotebookNode) -> bool:
-    """Whether anything is drawn on the outermost pixels of a picture."""
-    image = picture(output)
-    if image is None:
-        return False
+    if data is None:
+        return
+    image = Image.open(BytesIO(b64decode(data)))
+    if image.width < 2 * output.metadata.get("image/png", {}).get("width", image.width):
+        yield "fewer than two pixels for each of the page"
     pixels = np.asarray(image.convert("L"))
-    return bool((pixels[[0, -1]] < 250).any() or (pixels[:, [0, -1]] < 250).any())
+    if (pixels[[0, -1]] < 250).any() or (pixels[:, [0, -1]] < 250).any():
+        yield "something touches the edge of the picture, and may be cut off"
 
 
 def repeated_figures(notebooks: Iterable[NotebookNode]) -> list[str]:
@@ -199,10 +169,8 @@ def repeated_figures(notebooks: Iterable[NotebookNode]) -> list[str]:
 
 CHECKS: tuple[Check, ...] = (
     unexecuted,
-    errors,
-    stderr,
-    warnings_shown,
-    machine_paths,
+    complaints,
+    unwanted,
     repeated_ids,
     long_cells,
     crowded_cells,
@@ -279,69 +247,25 @@ def sound_notebook() -> NotebookNode:
     )
 
 
-def printed(text: str, name: str = "stdout") -> Callable[[NotebookNode], None]:
-    """Return a change that makes the first code cell put out `text`."""
-
-    def change(notebook: NotebookNode) -> None:
-        notebook.cells[1].outputs = [new_output("stream", name=name, text=text)]
-
-    return change
+Change = Callable[[NotebookNode], object]
 
 
-def set_figure(key: str, value: str) -> Callable[[NotebookNode], None]:
-    """Return a change of one entry of the figure's metadata."""
-
-    def change(notebook: NotebookNode) -> None:
-        notebook.cells[3].metadata.mystnb.figure[key] = value
-
-    return change
-
-
-def changed(**fields: object) -> Callable[[NotebookNode], None]:
+def changed(**fields: object) -> Change:
     """Return a change of fields of the first code cell."""
-
-    def change(notebook: NotebookNode) -> None:
-        notebook.cells[1].update(fields)
-
-    return change
+    return lambda notebook: notebook.cells[1].update(fields)
 
 
-def clear_outputs(notebook: NotebookNode) -> None:
-    for _, cell in code_cells(notebook):
-        cell.outputs, cell.execution_count = [], None
+def printed(text: str, name: str = "stdout") -> Change:
+    """Return a change that makes the first code cell put out `text`."""
+    return changed(outputs=[new_output("stream", name=name, text=text)])
 
 
-def swap_order(notebook: NotebookNode) -> None:
-    first, second = notebook.cells[1], notebook.cells[3]
-    first.execution_count, second.execution_count = second.execution_count, first.execution_count
+def drawn(change: Change) -> Change:
+    """Return a change of the cell with the figure."""
+    return lambda notebook: change(notebook.cells[3])
 
 
-def remove_id(notebook: NotebookNode) -> None:
-    del notebook.cells[3]["id"]
-
-
-def remove_picture(notebook: NotebookNode) -> None:
-    del notebook.cells[3].outputs[0].data["image/png"]
-
-
-def draw_softly(notebook: NotebookNode) -> None:
-    del notebook.cells[3].outputs[0].metadata["image/png"]
-
-
-def draw_to_the_edge(notebook: NotebookNode) -> None:
-    ground = np.full((6, 8), 255)
-    ground[5, 3] = 0
-    notebook.cells[3].outputs[0].data["image/png"] = png(ground)
-
-
-def draw_twice(notebook: NotebookNode) -> None:
-    notebook.cells[3].outputs.append(copy.deepcopy(notebook.cells[3].outputs[0]))
-
-
-def remove_alt(notebook: NotebookNode) -> None:
-    del notebook.cells[3].metadata.mystnb["image"]
-
-
+BLACK = png(np.zeros((6, 8)))  # to its edges
 ERROR = new_output("error", ename="ValueError", evalue="no", traceback=["ValueError: no"])
 
 
@@ -355,26 +279,25 @@ def test_long_and_wide_code_may_be_folded():
         assert crowded_cells(notebook) == []
 
 
-FAULTS: list[tuple[Check, Callable[[NotebookNode], None]]] = [
-    (unexecuted, clear_outputs),
-    (unexecuted, swap_order),
+FAULTS: list[tuple[Check, Change]] = [
+    (unexecuted, changed(execution_count=None, outputs=[])),
     (unexecuted, changed(execution_count=2)),
-    (errors, changed(outputs=[ERROR])),
-    (stderr, printed("100%|####|", name="stderr")),
-    (warnings_shown, printed("scan.py:3: RuntimeWarning: divide by zero\n")),
-    (machine_paths, printed("read /home/me/scan.h5")),
-    (machine_paths, printed("<ipython> in '/tmp/x.py'")),
+    (complaints, changed(outputs=[ERROR])),
+    (complaints, printed("100%|####|", name="stderr")),
+    (unwanted, printed("scan.py:3: RuntimeWarning: divide by zero\n")),
+    (unwanted, printed("read /home/me/scan.h5")),
+    (unwanted, printed("<ipython> in '/tmp/x.py'")),
     (repeated_ids, changed(id="two")),
-    (repeated_ids, remove_id),
+    (repeated_ids, changed(id="")),
     (long_cells, changed(source="x = 1\n" * (MAX_LINES + 1))),
     (crowded_cells, changed(source="x = 1\n" * (VISIBLE_LINES + 1))),
-    (faulty_figures, draw_softly),
-    (faulty_figures, draw_to_the_edge),
-    (faulty_figures, remove_picture),
-    (faulty_figures, draw_twice),
-    (faulty_figures, remove_alt),
-    (faulty_figures, set_figure("name", "line")),
-    (faulty_figures, set_figure("caption", "")),
+    (faulty_figures, drawn(lambda cell: cell.outputs[0].metadata.pop("image/png"))),
+    (faulty_figures, drawn(lambda cell: cell.outputs[0].data.update({"image/png": BLACK}))),
+    (faulty_figures, drawn(lambda cell: cell.outputs[0].data.pop("image/png"))),
+    (faulty_figures, drawn(lambda cell: cell.outputs.append(cell.outputs[0]))),
+    (faulty_figures, drawn(lambda cell: cell.metadata.mystnb.pop("image"))),
+    (faulty_figures, drawn(lambda cell: cell.metadata.mystnb.figure.update(name="line"))),
+    (faulty_figures, drawn(lambda cell: cell.metadata.mystnb.figure.update(caption=""))),
 ]
 
 
@@ -398,4 +321,4 @@ def test_ordinary_text_is_not_taken_for_a_machine_path():
     for text in ("ratio 3/4", "https://example.org/home/page", "chapters/results/"):
         notebook = sound_notebook()
         printed(text)(notebook)
-        assert machine_paths(notebook) == []
+        assert unwanted(notebook) == []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from docutils import nodes
 from docutils.core import publish_doctree
 
 from tools.page_extras import DESCRIPTION, GLYPH, PRELOADED, icons_of, summary, without_unused
@@ -13,11 +12,6 @@ ICONS = (
     'two:[448,512,[],"f0ca",["M0 96","M1 97"]],'
     "f:function(c){return c.x}}"
 )
-
-
-def document(text: str) -> nodes.document:
-    """A page of reStructuredText."""
-    return publish_doctree(text)
 
 
 def test_only_the_icons_that_are_used_are_kept():
@@ -58,19 +52,15 @@ def test_only_fonts_of_icons_are_no_longer_loaded_ahead():
 
 
 def test_a_description_is_the_first_paragraph_without_formulas():
-    """Breaks if TeX is shown to a search engine."""
+    """Breaks if TeX is shown, half a word ends it, or a page of pictures cannot be built."""
+
+    def described(text: str) -> str:
+        return summary(publish_doctree(f"Title\n=====\n\n{text}\n"))
+
     sentence = "The motion :math:`\\theta` is what a registration of two scans finds."
-    found = summary(document(f"Title\n=====\n\nShort.\n\n{sentence}\n"))
+    found = described(f"Short.\n\n{sentence}")
     assert found == "The motion is what a registration of two scans finds."
-
-
-def test_a_description_is_cut_at_a_word():
-    """Breaks if half a word ends it, or it is as long as the page."""
-    text = summary(document("Title\n=====\n\n" + "word " * 100))
-    assert text.endswith("word …")
-    assert len(text) <= DESCRIPTION + 2
-
-
-def test_a_page_without_a_paragraph_has_no_description():
-    """Breaks if a page of pictures cannot be built."""
-    assert summary(document("Title\n=====\n\n.. image:: x.png\n")) == ""
+    cut = described("word " * 100)
+    assert cut.endswith("word …")
+    assert len(cut) <= DESCRIPTION + 2
+    assert described(".. image:: x.png") == ""

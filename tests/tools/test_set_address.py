@@ -59,8 +59,8 @@ def test_the_cell_does_nothing_outside_of_colab(copy: Path) -> None:
     exec(TransformerManager().transform_cell(cell.source), {"get_ipython": refuse})
 
 
-@pytest.mark.parametrize("wrong", ["github.com/a/b", "https://github.com/a", "https://a.org/b/c"])
-def test_what_is_no_address_is_refused(copy: Path, wrong: str) -> None:
+def test_what_is_no_address_is_refused(copy: Path) -> None:
     """Breaks if anything but a repository on GitHub, which Colab can open, is taken."""
-    with pytest.raises(ValueError, match=r"^the address must be"):
-        set_address(copy, wrong)
+    for wrong in ("github.com/a/b", "https://github.com/a", "https://a.org/b/c"):
+        with pytest.raises(ValueError, match=r"^the address must be"):
+            set_address(copy, wrong)

@@ -1,0 +1,176 @@
+"""How the kernel is compiled and kept on disk, or not; the package works either way."""
+
+from __future__ import annotations
+
+import gc
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba import njit
+from numpy.testing import assert_allclose
+
+from d2d._kernel import compile as compiling
+from d2d._kernel import newton
+
+ROOT = Path(__file__).resolve().parents[1]
+MAKE_A_SET = """
+points = d2d.PointSet([[8.0, 1.0]], [[[0.1, 0.0], [0.0, 0.1]]])
+print(d2d.__file__, points.size)
+"""
+COUNT_HITS = """
+import numpy as np
+from d2d._kernel.entries import pack_targets
+sets = np.ones((1, 1, 2)), np.eye(2)[None, None], np.ones((1, 1))
+pack_targets(*sets, np.empty((6, 1)), np.empty((1, 3)))
+print(sum(pack_targets.stats.cache_hits.values()))
+"""
+SHOW_BITS = """
+from d2d import CorruptedGaussian, RegistrationCost
+from d2d.study import scenarios
+scene = scenarios.OVERLAPPED
+cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100 * np.eye(2)))
+sets = scene.sample(300, np.random.default_rng(0))
+print(*(array.tobytes().hex() for array in cost.derivatives(scene.theta, *sets)))
+"""
+ESTIMATE = """
+import numpy as np
+from d2d import CorruptedGaussian, PointSet, RegistrationCost, propagate_covariance, register
+sets = [PointSet([[8.0, 1.0], [5.0, x]], [0.04 * np.eye(2)] * 2) for x in (-3.0, -2.9)]
+cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
+estimate = register(*sets, cost)
+print(estimate.theta, estimate.covariance, propagate_covariance(estimate, *sets, cost))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with a copy of the package, beside which nothing compiled can be kept.
+
+    A file stands where Numba would make its folder, because an administrator may write anywhere.
+    """
+    shutil.copytree(ROOT / "d2d", tmp_path / "d2d", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "d2d" / "_kernel" / "__pycache__").touch()
+    return tmp_path
+
+
+def run(program: str, folder: Path, **environment: str) -> tuple[list[str], list[str]]:
+    """The words that a program prints which imports the copy, and its lines of errors."""
+    nowhere = str(folder / "d2d" / "py.typed" / "cache")  # beneath a file
+    inherited = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    own = {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    homes = {"HOME": nowhere, "XDG_CACHE_HOME": nowhere}
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=folder,
+        env=inherited | own | homes | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split(), done.stderr.splitlines()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the user's cache folder is elsewhere")
+def test_without_a_writable_folder_it_starts_and_says_what_helps(folder: Path) -> None:
+    """Breaks if the import dies in a container, every function complains or the advice is bad."""
+    printed, errors = run("import d2d" + MAKE_A_SET, folder)
+    assert printed == [f"{folder}/d2d/__init__.py", "1"]
+    assert len(errors) == 1, errors
+    assert "NUMBA_CACHE_DIR" in errors[0]
+    kept = folder / "kept"
+    _, errors = run("import d2d" + MAKE_A_SET, folder, NUMBA_CACHE_DIR=str(kept))
+    assert errors == []
+    assert list(kept.rglob("*.nbc"))
+
+
+def test_a_folder_that_is_lost_after_the_import_costs_no_result(folder: Path) -> None:
+    """Breaks if a full disk, or a folder that was removed, ends a registration."""
+    kept = str(folder / "kept")
+    lose = f"import shutil, d2d\nshutil.rmtree({kept!r})\nopen({kept!r}, 'w').close()"
+    printed, errors = run(lose + MAKE_A_SET, folder, NUMBA_CACHE_DIR=kept)
+    assert printed[-1] == "1"
+    assert len(errors) == 1, errors
+    assert "NUMBA_CACHE_DIR" in errors[0]
+
+
+def edit(path: Path) -> None:
+    """Change a module."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write("# an edit\n")
+
+
+def test_what_is_compiled_is_kept_until_a_module_changes(folder: Path) -> None:
+    """Breaks if a cached function calls a stale one, or gives other bits than one just compiled.
+
+    Numba itself looks at one file only, and LLVM may order sums by its own choice: then workers
+    differ from who compiled.  Breaks too if a half-written file makes every call fail.
+    """
+    kept = folder / "kept"
+
+    def words(program: str) -> list[str]:
+        return run(program, folder, NUMBA_CACHE_DIR=str(kept))[0]
+
+    compiled, loaded = words(COUNT_HITS + SHOW_BITS), words(COUNT_HITS + SHOW_BITS)
+    assert (compiled[0], loaded[0]) == ("0", "1")
+    assert compiled[1:] == loaded[1:]
+    assert len(loaded) == 4
+    for ending in ("nbi", "nbc"):  # the index, and the code
+        for file in kept.rglob(f"*pack_targets*.{ending}"):
+            file.write_bytes(file.read_bytes()[:-7])
+        assert words(COUNT_HITS) == ["0"]
+        assert words(COUNT_HITS) == ["1"]
+    edit(folder / "d2d" / "_kernel" / "pairs.py")
+    assert words(COUNT_HITS) == ["0"]
+
+
+def test_an_edit_of_any_module_of_the_kernel_is_noticed(folder: Path) -> None:
+    """Breaks if a module does not count in what the cache depends on."""
+    kernel = folder / "d2d" / "_kernel"
+    stamps = [compiling.source_stamp(kernel)]
+    assert stamps == [compiling._STAMP]
+    for module in sorted(kernel.glob("*.py")):
+        edit(module)
+        stamps.append(compiling.source_stamp(kernel))
+    assert len(set(stamps)) == len(stamps) > 5
+
+
+def test_the_kernel_runs_as_python() -> None:
+    """Breaks if NUMBA_DISABLE_JIT=1, with which a debugger steps through it, is an error."""
+    compiled, stepped = (run(ESTIMATE, ROOT, NUMBA_DISABLE_JIT=disabled) for disabled in "01")
+    assert compiled[0] == stepped[0]
+
+
+def test_a_part_without_a_wrapper_may_be_called_from_python() -> None:
+    """Breaks if Python jumps to the address 0: a part is compiled for compiled callers alone."""
+    rng = np.random.default_rng(3)
+    h, g, step = rng.standard_normal((3, 3)), *rng.standard_normal((2, 3))
+    expected = -(g @ step + 0.5 * step @ h @ step)
+    calls_it = njit(lambda h, g, step: newton.decrease(h, g, step))
+    for function in (newton.decrease, calls_it, newton.decrease):
+        assert_allclose(function(h, g, step), expected)
+
+
+@pytest.mark.parametrize("collecting", [True, False])
+def test_compiling_leaves_the_collector_as_it_was(collecting: bool) -> None:
+    """Breaks if what is switched off while compiling stays off, or is switched on."""
+    seen = []
+
+    def fails() -> None:
+        seen.append(gc.isenabled())
+        raise ValueError("it fails")
+
+    was = gc.isenabled()
+    try:
+        (gc.enable if collecting else gc.disable)()
+        with pytest.raises(ValueError, match="it fails"):
+            compiling.unhindered(fails)()
+        assert seen == [False]
+        assert gc.isenabled() == collecting
+    finally:
+        (gc.enable if was else gc.disable)()
