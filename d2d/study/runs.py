@@ -7,7 +7,7 @@ and kind of workers.
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import joblib
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from d2d import rigid
-from d2d._checks import check_count
+from d2d._checks import check_count, check_instance
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.credibility import Credibility, credibility
@@ -26,6 +26,7 @@ THREADS = os.cpu_count() or 1  # the kernel releases the GIL; no result depends 
 CHUNK = 1000  # runs in one batched call, a worker's unit of work; bounds the memory
 
 
+@runtime_checkable
 class Scene(Protocol):
     """What `monte_carlo` can run: a true motion, and noisy scans before and after it."""
 
@@ -110,6 +111,8 @@ def monte_carlo(
     scales : sequence of positive numbers
         Inflation schedule, see `d2d.register`.
     """
+    check_instance("scenario", scenario, Scene)
+    check_instance("cost", cost, RegistrationCost)
     full, rest = divmod(check_count("runs", runs), CHUNK)
     sizes = [CHUNK] * full + [rest] * (rest > 0)
     seeds = np.random.SeedSequence(check_count("seed", seed, minimum=0)).spawn(len(sizes))
@@ -131,7 +134,10 @@ def _starts(scenario: Scene, initial: Initial) -> Array:
         if initial not in ("truth", "zero"):
             raise ValueError(f"initial must be 'truth', 'zero' or an array, but is {initial!r}")
         return scenario.theta * (initial == "truth")
-    return rigid.motion("initial", initial, 1 if len(scenario.theta) == 1 else 2)
+    starts = rigid.motion("initial", initial, 1 if len(scenario.theta) == 1 else 2)
+    if starts.ndim > 2:
+        raise ValueError(f"initial must have the shape (P,) or (S, P), but has {starts.shape}")
+    return starts
 
 
 def _run(
