@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_finite, check_scalar, symmetrise
 from d2d._types import Array
 
 
@@ -17,17 +16,10 @@ def raise_eigenvalues(
     all covariances without an eigenvalue below ``floor``: ``-log|Sigma| - tr(Sigma^-1 S)`` is
     largest with the eigenvectors of S, and along each of them ``-log s - lambda / s`` falls beyond
     s = lambda.
-
-    Raises a ``ValueError`` if an argument is not finite, or ``matrices`` are not symmetric; the
-    message names it.
     """
-    given, least = check_finite("matrices", matrices), check_finite("floor", floor)
-    if given.ndim < 2 or given.shape[-1] != given.shape[-2]:
-        raise ValueError(f"matrices must have the shape (..., D, D), but has {given.shape}")
-    symmetrise("matrices", given.copy())
-    ratio = check_scalar("smallest_ratio", smallest_ratio)
+    given, least = (np.asarray(each, dtype=np.float64) for each in (matrices, floor))
     values, vectors = np.linalg.eigh(given)
-    lowest = np.maximum(least[..., None], ratio * values[..., -1:])
+    lowest = np.maximum(least[..., None], smallest_ratio * values[..., -1:])
     raised = (vectors * np.maximum(values, lowest)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     symmetric = 0.5 * (raised + np.swapaxes(raised, -1, -2))
     kept = np.asarray((values >= lowest).all(axis=-1))

@@ -8,13 +8,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import (
-    broadcast_batches,
-    check_choice,
-    check_count,
-    check_finite,
-    check_positive_scalar,
-)
+from d2d._checks import check_choice, check_count, check_finite
 from d2d._types import Array
 
 Metric = Literal["point", "line"]
@@ -24,26 +18,15 @@ Metric = Literal["point", "line"]
 class IcpResult:
     """The result of ICP, for one start or a batch of starts, and the iterations on the way to it.
 
-    Attributes
-    ----------
-    theta : (..., 3) array, m, m, rad
-        The motion that maps the moving set onto the fixed one.
-    rms : (...) array, m
-        Root mean squared distance of the final correspondences: to the nearest point, or to the
-        line through it.
-    converged : (...) array of bool
-        Whether the last step was within the tolerance.
-    iterations : (...) array of int
-    thetas, rms_history : (I + 1, ..., 3) and (I + 1, ...) arrays
-        Motion and rms distance at the start and after each iteration; constant once stopped.
+    Distances are those of the correspondences: to the nearest point, or to the line through it.
     """
 
-    theta: Array
-    rms: Array
-    converged: NDArray[np.bool_]
-    iterations: NDArray[np.int64]
-    thetas: Array
-    rms_history: Array
+    theta: Array  # (..., 3) m, m, rad: maps the moving set onto the fixed one
+    rms: Array  # (...) m, root mean squared distance at the end
+    converged: NDArray[np.bool_]  # (...), whether the last step was within the tolerance
+    iterations: NDArray[np.int64]  # (...)
+    thetas: Array  # (I + 1, ..., 3), at the start and after each iteration; constant once stopped
+    rms_history: Array  # (I + 1, ...) m
 
 
 def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
@@ -54,17 +37,9 @@ def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
     t = mean(f) - R mean(m) (Arun et al. 1987; the determinant, from Umeyama 1991, excludes
     reflections).
 
-    Raises a ``ValueError`` that names the argument if a set is empty, not finite or not paired.
-
-    Parameters
-    ----------
-    fixed, moving : (..., N, 2) arrays, m
-        Points with the same index are paired; batch axes broadcast.
-
-    Returns
-    -------
-    (..., 3) array, m, m, rad
-        The motion that maps ``moving`` onto ``fixed``.
+    The points (..., N, 2) in m with the same index are paired; batch axes broadcast.  The motion
+    (..., 3) in m, m, rad maps ``moving`` onto ``fixed``.  Raises a ``ValueError`` that names the
+    argument if a set is empty, not finite or not paired.
     """
     target, source = check_points("fixed", fixed), check_points("moving", moving)
     if target.shape[-2] != source.shape[-2]:
@@ -72,7 +47,6 @@ def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
             f"fixed and moving must be paired, but have {target.shape[-2]} and "
             f"{source.shape[-2]} points"
         )
-    broadcast_batches("fixed and moving", target.shape[:-2], source.shape[:-2])
     to, by = target.mean(axis=-2), source.mean(axis=-2)
     spread = np.swapaxes(source - by[..., None, :], -1, -2) @ (target - to[..., None, :])
     left, _, right = np.linalg.svd(spread)
@@ -139,8 +113,6 @@ def icp(
     target = check_points("fixed", fixed, dimensions=2)
     source = check_points("moving", moving, dimensions=2)
     check_choice("metric", metric, ("point", "line"))
-    check_positive_scalar("tolerance", tolerance)
-    check_count("max_iterations", max_iterations)
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
     normals = line_normals(target, neighbours) if metric == "line" else None
     tree = scipy.spatial.cKDTree(target)

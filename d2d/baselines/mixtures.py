@@ -48,16 +48,8 @@ def mixture_residuals(
 
     ``sum(r**2) / 2 - sum(constants)`` is the negative logarithm of the mixture.
 
-    Raises a ``ValueError`` that names the argument that is invalid.
-
-    Parameters
-    ----------
-    theta : (..., 3) array, m, m, rad
-        May be complex, for complex-step derivatives.
-    fixed, moving : PointSet
-        One planar set each, no batch.
-    mixture : "max", "sum" or "max-sum"
-    outlier : CorruptedGaussian, optional
+    The motion (..., 3) may be complex, for complex-step derivatives; the sets are planar, without a
+    batch.  Raises a ``ValueError`` that names the argument that is invalid.
     """
     _check(fixed, moving, mixture)
     pairs = _Pairs(fixed, moving, outlier)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_count, check_finite, check_positive_scalar, check_within
+from d2d._checks import check_positive_scalar
 from d2d._types import Array
 from d2d.baselines.eigenvalues import raise_eigenvalues
 from d2d.baselines.icp import check_points
@@ -21,7 +21,6 @@ CELL_SIZE = 1.0  # m
 MIN_POINTS = 3  # needed for a covariance in the plane (Biber & Strasser 2003, sec. III)
 SMALLEST_RATIO = 1e-3  # of a cell's eigenvalues (Biber & Strasser 2003, sec. III)
 FOUR_GRIDS = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))  # shifts in cells
-_MAX_CELLS = 2**53  # from the origin: beyond it, float64 cannot represent every cell number
 D2 = 0.05  # factor of the exponent in public implementations of D2D-NDT
 
 P2D = RegistrationCost(metric="p2d", fusion="summing")
@@ -38,27 +37,13 @@ def grid_cells(
 ) -> PointSet:
     """One Gaussian for every grid cell that contains enough points (thesis eq. 3.4, 3.5).
 
+    The cells of the points (N, 2), squares of ``size`` m on a grid whose origin is shifted by so
+    many cells, are sorted by columns, then rows.  Those with fewer than ``min_points`` are left
+    out.  The smaller eigenvalue of a covariance is raised to at least ``smallest_ratio`` times the
+    larger, so that the covariance of collinear points is not singular.  The weights
+    sqrt(det(2 pi Sigma)) make each component peak at 1, like the score of Biber & Strasser.
     Raises a ``ValueError`` that names the argument if it is invalid, or ``points`` if no cell
     contains enough of them.
-
-    Parameters
-    ----------
-    points : (N, 2) array, m
-    size : float, m
-        Side length of the square cells.
-    shift : pair of float
-        Shift of the grid's origin, in cells.
-    min_points : int
-        Cells with fewer points are left out; at least 2.
-    smallest_ratio : float within (0, 1]
-        The smaller eigenvalue of a cell's covariance is raised to at least this fraction of the
-        larger, so that the covariance of collinear points is not singular.
-
-    Returns
-    -------
-    PointSet
-        Sorted by the cells' columns, then rows.  The weights sqrt(det(2 pi Sigma)) make each
-        component peak at 1, like the score of Biber & Strasser.
     """
     cells = _cells(check_points("points", points, 2), size, shift, min_points, smallest_ratio)
     return _peaking_at_one(*cells)
@@ -98,21 +83,10 @@ def ndt_p2d(
 
     Raises a ``ValueError`` that names the argument that is invalid.
 
-    Parameters
-    ----------
-    fixed, moving : (N, 2) and (M, 2) arrays, m
-    initial : (..., 3) array, m, m, rad, optional
-        Where to start, or a batch of starts; zeros by default.
-    size : float, m
-        Side length of the square cells.
-    shifts : sequence of pairs
-        Shift of each grid's origin, in cells.
-
-    Returns
-    -------
-    Estimate
-        Its ``covariance`` is the inverse Hessian of the score's negative logarithm.  That is not
-        the covariance of the error, because the score is not a likelihood.
+    The points (N, 2) and (M, 2) are in m, ``size`` and ``shifts`` are those of `pooled_cells`, and
+    the start or starts ``initial`` (..., 3) are zeros by default.  The ``covariance`` of the result
+    is the inverse Hessian of the score's negative logarithm.  That is not the covariance of the
+    error, because the score is not a likelihood.
     """
     cells = pooled_cells(check_points("fixed", fixed, 2), size, shifts)
     return register(cells, bare_points(check_points("moving", moving, 2)), P2D, initial)
@@ -136,17 +110,8 @@ def ndt_d2d(
 
     Raises a ``ValueError`` that names the argument that is invalid.
 
-    Parameters
-    ----------
-    fixed, moving, initial, size
-        As for `ndt_p2d`.
-    d2 : float
-        Divisor of the variances.
-
-    Returns
-    -------
-    Estimate
-        As for `ndt_p2d`, its ``covariance`` is not that of the error.
+    The other arguments are those of `ndt_p2d`; here, too, the ``covariance`` is not that of the
+    error.
     """
     width = (1.0 / check_positive_scalar("d2", d2)) ** 0.5
     cells = (
@@ -168,17 +133,8 @@ def _cells(
 ) -> tuple[Array, Array]:
     """Means and covariances of the points in each cell, without the cells that have too few."""
     side = check_positive_scalar("size", size)
-    offset = check_finite("shift", shift)
-    if offset.shape != (2,):
-        raise ValueError(f"shift must be a pair, but has the shape {offset.shape}")
-    check_count("min_points", min_points, 2)
-    check_within("smallest_ratio", smallest_ratio, 1e-16, 1.0)
-    place = np.floor(points / side - offset)
-    if np.abs(place).max() > _MAX_CELLS:
-        raise ValueError(f"size must be larger for points so far from the origin, but is {side:g}")
-    _, cell, counts = np.unique(
-        place.astype(np.int64), axis=0, return_inverse=True, return_counts=True
-    )
+    place = np.floor(points / side - np.asarray(shift)).astype(np.int64)
+    _, cell, counts = np.unique(place, axis=0, return_inverse=True, return_counts=True)
     means, covariances = [], []
     for number in np.flatnonzero(counts >= min_points):
         mean, covariance = _fit(points[cell.ravel() == number])

@@ -28,15 +28,9 @@ def symmetric_derivatives(
     """Mean cost (...) of both directions, with exact gradient (..., 3) and Hessian (..., 3, 3).
 
     The cost is (f(theta; F, M) + f(theta^-1; M, F)) / 2, the mean.  Both directions use the same
-    measurements, and the Hessian of their total would count the information twice.
-
-    Parameters
-    ----------
-    theta : (..., 3) array, m, m, rad
-    fixed, moving : PointSet
-        Planar sets; batch axes broadcast.
-    cost : RegistrationCost
-        An outlier covariance is taken in the frame of whichever scan is the mixture.
+    measurements, and the Hessian of their total would count the information twice.  The motion
+    (..., 3) and the batches of the planar sets broadcast.  An outlier covariance is taken in the
+    frame of whichever scan is the mixture.
     """
     motion = rigid.motion("theta", theta, 2)
     value, gradient, hessian = cost.derivatives(motion, fixed, moving)

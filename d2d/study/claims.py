@@ -34,16 +34,9 @@ def chapter_box(
 ) -> ChapterBox:
     """The box atop a chapter, with the verdicts of its claims as they are on record.
 
-    Parameters
-    ----------
-    chapter : str
-        The number in the page's file name, "03" or "04a".
-    asked, found : str or sequence of str
-        One sentence, or several; MyST Markdown.
-    minutes : int
-        To read the chapter, without the exercises.
-    needs : str
-        What a reader should know; MyST Markdown.
+    The chapter is the number in the page's file name, "03" or "04a".  What is asked and found, one
+    sentence or several, and what a reader needs to know are MyST Markdown; the minutes are those to
+    read the chapter, without the exercises.
     """
     verdicts = verdicts_of(chapter, CLAIMS.values(), read_record())
     return ChapterBox(asked, found, verdicts, minutes, needs)

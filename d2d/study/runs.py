@@ -93,17 +93,16 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Register many noisy draws of a scenario and compare with the truth.
 
-    Raises a ``ValueError`` naming the argument that does not fit.
+    The same seed gives the same results, whatever ``n_jobs`` and the backend.  Raises a
+    ``ValueError`` naming the argument that does not fit.
 
     Parameters
     ----------
     scenario : Scene
         For example a `d2d.study.plane.scenarios.Scenario`.
     cost : RegistrationCost
-    runs : int
-        Number of independent draws.
-    seed : int
-        The same seed gives the same results, whatever ``n_jobs`` and the backend.
+    runs, seed : int
+        Number of independent draws, and what they are drawn from.
     initial : "truth", "zero", (P,) array or (S, P) array
         Start of every run; with several starts, the lowest optimum is kept.
     n_jobs : int, optional
@@ -111,10 +110,6 @@ def monte_carlo(
         backend (for example ``"dask"``) then runs the chunks.
     scales : sequence of positive numbers
         Inflation schedule, see `d2d.register`.
-
-    Returns
-    -------
-    MonteCarlo
     """
     check_instance("scenario", scenario, Scene)
     check_instance("cost", cost, RegistrationCost)

@@ -1,7 +1,5 @@
 """The textbook update rules: their signs, their limits and where they lead."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal

@@ -1,7 +1,5 @@
 """The ledger of claims: the record says what the checks find."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path

@@ -82,10 +82,10 @@ def test_bad_arguments_are_named() -> None:
         ({"seed": None}, "seed must be an integer"),
         ({"cost": "d2d"}, "cost must be a RegistrationCost"),
         ({"scenario": None}, "scenario must be a Scene"),
+        ({"initial": np.zeros((2, 2, 3))}, "initial must have the shape"),
         ({"scales": 2.0}, "scales must be a sequence"),
         ({"initial": "here"}, "initial must be 'truth', 'zero' or an array"),
         ({"initial": [0.0, 0.0]}, "initial must have the shape"),
-        ({"initial": np.zeros((2, 2, 3))}, "initial must have the shape"),
     ):
         with pytest.raises(ValueError, match=f"^{message}"):
             monte_carlo(**{"scenario": scenarios.OVERLAPPED, "cost": ROBUST, **arguments})

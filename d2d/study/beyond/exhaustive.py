@@ -6,7 +6,7 @@ computes it, and `recompute` any single condition.
 
 import csv
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, fields
 from itertools import product
 from pathlib import Path
@@ -251,7 +251,7 @@ def inlier_shares(trial: Trial) -> tuple[Array, NDArray[np.bool_]]:
 Rows = list[tuple[Trial, Outcome]]
 
 
-def write_table(path: Path, rows: Iterable[tuple[Trial, Outcome]]) -> None:
+def write_table(path: Path, rows: Rows) -> None:
     """Write one comma-separated line for each trial; the column names carry the units."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:

@@ -96,11 +96,12 @@ def start_map(ax: Axes, rows: Rows, cost: str, scales: str, title: str) -> None:
     chosen = select(rows, "start", cost=cost, scales=scales)
     distances = sorted({trial.distance_m for trial, _ in chosen})
     turns = sorted({trial.turn_deg for trial, _ in chosen})
-    shares = [
-        [_mean_success(chosen, distance_m=distance, turn_deg=turn) for distance in distances]
-        for turn in turns
-    ]
-    _percent_map(ax, np.array(shares), distances, turns)
+    shares = np.empty((len(turns), len(distances)))
+    for place in np.ndindex(shares.shape):
+        turn, distance = turns[place[0]], distances[place[1]]
+        here = select(chosen, "start", distance_m=distance, turn_deg=turn)
+        shares[place] = np.mean([success(outcome) for _, outcome in here])
+    _percent_map(ax, shares, distances, turns)
     ax.set(xlabel="start off by (m)", ylabel="start off by (deg)", title=title)
 
 
@@ -114,18 +115,6 @@ def outlier_model_map(ax: Axes, rows: Rows, share: float) -> None:
     values = np.array([[covered[alpha, sigma] for sigma in OUTLIER_SIGMAS] for alpha in ALPHAS])
     _percent_map(ax, values, OUTLIER_SIGMAS, ALPHAS)
     ax.set(xlabel="assumed $σ_o$ (m)", ylabel="assumed α", title=f"true share {share:g}")
-
-
-def _mean_success(rows: Rows, **wanted: float) -> float:
-    return float(
-        np.mean(
-            [
-                success(outcome)
-                for trial, outcome in rows
-                if all(getattr(trial, name) == value for name, value in wanted.items())
-            ]
-        )
-    )
 
 
 def _percent_map(ax: Axes, values: Array, columns: Sequence[float], lines: Sequence[float]) -> None:

@@ -137,19 +137,10 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Claim:
-    """One row of the ledger; its verdict is that of its evidence.
+    """One row of the ledger: a claim of a section of the thesis, in our words.
 
-    Attributes
-    ----------
-    id : str
-    section : str
-        Section of the thesis.
-    text : str
-        The claim in our words.
-    figure : str
-        Label of the figure of the book that shows it, without ``fig-``.
-    check : callable
-        Measures and judges, with a fixed seed; other measurements would give another verdict.
+    ``figure`` is the label of the book's figure that shows it, without ``fig-``.  The check
+    measures and judges, with a fixed seed; other measurements would give another verdict.
     """
 
     id: str

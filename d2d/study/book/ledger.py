@@ -57,12 +57,7 @@ def _capital(sentence: str) -> str:
 
 @dataclass(frozen=True)
 class Cards:
-    """Claims with their evidence, one card each, which show themselves.
-
-    Attributes
-    ----------
-    shown : tuple of (Claim, Evidence)
-    """
+    """Claims with their evidence, one card each, which show themselves."""
 
     shown: tuple[tuple[Claim, Evidence], ...]
 
@@ -128,16 +123,8 @@ def _numbers(numbers: Mapping[str, float]) -> str:
 class ChapterBox:
     """What a reader wants to know before a chapter; displays itself.
 
-    Attributes
-    ----------
-    asked, found : str or sequence of str
-        One sentence, or several, in MyST Markdown.
-    verdicts : dict of str to list of str
-        The ids of the chapter's claims by verdict.
-    minutes : int
-        To read the chapter, without the exercises.
-    needs : str
-        What a reader should know, in MyST Markdown.
+    ``verdicts`` holds the ids of the chapter's claims by verdict; the rest is as for
+    `d2d.study.claims.chapter_box`.
     """
 
     asked: str | Sequence[str]

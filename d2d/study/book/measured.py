@@ -16,14 +16,9 @@ RESAMPLES = 500
 
 
 class Measured(float):
-    """A number, which counts and prints as a float, with its 95 % interval.
+    """A number, which counts and prints as a float, with the bounds of its 95 % interval.
 
-    Attributes
-    ----------
-    low, high : float
-        Bounds of the interval.
-    telling : bool
-        Whether the ledger shows it, see `telling`.
+    The ledger shows those that are `telling`.
     """
 
     low: float

@@ -30,16 +30,10 @@ _SCRIPT = """
 def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
     """HTML that shows one frame at a time, chosen with a slider or played in order.
 
-    The first frame is shown; without JavaScript, a line of text says that there are more.
-
-    Raises a ``ValueError`` if there are no frames, or not exactly one caption for each.
-
-    Parameters
-    ----------
-    name : str
-        Id of the HTML element, unique on its page.
-    frames, captions : sequences of str
-        HTML of each frame, as wide as its place, and the plain text of the line below it.
+    The first frame is shown; without JavaScript, a line of text says that there are more.  A frame
+    is HTML as wide as its place, its caption the plain text of the line below it, and ``name`` the
+    id of the HTML element, unique on its page.  Raises a ``ValueError`` if there are no frames, or
+    not exactly one caption for each.
     """
     if not frames or len(frames) != len(captions):
         raise ValueError(

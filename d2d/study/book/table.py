@@ -47,27 +47,13 @@ def cell(value: Any, specification: str = "") -> str:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of finished cells, which shows itself.
+    """A table of finished cells, which shows itself; `table` makes one."""
 
-    Attributes
-    ----------
-    header : tuple of (str, str)
-        The heading and the unit of each column; empty if the rows speak for themselves.
-    rows : tuple of tuple of str
-        The first cell of each names the row.
-    numeric : tuple of bool
-        Which columns hold numbers, and so are set flush right.
-    caption : str
-        What the table shows, in one sentence.
-    groups : tuple of (str, int)
-        Headings over several columns each, with how many, from the first column on.
-    """
-
-    header: tuple[tuple[str, str], ...]
-    rows: tuple[tuple[str, ...], ...]
-    numeric: tuple[bool, ...]
+    header: tuple[tuple[str, str], ...]  # heading and unit of each column; may be empty
+    rows: tuple[tuple[str, ...], ...]  # the first cell of each names the row
+    numeric: tuple[bool, ...]  # which columns hold numbers, and so are set flush right
     caption: str = ""
-    groups: tuple[tuple[str, int], ...] = ()
+    groups: tuple[tuple[str, int], ...] = ()  # headings with their columns, from the first one on
 
     def __str__(self) -> str:
         """The caption and the columns, aligned."""
@@ -139,26 +125,12 @@ def table(
 ) -> Table:
     """Set values as a table; end a cell with it.
 
-    Raises a ``ValueError`` if a row has another number of cells than there are columns.
-
-    Parameters
-    ----------
-    rows : mapping or iterable of sequences
-        The rows, the first cell of each being its name.  Of a mapping, the keys name the rows, and
-        a value is the rest of a row: a sequence or array, a mapping by heading, or a single value.
-    columns : sequence of str or (str, str) or (str, str, str)
-        For each column its heading, or (heading, unit), or (heading, unit, format): ``"method"``,
-        ``("translation", "mm", ".0f")``, ``("share", "", ".0%")``.  Without a format, numbers have
-        three significant digits.
-    caption : str
-        What the table shows.
-    groups : mapping of str to int
-        Headings over several columns, with how many columns each; together the last ones.
-
-    Returns
-    -------
-    Table
-        Shown as HTML in a notebook and printed as text.
+    The first cell of each of the ``rows`` is its name.  Of a mapping, the keys name the rows, and a
+    value is the rest of a row: a sequence or array, a mapping by heading, or a single value.  Each
+    of the ``columns`` has a heading, or (heading, unit), or (heading, unit, format); without a
+    format, numbers have three significant digits.  ``groups`` are headings over several columns,
+    with how many columns each; together the last ones.  Raises a ``ValueError`` if a row has
+    another number of cells than there are columns.
 
     Examples
     --------
@@ -190,12 +162,7 @@ def table(
 def quantities(*named: tuple[Any, ...], caption: str = "") -> Table:
     """Set single quantities one below the other; end a cell with it.
 
-    Parameters
-    ----------
-    *named : (str, value) or (str, value, str) or (str, value, str, str)
-        The name of each with its value, unit ("" for none) and format, as in `table`.
-    caption : str
-        What they belong to.
+    Each has a name, a value and, if wanted, a unit ("" for none) and a format, as in `table`.
 
     Examples
     --------

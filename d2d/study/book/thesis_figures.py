@@ -47,15 +47,8 @@ def page_of(section: str, id: str = "") -> str:
 class ThesisFigure:
     """One figure of the thesis; ours is labelled ``fig-<id>``.
 
-    Attributes
-    ----------
-    id : str
-    number : str
-        Number in the thesis, as its LaTeX source counts.
-    section : str
-        Section of the thesis; the chapter's number if the figure precedes its first section.
-    shows : str
-        What the figure shows, in our words.
+    Its number is that of the thesis's LaTeX source, its section the chapter's number if it precedes
+    the first section, and what it shows is said in our words.
     """
 
     id: str

@@ -103,8 +103,9 @@ def _label(ax: Axes, where: Any, text: str, color: str, shift: tuple[float, floa
     )
 
 
-def platform(ax: Axes, mounting: Mounting, sensor: Sensor, view_length: float = 2.2) -> None:
-    """The robot from above, a metre long, with its radar and ``view_length`` metres of its view."""
+def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
+    """The robot from above, a metre long, with its radar and a part of its view."""
+    view_length = 2.2  # m
     for side in (-0.34, 0.34):
         for wheel in (-0.35, 0.0, 0.35):
             corners = np.array([[-0.13, -0.06], [0.13, -0.06], [0.13, 0.06], [-0.13, 0.06]])

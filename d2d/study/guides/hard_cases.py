@@ -6,15 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from d2d.radar import (
-    Drive,
-    Mounting,
-    Sensor,
-    VehicleLimits,
-    build_world,
-    simulate_drive,
-    track,
-)
+from d2d.radar import Drive, Mounting, Sensor, VehicleLimits, build_world, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.study.guides.rows import Row, row
 

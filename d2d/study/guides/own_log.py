@@ -7,15 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from d2d.radar import (
-    Drive,
-    Mounting,
-    Reference,
-    Sensor,
-    SensorErrors,
-    build_world,
-    simulate_drive,
-)
+from d2d.radar import Drive, Mounting, Reference, Sensor, SensorErrors, build_world, simulate_drive
 from d2d.radar.simulation.drive import CAR_SPEED
 
 SEED = 4

@@ -9,14 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from d2d._types import Array
-from d2d.radar import (
-    Mounting,
-    RadarScan,
-    Reference,
-    Track,
-    doppler_velocity,
-    track,
-)
+from d2d.radar import Mounting, RadarScan, Reference, Track, doppler_velocity, track
 from d2d.study.book.table import Table, table
 from d2d.study.guides.rows import row
 from d2d.study.guides.stated_sigmas import front_drive, scaled

@@ -7,17 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import (
-    broadcast_batches,
-    check_count,
-    check_covariances,
-    check_finite,
-    check_flag,
-    check_fraction,
-    check_instance,
-    check_positive_scalar,
-    check_scalar,
-)
+from d2d._checks import check_count, check_covariances, check_finite
 from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.baselines.eigenvalues import raise_eigenvalues
@@ -31,31 +21,11 @@ _LEAST_VARIANCE = 1e-150  # of observations that are all zero; its square does n
 def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
     """log N(x | mu, Sigma), the logarithm of thesis eq. 2.7 (Bishop 2006, eq. 2.43).
 
-    Raises a ``ValueError`` that names an invalid argument.
-
-    Parameters
-    ----------
-    x, mean : (..., D) arrays
-        Broadcast against each other.
-    covariance : (..., D, D) array, in their unit squared
-        Symmetric positive definite; batch axes broadcast.
-
-    Returns
-    -------
-    (...) array
+    The arrays x and mean (..., D) and covariance (..., D, D) broadcast.  Raises a ``ValueError`` if
+    a value is nan or inf, or a covariance is not symmetric positive definite.
     """
-    points, centre = _vectors("x", x), _vectors("mean", mean)
-    sigma = check_covariances("covariance", covariance)
-    d = sigma.shape[-1]
-    for name, array in (("x", points), ("mean", centre)):
-        if array.shape[-1] != d:
-            raise ValueError(
-                f"{name} must have the shape (..., {d}) to match covariance, but has {array.shape}"
-            )
-    broadcast_batches(
-        "x, mean and covariance", points.shape[:-1], centre.shape[:-1], sigma.shape[:-2]
-    )
-    return _log_density(points - centre, sigma)
+    deviation = check_finite("x", x) - check_finite("mean", mean)
+    return _log_density(deviation, check_covariances("covariance", covariance))
 
 
 def _log_density(deviation: Array, sigma: Array) -> Array:
@@ -75,33 +45,14 @@ def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
 def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
     """Maximum-likelihood mean (..., D) and covariance (..., D, D) (thesis eq. 2.5, 2.6).
 
-    Raises a ``ValueError`` if a set is empty, a value is nan or inf, or a weight is negative.
-
-    Parameters
-    ----------
-    x : (..., N, D) array
-        Observations.
-    weights : (..., N) array, optional
-        Weights of the observations, not negative and with a positive sum; equal by default.
-
-    Returns
-    -------
-    mean, covariance : arrays
-        The covariance is divided by the sum of the weights, not by N - 1: with equal weights its
-        expectation is too small by the factor (N - 1) / N.  It is singular where the observations
-        span less than D dimensions.
+    The observations x (..., N, D) have weights (..., N), equal by default.  The covariance is
+    divided by the sum of the weights, not by N - 1: with equal weights its expectation is too small
+    by the factor (N - 1) / N.  It is singular where the observations span less than D dimensions.
+    Raises a ``ValueError`` if a set is empty or a value is nan or inf.
     """
     points = _observations(x)
     w = np.ones(points.shape[-2]) if weights is None else check_finite("weights", weights)
-    if w.shape[-1:] != points.shape[-2:-1]:
-        raise ValueError(
-            f"weights must have the shape (..., {points.shape[-2]}) to match x, but has {w.shape}"
-        )
-    total = w.sum(axis=-1, keepdims=True)
-    if (w < 0).any() or not (total > 0).all():
-        raise ValueError("weights must not be negative and must have a positive sum")
-    broadcast_batches("x and weights", points.shape[:-2], w.shape[:-1])
-    share = w / total
+    share = w / w.sum(axis=-1, keepdims=True)
     mean = np.einsum("...n,...nd->...d", share, points)
     # once more about the mean: far from the origin, rounding of the shares moves the first one
     mean += np.einsum("...n,...nd->...d", share, points - mean[..., None, :])
@@ -126,46 +77,25 @@ def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float
 
     The squared Mahalanobis distance of a draw is chi-square distributed with two degrees of
     freedom, so the semi-axes are sqrt(chi2 quantile x eigenvalue).  The ellipses of one, two and
-    three standard deviations contain 39 %, 86 % and 99 %.
-
-    Raises a ``ValueError`` that names an invalid argument.
-
-    Parameters
-    ----------
-    mean : (..., 2) array
-    covariance : (..., 2, 2) array
-    confidence : float within [0, 1)
+    three standard deviations contain 39 %, 86 % and 99 %.  Raises a ``ValueError`` if the
+    covariance is not symmetric positive definite or the confidence is not within [0, 1).
     """
-    centre, sigma = _vectors("mean", mean), check_covariances("covariance", covariance)
-    if centre.shape[-1] != 2 or sigma.shape[-1] != 2:
-        raise ValueError(
-            f"mean and covariance must have the shapes (..., 2) and (..., 2, 2), but have "
-            f"{centre.shape} and {sigma.shape}"
-        )
-    content = check_fraction("confidence", confidence)
-    if content == 1.0:
-        raise ValueError("confidence must be less than 1, because no ellipse contains everything")
-    variances, axes = np.linalg.eigh(sigma)
-    scale = math.sqrt(-2.0 * math.log1p(-content))  # of chi-square, 2 degrees of freedom
+    if not 0.0 <= confidence < 1.0:
+        raise ValueError(f"confidence must be within [0, 1), but is {confidence}")
+    variances, axes = np.linalg.eigh(check_covariances("covariance", covariance))
+    scale = math.sqrt(-2.0 * math.log1p(-confidence))  # of chi-square, 2 degrees of freedom
     angle = np.arctan2(axes[..., 1, 1], axes[..., 0, 1])  # of the longer axis
     angle = np.where(angle > 0.5 * np.pi, angle - np.pi, angle)
     angle = np.where(angle <= -0.5 * np.pi, angle + np.pi, angle)
-    return Ellipse(centre, scale * np.sqrt(variances[..., ::-1]), angle)
+    return Ellipse(check_finite("mean", mean), scale * np.sqrt(variances[..., ::-1]), angle)
 
 
 @dataclass(frozen=True, eq=False)
 class GaussianMixture(Frozen):
     """p(x) = sum_k w_k N(x | mu_k, Sigma_k) (thesis eq. 2.8, Bishop 2006, eq. 9.7).
 
-    Raises a ``ValueError`` that names an invalid argument.
-
-    Parameters
-    ----------
-    weights : (K,) array
-        Not negative, with the sum 1.
-    means : (K, D) array
-    covariances : (K, D, D) array
-        Symmetric positive definite.
+    The weights (K,) are not negative and have the sum 1, the means (K, D) and covariances (K, D, D)
+    belong to them.  Raises a ``ValueError`` that names an invalid argument.
     """
 
     weights: Array
@@ -206,11 +136,7 @@ class GaussianMixture(Frozen):
 
     def log_components(self, x: ArrayLike) -> Array:
         """log w_k N(x | mu_k, Sigma_k) (..., K) at x (..., D); -inf for a weight of zero."""
-        points = _vectors("x", x)
-        if points.shape[-1] != self.means.shape[1]:
-            raise ValueError(
-                f"x must have the shape (..., {self.means.shape[1]}), but has {points.shape}"
-            )
+        points = check_finite("x", x)
         with np.errstate(divide="ignore"):
             log_weights = np.log(self.weights)
         return log_weights + _log_density(points[..., None, :] - self.means, self.covariances)
@@ -239,8 +165,6 @@ class GaussianMixture(Frozen):
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
         """Draws (count, D), and the component (count,) that each came from."""
-        check_count("count", count)
-        check_instance("rng", rng, np.random.Generator)
         which = rng.choice(self.components, size=count, p=self.weights)
         factors = np.linalg.cholesky(self.covariances)
         noise = rng.standard_normal((count, self.means.shape[1]))
@@ -278,22 +202,13 @@ def initial_mixture(
     """A start for `fit_mixture`: equal weights, means at observations, equal isotropic covariances.
 
     The variance is that of the data divided by K.  The means are seeded as in k-means++ (Arthur &
-    Vassilvitskii 2007): each further one is an observation drawn with a probability proportional
-    to its squared distance from the nearest mean so far.
-
-    Parameters
-    ----------
-    x : (N, D) array
-    components : int
-        K, at least 1; may exceed N.
-    rng : numpy.random.Generator
-    floor : float, optional
-        Smallest variance; by default that of `variance_floor`.
+    Vassilvitskii 2007): each further one is an observation, of x (N, D), drawn with a probability
+    proportional to its squared distance from the nearest mean so far.  K may exceed N.  The
+    variance is no less than ``floor``, by default that of `variance_floor`.
     """
     points = _observations(x)
     check_count("components", components)
-    check_instance("rng", rng, np.random.Generator)
-    floor = _floor(points, floor)
+    floor = variance_floor(points) if floor is None else floor
     chosen = [int(rng.integers(len(points)))]
     while len(chosen) < components:
         gaps = points[:, None, :] - points[chosen]
@@ -312,7 +227,6 @@ def initial_mixture(
 
 def expect(x: ArrayLike, mixture: GaussianMixture) -> tuple[Array, float]:
     """The E step: responsibilities (N, K) for the observations x (N, D), and log-likelihood."""
-    check_instance("mixture", mixture, GaussianMixture)
     logs = mixture.log_components(_observations(x))
     totals = np.logaddexp.reduce(logs, axis=-1, keepdims=True)
     return np.exp(logs - totals), float(totals.sum())
@@ -334,18 +248,13 @@ def maximise(
     constraint (`raise_eigenvalues`), so that the likelihood still cannot fall.  A component
     without any responsibility keeps its mean and covariance from ``previous``.
     """
-    check_instance("previous", previous, GaussianMixture)
-    points, z = _observations(x), check_finite("responsibilities", responsibilities)
-    n, k = len(points), previous.components
-    if z.shape != (n, k):
-        raise ValueError(f"responsibilities must have the shape {(n, k)}, but has {z.shape}")
+    points, z, k = _observations(x), np.asarray(responsibilities), previous.components
     totals = z.sum(axis=0)
     means, covariances = previous.means.copy(), previous.covariances.copy()
     used = totals > 0
     means[used], raw = fit(points, z.T[used])
     covariances[used] = raise_eigenvalues(raw, floor)
-    equal = check_flag("equal_weights", equal_weights)
-    weights = np.full(k, 1.0 / k) if equal else totals / totals.sum()
+    weights = np.full(k, 1.0 / k) if equal_weights else totals / totals.sum()
     return GaussianMixture(weights, means, covariances)
 
 
@@ -362,14 +271,16 @@ def fit_mixture(
 ) -> MixtureFit:
     """Fit a mixture by expectation maximisation (Dempster, Laird & Rubin 1977; thesis sec. 2.3).
 
-    Raises a ``ValueError`` that names an invalid argument.
+    Raises a ``ValueError`` if there are no observations or no components, a value is nan or inf,
+    the floor is not positive, or ``initial`` has another number of components.
+
+    The result is a local maximum; which one depends on the start.
 
     Parameters
     ----------
     x : (N, D) array
         Observations; may be fewer than ``components``, or all equal.
     components : int
-        Number K of components.
     rng : numpy.random.Generator
         Draws the initial means, unless ``initial`` is given.
     initial : GaussianMixture, optional
@@ -379,21 +290,15 @@ def fit_mixture(
     equal_weights : bool
         Keep the weights at 1/K instead of estimating them.
     tolerance : float
-        The iteration has converged once a step raises the log-likelihood by no more than this per
-        observation.
+        Largest gain in log-likelihood per observation of a step that ends the iteration.
     max_iterations : int
-
-    Returns
-    -------
-    MixtureFit
-        A local maximum; which one depends on the start.
     """
     points = _observations(x)
-    floor = _floor(points, floor)
-    least_gain = check_scalar("tolerance", tolerance) * len(points)
-    check_count("max_iterations", max_iterations, 0)
+    floor = variance_floor(points) if floor is None else floor
+    if not floor > 0.0:
+        raise ValueError(f"floor must be positive, but is {floor}")
+    least_gain = tolerance * len(points)
     start = initial_mixture(points, components, rng, floor=floor) if initial is None else initial
-    check_instance("initial", start, GaussianMixture)
     if start.components != components:
         raise ValueError(f"initial must have {components} components, but has {start.components}")
     start = GaussianMixture(start.weights, start.means, raise_eigenvalues(start.covariances, floor))
@@ -408,19 +313,6 @@ def fit_mixture(
         steps.append(
             maximise(points, responsibilities, steps[-1], floor=floor, equal_weights=equal_weights)
         )
-
-
-def _floor(points: Array, floor: float | None) -> float:
-    if floor is None:
-        return variance_floor(points)
-    return check_positive_scalar("floor", floor)
-
-
-def _vectors(name: str, value: ArrayLike) -> Array:
-    array = check_finite(name, value)
-    if array.ndim == 0:
-        raise ValueError(f"{name} must have the shape (..., D), but is a number")
-    return array
 
 
 def _observations(x: ArrayLike) -> Array:

@@ -72,24 +72,13 @@ def rms(values: Array) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One scenario with one cost.
-
-    Attributes
-    ----------
-    scenario, cost : str
-    from_truth, from_zero : float
-        Shares of runs that end at the truth, by where they start.
-    rmse : Measured, m
-        Of the translation, started at the truth, over all runs.
-    credibility : Credibility
-        Started at the truth.
-    """
+    """One scenario with one cost, started at the truth unless a field says otherwise."""
 
     scenario: str
     cost: str
-    from_truth: float
-    from_zero: float
-    rmse: Measured
+    from_truth: float  # share of runs that end at the truth
+    from_zero: float  # the same, started at zero
+    rmse: Measured  # m, of the translation over all runs
     credibility: Credibility
 
 
@@ -131,16 +120,9 @@ def over_layouts(
     layouts: int = 200,
     runs: int = 100,
 ) -> LayoutStudy:
-    """Evaluate a cost on random layouts of eight targets.
+    """Evaluate a cost on random layouts of eight targets, with as many ``runs`` on each.
 
-    Parameters
-    ----------
-    kind : str
-        Of `d2d.study.plane.scenarios.LAYOUTS`.
-    cost : RegistrationCost
-    initial : "truth" or "zero"
-    layouts, runs : int
-        Number of layouts, and of draws of the noise for each; layout s has the seed s.
+    ``kind`` is one of `d2d.study.plane.scenarios.LAYOUTS`; layout s has the seed s.
     """
 
     def one(seed: int) -> tuple[float, ...]:

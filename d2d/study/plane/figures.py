@@ -29,9 +29,7 @@ from d2d.study.book.grammar import (
     cost_line,
     mark_truth,
 )
-from d2d.study.book.grammar import (
-    COSTS as LOOKS,
-)
+from d2d.study.book.grammar import COSTS as LOOKS
 from d2d.study.book.style import label_planar_axes, letter_panels
 from d2d.study.plane.evaluation import COSTS, distance_and_rotation, evaluated
 from d2d.study.plane.optima import rotation_profile, translation_surface

@@ -20,11 +20,7 @@ from d2d.study.plane.evaluation import (
     over_layouts,
 )
 from d2d.study.plane.optima import Minima
-from d2d.study.plane.scenarios import (
-    OUTLIERS_AND_CLUSTERS_A,
-    OUTLIERS_AND_CLUSTERS_B,
-    Scenario,
-)
+from d2d.study.plane.scenarios import OUTLIERS_AND_CLUSTERS_A, OUTLIERS_AND_CLUSTERS_B, Scenario
 
 SEARCHED = 80  # draws whose minima are searched for: without an exception, nearly all
 STARTS: tuple[Start, Start] = ("truth", "zero")

@@ -129,17 +129,9 @@ def scene(
     targets: Array | None = None,
     **parameters: Any,
 ) -> Scenario:
-    """Put outliers and clusters at random around targets.
+    """Put outliers and clusters at random around targets (n, 2), the thesis's eight unless given.
 
-    Parameters
-    ----------
-    name : str
-    layout : Layout
-    rng : numpy.random.Generator
-    targets : (n, 2) array, m
-        The thesis's eight unless given.
-    **parameters
-        ``theta``, ``sigma_range`` and ``sigma_azimuth`` of `Scenario`.
+    The ``parameters`` are ``theta``, ``sigma_range`` and ``sigma_azimuth`` of `Scenario`.
     """
     originals = cartesian(EIGHT_TARGETS) if targets is None else targets
     bare = Scenario(name, originals, **parameters)

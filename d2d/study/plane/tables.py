@@ -1,6 +1,6 @@
 """The tables of the scenes in the plane: errors, credibility, and everything in one."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -10,12 +10,12 @@ from d2d.study.plane.evaluation import COSTS, Row, at_truth, distance_and_rotati
 from d2d.study.plane.scenarios import Scenario
 
 
-def error_table(scenario: Scenario, names: Sequence[str] = tuple(COSTS)) -> Table:
+def error_table(scenario: Scenario) -> Table:
     """Where 1000 runs of each cost end, started at the truth and at zero."""
     rows = []
     for start, place in (("truth", "the truth"), ("zero", "zero")):
-        for name in names:
-            errors = evaluated(scenario, COSTS[name], start).errors
+        for name, cost in COSTS.items():
+            errors = evaluated(scenario, cost, start).errors
             distance, turn = distance_and_rotation(errors)
             share = float(at_truth(errors).mean())
             rows.append((place, LOOKS[name].name, share, rms(distance), np.rad2deg(rms(turn))))
@@ -32,9 +32,9 @@ def error_table(scenario: Scenario, names: Sequence[str] = tuple(COSTS)) -> Tabl
     )
 
 
-def credibility_table(scenario: Scenario, names: Sequence[str] = tuple(COSTS)) -> Table:
+def credibility_table(scenario: Scenario) -> Table:
     """The indices of 1000 runs of each cost, started at the truth, with the region of the ANEES."""
-    judged = {LOOKS[name].name: evaluated(scenario, COSTS[name]).credibility for name in names}
+    judged = {LOOKS[name].name: evaluated(scenario, c).credibility for name, c in COSTS.items()}
     low, high = next(iter(judged.values())).bounds
     return table(
         {name: (c.anees, c.consistent, c.nci, c.inclination) for name, c in judged.items()},

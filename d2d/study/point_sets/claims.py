@@ -7,16 +7,7 @@ import numpy as np
 from d2d._types import Array
 from d2d.baselines import icp, ndt_d2d, ndt_p2d
 from d2d.baselines.icp import Metric
-from d2d.study.book.claim import (
-    SHARE,
-    Evidence,
-    claim,
-    judge,
-    larger,
-    most,
-    nearly_all,
-    smaller,
-)
+from d2d.study.book.claim import SHARE, Evidence, claim, judge, larger, most, nearly_all, smaller
 from d2d.study.book.measured import Measured, mean_of, median_of, share_over, telling
 from d2d.study.point_sets.convergence import (
     CELL_SIZES,

@@ -22,14 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from d2d._types import Array
-from d2d.radar import (
-    Comparison,
-    Recording,
-    Track,
-    doppler_ego_motion,
-    load_radarscenes,
-    track,
-)
+from d2d.radar import Comparison, Recording, Track, doppler_ego_motion, load_radarscenes, track
 from d2d.radar.tracks.rounds import rounds
 from d2d.radar.trust.alignment import scan_velocities
 from d2d.study.recordings.residuals import (

@@ -36,14 +36,10 @@ def score_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> T
     return table(rows, columns, caption)
 
 
-def error_table(
-    judged: Mapping[str, Mapping[str, Any]], caption: str = "", model: str = "noise and budget"
-) -> Table:
-    """RMSE and mean errors of one model's estimates, a row for each drive."""
-    rows = {
-        where: (*models[model]["rmse"], *models[model]["mean"], models[model]["estimates"])
-        for where, models in judged.items()
-    }
+def error_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
+    """RMSE and mean errors of the estimates with a budget, a row for each drive."""
+    found = {where: models["noise and budget"] for where, models in judged.items()}
+    rows = {w: (*each["rmse"], *each["mean"], each["estimates"]) for w, each in found.items()}
     columns: list[Column] = [
         "drive",
         *((name, unit, ".3f") for name, unit in zip(NAMES, UNITS, strict=True)),

@@ -23,4 +23,3 @@ def test_start_map_averages_the_directions() -> None:
     chosen = exhaustive.select(rows, "start", **wanted)
     assert len(chosen) == 4
     assert_allclose(image[1, 2], np.mean([o.at_truth / o.runs for _, o in chosen]))
-    plt.close()

@@ -1,7 +1,5 @@
 """Claims, their evidence, and the record of it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from types import ModuleType

@@ -1,6 +1,5 @@
 """Charts: what the text says is what is drawn."""
 
-import matplotlib.pyplot as plt
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
@@ -23,8 +22,7 @@ def chart():
     figure = flow_chart(TEXT)
     figure.canvas.draw()
     (ax,) = figure.axes
-    yield ax
-    plt.close(figure)
+    return ax
 
 
 def test_every_box_is_drawn_as_what_it_is_with_its_label_inside(chart):
@@ -68,4 +66,3 @@ def test_an_arrow_to_no_box_is_named():
     """Breaks if a slip of the pen is drawn as if the arrow were not there."""
     with pytest.raises(KeyError, match="b"):
         flow_chart("a: A\na -> b")
-    plt.close("all")

@@ -1,7 +1,5 @@
 """One look for each cost, reference and set in every figure: what a reader learns once, holds."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path
@@ -159,12 +157,6 @@ DRAWINGS = {
 }
 
 
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
-
-
 @pytest.mark.parametrize("name", DRAWINGS)
 def test_a_figure_keeps_the_grammar(name):
     """Breaks if a cost changes its colour, marker, line or column, or anything else takes one."""
@@ -271,4 +263,3 @@ def test_a_track_and_the_book_draw_an_estimate_alike():
                 assert line.get_marker() in ("None", robust.marker)
             else:
                 assert line.get_linestyle() == grammar.TRUTH["ls"]
-        plt.close(figure)

@@ -1,7 +1,5 @@
 """Cards, boxes and the ledger's tables say what is on record, as text and as HTML."""
 
-from __future__ import annotations
-
 import re
 from html import unescape
 

@@ -1,7 +1,5 @@
 """Tables hold the same numbers as text and as HTML."""
 
-from __future__ import annotations
-
 import re
 from html import unescape
 

@@ -1,7 +1,5 @@
 """What a table or a card prints is what a person would write."""
 
-from __future__ import annotations
-
 import re
 
 from d2d.study.book.typography import typeset, unbroken

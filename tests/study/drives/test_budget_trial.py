@@ -1,7 +1,5 @@
 """The trial of a budget: errors drawn from it, drives in common, and a covariance that holds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal

@@ -1,7 +1,5 @@
 """How a drive is judged: the table of errors, and the drift of the path."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The camera's view of the simulated street: upright faces in the right place and order."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
@@ -11,13 +9,6 @@ from numpy.testing import assert_allclose
 
 from d2d.radar.simulation.world import Reflectors, build_world
 from d2d.study.drives import figures
-
-
-@pytest.fixture
-def ax():
-    figure, axes = plt.subplots()
-    yield axes
-    plt.close(figure)
 
 
 def test_a_face_is_seen_where_its_ends_are():
@@ -41,7 +32,7 @@ def test_a_face_that_reaches_behind_the_camera_is_cut_off():
     assert figures._face(-end, -end + [0.0, 1.0], 3.0, "0.5", "none") == []
 
 
-def test_the_farthest_is_drawn_first(ax):
+def test_the_farthest_is_drawn_first():
     """Breaks if a far house covers a near one."""
     unit = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     world = build_world(np.random.default_rng(0), movers=0)
@@ -50,6 +41,7 @@ def test_the_farthest_is_drawn_first(ax):
     places = np.array([[10.0, 0.0], [30.0, 3.0], [20.0, -2.0]])
     houses = unit + places[:, None]
     alone = replace(world, buildings=houses, cars=houses[:0], reflectors=empty)
+    _, ax = plt.subplots()
     figures.camera_view(ax, alone, np.zeros(3), 0.0, np.deg2rad(42.0))
     (faces,) = ax.collections
     height = [np.ptp(path.vertices[:, 1]) for path in faces.get_paths()]

@@ -1,7 +1,5 @@
 """A gyro and a radar in one filter: the slow errors' columns, the filter itself, its verdicts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
@@ -131,18 +129,16 @@ def test_only_with_the_slow_errors_as_states_the_filter_can_be_believed(drives):
 
 def test_the_figures_show_every_ingredient_and_what_the_gate_rejects(drives):
     """Breaks if rows are left out, or an innovation beyond the gate is drawn as one that counts."""
-    figure, axes = plt.subplots(3, 3)
+    _, axes = plt.subplots(3, 3)
     fused = {name: fuse(drives[0], name) for name in FILTERS}
     figures.filters(axes, fused)
     for column, result in enumerate(fused.values()):
         used, rejected = axes[0, column].lines[:2]
         assert len(used.get_xdata()) == result.used.sum()
         assert (rejected.get_ydata() > fusion.GATE).all()
-    plt.close(figure)
-    figure, ax = plt.subplots()
+    _, ax = plt.subplots()
     anees = np.array([[3.0, 2.0, 1.0], [5.0, 4.0, 1.1]])
     intervals = np.stack([anees - 0.1, anees + 0.1], axis=1)
     figures.ingredients(ax, BudgetTrial(("a", "b"), anees, intervals, anees))
     assert [label.get_text() for label in ax.get_yticklabels()] == ["a", "b"]
     assert_allclose(ax.containers[2].lines[0].get_xdata(), anees[:, 2])
-    plt.close(figure)

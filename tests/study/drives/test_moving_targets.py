@@ -1,7 +1,5 @@
 """Which targets are rejected: weights by what they are, and walkers in every direction."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

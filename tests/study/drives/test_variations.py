@@ -1,7 +1,5 @@
 """Variations of a drive: a sparse world, fixed starts, propagated errors."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal

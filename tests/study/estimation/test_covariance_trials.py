@@ -1,7 +1,5 @@
 """What the covariances claim, against what is known of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

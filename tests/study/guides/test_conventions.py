@@ -1,7 +1,5 @@
 """The picture of the conventions."""
 
-from __future__ import annotations
-
 import matplotlib.pyplot as plt
 
 from d2d.radar import Mounting
@@ -15,4 +13,3 @@ def test_the_picture_has_the_conventions():
     words = " ".join(text.get_text() for text in ax.texts)
     for word in ("x, forward", "y, left", "boresight", "azimuth > 0", "doppler > 0", "x = 3.4 m"):
         assert word in words
-    plt.close("all")

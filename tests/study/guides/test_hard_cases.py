@@ -1,7 +1,5 @@
 """Few targets, a side radar, a vehicle that stands."""
 
-from __future__ import annotations
-
 from d2d.study.guides import hard_cases
 from d2d.study.guides.rows import Row
 

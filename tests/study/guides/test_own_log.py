@@ -1,7 +1,5 @@
 """The log of the made-up car: what the page reads, and what it finds in it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

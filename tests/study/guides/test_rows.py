@@ -1,7 +1,5 @@
 """A line for each way to track a drive, and evidence without a reference."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

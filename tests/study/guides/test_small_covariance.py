@@ -1,7 +1,5 @@
 """Six reasons for a covariance that is too small: each is as large as it is by construction."""
 
-from __future__ import annotations
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -97,7 +95,6 @@ def test_a_bias_does_not_average_out():
     _, ax = plt.subplots()
     small.draw_bias(ax, rows)
     assert len(ax.lines) == 3
-    plt.close("all")
 
 
 def test_each_test_sees_what_it_can_see():

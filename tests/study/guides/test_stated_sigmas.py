@@ -1,7 +1,5 @@
 """Wrong standard deviations: what shows, and what does not."""
 
-from __future__ import annotations
-
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.testing import assert_allclose
@@ -30,7 +28,6 @@ def test_azimuth_and_doppler_decide_on_the_covariance():
     _, axes = plt.subplots(1, 3)
     draw_stated_sigmas(axes, found)
     assert [len(ax.lines) for ax in axes] == [4, 4, 4]
-    plt.close("all")
 
 
 def test_scans_are_rounded_and_scaled():

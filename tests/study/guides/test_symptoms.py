@@ -1,7 +1,5 @@
 """What each fault of a log or a mounting looks like, and what undoes it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.testing import assert_allclose
 

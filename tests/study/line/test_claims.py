@@ -1,7 +1,5 @@
 """A check of the surfaces on a line must be able to come out otherwise."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

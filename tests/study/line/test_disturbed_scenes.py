@@ -1,7 +1,5 @@
 """The line scenes with outliers and clusters."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 

@@ -1,22 +1,13 @@
 """The panels of the scenes on a line."""
 
-from __future__ import annotations
-
 import matplotlib.pyplot as plt
 import numpy as np
-import pytest
 from numpy.testing import assert_array_equal
 
 from d2d import RegistrationCost
 from d2d.study.line import figures
 from d2d.study.line.disturbed_scenes import CLUSTER_NAMES, cluster_positions, clustered
 from d2d.study.line.scene import SIGMA
-
-
-@pytest.fixture(autouse=True)
-def _closed():
-    yield
-    plt.close("all")
 
 
 def test_true_and_observed_positions_are_below_the_curves_and_apart():

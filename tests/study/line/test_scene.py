@@ -1,9 +1,7 @@
 """The one-dimensional scene of the thesis."""
 
-from __future__ import annotations
-
 import numpy as np
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.stats import kstest
 
 from d2d.study.line.scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
@@ -34,9 +32,7 @@ def test_line_scene_is_that_of_the_thesis():
     assert (TRUTH, SIGMA, fixed.size, fixed.dimension) == (2.0, 0.15, 3, 1)
 
 
-def test_line_scene_takes_other_positions_and_repeats_with_the_seed():
-    """Breaks if the layout is not a parameter, or noise is not the generator's."""
-    again = [line_scene(np.random.default_rng(7), positions=[0.0, 3.0])[1] for _ in range(2)]
-    assert again[0].size == 2
-    assert_array_equal(again[0].means, again[1].means)
-    assert (line_scene(np.random.default_rng(8))[1].means != again[0].means[0]).all()
+def test_line_scene_takes_other_positions():
+    """Breaks if the layout is not a parameter."""
+    fixed, _ = line_scene(np.random.default_rng(7), sigma_fixed=1e-9, positions=[0.0, 3.0])
+    assert_allclose(fixed.means[:, 0], [0.0, 3.0], atol=1e-7)

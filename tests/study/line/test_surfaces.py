@@ -1,7 +1,5 @@
 """Cost surfaces of scenes on a line: their peaks and their basins of attraction."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -51,10 +51,6 @@ def test_it_opens_on_the_first_frame(run):
     assert "http" not in html
 
 
-def test_the_same_run_gives_the_same_bytes(run):
-    assert frames(run) == frames(run)
-
-
 def test_frames_and_captions_must_match():
     for drawn, captions in (([], []), (["<svg/>"], [])):
         with pytest.raises(ValueError, match="frames"):

@@ -167,11 +167,8 @@ def sklearn_at(mixture, **options):
         random_state=0,
         **options,
     )
-    peer.weights_, peer.means_, peer.covariances_ = (
-        mixture.weights,
-        mixture.means,
-        mixture.covariances,
-    )
+    peer.weights_, peer.means_ = mixture.weights, mixture.means
+    peer.covariances_ = mixture.covariances
     # any root of the precision serves: only its determinant and squared products are used
     peer.precisions_cholesky_ = np.linalg.cholesky(precisions)
     return peer
@@ -241,7 +238,9 @@ def test_a_long_thin_component_keeps_its_width():
     """Breaks if the smallest variance grows with the largest one."""
     x = np.random.default_rng(24).standard_normal((500, 2)) * [1e4, 1.0]
     fitted = fit_mixture(x, 1, np.random.default_rng(0)).mixture
-    assert_allclose(fitted.covariances[0], gaussian.fit(x)[1], rtol=1e-9)
+    mean, covariance = gaussian.fit(x)
+    assert_allclose(fitted.means[0], mean)
+    assert_allclose(fitted.covariances[0], covariance, rtol=1e-9)
 
 
 def test_no_component_shrinks_onto_one_observation():
@@ -302,48 +301,24 @@ def test_em_recovers_unequal_weights_that_equal_ones_cannot():
     assert free.log_likelihood(fresh) > equal.log_likelihood(fresh) + 100
 
 
-def test_one_component_is_the_closed_form():
-    x, _ = MIXTURE.sample(50, np.random.default_rng(13))
-    fitted = fit_mixture(x, 1, np.random.default_rng(0)).mixture
-    mean, covariance = gaussian.fit(x)
-    assert_allclose(fitted.means[0], mean)
-    assert_allclose(fitted.covariances[0], covariance)
-
-
-def test_fits_do_not_depend_on_global_random_state():
-    x, _ = MIXTURE.sample(60, np.random.default_rng(14))
-    one, two = (fit_mixture(x, 3, np.random.default_rng(5)).log_likelihoods for _ in range(2))
-    assert_array_equal(one, two)
-
-
 X = np.zeros((5, 2))
 RNG = np.random.default_rng(0)
 
 
 def test_bad_input_names_the_argument():
     for call, name in (
-        (lambda: gaussian.log_density(X, [0.0, 0.0, 0.0], np.eye(2)), "mean"),
         (lambda: gaussian.log_density([np.nan, 0.0], [0.0, 0.0], np.eye(2)), "x"),
         (lambda: gaussian.log_density(X, [0.0, 0.0], -np.eye(2)), "covariance"),
-        (lambda: gaussian.log_density(X, np.zeros((3, 2)), np.eye(2)), "x, mean"),
         (lambda: gaussian.fit(np.zeros((0, 2))), "x"),
-        (lambda: gaussian.fit(X, -np.ones(5)), "weights"),
-        (lambda: gaussian.fit(X, np.ones(4)), "weights"),
-        (lambda: gaussian.confidence_ellipse([0.0] * 3, np.eye(3)), "mean"),
         (lambda: gaussian.confidence_ellipse([0.0] * 2, np.eye(2), 1.2), "confidence"),
         (lambda: GaussianMixture([0.5, 0.6], X[:2], [np.eye(2)] * 2), "weights"),
         (lambda: GaussianMixture([-0.5, 1.5], X[:2], [np.eye(2)] * 2), "weights"),
         (lambda: GaussianMixture([1.0], X[:2], [np.eye(2)] * 2), "weights"),
         (lambda: GaussianMixture([1.0], X[0], [np.eye(2)]), "means"),
         (lambda: GaussianMixture([1.0], X[:1], np.eye(2)), "covariances"),
-        (lambda: MIXTURE.pdf([1.0, 2.0, 3.0]), "x"),
-        (lambda: MIXTURE.sample(0, RNG), "count"),
         (lambda: fit_mixture(X, 0, RNG), "components"),
         (lambda: fit_mixture(X, 2, RNG, floor=0.0), "floor"),
         (lambda: fit_mixture(X, 3, RNG, initial=MIXTURE), "initial"),
-        (lambda: fit_mixture(X, 2, 7), "rng"),
-        (lambda: gaussian.maximise(X, np.ones((4, 2)), MIXTURE, floor=1.0), "responsibilities"),
-        (lambda: raise_eigenvalues([[1.0, 0.5], [0.0, 1.0]], 0.1), "matrices must be symmetric"),
     ):
         with pytest.raises(ValueError, match=name):
             call()

@@ -1,7 +1,5 @@
 """A check of the scenes in the plane must be able to come out otherwise."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -6,11 +6,7 @@ import pytest
 from d2d import CorruptedGaussian, RegistrationCost
 from d2d.study import scenarios
 from d2d.study.plane.evaluation import LIKELIHOOD, ROBUST, SUMMING, evaluated, same_draws
-from d2d.study.plane.thesis_readings import (
-    bfgs_errors,
-    plain_sum_credibility,
-    unweighted_outlier,
-)
+from d2d.study.plane.thesis_readings import bfgs_errors, plain_sum_credibility, unweighted_outlier
 
 
 def test_bfgs_finds_the_same_optimum_from_the_truth() -> None:

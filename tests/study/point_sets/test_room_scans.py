@@ -1,7 +1,5 @@
 """The room that chapter 3 scans: rays end on its walls, and two scans agree about it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -67,9 +65,7 @@ def test_bad_rooms_name_the_argument():
     for call, name in (
         (lambda: room_scan(np.random.default_rng(), [50.0, 0.0, 0.0]), "pose"),
         (lambda: room_scan(np.random.default_rng(), [0.0, 0.0]), "pose"),
-        (lambda: room_scan(np.random.default_rng(), rays=0), "rays"),
         (lambda: room_scan(np.random.default_rng(), outliers=1.5), "outliers"),
-        (lambda: room_scan(np.random.default_rng(), sigma_range=0.0), "sigma_range"),
         (lambda: room_scan(np.random.default_rng(), field_of_view=7.0), "field_of_view"),
     ):
         with pytest.raises(ValueError, match=name):

@@ -1,7 +1,5 @@
 """The animation of scans that chapter 8 shows."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 

@@ -1,7 +1,5 @@
 """How the targets of scans spread, and the stored summary of the recording that cannot be shown."""
 
-from __future__ import annotations
-
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -34,7 +32,6 @@ def test_the_stored_profile_fits_the_bins_and_is_drawn():
     """Breaks if the bins change and the stored counts do not."""
     stored = scan_profile.read_profile()
     assert all(len(stored[name]) == len(edges) - 1 for name, edges in EDGES.items())
-    figure, axes = plt.subplots(3, 1)
+    _, axes = plt.subplots(3, 1)
     scan_profile.profile_panels(axes, {"stored": stored})
     assert [ax.get_xlabel() for ax in axes] == list(EDGES)
-    plt.close(figure)

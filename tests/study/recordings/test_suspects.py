@@ -75,4 +75,3 @@ def test_table_and_drawing_show_every_experiment():
     drawn = [line for line in ax.lines if line.get_label() == "$v_x$"]
     assert_allclose(drawn[0].get_xdata(), [each["whitened"][0] for each in judged.values()])
     assert_allclose(drawn[0].get_ydata(), [1, 0])
-    plt.close("all")

@@ -16,13 +16,7 @@ from d2d.study.book.claim import (
 )
 from d2d.study.book.measured import anees_of, geometric_mean_of, median_of, share_over, telling
 from d2d.study.plane.cluster_search import DRAWS, KINDS, shares_wrong, worst
-from d2d.study.plane.evaluation import (
-    LIKELIHOOD,
-    SUMMING,
-    evaluated,
-    over_layouts,
-    random_layout,
-)
+from d2d.study.plane.evaluation import LIKELIHOOD, SUMMING, evaluated, over_layouts, random_layout
 from d2d.study.plane.measures import (
     BOTH,
     OVER_LAYOUTS,
