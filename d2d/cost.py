@@ -101,6 +101,7 @@ class CorruptedGaussian(Frozen):
 
 
 OutlierModel = UniformOutlier | CorruptedGaussian
+_MODELS = ", ".join(model.__name__ for model in get_args(OutlierModel))
 
 
 @dataclass(frozen=True)
@@ -141,8 +142,7 @@ class RegistrationCost:
         check_choice("metric", self.metric, _METRICS)
         check_choice("fusion", self.fusion, _FUSIONS)
         if not isinstance(self.outlier, OutlierModel | None):
-            models = ", ".join(model.__name__ for model in get_args(OutlierModel))
-            raise ValueError(f"outlier must be None or one of {models}, but is {self.outlier!r}")
+            raise ValueError(f"outlier must be None or one of {_MODELS}, but is {self.outlier!r}")
 
     def target_densities(
         self,
