@@ -4,8 +4,6 @@ A loop over the pairs, as plain as possible, judges the formulas of `d2d.dense`;
 faster and have derivatives, judge the compiled kernel.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -102,7 +100,7 @@ class Problem:
     def inlier_probabilities(self) -> np.ndarray:
         return self._of(self.cost.inlier_probabilities)
 
-    def with_(self, **changes: Any) -> Problem:
+    def with_(self, **changes: Any) -> "Problem":
         return replace(self, **changes)
 
 

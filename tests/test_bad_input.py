@@ -1,7 +1,5 @@
 """What users get wrong: each mistake is refused with a message that names the argument."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

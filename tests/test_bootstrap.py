@@ -1,7 +1,5 @@
 """The block bootstrap, against independent draws of whole series."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal

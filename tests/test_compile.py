@@ -1,7 +1,5 @@
 """How the kernel is compiled and kept on disk, or not; the package works either way."""
 
-from __future__ import annotations
-
 import gc
 import os
 import shutil

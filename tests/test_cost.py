@@ -1,7 +1,5 @@
 """The cost's values and derivatives, against the plain formulas, and its invariances."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

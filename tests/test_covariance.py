@@ -1,7 +1,5 @@
 """Fisher covariance: the inverse of a positive definite Hessian, nan of any other."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

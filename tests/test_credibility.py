@@ -1,7 +1,5 @@
 """Credibility indices, against drawn errors of known covariance and SciPy's quantiles."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import chi2

@@ -1,7 +1,5 @@
 """The cost as its formulas read, against a plain loop over the pairs and against differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

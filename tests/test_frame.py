@@ -1,7 +1,5 @@
 """Registration in map coordinates: far from the origin all is as near it, in the user's frame."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal

@@ -6,8 +6,6 @@ or on a line.  What may come out is an honest "not converged" or an optimum whos
 together.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 from typing import Any

@@ -1,7 +1,5 @@
 """The compiled kernel: its elementary functions, cut-off, outlier models and trust region."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import product

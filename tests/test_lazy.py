@@ -1,7 +1,5 @@
 """What is frozen stays so in every copy, and no copy carries values computed for another."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from dataclasses import fields

@@ -3,8 +3,6 @@
 Its density and derivatives are tested in test_cost, with everything else.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal

@@ -1,7 +1,5 @@
 """What the package says it needs: bounds that were tested, and pins within them."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from pathlib import Path

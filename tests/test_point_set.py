@@ -1,7 +1,5 @@
 """PointSet: construction, polar measurements, batches, and what it refuses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Error propagation: exact cross derivatives, and the covariance that Monte Carlo runs show."""
 
-from __future__ import annotations
-
 import tracemalloc
 from dataclasses import replace
 from itertools import product

@@ -1,7 +1,5 @@
 """register: the optimum, its covariance, and what it says when there is none."""
 
-from __future__ import annotations
-
 from itertools import product
 from typing import Any
 

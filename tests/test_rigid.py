@@ -1,7 +1,5 @@
 """Rigid motions: group identities, and what they do to points and covariances."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The covariance from scores: against its formula, the jackknife, and the errors themselves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose

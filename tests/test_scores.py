@@ -1,7 +1,5 @@
 """Proper scores, against SciPy's densities and integrals, and by their means on drawn errors."""
 
-from __future__ import annotations
-
 from itertools import permutations
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Long batches: each problem done once, and an interrupt answered in between."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

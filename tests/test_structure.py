@@ -1,7 +1,5 @@
 """Imports run one way: chapters, study, radar and baselines, core, kernel."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

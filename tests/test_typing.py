@@ -1,7 +1,5 @@
 """A user's script with types: mypy accepts it, knows what comes back, and it runs."""
 
-from __future__ import annotations
-
 import runpy
 import subprocess
 import sys

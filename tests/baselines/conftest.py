@@ -1,7 +1,5 @@
 """Scans that several tests register."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

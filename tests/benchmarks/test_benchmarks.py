@@ -1,7 +1,5 @@
 """The benchmark's own functions: a wrong yardstick would make every number on its page wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import approx_fprime, least_squares

@@ -1,7 +1,5 @@
 """A headless Chromium that sees only this machine, and what it finds out about a page."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import threading

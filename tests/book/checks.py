@@ -1,7 +1,5 @@
 """The checks of a page: each returns what it found wrong, nothing if all is well."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import cache
 from html.parser import HTMLParser

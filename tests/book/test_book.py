@@ -6,8 +6,6 @@ wider than a phone, or if text is hard to tell from its ground. The checks are i
 test_checks.py shows that each finds what it is for. `make test-book` runs both.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Each check of a page finds what it is for, and accepts a page that has nothing wrong."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

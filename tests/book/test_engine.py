@@ -5,8 +5,6 @@ a term of a derivative, a weight or a step of the search differs.  `make test-en
 without a built book.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple

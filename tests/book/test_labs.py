@@ -5,8 +5,6 @@ page's address does not bring the view back, or if a laboratory needs more than 
 files. The numbers of the engine itself are tested in test_engine.py.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from functools import partial

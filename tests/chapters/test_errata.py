@@ -4,8 +4,6 @@ Equation numbers are the thesis's. A test breaks if the correction is not one, t
 printed does as well.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

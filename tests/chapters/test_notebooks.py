@@ -6,8 +6,6 @@ without a complaint. Each check returns what it found, and each is shown here to
 notebook broken on purpose.
 """
 
-from __future__ import annotations
-
 import copy
 import re
 from base64 import b64decode, b64encode

@@ -1,7 +1,5 @@
 """Scans of static points by sensors of a moving vehicle, which the tests of the radar share."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The command line: from a log or a data set to files, or to a message that helps."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """What the book's own Sphinx extension does to a page."""
 
-from __future__ import annotations
-
 from docutils.core import publish_doctree
 
 from tools.page_extras import DESCRIPTION, GLYPH, PRELOADED, icons_of, summary, without_unused

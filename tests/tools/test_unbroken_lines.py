@@ -1,7 +1,5 @@
 """Lines of the pages do not end before a unit or a comma."""
 
-from __future__ import annotations
-
 from docutils import nodes
 from docutils.utils import new_document
 

@@ -5,8 +5,6 @@ changed, the gradient of the cost with them changed, and the scatter of estimate
 that errs as a sensor does.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The sensor's velocity from the Doppler profile of one scan."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

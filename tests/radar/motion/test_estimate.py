@@ -4,8 +4,6 @@ The joint cost of thesis eq. 7.14 is written once more, target by target with sc
 function of the velocity; nothing of the package takes part in it but the scans' numbers.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

@@ -1,7 +1,5 @@
 """Logs as comma-separated values: what is read, and how a bad line is named."""
 
-from __future__ import annotations
-
 import os
 import re
 

@@ -4,8 +4,6 @@ The tiny one has two scenes, two radars, a lidar whose files are not there, an e
 that must be left out, and a vehicle that drives round a bend, so that its velocities are known.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from itertools import product

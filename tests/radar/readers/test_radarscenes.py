@@ -7,8 +7,6 @@ has been seen to write outside its memory.  Where the real one is present, the r
 against the data's own columns.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from itertools import product

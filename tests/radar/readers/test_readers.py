@@ -4,8 +4,6 @@ A reader that is added to `READERS` is tested here without another line: the env
 its entry names the folder, and its entry a recording that even an excerpt has.
 """
 
-from __future__ import annotations
-
 import os
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bounds: what they hold, they do not refuse, and the other way round."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

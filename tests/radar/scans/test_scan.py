@@ -4,8 +4,6 @@ Positions are checked against complex numbers, Doppler velocities against the ra
 point seen from a sensor that really moves, covariances against draws.
 """
 
-from __future__ import annotations
-
 import cmath
 from dataclasses import FrozenInstanceError
 from itertools import product

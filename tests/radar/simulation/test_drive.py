@@ -1,7 +1,5 @@
 """The simulated drive: a lap around a block, a sensor with the noise and the limits it says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

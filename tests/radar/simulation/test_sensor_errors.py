@@ -1,7 +1,5 @@
 """What can be wrong with a simulated radar: each error does what it says, and nothing else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal

@@ -1,7 +1,5 @@
 """The simulated street: a lap that closes, walls that hide, bodies that move as they say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal

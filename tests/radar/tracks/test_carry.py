@@ -1,7 +1,5 @@
 """Accelerations, by which the velocities of a track are carried to their times."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 

@@ -1,7 +1,5 @@
 """The files of a track, its data frame, and that nothing is half written."""
 
-from __future__ import annotations
-
 import os
 import stat
 import sys

@@ -1,7 +1,5 @@
 """What counts as a sensor, rounds of scans, and the pairs of a round."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

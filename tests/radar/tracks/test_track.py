@@ -1,7 +1,5 @@
 """A track: what it holds, its poses, its velocities at other times, in words and as a picture."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

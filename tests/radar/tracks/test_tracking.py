@@ -1,7 +1,5 @@
 """Tracks of simulated drives: what is estimated, what fails, and what stays in order then."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import fields, replace
 

@@ -1,7 +1,5 @@
 """Made-up tracks whose errors have the covariances that they state."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ The drives are made up: static targets in random directions, seen by sensors who
 turned, on a vehicle whose axle slips, beside an odometry that is late or early, too slow or fast.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 

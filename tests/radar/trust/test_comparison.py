@@ -1,7 +1,5 @@
 """A track against a reference: what is compared, in which units, and how it is shown."""
 
-from __future__ import annotations
-
 import re
 import sys
 from dataclasses import replace

@@ -3,8 +3,6 @@
 The references are the cost as its formulas read, in NumPy, and scans whose scatter is known.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise, product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Covariances judged without a reference: two tracks, halves by target and by object."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
