@@ -215,8 +215,10 @@ def traffic(driver: webdriver.Chrome, address: str) -> tuple[list[str], int, int
             case "Network.loadingFailed" if not parameters.get("canceled"):
                 failed = addresses.get(parameters["requestId"], "?")
                 complaints.append(f"{parameters['errorText']}: {failed}")
-            case "Network.loadingFinished" if "/_static/" in addresses[parameters["requestId"]]:
-                shared += int(parameters["encodedDataLength"])
-            case "Network.loadingFinished":
-                own += int(parameters["encodedDataLength"])
+            # what was asked for before the logs were drained is not the page's
+            case "Network.loadingFinished" if parameters["requestId"] in addresses:
+                if "/_static/" in addresses[parameters["requestId"]]:
+                    shared += int(parameters["encodedDataLength"])
+                else:
+                    own += int(parameters["encodedDataLength"])
     return complaints, own, shared
