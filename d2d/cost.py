@@ -212,10 +212,7 @@ class RegistrationCost:
         moving: PointSet,
         measurement: LinearMeasurement | None = None,
     ) -> Problem:
-        """The cost of the motion between two sets, bound to them.
-
-        Raises ``ValueError`` naming the argument that does not fit.
-        """
+        """The cost of the motion between two sets, bound to them."""
         pair = check_pair(fixed, moving, measurement)
         return Problem(self.form(fixed.dimension), [pair])
 

@@ -32,19 +32,9 @@ _TARGETS_AT_ONCE = 50_000  # of both sets: about 20 MB of intermediate arrays
 def fisher_covariance(hessian: ArrayLike) -> Array:
     """Inverse of the Hessian of a negative log-likelihood (thesis sec. 5.2, Cramér-Rao bound).
 
-    Raises a ``ValueError`` if ``hessian`` is not an array of square matrices that are symmetric to
-    within rounding.
-
-    Parameters
-    ----------
-    hessian : (..., P, P) array
-        Hessian at the optimum.
-
-    Returns
-    -------
-    (..., P, P) array
-        Inverse of the observed information; nan where the Hessian is not positive definite, because
-        such a point is not an optimum and has no covariance.
+    From the Hessians (..., P, P) at optima, the observed information; nan where one is not positive
+    definite, because such a point is not an optimum and has no covariance.  Raises a ``ValueError``
+    if ``hessian`` is not an array of square matrices that are symmetric to within rounding.
     """
     matrices = check_real("hessian", hessian)
     if matrices.ndim < 2 or matrices.shape[-1] != matrices.shape[-2] or not matrices.shape[-1]:

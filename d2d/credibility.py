@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_fraction
+from d2d._checks import check_tail
 from d2d._types import Array
 from d2d.scores import checked_errors, normalised_squares
 
@@ -61,10 +61,6 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     confidence : float
         Probability content of the two-sided region, within (0, 1).
 
-    Returns
-    -------
-    Credibility
-
     Notes
     -----
     The NEES and its region follow Bar-Shalom, Li & Kirubarajan (2001), NCI and I^2 Li & Zhao
@@ -86,9 +82,7 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     runs, n = e.shape
     if not n < runs:
         raise ValueError(f"errors must hold more runs than dimensions, but has the shape {e.shape}")
-    tail = 0.5 * (1.0 - check_fraction("confidence", confidence))
-    if not 0.0 < tail < 0.5:
-        raise ValueError(f"confidence must lie within (0, 1), but is {confidence:g}")
+    tail = check_tail(confidence)
     actual = e.T @ e / runs
     scale = np.sqrt(np.diagonal(actual))  # the axes may have different units
     if (

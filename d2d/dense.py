@@ -161,7 +161,6 @@ class Factor(NamedTuple):
     gradient: Array  # (..., K, P)
     cross: Array  # (..., K, P): derivative of the gradient in z
     by_value: Array  # (..., K): derivative of log in z
-    variance: Array  # (..., K)
     cross_input: Array  # (..., K, P): derivative of the gradient in the input of h, where dh = s
     by_input: Array  # (..., K): derivative of log in the input
 
@@ -183,7 +182,7 @@ def factor_of(measurement: LinearMeasurement, theta: Array) -> Factor:
         jacobian = rigid.logarithm_jacobian(theta)
         gradient, cross, cross_input = (each @ jacobian for each in (gradient, cross, cross_input))
     log = -0.5 * (residual * e + np.log(2.0 * math.pi * variance))
-    return Factor(log, gradient, cross, -e, variance, cross_input, slope * e)
+    return Factor(log, gradient, cross, -e, cross_input, slope * e)
 
 
 def cross_derivatives(
