@@ -25,7 +25,6 @@ from d2d.problem import Bound, CostForm, Problem, check_pair
 Metric = Literal["d2d", "p2d"]
 Fusion = Literal["likelihood", "summing"]
 
-_METRICS = ("d2d", "p2d")
 # An outlier model as the kernel reads it: its kind, the logarithms of the weights of the inliers
 # and of the outlier component (normalisation included), and that component's precision xx, xy, yy.
 _NO_OUTLIER = np.array([layout.NO_OUTLIER, 0.0, -np.inf, 0.0, 0.0, 0.0])
@@ -38,12 +37,8 @@ class UniformOutlier(Frozen):
 
     The sum is not a probability density of the target's position: its integral diverges.
 
-    Raises a ``ValueError`` if ``density`` is not a positive number.
-
-    Parameters
-    ----------
-    density : float, 1/m (1D) or 1/m^2 (2D)
-        The constant c, positive.
+    The constant ``density`` c is in 1/m (1D) or 1/m^2 (2D).  Raises a ``ValueError`` if it is not a
+    positive number.
     """
 
     density: float
@@ -139,7 +134,7 @@ class RegistrationCost:
     outlier: OutlierModel | None = None
 
     def __post_init__(self) -> None:
-        check_choice("metric", self.metric, _METRICS)
+        check_choice("metric", self.metric, get_args(Metric))
         check_choice("fusion", self.fusion, _FUSIONS)
         if not isinstance(self.outlier, OutlierModel | None):
             raise ValueError(f"outlier must be None or one of {_MODELS}, but is {self.outlier!r}")

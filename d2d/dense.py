@@ -118,7 +118,7 @@ def responsibilities(parts: list[Pairs], cost: RegistrationCost) -> list[Array]:
 
 def target_log_densities(parts: list[Pairs], cost: RegistrationCost) -> Array:
     """log q_k (B, K): the components of each target summed (thesis eq. 4.3 and 6.4)."""
-    return _log_sum(_all_logs(parts, cost), (-1,))[..., 0]
+    return _log_sum(_all_logs(parts, cost))
 
 
 def value(
@@ -136,7 +136,7 @@ def value(
     logs = target_log_densities(components(theta, fixed, moving, cost, factor), cost)
     if cost.fusion == "likelihood":
         return np.asarray(-logs.sum(axis=-1))
-    return np.asarray(-_log_sum(logs, (-1,))[..., 0])
+    return -_log_sum(logs)
 
 
 def _all_logs(parts: list[Pairs], cost: RegistrationCost) -> Array:
@@ -149,9 +149,9 @@ def _all_logs(parts: list[Pairs], cost: RegistrationCost) -> Array:
     return np.concatenate(logs, axis=-1)
 
 
-def _log_sum(logs: Array, axes: tuple[int, ...]) -> Array:
-    top = logs.max(axis=axes, keepdims=True)
-    return np.asarray(top + np.log(np.exp(logs - top).sum(axis=axes, keepdims=True)))
+def _log_sum(logs: Array) -> Array:
+    top = logs.max(axis=-1, keepdims=True)
+    return np.asarray(top[..., 0] + np.log(np.exp(logs - top).sum(axis=-1)))
 
 
 class Factor(NamedTuple):
