@@ -55,17 +55,12 @@ class UniformOutlier(Frozen):
 class CorruptedGaussian(Frozen):
     """A wide Gaussian at every component: (1 - alpha) q_k + alpha sum_i w_i N(T(mu_k) | mu_i, S_o).
 
-    The name follows Hartley & Zisserman, Multiple View Geometry, appendix 6.
+    The ``fraction`` of outliers alpha is within [0, 1] (thesis eq. 6.3; in its eq. 4.16, alpha is
+    the fraction of inliers), and the ``covariance`` S_o (D, D) in m^2 is symmetric positive
+    definite; in 1D, a number is taken as the variance.  The name follows Hartley & Zisserman,
+    Multiple View Geometry, appendix 6.
 
     Raises a ``ValueError`` if an argument is out of range or has the wrong shape.
-
-    Parameters
-    ----------
-    fraction : float
-        alpha, the fraction of outliers, within [0, 1] (thesis eq. 6.3; in its eq. 4.16, alpha is
-        the fraction of inliers).
-    covariance : (D, D) array, m^2
-        S_o, symmetric positive definite; in 1D, a number is taken as the variance.
     """
 
     fraction: float

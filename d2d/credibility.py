@@ -49,17 +49,10 @@ class Credibility:
 def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0.95) -> Credibility:
     """Compare estimation errors with their estimated covariances.
 
-    Raises a ``ValueError`` if an argument does not fit. Leave out runs that did not converge, and
-    report their number.
-
-    Parameters
-    ----------
-    errors : (N, n) array
-        Estimate minus truth in N independent runs, N > n.
-    covariances : (N, n, n) or (n, n) array
-        Estimated covariances, symmetric positive definite.
-    confidence : float
-        Probability content of the two-sided region, within (0, 1).
+    The errors (N, n) are estimate minus truth in N independent runs, N > n; the covariances
+    (N, n, n), or (n, n) for all, are symmetric positive definite; the ``confidence`` within (0, 1)
+    is the probability content of the two-sided region.  Leave out runs that did not converge, and
+    report their number.  Raises a ``ValueError`` if an argument does not fit.
 
     Notes
     -----
