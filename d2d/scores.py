@@ -111,10 +111,10 @@ def log_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
 def crps(errors: ArrayLike, sigmas: ArrayLike) -> Array:
     """Continuous ranked probability score of a Gaussian in one dimension, in the errors' unit.
 
-    Of errors (...), estimate minus truth, and the stated standard deviations (...), positive.
-    Smaller is better; 0.234 sigma for an error of zero, and about ``|e| - 0.564 sigma`` for a large
-    one.  Raises a ``ValueError`` if a standard deviation is not positive, or another value does not
-    fit.
+    The errors, estimate minus truth, and the stated standard deviations, positive, broadcast to the
+    shape (...) of the scores.  Smaller is better; 0.234 sigma for an error of zero, and about
+    ``|e| - 0.564 sigma`` for a large one.  Raises a ``ValueError`` if a standard deviation is not
+    positive, or another value does not fit.
 
     In closed form with z = e / sigma (Gneiting & Raftery 2007, sec. 4.2)::
 
