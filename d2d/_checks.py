@@ -141,6 +141,14 @@ def check_fraction(name: str, value: float) -> float:
     return number
 
 
+def check_tail(confidence: float) -> float:
+    """The probability on either side of the central region of a ``confidence`` within (0, 1)."""
+    tail = 0.5 * (1.0 - check_fraction("confidence", confidence))
+    if not 0.0 < tail < 0.5:
+        raise ValueError(f"confidence must lie within (0, 1), but is {confidence:g}")
+    return tail
+
+
 def check_scalar(name: str, value: Any) -> float:
     """A finite number."""
     if type(value) is float and math.isfinite(value):

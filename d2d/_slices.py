@@ -19,16 +19,10 @@ def run_in_slices(
 ) -> None:
     """Call ``run(first, last)`` until all problems from 0 to ``count`` are done, each once.
 
-    Parameters
-    ----------
-    run : callable
-        Solves the problems from ``first`` to ``last``, which do not depend on each other.
-    count : int
-    pairs : int
-        Of a target and a component in a problem, for a guess of how long it takes.
-    threads : int
-        Number of threads that share the problems.  If the thread that waits for them is
-        interrupted, they end after their present slice.
+    It solves the problems from ``first`` to ``last``, which do not depend on each other.  The
+    number of ``pairs`` of a target and a component in a problem is for a guess of how long it
+    takes.  If the thread that waits for the ``threads`` is interrupted, they end after their
+    present slice.
     """
     size, threads = max(1, _FIRST // pairs), min(threads, max(1, count), _MAX_THREADS)
     if count == 1 or (count <= size and threads == 1):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_count, check_finite, check_fraction, check_instance
+from d2d._checks import check_count, check_finite, check_instance, check_tail
 from d2d._types import Array
 
 _DRAWN = 500_000  # values of an array that are drawn at a time, which limits the memory
@@ -87,9 +87,7 @@ def block_bootstrap(
         raise ValueError(f"block must be at most the number of rows, {rows}, but is {block}")
     check_instance("rng", rng, np.random.Generator)
     check_count("resamples", resamples)
-    tail = 0.5 * (1.0 - check_fraction("confidence", confidence))
-    if not 0.0 < tail < 0.5:
-        raise ValueError(f"confidence must lie within (0, 1), but is {confidence:g}")
+    tail = check_tail(confidence)
     blocks, within = math.ceil(rows / block), np.arange(block)
     batch = max(1, _DRAWN // max(rows, *(array.size for array in data)))
     values: list[Array] = []
@@ -125,17 +123,9 @@ def block_sums(series: Array, block: int) -> Array:
 def block_length(series: ArrayLike) -> int:
     """Block length with which `block_bootstrap` best estimates the variance of a series' mean.
 
-    Raises a ``ValueError`` if ``series`` is empty, or holds nan or inf.
-
-    Parameters
-    ----------
-    series : (N,) or (N, n) array
-        In time order.  With several columns, the one that needs the longest blocks decides.
-
-    Returns
-    -------
-    int
-        1 for a series without correlation; at most 3 sqrt(N) and N / 3.
+    The series (N,) or (N, n) is in time order; with several columns, the one that needs the longest
+    blocks decides.  The length is 1 for a series without correlation, and at most 3 sqrt(N) and
+    N / 3.  Raises a ``ValueError`` if ``series`` is empty, or holds nan or inf.
 
     Notes
     -----

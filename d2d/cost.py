@@ -25,7 +25,6 @@ from d2d.problem import Bound, CostForm, Problem, check_pair
 Metric = Literal["d2d", "p2d"]
 Fusion = Literal["likelihood", "summing"]
 
-_METRICS = ("d2d", "p2d")
 # An outlier model as the kernel reads it: its kind, the logarithms of the weights of the inliers
 # and of the outlier component (normalisation included), and that component's precision xx, xy, yy.
 _NO_OUTLIER = np.array([layout.NO_OUTLIER, 0.0, -np.inf, 0.0, 0.0, 0.0])
@@ -38,12 +37,8 @@ class UniformOutlier(Frozen):
 
     The sum is not a probability density of the target's position: its integral diverges.
 
-    Raises a ``ValueError`` if ``density`` is not a positive number.
-
-    Parameters
-    ----------
-    density : float, 1/m (1D) or 1/m^2 (2D)
-        The constant c, positive.
+    The constant ``density`` c is in 1/m (1D) or 1/m^2 (2D).  Raises a ``ValueError`` if it is not a
+    positive number.
     """
 
     density: float
@@ -60,17 +55,12 @@ class UniformOutlier(Frozen):
 class CorruptedGaussian(Frozen):
     """A wide Gaussian at every component: (1 - alpha) q_k + alpha sum_i w_i N(T(mu_k) | mu_i, S_o).
 
-    The name follows Hartley & Zisserman, Multiple View Geometry, appendix 6.
+    The ``fraction`` of outliers alpha is within [0, 1] (thesis eq. 6.3; in its eq. 4.16, alpha is
+    the fraction of inliers), and the ``covariance`` S_o (D, D) in m^2 is symmetric positive
+    definite; in 1D, a number is taken as the variance.  The name follows Hartley & Zisserman,
+    Multiple View Geometry, appendix 6.
 
     Raises a ``ValueError`` if an argument is out of range or has the wrong shape.
-
-    Parameters
-    ----------
-    fraction : float
-        alpha, the fraction of outliers, within [0, 1] (thesis eq. 6.3; in its eq. 4.16, alpha is
-        the fraction of inliers).
-    covariance : (D, D) array, m^2
-        S_o, symmetric positive definite; in 1D, a number is taken as the variance.
     """
 
     fraction: float
@@ -139,7 +129,7 @@ class RegistrationCost:
     outlier: OutlierModel | None = None
 
     def __post_init__(self) -> None:
-        check_choice("metric", self.metric, _METRICS)
+        check_choice("metric", self.metric, get_args(Metric))
         check_choice("fusion", self.fusion, _FUSIONS)
         if not isinstance(self.outlier, OutlierModel | None):
             raise ValueError(f"outlier must be None or one of {_MODELS}, but is {self.outlier!r}")
@@ -212,10 +202,7 @@ class RegistrationCost:
         moving: PointSet,
         measurement: LinearMeasurement | None = None,
     ) -> Problem:
-        """The cost of the motion between two sets, bound to them.
-
-        Raises ``ValueError`` naming the argument that does not fit.
-        """
+        """The cost of the motion between two sets, bound to them."""
         pair = check_pair(fixed, moving, measurement)
         return Problem(self.form(fixed.dimension), [pair])
 

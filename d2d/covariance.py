@@ -1,19 +1,12 @@
 """The covariance of an estimate: Fisher information and propagation of the measurement errors."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import (
-    broadcast_batches,
-    check_finite,
-    check_instance,
-    check_real,
-    symmetrise,
-)
+from d2d._checks import broadcast_batches, check_finite, check_instance, check_real, symmetrise
 from d2d._kernel.compile import read_only
 from d2d._kernel.errors import add_measurements, add_positions
 from d2d._kernel.newton import SINGULAR
@@ -32,19 +25,9 @@ _TARGETS_AT_ONCE = 50_000  # of both sets: about 20 MB of intermediate arrays
 def fisher_covariance(hessian: ArrayLike) -> Array:
     """Inverse of the Hessian of a negative log-likelihood (thesis sec. 5.2, Cramér-Rao bound).
 
-    Raises a ``ValueError`` if ``hessian`` is not an array of square matrices that are symmetric to
-    within rounding.
-
-    Parameters
-    ----------
-    hessian : (..., P, P) array
-        Hessian at the optimum.
-
-    Returns
-    -------
-    (..., P, P) array
-        Inverse of the observed information; nan where the Hessian is not positive definite, because
-        such a point is not an optimum and has no covariance.
+    From the Hessians (..., P, P) at optima, the observed information; nan where one is not positive
+    definite, because such a point is not an optimum and has no covariance.  Raises a ``ValueError``
+    if ``hessian`` is not an array of square matrices that are symmetric to within rounding.
     """
     matrices = check_real("hessian", hessian)
     if matrices.ndim < 2 or matrices.shape[-1] != matrices.shape[-2] or not matrices.shape[-1]:
@@ -81,8 +64,9 @@ def propagate_covariance(
 
         Sigma_theta = H^-1 (d2f / d theta d z) Sigma_z (d2f / d theta d z)' H^-1
 
-    Raises a ``ValueError`` if an argument is invalid, or the cost that the estimate states is not
-    that of the others.
+    The covariance (..., P, P) of ``theta`` is nan where the estimate did not converge.  Raises a
+    ``ValueError`` if an argument is invalid, or the cost that the estimate states is not that of
+    the others.
 
     Parameters
     ----------
@@ -101,11 +85,6 @@ def propagate_covariance(
         the input.  If given, a single error of the input, of standard deviation ``sigma_input``,
         moves the target along this slope and the predicted value along the measurement's own
         slope.  The target's covariance must already contain the part caused by this error.
-
-    Returns
-    -------
-    (..., P, P) array
-        Covariance of ``theta``; nan where the estimate did not converge.
 
     Notes
     -----
@@ -169,8 +148,11 @@ def _definite(inverse: Array, noise: Array) -> Array:
 def _noise(problem: Problem, bound: Bound, slope: Array | None) -> Array:
     """The covariance (..., P, P) of the gradient."""
     fixed, moving, measurement, _ = problem.pairs[0]
-    p, noise = problem.parameters, np.zeros((len(bound.thetas), 3, 3))
-    for part in parts_of(problem, bound):
+    count = len(bound.thetas)
+    p, noise = problem.parameters, np.zeros((count, 3, 3))
+    step = max(1, _TARGETS_AT_ONCE // (fixed.size + moving.size))
+    for start in range(0, count, step):
+        part = slice(start, min(start + step, count))
         cross = problem.cross_derivatives(bound, part.start, part.stop)
         for position, points in ((cross.fixed, fixed), (cross.moving, moving)):
             covariances = np.zeros((*points.covariances.shape[:-2], 2, 2))
@@ -224,13 +206,6 @@ def check_estimate(
             f" arguments, but its cost is {np.broadcast_to(estimate.value, off.shape)[off][0]:.9g} "
             f"and theirs {value[off][0]:.9g}, or the Hessians differ"
         )
-
-
-def parts_of(problem: Problem, bound: Bound) -> Iterator[slice]:
-    """The problems of a batch, a bounded number of targets at a time."""
-    count = len(bound.thetas)
-    step = max(1, _TARGETS_AT_ONCE // sum(p.fixed.size + p.moving.size for p in problem.pairs))
-    return (slice(start, min(start + step, count)) for start in range(0, count, step))
 
 
 def select(array: NDArray[Any], axes: int, bound: Bound, part: slice = slice(None)) -> NDArray[Any]:

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_fraction
+from d2d._checks import check_tail
 from d2d._types import Array
 from d2d.scores import checked_errors, normalised_squares
 
@@ -49,21 +49,10 @@ class Credibility:
 def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0.95) -> Credibility:
     """Compare estimation errors with their estimated covariances.
 
-    Raises a ``ValueError`` if an argument does not fit. Leave out runs that did not converge, and
-    report their number.
-
-    Parameters
-    ----------
-    errors : (N, n) array
-        Estimate minus truth in N independent runs, N > n.
-    covariances : (N, n, n) or (n, n) array
-        Estimated covariances, symmetric positive definite.
-    confidence : float
-        Probability content of the two-sided region, within (0, 1).
-
-    Returns
-    -------
-    Credibility
+    The errors (N, n) are estimate minus truth in N independent runs, N > n; the covariances
+    (N, n, n), or (n, n) for all, are symmetric positive definite; the ``confidence`` within (0, 1)
+    is the probability content of the two-sided region.  Leave out runs that did not converge, and
+    report their number.  Raises a ``ValueError`` if an argument does not fit.
 
     Notes
     -----
@@ -86,9 +75,7 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     runs, n = e.shape
     if not n < runs:
         raise ValueError(f"errors must hold more runs than dimensions, but has the shape {e.shape}")
-    tail = 0.5 * (1.0 - check_fraction("confidence", confidence))
-    if not 0.0 < tail < 0.5:
-        raise ValueError(f"confidence must lie within (0, 1), but is {confidence:g}")
+    tail = check_tail(confidence)
     actual = e.T @ e / runs
     scale = np.sqrt(np.diagonal(actual))  # the axes may have different units
     if (

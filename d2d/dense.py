@@ -118,7 +118,7 @@ def responsibilities(parts: list[Pairs], cost: RegistrationCost) -> list[Array]:
 
 def target_log_densities(parts: list[Pairs], cost: RegistrationCost) -> Array:
     """log q_k (B, K): the components of each target summed (thesis eq. 4.3 and 6.4)."""
-    return _log_sum(_all_logs(parts, cost), (-1,))[..., 0]
+    return _log_sum(_all_logs(parts, cost))
 
 
 def value(
@@ -136,7 +136,7 @@ def value(
     logs = target_log_densities(components(theta, fixed, moving, cost, factor), cost)
     if cost.fusion == "likelihood":
         return np.asarray(-logs.sum(axis=-1))
-    return np.asarray(-_log_sum(logs, (-1,))[..., 0])
+    return -_log_sum(logs)
 
 
 def _all_logs(parts: list[Pairs], cost: RegistrationCost) -> Array:
@@ -149,9 +149,9 @@ def _all_logs(parts: list[Pairs], cost: RegistrationCost) -> Array:
     return np.concatenate(logs, axis=-1)
 
 
-def _log_sum(logs: Array, axes: tuple[int, ...]) -> Array:
-    top = logs.max(axis=axes, keepdims=True)
-    return np.asarray(top + np.log(np.exp(logs - top).sum(axis=axes, keepdims=True)))
+def _log_sum(logs: Array) -> Array:
+    top = logs.max(axis=-1, keepdims=True)
+    return np.asarray(top[..., 0] + np.log(np.exp(logs - top).sum(axis=-1)))
 
 
 class Factor(NamedTuple):
@@ -161,7 +161,6 @@ class Factor(NamedTuple):
     gradient: Array  # (..., K, P)
     cross: Array  # (..., K, P): derivative of the gradient in z
     by_value: Array  # (..., K): derivative of log in z
-    variance: Array  # (..., K)
     cross_input: Array  # (..., K, P): derivative of the gradient in the input of h, where dh = s
     by_input: Array  # (..., K): derivative of log in the input
 
@@ -183,7 +182,7 @@ def factor_of(measurement: LinearMeasurement, theta: Array) -> Factor:
         jacobian = rigid.logarithm_jacobian(theta)
         gradient, cross, cross_input = (each @ jacobian for each in (gradient, cross, cross_input))
     log = -0.5 * (residual * e + np.log(2.0 * math.pi * variance))
-    return Factor(log, gradient, cross, -e, variance, cross_input, slope * e)
+    return Factor(log, gradient, cross, -e, cross_input, slope * e)
 
 
 def cross_derivatives(

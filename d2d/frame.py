@@ -32,13 +32,8 @@ class Frame(NamedTuple):
     b: Array  # (..., 2)
 
     @classmethod
-    def about_means(cls, fixed: PointSet, moving: PointSet) -> "Frame":
-        """The frame of two sets, or batches of them."""
-        return cls(fixed.means.mean(axis=-2), moving.means.mean(axis=-2))
-
-    @classmethod
     def of_far_sets(cls, fixed: PointSet, moving: PointSet) -> "Frame":
-        """The same, with those sets of a batch left in place that are near the origin."""
+        """The means of two sets, or zero for those sets of a batch that are near the origin."""
         return cls(_origin_if_far(fixed), _origin_if_far(moving))
 
     def shifted(self, fixed: PointSet, moving: PointSet) -> tuple[PointSet, PointSet]:

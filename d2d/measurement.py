@@ -1,6 +1,6 @@
 """A scalar measurement of each moving target, in addition to its position."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -92,11 +92,9 @@ class LinearMeasurement(Frozen):
     ) -> "LinearMeasurement":
         """A measurement of arrays that are known to be good and of full shape."""
         measurement = cls.__new__(cls)
-        fields = ("value", "sigma", "sigma_input", "gain", "slope", "of_twist")
-        for name, field in zip(
-            fields, (value, sigma, sigma_input, gain, slope, twist), strict=True
-        ):
-            measurement._keep(name, field)
+        values = value, sigma, sigma_input, gain, slope, twist
+        for field, own in zip(fields(cls), values, strict=True):
+            measurement._keep(field.name, own)
         return measurement
 
     @property

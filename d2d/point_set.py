@@ -114,16 +114,10 @@ class PointSet(Frozen):
         The covariance is J diag(sigma_r^2, sigma_phi^2) J' with J = d(x, y)/d(r, phi) at the
         measured point (thesis eq. 7.3 and 7.4, the columns of J in the order of the variances).
 
-        Raises a ``ValueError`` if an argument is not finite, not positive or has the wrong shape,
-        or azimuths are in degrees.
-
-        Parameters
-        ----------
-        range, azimuth : (..., N) arrays, m and rad
-            The azimuth is measured counter-clockwise from the x axis, within -2 pi and 2 pi; ranges
-            are positive.
-        sigma_range, sigma_azimuth : arrays that broadcast to (..., N), m and rad
-            Standard deviations, positive.
+        The ranges (..., N) in m are positive, the azimuths (..., N) in rad are measured
+        counter-clockwise from the x axis, within -2 pi and 2 pi.  Their standard deviations are
+        positive and broadcast to (..., N).  Raises a ``ValueError`` if an argument is not finite,
+        not positive or has the wrong shape, or azimuths are in degrees.
         """
         r, phi = check_positive("range", range), check_angle("azimuth", azimuth)
         sr, sp = (

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d import rigid
-from d2d._checks import broadcast_batches
+from d2d._checks import broadcast_batches, check_instance
 from d2d._kernel import entries, layout, propagate
 from d2d._lazy import lazy
 from d2d._slices import run_in_slices
@@ -19,9 +19,6 @@ from d2d.point_set import PointSet
 
 TOLERANCE = 1e-14  # of the Newton decrement: 1e-7 standard deviations from the optimum
 MAX_ITERATIONS = 200
-
-_NO_FACTORS = np.empty((0, 9))
-_NO_PRIOR = np.zeros(3)
 
 
 class Pair(NamedTuple):
@@ -93,22 +90,14 @@ class Problem:
     the SE(2) exponential of its own interval times the velocity, or, to first order, by that
     product itself.
 
-    Attributes
-    ----------
-    form : CostForm
-    pairs : sequence of Pair
-        One, which may be a batch, or several single ones.
-    kind : int
-        ``layout.MOTION``, ``ARC`` or ``CHORD``.
-    prior : (3,) array
-        Precisions of a Gaussian prior of the parameters about zero, whose negative logarithm is
-        added, without its constant.
+    The negative logarithm of a Gaussian prior of the parameters about zero is added, without its
+    constant.
     """
 
     form: CostForm
-    pairs: Sequence[Pair]
-    kind: int = layout.MOTION
-    prior: Array = field(default_factory=lambda: _NO_PRIOR)
+    pairs: Sequence[Pair]  # one, which may be a batch, or several single ones
+    kind: int = layout.MOTION  # or ARC or CHORD
+    prior: Array = field(default_factory=lambda: np.zeros(3))  # precisions
 
     @property
     def parameters(self) -> int:
@@ -158,7 +147,7 @@ class Problem:
             _joined([pair.moving._packed for pair in self.pairs], 1),
             _joined([pair.moving._order for pair in self.pairs], 0),
             _joined([pair.fixed._extremes for pair in self.pairs], 0),
-            _joined(factors, 0) if factors else _NO_FACTORS,
+            _joined(factors, 0) if factors else np.empty((0, 9)),
             self.form.outlier,
             np.array(rows),
             np.array([pair.interval for pair in self.pairs]),
@@ -295,30 +284,23 @@ def check_pair(
     fixed: PointSet, moving: PointSet, measurement: LinearMeasurement | None = None
 ) -> Pair:
     """A pair whose parts fit together; a ``ValueError`` names the one that does not."""
-    for name, points in (("fixed", fixed), ("moving", moving)):
-        if not isinstance(points, PointSet):
-            raise ValueError(f"{name} must be a PointSet, but is a {type(points).__name__}")
+    check_instance("fixed", fixed, PointSet)
+    check_instance("moving", moving, PointSet)
     if fixed.dimension != moving.dimension:
         raise ValueError(
             f"fixed and moving must have the same dimension, "
             f"but have {fixed.dimension} and {moving.dimension}"
         )
-    if measurement is not None:
-        _check_measurement(measurement, moving)
-    return Pair(fixed, moving, measurement)
-
-
-def _check_measurement(measurement: LinearMeasurement, moving: PointSet) -> None:
-    if not isinstance(measurement, LinearMeasurement):
-        raise ValueError(
-            f"measurement must be a LinearMeasurement, but is a {type(measurement).__name__}"
-        )
+    if measurement is None:
+        return Pair(fixed, moving)
+    check_instance("measurement", measurement, LinearMeasurement)
     parameters = rigid.PARAMETERS[moving.dimension]
     if (measurement.size, measurement.parameters) != (moving.size, parameters):
         raise ValueError(
             f"measurement must have {moving.size} targets and {parameters} parameters to "
             f"match moving, but has {measurement.size} and {measurement.parameters}"
         )
+    return Pair(fixed, moving, measurement)
 
 
 def _joined(arrays: list[NDArray[Any]], axis: int) -> NDArray[Any]:

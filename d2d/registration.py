@@ -77,7 +77,8 @@ def register(
     Newton's method with exact derivatives in a trust region (Moré & Sorensen 1983) solves a single
     problem or a whole batch in one call.
 
-    Raises a ``ValueError`` that names an invalid argument.
+    The result's cost is never higher than that of ``initial`` at the last scale.  Raises a
+    ``ValueError`` that names an invalid argument.
 
     Parameters
     ----------
@@ -96,11 +97,6 @@ def register(
         A measurement of each moving target, whose density multiplies the inlier density.
     threads : int
         Number of threads that share a batch; the result does not depend on it.
-
-    Returns
-    -------
-    Estimate
-        Its cost is never higher than that of ``initial`` at the last scale.
 
     Notes
     -----
@@ -152,20 +148,10 @@ def multi_start(
 ) -> Estimate:
     """The best of the optima found from several starts, all in one batch.
 
-    Raises a ``ValueError`` that names an invalid argument.
-
-    Parameters
-    ----------
-    starts : (S, P) array
-        Starts tried for each problem of the batch; see `start_grid`.
-    fixed, moving, cost, scales, measurement, threads
-        As for `register`.
-
-    Returns
-    -------
-    Estimate
-        For each problem, the converged optimum of lowest cost; ``iterations`` counts those of all
-        starts.  If no start converged, the result is that of the first start, not converged.
+    For each problem of the batch, the ``starts`` (S, P) are tried, see `start_grid`; the other
+    arguments are those of `register`.  The result is the converged optimum of lowest cost;
+    ``iterations`` counts those of all starts.  If no start converged, it is that of the first
+    start, not converged.  Raises a ``ValueError`` that names an invalid argument.
     """
     check_pair(fixed, moving, measurement)
     tried = rigid.motion("starts", starts, fixed.dimension)
@@ -193,15 +179,10 @@ def best_of(found: Estimate) -> Estimate:
 def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
     """Starts (S, 3) on a square grid of translations, each combined with every rotation.
 
-    Raises a ``ValueError`` if an argument is not positive or has the wrong shape, angles are in
-    degrees, or if there would be more than ten million starts.
-
-    Parameters
-    ----------
-    reach, spacing : float, m
-        The grid extends from -reach to reach along x and y, in steps of at most ``spacing``.
-    angles : (A,) array, rad
-        Within -2 pi and 2 pi.
+    The grid extends from -reach to reach along x and y, in steps of at most ``spacing``, both in m;
+    the ``angles`` (A,) in rad are within -2 pi and 2 pi.  Raises a ``ValueError`` if an argument is
+    not positive or has the wrong shape, angles are in degrees, or if there would be more than ten
+    million starts.
     """
     span = check_positive_scalar("reach", reach)
     step = check_positive_scalar("spacing", spacing)

@@ -105,8 +105,9 @@ def sandwich_covariance(
     with the score s_k, the gradient of target k's part of the cost, and the correlation kappa_kl of
     the errors of two targets.
 
-    Raises a ``ValueError`` if an argument is invalid, or the cost that the estimate states is not
-    that of the others.
+    The covariance (..., P, P) of ``theta`` is nan where the estimate did not converge.  Raises a
+    ``ValueError`` if an argument is invalid, or the cost that the estimate states is not that of
+    the others.
 
     Parameters
     ----------
@@ -127,11 +128,6 @@ def sandwich_covariance(
     floor : bool
         Whether the covariance may only grow beyond the reference R: the eigenvalues below 1 of
         ``R^(-1/2) Sigma_theta R^(-1/2)`` become 1.
-
-    Returns
-    -------
-    (..., P, P) array
-        Covariance of ``theta``; nan where the estimate did not converge.
 
     Notes
     -----
@@ -161,7 +157,7 @@ def sandwich_covariance(
     given = None if reference is None else _reference(reference, known, bound, problem.parameters)
     if not free:
         return _from_scores(problem, bound, known, neighbours, given, floor)
-    frame = Frame.about_means(fixed, moving)
+    frame = Frame(fixed.means.mean(axis=-2), moving.means.mean(axis=-2))
     problem = cost.problem(*frame.shifted(fixed, moving))
     bound = problem.bind(frame.inward(theta))
     if given is not None:

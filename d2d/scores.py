@@ -73,10 +73,6 @@ def whiten(
     order : sequence of int, optional
         A permutation of 0 ... n - 1, which is the default.  For [v_x, v_y, omega], (2, 1, 0) takes
         omega first, then v_y given omega, then v_x given both.
-
-    Returns
-    -------
-    Whitened
     """
     e, sigma = checked_errors(errors, covariances)
     n = e.shape[1]
@@ -93,21 +89,11 @@ def whiten(
 def log_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
     """The logarithmic score: negative log density of each error under its stated covariance.
 
-    Raises a ``ValueError`` if an argument does not fit, such as a covariance that is not positive
-    definite.
+    That is -log N(e | 0, Sigma) (N,) in nats; smaller is better.  Another unit of the errors only
+    adds a constant.  `Whitened.log_score` has what each component contributes.
 
-    Parameters
-    ----------
-    errors : (N, n) array
-        Estimate minus truth.
-    covariances : (N, n, n) or (n, n) array
-        Estimated covariances, symmetric positive definite.
-
-    Returns
-    -------
-    (N,) array
-        -log N(e | 0, Sigma) in nats; smaller is better.  Another unit of the errors only adds a
-        constant.  `Whitened.log_score` has what each component contributes.
+    The errors and covariances are those of `whiten`.  Raises a ``ValueError`` if one does not fit,
+    such as a covariance that is not positive definite.
 
     Examples
     --------
@@ -125,25 +111,14 @@ def log_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
 def crps(errors: ArrayLike, sigmas: ArrayLike) -> Array:
     """Continuous ranked probability score of a Gaussian in one dimension, in the errors' unit.
 
-    Raises a ``ValueError`` if a standard deviation is not positive, or another value does not fit.
+    The errors, estimate minus truth, and the stated standard deviations, positive, broadcast to the
+    shape (...) of the scores.  Smaller is better; 0.234 sigma for an error of zero, and about
+    ``|e| - 0.564 sigma`` for a large one.  Raises a ``ValueError`` if a standard deviation is not
+    positive, or another value does not fit.
 
-    Parameters
-    ----------
-    errors, sigmas : arrays that broadcast to (...)
-        Estimate minus truth, and the stated standard deviation, positive.
-
-    Returns
-    -------
-    (...) array
-        Smaller is better; 0.234 sigma for an error of zero, and about ``|e| - 0.564 sigma`` for a
-        large one.
-
-    Notes
-    -----
     In closed form with z = e / sigma (Gneiting & Raftery 2007, sec. 4.2)::
 
-        sigma (z (2 Phi(z) - 1) + 2 phi(z)
-               - 1 / sqrt(pi))
+        sigma (z (2 Phi(z) - 1) + 2 phi(z) - 1 / sqrt(pi))
     """
     e, s = check_finite("errors", errors), check_positive("sigmas", sigmas)
     z = e / s
@@ -156,22 +131,11 @@ def crps(errors: ArrayLike, sigmas: ArrayLike) -> Array:
 def coverage(errors: ArrayLike, covariances: ArrayLike, levels: ArrayLike = LEVELS) -> Array:
     """Share of the errors that lie within the ellipsoids that their covariances state.
 
-    Raises a ``ValueError`` if an argument does not fit, such as a level in percent.
-
-    Parameters
-    ----------
-    errors : (N, n) array
-        Estimate minus truth; at least one.
-    covariances : (N, n, n) or (n, n) array
-        Estimated covariances, symmetric positive definite.
-    levels : (L,) array or number
-        Probability contents of the ellipsoids, within (0, 1).
-
-    Returns
-    -------
-    (L,) array or number
-        The levels themselves, if the estimator is credible.  The mean of `Whitened.within` is the
-        share for each component; `block_bootstrap` gives an interval.
+    The errors and covariances are those of `whiten`, and ``levels`` (L,), or a number, are the
+    probability contents of the ellipsoids, within (0, 1).  The shares (L,) equal the levels if the
+    estimator is credible.  The mean of `Whitened.within` is the share for each component;
+    `block_bootstrap` gives an interval.  Raises a ``ValueError`` if an argument does not fit, such
+    as a level in percent.
 
     Examples
     --------

@@ -96,19 +96,10 @@ def icp(
     to converge: it stops, not converged, when it alternates between two pairings.  No pair is
     rejected, however far apart its points are.
 
-    Raises a ``ValueError`` that names the argument that is invalid.
-
-    Parameters
-    ----------
-    fixed, moving : (F, 2) and (M, 2) arrays, m
-    initial : (..., 3) array, m, m, rad, optional
-        Where to start, or a batch of starts; zeros by default.
-    metric : "point" or "line"
-    neighbours : int
-        Number of neighbours of each fixed point that define its line.
-    tolerance : float
-        The iteration has converged once a step moves no point by more than this, in m.
-    max_iterations : int
+    The sets (F, 2) and (M, 2) are in m, the start or starts ``initial`` (..., 3) in m, m, rad are
+    zeros by default.  As many ``neighbours`` of each fixed point define its line.  The iteration
+    has converged once a step moves no point by more than ``tolerance``, in m.  Raises a
+    ``ValueError`` that names the argument that is invalid.
     """
     target = check_points("fixed", fixed, dimensions=2)
     source = check_points("moving", moving, dimensions=2)

@@ -173,7 +173,6 @@ def _whitened(x: Any, y: Any, xx: Any, xy: Any, yy: Any) -> _Components:
 def _residuals(
     theta: NDArray[Any], pairs: _Pairs, mixture: Mixture, constants: Array
 ) -> NDArray[Any]:
-    """Residuals (..., M) of `mixture_residuals`."""
     parts = pairs.at(theta)
     logs = parts.log_scale - 0.5 * (parts.x**2 + parts.y**2)
     if mixture != "max":

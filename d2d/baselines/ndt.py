@@ -81,12 +81,11 @@ def ndt_p2d(
     only the cell that contains T(m_k); without that restriction the score is smooth, and its
     derivatives are exact.
 
-    Raises a ``ValueError`` that names the argument that is invalid.
-
     The points (N, 2) and (M, 2) are in m, ``size`` and ``shifts`` are those of `pooled_cells`, and
     the start or starts ``initial`` (..., 3) are zeros by default.  The ``covariance`` of the result
     is the inverse Hessian of the score's negative logarithm.  That is not the covariance of the
-    error, because the score is not a likelihood.
+    error, because the score is not a likelihood.  Raises a ``ValueError`` that names the argument
+    that is invalid.
     """
     cells = pooled_cells(check_points("fixed", fixed, 2), size, shifts)
     return register(cells, bare_points(check_points("moving", moving, 2)), P2D, initial)
@@ -108,10 +107,8 @@ def ndt_d2d(
     out the normalisation of the densities, which is kept here because it is part of the inner
     product.  Each scan has one grid, without shifts.
 
-    Raises a ``ValueError`` that names the argument that is invalid.
-
     The other arguments are those of `ndt_p2d`; here, too, the ``covariance`` is not that of the
-    error.
+    error.  Raises a ``ValueError`` that names the argument that is invalid.
     """
     width = (1.0 / check_positive_scalar("d2", d2)) ** 0.5
     cells = (
