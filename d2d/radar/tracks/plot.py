@@ -62,7 +62,6 @@ def draw(
 
 
 def _draw_path(ax: Axes, path: Array, converged: NDArray[np.bool_]) -> None:
-    """The path with its beginning, and where estimates failed."""
     ax.plot(path[:, 0], path[:, 1], **ESTIMATE, lw=1.5)
     ax.plot(*path[0, :2], MARKER, color=COLOR, label="start")
     if not converged.all():

@@ -174,9 +174,6 @@ def track(
     return driven if budget is None else _with_budget(driven, rows, budget.lag)
 
 
-# ---- One round after the other
-
-
 class Row(NamedTuple):
     """What a round adds to a track."""
 
@@ -281,9 +278,6 @@ def _repeats(previous: RadarScan, current: RadarScan) -> bool:
     )
 
 
-# ---- The whole track
-
-
 def _with_budget(track: Track, rows: Sequence[Row], lag: float) -> Track:
     """The track with its velocities at its times, and the parts of the covariances with the lag."""
     good = track.converged
@@ -301,9 +295,6 @@ def _with_budget(track: Track, rows: Sequence[Row], lag: float) -> Track:
     late = parts.systematic + moved[:, :, None] * moved[:, None, :]
     parts = parts._replace(systematic=late)
     return replace(track, theta=theta, covariance=parts.total, parts=parts)
-
-
-# ---- Progress
 
 
 def _counted(count: int, progress: bool | None) -> Iterable[int]:

@@ -25,7 +25,6 @@ NAMES = ("v_x", "v_y", "omega")
 UNITS = ("m/s", "m/s", "deg/s")
 HEAD = [*map("{} ({})".format, NAMES, UNITS), "all"]  # of the table
 IN_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
-ORDER = (2, 1, 0)  # of whitening: omega, v_y given omega, v_x given both
 
 
 class Measures(NamedTuple):
@@ -68,16 +67,10 @@ class Measures(NamedTuple):
 class Comparison(Frozen):
     """The errors of a track's velocities and how well its covariances describe them.
 
-    It prints as a table, also in a notebook.
-
-    Attributes
-    ----------
-    times : (n,) array, s
-        Times of the estimates that are compared.
-    errors, covariances : (n, 3) and (n, 3, 3) arrays
-        Errors of [v_x, v_y, omega] in m/s, m/s, rad/s, and their stated covariances.
-    share, converged : float
-        Shares of the track's estimates that are compared, and that converged.
+    It prints as a table, also in a notebook.  The estimates that are compared are at ``times`` (n,)
+    in s.  ``errors`` (n, 3) are those of [v_x, v_y, omega] in m/s, m/s, rad/s, and ``covariances``
+    (n, 3, 3) what is stated of them.  ``share`` and ``converged`` are the shares of the track's
+    estimates that are compared, and that converged.
     """
 
     times: Array
@@ -127,7 +120,7 @@ class Comparison(Frozen):
     @lazy
     def whitened(self) -> Whitened:
         """The whitened errors of omega, of v_y given omega, and of v_x given both."""
-        return whiten(self.errors, self.covariances, ORDER)
+        return whiten(self.errors, self.covariances, (2, 1, 0))
 
     @lazy
     def measures(self) -> Measures:
@@ -211,7 +204,6 @@ class Comparison(Frozen):
         return rows
 
     def _notes(self) -> list[str]:
-        """The lines below the table."""
         judged = self.credibility
         low, high = judged.bounds
         return [
