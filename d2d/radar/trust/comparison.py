@@ -32,24 +32,17 @@ class Measures(NamedTuple):
 
     Directions are in the order v_x, v_y, omega.  Bounds have a leading axis: lower, upper.
 
-    Attributes
-    ----------
-    mean_error, rmse, crps : (3,) arrays
-        Mean, root mean square and continuous ranked probability score (`d2d.crps`) of the errors,
-        in m/s, m/s, deg/s.
-    whitened_squares : (3,) array
-        Mean squares of the whitened errors, v_x given v_y and omega, v_y given omega, and omega;
-        ideally 1.
-    anees : float
-        Average normalised estimation error squared, the mean of the three; see `d2d.credibility`.
-    log_scores : (3,) array
-        What each of the three contributes to ``log_score``.
-    log_score : float
-        Mean negative log density of the errors, in m/s, m/s, rad/s; see `d2d.log_score`.
-    coverages : (3, 3) array
-        Shares of the whitened errors, directions by levels, within the central 50, 95 and 99 %.
-    coverage : (3,) array
-        Shares of the errors within the ellipsoids of 50, 95 and 99 %.
+    ``mean_error``, ``rmse`` and ``crps`` (3,) are the mean, the root mean square and the continuous
+    ranked probability score (`d2d.crps`) of the errors, in m/s, m/s, deg/s.
+
+    ``whitened_squares`` (3,) are the mean squares of the whitened errors, v_x given v_y and omega,
+    v_y given omega, and omega; ideally 1.  ``anees``, the average normalised estimation error
+    squared, is the mean of the three; see `d2d.credibility`.  ``log_score`` is the mean negative
+    log density of the errors, in m/s, m/s, rad/s (see `d2d.log_score`), and ``log_scores`` (3,) are
+    what each of the three contributes to it.
+
+    ``coverages`` (3, 3) are the shares of the whitened errors, directions by levels, within the
+    central 50, 95 and 99 %; ``coverage`` (3,) those of the errors within the ellipsoids.
     """
 
     mean_error: Array
