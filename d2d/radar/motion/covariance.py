@@ -35,8 +35,6 @@ from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, cross_range
 from d2d.registration import Estimate
 
-_IDENTITY = np.eye(3)
-
 
 def propagate_ego_motion(
     estimate: Estimate,
@@ -158,20 +156,12 @@ def _slopes(
     for pair, (previous, current, mounting) in zip(problem.pairs, pairs, strict=True):
         of_fixed = slice(fixed, fixed := fixed + pair.fixed.size)
         of_moving = slice(moving, moving := moving + pair.moving.size)
-        measured = pair.measurement is not None
-        slopes.append(
-            (
-                Influence(previous, mounting, pair.fixed, cross.fixed[0, of_fixed], none, none),
-                Influence(
-                    current,
-                    mounting,
-                    pair.moving,
-                    cross.moving[0, of_moving],
-                    cross.measured[0, of_moving] if measured else none,
-                    cross.input[0, of_moving] if measured else none,
-                ),
-            )
-        )
+        before = Influence(previous, mounting, pair.fixed, cross.fixed[0, of_fixed], none, none)
+        now = Influence(current, mounting, pair.moving, cross.moving[0, of_moving], none, none)
+        if pair.measurement is not None:
+            doppler, prediction = cross.measured[0, of_moving], cross.input[0, of_moving]
+            now = now._replace(doppler=doppler, prediction=prediction)
+        slopes.append((before, now))
     return slopes
 
 
@@ -189,7 +179,6 @@ def noise_covariance(found: Iterable[Influence], *, shared_azimuth: bool = True)
 
 
 def _add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
-    """Add the share of one scan's targets."""
     add_positions(own.position[None], own.points.covariances[None], noise[None])
     if len(own.doppler):
         slope = cross_range(own.scan, own.mounting)
@@ -229,7 +218,10 @@ def apply_budget(
             _add_noise(each, True, noise)
             add_turned(each.position, cross_range(each.scan, each.mounting), shared[0])
             if budget.neighbours:
-                _add_neighbours(each, budget.neighbours, dependence)
+                means, covariances = each.points.means, each.points.covariances
+                order, memory = means[:, 0].argsort(kind="stable"), np.empty((9, len(means)))
+                length = budget.neighbours
+                add_dependence(each.position, covariances, means, order, length, memory, dependence)
         if pair.measurement is not None:
             add_shared(now.doppler, now.prediction, now.scan.doppler, shared)
             share = pair.interval * (now.doppler.T @ pair.measurement.gain)
@@ -241,13 +233,5 @@ def apply_budget(
     systematic += budget.scale**2 * scaled[:, None] * scaled
     systematic.flat[::4] += problem.prior  # the diagonal
     middle = sum(before.scan.time + now.scan.time for before, now in slopes) / len(slopes) / 2.0
-    delay = gain @ doppler_delay + (middle - time) * (_IDENTITY - gain @ doppler_share)
+    delay = gain @ doppler_delay + (middle - time) * (np.eye(3) - gain @ doppler_share)
     return CovarianceParts(*propagated(estimate.covariance, gradients)), delay
-
-
-def _add_neighbours(slopes: Influence, length: float, dependence: Array) -> None:
-    """Add what correlated errors of neighbours do to the gradient."""
-    means = slopes.points.means
-    order, memory = means[:, 0].argsort(kind="stable"), np.empty((9, len(means)))
-    covariances = slopes.points.covariances
-    add_dependence(slopes.position, covariances, means, order, length, memory, dependence)

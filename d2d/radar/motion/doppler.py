@@ -52,14 +52,10 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
 class DopplerMotion(NamedTuple):
     """The vehicle's velocity from the Doppler velocities of one instant.
 
-    Attributes
-    ----------
-    theta : (3,) array
-        [v_x, v_y, omega] in m/s, m/s, rad/s; zero along directions that are not observable.
-    covariance : (3, 3) array
-        Of the weighted least squares; nan unless all estimated components were observable.
-    inliers : tuple of (K,) arrays of bool
-        For each scan, which targets were taken as static.
+    ``theta`` (3,) is [v_x, v_y, omega] in m/s, m/s, rad/s, zero along directions that are not
+    observable.  ``covariance`` (3, 3) is that of the weighted least squares, nan unless all
+    estimated components were observable.  ``inliers`` says of each scan which targets (K,) were
+    taken as static.
     """
 
     theta: Array

@@ -33,6 +33,10 @@ def estimate_ego_motion(
     sum of their costs is minimised.  The velocity is assumed constant from the first scan to the
     last, so that over the interval tau of a pair the vehicle moves by exp(tau theta).
 
+    The estimate's theta is [v_x, v_y, omega] in m/s, m/s, rad/s, with covariance, gradient and
+    Hessian in these units.  ``converged`` means that it is an optimum, possibly one that rejects
+    nearly all targets: `inlier_probabilities` shows this, and `track` checks it.
+
     Raises a ``ValueError`` if scans are out of time order or have no targets, sequences differ in
     length, or ``initial`` is invalid.
 
@@ -51,13 +55,6 @@ def estimate_ego_motion(
     **options
         The fields of `EgoMotionModel`, and ``scales=(1.0,)``, the inflation schedule of all
         standard deviations, as for `d2d.register`.
-
-    Returns
-    -------
-    Estimate
-        theta = [v_x, v_y, omega] in m/s, m/s, rad/s, with covariance, gradient and Hessian in these
-        units.  ``converged`` means that it is an optimum, possibly one that rejects nearly all
-        targets: `inlier_probabilities` shows this, and `track` checks it.
     """
     model, scales = split_options(options)
     pairs = scan_pairs(previous, current, mounting)

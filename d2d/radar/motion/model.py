@@ -98,11 +98,10 @@ class EgoMotionModel(Frozen):
     def problem(self, pairs: Sequence[Pair]) -> Problem:
         """The cost of the velocity that pairs of scans share."""
         kind = layout.CHORD if self.first_order else layout.ARC
-        precisions = np.zeros(3)  # of the prior of the velocity
-        if not isinstance(self.side_slip, bool | np.bool_):
-            precisions[1] = 1.0 / float(self.side_slip) ** 2
-        elif not self.side_slip:
-            precisions[1] = 1.0 / _NO_SIDE_SLIP**2
+        slip = self.side_slip
+        if isinstance(slip, bool | np.bool_):
+            slip = math.inf if slip else _NO_SIDE_SLIP
+        precisions = np.array([0.0, 1.0 / float(slip) ** 2, 0.0])  # of the prior of the velocity
         return Problem(self.form, pairs, kind, precisions)
 
 

@@ -57,7 +57,6 @@ def scan_pairs(
 
 
 def _check_pair(pair: ScanPair, place: str) -> None:
-    """Raise a ValueError unless the scans are in time order and have targets."""
     if not pair.interval > 0:
         raise ValueError(
             f"current{place} must be later than previous{place}, but is at "

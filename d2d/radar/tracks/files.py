@@ -33,7 +33,6 @@ COLUMNS = {
     "cov_v_y_omega": "m*rad/s^2",
     "var_omega": "rad^2/s^2",
 }
-_CONVERGED = list(COLUMNS).index("converged")
 _TITLE = "# Velocities of a vehicle and their covariances, written by d2d, format 1"
 _EXPLAINED = (
     "# v_x forward and v_y left of the vehicle frame's origin, omega counter-clockwise. Where",
@@ -125,15 +124,14 @@ def read_velocity_table(path: Path) -> dict[str, Any]:
 
 
 def _row(words: list[str], where: str) -> list[float]:
-    """The numbers of a row."""
     if len(words) != len(COLUMNS):
         raise ValueError(f"{where}: there must be {len(COLUMNS)} numbers, but are {len(words)}")
     try:
         row = [float(word) for word in words]
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
-    if row[_CONVERGED] not in (0.0, 1.0):
-        raise ValueError(f"{where}: converged must be 0 or 1, but is {words[_CONVERGED]}")
+    if row[5] not in (0.0, 1.0):
+        raise ValueError(f"{where}: converged must be 0 or 1, but is {words[5]}")
     return row
 
 

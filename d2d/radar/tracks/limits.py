@@ -90,16 +90,14 @@ class VehicleLimits:
             return f"a yaw rate with a sigma of {math.degrees(sigmas[2]):.1f} deg/s"
         if abs(state.yaw_rate_of_slip) > self.yaw_rate_of_slip:
             return f"a side slip of {theta[1]:.2f} m/s"
-        return "" if last is None else self._jump(state, last)
-
-    def _jump(self, state: State, last: State) -> str:
-        """Which change of the velocity since the last state is too fast, in words."""
+        if last is None:
+            return ""
         interval = state.time - last.time
         units = ("m/s^2 along x", "m/s^2 along y", "rad/s^2")
         limits = (self.acceleration, self.acceleration, self.yaw_acceleration)
         for axis in range(3):
             change = abs(float(state.theta[axis] - last.theta[axis]))
-            spread = _SIGMAS * math.hypot(state.sigmas[axis], last.sigmas[axis])
+            spread = _SIGMAS * math.hypot(sigmas[axis], last.sigmas[axis])
             if change > limits[axis] * interval + spread:
                 kind = "a yaw acceleration" if axis == 2 else "an acceleration"
                 return f"{kind} of {change / interval:.1f} {units[axis]}"

@@ -11,7 +11,6 @@ from d2d._types import Array
 from d2d.radar.looks import COLOR, ESTIMATE, MARKER
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _LABELS = ("$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (deg/s)")
@@ -35,7 +34,14 @@ def draw(
     rows = 3 + (inliers is not None)
     figure = plt.figure(figsize=(5.0, 3.2 + 1.0 * rows), layout="constrained")
     grid = figure.add_gridspec(1 + rows, height_ratios=(3.2, *[1.0] * rows))
-    _draw_path(figure.add_subplot(grid[0]), path, converged)
+    ax = figure.add_subplot(grid[0])
+    ax.plot(path[:, 0], path[:, 1], **ESTIMATE, lw=1.5)
+    ax.plot(*path[0, :2], MARKER, color=COLOR, label="start")
+    if not converged.all():
+        ax.plot(*path[1:][~converged, :2].T, "x", ms=4, color=_FAILED, label="failed")
+    ax.set(xlabel="x (m)", ylabel="y (m)")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.legend()
     first = figure.add_subplot(grid[1])
     axes = [first, *(figure.add_subplot(grid[i], sharex=first) for i in range(2, 1 + rows))]
     in_units = np.array([1.0, 1.0, np.rad2deg(1.0)])
@@ -59,14 +65,3 @@ def draw(
     axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False)
     axes[-1].set_xlabel("time (s)")
     return figure
-
-
-def _draw_path(ax: Axes, path: Array, converged: NDArray[np.bool_]) -> None:
-    """The path with its beginning, and where estimates failed."""
-    ax.plot(path[:, 0], path[:, 1], **ESTIMATE, lw=1.5)
-    ax.plot(*path[0, :2], MARKER, color=COLOR, label="start")
-    if not converged.all():
-        ax.plot(*path[1:][~converged, :2].T, "x", ms=4, color=_FAILED, label="failed")
-    ax.set(xlabel="x (m)", ylabel="y (m)")
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.legend()

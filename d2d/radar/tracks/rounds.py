@@ -38,9 +38,6 @@ OneSensor = _WithScans | tuple[Iterable[RadarScan], Mounting]
 Sensors = OneSensor | Iterable[OneSensor] | Mapping[Any, OneSensor]
 
 
-# ---- What the caller gives
-
-
 def check_sensors(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> list[SensorScans]:
     """The scans and the mounting of each sensor, checked, whichever way they are given."""
     named = {
@@ -133,9 +130,6 @@ def check_separation(baseline: int, horizon: float | None) -> None:
         raise ValueError(
             f"horizon and baseline must not both be given, but are {horizon:g} s and {baseline}"
         )
-
-
-# ---- Rounds
 
 
 def rounds(scans: Iterable[Sequence[RadarScan]]) -> list[list[tuple[int, int]]]:

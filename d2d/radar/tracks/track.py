@@ -148,8 +148,6 @@ class Track(Frozen):
             between(self.covariance, weight[:, None, None]),
         )
 
-    # ---- Files
-
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all of the track to a file, from which `load` gives the same numbers bit by bit.
 
@@ -216,7 +214,6 @@ class Track(Frozen):
 
     @classmethod
     def _from_file(cls, source: Path, fields: dict[str, Any]) -> Track:
-        """The track in a file's content; a ValueError names the file if it holds none."""
         try:
             return cls(**fields)
         except ValueError as error:
@@ -237,8 +234,6 @@ class Track(Frozen):
             ) from None
         known = {name: vars(self)[name] for name in OPTIONAL if vars(self)[name] is not None}
         return pandas.DataFrame(velocity_columns(vars(self)) | known)
-
-    # ---- Seen by people
 
     def plot(self) -> Figure:
         """Draw the path, the velocities in a band of 3 sigma, the inlier share and the failures.
@@ -279,7 +274,6 @@ def _rows(name: str, value: Any, count: int) -> NDArray[Any]:
 
 
 def _check_times(times: Array, intervals: Array) -> None:
-    """Raise a ValueError unless times increase, and intervals add up to their differences."""
     if not (np.isfinite(intervals).all() and (intervals > 0.0).all()):
         raise ValueError("intervals must be finite and positive")
     if not (np.isfinite(times).all() and (np.diff(times) > 0.0).all()):

@@ -67,7 +67,16 @@ def track(
 
     The scans of all sensors, in time order, are divided into rounds.  A new round begins whenever a
     sensor already has a scan in the current one; scans of the same time stay together.  With one
-    sensor, each scan is a round.  Each round after the first gives one estimate.
+    sensor, each scan is a round.  Each round after the first gives one estimate, at the mean time
+    of its scans.  Pairs with an empty scan are left out.
+
+    An estimate fails if there is no pair left, a scan repeats an earlier one target by target while
+    the sensor moves, the cost has no optimum near the start, the optimum rejects nearly all targets
+    (mean inlier probability below 0.1) or turns the vehicle by more than half a turn between two
+    scans, or no vehicle could move like that.  It is then marked as not converged, with the reason,
+    and the track goes on.  The search starts at the last accepted velocity.  If that fails or does
+    not explain most of the targets (mean inlier probability below 0.6), the round is estimated once
+    more without it; of two acceptable optima the lower wins.
 
     Raises a ``ValueError`` if something is not a sensor, two have a scan in common, scans are out
     of time order or too far apart, there are fewer than two rounds, ``horizon`` is given beside
@@ -107,19 +116,6 @@ def track(
         By default, one appears after two seconds if that is a terminal; not in a notebook.
     **options
         As for `estimate_ego_motion`.
-
-    Returns
-    -------
-    Track
-        ``times`` are the mean times of each round's scans.  Pairs with an empty scan are left out.
-        An estimate fails if there is no pair left, a scan repeats an earlier one target by target
-        while the sensor moves, the cost has no optimum near the start, the optimum rejects nearly
-        all targets (mean inlier probability below 0.1) or turns the vehicle by more than half a
-        turn between two scans, or no vehicle could move like that.  It is then marked as not
-        converged, with the reason, and the track goes on.  The search starts at the last accepted
-        velocity.  If that fails or does not explain most of the targets (mean inlier probability
-        below 0.6), the round is estimated once more without it; of two acceptable optima the lower
-        wins.
 
     Examples
     --------
@@ -172,9 +168,6 @@ def track(
             driven.theta[accepted], lambda i: problem_of(pairs(int(accepted[i])), model)
         )
     return driven if budget is None else _with_budget(driven, rows, budget.lag)
-
-
-# ---- One round after the other
 
 
 class Row(NamedTuple):
@@ -281,9 +274,6 @@ def _repeats(previous: RadarScan, current: RadarScan) -> bool:
     )
 
 
-# ---- The whole track
-
-
 def _with_budget(track: Track, rows: Sequence[Row], lag: float) -> Track:
     """The track with its velocities at its times, and the parts of the covariances with the lag."""
     good = track.converged
@@ -301,9 +291,6 @@ def _with_budget(track: Track, rows: Sequence[Row], lag: float) -> Track:
     late = parts.systematic + moved[:, :, None] * moved[:, None, :]
     parts = parts._replace(systematic=late)
     return replace(track, theta=theta, covariance=parts.total, parts=parts)
-
-
-# ---- Progress
 
 
 def _counted(count: int, progress: bool | None) -> Iterable[int]:

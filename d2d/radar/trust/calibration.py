@@ -31,27 +31,17 @@ SensorLog = tuple[Iterable[RadarScan], Mounting, Reference]
 class Calibration:
     """The corrections of a reference and of the mountings; prints as a table.
 
-    Attributes
-    ----------
-    lag : float, s
-        The radars' time stamps are late by this much, early if it is negative: a scan at t shows
-        the motion that the reference gives for t - lag.
-    speed_factor, slip : float and SlipLaw
-        Factor by which the reference's v_x is multiplied, and the lateral velocity.
-    yaw : (S,) array, rad
-        Angle to be added to the mounting angle of each sensor.
-    covariance : (4 + S, 4 + S) array
-        Covariance of [lag, speed_factor, slip.ahead, slip.compliance, yaw]; nan for parameters that
-        were held instead of fitted.
-    mountings : list of Mounting
-        The mountings with the angles added.
-    rms : float
-        Root mean square of the static targets' Doppler residuals over their standard deviations.
-    scans, share : int and float
-        Number of scans with targets, and the share of them that was used; the others have no
-        reference or are grossly off.
-    duration, block : float, s
-        Length of the recordings, and of the blocks from which the covariance comes.
+    The radars' time stamps are late by ``lag`` (s), early if it is negative: a scan at t shows the
+    motion that the reference gives for t - lag.  The reference's v_x is to be multiplied by
+    ``speed_factor``; ``slip`` gives the lateral velocity.  ``yaw`` (S,) in rad is to be added to
+    the mounting angle of each sensor, as it is in ``mountings``.  ``covariance`` (4 + S, 4 + S) is
+    that of [lag, speed_factor, slip.ahead, slip.compliance, yaw], nan for parameters that were held
+    instead of fitted.
+
+    ``rms`` is the root mean square of the static targets' Doppler residuals over their standard
+    deviations.  ``scans`` is the number of scans with targets, and ``share`` the share of them that
+    was used; the others have no reference or are grossly off.  ``duration`` (s) is the length of
+    the recordings, ``block`` (s) that of the blocks from which the covariance comes.
     """
 
     lag: float
@@ -216,7 +206,6 @@ def calibrate(
 
 
 def _logs(recordings: Recording | Iterable[Recording | SensorLog]) -> list[SensorLog]:
-    """Scans, mounting and reference of each sensor, checked."""
     if isinstance(recordings, Recording):
         recordings = [recordings]
     rows = [

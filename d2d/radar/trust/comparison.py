@@ -25,7 +25,6 @@ NAMES = ("v_x", "v_y", "omega")
 UNITS = ("m/s", "m/s", "deg/s")
 HEAD = [*map("{} ({})".format, NAMES, UNITS), "all"]  # of the table
 IN_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
-ORDER = (2, 1, 0)  # of whitening: omega, v_y given omega, v_x given both
 
 
 class Measures(NamedTuple):
@@ -33,24 +32,17 @@ class Measures(NamedTuple):
 
     Directions are in the order v_x, v_y, omega.  Bounds have a leading axis: lower, upper.
 
-    Attributes
-    ----------
-    mean_error, rmse, crps : (3,) arrays
-        Mean, root mean square and continuous ranked probability score (`d2d.crps`) of the errors,
-        in m/s, m/s, deg/s.
-    whitened_squares : (3,) array
-        Mean squares of the whitened errors, v_x given v_y and omega, v_y given omega, and omega;
-        ideally 1.
-    anees : float
-        Average normalised estimation error squared, the mean of the three; see `d2d.credibility`.
-    log_scores : (3,) array
-        What each of the three contributes to ``log_score``.
-    log_score : float
-        Mean negative log density of the errors, in m/s, m/s, rad/s; see `d2d.log_score`.
-    coverages : (3, 3) array
-        Shares of the whitened errors, directions by levels, within the central 50, 95 and 99 %.
-    coverage : (3,) array
-        Shares of the errors within the ellipsoids of 50, 95 and 99 %.
+    ``mean_error``, ``rmse`` and ``crps`` (3,) are the mean, the root mean square and the continuous
+    ranked probability score (`d2d.crps`) of the errors, in m/s, m/s, deg/s.
+
+    ``whitened_squares`` (3,) are the mean squares of the whitened errors, v_x given v_y and omega,
+    v_y given omega, and omega; ideally 1.  ``anees``, the average normalised estimation error
+    squared, is the mean of the three; see `d2d.credibility`.  ``log_score`` is the mean negative
+    log density of the errors, in m/s, m/s, rad/s (see `d2d.log_score`), and ``log_scores`` (3,) are
+    what each of the three contributes to it.
+
+    ``coverages`` (3, 3) are the shares of the whitened errors, directions by levels, within the
+    central 50, 95 and 99 %; ``coverage`` (3,) those of the errors within the ellipsoids.
     """
 
     mean_error: Array
@@ -68,16 +60,10 @@ class Measures(NamedTuple):
 class Comparison(Frozen):
     """The errors of a track's velocities and how well its covariances describe them.
 
-    It prints as a table, also in a notebook.
-
-    Attributes
-    ----------
-    times : (n,) array, s
-        Times of the estimates that are compared.
-    errors, covariances : (n, 3) and (n, 3, 3) arrays
-        Errors of [v_x, v_y, omega] in m/s, m/s, rad/s, and their stated covariances.
-    share, converged : float
-        Shares of the track's estimates that are compared, and that converged.
+    It prints as a table, also in a notebook.  The estimates that are compared are at ``times`` (n,)
+    in s.  ``errors`` (n, 3) are those of [v_x, v_y, omega] in m/s, m/s, rad/s, and ``covariances``
+    (n, 3, 3) what is stated of them.  ``share`` and ``converged`` are the shares of the track's
+    estimates that are compared, and that converged.
     """
 
     times: Array
@@ -127,7 +113,7 @@ class Comparison(Frozen):
     @lazy
     def whitened(self) -> Whitened:
         """The whitened errors of omega, of v_y given omega, and of v_x given both."""
-        return whiten(self.errors, self.covariances, ORDER)
+        return whiten(self.errors, self.covariances, (2, 1, 0))
 
     @lazy
     def measures(self) -> Measures:
@@ -211,7 +197,6 @@ class Comparison(Frozen):
         return rows
 
     def _notes(self) -> list[str]:
-        """The lines below the table."""
         judged = self.credibility
         low, high = judged.bounds
         return [

@@ -33,21 +33,15 @@ _Started = tuple[Problem, Array]
 class ExtentEstimate:
     """The extent of a recording's targets, see `estimate_extent`.
 
-    Attributes
-    ----------
-    extent : float, m
-        Standard deviation along each axis; 0 if the likelihood falls from there on.
-    sigma : float, m
-        Its standard error, from how much the slope of the likelihood differs between the pairs; nan
-        if there is none.
-    sigma_independent : float, m
-        The same from the curvature of the likelihood, as if all targets were independent and the
-        model true; usually the smaller of the two.
-    pairs, targets : int
-        Number of pairs of scans, and of targets in their current scans, that were used.
-    candidates, log_likelihoods : (G,) arrays, m and 1
-        Extents, ascending from 0 and including ``extent``, and the log-likelihood per target at
-        each of them, with every pair at its own best velocity.
+    ``extent`` (m) is the standard deviation along each axis, 0 if the likelihood falls from there
+    on.  Its standard error ``sigma`` (m) comes from how much the slope of the likelihood differs
+    between the pairs, and is nan if there is none.  ``sigma_independent`` (m) is the same from the
+    curvature of the likelihood, as if all targets were independent and the model true; usually it
+    is the smaller of the two.
+
+    ``pairs`` and ``targets`` count the pairs of scans, and the targets in their current scans, that
+    were used.  ``candidates`` (G,) are extents in m, ascending from 0 and including ``extent``, and
+    ``log_likelihoods`` (G,) those per target, with every pair at its own best velocity.
     """
 
     extent: float
