@@ -32,11 +32,9 @@ _DEGREES = Bounds(most=360.0, unit="in degrees, ")
 
 
 class _Header(NamedTuple):
-    """What the first line says, and its number."""
-
     names: list[str]
     separator: str
-    line: int
+    line: int  # its number
 
 
 def load_csv(
@@ -69,21 +67,6 @@ def load_csv(
         Whether the columns ``azimuth`` and ``sigma_azimuth`` are in degrees.
     sigma_range, sigma_azimuth, sigma_doppler : float, optional, in m, rad and m/s
         Standard deviations of all targets, instead of the columns or where the file has none.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> import numpy as np
-    >>> from d2d.radar import load_csv
-    >>> lines = ["time,range,azimuth,doppler", "0.0,12.5,-3.0,-4.9", "0.0,8.1,20.0,-4.7"]
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     log = Path(folder) / "log.csv"
-    ...     np.savetxt(log, lines, "%s")
-    ...     load_csv(
-    ...         log, degrees=True, sigma_range=0.1, sigma_azimuth=0.01, sigma_doppler=0.05
-    ...     )
-    {'radar': [RadarScan(time=0.000000 s, 2 targets)]}
     """
     source = check_path("path", path)
     sigmas = {
@@ -172,7 +155,7 @@ def _columns(source: Path, header: _Header, sigmas: Mapping[str, float]) -> dict
 
 
 def _rows(source: Path, file: TextIO, header: _Header) -> Iterator[tuple[int, list[str]]]:
-    """The lines that hold targets, with their numbers."""
+    """The numbers and words of the lines that hold targets."""
     reader = csv.reader(file, delimiter=header.separator, strict=True)
     try:
         for row in reader:

@@ -205,8 +205,6 @@ def _valid(targets: dict[str, NDArray[Any]], strongest: int | None) -> dict[str,
 
 
 class _Motion(NamedTuple):
-    """What is known of the vehicle's motion."""
-
     times: Array  # (n,) s
     poses: Array  # (n, 3) [x, y, yaw] in the map
     speed: Array | None  # (n,) m/s, if there is a CAN bus
@@ -272,7 +270,6 @@ def _filled(values: Array) -> Array:
 
 
 def _tables(root: Path, version: str | None) -> Path:
-    """The folder with the tables."""
     if version is not None:
         return existing(root, version, "the folder of the tables of that version")
     found = sorted(path.name for path in root.glob("v1.0-*") if path.is_dir())

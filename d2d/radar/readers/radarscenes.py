@@ -138,7 +138,6 @@ def load_radarscenes(
 
 
 def _mounting(data: Path, sensor: int) -> Mounting:
-    """The mounting in sensors.json, which is in the data set's root or its folder ``data``."""
     places = [folder / "sensors.json" for folder in (data, data.parent)]
     found = [path for path in places if path.exists()]
     if not found:
@@ -196,7 +195,6 @@ def _table(file: h5py.File, name: str, fields: tuple[str, ...]) -> Table:
 
 
 def _own(path: Path, stamp: int, indices: slice, targets: Table, sensor: int) -> Table:
-    """The targets of one scan."""
     first, last, count = indices.start, indices.stop, len(targets["sensor_id"])
     if not 0 <= first <= last <= count:
         raise ValueError(

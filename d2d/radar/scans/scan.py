@@ -69,21 +69,16 @@ class Mounting(Bounded):
 class RadarScan(Frozen):
     """The targets of one scan in the sensor frame, with their standard deviations.
 
+    The scan at ``time`` (s) has the arrays (K,) ``range`` in m, ``azimuth`` in rad, measured
+    counter-clockwise from the boresight, and ``doppler`` in m/s, positive for receding targets; K
+    may be 0.  The standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` are
+    numbers or arrays (K,) in the same units.  The ``extent``, too, a number or an array (K,) in m,
+    is a standard deviation along each axis: how far a target's reflection point lies from the point
+    that the other scans see, because each scan sees different points of an object.  It is zero for
+    point targets; see `estimate_extent`.
+
     Raises a ``ValueError`` if an argument is not finite or has the wrong shape, a range or standard
     deviation is not positive, an azimuth is beyond 2 pi, or a range beyond 10 km.
-
-    Parameters
-    ----------
-    time : float, s
-    range, azimuth, doppler : (K,) arrays in m, rad, m/s
-        The azimuth is measured counter-clockwise from the boresight; the Doppler velocity is
-        positive for receding targets.  K may be 0.
-    sigma_range, sigma_azimuth, sigma_doppler : numbers or (K,) arrays in the same units
-        Standard deviations.
-    extent : number or (K,) array, m
-        How far a target's reflection point lies from the point that the other scans see, as a
-        standard deviation along each axis: each scan sees different points of an object.  Zero for
-        point targets; see `estimate_extent`.
     """
 
     time: float

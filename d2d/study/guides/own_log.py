@@ -41,7 +41,6 @@ class OwnDrive(NamedTuple):
 
 @lru_cache(maxsize=1)
 def _simulated() -> dict[str, Drive]:
-    """The drive as each radar sees it."""
     rng = np.random.default_rng(SEED)
     world = build_world(rng)
     return {
