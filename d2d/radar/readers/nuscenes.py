@@ -97,6 +97,12 @@ def load_nuscenes(
 ) -> Recording:
     """Read one radar's scans of one scene.
 
+    The recording has the budget `NUSCENES_BUDGET`.  The origin is the middle of the rear axle.
+    Targets are kept if the radar calls them valid and their velocity unambiguous, if position and
+    velocity are finite, and within 10 km; the velocity is projected onto the line of sight.  The
+    reference's v_y and omega are the derivatives of the poses on the CAN bus, or else of those in
+    ``ego_pose.json``.
+
     Raises a ``FileNotFoundError`` that says which file or folder is missing, or a ``ValueError`` if
     a file is not one of nuScenes, the tables have no such scene or channel, or an option is out of
     range.
@@ -131,15 +137,6 @@ def load_nuscenes(
         m/s is added.  That of the azimuth may be a function of the azimuths (K,).
     extent : float, m
         Scatter of the points at which objects are seen; see `RadarScan`.
-
-    Returns
-    -------
-    Recording
-        With the budget `NUSCENES_BUDGET`.  The origin is the middle of the rear axle.  Targets are
-        kept if the radar calls them valid and their velocity unambiguous, if position and velocity
-        are finite, and within 10 km; the velocity is projected onto the line of sight.  The
-        reference's v_y and omega are the derivatives of the poses on the CAN bus, or else of those
-        in ``ego_pose.json``.
 
     Notes
     -----

@@ -74,6 +74,9 @@ def load_radarscenes(
 ) -> Recording:
     """Read one sensor's scans of one sequence.
 
+    The recording has the budget `RADARSCENES_BUDGET`.  Targets are left out if their range is not
+    positive or beyond 10 km, their azimuth beyond 2 pi, or a number nan or inf.
+
     Raises a ``FileNotFoundError`` that says which file or folder is missing, or a ``ValueError`` if
     a file is not one of RadarScenes, has no such sensor, or an option is out of range.
 
@@ -100,12 +103,6 @@ def load_radarscenes(
         function of the azimuths (K,).
     extent : float, m
         Scatter of the points at which objects are seen; see `RadarScan`.
-
-    Returns
-    -------
-    Recording
-        With the budget `RADARSCENES_BUDGET`.  Targets are left out if their range is not positive
-        or beyond 10 km, their azimuth beyond 2 pi, or a number nan or inf.
 
     Notes
     -----
