@@ -134,7 +134,6 @@ def _header(source: Path, file: TextIO) -> _Header:
 
 
 def _columns(source: Path, header: _Header, sigmas: Mapping[str, float]) -> dict[str, int]:
-    """The place of each column that is read."""
     places = {name: place for place, name in enumerate(header.names)}
     missing = [name for name in _SIGMAS if name not in places and name not in sigmas]
     if missing:
@@ -166,7 +165,6 @@ def _rows(source: Path, file: TextIO, header: _Header) -> Iterator[tuple[int, li
 
 
 def _target(row: list[str], columns: Mapping[str, int]) -> tuple[str, list[float]]:
-    """The sensor of a target and its numbers, in the order of the columns."""
     numbers = [_number(name, row[place]) for name, place in columns.items() if name != "sensor"]
     if "sensor" not in columns:
         return "radar", numbers

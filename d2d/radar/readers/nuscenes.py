@@ -280,7 +280,6 @@ def _tables(root: Path, version: str | None) -> Path:
 
 
 def _rows(folder: Path, name: str, *keys: str) -> list[tuple[Any, ...]]:
-    """These entries of all rows of a table."""
     path = existing(folder, f"{name}.json", f"the table {name!r} of nuScenes")
     with reading(path, "a table of nuScenes"):
         return [tuple(row[key] for key in keys) for row in content_of(path)]

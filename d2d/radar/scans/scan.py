@@ -195,11 +195,9 @@ class RadarScan(Frozen):
         return len(self.range)
 
     def __len__(self) -> int:
-        """Number K of targets."""
         return len(self.range)
 
     def __repr__(self) -> str:
-        """Time and number of targets; the arrays would fill the screen."""
         return f"RadarScan(time={self.time:.6f} s, {len(self)} targets)"
 
     def __getitem__(self, index: Selection) -> "RadarScan":

@@ -90,7 +90,6 @@ class TrueTargets:
     doppler: Array
 
     def __getitem__(self, index: Selection) -> "TrueTargets":
-        """Only those targets that a slice, a mask or a list of indices selects."""
         return TrueTargets(*(getattr(self, field.name)[index] for field in fields(self)))
 
     __iter__ = None  # else Python would try the indices 0, 1, ... and stop at the first IndexError
@@ -223,9 +222,7 @@ def _with_clutter(
     both = TrueTargets(
         np.concatenate([true.kind, np.full(false, "clutter")]),
         np.concatenate([true.point, np.full(false, -1)]),
-        np.concatenate([true.range, unknown]),
-        np.concatenate([true.azimuth, unknown]),
-        np.concatenate([true.doppler, unknown]),
+        *(np.concatenate([each, unknown]) for each in (true.range, true.azimuth, true.doppler)),
     )
     # noise that exceeds the threshold exceeds it only slightly
     power = np.concatenate([power, 1.0 + rng.exponential(size=false)])
