@@ -215,7 +215,6 @@ def _prefix(output: str) -> Path:
 
 
 def _files(prefix: Path) -> list[Path]:
-    """The path, the velocities, all of the track, the picture."""
     ends = (".tum", "_velocities.txt", ".npz", ".png")
     return [prefix.with_name(f"{prefix.name}{end}") for end in ends]
 

@@ -18,13 +18,8 @@ from d2d.radar.readers.reader import Option, Reader, Source, check_once
 from d2d.radar.scans.bounds import FINITE, Bounds
 from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
 
-ONLY_SENSOR = "radar"  # the name of the sensor of a file that names none
-
 _MEASURED = ("time", "range", "azimuth", "doppler")
 _SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
-_READ = (*_MEASURED, *_SIGMAS, "sensor")
-_ANGLES = ("azimuth", "sigma_azimuth")
-_SEPARATORS = ",;\t"
 _RADIANS = BOUNDS["azimuth"]._replace(
     hint="; are these degrees (degrees=True, on the command line --degrees)?"
 )
@@ -32,11 +27,9 @@ _DEGREES = Bounds(most=360.0, unit="in degrees, ")
 
 
 class _Header(NamedTuple):
-    """What the first line says, and its number."""
-
     names: list[str]
     separator: str
-    line: int
+    line: int  # its number
 
 
 def load_csv(
@@ -53,37 +46,20 @@ def load_csv(
     and sensor form a scan, wherever they stand.  A scan without targets has no line: the one before
     it and the one after it are then neighbours at a longer interval.
 
+    The first line names the columns, in any order: ``time`` (s), ``range`` (m), ``azimuth`` (rad,
+    counter-clockwise from the boresight), ``doppler`` (m/s, positive for receding targets), the
+    standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` in the same units,
+    and ``sensor``, a name or number; without it, there is one sensor called "radar".  Other columns
+    are ignored, and so are empty lines and those that begin with #.  The separator is a comma, a
+    semicolon or a tab; the decimal separator is a point.  With ``degrees``, the columns ``azimuth``
+    and ``sigma_azimuth`` are in degrees.
+
+    The arguments ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` are the standard
+    deviations of all targets, always in m, rad and m/s, instead of the columns or where the file
+    has none.
+
     Raises a ``ValueError`` if a column is missing, a line cannot be read (the message gives its
     number and says what is wrong with it), or a standard deviation is not positive.
-
-    Parameters
-    ----------
-    path : path
-        The first line names the columns, in any order: ``time`` (s), ``range`` (m), ``azimuth``
-        (rad, counter-clockwise from the boresight), ``doppler`` (m/s, positive for receding
-        targets), the standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler``
-        in the same units, and ``sensor``, a name or number; without it, there is one sensor called
-        "radar".  Other columns are ignored, and so are empty lines and those that begin with #.
-        The separator is a comma, a semicolon or a tab; the decimal separator is a point.
-    degrees : bool
-        Whether the columns ``azimuth`` and ``sigma_azimuth`` are in degrees.
-    sigma_range, sigma_azimuth, sigma_doppler : float, optional, in m, rad and m/s
-        Standard deviations of all targets, instead of the columns or where the file has none.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> import numpy as np
-    >>> from d2d.radar import load_csv
-    >>> lines = ["time,range,azimuth,doppler", "0.0,12.5,-3.0,-4.9", "0.0,8.1,20.0,-4.7"]
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     log = Path(folder) / "log.csv"
-    ...     np.savetxt(log, lines, "%s")
-    ...     load_csv(
-    ...         log, degrees=True, sigma_range=0.1, sigma_azimuth=0.01, sigma_doppler=0.05
-    ...     )
-    {'radar': [RadarScan(time=0.000000 s, 2 targets)]}
     """
     source = check_path("path", path)
     sigmas = {
@@ -111,7 +87,7 @@ def load_csv(
     names = [name for name in columns if name != "sensor"]
     table = dict(zip(names, np.array(values).T, strict=True))
     _check(source, lines, table, degrees)
-    for name in _ANGLES:
+    for name in ("azimuth", "sigma_azimuth"):
         if degrees and name in table:
             table[name] = np.deg2rad(table[name])
     table |= {name: np.full(len(lines), sigma) for name, sigma in sigmas.items()}
@@ -141,11 +117,11 @@ def _check(source: Path, lines: list[int], table: Mapping[str, Array], degrees: 
 def _header(source: Path, file: TextIO) -> _Header:
     """The line that names the columns; it may stand behind a #, as NumPy writes it."""
     for number, line in enumerate(iter(file.readline, ""), start=1):
-        separator = max(_SEPARATORS, key=line.count)
+        separator = max(",;\t", key=line.count)
         names = [word.strip().strip('"').lower() for word in line.lstrip("# ").split(separator)]
         missing = [name for name in _MEASURED if name not in names]
         if not missing:
-            twice = [name for name in _READ if names.count(name) > 1]
+            twice = [n for n in (*_MEASURED, *_SIGMAS, "sensor") if names.count(n) > 1]
             if twice:
                 raise ValueError(f"{source}, line {number}: the column {twice[0]!r} is named twice")
             return _Header(names, separator, number)
@@ -158,7 +134,6 @@ def _header(source: Path, file: TextIO) -> _Header:
 
 
 def _columns(source: Path, header: _Header, sigmas: Mapping[str, float]) -> dict[str, int]:
-    """The place of each column that is read."""
     places = {name: place for place, name in enumerate(header.names)}
     missing = [name for name in _SIGMAS if name not in places and name not in sigmas]
     if missing:
@@ -172,7 +147,7 @@ def _columns(source: Path, header: _Header, sigmas: Mapping[str, float]) -> dict
 
 
 def _rows(source: Path, file: TextIO, header: _Header) -> Iterator[tuple[int, list[str]]]:
-    """The lines that hold targets, with their numbers."""
+    """The numbers and words of the lines that hold targets."""
     reader = csv.reader(file, delimiter=header.separator, strict=True)
     try:
         for row in reader:
@@ -190,10 +165,9 @@ def _rows(source: Path, file: TextIO, header: _Header) -> Iterator[tuple[int, li
 
 
 def _target(row: list[str], columns: Mapping[str, int]) -> tuple[str, list[float]]:
-    """The sensor of a target and its numbers, in the order of the columns."""
     numbers = [_number(name, row[place]) for name, place in columns.items() if name != "sensor"]
     if "sensor" not in columns:
-        return ONLY_SENSOR, numbers
+        return "radar", numbers
     sensor = row[columns["sensor"]].strip()
     if not sensor:
         raise ValueError("sensor must be a name or a number, but is empty")

@@ -97,6 +97,12 @@ def load_nuscenes(
 ) -> Recording:
     """Read one radar's scans of one scene.
 
+    The recording has the budget `NUSCENES_BUDGET`.  The origin is the middle of the rear axle.
+    Targets are kept if the radar calls them valid and their velocity unambiguous, if position and
+    velocity are finite, and within 10 km; the velocity is projected onto the line of sight.  The
+    reference's v_y and omega are the derivatives of the poses on the CAN bus, or else of those in
+    ``ego_pose.json``.
+
     Raises a ``FileNotFoundError`` that says which file or folder is missing, or a ``ValueError`` if
     a file is not one of nuScenes, the tables have no such scene or channel, or an option is out of
     range.
@@ -131,15 +137,6 @@ def load_nuscenes(
         m/s is added.  That of the azimuth may be a function of the azimuths (K,).
     extent : float, m
         Scatter of the points at which objects are seen; see `RadarScan`.
-
-    Returns
-    -------
-    Recording
-        With the budget `NUSCENES_BUDGET`.  The origin is the middle of the rear axle.  Targets are
-        kept if the radar calls them valid and their velocity unambiguous, if position and velocity
-        are finite, and within 10 km; the velocity is projected onto the line of sight.  The
-        reference's v_y and omega are the derivatives of the poses on the CAN bus, or else of those
-        in ``ego_pose.json``.
 
     Notes
     -----
@@ -205,8 +202,6 @@ def _valid(targets: dict[str, NDArray[Any]], strongest: int | None) -> dict[str,
 
 
 class _Motion(NamedTuple):
-    """What is known of the vehicle's motion."""
-
     times: Array  # (n,) s
     poses: Array  # (n, 3) [x, y, yaw] in the map
     speed: Array | None  # (n,) m/s, if there is a CAN bus
@@ -272,7 +267,6 @@ def _filled(values: Array) -> Array:
 
 
 def _tables(root: Path, version: str | None) -> Path:
-    """The folder with the tables."""
     if version is not None:
         return existing(root, version, "the folder of the tables of that version")
     found = sorted(path.name for path in root.glob("v1.0-*") if path.is_dir())
@@ -286,7 +280,6 @@ def _tables(root: Path, version: str | None) -> Path:
 
 
 def _rows(folder: Path, name: str, *keys: str) -> list[tuple[Any, ...]]:
-    """These entries of all rows of a table."""
     path = existing(folder, f"{name}.json", f"the table {name!r} of nuScenes")
     with reading(path, "a table of nuScenes"):
         return [tuple(row[key] for key in keys) for row in content_of(path)]

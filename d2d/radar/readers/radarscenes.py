@@ -74,6 +74,9 @@ def load_radarscenes(
 ) -> Recording:
     """Read one sensor's scans of one sequence.
 
+    The recording has the budget `RADARSCENES_BUDGET`.  Targets are left out if their range is not
+    positive or beyond 10 km, their azimuth beyond 2 pi, or a number nan or inf.
+
     Raises a ``FileNotFoundError`` that says which file or folder is missing, or a ``ValueError`` if
     a file is not one of RadarScenes, has no such sensor, or an option is out of range.
 
@@ -100,12 +103,6 @@ def load_radarscenes(
         function of the azimuths (K,).
     extent : float, m
         Scatter of the points at which objects are seen; see `RadarScan`.
-
-    Returns
-    -------
-    Recording
-        With the budget `RADARSCENES_BUDGET`.  Targets are left out if their range is not positive
-        or beyond 10 km, their azimuth beyond 2 pi, or a number nan or inf.
 
     Notes
     -----
@@ -138,7 +135,6 @@ def load_radarscenes(
 
 
 def _mounting(data: Path, sensor: int) -> Mounting:
-    """The mounting in sensors.json, which is in the data set's root or its folder ``data``."""
     places = [folder / "sensors.json" for folder in (data, data.parent)]
     found = [path for path in places if path.exists()]
     if not found:
@@ -196,7 +192,6 @@ def _table(file: h5py.File, name: str, fields: tuple[str, ...]) -> Table:
 
 
 def _own(path: Path, stamp: int, indices: slice, targets: Table, sensor: int) -> Table:
-    """The targets of one scan."""
     first, last, count = indices.start, indices.stop, len(targets["sensor_id"])
     if not 0 <= first <= last <= count:
         raise ValueError(

@@ -38,11 +38,6 @@ class Reader:
     heading: str = "options of a CSV file"
     trial: tuple[Any, tuple[Any, ...]] | None = None  # a recording and its sensors, for tests
 
-    @property
-    def variable(self) -> str:
-        """The environment variable that tells the tests where the data set is."""
-        return f"D2D_{self.name.upper()}"
-
 
 def data_set(
     title: str,

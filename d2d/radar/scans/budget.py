@@ -40,16 +40,6 @@ class ErrorBudget(Bounded):
         exp(-distance / length).  Reflections of one object shift together.
     source : str
         Where the numbers come from.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from d2d.radar import ErrorBudget, simulate_drive, track
-    >>> drive = simulate_drive(np.random.default_rng(0), duration=2.0)
-    >>> budget = ErrorBudget(azimuth=np.deg2rad(0.1), doppler=0.02, neighbours=1.0)
-    >>> driven = track(drive, budget=budget)
-    >>> bool((driven.parts.total == driven.covariance).all())
-    True
     """
 
     azimuth: float = number(0.0, ANGLE._replace(least=0.0))

@@ -18,17 +18,11 @@ _MIN_POSES = 5  # of a parabola: two more than it has coefficients
 class Reference:
     """The motion at the time of each scan: the truth of a simulation, or from another sensor.
 
-    Velocities and poses are nan where they are not known.  Raises a ``ValueError`` if ``times`` are
-    not finite, or shapes do not match.
-
-    Attributes
-    ----------
-    times : (n,) array, s
-    theta : (n, 3) array
-        Velocity [v_x, v_y, omega] of the vehicle frame's origin in m/s, m/s, rad/s, along the
-        vehicle's axes.
-    poses : (n, 3) array
-        Pose [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw may wrap.
+    At the ``times`` (n,) in s, ``theta`` (n, 3) is the velocity [v_x, v_y, omega] of the vehicle
+    frame's origin in m/s, m/s, rad/s, along the vehicle's axes, and ``poses`` (n, 3) the pose
+    [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw may wrap.  Velocities and poses
+    are nan where they are not known.  Raises a ``ValueError`` if the times are not finite, or
+    shapes do not match.
     """
 
     times: Array

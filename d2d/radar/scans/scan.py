@@ -69,21 +69,16 @@ class Mounting(Bounded):
 class RadarScan(Frozen):
     """The targets of one scan in the sensor frame, with their standard deviations.
 
+    The scan at ``time`` (s) has the arrays (K,) ``range`` in m, ``azimuth`` in rad, measured
+    counter-clockwise from the boresight, and ``doppler`` in m/s, positive for receding targets; K
+    may be 0.  The standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` are
+    numbers or arrays (K,) in the same units.  The ``extent``, too, a number or an array (K,) in m,
+    is a standard deviation along each axis: how far a target's reflection point lies from the point
+    that the other scans see, because each scan sees different points of an object.  It is zero for
+    point targets; see `estimate_extent`.
+
     Raises a ``ValueError`` if an argument is not finite or has the wrong shape, a range or standard
     deviation is not positive, an azimuth is beyond 2 pi, or a range beyond 10 km.
-
-    Parameters
-    ----------
-    time : float, s
-    range, azimuth, doppler : (K,) arrays in m, rad, m/s
-        The azimuth is measured counter-clockwise from the boresight; the Doppler velocity is
-        positive for receding targets.  K may be 0.
-    sigma_range, sigma_azimuth, sigma_doppler : numbers or (K,) arrays in the same units
-        Standard deviations.
-    extent : number or (K,) array, m
-        How far a target's reflection point lies from the point that the other scans see, as a
-        standard deviation along each axis: each scan sees different points of an object.  Zero for
-        point targets; see `estimate_extent`.
     """
 
     time: float
@@ -151,29 +146,23 @@ class RadarScan(Frozen):
     ) -> "RadarScan":
         """The scan of a radar that reports positions, such as a list of objects or clusters.
 
-        The variances of all errors that are given are added.  A scan stores one standard deviation
-        along the line of sight and one across it, so a covariance is projected onto both
-        directions, and the correlation between them is dropped.  Raises a ``ValueError`` if an
-        argument is not finite or has the wrong shape, a target is at the sensor's position, or
-        there is no error of the range, the azimuth or the Doppler velocity.
+        The targets have the positions x along the boresight and y to the left, (K,) arrays in m in
+        the sensor frame.  They have either the radial velocities ``doppler``, (K,) in m/s, positive
+        for receding targets, or a ``velocity``, (K, 2) in m/s, relative to the sensor and not
+        compensated for its own motion.  This is projected onto the line of sight: a Doppler radar
+        measures nothing else.  ``time`` and ``extent`` are as for `RadarScan`.
 
-        Parameters
-        ----------
-        time, extent : as for `RadarScan`
-        x, y : (K,) arrays, m
-            Positions in the sensor frame, x along the boresight, y to the left.
-        doppler : (K,) array, m/s
-            Radial velocity, positive for receding targets; either this or ``velocity``.
-        velocity : (K, 2) array, m/s
-            Velocity relative to the sensor, not compensated for its own motion.  It is projected
-            onto the line of sight: a Doppler radar measures nothing else.
-        covariance : (K, 2, 2) or (2, 2) array, m^2
-            Of the position.
-        grid, step : float, m and m/s
-            Spacing of the values to which x and y, and to which the Doppler velocity or each
-            component of the velocity, are rounded; see `quantisation_sigma`.
-        sigma_range, sigma_azimuth, sigma_doppler : numbers or (K,) arrays in m, rad, m/s
-            Standard deviations.
+        The variances of all errors that are given are added: those of the standard deviations
+        ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler``, numbers or (K,) arrays in m, rad,
+        m/s; the ``covariance`` of the position, (K, 2, 2) or (2, 2) in m^2; and those of rounding.
+        ``grid`` (m) is the spacing of the values to which x and y are rounded, and ``step`` (m/s)
+        that of the Doppler velocity or each component of the velocity; see `quantisation_sigma`.
+
+        A scan stores one standard deviation along the line of sight and one across it, so a
+        covariance is projected onto both directions, and the correlation between them is dropped.
+        Raises a ``ValueError`` if an argument is not finite or has the wrong shape, a target is at
+        the sensor's position, or there is no error of the range, the azimuth or the Doppler
+        velocity.
         """
         ahead, left = check_finite("x", x), check_finite("y", y)
         if ahead.ndim != 1 or ahead.shape != left.shape:
@@ -206,11 +195,9 @@ class RadarScan(Frozen):
         return len(self.range)
 
     def __len__(self) -> int:
-        """Number K of targets."""
         return len(self.range)
 
     def __repr__(self) -> str:
-        """Time and number of targets; the arrays would fill the screen."""
         return f"RadarScan(time={self.time:.6f} s, {len(self)} targets)"
 
     def __getitem__(self, index: Selection) -> "RadarScan":

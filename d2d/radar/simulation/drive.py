@@ -44,25 +44,15 @@ class Sensor(Bounded):
     exponential variate drawn anew for every scan (Swerling case 1).  A point is detected if its
     power exceeds a threshold.  Raises a ``ValueError`` if an attribute is out of range.
 
-    Attributes
-    ----------
-    rate : float, Hz
-        Scans per second.
-    max_targets : int
-        Maximum number of targets in a scan; the strongest detections are kept.
-    field_of_view : float, rad
-        Largest azimuth to either side.
-    min_range, max_range : float, m
-        Limits of the range.
-    half_range : float, m
-        Range at which a point of strength 1 is detected with probability 1/2.
-    sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
-        Standard deviations of a strong target's errors; those at the threshold are twice as large.
-    clutter : float
-        Mean number of false detections in a scan.  They are uniformly distributed over range,
-        azimuth and Doppler velocities of up to 10 m/s.
-    quantised : bool
-        Whether measurements and reported standard deviations are rounded to the sensor's steps.
+    The sensor takes ``rate`` scans per second and keeps the ``max_targets`` strongest detections of
+    each, of azimuths up to ``field_of_view`` (rad) to either side and ranges between ``min_range``
+    and ``max_range`` (m).  A point of strength 1 is detected with probability 1/2 at ``half_range``
+    (m).  The standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` (m, rad,
+    m/s) are those of a strong target's errors; those at the threshold are twice as large.
+
+    ``clutter`` is the mean number of false detections in a scan, which are uniformly distributed
+    over range, azimuth and Doppler velocities of up to 10 m/s.  If the sensor is ``quantised``,
+    measurements and reported standard deviations are rounded to its steps.
     """
 
     rate: float = number(10.0, POSITIVE)
@@ -100,7 +90,6 @@ class TrueTargets:
     doppler: Array
 
     def __getitem__(self, index: Selection) -> "TrueTargets":
-        """Only those targets that a slice, a mask or a list of indices selects."""
         return TrueTargets(*(getattr(self, field.name)[index] for field in fields(self)))
 
     __iter__ = None  # else Python would try the indices 0, 1, ... and stop at the first IndexError
@@ -130,27 +119,15 @@ def simulate_drive(
 ) -> Drive:
     """Drive around a block of houses with a radar.
 
-    A lap is 300 m long, whatever the duration; at the default speed it takes 120 s.  The vehicle
-    drives without side slip and slows down in bends.  Raises a ``ValueError`` if ``rng`` is not a
-    generator, or the duration or the speed not positive.
+    A lap is 300 m long, whatever the ``duration`` (s); at the default ``speed`` (m/s, the mean over
+    a lap) it takes 120 s.  That is the speed of a robot; for a car in town, use `CAR_SPEED` and
+    `CAR_MOUNTING` of ``d2d.radar.simulation.drive``.  The vehicle drives without side slip and
+    slows down in bends; it has driven for ``start`` seconds when the drive begins, at time 0.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    duration : float, s
-    speed : float, m/s
-        Mean speed over a lap.  The default is that of a robot; for a car in town, use `CAR_SPEED`
-        and `CAR_MOUNTING` of ``d2d.radar.simulation.drive``.
-    start : float, s
-        How long the vehicle has driven when the drive begins, at time 0.
-    mounting : Mounting
-    sensor : Sensor, optional
-        By default, the thesis's sensor.
-    world : World, optional
-        By default, `build_world` draws it.
-    errors : SensorErrors, optional
-        What else is wrong with the sensor; by default, nothing.  They change neither what is
-        detected nor the targets' own noise, unless there is a lag.
+    By default, the sensor is that of the thesis, `build_world` draws the world, and nothing else is
+    wrong with the sensor; the ``errors`` change neither what is detected nor the targets' own
+    noise, unless there is a lag.  Raises a ``ValueError`` if ``rng`` is not a generator, or the
+    duration or the speed not positive.
     """
     check_instance("rng", rng, np.random.Generator)
     duration = check_positive_scalar("duration", duration)
@@ -176,7 +153,6 @@ def simulate_drive(
 
 
 def _motion(times: Array, start: float, speed: float) -> Reference:
-    """The vehicle's motion at times (n,) in s, without side slip."""
     along, forward = lap_progress(times + start, speed)
     turning = forward * lap_curvature(along)
     theta = np.stack([forward, np.zeros_like(forward), turning], axis=-1)
@@ -246,9 +222,7 @@ def _with_clutter(
     both = TrueTargets(
         np.concatenate([true.kind, np.full(false, "clutter")]),
         np.concatenate([true.point, np.full(false, -1)]),
-        np.concatenate([true.range, unknown]),
-        np.concatenate([true.azimuth, unknown]),
-        np.concatenate([true.doppler, unknown]),
+        *(np.concatenate([each, unknown]) for each in (true.range, true.azimuth, true.doppler)),
     )
     # noise that exceeds the threshold exceeds it only slightly
     power = np.concatenate([power, 1.0 + rng.exponential(size=false)])

@@ -17,25 +17,17 @@ class SensorErrors(Bounded):
     All are off by default and constant over a drive; `d2d.radar.ErrorBudget` holds the standard
     deviations of those of the same names.  Raises a ``ValueError`` if a number is out of range.
 
-    Attributes
-    ----------
-    azimuth : float, rad
-        Added to all azimuths: the sensor is turned by this angle from its stated mounting.
-    doppler : float, m/s
-        Added to all Doppler velocities, after the scale error.
-    scale : float
-        Relative error of all Doppler velocities, above -1.
-    lag : float, s
-        A scan shows the world as it was this long before its time stamp.
-    extent : float, m
-        Standard deviation, along each axis, of the distance at which an object is seen from its
-        reflection point; drawn anew in each scan.  See `d2d.radar.RadarScan`.
-    neighbours : float, m
-        Length over which these distances are correlated, as exp(-distance / length); with zero,
-        each point moves on its own.
-    rounding : float
-        Steps of the reported range, azimuth and Doppler velocity, as a multiple of the sensor's
-        own; without effect on a sensor that is not quantised.
+    To all azimuths, ``azimuth`` (rad) is added, because the sensor is turned by this angle from its
+    stated mounting, and to all Doppler velocities ``doppler`` (m/s), after their relative error
+    ``scale``, above -1.  A scan shows the world as it was ``lag`` (s) before its time stamp.
+
+    An object is seen at a distance from its reflection point that is drawn anew in each scan, with
+    the standard deviation ``extent`` (m) along each axis; see `d2d.radar.RadarScan`.  Over the
+    length ``neighbours`` (m), these distances are correlated as exp(-distance / length); with zero,
+    each point moves on its own.
+
+    The steps of the reported range, azimuth and Doppler velocity are ``rounding`` times the
+    sensor's own; this has no effect on a sensor that is not quantised.
 
     Examples
     --------

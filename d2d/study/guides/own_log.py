@@ -41,7 +41,6 @@ class OwnDrive(NamedTuple):
 
 @lru_cache(maxsize=1)
 def _simulated() -> dict[str, Drive]:
-    """The drive as each radar sees it."""
     rng = np.random.default_rng(SEED)
     world = build_world(rng)
     return {
@@ -68,9 +67,6 @@ def write_log(path: str | os.PathLike[str]) -> OwnDrive:
     for time, name, doppler, distance, azimuth in sorted(lines):
         text.append(f"{name},{doppler:.2f},{distance:.3f},{azimuth:.3f},{time:.6f}")
     Path(path).write_text("\n".join(text) + "\n", encoding="utf-8")
-    return OwnDrive(_simulated()["front"].truth, _odometry(_simulated()["front"].truth))
-
-
-def _odometry(truth: Reference) -> Reference:
+    truth = _simulated()["front"].truth
     theta = truth.theta * [1.0 / ODOMETRY_FACTOR, 0.0, 1.0]
-    return Reference(truth.times - ODOMETRY_LAG, theta, truth.poses)
+    return OwnDrive(truth, Reference(truth.times - ODOMETRY_LAG, theta, truth.poses))

@@ -19,7 +19,6 @@ from d2d.radar import (
 )
 from d2d.study.book.table import Table, table
 
-_FEWEST = 4  # estimates that `compare` needs
 ScansAndMounting = tuple[Sequence[RadarScan], Mounting]
 
 
@@ -39,17 +38,13 @@ class Row(NamedTuple):
 
 def row(name: str, driven: Track, truth: Reference) -> Row:
     """Compare a track with the true motion."""
-    accepted, reason = float(driven.converged.mean()), _commonest(driven)
-    if driven.converged.sum() < _FEWEST:
+    failures = str(driven).splitlines()[1:]  # the most frequent first
+    reason = failures[0].split(" failed: ")[1] if failures else ""
+    accepted = float(driven.converged.mean())
+    if driven.converged.sum() < 4:  # the fewest that can be compared
         return Row(name, accepted, np.full(3, np.nan), float("nan"), reason)
     found = compare(driven, truth)
     return Row(name, accepted, found.rmse, found.credibility.anees, reason)
-
-
-def _commonest(driven: Track) -> str:
-    """The reason of most failures, as a printed track says it; empty if there is none."""
-    lines = str(driven).splitlines()[1:]
-    return lines[0].split(" failed: ")[1] if lines else ""
 
 
 def row_table(rows: Iterable[Row], caption: str = "") -> Table:

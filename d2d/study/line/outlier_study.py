@@ -55,20 +55,16 @@ def survey_corrupted(fraction: float, width: float, draws: int) -> Survey:
 
 
 @cache
-def outlier_map(
-    fractions: tuple[float, ...] = FRACTIONS,
-    widths: tuple[float, ...] = WIDTHS,
-    draws: int = MAP_DRAWS,
-) -> tuple[Array, Array, Array]:
+def outlier_map() -> tuple[Array, Array, Array]:
     """Corrupted Gaussians of each fraction and width (m), with a randomly placed outlier in M.
 
     Returns the share of the draws with the right optimum, the share with a comparable rival, and
-    the median width of the basin (m), each of shape (fractions, widths).
+    the median width of the basin (m), each of shape (FRACTIONS, WIDTHS).
     """
-    table = np.empty((3, len(fractions), len(widths)))
-    for i, fraction in enumerate(fractions):
-        for j, width in enumerate(widths):
-            found = survey_corrupted(fraction, width, draws)
+    table = np.empty((3, len(FRACTIONS), len(WIDTHS)))
+    for i, fraction in enumerate(FRACTIONS):
+        for j, width in enumerate(WIDTHS):
+            found = survey_corrupted(fraction, width, MAP_DRAWS)
             table[:, i, j] = (
                 found.right(TRUTH, RIGHT),
                 share(found.rival > COMPARABLE),

@@ -271,27 +271,14 @@ def fit_mixture(
 ) -> MixtureFit:
     """Fit a mixture by expectation maximisation (Dempster, Laird & Rubin 1977; thesis sec. 2.3).
 
+    The result is a local maximum; which one depends on the start: the mixture ``initial``, or means
+    that ``rng`` draws.  The observations x (N, D) may be fewer than ``components``, or all equal.
+    No variance of a component, that of the start included, is less than ``floor``, by default that
+    of `variance_floor`.  With ``equal_weights`` the weights stay 1/K.  The iteration ends with a
+    step whose gain in log-likelihood per observation is at most ``tolerance``.
+
     Raises a ``ValueError`` if there are no observations or no components, a value is nan or inf,
     the floor is not positive, or ``initial`` has another number of components.
-
-    The result is a local maximum; which one depends on the start.
-
-    Parameters
-    ----------
-    x : (N, D) array
-        Observations; may be fewer than ``components``, or all equal.
-    components : int
-    rng : numpy.random.Generator
-        Draws the initial means, unless ``initial`` is given.
-    initial : GaussianMixture, optional
-        Where to start; eigenvalues of its covariances below the floor are raised to it.
-    floor : float, optional
-        Smallest variance of a component; by default that of `variance_floor`.
-    equal_weights : bool
-        Keep the weights at 1/K instead of estimating them.
-    tolerance : float
-        Largest gain in log-likelihood per observation of a step that ends the iteration.
-    max_iterations : int
     """
     points = _observations(x)
     floor = variance_floor(points) if floor is None else floor

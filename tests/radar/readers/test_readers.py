@@ -19,9 +19,10 @@ DATA_SETS = {name: reader for name, reader in READERS.items() if reader.trial is
 def recordings(request: pytest.FixtureRequest) -> list[Recording]:
     """One of each sensor of the trial."""
     reader = DATA_SETS[request.param]
-    root = os.environ.get(reader.variable)
+    variable = f"D2D_{reader.name.upper()}"
+    root = os.environ.get(variable)
     if not root:
-        pytest.skip(f"set {reader.variable} to the {reader.about}")
+        pytest.skip(f"set {variable} to the {reader.about}")
     assert reader.trial is not None
     name, sensors = reader.trial
     return [reader.load(root, name, sensor) for sensor in sensors]
