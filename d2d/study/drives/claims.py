@@ -51,7 +51,6 @@ def _ratios(what: str, ratio: list[Measured], shown: Sequence[str]) -> dict[str,
 
 
 def _by_component(values: Sequence[float]) -> str:
-    """The values of v_x, v_y and omega, each with its name."""
     each = [f"{value:.1f} ({name})" for name, value in zip(NAMES, values, strict=True)]
     return f"{', '.join(each[:-1])} and {each[-1]}"
 
@@ -124,7 +123,13 @@ def doppler_rejects_moving() -> Evidence:
 @claim("doppler-reduces-error", section="7.3", figure="ego-error")
 def doppler_reduces_error() -> Evidence:
     """The Doppler velocities reduce the estimation error."""
-    without, with_doppler = _paired_errors()
+    # only pairs of scans for which both estimates are accepted, one drive after the other
+    errors: dict[bool, list[Array]] = {False: [], True: []}
+    for drive, tracks in robot_drives():
+        accepted = tracks[False].converged & tracks[True].converged
+        for doppler, driven in tracks.items():
+            errors[doppler].append((driven.theta - drive.truth.theta[1:])[accepted])
+    without, with_doppler = map(np.concatenate, errors.values())
     block = max(block_length(np.square(without)), block_length(np.square(with_doppler)))
     pairs = zip(without.T, with_doppler.T, strict=True)
     ratio = [rms_ratio(over, under, block) for over, under in pairs]
@@ -138,19 +143,6 @@ def doppler_reduces_error() -> Evidence:
         f"exceeds {RATIO.high:g}: it is {_by_component([each.low for each in ratio])}.",
         over=OVER,
     )
-
-
-def _paired_errors() -> tuple[Array, Array]:
-    """Errors (n, 3) without and with Doppler, of the robot's drives one after the other.
-
-    Only pairs of scans for which both estimates are accepted.
-    """
-    errors: dict[bool, list[Array]] = {False: [], True: []}
-    for drive, tracks in robot_drives():
-        accepted = tracks[False].converged & tracks[True].converged
-        for doppler, driven in tracks.items():
-            errors[doppler].append((driven.theta - drive.truth.theta[1:])[accepted])
-    return np.concatenate(errors[False]), np.concatenate(errors[True])
 
 
 @claim("doppler-more-certain", section="7.3", figure="ego-covariance")
