@@ -125,16 +125,13 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Claim:
-    """One row of the ledger: a claim of a section of the thesis, in our words.
-
-    ``figure`` is the label of the book's figure that shows it, without ``fig-``.  The check
-    measures and judges, with a fixed seed; other measurements would give another verdict.
-    """
+    """One row of the ledger: a claim of a section of the thesis, in our words."""
 
     id: str
     section: str
     text: str
-    figure: str
+    figure: str  # label of the book's figure that shows it, without ``fig-``
+    # measures and judges, with a fixed seed; other measurements would give another verdict
     check: Callable[[], Evidence]
 
     @property

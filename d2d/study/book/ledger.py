@@ -246,5 +246,4 @@ def _counts(evidence: Iterable[Evidence]) -> dict[Verdict, int]:
 
 
 def _chapter(page: str) -> str:
-    """The chapter number in a page's file name: 4a for ``04a_...``."""
-    return page.split("_")[0].lstrip("0")
+    return page.split("_")[0].lstrip("0")  # 4a for ``04a_...``

@@ -88,5 +88,4 @@ def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
 
 
 def _parts(value: float) -> tuple[float, ...]:
-    """A number, and its bounds if it has any."""
     return (value, value.low, value.high) if isinstance(value, Measured) else (value,)

@@ -184,7 +184,12 @@ def trajectory_drifts() -> Evidence:
     numbers: dict[str, float] = {}
     growing, said = True, []
     for name, doppler in DOPPLER.items():
-        quarter, end = _offsets(doppler)
+        offsets = []
+        for drive, tracks in robot_drives():
+            true = drive.truth.poses
+            off = tracks[doppler].poses(true[0]) - true
+            offsets.append(np.linalg.norm(off[[len(true) // 4, -1], :2], axis=-1))
+        quarter, end = np.transpose(offsets)  # of each drive, in m
         growth = mean_of(end - quarter)
         growing &= larger(growth, Margin(0.0, (RATIO.high - 1.0) * float(quarter.mean())))
         said.append(f"{quarter.mean():.2f} m and {end.mean():.2f} m {name} Doppler")
@@ -202,17 +207,6 @@ def trajectory_drifts() -> Evidence:
         holds="Only where the path is not known.",
         over=OVER,
     )
-
-
-def _offsets(doppler: bool) -> Array:
-    """Position error (2, drives) in m: after a quarter of each robot's drive, and at its end."""
-    offsets = []
-    for drive, tracks in robot_drives():
-        true = drive.truth.poses
-        quarter = len(true) // 4
-        off = tracks[doppler].poses(true[0]) - true
-        offsets.append(np.linalg.norm(off[[quarter, -1], :2], axis=-1))
-    return np.transpose(offsets)
 
 
 @claim("annealing-no-gain", section="7.3", figure="ego-error")

@@ -67,7 +67,15 @@ def cost_columns(
         density_map(column[0], OFFSETS, surface, near)
         cost_map(column[1], OFFSETS, surface)
         profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
-        rotation_profiles(column[2:], ROTATIONS, profile, name)
+        above = profile.max() - profile
+        for ax, values, label in (
+            (column[2], np.exp(-above), "density"),
+            (column[3], above, "−log density"),
+        ):
+            ax.plot(np.rad2deg(ROTATIONS), values, **cost_line(name))
+            ax.axvline(0.0, **TRUTH)
+            ax.set(xlabel="φ − truth (deg)", ylabel=label, ylim=(0.0, None))
+            ax.margins(x=0.0)
     _head_columns(axes, costs)
 
 
@@ -195,20 +203,6 @@ def _map_axes(ax: Axes, title: str = "") -> None:
     ax.set_aspect("equal")
     ax.set(xlabel="$t_x$ − truth (m)", ylabel="$t_y$ − truth (m)", title=title)
     ax.set(xticks=[-5, 0, 5], yticks=[-5, 0, 5])
-
-
-def rotation_profiles(axes: Sequence[Axes], turns: Array, log_values: Array, cost: str) -> None:
-    """A density relative to its maximum, and the cost above its minimum, over the rotation."""
-    degrees = np.rad2deg(turns)
-    above = log_values.max() - log_values
-    for ax, values, label in (
-        (axes[0], np.exp(-above), "density"),
-        (axes[1], above, "−log density"),
-    ):
-        ax.plot(degrees, values, **cost_line(cost))
-        ax.axvline(0.0, **TRUTH)
-        ax.set(xlabel="φ − truth (deg)", ylabel=label, ylim=(0.0, None))
-        ax.margins(x=0.0)
 
 
 def error_shares(
