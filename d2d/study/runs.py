@@ -43,22 +43,12 @@ Initial = Literal["truth", "zero"] | ArrayLike
 
 @dataclass(frozen=True, eq=False)
 class MonteCarlo:
-    """Estimates of all runs of one condition.
+    """Estimates of all runs of one condition."""
 
-    Attributes
-    ----------
-    errors : (runs, P) array
-        Estimate minus truth, in m, m, rad.
-    covariances : (runs, P, P) array
-        Inverse Hessians; nan where not converged.
-    converged : (runs,) array of bool
-    iterations : (runs,) array of int
-    """
-
-    errors: Array
-    covariances: Array
-    converged: NDArray[np.bool_]
-    iterations: NDArray[np.int64]
+    errors: Array  # (runs, P), estimate minus truth, in m, m, rad
+    covariances: Array  # (runs, P, P), inverse Hessians; nan where not converged
+    converged: NDArray[np.bool_]  # (runs,)
+    iterations: NDArray[np.int64]  # (runs,)
 
     @property
     def rmse(self) -> Array:
@@ -93,23 +83,14 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Register many noisy draws of a scenario and compare with the truth.
 
-    The same seed gives the same results, whatever ``n_jobs`` and the backend.  Raises a
-    ``ValueError`` naming the argument that does not fit.
+    The scenario is, for example, a `d2d.study.plane.scenarios.Scenario`.  Every run starts at
+    ``initial``: "truth", "zero", (P,), or several starts (S, P), of which the lowest optimum is
+    kept; ``scales`` is the inflation schedule of `d2d.register`.
 
-    Parameters
-    ----------
-    scenario : Scene
-        For example a `d2d.study.plane.scenarios.Scenario`.
-    cost : RegistrationCost
-    runs, seed : int
-        Number of independent draws, and what they are drawn from.
-    initial : "truth", "zero", (P,) array or (S, P) array
-        Start of every run; with several starts, the lowest optimum is kept.
-    n_jobs : int, optional
-        Number of worker processes; 1 unless given or set by ``joblib.parallel_config``, whose
-        backend (for example ``"dask"``) then runs the chunks.
-    scales : sequence of positive numbers
-        Inflation schedule, see `d2d.register`.
+    The ``n_jobs`` are worker processes: 1 unless given or set by ``joblib.parallel_config``, whose
+    backend (for example ``"dask"``) then runs the chunks.  The same seed gives the same results,
+    whatever ``n_jobs`` and the backend.  Raises a ``ValueError`` naming the argument that does not
+    fit.
     """
     check_instance("scenario", scenario, Scene)
     check_instance("cost", cost, RegistrationCost)
@@ -129,7 +110,6 @@ def monte_carlo(
 
 
 def _starts(scenario: Scene, initial: Initial) -> Array:
-    """The start (P,), or several (S, P), of which the lowest optimum is kept."""
     if isinstance(initial, str):
         if initial not in ("truth", "zero"):
             raise ValueError(f"initial must be 'truth', 'zero' or an array, but is {initial!r}")

@@ -147,8 +147,7 @@ SCHEDULES = ("1", "2 1", "4 2 1", "8 4 2 1", "10 1", ANNEALING, "20 10 5.5 3.2 1
 FIRST_SCALES = (1.0, 3.2, 10.0, 32.0, 100.0, 316.0)
 
 
-def _off(distance: float, turn: float, direction: float = 180.0) -> dict[str, Any]:
-    """A start this far (m, deg) from the truth."""
+def _off(distance: float, turn: float, direction: float = 180.0) -> dict[str, Any]:  # m, deg
     return {"distance_m": distance, "direction_deg": direction, "turn_deg": turn}
 
 

@@ -1,6 +1,6 @@
 """The figures of the exhaustive evaluation."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -184,13 +184,10 @@ def covariance_panel(
     for kind, name in (("fisher", "inverse Hessian"), ("propagated", "propagated noise")):
         values = [getattr(both, kind).inclination for both in covariances.values()]
         ax.plot(values, heights, **covariance_marks(name), ms=6)
-    ax.set_yticks(heights, _cost_names(covariances) if named else [""] * len(heights))
+    # an entry that is not a cost of the grammar keeps its name
+    names = [COSTS[key].name if key in COSTS else key for key in covariances]
+    ax.set_yticks(heights, names if named else [""] * len(heights))
     ax.set_xscale("symlog", linthresh=1.0, linscale=0.7)
     ax.set_xticks([-10, -1, 0, 1, 10], ["−10", "−1", "0", "1", "10"])
     ax.minorticks_off()
     ax.set(xlabel="I² (dB)", title=title, ylim=(-0.6, len(covariances) - 0.4), xlim=(-40, 40))
-
-
-def _cost_names(keys: Iterable[str]) -> list[str]:
-    """The costs' names in figures; an entry that is not a cost of the grammar keeps its name."""
-    return [COSTS[key].name if key in COSTS else key for key in keys]

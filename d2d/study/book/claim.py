@@ -97,28 +97,16 @@ def judge(*, confirmed: bool | np.bool_, qualified: bool | np.bool_ = False) -> 
 class Evidence:
     """What a check measured, and what follows from it.
 
-    Attributes
-    ----------
-    verdict : "confirmed", "qualified" or "refuted"
-        Decided by the check from the numbers, see `judge`.
-    because : str
-        One sentence that gives the reason, composed from the numbers.
-    numbers : mapping of str to float
-        What was measured, by name with its unit, with its 95 % interval as
-        `d2d.study.book.measured.Measured`; a plain float is exact, a count or the value of a
-        formula.  The one or two that tell most are marked with `d2d.study.book.measured.telling`.
-    holds : str
-        The condition under which the claim holds, composed from the numbers; not used if the claim
-        is confirmed as it stands.
-    over : str
-        The draws, layouts or drives that were measured.
+    The ``numbers`` have names with units.  What was measured has its 95 % interval; a plain float
+    is exact, a count or the value of a formula.  The one or two that tell most are marked with
+    `d2d.study.book.measured.telling`.
     """
 
-    verdict: Verdict
-    because: str
+    verdict: Verdict  # decided by the check from the numbers, see `judge`
+    because: str  # one sentence that gives the reason, composed from the numbers
     numbers: Mapping[str, float]
-    holds: str = ""
-    over: str = ""
+    holds: str = ""  # the condition under which it does; not used if the claim is confirmed
+    over: str = ""  # the draws, layouts or drives that were measured
 
     @property
     def telling(self) -> dict[str, Measured]:
@@ -137,16 +125,13 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Claim:
-    """One row of the ledger: a claim of a section of the thesis, in our words.
-
-    ``figure`` is the label of the book's figure that shows it, without ``fig-``.  The check
-    measures and judges, with a fixed seed; other measurements would give another verdict.
-    """
+    """One row of the ledger: a claim of a section of the thesis, in our words."""
 
     id: str
     section: str
     text: str
-    figure: str
+    figure: str  # label of the book's figure that shows it, without ``fig-``
+    # measures and judges, with a fixed seed; other measurements would give another verdict
     check: Callable[[], Evidence]
 
     @property

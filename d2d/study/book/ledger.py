@@ -22,8 +22,6 @@ LEDGER = "10_claims.html"
 """Beside the page that links to it, because all pages with claims are chapters."""
 
 WIDTH = 88
-EXACT = "exact"
-"""What is said of a number without an interval, such as a count or the value of a formula."""
 
 
 def badge(verdict: Verdict) -> str:
@@ -48,7 +46,7 @@ def with_interval(value: float, mark: str = "") -> str:
 
 def _bounds(value: float) -> list[str]:
     bounds = (value.low, value.high) if isinstance(value, Measured) else ()
-    return [significant(bound) for bound in bounds] or [EXACT]
+    return [significant(bound) for bound in bounds] or ["exact"]  # say, a count
 
 
 def _capital(sentence: str) -> str:
@@ -62,13 +60,11 @@ class Cards:
     shown: tuple[tuple[Claim, Evidence], ...]
 
     def __str__(self) -> str:
-        """Claim, verdict, reason and all numbers, wrapped."""
         return "\n\n".join(_text(claim, evidence) for claim, evidence in self.shown)
 
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        """A card each: verdict, claim, reason, telling numbers, and the others folded away."""
         return "\n".join(_html(claim, evidence) for claim, evidence in self.shown)
 
 
@@ -134,7 +130,6 @@ class ChapterBox:
     needs: str
 
     def __str__(self) -> str:
-        """The same without HTML."""
         lines = [f"Asked: {sentence}" for sentence in _listed(self.asked)]
         lines += [f"Found: {sentence}" for sentence in _listed(self.found)]
         for verdict, ids in self.verdicts.items():
@@ -251,5 +246,4 @@ def _counts(evidence: Iterable[Evidence]) -> dict[Verdict, int]:
 
 
 def _chapter(page: str) -> str:
-    """The chapter number in a page's file name: 4a for ``04a_...``."""
-    return page.split("_")[0].lstrip("0")
+    return page.split("_")[0].lstrip("0")  # 4a for ``04a_...``

@@ -32,7 +32,6 @@ class Measured(float):
         return self
 
     def __getnewargs__(self) -> tuple[float, float, float]:  # type: ignore[override]
-        """What a copy is made from."""
         return float(self), self.low, self.high
 
     def between(self, spec: str) -> str:

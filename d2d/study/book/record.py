@@ -39,7 +39,6 @@ def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
 
 
 def _rounded(value: float) -> float | list[float | str]:
-    """Four significant digits of a number, or of one with its bounds."""
     parts = [float(f"{part:.4g}") for part in _parts(value)]
     if not isinstance(value, Measured):
         return parts[0]
@@ -55,7 +54,6 @@ def read_record(path: Path | None = None) -> dict[str, Evidence]:
 
 
 def _read(value: float | list[Any]) -> float:
-    """A number of a record, as `Measured` if it has an interval."""
     if not isinstance(value, list):
         return value
     number, low, high, *mark = value
@@ -90,5 +88,4 @@ def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
 
 
 def _parts(value: float) -> tuple[float, ...]:
-    """A number, and its bounds if it has any."""
     return (value, value.low, value.high) if isinstance(value, Measured) else (value,)

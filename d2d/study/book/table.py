@@ -56,7 +56,6 @@ class Table:
     groups: tuple[tuple[str, int], ...] = ()  # headings with their columns, from the first one on
 
     def __str__(self) -> str:
-        """The caption and the columns, aligned."""
         heads = [f"{name} ({unit})" if unit else name for name, unit in self.header]
         lines = [tuple(heads), *self.rows] if heads else list(self.rows)
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
@@ -178,13 +177,11 @@ def quantities(*named: tuple[Any, ...], caption: str = "") -> Table:
 
 
 def _padded(column: Sequence[str]) -> tuple[str, str, str]:
-    """Heading, unit and format of a column; what is not given is empty."""
     name, unit, form = (*column, "", "")[:3]
     return name, unit, form
 
 
 def _rest(value: Any, headings: Sequence[str]) -> tuple[Any, ...]:
-    """The cells of a row that follow its name."""
     if isinstance(value, Mapping):
         return tuple(value.get(heading) for heading in headings)
     if isinstance(value, str) or np.ndim(value) == 0:

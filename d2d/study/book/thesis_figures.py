@@ -45,16 +45,12 @@ def page_of(section: str, id: str = "") -> str:
 
 @dataclass(frozen=True)
 class ThesisFigure:
-    """One figure of the thesis; ours is labelled ``fig-<id>``.
-
-    Its number is that of the thesis's LaTeX source, its section the chapter's number if it precedes
-    the first section, and what it shows is said in our words.
-    """
+    """One figure of the thesis; ours is labelled ``fig-<id>``."""
 
     id: str
-    number: str
-    section: str
-    shows: str
+    number: str  # that of the thesis's LaTeX source
+    section: str  # the chapter's number if it precedes the first section
+    shows: str  # in our words
 
     @property
     def page(self) -> str:

@@ -26,7 +26,6 @@ _TOGETHER: tuple[_Rule, ...] = (
 
 
 def _exponent(match: re.Match[str]) -> str:
-    """A number such as 1.6e+05 as a power of ten."""
     mantissa, sign, power = match[1], match[2].replace("+", "").replace("-", "−"), match[3]
     factor = "" if mantissa == "1" else f"{mantissa}{NO_BREAK}×{NO_BREAK}"
     return f"{factor}10<sup>{sign}{power}</sup>"

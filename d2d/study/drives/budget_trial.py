@@ -27,9 +27,8 @@ from d2d.scores import normalised_squares, within
 
 SEED = 17
 DRIVES = 30
-DURATION = (
-    2.0  # s: an error is constant in a drive, so many short drives tell more than a few long ones
-)
+# An error is constant in a drive, so many short drives tell more than a few long ones.
+DURATION = 2.0  # s
 COVARIANCES = ("inverse Hessian", "propagated noise", "noise and budget")
 
 
@@ -66,15 +65,11 @@ INGREDIENTS = {
 
 
 class Judged(NamedTuple):
-    """Errors of the estimates of several drives, and each of `COVARIANCES` for them.
+    """Errors of the estimates of several drives, and each of `COVARIANCES` for them."""
 
-    ``errors`` (n, 3) are in m/s, m/s, rad/s, ``covariances`` have the shape (3, n, 3, 3), and
-    ``drive`` (n,) holds the number of the drive.
-    """
-
-    errors: Array
-    covariances: Array
-    drive: Array
+    errors: Array  # (n, 3) in m/s, m/s, rad/s
+    covariances: Array  # (3, n, 3, 3)
+    drive: Array  # (n,), the number of the drive
 
     @property
     def nees(self) -> Array:

@@ -51,7 +51,6 @@ def _ratios(what: str, ratio: list[Measured], shown: Sequence[str]) -> dict[str,
 
 
 def _by_component(values: Sequence[float]) -> str:
-    """The values of v_x, v_y and omega, each with its name."""
     each = [f"{value:.1f} ({name})" for name, value in zip(NAMES, values, strict=True)]
     return f"{', '.join(each[:-1])} and {each[-1]}"
 
@@ -124,7 +123,13 @@ def doppler_rejects_moving() -> Evidence:
 @claim("doppler-reduces-error", section="7.3", figure="ego-error")
 def doppler_reduces_error() -> Evidence:
     """The Doppler velocities reduce the estimation error."""
-    without, with_doppler = _paired_errors()
+    # only pairs of scans for which both estimates are accepted, one drive after the other
+    errors: dict[bool, list[Array]] = {False: [], True: []}
+    for drive, tracks in robot_drives():
+        accepted = tracks[False].converged & tracks[True].converged
+        for doppler, driven in tracks.items():
+            errors[doppler].append((driven.theta - drive.truth.theta[1:])[accepted])
+    without, with_doppler = map(np.concatenate, errors.values())
     block = max(block_length(np.square(without)), block_length(np.square(with_doppler)))
     pairs = zip(without.T, with_doppler.T, strict=True)
     ratio = [rms_ratio(over, under, block) for over, under in pairs]
@@ -138,19 +143,6 @@ def doppler_reduces_error() -> Evidence:
         f"exceeds {RATIO.high:g}: it is {_by_component([each.low for each in ratio])}.",
         over=OVER,
     )
-
-
-def _paired_errors() -> tuple[Array, Array]:
-    """Errors (n, 3) without and with Doppler, of the robot's drives one after the other.
-
-    Only pairs of scans for which both estimates are accepted.
-    """
-    errors: dict[bool, list[Array]] = {False: [], True: []}
-    for drive, tracks in robot_drives():
-        accepted = tracks[False].converged & tracks[True].converged
-        for doppler, driven in tracks.items():
-            errors[doppler].append((driven.theta - drive.truth.theta[1:])[accepted])
-    return np.concatenate(errors[False]), np.concatenate(errors[True])
 
 
 @claim("doppler-more-certain", section="7.3", figure="ego-covariance")
@@ -192,7 +184,12 @@ def trajectory_drifts() -> Evidence:
     numbers: dict[str, float] = {}
     growing, said = True, []
     for name, doppler in DOPPLER.items():
-        quarter, end = _offsets(doppler)
+        offsets = []
+        for drive, tracks in robot_drives():
+            true = drive.truth.poses
+            off = tracks[doppler].poses(true[0]) - true
+            offsets.append(np.linalg.norm(off[[len(true) // 4, -1], :2], axis=-1))
+        quarter, end = np.transpose(offsets)  # of each drive, in m
         growth = mean_of(end - quarter)
         growing &= larger(growth, Margin(0.0, (RATIO.high - 1.0) * float(quarter.mean())))
         said.append(f"{quarter.mean():.2f} m and {end.mean():.2f} m {name} Doppler")
@@ -210,17 +207,6 @@ def trajectory_drifts() -> Evidence:
         holds="Only where the path is not known.",
         over=OVER,
     )
-
-
-def _offsets(doppler: bool) -> Array:
-    """Position error (2, drives) in m: after a quarter of each robot's drive, and at its end."""
-    offsets = []
-    for drive, tracks in robot_drives():
-        true = drive.truth.poses
-        quarter = len(true) // 4
-        off = tracks[doppler].poses(true[0]) - true
-        offsets.append(np.linalg.norm(off[[quarter, -1], :2], axis=-1))
-    return np.transpose(offsets)
 
 
 @claim("annealing-no-gain", section="7.3", figure="ego-error")

@@ -124,7 +124,6 @@ def extended_study(
 
 
 def _estimates(scans: Sequence[RadarScan]) -> tuple[Array, dict[str, Array]]:
-    """Errors of the estimates that converged, and both covariances."""
     errors, covariances = [], []
     for pair in pairwise(scans):
         estimate = estimate_ego_motion(*pair, MOUNTING, initial=THETA)

@@ -44,33 +44,26 @@ _W, _BIAS, _A, _SLOW = 2, 3, 4, 5  # places in the state; v_x and v_y come first
 
 
 class Measured(NamedTuple):
-    """The input of a filter at the n times of a drive, and the truth.
-
-    ``slow`` (n, 3, 4) holds the changes of the radar's velocity by an azimuth error, a Doppler
-    error, a scale error and a lag, each of one standard deviation of the budget.
-    """
+    """The input of a filter at the n times of a drive, and the truth."""
 
     gyro: Array  # (n,) rad/s
     radar: Track
     inverse_hessian: Array  # (n, 3, 3)
-    slow: Array  # (n, 3, 4)
+    # (n, 3, 4), changes of the radar's velocity by an azimuth error, a Doppler error, a scale error
+    # and a lag, each of one standard deviation of the budget
+    slow: Array
     truth: Array  # (n, 3) m/s, m/s, rad/s
     bias: float  # rad/s, of the gyro
 
 
 class Fused(NamedTuple):
-    """The output of a filter for a drive.
-
-    ``nis`` (n,) are the normalised squares of the radar's innovations, nan without an estimate of
-    the radar; ``used`` (n,) says which passed the gate.  ``errors`` (n, 4) are those of [v_x, v_y,
-    omega, gyro bias], and ``covariances`` (n, 4, 4) their covariances as stated by the filter.
-    """
+    """The output of a filter for a drive."""
 
     times: Array
-    nis: Array
-    used: NDArray[np.bool_]
-    errors: Array
-    covariances: Array
+    nis: Array  # (n,) of the radar's innovations, nan without an estimate of the radar
+    used: NDArray[np.bool_]  # (n,), which passed the gate
+    errors: Array  # (n, 4) of [v_x, v_y, omega, gyro bias]
+    covariances: Array  # (n, 4, 4), as stated by the filter
 
     @property
     def nees(self) -> Array:

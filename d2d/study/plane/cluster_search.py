@@ -28,7 +28,6 @@ class ClusterKind:
     radius: float  # m, of the disc over which companions are spread evenly
 
     def __str__(self) -> str:
-        """The clusters and their companions in words."""
         lone = self.targets - self.clusters
         which = "one cluster" if self.clusters == 1 else f"{self.clusters} clusters"
         size = self.companions + 1

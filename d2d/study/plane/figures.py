@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
-from d2d.credibility import Credibility
 from d2d.point_set import PointSet
 from d2d.study.book.drawing import ellipses, error_bands
 from d2d.study.book.grammar import (
@@ -67,7 +66,15 @@ def cost_columns(
         density_map(column[0], OFFSETS, surface, near)
         cost_map(column[1], OFFSETS, surface)
         profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
-        rotation_profiles(column[2:], ROTATIONS, profile, name)
+        above = profile.max() - profile
+        for ax, values, label in (
+            (column[2], np.exp(-above), "density"),
+            (column[3], above, "−log density"),
+        ):
+            ax.plot(np.rad2deg(ROTATIONS), values, **cost_line(name))
+            ax.axvline(0.0, **TRUTH)
+            ax.set(xlabel="φ − truth (deg)", ylabel=label, ylim=(0.0, None))
+            ax.margins(x=0.0)
     _head_columns(axes, costs)
 
 
@@ -106,10 +113,31 @@ def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
 
 
 def credibility_columns(scenario: Scenario, names: Sequence[str]) -> None:
-    """NEES, NEES of the credible estimator and credibility ratio of each run, a column per cost."""
+    """NEES, NEES of the credible estimator and credibility ratio of each run, a column per cost.
+
+    The bands hold 95 % of a credible estimator's NEES (chi-square with three degrees of freedom).
+    A dashed line marks the ratio 0 dB of a credible estimator, a solid one the mean ratio.
+    """
     _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(5.0, 5.6))
+    region = scipy.special.chdtri(3, [0.975, 0.025])
     for column, name in zip(axes.T, names, strict=True):
-        credibility_panels(column, evaluated(scenario, COSTS[name]).credibility, name)
+        result = evaluated(scenario, COSTS[name]).credibility
+        dots: dict[str, Any] = {"color": LOOKS[name].color, "ms": 1.5}
+        run = np.arange(len(result.nees))
+        for ax, values, label in (
+            (column[0], result.nees, "NEES"),
+            (column[1], result.credible_nees, "credible NEES"),
+        ):
+            ax.axhspan(*region, color=SKY, alpha=0.4, lw=0)
+            ax.plot(run, values, ".", **dots)
+            ax.set_yscale("log")
+            ax.set(ylabel=label, ylim=(5e-3, 1e3))
+        column[2].plot(run, 10.0 * np.log10(result.ratio), ".", **dots)
+        column[2].axhline(0.0, **TRUTH)
+        column[2].axhline(result.inclination, color=GREY, lw=1.2)
+        column[2].set(ylabel="ratio (dB)", xlabel="run", ylim=(-24.0, 24.0))
+        for ax in column:
+            ax.margins(x=0.0)
     _head_columns(axes, names)
 
 
@@ -197,20 +225,6 @@ def _map_axes(ax: Axes, title: str = "") -> None:
     ax.set(xticks=[-5, 0, 5], yticks=[-5, 0, 5])
 
 
-def rotation_profiles(axes: Sequence[Axes], turns: Array, log_values: Array, cost: str) -> None:
-    """A density relative to its maximum, and the cost above its minimum, over the rotation."""
-    degrees = np.rad2deg(turns)
-    above = log_values.max() - log_values
-    for ax, values, label in (
-        (axes[0], np.exp(-above), "density"),
-        (axes[1], above, "−log density"),
-    ):
-        ax.plot(degrees, values, **cost_line(cost))
-        ax.axvline(0.0, **TRUTH)
-        ax.set(xlabel="φ − truth (deg)", ylabel=label, ylim=(0.0, None))
-        ax.margins(x=0.0)
-
-
 def error_shares(
     ax: Axes,
     errors: Mapping[str, Array],
@@ -230,31 +244,6 @@ def error_shares(
     ax.set_xscale("log")
     ax.set(xlabel=f"error ({unit})", ylabel="share of runs", title=title, ylim=(0.0, 1.02))
     ax.set_xlim(*ERROR_LIMITS[unit])
-
-
-def credibility_panels(axes: Sequence[Axes], result: Credibility, cost: str) -> None:
-    """NEES, NEES of the credible estimator and credibility ratio of every run, top to bottom.
-
-    The bands hold 95 % of a credible estimator's NEES (chi-square with three degrees of freedom).
-    A dashed line marks the ratio 0 dB of a credible estimator, a solid one the mean ratio.
-    """
-    dots: dict[str, Any] = {"color": LOOKS[cost].color, "ms": 1.5}
-    run = np.arange(len(result.nees))
-    region = scipy.special.chdtri(3, [0.975, 0.025])
-    for ax, values, name in (
-        (axes[0], result.nees, "NEES"),
-        (axes[1], result.credible_nees, "credible NEES"),
-    ):
-        ax.axhspan(*region, color=SKY, alpha=0.4, lw=0)
-        ax.plot(run, values, ".", **dots)
-        ax.set_yscale("log")
-        ax.set(ylabel=name, ylim=(5e-3, 1e3))
-    axes[2].plot(run, 10.0 * np.log10(result.ratio), ".", **dots)
-    axes[2].axhline(0.0, **TRUTH)
-    axes[2].axhline(result.inclination, color=GREY, lw=1.2)
-    axes[2].set(ylabel="ratio (dB)", xlabel="run", ylim=(-24.0, 24.0))
-    for ax in axes:
-        ax.margins(x=0.0)
 
 
 def arrival_map(ax: Axes, distances: Array, turns: Array, shares: Array, title: str = "") -> Any:

@@ -81,7 +81,6 @@ def _descents(scenario: Scenario, cost: RegistrationCost, draws: int) -> Estimat
 
 
 def _distinct(errors: Array, values: Array) -> Minima:
-    """The distinct minima: of those that count as one, the lowest."""
     left = np.argsort(values, kind="stable")
     kept: list[int] = []
     while left.size:

@@ -37,26 +37,19 @@ def cartesian(azimuth_range: Array) -> Array:
 class Scenario:
     """Static targets seen from two places, with noise in polar coordinates.
 
-    Attributes
-    ----------
-    name : str
-    targets : (n, 2) array, m
-        Seen in both scans, in the frame of the previous one.
-    outliers_fixed, outliers_moving : (..., 2) arrays, m
-        Seen in one scan only, each in that scan's frame.
-    theta : (3,) array
-        True motion [t_x, t_y, phi_z] in m, m, rad, from the moving onto the fixed set.
-    sigma_range, sigma_azimuth : float, m and rad
-        Standard deviations of the noise; the covariances that the targets report assume the same.
+    The covariances that the targets report assume the standard deviations of the noise.
     """
 
     name: str
+    # (n, 2) in m, seen in both scans, in the frame of the previous one
     targets: Array = field(default_factory=lambda: cartesian(EIGHT_TARGETS))
+    # (..., 2) in m, seen in one scan only, each in that scan's frame
     outliers_fixed: Array = field(default_factory=lambda: EMPTY)
     outliers_moving: Array = field(default_factory=lambda: EMPTY)
+    # true motion [t_x, t_y, phi_z] in m, m, rad, from the moving onto the fixed set
     theta: Array = field(default_factory=lambda: np.array([5.0, 0.0, np.deg2rad(15.0)]))
-    sigma_range: float = 0.2
-    sigma_azimuth: float = 0.03
+    sigma_range: float = 0.2  # m
+    sigma_azimuth: float = 0.03  # rad
 
     @property
     def true_sets(self) -> tuple[Array, Array]:
@@ -85,29 +78,15 @@ class Layout:
     one far outlier in each set beside eight targets, which gives the outlier share of 0.2 that the
     thesis assumes; two clusters; and twice as many outliers where the clusters double the number of
     targets.
-
-    Attributes
-    ----------
-    close, far : int
-        Number of outliers in each set: close to a target, or farther from the sensor than any
-        target.
-    clusters, companions : int
-        Number of targets that become clusters, and number of targets added to each of them.
-    close_distance : (2,) floats, m
-        Minimum and maximum distance of a close outlier from the target beside it.
-    far_distance : (2,) floats, m
-        Minimum and maximum range of a far outlier.
-    cluster_radius : float, m
-        Companions are spread evenly over the disc of this radius around their target.
     """
 
-    close: int = 0
-    far: int = 0
-    clusters: int = 0
-    companions: int = 4
-    close_distance: tuple[float, float] = (2.0, 4.0)
-    far_distance: tuple[float, float] = (50.0, 60.0)
-    cluster_radius: float = 1.5
+    close: int = 0  # outliers in each set beside a target
+    far: int = 0  # and farther from the sensor than any target
+    clusters: int = 0  # targets that become clusters
+    companions: int = 4  # targets added to each of them
+    close_distance: tuple[float, float] = (2.0, 4.0)  # m, from the target beside it
+    far_distance: tuple[float, float] = (50.0, 60.0)  # m, from the sensor
+    cluster_radius: float = 1.5  # m, of the disc over which companions are spread evenly
 
 
 FIELD_OF_VIEW = 0.7  # rad to either side; the eight targets fill it

@@ -74,12 +74,10 @@ def _success_shares() -> dict[tuple[str, str], Array]:
 
 
 def _far(scene: str, method: str) -> Measured:
-    """Share of successes from far starts."""
     return share_over(_success_shares()[scene, method][:, 0], FAR_STARTS)
 
 
 def _near(scene: str, method: str) -> Measured:
-    """Share of successes from near starts."""
     return share_over(_success_shares()[scene, method][:, 1], NEAR_STARTS)
 
 

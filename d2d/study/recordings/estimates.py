@@ -166,20 +166,18 @@ def drive(run: Run, recordings: Sequence[Recording]) -> Track:
     recordings = whole_rounds(recordings)
     if run.method == "registration":
         return track(recordings, baseline=run.baseline, doppler=run.doppler)
-    if run.method == "Doppler only":
-        return _doppler_track(recordings)
-    return _doppler_track([_with_exact_azimuth(recording) for recording in recordings])
+    if run.method == "Doppler only, equal weights":
+        # azimuth errors then count neither in the weights nor in the gate
+        recordings = [
+            replace(r, scans=[replace(s, sigma_azimuth=np.full(s.size, 1e-9)) for s in r.scans])
+            for r in recordings
+        ]
+    return _doppler_track(recordings)
 
 
 def with_extent(recording: Recording, extent: float) -> Recording:
     """The recording with another position scatter ``extent`` (m) of its targets."""
     return replace(recording, scans=[scan.with_extent(extent) for scan in recording.scans])
-
-
-def _with_exact_azimuth(recording: Recording) -> Recording:
-    """The recording with azimuth errors that count neither in the weights nor in the gate."""
-    scans = [replace(s, sigma_azimuth=np.full(s.size, 1e-9)) for s in recording.scans]
-    return replace(recording, scans=scans)
 
 
 def _doppler_track(recordings: Sequence[Recording]) -> Track:

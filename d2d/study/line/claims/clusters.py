@@ -52,11 +52,12 @@ def tight_cluster_certain() -> Evidence:
     likelihood, summing = _effect_of_tight_cluster(LIKELIHOOD), _effect_of_tight_cluster(SUMMING)
     several = max(share for at, share in _several(SUMMING).items() if at <= TIGHT)
     effects = {"the likelihood": likelihood, "the sum": summing}
-    certain = [name for name, effect in effects.items() if effect.more_certain]
+    certain = [name for name, effect in effects.items() if smaller(effect.stated_ratio, RATIO)]
+    more_accurate = smaller(likelihood.error_ratio, RATIO)
     return Evidence(
         judge(
-            confirmed=len(certain) == 2 and hardly_any(several) and likelihood.more_accurate,
-            qualified=bool(certain) and likelihood.more_accurate,
+            confirmed=len(certain) == 2 and hardly_any(several) and more_accurate,
+            qualified=bool(certain) and more_accurate,
         ),
         f"the likelihood states a standard deviation of {likelihood.stated_without:.2f} sigma "
         f"without the cluster and up to {likelihood.stated:.2f} sigma with it (spacings up to "
@@ -85,14 +86,6 @@ class _Effect(NamedTuple):
     error_without: Measured
     error: Measured
     error_ratio: Measured
-
-    @property
-    def more_certain(self) -> bool:
-        return smaller(self.stated_ratio, RATIO)
-
-    @property
-    def more_accurate(self) -> bool:
-        return smaller(self.error_ratio, RATIO)
 
 
 def _effect_of_tight_cluster(cost: RegistrationCost) -> _Effect:
@@ -171,7 +164,8 @@ def loose_cluster_summing() -> Evidence:
 def loose_cluster_likelihood() -> Evidence:
     """Close targets do not disturb the likelihood."""
     loose = [at for at in SPACINGS if 3.0 <= at <= 6.0]
-    single = _complement(max(_several(LIKELIHOOD)[at] for at in loose))
+    several = max(_several(LIKELIHOOD)[at] for at in loose)
+    single = Measured(1.0 - several, 1.0 - several.high, 1.0 - several.low)
     anees = {at: mean_of(spread(LIKELIHOOD, at).nees) for at in SPACINGS}
     largest = max(anees[at] for at in loose)
     largest_outside = max(anees[at] for at in SPACINGS if at not in loose)
@@ -201,8 +195,3 @@ def loose_cluster_likelihood() -> Evidence:
         f"{largest:.2f}.",
         over=OVER,
     )
-
-
-def _complement(share: Measured) -> Measured:
-    """The share of the other draws."""
-    return Measured(1.0 - share, 1.0 - share.high, 1.0 - share.low)

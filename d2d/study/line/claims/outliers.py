@@ -22,7 +22,6 @@ from d2d.study.book.claim import (
     some,
 )
 from d2d.study.book.measured import (
-    Measured,
     inclination_change,
     inclination_of,
     mean_of,
@@ -105,7 +104,11 @@ def outlier_fixed_likelihood() -> Evidence:
     """The likelihood is robust against an outlier in F."""
     before, after = survey_scene(LIKELIHOOD), survey_scene(LIKELIHOOD, "fixed")
     right, single = share_of(is_right(after)), share_of(after.rival < TINY)
-    ratio = _error_with_outlier_over_without()
+    # the RMSEs of the estimates that start at the truth, same draws
+    estimates = [register(*scene(where, 4000), LIKELIHOOD, [TRUTH]) for where in ("fixed", "")]
+    both = estimates[0].converged & estimates[1].converged
+    with_it, without = (estimate.theta[both] - TRUTH for estimate in estimates)
+    ratio = rms_ratio(with_it, without)
     number, number_before = mean_of(after.optima), mean_of(before.optima)
     return Evidence(
         judge(
@@ -128,14 +131,6 @@ def outlier_fixed_likelihood() -> Evidence:
         f"visible in {1 - single:.1%}, and the error changes by {ratio - 1:+.1%}.",
         over=f"{OVER}; 4000 for the error",
     )
-
-
-def _error_with_outlier_over_without() -> Measured:
-    """Ratio of the RMSEs of the likelihood's estimates that start at the truth, same draws."""
-    estimates = [register(*scene(where, 4000), LIKELIHOOD, [TRUTH]) for where in ("fixed", "")]
-    both = estimates[0].converged & estimates[1].converged
-    with_it, without = (estimate.theta[both] - TRUTH for estimate in estimates)
-    return rms_ratio(with_it, without)
 
 
 @claim("outlier-moving-summing", section="4.4", figure="outlier-moving-cost")

@@ -69,7 +69,6 @@ def surfaces_of_scene(
 
 
 def _survey(cost: RegistrationCost, sigma_moving: float = SIGMA) -> Survey:
-    """What those surfaces of all targets look like."""
     return survey(TRANSLATIONS, _surfaces(cost, sigma_moving), TRUTH)
 
 

@@ -155,18 +155,14 @@ def all_summing_unstable() -> Evidence:
 
 
 def _differs(number: Measured, margin: Margin) -> bool:
-    """Whether the whole interval lies beyond the margin, to either side."""
     return larger(number, margin) or smaller(number, margin)
 
 
 def _ends(scenario: Scenario, cost: RegistrationCost, start: Start) -> NDArray[np.bool_]:
-    """Whether each run ends at the truth."""
     return at_truth(evaluated(scenario, cost, start).errors)
 
 
 def _spread_of_layouts(cost: RegistrationCost) -> Measured:
-    """Ratio of the 95 % to the 5 % quantile of the RMSE over random layouts."""
-
     def ratio(errors: Array) -> float:
         low, high = np.quantile(errors, [0.05, 0.95])
         return float(high / low)
