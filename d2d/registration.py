@@ -238,7 +238,7 @@ def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
 def _outward(frame: Frame, inner: Estimate) -> Estimate:
     """The estimate between the sets as they were given, by the chain rule.
 
-    It has not converged where doubles cannot tell its covariance from a singular one.
+    An estimate whose covariance is singular in double precision counts as not converged.
     """
     theta = frame.outward(inner.theta)
     covariance = frame.covariance_outward(theta, inner.covariance)

@@ -3,9 +3,9 @@
 - ``compiled``: compiled as a function of its own
 - ``inlined``: compiled, then copied into its callers
 - ``vectorised``: the same, for loops over the lanes, in which products and sums may be fused
-- ``merged``: compiled as a part of its caller; each entry contains one caller only.  Every layer of
-  functions that are compiled and then linked adds up to a second to the first call.  Use it only
-  for functions that call many others: merging a small one into a large one costs more than linking.
+- ``merged``: written into its caller before that is compiled; no entry may contain it twice.  Every
+  layer of functions that are compiled and then linked adds up to a second to the first call.  Use
+  it only for functions that call many others: merging a small one costs more than linking it.
 - ``entry``: called from Python, without the GIL, and kept on disk where a folder is writable
 
 None of them counts references (``_nrt``): where arrays are passed in tuples, counting costs as much

@@ -210,8 +210,8 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     Converged means that the Hessian is positive definite and the Newton decrement g' H^-1 g, the
     squared distance to the optimum in estimated standard deviations, is below the tolerance.
 
-    A large cost is rounded by more than a step gains, so that it cannot tell whether the step was
-    good.  Then a step is accepted if it lowers the decrement, and one below RESOLVED is enough.
+    Where the cost is large, its rounding exceeds what a step gains and cannot tell whether the step
+    was good.  Then a step is accepted if it lowers the decrement, and one below RESOLVED is enough.
     """
     pair = pair_at(batch, batch.first[problem])
     step, scale, trial = work.step, work.scale, work.trial

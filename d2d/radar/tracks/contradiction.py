@@ -5,8 +5,8 @@ give an optimum: Doppler velocities are so precise that the positions hardly inf
 The positions alone then fit another velocity clearly better.
 
 This can happen with correct data, too.  The reflections of a guardrail beside the road travel with
-the vehicle, so that the positions seem to be at rest.  So the search is limited to velocities that
-are farther from the estimate than rest is, and to those that a known mistake would give.
+the vehicle, so that the positions seem to be at rest.  Therefore the search covers only velocities
+that differ from the estimate by more than the speed itself, and those that a known mistake gives.
 """
 
 import warnings
