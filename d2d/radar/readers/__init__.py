@@ -16,6 +16,6 @@ __doc__ = """Readers of logs and data sets.
 """ + "".join(
     f"   * - ``--{each.name} {each.metavar}``\n"
     f"     - {each.about}\n"
-    f"     - ``{each.load.__name__}`` of ``{each.load.__module__}``\n"
+    f"     - ``{each.load.__name__}``\n"
     for each in READERS.values()
 )
