@@ -104,16 +104,16 @@ def propagate_covariance(
     check_instance("estimate", estimate, Estimate)
     problem = cost.problem(fixed, moving, measurement)
     theta = rigid.motion("estimate", estimate.theta, fixed.dimension)
+    bound, slope = problem.bind(theta), None
+    if position_slope is not None:
+        slope = _checked_slope(position_slope, moving, measurement, bound.shape)
     if not is_far(fixed, moving, measurement):
-        bound, slope = problem.bind(theta), None
-        if position_slope is not None:
-            slope = _checked_slope(position_slope, moving, measurement, bound.shape)
         check_estimate(estimate, problem, bound)
         return _definite(estimate.covariance, _noise(problem, bound, slope))
     frame = Frame.of_far_sets(fixed, moving)
     problem = cost.problem(*frame.shifted(fixed, moving))
     bound = problem.bind(frame.inward(theta))
-    check_estimate(estimate, problem, bound, hessians=False)  # the given one is that of this frame
+    check_estimate(estimate, problem, bound, hessians=False)  # that of the estimate is not shifted
     inverse = frame.covariance_inward(theta, estimate.covariance)
     return frame.covariance_outward(theta, _definite(inverse, _noise(problem, bound, None)))
 
