@@ -18,10 +18,12 @@ from d2d._checks import (
     check_real,
     check_within,
 )
-from d2d._kernel import entries, layout
+from d2d._kernel import entries, layout, tiles
 from d2d._kernel.compile import read_only
 from d2d._lazy import Frozen, lazy
 from d2d._types import Array, Index
+
+_TILED = 64  # targets, from which on the tiles of a corrupted Gaussian pay
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +234,9 @@ class PointSet(Frozen):
         Raises a ``ValueError`` unless ``scale`` is a number within 1e-50 and 1e50.
         """
         scale = check_within("scale", scale, 1e-50, 1e50)
-        return PointSet._of(self.means, self.covariances * scale**2, self.weights)
+        inflated = PointSet._of(self.means, self.covariances * scale**2, self.weights)
+        inflated.__dict__["_fields"] = self._fields  # which do not depend on the covariances
+        return inflated
 
     def widened(self, sigma: Array) -> "PointSet":
         """The set with the variances ``sigma`` (N,) squared added along each axis."""
@@ -247,28 +251,44 @@ class PointSet(Frozen):
         covariances = read_only(self.covariances, -1, size, dimension, dimension)
         weights = read_only(self.weights, -1, size)
         count = len(means)
-        packed = np.empty((6, count * size))
-        extremes = np.empty((count, 3))
-        return packed, extremes, entries.pack_targets(means, covariances, weights, packed, extremes)
+        packed = np.empty((count, 6, size))
+        extremes = np.empty((count, 4))
+        far = entries.pack_targets(means, covariances, weights, packed, extremes)
+        return packed.ravel(), extremes, far
 
     @property
     def _packed(self) -> Array:
-        """(6, B N) array as the kernel reads it, one row for each quantity."""
+        """The sets as the kernel reads them, one after the other, each with a row a quantity."""
         return self._layout[0]
+
+    def _tiles(self, outlier: Array) -> tuple[Array, Array]:
+        """Tiles and grids of a corrupted Gaussian's component, see `d2d._kernel.tiles`.
+
+        They are kept, as a scan is registered several times.  Small sets have none.
+        """
+        if self.size < _TILED or self.dimension == 1:
+            return np.empty((0, tiles.TILE)), np.zeros((math.prod(self.batch_shape), 5))
+        key = outlier[layout.PRECISION_XX :].tobytes()
+        if key not in self._fields:
+            self._fields[key] = tiles.tiles_of(self._packed.reshape(-1, 6, self.size), outlier)
+        return self._fields[key]
+
+    @lazy
+    def _fields(self) -> dict[bytes, tuple[Array, Array]]:
+        """The tiles of all components asked for so far."""
+        return {}
 
     @lazy
     def _order(self) -> NDArray[np.int64]:
-        """(B N,) order in which the kernel takes the targets of each set.
-
-        By the size of their covariances: those that go side by side then have about as many
-        components within the cut-off.
-        """
-        traces = self._packed[layout.XX] + self._packed[layout.YY]
-        return np.argsort(traces.reshape(-1, self.size), axis=-1, kind="stable").ravel()
+        """(B N,) order in which the kernel takes the targets of each set, see `order_targets`."""
+        sets = self._packed.reshape(-1, 6, self.size)
+        order = np.empty((len(sets), self.size), dtype=np.int64)
+        entries.order_targets(sets, np.empty(self.size + 8, dtype=np.int64), order)
+        return order.ravel()
 
     @property
     def _extremes(self) -> Array:
-        """(B, 3) bounds, see `d2d._kernel.pairs.find_extremes`."""
+        """(B, 4) bounds, see `d2d._kernel.pairs.find_extremes`."""
         return self._layout[1]
 
     @property

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._checks import broadcast_batches, check_instance
-from d2d._kernel import entries, layout, propagate
+from d2d._kernel import entries, layout, propagate, tiles
 from d2d._lazy import lazy
 from d2d._slices import run_in_slices
 from d2d._types import Array
@@ -143,12 +143,13 @@ class Problem:
         batches.append(() if measurement is None else measurement.batch_shape)
         factors = [pair.measurement._packed for pair in self.pairs if pair.measurement is not None]
         batch = layout.Batch(
-            _joined([pair.fixed._packed for pair in self.pairs], 1),
-            _joined([pair.moving._packed for pair in self.pairs], 1),
+            _joined([pair.fixed._packed for pair in self.pairs], 0),
+            _joined([pair.moving._packed for pair in self.pairs], 0),
             _joined([pair.moving._order for pair in self.pairs], 0),
             _joined([pair.fixed._extremes for pair in self.pairs], 0),
             _joined(factors, 0) if factors else np.empty((0, 9)),
             self.form.outlier,
+            *self._tiles(),
             np.array(rows),
             np.array([pair.interval for pair in self.pairs]),
             np.array([0, len(self.pairs)]),
@@ -160,6 +161,23 @@ class Problem:
             self.prior,
         )
         return batches, batch
+
+    def _tiles(self) -> tuple[Array, Array]:
+        """The tiles of the outlier components of all fixed sets, and a grid for each set."""
+        if self.form.outlier[layout.KIND] != layout.CORRUPTED:
+            sets = sum(math.prod(pair.fixed.batch_shape) for pair in self.pairs)
+            return np.empty((0, tiles.TILE)), np.zeros((sets, 5))
+        parts = [pair.fixed._tiles(self.form.outlier) for pair in self.pairs]
+        if len(parts) == 1:
+            return parts[0]
+        grids = np.concatenate([grid for _, grid in parts])
+        grids[1:, tiles.FIRST_TILE] += np.cumsum([len(own) for own, _ in parts[:-1]])
+        return np.concatenate([own for own, _ in parts]), grids
+
+    def _work(self) -> layout.Work:
+        """The memory of this thread, for a problem of this size."""
+        blocks = sum(-(-pair.moving.size // layout.LANES) for pair in self.pairs)
+        return layout.own_work(blocks, max(pair.fixed.size for pair in self.pairs))
 
     def _repeated(
         self,
@@ -204,7 +222,7 @@ class Problem:
             if last - first < count:
                 part, begin = bound.part(first, last), thetas[first:last]
                 own = tuple(array[first:last] for array in found)
-            work = layout.own_work()
+            work = self._work()
             entries.minimise_batch(part, begin, TOLERANCE, max_iterations, work, own)
 
         run_in_slices(run, count, self.size, threads)
@@ -232,8 +250,7 @@ class Problem:
             np.empty((count, moving, 3)),
         )
         memory = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)
-        work = layout.own_work().scratch, memory
-        propagate.cross_batch(bound.batch, bound.thetas, begin, work, *cross)
+        propagate.cross_batch(bound.batch, bound.thetas, begin, self._work(), memory, *cross)
         return cross
 
     def log_densities(self, bound: Bound) -> Array:
@@ -265,11 +282,11 @@ class Problem:
         """Rows of the kernel's scratch array for each target (..., rows, K)."""
         targets = sum(pair.moving.size for pair in self.pairs)
         values = np.empty((len(bound.thetas), len(rows), targets))
-        work, numbers = layout.own_work(), np.array(rows)
+        numbers = np.array(rows)
 
         def run(first: int, last: int) -> None:
             thetas, own = bound.thetas[first:last], values[first:last]
-            entries.target_batch(bound.part(first, last), thetas, numbers, work, own)
+            entries.target_batch(bound.part(first, last), thetas, numbers, self._work(), own)
 
         run_in_slices(run, len(values), self.size)
         return values.reshape(*bound.shape, len(rows), targets)

@@ -9,8 +9,10 @@ import math
 import numpy as np
 
 from d2d._kernel.charts import exponential_chart, identity_chart, logarithm_chart
-from d2d._kernel.compile import compiled, inlined, merged
+from d2d._kernel.compile import compiled, inlined, merged, vectorised
+from d2d._kernel.elementary import log
 from d2d._kernel.densities import measurement_jets, outlier_jet
+from d2d._kernel.tiles import COLUMNS, FIRST_TILE, ROWS
 from d2d._kernel.jets import fuse_likelihood, fuse_summing, mix, multiply, through_chart
 from d2d._kernel.layout import (
     A00,
@@ -21,7 +23,6 @@ from d2d._kernel.layout import (
     A22,
     ARC,
     COUNTS,
-    FACTOR,
     FACTOR_START,
     FIXED_SET,
     FIXED_SIZE,
@@ -32,22 +33,34 @@ from d2d._kernel.layout import (
     GATE,
     KIND,
     LANES,
+    LENGTH,
     LIKELIHOOD,
     LIMIT,
+    MEASURED,
     LOG_2PI,
     LOG_INLIER_WEIGHT,
     MOVING_SIZE,
     MOVING_START,
+    NOT_FOUND,
     NO_OUTLIER,
     OUTLIER,
+    OUTLIER_FLOOR,
+    PEAK,
     SHARES,
     SUMMING,
     TOP,
     TOTAL,
+    VARIANCE,
     Pair,
     Setting,
+    lane_count,
 )
-from d2d._kernel.pairs import bounds, load_block, sum_inliers
+from d2d._kernel.neighbours import bound_pairs, find_neighbours, has_moved
+from d2d._kernel.pairs import finish_inliers, load_block, sum_inliers
+
+# How far a target may move, in standard deviations of its nearest pair, before its neighbours are
+# looked for again.
+MARGIN = 0.5
 
 
 @inlined
@@ -61,44 +74,58 @@ def setting_of(pair, theta):
         logarithm_chart(theta) if pair.in_twist else identity_chart(theta),
         pair.d2d,
         pair.planar,
-        pair.log_peak,
-        pair.log_spread,
     )
 
 
-@inlined
-def limit_pairs(w, outlier, setting, measured):
+@vectorised
+def limit_pairs(w, outlier, factors, order, first):
     """Set each target's LIMIT: the half squared distance beyond which no pair matters.
 
-    Beyond it all pairs together vanish beside the outlier component.
+    Beyond it all its pairs together, with any measurement, vanish beside the outlier component,
+    which may sink a little until the pairs are looked for again.
     """
+    lanes, last = lane_count(w), order.shape[0] - 1
     for k in range(LANES):
-        w[LIMIT + k] = np.inf
-        if outlier[KIND] != NO_OUTLIER:
-            largest = outlier[LOG_INLIER_WEIGHT] + setting.log_peak - LOG_2PI
-            w[LIMIT + k] = GATE + largest - w[OUTLIER + k]
-            if measured:
-                w[LIMIT + k] += w[FACTOR + k]
-        if w[COUNTS + k] == 0.0:
-            w[LIMIT + k] = -1.0
+        w[LIMIT + k], w[OUTLIER_FLOOR + k] = np.inf, -np.inf
+    if outlier[KIND] != NO_OUTLIER:
+        largest = GATE + outlier[LOG_INLIER_WEIGHT] - LOG_2PI + 1.0
+        for k in range(lanes):
+            w[OUTLIER_FLOOR + k] = w[OUTLIER + k] - 1.0
+            w[LIMIT + k] = largest + log(w[PEAK + k]) - w[OUTLIER + k]
+        if factors.shape[0] > 0:
+            for k in range(LANES):
+                variance = factors[order[min(first + k, last)], VARIANCE]
+                w[LIMIT + k] -= 0.5 * (math.log(variance) + LOG_2PI)
+    for k in range(lanes):
+        w[LIMIT + k] = w[LIMIT + k] if w[COUNTS + k] > 0.0 else -np.inf
 
 
 @merged
-def evaluate_block(w, fixed, moving, order, factors, outlier, setting, first):
+def evaluate_block(w, pair, setting, first, margin, memory, place):
     """log q_k, its gradient and q_k's second derivatives over q_k, of a block of targets.
 
-    They are left in the rows of INLIER.
+    They are left in the rows of INLIER.  The block's neighbours at its ``place`` are found again if
+    they are not known, or if it has moved; they then hold within a ``margin``.
     """
-    kind, measured = outlier[KIND], factors.shape[0] > 0
-    load_block(w, moving, order, setting, first)
-    if measured:
+    fixed, order, factors, outlier = pair.fixed, pair.order, pair.factors, pair.outlier
+    load_block(w, pair.moving, order, setting, first)
+    if factors.shape[0] > 0:
         measurement_jets(w, factors, order, setting.chart, first)
-    outlier_jet(w, fixed, setting, outlier)
-    limit_pairs(w, outlier, setting, measured)
-    sum_inliers(w, fixed, setting)
-    if measured:
+    outlier_jet(w, fixed, setting, outlier, pair.tiles, pair.grid)
+    known = place[LENGTH] != NOT_FOUND and not has_moved(w, place, setting)
+    measured = place[LENGTH] != NOT_FOUND and place[MEASURED] > 0.0
+    while True:
+        if not known:
+            bound_pairs(w, pair.extremes)
+            limit_pairs(w, outlier, factors, order, first)
+            find_neighbours(w, fixed, pair.extremes, setting, margin, measured, memory, place)
+        if sum_inliers(w, fixed, setting, place):
+            break
+        known, measured = False, True
+    finish_inliers(w)
+    if factors.shape[0] > 0:
         multiply(w)
-    if kind != NO_OUTLIER:
+    if outlier[KIND] != NO_OUTLIER:
         mix(w, outlier[LOG_INLIER_WEIGHT])
 
 
@@ -125,17 +152,16 @@ def align_tops(w):
 
 
 @merged
-def evaluate_pair(pair, theta, fusion, w, g, h):
-    """Cost of one pair of sets at the motion theta; gradient to g (3), Hessian to h (3, 3)."""
+def evaluate_pair(pair, theta, fusion, work, places):
+    """Cost of one pair of sets at the motion theta; its derivatives to ``work``."""
     setting = setting_of(pair, theta)
-    fixed, moving, order = pair.fixed, pair.moving, pair.order
-    factors, outlier = pair.factors, pair.outlier
+    w, g, h, memory = work.scratch, work.gradient, work.hessian, (work.mark, work.chosen)
     for k in range(10 * LANES):
         w[TOTAL + k] = 0.0
     for k in range(LANES):
         w[TOP + k] = -np.inf
-    for first in range(0, moving.shape[1], LANES):
-        evaluate_block(w, fixed, moving, order, factors, outlier, setting, first)
+    for first in range(0, pair.moving.shape[1], LANES):
+        evaluate_block(w, pair, setting, first, MARGIN, memory, places[first // LANES])
         if fusion == LIKELIHOOD:
             fuse_likelihood(w)
         else:
@@ -168,11 +194,13 @@ def pair_at(batch, number):
     """One pair of the batch, bound."""
     row = batch.pairs[number]
     start, stop = row[MOVING_START], row[MOVING_START] + row[MOVING_SIZE]
-    fixed = batch.fixed[:, row[FIXED_START] : row[FIXED_START] + row[FIXED_SIZE]]
-    moving = batch.moving[:, start:stop]
+    begin, size = 6 * row[FIXED_START], row[FIXED_SIZE]
+    fixed = batch.fixed[begin : begin + 6 * size].reshape(6, size)
+    moving = batch.moving[6 * start : 6 * stop].reshape(6, stop - start)
     at, measured = row[FACTOR_START], row[MOVING_SIZE] if row[FACTOR_START] >= 0 else 0
     factors = batch.factors[at : at + measured]
-    log_peak, log_spread = bounds(fixed, moving, batch.extremes[row[FIXED_SET]])
+    grid = batch.grids[row[FIXED_SET]]
+    tile, tiles = int(grid[FIRST_TILE]), int(grid[COLUMNS] * grid[ROWS])
     return Pair(
         fixed,
         moving,
@@ -181,9 +209,10 @@ def pair_at(batch, number):
         batch.outlier,
         batch.d2d,
         batch.planar,
+        batch.tiles[tile : tile + tiles],
+        grid,
         batch.in_twist,
-        log_peak,
-        log_spread,
+        batch.extremes[row[FIXED_SET]],
     )
 
 
@@ -228,14 +257,15 @@ def evaluate(batch, problem, pair, theta, work, g, h):
         w[SHARES + k] = 0.0
     for j in range(3):
         g[j] = h[0, j] = h[1, j] = h[2, j] = 0.0
-    value, shares = 0.0, 0.0
+    value, shares, block = 0.0, 0.0, 0
     first = batch.first[problem]
     for number in range(first, batch.first[problem + 1]):
         if number > first:
             pair = pair_at(batch, number)
         chart = motion_chart(batch, number, theta)
         motion[0], motion[1], motion[2] = chart.x, chart.y, chart.phi
-        value += evaluate_pair(pair, motion, batch.fusion, w, work.gradient, work.hessian)
+        value += evaluate_pair(pair, motion, batch.fusion, work, work.places[block:])
+        block += (pair.moving.shape[1] + LANES - 1) // LANES
         add_derivatives(work, chart, batch.intervals[number], g, h)
     for j in range(3):
         weighted = batch.prior[j] * theta[j]

@@ -9,8 +9,9 @@ import math
 
 import numpy as np
 
-from d2d._kernel.compile import inlined, merged, vectorised
+from d2d._kernel.compile import compiled, inlined, vectorised
 from d2d._kernel.elementary import exp, log
+from d2d._kernel.tiles import interpolate, root_of
 from d2d._kernel.jets import through_chart
 from d2d._kernel.layout import (
     A00,
@@ -19,6 +20,7 @@ from d2d._kernel.layout import (
     A11,
     A12,
     A22,
+    ABOVE,
     CORRUPTED,
     FACTOR,
     G0,
@@ -30,6 +32,7 @@ from d2d._kernel.layout import (
     LANES,
     LOG_2PI,
     LOG_OUTLIER_WEIGHT,
+    MAX_EXPONENT,
     MX,
     MY,
     NO_OUTLIER,
@@ -48,7 +51,6 @@ from d2d._kernel.layout import (
     Y,
     lane_count,
 )
-from d2d._kernel.pairs import ABOVE, MAX_EXPONENT
 
 VANISHING = 1e-180  # outlier sums below it are computed again, relative to the nearest component
 
@@ -81,13 +83,12 @@ def add_moments(w, fixed, setting, precision):
 
 
 @vectorised
-def corrupted_jet(w, fixed, setting, outlier):
-    """The corrupted Gaussian's component: sum_i w_i N(0 | d_i, S_o), one covariance for all pairs.
+def sum_outliers(w, fixed, setting, precision):
+    """sum_i w_i exp(-d_i' B d_i / 2 + OFFSET) of each target, and its derivatives over it.
 
-    Six moments of its weights are enough for all derivatives.
+    Six moments of the weights are enough for all derivatives.
     """
     lanes = lane_count(w)
-    precision = outlier[PRECISION_XX], outlier[PRECISION_XY], outlier[PRECISION_YY]
     for k in range(LANES):
         w[OUTLIER_OFFSET + k] = 0.0
     for again in range(2):
@@ -104,40 +105,56 @@ def corrupted_jet(w, fixed, setting, outlier):
             for k in range(lanes):
                 _, _, half = half_square(w, k, mean, precision)
                 w[OUTLIER_OFFSET + k] = min(w[OUTLIER_OFFSET + k], ABOVE * half)
-    finish_outliers(w, precision, outlier[LOG_OUTLIER_WEIGHT])
-
-
-@vectorised
-def finish_outliers(w, precision, log_weight):
-    """From the moments to the logarithm and its derivatives.
-
-    These need E[u] and E[u u'] with u = B d, and d_phi = (-y, x).
-    """
-    lanes = lane_count(w)
     bxx, bxy, byy = precision
     for k in range(lanes):
-        x, y, s = w[MX + k], w[MY + k], w[OUTLIER + k]
-        r = w[OUTLIER_TO_SHARE + k] = 1.0 / s
+        r = 1.0 / w[OUTLIER + k]
         sx, sy = w[OUTLIER + G0 + k] * r, w[OUTLIER + G1 + k] * r
         sxx, sxy = w[OUTLIER + G2 + k] * r, w[OUTLIER + A00 + k] * r
         syy = w[OUTLIER + A01 + k] * r
-        ux, uy = bxx * sx + bxy * sy, bxy * sx + byy * sy
-        uxx = bxx * (bxx * sxx + bxy * sxy) + bxy * (bxx * sxy + bxy * syy)
-        uxy = bxx * (bxy * sxx + byy * sxy) + bxy * (bxy * sxy + byy * syy)
-        uyy = bxy * (bxy * sxx + byy * sxy) + byy * (bxy * sxy + byy * syy)
-        bdx, bdy = bxy * x - bxx * y, byy * x - bxy * y  # B d_phi
-        w[OUTLIER + k] = log_weight - w[OUTLIER_OFFSET + k] + log(s)
-        w[OUTLIER + G0 + k] = -ux
-        w[OUTLIER + G1 + k] = -uy
-        w[OUTLIER + G2 + k] = y * ux - x * uy
-        w[OUTLIER + A00 + k] = uxx - bxx
-        w[OUTLIER + A01 + k] = uxy - bxy
-        w[OUTLIER + A11 + k] = uyy - byy
-        w[OUTLIER + A02 + k] = x * uxy - y * uxx - bdx
-        w[OUTLIER + A12 + k] = x * uyy - y * uxy - bdy
-        w[OUTLIER + A22 + k] = (
-            y * y * uxx - 2.0 * x * y * uxy + x * x * uyy + y * bdx - x * bdy + x * ux + y * uy
+        # E[u] and E[u u'] with u = B d
+        w[OUTLIER + G0 + k] = -(bxx * sx + bxy * sy)
+        w[OUTLIER + G1 + k] = -(bxy * sx + byy * sy)
+        w[OUTLIER + A00 + k] = (
+            bxx * (bxx * sxx + bxy * sxy) + bxy * (bxx * sxy + bxy * syy) - bxx
         )
+        w[OUTLIER + A01 + k] = (
+            bxx * (bxy * sxx + byy * sxy) + bxy * (bxy * sxy + byy * syy) - bxy
+        )
+        w[OUTLIER + A11 + k] = (
+            bxy * (bxy * sxx + byy * sxy) + byy * (bxy * sxy + byy * syy) - byy
+        )
+
+
+@vectorised
+def turn_outliers(w, log_weight):
+    """The logarithm, and the derivatives along the rotation, d_phi = (-y, x)."""
+    for k in range(lane_count(w)):
+        x, y, s = w[MX + k], w[MY + k], w[OUTLIER + k]
+        g0, g1 = w[OUTLIER + G0 + k], w[OUTLIER + G1 + k]
+        a00, a01, a11 = w[OUTLIER + A00 + k], w[OUTLIER + A01 + k], w[OUTLIER + A11 + k]
+        w[OUTLIER_TO_SHARE + k] = 1.0 / s
+        w[OUTLIER + k] = log_weight - w[OUTLIER_OFFSET + k] + log(s)
+        w[OUTLIER + G2 + k] = x * g1 - y * g0
+        w[OUTLIER + A02 + k] = x * a01 - y * a00
+        w[OUTLIER + A12 + k] = x * a11 - y * a01
+        w[OUTLIER + A22 + k] = (
+            y * y * a00 - 2.0 * x * y * a01 + x * x * a11 - x * g0 - y * g1
+        )
+
+
+@compiled
+def corrupted_jet(w, fixed, setting, outlier, tiles, grid):
+    """The corrupted Gaussian's component: sum_i w_i N(0 | d_i, S_o), one covariance for all pairs.
+
+    From the tiles of a large set, or as the plain sum.
+    """
+    if tiles.shape[0] > 0 and interpolate(w, tiles, grid, root_of(outlier), setting):
+        for k in range(LANES):
+            w[OUTLIER_OFFSET + k] = 0.0
+    else:
+        precision = outlier[PRECISION_XX], outlier[PRECISION_XY], outlier[PRECISION_YY]
+        sum_outliers(w, fixed, setting, precision)
+    turn_outliers(w, outlier[LOG_OUTLIER_WEIGHT])
 
 
 @inlined
@@ -149,12 +166,12 @@ def uniform_jet(w, log_density):
         w[OUTLIER + k] = log_density
 
 
-@merged
-def outlier_jet(w, fixed, setting, outlier):
+@inlined
+def outlier_jet(w, fixed, setting, outlier, tiles, grid):
     """The outlier component of any kind but none."""
     kind = outlier[KIND]
     if kind == CORRUPTED:
-        corrupted_jet(w, fixed, setting, outlier)
+        corrupted_jet(w, fixed, setting, outlier, tiles, grid)
     elif kind == UNIFORM:
         uniform_jet(w, outlier[LOG_OUTLIER_WEIGHT])
     elif kind != NO_OUTLIER:

@@ -7,9 +7,11 @@ from d2d._kernel.compile import entry
 from d2d._kernel.cost import evaluate_block, motion_chart, pair_at, setting_of
 from d2d._kernel.layout import (
     LANES,
+    LENGTH,
     MAX_VARIANCE,
     MAX_WEIGHT,
     MIN_WEIGHT,
+    NOT_FOUND,
     UNIT_DENSITY_VARIANCE,
     WEIGHT,
     XX,
@@ -67,13 +69,13 @@ def place_polar_targets(polar, direction, extent, origin, means, covariances):
 
 @entry
 def pack_targets(means, covariances, weights, packed, extremes):
-    """Pack sets (B, N, D), (B, N, D, D), (B, N) into (6, B N); whether any is far from the origin.
+    """Pack sets (B, N, D), (B, N, D, D), (B, N) into (B, 6, N); whether any is far from the origin.
 
-    Fills also their bounds (B, 3), see `find_extremes`.
+    Fills also their bounds (B, 4), see `find_extremes`.
     """
     size, planar, far = means.shape[1], means.shape[2] == 2, False
     for b in range(means.shape[0]):
-        points = packed[:, b * size : (b + 1) * size]
+        points = packed[b]
         for k in range(size):
             points[X, k], points[XX, k] = means[b, k, 0], covariances[b, k, 0, 0]
             points[WEIGHT, k] = weights[b, k]
@@ -89,27 +91,59 @@ def pack_targets(means, covariances, weights, packed, extremes):
 
 
 @entry
+def order_targets(packed, counts, orders):
+    """Order the targets of sets (B, 6, N) so that neighbours stand together, as rows (B, N).
+
+    They are sorted into cells, strip by strip, every other strip from its end (counting sort).
+    ``counts`` is memory of N + 8.
+    """
+    size = orders.shape[1]
+    strips = 1 + int(math.sqrt(size / (2 * LANES)))
+    rows = (size + 7) // strips
+    for b in range(orders.shape[0]):
+        points, order = packed[b], orders[b]
+        left, right, bottom, top = math.inf, -math.inf, math.inf, -math.inf
+        for k in range(size):
+            left, right = min(left, points[X, k]), max(right, points[X, k])
+            bottom, top = min(bottom, points[Y, k]), max(top, points[Y, k])
+        across = strips * (1.0 - 1e-9) / max(right - left, 1e-300)
+        along = rows * (1.0 - 1e-9) / max(top - bottom, 1e-300)
+        counts[:] = 0
+        for turn in range(2):
+            for k in range(size):
+                strip, row = int((points[X, k] - left) * across), int((points[Y, k] - bottom) * along)
+                cell = strip * rows + (row if strip % 2 == 0 else rows - 1 - row)
+                if turn == 0:
+                    counts[cell + 1] += 1
+                else:
+                    order[counts[cell]] = k
+                    counts[cell] += 1
+            if turn == 0:
+                for cell in range(counts.shape[0] - 1):
+                    counts[cell + 1] += counts[cell]
+
+
+@entry
 def target_batch(batch, thetas, rows, work, values):
     """Rows of the scratch array for every target of every problem (B, rows, targets), at its theta.
 
     LOG_DENSITY holds log q_k, GRADIENT its gradient in the motion, CURVATURE the second derivatives
     of q_k over q_k, and SHARE the inlier component's share in q_k.
     """
-    w = work.scratch
+    w, memory, place = work.scratch, (work.mark, work.chosen), work.places[0]
     for b in range(thetas.shape[0]):
         done = 0
         for number in range(batch.first[b], batch.first[b + 1]):
             pair = pair_at(batch, number)
             chart = motion_chart(batch, number, thetas[b])
             setting = setting_of(pair, (chart.x, chart.y, chart.phi))
-            fixed, moving, order = pair.fixed, pair.moving, pair.order
-            factors, outlier = pair.factors, pair.outlier
-            targets = moving.shape[1]
+            targets = pair.moving.shape[1]
             for first in range(0, targets, LANES):
-                evaluate_block(w, fixed, moving, order, factors, outlier, setting, first)
+                place[LENGTH] = NOT_FOUND
+                evaluate_block(w, pair, setting, first, 0.0, memory, place)
                 for k in range(min(LANES, targets - first)):
                     for r in range(rows.shape[0]):
-                        values[b, r, done + order[first + k]] = w[rows[r] + k]
+                        values[b, r, done + pair.order[first + k]] = w[rows[r] + k]
             done += targets
 
 

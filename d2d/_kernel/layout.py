@@ -5,6 +5,7 @@ import threading
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from d2d._kernel.compile import inlined
 
@@ -27,7 +28,13 @@ MAX_VARIANCE = 1e150  # m^2, so that no determinant of a sum of two covariances 
 # A one-dimensional set is stored as a planar one with y = 0 and this variance along y, so that the
 # density along y is exactly 1.
 UNIT_DENSITY_VARIANCE = 1.0 / (2.0 * math.pi)
+# Columns of the bounds of a fixed set, see `pairs.find_extremes`.
+TOTAL_WEIGHT, MEAN_ROOT, LEAST_ROOT, LEAST_VARIANCE = range(4)
 GATE = 36.0  # what is below exp(-GATE) = 2e-16 of something does not count beside it
+# A sum that is computed relative to its nearest component must not lose that component to rounding,
+# however far away it is.  So all passes compute the distance by one formula, the offset is a little
+# larger than it, and exponents above MAX_EXPONENT are cut off.
+ABOVE, MAX_EXPONENT = 1.0 + 1e-14, 200.0
 LOG_2PI = math.log(2.0 * math.pi)
 
 # The scratch array of a block of targets, one target to a vector lane.  Each row has LANES numbers,
@@ -44,22 +51,31 @@ CURVATURE = tuple(
     INLIER + row for row in (A00, A01, A02, A01, A11, A12, A02, A12, A22)
 )  # a full matrix, row by row
 # The rotated mean and covariance of each target, whether it counts (the last block may be filled
-# up), its cut-off and limit (see pairs.py), a maximum of logarithms,
-# and the inlier component's share, with its sum over the blocks.
-MX, MY, CXX, CXY, CYY, COUNTS, CUT_OFF, LIMIT, TOP = range(40 * LANES, 49 * LANES, LANES)
-SQUARE, DETERMINANT, WITHIN, SHARE, SHARES = range(49 * LANES, 54 * LANES, LANES)
+# up), a maximum of logarithms, and the inlier component's share, with its sum over the blocks.
+MX, MY, CXX, CXY, CYY, COUNTS, TOP, SHARE, SHARES = range(40 * LANES, 49 * LANES, LANES)
+# What the search for its neighbours needs to know of a target (see neighbours.py).
+CUT_OFF, LIMIT, SQUARE, DETERMINANT, NEAREST, WITHIN, NUMBER = range(49 * LANES, 56 * LANES, LANES)
+PEAK, LARGEST, SMALLEST, OUTLIER_FLOOR, UNUSED = range(56 * LANES, 61 * LANES, LANES)
 # The logarithm by which the weights of a sum over the components are raised, and the inverse of
 # that sum, which makes shares of them: of the inlier density and of the outlier component.
-OFFSET, TO_SHARE, OUTLIER_OFFSET, OUTLIER_TO_SHARE = range(54 * LANES, 58 * LANES, LANES)
+OFFSET, TO_SHARE, OUTLIER_OFFSET, OUTLIER_TO_SHARE = range(61 * LANES, 65 * LANES, LANES)
 # What the second pass of the propagation adds up for each target (see propagate.py).
-SCALE, OUTLIER_SCALE, GAMMA = range(58 * LANES, 61 * LANES, LANES)
-MEAN, CENTRED, MOVED = 61 * LANES, 64 * LANES, 67 * LANES
-# Behind these rows lie copies of the components within the cut-off, six rows for each step.  The
-# search marks them in chunks, one bit each: a double holds 53 bits exactly.
-CHUNK = 48
-STEP = 6 * LANES
-STEPS = MOVED + 6 * LANES
-SCRATCH = STEPS + CHUNK * STEP
+SCALE, OUTLIER_SCALE, GAMMA = range(65 * LANES, 68 * LANES, LANES)
+MEAN, CENTRED, MOVED = 68 * LANES, 71 * LANES, 74 * LANES
+ONE_STEP = 80 * LANES  # a component that all targets of a block are paired with
+POLYNOMIAL = 86 * LANES  # of one coordinate, with its derivatives (see tiles.py)
+SCRATCH = 92 * LANES
+
+# The neighbours of a block of targets: where they were when their lists were made, how far they may
+# move from there, and down to where their outlier component may sink; the lists' common length.
+# Then follow copies of the components, STEP numbers for one of each target: the six of a packed
+# set, and its INDEX.
+AT_X, AT_Y, AT_COSINE, AT_SINE, REACH, SLACK, FLOOR, LEAST_SUM = range(0, 8 * LANES, LANES)
+LENGTH, MEASURED, PLACE = 8 * LANES, 8 * LANES + 1, 9 * LANES
+DENSE, NOT_FOUND = -1, -2  # lengths of lists: all components, and none found yet
+INDEX = 6
+STEP = 7 * LANES
+CHUNK = 48  # components are marked in chunks, one bit each: a double holds 53 bits exactly
 
 # Row of each second derivative with the two gradient rows that belong to it.
 SECOND = (
@@ -91,9 +107,10 @@ class Pair(NamedTuple):
     outlier: Any  # (6,)
     d2d: float  # 1.0 if the moving covariances count, else 0.0
     planar: float  # 1.0 in the plane, 0.0 on a line
+    tiles: Any  # of the outlier component, see ``tiles.py``; none where the plain sum is as fast
+    grid: Any  # (4,)
     in_twist: bool  # whether the measurements are linear in the twist
-    log_peak: float  # bounds of the sums over the components, see `bounds`
-    log_spread: float
+    extremes: Any  # (4,) bounds of the fixed set, see `find_extremes`
 
 
 class Setting(NamedTuple):
@@ -110,8 +127,6 @@ class Setting(NamedTuple):
     chart: Any
     d2d: float
     planar: float
-    log_peak: float
-    log_spread: float
 
 
 class Batch(NamedTuple):
@@ -121,12 +136,14 @@ class Batch(NamedTuple):
     parameters: a motion, or a velocity that causes each pair's motion over its own interval.
     """
 
-    fixed: Any  # (6, targets) of all fixed sets, one set after the other
-    moving: Any  # (6, targets) of all moving sets
+    fixed: Any  # (6 targets,) all fixed sets, one after the other, each (6, N)
+    moving: Any  # (6 targets,) all moving sets
     orders: Any  # (targets,) of all moving sets, each counted from its own first
-    extremes: Any  # (sets, 3) of the fixed sets, see `find_extremes`
+    extremes: Any  # (sets, 4) of the fixed sets, see `find_extremes`
     factors: Any  # (targets, 9) of all measurements, (0, 9) if there is none
     outlier: Any  # (6,)
+    tiles: Any  # (tiles, TILE) of the outlier component of large fixed sets, see ``tiles.py``
+    grids: Any  # (sets, 5): the first tile of each fixed set and its grid; no columns without tiles
     pairs: Any  # (pairs, 6) of int, see FIXED_START
     intervals: Any  # (pairs,) s
     first: Any  # (problems + 1,) of int
@@ -142,6 +159,9 @@ class Work(NamedTuple):
     """The memory that one thread needs, see `own_work`."""
 
     scratch: Any  # rows of the passes over the targets, see above
+    places: Any  # (blocks, PLACE and more) the neighbours of each block of a problem's targets
+    mark: Any  # (targets of a fixed set,) of int
+    chosen: Any  # (targets of a fixed set,) of int
     step: Any
     scale: Any
     trial: Any
@@ -156,19 +176,35 @@ class Work(NamedTuple):
 _OF_THREAD = threading.local()
 
 
-def own_work() -> Work:
-    """The memory of the thread that calls, the same in every call."""
-    if not hasattr(_OF_THREAD, "work"):
-        _OF_THREAD.work = _make_work()
-    work: Work = _OF_THREAD.work
-    return work
+def own_work(blocks: int, targets: int) -> Work:
+    """The memory of the thread that calls, for so many blocks and targets of a fixed set.
+
+    A list has room for all targets of a small set, and for every eighth of a large one; a longer
+    list would not be faster than the sum over all.
+    """
+    row = PLACE + min(targets, 64 + targets // 8) * STEP
+    work: Work | None = getattr(_OF_THREAD, "work", None)
+    if work is None or work.places.size < blocks * row or work.mark.size < targets:
+        work = _OF_THREAD.work = _make_work(blocks * row, targets)
+    places = work.places[: blocks * row].reshape(blocks, row)
+    return work._replace(places=places)
 
 
-def _make_work() -> Work:
+def _aligned(size: int) -> NDArray[np.float64]:
+    """Memory that begins where a cache line does, so that no vector of lanes lies in two."""
+    memory = np.empty(size + LANES)
+    first = -memory.ctypes.data % (8 * LANES) // 8
+    return memory[first : first + size]
+
+
+def _make_work(places: int, targets: int) -> Work:
     vectors, matrices = np.empty((6, 3)), np.empty((2, 3, 3))
     step, scale, trial, trial_gradient, motion, gradient = vectors
     return Work(
-        np.empty(SCRATCH),
+        _aligned(SCRATCH),
+        _aligned(places),
+        np.empty(targets, dtype=np.int64),
+        np.empty(targets, dtype=np.int64),
         step,
         scale,
         trial,

@@ -7,6 +7,7 @@ import numpy as np
 from d2d._kernel.compile import compiled, inlined, merged
 from d2d._kernel.cost import evaluate, pair_at
 from d2d._kernel.layout import MOTION, MOVING_SIZE, XX, YY, X, Y
+from d2d._kernel.neighbours import forget_neighbours
 
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
 # do not determine leaves pivots of rounding errors and of the residual gradient there.
@@ -223,6 +224,7 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
         targets += batch.pairs[number, MOVING_SIZE]
     for j in range(3):
         trial[j] = theta[j]
+    forget_neighbours(work.places)
     # the start is the first trial: a second call of `evaluate` would be compiled a second time
     value, shares, decrement, decrease, norm = np.inf, 0.0, np.inf, np.inf, np.inf
     for tried in range(max_iterations + 1):

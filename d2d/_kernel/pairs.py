@@ -8,17 +8,13 @@ the rotated covariance ``C = R Sigma_k R'``::
 The derivatives of ``N`` along the rotation follow from those along ``d``, as ``S`` turns with it
 and ``dN/dS = N_dd / 2``.
 
-Each target is paired only with the components within its cut-off.  A component is left out if it is
-certainly below ``exp(-GATE)`` of the target's sum: ``det(A + B)^(1/2) >= det(A)^(1/2) +
-det(B)^(1/2)`` (Minkowski) bounds the normalisation of every pair by that of the component alone,
-``w_i det(Sigma_i)^(-1/2)``, for any rotation.  All pairs of a target that are left out together
-change its density by less than ``exp(-GATE)`` = 2e-16 of it.
+Each target is paired only with the components near it, see ``neighbours.py``.
 """
 
 import math
 
 from d2d._kernel.compile import compiled, inlined, vectorised
-from d2d._kernel.elementary import exp, log, lowest_bit
+from d2d._kernel.elementary import exp, log
 from d2d._kernel.layout import (
     A00,
     A01,
@@ -26,30 +22,32 @@ from d2d._kernel.layout import (
     A11,
     A12,
     A22,
-    CHUNK,
     COUNTS,
-    CUT_OFF,
     CXX,
     CXY,
     CYY,
-    DETERMINANT,
+    DENSE,
     G0,
     G1,
     G2,
-    GATE,
     INLIER,
     LANES,
-    LIMIT,
+    LEAST_ROOT,
+    LEAST_VARIANCE,
+    LENGTH,
     LOG_2PI,
+    LEAST_SUM,
+    MEAN_ROOT,
+    MAX_EXPONENT,
     MX,
     MY,
     OFFSET,
-    SQUARE,
+    ONE_STEP,
+    PLACE,
     STEP,
-    STEPS,
     TO_SHARE,
+    TOTAL_WEIGHT,
     WEIGHT,
-    WITHIN,
     XX,
     XY,
     YY,
@@ -57,12 +55,8 @@ from d2d._kernel.layout import (
     Y,
     lane_count,
 )
+from d2d._kernel.neighbours import difference
 
-NEAR = 12.5  # half a squared distance of five standard deviations
-# A sum that is computed relative to its nearest component must not lose that component to rounding,
-# however far away it is.  So all passes compute the distance by one formula, the offset is a little
-# larger than it, and exponents above MAX_EXPONENT are cut off.
-ABOVE, MAX_EXPONENT = 1.0 + 1e-14, 200.0
 FAR = 1000.0  # times its own size away, a set is registered about its mean
 TINY = 1e-300  # where each sum begins, so that the logarithm of an empty one is finite
 
@@ -79,6 +73,7 @@ def load_block(w, moving, order, setting, first):
         x, y = moving[X, j], moving[Y, j]
         w[MX + k] = cosine * x - sine * y
         w[MY + k] = sine * x + cosine * y
+        w[OFFSET + k] = 0.0
         w[COUNTS + k] = 1.0 if first + k <= last else 0.0
         sxx, sxy = moving[XX, j] * d2d, moving[XY, j] * d2d
         syy = moving[YY, j] * (d2d * setting.planar)
@@ -88,99 +83,19 @@ def load_block(w, moving, order, setting, first):
 
 
 @vectorised
-def component_of(fixed, i, setting):
-    """Mean, less the translation, and covariance of a component."""
+def component_at(step, k, setting):
+    """Mean, less the translation, and covariance of a target's component in a step."""
     return (
-        fixed[X, i] - setting.x,
-        fixed[Y, i] - setting.y,
-        fixed[XX, i],
-        fixed[XY, i],
-        fixed[YY, i],
+        step[X * LANES + k] - setting.x,
+        step[Y * LANES + k] - setting.y,
+        step[XX * LANES + k],
+        step[XY * LANES + k],
+        step[YY * LANES + k],
     )
 
 
 @vectorised
-def difference(w, k, component):
-    """d and S of a target and a component; d' adj(S) d and det(S), whose ratio is d' S^-1 d."""
-    fx, fy, fxx, fxy, fyy = component
-    dx, dy = w[MX + k] - fx, w[MY + k] - fy
-    sxx, sxy, syy = w[CXX + k] + fxx, w[CXY + k] + fxy, w[CYY + k] + fyy
-    square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
-    return dx, dy, sxx, sxy, syy, square, sxx * syy - sxy * sxy
-
-
-@vectorised
-def find_nearest(w, fixed, setting):
-    """The smallest half squared Mahalanobis distance of each target, as its OFFSET.
-
-    Distances d' adj(S) d / det(S) are compared by cross-multiplication, without a division.
-    """
-    lanes = lane_count(w)
-    for k in range(LANES):
-        w[SQUARE + k], w[DETERMINANT + k] = 1.0, 0.0
-    for i in range(fixed.shape[1]):
-        component = component_of(fixed, i, setting)
-        for k in range(lanes):
-            _, _, _, _, _, square, determinant = difference(w, k, component)
-            old_square, old_determinant = w[SQUARE + k], w[DETERMINANT + k]
-            nearer = square * old_determinant < old_square * determinant
-            w[SQUARE + k] = square if nearer else old_square
-            w[DETERMINANT + k] = determinant if nearer else old_determinant
-    for k in range(lanes):
-        w[OFFSET + k] = 0.5 * w[SQUARE + k] / w[DETERMINANT + k]
-        w[OFFSET + k] *= ABOVE
-
-
-@vectorised
-def find_within(w, fixed, setting, first, last):
-    """Mark by bits which components lie within each target's cut-off; return the largest number.
-
-    Looks at the components from ``first`` to ``last``.
-    """
-    lanes = lane_count(w)
-    for k in range(lanes):
-        w[WITHIN + k] = 0.0
-    bit = 1.0
-    for i in range(first, last):
-        component = component_of(fixed, i, setting)
-        for k in range(lanes):
-            _, _, _, _, _, square, determinant = difference(w, k, component)
-            within = square <= w[CUT_OFF + k] * determinant
-            w[WITHIN + k] += bit if within else 0.0
-        bit *= 2.0
-    largest = 0
-    for k in range(LANES):
-        bits, number = int(w[WITHIN + k]), 0
-        while bits != 0:
-            bits &= bits - 1  # without the lowest one
-            number += 1
-        largest = max(largest, number)
-    return largest
-
-
-@inlined
-def gather_within(w, fixed, setting, first, steps):
-    """Copy each target's next component within its cut-off into the rows of each step.
-
-    A target that has no more of them gets one at its own place, with zero weight.
-    """
-    last = fixed.shape[1] - 1
-    for k in range(LANES):
-        bits = int(w[WITHIN + k])
-        for at in range(STEPS + k, STEPS + k + steps * STEP, STEP):
-            more = bits != 0
-            i = first + lowest_bit(bits) if more else last
-            w[at + X * LANES] = fixed[X, i] - setting.x if more else w[MX + k]
-            w[at + Y * LANES] = fixed[Y, i] - setting.y if more else w[MY + k]
-            w[at + XX * LANES] = fixed[XX, i]
-            w[at + XY * LANES] = fixed[XY, i]
-            w[at + YY * LANES] = fixed[YY, i]
-            w[at + WEIGHT * LANES] = fixed[WEIGHT, i] if more else 0.0
-            bits &= bits - 1
-
-
-@vectorised
-def add_step(w, step):
+def add_step(w, step, setting):
     """Add one pair of each target: w_i N(0 | d_i, S_i) exp(OFFSET) and its derivatives.
 
     By the heat equation, dN/dS = N_dd / 2 (Price 1958), all derivatives follow from those along d,
@@ -193,14 +108,9 @@ def add_step(w, step):
     """
     lanes = lane_count(w)
     for k in range(lanes):
-        component = (
-            step[X * LANES + k],
-            step[Y * LANES + k],
-            step[XX * LANES + k],
-            step[XY * LANES + k],
-            step[YY * LANES + k],
+        dx, dy, sxx, sxy, syy, square, determinant = difference(
+            w, k, component_at(step, k, setting)
         )
-        dx, dy, sxx, sxy, syy, square, determinant = difference(w, k, component)
         a, h = w[CXY + k], 0.5 * (w[CXX + k] - w[CYY + k])
         inverse = 1.0 / determinant
         half = 0.5 * square * inverse
@@ -228,51 +138,39 @@ def add_step(w, step):
 
 
 @vectorised
-def add_pairs(w, fixed, setting):
-    """Sum over the components within the cut-off, see `add_step`."""
+def add_all(w, fixed, setting):
+    """Sum over all components, see `add_step`."""
+    step = w[ONE_STEP : ONE_STEP + 6 * LANES]
+    for i in range(fixed.shape[1]):
+        for row in range(6):
+            for k in range(LANES):
+                step[row * LANES + k] = fixed[row, i]
+        add_step(w, step, setting)
+
+
+@compiled
+def sum_inliers(w, fixed, setting, place):
+    """Sum over the neighbours at a block's ``place``; whether these were enough."""
     for k in range(10 * LANES):
         w[INLIER + k] = 0.0
     for k in range(LANES):
         w[INLIER + k] = TINY
-    for first in range(0, fixed.shape[1], CHUNK):
-        last = min(first + CHUNK, fixed.shape[1])
-        steps = find_within(w, fixed, setting, first, last)
-        gather_within(w, fixed, setting, first, steps)
-        for at in range(STEPS, STEPS + steps * STEP, STEP):
-            add_step(w, w[at : at + STEP])
-
-
-@vectorised
-def sum_inliers(w, fixed, setting):
-    """log sum_i w_i N(0 | d_i, S_i), its relative gradient and second derivatives.
-
-    ``LIMIT`` is the half squared distance up to which pairs could matter to each target beside its
-    outlier component, ``CUT_OFF`` the squared distance up to which components are paired.
-    """
-    lanes = lane_count(w)
-    # Nearly always some component is so near that all beyond this distance vanish beside it.
-    enough = NEAR + GATE + setting.log_spread
-    for k in range(lanes):
-        w[CUT_OFF + k] = 2.0 * min(w[LIMIT + k], enough)
-        w[OFFSET + k] = 0.0
-    smallest = math.exp(setting.log_peak - NEAR - setting.log_spread)
-    for again in range(2):
-        add_pairs(w, fixed, setting)
-        incomplete = False
-        for k in range(lanes):
-            incomplete |= (w[INLIER + k] < smallest) & (w[LIMIT + k] > enough)
-        if again or not incomplete:
-            break
-        # Where none is near, the cut-off is measured from the nearest component.
-        find_nearest(w, fixed, setting)
-        for k in range(lanes):
-            w[CUT_OFF + k] = 2.0 * min(w[LIMIT + k], w[OFFSET + k] + GATE + setting.log_spread)
-    finish_inliers(w)
+    length = int(place[LENGTH])
+    if length == DENSE:
+        add_all(w, fixed, setting)
+    for at in range(PLACE, PLACE + length * STEP, STEP):
+        add_step(w, place[at : at + STEP], setting)
+    complete = True
+    for k in range(lane_count(w)):
+        complete &= w[INLIER + k] >= place[LEAST_SUM + k]
+    return complete
 
 
 @vectorised
 def finish_inliers(w):
-    """From the sums of 1, D, D D', K D and K^2 to the logarithm and its derivatives.
+    """log sum_i w_i N(0 | d_i, S_i), its relative gradient and second derivatives.
+
+    They follow from the sums of 1, D, D D', K D and K^2.
 
     d/dphi = d_phi . d + K with d_phi = (-y, x), d_phiphi = -(x, y) and
     M_phi = 2 [[-h, -a], [-a, h]].
@@ -307,29 +205,19 @@ def finish_inliers(w):
 
 
 @compiled
-def bounds(fixed, moving, extremes):
-    """Logarithms of the largest possible sum over the pairs, and of its ratio to the smallest peak.
-
-    ``extremes`` holds the largest w_i det(Sigma_i)^(-1/2), the smallest w_i and the largest trace
-    of the fixed set; det(S)^(1/2) <= tr(S) / 2.
-    """
-    trace = 0.0
-    for k in range(moving.shape[1]):
-        trace = max(trace, moving[XX, k] + moving[YY, k])
-    peak = extremes[0] * fixed.shape[1]
-    return math.log(peak), math.log(0.5 * peak * (extremes[2] + trace) / extremes[1])
-
-
-@compiled
 def find_extremes(points, extremes):
-    """The largest w_i det(Sigma_i)^(-1/2), smallest w_i and largest tr(Sigma_i) of a set."""
-    peak, weight, trace = 0.0, math.inf, 0.0
-    for i in range(points.shape[1]):
+    """Sum of the weights, mean and least det(Sigma_i)^(1/2), and least variance."""
+    total, mean, least, variance, count = 0.0, 0.0, math.inf, math.inf, points.shape[1]
+    for i in range(count):
         xx, xy, yy = points[XX, i], points[XY, i], points[YY, i]
-        peak = max(peak, points[WEIGHT, i] / math.sqrt(xx * yy - xy * xy))
-        weight = min(weight, points[WEIGHT, i])
-        trace = max(trace, xx + yy)
-    extremes[0], extremes[1], extremes[2] = peak, weight, trace
+        determinant, half = xx * yy - xy * xy, 0.5 * (xx - yy)
+        root = math.sqrt(determinant)
+        total += points[WEIGHT, i]
+        mean += root / count
+        least = min(least, root)
+        variance = min(variance, determinant / (0.5 * (xx + yy) + math.sqrt(half * half + xy * xy)))
+    extremes[TOTAL_WEIGHT], extremes[MEAN_ROOT] = total, mean
+    extremes[LEAST_ROOT], extremes[LEAST_VARIANCE] = least, variance
 
 
 @compiled

@@ -17,41 +17,47 @@ import numpy as np
 from d2d._kernel.compile import compiled, entry, inlined, merged, vectorised
 from d2d._kernel.cost import align_tops, evaluate_block, motion_chart, pair_at, setting_of, total
 from d2d._kernel.densities import half_square
-from d2d._kernel.elementary import exp, lowest_bit
+from d2d._kernel.elementary import exp
 from d2d._kernel.jets import fuse_summing, gradient_through_chart
 from d2d._kernel.layout import (
     CENTRED,
-    CHUNK,
     CORRUPTED,
     COUNTS,
     CXX,
     CXY,
     CYY,
+    DENSE,
     FACTOR,
     G0,
     G1,
     G2,
     GAIN,
     GAMMA,
+    INDEX,
     INLIER,
     INPUT_VARIANCE,
     KIND,
     LANES,
+    LENGTH,
+    MAX_EXPONENT,
     MEAN,
     MOVED,
     MX,
     MY,
+    NOT_FOUND,
     NO_OUTLIER,
     OFFSET,
     OUTLIER_OFFSET,
     OUTLIER_SCALE,
     OUTLIER_TO_SHARE,
+    PLACE,
     PRECISION_XX,
     PRECISION_XY,
     PRECISION_YY,
     SCALE,
     SHARE,
     SLOPE,
+    STEP,
     SUMMING,
     TO_SHARE,
     TOP,
@@ -60,12 +66,11 @@ from d2d._kernel.layout import (
     VALUE,
     VARIANCE,
     WEIGHT,
-    WITHIN,
     X,
     Y,
     lane_count,
 )
-from d2d._kernel.pairs import MAX_EXPONENT, component_of, difference, find_within
+from d2d._kernel.neighbours import component_of, difference
 
 ROWS = 6 * LANES  # of one component's cross derivatives, lane by lane
 
@@ -124,17 +129,17 @@ def add_inlier(w, k, fixed, i, setting, own):
         w[CENTRED + row * LANES + k] += gamma * centred[row]
 
 
-@merged
-def add_inliers(w, fixed, setting, cross):
-    """Add the pairs within the cut-off, which the first pass has left."""
-    for first in range(0, fixed.shape[1], CHUNK):
-        find_within(w, fixed, setting, first, min(first + CHUNK, fixed.shape[1]))
-        for k in range(LANES):
-            bits = int(w[WITHIN + k]) if w[SCALE + k] > 0.0 else 0
-            while bits != 0:
-                i = first + lowest_bit(bits)
-                add_inlier(w, k, fixed, i, setting, cross[i * ROWS : (i + 1) * ROWS])
-                bits &= bits - 1
+@compiled
+def add_inliers(w, fixed, setting, place, cross):
+    """Add the pairs of a block's neighbours, which the first pass has left at its ``place``."""
+    dense = place[LENGTH] == DENSE
+    steps = fixed.shape[1] if dense else int(place[LENGTH])
+    for k in range(LANES):
+        if w[SCALE + k] > 0.0:
+            for n in range(steps):
+                i = n if dense else int(place[PLACE + n * STEP + INDEX * LANES + k])
+                if i >= 0:
+                    add_inlier(w, k, fixed, i, setting, cross[i * ROWS : (i + 1) * ROWS])
 
 
 @vectorised
@@ -217,12 +222,12 @@ def measurement_slopes(factor, chart):
 
 
 @merged
-def cross_pair(pair, setting, fusion, work, by_fixed, by_moving, by_value, by_input):
+def cross_pair(pair, setting, fusion, work, cross, by_fixed, by_moving, by_value, by_input):
     """Cross derivatives of one pair of sets, of the gradient in the motion.
 
     With the sum, all targets share one density and one mean gradient, which a first round finds.
     """
-    w, cross = work
+    w, memory, place = work.scratch, (work.mark, work.chosen), work.places[0]
     fixed, moving, order = pair.fixed, pair.moving, pair.order
     factors, outlier = pair.factors, pair.outlier
     measured, top = factors.shape[0] > 0, 0.0
@@ -236,7 +241,8 @@ def cross_pair(pair, setting, fusion, work, by_fixed, by_moving, by_value, by_in
     rounds = 2 if fusion == SUMMING else 1
     for visit in range(rounds * blocks):
         first = visit % blocks * LANES
-        evaluate_block(w, fixed, moving, order, factors, outlier, setting, first)
+        place[LENGTH] = NOT_FOUND
+        evaluate_block(w, pair, setting, first, 0.0, memory, place)
         if visit < (rounds - 1) * blocks:
             fuse_summing(w)
             if visit == blocks - 1:
@@ -248,7 +254,7 @@ def cross_pair(pair, setting, fusion, work, by_fixed, by_moving, by_value, by_in
                         w[MEAN + row * LANES + k] = mean
             continue
         prepare_targets(w, outlier, fusion, measured, top)
-        add_inliers(w, fixed, setting, cross)
+        add_inliers(w, fixed, setting, place, cross)
         add_outliers(w, fixed, setting, outlier, cross)
         for k in range(min(LANES, moving.shape[1] - first)):
             j = order[first + k]
@@ -280,13 +286,13 @@ def scale_rows(rows, chart, interval):
 
 
 @entry
-def cross_batch(batch, thetas, begin, work, by_fixed, by_moving, by_value, by_input):
+def cross_batch(batch, thetas, begin, work, cross, by_fixed, by_moving, by_value, by_input):
     """Derivatives of the gradients of some problems, from ``begin`` on, in all that is measured.
 
     In the fixed and moving means (C, targets, 3, 2), in the measurements' values (C, targets, 3)
     and, through their predictions only, in their inputs (C, targets, 3); the targets of a problem's
     pairs one pair after the other.
-    ``work`` is the scratch array and memory, ROWS for each target of a fixed set.
+    ``cross`` is memory, ROWS for each target of a fixed set.
     """
     for c in range(by_fixed.shape[0]):
         b, fixed_done, moving_done = begin + c, 0, 0
@@ -299,9 +305,8 @@ def cross_batch(batch, thetas, begin, work, by_fixed, by_moving, by_value, by_in
             own_moving = by_moving[c, moving_done : moving_done + m]
             own_value = by_value[c, moving_done : moving_done + m]
             own_input = by_input[c, moving_done : moving_done + m]
-            cross_pair(
-                pair, setting, batch.fusion, work, own_fixed, own_moving, own_value, own_input
-            )
+            own = own_fixed, own_moving, own_value, own_input
+            cross_pair(pair, setting, batch.fusion, work, cross, *own)
             interval = batch.intervals[number]
             for i in range(n):
                 scale_rows(own_fixed[i, :, 0], chart, interval)

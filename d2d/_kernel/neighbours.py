@@ -1,0 +1,321 @@
+"""Which components are near each target: lists that hold while the targets hardly move.
+
+A component is left out if it is certainly below ``exp(-GATE)`` of the target's sum: ``det(A +
+B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)`` (Minkowski) bounds what all pairs of a target can add up
+to for any rotation.  All pairs of a target that are left out together change its density by less
+than ``exp(-GATE)`` = 2e-16 of it.  How large the sum is shows only afterwards.  Nearly always it is
+as large as expected; where it is not, the cut-off is measured from the nearest component instead.
+
+The list of a block of targets stays in use from one step of a descent to the next (Verlet 1967).
+With the covariance S of a pair and the cut-off c, it holds all components with ``(d' S^-1 d)^(1/2)
+<= c^(1/2) + margin``.  None of the others comes within the cut-off as long as the target moves by
+less than the margin times the smallest standard deviation of its pairs.  A rotation of the target's
+covariance counts as a displacement: in any direction it moves the boundary of the ellipse by less
+than the chord of the rotation times ``(c lambda_max)^(1/2)``.
+"""
+
+import math
+
+import numpy as np
+
+from d2d._kernel.compile import compiled, inlined, vectorised
+from d2d._kernel.elementary import log, lowest_bit
+from d2d._kernel.layout import (
+    AT_COSINE,
+    AT_SINE,
+    AT_X,
+    AT_Y,
+    CHUNK,
+    CUT_OFF,
+    CXX,
+    CXY,
+    CYY,
+    DETERMINANT,
+    FLOOR,
+    GATE,
+    INDEX,
+    ABOVE,
+    DENSE,
+    NOT_FOUND,
+    OFFSET,
+    LANES,
+    LARGEST,
+    LEAST_ROOT,
+    LEAST_SUM,
+    LEAST_VARIANCE,
+    LENGTH,
+    LIMIT,
+    MEASURED,
+    MEAN_ROOT,
+    MX,
+    MY,
+    NEAREST,
+    NUMBER,
+    OUTLIER,
+    OUTLIER_FLOOR,
+    PEAK,
+    PLACE,
+    REACH,
+    SLACK,
+    SMALLEST,
+    SQUARE,
+    STEP,
+    TOTAL_WEIGHT,
+    WEIGHT,
+    WITHIN,
+    XX,
+    XY,
+    YY,
+    X,
+    Y,
+    lane_count,
+)
+
+EXPECTED = 5.0  # half the squared distance of the nearest component is nearly always below
+NEARLY = 4.0  # a limit that is hardly above what is expected is taken instead
+FAR = 100.0  # beyond it sums are relative to the nearest component
+TURNED = 0.25  # more than a rotation within the margin changes the logarithm of a determinant
+
+
+@inlined
+def forget_neighbours(near):
+    """Mark all lists as not found yet."""
+    for block in range(near.shape[0]):
+        near[block, LENGTH], near[block, MEASURED] = NOT_FOUND, 0.0
+
+
+@vectorised
+def component_of(fixed, i, setting):
+    """Mean, less the translation, and covariance of a component."""
+    return (
+        fixed[X, i] - setting.x,
+        fixed[Y, i] - setting.y,
+        fixed[XX, i],
+        fixed[XY, i],
+        fixed[YY, i],
+    )
+
+
+@vectorised
+def difference(w, k, component):
+    """d and S of a target and a component; d' adj(S) d and det(S), whose ratio is d' S^-1 d."""
+    fx, fy, fxx, fxy, fyy = component
+    dx, dy = w[MX + k] - fx, w[MY + k] - fy
+    sxx, sxy, syy = w[CXX + k] + fxx, w[CXY + k] + fxy, w[CYY + k] + fyy
+    square = syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy
+    return dx, dy, sxx, sxy, syy, square, sxx * syy - sxy * sxy
+
+
+@vectorised
+def has_moved(w, place, setting):
+    """Whether a target of a block has moved so far that its list may not be complete."""
+    dc, ds = setting.cosine - place[AT_COSINE], setting.sine - place[AT_SINE]
+    chord, moved = math.sqrt(dc * dc + ds * ds), False
+    for k in range(lane_count(w)):
+        dx = w[MX + k] + setting.x - place[AT_X + k]
+        dy = w[MY + k] + setting.y - place[AT_Y + k]
+        left = place[SLACK + k] - place[REACH + k] * chord
+        moved |= (left < 0.0) | (dx * dx + dy * dy > left * left)
+        moved |= w[OUTLIER + k] < place[FLOOR + k]
+    return moved
+
+
+@vectorised
+def bound_pairs(w, extremes):
+    """Set what the search needs to know of the pairs of each target."""
+    for k in range(lane_count(w)):
+        xx, xy, yy = w[CXX + k], w[CXY + k], w[CYY + k]
+        half = 0.5 * (xx - yy)
+        largest = 0.5 * (xx + yy) + math.sqrt(half * half + xy * xy)
+        determinant = max(xx * yy - xy * xy, 0.0)
+        w[LARGEST + k] = largest
+        w[SMALLEST + k] = determinant / max(largest, 1e-300) + extremes[LEAST_VARIANCE]
+        w[PEAK + k] = extremes[TOTAL_WEIGHT] / (math.sqrt(determinant) + extremes[LEAST_ROOT])
+
+
+@vectorised
+def measure(w, fixed, setting, margin):
+    """Set the cut-off of each target, and its OFFSET, by its nearest component.
+
+    Distances d' adj(S) d / det(S) are compared by cross-multiplication, without a division.
+    """
+    lanes = lane_count(w)
+    for k in range(lanes):
+        w[SQUARE + k], w[DETERMINANT + k], w[NEAREST + k] = 1.0, 0.0, 1.0
+    for i in range(fixed.shape[1]):
+        component, own = component_of(fixed, i, setting), fixed[WEIGHT, i]
+        for k in range(lanes):
+            _, _, _, _, _, square, determinant = difference(w, k, component)
+            nearer = square * w[DETERMINANT + k] < w[SQUARE + k] * determinant
+            w[SQUARE + k] = square if nearer else w[SQUARE + k]
+            w[DETERMINANT + k] = determinant if nearer else w[DETERMINANT + k]
+            w[NEAREST + k] = own if nearer else w[NEAREST + k]
+    for k in range(lanes):
+        half = 0.5 * w[SQUARE + k] / w[DETERMINANT + k]
+        farther = math.sqrt(2.0 * half) + margin
+        ratio = w[PEAK + k] * math.sqrt(w[DETERMINANT + k]) / w[NEAREST + k]
+        w[CUT_OFF + k] = GATE + 0.5 * farther * farther + TURNED + log(ratio)
+        w[OFFSET + k] = ABOVE * half if half > FAR else 0.0
+
+
+@vectorised
+def limit(w, setting, spread, margin, measured, place):
+    """Set the cut-off of each list, and note for what it holds.
+
+    Without a nearest component, that is half a squared distance above which all pairs that are left
+    out vanish beside a sum as large as is expected; LEAST_SUM is that sum.
+    """
+    expected, least = GATE + EXPECTED + math.log(spread), math.exp(-EXPECTED) / spread
+    for k in range(lane_count(w)):
+        most = w[LIMIT + k]
+        certain = measured | (most < expected + NEARLY)
+        c = min(most, w[CUT_OFF + k]) if certain else expected
+        place[LEAST_SUM + k] = 0.0 if certain else least * w[PEAK + k]
+        root = math.sqrt(2.0 * max(c, 0.0))
+        reach = root + margin
+        w[CUT_OFF + k] = reach * reach if c >= 0.0 else -1.0
+        slack = margin * math.sqrt(w[SMALLEST + k])
+        place[SLACK + k] = slack if w[OFFSET + k] == 0.0 else -1.0  # an offset holds here only
+        place[REACH + k] = root * math.sqrt(w[LARGEST + k])
+        place[FLOOR + k] = w[OUTLIER_FLOOR + k]
+        place[AT_X + k], place[AT_Y + k] = w[MX + k] + setting.x, w[MY + k] + setting.y
+    place[AT_COSINE], place[AT_SINE] = setting.cosine, setting.sine
+
+
+@inlined
+def interval_of(w, cosine, sine):
+    """A block's targets along an axis: from where to where, and the largest variance."""
+    low, high, variance = np.inf, -np.inf, 0.0
+    for k in range(LANES):
+        place = cosine * w[MX + k] + sine * w[MY + k]
+        low, high = min(low, place), max(high, place)
+        own = cosine * cosine * w[CXX + k] + sine * sine * w[CYY + k]
+        variance = max(variance, own + 2.0 * cosine * sine * w[CXY + k])
+    return low, high, variance
+
+
+@vectorised
+def overlap(interval, cut_off, place, variance):
+    """Whether the ellipse of a component can reach a block along an axis."""
+    low, high, largest = interval
+    gap = max(max(low - place, place - high), 0.0)
+    return gap * gap <= cut_off * (largest + variance)
+
+
+@vectorised
+def choose(w, fixed, setting, mark, chosen):
+    """Components that may be within the cut-off of a target of the block; returns their number.
+
+    Both are projected on the principal axes of the block's mean covariance.
+    """
+    xx = xy = yy = cut_off = 0.0
+    for k in range(LANES):
+        xx, xy, yy = xx + w[CXX + k], xy + w[CXY + k], yy + w[CYY + k]
+        cut_off = max(cut_off, w[CUT_OFF + k])
+    cut_off *= 1.0 + 1e-9  # rounding must not lose a component on the boundary
+    half = 0.5 * (xx - yy)
+    ratio = half / max(math.sqrt(half * half + xy * xy), 1e-300)  # the cosine of twice the angle
+    c, s = math.sqrt(0.5 * (1.0 + ratio)), math.copysign(math.sqrt(0.5 * (1.0 - ratio)), xy)
+    along, across = interval_of(w, c, s), interval_of(w, -s, c)
+    cc, cs, ss = c * c, 2.0 * c * s, s * s
+    for i in range(fixed.shape[1]):
+        x, y, xx, xy, yy = component_of(fixed, i, setting)
+        within = overlap(along, cut_off, c * x + s * y, cc * xx + cs * xy + ss * yy)
+        within &= overlap(across, cut_off, c * y - s * x, ss * xx - cs * xy + cc * yy)
+        mark[i] = 1 if within else 0
+    number = 0
+    for i in range(fixed.shape[1]):
+        chosen[number] = i
+        number += mark[i]
+    return number
+
+
+@vectorised
+def mark_within(w, fixed, setting, chosen):
+    """Mark by bits which of the chosen components are within each target's list."""
+    lanes = lane_count(w)
+    for k in range(lanes):
+        w[WITHIN + k] = 0.0
+    bit = 1.0
+    for n in range(chosen.shape[0]):
+        component = component_of(fixed, chosen[n], setting)
+        for k in range(lanes):
+            _, _, _, _, _, square, determinant = difference(w, k, component)
+            w[WITHIN + k] += bit if square <= w[CUT_OFF + k] * determinant else 0.0
+        bit *= 2.0
+
+
+@inlined
+def copy_within(w, fixed, chosen, place, room):
+    """Copy each target's marked components to its list; returns whether there was room."""
+    for k in range(LANES):
+        bits, number = int(w[WITHIN + k]), int(w[NUMBER + k])
+        while bits != 0:
+            if number == room:
+                return False
+            i = chosen[lowest_bit(bits)]
+            at = PLACE + number * STEP + k
+            place[at + X * LANES] = fixed[X, i]
+            place[at + Y * LANES] = fixed[Y, i]
+            place[at + XX * LANES] = fixed[XX, i]
+            place[at + XY * LANES] = fixed[XY, i]
+            place[at + YY * LANES] = fixed[YY, i]
+            place[at + WEIGHT * LANES] = fixed[WEIGHT, i]
+            place[at + INDEX * LANES] = i
+            bits &= bits - 1  # without the lowest one
+            number += 1
+        w[NUMBER + k] = number
+    return True
+
+
+@inlined
+def fill_up(w, fixed, place):
+    """Fill the shorter lists of a block up with a component of no weight; their common length."""
+    length = 0
+    for k in range(LANES):
+        length = max(length, int(w[NUMBER + k]))
+    for k in range(LANES):
+        for number in range(int(w[NUMBER + k]), length):
+            at = PLACE + number * STEP + k
+            place[at + X * LANES] = place[AT_X + k]
+            place[at + Y * LANES] = place[AT_Y + k]
+            place[at + XX * LANES] = fixed[XX, 0]
+            place[at + XY * LANES] = fixed[XY, 0]
+            place[at + YY * LANES] = fixed[YY, 0]
+            place[at + WEIGHT * LANES] = 0.0
+            place[at + INDEX * LANES] = -1.0
+    return length
+
+
+@compiled
+def find_neighbours(w, fixed, extremes, setting, margin, measured, memory, place):
+    """Find the lists of a block's targets, and note for what they hold.
+
+    The cut-offs are what is to be expected, or ``measured``.  LIMIT is the half squared distance up
+    to which pairs could matter to each target beside its outlier component, as long as that is not
+    below OUTLIER_FLOOR.
+    """
+    mark, chosen = memory
+    place[MEASURED] = 1.0 if measured else 0.0
+    for k in range(LANES):
+        w[CUT_OFF + k] = np.inf
+    if measured and w[LIMIT] == np.inf:
+        measure(w, fixed, setting, margin)
+    spread = fixed.shape[1] * extremes[MEAN_ROOT] / extremes[LEAST_ROOT]
+    limit(w, setting, spread, margin, measured, place)
+    for k in range(LANES):
+        w[NUMBER + k] = 0.0
+    number = fixed.shape[1]
+    if number > CHUNK:
+        number = choose(w, fixed, setting, mark, chosen)
+    else:
+        for i in range(number):
+            chosen[i] = i
+    room = (place.shape[0] - PLACE) // STEP
+    for first in range(0, number, CHUNK):
+        part = chosen[first : min(first + CHUNK, number)]
+        mark_within(w, fixed, setting, part)
+        if not copy_within(w, fixed, part, place, room):
+            place[LENGTH] = DENSE
+            return
+    place[LENGTH] = fill_up(w, fixed, place)
