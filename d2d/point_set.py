@@ -267,7 +267,7 @@ class PointSet(Frozen):
         They are kept, as a scan is registered several times.  Small sets have none.
         """
         if self.size < _TILED or self.dimension == 1:
-            return np.empty((0, tiles.TILE)), np.zeros((math.prod(self.batch_shape), 5))
+            return tiles.none_for(math.prod(self.batch_shape))
         key = outlier[layout.PRECISION_XX :].tobytes()
         if key not in self._fields:
             self._fields[key] = tiles.tiles_of(self._packed.reshape(-1, 6, self.size), outlier)

@@ -166,7 +166,7 @@ class Problem:
         """The tiles of the outlier components of all fixed sets, and a grid for each set."""
         if self.form.outlier[layout.KIND] != layout.CORRUPTED:
             sets = sum(math.prod(pair.fixed.batch_shape) for pair in self.pairs)
-            return np.empty((0, tiles.TILE)), np.zeros((sets, 5))
+            return tiles.none_for(sets)
         parts = [pair.fixed._tiles(self.form.outlier) for pair in self.pairs]
         if len(parts) == 1:
             return parts[0]
@@ -174,10 +174,10 @@ class Problem:
         grids[1:, tiles.FIRST_TILE] += np.cumsum([len(own) for own, _ in parts[:-1]])
         return np.concatenate([own for own, _ in parts]), grids
 
-    def _work(self) -> layout.Work:
+    def _memory(self) -> layout.Memory:
         """The memory of this thread, for a problem of this size."""
         blocks = sum(-(-pair.moving.size // layout.LANES) for pair in self.pairs)
-        return layout.own_work(blocks, max(pair.fixed.size for pair in self.pairs))
+        return layout.own_memory(blocks, max(pair.fixed.size for pair in self.pairs))
 
     def _repeated(
         self,
@@ -222,8 +222,8 @@ class Problem:
             if last - first < count:
                 part, begin = bound.part(first, last), thetas[first:last]
                 own = tuple(array[first:last] for array in found)
-            work = self._work()
-            entries.minimise_batch(part, begin, TOLERANCE, max_iterations, work, own)
+            memory = self._memory()
+            entries.minimise_batch(part, begin, TOLERANCE, max_iterations, memory, own)
 
         run_in_slices(run, count, self.size, threads)
         if self.form.outlier[layout.KIND] == layout.NO_OUTLIER:
@@ -250,7 +250,7 @@ class Problem:
             np.empty((count, moving, 3)),
         )
         memory = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)
-        propagate.cross_batch(bound.batch, bound.thetas, begin, self._work(), memory, *cross)
+        propagate.cross_batch(bound.batch, bound.thetas, begin, self._memory(), memory, *cross)
         return cross
 
     def log_densities(self, bound: Bound) -> Array:
@@ -286,7 +286,7 @@ class Problem:
 
         def run(first: int, last: int) -> None:
             thetas, own = bound.thetas[first:last], values[first:last]
-            entries.target_batch(bound.part(first, last), thetas, numbers, self._work(), own)
+            entries.target_batch(bound.part(first, last), thetas, numbers, self._memory(), own)
 
         run_in_slices(run, len(values), self.size)
         return values.reshape(*bound.shape, len(rows), targets)

@@ -101,13 +101,19 @@ def limit_pairs(w, outlier, factors, order, first):
 
 
 @merged
-def evaluate_block(w, pair, setting, first, margin, memory, place):
+def evaluate_block(memory, pair, setting, first, margin, place):
     """log q_k, its gradient and q_k's second derivatives over q_k, of a block of targets.
 
     They are left in the rows of INLIER.  The block's neighbours at its ``place`` are found again if
     they are not known, or if it has moved; they then hold within a ``margin``.
     """
-    fixed, order, factors, outlier = pair.fixed, pair.order, pair.factors, pair.outlier
+    w, fixed, order, factors, outlier = (
+        memory.scratch,
+        pair.fixed,
+        pair.order,
+        pair.factors,
+        pair.outlier,
+    )
     load_block(w, pair.moving, order, setting, first)
     if factors.shape[0] > 0:
         measurement_jets(w, factors, order, setting.chart, first)
@@ -118,7 +124,9 @@ def evaluate_block(w, pair, setting, first, margin, memory, place):
         if not known:
             bound_pairs(w, pair.extremes)
             limit_pairs(w, outlier, factors, order, first)
-            find_neighbours(w, fixed, pair.extremes, setting, margin, measured, memory, place)
+            find_neighbours(
+                w, fixed, pair.extremes, setting, margin, measured, memory.chosen, place
+            )
         if sum_inliers(w, fixed, setting, place):
             break
         known, measured = False, True
@@ -155,13 +163,14 @@ def align_tops(w):
 def evaluate_pair(pair, theta, fusion, work, places):
     """Cost of one pair of sets at the motion theta; its derivatives to ``work``."""
     setting = setting_of(pair, theta)
-    w, g, h, memory = work.scratch, work.gradient, work.hessian, (work.mark, work.chosen)
+    memory, g, h = work.memory, work.gradient, work.hessian
+    w = memory.scratch
     for k in range(10 * LANES):
         w[TOTAL + k] = 0.0
     for k in range(LANES):
         w[TOP + k] = -np.inf
     for first in range(0, pair.moving.shape[1], LANES):
-        evaluate_block(w, pair, setting, first, MARGIN, memory, places[first // LANES])
+        evaluate_block(memory, pair, setting, first, MARGIN, places[first // LANES])
         if fusion == LIKELIHOOD:
             fuse_likelihood(w)
         else:
@@ -252,7 +261,7 @@ def evaluate(batch, problem, pair, theta, work, g, h):
     The cost is the sum over the problem's pairs, of which ``pair`` is the first, and the prior's;
     its gradient goes to g (3), its Hessian to h (3, 3).
     """
-    w, motion = work.scratch, work.motion
+    w, motion = work.memory.scratch, work.motion
     for k in range(LANES):
         w[SHARES + k] = 0.0
     for j in range(3):
@@ -264,7 +273,7 @@ def evaluate(batch, problem, pair, theta, work, g, h):
             pair = pair_at(batch, number)
         chart = motion_chart(batch, number, theta)
         motion[0], motion[1], motion[2] = chart.x, chart.y, chart.phi
-        value += evaluate_pair(pair, motion, batch.fusion, work, work.places[block:])
+        value += evaluate_pair(pair, motion, batch.fusion, work, work.memory.places[block:])
         block += (pair.moving.shape[1] + LANES - 1) // LANES
         add_derivatives(work, chart, batch.intervals[number], g, h)
     for j in range(3):

@@ -19,6 +19,7 @@ from d2d._kernel.layout import (
     YY,
     X,
     Y,
+    work_in,
 )
 from d2d._kernel.newton import invert, minimise
 from d2d._kernel.pairs import find_extremes, is_far
@@ -124,13 +125,13 @@ def order_targets(packed, counts, orders):
 
 
 @entry
-def target_batch(batch, thetas, rows, work, values):
+def target_batch(batch, thetas, rows, memory, values):
     """Rows of the scratch array for every target of every problem (B, rows, targets), at its theta.
 
     LOG_DENSITY holds log q_k, GRADIENT its gradient in the motion, CURVATURE the second derivatives
     of q_k over q_k, and SHARE the inlier component's share in q_k.
     """
-    w, memory, place = work.scratch, (work.mark, work.chosen), work.places[0]
+    w, place = memory.scratch, memory.places[0]
     for b in range(thetas.shape[0]):
         done = 0
         for number in range(batch.first[b], batch.first[b + 1]):
@@ -140,7 +141,7 @@ def target_batch(batch, thetas, rows, work, values):
             targets = pair.moving.shape[1]
             for first in range(0, targets, LANES):
                 place[LENGTH] = NOT_FOUND
-                evaluate_block(w, pair, setting, first, 0.0, memory, place)
+                evaluate_block(memory, pair, setting, first, 0.0, place)
                 for k in range(min(LANES, targets - first)):
                     for r in range(rows.shape[0]):
                         values[b, r, done + pair.order[first + k]] = w[rows[r] + k]
@@ -148,12 +149,13 @@ def target_batch(batch, thetas, rows, work, values):
 
 
 @entry
-def minimise_batch(batch, thetas, tolerance, max_iterations, work, results):
+def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
     """Minimise every problem separately; ``thetas`` holds the starts, then the optima.
 
     Without an iteration, the results are the cost and its derivatives at the starts.
     """
     value, gradient, hessian, covariance, converged, iterations, shares = results
+    work = work_in(memory)
     for b in range(thetas.shape[0]):
         value[b], converged[b], iterations[b], shares[b] = minimise(
             batch, b, thetas[b], tolerance, max_iterations, work, gradient[b], hessian[b]

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._kernel.compile import inlined
+from d2d._kernel.compile import inlined, merged
 
 X, Y, XX, XY, YY, WEIGHT = range(6)  # rows of a packed point set
 VALUE, VARIANCE, INPUT_VARIANCE, GAIN, SLOPE = 0, 1, 2, 3, 6  # columns of a packed measurement
@@ -63,8 +63,8 @@ OFFSET, TO_SHARE, OUTLIER_OFFSET, OUTLIER_TO_SHARE = range(61 * LANES, 65 * LANE
 SCALE, OUTLIER_SCALE, GAMMA = range(65 * LANES, 68 * LANES, LANES)
 MEAN, CENTRED, MOVED = 68 * LANES, 71 * LANES, 74 * LANES
 ONE_STEP = 80 * LANES  # a component that all targets of a block are paired with
-POLYNOMIAL = 86 * LANES  # of one coordinate, with its derivatives (see tiles.py)
-SCRATCH = 92 * LANES
+POLYNOMIAL = 86 * LANES  # of one coordinate for each target, with its derivatives (see tiles.py)
+SCRATCH = 134 * LANES
 
 # The neighbours of a block of targets: where they were when their lists were made, how far they may
 # move from there, and down to where their outlier component may sink; the lists' common length.
@@ -155,13 +155,19 @@ class Batch(NamedTuple):
     prior: Any  # (3,) precisions of the parameters' prior, a Gaussian about zero
 
 
-class Work(NamedTuple):
-    """The memory that one thread needs, see `own_work`."""
+class Memory(NamedTuple):
+    """The memory that one thread needs, see `own_memory`."""
 
     scratch: Any  # rows of the passes over the targets, see above
     places: Any  # (blocks, PLACE and more) the neighbours of each block of a problem's targets
-    mark: Any  # (targets of a fixed set,) of int
-    chosen: Any  # (targets of a fixed set,) of int
+    chosen: Any  # (2, targets of a fixed set) of int, for the search of neighbours
+    rows: Any  # (17, 3) of the descent, see `work_in`
+
+
+class Work(NamedTuple):
+    """The memory of a descent."""
+
+    memory: Any
     step: Any
     scale: Any
     trial: Any
@@ -173,21 +179,53 @@ class Work(NamedTuple):
     vectors: Any  # (5, 3) of the trust region
 
 
+@merged
+def work_in(memory):
+    """The memory of a descent, by name.
+
+    One array takes less time on the way from Python than nine.
+    """
+    rows = memory.rows
+    step, scale, trial, trial_gradient = rows[0], rows[1], rows[2], rows[3]
+    motion, gradient = rows[4], rows[5]
+    return Work(
+        memory,
+        step,
+        scale,
+        trial,
+        trial_gradient,
+        rows[6:9],
+        motion,
+        gradient,
+        rows[9:12],
+        rows[12:17],
+    )
+
+
 _OF_THREAD = threading.local()
 
 
-def own_work(blocks: int, targets: int) -> Work:
+def own_memory(blocks: int, targets: int) -> Memory:
     """The memory of the thread that calls, for so many blocks and targets of a fixed set.
 
     A list has room for all targets of a small set, and for every eighth of a large one; a longer
     list would not be faster than the sum over all.
     """
+    memory: Memory
+    if getattr(_OF_THREAD, "size", None) == (blocks, targets):
+        memory = _OF_THREAD.memory
+        return memory
     row = PLACE + min(targets, 64 + targets // 8) * STEP
-    work: Work | None = getattr(_OF_THREAD, "work", None)
-    if work is None or work.places.size < blocks * row or work.mark.size < targets:
-        work = _OF_THREAD.work = _make_work(blocks * row, targets)
-    places = work.places[: blocks * row].reshape(blocks, row)
-    return work._replace(places=places)
+    whole = getattr(_OF_THREAD, "whole", None)
+    if whole is None or whole.places.size < blocks * row or whole.chosen.size < 2 * targets:
+        chosen = np.empty(2 * targets, dtype=np.int64)
+        places, scratch = _aligned(blocks * row), _aligned(SCRATCH)
+        whole = _OF_THREAD.whole = Memory(scratch, places, chosen, np.empty((17, 3)))
+    places = whole.places[: blocks * row].reshape(blocks, row)
+    chosen = whole.chosen[: 2 * targets].reshape(2, targets)
+    memory = _OF_THREAD.memory = whole._replace(places=places, chosen=chosen)
+    _OF_THREAD.size = blocks, targets
+    return memory
 
 
 def _aligned(size: int) -> NDArray[np.float64]:
@@ -195,23 +233,3 @@ def _aligned(size: int) -> NDArray[np.float64]:
     memory = np.empty(size + LANES)
     first = -memory.ctypes.data % (8 * LANES) // 8
     return memory[first : first + size]
-
-
-def _make_work(places: int, targets: int) -> Work:
-    vectors, matrices = np.empty((6, 3)), np.empty((2, 3, 3))
-    step, scale, trial, trial_gradient, motion, gradient = vectors
-    return Work(
-        _aligned(SCRATCH),
-        _aligned(places),
-        np.empty(targets, dtype=np.int64),
-        np.empty(targets, dtype=np.int64),
-        step,
-        scale,
-        trial,
-        trial_gradient,
-        matrices[0],
-        motion,
-        gradient,
-        matrices[1],
-        np.empty((5, 3)),
-    )

@@ -295,7 +295,7 @@ def find_neighbours(w, fixed, extremes, setting, margin, measured, memory, place
     to which pairs could matter to each target beside its outlier component, as long as that is not
     below OUTLIER_FLOOR.
     """
-    mark, chosen = memory
+    mark, chosen = memory[0], memory[1]
     place[MEASURED] = 1.0 if measured else 0.0
     for k in range(LANES):
         w[CUT_OFF + k] = np.inf

@@ -224,7 +224,7 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
         targets += batch.pairs[number, MOVING_SIZE]
     for j in range(3):
         trial[j] = theta[j]
-    forget_neighbours(work.places)
+    forget_neighbours(work.memory.places)
     # the start is the first trial: a second call of `evaluate` would be compiled a second time
     value, shares, decrement, decrease, norm = np.inf, 0.0, np.inf, np.inf, np.inf
     for tried in range(max_iterations + 1):

@@ -222,12 +222,13 @@ def measurement_slopes(factor, chart):
 
 
 @merged
-def cross_pair(pair, setting, fusion, work, cross, by_fixed, by_moving, by_value, by_input):
+def cross_pair(pair, setting, fusion, memory, cross, own):
     """Cross derivatives of one pair of sets, of the gradient in the motion.
 
     With the sum, all targets share one density and one mean gradient, which a first round finds.
     """
-    w, memory, place = work.scratch, (work.mark, work.chosen), work.places[0]
+    by_fixed, by_moving, by_value, by_input = own
+    w, place = memory.scratch, memory.places[0]
     fixed, moving, order = pair.fixed, pair.moving, pair.order
     factors, outlier = pair.factors, pair.outlier
     measured, top = factors.shape[0] > 0, 0.0
@@ -242,7 +243,7 @@ def cross_pair(pair, setting, fusion, work, cross, by_fixed, by_moving, by_value
     for visit in range(rounds * blocks):
         first = visit % blocks * LANES
         place[LENGTH] = NOT_FOUND
-        evaluate_block(w, pair, setting, first, 0.0, memory, place)
+        evaluate_block(memory, pair, setting, first, 0.0, place)
         if visit < (rounds - 1) * blocks:
             fuse_summing(w)
             if visit == blocks - 1:
@@ -286,7 +287,7 @@ def scale_rows(rows, chart, interval):
 
 
 @entry
-def cross_batch(batch, thetas, begin, work, cross, by_fixed, by_moving, by_value, by_input):
+def cross_batch(batch, thetas, begin, memory, cross, by_fixed, by_moving, by_value, by_input):
     """Derivatives of the gradients of some problems, from ``begin`` on, in all that is measured.
 
     In the fixed and moving means (C, targets, 3, 2), in the measurements' values (C, targets, 3)
@@ -306,7 +307,7 @@ def cross_batch(batch, thetas, begin, work, cross, by_fixed, by_moving, by_value
             own_value = by_value[c, moving_done : moving_done + m]
             own_input = by_input[c, moving_done : moving_done + m]
             own = own_fixed, own_moving, own_value, own_input
-            cross_pair(pair, setting, batch.fusion, work, cross, *own)
+            cross_pair(pair, setting, batch.fusion, memory, cross, own)
             interval = batch.intervals[number]
             for i in range(n):
                 scale_rows(own_fixed[i, :, 0], chart, interval)

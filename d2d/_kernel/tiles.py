@@ -14,6 +14,7 @@ the tile; where that is above ACCURACY of the value, or outside all tiles, the p
 """
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -32,12 +33,14 @@ from d2d._kernel.layout import (
     LANES,
     MX,
     MY,
+    NUMBER,
     OUTLIER,
     POLYNOMIAL,
     PRECISION_XX,
     PRECISION_XY,
     PRECISION_YY,
     WEIGHT,
+    WITHIN,
     X,
     Y,
     lane_count,
@@ -50,6 +53,7 @@ BOUND = NODES * NODES  # behind a tile's coefficients: the least value for which
 TILE = BOUND + LANES
 SOURCES = 8  # components that are added to a tile together
 
+MARGIN = 0.1  # at least, by which the tiles reach beyond a set, in tiles
 # Columns of a grid of tiles: number of tiles along both coordinates, and where the first begins.
 COLUMNS, ROWS, LEFT, BOTTOM, FIRST_TILE = range(5)
 
@@ -75,55 +79,28 @@ def root_of(outlier):
     return xx, xy, math.sqrt(outlier[PRECISION_YY] - xy * xy)
 
 
-@entry
-def lay_grid(points, outlier, grid):
-    """Lay tiles over a set of components, with the margin that makes their number whole."""
-    xx, xy, yy = root_of(outlier)
-    low, high = np.inf, -np.inf
-    bottom, top = np.inf, -np.inf
-    for i in range(points.shape[1]):
-        u, v = xx * points[X, i] + xy * points[Y, i], yy * points[Y, i]
-        low, high = min(low, u), max(high, u)
-        bottom, top = min(bottom, v), max(top, v)
-    # at least a tenth of a standard deviation beyond the set
-    grid[COLUMNS] = math.ceil(0.5 * (high - low) + 0.1)
-    grid[ROWS] = math.ceil(0.5 * (top - bottom) + 0.1)
-    grid[LEFT] = 0.5 * (low + high) - grid[COLUMNS]
-    grid[BOTTOM] = 0.5 * (bottom + top) - grid[ROWS]
-
-
 @vectorised
-def place_sources(points, root, grid, first, across, along, nodes):
-    """The factors of SOURCES components at the nodes of all columns and rows of tiles.
+def place_sources(first, count, at, weights, corner, factors, edges, nodes):
+    """The factors of SOURCES components at the nodes of all tiles along one coordinate.
 
-    Behind these lie the factors of their bounds.  ``nodes`` is NODES as a value that is known only
-    at run time, see `lane_count`.
+    They go to ``factors`` (tiles, SOURCES, NODES), and those of the bounds to ``edges`` (tiles,
+    SOURCES).  ``nodes`` is NODES as a value that is known only at run time, see `lane_count`.
     """
-    xx, xy, yy = root
-    columns, rows = int(grid[COLUMNS]), int(grid[ROWS])
     for s in range(SOURCES):
-        i = min(first + s, points.shape[1] - 1)
-        weight = points[WEIGHT, i] if first + s < points.shape[1] else 0.0
-        u, v = xx * points[X, i] + xy * points[Y, i], yy * points[Y, i]
-        for c in range(columns):
-            centre = grid[LEFT] + 2.0 * c + 1.0 - u
+        i = min(first + s, count - 1)
+        for t in range(factors.shape[0]):
+            centre = corner + 2.0 * t + 1.0 - at[i]
+            edge = max(abs(centre) - 1.0, 0.0)
+            weight = weights[i] if first + s < count else 0.0
+            edges[t, s] = weight * math.exp(-0.25 * edge * edge)
             for n in range(nodes):
                 d = centre + _AT[n]
-                across[s, c * NODES + n] = weight * exp(-0.5 * d * d)
-            edge = max(abs(centre) - 1.0, 0.0)
-            across[s, columns * NODES + c] = weight * math.exp(-0.25 * edge * edge)
-        for r in range(rows):
-            centre = grid[BOTTOM] + 2.0 * r + 1.0 - v
-            for n in range(nodes):
-                d = centre + _AT[n]
-                along[s, r * NODES + n] = exp(-0.5 * d * d)
-            edge = max(abs(centre) - 1.0, 0.0)
-            along[s, rows * NODES + r] = math.exp(-0.25 * edge * edge)
+                factors[t, s, n] = weight * exp(-0.5 * d * d)
 
 
 @vectorised
 def add_sources(tile, across, along, nodes):
-    """Add SOURCES components to a tile's values at its nodes, row by row."""
+    """Add SOURCES components to a tile's values at its nodes, from their factors along both."""
     for b in range(nodes):
         for a in range(nodes):
             added = tile[b * NODES + a]
@@ -150,27 +127,32 @@ def fit(tile, between, nodes):
 
 
 @entry
-def fill_tiles(points, outlier, grid, across, along, work, tiles):
-    """Fill the tiles (rows * columns, TILE) of a grid; ``work`` is the scratch array."""
-    root, nodes, between = root_of(outlier), 2 * lane_count(work), work[: NODES * NODES]
-    columns, rows = int(grid[COLUMNS]), int(grid[ROWS])
+def fill_tiles(places, grid, across, along, work, tiles):
+    """Fill the tiles (rows * columns, TILE) of a grid.
+
+    ``places`` (4, N) are the coordinates of the components, their weights, and ones; ``across`` and
+    ``along`` the memory of `place_sources` along both coordinates, ``work`` the scratch array.
+    """
+    nodes, between = 2 * lane_count(work), work[: NODES * NODES]
+    (columns, column_edges), (rows, row_edges) = across, along
+    count = places.shape[1]
     tiles[:] = 0.0
-    for first in range(0, points.shape[1], SOURCES):
-        place_sources(points, root, grid, first, across, along, nodes)
-        for r in range(rows):
-            own = along[:, r * NODES : (r + 1) * NODES]
-            for c in range(columns):
-                tile = tiles[r * columns + c]
-                add_sources(tile, across[:, c * NODES : (c + 1) * NODES], own, nodes)
+    for first in range(0, count, SOURCES):
+        u, v, weights, ones = places[0], places[1], places[2], places[3]
+        place_sources(first, count, u, weights, grid[LEFT], columns, column_edges, nodes)
+        place_sources(first, count, v, ones, grid[BOTTOM], rows, row_edges, nodes)
+        for r in range(rows.shape[0]):
+            for c in range(columns.shape[0]):
+                tile = tiles[r * columns.shape[0] + c]
+                add_sources(tile, columns[c], rows[r], nodes)
                 for s in range(SOURCES):
-                    bound = across[s, columns * NODES + c] * along[s, rows * NODES + r]
-                    tile[BOUND] += _ERROR / ACCURACY * bound
+                    tile[BOUND] += _ERROR / ACCURACY * column_edges[c, s] * row_edges[r, s]
     for t in range(tiles.shape[0]):
         fit(tiles[t], between, nodes)
 
 
 @vectorised
-def sum_rows(w, tile, v, nodes):
+def sum_rows(rows, tile, v, nodes):
     """The polynomial of each power of u, at v, with first and half the second derivative."""
     for j in range(nodes):
         value = first = second = 0.0
@@ -178,30 +160,44 @@ def sum_rows(w, tile, v, nodes):
             second = second * v + first
             first = first * v + value
             value = value * v + tile[n * NODES + j]
-        w[POLYNOMIAL + j] = value
-        w[POLYNOMIAL + NODES + j] = first
-        w[POLYNOMIAL + 2 * NODES + j] = second
+        rows[j] = value
+        rows[NODES + j] = first
+        rows[2 * NODES + j] = second
 
 
-@inlined
-def sum_columns(w, u):
-    """f, its gradient and second derivatives at u, from what `sum_rows` leaves."""
-    value = along_u = second_u = along_v = mixed = second_v = 0.0
-    for j in range(NODES - 1, -1, -1):
-        second_u = second_u * u + along_u
-        along_u = along_u * u + value
-        value = value * u + w[POLYNOMIAL + j]
-        mixed = mixed * u + along_v
-        along_v = along_v * u + w[POLYNOMIAL + NODES + j]
-        second_v = second_v * u + w[POLYNOMIAL + 2 * NODES + j]
-    return value, along_u, along_v, 2.0 * second_u, mixed, 2.0 * second_v
+@vectorised
+def sum_columns(w, root):
+    """The field's value f and its derivatives over it, from what `sum_rows` leaves."""
+    xx, xy, yy = root
+    enough = True
+    for k in range(lane_count(w)):
+        at, u = POLYNOMIAL + 3 * NODES * k, w[WITHIN + k]
+        f = fu = fuu = fv = fuv = fvv = 0.0
+        for j in range(NODES - 1, -1, -1):
+            fuu = fuu * u + fu
+            fu = fu * u + f
+            f = f * u + w[at + j]
+            fuv = fuv * u + fv
+            fv = fv * u + w[at + NODES + j]
+            fvv = fvv * u + w[at + 2 * NODES + j]
+        enough &= f >= w[NUMBER + k]
+        inverse = 1.0 / f
+        fu, fv = fu * inverse, fv * inverse
+        fuu, fuv, fvv = 2.0 * fuu * inverse, fuv * inverse, 2.0 * fvv * inverse
+        w[OUTLIER + k] = f
+        w[OUTLIER + G0 + k] = xx * fu
+        w[OUTLIER + G1 + k] = xy * fu + yy * fv
+        w[OUTLIER + A00 + k] = xx * xx * fuu
+        w[OUTLIER + A01 + k] = xx * (xy * fuu + yy * fuv)
+        w[OUTLIER + A11 + k] = xy * (xy * fuu + 2.0 * yy * fuv) + yy * yy * fvv
+    return enough
 
 
 @inlined
 def interpolate(w, tiles, grid, root, setting):
     """The field's value, and its derivatives over it, at a block's targets.
 
-    Returns whether the tiles were enough; the rows are those of `densities.corrupted_jet`.
+    Returns whether the tiles were enough; the rows are those of `densities.sum_outliers`.
     """
     xx, xy, yy = root
     columns, rows = int(grid[COLUMNS]), int(grid[ROWS])
@@ -212,18 +208,17 @@ def interpolate(w, tiles, grid, root, setting):
             return False
         c, r = int(u), int(v)
         tile = tiles[r * columns + c]
-        sum_rows(w, tile, 2.0 * (v - r) - 1.0, 2 * lane_count(w))
-        f, fu, fv, fuu, fuv, fvv = sum_columns(w, 2.0 * (u - c) - 1.0)
-        if not f >= tile[BOUND]:
-            return False
-        inverse = 1.0 / f
-        w[OUTLIER + k] = f
-        w[OUTLIER + G0 + k] = xx * fu * inverse
-        w[OUTLIER + G1 + k] = (xy * fu + yy * fv) * inverse
-        w[OUTLIER + A00 + k] = xx * xx * fuu * inverse
-        w[OUTLIER + A01 + k] = xx * (xy * fuu + yy * fuv) * inverse
-        w[OUTLIER + A11 + k] = (xy * (xy * fuu + 2.0 * yy * fuv) + yy * yy * fvv) * inverse
-    return True
+        w[WITHIN + k], w[NUMBER + k] = 2.0 * (u - c) - 1.0, tile[BOUND]
+        begin = POLYNOMIAL + 3 * NODES * k
+        own = w[begin : begin + 3 * NODES]
+        sum_rows(own, tile, 2.0 * (v - r) - 1.0, 2 * lane_count(w))
+    return sum_columns(w, root)
+
+
+@cache
+def none_for(sets: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """No tiles (0, TILE) for so many sets, and their empty grids (B, 5)."""
+    return np.empty((0, TILE)), np.zeros((sets, 5))
 
 
 def tiles_of(sets: NDArray[Any], outlier: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -232,18 +227,23 @@ def tiles_of(sets: NDArray[Any], outlier: NDArray[Any]) -> tuple[NDArray[Any], N
     A set has none if more would be needed than it has components: the plain sum is faster then.
     """
     size = sets.shape[-1]
-    grids, all_tiles, done = np.zeros((len(sets), 5)), [np.empty((0, TILE))], 0
-    for points, grid in zip(sets, grids, strict=True):
-        lay_grid(points, outlier, grid)
-        columns, rows = grid[COLUMNS], grid[ROWS]
-        if columns * rows > size:
-            grid[:] = 0.0
-            continue
-        grid[FIRST_TILE] = done
-        tiles = np.empty((int(columns * rows), TILE))
-        across = np.empty((SOURCES, int(columns) * (NODES + 1)))
-        along = np.empty((SOURCES, int(rows) * (NODES + 1)))
-        fill_tiles(points, outlier, grid, across, along, layout.own_work(1, 1).scratch, tiles)
-        all_tiles.append(tiles)
-        done += len(tiles)
-    return np.concatenate(all_tiles), grids
+    grids, filled = np.zeros((len(sets), 5)), [np.empty((0, TILE))]
+    xx, xy, yy = root_of(outlier)
+    places = np.ones((len(sets), 4, size))
+    places[:, 0] = xx * sets[:, X] + xy * sets[:, Y]
+    places[:, 1] = yy * sets[:, Y]
+    places[:, 2] = sets[:, WEIGHT]
+    low, high = places[:, :2].min(axis=-1), places[:, :2].max(axis=-1)
+    shape = np.ceil(0.5 * (high - low) + MARGIN)
+    corner = 0.5 * (low + high) - shape
+    for b in np.flatnonzero(shape.prod(axis=-1) <= size):
+        columns, rows = shape[b].astype(int)
+        tiles = np.empty((rows * columns, TILE))
+        across, along = (
+            (np.empty((count, SOURCES, NODES)), np.empty((count, SOURCES)))
+            for count in (columns, rows)
+        )
+        grids[b] = *shape[b], *corner[b], sum(map(len, filled))
+        fill_tiles(places[b], grids[b], across, along, layout.own_memory(1, 1).scratch, tiles)
+        filled.append(tiles)
+    return np.concatenate(filled), grids
