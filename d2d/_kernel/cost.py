@@ -36,6 +36,7 @@ from d2d._kernel.layout import (
     LENGTH,
     LIKELIHOOD,
     LIMIT,
+    MARGIN,
     MEASURED,
     LOG_2PI,
     LOG_INLIER_WEIGHT,
@@ -55,12 +56,12 @@ from d2d._kernel.layout import (
     Setting,
     lane_count,
 )
-from d2d._kernel.neighbours import bound_pairs, find_neighbours, has_moved
+from d2d._kernel.neighbours import bound_pairs, find_neighbours, moved
 from d2d._kernel.pairs import finish_inliers, load_block, sum_inliers
 
 # How far a target may move, in standard deviations of its nearest pair, before its neighbours are
 # looked for again.
-MARGIN = 0.5
+LEAST_MARGIN, MOST = 0.5, 4.0
 
 
 @inlined
@@ -118,8 +119,12 @@ def evaluate_block(memory, pair, setting, first, margin, place):
     if factors.shape[0] > 0:
         measurement_jets(w, factors, order, setting.chart, first)
     outlier_jet(w, fixed, setting, outlier, pair.tiles, pair.grid)
-    known = place[LENGTH] != NOT_FOUND and not has_moved(w, place, setting)
-    measured = place[LENGTH] != NOT_FOUND and place[MEASURED] > 0.0
+    known, measured = False, False
+    if place[LENGTH] != NOT_FOUND:
+        distance = moved(w, place, setting)
+        known, measured = distance <= 1.0, place[MEASURED] > 0.0
+        # the next step of a descent is likely to be shorter by half
+        margin = min(max(0.5 * distance * place[MARGIN], margin), MOST * margin)
     while True:
         if not known:
             bound_pairs(w, pair.extremes)
@@ -170,7 +175,7 @@ def evaluate_pair(pair, theta, fusion, work, places):
     for k in range(LANES):
         w[TOP + k] = -np.inf
     for first in range(0, pair.moving.shape[1], LANES):
-        evaluate_block(memory, pair, setting, first, MARGIN, places[first // LANES])
+        evaluate_block(memory, pair, setting, first, LEAST_MARGIN, places[first // LANES])
         if fusion == LIKELIHOOD:
             fuse_likelihood(w)
         else:

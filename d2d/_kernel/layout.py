@@ -71,7 +71,7 @@ SCRATCH = 134 * LANES
 # Then follow copies of the components, STEP numbers for one of each target: the six of a packed
 # set, and its INDEX.
 AT_X, AT_Y, AT_COSINE, AT_SINE, REACH, SLACK, FLOOR, LEAST_SUM = range(0, 8 * LANES, LANES)
-LENGTH, MEASURED, PLACE = 8 * LANES, 8 * LANES + 1, 9 * LANES
+LENGTH, MEASURED, MARGIN, PLACE = 8 * LANES, 8 * LANES + 1, 8 * LANES + 2, 9 * LANES
 DENSE, NOT_FOUND = -1, -2  # lengths of lists: all components, and none found yet
 INDEX = 6
 STEP = 7 * LANES

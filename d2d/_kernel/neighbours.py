@@ -45,6 +45,7 @@ from d2d._kernel.layout import (
     LEAST_VARIANCE,
     LENGTH,
     LIMIT,
+    MARGIN,
     MEASURED,
     MEAN_ROOT,
     MX,
@@ -107,17 +108,17 @@ def difference(w, k, component):
 
 
 @vectorised
-def has_moved(w, place, setting):
-    """Whether a target of a block has moved so far that its list may not be complete."""
+def moved(w, place, setting):
+    """How far a block's targets have moved, at most, in the distance for which their lists hold."""
     dc, ds = setting.cosine - place[AT_COSINE], setting.sine - place[AT_SINE]
-    chord, moved = math.sqrt(dc * dc + ds * ds), False
+    chord, farthest, sunk = math.sqrt(dc * dc + ds * ds), 0.0, False
     for k in range(lane_count(w)):
         dx = w[MX + k] + setting.x - place[AT_X + k]
         dy = w[MY + k] + setting.y - place[AT_Y + k]
-        left = place[SLACK + k] - place[REACH + k] * chord
-        moved |= (left < 0.0) | (dx * dx + dy * dy > left * left)
-        moved |= w[OUTLIER + k] < place[FLOOR + k]
-    return moved
+        distance = math.sqrt(dx * dx + dy * dy) + place[REACH + k] * chord
+        farthest = max(farthest, distance / place[SLACK + k])
+        sunk |= w[OUTLIER + k] < place[FLOOR + k]
+    return max(farthest, 2.0) if sunk else farthest
 
 
 @vectorised
@@ -175,7 +176,7 @@ def limit(w, setting, spread, margin, measured, place):
         reach = root + margin
         w[CUT_OFF + k] = reach * reach if c >= 0.0 else -1.0
         slack = margin * math.sqrt(w[SMALLEST + k])
-        place[SLACK + k] = slack if w[OFFSET + k] == 0.0 else -1.0  # an offset holds here only
+        place[SLACK + k] = slack if w[OFFSET + k] == 0.0 else 0.0  # an offset holds here only
         place[REACH + k] = root * math.sqrt(w[LARGEST + k])
         place[FLOOR + k] = w[OUTLIER_FLOOR + k]
         place[AT_X + k], place[AT_Y + k] = w[MX + k] + setting.x, w[MY + k] + setting.y
@@ -296,7 +297,7 @@ def find_neighbours(w, fixed, extremes, setting, margin, measured, memory, place
     below OUTLIER_FLOOR.
     """
     mark, chosen = memory[0], memory[1]
-    place[MEASURED] = 1.0 if measured else 0.0
+    place[MEASURED], place[MARGIN] = 1.0 if measured else 0.0, margin
     for k in range(LANES):
         w[CUT_OFF + k] = np.inf
     if measured and w[LIMIT] == np.inf:
