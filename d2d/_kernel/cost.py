@@ -61,7 +61,7 @@ from d2d._kernel.pairs import finish_inliers, load_block, sum_inliers
 
 # How far a target may move, in standard deviations of its nearest pair, before its neighbours are
 # looked for again.
-LEAST_MARGIN, MOST = 0.5, 4.0
+LEAST_MARGIN, MOST = 1.0, 2.0
 
 
 @inlined
