@@ -249,8 +249,17 @@ class Problem:
             np.empty((count, moving, 3)),
             np.empty((count, moving, 3)),
         )
-        memory = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)
-        propagate.cross_batch(bound.batch, bound.thetas, begin, self._memory(), memory, *cross)
+        terms = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)
+        columns, rows = (int(bound.batch.grids[:, axis].max()) for axis in range(2))
+        most = max(pair.moving.size for pair in self.pairs) if columns else 0
+        fields = (
+            np.empty((2, most)),
+            np.empty((propagate.FIELDS, most)),
+            tiles.memory_for(columns, rows),
+            np.empty((propagate.FIELDS * columns * rows, tiles.TILE)),
+        )
+        memory = self._memory()
+        propagate.cross_batch(bound.batch, bound.thetas, begin, memory, terms, fields, tuple(cross))
         return cross
 
     def log_densities(self, bound: Bound) -> Array:

@@ -28,6 +28,7 @@ from d2d._kernel.layout import (
     G2,
     GAIN,
     INPUT_VARIANCE,
+    IS_TILED,
     KIND,
     LANES,
     LOG_2PI,
@@ -142,15 +143,26 @@ def turn_outliers(w, log_weight):
         )
 
 
+@vectorised
+def over_value(w):
+    """From a field's derivatives to those over its value."""
+    for k in range(lane_count(w)):
+        inverse = 1.0 / w[OUTLIER + k]
+        w[OUTLIER_OFFSET + k] = 0.0
+        for row in (G0, G1, A00, A01, A11):
+            w[OUTLIER + row + k] *= inverse
+
+
 @compiled
 def corrupted_jet(w, fixed, setting, outlier, tiles, grid):
     """The corrupted Gaussian's component: sum_i w_i N(0 | d_i, S_o), one covariance for all pairs.
 
-    From the tiles of a large set, or as the plain sum.
+    From the tiles of a large set, or as the plain sum; IS_TILED tells which.
     """
+    w[IS_TILED] = 0.0
     if tiles.shape[0] > 0 and interpolate(w, tiles, grid, root_of(outlier), setting):
-        for k in range(LANES):
-            w[OUTLIER_OFFSET + k] = 0.0
+        w[IS_TILED] = 1.0
+        over_value(w)
     else:
         precision = outlier[PRECISION_XX], outlier[PRECISION_XY], outlier[PRECISION_YY]
         sum_outliers(w, fixed, setting, precision)

@@ -64,7 +64,9 @@ SCALE, OUTLIER_SCALE, GAMMA = range(65 * LANES, 68 * LANES, LANES)
 MEAN, CENTRED, MOVED = 68 * LANES, 71 * LANES, 74 * LANES
 ONE_STEP = 80 * LANES  # a component that all targets of a block are paired with
 POLYNOMIAL = 86 * LANES  # of one coordinate for each target, with its derivatives (see tiles.py)
-SCRATCH = 134 * LANES
+TERMS = POLYNOMIAL  # of a step of the propagation
+IS_TILED = 134 * LANES  # whether a block's outlier component is interpolated
+SCRATCH = 135 * LANES
 
 # The neighbours of a block of targets: where they were when their lists were made, how far they may
 # move from there, and down to where their outlier component may sink; the lists' common length.

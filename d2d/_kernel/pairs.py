@@ -137,14 +137,20 @@ def add_step(w, step, setting):
         )
 
 
+@inlined
+def repeat(step, fixed, i):
+    """Make a component that of all targets of a step."""
+    for row in range(6):
+        for k in range(LANES):
+            step[row * LANES + k] = fixed[row, i]
+
+
 @vectorised
 def add_all(w, fixed, setting):
     """Sum over all components, see `add_step`."""
     step = w[ONE_STEP : ONE_STEP + 6 * LANES]
     for i in range(fixed.shape[1]):
-        for row in range(6):
-            for k in range(LANES):
-                step[row * LANES + k] = fixed[row, i]
+        repeat(step, fixed, i)
         add_step(w, step, setting)
 
 

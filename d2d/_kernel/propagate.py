@@ -20,6 +20,9 @@ from d2d._kernel.densities import half_square
 from d2d._kernel.elementary import exp
 from d2d._kernel.jets import fuse_summing, gradient_through_chart
 from d2d._kernel.layout import (
+    A00,
+    A01,
+    A11,
     CENTRED,
     CORRUPTED,
     COUNTS,
@@ -36,6 +39,7 @@ from d2d._kernel.layout import (
     INDEX,
     INLIER,
     INPUT_VARIANCE,
+    IS_TILED,
     KIND,
     LANES,
     LENGTH,
@@ -47,6 +51,8 @@ from d2d._kernel.layout import (
     NOT_FOUND,
     NO_OUTLIER,
     OFFSET,
+    ONE_STEP,
+    OUTLIER,
     OUTLIER_OFFSET,
     OUTLIER_SCALE,
     OUTLIER_TO_SHARE,
@@ -59,6 +65,7 @@ from d2d._kernel.layout import (
     SLOPE,
     STEP,
     SUMMING,
+    TERMS,
     TO_SHARE,
     TOP,
     TOTAL,
@@ -70,9 +77,12 @@ from d2d._kernel.layout import (
     Y,
     lane_count,
 )
-from d2d._kernel.neighbours import component_of, difference
+from d2d._kernel.neighbours import difference
+from d2d._kernel.pairs import component_at, repeat
+from d2d._kernel.tiles import fill, interpolate, root_of
 
 ROWS = 6 * LANES  # of one component's cross derivatives, lane by lane
+FIELDS = 6  # see `add_fields`
 
 
 @vectorised
@@ -95,51 +105,72 @@ def cross_terms(gamma, centred, u, precision, v):
 
 
 @vectorised
-def add_terms(w, k, own, terms, gamma, u):
-    """Add a pair's terms to both of its means."""
-    for row in range(6):
-        own[row * LANES + k] -= terms[row]
-        w[MOVED + row * LANES + k] += terms[row]
-    w[MOVED + 4 * LANES + k] += gamma * u[1]  # d_phi = E p depends on the target's position
-    w[MOVED + 5 * LANES + k] -= gamma * u[0]
-
-
-@inlined
-def add_inlier(w, k, fixed, i, setting, own):
-    """Add the pair of a lane's target and a component, see `pairs.add_step`."""
-    dx, dy, sxx, sxy, syy, square, determinant = difference(w, k, component_of(fixed, i, setting))
-    x, y, inverse = w[MX + k], w[MY + k], 1.0 / determinant
-    bxx, bxy, byy = syy * inverse, -sxy * inverse, sxx * inverse
-    ux, uy = bxx * dx + bxy * dy, bxy * dx + byy * dy
-    gamma = w[SCALE + k] * fixed[WEIGHT, i] * math.sqrt(inverse)
-    gamma *= exp(min(w[OFFSET + k] - 0.5 * square * inverse, MAX_EXPONENT))
-    a, h = -2.0 * w[CXY + k], w[CXX + k] - w[CYY + k]  # C_phi = [[a, h], [h, -a]]
-    bent_x, bent_y = a * ux + h * uy, h * ux - a * uy
-    turn = ux * (0.5 * bent_x + y) + uy * (0.5 * bent_y - x)
-    turn -= 0.5 * (a * (bxx - byy) + 2.0 * h * bxy)
-    centred = (
-        w[FACTOR + G0 + k] - ux - w[MEAN + k],
-        w[FACTOR + G1 + k] - uy - w[MEAN + LANES + k],
-        w[FACTOR + G2 + k] + turn - w[MEAN + 2 * LANES + k],
-    )
-    terms = cross_terms(gamma, centred, (ux, uy), (bxx, bxy, byy), (-y - bent_x, x - bent_y))
-    add_terms(w, k, own, terms, gamma, (ux, uy))
-    w[GAMMA + k] += gamma
-    for row in range(3):
-        w[CENTRED + row * LANES + k] += gamma * centred[row]
+def inlier_terms(w, step, setting):
+    """The terms of one pair of each target, see `pairs.add_step`; adds them to the targets' own."""
+    for k in range(lane_count(w)):
+        dx, dy, sxx, sxy, syy, square, determinant = difference(
+            w, k, component_at(step, k, setting)
+        )
+        x, y, inverse = w[MX + k], w[MY + k], 1.0 / determinant
+        bxx, bxy, byy = syy * inverse, -sxy * inverse, sxx * inverse
+        ux, uy = bxx * dx + bxy * dy, bxy * dx + byy * dy
+        gamma = w[SCALE + k] * step[WEIGHT * LANES + k] * math.sqrt(inverse)
+        gamma *= exp(min(w[OFFSET + k] - 0.5 * square * inverse, MAX_EXPONENT))
+        a, h = -2.0 * w[CXY + k], w[CXX + k] - w[CYY + k]  # C_phi = [[a, h], [h, -a]]
+        bent_x, bent_y = a * ux + h * uy, h * ux - a * uy
+        turn = ux * (0.5 * bent_x + y) + uy * (0.5 * bent_y - x)
+        turn -= 0.5 * (a * (bxx - byy) + 2.0 * h * bxy)
+        centred = (
+            w[FACTOR + G0 + k] - ux - w[MEAN + k],
+            w[FACTOR + G1 + k] - uy - w[MEAN + LANES + k],
+            w[FACTOR + G2 + k] + turn - w[MEAN + 2 * LANES + k],
+        )
+        terms = cross_terms(gamma, centred, (ux, uy), (bxx, bxy, byy), (-y - bent_x, x - bent_y))
+        for row in range(6):
+            w[TERMS + row * LANES + k] = terms[row]
+            w[MOVED + row * LANES + k] += terms[row]
+        w[MOVED + 4 * LANES + k] += gamma * uy  # d_phi = E p depends on the target's position
+        w[MOVED + 5 * LANES + k] -= gamma * ux
+        w[GAMMA + k] += gamma
+        for row in range(3):
+            w[CENTRED + row * LANES + k] += gamma * centred[row]
 
 
 @compiled
 def add_inliers(w, fixed, setting, place, cross):
     """Add the pairs of a block's neighbours, which the first pass has left at its ``place``."""
     dense = place[LENGTH] == DENSE
-    steps = fixed.shape[1] if dense else int(place[LENGTH])
-    for k in range(LANES):
-        if w[SCALE + k] > 0.0:
-            for n in range(steps):
-                i = n if dense else int(place[PLACE + n * STEP + INDEX * LANES + k])
-                if i >= 0:
-                    add_inlier(w, k, fixed, i, setting, cross[i * ROWS : (i + 1) * ROWS])
+    step = w[ONE_STEP : ONE_STEP + 6 * LANES]
+    for n in range(fixed.shape[1] if dense else int(place[LENGTH])):
+        at = PLACE + n * STEP
+        if dense:
+            repeat(step, fixed, n)
+            inlier_terms(w, step, setting)
+        else:
+            inlier_terms(w, place[at : at + STEP], setting)
+        for k in range(LANES):
+            i = n if dense else int(place[at + INDEX * LANES + k])
+            for row in range(6 if i >= 0 else 0):
+                cross[i * ROWS + row * LANES + k] -= w[TERMS + row * LANES + k]
+
+
+@vectorised
+def move_outliers(w):
+    """Add what the pairs of the corrupted Gaussian mean for their targets.
+
+    It follows from their derivatives in the motion: those in the position are the same.
+    """
+    for k in range(lane_count(w)):
+        x, y, s = w[MX + k], w[MY + k], w[OUTLIER_SCALE + k] / w[OUTLIER_TO_SHARE + k]
+        m0, m1, m2 = w[MEAN + k], w[MEAN + LANES + k], w[MEAN + 2 * LANES + k]
+        g0, g1 = w[OUTLIER + G0 + k], w[OUTLIER + G1 + k]
+        a00, a01, a11 = w[OUTLIER + A00 + k], w[OUTLIER + A01 + k], w[OUTLIER + A11 + k]
+        w[MOVED + k] += s * (m0 * g0 - a00)
+        w[MOVED + LANES + k] += s * (m0 * g1 - a01)
+        w[MOVED + 2 * LANES + k] += s * (m1 * g0 - a01)
+        w[MOVED + 3 * LANES + k] += s * (m1 * g1 - a11)
+        w[MOVED + 4 * LANES + k] += s * (m2 * g0 + y * a00 - x * a01 - g1)
+        w[MOVED + 5 * LANES + k] += s * (m2 * g1 + y * a01 - x * a11 + g0)
 
 
 @vectorised
@@ -163,17 +194,74 @@ def add_corrupted(w, fixed, setting, outlier, cross):
                 y * ux - x * uy - w[MEAN + 2 * LANES + k],
             )
             terms = cross_terms(gamma, centred, (ux, uy), precision, (-y, x))
-            add_terms(w, k, own, terms, gamma, (ux, uy))
+            for row in range(6):
+                own[row * LANES + k] -= terms[row]
 
 
-@merged
-def add_outliers(w, fixed, setting, outlier, cross):
-    """Add the pairs of the outlier component, if it depends on the components one by one."""
+@inlined
+def collect_outliers(w, root, setting, first, places, weights):
+    """Note a block's targets as components of the fields of `add_fields`."""
+    xx, xy, yy = root
+    for k in range(min(LANES, places.shape[1] - first)):
+        x, y = w[MX + k] + setting.x, w[MY + k] + setting.y
+        places[0, first + k], places[1, first + k] = xx * x + xy * y, yy * y
+        scale = w[OUTLIER_SCALE + k] if w[IS_TILED] > 0.0 else 0.0
+        weights[0, first + k] = scale
+        for row in range(3):
+            weights[1 + row, first + k] = scale * w[MEAN + row * LANES + k]
+        weights[4, first + k], weights[5, first + k] = scale * w[MX + k], scale * w[MY + k]
+
+
+@compiled
+def add_fields(w, pair, setting, fields, by_fixed):
+    """Add what the pairs of the corrupted Gaussian mean for the components of a large set.
+
+    Summed over the targets, the terms of a component are derivatives of fields at its place, in
+    which the targets are the components: F with their scales s_k as weights, M_j with s_k times
+    the mean gradient, and P_x, P_y with s_k times the position.  With H the second derivatives::
+
+        sum_k terms = -H F - grad M_j (j = 0, 1),  row x of H P_y - row y of H P_x - grad M_2
+    """
+    places, weights, factors, tiles = fields
+    fixed, root = pair.fixed, root_of(pair.outlier)
+    count = pair.tiles.shape[0]
+    fill(places, weights, pair.grid, factors, w, tiles[: FIELDS * count])
+    for first in range(0, fixed.shape[1], LANES):
+        last = fixed.shape[1] - 1
+        for k in range(LANES):
+            i = min(first + k, last)
+            w[MX + k], w[MY + k] = fixed[X, i] - setting.x, fixed[Y, i] - setting.y
+        for field in range(FIELDS):
+            own = tiles[field * count : (field + 1) * count]
+            interpolate(w, own, pair.grid, root, setting)
+            for k in range(min(LANES, fixed.shape[1] - first)):
+                weight, total = fixed[WEIGHT, first + k], by_fixed[first + k]
+                gx, gy = weight * w[OUTLIER + G0 + k], weight * w[OUTLIER + G1 + k]
+                hxx, hxy = weight * w[OUTLIER + A00 + k], weight * w[OUTLIER + A01 + k]
+                hyy = weight * w[OUTLIER + A11 + k]
+                if field == 0:
+                    total[0, 0] += hxx
+                    total[0, 1] += hxy
+                    total[1, 0] += hxy
+                    total[1, 1] += hyy
+                elif field < 4:
+                    total[field - 1, 0] += gx
+                    total[field - 1, 1] += gy
+                elif field == 4:
+                    total[2, 0] += hxy
+                    total[2, 1] += hyy
+                else:
+                    total[2, 0] -= hxx
+                    total[2, 1] -= hxy
+
+
+@inlined
+def depends_on_components(outlier):
+    """Whether the outlier component depends on the components one by one; an unknown kind raises."""
     kind = outlier[KIND]
-    if kind == CORRUPTED:
-        add_corrupted(w, fixed, setting, outlier, cross)
-    elif kind != NO_OUTLIER and kind != UNIFORM:
+    if kind != NO_OUTLIER and kind != UNIFORM and kind != CORRUPTED:
         raise ValueError("the kernel does not know this kind of outlier component")
+    return kind == CORRUPTED
 
 
 @inlined
@@ -222,7 +310,7 @@ def measurement_slopes(factor, chart):
 
 
 @merged
-def cross_pair(pair, setting, fusion, memory, cross, own):
+def cross_pair(pair, setting, fusion, memory, cross, fields, own):
     """Cross derivatives of one pair of sets, of the gradient in the motion.
 
     With the sum, all targets share one density and one mean gradient, which a first round finds.
@@ -232,6 +320,7 @@ def cross_pair(pair, setting, fusion, memory, cross, own):
     fixed, moving, order = pair.fixed, pair.moving, pair.order
     factors, outlier = pair.factors, pair.outlier
     measured, top = factors.shape[0] > 0, 0.0
+    corrupted, tiled = depends_on_components(outlier), pair.tiles.shape[0] > 0
     cross = cross[: fixed.shape[1] * ROWS]
     cross[:] = 0.0
     for k in range(10 * LANES):
@@ -256,7 +345,13 @@ def cross_pair(pair, setting, fusion, memory, cross, own):
             continue
         prepare_targets(w, outlier, fusion, measured, top)
         add_inliers(w, fixed, setting, place, cross)
-        add_outliers(w, fixed, setting, outlier, cross)
+        if corrupted:
+            move_outliers(w)
+            if w[IS_TILED] == 0.0:
+                add_corrupted(w, fixed, setting, outlier, cross)
+            if tiled:
+                places, weights = fields[0][:, : moving.shape[1]], fields[1][:, : moving.shape[1]]
+                collect_outliers(w, root_of(outlier), setting, first, places, weights)
         for k in range(min(LANES, moving.shape[1] - first)):
             j = order[first + k]
             for i in range(3):
@@ -277,6 +372,8 @@ def cross_pair(pair, setting, fusion, memory, cross, own):
             for k in range(LANES):
                 added += cross[i * ROWS + row * LANES + k]
             by_fixed[i, row // 2, row % 2] = added
+    if corrupted and tiled:
+        add_fields(w, pair, setting, fields, by_fixed)
 
 
 @compiled
@@ -287,14 +384,15 @@ def scale_rows(rows, chart, interval):
 
 
 @entry
-def cross_batch(batch, thetas, begin, memory, cross, by_fixed, by_moving, by_value, by_input):
+def cross_batch(batch, thetas, begin, memory, cross, fields, derivatives):
     """Derivatives of the gradients of some problems, from ``begin`` on, in all that is measured.
 
     In the fixed and moving means (C, targets, 3, 2), in the measurements' values (C, targets, 3)
     and, through their predictions only, in their inputs (C, targets, 3); the targets of a problem's
     pairs one pair after the other.
-    ``cross`` is memory, ROWS for each target of a fixed set.
+    ``cross`` is memory, ROWS for each target of a fixed set, ``fields`` that of `add_fields`.
     """
+    by_fixed, by_moving, by_value, by_input = derivatives
     for c in range(by_fixed.shape[0]):
         b, fixed_done, moving_done = begin + c, 0, 0
         for number in range(batch.first[b], batch.first[b + 1]):
@@ -307,7 +405,7 @@ def cross_batch(batch, thetas, begin, memory, cross, by_fixed, by_moving, by_val
             own_value = by_value[c, moving_done : moving_done + m]
             own_input = by_input[c, moving_done : moving_done + m]
             own = own_fixed, own_moving, own_value, own_input
-            cross_pair(pair, setting, batch.fusion, memory, cross, own)
+            cross_pair(pair, setting, batch.fusion, memory, cross, fields, own)
             interval = batch.intervals[number]
             for i in range(n):
                 scale_rows(own_fixed[i, :, 0], chart, interval)

@@ -22,7 +22,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from d2d._kernel import layout
-from d2d._kernel.compile import entry, inlined, vectorised
+from d2d._kernel.compile import compiled, entry, inlined, vectorised
 from d2d._kernel.elementary import exp
 from d2d._kernel.layout import (
     A00,
@@ -80,22 +80,28 @@ def root_of(outlier):
 
 
 @vectorised
-def place_sources(first, count, at, weights, corner, factors, edges, nodes):
+def place_sources(first, at, corner, factors, nodes):
     """The factors of SOURCES components at the nodes of all tiles along one coordinate.
 
-    They go to ``factors`` (tiles, SOURCES, NODES), and those of the bounds to ``edges`` (tiles,
-    SOURCES).  ``nodes`` is NODES as a value that is known only at run time, see `lane_count`.
+    They go to ``factors`` (tiles, SOURCES, NODES).  ``nodes`` is NODES as a value that is known
+    only at run time, see `lane_count`.
     """
-    for s in range(SOURCES):
-        i = min(first + s, count - 1)
-        for t in range(factors.shape[0]):
+    for t in range(factors.shape[0]):
+        for s in range(SOURCES):
+            i = min(first + s, at.shape[0] - 1)
             centre = corner + 2.0 * t + 1.0 - at[i]
-            edge = max(abs(centre) - 1.0, 0.0)
-            weight = weights[i] if first + s < count else 0.0
-            edges[t, s] = weight * math.exp(-0.25 * edge * edge)
             for n in range(nodes):
                 d = centre + _AT[n]
-                factors[t, s, n] = weight * exp(-0.5 * d * d)
+                factors[t, s, n] = exp(-0.5 * d * d)
+
+
+@vectorised
+def weigh_sources(first, weights, factors, weighted, nodes):
+    """The factors (SOURCES, NODES) times the weights of their components."""
+    for s in range(SOURCES):
+        weight = weights[first + s] if first + s < weights.shape[0] else 0.0
+        for n in range(nodes):
+            weighted[s, n] = weight * factors[s, n]
 
 
 @vectorised
@@ -126,29 +132,34 @@ def fit(tile, between, nodes):
             tile[b * NODES + a] = total
 
 
-@entry
-def fill_tiles(places, grid, across, along, work, tiles):
-    """Fill the tiles (rows * columns, TILE) of a grid.
+@compiled
+def fill(places, weights, grid, factors, work, tiles):
+    """Fill the tiles of several fields with the same components, one field after the other.
 
-    ``places`` (4, N) are the coordinates of the components, their weights, and ones; ``across`` and
-    ``along`` the memory of `place_sources` along both coordinates, ``work`` the scratch array.
+    ``places`` (2, N) are the coordinates of the components, ``weights`` (C, N) theirs in each
+    field, ``factors`` and ``work`` memory, and ``tiles`` (C * rows * columns, TILE).
     """
+    across, along, weighted = factors
+    columns, rows = int(grid[COLUMNS]), int(grid[ROWS])
     nodes, between = 2 * lane_count(work), work[: NODES * NODES]
-    (columns, column_edges), (rows, row_edges) = across, along
-    count = places.shape[1]
     tiles[:] = 0.0
-    for first in range(0, count, SOURCES):
-        u, v, weights, ones = places[0], places[1], places[2], places[3]
-        place_sources(first, count, u, weights, grid[LEFT], columns, column_edges, nodes)
-        place_sources(first, count, v, ones, grid[BOTTOM], rows, row_edges, nodes)
-        for r in range(rows.shape[0]):
-            for c in range(columns.shape[0]):
-                tile = tiles[r * columns.shape[0] + c]
-                add_sources(tile, columns[c], rows[r], nodes)
-                for s in range(SOURCES):
-                    tile[BOUND] += _ERROR / ACCURACY * column_edges[c, s] * row_edges[r, s]
+    for first in range(0, places.shape[1], SOURCES):
+        place_sources(first, places[0], grid[LEFT], across[:columns], nodes)
+        place_sources(first, places[1], grid[BOTTOM], along[:rows], nodes)
+        for channel in range(weights.shape[0]):
+            for r in range(rows):
+                weigh_sources(first, weights[channel], along[r], weighted, nodes)
+                for c in range(columns):
+                    tile = tiles[(channel * rows + r) * columns + c]
+                    add_sources(tile, across[c], weighted, nodes)
     for t in range(tiles.shape[0]):
         fit(tiles[t], between, nodes)
+
+
+@entry
+def fill_tiles(places, weights, grid, factors, work, tiles):
+    """`fill`, called from Python."""
+    fill(places, weights, grid, factors, work, tiles)
 
 
 @vectorised
@@ -167,9 +178,8 @@ def sum_rows(rows, tile, v, nodes):
 
 @vectorised
 def sum_columns(w, root):
-    """The field's value f and its derivatives over it, from what `sum_rows` leaves."""
+    """A field's value and derivatives at a block's positions, from what `sum_rows` leaves."""
     xx, xy, yy = root
-    enough = True
     for k in range(lane_count(w)):
         at, u = POLYNOMIAL + 3 * NODES * k, w[WITHIN + k]
         f = fu = fuu = fv = fuv = fvv = 0.0
@@ -180,24 +190,20 @@ def sum_columns(w, root):
             fuv = fuv * u + fv
             fv = fv * u + w[at + NODES + j]
             fvv = fvv * u + w[at + 2 * NODES + j]
-        enough &= f >= w[NUMBER + k]
-        inverse = 1.0 / f
-        fu, fv = fu * inverse, fv * inverse
-        fuu, fuv, fvv = 2.0 * fuu * inverse, fuv * inverse, 2.0 * fvv * inverse
+        fuu, fvv = 2.0 * fuu, 2.0 * fvv
         w[OUTLIER + k] = f
         w[OUTLIER + G0 + k] = xx * fu
         w[OUTLIER + G1 + k] = xy * fu + yy * fv
         w[OUTLIER + A00 + k] = xx * xx * fuu
         w[OUTLIER + A01 + k] = xx * (xy * fuu + yy * fuv)
         w[OUTLIER + A11 + k] = xy * (xy * fuu + 2.0 * yy * fuv) + yy * yy * fvv
-    return enough
 
 
 @inlined
 def interpolate(w, tiles, grid, root, setting):
-    """The field's value, and its derivatives over it, at a block's targets.
+    """A field's value and derivatives at the positions of a block, in the rows of OUTLIER.
 
-    Returns whether the tiles were enough; the rows are those of `densities.sum_outliers`.
+    Returns whether all lie on the tiles, and are so large that the error does not matter.
     """
     xx, xy, yy = root
     columns, rows = int(grid[COLUMNS]), int(grid[ROWS])
@@ -210,9 +216,21 @@ def interpolate(w, tiles, grid, root, setting):
         tile = tiles[r * columns + c]
         w[WITHIN + k], w[NUMBER + k] = 2.0 * (u - c) - 1.0, tile[BOUND]
         begin = POLYNOMIAL + 3 * NODES * k
-        own = w[begin : begin + 3 * NODES]
-        sum_rows(own, tile, 2.0 * (v - r) - 1.0, 2 * lane_count(w))
-    return sum_columns(w, root)
+        sum_rows(w[begin : begin + 3 * NODES], tile, 2.0 * (v - r) - 1.0, 2 * lane_count(w))
+    sum_columns(w, root)
+    enough = True
+    for k in range(LANES):
+        enough &= w[OUTLIER + k] >= w[NUMBER + k]
+    return enough
+
+
+def memory_for(columns: int, rows: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """The factors that `fill` needs for so many columns and rows of tiles."""
+    return (
+        np.empty((columns, SOURCES, NODES)),
+        np.empty((rows, SOURCES, NODES)),
+        np.empty((SOURCES, NODES)),
+    )
 
 
 @cache
@@ -226,24 +244,25 @@ def tiles_of(sets: NDArray[Any], outlier: NDArray[Any]) -> tuple[NDArray[Any], N
 
     A set has none if more would be needed than it has components: the plain sum is faster then.
     """
-    size = sets.shape[-1]
+    size, (xx, xy, yy) = sets.shape[-1], root_of(outlier)
     grids, filled = np.zeros((len(sets), 5)), [np.empty((0, TILE))]
-    xx, xy, yy = root_of(outlier)
-    places = np.ones((len(sets), 4, size))
-    places[:, 0] = xx * sets[:, X] + xy * sets[:, Y]
-    places[:, 1] = yy * sets[:, Y]
-    places[:, 2] = sets[:, WEIGHT]
-    low, high = places[:, :2].min(axis=-1), places[:, :2].max(axis=-1)
+    places = np.stack([xx * sets[:, X] + xy * sets[:, Y], yy * sets[:, Y]], axis=1)
+    low, high = places.min(axis=-1), places.max(axis=-1)
     shape = np.ceil(0.5 * (high - low) + MARGIN)
     corner = 0.5 * (low + high) - shape
     for b in np.flatnonzero(shape.prod(axis=-1) <= size):
         columns, rows = shape[b].astype(int)
-        tiles = np.empty((rows * columns, TILE))
-        across, along = (
-            (np.empty((count, SOURCES, NODES)), np.empty((count, SOURCES)))
-            for count in (columns, rows)
-        )
         grids[b] = *shape[b], *corner[b], sum(map(len, filled))
-        fill_tiles(places[b], grids[b], across, along, layout.own_memory(1, 1).scratch, tiles)
+        weights, tiles = sets[b, WEIGHT : WEIGHT + 1], np.empty((columns * rows, TILE))
+        scratch = layout.own_memory(1, 1).scratch
+        fill_tiles(places[b], weights, grids[b], memory_for(columns, rows), scratch, tiles)
+        near = [
+            np.exp(-0.25 * np.clip(np.abs(line[:, None] - own) - 1.0, 0.0, None) ** 2)
+            for line, own in (
+                (corner[b, 0] + 1.0 + 2.0 * np.arange(columns), places[b, 0]),
+                (corner[b, 1] + 1.0 + 2.0 * np.arange(rows), places[b, 1]),
+            )
+        ]
+        tiles[:, BOUND] = _ERROR / ACCURACY * ((near[1] * weights) @ near[0].T).ravel()
         filled.append(tiles)
     return np.concatenate(filled), grids
