@@ -128,10 +128,12 @@ def honestly_converged(problem: Problem) -> int:
     start = problem.value()
     assert (estimate.value <= start + rounded * (1.0 + np.abs(start))).all()
     value, gradient, hessian = problem.derivatives(estimate.theta)
-    assert_allclose(estimate.value, value, rtol=rounded, atol=rounded)
-    if not rounded:
-        assert_array_equal(estimate.gradient, gradient)
-        assert_array_equal(estimate.hessian, hessian)
+    assert_allclose(estimate.value, value, rtol=max(rounded, 1e-13), atol=max(rounded, 1e-13))
+    if not rounded:  # but for pairs that vanish beside others, and are in one of the two sums only
+        size = 1e-3 / steps_of(problem)
+        each = 1e-12 * (1.0 + np.abs(value))[:, None] * size
+        assert (np.abs(estimate.gradient - gradient) <= each).all()
+        assert (np.abs(estimate.hessian - hessian) <= each[:, :, None] * size).all()
     covariance = estimate.covariance[good]
     assert np.isfinite(covariance).all()
     size = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))

@@ -111,14 +111,15 @@ def difference(w, k, component):
 def moved(w, place, setting):
     """How far a block's targets have moved, at most, in the distance for which their lists hold."""
     dc, ds = setting.cosine - place[AT_COSINE], setting.sine - place[AT_SINE]
-    chord, farthest, sunk = math.sqrt(dc * dc + ds * ds), 0.0, False
+    chord, farthest, invalid = math.sqrt(dc * dc + ds * ds), 0.0, False
     for k in range(lane_count(w)):
         dx = w[MX + k] + setting.x - place[AT_X + k]
         dy = w[MY + k] + setting.y - place[AT_Y + k]
         distance = math.sqrt(dx * dx + dy * dy) + place[REACH + k] * chord
-        farthest = max(farthest, distance / place[SLACK + k])
-        sunk |= w[OUTLIER + k] < place[FLOOR + k]
-    return max(farthest, 2.0) if sunk else farthest
+        slack = place[SLACK + k]
+        farthest = max(farthest, distance / max(slack, 1e-300))
+        invalid |= (slack <= 0.0) | (w[OUTLIER + k] < place[FLOOR + k])
+    return max(farthest, 2.0) if invalid else farthest
 
 
 @vectorised
@@ -298,9 +299,11 @@ def find_neighbours(w, fixed, extremes, setting, margin, measured, memory, place
     """
     mark, chosen = memory[0], memory[1]
     place[MEASURED], place[MARGIN] = 1.0 if measured else 0.0, margin
+    farthest = 0.0
     for k in range(LANES):
         w[CUT_OFF + k] = np.inf
-    if measured and w[LIMIT] == np.inf:
+        farthest = max(farthest, w[LIMIT + k])
+    if measured and farthest > FAR:
         measure(w, fixed, setting, margin)
     spread = fixed.shape[1] * extremes[MEAN_ROOT] / extremes[LEAST_ROOT]
     limit(w, setting, spread, margin, measured, place)
