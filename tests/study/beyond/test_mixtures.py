@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from d2d import CorruptedGaussian, PointSet, RegistrationCost, register, rigid
-from d2d.baselines.mixtures import Mixture, mixture_residuals, register_mixture
+from d2d.study.beyond.mixtures import Mixture, mixture_residuals, register_mixture
 from d2d.study.plane.scenarios import OVERLAPPED
 from tests.strategies import central_difference, log_normal
 
