@@ -5,7 +5,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import broadcast_batches, check_finite, check_positive, check_within
+from d2d._bounds import SCALE
+from d2d._checks import broadcast_batches, check_finite, check_positive
 from d2d._kernel import layout
 from d2d._lazy import Frozen, lazy
 from d2d._types import Array
@@ -117,7 +118,7 @@ class LinearMeasurement(Frozen):
 
         Raises a ``ValueError`` unless ``scale`` is a number within 1e-50 and 1e50.
         """
-        scale = check_within("scale", scale, 1e-50, 1e50)
+        scale = SCALE.number("scale", scale)
         return LinearMeasurement._of(
             self.value,
             self.sigma * scale,

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
+from d2d._bounds import ANGLE, SCALE, check_real
 from d2d._checks import (
     broadcast_batches,
-    check_angle,
     check_covariances,
     check_finite,
     check_positive,
-    check_real,
-    check_within,
 )
 from d2d._kernel import entries, layout
 from d2d._kernel.compile import read_only
@@ -119,7 +117,7 @@ class PointSet(Frozen):
         positive and broadcast to (..., N).  Raises a ``ValueError`` if an argument is not finite,
         not positive or has the wrong shape, or azimuths are in degrees.
         """
-        r, phi = check_positive("range", range), check_angle("azimuth", azimuth)
+        r, phi = check_positive("range", range), ANGLE.array("azimuth", azimuth)
         sr, sp = (
             check_positive("sigma_range", sigma_range),
             check_positive("sigma_azimuth", sigma_azimuth),
@@ -231,7 +229,7 @@ class PointSet(Frozen):
 
         Raises a ``ValueError`` unless ``scale`` is a number within 1e-50 and 1e50.
         """
-        scale = check_within("scale", scale, 1e-50, 1e50)
+        scale = SCALE.number("scale", scale)
         return PointSet._of(self.means, self.covariances * scale**2, self.weights)
 
     def widened(self, sigma: Array) -> "PointSet":

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
+from d2d._bounds import FINITE, Bounds
 from d2d._checks import check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.files import written_whole
 from d2d.radar.readers.reader import Option, Reader, Source, check_once
-from d2d.radar.scans.bounds import FINITE, Bounds
 from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
 
 _MEASURED = ("time", "range", "azimuth", "doppler")

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from d2d._bounds import SECONDS
 from d2d._checks import check_choice, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.readers.pcd import read_pcd
@@ -25,7 +26,6 @@ from d2d.radar.readers.shared import (
     kept,
     reading,
 )
-from d2d.radar.scans.bounds import SECONDS
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.recording import Recording
 from d2d.radar.scans.reference import Reference

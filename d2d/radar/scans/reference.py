@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import check_finite, check_positive_scalar, check_real
+from d2d._bounds import SECONDS, check_real
+from d2d._checks import check_finite, check_positive_scalar
 from d2d._types import Array
-from d2d.radar.scans.bounds import SECONDS
 
 _HALF_WIDTH = SECONDS._replace(above=0.0, most=60.0)  # s
 _MIN_POSES = 5  # of a parabola: two more than it has coefficients

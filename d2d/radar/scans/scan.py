@@ -9,6 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
+from d2d._bounds import (
+    ANGLE,
+    FINITE,
+    METRES,
+    NOT_NEGATIVE,
+    POSITIVE,
+    Bounded,
+    number,
+)
 from d2d._checks import (
     broadcast_batches,
     check_covariances,
@@ -21,15 +30,6 @@ from d2d._lazy import Frozen
 from d2d._types import Array, Selection
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-from d2d.radar.scans.bounds import (
-    ANGLE,
-    FINITE,
-    METRES,
-    NOT_NEGATIVE,
-    POSITIVE,
-    Bounded,
-    number,
-)
 
 _LEVER = METRES._replace(most=100.0)  # m, from the vehicle's origin
 _STEP = POSITIVE._replace(most=1e50)  # its square is finite
