@@ -1,4 +1,7 @@
-"""Robust registration of sets of Gaussian targets."""
+"""Robust registration of sets of Gaussian targets.
+
+An invalid argument raises a ``ValueError`` that names it and says what was expected and what given.
+"""
 
 from d2d.bootstrap import block_bootstrap, block_length
 from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier

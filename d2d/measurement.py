@@ -24,9 +24,6 @@ class LinearMeasurement(Frozen):
     the prediction in an input of standard deviation ``q_k`` (for Doppler velocities the azimuth,
     thesis sec. 7.1).
 
-    Raises a ``ValueError`` if the shapes do not match, a value is nan or inf, or a standard
-    deviation is out of range.
-
     Parameters
     ----------
     value : (..., K) array
@@ -114,10 +111,7 @@ class LinearMeasurement(Frozen):
         return self.value.shape[:-1]
 
     def inflated(self, scale: float) -> "LinearMeasurement":
-        """The measurement with all standard deviations multiplied by ``scale``.
-
-        Raises a ``ValueError`` unless ``scale`` is a number within 1e-50 and 1e50.
-        """
+        """The measurement with all standard deviations times ``scale``, from 1e-50 to 1e50."""
         scale = SCALE.number("scale", scale)
         return LinearMeasurement._of(
             self.value,

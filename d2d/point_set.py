@@ -28,16 +28,12 @@ class PointSet(Frozen):
 
     Leading axes are batch axes and broadcast against each other.
 
-    Raises a ``ValueError`` if the shapes do not match, a set is empty, a value is nan or inf, a
-    covariance is not symmetric positive definite or above 1e150 m^2, or a weight is not positive or
-    out of range.
-
     Parameters
     ----------
     means : (..., N, D) array, m
         Positions; D is 1 or 2 and N at least 1.
     covariances : (..., N, D, D) array, m^2
-        Symmetric positive definite.
+        Symmetric positive definite, at most 1e150 m^2.
     weights : (..., N) array, optional
         Mixture weights between 1e-100 and 1e100; 1/N each by default.  Only those of the fixed set
         are used, without normalisation.
@@ -114,8 +110,7 @@ class PointSet(Frozen):
 
         The ranges (..., N) in m are positive, the azimuths (..., N) in rad are measured
         counter-clockwise from the x axis, within -2 pi and 2 pi.  Their standard deviations are
-        positive and broadcast to (..., N).  Raises a ``ValueError`` if an argument is not finite,
-        not positive or has the wrong shape, or azimuths are in degrees.
+        positive and broadcast to (..., N).
         """
         r, phi = check_positive("range", range), ANGLE.array("azimuth", azimuth)
         sr, sp = (
@@ -202,10 +197,7 @@ class PointSet(Frozen):
         return map(self.__getitem__, range(self.batch_shape[0]))
 
     def transformed(self, theta: ArrayLike) -> "PointSet":
-        """The set moved by theta (..., P): R mu_k + t and R Sigma_k R'.
-
-        Raises a ``ValueError`` if ``theta`` is not a motion in the set's dimension.
-        """
+        """The set moved by theta (..., P): R mu_k + t and R Sigma_k R'."""
         return PointSet._of(
             rigid.transform_means(theta, self.means),
             rigid.transform_covariances(theta, self.covariances),
@@ -213,10 +205,7 @@ class PointSet(Frozen):
         )
 
     def shifted(self, translation: ArrayLike) -> "PointSet":
-        """The set moved by a translation (D,).
-
-        Raises a ``ValueError`` if ``translation`` is not of this shape, or not finite.
-        """
+        """The set moved by a translation (D,)."""
         step = check_finite("translation", translation)
         if step.shape != (self.dimension,):
             raise ValueError(
@@ -225,10 +214,7 @@ class PointSet(Frozen):
         return PointSet._of(self.means + step, self.covariances, self.weights)
 
     def inflated(self, scale: float) -> "PointSet":
-        """The set with all standard deviations multiplied by ``scale``.
-
-        Raises a ``ValueError`` unless ``scale`` is a number within 1e-50 and 1e50.
-        """
+        """The set with all standard deviations multiplied by ``scale``, from 1e-50 to 1e50."""
         scale = SCALE.number("scale", scale)
         return PointSet._of(self.means, self.covariances * scale**2, self.weights)
 

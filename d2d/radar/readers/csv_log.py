@@ -58,8 +58,7 @@ def load_csv(
     deviations of all targets, always in m, rad and m/s, instead of the columns or where the file
     has none.
 
-    Raises a ``ValueError`` if a column is missing, a line cannot be read (the message gives its
-    number and says what is wrong with it), or a standard deviation is not positive.
+    Raises a ``ValueError`` if a column is missing, and one with its number if a line is wrong.
     """
     source = check_path("path", path)
     sigmas = {

@@ -49,7 +49,7 @@ def mixture_residuals(
     ``sum(r**2) / 2 - sum(constants)`` is the negative logarithm of the mixture.
 
     The motion (..., 3) may be complex, for complex-step derivatives; the sets are planar, without a
-    batch.  Raises a ``ValueError`` that names the argument that is invalid.
+    batch.
     """
     _check(fixed, moving, mixture)
     pairs = _Pairs(fixed, moving, outlier)
@@ -69,7 +69,6 @@ def register_mixture(
     The sets, the mixture and the outlier model are those of `mixture_residuals`; ``initial`` (3,)
     is zeros by default.  In the result, ``hessian`` is J'J, the approximation that such a solver
     uses, ``covariance`` its inverse, and ``iterations`` counts evaluations of the residuals.
-    Raises a ``ValueError`` that names the argument that is invalid.
     """
     _check(fixed, moving, mixture)
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)

@@ -106,8 +106,7 @@ def room_scan(
 
     ``pose`` (3,), in m, m, rad, is that of the scanner in the room; the field of view (rad) is
     centred on the scanner's x axis.  A share ``outliers`` of the points comes from an obstacle in
-    front of the wall, uniformly distributed along the ray.  Raises a ``ValueError`` if the pose
-    lies outside the room, or the field of view or the share is out of range.
+    front of the wall, uniformly distributed along the ray.
     """
     share = check_fraction("outliers", outliers)
     view = _VIEW.number("field_of_view", field_of_view)
