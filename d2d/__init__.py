@@ -1,6 +1,7 @@
 """Robust registration of sets of Gaussian targets.
 
-An invalid argument raises a ``ValueError`` that names it and says what was expected and what given.
+An invalid argument, also of `d2d.radar`, raises a ``ValueError`` that names it and says what was
+expected and what given.
 """
 
 from d2d.bootstrap import block_bootstrap, block_length

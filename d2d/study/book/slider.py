@@ -34,11 +34,6 @@ def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
     is HTML as wide as its place, its caption the plain text of the line below it, and ``name`` the
     id of the HTML element, unique on its page.
     """
-    if not frames or len(frames) != len(captions):
-        raise ValueError(
-            f"frames must have one caption each, but there are {len(frames)} frames and "
-            f"{len(captions)} captions"
-        )
     last = len(frames) - 1
     shown = "\n".join(
         f'<div data-frame="{i}"{" hidden" if i else ""}>{frame}'
