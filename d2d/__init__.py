@@ -1,4 +1,8 @@
-"""Robust registration of sets of Gaussian targets."""
+"""Robust registration of sets of Gaussian targets.
+
+An invalid argument, also of `d2d.radar`, raises a ``ValueError`` that names it and says what was
+expected and what given.
+"""
 
 from d2d.bootstrap import block_bootstrap, block_length
 from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier

@@ -1,6 +1,5 @@
 """Checks on the arguments of public functions; every error message names the argument."""
 
-import math
 import os
 from collections.abc import Collection, Iterable
 from pathlib import Path
@@ -9,55 +8,18 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from d2d._bounds import FINITE, POSITIVE, Bounds
 from d2d._types import Array
 
 T = TypeVar("T")
 
-# Beyond a full turn an angle is taken to be in degrees; float32 rounds 2 pi up.
-_MAX_ANGLE = 2.0 * math.pi * (1.0 + 1e-6)
+# Float64 copies of arrays, and numbers, as they are checked most often.
+check_finite, check_scalar = FINITE.array, FINITE.number
+check_positive, check_positive_scalar = POSITIVE.array, POSITIVE.number
+check_fraction = Bounds(least=0.0, most=1.0).number
+
 # Asymmetry that passes for rounding, relative to the variances; float32 leaves some 1e-7.
 _ASYMMETRY = 1e-6
-
-
-def check_real(name: str, value: ArrayLike) -> Array:
-    """A float64 copy of ``value``; nan and inf are allowed."""
-    try:
-        raw = np.asarray(value)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of real numbers: {error}") from None
-    if raw.dtype.kind not in "biuf":
-        raise ValueError(f"{name} must be an array of real numbers, but is of type {raw.dtype}")
-    if np.ma.is_masked(value):
-        raise ValueError(f"{name} must not hold masked entries; remove them first")
-    return raw.astype(np.float64)
-
-
-def check_finite(name: str, value: ArrayLike) -> Array:
-    """A float64 copy of ``value`` without nan or inf."""
-    array = check_real(name, value)
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite, but holds nan or inf")
-    return array
-
-
-def check_positive(name: str, value: ArrayLike) -> Array:
-    """A finite array of positive numbers."""
-    array = check_finite(name, value)
-    if not (array > 0).all():
-        raise ValueError(f"{name} must be positive, but holds {array.min():g}")
-    return array
-
-
-def check_angle(name: str, value: ArrayLike) -> Array:
-    """Finite angles in rad, none beyond 2 pi: those are in degrees."""
-    array = check_finite(name, value)
-    if array.size and not np.abs(array).max() <= _MAX_ANGLE:
-        worst = array.flat[np.abs(array).argmax()]
-        raise ValueError(
-            f"{name} must be in radians (rad), within -2 pi and 2 pi, but holds {worst:g}; "
-            "are these degrees?"
-        )
-    return array
 
 
 def check_count(name: str, value: Any, minimum: int = 1) -> int:
@@ -133,57 +95,12 @@ def check_schedule(name: str, value: ArrayLike) -> tuple[float, ...]:
     return tuple(steps.tolist())
 
 
-def check_fraction(name: str, value: float) -> float:
-    """A number within [0, 1]."""
-    number = check_scalar(name, value)
-    if not 0 <= number <= 1:
-        raise ValueError(f"{name} must lie within [0, 1], but is {number:g}")
-    return number
-
-
 def check_tail(confidence: float) -> float:
     """The probability on either side of the central region of a ``confidence`` within (0, 1)."""
     tail = 0.5 * (1.0 - check_fraction("confidence", confidence))
     if not 0.0 < tail < 0.5:
         raise ValueError(f"confidence must lie within (0, 1), but is {confidence:g}")
     return tail
-
-
-def check_scalar(name: str, value: Any) -> float:
-    """A finite number."""
-    if type(value) is float and math.isfinite(value):
-        return value  # the common case, which every pair of scans meets several times
-    array = check_finite(name, value)
-    if array.ndim:
-        raise ValueError(f"{name} must be a number, but has the shape {array.shape}")
-    return float(array)
-
-
-def check_positive_scalar(name: str, value: Any) -> float:
-    """A finite positive number."""
-    number = check_scalar(name, value)
-    if not number > 0:
-        raise ValueError(f"{name} must be positive, but is {number:g}")
-    return number
-
-
-def check_seconds(name: str, value: Any, longest: float) -> float:
-    """A time of at most ``longest`` seconds to either side; larger ones are in another unit."""
-    number = check_scalar(name, value)
-    if abs(number) > longest:
-        raise ValueError(
-            f"{name} must be in seconds (s), at most {longest:g}, but is {number:g}; are these "
-            "milliseconds?"
-        )
-    return number
-
-
-def check_within(name: str, value: Any, minimum: float, maximum: float) -> float:
-    """A number within two positive bounds, where its square and inverse do not overflow."""
-    number = check_positive_scalar(name, value)
-    if not minimum <= number <= maximum:
-        raise ValueError(f"{name} must lie within {minimum:g} and {maximum:g}, but is {number:g}")
-    return number
 
 
 def check_covariances(name: str, value: ArrayLike) -> Array:

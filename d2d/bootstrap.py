@@ -29,9 +29,6 @@ def block_bootstrap(
     (Politis & Romano 1992).  The interval contains the middle ``confidence`` of the values that the
     statistic has on the drawn data.
 
-    Raises a ``ValueError`` if the arrays are empty or of different lengths, or another argument is
-    out of range.
-
     Parameters
     ----------
     statistic : callable
@@ -125,7 +122,7 @@ def block_length(series: ArrayLike) -> int:
 
     The series (N,) or (N, n) is in time order; with several columns, the one that needs the longest
     blocks decides.  The length is 1 for a series without correlation, and at most 3 sqrt(N) and
-    N / 3.  Raises a ``ValueError`` if ``series`` is empty, or holds nan or inf.
+    N / 3.
 
     Notes
     -----

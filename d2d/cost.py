@@ -37,8 +37,7 @@ class UniformOutlier(Frozen):
 
     The sum is not a probability density of the target's position: its integral diverges.
 
-    The constant ``density`` c is in 1/m (1D) or 1/m^2 (2D).  Raises a ``ValueError`` if it is not a
-    positive number.
+    The constant ``density`` c, a positive number, is in 1/m (1D) or 1/m^2 (2D).
     """
 
     density: float
@@ -59,8 +58,6 @@ class CorruptedGaussian(Frozen):
     the fraction of inliers), and the ``covariance`` S_o (D, D) in m^2 is symmetric positive
     definite; in 1D, a number is taken as the variance.  The name follows Hartley & Zisserman,
     Multiple View Geometry, appendix 6.
-
-    Raises a ``ValueError`` if an argument is out of range or has the wrong shape.
     """
 
     fraction: float
@@ -101,7 +98,7 @@ class RegistrationCost:
     All methods take the motion ``theta`` (..., P), [t_x] in m or [t_x, t_y, phi_z] in m, m, rad;
     the point sets ``fixed`` with N components and ``moving`` with K targets; and, by keyword only,
     a `LinearMeasurement` of each target, whose density multiplies the inlier density.  Their batch
-    axes broadcast.  An invalid argument raises a ``ValueError`` that names it.
+    axes broadcast.
 
     Parameters
     ----------

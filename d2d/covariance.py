@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import broadcast_batches, check_finite, check_instance, check_real, symmetrise
+from d2d._bounds import check_real
+from d2d._checks import broadcast_batches, check_finite, check_instance, symmetrise
 from d2d._kernel.compile import read_only
 from d2d._kernel.errors import add_measurements, add_positions
 from d2d._kernel.newton import SINGULAR

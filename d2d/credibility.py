@@ -52,7 +52,7 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     The errors (N, n) are estimate minus truth in N independent runs, N > n; the covariances
     (N, n, n), or (n, n) for all, are symmetric positive definite; the ``confidence`` within (0, 1)
     is the probability content of the two-sided region.  Leave out runs that did not converge, and
-    report their number.  Raises a ``ValueError`` if an argument does not fit.
+    report their number.
 
     Notes
     -----

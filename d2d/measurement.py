@@ -5,7 +5,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import broadcast_batches, check_finite, check_positive, check_within
+from d2d._bounds import SCALE
+from d2d._checks import broadcast_batches, check_finite, check_positive
 from d2d._kernel import layout
 from d2d._lazy import Frozen, lazy
 from d2d._types import Array
@@ -22,9 +23,6 @@ class LinearMeasurement(Frozen):
     component unchanged.  The variance may grow with the motion: ``s_k' xi`` is the derivative of
     the prediction in an input of standard deviation ``q_k`` (for Doppler velocities the azimuth,
     thesis sec. 7.1).
-
-    Raises a ``ValueError`` if the shapes do not match, a value is nan or inf, or a standard
-    deviation is out of range.
 
     Parameters
     ----------
@@ -113,11 +111,8 @@ class LinearMeasurement(Frozen):
         return self.value.shape[:-1]
 
     def inflated(self, scale: float) -> "LinearMeasurement":
-        """The measurement with all standard deviations multiplied by ``scale``.
-
-        Raises a ``ValueError`` unless ``scale`` is a number within 1e-50 and 1e50.
-        """
-        scale = check_within("scale", scale, 1e-50, 1e50)
+        """The measurement with all standard deviations times ``scale``, from 1e-50 to 1e50."""
+        scale = SCALE.number("scale", scale)
         return LinearMeasurement._of(
             self.value,
             self.sigma * scale,

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
+from d2d._bounds import ANGLE, SCALE, check_real
 from d2d._checks import (
     broadcast_batches,
-    check_angle,
     check_covariances,
     check_finite,
     check_positive,
-    check_real,
-    check_within,
 )
 from d2d._kernel import entries, layout, tiles
 from d2d._kernel.compile import read_only
@@ -32,16 +30,12 @@ class PointSet(Frozen):
 
     Leading axes are batch axes and broadcast against each other.
 
-    Raises a ``ValueError`` if the shapes do not match, a set is empty, a value is nan or inf, a
-    covariance is not symmetric positive definite or above 1e150 m^2, or a weight is not positive or
-    out of range.
-
     Parameters
     ----------
     means : (..., N, D) array, m
         Positions; D is 1 or 2 and N at least 1.
     covariances : (..., N, D, D) array, m^2
-        Symmetric positive definite.
+        Symmetric positive definite, at most 1e150 m^2.
     weights : (..., N) array, optional
         Mixture weights between 1e-100 and 1e100; 1/N each by default.  Only those of the fixed set
         are used, without normalisation.
@@ -118,10 +112,9 @@ class PointSet(Frozen):
 
         The ranges (..., N) in m are positive, the azimuths (..., N) in rad are measured
         counter-clockwise from the x axis, within -2 pi and 2 pi.  Their standard deviations are
-        positive and broadcast to (..., N).  Raises a ``ValueError`` if an argument is not finite,
-        not positive or has the wrong shape, or azimuths are in degrees.
+        positive and broadcast to (..., N).
         """
-        r, phi = check_positive("range", range), check_angle("azimuth", azimuth)
+        r, phi = check_positive("range", range), ANGLE.array("azimuth", azimuth)
         sr, sp = (
             check_positive("sigma_range", sigma_range),
             check_positive("sigma_azimuth", sigma_azimuth),
@@ -206,10 +199,7 @@ class PointSet(Frozen):
         return map(self.__getitem__, range(self.batch_shape[0]))
 
     def transformed(self, theta: ArrayLike) -> "PointSet":
-        """The set moved by theta (..., P): R mu_k + t and R Sigma_k R'.
-
-        Raises a ``ValueError`` if ``theta`` is not a motion in the set's dimension.
-        """
+        """The set moved by theta (..., P): R mu_k + t and R Sigma_k R'."""
         return PointSet._of(
             rigid.transform_means(theta, self.means),
             rigid.transform_covariances(theta, self.covariances),
@@ -217,10 +207,7 @@ class PointSet(Frozen):
         )
 
     def shifted(self, translation: ArrayLike) -> "PointSet":
-        """The set moved by a translation (D,).
-
-        Raises a ``ValueError`` if ``translation`` is not of this shape, or not finite.
-        """
+        """The set moved by a translation (D,)."""
         step = check_finite("translation", translation)
         if step.shape != (self.dimension,):
             raise ValueError(
@@ -229,11 +216,8 @@ class PointSet(Frozen):
         return PointSet._of(self.means + step, self.covariances, self.weights)
 
     def inflated(self, scale: float) -> "PointSet":
-        """The set with all standard deviations multiplied by ``scale``.
-
-        Raises a ``ValueError`` unless ``scale`` is a number within 1e-50 and 1e50.
-        """
-        scale = check_within("scale", scale, 1e-50, 1e50)
+        """The set with all standard deviations multiplied by ``scale``, from 1e-50 to 1e50."""
+        scale = SCALE.number("scale", scale)
         inflated = PointSet._of(self.means, self.covariances * scale**2, self.weights)
         inflated.__dict__["_fields"] = self._fields  # which do not depend on the covariances
         return inflated

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
+from d2d._bounds import ANGLE
 from d2d._checks import (
-    check_angle,
     check_count,
     check_instance,
     check_positive_scalar,
@@ -186,7 +186,7 @@ def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
     """
     span = check_positive_scalar("reach", reach)
     step = check_positive_scalar("spacing", spacing)
-    turns = check_angle("angles", angles)
+    turns = ANGLE.array("angles", angles)
     if turns.ndim != 1 or not turns.size:
         raise ValueError(f"angles must have the shape (A,), but has {turns.shape}")
     side = 2.0 * np.ceil(span / step) + 1.0

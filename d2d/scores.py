@@ -61,9 +61,6 @@ def whiten(
     standard deviation that remains.  This is L^-1 e with the Cholesky factor L of the covariance,
     whose rows and columns are in that order.
 
-    Raises a ``ValueError`` if an argument does not fit, such as a covariance that is not positive
-    definite.
-
     Parameters
     ----------
     errors : (N, n) array
@@ -92,8 +89,7 @@ def log_score(errors: ArrayLike, covariances: ArrayLike) -> Array:
     That is -log N(e | 0, Sigma) (N,) in nats; smaller is better.  Another unit of the errors only
     adds a constant.  `Whitened.log_score` has what each component contributes.
 
-    The errors and covariances are those of `whiten`.  Raises a ``ValueError`` if one does not fit,
-    such as a covariance that is not positive definite.
+    The errors and covariances are those of `whiten`.
 
     Examples
     --------
@@ -113,8 +109,7 @@ def crps(errors: ArrayLike, sigmas: ArrayLike) -> Array:
 
     The errors, estimate minus truth, and the stated standard deviations, positive, broadcast to the
     shape (...) of the scores.  Smaller is better; 0.234 sigma for an error of zero, and about
-    ``|e| - 0.564 sigma`` for a large one.  Raises a ``ValueError`` if a standard deviation is not
-    positive, or another value does not fit.
+    ``|e| - 0.564 sigma`` for a large one.
 
     In closed form with z = e / sigma (Gneiting & Raftery 2007, sec. 4.2)::
 
@@ -134,8 +129,7 @@ def coverage(errors: ArrayLike, covariances: ArrayLike, levels: ArrayLike = LEVE
     The errors and covariances are those of `whiten`, and ``levels`` (L,), or a number, are the
     probability contents of the ellipsoids, within (0, 1).  The shares (L,) equal the levels if the
     estimator is credible.  The mean of `Whitened.within` is the share for each component;
-    `block_bootstrap` gives an interval.  Raises a ``ValueError`` if an argument does not fit, such
-    as a level in percent.
+    `block_bootstrap` gives an interval.
 
     Examples
     --------

@@ -197,10 +197,7 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
         {"estimate": ESTIMATE, **SETS},
         {
             **OF_AN_ESTIMATE,
-            "length": [0.0, [1.0, 2.0]],
             "groups": [np.arange(2), np.zeros((2, 4)), [1, 2, NAN]],
-            "length and groups": [{"length": 1.0, "groups": np.arange(3)}],
-            "reference": [-np.eye(3), np.eye(2)],
         },
     ),
     "transform_means": (

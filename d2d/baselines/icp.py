@@ -38,8 +38,7 @@ def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
     reflections).
 
     The points (..., N, 2) in m with the same index are paired; batch axes broadcast.  The motion
-    (..., 3) in m, m, rad maps ``moving`` onto ``fixed``.  Raises a ``ValueError`` that names the
-    argument if a set is empty, not finite or not paired.
+    (..., 3) in m, m, rad maps ``moving`` onto ``fixed``.
     """
     target, source = check_points("fixed", fixed), check_points("moving", moving)
     if target.shape[-2] != source.shape[-2]:
@@ -62,8 +61,7 @@ def line_normals(points: ArrayLike, neighbours: int = 5) -> Array:
     """Unit normals (N, 2) of the lines fitted to each point and its nearest neighbours.
 
     A normal is the eigenvector of the smallest eigenvalue of the covariance of a point and as many
-    nearest ``neighbours``, fewer than N; its sign is arbitrary.  Raises a ``ValueError`` that names
-    the argument that is invalid.
+    nearest ``neighbours``, fewer than N; its sign is arbitrary.
     """
     cloud = check_points("points", points, dimensions=2)
     if not 1 <= check_count("neighbours", neighbours) < len(cloud):
@@ -98,8 +96,7 @@ def icp(
 
     The sets (F, 2) and (M, 2) are in m, the start or starts ``initial`` (..., 3) in m, m, rad are
     zeros by default.  As many ``neighbours`` of each fixed point define its line.  The iteration
-    has converged once a step moves no point by more than ``tolerance``, in m.  Raises a
-    ``ValueError`` that names the argument that is invalid.
+    has converged once a step moves no point by more than ``tolerance``, in m.
     """
     target = check_points("fixed", fixed, dimensions=2)
     source = check_points("moving", moving, dimensions=2)

@@ -42,8 +42,7 @@ def grid_cells(
     out.  The smaller eigenvalue of a covariance is raised to at least ``smallest_ratio`` times the
     larger, so that the covariance of collinear points is not singular.  The weights
     sqrt(det(2 pi Sigma)) make each component peak at 1, like the score of Biber & Strasser.
-    Raises a ``ValueError`` that names the argument if it is invalid, or ``points`` if no cell
-    contains enough of them.
+    Raises a ``ValueError`` if no cell contains enough points.
     """
     cells = _cells(check_points("points", points, 2), size, shift, min_points, smallest_ratio)
     return _peaking_at_one(*cells)
@@ -84,8 +83,7 @@ def ndt_p2d(
     The points (N, 2) and (M, 2) are in m, ``size`` and ``shifts`` are those of `pooled_cells`, and
     the start or starts ``initial`` (..., 3) are zeros by default.  The ``covariance`` of the result
     is the inverse Hessian of the score's negative logarithm.  That is not the covariance of the
-    error, because the score is not a likelihood.  Raises a ``ValueError`` that names the argument
-    that is invalid.
+    error, because the score is not a likelihood.
     """
     cells = pooled_cells(check_points("fixed", fixed, 2), size, shifts)
     return register(cells, bare_points(check_points("moving", moving, 2)), P2D, initial)
@@ -108,7 +106,7 @@ def ndt_d2d(
     product.  Each scan has one grid, without shifts.
 
     The other arguments are those of `ndt_p2d`; here, too, the ``covariance`` is not that of the
-    error.  Raises a ``ValueError`` that names the argument that is invalid.
+    error.
     """
     width = (1.0 / check_positive_scalar("d2", d2)) ** 0.5
     cells = (

@@ -89,8 +89,7 @@ def monte_carlo(
 
     The ``n_jobs`` are worker processes: 1 unless given or set by ``joblib.parallel_config``, whose
     backend (for example ``"dask"``) then runs the chunks.  The same seed gives the same results,
-    whatever ``n_jobs`` and the backend.  Raises a ``ValueError`` naming the argument that does not
-    fit.
+    whatever ``n_jobs`` and the backend.
     """
     check_instance("scenario", scenario, Scene)
     check_instance("cost", cost, RegistrationCost)

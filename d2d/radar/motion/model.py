@@ -8,7 +8,8 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from d2d._checks import check_flag, check_positive_scalar, check_schedule, check_within
+from d2d._bounds import Bounds
+from d2d._checks import check_flag, check_positive_scalar, check_schedule
 from d2d._kernel import layout
 from d2d._lazy import Frozen
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
@@ -19,7 +20,9 @@ from d2d.problem import CostForm, Pair, Problem
 # on the road are larger by a few percent (chapter 8b).
 DEFAULT_DOPPLER_WIDTH = 4.0
 _NO_SIDE_SLIP = 1e-3  # m/s, the standard deviation of v_y where it is stated to be zero
-_SIDE_SLIPS = (1e-6, 1e6)  # m/s, whose inverse squares the cost can hold beside its other terms
+_SIDE_SLIP = Bounds(
+    least=1e-6, most=1e6
+)  # m/s, whose inverse squares the cost can hold beside its other terms
 # thesis sec. 7.3: 20 % outliers, with a standard deviation of 10 m along both axes
 DEFAULT_OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
 
@@ -76,7 +79,7 @@ class EgoMotionModel(Frozen):
         check_flag("doppler", self.doppler)
         check_flag("first_order", self.first_order)
         if not isinstance(self.side_slip, bool | np.bool_):
-            check_within("side_slip", self.side_slip, *_SIDE_SLIPS)
+            _SIDE_SLIP.number("side_slip", self.side_slip)
         check_positive_scalar("doppler_width", self.doppler_width)
         self.form  # noqa: B018 - an outlier of another dimension is refused here
 

@@ -11,11 +11,11 @@ from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 
+from d2d._bounds import FINITE, Bounds
 from d2d._checks import check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.files import written_whole
 from d2d.radar.readers.reader import Option, Reader, Source, check_once
-from d2d.radar.scans.bounds import FINITE, Bounds
 from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
 
 _MEASURED = ("time", "range", "azimuth", "doppler")
@@ -58,8 +58,7 @@ def load_csv(
     deviations of all targets, always in m, rad and m/s, instead of the columns or where the file
     has none.
 
-    Raises a ``ValueError`` if a column is missing, a line cannot be read (the message gives its
-    number and says what is wrong with it), or a standard deviation is not positive.
+    Raises a ``ValueError`` if a column is missing, and one with its number if a line is wrong.
     """
     source = check_path("path", path)
     sigmas = {

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from d2d._bounds import SECONDS
 from d2d._checks import check_choice, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.readers.pcd import read_pcd
@@ -25,7 +26,6 @@ from d2d.radar.readers.shared import (
     kept,
     reading,
 )
-from d2d.radar.scans.bounds import SECONDS
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.recording import Recording
 from d2d.radar.scans.reference import Reference
@@ -144,10 +144,9 @@ def load_nuscenes(
     derivative of the positions best at an offset of -0.03 s, the speed of the CAN bus at -0.13 s
     and a factor of 1.012; what remains in v_x is 0.065 and 0.031 m/s: the positions of the
     localisation jitter, the speed does not.  Residuals of single targets, with the rounding: 0.15 m
-    in range, 0.09 to 0.10 m/s in Doppler velocity.  If a target is extrapolated along a straight
-    line for a time t, with its velocity in the frame of the turning sensor, it recedes by omega^2 r
-    t; the radar seems to do this over half of its cycle of 75 ms.  In bends the speed on the CAN
-    bus exceeds that of the rear axle as the speed of the front axle does.  The data sheet's codes
+    in range, 0.09 to 0.10 m/s in Doppler velocity.  The radar seems to extrapolate targets along a
+    straight line over half of its cycle of 75 ms (``prediction_time``).  In bends the speed on the
+    CAN bus exceeds that of the rear axle as that of the front axle does.  The data sheet's codes
     ``x_rms`` and ``vx_rms`` in the files (0.6 to 1.3 m, 0.29 to 0.37 m/s) are several times the
     residuals, and are not used.
     """

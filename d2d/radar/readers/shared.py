@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from d2d._bounds import SECONDS
 from d2d._checks import check_count
 from d2d._types import Array
-from d2d.radar.scans.bounds import SECONDS
 
 MICROSECOND = 1e-6  # s
 _OFFSET = SECONDS._replace(most=10.0)  # s, of a radar's clock

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from d2d._bounds import ANGLE, NOT_NEGATIVE, Bounded, number
 from d2d._types import Array
-from d2d.radar.scans.bounds import ANGLE, NOT_NEGATIVE, Bounded, number
 
 # Beyond it a covariance, in whatever unit, holds nothing but the budget, or overflows.
 _SIGMA = NOT_NEGATIVE._replace(most=1e3)

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import check_finite, check_positive_scalar, check_real
+from d2d._bounds import SECONDS, check_real
+from d2d._checks import check_finite, check_positive_scalar
 from d2d._types import Array
-from d2d.radar.scans.bounds import SECONDS
 
 _HALF_WIDTH = SECONDS._replace(above=0.0, most=60.0)  # s
 _MIN_POSES = 5  # of a parabola: two more than it has coefficients
@@ -21,8 +21,7 @@ class Reference:
     At the ``times`` (n,) in s, ``theta`` (n, 3) is the velocity [v_x, v_y, omega] of the vehicle
     frame's origin in m/s, m/s, rad/s, along the vehicle's axes, and ``poses`` (n, 3) the pose
     [x, y, yaw] of the vehicle frame in the world, in m, m, rad; yaw may wrap.  Velocities and poses
-    are nan where they are not known.  Raises a ``ValueError`` if the times are not finite, or
-    shapes do not match.
+    are nan where they are not known.
     """
 
     times: Array
@@ -47,12 +46,11 @@ class Reference:
     ) -> "Reference":
         """The motion at ``times`` from poses alone, such as those of a localisation.
 
-        The poses (n, 3) [x, y, yaw] in m, m, rad were measured at ``stamps`` (n,) in s.  A parabola
-        is fitted to those within ``half_width`` (s) of each time; its value and slope are pose and
-        velocity (a Savitzky-Golay filter for stamps that are not evenly spaced).  They are nan
-        where poses are missing before or after the time, or fewer than five are within reach.
-        Raises a ``ValueError`` if a shape is wrong, a value is not finite, stamps do not strictly
-        increase, or ``half_width`` is not positive or beyond a minute.
+        The poses (n, 3) [x, y, yaw] in m, m, rad were measured at ``stamps`` (n,) in s, which
+        strictly increase.  A parabola is fitted to those within ``half_width`` (s) of a time; its
+        value and slope are pose and velocity (a Savitzky-Golay filter for stamps that are not
+        evenly spaced).  They are nan where poses are missing before or after the time, or fewer
+        than five are within reach.
         """
         known, wanted = check_finite("stamps", stamps), _checked_times(times)
         placed = rigid.motion("poses", poses, 2)
@@ -73,8 +71,7 @@ class Reference:
         """The motion at other times (m,) in s, by linear interpolation.
 
         It is nan outside the reference's time span, and in gaps longer than ``max_gap`` (s).
-        Raises a ``ValueError`` if ``times`` is not a row of finite numbers, ``max_gap`` is not
-        positive, or the reference's own times are out of order.
+        Raises a ``ValueError`` if the reference's own times are out of order.
         """
         wanted = _checked_times(times)
         check_positive_scalar("max_gap", max_gap)

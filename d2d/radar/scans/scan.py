@@ -9,6 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
+from d2d._bounds import (
+    ANGLE,
+    FINITE,
+    METRES,
+    NOT_NEGATIVE,
+    POSITIVE,
+    Bounded,
+    number,
+)
 from d2d._checks import (
     broadcast_batches,
     check_covariances,
@@ -21,15 +30,6 @@ from d2d._lazy import Frozen
 from d2d._types import Array, Selection
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-from d2d.radar.scans.bounds import (
-    ANGLE,
-    FINITE,
-    METRES,
-    NOT_NEGATIVE,
-    POSITIVE,
-    Bounded,
-    number,
-)
 
 _LEVER = METRES._replace(most=100.0)  # m, from the vehicle's origin
 _STEP = POSITIVE._replace(most=1e50)  # its square is finite
@@ -77,8 +77,8 @@ class RadarScan(Frozen):
     that the other scans see, because each scan sees different points of an object.  It is zero for
     point targets; see `estimate_extent`.
 
-    Raises a ``ValueError`` if an argument is not finite or has the wrong shape, a range or standard
-    deviation is not positive, an azimuth is beyond 2 pi, or a range beyond 10 km.
+    Raises a ``ValueError`` if a range or standard deviation is not positive, a range beyond 10 km
+    or an azimuth beyond 2 pi.
     """
 
     time: float
@@ -160,9 +160,8 @@ class RadarScan(Frozen):
 
         A scan stores one standard deviation along the line of sight and one across it, so a
         covariance is projected onto both directions, and the correlation between them is dropped.
-        Raises a ``ValueError`` if an argument is not finite or has the wrong shape, a target is at
-        the sensor's position, or there is no error of the range, the azimuth or the Doppler
-        velocity.
+        Raises a ``ValueError`` if a target is at the sensor's position, or there is no error of the
+        range, the azimuth or the Doppler velocity.
         """
         ahead, left = check_finite("x", x), check_finite("y", y)
         if ahead.ndim != 1 or ahead.shape != left.shape:
@@ -248,8 +247,8 @@ def quantisation_sigma(step: float, name: str = "step") -> float:
 
     The error is uniform over one step, so that the variance is step^2 / 12.  It adds to that of the
     measurement: ``np.hypot(sigma, quantisation_sigma(step))``.  Where the noise is much smaller
-    than the step, rounding is not independent from one value to the next.  Raises a ``ValueError``,
-    which calls the argument ``name``, unless it is a positive number.
+    than the step, rounding is not independent from one value to the next.  Errors call the argument
+    ``name``.
     """
     return float(_STEP.number(name, step) / np.sqrt(12.0))
 
@@ -332,7 +331,6 @@ def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -
     V = -(v_x - omega y_s) cos(phi + alpha_s) - (v_y + omega x_s) sin(phi + alpha_s) (thesis
     eq. 7.10; Barjenbruch et al. 2015).  ``theta`` (..., 3) is the vehicle's velocity
     [v_x, v_y, omega] in m/s, m/s, rad/s, and ``azimuth`` (..., K) in rad is in the sensor frame.
-    Raises a ``ValueError`` if a shape is wrong, a value is not finite or an azimuth beyond 2 pi.
     """
     motion = rigid.motion("theta", theta, 2)
     gain, _ = doppler_gradients(BOUNDS["azimuth"].array("azimuth", azimuth), mounting)

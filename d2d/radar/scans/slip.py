@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from d2d._bounds import Bounded, number
 from d2d._types import Array
-from d2d.radar.scans.bounds import Bounded, number
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d import rigid
+from d2d._bounds import ANGLE, NOT_NEGATIVE, POSITIVE, Bounded, number
 from d2d._checks import check_count, check_instance, check_positive_scalar
 from d2d._types import Array, Selection
-from d2d.radar.scans.bounds import ANGLE, NOT_NEGATIVE, POSITIVE, Bounded, number
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity
 from d2d.radar.simulation.sensor_errors import SensorErrors
@@ -42,7 +42,7 @@ class Sensor(Bounded):
 
     The received power of a reflection point is its strength divided by range^4, times an
     exponential variate drawn anew for every scan (Swerling case 1).  A point is detected if its
-    power exceeds a threshold.  Raises a ``ValueError`` if an attribute is out of range.
+    power exceeds a threshold.
 
     The sensor takes ``rate`` scans per second and keeps the ``max_targets`` strongest detections of
     each, of azimuths up to ``field_of_view`` (rad) to either side and ranges between ``min_range``
@@ -126,8 +126,7 @@ def simulate_drive(
 
     By default, the sensor is that of the thesis, `build_world` draws the world, and nothing else is
     wrong with the sensor; the ``errors`` change neither what is detected nor the targets' own
-    noise, unless there is a lag.  Raises a ``ValueError`` if ``rng`` is not a generator, or the
-    duration or the speed not positive.
+    noise, unless there is a lag.
     """
     check_instance("rng", rng, np.random.Generator)
     duration = check_positive_scalar("duration", duration)

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from d2d._bounds import ANGLE, NOT_NEGATIVE, POSITIVE, Bounded, Bounds, number
 from d2d._types import Array
-from d2d.radar.scans.bounds import ANGLE, NOT_NEGATIVE, POSITIVE, Bounded, Bounds, number
 
 _RIDGE = 1e-9  # relative variance that keeps points at the same place from a singular covariance
 
@@ -15,7 +15,7 @@ class SensorErrors(Bounded):
     """Errors that the targets of a simulated scan share, and scatter of the reflection points.
 
     All are off by default and constant over a drive; `d2d.radar.ErrorBudget` holds the standard
-    deviations of those of the same names.  Raises a ``ValueError`` if a number is out of range.
+    deviations of those of the same names.
 
     To all azimuths, ``azimuth`` (rad) is added, because the sensor is turned by this angle from its
     stated mounting, and to all Doppler velocities ``doppler`` (m/s), after their relative error

@@ -7,12 +7,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from d2d._bounds import SECONDS
 from d2d._checks import (
     check_count,
     check_members,
-    check_positive,
     check_positive_scalar,
-    check_seconds,
 )
 from d2d._types import Array
 from d2d.radar.motion.pairs import ScanPair
@@ -125,7 +124,7 @@ def check_separation(baseline: int, horizon: float | None) -> None:
     check_count("baseline", baseline)
     if horizon is None:
         return
-    check_positive("horizon", check_seconds("horizon", horizon, MAX_INTERVAL))
+    SECONDS._replace(above=0.0, most=MAX_INTERVAL).number("horizon", horizon)
     if baseline != 1:
         raise ValueError(
             f"horizon and baseline must not both be given, but are {horizon:g} s and {baseline}"

@@ -185,10 +185,9 @@ def fit(model: Alignment, low: float, high: float) -> Fit:
 
 
 def agreeing(model: Alignment, found: Fit) -> NDArray[np.bool_]:
-    """Which scans (n,) are not grossly off: in dense traffic most targets may move alike.
+    """Which scans (n,) are not grossly off, see `calibrate`.
 
-    The deviation of a scan is the error of its sensor's velocity in standard deviations.  It is
-    compared with the median of that sensor's scans, because errors of the reference add to it.
+    They are compared with the median of their sensor, because errors of the reference add to all.
     """
     predicted, _ = model.predicted(found.lag, found.parameters)
     information = model.velocities.information
@@ -206,11 +205,9 @@ def agreeing(model: Alignment, found: Fit) -> NDArray[np.bool_]:
 def covariance(model: Alignment, found: Fit, *, with_lag: bool) -> tuple[Array, float]:
     """Covariance of the free parameters, the lag first if it is one; length of its blocks in s.
 
-    The errors of the reference, and so the residuals, are correlated in time and between sensors.
-    Therefore the influences of all scans within a short time are added up, and their total gets the
-    variance that it has under the circular block bootstrap.  This is enlarged by
-    blocks / (blocks - parameters of a sensor), because residuals are smaller than errors after a
-    fit, and is never smaller than for independent targets.
+    The influences of all scans within a short time are added up, and their total gets the variance
+    that it has under the circular block bootstrap, times blocks / (blocks - parameters of a
+    sensor), and never less than for independent targets.  `calibrate` says why.
     """
     predicted, derivatives, known = _where_known(model, found.lag, found.parameters)
     derivatives = derivatives[..., model.free]

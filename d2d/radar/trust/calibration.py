@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import check_instance, check_members, check_rows, check_scalar, check_within
+from d2d._bounds import SECONDS
+from d2d._checks import check_instance, check_members, check_rows, check_scalar
 from d2d._types import Array
 from d2d.radar.scans.recording import Recording
 from d2d.radar.scans.reference import Reference
@@ -20,6 +21,7 @@ _POWERS = (0, 2)  # of v_x in the slip law
 _LAG, _AHEAD, _COMPLIANCE = 0, 2, 3  # places among the parameters
 # A drive does not determine a parameter whose standard deviation is larger than this.
 _LIMITS = {_LAG: 0.1, _AHEAD: 0.3, _COMPLIANCE: 0.01}  # s, m, s^2/m
+_SEARCHED = SECONDS._replace(least=1e-6, most=1e4)
 _AT_BOUND = 1e-3  # s
 _MAX_SELECTIONS = 10  # of scans that are not grossly off
 _MIN_SPEED = 0.5  # m/s
@@ -155,7 +157,7 @@ def calibrate(
     True
     """
     logs = _logs(recordings)
-    bound = check_within("max_lag", max_lag, 1e-6, 1e4)
+    bound = _SEARCHED.number("max_lag", max_lag)
     velocities = scan_velocities((scans, mounting) for scans, mounting, _ in logs)
     model = Alignment.of(velocities, [reference for *_, reference in logs], _POWERS)
     if ahead is not None:

@@ -126,31 +126,23 @@ class Comparison(Frozen):
         squares = (self.whitened.values**2).sum(axis=-1)
         return block_length(np.column_stack([self.errors, squares]))
 
-    def intervals(
-        self,
-        confidence: float = 0.95,
-        *,
-        block: int | None = None,
-        rng: np.random.Generator | None = None,
-        resamples: int = 1000,
-    ) -> Measures:
-        """Lower and upper bounds of all measures, by a block bootstrap with ``resamples`` draws.
+    def intervals(self, confidence: float = 0.95) -> Measures:
+        """Lower and upper bounds of all measures, by the block bootstrap `d2d.block_bootstrap`.
 
-        Each interval has the probability content ``confidence``.  ``block`` successive estimates
-        are drawn together, by default as many as `d2d.block_length` says, which cannot know of
-        errors that change more slowly than the drive is long.  The default of ``rng`` has a fixed
-        seed, so that a comparison always prints the same.  Raises a ``ValueError`` if an argument
-        is out of range.
+        As many successive estimates are drawn together as `d2d.block_length` says, which cannot
+        know of errors that change more slowly than the drive is long.  The seed is fixed, so that a
+        comparison always prints the same.
         """
-        bounds = block_bootstrap(
-            lambda rows: rows.mean(axis=0),
-            [self._columns],
-            self.block if block is None else block,
-            np.random.default_rng(0) if rng is None else rng,
-            confidence=confidence,
-            resamples=resamples,
+        rng = np.random.default_rng(0)
+        return _measures(
+            block_bootstrap(
+                lambda rows: rows.mean(axis=0),
+                [self._columns],
+                self.block,
+                rng,
+                confidence=confidence,
+            )
         )
-        return _measures(bounds)
 
     @lazy
     def _columns(self) -> Array:

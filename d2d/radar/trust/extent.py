@@ -35,22 +35,14 @@ class ExtentEstimate:
 
     ``extent`` (m) is the standard deviation along each axis, 0 if the likelihood falls from there
     on.  Its standard error ``sigma`` (m) comes from how much the slope of the likelihood differs
-    between the pairs, and is nan if there is none.  ``sigma_independent`` (m) is the same from the
-    curvature of the likelihood, as if all targets were independent and the model true; usually it
-    is the smaller of the two.
-
-    ``pairs`` and ``targets`` count the pairs of scans, and the targets in their current scans, that
-    were used.  ``candidates`` (G,) are extents in m, ascending from 0 and including ``extent``, and
-    ``log_likelihoods`` (G,) those per target, with every pair at its own best velocity.
+    between the pairs, and is nan if there is none.  ``pairs`` and ``targets`` count the pairs of
+    scans, and the targets in their current scans, that were used.
     """
 
     extent: float
     sigma: float
-    sigma_independent: float
     pairs: int
     targets: int
-    candidates: Array
-    log_likelihoods: Array
 
     def __repr__(self) -> str:
         """The extent with its standard error."""
@@ -146,30 +138,19 @@ def estimate_extent(
 
 
 def _most_likely(pairs: Sequence[_Started], targets: int) -> ExtentEstimate:
-    """The extent of largest likelihood, with its standard errors."""
+    """The extent of largest likelihood, with its standard error."""
     profiles = np.array([_profile(pairs, candidate) for candidate in CANDIDATES])
     curve, slopes = profiles.sum(axis=-1).T
     extent = _maximum(pairs, curve, slopes)
-    candidates = CANDIDATES.copy()
     if extent > 0.0:
-        log_likelihood, slope = _profile(pairs, extent)
-        place = np.searchsorted(candidates, extent)
-        candidates = np.insert(candidates, place, extent)
-        curve = np.insert(curve, place, log_likelihood.sum())
+        slope = _profile(pairs, extent)[1]
         below, above = (_profile(pairs, extent * np.sqrt(1.0 + s))[1] for s in (-_STEP, _STEP))
         curvature = (below - above).sum() / (2.0 * _STEP * extent**2)
     else:
         slope = profiles[0, 1]
         curvature = (slope - _profile(pairs, _SMALL)[1]).sum() / _SMALL**2
-    return ExtentEstimate(
-        extent,
-        _standard_error(extent, np.sqrt(_variance_of_sum(slope)), curvature),
-        _standard_error(extent, np.sqrt(max(curvature, 0.0)), curvature),
-        len(pairs),
-        targets,
-        candidates,
-        curve / targets,
-    )
+    sigma = _standard_error(extent, np.sqrt(_variance_of_sum(slope)), curvature)
+    return ExtentEstimate(extent, sigma, len(pairs), targets)
 
 
 def _profile(pairs: Sequence[_Started], extent: float) -> Array:

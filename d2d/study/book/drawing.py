@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 
-from d2d import rigid
 from d2d._types import Array
 from d2d.point_set import PointSet
 from d2d.radar import Mounting, RadarScan
@@ -32,23 +31,15 @@ def error_bands(ax: Axes, times: Array, errors: Array, sigma: Array, unit: str, 
     ax.margins(x=0.0)
 
 
-def radar_scan(
-    ax: Axes,
-    scan: RadarScan,
-    mounting: Mounting,
-    pose: Array | None = None,
-    *,
-    seconds: float = 2.0,
-) -> None:
-    """A scan in the vehicle frame, or in the world if the vehicle's ``pose`` is given.
+def radar_scan(ax: Axes, scan: RadarScan, mounting: Mounting, *, seconds: float = 2.0) -> None:
+    """A scan in the vehicle frame.
 
     Targets are drawn with their 3-sigma ellipses; a dashed line along the line of sight shows how
     far the Doppler velocity moves each target in that many ``seconds``.
     """
-    frame = mounting.pose if pose is None else rigid.compose(pose, mounting.pose)
     targets = PointSet.from_polar(scan.range, scan.azimuth, scan.sigma_range, scan.sigma_azimuth)
-    placed = targets.transformed(frame)
-    sight = placed.means - frame[:2]
+    placed = targets.transformed(mounting.pose)
+    sight = placed.means - mounting.pose[:2]
     ends = placed.means + sight / np.linalg.norm(sight, axis=-1, keepdims=True) * (
         seconds * scan.doppler[:, None]
     )
@@ -56,7 +47,7 @@ def radar_scan(
     ax.add_collection(LineCollection(list(lines), colors=OCHRE, linestyles="--", linewidths=0.8))
     ax.plot(*placed.means.T, "*", color=MOVING, ms=5)
     ellipses(ax, placed, edgecolor=MOVING, linewidth=0.7)
-    ax.plot(*frame[:2], "D", color=BLACK, mfc="none")
+    ax.plot(mounting.x, mounting.y, "D", color=BLACK, mfc="none")
 
 
 def path(ax: Axes, poses: Array, **style: Any) -> None:

@@ -32,14 +32,8 @@ def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
 
     The first frame is shown; without JavaScript, a line of text says that there are more.  A frame
     is HTML as wide as its place, its caption the plain text of the line below it, and ``name`` the
-    id of the HTML element, unique on its page.  Raises a ``ValueError`` if there are no frames, or
-    not exactly one caption for each.
+    id of the HTML element, unique on its page.
     """
-    if not frames or len(frames) != len(captions):
-        raise ValueError(
-            f"frames must have one caption each, but there are {len(frames)} frames and "
-            f"{len(captions)} captions"
-        )
     last = len(frames) - 1
     shown = "\n".join(
         f'<div data-frame="{i}"{" hidden" if i else ""}>{frame}'

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._types import Array
-from d2d.baselines.optimisers import (
+from d2d.point_set import PointSet
+from d2d.study.estimation.optimisers import (
     Path,
     cost,
     descend,
@@ -20,7 +21,6 @@ from d2d.baselines.optimisers import (
     gradient_descent,
     newton,
 )
-from d2d.point_set import PointSet
 
 FIRST_ORDER = "gradient descent"
 MAX_DESCENTS = 20_000

@@ -7,11 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from d2d._types import Array
-from d2d.baselines.optimisers import Path
 from d2d.study.book import svg
 from d2d.study.book.grammar import BLACK, COSTS, OCHRE, PURPLE, SKY, TRUTH
 from d2d.study.estimation.covariance_trials import CovarianceStudy
 from d2d.study.estimation.descent import PairedTargets, profile
+from d2d.study.estimation.optimisers import Path
 
 COLOURS = {
     "gradient descent": OCHRE,

@@ -43,14 +43,6 @@ def _placed(change: Callable[[Mounting], Mounting]) -> Fault:
     return lambda scans, mounting, truth: (scans, change(mounting))
 
 
-def _compensated(scans: Scans, mounting: Mounting, truth: Reference) -> tuple[Scans, Mounting]:
-    """Doppler velocities over ground, as some sensors report them."""
-    return [
-        replace(scan, doppler=scan.doppler - doppler_velocity(theta, scan.azimuth, mounting))
-        for scan, theta in zip(scans, truth.theta, strict=True)
-    ], mounting
-
-
 def _folded(scan: RadarScan) -> RadarScan:
     return replace(scan, doppler=(scan.doppler + _NYQUIST) % (2.0 * _NYQUIST) - _NYQUIST)
 
@@ -62,7 +54,8 @@ FAULTS: dict[str, Fault] = {
     "mounted backwards": _placed(lambda m: replace(m, yaw=m.yaw + np.pi)),
     "mounting 5 deg off": _placed(lambda m: replace(m, yaw=m.yaw + np.deg2rad(5.0))),
     "mounting place left out": _placed(lambda m: Mounting(0.0, 0.0, m.yaw)),
-    "Doppler over ground": _compensated,
+    # as some sensors report it: the velocity of a static target is subtracted
+    "Doppler over ground": lambda s, m, truth: (over_ground_undone(s, -truth.theta, m), m),
     "Doppler folded at 8 m/s": _each(_folded),
     "sigmas 5 x too small": _each(lambda scan: scaled(scan, 0.2)),
     "sigmas 5 x too large": _each(lambda scan: scaled(scan, 5.0)),

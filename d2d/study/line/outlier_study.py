@@ -3,7 +3,6 @@
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
@@ -43,11 +42,6 @@ def survey_scene(cost: RegistrationCost, where: str = "", draws: int = DRAWS) ->
     return survey(TRANSLATIONS, log_surface(cost, TRANSLATIONS, *scene(where, draws)), TRUTH)
 
 
-def share(condition: NDArray[np.bool_]) -> float:
-    """Share of the draws in which a condition is met."""
-    return float(np.mean(condition))
-
-
 def survey_corrupted(fraction: float, width: float, draws: int) -> Survey:
     """A corrupted Gaussian of that fraction and width (m), with a randomly placed outlier in M."""
     outlier = CorruptedGaussian(fraction, np.array([[width**2]]))
@@ -67,7 +61,7 @@ def outlier_map() -> tuple[Array, Array, Array]:
             found = survey_corrupted(fraction, width, MAP_DRAWS)
             table[:, i, j] = (
                 found.right(TRUTH, RIGHT),
-                share(found.rival > COMPARABLE),
+                np.mean(found.rival > COMPARABLE),
                 np.median(found.basin_width),
             )
     return table[0], table[1], table[2]

@@ -21,8 +21,7 @@ _LEAST_VARIANCE = 1e-150  # of observations that are all zero; its square does n
 def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
     """log N(x | mu, Sigma), the logarithm of thesis eq. 2.7 (Bishop 2006, eq. 2.43).
 
-    The arrays x and mean (..., D) and covariance (..., D, D) broadcast.  Raises a ``ValueError`` if
-    a value is nan or inf, or a covariance is not symmetric positive definite.
+    The arrays x and mean (..., D) and covariance (..., D, D) broadcast.
     """
     deviation = check_finite("x", x) - check_finite("mean", mean)
     return _log_density(deviation, check_covariances("covariance", covariance))
@@ -48,7 +47,6 @@ def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
     The observations x (..., N, D) have weights (..., N), equal by default.  The covariance is
     divided by the sum of the weights, not by N - 1: with equal weights its expectation is too small
     by the factor (N - 1) / N.  It is singular where the observations span less than D dimensions.
-    Raises a ``ValueError`` if a set is empty or a value is nan or inf.
     """
     points = _observations(x)
     w = np.ones(points.shape[-2]) if weights is None else check_finite("weights", weights)
@@ -77,8 +75,7 @@ def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float
 
     The squared Mahalanobis distance of a draw is chi-square distributed with two degrees of
     freedom, so the semi-axes are sqrt(chi2 quantile x eigenvalue).  The ellipses of one, two and
-    three standard deviations contain 39 %, 86 % and 99 %.  Raises a ``ValueError`` if the
-    covariance is not symmetric positive definite or the confidence is not within [0, 1).
+    three standard deviations contain 39 %, 86 % and 99 %.
     """
     if not 0.0 <= confidence < 1.0:
         raise ValueError(f"confidence must be within [0, 1), but is {confidence}")
@@ -95,7 +92,7 @@ class GaussianMixture(Frozen):
     """p(x) = sum_k w_k N(x | mu_k, Sigma_k) (thesis eq. 2.8, Bishop 2006, eq. 9.7).
 
     The weights (K,) are not negative and have the sum 1, the means (K, D) and covariances (K, D, D)
-    belong to them.  Raises a ``ValueError`` that names an invalid argument.
+    belong to them.
     """
 
     weights: Array
@@ -263,7 +260,6 @@ def fit_mixture(
     components: int,
     rng: np.random.Generator,
     *,
-    initial: GaussianMixture | None = None,
     floor: float | None = None,
     equal_weights: bool = False,
     tolerance: float = 1e-8,
@@ -271,25 +267,18 @@ def fit_mixture(
 ) -> MixtureFit:
     """Fit a mixture by expectation maximisation (Dempster, Laird & Rubin 1977; thesis sec. 2.3).
 
-    The result is a local maximum; which one depends on the start: the mixture ``initial``, or means
-    that ``rng`` draws.  The observations x (N, D) may be fewer than ``components``, or all equal.
-    No variance of a component, that of the start included, is less than ``floor``, by default that
-    of `variance_floor`.  With ``equal_weights`` the weights stay 1/K.  The iteration ends with a
-    step whose gain in log-likelihood per observation is at most ``tolerance``.
-
-    Raises a ``ValueError`` if there are no observations or no components, a value is nan or inf,
-    the floor is not positive, or ``initial`` has another number of components.
+    The result is a local maximum; which one depends on the start, the `initial_mixture` that
+    ``rng`` draws.  The observations x (N, D) may be fewer than ``components``, or all equal.  No
+    variance of a component is less than ``floor``, by default that of `variance_floor`.  With
+    ``equal_weights`` the weights stay 1/K.  The iteration ends with a step whose gain in
+    log-likelihood per observation is at most ``tolerance``.
     """
     points = _observations(x)
     floor = variance_floor(points) if floor is None else floor
     if not floor > 0.0:
         raise ValueError(f"floor must be positive, but is {floor}")
     least_gain = tolerance * len(points)
-    start = initial_mixture(points, components, rng, floor=floor) if initial is None else initial
-    if start.components != components:
-        raise ValueError(f"initial must have {components} components, but has {start.components}")
-    start = GaussianMixture(start.weights, start.means, raise_eigenvalues(start.covariances, floor))
-    steps, history = [start], []
+    steps, history = [initial_mixture(points, components, rng, floor=floor)], []
     while True:
         responsibilities, log_likelihood = expect(points, steps[-1])
         history.append(log_likelihood)

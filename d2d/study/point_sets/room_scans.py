@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_fraction, check_within
+from d2d._bounds import ANGLE
+from d2d._checks import check_fraction
 from d2d._types import Array
 from d2d.point_set import PointSet
 
@@ -23,6 +24,7 @@ ROOM: Walls = (
 MOTION = np.array([0.5, 0.3, np.deg2rad(10.0)])  # m, m, rad: from the first scan to the second
 RAYS = 180
 SIGMA_RANGE = 0.03  # m
+_VIEW = ANGLE._replace(above=0.0)
 NEAREST = 0.3  # m: no point of a scan is nearer
 
 
@@ -104,11 +106,10 @@ def room_scan(
 
     ``pose`` (3,), in m, m, rad, is that of the scanner in the room; the field of view (rad) is
     centred on the scanner's x axis.  A share ``outliers`` of the points comes from an obstacle in
-    front of the wall, uniformly distributed along the ray.  Raises a ``ValueError`` if the pose
-    lies outside the room, or the field of view or the share is out of range.
+    front of the wall, uniformly distributed along the ray.
     """
     share = check_fraction("outliers", outliers)
-    view = check_within("field_of_view", field_of_view, 1e-6, 2.0 * np.pi)
+    view = _VIEW.number("field_of_view", field_of_view)
     spacing = view / RAYS
     azimuth = spacing * np.arange(RAYS, dtype=np.float64) - 0.5 * view
     wall = ray_ranges(pose, azimuth, walls)

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.baselines.optimisers import cost
 from d2d.study.estimation import descent, figures
+from d2d.study.estimation.optimisers import cost
 from d2d.study.plane.scenarios import OVERLAPPED
 
 

@@ -49,9 +49,3 @@ def test_it_opens_on_the_first_frame(run):
     assert 'value="0"' in html
     assert "<div data-controls hidden>" in html
     assert "http" not in html
-
-
-def test_frames_and_captions_must_match():
-    for drawn, captions in (([], []), (["<svg/>"], [])):
-        with pytest.raises(ValueError, match="frames"):
-            slider.animate("steps", drawn, captions)

@@ -2,13 +2,25 @@
 
 import math
 from dataclasses import field, fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import check_real
 from d2d._types import Array
+
+
+def check_real(name: str, value: ArrayLike) -> Array:
+    """A float64 copy of ``value``; nan and inf are allowed."""
+    try:
+        raw = np.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of real numbers: {error}") from None
+    if raw.dtype.kind not in "biuf":
+        raise ValueError(f"{name} must be an array of real numbers, but is of type {raw.dtype}")
+    if np.ma.is_masked(value):
+        raise ValueError(f"{name} must not hold masked entries; remove them first")
+    return raw.astype(np.float64)
 
 
 class Bounds(NamedTuple):
@@ -41,9 +53,12 @@ class Bounds(NamedTuple):
         verb = "holds" if array.ndim else "is"
         raise ValueError(f"{name} must be {wanted}, but {verb} {found:g}{hint}")
 
-    def number(self, name: str, value: object) -> float:
+    def number(self, name: str, value: Any) -> float:
         """A single number, as a float."""
-        array = self.array(name, value)  # type: ignore[arg-type] # which it checks
+        common = type(value) is float and self.above < value >= self.least
+        if common and abs(value) <= self.most and math.isfinite(value):
+            return float(value)  # without NumPy: every pair of scans comes here several times
+        array = self.array(name, value)
         if array.ndim:
             raise ValueError(f"{name} must be a number, but has the shape {array.shape}")
         return float(array)
@@ -57,9 +72,10 @@ class Bounds(NamedTuple):
 FINITE = Bounds()
 POSITIVE = Bounds(above=0.0)
 NOT_NEGATIVE = Bounds(least=0.0)
+SCALE = Bounds(least=1e-50, most=1e50)  # of which squares and inverses are finite
 METRES = Bounds(unit="in m, ", hint="; are these millimetres?")
 SECONDS = Bounds(unit="in seconds (s), ", hint="; are these milliseconds?")
-# a full turn, which float32 may round up
+# beyond a full turn, which float32 rounds up, an angle is taken to be in degrees
 ANGLE = Bounds(
     most=2.0 * math.pi * (1.0 + 1e-6), unit="in radians (rad), ", hint="; are these degrees?"
 )

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from d2d import CorruptedGaussian, PointSet, RegistrationCost, rigid
-from d2d.baselines.symmetric import register_symmetric, symmetric_derivatives
 from d2d.study.beyond.solvers import solved
+from d2d.study.beyond.symmetric import register_symmetric, symmetric_derivatives
 from d2d.study.plane.scenarios import OUTLIERS_AND_CLUSTERS_A, OVERLAPPED
 from tests.strategies import log_normal
 

@@ -15,7 +15,8 @@ but one component of each target.
 """
 
 import math
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 import scipy
@@ -27,10 +28,10 @@ from d2d._types import Array
 from d2d.cost import CorruptedGaussian
 from d2d.covariance import fisher_covariance
 from d2d.point_set import PointSet
-from d2d.problem import check_pair
 from d2d.registration import Estimate
 
 Mixture = Literal["max", "sum", "max-sum"]
+Residuals = Callable[[NDArray[Any]], NDArray[Any]]
 
 DAMPING = 10.0  # 1/m^2, added to the max-sum's normalisation to make its square root less curved
 _STEP = 1e-30  # of complex-step derivatives, which do not suffer from cancellation
@@ -38,23 +39,35 @@ _MIN_SQUARE = 1e-10  # smallest argument of a square root, whose slope at zero i
 
 
 def mixture_residuals(
-    theta: ArrayLike,
     fixed: PointSet,
     moving: PointSet,
     mixture: Mixture,
     outlier: CorruptedGaussian | None = None,
-) -> tuple[Any, Array]:
-    """Residuals r (..., M) of the D2D likelihood, and a constant for each target (K,).
+) -> tuple[Residuals, Array]:
+    """Residuals of the D2D likelihood of two planar sets, and a constant for each target (K,).
 
-    ``sum(r**2) / 2 - sum(constants)`` is the negative logarithm of the mixture.
-
-    The motion (..., 3) may be complex, for complex-step derivatives; the sets are planar, without a
-    batch.  Raises a ``ValueError`` that names the argument that is invalid.
+    The residuals r are a function of the motion (..., 3), which may be complex for complex-step
+    derivatives, and have the shape (..., M).  ``sum(r**2) / 2 - sum(constants)`` is the negative
+    logarithm of the mixture.
     """
-    _check(fixed, moving, mixture)
+    check_choice("mixture", mixture, get_args(Mixture))
     pairs = _Pairs(fixed, moving, outlier)
     constants = pairs.constants(mixture)
-    return _residuals(np.asarray(theta), pairs, mixture, constants), constants
+
+    def residuals(theta: NDArray[Any]) -> NDArray[Any]:
+        parts = pairs.at(theta)
+        logs = parts.log_scale - 0.5 * (parts.x**2 + parts.y**2)
+        if mixture != "max":
+            top = logs.real.max(axis=-1, keepdims=True)
+            whole = top[..., 0] + np.log(np.exp(logs - top).sum(axis=-1))
+        if mixture == "sum":
+            return _root(constants - whole)
+        best = np.argmax(logs.real, axis=-1)[..., np.newaxis]
+        x, y, log_scale = (np.take_along_axis(each, best, axis=-1)[..., 0] for each in parts)
+        rest = constants - (log_scale if mixture == "max" else whole + 0.5 * (x**2 + y**2))
+        return np.concatenate([x, y, _root(rest)], axis=-1)
+
+    return residuals, constants
 
 
 def register_mixture(
@@ -69,19 +82,12 @@ def register_mixture(
     The sets, the mixture and the outlier model are those of `mixture_residuals`; ``initial`` (3,)
     is zeros by default.  In the result, ``hessian`` is J'J, the approximation that such a solver
     uses, ``covariance`` its inverse, and ``iterations`` counts evaluations of the residuals.
-    Raises a ``ValueError`` that names the argument that is invalid.
     """
-    _check(fixed, moving, mixture)
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
-    pairs = _Pairs(fixed, moving, outlier)
-    constants = pairs.constants(mixture)
-
-    def residuals(theta: Array) -> Array:
-        return np.asarray(_residuals(theta, pairs, mixture, constants))
+    residuals, constants = mixture_residuals(fixed, moving, mixture, outlier)
 
     def jacobian(theta: Array) -> Array:
-        moved = _residuals(theta + 1j * _STEP * np.eye(3), pairs, mixture, constants)
-        return np.asarray(moved.imag.T / _STEP)
+        return np.asarray(residuals(theta + 1j * _STEP * np.eye(3)).imag.T / _STEP)
 
     found = scipy.optimize.least_squares(residuals, start, jacobian, method="lm", x_scale="jac")
     hessian = found.jac.T @ found.jac
@@ -170,34 +176,7 @@ def _whitened(x: Any, y: Any, xx: Any, xy: Any, yy: Any) -> _Components:
     return _Components(whitened, (y - low * whitened) / second, -np.log(first * second))
 
 
-def _residuals(
-    theta: NDArray[Any], pairs: _Pairs, mixture: Mixture, constants: Array
-) -> NDArray[Any]:
-    parts = pairs.at(theta)
-    logs = parts.log_scale - 0.5 * (parts.x**2 + parts.y**2)
-    if mixture != "max":
-        top = logs.real.max(axis=-1, keepdims=True)
-        whole = top[..., 0] + np.log(np.exp(logs - top).sum(axis=-1))
-    if mixture == "sum":
-        return _root(constants - whole)
-    best = np.argmax(logs.real, axis=-1)[..., np.newaxis]
-    x, y, log_scale = (np.take_along_axis(each, best, axis=-1)[..., 0] for each in parts)
-    rest = constants - (log_scale if mixture == "max" else whole + 0.5 * (x**2 + y**2))
-    return np.concatenate([x, y, _root(rest)], axis=-1)
-
-
 def _root(half_squares: NDArray[Any]) -> NDArray[Any]:
     """Residuals r with r^2 / 2 = half_squares, kept away from zero."""
     clipped = np.where(half_squares.real < _MIN_SQUARE, _MIN_SQUARE, half_squares)
     return np.asarray(np.sqrt(2.0 * clipped))
-
-
-def _check(fixed: PointSet, moving: PointSet, mixture: str) -> None:
-    check_pair(fixed, moving)
-    for name, points in (("fixed", fixed), ("moving", moving)):
-        if points.dimension != 2 or points.batch_shape:
-            raise ValueError(
-                f"{name} must be a single planar set, but has dimension {points.dimension} and "
-                f"the batch shape {points.batch_shape}"
-            )
-    check_choice("mixture", mixture, ("max", "sum", "max-sum"))

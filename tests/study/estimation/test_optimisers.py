@@ -5,8 +5,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import RegistrationCost, register
-from d2d.baselines import optimisers
-from d2d.baselines.optimisers import (
+from d2d.study import scenarios
+from d2d.study.estimation import descent, optimisers
+from d2d.study.estimation.optimisers import (
     descend,
     descend_damped,
     gauss_newton,
@@ -14,8 +15,6 @@ from d2d.baselines.optimisers import (
     levenberg_marquardt,
     newton,
 )
-from d2d.study import scenarios
-from d2d.study.estimation import descent
 from tests.strategies import central_difference
 
 START = np.array([4.0, -0.8, 0.2])

@@ -112,16 +112,15 @@ def descend_damped(
     problem: LeastSquares,
     start: ArrayLike,
     *,
-    damping: float = 1e-3,
-    factor: float = 10.0,
     tolerance: float = 1e-8,
     max_iterations: int = 1000,
 ) -> Path:
-    """Levenberg-Marquardt: lambda falls by ``factor`` after an accepted step and rises otherwise.
+    """Levenberg-Marquardt: lambda falls to a tenth after an accepted step, else it rises tenfold.
 
-    A step that raises the cost is not taken (Marquardt 1963).  The parameters and the result are
-    those of `descend`, with ``damping`` as the first lambda.
+    It is 0.001 at first.  A step that raises the cost is not taken (Marquardt 1963).  The
+    parameters and the result are those of `descend`.
     """
+    damping = 1e-3
     points = [check_finite("start", start)]
     costs = [cost(problem, points[0])]
     evaluations, converged = 0, False
@@ -134,7 +133,7 @@ def descend_damped(
         if value <= costs[-1]:
             points.append(trial)
             costs.append(value)
-            damping /= factor
+            damping /= 10.0
         else:
-            damping *= factor
+            damping *= 10.0
     return Path(np.array(points), np.array(costs), evaluations, converged)
