@@ -10,9 +10,8 @@ import numpy as np
 
 from d2d._kernel.charts import exponential_chart, identity_chart, logarithm_chart
 from d2d._kernel.compile import compiled, inlined, merged, vectorised
-from d2d._kernel.elementary import log
 from d2d._kernel.densities import measurement_jets, outlier_jet
-from d2d._kernel.tiles import COLUMNS, FIRST_TILE, ROWS
+from d2d._kernel.elementary import log
 from d2d._kernel.jets import fuse_likelihood, fuse_summing, mix, multiply, through_chart
 from d2d._kernel.layout import (
     A00,
@@ -36,14 +35,14 @@ from d2d._kernel.layout import (
     LENGTH,
     LIKELIHOOD,
     LIMIT,
-    MARGIN,
-    MEASURED,
     LOG_2PI,
     LOG_INLIER_WEIGHT,
+    MARGIN,
+    MEASURED,
     MOVING_SIZE,
     MOVING_START,
-    NOT_FOUND,
     NO_OUTLIER,
+    NOT_FOUND,
     OUTLIER,
     OUTLIER_FLOOR,
     PEAK,
@@ -58,6 +57,7 @@ from d2d._kernel.layout import (
 )
 from d2d._kernel.neighbours import bound_pairs, find_neighbours, moved
 from d2d._kernel.pairs import finish_inliers, load_block, sum_inliers
+from d2d._kernel.tiles import COLUMNS, FIRST_TILE, ROWS
 
 # How far a target may move, in standard deviations of its nearest pair, before its neighbours are
 # looked for again.

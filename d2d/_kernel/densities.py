@@ -11,7 +11,6 @@ import numpy as np
 
 from d2d._kernel.compile import compiled, inlined, vectorised
 from d2d._kernel.elementary import exp, log
-from d2d._kernel.tiles import interpolate, root_of
 from d2d._kernel.jets import through_chart
 from d2d._kernel.layout import (
     A00,
@@ -52,6 +51,7 @@ from d2d._kernel.layout import (
     Y,
     lane_count,
 )
+from d2d._kernel.tiles import interpolate, root_of
 
 VANISHING = 1e-180  # outlier sums below it are computed again, relative to the nearest component
 
@@ -115,15 +115,9 @@ def sum_outliers(w, fixed, setting, precision):
         # E[u] and E[u u'] with u = B d
         w[OUTLIER + G0 + k] = -(bxx * sx + bxy * sy)
         w[OUTLIER + G1 + k] = -(bxy * sx + byy * sy)
-        w[OUTLIER + A00 + k] = (
-            bxx * (bxx * sxx + bxy * sxy) + bxy * (bxx * sxy + bxy * syy) - bxx
-        )
-        w[OUTLIER + A01 + k] = (
-            bxx * (bxy * sxx + byy * sxy) + bxy * (bxy * sxy + byy * syy) - bxy
-        )
-        w[OUTLIER + A11 + k] = (
-            bxy * (bxy * sxx + byy * sxy) + byy * (bxy * sxy + byy * syy) - byy
-        )
+        w[OUTLIER + A00 + k] = bxx * (bxx * sxx + bxy * sxy) + bxy * (bxx * sxy + bxy * syy) - bxx
+        w[OUTLIER + A01 + k] = bxx * (bxy * sxx + byy * sxy) + bxy * (bxy * sxy + byy * syy) - bxy
+        w[OUTLIER + A11 + k] = bxy * (bxy * sxx + byy * sxy) + byy * (bxy * sxy + byy * syy) - byy
 
 
 @vectorised
@@ -138,9 +132,7 @@ def turn_outliers(w, log_weight):
         w[OUTLIER + G2 + k] = x * g1 - y * g0
         w[OUTLIER + A02 + k] = x * a01 - y * a00
         w[OUTLIER + A12 + k] = x * a11 - y * a01
-        w[OUTLIER + A22 + k] = (
-            y * y * a00 - 2.0 * x * y * a01 + x * x * a11 - x * g0 - y * g1
-        )
+        w[OUTLIER + A22 + k] = y * y * a00 - 2.0 * x * y * a01 + x * x * a11 - x * g0 - y * g1
 
 
 @vectorised

@@ -102,17 +102,17 @@ def order_targets(packed, counts, orders):
     strips = 1 + int(math.sqrt(size / (2 * LANES)))
     rows = (size + 7) // strips
     for b in range(orders.shape[0]):
-        points, order = packed[b], orders[b]
+        x, y, order = packed[b, X], packed[b, Y], orders[b]
         left, right, bottom, top = math.inf, -math.inf, math.inf, -math.inf
         for k in range(size):
-            left, right = min(left, points[X, k]), max(right, points[X, k])
-            bottom, top = min(bottom, points[Y, k]), max(top, points[Y, k])
+            left, right = min(left, x[k]), max(right, x[k])
+            bottom, top = min(bottom, y[k]), max(top, y[k])
         across = strips * (1.0 - 1e-9) / max(right - left, 1e-300)
         along = rows * (1.0 - 1e-9) / max(top - bottom, 1e-300)
         counts[:] = 0
         for turn in range(2):
             for k in range(size):
-                strip, row = int((points[X, k] - left) * across), int((points[Y, k] - bottom) * along)
+                strip, row = int((x[k] - left) * across), int((y[k] - bottom) * along)
                 cell = strip * rows + (row if strip % 2 == 0 else rows - 1 - row)
                 if turn == 0:
                     counts[cell + 1] += 1
@@ -120,7 +120,7 @@ def order_targets(packed, counts, orders):
                     order[counts[cell]] = k
                     counts[cell] += 1
             if turn == 0:
-                for cell in range(counts.shape[0] - 1):
+                for cell in range(strips * rows):
                     counts[cell + 1] += counts[cell]
 
 

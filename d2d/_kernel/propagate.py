@@ -48,8 +48,8 @@ from d2d._kernel.layout import (
     MOVED,
     MX,
     MY,
-    NOT_FOUND,
     NO_OUTLIER,
+    NOT_FOUND,
     OFFSET,
     ONE_STEP,
     OUTLIER,
@@ -257,7 +257,7 @@ def add_fields(w, pair, setting, fields, by_fixed):
 
 @inlined
 def depends_on_components(outlier):
-    """Whether the outlier component depends on the components one by one; an unknown kind raises."""
+    """Whether the outlier component depends on single components; an unknown kind raises."""
     kind = outlier[KIND]
     if kind != NO_OUTLIER and kind != UNIFORM and kind != CORRUPTED:
         raise ValueError("the kernel does not know this kind of outlier component")
