@@ -3,7 +3,9 @@
 - ``layout``: constants, the rows of the scratch array, what a pass over the targets needs
 - ``jets``: product, mixture and chain rule of densities with their derivatives
 - ``pairs``: the double sum over targets and components
+- ``neighbours``: which components are near each target, kept from step to step
 - ``densities``: the outlier component and the measurements
+- ``tiles``: the corrupted Gaussian's component of a large set, interpolated
 - ``charts``: a motion, its twist, the velocity that causes it
 - ``cost``: the cost of one or several pairs of sets with its derivatives
 - ``newton``: its minimum, by steps in a trust region
