@@ -20,7 +20,7 @@ from d2d.radar.simulation.drive import simulate_drive
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import MAX_INTERVAL
 from d2d.radar.tracks.track import Track
-from d2d.radar.tracks.tracking import track
+from d2d.radar.tracks.tracker import track
 
 PROGRAM = "python -m d2d.radar"
 

@@ -19,9 +19,8 @@ from d2d.radar import (
     simulate_drive,
     track,
 )
-from d2d.radar.tracks import tracking
-from d2d.radar.tracks.carry import accelerations
-from d2d.radar.tracks.tracking import MIN_EXPLAINED
+from d2d.radar.tracks import tracker
+from d2d.radar.tracks.following import MIN_EXPLAINED
 from tests.radar.scenes import (
     CORNER,
     STRAIGHT,
@@ -428,9 +427,9 @@ def test_a_bar_is_shown_only_if_wanted(capsys):
 def test_without_tqdm_only_a_bar_that_was_asked_for_is_missed(monkeypatch):
     """Breaks if a track on a terminal needs what the package does not."""
     monkeypatch.setitem(sys.modules, "tqdm", None)
-    monkeypatch.setattr(tracking, "_on_terminal", lambda: True)
-    assert list(tracking._counted(3, None)) == [0, 1, 2]
+    monkeypatch.setattr(tracker, "_on_terminal", lambda: True)
+    assert list(tracker._counted(3, None)) == [0, 1, 2]
     with pytest.raises(
         ModuleNotFoundError, match=r"^progress=True needs tqdm, .* pip install tqdm"
     ):
-        tracking._counted(3, True)
+        tracker._counted(3, True)
