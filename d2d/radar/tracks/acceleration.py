@@ -26,8 +26,8 @@ from d2d.radar.motion.doppler import Acceleration
 # Of a car, along x and y in m/s^2 and about z in rad/s^2: standard deviations of the acceleration
 # where nothing is known of it, and by how much it changes in a second.  The rear axle of a car
 # hardly slides: lateral velocities change slowly, and so tell yaw rates from side slip.
-UNKNOWN = np.diag(np.square([3.0, 0.3, 0.2]))
-_JERK = np.diag(np.square([2.0, 0.03, 0.05]))  # variances per s
+UNKNOWN = np.diag(np.square([3.0, 0.3, 0.12]))
+_JERK = np.diag(np.square([1.0, 0.015, 0.025]))  # variances per s
 
 _FORGOTTEN = 2.0  # s
 

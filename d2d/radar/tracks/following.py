@@ -24,9 +24,9 @@ from d2d.registration import Estimate
 # targets are outliers there, and the Hessian is positive definite.  An optimum at which the mean
 # inlier probability of the targets is below this is not accepted as the vehicle's motion.
 MIN_EXPLAINED = 0.1
-# A velocity has three components.  An optimum that rests on fewer targets is accidental, however
-# large a share of the scan they are.
-_MIN_AGREEING = 2.5  # sum of the inlier probabilities
+# A velocity has three components.  An optimum that rests on hardly more targets is accidental,
+# however large a share of the scan they are.
+_MIN_AGREEING = 4.0  # sum of the inlier probabilities
 # rad; a vehicle that drives in a circle between two scans is back where it was: scans of one place
 # then fit at any speed, as they do where times are in another unit
 _MAX_TURN = float(np.pi)

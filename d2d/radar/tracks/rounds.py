@@ -148,27 +148,31 @@ def check_mountings(mountings: Mapping[str, Mounting]) -> dict[str, Mounting]:
 
 
 def check_overlap(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
-    """Check that sensors were on at the same times, by the times of all their scans.
+    """Check that each sensor was on at the times of another, by the times of all their scans.
 
     Raises a ValueError if one has no time in common with any other, and warns if it has less than
-    half of its own, or of the others' if that is shorter: its clock may be another.
+    half of its own, or of the other's if that is shorter: its clock may be another.
     """
     spans = {name: (own[0].time, own[-1].time) for name, own in sensors.items() if len(own) > 1}
     for name, (start, end) in spans.items():
-        others = [span for other, span in spans.items() if other != name]
-        if not others:
+        shared = [
+            (min(end, last) - max(start, first), other)
+            for other, (first, last) in spans.items()
+            if other != name
+        ]
+        if not shared:
             return
-        first, last = (float(np.median(ends)) for ends in zip(*others, strict=True))
-        common = min(end, last) - max(start, first)
+        common, other = max(shared)
+        first, last = spans[other]
         said = (
-            f"{name} has times from {start:.3f} s to {end:.3f} s, the other sensors from "
-            f"{first:.3f} s to {last:.3f} s"
+            f"{name} has times from {start:.3f} s to {end:.3f} s, and {other} from {first:.3f} s "
+            f"to {last:.3f} s"
         )
         if common < 0.0:
-            raise ValueError(f"{said}: they do not overlap; is its clock another?")
+            raise ValueError(f"{said}: they do not overlap; is the clock of one another?")
         if common < _OVERLAP * min(end - start, last - first):
             warnings.warn(
-                f"{said}: only {common:.1f} s of them overlap; is its clock another?",
+                f"{said}: only {common:.1f} s of them overlap; is the clock of one another?",
                 UserWarning,
                 stacklevel=3,
             )

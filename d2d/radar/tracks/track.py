@@ -38,6 +38,7 @@ _TYPES = {"converged": np.bool_, "reasons": np.str_, "targets": np.int64}  # oth
 _ROW_SHAPES: dict[str, tuple[int, ...]] = {"theta": (3,), "covariance": (3, 3), "parts": (3, 3)}
 # s, and relative to the time since the first estimate: stamps in logs are often rounded
 _STAMP, _DRIFT = 0.01, 1e-5
+_ROUNDED = 1e-6  # s
 _ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 _SHOWN_REASONS = 3
 # A number in a reason, but not the exponent of a unit such as m/s^2.
@@ -113,6 +114,22 @@ class Track(Frozen):
             if not np.isfinite(getattr(self, name)[good]).all():
                 raise ValueError(f"{name} must be finite wherever converged is true")
         _check_covariances(self.covariance[good], total)
+
+    def __getitem__(self, rows: slice) -> Track:
+        """The part of the track with these rows, which follow each other: ``track[100:200]``.
+
+        Raises a ``ValueError`` unless ``rows`` is a slice whose step is 1.
+        """
+        if not isinstance(rows, slice) or rows.step not in (None, 1):
+            raise ValueError(f"a track must be sliced with a step of 1, but by {rows!r}")
+        known = {name: vars(self)[name] for name in (*REQUIRED, *OPTIONAL)}
+        chosen = {name: value if value is None else value[rows] for name, value in known.items()}
+        parts = self.parts and CovarianceParts(*(part[rows] for part in self.parts))
+        return Track(**chosen, parts=parts)
+
+    def __len__(self) -> int:
+        """The number of estimates."""
+        return len(self.times)
 
     def poses(self, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """The path driven: (n + 1, 3) poses [x, y, yaw] in m, m, rad, beginning at ``start``.
@@ -320,7 +337,7 @@ def neighbours(
     distance = times - track.times[before]
     weight = np.divide(distance, gap, out=np.zeros_like(distance), where=gap > 0.0)
     inside = (track.times[before] <= times) & (times <= track.times[after])
-    near = gap <= 2.0 * np.median(track.intervals)
+    near = gap <= 2.0 * np.median(track.intervals) + _ROUNDED  # times since 1970 are rounded
     good = track.converged[before] & track.converged[after]
     return before, after, weight, inside & near & good
 

@@ -311,8 +311,9 @@ def _smoothed(driven: Track, steps: Sequence[tuple[Uncarried, Step]], lag: float
 def compile_for(follower: Follower) -> None:
     """Run what a follower will run on a few made-up scans, so that all of it is compiled."""
     angles = np.linspace(-0.6, 0.6, 12)
+    distances, along = 20.0 + 3.0 * np.cos(9.0 * angles), np.cos(angles)
     scans = [
-        RadarScan(time, 20.0 + 3.0 * np.cos(9.0 * angles), angles, -np.cos(angles), 0.1, 0.01, 0.1)
+        RadarScan(time, distances - time * along, angles, -along, 0.1, 0.01, 0.1)
         for time in (0.0, 0.1)
     ]
     budget = None if follower.budget is None else ErrorBudget(neighbours=1.0)
