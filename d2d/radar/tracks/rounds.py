@@ -137,7 +137,8 @@ def check_distinct(sensors: Mapping[str, Iterable[RadarScan]]) -> None:
 
 def check_mountings(mountings: Mapping[str, Mounting]) -> dict[str, Mounting]:
     """The mountings by the names of their sensors, checked; there must be one at least."""
-    if not isinstance(mountings, Mapping) or not mountings:
+    given: object = mountings
+    if not isinstance(given, Mapping) or not given:
         raise ValueError(
             "mountings must be a mapping of the sensors' names to their mountings, but is "
             f"{mountings!r}"

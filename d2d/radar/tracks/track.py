@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -120,10 +121,11 @@ class Track(Frozen):
 
         Raises a ``ValueError`` unless ``rows`` is a slice whose step is 1.
         """
-        if not isinstance(rows, slice) or rows.step not in (None, 1):
+        given: object = rows
+        if not isinstance(given, slice) or given.step not in (None, 1):
             raise ValueError(f"a track must be sliced with a step of 1, but by {rows!r}")
-        known = {name: vars(self)[name] for name in (*REQUIRED, *OPTIONAL)}
-        chosen = {name: value if value is None else value[rows] for name, value in known.items()}
+        chosen: dict[str, Any] = {name: vars(self)[name] for name in (*REQUIRED, *OPTIONAL)}
+        chosen = {name: value if value is None else value[rows] for name, value in chosen.items()}
         parts = self.parts and CovarianceParts(*(part[rows] for part in self.parts))
         return Track(**chosen, parts=parts)
 
@@ -272,10 +274,16 @@ class Track(Frozen):
         """The same, and below it the commonest reasons of failure."""
         if self.reasons is None:
             return repr(self)
-        alike = Counter(_NUMBER.sub("...", reason) for reason in self.reasons.tolist() if reason)
-        lines = [f"  {n} failed: {reason}" for reason, n in alike.most_common(_SHOWN_REASONS)]
-        other = sum(alike.values()) - sum(n for _, n in alike.most_common(_SHOWN_REASONS))
+        counts = alike(filter(None, self.reasons.tolist()))
+        shown = list(counts.items())[:_SHOWN_REASONS]
+        lines = [f"  {n} failed: {reason}" for reason, n in shown]
+        other = sum(counts.values()) - sum(n for _, n in shown)
         return "\n".join([repr(self), *lines, *[f"  {other} failed otherwise"] * (other > 0)])
+
+
+def alike(reasons: Iterable[str]) -> dict[str, int]:
+    """How often each reason is given, without its numbers; the commonest first."""
+    return dict(Counter(_NUMBER.sub("...", reason) for reason in reasons).most_common())
 
 
 def _rows(name: str, value: Any, count: int) -> NDArray[Any]:

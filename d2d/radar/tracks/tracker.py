@@ -1,6 +1,7 @@
 """Ego-motion scan by scan, or over the whole log of a drive."""
 
 import sys
+import warnings
 from collections import deque
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -10,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d._checks import check_count, check_flag, check_instance
+from d2d._types import Array
 from d2d.radar.motion.estimate import check_velocity
-from d2d.radar.motion.model import EstimationOptions, split_options
+from d2d.radar.motion.model import EgoMotionModel, EstimationOptions, split_options
 from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan
@@ -21,7 +23,9 @@ from d2d.radar.tracks.following import Follower, Uncarried, VelocityEstimate
 from d2d.radar.tracks.intake import Intake
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import (
+    AFTER_GAP,
     MAX_INTERVAL,
+    NO_TARGETS,
     Round,
     Rounds,
     Sensors,
@@ -31,9 +35,10 @@ from d2d.radar.tracks.rounds import (
     named_sensors,
     rounds_of,
 )
-from d2d.radar.tracks.track import Track
+from d2d.radar.tracks.track import Track, alike
 
 DEFAULT_LIMITS = VehicleLimits()
+_MANY, _FEW_ACCEPTED = 20, 0.75  # estimates, and the share below which a user is told
 _BAR_DELAY = 2.0  # s, so that short tracks show no progress bar
 
 
@@ -74,7 +79,8 @@ def track(
     argument is invalid.
 
     Warns if a clock jumps (back by more than 1 s, or ahead by more than ``max_interval``), targets
-    are there twice, or the times of a sensor hardly overlap with those of the others.
+    are there twice, the times of a sensor hardly overlap with those of the others, or less than
+    three quarters of the estimates are accepted.
 
     Warns if in most intervals the positions alone fit another velocity clearly better than the one
     that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower (km/h),
@@ -143,11 +149,8 @@ def track(
             f"{int(any(taken))}"
         )
     driven = _joined([follower.follow(groups[i]) for i in _counted(len(groups), progress)], budget)
-    if follower.model.doppler:
-        accepted = np.flatnonzero(driven.converged).tolist()
-        warn_of_contradiction(
-            driven.theta[accepted], lambda i: problem_of(groups[accepted[i]].pairs, follower.model)
-        )
+    accepted = np.flatnonzero(driven.converged).tolist()
+    _warn(driven, [(driven.theta[i], groups[i].pairs) for i in accepted], follower.model)
     if follower.steps and budget is not None:
         return _smoothed(driven, follower.steps, budget.lag)
     return driven
@@ -209,7 +212,7 @@ class Tracker:
         self._intake = Intake([repr(name) for name in places], max_interval)
         self._rounds = Rounds(list(places.values()), baseline, horizon)
         self._estimates: deque[VelocityEstimate] = deque(maxlen=keep)
-        self._sample = EvenSample()
+        self._sample: EvenSample[tuple[Array, list[ScanPair]]] = EvenSample()
         compile_for(self._follower)
 
     def add(self, sensor: str, scan: RadarScan) -> list[VelocityEstimate]:
@@ -229,12 +232,7 @@ class Tracker:
     def finish(self) -> list[VelocityEstimate]:
         """End the last round, and warn as `track` does of what only the whole drive shows."""
         estimates = self._followed(self._rounds.finish())
-        if self._follower.model.doppler:
-            chosen = self._sample.chosen
-            warn_of_contradiction(
-                np.array([estimate.theta for estimate, _ in chosen]),
-                lambda i: problem_of(chosen[i][1].pairs, self._follower.model),
-            )
+        _warn(self.track, self._sample.chosen, self._follower.model)
         return estimates
 
     @property
@@ -247,10 +245,31 @@ class Tracker:
         for each in rounds:
             estimate = self._follower.follow(each)
             if estimate.converged:
-                self._sample.add((estimate, each))
+                self._sample.add((estimate.theta, each.pairs))
             estimates.append(estimate)
         self._estimates += estimates
         return estimates
+
+
+def _warn(
+    driven: Track, accepted: Sequence[tuple[Array, list[ScanPair]]], model: EgoMotionModel
+) -> None:
+    """Warn if accepted velocities (3,) contradict their pairs, or if few were accepted."""
+    theta = np.array([velocity for velocity, _ in accepted])
+    if model.doppler and warn_of_contradiction(theta, lambda i: problem_of(accepted[i][1], model)):
+        return
+    assert driven.reasons is not None
+    tried = [reason for reason in driven.reasons.tolist() if reason not in (NO_TARGETS, AFTER_GAP)]
+    share = tried.count("") / max(len(tried), 1)
+    if len(tried) >= _MANY and share < _FEW_ACCEPTED:
+        reason = next(iter(alike(filter(None, tried))))
+        warnings.warn(
+            f"only {share:.0%} of {len(tried)} estimates were accepted; most others failed because "
+            f"of {reason}.  Does the radar see little but traffic, as one that looks aside may, or "
+            "is its mounting another?",
+            UserWarning,
+            stacklevel=3,
+        )
 
 
 def _follower(
@@ -312,15 +331,15 @@ def compile_for(follower: Follower) -> None:
     """Run what a follower will run on a few made-up scans, so that all of it is compiled."""
     angles = np.linspace(-0.6, 0.6, 12)
     distances, along = 20.0 + 3.0 * np.cos(9.0 * angles), np.cos(angles)
-    scans = [
+    first, second = (
         RadarScan(time, distances - time * along, angles, -along, 0.1, 0.01, 0.1)
         for time in (0.0, 0.1)
-    ]
+    )
     budget = None if follower.budget is None else ErrorBudget(neighbours=1.0)
     for mountings in ([Mounting(1.0)], [Mounting(1.0), Mounting(-1.0, 0.5, 3.0)]):
         tried = replace(follower, budget=budget, limits=None, velocity=None)
         tried.acceleration = AccelerationFilter()
-        pairs = [ScanPair(*scans, mounting) for mounting in mountings]
+        pairs = [ScanPair(first, second, mounting) for mounting in mountings]
         for time in (0.1, 0.2):
             tried.follow(Round(time, 0.1, {}, pairs, ""))
 

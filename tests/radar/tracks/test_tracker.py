@@ -332,7 +332,8 @@ def test_a_full_turn_between_two_scans_is_no_motion():
     """Breaks if times in ms of a 20 Hz radar, in which a drive is a circle each 50 s, converge."""
     drive = simulate_drive(np.random.default_rng(3), 2.0, sensor=Sensor(rate=20.0))
     late = [replace(scan, time=1000.0 * scan.time) for scan in drive.scans]
-    driven = track((late, drive.mounting))
+    with pytest.warns(UserWarning, match="^only 0% of 40 estimates were accepted; "):
+        driven = track((late, drive.mounting))
     assert not driven.converged.any()
     turns = [reason for reason in driven.reasons.tolist() if reason.startswith("a turn of 3")]
     assert len(turns) > 0.3 * len(driven.reasons)
@@ -543,7 +544,9 @@ def test_a_covariance_that_overflows_is_no_estimate():
 def test_estimates_that_no_vehicle_follows_are_not_accepted():
     """Breaks if a limit is not applied, or the reason does not say which."""
     drive = simulate_drive(np.random.default_rng(2), duration=3.0)
-    refused = set(track(drive, limits=VehicleLimits(speed=0.5)).reasons.tolist()) - {""}
+    with pytest.warns(UserWarning, match="of 30 estimates were accepted; .* of a speed of"):
+        slow = track(drive, limits=VehicleLimits(speed=0.5))
+    refused = set(slow.reasons.tolist()) - {""}
     assert refused
     assert all(text.startswith("a speed of") for text in refused)
     free = track(drive, limits=None)

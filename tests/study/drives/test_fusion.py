@@ -17,9 +17,8 @@ from d2d.radar import (
     track,
 )
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
-from d2d.study.drives.budget_trial import INGREDIENTS
 from d2d.study.drives import figures, fusion
-from d2d.study.drives.budget_trial import BudgetTrial
+from d2d.study.drives.budget_trial import INGREDIENTS, BudgetTrial
 from d2d.study.drives.fusion import FILTERS, Measured, fuse
 
 
