@@ -65,13 +65,13 @@ class EvenSample(Generic[T]):
             self.chosen, self._step = self.chosen[::2], 2 * self._step
 
 
-def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> bool:
-    """Whether in most intervals the positions alone fit another velocity clearly better; warns.
+def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> None:
+    """Warn if in most intervals the positions alone fit another velocity clearly better.
 
     ``theta`` (n, 3) holds the accepted velocities, and ``problem(i)`` is the problem of row i.
     """
     if len(theta) < _FEW:
-        return False
+        return
     count = min(_SAMPLE, len(theta))
     spread = np.linspace(0, len(theta) - 1, count).astype(int)
     step = count // _FEW
@@ -79,13 +79,12 @@ def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> bo
     against: list[tuple[str, Array]] = []
     for i in np.concatenate([spread[first::step] for first in range(step)]):
         if compared == _FEW and len(against) < 2:
-            return False
+            return
         compared += 1
         against += _contradiction(problem(int(i)), theta[i])
     # a fit by chance has a random direction
     headings = np.array([heading for _, heading in against])
-    contradicting = bool(against and 2.0 * np.hypot(*headings.sum(axis=0)) > compared)
-    if contradicting:
+    if against and 2.0 * np.hypot(*headings.sum(axis=0)) > compared:
         kinds = [kind for kind, _ in against]
         kind = max(_QUESTIONS, key=kinds.count)
         warnings.warn(
@@ -93,9 +92,8 @@ def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> bo
             f"{compared} intervals the positions fit another velocity better, mostly {kind}.  "
             f"{_QUESTIONS[kind]}  {_OTHERS}",
             UserWarning,
-            stacklevel=4,
+            stacklevel=3,
         )
-    return contradicting
 
 
 def _contradiction(problem: Problem, theta: Array) -> list[tuple[str, Array]]:

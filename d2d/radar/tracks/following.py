@@ -64,9 +64,9 @@ class Uncarried(NamedTuple):
     def carried(self, by: Acceleration, lag: float) -> tuple[Array, CovarianceParts]:
         """The velocity at its time, with the parts of its covariance and the budget's lag in it."""
         noise = self.parts.noise + self.delay @ by.covariance @ self.delay.T
-        square = by.covariance + by.value[:, None] * by.value
-        late = self.parts.systematic + lag**2 * square
-        parts = self.parts._replace(noise=0.5 * (noise + noise.T), systematic=0.5 * (late + late.T))
+        moved = lag * by.value
+        late = self.parts.systematic + moved[:, None] * moved
+        parts = self.parts._replace(noise=0.5 * (noise + noise.T), systematic=late)
         return self.theta - self.delay @ by.value, parts
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -42,6 +41,7 @@ _STAMP, _DRIFT = 0.01, 1e-5
 _ROUNDED = 1e-6  # s
 _ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 _SHOWN_REASONS = 3
+_MANY, _FEW_ACCEPTED = 20, 0.75  # estimates, and the share below which sensor or log are in doubt
 # A number in a reason, but not the exponent of a unit such as m/s^2.
 _NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
 
@@ -271,19 +271,19 @@ class Track(Frozen):
         return f"Track({count} estimates{span}, {share:.1%} converged)"
 
     def __str__(self) -> str:
-        """The same, and below it the commonest reasons of failure."""
+        """The same, the commonest reasons of failure, and a question if there are many."""
         if self.reasons is None:
             return repr(self)
-        counts = alike(filter(None, self.reasons.tolist()))
-        shown = list(counts.items())[:_SHOWN_REASONS]
-        lines = [f"  {n} failed: {reason}" for reason, n in shown]
-        other = sum(counts.values()) - sum(n for _, n in shown)
-        return "\n".join([repr(self), *lines, *[f"  {other} failed otherwise"] * (other > 0)])
-
-
-def alike(reasons: Iterable[str]) -> dict[str, int]:
-    """How often each reason is given, without its numbers; the commonest first."""
-    return dict(Counter(_NUMBER.sub("...", reason) for reason in reasons).most_common())
+        alike = Counter(_NUMBER.sub("...", reason) for reason in self.reasons.tolist() if reason)
+        lines = [f"  {n} failed: {reason}" for reason, n in alike.most_common(_SHOWN_REASONS)]
+        other = sum(alike.values()) - sum(n for _, n in alike.most_common(_SHOWN_REASONS))
+        lines += [f"  {other} failed otherwise"] * (other > 0)
+        if len(self) >= _MANY and np.mean(self.converged) < _FEW_ACCEPTED:
+            lines.append(
+                "  Does the radar see little but traffic, as one that looks aside may, or is its "
+                "mounting another?"
+            )
+        return "\n".join([repr(self), *lines])
 
 
 def _rows(name: str, value: Any, count: int) -> NDArray[Any]:

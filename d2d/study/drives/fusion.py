@@ -140,10 +140,9 @@ def slow_errors(
 ) -> Array:
     """The effect (n, 3, 4) of each error of a budget on the velocities of a track of one sensor.
 
-    The products of these columns with themselves add up to the track's systematic covariances, but
-    for the uncertainty of the acceleration that a lag multiplies.  Unlike those, the columns also
-    show that the error of one interval is that of the next.  They are nan where the track has no
-    estimate.
+    The products of these columns with themselves add up to the track's systematic covariances.
+    Unlike those, the columns also show that the error of one interval is that of the next.  They
+    are nan where the track has no estimate.
     """
     model = EgoMotionModel()
     columns = np.full((len(driven.times), 3, 4), np.nan)

@@ -332,8 +332,8 @@ def test_a_full_turn_between_two_scans_is_no_motion():
     """Breaks if times in ms of a 20 Hz radar, in which a drive is a circle each 50 s, converge."""
     drive = simulate_drive(np.random.default_rng(3), 2.0, sensor=Sensor(rate=20.0))
     late = [replace(scan, time=1000.0 * scan.time) for scan in drive.scans]
-    with pytest.warns(UserWarning, match="^only 0% of 40 estimates were accepted; "):
-        driven = track((late, drive.mounting))
+    driven = track((late, drive.mounting))
+    assert str(driven).endswith("or is its mounting another?")
     assert not driven.converged.any()
     turns = [reason for reason in driven.reasons.tolist() if reason.startswith("a turn of 3")]
     assert len(turns) > 0.3 * len(driven.reasons)
@@ -497,8 +497,8 @@ def test_a_track_contains_its_budget():
     assert ((found.inliers > 0.1) & (found.inliers <= 1.0)).all()
     late = track(drive, budget=replace(budget, lag=0.1))
     added = late.parts.systematic - found.parts.systematic
-    assert (np.linalg.eigvalsh(added) > -1e-12).all()
-    assert (np.abs(added[:, 0, 0]) > 1e-6).all()
+    assert (np.abs(np.linalg.eigvalsh(added)[:, :2]) < 1e-12).all()  # along the acceleration
+    assert added[:, 0, 0].max() > 1e-4
     assert_allclose(late.parts.noise, found.parts.noise, atol=1e-12)
     for each in (found.covariance, *found.parts):  # else a table of the upper triangle differs
         assert_array_equal(each, np.swapaxes(each, 1, 2))
@@ -544,9 +544,7 @@ def test_a_covariance_that_overflows_is_no_estimate():
 def test_estimates_that_no_vehicle_follows_are_not_accepted():
     """Breaks if a limit is not applied, or the reason does not say which."""
     drive = simulate_drive(np.random.default_rng(2), duration=3.0)
-    with pytest.warns(UserWarning, match="of 30 estimates were accepted; .* of a speed of"):
-        slow = track(drive, limits=VehicleLimits(speed=0.5))
-    refused = set(slow.reasons.tolist()) - {""}
+    refused = set(track(drive, limits=VehicleLimits(speed=0.5)).reasons.tolist()) - {""}
     assert refused
     assert all(text.startswith("a speed of") for text in refused)
     free = track(drive, limits=None)
