@@ -16,6 +16,7 @@ from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import RadarScan
 from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter, Step
+from d2d.radar.tracks.lateness import Lateness
 from d2d.radar.tracks.limits import State, VehicleLimits
 from d2d.radar.tracks.rounds import Round
 from d2d.registration import Estimate
@@ -85,6 +86,7 @@ class Follower:
     last: State | None = None
     acceleration: AccelerationFilter = field(default_factory=AccelerationFilter)
     steps: list[tuple[Uncarried, Step]] | None = None  # of the accepted rounds, for a smoother
+    lateness: Lateness | None = None  # which learns from the accepted rounds
 
     def follow(self, current: Round) -> VelocityEstimate:
         """The velocity at the time of a round."""
@@ -115,6 +117,8 @@ class Follower:
         if raw is not None and by is not None:
             noise = raw.parts.noise + raw.parts.dependence
             step = self.acceleration.update(current.time, raw.theta, raw.delay, noise, by)
+            if self.lateness is not None:
+                self.lateness.add(current.time, theta, by.value, pairs)
             if self.steps is not None:
                 self.steps.append((raw, step))
         return VelocityEstimate(current.time, current.interval, theta, covariance, "", *seen, parts)

@@ -20,6 +20,7 @@ from d2d.radar.tracks.acceleration import AccelerationFilter, Step, acceleration
 from d2d.radar.tracks.contradiction import EvenSample, warn_of_contradiction
 from d2d.radar.tracks.following import Follower, Uncarried, VelocityEstimate
 from d2d.radar.tracks.intake import Intake
+from d2d.radar.tracks.lateness import Lateness
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import (
     MAX_INTERVAL,
@@ -75,7 +76,8 @@ def track(
     argument is invalid.
 
     Warns if a clock jumps (back by more than 1 s, or ahead by more than ``max_interval``), targets
-    are there twice, or the times of a sensor hardly overlap with those of the others.
+    are there twice, the times of a sensor hardly overlap with those of the others, or, with a
+    budget, its Doppler velocities are theirs of another time.
 
     Warns if in most intervals the positions alone fit another velocity clearly better than the one
     that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower (km/h),
@@ -134,6 +136,7 @@ def track(
     if check_flag("smooth", smooth):
         follower.steps = []
     drives = named_sensors(sensors, max_interval)
+    follower.lateness = Lateness({at: name for name, (_, at) in drives.items()})
     intake, mountings = Intake(list(drives), max_interval), [at for _, at in drives.values()]
     taken = [
         [intake.taken(s, scan) for scan in scans] for s, (scans, _) in enumerate(drives.values())
@@ -146,6 +149,7 @@ def track(
             f"{int(any(taken))}"
         )
     driven = _joined([follower.follow(groups[i]) for i in _counted(len(groups), progress)], budget)
+    follower.lateness.warn()
     if follower.model.doppler:
         accepted = np.flatnonzero(driven.converged).tolist()
         warn_of_contradiction(
@@ -212,6 +216,7 @@ class Tracker:
         self._intake = Intake([repr(name) for name in places], max_interval)
         self._rounds = Rounds(list(places.values()), baseline, horizon)
         self._estimates: deque[VelocityEstimate] = deque(maxlen=keep)
+        self._follower.lateness = Lateness({at: repr(name) for name, at in places.items()})
         self._sample: EvenSample[tuple[Array, list[ScanPair]]] = EvenSample()
         compile_for(self._follower)
 
@@ -232,6 +237,8 @@ class Tracker:
     def finish(self) -> list[VelocityEstimate]:
         """End the last round, and warn as `track` does of what only the whole drive shows."""
         estimates = self._followed(self._rounds.finish())
+        if self._follower.lateness is not None:
+            self._follower.lateness.warn()
         if self._follower.model.doppler:
             chosen = self._sample.chosen
             warn_of_contradiction(
@@ -322,7 +329,7 @@ def compile_for(follower: Follower) -> None:
     budget = None if follower.budget is None else ErrorBudget(neighbours=1.0)
     for mountings in ([Mounting(1.0)], [Mounting(1.0), Mounting(-1.0, 0.5, 3.0)]):
         tried = replace(follower, budget=budget, limits=None, velocity=None)
-        tried.acceleration = AccelerationFilter()
+        tried.acceleration, tried.lateness = AccelerationFilter(), None
         pairs = [ScanPair(first, second, mounting) for mounting in mountings]
         for time in (0.1, 0.2):
             tried.follow(Round(time, 0.1, {}, pairs, ""))

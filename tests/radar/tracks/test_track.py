@@ -144,7 +144,7 @@ def test_a_slice_is_the_same_track_of_fewer_estimates():
             assert_array_equal(own, whole if whole is None else whole[5:19])
         assert len(driven[:0]) == 0
         for rows in (slice(None, None, 2), slice(9, 3, -1), 3):
-            with pytest.raises(ValueError, match="^a track must be sliced with a step of 1"):
+            with pytest.raises(ValueError, match=r"^a track must be sliced with a step of 1"):
                 driven[rows]
 
 
