@@ -15,9 +15,10 @@ from d2d.radar.scans.slip import SlipLaw
 from d2d.radar.simulation.drive import Drive, Sensor, TrueTargets, simulate_drive
 from d2d.radar.simulation.sensor_errors import SensorErrors
 from d2d.radar.simulation.world import World, build_world
+from d2d.radar.tracks.following import VelocityEstimate
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.track import Track, Velocities
-from d2d.radar.tracks.tracking import track
+from d2d.radar.tracks.tracker import Tracker, track
 from d2d.radar.trust.calibration import Calibration, calibrate
 from d2d.radar.trust.comparison import Comparison, Measures, compare
 from d2d.radar.trust.extent import ExtentEstimate, estimate_extent
@@ -41,9 +42,11 @@ __all__ = [
     "SensorErrors",
     "SlipLaw",
     "Track",
+    "Tracker",
     "TrueTargets",
     "VehicleLimits",
     "Velocities",
+    "VelocityEstimate",
     "World",
     "build_world",
     "calibrate",

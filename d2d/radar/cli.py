@@ -20,7 +20,7 @@ from d2d.radar.simulation.drive import simulate_drive
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import MAX_INTERVAL
 from d2d.radar.tracks.track import Track
-from d2d.radar.tracks.tracking import track
+from d2d.radar.tracks.tracker import track
 
 PROGRAM = "python -m d2d.radar"
 
@@ -296,9 +296,8 @@ ABOUT = {
     "zero; 0 if it never moves sideways, as the middle of a rear axle that does not slip "
     "(default: unknown). It helps a single radar most: the yaw rate becomes more accurate",
     "--max-acceleration": "estimates that need a larger acceleration are not accepted (default: "
-    f"{_MAX_ACCELERATION:g}, far beyond a car's); with few targets in dense traffic use the limit "
-    "of your vehicle, such as 8",
-    "--max-interval": f"longest time between two scans (default: {MAX_INTERVAL:g})",
+    f"{_MAX_ACCELERATION:g}, somewhat beyond a car's)",
+    "--max-interval": f"longest usual time between two scans (default: {MAX_INTERVAL:g})",
 }
 
 DATA_SETS = "\n".join(
@@ -351,6 +350,8 @@ What is printed at the end says how many estimates were accepted, and why the ot
                                   wrong mounting, azimuths of the wrong sign
   an optimum that rests on ...    too few targets agree: --side-slip, more sensors
   a yaw rate with a sigma of ...  the targets tell too little: --horizon 0.3, --side-slip
+  a velocity with a sigma of ...  few targets agree, or they move: more sensors
+  the first scan after a gap      nothing near enough to register it with
   a turn of ... between scans     times in another unit than s, or a much too long --horizon
   a side slip, an acceleration,   no vehicle moves like that: a wrong optimum, or a wrong mounting
   a speed or a yaw rate of ...    if it is most of them

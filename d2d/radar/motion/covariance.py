@@ -28,9 +28,9 @@ from d2d._kernel.errors import (
 from d2d._types import Array
 from d2d.covariance import check_estimate, propagated
 from d2d.point_set import PointSet
-from d2d.problem import Problem
+from d2d.problem import Pair, Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
-from d2d.radar.motion.pairs import ScanPair, problem_of, scan_pairs
+from d2d.radar.motion.pairs import ScanPair, middle_of, problem_of, scan_pairs
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, cross_range
 from d2d.registration import Estimate
@@ -200,38 +200,71 @@ def apply_budget(
     pairs: Sequence[ScanPair],
     budget: ErrorBudget,
     time: float,
-) -> tuple[CovarianceParts, Array]:
-    """The parts (3, 3) of a velocity's covariance, without the lag's, and its delay (3, 3) in s.
+) -> tuple[CovarianceParts, Array, Array]:
+    """The parts (3, 3) of a velocity's covariance, without the lag's, its delay and its lead.
 
     ``pairs`` are those of the problem; no scan is in two of them, and no two pairs are of one
-    sensor.  The delay times the acceleration is how far the estimate is from the velocity at
-    ``time``: positions give the mean velocity over their interval, and each sensor's Doppler
-    velocities belong to its own scan.
+    sensor.  The delay (3, 3) in s, times the acceleration, is how far the estimate is from the
+    velocity at ``time``: the positions of each pair give the mean velocity over its interval, and
+    its Doppler velocities belong to its later scan.  Each counts with its share in the estimate.
+    The lead (3, 3) in s, times an acceleration, is how far the estimate moves if `problem_of` gets
+    that acceleration.
     """
     slopes, gain = _slopes(problem, estimate, pairs), -estimate.covariance
     noise, dependence, systematic = gradients = np.zeros((3, 3, 3))
-    scaled, doppler_share, doppler_delay = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
-    sigmas = np.array([[budget.azimuth], [budget.doppler]])
-    for pair, (before, now) in zip(problem.pairs, slopes, strict=True):
-        shared = np.zeros((3, 3))
-        for each in (before, now):
+    scaled, delayed, led = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
+    sigmas, common = np.array([[budget.azimuth], [budget.doppler]]), middle_of(pairs)
+    for given, pair, (before, now) in zip(pairs, problem.pairs, slopes, strict=True):
+        shared, turned = np.zeros((3, 3)), np.zeros((2, 3))
+        for each, total in zip((before, now), turned, strict=True):
             _add_noise(each, True, noise)
-            add_turned(each.position, cross_range(each.scan, each.mounting), shared[0])
+            add_turned(each.position, cross_range(each.scan, each.mounting), total)
             if budget.neighbours:
                 means, covariances = each.points.means, each.points.covariances
                 order, memory = means[:, 0].argsort(kind="stable"), np.empty((9, len(means)))
                 length = budget.neighbours
                 add_dependence(each.position, covariances, means, order, length, memory, dependence)
+        shared[0] = turned.sum(axis=0)
+        share = -pair.interval * _of_displacement(now, turned[1], estimate.theta, pair)
+        mean = _mean_over(estimate.theta, pair.interval)
+        delayed += share @ ((given.middle - time) * np.eye(3) + mean)
+        led -= (given.middle - common) * share
         if pair.measurement is not None:
             add_shared(now.doppler, now.prediction, now.scan.doppler, shared)
             share = pair.interval * (now.doppler.T @ pair.measurement.gain)
-            doppler_share += share
-            doppler_delay += (now.scan.time - time) * share
+            delayed += (now.scan.time - time) * share
+            led -= (now.scan.time - common) * share
         scaled += shared[2]
         biases = sigmas * shared[:2]
         systematic += biases.T @ biases
     systematic += budget.scale**2 * scaled[:, None] * scaled
     systematic.flat[::4] += problem.prior  # the diagonal
-    middle = sum(before.scan.time + now.scan.time for before, now in slopes) / len(slopes) / 2.0
-    delay = gain @ doppler_delay + (middle - time) * (np.eye(3) - gain @ doppler_share)
-    return CovarianceParts(*propagated(estimate.covariance, gradients)), delay
+    parts = CovarianceParts(*propagated(estimate.covariance, gradients))
+    return parts, gain @ delayed, gain @ led
+
+
+def _mean_over(theta: Array, interval: float) -> Array:
+    """By how much (3, 3), in s, a mean velocity differs from that in the middle of an interval.
+
+    Times the acceleration of a vehicle that turns: with [., .] the bracket of SE(2), a constant
+    acceleration a moves it by exp(tau (theta + tau^2 / 12 [theta, a])) (Magnus 1954).
+    """
+    return interval**2 / 12.0 * _bracket(theta)
+
+
+def _bracket(theta: Array) -> Array:
+    """The matrix (3, 3) of [theta, .] in SE(2)."""
+    v_x, v_y, omega = theta.tolist()
+    return np.array([[0.0, -omega, v_y], [omega, 0.0, -v_x], [0.0, 0.0, 0.0]])
+
+
+def _of_displacement(now: Influence, turned: Array, theta: Array, pair: Pair) -> Array:
+    """Derivative (3, 3) of a gradient in a small motion that follows the pair's own.
+
+    ``turned`` (3,) is that in a rotation of the later scan's positions about its sensor.
+    """
+    moved = np.empty((3, 3))
+    moved[:, :2] = now.position.sum(axis=0)
+    moved[:, 2] = turned + moved[:, :2] @ [-now.mounting.y, now.mounting.x]
+    twist = _bracket(pair.interval * theta)
+    return np.asarray(moved @ (np.eye(3) - 0.5 * twist + twist @ twist / 6.0))

@@ -19,6 +19,9 @@ _MAX_HYPOTHESES = 200  # of a sensor's velocity, each from two targets
 _GATE = 3.0  # standard deviations within which a target agrees with a hypothesis
 _MAX_ITERATIONS = 20  # of fitting, weighting and selecting
 _TOLERANCE = 1e-6  # m/s, m/s, rad/s: a smaller change ends the iteration
+_SPARSE = 10  # targets of a sensor on average, below which a joint velocity may be accidental
+_MIN_SEEN = 5  # targets of a sensor that agree, before a change of its velocity is believed
+_CONTRADICTING = 4.0  # standard deviations
 _MIN_RATIO = 1e-3  # of a singular value to the largest, for an observable direction
 
 
@@ -35,18 +38,59 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
     """
     check_instance("scan", scan, RadarScan)
     check_instance("mounting", mounting, Mounting)
+    return _sensor_fit(scan, mounting)[0]
+
+
+def _sensor_fit(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
+    """The velocity (2,) of a sensor, and the derivatives (K, 2) over sigma of what it rests on."""
     if not scan.size:
-        return np.zeros(2)
+        return np.zeros(2), np.empty((0, 2))
     sight = _directions(scan, mounting)
     inliers = _agreeing(scan, sight)
     # targets closer together than the uncertainty of their azimuths show one direction only
     spread = max(1e-6, _GATE * float(np.median(scan.sigma_azimuth)))
-    weights = 1.0 / scan.sigma_doppler[inliers, None]
-    return np.asarray(
-        np.linalg.lstsq(
-            sight[inliers] * weights, scan.doppler[inliers] * weights[:, 0], rcond=spread
-        )[0]
-    )
+    system, values, sigma = sight[inliers], scan.doppler[inliers], scan.sigma_doppler[inliers]
+    velocity = np.linalg.lstsq(system / sigma[:, None], values / sigma, rcond=spread)[0]
+    # a turned line of sight sees the component of the velocity across it
+    turned = system @ [[0.0, -1.0], [1.0, 0.0]] @ velocity * scan.sigma_azimuth[inliers]
+    return np.asarray(velocity), system / np.hypot(sigma, turned)[:, None]
+
+
+class Acceleration(NamedTuple):
+    """An acceleration (3,) in m/s^2, m/s^2, rad/s^2, with its covariance (3, 3)."""
+
+    value: Array
+    covariance: Array
+
+
+def doppler_acceleration(
+    changes: Iterable[tuple[RadarScan, RadarScan, Mounting]], before: Array
+) -> Acceleration:
+    """The vehicle's acceleration from the Doppler velocities of earlier and later scans.
+
+    The velocity of each sensor is fitted in both of its scans as in `sensor_velocity`; what all
+    Doppler velocities of a sensor have in common cancels.  ``before`` (3, 3) is the covariance of
+    the acceleration about zero before any is seen.  A sensor that contradicts it by more than four
+    standard deviations is left out: it has seen another vehicle.
+    """
+    value, covariance = np.zeros(3), before
+    for previous, current, mounting in changes:
+        (first, seen), (second, seen_later) = (
+            _sensor_fit(scan, mounting) for scan in (previous, current)
+        )
+        if min(len(seen), len(seen_later)) < _MIN_SEEN:
+            continue
+        interval = current.time - previous.time
+        to = np.array([[1.0, 0.0, -mounting.y], [0.0, 1.0, mounting.x]])
+        spread = sum(np.linalg.pinv(own.T @ own, 1e-6) for own in (seen, seen_later))
+        expected = to @ covariance @ to.T + spread / interval**2
+        gain = np.linalg.solve(expected, to @ covariance).T
+        difference = (second - first) / interval - to @ value
+        if difference @ np.linalg.solve(expected, difference) < _CONTRADICTING**2:
+            value = value + gain @ difference
+            covariance = covariance - gain @ to @ covariance
+            covariance = 0.5 * (covariance + covariance.T)
+    return Acceleration(value, covariance)
 
 
 class DopplerMotion(NamedTuple):
@@ -123,16 +167,21 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
 def doppler_starts(views: Sequence[View]) -> Array:
     """Starts (S, 3) [v_x, v_y, omega] for a registration, near the Doppler velocities.
 
-    Sensors at different places determine the whole velocity.  If they do not, the scan with the
-    most targets determines its sensor's velocity, but not how much of it is due to rotation.  The
-    first start then assumes no rotation.  For a sensor ahead of or behind the vehicle's origin, a
-    second one assumes no side slip instead.
+    Sensors at different places determine the whole velocity.  If they do not, or see few targets,
+    each determines its own velocity, but not how much of it is due to rotation: one start assumes
+    no rotation and, for a sensor ahead of or behind the vehicle's origin, one no side slip.
     """
     if len({mounting for _, mounting in views}) > 1:
         motion = doppler_ego_motion(views)
         if np.isfinite(motion.covariance).all():
-            return motion.theta[np.newaxis]
-    scan, mounting = max(views, key=lambda view: view[0].size)
+            sparse = sum(scan.size for scan, _ in views) < _SPARSE * len(views)
+            alone = [_starts_alone(*view) for view in views if sparse and view[0].size]
+            return np.concatenate([motion.theta[np.newaxis], *alone])
+    return np.concatenate([_starts_alone(*view) for view in views if view[0].size])
+
+
+def _starts_alone(scan: RadarScan, mounting: Mounting) -> Array:
+    """Starts (S, 3) by the velocity of one sensor."""
     along, across = sensor_velocity(scan, mounting)
     starts = [[along, across, 0.0]]
     if mounting.x != 0.0:
@@ -151,8 +200,12 @@ def _agreeing(scan: RadarScan, sight: Array) -> NDArray[np.bool_]:
     agree = np.ones(scan.size, dtype=np.bool_)
     if scan.size <= 2:
         return agree
-    sigmas = np.stack([scan.sigma_doppler, scan.sigma_azimuth])
-    find_consensus(sight, scan.doppler, sigmas, _hypotheses(scan.size), _GATE, agree)
+    # which of two hypotheses that are equally good is found must not depend on the targets' order
+    order = np.lexsort([scan.range, scan.doppler, scan.azimuth])
+    sigmas = np.stack([scan.sigma_doppler, scan.sigma_azimuth])[:, order]
+    found = agree.copy()
+    find_consensus(sight[order], scan.doppler[order], sigmas, _hypotheses(scan.size), _GATE, found)
+    agree[order] = found
     return agree if agree.any() else np.ones_like(agree)
 
 

@@ -1,9 +1,13 @@
 """Pairs of scans of one sensor, and what the cost takes of them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from d2d._checks import check_instance, check_members
+from d2d._types import Array
+from d2d.point_set import PointSet
 from d2d.problem import Pair, Problem
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.scans.scan import Mounting, RadarScan
@@ -22,6 +26,11 @@ class ScanPair(NamedTuple):
     def interval(self) -> float:
         """The time from the earlier scan to the later one, in s."""
         return self.current.time - self.previous.time
+
+    @property
+    def middle(self) -> float:
+        """The time in the middle between the two, in s."""
+        return self.current.time - 0.5 * self.interval
 
 
 def scan_pairs(
@@ -68,17 +77,56 @@ def _check_pair(pair: ScanPair, place: str) -> None:
 
 
 def scan_pair(
-    previous: RadarScan, current: RadarScan, mounting: Mounting, model: EgoMotionModel
+    previous: RadarScan,
+    current: RadarScan,
+    mounting: Mounting,
+    model: EgoMotionModel,
+    gained: tuple[Array, Array] | None = None,
 ) -> Pair:
-    """The earlier scan as the fixed set, the later one as the moving set, with its velocities."""
+    """The earlier scan as the fixed set, the later one as the moving set, with its velocities.
+
+    The velocities (3,) may be known that the vehicle has ``gained`` since a common time of several
+    pairs: until the middle of this pair's interval, whose mean velocity the positions show, and
+    until the later scan.  They are taken off positions and Doppler velocities.
+    """
     interval = current.time - previous.time
+    by_middle, by_scan = (None, None) if gained is None else gained
     measurement = None
     if model.doppler:
-        of_twist = not model.first_order
-        measurement = current.doppler_measurement(mounting, interval, of_twist=of_twist)
-    return Pair(previous.point_set(mounting), current.point_set(mounting), measurement, interval)
+        measurement = current.doppler_measurement(
+            mounting, interval, of_twist=not model.first_order, ahead=by_scan
+        )
+    moving = current.point_set(mounting)
+    if by_middle is not None and by_middle.any():
+        v_x, v_y, turn = (interval * by_middle).tolist()
+        x, y = moving.means.T
+        means = np.column_stack([x + v_x - turn * y, y + v_y + turn * x])
+        moving = PointSet._of(means, moving.covariances, moving.weights)
+    return Pair(previous.point_set(mounting), moving, measurement, interval)
 
 
-def problem_of(pairs: Iterable[ScanPair], model: EgoMotionModel) -> Problem:
-    """The cost of the velocity that pairs of scans share."""
-    return model.problem([scan_pair(*pair, model) for pair in pairs])
+def middle_of(pairs: Sequence[ScanPair]) -> float:
+    """The mean of the middles of all pairs' intervals, in s."""
+    return float(np.mean([pair.middle for pair in pairs]))
+
+
+def problem_of(
+    pairs: Sequence[ScanPair], model: EgoMotionModel, acceleration: Array | None = None
+) -> Problem:
+    """The cost of the velocity that pairs of scans share.
+
+    With an acceleration (3,), that is the velocity at the time `middle_of` the pairs.
+    """
+    if acceleration is None:
+        return model.problem([scan_pair(*pair, model) for pair in pairs])
+    time = middle_of(pairs)
+    return model.problem(
+        [
+            scan_pair(
+                *pair,
+                model,
+                ((pair.middle - time) * acceleration, (pair.current.time - time) * acceleration),
+            )
+            for pair in pairs
+        ]
+    )

@@ -21,7 +21,7 @@ class ErrorBudget(Bounded):
 
     With a budget, even an empty one, a track's estimates are the velocities at its times: positions
     give the mean velocity over their interval; when the vehicle accelerates, this lags by half an
-    interval, which is corrected with the acceleration estimated from the track itself.
+    interval, which is corrected with the acceleration that other estimates of the track show.
 
     Attributes
     ----------
@@ -53,8 +53,9 @@ class ErrorBudget(Bounded):
 class CovarianceParts(NamedTuple):
     """The parts of a track's covariances, each (n, 3, 3) in m/s, m/s, rad/s.
 
-    ``noise`` is that of the targets' independent errors, and ``dependence`` what the correlation of
-    neighbouring targets adds; a filter may take both as white noise.  The ``systematic`` part, of
+    ``noise`` is that of the targets' independent errors, and of the acceleration by which estimates
+    are carried to their times; ``dependence`` is what the correlation of neighbouring targets adds.
+    A filter may take both as white noise.  The ``systematic`` part, of
     the errors that all targets of a scan, or all sensors, share, and of the prior on the side slip,
     changes slowly: it belongs in the filter's state, or its steps must be far enough apart.
     """

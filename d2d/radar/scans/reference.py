@@ -11,6 +11,7 @@ from d2d._checks import check_finite, check_positive_scalar
 from d2d._types import Array
 
 _HALF_WIDTH = SECONDS._replace(above=0.0, most=60.0)  # s
+_ROUNDING = 1e-6  # s, of times since 1970
 _MIN_POSES = 5  # of a parabola: two more than it has coefficients
 
 
@@ -103,8 +104,10 @@ def _checked_times(times: ArrayLike) -> Array:
 def _parabolas(stamps: Array, poses: Array, times: Array, half_width: float) -> tuple[Array, Array]:
     """Values and slopes, each (m, 3), of the parabolas fitted around each time."""
     fitted = np.full((2, len(times), 3), np.nan)
-    first = np.searchsorted(stamps, times - half_width)
-    last = np.searchsorted(stamps, times + half_width, side="right")
+    # rounding must not decide whether poses that are half_width away are in reach
+    reach = half_width + _ROUNDING
+    first = np.searchsorted(stamps, times - reach)
+    last = np.searchsorted(stamps, times + reach, side="right")
     for i, (low, high) in enumerate(zip(first, last, strict=True)):
         if high - low < _MIN_POSES or not stamps[low] <= times[i] <= stamps[high - 1]:
             continue

@@ -221,19 +221,26 @@ class RadarScan(Frozen):
         return _placed(self, mounting)
 
     def doppler_measurement(
-        self, mounting: Mounting, interval: float, *, of_twist: bool = True
+        self,
+        mounting: Mounting,
+        interval: float,
+        *,
+        of_twist: bool = True,
+        ahead: Array | None = None,
     ) -> LinearMeasurement:
         """The Doppler velocities as a measurement of the motion over ``interval`` seconds.
 
         The Doppler velocity V is linear in the body velocity theta = [v_x, v_y, omega], and thus in
         the twist ``interval * theta``.  The azimuth's error enters through the derivative of V in
         the azimuth (thesis sec. 7.1).  If ``of_twist`` is False, the translation is taken as v tau,
-        as in the thesis.  Raises a ``ValueError`` unless ``interval`` is positive.
+        as in the thesis.  If it is known how far the velocity at the scan is ``ahead`` (3,) of the
+        mean over the interval, that is taken off.  Raises a ``ValueError`` unless ``interval`` is
+        positive.
         """
         check_positive_scalar("interval", interval)
         gain, slope = doppler_gradients(self.azimuth, mounting)
         return LinearMeasurement._of(
-            self.doppler,
+            self.doppler if ahead is None else self.doppler - gain @ ahead,
             self.sigma_doppler,
             self.sigma_azimuth,
             gain / interval,

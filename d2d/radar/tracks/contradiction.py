@@ -12,12 +12,15 @@ that differ from the estimate by more than the speed itself, and those that a kn
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from d2d._types import Array
 from d2d.problem import Problem
 from d2d.registration import ANNEALED, anneal
+
+T = TypeVar("T")
 
 # The thresholds were chosen by hand and tried on 15 recordings: four radars of RadarScenes, eight
 # of nuScenes, three simulated ones, each as it is, with the opposite sign, in km/h and with zeros.
@@ -44,6 +47,22 @@ _QUESTIONS = {
     "for the ego-motion?",
 }
 _OTHERS = "Azimuths in degrees, times in another unit than s and a wrong mounting look the same."
+
+
+class EvenSample(Generic[T]):
+    """At least `_SAMPLE` of a growing number of members, if there are so many, evenly spread."""
+
+    def __init__(self) -> None:
+        self.chosen: list[T] = []
+        self._count, self._step = 0, 1
+
+    def add(self, member: T) -> None:
+        """Take the next member, or pass it over."""
+        if self._count % self._step == 0:
+            self.chosen.append(member)
+        self._count += 1
+        if len(self.chosen) >= 2 * _SAMPLE:
+            self.chosen, self._step = self.chosen[::2], 2 * self._step
 
 
 def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> None:

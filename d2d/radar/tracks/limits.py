@@ -9,6 +9,7 @@ import numpy as np
 from d2d._checks import check_positive_scalar
 from d2d._types import Array
 
+_HARD = 0.5  # s, for which a vehicle accelerates as hard as it can
 _SIGMAS = 3.0  # standard deviations that an estimate may lie beyond a limit
 
 
@@ -35,10 +36,15 @@ class State:
 class VehicleLimits:
     """How fast a vehicle moves, and how fast its velocity changes.
 
-    The defaults are far beyond what a road vehicle does; ``math.inf`` switches a limit off.  An
+    The defaults are somewhat beyond what a car does; ``math.inf`` switches a limit off.  An
     estimate that exceeds one by more than three of its own standard deviations is not accepted:
     radar alone sometimes finds an optimum that no vehicle could follow, which its inlier
     probability does not reveal.  Raises a ``ValueError`` if a limit is not positive.
+
+    The velocity may have changed since the last accepted estimate by the acceleration times the
+    time that has passed.  Nobody brakes or turns in as hard as that for long: beyond half a second
+    the change grows with the square root of the time, so that estimates which fail in between do
+    not make any jump plausible.
 
     Attributes
     ----------
@@ -46,10 +52,14 @@ class VehicleLimits:
         Of the vehicle frame's origin.
     yaw_rate : float, rad/s
     acceleration : float, m/s^2
-        Of v_x and of v_y, from one accepted estimate to the next.
+        Of v_x and of v_y, from one accepted estimate to the next.  A car brakes by up to some
+        10 m/s^2 and takes a bend at about as much.
     yaw_acceleration : float, rad/s^2
     uncertainty : float, rad/s
         Largest useful standard deviation of omega.
+    speed_uncertainty : float, m/s
+        Largest useful standard deviation of v_x and of v_y.  Where a few targets agree by accident,
+        or move along with the vehicle, it is mostly larger.
     yaw_rate_of_slip : float, rad/s
         By how much the yaw rate may move if v_y is taken as zero, whatever its standard deviation.
         A single sensor ahead of the axle determines its own lateral velocity well and the yaw rate
@@ -59,9 +69,10 @@ class VehicleLimits:
 
     speed: float = 100.0
     yaw_rate: float = 3.0
-    acceleration: float = 40.0
-    yaw_acceleration: float = 5.0
+    acceleration: float = 12.0
+    yaw_acceleration: float = 1.5
     uncertainty: float = 0.12
+    speed_uncertainty: float = 0.4
     yaw_rate_of_slip: float = 0.15
 
     def __post_init__(self) -> None:
@@ -76,7 +87,10 @@ class VehicleLimits:
 
         Without them all components are determined poorly, and a side slip says nothing about omega.
         """
-        return self if doppler else replace(self, yaw_rate_of_slip=np.inf, uncertainty=np.inf)
+        if doppler:
+            return self
+        free = dict.fromkeys(("yaw_rate_of_slip", "uncertainty", "speed_uncertainty"), np.inf)
+        return replace(self, **free)
 
     def exceeded(self, state: State, last: State | None) -> str:
         """What the state exceeds, in words; empty if it is plausible after the last one."""
@@ -88,17 +102,20 @@ class VehicleLimits:
             return f"a yaw rate of {math.degrees(turn):.1f} deg/s"
         if sigmas[2] > self.uncertainty:
             return f"a yaw rate with a sigma of {math.degrees(sigmas[2]):.1f} deg/s"
+        if max(sigmas[:2]) > self.speed_uncertainty:
+            return f"a velocity with a sigma of {max(sigmas[:2]):.1f} m/s"
         if abs(state.yaw_rate_of_slip) > self.yaw_rate_of_slip:
             return f"a side slip of {theta[1]:.2f} m/s"
         if last is None:
             return ""
         interval = state.time - last.time
+        enough = min(interval, math.sqrt(interval * _HARD))
         units = ("m/s^2 along x", "m/s^2 along y", "rad/s^2")
         limits = (self.acceleration, self.acceleration, self.yaw_acceleration)
         for axis in range(3):
             change = abs(float(state.theta[axis] - last.theta[axis]))
             spread = _SIGMAS * math.hypot(sigmas[axis], last.sigmas[axis])
-            if change > limits[axis] * interval + spread:
+            if change > limits[axis] * enough + spread:
                 kind = "a yaw acceleration" if axis == 2 else "an acceleration"
                 return f"{kind} of {change / interval:.1f} {units[axis]}"
         return ""

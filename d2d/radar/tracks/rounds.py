@@ -1,15 +1,19 @@
 """The scans of one sensor or several in rounds, and the pairs of scans of each round."""
 
-from bisect import bisect_left
-from collections.abc import Iterable, Mapping, Sequence
+import math
+import warnings
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
-from typing import Any, Protocol
+from statistics import median
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from d2d._bounds import SECONDS
 from d2d._checks import (
     check_count,
+    check_instance,
     check_members,
     check_positive_scalar,
 )
@@ -19,6 +23,13 @@ from d2d.radar.scans.scan import Mounting, RadarScan
 
 # Times between two scans, and horizons, that are longer than this are taken to be in another unit.
 MAX_INTERVAL = 60.0  # s
+NO_TARGETS = "a scan without targets"
+AFTER_GAP = "the first scan after a gap"
+_REMEMBERED = 9  # intervals of a sensor, whose median is its cycle
+_ROUND = 1.5  # cycles, after which a round is over
+_OVERLAP = 0.5  # of the shorter span of time, below which clocks are in doubt
+# A pair may be this many times as long as the horizon, or bridge a scan that is missing.
+_LONGER, _GAP = 1.5, 2.5  # times the usual interval, cycles
 
 SensorScans = tuple[list[RadarScan], Mounting]
 
@@ -39,14 +50,19 @@ Sensors = OneSensor | Iterable[OneSensor] | Mapping[Any, OneSensor]
 
 def check_sensors(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> list[SensorScans]:
     """The scans and the mounting of each sensor, checked, whichever way they are given."""
+    return list(named_sensors(sensors, max_interval).values())
+
+
+def named_sensors(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> dict[str, SensorScans]:
+    """The same by the names of their scans in messages; a clock may have jumped."""
     named = {
         name: (check_members(name, scans, RadarScan), mounting)
         for name, (scans, mounting) in _named(sensors).items()
     }
     for name, (scans, _) in named.items():
-        check_increasing(name, scans, max_interval)
+        check_intervals(name, np.array([scan.time for scan in scans]), max_interval)
     check_distinct({name: scans for name, (scans, _) in named.items()})
-    return list(named.values())
+    return named
 
 
 def _named(sensors: Any) -> dict[str, tuple[Any, Mounting]]:
@@ -80,7 +96,7 @@ def _parts(sensor: Any) -> tuple[Any, Mounting] | None:
 
 
 def check_increasing(name: str, scans: Sequence[RadarScan], max_interval: float) -> None:
-    """Raise a ValueError unless times increase strictly, by at most ``max_interval`` (s)."""
+    """Raise a ValueError unless times increase strictly, and are in seconds."""
     times = np.array([scan.time for scan in scans])
     intervals = np.diff(times)
     if not (intervals > 0).all():
@@ -93,14 +109,13 @@ def check_increasing(name: str, scans: Sequence[RadarScan], max_interval: float)
 
 
 def check_intervals(name: str, times: Array, max_interval: float) -> None:
-    """Raise a ValueError if times (n,) in s are farther apart than ``max_interval``."""
+    """Raise a ValueError if times (n,) in s are usually farther apart than ``max_interval``."""
     longest = check_positive_scalar("max_interval", max_interval)
     intervals = np.diff(times)
-    if (intervals > longest).any():
-        far = int(np.argmax(intervals))
+    if len(intervals) and np.median(intervals) > longest:
         raise ValueError(
             f"{name} must have times in seconds (s), at most max_interval = {longest:g} apart, but "
-            f"{times[far + 1]:.6f} comes after {times[far]:.6f}; are these milli- or microseconds?"
+            f"{times[1]:.6f} comes after {times[0]:.6f}; are these milli- or microseconds?"
         )
 
 
@@ -119,6 +134,50 @@ def check_distinct(sensors: Mapping[str, Iterable[RadarScan]]) -> None:
                 )
 
 
+def check_mountings(mountings: Mapping[str, Mounting]) -> dict[str, Mounting]:
+    """The mountings by the names of their sensors, checked; there must be one at least."""
+    given: object = mountings
+    if not isinstance(given, Mapping) or not given:
+        raise ValueError(
+            "mountings must be a mapping of the sensors' names to their mountings, but is "
+            f"{mountings!r}"
+        )
+    for name, mounting in mountings.items():
+        check_instance(f"mountings[{name!r}]", mounting, Mounting)
+    return dict(mountings)
+
+
+def check_overlap(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
+    """Check that each sensor was on at the times of another, by the times of all their scans.
+
+    Raises a ValueError if one has no time in common with any other, and warns if it has less than
+    half of its own, or of the other's if that is shorter: its clock may be another.
+    """
+    spans = {name: (own[0].time, own[-1].time) for name, own in sensors.items() if len(own) > 1}
+    for name, (start, end) in spans.items():
+        shared = [
+            (min(end, last) - max(start, first), other)
+            for other, (first, last) in spans.items()
+            if other != name
+        ]
+        if not shared:
+            return
+        common, other = max(shared)
+        first, last = spans[other]
+        said = (
+            f"{name} has times from {start:.3f} s to {end:.3f} s, and {other} from {first:.3f} s "
+            f"to {last:.3f} s"
+        )
+        if common < 0.0:
+            raise ValueError(f"{said}: they do not overlap; is the clock of one another?")
+        if common < _OVERLAP * min(end - start, last - first):
+            warnings.warn(
+                f"{said}: only {common:.1f} s of them overlap; is the clock of one another?",
+                UserWarning,
+                stacklevel=3,
+            )
+
+
 def check_separation(baseline: int, horizon: float | None) -> None:
     """Raise a ValueError unless one of the two says how far apart the scans of a pair are."""
     check_count("baseline", baseline)
@@ -131,54 +190,154 @@ def check_separation(baseline: int, horizon: float | None) -> None:
         )
 
 
-def rounds(scans: Iterable[Sequence[RadarScan]]) -> list[list[tuple[int, int]]]:
-    """Rounds of (sensor, scan) indices: all scans in time order, no sensor twice in a round.
+class Round(NamedTuple):
+    """Scans of about one time, at most one of each sensor, and the pairs that they are part of."""
 
-    Scans of the same time are in the same round, so that the sensors' order does not count.
+    time: float  # s, the mean of the scans' times
+    interval: float  # s, since the round before
+    scans: dict[int, RadarScan]  # by the number of the sensor
+    pairs: list[ScanPair]
+    reason: str  # why there is no pair, if there is none
+
+
+class Rounds:
+    """Divides scans into rounds as they arrive, and pairs each with an earlier one of its sensor.
+
+    A round ends when every sensor has been seen, when a sensor that it holds comes again, or when a
+    scan comes more than one and a half cycles after its first.  A sensor's cycle is the median of
+    its last intervals, that of a round the shortest of its sensors.  A pair that is much longer
+    than others is left out: its scans lie on both sides of a gap.  No more scans are kept than the
+    pairs to come can need.
     """
-    order = sorted((scan.time, s, i) for s, own in enumerate(scans) for i, scan in enumerate(own))
-    groups: list[list[tuple[int, int]]] = []
-    seen: set[int] = set()
-    for _, entries in groupby(order, key=lambda entry: entry[0]):
-        together = [(sensor, scan) for _, sensor, scan in entries]
-        sensors = {sensor for sensor, _ in together}
-        if not groups or sensors & seen:
-            groups.append([])
-            seen = set()
-        groups[-1] += together
-        seen |= sensors
-    return groups
+
+    def __init__(
+        self, mountings: Sequence[Mounting], baseline: int = 1, horizon: float | None = None
+    ) -> None:
+        check_separation(baseline, horizon)
+        self._histories = [_History(mounting, baseline, horizon) for mounting in mountings]
+        self._open: dict[int, RadarScan] = {}
+        self._start = math.nan  # time of the open round's first scan
+        self._last = math.nan  # time of the last round
+
+    def add(self, sensor: int, scan: RadarScan) -> list[Round]:
+        """The rounds that a sensor's next scan ends: often none, seldom two."""
+        ended = []
+        if self._open and (sensor in self._open or self._is_over(scan.time)):
+            ended += self.finish()
+        if not self._open:
+            self._start = scan.time
+        self._open[sensor] = scan
+        if len(self._open) == len(self._histories):
+            ended += self.finish()
+        return ended
+
+    def holds(self, sensor: int) -> bool:
+        """Whether the open round already has a scan of a sensor."""
+        return sensor in self._open
+
+    def finish(self) -> list[Round]:
+        """The open round, if there is one, and not the first: that has nothing to pair with."""
+        scans, self._open = self._open, {}
+        if not scans:
+            return []
+        # neither the arrival nor the numbers of the sensors decide on the rounding of a sum
+        order = sorted(scans, key=lambda s: (scans[s].time, *self._histories[s].place))
+        chosen = [self._histories[s].paired(scans[s]) for s in order]
+        time = float(np.mean([scans[s].time for s in order]))
+        interval, self._last = time - self._last, time
+        if math.isnan(interval):
+            return []
+        known = [pair for pair in chosen if pair is not None]
+        pairs = [pair for pair in known if pair.previous.size and pair.current.size]
+        reason = NO_TARGETS if known or not all(s.size for s in scans.values()) else AFTER_GAP
+        return [Round(time, interval, scans, pairs, reason)]
+
+    def _is_over(self, time: float) -> bool:
+        cycle = min(self._histories[sensor].cycle for sensor in self._open)
+        return time - self._start > _ROUND * cycle
 
 
-def round_pairs(
-    sensors: Sequence[SensorScans],
-    group: Iterable[tuple[int, int]],
-    baseline: int = 1,
-    horizon: float | None = None,
-) -> list[ScanPair]:
-    """Each scan of a round, paired with an earlier one of its sensor.
+class _History:
+    """The latest scans of one sensor."""
 
-    A sensor's first scan and pairs with an empty scan are left out.
-    """
-    chosen = [
-        ScanPair(scan_before(sensors[s][0], i, baseline, horizon), sensors[s][0][i], sensors[s][1])
-        for s, i in group
-        if i > 0
-    ]
-    return [pair for pair in chosen if pair.previous.size and pair.current.size]
+    def __init__(self, mounting: Mounting, baseline: int, horizon: float | None) -> None:
+        self._mounting = mounting
+        self._baseline, self._horizon = baseline, horizon
+        self._scans: deque[RadarScan] = deque()
+        self._intervals: deque[float] = deque(maxlen=_REMEMBERED)
+
+    @property
+    def place(self) -> tuple[float, ...]:
+        """The mounting as numbers."""
+        return self._mounting.x, self._mounting.y, self._mounting.yaw
+
+    @property
+    def cycle(self) -> float:
+        """The usual time from one scan to the next, in s; infinite while there is only one."""
+        return median(self._intervals) if self._intervals else math.inf
+
+    def paired(self, scan: RadarScan) -> ScanPair | None:
+        """The next scan, paired with an earlier one; None if there is none near enough."""
+        scans = self._scans
+        if scans:
+            self._intervals.append(scan.time - scans[-1].time)
+            usual = self._baseline * self.cycle if self._horizon is None else self._horizon
+            longest = max(_LONGER * usual, _GAP * self.cycle)
+            while scans and scan.time - scans[0].time > longest:
+                scans.popleft()
+        previous = scan_before(scans, scan.time, self._baseline, self._horizon)
+        scans.append(scan)
+        self._forget()
+        return None if previous is None else ScanPair(previous, scan, self._mounting)
+
+    def _forget(self) -> None:
+        """Drop the scans that no later one will be paired with."""
+        scans, horizon = self._scans, self._horizon
+        if horizon is None:
+            while len(scans) > self._baseline:
+                scans.popleft()
+        else:
+            while len(scans) > 1 and scans[1].time <= scans[-1].time - horizon:
+                scans.popleft()
 
 
 def scan_before(
-    scans: Sequence[RadarScan], i: int, baseline: int, horizon: float | None
-) -> RadarScan:
-    """The scan with which scan i > 0 is registered: ``baseline`` earlier, or ``horizon`` s earlier.
+    scans: Sequence[RadarScan], time: float, baseline: int, horizon: float | None
+) -> RadarScan | None:
+    """Of earlier scans, the one to register with: ``baseline`` or ``horizon`` s before ``time``.
 
-    The first scan if there are not that many.
+    The first scan if there are not that many, None if there is none.
     """
+    if not scans:
+        return None
     if horizon is None:
-        return scans[max(i - int(baseline), 0)]
-    wanted = scans[i].time - horizon
-    after = bisect_left(scans, wanted, hi=i, key=lambda scan: scan.time)
-    near = [j for j in (after, after - 1) if 0 <= j < i]
-    # rounding of times must not decide between two scans that are equally near
-    return scans[min(near, key=lambda j: round(abs(scans[j].time - wanted), 6))]
+        return scans[max(len(scans) - baseline, 0)]
+    wanted = time - horizon
+    # rounding of times must not decide between two scans that are equally near: the later one wins
+    return min(reversed(scans), key=lambda scan: round(abs(scan.time - wanted), 6))
+
+
+def in_time_order(
+    scans: Sequence[Sequence[RadarScan]], rounds: Rounds
+) -> Iterator[tuple[int, RadarScan]]:
+    """Each sensor and scan in the order in which a vehicle gets them, for ``rounds`` to take.
+
+    Of equal times, those of sensors that the open round already holds come first: they end it, so
+    that scans of the same time stay together whichever sensor is named first.
+    """
+    order = sorted((scan.time, s, i) for s, own in enumerate(scans) for i, scan in enumerate(own))
+    for _, entries in groupby(order, key=lambda entry: entry[0]):
+        together = list(entries)
+        together.sort(key=lambda entry: not rounds.holds(entry[1]))
+        yield from ((s, scans[s][i]) for _, s, i in together)
+
+
+def rounds_of(
+    sensors: Sequence[SensorScans], baseline: int = 1, horizon: float | None = None
+) -> list[Round]:
+    """All rounds of a whole log but the first, as `Rounds` gives them one by one."""
+    rounds = Rounds([mounting for _, mounting in sensors], baseline, horizon)
+    found = []
+    for sensor, scan in in_time_order([scans for scans, _ in sensors], rounds):
+        found += rounds.add(sensor, scan)
+    return found + rounds.finish()

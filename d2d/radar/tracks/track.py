@@ -39,8 +39,10 @@ _TYPES = {"converged": np.bool_, "reasons": np.str_, "targets": np.int64}  # oth
 _ROW_SHAPES: dict[str, tuple[int, ...]] = {"theta": (3,), "covariance": (3, 3), "parts": (3, 3)}
 # s, and relative to the time since the first estimate: stamps in logs are often rounded
 _STAMP, _DRIFT = 0.01, 1e-5
+_ROUNDED = 1e-6  # s
 _ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 _SHOWN_REASONS = 3
+_MANY, _FEW_ACCEPTED = 20, 0.75  # estimates, and the share below which sensor or log are in doubt
 # A number in a reason, but not the exponent of a unit such as m/s^2.
 _NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
 
@@ -114,6 +116,23 @@ class Track(Frozen):
             if not np.isfinite(getattr(self, name)[good]).all():
                 raise ValueError(f"{name} must be finite wherever converged is true")
         _check_covariances(self.covariance[good], total)
+
+    def __getitem__(self, rows: slice) -> Track:
+        """The part of the track with these rows, which follow each other: ``track[100:200]``.
+
+        Raises a ``ValueError`` unless ``rows`` is a slice whose step is 1.
+        """
+        given: object = rows
+        if not isinstance(given, slice) or given.step not in (None, 1):
+            raise ValueError(f"a track must be sliced with a step of 1, but by {rows!r}")
+        chosen: dict[str, Any] = {name: vars(self)[name] for name in (*REQUIRED, *OPTIONAL)}
+        chosen = {name: value if value is None else value[rows] for name, value in chosen.items()}
+        parts = self.parts and CovarianceParts(*(part[rows] for part in self.parts))
+        return Track(**chosen, parts=parts)
+
+    def __len__(self) -> int:
+        """The number of estimates."""
+        return len(self.times)
 
     def poses(self, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """The path driven: (n + 1, 3) poses [x, y, yaw] in m, m, rad, beginning at ``start``.
@@ -253,13 +272,19 @@ class Track(Frozen):
         return f"Track({count} estimates{span}, {share:.1%} converged)"
 
     def __str__(self) -> str:
-        """The same, and below it the commonest reasons of failure."""
+        """The same, the commonest reasons of failure, and a question if there are many."""
         if self.reasons is None:
             return repr(self)
         alike = Counter(_NUMBER.sub("...", reason) for reason in self.reasons.tolist() if reason)
         lines = [f"  {n} failed: {reason}" for reason, n in alike.most_common(_SHOWN_REASONS)]
         other = sum(alike.values()) - sum(n for _, n in alike.most_common(_SHOWN_REASONS))
-        return "\n".join([repr(self), *lines, *[f"  {other} failed otherwise"] * (other > 0)])
+        lines += [f"  {other} failed otherwise"] * (other > 0)
+        if len(self) >= _MANY and np.mean(self.converged) < _FEW_ACCEPTED:
+            lines.append(
+                "  Does the radar see little but traffic, as one that looks aside may, or is its "
+                "mounting another?"
+            )
+        return "\n".join([repr(self), *lines])
 
 
 def _rows(name: str, value: Any, count: int) -> NDArray[Any]:
@@ -321,7 +346,7 @@ def neighbours(
     distance = times - track.times[before]
     weight = np.divide(distance, gap, out=np.zeros_like(distance), where=gap > 0.0)
     inside = (track.times[before] <= times) & (times <= track.times[after])
-    near = gap <= 2.0 * np.median(track.intervals)
+    near = gap <= 2.0 * np.median(track.intervals) + _ROUNDED  # times since 1970 are rounded
     good = track.converged[before] & track.converged[after]
     return before, after, weight, inside & near & good
 

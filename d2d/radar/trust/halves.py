@@ -11,9 +11,9 @@ from d2d.radar.motion.estimate import estimate_ego_motion
 from d2d.radar.motion.model import EstimationOptions
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import RadarScan
-from d2d.radar.tracks.rounds import Sensors, check_sensors, round_pairs, rounds
+from d2d.radar.tracks.rounds import Sensors, check_sensors, rounds_of
 from d2d.radar.tracks.track import Track, neighbours
-from d2d.radar.tracks.tracking import track
+from d2d.radar.tracks.tracker import track
 from d2d.radar.trust.comparison import Comparison, enough
 
 
@@ -124,11 +124,11 @@ def compare_halves(
     drives = check_sensors(sensors)
     whole = track(drives, baseline=baseline, horizon=horizon, **options)
     errors, covariances = np.full_like(whole.theta, np.nan), np.full_like(whole.covariance, np.nan)
-    for i, group in enumerate(rounds(scans for scans, _ in drives)[1:]):
+    for i, each in enumerate(rounds_of(drives, baseline, horizon)):
         if not whole.converged[i]:
             continue
         halves: tuple[list[ScanPair], list[ScanPair]] = [], []
-        for previous, current, mounting in round_pairs(drives, group, baseline, horizon):
+        for previous, current, mounting in each.pairs:
             labels = np.arange(current.size) if by == "target" else _clusters(current, reach)
             first = _half(rng, labels)
             for pairs, chosen in zip(halves, (first, ~first), strict=True):

@@ -200,7 +200,7 @@ def _judged(drive: Drive, ingredient: Ingredient, number: int) -> Judged:
     truth = drive.truth.theta
     scans = [with_known_errors(scan, ingredient) for scan in drive.scans]
     plain, full = (
-        track((scans, drive.mounting), initial=truth[0], budget=budget, limits=None)
+        track((scans, drive.mounting), initial=truth[0], budget=budget, limits=None, smooth=True)
         for budget in (None, ingredient.budget)
     )
     assert full.parts is not None

@@ -22,9 +22,10 @@ from d2d.radar import (
     track,
 )
 from d2d.radar.motion.covariance import influences
+from d2d.radar.motion.doppler import Acceleration
 from d2d.radar.motion.pairs import ScanPair, scan_pair
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
-from d2d.radar.tracks.carry import accelerations
+from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter
 from d2d.scores import normalised_squares
 from d2d.study.drives.budget_trial import INGREDIENTS, drawn_errors, with_known_errors
 
@@ -145,6 +146,8 @@ def slow_errors(
     """
     model = EgoMotionModel()
     columns = np.full((len(driven.times), 3, 4), np.nan)
+    parts, acceleration = driven.parts, AccelerationFilter()
+    assert parts is not None
     for i in np.flatnonzero(driven.converged).tolist():
         pair = ScanPair(scans[i], scans[i + 1], mounting)
         estimate = estimate_ego_motion(*pair, initial=driven.theta[i])
@@ -153,8 +156,11 @@ def slow_errors(
         columns[i, :, 0] = before.azimuth.sum(axis=0) + after.azimuth.sum(axis=0)
         columns[i, :, 1] = after.doppler.sum(axis=0)
         columns[i, :, 2] = scans[i + 1].doppler @ after.doppler
-    good = driven.converged
-    columns[good, :, 3] = -accelerations(driven.times[good], driven.theta[good])
+        time, noise = float(driven.times[i]), parts.noise[i] + parts.dependence[i]
+        known = acceleration.predict(time)
+        by = Acceleration(np.zeros(3), UNKNOWN) if known is None else known
+        acceleration.update(time, driven.theta[i], np.zeros((3, 3)), noise, by)
+        columns[i, :, 3] = -by.value
     return columns * [budget.azimuth, budget.doppler, budget.scale, budget.lag]
 
 

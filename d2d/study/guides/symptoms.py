@@ -114,7 +114,9 @@ def _tried(name: str, scans: Scans, mounting: Mounting, truth: Reference) -> Sym
 
 
 def _slope(driven: Track, truth: Reference, which: int) -> float:
-    """Estimated over true velocity, by least squares through the origin."""
+    """Estimated over true velocity, by least squares through the origin; nan without estimates."""
+    if not driven.converged.any():
+        return float("nan")
     true = truth.at(driven.times).theta[driven.converged, which]
     return float(driven.theta[driven.converged, which] @ true / (true @ true))
 

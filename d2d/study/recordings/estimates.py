@@ -23,7 +23,7 @@ import numpy as np
 
 from d2d._types import Array
 from d2d.radar import Comparison, Recording, Track, doppler_ego_motion, load_radarscenes, track
-from d2d.radar.tracks.rounds import rounds
+from d2d.radar.tracks.rounds import rounds_of
 from d2d.radar.trust.alignment import scan_velocities
 from d2d.study.recordings.residuals import (
     Correction,
@@ -154,11 +154,14 @@ def whole_rounds(recordings: Sequence[Recording]) -> list[Recording]:
     A recording is cut off at a time, not at the end of a round: an incomplete last round would give
     an estimate from one sensor among those from all sensors.
     """
-    groups = rounds([r.scans for r in recordings])
-    while len(groups[-1]) < len(recordings):
+    groups = rounds_of([(r.scans, r.mounting) for r in recordings])
+    while len(groups[-1].scans) < len(recordings):
         groups.pop()
-    last = dict(groups[-1])  # index of the scan by sensor
-    return [replace(r, scans=r.scans[: last[s] + 1]) for s, r in enumerate(recordings)]
+    last = groups[-1].scans
+    return [
+        replace(r, scans=[scan for scan in r.scans if scan.time <= last[s].time])
+        for s, r in enumerate(recordings)
+    ]
 
 
 def drive(run: Run, recordings: Sequence[Recording]) -> Track:
@@ -182,16 +185,19 @@ def with_extent(recording: Recording, extent: float) -> Recording:
 
 def _doppler_track(recordings: Sequence[Recording]) -> Track:
     """Least squares on each round's Doppler velocities; with one sensor, v_y is taken as zero."""
-    motions, times = [], []
-    for group in rounds([r.scans for r in recordings]):
-        views = [(recordings[s].scans[i], recordings[s].mounting) for s, i in group]
-        motions.append(doppler_ego_motion(views, side_slip=len(recordings) > 1))
-        times.append(np.mean([scan.time for scan, _ in views]))
-    covariance = np.array([motion.covariance for motion in motions[1:]])
+    groups = rounds_of([(r.scans, r.mounting) for r in recordings])
+    motions = [
+        doppler_ego_motion(
+            [(scan, recordings[s].mounting) for s, scan in each.scans.items()],
+            side_slip=len(recordings) > 1,
+        )
+        for each in groups
+    ]
+    covariance = np.array([motion.covariance for motion in motions])
     return Track(
-        np.array(times[1:]),
-        np.diff(times),
-        np.array([motion.theta for motion in motions[1:]]),
+        np.array([each.time for each in groups]),
+        np.array([each.interval for each in groups]),
+        np.array([motion.theta for motion in motions]),
         covariance,
         np.isfinite(covariance).all(axis=(1, 2)),
     )

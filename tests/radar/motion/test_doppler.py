@@ -1,5 +1,6 @@
 """The sensor's velocity from the Doppler profile of one scan."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -15,7 +16,12 @@ from d2d.radar import (
     doppler_velocity,
     sensor_velocity,
 )
-from d2d.radar.motion.doppler import _agreeing, _hypotheses, doppler_starts
+from d2d.radar.motion.doppler import (
+    _agreeing,
+    _hypotheses,
+    doppler_acceleration,
+    doppler_starts,
+)
 from tests.radar.scenes import AROUND, mountings, velocities
 from tests.strategies import seeds
 
@@ -182,7 +188,48 @@ def test_sensors_at_different_places_give_one_start():
     assert_array_equal(doppler_starts(views), [doppler_ego_motion(views).theta])
     scan, at = views[0]
     fewer = scan[::2], Mounting(at.x, at.y, at.yaw - 0.1)  # at the same place
-    assert_array_equal(doppler_starts([fewer, views[0]]), doppler_starts(views[:1]))
+    alone = [doppler_starts([view]) for view in (fewer, views[0])]
+    assert_array_equal(doppler_starts([fewer, views[0]]), np.concatenate(alone))
+
+
+def test_sparse_sensors_give_starts_of_their_own():
+    """Breaks if a few targets that agree by accident leave no other start."""
+    views = [(scan[:5], at) for scan, at in views_of(np.random.default_rng(26), [17.0, -0.6, 0.35])]
+    starts = doppler_starts(views)
+    assert_array_equal(starts[0], doppler_ego_motion(views).theta)
+    assert_array_equal(starts[1:], np.concatenate([doppler_starts([view]) for view in views]))
+
+
+def test_the_order_of_the_targets_does_not_decide():
+    """Breaks if the first of two equally good hypotheses wins, whichever is measured first."""
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        scan, at = views_of(rng, rng.uniform([-5.0, -1.0, -0.5], [20.0, 1.0, 0.5]), noise=3.0)[0]
+        few = scan[:5]
+        shuffled = few[rng.permutation(5)]
+        assert_allclose(sensor_velocity(shuffled, at), sensor_velocity(few, at), atol=1e-9)
+
+
+def test_an_acceleration_is_seen_by_two_scans_of_each_sensor():
+    """Breaks if a sensor's place is forgotten, or an error that both scans share counts."""
+    rng, acceleration = np.random.default_rng(4), np.array([2.0, 0.2, 0.1])
+    before = np.diag(np.square([3.0, 0.3, 0.2]))
+    theta, interval = np.array([12.0, 0.1, 0.05]), 0.2
+    for noise, limit in ((0.0, 0.3), (0.06, 4.0)):
+        first = views_of(rng, theta, noise=noise)
+        second = views_of(rng, theta + interval * acceleration, noise=noise)
+        changes = [
+            (replace(scan, time=0.0), replace(later, time=interval), at)
+            for (scan, at), (later, _) in zip(first, second, strict=True)
+        ]
+        found = doppler_acceleration(changes, before)
+        error = (found.value - acceleration) / np.sqrt(np.diag(found.covariance))
+        assert np.abs(error).max() < limit
+        assert found.covariance[0, 0] < 0.2 * before[0, 0]
+    nothing = doppler_acceleration([(a[:2], b[:2], at) for a, b, at in changes], before)
+    assert_array_equal(nothing.value, np.zeros(3))
+    other = [(a, replace(b, doppler=b.doppler - 20.0), at) for a, b, at in changes]
+    assert_array_equal(doppler_acceleration(other, before).value, np.zeros(3))
 
 
 def test_one_sensor_does_not_show_rotation_unless_the_vehicle_does_not_slip():

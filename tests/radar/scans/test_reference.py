@@ -51,6 +51,14 @@ def test_it_is_nan_where_poses_are_missing():
     assert np.isnan(few.theta).all()
 
 
+def test_rounding_does_not_decide_on_the_poses_in_reach():
+    """Breaks if of poses at 10 Hz, five within 0.2 s, one is lost where times are rounded."""
+    for origin in (0.0, 0.3, 1.6e9 + 0.7):
+        stamps = origin + 0.1 * np.arange(200)
+        found = Reference.from_poses(stamps, straight(stamps - origin), stamps)
+        assert np.isfinite(found.theta[2:-2]).all()
+
+
 def test_bad_input_is_refused_by_name():
     """Breaks if NumPy's words get through, or rows of one time are taken for those of another."""
     good = {"stamps": STAMPS, "poses": straight(STAMPS), "times": TIMES}

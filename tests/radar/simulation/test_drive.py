@@ -332,7 +332,7 @@ def test_doppler_sharpens_the_velocity():
     for speed, mounting in ((2.5, Mounting(0.4)), (CAR_SPEED, CAR_MOUNTING)):
         driven = simulate_drive(np.random.default_rng(1), 20.0, speed, mounting=mounting)
         both = [compare(track(driven, doppler=d), driven.truth) for d in (True, False)]
-        assert min(each.share for each in both) > 0.99
+        assert min(each.share for each in both) > 0.98
         sharp, plain = (np.median(np.abs(each.errors), axis=0) for each in both)
         assert sharp[0] < 0.03
         assert (plain[:2] > 5.0 * sharp[:2]).all()

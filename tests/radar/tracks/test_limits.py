@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from d2d.radar import VehicleLimits
 from d2d.radar.tracks.limits import State
@@ -13,14 +14,29 @@ def test_limits_count_beyond_three_standard_deviations():
     for theta, sigma, reason in (
         ([20.0, 0.0, 0.1], 0.1, ""),
         ([101.0, 0.0, 0.0], 0.1, "a speed of 101.0 m/s"),
-        ([101.0, 0.0, 0.0], 1.0, "an acceleration of 810.0 m/s^2 along x"),
+        ([101.0, 0.0, 0.0], 0.39, "an acceleration of 810.0 m/s^2 along x"),
+        ([20.0, 0.0, 0.0], 0.41, "a velocity with a sigma of 0.4 m/s"),
         ([20.0, 0.0, -3.5], 0.1, "a yaw rate of 200.5 deg/s"),
         ([26.0, 0.0, 0.0], 0.1, "an acceleration of 60.0 m/s^2 along x"),
-        ([26.0, 0.0, 0.0], 0.8, ""),
+        ([21.4, 0.0, 0.0], 0.1, ""),
+        ([21.7, 0.0, 0.0], 0.1, "an acceleration of 17.0 m/s^2 along x"),
         ([20.0, 0.0, 1.2], 0.1, "a yaw acceleration of 12.0 rad/s^2"),
     ):
         state = State(1.1, np.array(theta), sigma**2 * np.eye(3))
         assert VehicleLimits(uncertainty=np.inf).exceeded(state, last) == reason
+
+
+def test_time_does_not_make_everything_plausible():
+    """Breaks if estimates that fail for a while make any jump possible, or lose the drive."""
+    last = State(1.0, np.array([20.0, 0.0, 0.0]), 0.01**2 * np.eye(3))
+    limits, possible = VehicleLimits(), []
+    for passed in (0.1, 0.5, 2.0, 8.0):
+        changes = np.arange(0.0, 60.0, 0.1)
+        states = [
+            State(1.0 + passed, [20.0 - c, 0.0, 0.0] * np.ones(3), last.covariance) for c in changes
+        ]
+        possible.append(changes[[limits.exceeded(state, last) == "" for state in states]].max())
+    assert_allclose(possible, [1.2, 6.0, 12.0, 24.0], atol=0.11)
 
 
 def test_a_side_slip_counts_where_it_may_be_a_yaw_rate():

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from d2d.radar import Mounting, Recording, track
-from d2d.radar.tracks.rounds import check_sensors, round_pairs, rounds
+from d2d.radar.tracks.rounds import Rounds, check_sensors, rounds_of
 from tests.radar.scenes import AROUND, CORNER, beginning, surround_scans, two_scans
 
 SENSORS = surround_scans(5)
@@ -77,9 +77,10 @@ def test_scans_out_of_time_order_are_refused_by_name():
     share a time."""
     swapped, twice = at_times([0.0, 0.2, 0.1]), at_times([0.0, 0.1, 0.1])
     for scans in (swapped, twice):
-        with pytest.raises(ValueError, match=r"^scans must be in strictly increasing .* scan 2"):
+        said = rf"must be in strictly increasing .* at 0\.100000 s after {scans[1].time:.6f} s"
+        with pytest.raises(ValueError, match=f"^scans {said}"):
             track((scans, CORNER))
-        with pytest.raises(ValueError, match=r"^sensors\['rear'\]\.scans must be in .* scan 2"):
+        with pytest.raises(ValueError, match=rf"^sensors\['rear'\]\.scans {said}"):
             track({"front": SENSORS[0], "rear": (scans, CORNER)})
     assert track(surround_scans(4, shift=0.0)).converged.all()
 
@@ -113,9 +114,24 @@ def test_times_in_another_unit_and_long_gaps_are_refused_unless_allowed():
     assert len(track((slow, MOUNTING), max_interval=200.0).times) == 4
     with pytest.raises(ValueError, match=r"^max_interval must be positive"):
         track(SENSORS, max_interval=0.0)
-    tomorrow = [replace(scan, time=scan.time + 86400.0) for scan in SCANS]
-    with pytest.raises(ValueError, match=r"^the rounds of all sensors must have times in seconds"):
-        track([SENSORS[1], (tomorrow, MOUNTING)])
+
+
+def test_a_sensor_whose_times_are_others_is_named():
+    """Breaks if a clock that is off gives a track of each sensor alone, without a word."""
+    sensors = dict(zip(("left", "right", "rear"), SENSORS, strict=True))
+
+    def shifted(seconds):
+        scans, mounting = sensors["rear"]
+        return [replace(scan, time=scan.time + seconds) for scan in scans], mounting
+
+    said = r"^sensors\['rear'\]\.scans has times from 86400.*do not overlap"
+    sensors = {"rear": sensors.pop("rear"), **sensors}
+    with pytest.raises(ValueError, match=said):
+        track({**sensors, "rear": shifted(86400.0)})
+    with pytest.warns(
+        UserWarning, match=r"^sensors\['rear'\]\.scans .* only 0.1 s of them overlap"
+    ):
+        track({**sensors, "rear": shifted(0.3)})
 
 
 def test_a_wrong_baseline_or_horizon_is_refused_by_name():
@@ -128,34 +144,88 @@ def test_a_wrong_baseline_or_horizon_is_refused_by_name():
             track(SENSORS, **options)
 
 
+def numbered(times):
+    """Sensors with a scan at each time, none of them empty."""
+    return [(at_times(own), Mounting(0.5 * s)) for s, own in enumerate(times)]
+
+
 def test_rounds_hold_each_sensor_once_and_follow_time():
-    """Breaks if a scan is used twice or never, or a gap of one sensor stops the others."""
+    """Breaks if a scan is used twice or never, or a gap of one sensor stops the others.
+
+    The first round is not given: it has nothing to be registered with.
+    """
     for times, expected in (
-        ([[0.0, 1.0, 2.0]], [[(0, 0)], [(0, 1)], [(0, 2)]]),
-        ([[0.0, 1.0], [0.5, 1.5]], [[(0, 0), (1, 0)], [(0, 1), (1, 1)]]),
-        ([[0.5, 1.5], [0.0, 1.0]], [[(1, 0), (0, 0)], [(1, 1), (0, 1)]]),
+        ([[0.0, 1.0, 2.0]], [{0: 1.0}, {0: 2.0}]),
+        ([[0.0, 1.0], [0.5, 1.5]], [{0: 1.0, 1: 1.5}]),
+        ([[0.5, 1.5], [0.0, 1.0]], [{1: 1.0, 0: 1.5}]),
         # the second sensor misses its turn, and comes back
-        ([[0.0, 1.0, 2.0], [0.1, 2.1]], [[(0, 0), (1, 0)], [(0, 1)], [(0, 2), (1, 1)]]),
-        ([[0.0, 1.0], [0.0, 1.0]], [[(0, 0), (1, 0)], [(0, 1), (1, 1)]]),
-        ([[], [0.0]], [[(1, 0)]]),
+        ([[0.0, 1.0, 2.0], [0.1, 2.1]], [{0: 1.0}, {0: 2.0, 1: 2.1}]),
+        ([[0.0, 1.0], [0.0, 1.0]], [{0: 1.0, 1: 1.0}]),
+        ([[], [0.0]], []),
         # at equal times, sensors stay together whichever is named first and starts late
-        ([[0.0, 1.0, 2.0], [1.0, 2.0]], [[(0, 0)], [(0, 1), (1, 0)], [(0, 2), (1, 1)]]),
-        ([[1.0, 2.0], [0.0, 1.0, 2.0]], [[(1, 0)], [(0, 0), (1, 1)], [(0, 1), (1, 2)]]),
+        ([[0.0, 1.0, 2.0], [1.0, 2.0]], [{0: 1.0, 1: 1.0}, {0: 2.0, 1: 2.0}]),
+        ([[1.0, 2.0], [0.0, 1.0, 2.0]], [{0: 1.0, 1: 1.0}, {0: 2.0, 1: 2.0}]),
+        # the third is blind, and nobody waits for it longer than for one and a half cycles
+        ([[0.0, 1.0, 5.0], [0.1, 1.1, 4.9], []], [{0: 1.0, 1: 1.1}, {1: 4.9, 0: 5.0}]),
+        ([[0.0, 1.0, 2.0], [0.1, 1.1, 3.6], []], [{0: 1.0, 1: 1.1}, {0: 2.0}, {1: 3.6}]),
     ):
-        assert rounds([at_times(own) for own in times]) == expected
+        found = rounds_of(numbered(times))
+        assert [{s: scan.time for s, scan in each.scans.items()} for each in found] == expected
+        for each in found:
+            assert each.time == np.mean([scan.time for scan in each.scans.values()])
+
+
+def test_a_round_ends_with_the_last_of_its_sensors():
+    """Breaks if an estimate waits for the next round although nothing more can come."""
+    rounds, (a, b, c) = Rounds([CORNER, MOUNTING]), at_times([0.0, 0.1, 0.2])
+    assert rounds.add(0, a) == rounds.add(1, a) == rounds.add(1, b) == []
+    (ended,) = rounds.add(0, b)
+    assert set(ended.scans) == {0, 1}
+    assert [(pair.previous, pair.current) for pair in ended.pairs] == [(a, b), (a, b)]
+    assert rounds.add(0, c) == []
+    (ended,) = rounds.finish()
+    assert list(ended.scans) == [0]
+    assert rounds.finish() == []
+
+
+def paired(sensors, **options):
+    """The times of the two scans of each pair, round by round."""
+    found = rounds_of(sensors, **options)
+    return [[(p.previous.time, p.current.time) for p in each.pairs] for each in found]
 
 
 def test_pairs_leave_out_first_and_empty_scans():
     """Breaks if a scan is registered with nothing, or with one of another sensor."""
     scans = at_times([0.0, 0.1, 0.2, 0.3])
-    sensors = [(scans, CORNER), ([*scans[:2], scans[2][:0], scans[3]], Mounting())]
-    for group, baseline, expected in (
-        ([(0, 1), (1, 0)], 1, [(0, 1)]),
-        ([(0, 3), (1, 3)], 1, [(2, 3)]),
-        ([(0, 3), (1, 3)], 2, [(1, 3), (1, 3)]),
-        ([(0, 1), (1, 1)], 5, [(0, 1), (0, 1)]),
-    ):
-        pairs = round_pairs(sensors, group, baseline)
-        assert [(p.previous.time, p.current.time) for p in pairs] == [
-            (scans[i].time, scans[j].time) for i, j in expected
-        ]
+    blinded = [*scans[:2], scans[2][:0], scans[3]]
+    sensors = [(scans, CORNER), (blinded, Mounting())]
+    once = [[(0.0, 0.1)] * 2, [(0.1, 0.2)], [(0.2, 0.3)]]
+    assert paired(sensors) == once
+    assert paired(sensors, baseline=2) == [[(0.0, 0.1)] * 2, [(0.0, 0.2)], [(0.1, 0.3)] * 2]
+    reasons = [each.reason for each in rounds_of([(blinded, CORNER)]) if not each.pairs]
+    assert reasons == ["a scan without targets"] * 2
+
+
+@pytest.mark.parametrize("options", [{}, {"baseline": 3}, {"horizon": 0.3}])
+def test_no_pair_reaches_over_a_gap(options):
+    """Breaks if a velocity is the mean over seconds in which nothing was seen."""
+    steps = 0.1 * np.arange(10)
+    for gap in (0.6, 3.0):
+        times = np.concatenate([steps, steps + steps[-1] + gap])
+        found = paired([(at_times(times), CORNER)], **options)
+        assert found[9] == []
+        assert max(now - before for pairs in found for before, now in pairs) < 0.31
+        assert found[10] == [(times[10], times[11])]
+    missing = np.delete(steps, 5)  # a scan that is lost is no gap
+    assert all(paired([(at_times(missing), CORNER)], **options))
+    slow = [(at_times(5.0 * steps), CORNER)]  # a radar of 2 Hz has no shorter pairs
+    assert all(paired(slow, horizon=0.3))
+
+
+def test_no_more_scans_are_kept_than_are_needed():
+    """Breaks if a tracker that runs for days fills the memory."""
+    for options, most in (({}, 1), ({"baseline": 4}, 4), ({"horizon": 0.3}, 5)):
+        rounds = Rounds([CORNER], **options)
+        for scan in at_times(0.1 * np.arange(100)):
+            rounds.add(0, scan)
+            assert len(rounds._histories[0]._scans) <= most

@@ -119,6 +119,35 @@ def test_at_the_times_of_its_estimates_a_track_gives_them():
     assert np.isnan(found.covariance[~good]).all()
 
 
+def test_rounding_of_times_does_not_make_a_gap():
+    """Breaks if of a track of 10 Hz in which one estimate is missing, times since 1970 decide."""
+    for origin in (0.0, 0.3, 1.6e9 + 0.7):
+        times = np.delete(origin + 0.1 * np.arange(N + 20), np.arange(3, 60, 3))[:N]
+        intervals = np.diff(times, prepend=times[0] - 0.1)
+        driven = replace(example(), times=times, intervals=np.round(intervals, 6))
+        usual = float(np.median(driven.intervals))
+        assert usual == 0.1
+        between = 0.5 * (times[1:] + times[:-1])
+        good = driven.converged[1:] & driven.converged[:-1]
+        assert_array_equal(np.isfinite(driven.at(between).theta[:, 0]), good)
+
+
+def test_a_slice_is_the_same_track_of_fewer_estimates():
+    """Breaks if a field is left whole, or estimates are left out between others."""
+    for driven in (example(), example(parts=False, known=False)):
+        part = driven[5:19]
+        assert len(part) == 14
+        for field in fields(Track):
+            whole, own = getattr(driven, field.name), getattr(part, field.name)
+            if field.name == "parts" and own is not None:
+                whole, own = np.stack(whole, axis=1), np.stack(own, axis=1)
+            assert_array_equal(own, whole if whole is None else whole[5:19])
+        assert len(driven[:0]) == 0
+        for rows in (slice(None, None, 2), slice(9, 3, -1), 3):
+            with pytest.raises(ValueError, match=r"^a track must be sliced with a step of 1"):
+                driven[rows]
+
+
 def test_between_two_estimates_a_track_is_linear():
     """Breaks if weights are exchanged, or one direction gets those of another."""
     driven = replace(example(), times=0.1 * np.arange(N), intervals=np.full(N, 0.1))

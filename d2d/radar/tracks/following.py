@@ -1,0 +1,193 @@
+"""Ego-motion of one round after the other, each started at the last accepted velocity."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from d2d._types import Array
+from d2d.problem import Problem
+from d2d.radar.motion.covariance import apply_budget
+from d2d.radar.motion.doppler import Acceleration, doppler_acceleration, doppler_starts
+from d2d.radar.motion.estimate import estimate_velocity
+from d2d.radar.motion.model import EgoMotionModel
+from d2d.radar.motion.pairs import ScanPair, problem_of
+from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
+from d2d.radar.scans.scan import RadarScan
+from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter, Step
+from d2d.radar.tracks.lateness import Lateness
+from d2d.radar.tracks.limits import State, VehicleLimits
+from d2d.radar.tracks.rounds import Round
+from d2d.registration import Estimate
+
+# The wide outlier component has a separate optimum, far from where the scans overlap: all
+# targets are outliers there, and the Hessian is positive definite.  An optimum at which the mean
+# inlier probability of the targets is below this is not accepted as the vehicle's motion.
+MIN_EXPLAINED = 0.1
+# A velocity has three components.  An optimum that rests on hardly more targets is accidental,
+# however large a share of the scan they are.
+_MIN_AGREEING = 4.0  # sum of the inlier probabilities
+# rad; a vehicle that drives in a circle between two scans is back where it was: scans of one place
+# then fit at any speed, as they do where times are in another unit
+_MAX_TURN = float(np.pi)
+# A wrong optimum rarely explains more than half of the targets (chapter 9).  One that explains at
+# least this fraction is accepted without looking for another.
+_WELL_EXPLAINED = 0.6
+_MOVING = 0.5  # m/s; at a standstill a coarse radar may measure the same twice
+
+
+class VelocityEstimate(NamedTuple):
+    """The velocity of a vehicle at the time of one round of scans: a row of a `Track`."""
+
+    time: float  # s, the mean of the scans' times
+    interval: float  # s, since the round before
+    theta: Array  # (3,) in m/s, m/s, rad/s; the last accepted one if this one is not
+    covariance: Array  # (3, 3); nan if not accepted
+    reason: str  # why it is not accepted; empty if it is
+    targets: int  # of the round's scans
+    inliers: float  # mean inlier probability of the targets, nan if there was nothing to estimate
+    parts: CovarianceParts | None  # of the covariance, if there is a budget
+
+    @property
+    def converged(self) -> bool:
+        """Whether an optimum was found and accepted."""
+        return not self.reason
+
+
+class Uncarried(NamedTuple):
+    """An estimate before it is carried to its time, see `acceleration`."""
+
+    theta: Array  # (3,)
+    parts: CovarianceParts  # of the covariance
+    delay: Array  # (3, 3) in s
+
+    def carried(self, by: Acceleration, lag: float) -> tuple[Array, CovarianceParts]:
+        """The velocity at its time, with the parts of its covariance and the budget's lag in it."""
+        noise = self.parts.noise + self.delay @ by.covariance @ self.delay.T
+        moved = lag * by.value
+        late = self.parts.systematic + moved[:, None] * moved
+        parts = self.parts._replace(noise=0.5 * (noise + noise.T), systematic=late)
+        return self.theta - self.delay @ by.value, parts
+
+
+@dataclass
+class Follower:
+    """Estimates the velocity of one round after the other, and remembers the last accepted one.
+
+    Nothing that it needs is later than the round, so that rounds can come as they are measured.
+    """
+
+    model: EgoMotionModel
+    scales: Sequence[float]
+    velocity: Array | None  # at which the next search starts, if it is known
+    budget: ErrorBudget | None
+    limits: VehicleLimits | None
+    last: State | None = None
+    acceleration: AccelerationFilter = field(default_factory=AccelerationFilter)
+    steps: list[tuple[Uncarried, Step]] | None = None  # of the accepted rounds, for a smoother
+    lateness: Lateness | None = None  # which learns from the accepted rounds
+
+    def follow(self, current: Round) -> VelocityEstimate:
+        """The velocity at the time of a round."""
+        pairs = current.pairs
+        if not pairs:
+            return self._held(current, current.reason)
+        by = None if self.budget is None else self._acceleration(current)
+        problem = problem_of(pairs, self.model, None if by is None else by.value)
+        estimate = self._estimate(problem, pairs)
+        seen = sum(pair.current.size for pair in pairs), float(estimate.inliers)
+        reason = _doubt(estimate, pairs)
+        if reason:
+            return self._held(current, reason, *seen)
+        theta, covariance, parts, raw = estimate.theta, estimate.covariance, None, None
+        if self.budget is not None and by is not None:
+            parts, delay, lead = apply_budget(problem, estimate, pairs, self.budget, current.time)
+            raw = Uncarried(theta - lead @ by.value, parts, delay)
+            theta, parts = raw.carried(by, self.budget.lag)
+            covariance = parts.total
+        state = State(current.time, theta, covariance)
+        if not np.isfinite(covariance).all():
+            reason = "a covariance that is not finite"
+        elif self.limits is not None:
+            reason = self.limits.exceeded(state, self.last)
+        if reason:
+            return self._held(current, reason, *seen)
+        self.last, self.velocity = state, estimate.theta
+        if raw is not None and by is not None:
+            noise = raw.parts.noise + raw.parts.dependence
+            step = self.acceleration.update(current.time, raw.theta, raw.delay, noise, by)
+            if self.lateness is not None:
+                self.lateness.add(current.time, theta, by.value, pairs)
+            if self.steps is not None:
+                self.steps.append((raw, step))
+        return VelocityEstimate(current.time, current.interval, theta, covariance, "", *seen, parts)
+
+    def _acceleration(self, current: Round) -> Acceleration:
+        """The acceleration before a round: of the estimates before, or at first by Doppler."""
+        known = self.acceleration.predict(current.time)
+        if known is None:
+            known = doppler_acceleration(current.pairs if self.model.doppler else (), UNKNOWN)
+        return known
+
+    def _held(
+        self, current: Round, reason: str, targets: int = 0, inliers: float = np.nan
+    ) -> VelocityEstimate:
+        """The row of a round that gives no estimate."""
+        if self.last is not None:
+            theta = self.last.theta
+        else:
+            theta = np.zeros(3) if self.velocity is None else self.velocity
+        unknown = np.full((3, 3, 3), np.nan)
+        parts = None if self.budget is None else CovarianceParts(*unknown)
+        return VelocityEstimate(
+            current.time, current.interval, theta, unknown[0], reason, targets, inliers, parts
+        )
+
+    def _estimate(self, problem: Problem, pairs: Sequence[ScanPair]) -> Estimate:
+        """The optimum near the last velocity; where it is doubtful, the better of two."""
+        near = None
+        if self.velocity is not None:
+            near = estimate_velocity(problem, self.velocity, self.scales)
+            if near.converged and float(near.inliers) >= _WELL_EXPLAINED:
+                return near
+        starts = doppler_starts([(pair.current, pair.mounting) for pair in pairs])
+        anew = estimate_velocity(problem, starts, self.scales)
+        if near is None:
+            return anew
+        return min(near, anew, key=lambda each: (not _is_good(each), float(each.value)))
+
+
+def _is_good(estimate: Estimate) -> bool:
+    """Whether an estimate is an optimum that does not reject nearly all targets."""
+    return bool(estimate.converged) and float(estimate.inliers) >= MIN_EXPLAINED
+
+
+def _doubt(estimate: Estimate, pairs: Sequence[ScanPair]) -> str:
+    """Why an estimate is not accepted, whatever its covariance; empty if nothing is against it."""
+    if any(_repeats(pair.previous, pair.current) for pair in pairs):
+        return "a scan that repeats an earlier one"
+    if not estimate.converged:
+        return "no optimum near the start"
+    if not _is_good(estimate):
+        return f"an optimum that rejects {1.0 - float(estimate.inliers):.0%} of the targets"
+    agreeing = sum(pair.current.size for pair in pairs) * float(estimate.inliers)
+    if agreeing < _MIN_AGREEING:
+        return f"an optimum that rests on {agreeing:.1f} targets"
+    turn = abs(float(estimate.theta[2])) * max(pair.interval for pair in pairs)
+    if turn > _MAX_TURN:
+        return f"a turn of {np.rad2deg(turn):.0f} deg between scans"
+    return ""
+
+
+def _repeats(previous: RadarScan, current: RadarScan) -> bool:
+    """Whether a scan has the targets of an earlier one although the sensor moves.
+
+    A frozen sensor, or a message that is delivered twice, gets a new time: its positions say that
+    the vehicle stands still.
+    """
+    measured = ("range", "azimuth", "doppler")
+    return (
+        all(np.array_equal(getattr(previous, name), getattr(current, name)) for name in measured)
+        and float(np.median(np.abs(current.doppler))) > _MOVING
+    )

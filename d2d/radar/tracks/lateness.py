@@ -1,0 +1,77 @@
+"""Whether the Doppler velocities of a sensor are those of another time than its stamps say."""
+
+import math
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from d2d._types import Array
+from d2d.radar.motion.pairs import ScanPair
+from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
+
+_NEAR = 3.0  # m/s from the joint estimate: targets that may stand still
+_ALONG = 0.3  # least share of v_x in a Doppler velocity that tells it
+_ROUNDS, _LATE, _SURE = 50, 0.05, 5.0  # estimates, s and standard deviations that are needed
+_ALIKE = 5.0  # estimates whose errors are about the same, as traffic lasts for some of them
+
+
+class Lateness:
+    """Compares each sensor's Doppler velocities with those of the others while the speed changes.
+
+    A sensor that is late by L shows a forward velocity that is L times the acceleration too small.
+    Running sums give L by linear regression, with a constant for what a wrong mounting does.
+    """
+
+    def __init__(self, names: Mapping[Mounting, str]) -> None:
+        self._names = names
+        self._sums = {mounting: np.zeros(6) for mounting in names}
+
+    def add(
+        self, time: float, theta: Array, acceleration: Array, pairs: Sequence[ScanPair]
+    ) -> None:
+        """Take the velocity and the acceleration, both (3,), at the time of a round of pairs."""
+        found = {}
+        for pair in pairs:
+            own = theta + (pair.current.time - time) * acceleration
+            excess = _excess(pair.current, pair.mounting, own)
+            if math.isfinite(excess):
+                found[pair.mounting] = excess
+        a = float(acceleration[0])
+        for mounting, excess in found.items():
+            others = [value for other, value in found.items() if other != mounting]
+            if others and mounting in self._sums:
+                d = excess - float(np.median(others))
+                self._sums[mounting] += [1.0, a, d, a * a, a * d, d * d]
+
+    def warn(self) -> None:
+        """Warn of the sensor that is surely late or early, the worst if there are several."""
+        late = {name: lag for name, lag, sigma in self.lags() if abs(lag) > _SURE * sigma}
+        worst = max(late, key=lambda name: abs(late[name]), default="")
+        if worst and abs(late[worst]) > _LATE:
+            warnings.warn(
+                f"{worst} seems to be {abs(late[worst]):.2f} s "
+                f"{'late' if late[worst] > 0.0 else 'early'}: when the vehicle accelerates, its "
+                "Doppler velocities are those that the other sensors have at another time",
+                UserWarning,
+                stacklevel=3,
+            )
+
+    def lags(self) -> Iterable[tuple[str, float, float]]:
+        """Name, lag in s and its standard deviation, of the sensors that have been seen enough."""
+        for mounting, (n, a, d, aa, ad, dd) in self._sums.items():
+            spread = aa - a * a / max(n, 1.0)
+            if n >= _ROUNDS and spread > 0.0:
+                slope = (ad - a * d / n) / spread
+                rest = max(dd - d * d / n - slope**2 * spread, 0.0) / n
+                yield self._names[mounting], -slope, math.sqrt(_ALIKE * rest / spread)
+
+
+def _excess(scan: RadarScan, mounting: Mounting, theta: Array) -> float:
+    """How much larger v_x, in m/s, is by a scan's static targets; nan if it shows none."""
+    gain, _ = doppler_gradients(scan.azimuth, mounting)
+    rest = scan.doppler - gain @ theta
+    telling = (np.abs(rest) < _NEAR) & (np.abs(gain[:, 0]) > _ALONG)
+    if telling.sum() < 3:
+        return math.nan
+    return float(np.median(rest[telling] / gain[telling, 0]))

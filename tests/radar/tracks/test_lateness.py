@@ -1,0 +1,58 @@
+"""A sensor whose stamps are late."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from d2d.radar import ErrorBudget, Tracker, track
+from tests.radar.scenes import AROUND, observe
+
+NAMES = ("left", "right", "rear")
+
+
+def changing(rng, late: float):
+    """Three sensors of a vehicle that speeds up and slows down; the second one's clock is late."""
+    step, end = 1e-3, 7.0
+    speeds = 12.0 + 1.5 * np.sin(1.5 * step * np.arange(round(end / step) + 2))
+    driven = np.concatenate([[0.0], np.cumsum(step * speeds)])
+    points = rng.uniform([-30.0, -40.0], [130.0, 40.0], (500, 2))
+    points = points[np.abs(points[:, 1]) > 4.0]
+    sensors = []
+    for number, mounting in enumerate(AROUND):
+        scans = []
+        for ticks in range(20 * number, round(end / step), 77):
+            pose, theta = np.eye(3), np.array([speeds[ticks], 0.0, 0.0])
+            pose[0, 2] = driven[ticks]
+            noise = rng.standard_normal((3, len(points)))
+            time = ticks * step + late * (number == 1)
+            full = observe(points, pose, time, theta, mounting, noise, (0.1, 0.005, 0.06))
+            scans.append(full[(np.abs(full.azimuth) < 0.8) & (full.range < 50.0)])
+        sensors.append((scans, mounting))
+    return dict(zip(NAMES, sensors, strict=True))
+
+
+@pytest.mark.parametrize(("late", "word"), [(0.3, "late"), (-0.3, "early")])
+def test_a_sensor_that_is_late_is_named(late, word):
+    """Breaks if the wrong sensor is named, the sign is wrong or a tracker says nothing."""
+    rng = np.random.default_rng(1)
+    sensors = changing(rng, late)
+    with pytest.warns(UserWarning, match=rf"^sensors\['right'\]\.scans .* 0\.[23]. s {word}"):
+        track(sensors, horizon=0.3, budget=ErrorBudget())
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()}, budget=ErrorBudget())
+    order = sorted(
+        (scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans
+    )
+    for _, name, scan in order:
+        tracker.add(name, scan)
+    with pytest.warns(UserWarning, match=rf"^'right' seems to be 0\.[23]. s {word}"):
+        tracker.finish()
+
+
+def test_sensors_on_one_clock_are_not_accused():
+    """Breaks if noise names a sensor."""
+    for seed in range(3):
+        sensors = changing(np.random.default_rng(seed), 0.0)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            track(sensors, horizon=0.3, budget=ErrorBudget())
