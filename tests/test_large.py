@@ -17,6 +17,7 @@ from d2d._kernel import tiles
 from tests.strategies import FUSIONS, METRICS, Problem, dense_gradient, dense_value, steps_of
 
 THETA = np.array([0.4, -0.3, 0.02])
+START = THETA + np.array([0.2, 0.1, 0.005])
 WIDE = CorruptedGaussian(0.2, [[100.0, 20.0], [20.0, 60.0]])
 
 
@@ -56,6 +57,7 @@ def on_a_line(rng: np.random.Generator, count: int) -> np.ndarray:
     return np.stack([rng.uniform(0.0, 100.0, count), np.zeros(count)], axis=-1)
 
 
+NAMES = ("means", "covariances", "weights")
 LAYOUTS = (uniform, one_cell, lonely, two_towns, on_a_line)
 OUTLIERS = {
     "none": None,
@@ -85,11 +87,11 @@ def scene(layout, count: int, seed: int = 0) -> tuple[PointSet, PointSet]:
 
 @pytest.mark.parametrize("outlier", OUTLIERS.values(), ids=OUTLIERS)
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_value_and_derivatives_are_those_of_the_plain_sums(layout, outlier):
+def test_value_and_gradient_are_those_of_the_plain_sums(layout, outlier):
     """Breaks if a neighbour is missed, or a tile is used where it errs."""
     fixed, moving = scene(layout, 150)
-    starts = THETA + np.array([[0.0, 0.0, 0.0], [0.4, 0.2, 0.01], [5.0, -3.0, 0.2], [300, 0, 3]])
-    for metric, fusion in ((m, f) for m in METRICS for f in FUSIONS):
+    starts = THETA + np.array([[0.0, 0.0, 0.0], [5.0, -3.0, 0.2], [300.0, 0.0, 3.0]])
+    for metric, fusion in zip(METRICS, FUSIONS, strict=True):
         cost = RegistrationCost(metric, fusion, outlier)
         for theta in starts:
             problem = Problem(cost, theta, fixed, moving)
@@ -106,12 +108,12 @@ def test_estimates_are_those_of_the_plain_sums(layout, outlier, monkeypatch):
     for fusion in FUSIONS:
         cost = RegistrationCost("d2d", fusion, outlier)
         fixed, moving = scene(layout, 150, 1)
-        found = register(fixed, moving, cost, THETA + [0.2, 0.1, 0.005])
+        found = register(fixed, moving, cost, START)
         stated = propagate_covariance(found, fixed, moving, cost)
         with monkeypatch.context() as patch:
             patch.setattr("d2d.point_set._TILED", 10**9)
             fixed, moving = scene(layout, 150, 1)
-            plain = register(fixed, moving, cost, THETA + [0.2, 0.1, 0.005])
+            plain = register(fixed, moving, cost, START)
             assert_array_equal(found.converged, plain.converged)
             if not found.converged:
                 continue
@@ -136,7 +138,7 @@ def test_lists_that_are_kept_miss_nothing():
         for cost in (RegistrationCost(), RegistrationCost(outlier=WIDE)):
             start = THETA + rng.uniform(-1.0, 1.0, 3) * [1.0, 1.0, 0.05]
             found = register(fixed, moving, cost, start)
-            value, gradient, hessian = cost.derivatives(found.theta, fixed, moving)
+            value, _, hessian = cost.derivatives(found.theta, fixed, moving)
             assert_allclose(found.value, value, rtol=1e-13)
             assert_allclose(found.hessian, hessian, rtol=1e-9, atol=1e-10 * np.abs(hessian).max())
 
@@ -166,6 +168,3 @@ def test_a_batch_has_tiles_for_each_set():
     for i, pair in enumerate(scenes):
         for all_of, one in zip(together, cost.derivatives(THETA, *pair), strict=True):
             assert_array_equal(all_of[i], one)
-
-
-NAMES = ("means", "covariances", "weights")
