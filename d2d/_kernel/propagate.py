@@ -224,8 +224,9 @@ def add_fields(w, pair, setting, fields, by_fixed):
     """
     places, weights, factors, tiles = fields
     fixed, root = pair.fixed, root_of(pair.outlier)
-    count = pair.tiles.shape[0]
-    fill(places, weights, pair.grid, factors, w, tiles[: FIELDS * count])
+    count, targets = pair.tiles.shape[0], pair.moving.shape[1]
+    own = tiles[: FIELDS * count]
+    fill(places[:, :targets], weights[:, :targets], pair.grid, factors, w, own)
     for first in range(0, fixed.shape[1], LANES):
         last = fixed.shape[1] - 1
         for k in range(LANES):
