@@ -17,7 +17,7 @@ CORNERS = (
     Mounting(3.4, 0.8, float(np.deg2rad(45.0))),
     Mounting(3.4, -0.8, float(np.deg2rad(-45.0))),
 )
-CAR_LIMITS = VehicleLimits(acceleration=8.0, yaw_acceleration=2.0)  # of a car in town
+CAR_LIMITS = VehicleLimits(acceleration=8.0)  # of a car in town
 
 Ways = Mapping[str, Mapping[str, Any]]
 FEW_WAYS: Ways = {
