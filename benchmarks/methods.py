@@ -83,7 +83,7 @@ def _arrays(points: PointSet, index: Any) -> tuple[Array, Array]:
 
 def _single(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterator[Method]:
     fixed, moving = ([s[i] for i in range(effort.runs)] for s in (draws.fixed, draws.moving))
-    arrays = [(_arrays(draws.fixed, i), _arrays(draws.moving, i)) for i in range(effort.timed)]
+    arrays = [(_arrays(draws.fixed, i), _arrays(draws.moving, i)) for i in range(effort.runs)]
     for cost_name, outlier in COSTS.items():
         cost = RegistrationCost(outlier=outlier)
 
@@ -99,12 +99,19 @@ def _single(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterato
             first, second = arrays[run]
             return register(PointSet(*first), PointSet(*second), cost, initial)
 
-        ways = [(ONE, prepared, effort.runs), (ONE_PROPAGATED, propagated, effort.timed)]
+        ways = {ONE: prepared, ONE_PROPAGATED: propagated}
         if start != "zero":
-            ways.append((ONE_ARRAYS, anew, effort.timed))
-        for name, solve, runs in ways:
-            motions = stacked(lambda result: result.theta)
-            yield Method(name, start, cost_name, one_by_one(solve), motions, runs, effort.timed)
+            ways[ONE_ARRAYS] = anew
+        for name, solve in ways.items():
+            yield Method(
+                name,
+                start,
+                cost_name,
+                one_by_one(solve),
+                stacked(lambda result: result.theta),
+                effort.runs,
+                effort.timed,
+            )
 
 
 def _batches(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterator[Method]:
@@ -170,7 +177,7 @@ def _peers(
             effort.timed if peer.fast else effort.slow_timed,
         )
         if peer.from_arrays and start != "zero":
-            singles = [draws[i : i + 1] for i in range(effort.timed)]
+            singles = [draws[i : i + 1] for i in range(effort.runs)]
 
             def anew(
                 run: int, adapter: Any = peer.adapter, bound: Any = (library, setting, singles)
@@ -184,7 +191,7 @@ def _peers(
                 "its own",
                 one_by_one(anew),
                 stacked(read),
-                effort.timed,
+                effort.runs,
                 effort.timed,
             )
 

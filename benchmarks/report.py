@@ -329,7 +329,7 @@ def page(m: Measured) -> str:
     return "\n\n".join(
         [
             "<!-- Written by `make bench`. -->",
-            f"Measured on {m.machine}, in one process with one thread unless said: {m.versions}. "
+            f"Measured on {m.machine}, with one thread unless said: {m.versions}. "
             + disturbance(m.rows),
             *(["\n".join(missing)] if missing else []),
             "### In short",
