@@ -1,6 +1,6 @@
 """The rows of the table: every way to register the draws of one scene from one start."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from d2d import (
     PointSet,
     RegistrationCost,
     multi_start,
+    propagate_covariance,
     register,
     start_grid,
 )
@@ -23,7 +24,9 @@ from d2d import (
 Array = NDArray[np.float64]
 
 OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
-COSTS = {"likelihood": None, "corrupted": OUTLIER}
+COSTS = {"likelihood": None, "robust": OUTLIER}
+# What a prediction from the scans before may be off: 0.4 m and 0.6 degrees.
+OFFSET = np.array([0.4 / np.sqrt(2.0), 0.4 / np.sqrt(2.0), np.deg2rad(0.6)])
 # Around zero, as wide as the motion may be; the true motion is not on the grid.
 GRID = start_grid(6.0, 6.0, np.deg2rad([-20.0, -10.0, 0.0, 10.0, 20.0]))
 
@@ -31,7 +34,8 @@ BATCH = "d2d, batch"
 BATCH_2 = "d2d, batch, 2 threads"
 BATCH_ARRAYS = "d2d, batch, from arrays"
 ONE = "d2d, one per call"
-ONE_ARRAYS = "d2d, one per call, from arrays"
+ONE_ARRAYS = f"{ONE}, from arrays"
+ONE_PROPAGATED = f"{ONE}, covariance propagated"
 SCHEDULE = "d2d, batch, ANNEALED"
 STARTS = f"d2d, batch, best of {len(GRID)} starts"
 BFGS = "NumPy, BFGS"
@@ -49,24 +53,72 @@ class Effort:
     pilot: int
 
 
-def all_methods(draws: Draws, pilot: Draws, start: str, effort: Effort) -> Iterator[Method]:
-    """Every method of one size and start; a peer that is not installed is left out."""
-    initial = draws.theta if start == "truth" else np.zeros(3)
-    yield from _d2d(draws, start, initial, effort)
-    yield from _peers(draws, pilot, start, initial, effort)
+def initial_motion(theta: Array, start: str) -> Array:
+    """Where registrations begin whose true motion is theta (3,)."""
+    return {"truth": theta, "off": theta + OFFSET, "zero": np.zeros(3)}[start]
+
+
+def one_per_call(
+    draws: Draws, pilot: Draws, start: str, effort: Effort, chosen: Sequence[peers.Peer]
+) -> Iterator[Method]:
+    """The methods that register one pair of scans a call: d2d and the chosen peers.
+
+    A peer that is not installed is left out.
+    """
+    initial = initial_motion(draws.theta, start)
+    yield from _single(draws, start, initial, effort)
+    yield from _peers(draws, pilot, start, initial, effort, chosen)
+
+
+def others(draws: Draws, start: str, effort: Effort) -> Iterator[Method]:
+    """Batches of d2d, and NumPy with SciPy."""
+    initial = initial_motion(draws.theta, start)
+    yield from _batches(draws, start, initial, effort)
     yield from _scipy(draws, start, initial, effort)
 
 
-def _d2d(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterator[Method]:
-    batches = {n: draws[:n] for n in {effort.runs, effort.timed}}
+def _arrays(points: PointSet, index: Any) -> tuple[Array, Array]:
+    return points.means[index].copy(), points.covariances[index].copy()
+
+
+def _single(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterator[Method]:
     fixed, moving = ([s[i] for i in range(effort.runs)] for s in (draws.fixed, draws.moving))
+    arrays = [(_arrays(draws.fixed, i), _arrays(draws.moving, i)) for i in range(effort.runs)]
+    for cost_name, outlier in COSTS.items():
+        cost = RegistrationCost(outlier=outlier)
 
-    def arrays(points: PointSet, index: Any) -> tuple[Array, Array]:
-        return points.means[index].copy(), points.covariances[index].copy()
+        def prepared(run: int, cost: Any = cost) -> Any:
+            return register(fixed[run], moving[run], cost, initial)
 
-    def method(name: str, cost: str, solve: Any, runs: int, timed: int, single: bool) -> Method:
-        motions = stacked(lambda result: result.theta) if single else (lambda result: result.theta)
-        return Method(name, start, cost, solve, motions, runs, timed)
+        def propagated(run: int, cost: Any = cost) -> Any:
+            estimate = register(fixed[run], moving[run], cost, initial)
+            propagate_covariance(estimate, fixed[run], moving[run], cost)
+            return estimate
+
+        def anew(run: int, cost: Any = cost) -> Any:
+            first, second = arrays[run]
+            return register(PointSet(*first), PointSet(*second), cost, initial)
+
+        ways = {ONE: prepared, ONE_PROPAGATED: propagated}
+        if start != "zero":
+            ways[ONE_ARRAYS] = anew
+        for name, solve in ways.items():
+            yield Method(
+                name,
+                start,
+                cost_name,
+                one_by_one(solve),
+                stacked(lambda result: result.theta),
+                effort.runs,
+                effort.timed,
+            )
+
+
+def _batches(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterator[Method]:
+    batches = {n: draws[:n] for n in {effort.runs, effort.timed}}
+
+    def method(name: str, cost: str, solve: Any, timed: int = effort.timed) -> Method:
+        return Method(name, start, cost, solve, lambda result: result.theta, effort.runs, timed)
 
     for cost_name, outlier in COSTS.items():
         cost = RegistrationCost(outlier=outlier)
@@ -79,72 +131,40 @@ def _d2d(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterator[M
                 return register(part.fixed, part.moving, cost, initial, scales, threads=threads)
             return multi_start(part.fixed, part.moving, cost, grid, scales, threads=threads)
 
-        def one(run: int, cost: Any = cost) -> Any:
-            return register(fixed[run], moving[run], cost, initial)
-
-        yield method(BATCH, cost_name, batch, effort.runs, effort.timed, False)
-        yield method(
-            BATCH_2, cost_name, lambda n, b=batch: b(n, threads=2), effort.runs, effort.timed, False
-        )
-        yield method(ONE, cost_name, one_by_one(one), effort.timed, effort.timed, True)
+        yield method(BATCH, cost_name, batch)
+        yield method(BATCH_2, cost_name, lambda n, b=batch: b(n, threads=2))
         if start == "zero":
-            yield method(
-                SCHEDULE,
-                cost_name,
-                lambda n, b=batch: b(n, scales=ANNEALED),
-                effort.runs,
-                effort.timed,
-                False,
-            )
+            yield method(SCHEDULE, cost_name, lambda n, b=batch: b(n, scales=ANNEALED))
             timed_starts = max(1, effort.timed // 10)
             batches[timed_starts] = draws[:timed_starts]
-            yield method(
-                STARTS,
-                cost_name,
-                lambda n, b=batch: b(n, grid=GRID),
-                effort.runs,
-                timed_starts,
-                False,
-            )
+            yield method(STARTS, cost_name, lambda n, b=batch: b(n, grid=GRID), timed_starts)
         elif outlier is None:
             whole = {
-                n: (arrays(p.fixed, slice(None)), arrays(p.moving, slice(None)))
+                n: (_arrays(p.fixed, slice(None)), _arrays(p.moving, slice(None)))
                 for n, p in batches.items()
             }
-            single = [
-                (arrays(draws.fixed, i), arrays(draws.moving, i)) for i in range(effort.timed)
-            ]
 
-            def build(pair: Any) -> Any:
-                return register(PointSet(*pair[0]), PointSet(*pair[1]), None, initial)
+            def anew(n: int, whole: Any = whole) -> Any:
+                first, second = whole[n]
+                return register(PointSet(*first), PointSet(*second), None, initial)
 
-            yield method(
-                BATCH_ARRAYS,
-                cost_name,
-                lambda n, w=whole, f=build: f(w[n]),
-                effort.runs,
-                effort.timed,
-                False,
-            )
-            yield method(
-                ONE_ARRAYS,
-                cost_name,
-                one_by_one(lambda run, s=single, f=build: f(s[run])),
-                effort.timed,
-                effort.timed,
-                True,
-            )
+            yield method(BATCH_ARRAYS, cost_name, anew)
 
 
 def _peers(
-    draws: Draws, pilot: Draws, start: str, initial: Array, effort: Effort
+    draws: Draws,
+    pilot: Draws,
+    start: str,
+    initial: Array,
+    effort: Effort,
+    chosen: Sequence[peers.Peer],
 ) -> Iterator[Method]:
-    for peer in peers.PEERS:
+    for peer in chosen:
         library, _ = peers.load(peer.module)
         if library is None:
             continue
-        chosen = pilot if peer.fast else pilot[: max(5, len(pilot) // 4)]
-        setting = peers.best_setting(peer, library, chosen, initial)
+        trial = pilot if peer.fast else pilot[: max(5, len(pilot) // 4)]
+        setting = peers.best_setting(peer, library, trial, initial)
         label = "default" if setting is None else f"{setting:g}"
         solve, read = peer.adapter(library, draws, initial, setting)
         yield Method(
@@ -156,8 +176,8 @@ def _peers(
             effort.runs if peer.fast else effort.slow_runs,
             effort.timed if peer.fast else effort.slow_timed,
         )
-        if peer.from_arrays and start == "truth":
-            singles = [draws[i : i + 1] for i in range(effort.timed)]
+        if peer.from_arrays and start != "zero":
+            singles = [draws[i : i + 1] for i in range(effort.runs)]
 
             def anew(
                 run: int, adapter: Any = peer.adapter, bound: Any = (library, setting, singles)
@@ -171,7 +191,7 @@ def _peers(
                 "its own",
                 one_by_one(anew),
                 stacked(read),
-                effort.timed,
+                effort.runs,
                 effort.timed,
             )
 

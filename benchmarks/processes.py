@@ -35,6 +35,35 @@ peak = [int(line.split()[1]) for line in lines if line.startswith("VmHWM")]
 print(peak[0] if peak else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 
+# A set of 64 targets has compiled and loaded all functions before, and needs 1 % of the memory.
+_CALL = """
+import pathlib
+import resource
+import sys
+import d2d
+from benchmarks.methods import OUTLIER, initial_motion
+from benchmarks.scenes import draw, scene
+
+
+def resident():
+    status = pathlib.Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.exists() else []
+    now = [int(line.split()[1]) for line in lines if line.startswith("VmRSS")]
+    return now[0] if now else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+for size in (64, int(sys.argv[1])):
+    draws = draw(scene(size), 1, seed=1)
+    fixed, moving, cost = draws.fixed[0], draws.moving[0], d2d.RegistrationCost(outlier=OUTLIER)
+    before = resident()
+    estimate = d2d.register(fixed, moving, cost, initial_motion(draws.theta, "off"))
+    d2d.propagate_covariance(estimate, fixed, moving, cost)
+print(resident() - before)
+"""
+
+# macOS counts in bytes, others in KiB.
+_MEGABYTES = 1e-6 if sys.platform == "darwin" else 1024e-6
+
 
 def printed(code: str, *arguments: str, **environment: str) -> float:
     """The number that a fresh interpreter prints."""
@@ -62,8 +91,12 @@ def first_call_seconds() -> tuple[float, float]:
 
 def peak_megabytes(runs: int) -> float:
     """Peak resident memory of a Monte Carlo evaluation on the eight targets."""
-    unit = 1e-6 if sys.platform == "darwin" else 1024e-6  # bytes on macOS, KiB on others
-    return printed(_MONTE_CARLO, str(runs)) * unit
+    return printed(_MONTE_CARLO, str(runs)) * _MEGABYTES
+
+
+def call_megabytes(size: int) -> float:
+    """What the first robust call with so many targets, covariance propagated, adds to memory."""
+    return printed(_CALL, str(size)) * _MEGABYTES
 
 
 def machine() -> str:

@@ -1,9 +1,9 @@
 """The tables and the chart that a run writes into the book, and the bars that it has to clear."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from textwrap import fill
+from typing import Any
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -11,9 +11,36 @@ import numpy as np
 
 from benchmarks import methods
 from benchmarks.drive import Throughput
+from benchmarks.peers import PEERS
 from benchmarks.scenes import Accuracy
-from d2d.study.book.grammar import BLACK, PURPLE, SKY, YELLOW
-from d2d.study.book.style import use_style
+from benchmarks.timing import exponent
+from d2d.study.book.grammar import COSTS, OTHERS, cost_line
+from d2d.study.book.style import letter_panels, use_style
+
+STARTS = {"truth": "the truth", "off": "0.4 m and 0.6° off", "zero": "zero"}
+# The sizes of the table of growth, and its methods with a name for each.
+MANY, MORE = 200, 1000
+GROWING = (
+    *(
+        (cost, f"{cost}{what}", name)
+        for what, name in (
+            ("", methods.ONE),
+            (", covariance propagated", methods.ONE_PROPAGATED),
+            (", from arrays", methods.ONE_ARRAYS),
+        )
+        for cost in methods.COSTS
+    ),
+    *(
+        ("its own", name, name)
+        for name in (
+            "small_gicp ICP",
+            "small_gicp ICP, from arrays",
+            "open3d ICP",
+            "open3d ICP, from arrays",
+            "kiss-icp",
+        )
+    ),
+)
 
 RESULTS = Path(__file__).resolve().parents[1] / "chapters" / "results"
 
@@ -55,9 +82,7 @@ class Measured:
     missing: dict[str, str]
     exp: dict[str, float]
     rows: list[Row]
-    sizes: list[int]
-    seconds: list[float]
-    exponent: float
+    memory: float  # MB
     import_seconds: float
     first_call: tuple[float, float]
     peaks: dict[int, float]
@@ -99,7 +124,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def main_tables(rows: Sequence[Row]) -> str:
-    """Time and accuracy of every method, in one table for each number of targets and start.
+    """Time and accuracy of every method, where the batches were measured as well.
 
     The container's class sets each row of ten cells in two lines on a phone, see `ledger.css`.
     """
@@ -113,6 +138,8 @@ def main_tables(rows: Sequence[Row]) -> str:
     parts = []
     for (size, start), members in groups.items():
         batch = find(rows, size, start, "likelihood", methods.BATCH)
+        if batch is None:
+            continue
         lines = []
         for row in members:
             judged = row.accuracy or Accuracy(*[float("nan")] * 4)
@@ -122,7 +149,7 @@ def main_tables(rows: Sequence[Row]) -> str:
                     row.name,
                     number(row.best * 1e6),
                     number(row.median * 1e6),
-                    number(row.best / batch.best if batch else float("nan")),
+                    number(row.best / batch.best),
                     number(judged.translation),
                     number(judged.over_floor, 4),
                     number(np.rad2deg(judged.rotation)),
@@ -130,13 +157,44 @@ def main_tables(rows: Sequence[Row]) -> str:
                     str(row.runs) if row.runs else "–",
                 )
             )
-        parts.append(f"### {size} × {size} targets, started at {_start(start)}")
+        parts.append(f"### {size} × {size} targets, started at {STARTS[start]}")
         parts.append(f":::{{container}} methods\n\n{table(header, lines, 2)}\n\n:::")
     return "\n\n".join(parts)
 
 
-def _start(name: str) -> str:
-    return "the truth" if name == "truth" else name
+def growth(rows: Sequence[Row], cost: str, name: str, start: str) -> float:
+    """The local exponent between `MANY` and `MORE` targets, nan where one was not measured."""
+    both = [find(rows, size, start, cost, name) for size in (MANY, MORE)]
+    found = [row for row in both if row is not None]
+    return exponent((MANY, MORE), [row.best for row in found]) if len(found) == 2 else np.nan
+
+
+def growth_table(rows: Sequence[Row]) -> str:
+    """Times of `MANY` and `MORE` targets, exponent and accuracy of what registers pair by pair."""
+    header = (
+        "one registration per call",
+        *(f"{size}, {start}, µs" for size in (MANY, MORE) for start in ("truth", "off")),
+        "exponent",
+        f"× floor at {MORE}",
+    )
+    lines = []
+    for cost, label, name in GROWING:
+        found = {
+            (size, start): find(rows, size, start, cost, name)
+            for size in (MANY, MORE)
+            for start in ("truth", "off")
+        }
+        last = found[MORE, "off"]
+        accuracy = last.accuracy.over_floor if last and last.accuracy else np.nan
+        lines.append(
+            (
+                label,
+                *(number(row.best * 1e6 if row else np.nan) for row in found.values()),
+                number(growth(rows, cost, name, "off"), 2),
+                number(accuracy),
+            )
+        )
+    return table(header, lines, 1)
 
 
 def _at_least(what: str, value: float | None, aim: float, unit: str = "×") -> Bar:
@@ -185,6 +243,16 @@ def bars(m: Measured) -> list[Bar]:
             result.append(_at_least(f"{where}: {name} over the batch", ratio, icp))
             ratio = slower(size, "its own", f"{name}, from arrays", arrays)
             result.append(_at_least(f"{where}: the same, both from arrays", ratio, icp))
+    for start in ("truth", "off"):
+        for size in (MANY, MORE):
+            robust = find(m.rows, size, start, "robust", methods.ONE)
+            icp = find(m.rows, size, start, "its own", "small_gicp ICP")
+            what = f"{size} × {size} from {STARTS[start]}: small_gicp ICP over robust, one per call"
+            ratio = icp.best / robust.best if icp and robust else None
+            result.append(_at_least(what, ratio, 1.0))
+        ratio = (MORE / MANY) ** growth(m.rows, "robust", methods.ONE, start)
+        what = f"{MORE} over {MANY} targets from {STARTS[start]}: robust, one per call"
+        result.append(_at_most(what, ratio, 8.0, "×"))
     for size, limit in ((8, 40.0), (48, 150.0)):
         row = find(m.rows, size, "truth", "likelihood", methods.ONE)
         what = f"{size} × {size}: one per call, where exp takes {m.exp['compiled loop']:.1f} ns"
@@ -195,9 +263,9 @@ def bars(m: Measured) -> list[Bar]:
         result.append(_at_most(what, judged.over_floor if judged else None, limit, "×"))
     for size in (8, 48):
         for name in (methods.BATCH, methods.SCHEDULE, methods.STARTS):
-            judged = accuracy_of(size, "zero", "corrupted", name)
+            judged = accuracy_of(size, "zero", "robust", name)
             share = 100.0 * judged.at_truth if judged else None
-            what = f"{size} × {size} from zero, corrupted: {name}, at the truth"
+            what = f"{size} × {size} from zero, robust: {name}, at the truth"
             bar = _at_least(what, share, 99.9, "%")
             if name == methods.BATCH:
                 bar = Bar(what, "stated", bar.measured, None)
@@ -218,15 +286,6 @@ def bars_table(m: Measured) -> str:
     return table(("what", "aim", "measured", "met"), lines, 1)
 
 
-def sizes_table(m: Measured) -> str:
-    """A table of time against size."""
-    lines = [
-        (f"{size} × {size}", number(seconds * 1e6), number(seconds / size**2 * 1e9))
-        for size, seconds in zip(m.sizes, m.seconds, strict=True)
-    ]
-    return table(("targets", "µs", "ns per pair"), lines, 1)
-
-
 def others_table(m: Measured) -> str:
     """A table of the other measurements: exp, start-up, memory, throughput."""
     lines = [
@@ -237,6 +296,10 @@ def others_table(m: Measured) -> str:
         *(
             (f"peak memory of {runs} Monte Carlo runs", f"{peak:.0f} MB")
             for runs, peak in sorted(m.peaks.items())
+        ),
+        (
+            f"memory of a robust registration of {max(row.size for row in m.rows)} targets",
+            f"{m.memory:.0f} MB",
         ),
     ]
     if m.drive is None:
@@ -266,14 +329,14 @@ def page(m: Measured) -> str:
     return "\n\n".join(
         [
             "<!-- Written by `make bench`. -->",
-            f"Measured on {m.machine}, in one process with one thread unless said: {m.versions}. "
+            f"Measured on {m.machine}, with one thread unless said: {m.versions}. "
             + disturbance(m.rows),
             *(["\n".join(missing)] if missing else []),
             "### In short",
             bars_table(m),
+            f"### {MANY} and {MORE} targets",
+            growth_table(m.rows),
             main_tables(m.rows),
-            f"### Time against size, fitted exponent {m.exponent:.2f}",
-            sizes_table(m),
             "### The rest",
             others_table(m),
             "",
@@ -282,46 +345,55 @@ def page(m: Measured) -> str:
 
 
 def chart(m: Measured, path: Path) -> None:
-    """Time per registration of the methods from the truth, and time against size below it.
+    """Time and accuracy against the number of targets, of what registers one pair a call.
 
     One panel stands below the other, so that a phone shows both.
     """
     matplotlib.use("Agg")
     use_style()
-    figure, (above, below) = plt.subplots(
-        2, figsize=(5.0, 8.6), height_ratios=(2.6, 1.0), layout="constrained"
-    )
-    _methods(above, m.rows)
-    sizes, micro = np.array(m.sizes), np.array(m.seconds) * 1e6
-    below.loglog(sizes, micro, "o", color=PURPLE)
-    level = np.exp(np.mean(np.log(micro) - m.exponent * np.log(sizes)))
-    below.loglog(sizes, level * sizes**m.exponent, color=BLACK, lw=0.8)
+    figure, axes = plt.subplots(2, figsize=(5.0, 7.6), height_ratios=(1.5, 1.0), sharex=True)
+    above, below = axes
+    sizes = sorted({row.size for row in m.rows})
+    for cost, name, look in _looks():
+        found = [row for size in sizes if (row := find(m.rows, size, "off", cost, name))]
+        measured = [row.size for row in found]
+        above.plot(measured, [row.best * 1e6 for row in found], **look)
+        if name == methods.ONE_PROPAGATED:
+            continue
+        below.plot(measured, [row.accuracy.over_floor for row in found if row.accuracy], **look)
+    for ax, title in ((above, "time per call (µs)"), (below, "RMSE over that of known pairs")):
+        ax.set(xscale="log", yscale="log", title=title)
+    below.set_xticks(sizes, sizes)
+    below.set_xticks([], minor=True)
+    ratios = [1, 2, 5, 10, 20, 50]
+    below.set_yticks(ratios, ratios)
+    below.set_yticks([], minor=True)
     below.set_xlabel("targets in each set")
-    below.set_ylabel("time per registration (µs)")
-    below.set_title(f"(b) batch, exponent {m.exponent:.2f}", loc="left")
+    letter_panels(axes)
+    figure.legend(*above.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     figure.savefig(path, dpi=110, bbox_inches="tight", metadata={"Software": None})
     plt.close(figure)
 
 
-def _methods(ax: plt.Axes, rows: Sequence[Row]) -> None:
-    shown = [row for row in rows if row.start == "truth" and row.cost in ("likelihood", "its own")]
-    shown = [row for row in shown if np.isfinite(row.best) and "arrays" not in row.name]
-    names = list(dict.fromkeys(row.name.split(" (")[0] for row in shown))
-    looks = zip((PURPLE, YELLOW, SKY), "oDs", strict=True)
-    for size, (color, marker) in zip(sorted({row.size for row in shown}), looks, strict=False):
-        points = [
-            (row.best * 1e6, names.index(row.name.split(" (")[0]))
-            for row in shown
-            if row.size == size
-        ]
-        ax.plot(*zip(*points, strict=True), marker, color=color, label=f"{size} × {size}")
-    ax.set_xscale("log")
-    ax.set_yticks(range(len(names)), [fill(name, 22) for name in names], linespacing=0.9)
-    ax.invert_yaxis()
-    ax.grid(axis="y", lw=0.3)
-    ax.set_xlabel("time per registration (µs)")
-    ax.set_title("(a) from the truth", loc="left")
-    ax.figure.legend(loc="outside upper center", ncols=3)
+def _looks() -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Cost, name and style of each line of the chart.
+
+    Peers of one library have one colour, and open marks and broken lines if they estimate or take
+    covariances.
+    """
+    for cost in methods.COSTS:
+        line = cost_line(cost)
+        yield cost, methods.ONE, {**line, "marker": COSTS[cost].marker}
+        label = f"{line['label']}, with covariance"
+        yield cost, methods.ONE_PROPAGATED, {**line, "lw": 0.8, "label": label}
+    modules = list(dict.fromkeys(peer.module for peer in PEERS))
+    for peer in PEERS:
+        library = modules.index(peer.module)
+        color, marker = OTHERS[library], "so^v<"[library]
+        look = {"color": color, "marker": marker, "lw": 1.0, "label": peer.name.split(",")[0]}
+        if "GICP" in peer.name:
+            look |= {"ls": "--", "mfc": "white"}
+        yield "its own", peer.name, look
 
 
 def write(m: Measured, folder: Path = RESULTS) -> None:

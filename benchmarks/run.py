@@ -11,15 +11,15 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from benchmarks import drive, peers, processes, report
-from benchmarks.methods import Effort, all_methods
+from benchmarks.methods import Effort, initial_motion, one_per_call, others
 from benchmarks.scenes import accuracy, draw, known_correspondences, scene
-from benchmarks.timing import exp_nanoseconds, exponent, interleaved
-from d2d import RegistrationCost, register
+from benchmarks.timing import exp_nanoseconds, interleaved
+from d2d import register
 from d2d.study.recordings.estimates import data_root
 
 ONE_THREAD = {
@@ -27,13 +27,19 @@ ONE_THREAD = {
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "TBB_NUM_THREADS")
 }
 EFFORT = {
-    8: Effort(1000, 1000, 100, 10, 100),
-    48: Effort(1000, 200, 60, 5, 100),
-    200: Effort(60, 20, 10, 2, 20),
+    8: Effort(1000, 500, 100, 5, 100),
+    16: Effort(1000, 300, 60, 5, 60),
+    48: Effort(1000, 100, 60, 3, 60),
+    100: Effort(200, 50, 20, 2, 20),
+    200: Effort(100, 20, 10, 1, 20),
+    500: Effort(60, 10, 5, 1, 20),
+    1000: Effort(60, 5, 5, 1, 20),
+    2000: Effort(40, 3, 5, 1, 20),
 }
-QUICK = {8: Effort(50, 50, 5, 2, 10), 48: Effort(20, 20, 3, 2, 10), 200: Effort(4, 4, 2, 1, 5)}
-SIZES = [8, 16, 32, 64, 125, 250, 500, 1000, 2000]
-ROUNDS = 7
+QUICK = {size: Effort(3, 3, 2, 1, 5) for size in EFFORT}
+DETAILED = (8, 48, 200)  # sizes at which batches, SciPy and starts at zero are measured as well
+ROUNDS = 9
+PATIENCE = 0.2  # s a call
 PACKAGES = (
     *("numpy", "scipy", "numba"),
     *("open3d", "small-gicp", "kiss-icp", "probreg", "pycpd"),
@@ -55,12 +61,32 @@ def without_chatter() -> None:
     os.close(nowhere)
 
 
-def rows_of(size: int, start: str, effort: Effort, exp: float) -> Iterator[report.Row]:
+def affordable(size: int, start: str, rows: Sequence[report.Row]) -> list[peers.Peer]:
+    """The peers whose calls will take no longer than `PATIENCE`, as far as smaller sizes tell.
+
+    The time of the slow ones grows with the pairs of targets.
+    """
+
+    def seconds(peer: peers.Peer) -> float:
+        own = [row for row in rows if row.start == start and row.name.startswith(peer.name)]
+        return own[-1].best * (size / own[-1].size) ** 2 if own else 0.0
+
+    return [peer for peer in peers.PEERS if peer.fast or seconds(peer) <= PATIENCE]
+
+
+def rows_of(
+    size: int, start: str, effort: Effort, exp: float, chosen: Sequence[peers.Peer]
+) -> Iterator[report.Row]:
     """All rows of one size and start, the floors last."""
     draws = draw(scene(size), effort.runs, seed=1)
     floor = known_correspondences(draws)
     zero = start == "zero"
-    methods = list(all_methods(draws, draw(scene(size), effort.pilot, seed=2), start, effort))
+    pilot = draw(scene(size), effort.pilot, seed=2)
+    detailed = size in DETAILED and start != "off"
+    methods = [
+        *one_per_call(draws, pilot, start, effort, chosen),
+        *(others(draws, start, effort) if detailed else ()),
+    ]
     judged = []
     for method in methods:  # also compiles and warms up
         estimates = method.motions(method.solve(method.runs))
@@ -70,13 +96,14 @@ def rows_of(size: int, start: str, effort: Effort, exp: float) -> Iterator[repor
     for method, (times, busy), result in zip(
         methods, np.moveaxis(seconds, -1, 1), judged, strict=True
     ):
+        used = np.minimum(times, busy)  # not what others used; a process of two threads has more
         yield report.Row(
             size,
             start,
             method.cost,
             method.name,
-            times.min(),
-            np.median(times),
+            used.min(),
+            np.median(used),
             method.runs,
             result,
             busy.sum() / times.sum(),
@@ -86,29 +113,12 @@ def rows_of(size: int, start: str, effort: Effort, exp: float) -> Iterator[repor
         name = "floor: least squares, pairs known"
         nan = float("nan")
         yield report.Row(size, start, "pairs known", name, nan, nan, len(draws), known)
-    estimate = register(draws.fixed, draws.moving, None, np.zeros(3) if zero else draws.theta)
+    if not detailed:
+        return
+    estimate = register(draws.fixed, draws.moving, None, initial_motion(draws.theta, start))
     bare = (1.0 + estimate.iterations.mean()) * size**2 * exp
     name = "floor: bare exp of all pairs"
     yield report.Row(size, start, "likelihood", name, bare, bare, 0, None)
-
-
-def against_size(quick: bool) -> list[float]:
-    """Seconds per registration from the truth, in a batch, at every size."""
-    best = []
-    for size in SIZES[:4] if quick else SIZES:
-        draws = draw(scene(size), max(2, 4000 // size), seed=3)
-
-        def solve(draws=draws):
-            return register(draws.fixed, draws.moving, RegistrationCost(), draws.theta)
-
-        solve()
-        times = []
-        for _ in range(3):
-            begin = time.perf_counter()
-            solve()
-            times.append((time.perf_counter() - begin) / len(draws))
-        best.append(min(times))
-    return best
 
 
 def measure(quick: bool) -> report.Measured:
@@ -127,14 +137,12 @@ def measure(quick: bool) -> report.Measured:
     imported, first_call = processes.import_seconds(), processes.first_call_seconds()
     peaks = {runs: processes.peak_megabytes(runs) for runs in (1000, 1000 if quick else 100_000)}
     exp = exp_nanoseconds()
-    rows = []
+    rows: list[report.Row] = []
     for size, effort in (QUICK if quick else EFFORT).items():
-        for start in ("truth", "zero"):
+        for start in ("truth", "off", "zero") if size in DETAILED else ("truth", "off"):
             say(f"{size} × {size} targets from {start}")
-            rows += rows_of(size, start, effort, exp["NumPy array"] * 1e-9)
-    say("time against size")
-    seconds = against_size(quick)
-    sizes = SIZES[: len(seconds)]
+            chosen = affordable(size, start, rows)
+            rows += rows_of(size, start, effort, exp["NumPy array"] * 1e-9, chosen)
     root = data_root()
     say("RadarScenes" if root else "RadarScenes: D2D_RADARSCENES is not set")
     throughput = drive.measure(root) if root else None
@@ -145,9 +153,7 @@ def measure(quick: bool) -> report.Measured:
         missing,
         exp,
         rows,
-        sizes,
-        seconds,
-        exponent(sizes, seconds),
+        processes.call_megabytes(max(EFFORT)),
         imported,
         first_call,
         peaks,

@@ -21,7 +21,7 @@ class Method:
     Attributes
     ----------
     name, start, cost : str
-        ``start`` is "truth" or "zero".
+        ``start`` is "truth", "off" or "zero".
     solve : function of n
         Registers the first n runs; this is what is timed.
     motions : function of what ``solve`` returns

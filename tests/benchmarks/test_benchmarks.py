@@ -4,14 +4,24 @@ import numpy as np
 import pytest
 from scipy.optimize import approx_fprime, least_squares
 
+from benchmarks.methods import Effort, initial_motion, one_per_call
 from benchmarks.numpy_cost import MatrixCost, NumpyCost, minimise
-from benchmarks.report import number, table
-from benchmarks.scenes import accuracy, draw, known_correspondences, motion, scene, transform
+from benchmarks.report import Row, growth, growth_table, number, table
+from benchmarks.run import PATIENCE, affordable
+from benchmarks.scenes import (
+    Accuracy,
+    accuracy,
+    draw,
+    known_correspondences,
+    motion,
+    scene,
+    transform,
+)
 from benchmarks.timing import exponent
 from d2d import CorruptedGaussian, RegistrationCost, register, rigid
 from d2d.study.plane.scenarios import OVERLAPPED
 
-OUTLIERS = {"likelihood": None, "corrupted": CorruptedGaussian(0.2, 100.0 * np.eye(2))}
+OUTLIERS = {"likelihood": None, "robust": CorruptedGaussian(0.2, 100.0 * np.eye(2))}
 OFFSET = np.array([0.4, -0.3, 0.05])
 
 
@@ -84,6 +94,55 @@ def test_motions_survive_the_way_through_space():
 def test_exponent_of_a_power():
     sizes = [8, 64, 512]
     assert exponent(sizes, [3.0 * size**1.7 for size in sizes]) == pytest.approx(1.7)
+
+
+def rows_of_times(name, cost, times):
+    """Rows of one method from 0.4 m off, of times (s) by the number of targets."""
+    judged = Accuracy(0.1, 0.01, 1.5, 1.0)
+    return [Row(n, "off", cost, name, t, t, 1, judged) for n, t in times.items()]
+
+
+def test_growth_is_the_slope_between_200_and_1000_targets():
+    times = {n: 1e-6 * n**1.2 for n in (200, 1000)} | {8: 1.0, 2000: 1.0}
+    rows = rows_of_times("kiss-icp (radius in m: 2)", "its own", times)
+    assert growth(rows, "its own", "kiss-icp", "off") == pytest.approx(1.2)
+    assert np.isnan(growth(rows, "its own", "kiss-icp", "truth"))
+    (line,) = (line for line in growth_table(rows).splitlines() if "kiss-icp" in line)
+    cells = [cell.strip() for cell in line.split("|")[1:-1]]
+    assert cells == ["kiss-icp", "–", "577", "–", "3980", "1.2", "1.50"]
+
+
+def test_only_slow_peers_are_left_out_of_large_scenes():
+    slow = rows_of_times("pycpd CPD (tolerance: 1)", "its own", {100: PATIENCE / 3.9})
+    fast = rows_of_times("kiss-icp (radius in m: 2)", "its own", {100: PATIENCE})
+
+    def names(size, start="off"):
+        return {peer.name for peer in affordable(size, start, slow + fast)}
+
+    assert names(200) == names(100) - {"pycpd CPD"}
+    assert "kiss-icp" in names(400)
+    assert "pycpd CPD" in names(400, "truth")
+
+
+@pytest.mark.parametrize("start", ["truth", "off", "zero"])
+def test_every_way_of_one_call_finds_the_motion_of_its_own_run(start):
+    draws = draw(scene(20), 3, seed=4)
+    initial = initial_motion(draws.theta, start)
+    methods = list(one_per_call(draws, draws, start, Effort(3, 2, 1, 1, 1), chosen=()))
+    assert len(methods) == (4 if start == "zero" else 6)
+    for method in methods:
+        cost = RegistrationCost(outlier=OUTLIERS[method.cost])
+        found = method.motions(method.solve(method.runs))
+        for run, theta in enumerate(found):
+            expected = register(draws.fixed[run], draws.moving[run], cost, initial).theta
+            np.testing.assert_allclose(theta, expected, atol=1e-12)
+
+
+def test_a_start_off_the_truth_is_04_m_and_06_degrees_away():
+    theta = np.array([5.0, -1.0, 0.3])
+    shift = initial_motion(theta, "off") - theta
+    assert np.hypot(*shift[:2]) == pytest.approx(0.4)
+    assert np.rad2deg(shift[2]) == pytest.approx(0.6)
 
 
 def test_numbers_are_rounded_to_three_digits():
