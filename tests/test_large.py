@@ -13,9 +13,7 @@ from d2d import (
     register,
     rigid,
 )
-from d2d._kernel import layout, tiles
-from d2d.problem import Pair
-from d2d.problem import Problem as BoundCost
+from d2d._kernel import tiles
 from tests.strategies import FUSIONS, METRICS, Problem, dense_gradient, dense_value, steps_of
 
 THETA = np.array([0.4, -0.3, 0.02])
@@ -170,20 +168,3 @@ def test_a_batch_has_tiles_for_each_set():
     for i, pair in enumerate(scenes):
         for all_of, one in zip(together, cost.derivatives(THETA, *pair), strict=True):
             assert_array_equal(all_of[i], one)
-
-
-def test_pairs_of_different_sizes_share_no_memory(monkeypatch):
-    """Breaks if the fields of a small scan contain what those of a larger one left behind."""
-    pairs = []
-    for seed, count in enumerate((150, 90)):
-        fixed, moving = scene(uniform, count, seed)
-        fewer = PointSet(moving.means[: count - 20], moving.covariances[: count - 20])
-        pairs.append(Pair(fixed, fewer, None, 1.0))
-    found = []
-    for least in (10**9, 64):
-        monkeypatch.setattr("d2d.point_set._TILED", least)
-        form = RegistrationCost(outlier=WIDE).form(2)
-        problem = BoundCost(form, pairs, layout.ARC)
-        found.append(problem.cross_derivatives(problem.bind(THETA), 0, 1))
-    for plain, tiled in zip(*found, strict=True):
-        assert_allclose(tiled, plain, rtol=1e-6, atol=1e-7 * np.abs(plain).max())

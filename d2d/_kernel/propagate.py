@@ -224,9 +224,8 @@ def add_fields(w, pair, setting, fields, by_fixed):
     """
     places, weights, factors, tiles = fields
     fixed, root = pair.fixed, root_of(pair.outlier)
-    count, targets = pair.tiles.shape[0], pair.moving.shape[1]
-    own = tiles[: FIELDS * count]
-    fill(places[:, :targets], weights[:, :targets], pair.grid, factors, w, own)
+    count = pair.tiles.shape[0]
+    fill(places, weights, pair.grid, factors, w, tiles[: FIELDS * count])
     for first in range(0, fixed.shape[1], LANES):
         last = fixed.shape[1] - 1
         for k in range(LANES):
@@ -322,6 +321,8 @@ def cross_pair(pair, setting, fusion, memory, cross, fields, own):
     factors, outlier = pair.factors, pair.outlier
     measured, top = factors.shape[0] > 0, 0.0
     corrupted, tiled = depends_on_components(outlier), pair.tiles.shape[0] > 0
+    # of a larger pair of the same problem there may be more in memory
+    places, weights = fields[0][:, : moving.shape[1]], fields[1][:, : moving.shape[1]]
     cross = cross[: fixed.shape[1] * ROWS]
     cross[:] = 0.0
     for k in range(10 * LANES):
@@ -351,7 +352,6 @@ def cross_pair(pair, setting, fusion, memory, cross, fields, own):
             if w[IS_TILED] == 0.0:
                 add_corrupted(w, fixed, setting, outlier, cross)
             if tiled:
-                places, weights = fields[0][:, : moving.shape[1]], fields[1][:, : moving.shape[1]]
                 collect_outliers(w, root_of(outlier), setting, first, places, weights)
         for k in range(min(LANES, moving.shape[1] - first)):
             j = order[first + k]
@@ -374,7 +374,7 @@ def cross_pair(pair, setting, fusion, memory, cross, fields, own):
                 added += cross[i * ROWS + row * LANES + k]
             by_fixed[i, row // 2, row % 2] = added
     if corrupted and tiled:
-        add_fields(w, pair, setting, fields, by_fixed)
+        add_fields(w, pair, setting, (places, weights, fields[2], fields[3]), by_fixed)
 
 
 @compiled

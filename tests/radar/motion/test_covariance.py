@@ -553,3 +553,23 @@ def test_the_lead_is_how_far_a_known_acceleration_moves_the_estimate():
         1e-3,
     )
     assert_allclose(moved, lead @ acceleration, rtol=0.02, atol=1e-3)
+
+
+def test_large_scans_of_several_sizes_are_apart(monkeypatch):
+    """Breaks if what a pair of larger scans leaves in memory counts for a smaller one."""
+
+    def stated():
+        mountings = CORNER, replace(CORNER, y=-CORNER.y)
+        scans = [seen(mounting=m, size=n) for m, n in zip(mountings, (400, 200), strict=True)]
+        for pair in scans:  # every third target moves on its own
+            moves = 3.0 * (np.arange(pair[1].size) % 3 == 0)
+            pair[1] = replace(pair[1], doppler=pair[1].doppler + moves)
+        given = *zip(*scans, strict=True), mountings
+        estimate = estimate_ego_motion(*given, initial=THETA)
+        return propagate_ego_motion(estimate, *given)
+
+    large = stated()
+    monkeypatch.setattr("d2d.point_set._TILED", 10**9)
+    plain = stated()
+    size = np.sqrt(np.diag(plain))
+    assert (np.abs(large - plain) <= 1e-6 * np.outer(size, size)).all()
