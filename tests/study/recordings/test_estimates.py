@@ -340,8 +340,10 @@ def test_the_committed_results_hold_what_the_chapter_claims():
         assert (together[1:] < 0.7 * weighted[1:]).all()
         assert together[0] < 1.1 * weighted[0]
     assert results["sensor 3, without Doppler"].judged.rmse[0] >= 10.0 * rmse("sensor 3")[0][0]
-    for name, result in results.items():  # alone, sensors 1 and 4 often know too little
-        assert result.judged.share > (0.7 if name in ("sensor 1", "sensor 4") else 0.95), name
+    # alone, sensors 1 and 4 often know too little; without Doppler, some jump as no car does
+    least = {"sensor 1": 0.7, "sensor 4": 0.7, "sensor 3, without Doppler": 0.9}
+    for name, result in results.items():
+        assert result.judged.share > least.get(name, 0.95), name
 
 
 def test_the_results_files_hold_no_measurements():
