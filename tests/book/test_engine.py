@@ -230,12 +230,18 @@ def assert_agrees(got: dict[str, Any], case: Case, fields: tuple[str, ...]) -> N
 
 @pytest.mark.parametrize("name", CASES)
 def test_the_engine_equals_d2d(page: Any, name: str):
-    """Value, gradient, Hessian, inlier probabilities, optimum and covariance, to 1e-9."""
+    """Value, gradient, Hessian and inlier probabilities, to 1e-9; the optimum to 1e-6 sigma.
+
+    A descent ends where rounding hides what a step gains, some 4e-7 sigma from the optimum.
+    """
     case = CASES[name]()
     got = page(EVALUATE, case.problem, case.start.tolist())
     assert got["converged"]
     assert got["iterations"] == pytest.approx(case.iterations, abs=2)
-    assert_agrees(got, case, ("value", "gradient", "hessian", "shares", "theta", "covariance"))
+    assert_agrees(got, case, ("value", "gradient", "hessian", "shares"))
+    sigma = np.sqrt(np.diag(case.covariance))
+    assert (np.abs(got["theta"] - case.theta) <= 1e-6 * sigma).all()
+    assert (np.abs(got["covariance"] - case.covariance) <= 1e-6 * np.outer(sigma, sigma)).all()
 
 
 def test_the_surface_is_the_cost(page: Any):
