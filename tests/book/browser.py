@@ -4,7 +4,7 @@ import json
 import shutil
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -13,6 +13,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from selenium import webdriver
+from selenium.common.exceptions import TimeoutException
 from selenium.webdriver.support.ui import WebDriverWait
 
 INSPECT = (Path(__file__).parent / "inspect.js").read_text(encoding="utf-8")
@@ -68,6 +69,17 @@ class Quiet(SimpleHTTPRequestHandler):
         """Say nothing: a failed request is found in the browser's log."""
 
 
+class Chromium(webdriver.Chrome):
+    """Chromium that has a page when `get` returns; under load it says so before."""
+
+    def get(self, url: str) -> None:
+        """Load a page."""
+        super().get(url)
+        there = "return document.readyState === 'complete' && document.body?.childElementCount > 0"
+        with suppress(TimeoutException):  # a page may be empty
+            wait(self, there, 5)
+
+
 @contextmanager
 def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
     """Start Chromium with an empty profile; end it afterwards."""
@@ -76,7 +88,7 @@ def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
     for flag in (*FLAGS, f"--user-data-dir={profile}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options, webdriver.ChromeService(shutil.which(DRIVER)))
+    driver = Chromium(options, webdriver.ChromeService(shutil.which(DRIVER)))
     try:
         driver.set_script_timeout(60)
         # Every page as a first visitor loads it.
