@@ -59,8 +59,8 @@ from d2d._kernel.neighbours import bound_pairs, find_neighbours, moved
 from d2d._kernel.pairs import finish_inliers, load_block, sum_inliers
 from d2d._kernel.tiles import COLUMNS, FIRST_TILE, ROWS
 
-# How far a target may move, in standard deviations of its nearest pair, before its neighbours are
-# looked for again.
+# How far the targets may move before their neighbours are looked for again: at least, in standard
+# deviations of their narrowest pairs, and at most, as a multiple of it.
 LEAST_MARGIN, MOST = 1.0, 2.0
 
 

@@ -55,18 +55,18 @@ CURVATURE = tuple(
 MX, MY, CXX, CXY, CYY, COUNTS, TOP, SHARE, SHARES = range(40 * LANES, 49 * LANES, LANES)
 # What the search for its neighbours needs to know of a target (see neighbours.py).
 CUT_OFF, LIMIT, SQUARE, DETERMINANT, NEAREST, WITHIN, NUMBER = range(49 * LANES, 56 * LANES, LANES)
-PEAK, LARGEST, SMALLEST, OUTLIER_FLOOR, UNUSED = range(56 * LANES, 61 * LANES, LANES)
+PEAK, LARGEST, SMALLEST, OUTLIER_FLOOR = range(56 * LANES, 60 * LANES, LANES)
 # The logarithm by which the weights of a sum over the components are raised, and the inverse of
 # that sum, which makes shares of them: of the inlier density and of the outlier component.
-OFFSET, TO_SHARE, OUTLIER_OFFSET, OUTLIER_TO_SHARE = range(61 * LANES, 65 * LANES, LANES)
+OFFSET, TO_SHARE, OUTLIER_OFFSET, OUTLIER_TO_SHARE = range(60 * LANES, 64 * LANES, LANES)
 # What the second pass of the propagation adds up for each target (see propagate.py).
-SCALE, OUTLIER_SCALE, GAMMA = range(65 * LANES, 68 * LANES, LANES)
-MEAN, CENTRED, MOVED = 68 * LANES, 71 * LANES, 74 * LANES
-ONE_STEP = 80 * LANES  # a component that all targets of a block are paired with
-POLYNOMIAL = 86 * LANES  # of one coordinate for each target, with its derivatives (see tiles.py)
+SCALE, OUTLIER_SCALE, GAMMA = range(64 * LANES, 67 * LANES, LANES)
+MEAN, CENTRED, MOVED = 67 * LANES, 70 * LANES, 73 * LANES
+ONE_STEP = 79 * LANES  # a component that all targets of a block are paired with
+POLYNOMIAL = 85 * LANES  # of one coordinate for each target, with its derivatives (see tiles.py)
 TERMS = POLYNOMIAL  # of a step of the propagation
-IS_TILED = 134 * LANES  # whether a block's outlier component is interpolated
-SCRATCH = 135 * LANES
+IS_TILED = 133 * LANES  # whether a block's outlier component is interpolated
+SCRATCH = 134 * LANES
 
 # The neighbours of a block of targets: where they were when their lists were made, how far they may
 # move from there, and down to where their outlier component may sink; the lists' common length.
@@ -110,17 +110,13 @@ class Pair(NamedTuple):
     d2d: float  # 1.0 if the moving covariances count, else 0.0
     planar: float  # 1.0 in the plane, 0.0 on a line
     tiles: Any  # of the outlier component, see ``tiles.py``; none where the plain sum is as fast
-    grid: Any  # (4,)
+    grid: Any  # (5,) of the tiles
     in_twist: bool  # whether the measurements are linear in the twist
     extremes: Any  # (4,) bounds of the fixed set, see `find_extremes`
 
 
 class Setting(NamedTuple):
-    """The motion, and the numbers of a pair, as the passes over its targets need them.
-
-    Arrays are passed one by one instead: Numba counts the references to the arrays of a tuple
-    at every use, which costs as much as a small problem.
-    """
+    """The motion, and the numbers of a pair, as the passes over its targets need them."""
 
     x: float
     y: float

@@ -290,14 +290,14 @@ def fill_up(w, fixed, place):
 
 
 @compiled
-def find_neighbours(w, fixed, extremes, setting, margin, measured, memory, place):
+def find_neighbours(w, fixed, extremes, setting, margin, measured, numbers, place):
     """Find the lists of a block's targets, and note for what they hold.
 
     The cut-offs are what is to be expected, or ``measured``.  LIMIT is the half squared distance up
     to which pairs could matter to each target beside its outlier component, as long as that is not
-    below OUTLIER_FLOOR.
+    below OUTLIER_FLOOR.  ``numbers`` (2, N) is memory.
     """
-    mark, chosen = memory[0], memory[1]
+    mark, chosen = numbers[0], numbers[1]
     place[MEASURED], place[MARGIN] = 1.0 if measured else 0.0, margin
     farthest = 0.0
     for k in range(LANES):

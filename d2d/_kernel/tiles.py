@@ -53,7 +53,7 @@ BOUND = NODES * NODES  # behind a tile's coefficients: the least value for which
 TILE = BOUND + LANES
 SOURCES = 8  # components that are added to a tile together
 
-MARGIN = 0.1  # at least, by which the tiles reach beyond a set, in tiles
+BORDER = 0.1  # at least, by which the tiles reach beyond a set, in tiles
 # Columns of a grid of tiles: number of tiles along both coordinates, and where the first begins.
 COLUMNS, ROWS, LEFT, BOTTOM, FIRST_TILE = range(5)
 
@@ -248,7 +248,7 @@ def tiles_of(sets: NDArray[Any], outlier: NDArray[Any]) -> tuple[NDArray[Any], N
     grids, filled = np.zeros((len(sets), 5)), [np.empty((0, TILE))]
     places = np.stack([xx * sets[:, X] + xy * sets[:, Y], yy * sets[:, Y]], axis=1)
     low, high = places.min(axis=-1), places.max(axis=-1)
-    shape = np.ceil(0.5 * (high - low) + MARGIN)
+    shape = np.ceil(0.5 * (high - low) + BORDER)
     corner = 0.5 * (low + high) - shape
     for b in np.flatnonzero(shape.prod(axis=-1) <= size):
         columns, rows = shape[b].astype(int)

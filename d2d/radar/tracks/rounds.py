@@ -48,13 +48,11 @@ OneSensor = _WithScans | tuple[Iterable[RadarScan], Mounting]
 Sensors = OneSensor | Iterable[OneSensor] | Mapping[Any, OneSensor]
 
 
-def check_sensors(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> list[SensorScans]:
-    """The scans and the mounting of each sensor, checked, whichever way they are given."""
-    return list(named_sensors(sensors, max_interval).values())
-
-
 def named_sensors(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> dict[str, SensorScans]:
-    """The same by the names of their scans in messages; a clock may have jumped."""
+    """The scans and the mounting of each sensor, checked, whichever way they are given.
+
+    By the names of their scans in messages.  Their order in time is not checked: a clock may jump.
+    """
     named = {
         name: (check_members(name, scans, RadarScan), mounting)
         for name, (scans, mounting) in _named(sensors).items()

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from d2d.radar import Mounting, Recording, track
-from d2d.radar.tracks.rounds import Rounds, check_sensors, rounds_of
+from d2d.radar.tracks.rounds import Rounds, named_sensors, rounds_of
 from tests.radar.scenes import AROUND, CORNER, beginning, surround_scans, two_scans
 
 SENSORS = surround_scans(5)
@@ -94,7 +94,7 @@ def test_one_sensor_given_twice_is_refused():
             track([SENSORS[0], second])
     none, alone = [scan[:0] for scan in SCANS], [scan[:1] for scan in SCANS]
     for few in (none, alone):  # which may be alike by chance
-        assert len(check_sensors([(few, CORNER), (few, AROUND[1])])) == 2
+        assert len(named_sensors([(few, CORNER), (few, AROUND[1])])) == 2
 
 
 def test_times_in_another_unit_and_long_gaps_are_refused_unless_allowed():
