@@ -144,6 +144,7 @@ format: $(STAMP) ## Mend style and format where that can be done by machine
 
 bench: $(PEERS)/.installed ## Measure speed and accuracy beside other libraries, and renew the book's page on it
 	$(PEERS)/bin/python -m benchmarks.run
+	$(PEERS)/bin/python -m benchmarks.road --radarscenes $(D2D_RADARSCENES) --nuscenes $(D2D_NUSCENES)
 
 $(PEERS)/.installed: requirements.txt pyproject.toml benchmarks/install.py
 	@$(MAKE) --no-print-directory $(STAMP)

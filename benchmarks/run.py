@@ -49,7 +49,7 @@ PACKAGES = (
 def in_one_thread() -> None:
     """Restart with one thread for every library: they read the setting when they are loaded."""
     if any(os.environ.get(name) != value for name, value in ONE_THREAD.items()):
-        command = [sys.executable, "-m", "benchmarks.run", *sys.argv[1:]]
+        command = [sys.executable, *sys.orig_argv[1:]]
         sys.exit(subprocess.call(command, env=os.environ | ONE_THREAD))
 
 

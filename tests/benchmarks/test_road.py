@@ -1,0 +1,51 @@
+"""The comparison on real drives: its yardsticks, and that a registration gets what helps it."""
+
+import numpy as np
+import pytest
+
+from benchmarks.road import LENGTH, by_doppler, by_points, drift, held, run
+from d2d import CorruptedGaussian, RegistrationCost, register
+from d2d.radar import Mounting, simulate_drive
+from d2d.radar.tracks.rounds import rounds_of
+from d2d.radar.tracks.track import integrate
+
+
+def test_the_last_velocity_is_held():
+    thetas = np.array([[np.nan] * 3, [1.0, 2.0, 3.0], [np.nan] * 3, [4.0, 5.0, 6.0]])
+    expected = [[0.0] * 3, [1.0, 2.0, 3.0], [1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    np.testing.assert_array_equal(held(thetas), expected)
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.05])
+def test_drift_of_a_wrong_yaw_rate_and_of_a_wrong_speed(bend):
+    """On a straight road a yaw rate off by w turns by w s and moves the end by w s L / 2."""
+    intervals, speed = np.full(2000, 0.1), 10.0
+    true = np.tile([speed, 0.0, bend], (2000, 1))
+    poses = integrate(true, intervals)[1:]
+    assert abs(drift(true, intervals, poses)).max() < 1e-9
+    seconds = LENGTH / speed
+    turned = drift(true + [0.0, 0.0, 1e-4], intervals, poses)
+    np.testing.assert_allclose(turned[:, 1], 1e-4 * seconds, rtol=2e-2)
+    slow = drift(true * [0.99, 1.0, 1.0], intervals, poses)
+    if bend == 0.0:
+        np.testing.assert_allclose(turned[:, 0], 1e-4 * seconds * LENGTH / 2.0, rtol=2e-2)
+        np.testing.assert_allclose(slow[:, 0], 0.01 * LENGTH, rtol=2e-2)
+
+
+def test_merged_static_points_of_two_radars_give_the_velocity():
+    """Wrong mountings, or moving targets among the points, would show as metres a second."""
+    mountings = Mounting(3.5, 0.6, 0.4), Mounting(3.5, -0.6, -0.4)
+    drives = [
+        simulate_drive(np.random.default_rng(3), duration=3.0, mounting=at) for at in mountings
+    ]
+    rounds = rounds_of([(drive.scans, drive.mounting) for drive in drives], 1, 0.3)
+    truth = drives[0].truth.at([each.time for each in rounds]).theta
+    cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
+
+    def robust(fixed, moving, start):
+        return register(fixed, moving, cost, start).theta
+
+    for method in (by_doppler(True), by_points(robust)):
+        errors = run(method, rounds)[0] - truth
+        rmse = np.sqrt(np.nanmean(errors**2, axis=0))
+        assert (rmse < [0.2, 0.3, np.deg2rad(2.0)]).all()
