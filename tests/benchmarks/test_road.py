@@ -24,7 +24,7 @@ def test_drift_of_a_wrong_yaw_rate_and_of_a_wrong_speed(bend):
     poses = integrate(true, intervals)[1:]
     assert abs(drift(true, intervals, poses)).max() < 1e-9
     seconds = LENGTH / speed
-    turned = drift(true + [0.0, 0.0, 1e-4], intervals, poses)
+    turned = drift(true + np.array([0.0, 0.0, 1e-4]), intervals, poses)
     np.testing.assert_allclose(turned[:, 1], 1e-4 * seconds, rtol=2e-2)
     slow = drift(true * [0.99, 1.0, 1.0], intervals, poses)
     if bend == 0.0:
