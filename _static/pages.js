@@ -6,7 +6,9 @@ document.addEventListener("DOMContentLoaded", () => {
   placeNotes();
   breakNames();
   nameKinds();
+  switchCode();
   window.addEventListener("hashchange", openPanel);
+  window.addEventListener("load", showEntry); // after the theme has put the sidebar where it was on another page
 });
 
 /** A note of the margin begins level with what it is about. On a phone, where it stands between the paragraphs, it
@@ -50,6 +52,35 @@ function nameKinds() {
   for (const output of document.querySelectorAll("article .cell_output pre")) {
     output.classList.toggle("prose", !/\S {2,}\S/.test(output.textContent)); // two spaces align columns
   }
+}
+
+/** A button at the top opens all code of a page, also that which shows nothing, and folds it again. */
+function switchCode() {
+  const folds = [...document.querySelectorAll("article div.cell details.hide")];
+  const buttons = document.querySelector(".article-header-buttons");
+  if (!folds.length || !buttons) return;
+  const button = document.createElement("button");
+  button.className = "btn btn-sm code-switch";
+  button.type = "button";
+  button.textContent = "</>";
+  button.title = "Show all code of this page";
+  button.ariaLabel = button.title;
+  button.ariaPressed = "false";
+  button.addEventListener("click", () => {
+    const shown = document.documentElement.classList.toggle("with-code");
+    button.ariaPressed = String(shown);
+    for (const fold of folds) fold.open = shown;
+  });
+  buttons.prepend(button);
+}
+
+/** The sidebar shows the page's own entry. */
+function showEntry() {
+  const sidebar = document.querySelector(".bd-sidebar-primary");
+  const entry = sidebar?.querySelector("li.current.active > a")?.getBoundingClientRect();
+  if (!entry) return;
+  const frame = sidebar.getBoundingClientRect();
+  if (entry.top < frame.top || entry.bottom > frame.bottom) sidebar.scrollTop += entry.top - frame.top - frame.height / 3;
 }
 
 /** A link to a panel behind a tab, or to a figure in one, opens that tab. */

@@ -76,6 +76,24 @@ def describe(app: Any, page: str, template: str, context: dict[str, Any], docume
         context["metatags"] = tag + context.get("metatags", "")
 
 
+def load_formulas(
+    app: Any, page: str, template: str, context: dict[str, Any], document: Any
+) -> None:
+    """Leave MathJax out of a page without a formula: the first one would load it for nothing."""
+    if document is None or any(
+        document.findall(lambda n: isinstance(n, nodes.math | nodes.math_block))
+    ):
+        return
+    context["script_files"] = [
+        file
+        for file in context["script_files"]
+        if not (
+            str(file.filename).endswith(MATHJAX)
+            or "window.MathJax" in file.attributes.get("body", "")
+        )
+    ]
+
+
 def lost_page(app: Any) -> Iterator[tuple[str, dict[str, Any], str]]:
     """The page that a server shows for an address that does not exist."""
     yield "404", {"title": "Not found", "body": LOST, "metatags": LOST_BASE}, "page.html"
@@ -103,6 +121,7 @@ def cut_icons(app: Any, exception: Exception | None) -> None:
 def setup(app: Any) -> dict[str, bool]:
     app.connect("config-inited", choose_formulas)
     app.connect("html-page-context", describe)
+    app.connect("html-page-context", load_formulas, priority=900)
     app.connect("html-collect-pages", lost_page)
     app.connect("build-finished", cut_icons)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

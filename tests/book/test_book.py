@@ -126,6 +126,56 @@ def test_the_ledger_is_filtered_from_the_keyboard(driver: webdriver.Chrome, addr
     browser.wait(driver, f"return document.getElementById('{hidden}').checkVisibility()")
 
 
+def test_search_puts_the_page_first_whose_title_has_the_words(
+    driver: webdriver.Chrome, address: str
+):
+    """Breaks if pages that mention a word often come before the page about it."""
+    driver.get(f"{address}search.html?q=covariance+too+small")
+    links = RESULTS.format("a")
+    browser.wait(driver, f"return {links}.length > 5")
+    first = driver.execute_script(f"return {links}[0].href")
+    assert "why_is_my_covariance_too_small.html" in first
+
+
+def test_folded_code_takes_no_line_and_one_button_shows_all(driver: webdriver.Chrome, address: str):
+    """Breaks if folded code pushes a figure down, or the imports cannot be seen at all."""
+    driver.get(f"{address}chapters/04b_outliers_and_clusters_1d.html")
+    browser.wait(driver, "return document.querySelector('.code-switch') !== null")
+    folds = "[...document.querySelectorAll('div.cell.tag_hide-input details.hide')]"
+    heights = driver.execute_script(f"return {folds}.map(d => d.getBoundingClientRect().height)")
+    assert len(heights) > 10
+    assert max(heights) < 1.0
+    signs = f"{folds}.map(d => d.querySelector('summary')).filter(s => s.checkVisibility())"
+    sizes = driver.execute_script(f"return {signs}.map(s => s.getBoundingClientRect().width)")
+    assert len(sizes) > 8
+    assert min(sizes) > 12.0
+    shown = f"{folds}.every(d => d.querySelector('pre').checkVisibility())"
+    assert driver.execute_script(f"return {shown}") is False
+    button = driver.find_element(By.CSS_SELECTOR, ".code-switch")
+    button.click()
+    assert driver.execute_script(f"return {shown}") is True
+    button.click()
+    assert driver.execute_script(f"return {folds}.some(d => d.open)") is False
+
+
+def test_the_sidebar_shows_the_entry_of_the_page(resized: webdriver.Chrome, address: str):
+    """Breaks if the sidebar stays where it was on the page before."""
+    browser.resize(resized, browser.WIDE)
+    inside = """
+        const [entry, frame] = ["li.current.active > a", ""].map(
+            (s) => document.querySelector(`.bd-sidebar-primary ${s}`).getBoundingClientRect());
+        return entry.top >= frame.top && entry.bottom <= frame.bottom;
+    """
+    for page in (PAGES[1], PAGES[-1], PAGES[2]):
+        resized.get(f"{address}{page}.html")
+        browser.wait(resized, inside)
+
+
+def test_a_page_without_a_formula_loads_no_mathjax(book: Path):
+    """Breaks if the first page loads 760 kB for nothing."""
+    assert "mathjax/" not in (book / "intro.html").read_text(encoding="utf-8")
+
+
 def test_what_is_folded_is_opened_on_paper(driver: webdriver.Chrome, address: str):
     """Breaks if a printed page hides answers, or shows the bars of folded code."""
     driver.get(f"{address}chapters/03_point_set_registration.html")
