@@ -286,3 +286,20 @@ def test_the_book_follows_the_system(resized: webdriver.Chrome, address: str, th
     browser.prefer(resized, theme)
     resized.get(f"{address}{PAGES[0]}.html")
     browser.wait(resized, f"return document.documentElement.dataset.theme === '{theme}'")
+
+
+def test_in_the_dark_figures_are_light_and_maps_stay(resized: webdriver.Chrome, address: str):
+    """Breaks if a figure is a white plate on a dark page, or a map shows low values as high."""
+    browser.prefer(resized, "dark")
+    resized.get(f"{address}chapters/04b_outliers_and_clusters_1d.html")
+    browser.wait(resized, "return document.documentElement.dataset.theme === 'dark'")
+    filters = """
+        const filter = (picture) => getComputedStyle(picture).filter;
+        return ["figure > img:not(.map)", "figure > img.map"].map(
+            (pictures) => [...document.querySelectorAll(pictures)].map(filter));
+    """
+    drawn, maps = resized.execute_script(filters)
+    assert len(drawn) > 5
+    assert all("invert" in each for each in drawn)
+    assert len(maps) == 1
+    assert not any("invert" in each for each in maps)
