@@ -56,6 +56,7 @@ _PRINTED: tuple[_Rule, ...] = (
         r'<span class="whole">\g<0></span>',
     ),
     (re.compile(r"(?<=[a-z]) (?=\d(?:,|$))"), NO_BREAK),
+    (re.compile(r"(?<=\d)%"), f"{NO_BREAK}%"),  # as in the text
 )
 
 
