@@ -15,6 +15,7 @@ from d2d.radar.scans.slip import SlipLaw
 from d2d.radar.simulation.drive import Drive, Sensor, TrueTargets, simulate_drive
 from d2d.radar.simulation.sensor_errors import SensorErrors
 from d2d.radar.simulation.world import World, build_world
+from d2d.radar.tracks.finding import Finding, FindingWarning
 from d2d.radar.tracks.following import VelocityEstimate
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.track import Track, Velocities
@@ -22,6 +23,7 @@ from d2d.radar.tracks.tracker import Tracker, track
 from d2d.radar.trust.calibration import Calibration, calibrate
 from d2d.radar.trust.comparison import Comparison, Measures, compare
 from d2d.radar.trust.extent import ExtentEstimate, estimate_extent
+from d2d.radar.trust.findings import findings, inlier_shares
 from d2d.radar.trust.halves import compare_halves, compare_tracks
 
 __all__ = [
@@ -33,6 +35,8 @@ __all__ = [
     "EgoMotionModel",
     "ErrorBudget",
     "ExtentEstimate",
+    "Finding",
+    "FindingWarning",
     "Measures",
     "Mounting",
     "RadarScan",
@@ -57,7 +61,9 @@ __all__ = [
     "doppler_velocity",
     "estimate_ego_motion",
     "estimate_extent",
+    "findings",
     "inlier_probabilities",
+    "inlier_shares",
     "load_csv",
     "load_nuscenes",
     "load_radarscenes",

@@ -1,7 +1,6 @@
 """Whether the Doppler velocities of a sensor are those of another time than its stamps say."""
 
 import math
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -9,6 +8,7 @@ import numpy as np
 from d2d._types import Array
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
+from d2d.radar.tracks.finding import Finding, warn_of
 
 _NEAR = 3.0  # m/s from the joint estimate: targets that may stand still
 _ALONG = 0.3  # least share of v_x in a Doppler velocity that tells it
@@ -49,11 +49,11 @@ class Lateness:
         late = {name: lag for name, lag, sigma in self.lags() if abs(lag) > _SURE * sigma}
         worst = max(late, key=lambda name: abs(late[name]), default="")
         if worst and abs(late[worst]) > _LATE:
-            warnings.warn(
-                f"{worst} seems to be {abs(late[worst]):.2f} s "
-                f"{'late' if late[worst] > 0.0 else 'early'}: when the vehicle accelerates, its "
-                "Doppler velocities are those that the other sensors have at another time",
-                UserWarning,
+            told = f"{abs(late[worst]):.2f} s {'late' if late[worst] > 0.0 else 'early'}"
+            warn_of(
+                Finding("the clock of a sensor is off", worst, late[worst], "s", False, told),
+                f"{worst} seems to be {told}: when the vehicle accelerates, its Doppler "
+                "velocities are those that the other sensors have at another time",
                 stacklevel=3,
             )
 
