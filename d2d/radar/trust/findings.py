@@ -16,7 +16,7 @@ from d2d._checks import check_instance
 from d2d._types import Array
 from d2d.radar.motion.doppler import sensor_velocity
 from d2d.radar.motion.estimate import inlier_probabilities
-from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
+from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.finding import Finding
 from d2d.radar.tracks.intake import Intake
 from d2d.radar.tracks.rounds import MAX_INTERVAL, Sensors, SensorScans, check_sensors, rounds_of
@@ -41,10 +41,9 @@ _FEW, _HARDLY_ANY = 0.4, 0.05
 _GAP, _CYCLES = 1.0, 5.0  # s, and times the usual interval, that a gap is longer than
 _ASIDE = np.deg2rad([50.0, 130.0])  # boresights to the side
 _SLIPPING = 0.05  # m/s, standard deviation of v_y, below which a slip law holds it
-# Folded Doppler velocities: of the targets that should be beyond what the sensor ever measured,
-# real logs have few, and those do not fit by chance at twice that limit.
-_BEYOND, _FOLDED, _FITS = 0.5, 0.5, 0.02  # m/s, share that fit, share of all targets
-
+# Of the largest Doppler velocity, by which neighbours along the azimuth differ if it is folded: in
+# 10 to 100 % of the scans of a radar whose limit is below the speed, and in none of the real logs.
+_JUMP, _FOLDED = 1.6, 0.05
 
 T = TypeVar("T")
 
@@ -89,8 +88,8 @@ def findings(
     shown = _shown(names, drives, driven, baseline, horizon)
     found = [
         each
-        for name, (scans, mounting) in zip(names, drives, strict=True)
-        for each in (*_of_targets(name, scans), *_folded(name, scans, mounting, driven))
+        for name, (scans, _) in zip(names, drives, strict=True)
+        for each in _of_targets(name, scans)
     ]
     if not any(each.sure for each in found):  # what is wrong with targets turns headings, too
         found += _of_mountings(shown)
@@ -160,9 +159,7 @@ def _inliers(
     return [float(np.median(each)) if each else np.nan for each in shares]
 
 
-def _heading(
-    scans: Sequence[RadarScan], mounting: Mounting, driven: Track
-) -> tuple[float, float]:
+def _heading(scans: Sequence[RadarScan], mounting: Mounting, driven: Track) -> tuple[float, float]:
     """The direction in rad in which the vehicle seems to drive, and its standard deviation.
 
     Seen from an origin on the rear axle it is zero if the mounting is right.  A lever arm c along x
@@ -226,6 +223,10 @@ def _of_targets(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
             f"{np.mean(sizes <= 1):.0%} of its scans have one target; all targets of a scan need "
             "the same time",
         )
+    limit, share = _folded(scans)
+    if limit > _MOVING and share > _FOLDED:
+        told = f"neighbours differ by nearly twice {limit:.1f} m/s in {share:.0%} of the scans"
+        yield Finding("Doppler velocities are folded", name, limit, "m/s", True, told)
     sigma = np.median(np.concatenate([scan.sigma_azimuth for scan in scans]))
     if sigma < _PRECISE:
         yield Finding(
@@ -238,33 +239,18 @@ def _of_targets(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
         )
 
 
-def _folded(
-    name: str, scans: Sequence[RadarScan], mounting: Mounting, driven: Track
-) -> Iterator[Finding]:
-    """Whether Doppler velocities that should be beyond what is measured fit twice that limit on."""
-    seen = [scan for scan in _evenly(scans) if scan.size]
-    if not seen:
-        return
-    limit = max(float(np.abs(scan.doppler).max()) for scan in scans if scan.size)
-    theta = driven.at([scan.time for scan in seen]).theta
-    rest = []
-    for scan, velocity in zip(seen, theta, strict=True):
-        expected = doppler_gradients(scan.azimuth, mounting)[0] @ velocity
-        beyond = np.abs(expected) > limit + _BEYOND  # never where the velocity is nan
-        turned = expected[beyond] - np.copysign(2.0 * limit, expected[beyond])
-        rest.append(np.abs(scan.doppler[beyond] - turned))
-    fits = np.concatenate(rest) < 2.0 * _BEYOND
-    count = sum(scan.size for scan in seen)
-    if fits.sum() > _FITS * count and fits.mean() > _FOLDED:
-        yield Finding(
-            "Doppler velocities are folded",
-            name,
-            limit,
-            "m/s",
-            True,
-            f"{fits.mean():.0%} of those that should be beyond {limit:.1f} m/s are "
-            f"{2.0 * limit:.1f} m/s off",
-        )
+def _folded(scans: Sequence[RadarScan]) -> tuple[float, float]:
+    """The largest Doppler velocity, and the share of scans in which neighbours differ by 1.6 of it.
+
+    Along the azimuth, Doppler velocities of static targets change steadily, unless they are folded.
+    """
+    seen = [scan for scan in scans if scan.size >= _SEEN]
+    limit = max((float(np.abs(scan.doppler).max()) for scan in seen), default=0.0)
+    jumps = [
+        (np.abs(np.diff(scan.doppler[np.argsort(scan.azimuth)])) > _JUMP * limit).any()
+        for scan in seen
+    ]
+    return limit, float(np.mean(jumps)) if jumps else 0.0
 
 
 def _of_mountings(shown: Sequence[Shown]) -> Iterator[Finding]:
@@ -273,7 +259,7 @@ def _of_mountings(shown: Sequence[Shown]) -> Iterator[Finding]:
     heading = np.array([each.heading for each in known])
     if np.abs(heading).max(initial=0.0) > _GROSS:
         worst = float(np.rad2deg(heading[np.abs(heading).argmax()]))
-        told = f"the Doppler velocities show a drive at {worst:+.0f} deg from straight ahead"
+        told = f"Doppler velocities show a drive at {worst:+.0f} deg from straight ahead"
         rest = [
             (float(np.abs(_wrapped(heading - turn)).max()), symptom, sensor)
             for symptom, sensor, turn in _mistakes(known)
@@ -284,11 +270,13 @@ def _of_mountings(shown: Sequence[Shown]) -> Iterator[Finding]:
             for _, symptom, sensor in alike:
                 yield Finding(symptom, sensor, worst, "deg", symptom != _BACKWARDS, told)
             return
-    for each in known:
-        if abs(each.heading) > max(_TURNED, _SURE * each.sigma):
-            degrees, gross = float(np.rad2deg(each.heading)), abs(each.heading) > _GROSS
-            told = f"its Doppler velocities show a drive at {degrees:+.1f} deg from straight ahead"
-            yield Finding("a mounting is turned", each.name, degrees, "deg", gross, told)
+    off = [each for each in known if abs(each.heading) > max(_TURNED, _SURE * each.sigma)]
+    if len(off) == len(known) > 1 and np.ptp(heading) < _TURNED:
+        off = [off[0]._replace(name="", heading=float(np.mean(heading)))]  # all by the same angle
+    for each in off:
+        degrees, gross = float(np.rad2deg(each.heading)), abs(each.heading) > _GROSS
+        told = f"Doppler velocities show a drive at {degrees:+.1f} deg from straight ahead"
+        yield Finding("a mounting is turned", each.name, degrees, "deg", gross, told)
 
 
 def _mistakes(known: Sequence[Shown]) -> Iterator[tuple[str, str, Array]]:
@@ -329,4 +317,6 @@ def _of_track(shown: Sequence[Shown], driven: Track) -> Iterator[Finding]:
         yaw = abs(float(_wrapped(shown[0].mounting.yaw)))
         if _ASIDE[0] < yaw < _ASIDE[1]:
             told = f"it looks {np.rad2deg(yaw):.0f} deg aside; --side-slip, or more sensors"
-            yield Finding("one radar to the side", shown[0].name, np.rad2deg(yaw), "deg", False, told)
+            yield Finding(
+                "one radar to the side", shown[0].name, np.rad2deg(yaw), "deg", False, told
+            )

@@ -116,7 +116,7 @@ def test_a_line_that_cannot_be_read_is_named(log):
             "azimuth must be in radians (rad), at most 6.28319, but is 45; are these degrees (deg",
         ),
         ('0,5,"0,0', "unexpected end of data"),
-        (b"0,5,0,\xff1", "doppler must be a number, but is '\ufffd1'"),
+        (b"0,5,0,\xff1", "doppler must be a number, but is '\u00ff1'"),
     ):
         good = b"0,5,0,0\n"
         bad = line if isinstance(line, bytes) else line.encode()
