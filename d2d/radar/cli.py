@@ -32,7 +32,7 @@ from d2d.radar.tracks.track import Track
 from d2d.radar.tracks.tracker import Tracker, track
 from d2d.radar.trust.calibration import calibrate
 from d2d.radar.trust.comparison import compare
-from d2d.radar.trust.findings import findings, inlier_shares
+from d2d.radar.trust.findings import diagnose
 from d2d.radar.trust.halves import compare_tracks
 
 PROGRAM = "python -m d2d.radar"
@@ -297,9 +297,9 @@ def _judged(
 ) -> list[Finding]:
     """Print what speaks for and against a track, and return what is probably wrong."""
     spaced = {name: options[name] for name in ("baseline", "horizon")}
-    shares = inlier_shares(sensors, driven, **spaced)
-    told = ", ".join(f"{name} {share:.0%}" for name, share in shares.items() if share == share)
-    print(f"targets that fit, median: {told or 'unknown'}")
+    found = diagnose(sensors, driven, **spaced)
+    told = ", ".join(f"{name} {share:.0%}" for name, share in found.inliers.items())
+    print(f"targets that fit, median: {told}")
     alone = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
@@ -311,7 +311,7 @@ def _judged(
     told = ", ".join(_agreement(*pair) for pair in itertools.combinations(alone.items(), 2))
     if told:
         print(f"ANEES of the differences between sensors (ideally 1): {told}")
-    return findings(sensors, driven, **spaced)
+    return found.findings
 
 
 def _agreement(first: tuple[str, Track], second: tuple[str, Track]) -> str:

@@ -186,7 +186,10 @@ def test_missing_files_and_wrong_values_are_named(log, capsys):
         ),
         (tracked(log, mounting=BOTH), "are front, but --mounting names front, side"),
         (tracked(log, *FRONT), "front is given twice"),
-        (tracked(log, mounting=left), "--mounting front 0 0 left: each of X, Y and YAW must be a number"),
+        (
+            tracked(log, mounting=left),
+            "--mounting front 0 0 left: each of X, Y and YAW must be a number",
+        ),
         (tracked(log, mounting=turned), "--mounting front 0 0 900: yaw must be"),
     ):
         assert said in failed(arguments, capsys)

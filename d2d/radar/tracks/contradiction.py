@@ -29,7 +29,7 @@ T = TypeVar("T")
 # must.  With 0.5 or 10 nats instead of 3, or a margin of 0.1 or 2 m/s, radars that look ahead stay
 # at 52 % or more; with less than 3 nats, correct recordings rise to 29 %.
 _SAMPLE = 20  # intervals at most
-_FEW = 5  # after which the search ends if at most one of them contradicts
+FEW = 5  # after which the search ends if at most one of them contradicts
 _TELLING = 3.0  # nats by which another velocity must fit the positions better
 _SLOW = 2.0  # m/s, below which the multiples of a velocity are too close to tell apart
 _MARGIN = 0.5  # m/s
@@ -78,34 +78,37 @@ def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> No
 
     ``theta`` (n, 3) holds the accepted velocities, and ``problem(i)`` is the problem of row i.
     """
-    if len(theta) < _FEW:
-        return
+    found = find_contradiction(theta, problem)
+    if found is not None:
+        told = f"Doppler velocities and positions contradict each other: {found.about}  {_OTHERS}"
+        warn_of(found, told, stacklevel=3)
+
+
+def find_contradiction(theta: Array, problem: Callable[[int], Problem]) -> Finding | None:
+    """What `warn_of_contradiction` warns of, if anything."""
+    if len(theta) < FEW:
+        return None
     count = min(_SAMPLE, len(theta))
     spread = np.linspace(0, len(theta) - 1, count).astype(int)
-    step = count // _FEW
+    step = count // FEW
     compared = 0
     against: list[tuple[str, Array]] = []
     for i in np.concatenate([spread[first::step] for first in range(step)]):
-        if compared == _FEW and len(against) < 2:
-            return
+        if compared == FEW and len(against) < 2:
+            return None
         compared += 1
         against += _contradiction(problem(int(i)), theta[i])
     # a fit by chance has a random direction
     headings = np.array([heading for _, heading in against])
-    if against and 2.0 * np.hypot(*headings.sum(axis=0)) > compared:
-        kinds = [kind for kind, _ in against]
-        kind = max(_QUESTIONS, key=kinds.count)
-        told = (
-            f"in {len(against)} of {compared} intervals the positions fit another velocity better, "
-            f"mostly {kind}"
-        )
-        share = len(against) / compared
-        warn_of(
-            Finding(_SYMPTOMS[kind], "", share, "share", True, told),
-            f"Doppler velocities and positions contradict each other: {told}.  "
-            f"{_QUESTIONS[kind]}  {_OTHERS}",
-            stacklevel=3,
-        )
+    if not against or 2.0 * np.hypot(*headings.sum(axis=0)) <= compared:
+        return None
+    kinds = [kind for kind, _ in against]
+    kind = max(_QUESTIONS, key=kinds.count)
+    told = (
+        f"in {len(against)} of {compared} intervals the positions fit another velocity better, "
+        f"mostly {kind}.  {_QUESTIONS[kind]}"
+    )
+    return Finding(_SYMPTOMS[kind], "", len(against) / compared, "share", True, told)
 
 
 def _contradiction(problem: Problem, theta: Array) -> list[tuple[str, Array]]:

@@ -13,6 +13,7 @@ from d2d.radar.tracks.finding import Finding, warn_of
 _NEAR = 3.0  # m/s from the joint estimate: targets that may stand still
 _ALONG = 0.3  # least share of v_x in a Doppler velocity that tells it
 _ROUNDS, _LATE, _SURE = 50, 0.05, 5.0  # estimates, s and standard deviations that are needed
+_USELESS = 0.2  # s, beyond which a sensor only disturbs the others
 _ALIKE = 5.0  # estimates whose errors are about the same, as traffic lasts for some of them
 
 
@@ -49,9 +50,10 @@ class Lateness:
         late = {name: lag for name, lag, sigma in self.lags() if abs(lag) > _SURE * sigma}
         worst = max(late, key=lambda name: abs(late[name]), default="")
         if worst and abs(late[worst]) > _LATE:
+            sure = abs(late[worst]) > _USELESS
             told = f"{abs(late[worst]):.2f} s {'late' if late[worst] > 0.0 else 'early'}"
             warn_of(
-                Finding("the clock of a sensor is off", worst, late[worst], "s", False, told),
+                Finding("the clock of a sensor is off", worst, late[worst], "s", sure, told),
                 f"{worst} seems to be {told}: when the vehicle accelerates, its Doppler "
                 "velocities are those that the other sensors have at another time",
                 stacklevel=3,

@@ -14,12 +14,22 @@ import numpy as np
 
 from d2d._checks import check_instance
 from d2d._types import Array
-from d2d.radar.motion.doppler import sensor_velocity
+from d2d.radar.motion.doppler import doppler_ego_motion, sensor_velocity
 from d2d.radar.motion.estimate import inlier_probabilities
+from d2d.radar.motion.model import EgoMotionModel
+from d2d.radar.motion.pairs import problem_of
 from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.tracks.contradiction import FEW, find_contradiction
 from d2d.radar.tracks.finding import Finding
 from d2d.radar.tracks.intake import Intake
-from d2d.radar.tracks.rounds import MAX_INTERVAL, Sensors, SensorScans, check_sensors, rounds_of
+from d2d.radar.tracks.rounds import (
+    MAX_INTERVAL,
+    Round,
+    Sensors,
+    SensorScans,
+    check_sensors,
+    rounds_of,
+)
 from d2d.radar.tracks.track import Track
 
 _NARROW = np.deg2rad(3.5)  # beyond which some radar sees: azimuths in rad reach 1 or more
@@ -34,6 +44,7 @@ _TURNED, _GROSS, _ALIKE = np.deg2rad([1.5, 15.0, 12.0])
 _BACKWARDS, _CLOCKWISE = "the vehicle drives backwards", "azimuths count clockwise"
 _SURE = 4.0  # standard deviations of a heading
 _LEVER = 1.5  # m, standard deviation of a lever arm that is not known
+_UNKNOWN = np.deg2rad(1.0)  # what a heading is off by in a bend whose yaw rate is not known
 _ALIKE_SCANS = 10.0  # scans whose errors are about the same
 # Median inlier shares of real logs: 0.47 to 0.62 over all sensors; in feet 0.16 to 0.26.  Single
 # nuScenes radars that look aside have 0.09 to 0.54, sensors that are swapped 0.01 at most.
@@ -48,19 +59,27 @@ _JUMP, _FOLDED = 1.6, 0.05
 T = TypeVar("T")
 
 
-class Shown(NamedTuple):
-    """What one sensor shows beside the joint estimate."""
+class Diagnosis(NamedTuple):
+    """What `diagnose` found, and what it looked at, by the names of the sensors."""
+
+    findings: list[Finding]
+    inliers: dict[str, float]  # median over the scans of the mean inlier probability
+    headings: dict[str, float]  # deg, at which the Doppler velocities show a drive; 0 is ahead
+
+
+class _Shown(NamedTuple):
+    """What one sensor shows beside the joint estimate; nan where it shows nothing."""
 
     name: str
     mounting: Mounting
-    heading: float  # rad, the direction in which the vehicle seems to drive; nan if not seen
+    inliers: float
+    heading: float  # rad
     sigma: float  # rad
-    inliers: float  # median over the scans of the mean inlier probability; nan if there is none
 
 
-def findings(
+def diagnose(
     sensors: Sensors, driven: Track, *, baseline: int = 1, horizon: float | None = None
-) -> list[Finding]:
+) -> Diagnosis:
     """What is probably wrong with a log, told by the log itself and its track.
 
     ``driven`` is what `track` returned for the other arguments.  Each finding has a ``symptom``, a
@@ -76,36 +95,40 @@ def findings(
     Examples
     --------
     >>> import numpy as np
-    >>> from d2d.radar import Mounting, findings, simulate_drive, track
+    >>> from d2d.radar import Mounting, diagnose, simulate_drive, track
     >>> drive = simulate_drive(np.random.default_rng(0), duration=10.0)
     >>> place = drive.mounting
     >>> turned = drive.scans, Mounting(place.x, place.y, place.yaw + np.deg2rad(5.0))
-    >>> [found.symptom for found in findings(turned, track(turned))]
+    >>> [found.symptom for found in diagnose(turned, track(turned)).findings]
     ['a mounting is turned']
     """
     check_instance("driven", driven, Track)
     names, drives = _named(sensors)
-    shown = _shown(names, drives, driven, baseline, horizon)
+    rounds = rounds_of(drives, baseline, horizon)
+    if len(rounds) != len(driven):
+        raise ValueError(
+            f"driven must be the track of sensors, which have {len(rounds)} estimates, but has "
+            f"{len(driven)}"
+        )
+    shares = _inliers(len(drives), rounds, driven)
+    shown = [
+        _Shown(name, mounting, share, *_heading(scans, mounting, driven))
+        for name, (scans, mounting), share in zip(names, drives, shares, strict=True)
+    ]
     found = [
         each
         for name, (scans, _) in zip(names, drives, strict=True)
         for each in _of_targets(name, scans)
     ]
-    if not any(each.sure for each in found):  # what is wrong with targets turns headings, too
+    if not any(each.sure for each in found):  # what is wrong with targets explains the rest
+        if driven.converged.sum() < FEW:
+            found += _of_doppler(rounds)
         found += _of_mountings(shown)
-    return [*found, *_of_track(shown, driven)]
-
-
-def inlier_shares(
-    sensors: Sensors, driven: Track, *, baseline: int = 1, horizon: float | None = None
-) -> dict[str, float]:
-    """The median share of targets that are inliers, of each sensor by its name; nan if unknown.
-
-    Arguments and errors are as for `findings`.
-    """
-    check_instance("driven", driven, Track)
-    names, drives = _named(sensors)
-    return dict(zip(names, _inliers(drives, driven, baseline, horizon), strict=True))
+    return Diagnosis(
+        [*found, *_of_track(shown, driven)],
+        dict(zip(names, shares, strict=True)),
+        {each.name: float(np.rad2deg(each.heading)) for each in shown},
+    )
 
 
 def _named(sensors: Sensors) -> tuple[list[str], list[SensorScans]]:
@@ -126,37 +149,24 @@ def _evenly(members: Sequence[T]) -> Sequence[T]:
     return members[:: max(1, len(members) // _SAMPLE)]
 
 
-def _shown(
-    names: list[str],
-    drives: list[SensorScans],
-    driven: Track,
-    baseline: int,
-    horizon: float | None,
-) -> list[Shown]:
-    inliers = _inliers(drives, driven, baseline, horizon)
-    return [
-        Shown(name, mounting, *_heading(scans, mounting, driven), share)
-        for name, (scans, mounting), share in zip(names, drives, inliers, strict=True)
-    ]
-
-
-def _inliers(
-    drives: list[SensorScans], driven: Track, baseline: int, horizon: float | None
-) -> list[float]:
+def _inliers(count: int, rounds: Sequence[Round], driven: Track) -> list[float]:
     """Median over accepted rounds of each sensor's mean inlier probability."""
-    rounds = rounds_of(drives, baseline, horizon)
-    if len(rounds) != len(driven):
-        raise ValueError(
-            f"driven must be the track of sensors, which have {len(rounds)} estimates, but has "
-            f"{len(driven)}"
-        )
-    shares: list[list[float]] = [[] for _ in drives]
+    shares: list[list[float]] = [[] for _ in range(count)]
     for i in _evenly(np.flatnonzero(driven.converged).tolist()):
         numbers = {id(scan): number for number, scan in rounds[i].scans.items()}
         for pair in rounds[i].pairs:
             found = inlier_probabilities(driven.theta[i], *pair)
             shares[numbers[id(pair.current)]].append(float(found.mean()))
     return [float(np.median(each)) if each else np.nan for each in shares]
+
+
+def _of_doppler(rounds: Sequence[Round]) -> list[Finding]:
+    """What `track` would warn of if estimates were accepted, by Doppler velocities alone."""
+    seen = [each.pairs for each in _evenly(rounds) if each.pairs]
+    alone = [doppler_ego_motion((pair.current, pair.mounting) for pair in pairs) for pairs in seen]
+    theta = np.array([motion.theta for motion in alone])
+    found = find_contradiction(theta, lambda i: problem_of(seen[i], EgoMotionModel()))
+    return [] if found is None else [found]
 
 
 def _heading(scans: Sequence[RadarScan], mounting: Mounting, driven: Track) -> tuple[float, float]:
@@ -168,7 +178,12 @@ def _heading(scans: Sequence[RadarScan], mounting: Mounting, driven: Track) -> t
     seen = [scan for scan in _evenly(scans) if scan.size >= _SEEN]
     if not seen:
         return np.nan, np.nan
-    omega = np.nan_to_num(driven.at([scan.time for scan in seen]).theta[:, 2])
+    omega = driven.at([scan.time for scan in seen]).theta[:, 2]
+    known = np.isfinite(omega)
+    if known.sum() >= _SEEN:
+        seen, omega = [scan for scan, of in zip(seen, known, strict=True) if of], omega[known]
+    else:
+        omega = np.zeros(len(seen))
     velocity = np.array([sensor_velocity(scan, mounting) for scan in seen])
     velocity += omega[:, None] * [mounting.y, -mounting.x]
     speed = np.hypot(*velocity.T)
@@ -185,7 +200,8 @@ def _heading(scans: Sequence[RadarScan], mounting: Mounting, driven: Track) -> t
     information = weight * columns.T @ columns + np.diag([0.0, _LEVER**-2])
     covariance = np.linalg.inv(information)
     found = covariance @ (weight * columns.T @ off[near])
-    return float(_wrapped(middle + found[0])), float(np.sqrt(covariance[0, 0]))
+    guessed = 0.0 if omega.any() else _UNKNOWN
+    return float(_wrapped(middle + found[0])), float(np.hypot(np.sqrt(covariance[0, 0]), guessed))
 
 
 def _wrapped(angle: Any) -> Any:
@@ -253,7 +269,7 @@ def _folded(scans: Sequence[RadarScan]) -> tuple[float, float]:
     return limit, float(np.mean(jumps)) if jumps else 0.0
 
 
-def _of_mountings(shown: Sequence[Shown]) -> Iterator[Finding]:
+def _of_mountings(shown: Sequence[_Shown]) -> Iterator[Finding]:
     """Which mistake with the mountings explains the headings that the sensors show."""
     known = [each for each in shown if np.isfinite(each.heading)]
     heading = np.array([each.heading for each in known])
@@ -274,12 +290,12 @@ def _of_mountings(shown: Sequence[Shown]) -> Iterator[Finding]:
     if len(off) == len(known) > 1 and np.ptp(heading) < _TURNED:
         off = [off[0]._replace(name="", heading=float(np.mean(heading)))]  # all by the same angle
     for each in off:
-        degrees, gross = float(np.rad2deg(each.heading)), abs(each.heading) > _GROSS
+        degrees, gross = float(np.rad2deg(each.heading)), bool(abs(each.heading) > _GROSS)
         told = f"Doppler velocities show a drive at {degrees:+.1f} deg from straight ahead"
         yield Finding("a mounting is turned", each.name, degrees, "deg", gross, told)
 
 
-def _mistakes(known: Sequence[Shown]) -> Iterator[tuple[str, str, Array]]:
+def _mistakes(known: Sequence[_Shown]) -> Iterator[tuple[str, str, Array]]:
     """Mistakes, with the sensors they are about, and the heading in rad that each then shows."""
     names, yaw = [e.name for e in known], np.array([e.mounting.yaw for e in known])
     numbers = range(len(known))
@@ -295,7 +311,7 @@ def _mistakes(known: Sequence[Shown]) -> Iterator[tuple[str, str, Array]]:
         yield "sensors are swapped", f"{names[i]} and {names[j]}", heading
 
 
-def _of_track(shown: Sequence[Shown], driven: Track) -> Iterator[Finding]:
+def _of_track(shown: Sequence[_Shown], driven: Track) -> Iterator[Finding]:
     """What inlier shares, times and covariances tell."""
     shares = [each.inliers for each in shown if np.isfinite(each.inliers)]
     if shares and np.median(shares) < _FEW:
