@@ -11,7 +11,7 @@ from d2d._types import Array
 from d2d.radar.readers.csv_log import decoded, number, read_header, read_rows
 from d2d.radar.scans.reference import Reference
 
-_SPEED, _YAW_RATE = ("time", "speed"), ("yaw_rate", "yaw_rate_deg")
+_IN_DEGREES = "yaw_rate_deg"
 _POSES = 8  # numbers in a line of a TUM trajectory
 _REACH, _INTERVALS = 0.2, 2.5  # s, and intervals, to each side of a pose that give its velocity
 _FASTEST = FINITE._replace(
@@ -40,18 +40,18 @@ def load_reference(path: str | os.PathLike[str]) -> Reference:
 
 
 def _odometry(source: Path, text: str) -> Reference:
-    needed = next((name for name in _YAW_RATE if name in text[: text.find("\n")].lower()), "")
-    names = (*_SPEED, needed or _YAW_RATE[0])
+    rate = _IN_DEGREES if _IN_DEGREES in text.lower() else "yaw_rate"
+    names = ("time", "speed", rate)
     file, header = read_header(source, text, names)
     places = [header.names.index(name) for name in names]
     table = []
     for line, row in read_rows(source, file, header):
         try:
             values = [number(name, row[place]) for name, place in zip(names, places, strict=True)]
-            if needed == _YAW_RATE[1]:
+            if rate == _IN_DEGREES:
                 values[2] = float(np.deg2rad(values[2]))
-            table.append([FINITE.number(n, v) for n, v in zip(names[:2], values, strict=False)])
-            table[-1].append(_FASTEST.number(names[2], values[2]))
+            _FASTEST.number(rate, values[2])
+            table.append([FINITE.number(n, v) for n, v in zip(names, values, strict=True)])
         except ValueError as error:
             raise ValueError(f"{source}, line {line}: {error}") from None
     time, speed, omega = np.array(table).reshape(-1, 3).T

@@ -78,16 +78,8 @@ def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> No
 
     ``theta`` (n, 3) holds the accepted velocities, and ``problem(i)`` is the problem of row i.
     """
-    found = find_contradiction(theta, problem)
-    if found is not None:
-        told = f"Doppler velocities and positions contradict each other: {found.about}  {_OTHERS}"
-        warn_of(found, told, stacklevel=3)
-
-
-def find_contradiction(theta: Array, problem: Callable[[int], Problem]) -> Finding | None:
-    """What `warn_of_contradiction` warns of, if anything."""
     if len(theta) < FEW:
-        return None
+        return
     count = min(_SAMPLE, len(theta))
     spread = np.linspace(0, len(theta) - 1, count).astype(int)
     step = count // FEW
@@ -95,20 +87,24 @@ def find_contradiction(theta: Array, problem: Callable[[int], Problem]) -> Findi
     against: list[tuple[str, Array]] = []
     for i in np.concatenate([spread[first::step] for first in range(step)]):
         if compared == FEW and len(against) < 2:
-            return None
+            return
         compared += 1
         against += _contradiction(problem(int(i)), theta[i])
     # a fit by chance has a random direction
     headings = np.array([heading for _, heading in against])
-    if not against or 2.0 * np.hypot(*headings.sum(axis=0)) <= compared:
-        return None
-    kinds = [kind for kind, _ in against]
-    kind = max(_QUESTIONS, key=kinds.count)
-    told = (
-        f"in {len(against)} of {compared} intervals the positions fit another velocity better, "
-        f"mostly {kind}.  {_QUESTIONS[kind]}"
-    )
-    return Finding(_SYMPTOMS[kind], "", len(against) / compared, "share", True, told)
+    if against and 2.0 * np.hypot(*headings.sum(axis=0)) > compared:
+        kinds = [kind for kind, _ in against]
+        kind = max(_QUESTIONS, key=kinds.count)
+        told = (
+            f"in {len(against)} of {compared} intervals the positions fit another velocity better, "
+            f"mostly {kind}"
+        )
+        warn_of(
+            Finding(_SYMPTOMS[kind], "", len(against) / compared, "share", True, told),
+            f"Doppler velocities and positions contradict each other: {told}.  "
+            f"{_QUESTIONS[kind]}  {_OTHERS}",
+            stacklevel=3,
+        )
 
 
 def _contradiction(problem: Problem, theta: Array) -> list[tuple[str, Array]]:

@@ -14,13 +14,11 @@ import numpy as np
 
 from d2d._checks import check_instance
 from d2d._types import Array
-from d2d.radar.motion.doppler import doppler_ego_motion, sensor_velocity
+from d2d.radar.motion.doppler import sensor_velocity
 from d2d.radar.motion.estimate import inlier_probabilities
-from d2d.radar.motion.model import EgoMotionModel
-from d2d.radar.motion.pairs import problem_of
 from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.radar.tracks.contradiction import FEW, find_contradiction
-from d2d.radar.tracks.finding import Finding
+from d2d.radar.tracks.contradiction import FEW
+from d2d.radar.tracks.finding import Finding, FindingWarning
 from d2d.radar.tracks.intake import Intake
 from d2d.radar.tracks.rounds import (
     MAX_INTERVAL,
@@ -31,6 +29,7 @@ from d2d.radar.tracks.rounds import (
     rounds_of,
 )
 from d2d.radar.tracks.track import Track
+from d2d.radar.tracks.tracker import track
 
 _NARROW = np.deg2rad(3.5)  # beyond which some radar sees: azimuths in rad reach 1 or more
 _FAR = 500.0  # m, beyond which hardly a radar sees; real logs have a median range below 50 m
@@ -122,7 +121,7 @@ def diagnose(
     ]
     if not any(each.sure for each in found):  # what is wrong with targets explains the rest
         if driven.converged.sum() < FEW:
-            found += _of_doppler(rounds)
+            found += _without_limits(drives, baseline, horizon)
         found += _of_mountings(shown)
     return Diagnosis(
         [*found, *_of_track(shown, driven)],
@@ -160,13 +159,15 @@ def _inliers(count: int, rounds: Sequence[Round], driven: Track) -> list[float]:
     return [float(np.median(each)) if each else np.nan for each in shares]
 
 
-def _of_doppler(rounds: Sequence[Round]) -> list[Finding]:
-    """What `track` would warn of if estimates were accepted, by Doppler velocities alone."""
-    seen = [each.pairs for each in _evenly(rounds) if each.pairs]
-    alone = [doppler_ego_motion((pair.current, pair.mounting) for pair in pairs) for pairs in seen]
-    theta = np.array([motion.theta for motion in alone])
-    found = find_contradiction(theta, lambda i: problem_of(seen[i], EgoMotionModel()))
-    return [] if found is None else [found]
+def _without_limits(
+    drives: list[SensorScans], baseline: int, horizon: float | None
+) -> list[Finding]:
+    """What `track` says of positions and Doppler velocities where any motion is accepted."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", UserWarning)
+        track(drives, baseline=baseline, horizon=horizon, limits=None, progress=False)
+    found = [each.message.finding for each in said if isinstance(each.message, FindingWarning)]
+    return [each for each in found if each.sure]
 
 
 def _heading(scans: Sequence[RadarScan], mounting: Mounting, driven: Track) -> tuple[float, float]:

@@ -107,7 +107,7 @@ FAULTS = {
         lambda: {n: (s, replace(at, yaw=at.yaw * DEGREE)) for n, (s, at) in log().items()},
         ("",),
     ),
-    "ranges in feet": (lambda: changed(lambda s: replace(s, range=s.range / 0.3048)), ("",)),
+    "ranges in feet": (lambda: alone(lambda s: replace(s, range=s.range / 0.3048)), ("",)),
     "ranges in cm": (lambda: changed(lambda s: replace(s, range=100.0 * s.range)), NAMES),
     "Doppler velocities are folded": (lambda: folded(8.0), NAMES),
     "standard deviation of the azimuth too small": (
