@@ -51,9 +51,10 @@ _FEW, _HARDLY_ANY = 0.4, 0.05
 _GAP, _CYCLES = 1.0, 5.0  # s, and times the usual interval, that a gap is longer than
 _ASIDE = np.deg2rad([50.0, 130.0])  # boresights to the side
 _SLIPPING = 0.05  # m/s, standard deviation of v_y, below which a slip law holds it
-# Of the largest Doppler velocity, by which neighbours along the azimuth differ if it is folded: in
-# 10 to 100 % of the scans of a radar whose limit is below the speed, and in none of the real logs.
-_JUMP, _FOLDED = 1.6, 0.05
+# Of the largest Doppler velocity: by how much neighbours along the azimuth differ where it is folded
+# between them, and by how much those beside them at most.  This is so in 5 to 96 % of the scans of
+# most radars whose limit is below the speed, and in none of the real logs.
+_JUMP, _STEADY, _FOLDED = 1.6, 0.2, 0.05
 
 T = TypeVar("T")
 
@@ -257,17 +258,19 @@ def _of_targets(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
 
 
 def _folded(scans: Sequence[RadarScan]) -> tuple[float, float]:
-    """The largest Doppler velocity, and the share of scans in which neighbours differ by 1.6 of it.
+    """The largest Doppler velocity, and the share of scans in which it is folded.
 
-    Along the azimuth, Doppler velocities of static targets change steadily, unless they are folded.
+    Along the azimuth, Doppler velocities of static targets change steadily.  Folded ones jump from
+    one limit to the other.
     """
     seen = [scan for scan in scans if scan.size >= _SEEN]
     limit = max((float(np.abs(scan.doppler).max()) for scan in seen), default=0.0)
-    jumps = [
-        (np.abs(np.diff(scan.doppler[np.argsort(scan.azimuth)])) > _JUMP * limit).any()
-        for scan in seen
-    ]
-    return limit, float(np.mean(jumps)) if jumps else 0.0
+    folded = []
+    for scan in seen:
+        step = np.abs(np.diff(scan.doppler[np.argsort(scan.azimuth)]))
+        steady = step < _STEADY * limit
+        folded.append(((step[1:-1] > _JUMP * limit) & steady[:-2] & steady[2:]).any())
+    return limit, float(np.mean(folded)) if folded else 0.0
 
 
 def _of_mountings(shown: Sequence[_Shown]) -> Iterator[Finding]:
