@@ -104,16 +104,10 @@ def load_csv(
 def _in_order(times: Iterable[float]) -> list[float]:
     """Times in the order of lines if a clock steps back once, as at midnight; otherwise sorted."""
     given = list(times)
-    back = sum(later < earlier - _STEP_BACK for earlier, later in itertools.pairwise(given))
-    parts = [given] if back != 1 else _cut(given)
-    return [time for part in parts for time in sorted(part)]
-
-
-def _cut(times: list[float]) -> list[list[float]]:
-    """The times before and after the largest step back."""
-    steps = [later - earlier for earlier, later in itertools.pairwise(times)]
-    last = steps.index(min(steps)) + 1
-    return [times[:last], times[last:]]
+    steps = enumerate(itertools.pairwise(given), start=1)
+    back = [i for i, (earlier, later) in steps if later < earlier - _STEP_BACK]
+    cut = back[0] if len(back) == 1 else 0
+    return sorted(given[:cut]) + sorted(given[cut:])
 
 
 def decoded(path: Path) -> str:

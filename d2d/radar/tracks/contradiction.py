@@ -34,7 +34,7 @@ _TELLING = 3.0  # nats by which another velocity must fit the positions better
 _SLOW = 2.0  # m/s, below which the multiples of a velocity are too close to tell apart
 _MARGIN = 0.5  # m/s
 # Distances from a velocity, as fractions of the speed; rest is 1 away from the estimate.
-_BEYOND_REST, _AT_OPPOSITE, _AT_SLOWER = 1.15, 0.5, 0.15
+_BEYOND_REST, _AT_OPPOSITE, _AT_SLOWER, _AT_FEET = 1.15, 0.5, 0.15, 0.3
 # What the velocity is multiplied by if a mistake is undone.
 _OPPOSITE, _SLOWER, _FASTER, _MUCH_FASTER = np.array(
     [[-1.0, -1.0, 1.0], [1.0 / 3.6, 1.0 / 3.6, 1.0], [3.6, 3.6, 1.0], [10.0, 10.0, 10.0]]
@@ -125,7 +125,7 @@ def _contradiction(problem: Problem, theta: Array) -> list[tuple[str, Array]]:
         return float(np.hypot(*(other.theta - multiple * theta)[:2]))
 
     heading = other.theta[:2] / max(float(np.hypot(*other.theta[:2])), 1e-9)
-    if speed > _SLOW and away(_FEET) < _AT_SLOWER * _FEET[0] * speed:
+    if speed > _SLOW and away(_FEET) < _AT_FEET * _FEET[0] * speed:
         return [("a 3.3 times faster one", heading)]
     if away(np.ones(3)) > _BEYOND_REST * speed + _MARGIN:
         opposite = away(_OPPOSITE) < _AT_OPPOSITE * speed

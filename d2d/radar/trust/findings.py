@@ -51,8 +51,8 @@ _FEW, _HARDLY_ANY = 0.4, 0.05
 _GAP, _CYCLES = 1.0, 5.0  # s, and times the usual interval, that a gap is longer than
 _ASIDE = np.deg2rad([50.0, 130.0])  # boresights to the side
 _SLIPPING = 0.05  # m/s, standard deviation of v_y, below which a slip law holds it
-# Of the largest Doppler velocity: by how much neighbours along the azimuth differ where it is folded
-# between them, and by how much those beside them at most.  This is so in 5 to 96 % of the scans of
+# Of the largest Doppler velocity: by how much neighbours along the azimuth differ where it folds
+# between them, and by how much those beside them at most.  So it is in 5 to 96 % of the scans of
 # most radars whose limit is below the speed, and in none of the real logs.
 _JUMP, _STEADY, _FOLDED = 1.6, 0.2, 0.05
 
