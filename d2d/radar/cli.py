@@ -74,7 +74,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{PROGRAM}: error: {_plain(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted, nothing was written", file=sys.stderr)
+        rest = ", nothing was written" if arguments.command == "track" else ""
+        print(f"{PROGRAM}: interrupted{rest}", file=sys.stderr)
         return 130  # as shells report it
     return 0
 
@@ -120,13 +121,14 @@ def _parsers() -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
     about = "estimate a drive and write its path and velocities"
     of_track = command("track", about, _track, TRACK_HELP, TRACK_EPILOG)
     _add_sources(of_track)
-    _add_estimation(of_track, None)
+    how = _add_estimation(of_track)
+    how.add_argument("--extent", metavar="M", type=float, help=ABOUT["--extent"])
     _add_output(of_track)
     _add_budget(of_track)
     about = "estimate while scans arrive: lines of JSON in, lines of JSON out"
     live = command("live", about, _live, LIVE_HELP)
     _add_log_options(live)
-    _add_estimation(live, 0.3)
+    _add_estimation(live)
     _add_budget(live)
     about = "find clock, speed, slip and mounting angles by an odometry"
     calibrating = command("calibrate", about, _calibrate, CALIBRATE_HELP)
@@ -167,23 +169,23 @@ def _add_sources(parser: argparse.ArgumentParser) -> None:
             _add_option(groups[reader.heading], option)
 
 
-def _add_estimation(parser: argparse.ArgumentParser, horizon: float | None) -> None:
+def _add_estimation(parser: argparse.ArgumentParser) -> Any:
     how = parser.add_argument_group("how to estimate")
 
     def add(name: str, metavar: str, kind: type = float, default: object = None) -> None:
         how.add_argument(name, type=kind, default=default, metavar=metavar, help=ABOUT[name])
 
     add("--baseline", "N", int, 1)
-    add("--horizon", "S", default=horizon)
+    add("--horizon", "S")
     add("--side-slip", "M/S")
     add("--max-acceleration", "M/S^2", default=_MAX_ACCELERATION)
     add("--max-interval", "S", default=MAX_INTERVAL)
+    return how
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:
     what = parser.add_argument_group("what to write")
     what.add_argument("--output", metavar="PREFIX", default="track", help=ABOUT["--output"])
-    what.add_argument("--extent", metavar="M", type=float, help=ABOUT["--extent"])
     what.add_argument("--force", action="store_true", help=ABOUT["--force"])
     what.add_argument("--no-picture", action="store_true", help="write no picture")
     what.add_argument("--no-progress", action="store_true", help="show no progress bar")
@@ -323,6 +325,8 @@ def _agreement(first: tuple[str, Track], second: tuple[str, Track]) -> str:
 
 
 def _live(arguments: argparse.Namespace) -> None:
+    if arguments.horizon is None and arguments.baseline == 1:
+        arguments.horizon = 0.3  # as `Tracker`
     tracker = Tracker(mountings_of(vars(arguments)), keep=1, **_options(arguments, ErrorBudget()))
     if hasattr(sys.stdin, "reconfigure"):
         sys.stdin.reconfigure(errors="replace")  # a wrong byte is one wrong line
