@@ -6,6 +6,7 @@ from d2d.radar.motion.estimate import estimate_ego_motion, inlier_probabilities
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.readers.csv_log import load_csv, write_csv
 from d2d.radar.readers.nuscenes import load_nuscenes
+from d2d.radar.readers.odometry import load_reference
 from d2d.radar.readers.radarscenes import load_radarscenes
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.recording import Recording
@@ -15,6 +16,7 @@ from d2d.radar.scans.slip import SlipLaw
 from d2d.radar.simulation.drive import Drive, Sensor, TrueTargets, simulate_drive
 from d2d.radar.simulation.sensor_errors import SensorErrors
 from d2d.radar.simulation.world import World, build_world
+from d2d.radar.tracks.finding import Finding, FindingWarning
 from d2d.radar.tracks.following import VelocityEstimate
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.track import Track, Velocities
@@ -22,17 +24,21 @@ from d2d.radar.tracks.tracker import Tracker, track
 from d2d.radar.trust.calibration import Calibration, calibrate
 from d2d.radar.trust.comparison import Comparison, Measures, compare
 from d2d.radar.trust.extent import ExtentEstimate, estimate_extent
+from d2d.radar.trust.findings import Diagnosis, diagnose
 from d2d.radar.trust.halves import compare_halves, compare_tracks
 
 __all__ = [
     "Calibration",
     "Comparison",
     "CovarianceParts",
+    "Diagnosis",
     "DopplerMotion",
     "Drive",
     "EgoMotionModel",
     "ErrorBudget",
     "ExtentEstimate",
+    "Finding",
+    "FindingWarning",
     "Measures",
     "Mounting",
     "RadarScan",
@@ -53,6 +59,7 @@ __all__ = [
     "compare",
     "compare_halves",
     "compare_tracks",
+    "diagnose",
     "doppler_ego_motion",
     "doppler_velocity",
     "estimate_ego_motion",
@@ -61,6 +68,7 @@ __all__ = [
     "load_csv",
     "load_nuscenes",
     "load_radarscenes",
+    "load_reference",
     "propagate_ego_motion",
     "quantisation_sigma",
     "sensor_velocity",

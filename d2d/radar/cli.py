@@ -1,26 +1,39 @@
 """The command line `python -m d2d.radar`: tracks from logs and data sets, written to files."""
 
 import argparse
+import itertools
 import math
 import os
+import re
 import sys
 import tempfile
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from d2d._checks import check_path
+from d2d.radar.live import estimates_of
 from d2d.radar.readers import READERS
-from d2d.radar.readers.csv_log import write_csv
-from d2d.radar.readers.reader import Source
+from d2d.radar.readers.csv_log import mountings_of, sigmas_of, write_csv
+from d2d.radar.readers.odometry import load_reference
+from d2d.radar.readers.reader import Option, Source
+from d2d.radar.scans.budget import ErrorBudget
+from d2d.radar.scans.reference import Reference
 from d2d.radar.simulation.drive import simulate_drive
+from d2d.radar.tracks.finding import Finding, FindingWarning
 from d2d.radar.tracks.limits import VehicleLimits
-from d2d.radar.tracks.rounds import MAX_INTERVAL
+from d2d.radar.tracks.rounds import MAX_INTERVAL, SensorScans
 from d2d.radar.tracks.track import Track
-from d2d.radar.tracks.tracker import track
+from d2d.radar.tracks.tracker import Tracker, track
+from d2d.radar.trust.calibration import calibrate
+from d2d.radar.trust.comparison import compare
+from d2d.radar.trust.findings import diagnose
+from d2d.radar.trust.halves import compare_tracks
 
 PROGRAM = "python -m d2d.radar"
 
@@ -48,19 +61,41 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     parser, of_track = _parsers()
     arguments = parser.parse_args(argv)
+    if arguments.command == "track":
+        _check_options(of_track, arguments)
+    _check_budget(of_track, arguments)
     try:
-        if arguments.command == "example":
-            _write_example(arguments.file)
-        else:
-            _check_options(of_track, arguments)
-            _track(arguments)
+        with _warnings_told():
+            arguments.run(arguments)
+    except BrokenPipeError:  # whoever read the output has gone; nothing is left to flush at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except (ValueError, OSError) as error:
-        print(f"{PROGRAM}: error: {error}", file=sys.stderr)
+        print(f"{PROGRAM}: error: {_plain(error)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted, nothing was written", file=sys.stderr)
+        rest = ", nothing was written" if arguments.command == "track" else ""
+        print(f"{PROGRAM}: interrupted{rest}", file=sys.stderr)
         return 130  # as shells report it
     return 0
+
+
+@contextmanager
+def _warnings_told() -> Iterator[None]:
+    """Inside, a warning is a line on the standard error, and nothing of the source."""
+
+    def tell(message: Warning | str, *_where: object) -> None:
+        print(f"{PROGRAM}: warning: {_plain(message)}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = tell  # type: ignore[assignment]
+        yield
+
+
+def _plain(text: object) -> str:
+    """A message with the log's own names of sensors."""
+    return re.sub(r"sensors\['(.*?)'\]\.scans", r"\1", str(text))
 
 
 def _parsers() -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
@@ -68,20 +103,57 @@ def _parsers() -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(PROGRAM, description=HELP, formatter_class=plain)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    found = commands.add_parser(
-        "track",
-        help="estimate a drive and write its path and velocities",
-        description=TRACK_HELP,
-        epilog=TRACK_EPILOG,
-        formatter_class=plain,
-        allow_abbrev=False,
-    )
-    _add_sources(found)
-    _add_estimation(found)
-    _add_budget(found)
-    example = commands.add_parser("example", help="write a simulated log as a CSV file")
+
+    def command(
+        name: str, about: str, run: Callable[[Any], None], description: str = "", epilog: str = ""
+    ) -> argparse.ArgumentParser:
+        added = commands.add_parser(
+            name,
+            help=about,
+            description=description or about,
+            epilog=epilog,
+            formatter_class=plain,
+            allow_abbrev=False,
+        )
+        added.set_defaults(run=run)
+        return added
+
+    about = "estimate a drive and write its path and velocities"
+    of_track = command("track", about, _track, TRACK_HELP, TRACK_EPILOG)
+    _add_sources(of_track)
+    how = _add_estimation(of_track)
+    how.add_argument("--extent", metavar="M", type=float, help=ABOUT["--extent"])
+    _add_output(of_track)
+    _add_budget(of_track)
+    about = "estimate while scans arrive: lines of JSON in, lines of JSON out"
+    live = command("live", about, _live, LIVE_HELP)
+    _add_log_options(live)
+    _add_estimation(live)
+    _add_budget(live)
+    about = "find clock, speed, slip and mounting angles by an odometry"
+    calibrating = command("calibrate", about, _calibrate, CALIBRATE_HELP)
+    calibrating.add_argument("--csv", metavar="FILE", required=True, help=READERS["csv"].about)
+    calibrating.add_argument("--odometry", metavar="FILE", required=True, help=REFERENCE_HELP)
+    calibrating.add_argument("--max-lag", metavar="S", type=float, default=0.5, help=LAG_HELP)
+    _add_log_options(calibrating)
+    comparing = command("compare", "compare a track with a reference", _compare)
+    comparing.add_argument("track", metavar="TRACK", help="PREFIX.npz or PREFIX_velocities.txt")
+    comparing.add_argument("reference", metavar="REFERENCE", help=REFERENCE_HELP)
+    about = "how late the radars' clock is beside the reference's, as calibrate finds it"
+    comparing.add_argument("--lag", metavar="S", type=float, default=0.0, help=about)
+    example = command("example", "write a simulated log as a CSV file", _write_example)
     example.add_argument("file", metavar="FILE", help="the CSV file; an existing one is replaced")
-    return parser, found
+    return parser, of_track
+
+
+def _add_option(parser: Any, option: Option, **more: Any) -> None:
+    parser.add_argument(_flag(option.name), help=option.help, **option.parsing, **more)
+
+
+def _add_log_options(parser: argparse.ArgumentParser) -> None:
+    """The options of a log, for a command that reads nothing else."""
+    for option in READERS["csv"].options:
+        _add_option(parser, option, **({"required": True} if option.needed else {}))
 
 
 def _add_sources(parser: argparse.ArgumentParser) -> None:
@@ -94,26 +166,29 @@ def _add_sources(parser: argparse.ArgumentParser) -> None:
         if reader.heading not in groups:
             groups[reader.heading] = parser.add_argument_group(reader.heading)
         for option in reader.options:
-            groups[reader.heading].add_argument(
-                _flag(option.name), help=option.help, **option.parsing
-            )
+            _add_option(groups[reader.heading], option)
 
 
-def _add_estimation(parser: argparse.ArgumentParser) -> None:
-    how = parser.add_argument_group("how to estimate and what to write")
+def _add_estimation(parser: argparse.ArgumentParser) -> Any:
+    how = parser.add_argument_group("how to estimate")
 
     def add(name: str, metavar: str, kind: type = float, default: object = None) -> None:
         how.add_argument(name, type=kind, default=default, metavar=metavar, help=ABOUT[name])
 
-    add("--output", "PREFIX", str, "track")
     add("--baseline", "N", int, 1)
     add("--horizon", "S")
-    add("--extent", "M")
     add("--side-slip", "M/S")
     add("--max-acceleration", "M/S^2", default=_MAX_ACCELERATION)
     add("--max-interval", "S", default=MAX_INTERVAL)
-    how.add_argument("--no-picture", action="store_true", help="write no picture")
-    how.add_argument("--no-progress", action="store_true", help="show no progress bar")
+    return how
+
+
+def _add_output(parser: argparse.ArgumentParser) -> None:
+    what = parser.add_argument_group("what to write")
+    what.add_argument("--output", metavar="PREFIX", default="track", help=ABOUT["--output"])
+    what.add_argument("--force", action="store_true", help=ABOUT["--force"])
+    what.add_argument("--no-picture", action="store_true", help="write no picture")
+    what.add_argument("--no-progress", action="store_true", help="show no progress bar")
 
 
 def _add_budget(parser: argparse.ArgumentParser) -> None:
@@ -149,7 +224,10 @@ def _check_options(parser: argparse.ArgumentParser, arguments: argparse.Namespac
                 parser.error(
                     f"--{reader.name} needs {_flag(option.name)}; see {PROGRAM} track --help"
                 )
-    for name in BUDGET if arguments.no_budget else ():
+
+
+def _check_budget(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
+    for name in BUDGET if getattr(arguments, "no_budget", False) else ():
         if getattr(arguments, f"budget_{name}") is not None:
             parser.error(f"--no-budget contradicts --budget-{name}: leave one of them out")
 
@@ -164,43 +242,123 @@ def _source(arguments: argparse.Namespace) -> Source:
             name: ([scan.with_extent(arguments.extent) for scan in scans], mounting)
             for name, (scans, mounting) in sensors.items()
         }
-    given = {name: options[f"budget_{name}"] for name in BUDGET}
+    return Source(sensors, budget)
+
+
+def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, Any]:
+    """The options of `track` and `Tracker` that the arguments give."""
+    given = {name: getattr(arguments, f"budget_{name}") for name in BUDGET}
     if given["azimuth"] is not None:
         given["azimuth"] = math.radians(given["azimuth"])
     known = {name: value for name, value in given.items() if value is not None}
-    return Source(sensors, replace(budget, **known))
+    slip = arguments.side_slip
+    if slip is not None and not 0.0 <= slip < math.inf:
+        raise ValueError(f"--side-slip must be a number from 0 on, but is {slip:g}")
+    return {
+        "baseline": arguments.baseline,
+        "horizon": arguments.horizon,
+        "max_interval": arguments.max_interval,
+        "budget": None if arguments.no_budget else replace(budget, **known),
+        "side_slip": True if slip is None else slip or False,
+        "limits": VehicleLimits(acceleration=arguments.max_acceleration),
+    }
 
 
-# ---- Estimating and writing
+# ---- What the commands do
 
 
 def _track(arguments: argparse.Namespace) -> None:
     sensors, budget = _source(arguments)
     prefix = _prefix(arguments.output)
+    options = _options(arguments, budget)
     count = sum(len(scans) for scans, _ in sensors.values())
     print(f"read {count} scans of {len(sensors)} sensor{'s' * (len(sensors) > 1)}", flush=True)
-    slip = arguments.side_slip
-    if slip is not None and not 0.0 <= slip < math.inf:
-        raise ValueError(f"--side-slip must be a number from 0 on, but is {slip:g}")
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", UserWarning)
-        driven = track(
-            sensors,
-            baseline=arguments.baseline,
-            horizon=arguments.horizon,
-            max_interval=arguments.max_interval,
-            budget=None if arguments.no_budget else budget,
-            progress=False if arguments.no_progress else None,
-            side_slip=True if slip is None else slip or False,
-            limits=VehicleLimits(acceleration=arguments.max_acceleration),
-        )
+        progress = False if arguments.no_progress else None
+        driven = track(sensors, **options, progress=progress)
     for each in said:
-        print(f"{PROGRAM}: warning: {each.message}", file=sys.stderr)
+        warnings.showwarning(each.message, each.category, each.filename, each.lineno)
     print(driven)
+    found = [w.message.finding for w in said if isinstance(w.message, FindingWarning)]
+    found += _judged(sensors, driven, options)
+    if found:
+        print('what looks wrong, by the rows of the page "When a path looks wrong":')
+        print("\n".join(f"  {_plain(each)}" for each in found), flush=True)
     if not driven.converged.any():
         raise ValueError("no estimate was accepted, so nothing was written")
+    sure = [each.symptom for each in found if each.sure]
+    if sure and not arguments.force:
+        raise ValueError(f"nothing was written: {sure[0]}; --force writes the files all the same")
     for path in _write(driven, prefix, picture=not arguments.no_picture):
         print(f"wrote {path}")
+
+
+def _judged(
+    sensors: dict[str, SensorScans], driven: Track, options: dict[str, Any]
+) -> list[Finding]:
+    """Print what speaks for and against a track, and return what is probably wrong."""
+    spaced = {name: options[name] for name in ("baseline", "horizon")}
+    found = diagnose(sensors, driven, **spaced)
+    told = ", ".join(f"{name} {share:.0%}" for name, share in found.inliers.items())
+    print(f"targets that fit, median: {told}")
+    alone = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        for name, sensor in sensors.items() if len(sensors) > 1 else ():
+            try:
+                alone[name] = track(sensor, **options, progress=False)
+            except ValueError:  # too few scans
+                continue
+    told = ", ".join(_agreement(*pair) for pair in itertools.combinations(alone.items(), 2))
+    if told:
+        print(f"ANEES of the differences between sensors (ideally 1): {told}")
+    return found.findings
+
+
+def _agreement(first: tuple[str, Track], second: tuple[str, Track]) -> str:
+    names = f"{first[0]} and {second[0]}"
+    try:
+        return f"{names} {compare_tracks(first[1], second[1]).credibility.anees:.1f}"
+    except ValueError:
+        return f"{names} unknown"
+
+
+def _live(arguments: argparse.Namespace) -> None:
+    if arguments.horizon is None and arguments.baseline == 1:
+        arguments.horizon = 0.3  # as `Tracker`
+    tracker = Tracker(mountings_of(vars(arguments)), keep=1, **_options(arguments, ErrorBudget()))
+    if hasattr(sys.stdin, "reconfigure"):
+        sys.stdin.reconfigure(errors="replace")  # a wrong byte is one wrong line
+
+    def complain(text: str) -> None:
+        print(f"{PROGRAM}: {text}", file=sys.stderr, flush=True)
+
+    sigmas = sigmas_of(vars(arguments))
+    degrees = bool(arguments.degrees)
+    for line in estimates_of(sys.stdin, tracker, complain, degrees=degrees, **sigmas):
+        print(line, flush=True)
+
+
+def _calibrate(arguments: argparse.Namespace) -> None:
+    sensors, _ = READERS["csv"].read(arguments.csv, vars(arguments))
+    odometry = load_reference(arguments.odometry)
+    logs = [(scans, mounting, odometry) for scans, mounting in sensors.values()]
+    found = calibrate(logs, max_lag=arguments.max_lag)
+    print(found)
+    print("\nThe mountings for the other commands:")
+    for name, mounting in zip(sensors, found.mountings, strict=True):
+        yaw = math.degrees(mounting.yaw)
+        print(f"  --mounting {name} {mounting.x:g} {mounting.y:g} {yaw:.3f}")
+
+
+def _compare(arguments: argparse.Namespace) -> None:
+    path = check_path("TRACK", arguments.track)
+    driven = Track.load(path) if path.suffix == ".npz" else Track.read_velocities(path)
+    known = load_reference(arguments.reference)
+    print(compare(driven, Reference(known.times + arguments.lag, known.theta, known.poses)))
+    if np.isnan(known.poses).all():
+        print("The odometry has no v_y: it is compared with zero.")
 
 
 def _prefix(output: str) -> Path:
@@ -233,6 +391,8 @@ def _write(driven: Track, prefix: Path, *, picture: bool) -> list[Path]:
         pairs = [pair for pair in zip(aside, _files(prefix), strict=True) if pair[0].exists()]
         for part, path in pairs:
             os.replace(part, path)
+    for path in {*_files(prefix)} - {path for _, path in pairs}:
+        path.unlink(missing_ok=True)  # a picture of another track
     return [path for _, path in pairs]
 
 
@@ -248,7 +408,8 @@ def _draw(driven: Track, path: Path) -> None:
     plt.close(figure)
 
 
-def _write_example(file: str) -> None:
+def _write_example(arguments: argparse.Namespace) -> None:
+    file = arguments.file
     drive = simulate_drive(np.random.default_rng(0), duration=60.0)
     write_csv(file, {"radar": drive.scans})
     place = drive.mounting
@@ -272,6 +433,32 @@ A first try, with a simulated log that the program writes itself:
 Help on each command: {PROGRAM} track --help
 """
 
+LIVE_HELP = f"""\
+Reads scans from the standard input, one line of JSON each, and writes the estimates that they
+complete to the standard output, one line of JSON each, at once:
+
+  {{"sensor": "front", "time": 12.05, "range": [14.2, 31.0], "azimuth": [-0.31, 0.02],
+   "doppler": [-8.92, -9.3], "sigma_range": 0.15, "sigma_azimuth": 0.009, "sigma_doppler": 0.06}}
+
+  {{"time": 12.05, "converged": true, "reason": "", "theta": [9.3, 0.01, 0.02], "covariance":
+   [[...], [...], [...]], "targets": 2, "inliers": 0.93, "parts": {{"noise": [[...], ...], ...}}}}
+
+Each in one line.  Units are those of a CSV file, see {PROGRAM} track --help; theta is
+v_x, v_y, omega in m/s, m/s, rad/s.  A line that is not right is named on the standard error.
+"""
+
+CALIBRATE_HELP = """\
+Compares the Doppler velocities of static targets with an odometry, and prints the lag of the
+radars' clock, the factor on the odometry's speed, the side slip, the angle to add to each mounting,
+and the mountings with it.  Drive bends to both sides, and change the speed.
+"""
+
+REFERENCE_HELP = (
+    "a TUM trajectory (t x y z qx qy qz qw), or a CSV file with the columns time (s), speed (m/s) "
+    "and yaw_rate (rad/s) or yaw_rate_deg (deg/s)"
+)
+LAG_HELP = "search the lag of the clocks from -S to S (default: 0.5)"
+
 TRACK_HELP = """\
 Estimates the velocity of a vehicle from one radar or several, integrates it to a path, and writes
 
@@ -286,10 +473,11 @@ Either all of them are written at the end or none. The first run compiles for up
 ABOUT = {
     "--output": "beginning of the files' names (default: track); if it is a folder or ends with /, "
     "the files are called track.* in it",
+    "--force": "write the files even if the estimates are surely of no use",
     "--baseline": "register each scan with the Nth before (default: 1); 2 or 3 make the yaw rate "
     "more accurate where the motion is smooth",
     "--horizon": "instead of --baseline: register each scan with the one nearest to S seconds "
-    "before; 0.3 is a good choice on the road",
+    "before; 0.3 is a good choice on the road, and what live does by default",
     "--extent": "how far reflections wander on objects from scan to scan, as a standard deviation "
     "(default: the data set's own, or 0 for a log)",
     "--side-slip": "standard deviation of the sideways velocity of the vehicle's origin about "

@@ -186,7 +186,10 @@ def test_missing_files_and_wrong_values_are_named(log, capsys):
         ),
         (tracked(log, mounting=BOTH), "are front, but --mounting names front, side"),
         (tracked(log, *FRONT), "front is given twice"),
-        (tracked(log, mounting=left), "--mounting front 0 0 left: could not convert"),
+        (
+            tracked(log, mounting=left),
+            "--mounting front 0 0 left: each of X, Y and YAW must be a number",
+        ),
         (tracked(log, mounting=turned), "--mounting front 0 0 900: yaw must be"),
     ):
         assert said in failed(arguments, capsys)
@@ -243,10 +246,17 @@ def test_a_flipped_sign_is_warned_of(tmp_path, capsys):
     """Breaks if the warning of the estimate is lost, or shown as a line of source."""
     scans = [replace(scan, doppler=-scan.doppler) for scan in DRIVE.scans]
     write_csv(tmp_path / "log.csv", {"front": scans})
-    result(tmp_path / "log.csv")
-    said = capsys.readouterr().err
-    assert said.startswith("python -m d2d.radar: warning: Doppler velocities and positions contr")
-    assert len(said.splitlines()) == 1
+    log = tmp_path / "log.csv"
+    assert main(tracked(log)) == 1
+    warning, error = capsys.readouterr().err.splitlines()
+    assert warning.startswith(
+        "python -m d2d.radar: warning: Doppler velocities and positions contr"
+    )
+    assert error.endswith(
+        "nothing was written: the path runs backwards; --force writes the files all the same"
+    )
+    assert os.listdir(tmp_path) == ["log.csv"]
+    result(log, "--force")
 
 
 def test_arguments_that_do_not_fit_are_refused(capsys):
@@ -291,6 +301,92 @@ def test_the_help_teaches(capsys):
     for reason in (*reasons, "an optimum that rests on", "a yaw rate with a sigma", "a turn of"):
         assert reason in said  # as tracks word them, and what to do
     assert max(map(len, said.splitlines())) <= 110
+
+
+# ---- What is told of a track, and the other commands
+
+
+def test_what_speaks_for_a_track_is_printed(tmp_path, capsys):
+    """Breaks if a sensor is left out, or a fault has not its name and sensor."""
+    log = tmp_path / "log.csv"
+    write_csv(log, {"front": DRIVE.scans, "side": FROM_SIDE.scans})
+    result(log, mounting=BOTH)
+    found = capsys.readouterr().out
+    assert re.search(r"targets that fit, median: front \d+%, side \d+%", found)
+    assert re.search(r"ANEES of the differences .*: front and side \d+\.\d", found)
+    assert "what looks wrong" not in found
+    turned = (*FRONT, "--mounting", "side", "0.3", "0.2", "66")
+    result(log, mounting=turned)
+    assert re.search(r"  side: a mounting is turned \(.* [+]\d\.\d deg", capsys.readouterr().out)
+
+
+def test_what_is_surely_wrong_is_not_written(log, capsys):
+    """Breaks if a user goes on with files of nonsense, or cannot have them at all."""
+    said = failed(tracked(log, "--degrees"), capsys)
+    assert said.startswith(
+        "nothing was written: azimuths in radians, read as degrees; --force"
+    ) or ("no estimate was accepted" in said)
+    assert os.listdir(log.parent) == ["log.csv"]
+
+
+def test_a_picture_of_another_track_does_not_stay(log):
+    """Breaks if an old picture is taken for that of the new files."""
+    assert main(tracked(log)) == 0
+    assert main(tracked(log, "--no-picture")) == 0
+    assert written(log.parent, "drive") == [f"drive{end}" for end in FILES if end != ".png"]
+
+
+def test_messages_name_the_sensors_of_the_log(tmp_path, capsys):
+    """Breaks if a user must know what a sensor is called inside."""
+    twice = [scan[np.repeat(np.arange(scan.size), 2)] for scan in DRIVE.scans]
+    write_csv(tmp_path / "log.csv", {"front": twice, "side": FROM_SIDE.scans})
+    result(tmp_path / "log.csv", mounting=BOTH)
+    said = capsys.readouterr()
+    assert said.err.startswith("python -m d2d.radar: warning: front has targets twice")
+    assert "  front: targets are given twice (" in said.out
+
+
+def odometry(path: Path, late: float = 0.0) -> str:
+    """A file with the true speed and yaw rate of the drive, on a clock that is ahead."""
+    long = simulate_drive(np.random.default_rng(0), duration=20.0)
+    write_csv(path / "log.csv", {"front": long.scans})
+    truth = long.truth
+    columns = [truth.times - late, truth.theta[:, 0], truth.theta[:, 2]]
+    file = str(path / "odometry.csv")
+    np.savetxt(file, np.column_stack(columns), "%.9g", ",", header="time,speed,yaw_rate")
+    return file
+
+
+def test_calibrate_finds_angle_and_lag_and_prints_the_mounting(tmp_path, capsys):
+    """Breaks if the odometry is not used, or what is printed cannot be given to `track`."""
+    call = ["calibrate", "--csv", str(tmp_path / "log.csv"), "--odometry", odometry(tmp_path, 0.2)]
+    assert main([*call, "--mounting", "front", "0.4", "0", "3"]) == 0
+    said = capsys.readouterr().out
+    assert float(re.search(r"lag +([+-][\d.]+)", said)[1]) == pytest.approx(0.2, abs=0.02)
+    word, name, *place = said.splitlines()[-1].split()
+    assert (word, name) == ("--mounting", "front")
+    assert_allclose([float(number) for number in place], [0.4, 0.0, 0.0], atol=0.2)
+    assert "the columns time, speed, yaw_rate" in failed(
+        [*call[:3], "--odometry", call[2], "--mounting", "front", "0", "0", "0"], capsys
+    )
+
+
+def test_compare_prints_the_errors_of_a_written_track(tmp_path, capsys):
+    """Breaks if either file of a track, or the lag, is not taken."""
+    reference = odometry(tmp_path, 0.2)
+    result(tmp_path / "log.csv")
+    capsys.readouterr()
+    found = {}
+    for end, lag in ((".npz", "0.2"), ("_velocities.txt", "0.2"), (".npz", "0")):
+        assert main(["compare", f"{tmp_path}/drive{end}", reference, "--lag", lag]) == 0
+        said = capsys.readouterr().out
+        assert "it is compared with zero" in said
+        found[end, lag] = re.search(r"RMSE +(\S+) +\S+ +(\S+)", said).groups()
+    assert found[".npz", "0.2"] == found["_velocities.txt", "0.2"]
+    assert float(found[".npz", "0.2"][1]) < float(found[".npz", "0"][1])
+    poses = main(["compare", f"{tmp_path}/drive.npz", f"{tmp_path}/drive.tum"])
+    assert poses == 0
+    assert "compared with zero" not in capsys.readouterr().out
 
 
 # ---- As a program, and on real data

@@ -23,10 +23,13 @@ _SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
 _RADIANS = BOUNDS["azimuth"]._replace(
     hint="; are these degrees (degrees=True, on the command line --degrees)?"
 )
+_STEP_BACK = 1.0  # s
 _DEGREES = Bounds(most=360.0, unit="in degrees, ")
 
 
-class _Header(NamedTuple):
+class Header(NamedTuple):
+    """The columns of a file."""
+
     names: list[str]
     separator: str
     line: int  # its number
@@ -42,9 +45,10 @@ def load_csv(
 ) -> dict[str, list[RadarScan]]:
     """Read the scans of one or several sensors from a CSV file with a line for each target.
 
-    Returns a dict with the scans of each sensor, in time order, by its name.  Lines with equal time
-    and sensor form a scan, wherever they stand.  A scan without targets has no line: the one before
-    it and the one after it are then neighbours at a longer interval.
+    Returns a dict with the scans of each sensor, in time order, by its name; where its clock steps
+    back once by more than a second, as at midnight, the scans after that step come last.  Lines
+    with equal time and sensor form a scan, wherever they stand.  A scan without targets has no
+    line: the one before it and the one after it are then neighbours at a longer interval.
 
     The first line names the columns, in any order: ``time`` (s), ``range`` (m), ``azimuth`` (rad,
     counter-clockwise from the boresight), ``doppler`` (m/s, positive for receding targets), the
@@ -66,21 +70,19 @@ def load_csv(
         for name, sigma in zip(_SIGMAS, (sigma_range, sigma_azimuth, sigma_doppler), strict=True)
         if sigma is not None
     }
-    # bytes that are not text become a character that no number has, so that their line is named
-    with source.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        header = _header(source, file)
-        columns = _columns(source, header, sigmas)
-        lines: list[int] = []
-        values: list[list[float]] = []
-        members: dict[str, dict[float, list[int]]] = {}  # which targets each scan has
-        for line, row in _rows(source, file, header):
-            try:
-                sensor, numbers = _target(row, columns)
-            except ValueError as error:
-                raise ValueError(f"{source}, line {line}: {error}") from None
-            members.setdefault(sensor, {}).setdefault(numbers[0], []).append(len(lines))
-            lines.append(line)
-            values.append(numbers)
+    file, header = read_header(source, decoded(source), _MEASURED, (*_SIGMAS, "sensor"))
+    columns = _columns(source, header, sigmas)
+    lines: list[int] = []
+    values: list[list[float]] = []
+    members: dict[str, dict[float, list[int]]] = {}  # which targets each scan has
+    for line, row in read_rows(source, file, header):
+        try:
+            sensor, numbers = _target(row, columns)
+        except ValueError as error:
+            raise ValueError(f"{source}, line {line}: {error}") from None
+        members.setdefault(sensor, {}).setdefault(numbers[0], []).append(len(lines))
+        lines.append(line)
+        values.append(numbers)
     if not lines:
         raise ValueError(f"{source} has no line with a target")
     names = [name for name in columns if name != "sensor"]
@@ -93,10 +95,30 @@ def load_csv(
     return {
         sensor: [
             RadarScan(time, *(table[name][scans[time]] for name in (*_MEASURED[1:], *_SIGMAS)))
-            for time in sorted(scans)
+            for time in _in_order(scans)
         ]
         for sensor, scans in members.items()
     }
+
+
+def _in_order(times: Iterable[float]) -> list[float]:
+    """Times in the order of lines if a clock steps back once, as at midnight; otherwise sorted."""
+    given = list(times)
+    steps = enumerate(itertools.pairwise(given), start=1)
+    back = [i for i, (earlier, later) in steps if later < earlier - _STEP_BACK]
+    cut = back[0] if len(back) == 1 else 0
+    return sorted(given[:cut]) + sorted(given[cut:])
+
+
+def decoded(path: Path) -> str:
+    """The text of a file in UTF-8, in UTF-16 with its mark, or otherwise in Latin-1."""
+    raw = path.read_bytes()
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return raw.decode("utf-16", errors="replace")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")  # so that names that differ stay different
 
 
 def _check(source: Path, lines: list[int], table: Mapping[str, Array], degrees: bool) -> None:
@@ -113,26 +135,29 @@ def _check(source: Path, lines: list[int], table: Mapping[str, Array], degrees: 
         bounds[name].number(f"{source}, line {lines[first]}: {name}", table[name][first])
 
 
-def _header(source: Path, file: TextIO) -> _Header:
-    """The line that names the columns; it may stand behind a #, as NumPy writes it."""
+def read_header(
+    source: Path, text: str, needed: tuple[str, ...], known: tuple[str, ...] = ()
+) -> tuple[TextIO, Header]:
+    """The line that names the columns, perhaps behind a # as NumPy writes it, and what follows."""
+    file = io.StringIO(text, newline="")
     for number, line in enumerate(iter(file.readline, ""), start=1):
         separator = max(",;\t", key=line.count)
         names = [word.strip().strip('"').lower() for word in line.lstrip("# ").split(separator)]
-        missing = [name for name in _MEASURED if name not in names]
+        missing = [name for name in needed if name not in names]
         if not missing:
-            twice = [n for n in (*_MEASURED, *_SIGMAS, "sensor") if names.count(n) > 1]
+            twice = [name for name in (*needed, *known) if names.count(name) > 1]
             if twice:
                 raise ValueError(f"{source}, line {number}: the column {twice[0]!r} is named twice")
-            return _Header(names, separator, number)
+            return file, Header(names, separator, number)
         if line.strip() and not line.startswith("#"):
             raise ValueError(
                 f"{source}, line {number}: the first line must name the columns "
-                f"{', '.join(_MEASURED)}, but names {', '.join(map(repr, names))}"
+                f"{', '.join(needed)}, but names {', '.join(map(repr, names))}"
             )
     raise ValueError(f"{source} is empty: its first line must name the columns")
 
 
-def _columns(source: Path, header: _Header, sigmas: Mapping[str, float]) -> dict[str, int]:
+def _columns(source: Path, header: Header, sigmas: Mapping[str, float]) -> dict[str, int]:
     places = {name: place for place, name in enumerate(header.names)}
     missing = [name for name in _SIGMAS if name not in places and name not in sigmas]
     if missing:
@@ -145,8 +170,8 @@ def _columns(source: Path, header: _Header, sigmas: Mapping[str, float]) -> dict
     return {name: places[name] for name in wanted if name in places}
 
 
-def _rows(source: Path, file: TextIO, header: _Header) -> Iterator[tuple[int, list[str]]]:
-    """The numbers and words of the lines that hold targets."""
+def read_rows(source: Path, file: TextIO, header: Header) -> Iterator[tuple[int, list[str]]]:
+    """Number and words of each line that is not empty and no comment."""
     reader = csv.reader(file, delimiter=header.separator, strict=True)
     try:
         for row in reader:
@@ -164,7 +189,7 @@ def _rows(source: Path, file: TextIO, header: _Header) -> Iterator[tuple[int, li
 
 
 def _target(row: list[str], columns: Mapping[str, int]) -> tuple[str, list[float]]:
-    numbers = [_number(name, row[place]) for name, place in columns.items() if name != "sensor"]
+    numbers = [number(name, row[place]) for name, place in columns.items() if name != "sensor"]
     if "sensor" not in columns:
         return "radar", numbers
     sensor = row[columns["sensor"]].strip()
@@ -173,7 +198,8 @@ def _target(row: list[str], columns: Mapping[str, int]) -> tuple[str, list[float
     return sensor, numbers
 
 
-def _number(name: str, text: str) -> float:
+def number(name: str, text: str) -> float:
+    """The number that a text is; a ValueError names what it should be."""
     try:
         if "_" in text or not text.isascii():  # a typing error, but a number to Python
             raise ValueError
@@ -213,24 +239,35 @@ def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[Radar
 
 def _read(path: str, chosen: Mapping[str, Any]) -> Source:
     """The sensors of a log that have a mounting; angles are in degrees."""
-    check_once([name for name, *_ in chosen["mounting"]])
-    mountings = {}
-    for name, *numbers in chosen["mounting"]:
-        try:
-            x, y, yaw = map(float, numbers)
-            mountings[name] = Mounting(x, y, math.radians(yaw))
-        except ValueError as error:
-            raise ValueError(f"--mounting {name} {' '.join(numbers)}: {error}") from None
-    sigmas = {name: chosen[name] for name in _SIGMAS}
-    if sigmas["sigma_azimuth"] is not None:
-        sigmas["sigma_azimuth"] = math.radians(sigmas["sigma_azimuth"])
-    scans = load_csv(path, degrees=bool(chosen["degrees"]), **sigmas)
+    mountings = mountings_of(chosen)
+    scans = load_csv(path, degrees=bool(chosen["degrees"]), **sigmas_of(chosen))
     if scans.keys() != mountings.keys():
         raise ValueError(
             f"the sensors of {path} are {', '.join(sorted(scans))}, but --mounting names "
             f"{', '.join(sorted(mountings))}; each needs one --mounting NAME X Y YAW"
         )
     return Source({name: (own, mountings[name]) for name, own in scans.items()})
+
+
+def mountings_of(chosen: Mapping[str, Any]) -> dict[str, Mounting]:
+    """The mountings that the options name."""
+    check_once([name for name, *_ in chosen["mounting"]])
+    mountings = {}
+    for name, *numbers in chosen["mounting"]:
+        try:
+            x, y, yaw = (number("each of X, Y and YAW", word) for word in numbers)
+            mountings[name] = Mounting(x, y, math.radians(yaw))
+        except ValueError as error:
+            raise ValueError(f"--mounting {name} {' '.join(numbers)}: {error}") from None
+    return mountings
+
+
+def sigmas_of(chosen: Mapping[str, Any]) -> dict[str, float | None]:
+    """The standard deviations that the options give to all targets."""
+    sigmas = {name: chosen[name] for name in _SIGMAS}
+    if sigmas["sigma_azimuth"] is not None:
+        sigmas["sigma_azimuth"] = math.radians(sigmas["sigma_azimuth"])
+    return sigmas
 
 
 def _sigma(name: str, unit: str) -> Option:

@@ -36,7 +36,7 @@ _STEP = POSITIVE._replace(most=1e50)  # its square is finite
 
 # What a scan's columns hold; a radar of a vehicle sees no target beyond 10 km.
 BOUNDS = {
-    "range": METRES._replace(above=0.0, most=1e4),
+    "range": METRES._replace(above=0.0, most=1e4, hint="; are these millimetres or centimetres?"),
     "azimuth": ANGLE,
     "doppler": FINITE,
     "sigma_range": POSITIVE,

@@ -9,7 +9,6 @@ the vehicle, so that the positions seem to be at rest.  Therefore the search cov
 that differ from the estimate by more than the speed itself, and those that a known mistake gives.
 """
 
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Generic, TypeVar
@@ -18,6 +17,7 @@ import numpy as np
 
 from d2d._types import Array
 from d2d.problem import Problem
+from d2d.radar.tracks.finding import Finding, warn_of
 from d2d.registration import ANNEALED, anneal
 
 T = TypeVar("T")
@@ -29,22 +29,30 @@ T = TypeVar("T")
 # must.  With 0.5 or 10 nats instead of 3, or a margin of 0.1 or 2 m/s, radars that look ahead stay
 # at 52 % or more; with less than 3 nats, correct recordings rise to 29 %.
 _SAMPLE = 20  # intervals at most
-_FEW = 5  # after which the search ends if at most one of them contradicts
+FEW = 5  # after which the search ends if at most one of them contradicts
 _TELLING = 3.0  # nats by which another velocity must fit the positions better
 _SLOW = 2.0  # m/s, below which the multiples of a velocity are too close to tell apart
 _MARGIN = 0.5  # m/s
 # Distances from a velocity, as fractions of the speed; rest is 1 away from the estimate.
-_BEYOND_REST, _AT_OPPOSITE, _AT_SLOWER = 1.15, 0.5, 0.15
+_BEYOND_REST, _AT_OPPOSITE, _AT_SLOWER, _AT_FEET = 1.15, 0.5, 0.15, 0.3
 # What the velocity is multiplied by if a mistake is undone.
 _OPPOSITE, _SLOWER, _FASTER, _MUCH_FASTER = np.array(
     [[-1.0, -1.0, 1.0], [1.0 / 3.6, 1.0 / 3.6, 1.0], [3.6, 3.6, 1.0], [10.0, 10.0, 10.0]]
 )
+_FEET = np.array([1.0 / 0.3048, 1.0 / 0.3048, 1.0])
 _QUESTIONS = {
     "the opposite velocity": "Are the Doppler velocities positive for receding targets, and the "
     "azimuths counter-clockwise?",
     "a 3.6 times slower one": "Are the Doppler velocities in m/s, not in km/h?",
     "a faster one": "Are the Doppler velocities those that the sensor measured, not compensated "
     "for the ego-motion?",
+    "a 3.3 times faster one": "Are the ranges in m, not in feet?",
+}
+_SYMPTOMS = {
+    "the opposite velocity": "the path runs backwards",
+    "a 3.6 times slower one": "Doppler velocities in km/h",
+    "a faster one": "the vehicle hardly moves",
+    "a 3.3 times faster one": "ranges in feet",
 }
 _OTHERS = "Azimuths in degrees, times in another unit than s and a wrong mounting look the same."
 
@@ -70,15 +78,15 @@ def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> No
 
     ``theta`` (n, 3) holds the accepted velocities, and ``problem(i)`` is the problem of row i.
     """
-    if len(theta) < _FEW:
+    if len(theta) < FEW:
         return
     count = min(_SAMPLE, len(theta))
     spread = np.linspace(0, len(theta) - 1, count).astype(int)
-    step = count // _FEW
+    step = count // FEW
     compared = 0
     against: list[tuple[str, Array]] = []
     for i in np.concatenate([spread[first::step] for first in range(step)]):
-        if compared == _FEW and len(against) < 2:
+        if compared == FEW and len(against) < 2:
             return
         compared += 1
         against += _contradiction(problem(int(i)), theta[i])
@@ -87,11 +95,14 @@ def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> No
     if against and 2.0 * np.hypot(*headings.sum(axis=0)) > compared:
         kinds = [kind for kind, _ in against]
         kind = max(_QUESTIONS, key=kinds.count)
-        warnings.warn(
-            f"Doppler velocities and positions contradict each other: in {len(against)} of "
-            f"{compared} intervals the positions fit another velocity better, mostly {kind}.  "
+        told = (
+            f"in {len(against)} of {compared} intervals the positions fit another velocity better, "
+            f"mostly {kind}"
+        )
+        warn_of(
+            Finding(_SYMPTOMS[kind], "", len(against) / compared, "share", True, told),
+            f"Doppler velocities and positions contradict each other: {told}.  "
             f"{_QUESTIONS[kind]}  {_OTHERS}",
-            UserWarning,
             stacklevel=3,
         )
 
@@ -100,7 +111,8 @@ def _contradiction(problem: Problem, theta: Array) -> list[tuple[str, Array]]:
     """What the positions fit better than a velocity (3,), and its direction (2,); else nothing."""
     alone = replace(problem, pairs=[pair._replace(measurement=None) for pair in problem.pairs])
     speed = float(np.hypot(*theta[:2]))
-    tried = theta * np.array([np.ones(3), np.zeros(3), _OPPOSITE, _SLOWER, _FASTER, _MUCH_FASTER])
+    known = (_OPPOSITE, _SLOWER, _FASTER, _MUCH_FASTER, _FEET)
+    tried = theta * np.array([np.ones(3), np.zeros(3), *known])
     stated, rest, *values = alone.derivatives(alone.bind(tried))[0]
     other = anneal(alone, tried[2 + int(np.argmin(values))])
     if speed < _SLOW:
@@ -113,6 +125,8 @@ def _contradiction(problem: Problem, theta: Array) -> list[tuple[str, Array]]:
         return float(np.hypot(*(other.theta - multiple * theta)[:2]))
 
     heading = other.theta[:2] / max(float(np.hypot(*other.theta[:2])), 1e-9)
+    if speed > _SLOW and away(_FEET) < _AT_FEET * _FEET[0] * speed:
+        return [("a 3.3 times faster one", heading)]
     if away(np.ones(3)) > _BEYOND_REST * speed + _MARGIN:
         opposite = away(_OPPOSITE) < _AT_OPPOSITE * speed
         return [("the opposite velocity" if opposite else "a faster one", heading)]

@@ -33,10 +33,19 @@ COLUMNS = {
     "cov_v_y_omega": "m*rad/s^2",
     "var_omega": "rad^2/s^2",
 }
-_TITLE = "# Velocities of a vehicle and their covariances, written by d2d, format 1"
+_ENTRIES = list(COLUMNS)[6:]
+PART_COLUMNS = {
+    f"{part}_{name}": COLUMNS[name] for part in CovarianceParts._fields for name in _ENTRIES
+}
+_TITLE = "# Velocities of a vehicle and their covariances, written by d2d, format"
 _EXPLAINED = (
     "# v_x forward and v_y left of the vehicle frame's origin, omega counter-clockwise. Where",
     "# converged is 0, the covariance is nan and the velocity is the last one that was accepted.",
+)
+_OF_PARTS = (
+    "# The covariance is the sum of three parts. To a filter, noise and dependence are white: new",
+    "# in each estimate. The systematic part stays for 10 to 20 s on the road: it belongs in the",
+    "# filter's state, as a random walk or a decaying error of that length.",
 )
 
 
@@ -77,55 +86,70 @@ def load_fields(path: Path) -> dict[str, Any]:
 
 
 def velocity_columns(fields: Mapping[str, Any]) -> Arrays:
-    """The columns (n,) of a table of velocities, named as in `COLUMNS`, from a track's fields."""
+    """The columns (n,) of a table of velocities, named as in `COLUMNS`, from a track's fields.
+
+    Those of `PART_COLUMNS` follow if the parts of the covariance are known.
+    """
     times, intervals, theta, covariance, converged = (fields[name] for name in REQUIRED)
     entries = covariance[:, _UPPER[0], _UPPER[1]].T
-    return dict(zip(COLUMNS, [times, intervals, *theta.T, converged, *entries], strict=True))
+    columns = dict(zip(COLUMNS, [times, intervals, *theta.T, converged, *entries], strict=True))
+    if fields["parts"] is not None:
+        parts = np.stack(fields["parts"])[:, :, _UPPER[0], _UPPER[1]].swapaxes(1, 2)
+        columns |= zip(PART_COLUMNS, parts.reshape(len(PART_COLUMNS), len(times)), strict=True)
+    return columns
 
 
 def write_velocity_table(path: Path, fields: Mapping[str, Any]) -> None:
     """Write the columns as text, each number with all its digits."""
+    columns = velocity_columns(fields)
     lists = [
         column.astype(int).tolist() if column.dtype == np.bool_ else column.tolist()
-        for column in velocity_columns(fields).values()
+        for column in columns.values()
     ]
-    units = " ".join(f"{name}[{unit}]" for name, unit in COLUMNS.items())
+    units = " ".join(f"{name}[{(COLUMNS | PART_COLUMNS)[name]}]" for name in columns)
+    whole = len(columns) == len(COLUMNS)
+    header = (f"{_TITLE} {1 if whole else 2}", *_EXPLAINED, *(() if whole else _OF_PARTS))
     rows = (" ".join(map(repr, row)) for row in zip(*lists, strict=True))
     end = _end(len(lists[0]))
     with written_whole(path) as file:
-        for line in (_TITLE, *_EXPLAINED, f"# {units}", *rows, end):
+        for line in (*header, f"# {units}", *rows, end):
             file.write(f"{line}\n".encode())
 
 
 def read_velocity_table(path: Path) -> dict[str, Any]:
     """The fields that `write_velocity_table` wrote; raises a ValueError that names a wrong line."""
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    if not lines or lines[0].rstrip() != _TITLE:
-        raise ValueError(f"{path} is not a table of velocities: line 1 must be {_TITLE!r}")
+    widths = {f"{_TITLE} 1": len(COLUMNS), f"{_TITLE} 2": len(COLUMNS) + len(PART_COLUMNS)}
+    width = widths.get(lines[0].rstrip() if lines else "")
+    if width is None:
+        raise ValueError(f"{path} is not a table of velocities: line 1 must be '{_TITLE} 1' or 2")
     rows = []
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.startswith("#"):
             continue
-        rows.append(_row(line.split(), f"{path}, line {number}"))
+        rows.append(_row(line.split(), width, f"{path}, line {number}"))
     if lines[-1].rstrip() != _end(len(rows)):
         raise ValueError(
             f"{path} is not complete: its last line must be {_end(len(rows))!r} after as many rows"
         )
-    table = np.array(rows).reshape(-1, len(COLUMNS))
-    covariance = np.empty((len(table), 3, 3))
-    covariance[:, _UPPER[0], _UPPER[1]] = covariance[:, _UPPER[1], _UPPER[0]] = table[:, 6:]
+    table = np.array(rows).reshape(-1, width)
+    entries = table[:, 6:].reshape(len(table), width // 6 - 1, 6).swapaxes(0, 1)
+    matrices = np.empty((len(entries), len(table), 3, 3))
+    matrices[..., _UPPER[0], _UPPER[1]] = matrices[..., _UPPER[1], _UPPER[0]] = entries
+    covariance, *parts = matrices
     return {
         "times": table[:, 0].copy(),
         "intervals": table[:, 1].copy(),
         "theta": table[:, 2:5].copy(),
         "covariance": covariance,
         "converged": table[:, 5] > 0.0,
+        "parts": CovarianceParts(*parts) if parts else None,
     }
 
 
-def _row(words: list[str], where: str) -> list[float]:
-    if len(words) != len(COLUMNS):
-        raise ValueError(f"{where}: there must be {len(COLUMNS)} numbers, but are {len(words)}")
+def _row(words: list[str], width: int, where: str) -> list[float]:
+    if len(words) != width:
+        raise ValueError(f"{where}: there must be {width} numbers, but are {len(words)}")
     try:
         row = [float(word) for word in words]
     except ValueError as error:

@@ -1,12 +1,12 @@
 """What is checked of each scan as it arrives, and mended: its time, and targets given twice."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from d2d.radar.scans.scan import RadarScan
+from d2d.radar.tracks.finding import Finding, warn_of
 
 _JUMP = 1.0  # s; a clock that steps back by less has scans in the wrong order, which is refused
 _FEW = 6  # targets, of which some may be equal by chance where a radar rounds coarsely
@@ -27,7 +27,7 @@ class Intake:
         self._latest: dict[int, float] = {}
         self._intervals: dict[int, float] = {}
         self._offsets = dict.fromkeys(range(len(names)), 0.0)  # s, added to the times of a sensor
-        self._told: set[tuple[str, int]] = set()
+        self._told: set[tuple[str, str]] = set()
 
     def taken(self, sensor: int, scan: RadarScan) -> RadarScan:
         """A sensor's next scan, to be used; raises a ValueError if it is not the next one."""
@@ -41,7 +41,7 @@ class Intake:
                 )
             self._tell(
                 f"jump {offset}",
-                sensor,
+                Finding("the clock jumps", name, time - latest, "s", False, "back"),
                 f"the clock of {name} jumps by {time - latest:.3f} s, from "
                 f"{latest - offset:.3f} s to {scan.time:.3f} s; its times are taken as if it "
                 "had gone on after a gap",
@@ -52,7 +52,7 @@ class Intake:
         elif latest is not None and time - latest > self._longest:
             self._tell(
                 "ahead",
-                sensor,
+                Finding("the clock jumps", name, time - latest, "s", False, "or a gap"),
                 f"{name} has a gap, or its clock jumps, by {time - latest:.3f} s at "
                 f"{scan.time:.3f} s",
             )
@@ -79,17 +79,18 @@ class Intake:
         same = (measured[order[1:]] == measured[order[:-1]]).all(axis=1)
         if 2 * int(same.sum()) < scan.size - 1:
             return scan
+        name, share = self._names[sensor], float(same.sum()) / scan.size
         self._tell(
             "twins",
-            sensor,
-            f"{self._names[sensor]} has targets twice in the same scan, as at {scan.time:.3f} s; "
+            Finding("targets are given twice", name, share, "share", False, "one is used"),
+            f"{name} has targets twice in the same scan, as at {scan.time:.3f} s; "
             "one of each is used",
         )
         kept = np.ones(scan.size, dtype=np.bool_)
         kept[order[1:][same]] = False
         return scan[kept]
 
-    def _tell(self, what: str, sensor: int, text: str) -> None:
-        if (what, sensor) not in self._told:
-            self._told.add((what, sensor))
-            warnings.warn(text, UserWarning, stacklevel=4)
+    def _tell(self, what: str, finding: Finding, text: str) -> None:
+        if (what, finding.sensor) not in self._told:
+            self._told.add((what, finding.sensor))
+            warn_of(finding, text, stacklevel=4)

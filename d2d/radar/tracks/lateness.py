@@ -1,7 +1,6 @@
 """Whether the Doppler velocities of a sensor are those of another time than its stamps say."""
 
 import math
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -9,10 +8,12 @@ import numpy as np
 from d2d._types import Array
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
+from d2d.radar.tracks.finding import Finding, warn_of
 
 _NEAR = 3.0  # m/s from the joint estimate: targets that may stand still
 _ALONG = 0.3  # least share of v_x in a Doppler velocity that tells it
 _ROUNDS, _LATE, _SURE = 50, 0.05, 5.0  # estimates, s and standard deviations that are needed
+_USELESS = 0.2  # s, beyond which a sensor only disturbs the others
 _ALIKE = 5.0  # estimates whose errors are about the same, as traffic lasts for some of them
 
 
@@ -49,11 +50,12 @@ class Lateness:
         late = {name: lag for name, lag, sigma in self.lags() if abs(lag) > _SURE * sigma}
         worst = max(late, key=lambda name: abs(late[name]), default="")
         if worst and abs(late[worst]) > _LATE:
-            warnings.warn(
-                f"{worst} seems to be {abs(late[worst]):.2f} s "
-                f"{'late' if late[worst] > 0.0 else 'early'}: when the vehicle accelerates, its "
-                "Doppler velocities are those that the other sensors have at another time",
-                UserWarning,
+            sure = abs(late[worst]) > _USELESS
+            told = f"{abs(late[worst]):.2f} s {'late' if late[worst] > 0.0 else 'early'}"
+            warn_of(
+                Finding("the clock of a sensor is off", worst, late[worst], "s", sure, told),
+                f"{worst} seems to be {told}: when the vehicle accelerates, its Doppler "
+                "velocities are those that the other sensors have at another time",
                 stacklevel=3,
             )
 

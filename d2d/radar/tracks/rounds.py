@@ -1,7 +1,6 @@
 """The scans of one sensor or several in rounds, and the pairs of scans of each round."""
 
 import math
-import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
@@ -20,6 +19,7 @@ from d2d._checks import (
 from d2d._types import Array
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.tracks.finding import Finding, warn_of
 
 # Times between two scans, and horizons, that are longer than this are taken to be in another unit.
 MAX_INTERVAL = 60.0  # s
@@ -169,9 +169,10 @@ def check_overlap(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
         if common < 0.0:
             raise ValueError(f"{said}: they do not overlap; is the clock of one another?")
         if common < _OVERLAP * min(end - start, last - first):
-            warnings.warn(
-                f"{said}: only {common:.1f} s of them overlap; is the clock of one another?",
-                UserWarning,
+            told = f"only {common:.1f} s of them overlap"
+            warn_of(
+                Finding("the clock of a sensor is off", name, common, "s", False, told),
+                f"{said}: {told}; is the clock of one another?",
                 stacklevel=3,
             )
 

@@ -203,7 +203,7 @@ class Track(Frozen):
         """Write the velocities with their covariances as a table of text.
 
         Lines that begin with # are the header, which ends with the columns' names and units, and
-        the end.  All others hold twelve numbers, with all their digits and a space between them;
+        the end.  All others hold numbers, with all their digits and a space between them;
         ``numpy.loadtxt`` reads them too:
 
         ========== ================================================ =====================
@@ -216,8 +216,10 @@ class Track(Frozen):
         7, 8, 9    (co)variances of v_x with v_x, v_y, omega        m^2/s^2, m rad/s^2
         10, 11     (co)variances of v_y with v_y, omega             m^2/s^2, m rad/s^2
         12         variance of omega                                rad^2/s^2
+        13 to 30   the same six of each of the ``parts``, if known   as 7 to 12
         ========== ================================================ =====================
 
+        The parts are noise, dependence and systematic; the header says how long each stays.
         Where an estimate was not accepted, the (co)variances are ``nan`` and the velocity is the
         last one that was.  The path is as for `save`.
         """

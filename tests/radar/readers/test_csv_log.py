@@ -116,7 +116,7 @@ def test_a_line_that_cannot_be_read_is_named(log):
             "azimuth must be in radians (rad), at most 6.28319, but is 45; are these degrees (deg",
         ),
         ('0,5,"0,0', "unexpected end of data"),
-        (b"0,5,0,\xff1", "doppler must be a number, but is '\ufffd1'"),
+        (b"0,5,0,\xff1", "doppler must be a number, but is '\u00ff1'"),
     ):
         good = b"0,5,0,0\n"
         bad = line if isinstance(line, bytes) else line.encode()
@@ -172,3 +172,26 @@ def test_only_scans_under_names_are_written(tmp_path):
         with pytest.raises(ValueError, match=re.escape(said)):
             write_csv(tmp_path / "log.csv", sensors)
     assert not list(tmp_path.iterdir())
+
+
+def test_names_in_any_encoding_stay_apart(log):
+    """Breaks if two sensors become one because their names are not in UTF-8."""
+    rows = "sensor,time,range,azimuth,doppler\nv\u00f6rn,0,5,0,0\nh\u00e4rn,0,6,0,0\n"
+    for encoding in ("utf-8", "utf-8-sig", "latin-1", "utf-16"):
+        path = log(rows.encode(encoding))
+        scans = load_csv(path, sigma_range=0.1, sigma_azimuth=0.1, sigma_doppler=0.1)
+        assert list(scans) == ["v\u00f6rn", "h\u00e4rn"]
+
+
+def test_a_clock_that_steps_back_once_keeps_its_order(log):
+    """Breaks if the time after midnight is put before that of the evening, or lines in any order
+    are no longer sorted."""
+    sigmas = {"sigma_range": 0.1, "sigma_azimuth": 0.1, "sigma_doppler": 0.1}
+    for given, expected in (
+        ([86398.0, 86399.0, 0.0, 1.0, 0.5], [86398.0, 86399.0, 0.0, 0.5, 1.0]),
+        ([5.0, 1.0, 9.0, 3.0], [1.0, 3.0, 5.0, 9.0]),
+        ([2.0, 1.5, 3.0], [1.5, 2.0, 3.0]),
+    ):
+        lines = "".join(f"{time},5,0,0\n" for time in given)
+        (scans,) = load_csv(log(f"{HEADER}\n{lines}".encode()), **sigmas).values()
+        assert [scan.time for scan in scans] == expected

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.radar import Track
+from d2d.radar import CovarianceParts, Track
 from tests.radar.scenes import arc
 from tests.radar.tracks.test_track import N, example
 
@@ -149,12 +149,18 @@ def test_velocities_are_read_as_they_were_written(tmp_path):
     """Breaks if a digit is lost, columns change places or nan is not read."""
     driven = example()
     driven.write_velocities(tmp_path / "drive.txt")
-    left_out = {"reasons": None, "targets": None, "inliers": None, "parts": None}
-    symmetric = np.triu(driven.covariance) + np.swapaxes(np.triu(driven.covariance, 1), 1, 2)
-    assert_same(
-        Track.read_velocities(tmp_path / "drive.txt"),
-        replace(driven, covariance=symmetric, **left_out),
-    )
+    left_out = {"reasons": None, "targets": None, "inliers": None}
+
+    def symmetric(matrices):
+        return np.triu(matrices) + np.swapaxes(np.triu(matrices, 1), 1, 2)
+
+    parts = CovarianceParts(*map(symmetric, driven.parts))
+    expected = replace(driven, covariance=symmetric(driven.covariance), parts=parts, **left_out)
+    assert_same(Track.read_velocities(tmp_path / "drive.txt"), expected)
+    replace(driven, parts=None).write_velocities(tmp_path / "drive.txt")
+    assert_same(Track.read_velocities(tmp_path / "drive.txt"), replace(expected, parts=None))
+    driven[:0].write_velocities(tmp_path / "drive.txt")
+    assert len(Track.read_velocities(tmp_path / "drive.txt")) == 0
 
 
 def test_the_header_names_columns_and_units_and_numpy_reads_the_rest(tmp_path):
@@ -165,7 +171,10 @@ def test_the_header_names_columns_and_units_and_numpy_reads_the_rest(tmp_path):
     names = [line for line in lines if line.startswith("#")][-2].lstrip("# ").split()
     assert names[:5] == ["time[s]", "interval[s]", "v_x[m/s]", "v_y[m/s]", "omega[rad/s]"]
     table = np.loadtxt(tmp_path / "drive.txt")
-    assert table.shape == (N, len(names)) == (N, 12)
+    assert table.shape == (N, len(names)) == (N, 30)
+    assert "10 to 20 s" in "".join(lines[:7])
+    part = driven.parts.systematic[:, 2, 2]
+    assert_array_equal(table[:, names.index("systematic_var_omega[rad^2/s^2]")], part)
     assert_array_equal(table[:, names.index("omega[rad/s]")], driven.theta[:, 2])
     assert_array_equal(table[:, names.index("var_v_y[m^2/s^2]")], driven.covariance[:, 1, 1])
     cross = driven.covariance[:, 0, 2]
@@ -189,15 +198,15 @@ def test_a_row_that_cannot_be_read_is_named(tmp_path):
     file = tmp_path / "drive.txt"
     example().write_velocities(file)
     lines = file.read_text(encoding="utf-8").splitlines()
-    row = lines[7]
+    row = lines[10]
     for changed, said in (
-        (row + " 1.0", "line 8: there must be 12 numbers, but are 13"),
-        (row.replace(row.split()[3], "fast"), "line 8: could not .* 'fast'"),
-        (row.replace(" 1 ", " 0.5 ", 1), "line 8: converged must be 0 or 1, but is 0.5"),
+        (row + " 1.0", "line 11: there must be 30 numbers, but are 31"),
+        (row.replace(row.split()[3], "fast"), "line 11: could not .* 'fast'"),
+        (row.replace(" 1 ", " 0.5 ", 1), "line 11: converged must be 0 or 1, but is 0.5"),
         ("", "is not complete: its last line must be '# end of 39 estimates'"),
         (row.replace(row.split()[2], "nan"), "holds no track: theta must be finite"),
     ):
-        file.write_text("\n".join([*lines[:7], changed, *lines[8:]]), encoding="utf-8")
+        file.write_text("\n".join([*lines[:10], changed, *lines[11:]]), encoding="utf-8")
         with pytest.raises(ValueError, match=rf"drive\.txt.* ?{said}"):
             Track.read_velocities(file)
 

@@ -1,0 +1,83 @@
+"""Scans and estimates as lines of JSON, for any middleware."""
+
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from d2d.radar.scans.scan import RadarScan
+from d2d.radar.tracks.following import VelocityEstimate
+from d2d.radar.tracks.tracker import Tracker
+
+_MEASURED = ("time", "range", "azimuth", "doppler")
+_SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
+_ANGLES = ("azimuth", "sigma_azimuth")
+
+
+def estimates_of(
+    lines: Iterable[str],
+    tracker: Tracker,
+    complain: Callable[[str], None],
+    *,
+    degrees: bool = False,
+    **sigmas: float | None,
+) -> Iterator[str]:
+    """The estimates, one line of JSON each, that lines of JSON with scans complete.
+
+    A line holds ``sensor``, ``time`` and the lists ``range``, ``azimuth``, ``doppler``,
+    ``sigma_range``, ``sigma_azimuth``, ``sigma_doppler``, in the units of `RadarScan`; with
+    ``degrees``, angles are in degrees.  A standard deviation may be a number, or is that of
+    ``sigmas`` if there is none.  What is wrong with a line goes to ``complain`` with its number,
+    and the next one is read.
+    """
+    for count, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        try:
+            found = tracker.add(*_scan(line, degrees, sigmas))
+        except (ValueError, RecursionError) as error:
+            complain(f"line {count}: {error}")
+            continue
+        yield from map(_line, found)
+    yield from map(_line, tracker.finish())
+
+
+def _scan(line: str, degrees: bool, sigmas: dict[str, float | None]) -> tuple[str, RadarScan]:
+    entry = json.loads(line)
+    if not isinstance(entry, dict):
+        raise ValueError(f"a scan must be an object of JSON, but is {line.strip()[:40]}")
+    given = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
+    missing = [
+        name for name in ("sensor", *_MEASURED, *_SIGMAS) if name not in entry and name not in given
+    ]
+    if missing:
+        raise ValueError(f"a scan must have {', '.join(missing)}")
+    turned = {
+        name: np.deg2rad(np.asarray(entry[name], dtype=np.float64))
+        for name in _ANGLES
+        if degrees and name in entry and name not in given
+    }
+    values = entry | turned | given
+    return str(entry["sensor"]), RadarScan(*(values[name] for name in (*_MEASURED, *_SIGMAS)))
+
+
+def _line(estimate: VelocityEstimate) -> str:
+    """An estimate as JSON, with null for what is not known."""
+    parts = estimate.parts._asdict() if estimate.parts is not None else {}
+    entry = {
+        "time": estimate.time,
+        "converged": estimate.converged,
+        "reason": estimate.reason,
+        "theta": estimate.theta.tolist(),
+        "covariance": _known(estimate.covariance),
+        "targets": estimate.targets,
+        "inliers": estimate.inliers if math.isfinite(estimate.inliers) else None,
+        "parts": {name: _known(part) for name, part in parts.items()} or None,
+    }
+    return json.dumps(entry, allow_nan=False)
+
+
+def _known(matrix: Any) -> list[list[float]] | None:
+    return matrix.tolist() if np.isfinite(matrix).all() else None

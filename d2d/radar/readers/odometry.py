@@ -1,0 +1,87 @@
+"""The motion that another sensor measured, from a file: a TUM trajectory, or an odometry."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from d2d._bounds import FINITE
+from d2d._checks import check_path
+from d2d._types import Array
+from d2d.radar.readers.csv_log import decoded, number, read_header, read_rows
+from d2d.radar.scans.reference import Reference
+
+_IN_DEGREES = "yaw_rate_deg"
+_POSES = 8  # numbers in a line of a TUM trajectory
+_REACH, _INTERVALS = 0.2, 2.5  # s, and intervals, to each side of a pose that give its velocity
+_FASTEST = FINITE._replace(
+    most=2.0 * np.pi, unit="in rad/s, ", hint="; are these deg/s (column yaw_rate_deg)?"
+)
+
+
+def load_reference(path: str | os.PathLike[str]) -> Reference:
+    """Read the motion that something else than the radars measured, for `compare`, `calibrate`.
+
+    A *TUM trajectory* has lines "t x y z qx qy qz qw" (s, m, quaternion) of the vehicle frame, in
+    any world; its velocities are slopes of the poses, see `Reference.from_poses`.  An *odometry* is
+    a CSV file whose first line names the columns ``time`` (s), ``speed`` (m/s, negative backwards)
+    and ``yaw_rate`` (rad/s, counter-clockwise) or ``yaw_rate_deg`` (deg/s).  It says nothing of
+    v_y, which is taken to be zero, as it nearly is in the middle of a rear axle; its poses are nan.
+
+    Raises a ``ValueError`` that names file and line if it is neither, or not in time order.
+    """
+    source = check_path("path", path)
+    text = decoded(source)
+    first = next((line for line in text.splitlines() if line.strip() and line[0] != "#"), "")
+    found = _poses(source, text) if len(first.split()) == _POSES else _odometry(source, text)
+    if len(found.times) < 2 or not (np.diff(found.times) > 0.0).all():
+        raise ValueError(f"{source} must have two lines or more, in strictly increasing time")
+    return found
+
+
+def _odometry(source: Path, text: str) -> Reference:
+    rate = _IN_DEGREES if _IN_DEGREES in text.lower() else "yaw_rate"
+    names = ("time", "speed", rate)
+    file, header = read_header(source, text, names)
+    places = [header.names.index(name) for name in names]
+    table = []
+    for line, row in read_rows(source, file, header):
+        try:
+            values = [number(name, row[place]) for name, place in zip(names, places, strict=True)]
+            if rate == _IN_DEGREES:
+                values[2] = float(np.deg2rad(values[2]))
+            _FASTEST.number(rate, values[2])
+            table.append([FINITE.number(n, v) for n, v in zip(names, values, strict=True)])
+        except ValueError as error:
+            raise ValueError(f"{source}, line {line}: {error}") from None
+    time, speed, omega = np.array(table).reshape(-1, 3).T
+    theta = np.column_stack([speed, np.zeros_like(speed), omega])
+    return Reference(time, theta, np.full_like(theta, np.nan))
+
+
+def _poses(source: Path, text: str) -> Reference:
+    rows: list[list[float]] = []
+    for line, words in enumerate(map(str.split, text.splitlines()), start=1):
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            rows.append([FINITE.number("pose", number("pose", word)) for word in words])
+            if len(words) != _POSES or not any(rows[-1][4:]):
+                raise ValueError("there must be t x y z qx qy qz qw, a quaternion that is not zero")
+        except ValueError as error:
+            raise ValueError(f"{source}, line {line}: {error}") from None
+    table = np.array(rows)
+    time, (x, y, z, w) = (
+        table[:, 0],
+        (table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1)[:, None]).T,
+    )
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return _moving(time, np.column_stack([table[:, 1:3], yaw]))
+
+
+def _moving(time: Array, poses: Array) -> Reference:
+    """The reference at those of its times at which the poses show velocities."""
+    reach = max(_REACH, _INTERVALS * float(np.median(np.diff(time)))) if len(time) > 1 else _REACH
+    found = Reference.from_poses(time, poses, time, half_width=reach)
+    known = np.isfinite(found.theta).all(axis=1)
+    return Reference(time[known], found.theta[known], found.poses[known])

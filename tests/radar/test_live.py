@@ -1,0 +1,105 @@
+"""Scans as lines of JSON in, estimates as lines of JSON out."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from d2d.radar import ErrorBudget, Tracker, simulate_drive
+from d2d.radar.cli import main
+
+DRIVE = simulate_drive(np.random.default_rng(0), duration=1.0)
+LISTS = ("range", "azimuth", "doppler", "sigma_range", "sigma_azimuth", "sigma_doppler")
+CALL = ("live", "--mounting", "front", "0.4", "0", "0")
+
+
+def lines(**changed) -> list[str]:
+    """The drive as lines of JSON, with members that are changed, or None to leave them out."""
+    found = []
+    for scan in DRIVE.scans:
+        entry = {"sensor": "front", "time": scan.time}
+        entry |= {name: getattr(scan, name).tolist() for name in LISTS} | changed
+        found.append(json.dumps({name: v for name, v in entry.items() if v is not None}))
+    return found
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """What the command says to lines, on both outputs."""
+
+    def call(given: list[str], *options: str) -> tuple[list[dict], list[str]]:
+        monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(given) + "\n"))
+        assert main([*CALL, *options]) == 0
+        said = capsys.readouterr()
+        return [json.loads(line) for line in said.out.splitlines()], said.err.splitlines()
+
+    return call
+
+
+def expected() -> list:
+    """The estimates of the same scans in Python."""
+    tracker = Tracker({"front": DRIVE.mounting}, budget=ErrorBudget())
+    found = [each for scan in DRIVE.scans for each in tracker.add("front", scan)]
+    return found + tracker.finish()
+
+
+def test_lines_give_the_numbers_of_a_tracker(run):
+    """Breaks if an option is lost, digits are, or the last estimates never come."""
+    found, said = run(lines())
+    wanted = expected()
+    assert said == []
+    assert [each["time"] for each in found] == [each.time for each in wanted]
+    for one, other in zip(found, wanted, strict=True):
+        assert one["converged"] == other.converged
+        assert one["reason"] == other.reason
+        assert one["theta"] == other.theta.tolist()
+        if other.converged:
+            assert_array_equal(one["covariance"], other.covariance)
+            assert_array_equal(one["parts"]["noise"], other.parts.noise)
+
+
+def test_angles_in_degrees_and_sigmas_for_all(run):
+    """Breaks if degrees stay degrees, in lists or options."""
+    degrees = [json.loads(line) for line in lines(sigma_azimuth=None, sigma_range=None)]
+    for entry in degrees:
+        entry["azimuth"] = np.rad2deg(entry["azimuth"]).tolist()
+    options = ("--degrees", "--sigma-azimuth", "0.5", "--sigma-range", "0.1")
+    found, _ = run([json.dumps(entry) for entry in degrees], *options)
+    same, _ = run(lines(sigma_azimuth=np.deg2rad(0.5), sigma_range=0.1))
+    for one, other in zip(found, same, strict=True):
+        assert one["theta"] == pytest.approx(other["theta"], rel=1e-9)
+
+
+def test_odd_lines_are_named_and_the_next_one_is_read(run):
+    """Breaks if one wrong message ends a service, or estimates change."""
+    good = lines()
+    odd = {
+        "{": "Expecting property name",
+        "[1, 2]": "a scan must be an object of JSON, but is [1, 2]",
+        "null": "a scan must be an object of JSON, but is null",
+        '{"sensor": "front"}': "a scan must have time, range, azimuth, doppler, sigma_range",
+        good[0].replace('"front"', '"rear"'): "sensor must be one of 'front', but is 'rear'",
+        good[0].replace('"time": ', '"time": NaN, "was": '): "time must be finite",
+        good[0].replace('"time": ', '"time": 1e999, "was": '): "time must be finite",
+        good[0].replace('"time": ', f'"time": {10**400}, "was": '): "time must be",
+        good[0].replace('"range": [', '"range": ["a", '): "range must be an array of real numbers",
+        "[" * 100_000: "",
+    }
+    found, said = run([good[0], "", *odd, *good[1:]])
+    assert [each["theta"] for each in found] == [each.theta.tolist() for each in expected()]
+    assert len(said) == len(odd)
+    for number, (line, words) in enumerate(zip(said, odd.values(), strict=True), start=3):
+        assert line.startswith(f"python -m d2d.radar: line {number}: {words}"), line
+
+
+def test_what_is_not_known_is_null(run):
+    """Breaks if a line is not JSON because it holds nan."""
+    found, _ = run(
+        lines(range=[], azimuth=[], doppler=[], sigma_range=[], sigma_azimuth=[], sigma_doppler=[])
+    )
+    assert {each["converged"] for each in found} == {False}
+    assert found[0]["covariance"] is None
+    assert found[0]["inliers"] is None
+    assert found[0]["reason"] == "a scan without targets"
