@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
@@ -13,6 +14,7 @@ from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
 _NEAR = 3.0  # m/s from the joint estimate: targets that may stand still
 _ALONG = 0.3  # least share of v_x in a Doppler velocity that tells it
 _ROUNDS, _LATE, _SURE = 50, 0.05, 5.0  # estimates, s and standard deviations that are needed
+_BEHIND = 0.5  # s, over which an acceleration is measured
 _ALIKE = 5.0  # estimates whose errors are about the same, as traffic lasts for some of them
 
 
@@ -26,11 +28,18 @@ class Lateness:
     def __init__(self, names: Mapping[Mounting, str]) -> None:
         self._names = names
         self._sums = {mounting: np.zeros(6) for mounting in names}
+        self._driven: deque[tuple[float, Array]] = deque()
+        self._count, self._told = 0, False
 
-    def add(
-        self, time: float, theta: Array, acceleration: Array, pairs: Sequence[ScanPair]
-    ) -> None:
-        """Take the velocity and the acceleration, both (3,), at the time of a round of pairs."""
+    def add(self, time: float, theta: Array, pairs: Sequence[ScanPair]) -> None:
+        """Take the velocity (3,) at the time of a round of pairs, and warn if enough is known."""
+        self._driven.append((time, theta))
+        while len(self._driven) > 2 and time - self._driven[1][0] >= _BEHIND:
+            self._driven.popleft()
+        start, before = self._driven[0]
+        if len(pairs) < 2 or start == time:
+            return
+        acceleration = (theta - before) / (time - start)
         found = {}
         for pair in pairs:
             own = theta + (pair.current.time - time) * acceleration
@@ -43,15 +52,20 @@ class Lateness:
             if others and mounting in self._sums:
                 d = excess - float(np.median(others))
                 self._sums[mounting] += [1.0, a, d, a * a, a * d, d * d]
+        self._count += 1
+        if self._count % (2 * _ROUNDS) == 0:  # one that misses some rounds has been seen enough
+            self.warn()
 
     def warn(self) -> None:
-        """Warn of the sensor that is surely late or early, the worst if there are several."""
-        late = {name: lag for name, lag, sigma in self.lags() if abs(lag) > _SURE * sigma}
-        worst = max(late, key=lambda name: abs(late[name]), default="")
-        if worst and abs(late[worst]) > _LATE:
+        """Warn once of the sensor that is surely late or early, the worst if there are several."""
+        # beside a late sensor, the others seem early by half as much
+        lags = [("", 0.0, 0.0), *self.lags()]
+        name, lag, sigma = max(lags, key=lambda each: abs(each[1]))
+        if abs(lag) > max(_LATE, _SURE * sigma) and not self._told:
+            self._told = True
             warnings.warn(
-                f"{worst} seems to be {abs(late[worst]):.2f} s "
-                f"{'late' if late[worst] > 0.0 else 'early'}: when the vehicle accelerates, its "
+                f"{name} seems to be {abs(lag):.2f} s "
+                f"{'late' if lag > 0.0 else 'early'}: when the vehicle accelerates, its "
                 "Doppler velocities are those that the other sensors have at another time",
                 UserWarning,
                 stacklevel=3,

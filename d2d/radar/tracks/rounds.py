@@ -215,19 +215,28 @@ class Rounds:
         self._histories = [_History(mounting, baseline, horizon) for mounting in mountings]
         self._open: dict[int, RadarScan] = {}
         self._start = math.nan  # time of the open round's first scan
-        self._last = math.nan  # time of the last round
+        self.last = math.nan  # s, time of the last round
 
     def add(self, sensor: int, scan: RadarScan) -> list[Round]:
         """The rounds that a sensor's next scan ends: often none, seldom two."""
-        ended = []
-        if self._open and (sensor in self._open or self._is_over(scan.time)):
-            ended += self.finish()
+        ended = self.ended_by(sensor, scan.time)
         if not self._open:
             self._start = scan.time
         self._open[sensor] = scan
         if len(self._open) == len(self._histories):
             ended += self.finish()
         return ended
+
+    @property
+    def latest(self) -> float:
+        """Time of the open round's first scan or, if there is none, of the last round, in s."""
+        return self._start if self._open else self.last
+
+    def ended_by(self, sensor: int, time: float) -> list[Round]:
+        """The open round, if a sensor's next scan at this time is not part of it."""
+        if self._open and (sensor in self._open or self._is_over(time)):
+            return self.finish()
+        return []
 
     def holds(self, sensor: int) -> bool:
         """Whether the open round already has a scan of a sensor."""
@@ -242,7 +251,7 @@ class Rounds:
         order = sorted(scans, key=lambda s: (scans[s].time, *self._histories[s].place))
         chosen = [self._histories[s].paired(scans[s]) for s in order]
         time = float(np.mean([scans[s].time for s in order]))
-        interval, self._last = time - self._last, time
+        interval, self.last = time - self.last, time
         if math.isnan(interval):
             return []
         known = [pair for pair in chosen if pair is not None]
@@ -252,7 +261,7 @@ class Rounds:
 
     def _is_over(self, time: float) -> bool:
         cycle = min(self._histories[sensor].cycle for sensor in self._open)
-        return time - self._start > _ROUND * cycle
+        return abs(time - self._start) > _ROUND * cycle
 
 
 class _History:

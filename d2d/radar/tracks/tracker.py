@@ -232,7 +232,13 @@ class Tracker:
             raise ValueError(f"sensor must be one of {known}, but is {sensor!r}")
         check_instance("scan", scan, RadarScan)
         number = self._numbers[sensor]
-        return self._followed(self._rounds.add(number, self._intake.taken(number, scan)))
+        taken = self._intake.taken(number, scan, self._rounds.latest)
+        rounds = self._rounds.ended_by(number, taken.time)
+        if taken.time <= self._rounds.last:
+            self._intake.leave_out(number, scan, self._rounds.last)
+        else:
+            rounds += self._rounds.add(number, taken)
+        return self._followed(rounds)
 
     def finish(self) -> list[VelocityEstimate]:
         """End the last round, and warn as `track` does of what only the whole drive shows."""

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import textwrap
+import warnings
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -174,6 +175,49 @@ def test_neither_sensors_nor_targets_depend_on_their_order():
         shuffled = track(mixed, budget=budget)
         assert_array_equal(shuffled.converged, whole.converged)
         assert_allclose(shuffled.theta, whole.theta, rtol=0, atol=1e-6)
+
+
+def test_scans_may_come_a_little_out_of_order():
+    """Breaks if a scan that is late runs time backwards, which no track can hold."""
+    sensors = named_sensors(20)
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
+    order = sorted(
+        (scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans
+    )
+    order[30], order[31] = order[31], order[30]  # of one round
+    late = order.pop(32)
+    del order[34]  # the next one of that sensor is lost
+    order.insert(36, late)
+    with pytest.warns(UserWarning, match=r"^'rear' has a scan at 1\.026 s .* left out") as said:
+        for _, name, scan in order:
+            tracker.add(name, scan)
+    assert len(said) == 1
+    found = tracker.track
+    assert found.converged.all()
+    assert (np.diff(found.times) > 0.0).all()
+    assert np.abs(found.theta - STRAIGHT).max() < 0.3
+
+
+@pytest.mark.parametrize("last", [13, 30])
+def test_one_wrong_clock_does_not_lose_the_others(last):
+    """Breaks if the scans of all other sensors are late after one stamp, or for ever."""
+    sensors = named_sensors(30)
+    scans, at = sensors["left"]
+    ahead = [replace(scan, time=scan.time + 50.0) for scan in scans[12:last]]
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
+    sensors = {name: [*zip(own, own)] for name, (own, _) in sensors.items()}
+    sensors["left"][12:last] = zip(scans[12:last], ahead)
+    order = sorted((when.time, name, scan) for name, own in sensors.items() for when, scan in own)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        for _, name, scan in order:
+            tracker.add(name, scan)
+    assert str(said[0].message).startswith("the clock of 'right' jumps by -4")
+    assert len(said) == (3 if last == 13 else 2)
+    late = tracker.track[15:]
+    assert late.converged.all()
+    assert np.median(late.targets) > 2.5 * np.mean([scan.size for scan in scans])
+    assert np.abs(late.theta - STRAIGHT).max() < 0.3
 
 
 def signatures() -> dict[str, int]:
