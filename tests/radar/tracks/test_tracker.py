@@ -17,6 +17,7 @@ from d2d._kernel import consensus, entries, errors, propagate
 from d2d.radar import (
     ErrorBudget,
     Mounting,
+    Reference,
     Sensor,
     Track,
     Tracker,
@@ -218,6 +219,20 @@ def test_one_wrong_clock_does_not_lose_the_others(last):
     assert late.converged.all()
     assert np.median(late.targets) > 2.5 * np.mean([scan.size for scan in scans])
     assert np.abs(late.theta - STRAIGHT).max() < 0.3
+
+
+def test_times_may_count_from_1970():
+    """Breaks if rounding of 0.2 us decides which scans make a pair, or what is a gap."""
+    since, options = 1.7e9, {"horizon": 0.3, "budget": ErrorBudget()}
+    sensors = surround_scans(20)
+    late = [([replace(s, time=s.time + since) for s in own], at) for own, at in sensors]
+    near, far = track(sensors, **options), track(late, **options)
+    assert far.converged.all()
+    assert_allclose(far.theta, near.theta, atol=1e-4)
+    between = 0.5 * (far.times[1:] + far.times[:-1])
+    assert np.isfinite(far.at(between).theta).all()
+    reference = Reference(far.times, far.theta, far.theta)
+    assert np.isfinite(reference.at(between, max_gap=0.1).theta).all()
 
 
 def signatures() -> dict[str, int]:
