@@ -13,7 +13,9 @@ from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
 
 _NEAR = 3.0  # m/s from the joint estimate: targets that may stand still
 _ALONG = 0.3  # least share of v_x in a Doppler velocity that tells it
-_ROUNDS, _LATE, _SURE = 50, 0.05, 5.0  # estimates, s and standard deviations that are needed
+# Estimates, s and standard deviations that are needed.  On RadarScenes 105, whose radars have one
+# clock, the largest lag found is 0.053 s.
+_ROUNDS, _LATE, _SURE = 50, 0.07, 5.0
 _BEHIND = 0.5  # s, over which an acceleration is measured
 _ALIKE = 5.0  # estimates whose errors are about the same, as traffic lasts for some of them
 

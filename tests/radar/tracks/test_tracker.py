@@ -303,6 +303,15 @@ def test_a_tracker_refuses_what_is_no_scan_of_its_sensors():
             Tracker(mountings, **options)
 
 
+def test_a_tracker_refuses_one_sensor_under_two_names():
+    """Breaks if a slip of the pen halves the covariance."""
+    scans, at = surround_scans(2)[0]
+    tracker = Tracker({"front": at, "also": at})
+    tracker.add("front", scans[0])
+    with pytest.raises(ValueError, match="^'also' and 'front' must be different"):
+        tracker.add("also", replace(scans[0]))
+
+
 def test_a_tracker_says_what_a_whole_drive_contradicts():
     """Breaks if only a log is looked at for a wrong sign of the Doppler velocities."""
     drive = beginning(40)
