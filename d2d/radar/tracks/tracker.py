@@ -164,9 +164,10 @@ def track(
 class Tracker:
     """The motion of a vehicle scan by scan, as its sensors measure.
 
-    It compiles what it needs when it is made, for some ten seconds the first time on a machine.  It
-    keeps the scans that later ones will be registered with, some of each sensor, and the estimates;
-    a service that runs for days takes them from `add` and says with ``keep`` how many are kept.
+    It compiles what it needs when it is made, for up to a minute the first time on a machine and
+    for half a second later.  It keeps the scans that later ones will be registered with, some of
+    each sensor, and the estimates; a service that runs for days takes them from `add` and says with
+    ``keep`` how many are kept.
 
     Raises a ``ValueError`` if an argument is invalid.  Warns of the same as `track`, while the
     scans come; what only a whole drive shows, `finish` says.  ``logging.captureWarnings(True)``

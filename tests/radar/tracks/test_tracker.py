@@ -221,6 +221,21 @@ def test_one_wrong_clock_does_not_lose_the_others(last):
     assert np.abs(late.theta - STRAIGHT).max() < 0.3
 
 
+def test_scans_of_one_time_may_arrive_in_any_order():
+    """Breaks if a network decides on the numbers."""
+    rng = np.random.default_rng(4)
+    sensors = dict(zip(NAMES, surround_scans(8, shift=0.0), strict=True))
+    found = []
+    for _ in range(3):
+        tracker = Tracker({name: at for name, (_, at) in sensors.items()}, budget=ErrorBudget())
+        for i in range(8):
+            for name in rng.permutation(NAMES).tolist():
+                tracker.add(name, sensors[name][0][i])
+        found.append(tracker.track)
+    assert_same(found[1], found[0])
+    assert_same(found[2], found[0])
+
+
 def test_times_may_count_from_1970():
     """Breaks if rounding of 0.2 us decides which scans make a pair, or what is a gap."""
     since, options = 1.7e9, {"horizon": 0.3, "budget": ErrorBudget()}
