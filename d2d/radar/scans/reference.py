@@ -80,7 +80,7 @@ class Reference:
             raise ValueError("the reference must have times, in order, to be interpolated")
         after = np.clip(np.searchsorted(self.times, wanted), 0, len(self.times) - 1)
         before = np.maximum(after - (self.times[after] != wanted), 0)
-        hole = self.times[after] - self.times[before] > max_gap
+        hole = self.times[after] - self.times[before] > max_gap + _ROUNDING
 
         def between(values: Array) -> Array:
             columns = [

@@ -14,6 +14,10 @@ once a log is complete, from all others.  Its error is then independent of e, an
 after the carry is that of e plus D A D' with the covariance A of the acceleration.  Velocities that
 the filter itself gives would be smoother, but each would contain the errors of many rounds, and a
 vehicle that drives evenly would have far smaller errors than stated.
+
+Errors are still smaller than stated where a vehicle never accelerates, because A covers what it
+might do.  If the acceleration changes as the filter assumes, the ANEES is 1.0; at a constant
+velocity it is 0.85 at a horizon of 0.3 s and 0.65 at 0.5 s (one radar of 10 Hz), mostly in omega.
 """
 
 from typing import NamedTuple

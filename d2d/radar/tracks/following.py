@@ -1,7 +1,7 @@
 """Ego-motion of one round after the other, each started at the last accepted velocity."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,12 +9,17 @@ import numpy as np
 from d2d._types import Array
 from d2d.problem import Problem
 from d2d.radar.motion.covariance import apply_budget
-from d2d.radar.motion.doppler import Acceleration, doppler_acceleration, doppler_starts
+from d2d.radar.motion.doppler import (
+    Acceleration,
+    View,
+    doppler_acceleration,
+    doppler_starts,
+)
 from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel
-from d2d.radar.motion.pairs import ScanPair, problem_of
+from d2d.radar.motion.pairs import ScanPair, middle_of, problem_of
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
-from d2d.radar.scans.scan import RadarScan
+from d2d.radar.scans.scan import RadarScan, doppler_gradients
 from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter, Step
 from d2d.radar.tracks.lateness import Lateness
 from d2d.radar.tracks.limits import State, VehicleLimits
@@ -95,7 +100,7 @@ class Follower:
             return self._held(current, current.reason)
         by = None if self.budget is None else self._acceleration(current)
         problem = problem_of(pairs, self.model, None if by is None else by.value)
-        estimate = self._estimate(problem, pairs)
+        estimate = self._estimate(problem, _views(pairs, by))
         seen = sum(pair.current.size for pair in pairs), float(estimate.inliers)
         reason = _doubt(estimate, pairs)
         if reason:
@@ -114,11 +119,11 @@ class Follower:
         if reason:
             return self._held(current, reason, *seen)
         self.last, self.velocity = state, estimate.theta
+        if self.lateness is not None and self.model.doppler:
+            self.lateness.add(current.time, theta, pairs)
         if raw is not None and by is not None:
             noise = raw.parts.noise + raw.parts.dependence
             step = self.acceleration.update(current.time, raw.theta, raw.delay, noise, by)
-            if self.lateness is not None:
-                self.lateness.add(current.time, theta, by.value, pairs)
             if self.steps is not None:
                 self.steps.append((raw, step))
         return VelocityEstimate(current.time, current.interval, theta, covariance, "", *seen, parts)
@@ -144,18 +149,31 @@ class Follower:
             current.time, current.interval, theta, unknown[0], reason, targets, inliers, parts
         )
 
-    def _estimate(self, problem: Problem, pairs: Sequence[ScanPair]) -> Estimate:
+    def _estimate(self, problem: Problem, views: Iterable[View]) -> Estimate:
         """The optimum near the last velocity; where it is doubtful, the better of two."""
         near = None
         if self.velocity is not None:
             near = estimate_velocity(problem, self.velocity, self.scales)
             if near.converged and float(near.inliers) >= _WELL_EXPLAINED:
                 return near
-        starts = doppler_starts([(pair.current, pair.mounting) for pair in pairs])
-        anew = estimate_velocity(problem, starts, self.scales)
+        anew = estimate_velocity(problem, doppler_starts([*views]), self.scales)
         if near is None:
             return anew
         return min(near, anew, key=lambda each: (not _is_good(each), float(each.value)))
+
+
+def _views(pairs: Sequence[ScanPair], by: Acceleration | None) -> Iterator[View]:
+    """The later scans with the Doppler velocities of one time, see `problem_of`.
+
+    Sensors that measure at different times show different velocities while the vehicle accelerates.
+    """
+    time = middle_of(pairs)
+    for _, scan, mounting in pairs:
+        if by is not None:
+            gain, _ = doppler_gradients(scan.azimuth, mounting)
+            gained = gain @ ((scan.time - time) * by.value)
+            scan = replace(scan, doppler=scan.doppler - gained)
+        yield scan, mounting
 
 
 def _is_good(estimate: Estimate) -> bool:

@@ -1,5 +1,6 @@
 """What is checked of each scan as it arrives, and mended: its time, and targets given twice."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -29,24 +30,30 @@ class Intake:
         self._offsets = dict.fromkeys(range(len(names)), 0.0)  # s, added to the times of a sensor
         self._told: set[tuple[str, str]] = set()
 
-    def taken(self, sensor: int, scan: RadarScan) -> RadarScan:
-        """A sensor's next scan, to be used; raises a ValueError if it is not the next one."""
+    def taken(self, sensor: int, scan: RadarScan, after: float = -math.inf) -> RadarScan:
+        """A sensor's next scan, to be used; raises a ValueError if it is not the next one.
+
+        A scan long before ``after`` (s), when other sensors have measured, shows a jump too.
+        """
         name, offset = self._names[sensor], self._offsets[sensor]
         time, latest = scan.time + offset, self._latest.get(sensor)
-        if latest is not None and time <= latest:
-            if latest - time < _JUMP:
-                raise ValueError(
-                    f"{name} must be in strictly increasing time, but a scan is at "
-                    f"{scan.time:.6f} s after {latest - offset:.6f} s"
-                )
+        if latest is not None and latest - _JUMP < time <= latest:
+            raise ValueError(
+                f"{name} must be in strictly increasing time, but a scan is at "
+                f"{scan.time:.6f} s after {latest - offset:.6f} s"
+            )
+        own = latest is not None and time <= latest
+        before = latest if latest is not None and own else after
+        if time <= before - _JUMP:
+            whose = "it was" if own else "another sensor is"
             self._tell(
                 f"jump {offset}",
-                Finding("the clock jumps", name, time - latest, "s", False, "back"),
-                f"the clock of {name} jumps by {time - latest:.3f} s, from "
-                f"{latest - offset:.3f} s to {scan.time:.3f} s; its times are taken as if it "
-                "had gone on after a gap",
+                Finding("the clock jumps", name, time - before, "s", False, "back"),
+                f"the clock of {name} jumps by {time - before:.3f} s to {scan.time:.3f} s, where "
+                f"{whose} at {before - offset:.3f} s; its times are taken as if it had gone on "
+                "after a gap",
             )
-            offset = self._offset_after(sensor, latest - scan.time)
+            offset = self._offset_after(sensor, before - scan.time, own)
             self._offsets[sensor] = offset
             time = scan.time + offset
         elif latest is not None and time - latest > self._longest:
@@ -62,14 +69,26 @@ class Intake:
         scan = scan if offset == 0.0 else replace(scan, time=time)
         return self._without_twins(sensor, scan)
 
-    def _offset_after(self, sensor: int, back: float) -> float:
+    def leave_out(self, sensor: int, scan: RadarScan, last: float) -> None:
+        """Say that a sensor's scan comes after the estimate at a later time."""
+        name, late = self._names[sensor], last - scan.time
+        self._tell(
+            "old",
+            Finding("the clock of a sensor is off", name, late, "s", False, "or it arrives late"),
+            f"{name} has a scan at {scan.time:.3f} s that comes after the estimate at {last:.3f} s "
+            "and is left out; do its scans arrive late?",
+        )
+
+    def _offset_after(self, sensor: int, back: float, own: bool) -> float:
         """What to add after a jump: what another sensor's clock has just got, if it fits.
 
-        How long the jump took is not known: no pair may reach over it, so it becomes a gap.
+        How long a clock's own jump took is not known: no pair may reach over it, so it becomes a
+        gap.
         """
         gap = max(_FRESH * self._intervals.get(sensor, 0.0), _JUMP)
         others = [self._offsets[other] for other in self._offsets if other != sensor]
-        return next((known for known in others if 0.0 < known - back < 2.0 * gap), back + gap)
+        alike = (known for known in others if 0.0 < known - back < 2.0 * gap)
+        return next(alike, back + gap if own else back)
 
     def _without_twins(self, sensor: int, scan: RadarScan) -> RadarScan:
         if scan.size < _FEW:

@@ -214,36 +214,41 @@ class Rounds:
     ) -> None:
         check_separation(baseline, horizon)
         self._histories = [_History(mounting, baseline, horizon) for mounting in mountings]
-        self._open: dict[int, RadarScan] = {}
+        self.open: dict[int, RadarScan] = {}  # the scans of the round that has not ended
         self._start = math.nan  # time of the open round's first scan
-        self._last = math.nan  # time of the last round
+        self.last = math.nan  # s, time of the last round
 
     def add(self, sensor: int, scan: RadarScan) -> list[Round]:
         """The rounds that a sensor's next scan ends: often none, seldom two."""
-        ended = []
-        if self._open and (sensor in self._open or self._is_over(scan.time)):
-            ended += self.finish()
-        if not self._open:
+        ended = self.ended_by(sensor, scan.time)
+        if not self.open:
             self._start = scan.time
-        self._open[sensor] = scan
-        if len(self._open) == len(self._histories):
+        self.open[sensor] = scan
+        if len(self.open) == len(self._histories):
             ended += self.finish()
         return ended
 
-    def holds(self, sensor: int) -> bool:
-        """Whether the open round already has a scan of a sensor."""
-        return sensor in self._open
+    @property
+    def latest(self) -> float:
+        """Time of the open round's first scan or, if there is none, of the last round, in s."""
+        return self._start if self.open else self.last
+
+    def ended_by(self, sensor: int, time: float) -> list[Round]:
+        """The open round, if a sensor's next scan at this time is not part of it."""
+        if self.open and (sensor in self.open or self._is_over(time)):
+            return self.finish()
+        return []
 
     def finish(self) -> list[Round]:
         """The open round, if there is one, and not the first: that has nothing to pair with."""
-        scans, self._open = self._open, {}
+        scans, self.open = self.open, {}
         if not scans:
             return []
         # neither the arrival nor the numbers of the sensors decide on the rounding of a sum
         order = sorted(scans, key=lambda s: (scans[s].time, *self._histories[s].place))
         chosen = [self._histories[s].paired(scans[s]) for s in order]
         time = float(np.mean([scans[s].time for s in order]))
-        interval, self._last = time - self._last, time
+        interval, self.last = time - self.last, time
         if math.isnan(interval):
             return []
         known = [pair for pair in chosen if pair is not None]
@@ -252,8 +257,8 @@ class Rounds:
         return [Round(time, interval, scans, pairs, reason)]
 
     def _is_over(self, time: float) -> bool:
-        cycle = min(self._histories[sensor].cycle for sensor in self._open)
-        return time - self._start > _ROUND * cycle
+        cycle = min(self._histories[sensor].cycle for sensor in self.open)
+        return abs(time - self._start) > _ROUND * cycle
 
 
 class _History:
@@ -327,7 +332,7 @@ def in_time_order(
     order = sorted((scan.time, s, i) for s, own in enumerate(scans) for i, scan in enumerate(own))
     for _, entries in groupby(order, key=lambda entry: entry[0]):
         together = list(entries)
-        together.sort(key=lambda entry: not rounds.holds(entry[1]))
+        together.sort(key=lambda entry: entry[1] not in rounds.open)
         yield from ((s, scans[s][i]) for _, s, i in together)
 
 

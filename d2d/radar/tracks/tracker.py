@@ -27,6 +27,7 @@ from d2d.radar.tracks.rounds import (
     Round,
     Rounds,
     Sensors,
+    check_distinct,
     check_mountings,
     check_overlap,
     check_separation,
@@ -163,12 +164,14 @@ def track(
 class Tracker:
     """The motion of a vehicle scan by scan, as its sensors measure.
 
-    It compiles what it needs when it is made, for some ten seconds the first time on a machine.  It
-    keeps the scans that later ones will be registered with, some of each sensor, and the estimates;
-    a service that runs for days takes them from `add` and says with ``keep`` how many are kept.
+    It compiles what it needs when it is made, for up to a minute the first time on a machine and
+    for half a second later.  It keeps the scans that later ones will be registered with, some of
+    each sensor, and the estimates; a service that runs for days takes them from `add` and says with
+    ``keep`` how many are kept.
 
-    Raises a ``ValueError`` if an argument is invalid.  Warns of the same as `track`, except for
-    sensors whose times do not overlap.
+    Raises a ``ValueError`` if an argument is invalid.  Warns of the same as `track`, while the
+    scans come; what only a whole drive shows, `finish` says.  ``logging.captureWarnings(True)``
+    sends warnings to the logger "py.warnings".
 
     Parameters
     ----------
@@ -177,7 +180,7 @@ class Tracker:
     horizon : float, s, optional
         As for `track`; None registers each scan with the one ``baseline`` scans before.
     keep : int, optional
-        How many of the latest estimates ``track`` holds; by default all, about 0.5 kB each.
+        How many of the latest estimates ``track`` holds; by default all, about 2 kB each.
     baseline, initial, max_interval, budget, limits, **options
         As for `track`, which gives the same numbers bit for bit for the same scans in time order.
 
@@ -231,8 +234,16 @@ class Tracker:
             known = ", ".join(map(repr, self._numbers))
             raise ValueError(f"sensor must be one of {known}, but is {sensor!r}")
         check_instance("scan", scan, RadarScan)
-        number = self._numbers[sensor]
-        return self._followed(self._rounds.add(number, self._intake.taken(number, scan)))
+        number, names = self._numbers[sensor], [*self._numbers]
+        together = {repr(names[other]): [own] for other, own in self._rounds.open.items()}
+        check_distinct({repr(sensor): [scan], **together})
+        taken = self._intake.taken(number, scan, self._rounds.latest)
+        rounds = self._rounds.ended_by(number, taken.time)
+        if taken.time <= self._rounds.last:
+            self._intake.leave_out(number, scan, self._rounds.last)
+        else:
+            rounds += self._rounds.add(number, taken)
+        return self._followed(rounds)
 
     def finish(self) -> list[VelocityEstimate]:
         """End the last round, and warn as `track` does of what only the whole drive shows."""

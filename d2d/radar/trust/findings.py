@@ -25,7 +25,7 @@ from d2d.radar.tracks.rounds import (
     Round,
     Sensors,
     SensorScans,
-    check_sensors,
+    named_sensors,
     rounds_of,
 )
 from d2d.radar.tracks.track import Track
@@ -134,7 +134,7 @@ def diagnose(
 def _named(sensors: Sensors) -> tuple[list[str], list[SensorScans]]:
     """Names and scans of the sensors, with times and targets as `track` uses them."""
     given: Any = sensors
-    drives = check_sensors(sensors)
+    drives = list(named_sensors(sensors).values())
     numbers = range(1, len(drives) + 1)
     names = [str(name) for name in (given if isinstance(given, Mapping) else numbers)]
     intake = Intake(names, MAX_INTERVAL)

@@ -150,14 +150,15 @@ def accelerating(rates, offsets, acceleration, mountings, jitter=0.0, noise=0.0,
         ([25.0], [0.0], 0.0),
         ([13.0] * 3, [0.01, 0.03, 0.06], 0.2),
         ([20.0, 4.0], [0.01, 0.03], 0.0),
+        ([1.0, 1.0], [0.0, 0.3], 0.0),
     ],
-    ids=["1 Hz", "4 Hz, jitter", "25 Hz", "three, jitter", "20 and 4 Hz"],
+    ids=["1 Hz", "4 Hz, jitter", "25 Hz", "three, jitter", "20 and 4 Hz", "1 Hz, 0.3 s apart"],
 )
 def test_a_constant_acceleration_makes_no_error(rates, offsets, jitter, smooth):
     """Breaks if an estimate lags behind, whatever the rates of the radars."""
     mountings = AROUND[: len(rates)]
     for acceleration in ([2.0, 0.0, 0.0], [-2.0, 0.0, 0.04]):
-        end = 5.0 if rates == [1.0] else 2.0
+        end = 5.0 if rates[0] == 1.0 else 2.0
         sensors, truth = accelerating(
             rates, offsets, np.array(acceleration), mountings, jitter, end=end
         )

@@ -11,9 +11,9 @@ from tests.radar.scenes import AROUND, observe
 NAMES = ("left", "right", "rear")
 
 
-def changing(rng, late: float):
+def changing(rng, late: float, end: float = 7.0):
     """Three sensors of a vehicle that speeds up and slows down; the second one's clock is late."""
-    step, end = 1e-3, 7.0
+    step = 1e-3
     speeds = 12.0 + 1.5 * np.sin(1.5 * step * np.arange(round(end / step) + 2))
     driven = np.concatenate([[0.0], np.cumsum(step * speeds)])
     points = rng.uniform([-30.0, -40.0], [130.0, 40.0], (500, 2))
@@ -32,14 +32,15 @@ def changing(rng, late: float):
     return dict(zip(NAMES, sensors, strict=True))
 
 
+@pytest.mark.parametrize("budget", [ErrorBudget(), None], ids=["budget", "none"])
 @pytest.mark.parametrize(("late", "word"), [(0.3, "late"), (-0.3, "early")])
-def test_a_sensor_that_is_late_is_named(late, word):
+def test_a_sensor_that_is_late_is_named(late, word, budget):
     """Breaks if the wrong sensor is named, the sign is wrong or a tracker says nothing."""
     rng = np.random.default_rng(1)
     sensors = changing(rng, late)
     with pytest.warns(UserWarning, match=rf"^sensors\['right'\]\.scans .* 0\.[23]. s {word}"):
-        track(sensors, horizon=0.3, budget=ErrorBudget())
-    tracker = Tracker({name: at for name, (_, at) in sensors.items()}, budget=ErrorBudget())
+        track(sensors, horizon=0.3, budget=budget)
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()}, budget=budget)
     order = sorted(
         (scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans
     )
@@ -56,3 +57,17 @@ def test_sensors_on_one_clock_are_not_accused():
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             track(sensors, horizon=0.3, budget=ErrorBudget())
+
+
+def test_a_sensor_that_is_late_is_named_while_the_vehicle_drives():
+    """Breaks if a service that never ends a drive is not told, or told again and again."""
+    sensors = changing(np.random.default_rng(1), 0.3, end=18.0)
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
+    order = sorted(
+        (scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans
+    )
+    with pytest.warns(UserWarning, match=r"^'right' seems to be 0\.[23]. s late") as said:
+        for _, name, scan in order:
+            tracker.add(name, scan)
+    assert len(said) == 1
+    tracker.finish()  # where warnings are errors, says no more

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import textwrap
+import warnings
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from d2d._kernel import consensus, entries, errors, propagate
 from d2d.radar import (
     ErrorBudget,
     Mounting,
+    Reference,
     Sensor,
     Track,
     Tracker,
@@ -176,6 +178,78 @@ def test_neither_sensors_nor_targets_depend_on_their_order():
         assert_allclose(shuffled.theta, whole.theta, rtol=0, atol=1e-6)
 
 
+def test_scans_may_come_a_little_out_of_order():
+    """Breaks if a scan that is late runs time backwards, which no track can hold."""
+    sensors = named_sensors(20)
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
+    order = sorted(
+        (scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans
+    )
+    order[30], order[31] = order[31], order[30]  # of one round
+    late = order.pop(32)
+    del order[34]  # the next one of that sensor is lost
+    order.insert(36, late)
+    with pytest.warns(UserWarning, match=r"^'rear' has a scan at 1\.026 s .* left out") as said:
+        for _, name, scan in order:
+            tracker.add(name, scan)
+    assert len(said) == 1
+    found = tracker.track
+    assert found.converged.all()
+    assert (np.diff(found.times) > 0.0).all()
+    assert np.abs(found.theta - STRAIGHT).max() < 0.3
+
+
+@pytest.mark.parametrize("last", [13, 30])
+def test_one_wrong_clock_does_not_lose_the_others(last):
+    """Breaks if the scans of all other sensors are late after one stamp, or for ever."""
+    sensors = named_sensors(30)
+    scans, at = sensors["left"]
+    ahead = [replace(scan, time=scan.time + 50.0) for scan in scans[12:last]]
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
+    sensors = {name: [*zip(own, own)] for name, (own, _) in sensors.items()}
+    sensors["left"][12:last] = zip(scans[12:last], ahead)
+    order = sorted((when.time, name, scan) for name, own in sensors.items() for when, scan in own)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        for _, name, scan in order:
+            tracker.add(name, scan)
+    assert str(said[0].message).startswith("the clock of 'right' jumps by -4")
+    assert len(said) == (3 if last == 13 else 2)
+    late = tracker.track[15:]
+    assert late.converged.all()
+    assert np.median(late.targets) > 2.5 * np.mean([scan.size for scan in scans])
+    assert np.abs(late.theta - STRAIGHT).max() < 0.3
+
+
+def test_scans_of_one_time_may_arrive_in_any_order():
+    """Breaks if a network decides on the numbers."""
+    rng = np.random.default_rng(4)
+    sensors = dict(zip(NAMES, surround_scans(8, shift=0.0), strict=True))
+    found = []
+    for _ in range(3):
+        tracker = Tracker({name: at for name, (_, at) in sensors.items()}, budget=ErrorBudget())
+        for i in range(8):
+            for name in rng.permutation(NAMES).tolist():
+                tracker.add(name, sensors[name][0][i])
+        found.append(tracker.track)
+    assert_same(found[1], found[0])
+    assert_same(found[2], found[0])
+
+
+def test_times_may_count_from_1970():
+    """Breaks if rounding of 0.2 us decides which scans make a pair, or what is a gap."""
+    since, options = 1.7e9, {"horizon": 0.3, "budget": ErrorBudget()}
+    sensors = surround_scans(20)
+    late = [([replace(s, time=s.time + since) for s in own], at) for own, at in sensors]
+    near, far = track(sensors, **options), track(late, **options)
+    assert far.converged.all()
+    assert_allclose(far.theta, near.theta, atol=1e-4)
+    between = 0.5 * (far.times[1:] + far.times[:-1])
+    assert np.isfinite(far.at(between).theta).all()
+    reference = Reference(far.times, far.theta, far.theta)
+    assert np.isfinite(reference.at(between, max_gap=0.1).theta).all()
+
+
 def signatures() -> dict[str, int]:
     """How many times each entry of the kernel has been compiled."""
     found = {}
@@ -242,6 +316,15 @@ def test_a_tracker_refuses_what_is_no_scan_of_its_sensors():
     ):
         with pytest.raises(ValueError, match=f"^{said}"):
             Tracker(mountings, **options)
+
+
+def test_a_tracker_refuses_one_sensor_under_two_names():
+    """Breaks if a slip of the pen halves the covariance."""
+    scans, at = surround_scans(2)[0]
+    tracker = Tracker({"front": at, "also": at})
+    tracker.add("front", scans[0])
+    with pytest.raises(ValueError, match="^'also' and 'front' must be different"):
+        tracker.add("also", replace(scans[0]))
 
 
 def test_a_tracker_says_what_a_whole_drive_contradicts():
