@@ -32,7 +32,7 @@ from d2d.radar.tracks.track import Track
 from d2d.radar.tracks.tracker import Tracker, track
 from d2d.radar.trust.calibration import calibrate
 from d2d.radar.trust.comparison import compare
-from d2d.radar.trust.findings import diagnose
+from d2d.radar.trust.findings import diagnose, look_at_targets
 from d2d.radar.trust.halves import compare_tracks
 
 PROGRAM = "python -m d2d.radar"
@@ -273,6 +273,8 @@ def _track(arguments: argparse.Namespace) -> None:
     options = _options(arguments, budget)
     count = sum(len(scans) for scans, _ in sensors.values())
     print(f"read {count} scans of {len(sensors)} sensor{'s' * (len(sensors) > 1)}", flush=True)
+    if not arguments.force:  # before a long wait
+        _tell([each for each in look_at_targets(sensors) if each.sure], force=False)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", UserWarning)
         progress = False if arguments.no_progress else None
@@ -282,16 +284,21 @@ def _track(arguments: argparse.Namespace) -> None:
     print(driven)
     found = [w.message.finding for w in said if isinstance(w.message, FindingWarning)]
     found += _judged(sensors, driven, options)
+    _tell(found, arguments.force or not driven.converged.any())
+    if not driven.converged.any():
+        raise ValueError("no estimate was accepted, so nothing was written")
+    for path in _write(driven, prefix, picture=not arguments.no_picture):
+        print(f"wrote {path}")
+
+
+def _tell(found: list[Finding], force: bool) -> None:
+    """Print what was found; raises a ValueError if that is surely wrong and not forced."""
     if found:
         print('what looks wrong, by the rows of the page "When a path looks wrong":')
         print("\n".join(f"  {_plain(each)}" for each in found), flush=True)
-    if not driven.converged.any():
-        raise ValueError("no estimate was accepted, so nothing was written")
     sure = [each.symptom for each in found if each.sure]
-    if sure and not arguments.force:
+    if sure and not force:
         raise ValueError(f"nothing was written: {sure[0]}; --force writes the files all the same")
-    for path in _write(driven, prefix, picture=not arguments.no_picture):
-        print(f"wrote {path}")
 
 
 def _judged(
@@ -301,7 +308,7 @@ def _judged(
     spaced = {name: options[name] for name in ("baseline", "horizon")}
     found = diagnose(sensors, driven, **spaced)
     told = ", ".join(f"{name} {share:.0%}" for name, share in found.inliers.items())
-    print(f"targets that fit, median: {told}")
+    print(f"targets that fit, median: {told.replace('nan%', 'unknown')}")
     alone = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)

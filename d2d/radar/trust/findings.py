@@ -115,11 +115,7 @@ def diagnose(
         _Shown(name, mounting, share, *_heading(scans, mounting, driven))
         for name, (scans, mounting), share in zip(names, drives, shares, strict=True)
     ]
-    found = [
-        each
-        for name, (scans, _) in zip(names, drives, strict=True)
-        for each in _of_targets(name, scans)
-    ]
+    found = look_at_targets(sensors)
     if not any(each.sure for each in found):  # what is wrong with targets explains the rest
         if driven.converged.sum() < FEW:
             found += _without_limits(drives, baseline, horizon)
@@ -129,6 +125,16 @@ def diagnose(
         dict(zip(names, shares, strict=True)),
         {each.name: float(np.rad2deg(each.heading)) for each in shown},
     )
+
+
+def look_at_targets(sensors: Sensors) -> list[Finding]:
+    """The findings of `diagnose` that need no track."""
+    names, drives = _named(sensors)
+    return [
+        each
+        for name, (scans, _) in zip(names, drives, strict=True)
+        for each in _of_targets(name, scans)
+    ]
 
 
 def _named(sensors: Sensors) -> tuple[list[str], list[SensorScans]]:
