@@ -75,7 +75,7 @@ def test_both_hold_every_file_of_the_package(wheels: tuple[Path, Path]) -> None:
 def test_the_installed_wheel_works_without_the_repository(
     wheels: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    """Breaks if a module is not in it, reads a file of the repository, or the command is missing."""
+    """Breaks if a module is missing or reads a file of the repository, or there is no command."""
     site, away = tmp_path / "site", tmp_path / "away"
     away.mkdir()
     install = ("-m", "pip", "install", "--no-deps", "--no-index", "--quiet", "--target", str(site))

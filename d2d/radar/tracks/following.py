@@ -163,7 +163,7 @@ class Follower:
 
 
 def _views(pairs: Sequence[ScanPair], by: Acceleration | None) -> Iterator[View]:
-    """The later scans with the Doppler velocities of one time, see `problem_of`.
+    """The later scans with the Doppler velocities that they would have at the time of `problem_of`.
 
     Sensors that measure at different times show different velocities while the vehicle accelerates.
     """

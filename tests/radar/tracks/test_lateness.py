@@ -32,6 +32,15 @@ def changing(rng, late: float, end: float = 7.0):
     return dict(zip(NAMES, sensors, strict=True))
 
 
+def add_all(tracker: Tracker, sensors) -> None:
+    """Give a tracker the scans in time order."""
+    order = sorted(
+        (scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans
+    )
+    for _, name, scan in order:
+        tracker.add(name, scan)
+
+
 @pytest.mark.parametrize("budget", [ErrorBudget(), None], ids=["budget", "none"])
 @pytest.mark.parametrize(("late", "word"), [(0.3, "late"), (-0.3, "early")])
 def test_a_sensor_that_is_late_is_named(late, word, budget):
@@ -41,11 +50,7 @@ def test_a_sensor_that_is_late_is_named(late, word, budget):
     with pytest.warns(UserWarning, match=rf"^sensors\['right'\]\.scans .* 0\.[23]. s {word}"):
         track(sensors, horizon=0.3, budget=budget)
     tracker = Tracker({name: at for name, (_, at) in sensors.items()}, budget=budget)
-    order = sorted(
-        (scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans
-    )
-    for _, name, scan in order:
-        tracker.add(name, scan)
+    add_all(tracker, sensors)
     with pytest.warns(UserWarning, match=rf"^'right' seems to be 0\.[23]. s {word}"):
         tracker.finish()
 
@@ -63,11 +68,7 @@ def test_a_sensor_that_is_late_is_named_while_the_vehicle_drives():
     """Breaks if a service that never ends a drive is not told, or told again and again."""
     sensors = changing(np.random.default_rng(1), 0.3, end=18.0)
     tracker = Tracker({name: at for name, (_, at) in sensors.items()})
-    order = sorted(
-        (scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans
-    )
     with pytest.warns(UserWarning, match=r"^'right' seems to be 0\.[23]. s late") as said:
-        for _, name, scan in order:
-            tracker.add(name, scan)
+        add_all(tracker, sensors)
     assert len(said) == 1
     tracker.finish()  # where warnings are errors, says no more

@@ -115,11 +115,17 @@ NAMES = ("left", "right", "rear")
 
 def fed(tracker: Tracker, sensors) -> list[VelocityEstimate]:
     """What a tracker gives for the scans of named sensors in time order."""
-    order = sorted(
-        (scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans
-    )
-    given = [each for _, name, scan in order for each in tracker.add(name, scan)]
-    return given + tracker.finish()
+    return added(tracker, in_order(sensors)) + tracker.finish()
+
+
+def in_order(sensors):
+    """Times, names and scans as they are measured."""
+    return sorted((scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans)
+
+
+def added(tracker: Tracker, order) -> list[VelocityEstimate]:
+    """The same for scans in a given order, without the end."""
+    return [each for _, name, scan in order for each in tracker.add(name, scan)]
 
 
 def named_sensors(count=30):
@@ -182,16 +188,13 @@ def test_scans_may_come_a_little_out_of_order():
     """Breaks if a scan that is late runs time backwards, which no track can hold."""
     sensors = named_sensors(20)
     tracker = Tracker({name: at for name, (_, at) in sensors.items()})
-    order = sorted(
-        (scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans
-    )
+    order = in_order(sensors)
     order[30], order[31] = order[31], order[30]  # of one round
     late = order.pop(32)
     del order[34]  # the next one of that sensor is lost
     order.insert(36, late)
     with pytest.warns(UserWarning, match=r"^'rear' has a scan at 1\.026 s .* left out") as said:
-        for _, name, scan in order:
-            tracker.add(name, scan)
+        added(tracker, order)
     assert len(said) == 1
     found = tracker.track
     assert found.converged.all()
@@ -203,16 +206,15 @@ def test_scans_may_come_a_little_out_of_order():
 def test_one_wrong_clock_does_not_lose_the_others(last):
     """Breaks if the scans of all other sensors are late after one stamp, or for ever."""
     sensors = named_sensors(30)
-    scans, at = sensors["left"]
+    scans, _ = sensors["left"]
     ahead = [replace(scan, time=scan.time + 50.0) for scan in scans[12:last]]
     tracker = Tracker({name: at for name, (_, at) in sensors.items()})
-    sensors = {name: [*zip(own, own)] for name, (own, _) in sensors.items()}
-    sensors["left"][12:last] = zip(scans[12:last], ahead)
-    order = sorted((when.time, name, scan) for name, own in sensors.items() for when, scan in own)
+    order = in_order(sensors)
+    for right, wrong in zip(scans[12:last], ahead, strict=True):
+        order[order.index((right.time, "left", right))] = (right.time, "left", wrong)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        for _, name, scan in order:
-            tracker.add(name, scan)
+        added(tracker, order)
     assert str(said[0].message).startswith("the clock of 'right' jumps by -4")
     assert len(said) == (3 if last == 13 else 2)
     late = tracker.track[15:]
@@ -323,7 +325,7 @@ def test_a_tracker_refuses_one_sensor_under_two_names():
     scans, at = surround_scans(2)[0]
     tracker = Tracker({"front": at, "also": at})
     tracker.add("front", scans[0])
-    with pytest.raises(ValueError, match="^'also' and 'front' must be different"):
+    with pytest.raises(ValueError, match=r"^'also' and 'front' must be different"):
         tracker.add("also", replace(scans[0]))
 
 
