@@ -23,7 +23,7 @@ def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
 
     The arrays x and mean (..., D) and covariance (..., D, D) broadcast.
     """
-    factor = np.linalg.cholesky(covariance)
+    factor = np.linalg.cholesky(np.asarray(covariance, dtype=np.float64))
     # there are few factors and many points: invert each factor once
     whitened = np.einsum("...ij,...j->...i", np.linalg.inv(factor), np.subtract(x, mean))
     roots = math.sqrt(2.0 * math.pi) * np.diagonal(factor, axis1=-2, axis2=-1)
@@ -71,7 +71,7 @@ def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float
     freedom, so the semi-axes are sqrt(chi2 quantile x eigenvalue).  The ellipses of one, two and
     three standard deviations contain 39 %, 86 % and 99 %.
     """
-    variances, axes = np.linalg.eigh(covariance)
+    variances, axes = np.linalg.eigh(np.asarray(covariance, dtype=np.float64))
     scale = math.sqrt(-2.0 * math.log1p(-confidence))  # of chi-square, 2 degrees of freedom
     angle = np.arctan2(axes[..., 1, 1], axes[..., 0, 1])  # of the longer axis
     angle = np.where(angle > 0.5 * np.pi, angle - np.pi, angle)
