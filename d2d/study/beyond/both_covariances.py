@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.covariance import propagate_covariance
 from d2d.credibility import Credibility, credibility
@@ -14,6 +13,7 @@ from d2d.radar import Drive, estimate_ego_motion, propagate_ego_motion, track
 from d2d.registration import register
 from d2d.study.plane.evaluation import COSTS, same_draws
 from d2d.study.plane.scenarios import Scenario
+from d2d.study.runs import judged
 
 ALL_COSTS = COSTS | {"P2D": RegistrationCost("p2d")}
 
@@ -39,16 +39,8 @@ def both_covariances(scenario: Scenario, cost: str, runs: int = 1000) -> BothCov
     middle = time.perf_counter()
     propagated = propagate_covariance(estimate, fixed, moving, ALL_COSTS[cost])
     slowdown = (time.perf_counter() - middle) / (middle - begin)
-    return judged(estimate.theta - scenario.theta, estimate.covariance, propagated, slowdown)
-
-
-def judged(errors: Array, fisher: Array, propagated: Array, slowdown: float) -> BothCovariances:
-    """Compare errors (N, 3) with two covariances (N, 3, 3), leaving out runs where one is nan."""
-    good = np.isfinite(fisher).all(axis=(1, 2)) & np.isfinite(propagated).all(axis=(1, 2))
     return BothCovariances(
-        credibility(errors[good], fisher[good]),
-        credibility(errors[good], propagated[good]),
-        slowdown,
+        judged(estimate, scenario.theta), judged(estimate, scenario.theta, propagated), slowdown
     )
 
 

@@ -16,14 +16,13 @@ but one component of each target.
 
 import math
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_choice
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian
 from d2d.covariance import fisher_covariance
@@ -50,7 +49,6 @@ def mixture_residuals(
     derivatives, and have the shape (..., M).  ``sum(r**2) / 2 - sum(constants)`` is the negative
     logarithm of the mixture.
     """
-    check_choice("mixture", mixture, get_args(Mixture))
     pairs = _Pairs(fixed, moving, outlier)
     constants = pairs.constants(mixture)
 

@@ -34,13 +34,6 @@ class RandomScenes:
     view: float = FIELD_OF_VIEW  # rad, half the width of the field of view
     reported: float = 1.0  # standard deviations that the targets report, over those of the noise
 
-    def __post_init__(self) -> None:
-        if self.shared < 2:
-            raise ValueError(
-                f"size {self.size}, outlier_share {self.outlier_share:g} and overlap "
-                f"{self.overlap:g} leave {self.shared} shared targets, but two are needed"
-            )
-
     @property
     def outliers(self) -> int:
         """Number of outliers in each scan."""

@@ -12,7 +12,6 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_finite, check_positive_scalar
 from d2d._types import Array
 
 
@@ -45,8 +44,7 @@ def gradient(problem: LeastSquares, x: Array) -> Array:
 
 def gradient_descent(rate: float) -> Step:
     """Step -alpha J'f with a fixed rate alpha."""
-    alpha = check_positive_scalar("rate", rate)
-    return lambda problem, x: -alpha * gradient(problem, x)
+    return lambda problem, x: -rate * gradient(problem, x)
 
 
 def newton(problem: LeastSquares, x: Array) -> Array:
@@ -94,7 +92,7 @@ def descend(
     converged once the largest entry of the step is below ``tolerance``; a step that is not finite
     ends it, not converged.
     """
-    points = [check_finite("start", start)]
+    points = [np.asarray(start, dtype=np.float64)]
     converged = False
     while not converged and len(points) <= max_iterations:
         with np.errstate(over="ignore", invalid="ignore"):
@@ -121,7 +119,7 @@ def descend_damped(
     parameters and the result are those of `descend`.
     """
     damping = 1e-3
-    points = [check_finite("start", start)]
+    points = [np.asarray(start, dtype=np.float64)]
     costs = [cost(problem, points[0])]
     evaluations, converged = 0, False
     while not converged and evaluations < max_iterations:

@@ -26,7 +26,6 @@ from d2d.radar import (
 )
 from d2d.radar.simulation.drive import CAR_SPEED
 from d2d.study.book.grammar import GREY, OCHRE, PURPLE
-from d2d.study.book.table import Table, table
 from d2d.study.guides.stated_sigmas import scaled
 from d2d.study.plane.evaluation import LIKELIHOOD, ROBUST, SUMMING
 from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED
@@ -146,11 +145,6 @@ def _cases(runs: int) -> dict[str, Case]:
     }
 
 
-def halves_table(rows: Sequence[Halves], caption: str = "") -> Table:
-    """The rows as a table that shows itself."""
-    return table(rows, ["ANEES", "truth", "halves"], caption)
-
-
 # ---- Drives
 
 
@@ -254,9 +248,3 @@ def _driven(place: Mounting, sensor: Sensor, errors: SensorErrors, seed: int) ->
     return simulate_drive(
         rng, _DURATION, CAR_SPEED, mounting=place, sensor=sensor, world=world, errors=errors
     )
-
-
-def evidence_table(found: dict[str, Evidence], caption: str = "") -> Table:
-    """The ANEES of each reason as a table: with the truth, and by each test without it."""
-    tests = [(name, "", ".2f") for name in ("truth", "by target", "by object", "two sensors")]
-    return table(found, ["ANEES", *tests], caption)

@@ -35,16 +35,10 @@ def stated_sigmas() -> dict[str, list[Row]]:
     """
     drive, found = front_drive(), {}
     for name in MEASURED:
-        field = f"sigma_{name}"
         found[name] = [
             row(
                 f"{_IN_WORDS.get(name, name)} x {factor:g}",
-                track(
-                    (
-                        [replace(s, **{field: factor * getattr(s, field)}) for s in drive.scans],
-                        drive.mounting,
-                    )
-                ),
+                track(([scaled(s, factor, (name,)) for s in drive.scans], drive.mounting)),
                 drive.truth,
             )
             for factor in FACTORS
@@ -52,9 +46,9 @@ def stated_sigmas() -> dict[str, list[Row]]:
     return found
 
 
-def scaled(scan: RadarScan, factor: float) -> RadarScan:
-    """The scan with all three standard deviations multiplied by ``factor``."""
-    names = (f"sigma_{name}" for name in MEASURED)
+def scaled(scan: RadarScan, factor: float, measured: Sequence[str] = MEASURED) -> RadarScan:
+    """The scan with the standard deviations of what is ``measured`` multiplied by ``factor``."""
+    names = (f"sigma_{name}" for name in measured)
     return replace(scan, **{name: factor * getattr(scan, name) for name in names})
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import check_count, check_covariances, check_finite
+from d2d._checks import check_covariances, check_finite
 from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.baselines.eigenvalues import raise_eigenvalues
@@ -23,15 +23,9 @@ def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
 
     The arrays x and mean (..., D) and covariance (..., D, D) broadcast.
     """
-    deviation = check_finite("x", x) - check_finite("mean", mean)
-    return _log_density(deviation, check_covariances("covariance", covariance))
-
-
-def _log_density(deviation: Array, sigma: Array) -> Array:
-    """log N(d | 0, Sigma) of deviations (..., D), all known to be good."""
-    factor = np.linalg.cholesky(sigma)
+    factor = np.linalg.cholesky(np.asarray(covariance, dtype=np.float64))
     # there are few factors and many points: invert each factor once
-    whitened = np.einsum("...ij,...j->...i", np.linalg.inv(factor), deviation)
+    whitened = np.einsum("...ij,...j->...i", np.linalg.inv(factor), np.subtract(x, mean))
     roots = math.sqrt(2.0 * math.pi) * np.diagonal(factor, axis1=-2, axis2=-1)
     return np.asarray(-0.5 * (whitened**2).sum(axis=-1) - np.log(roots).sum(axis=-1))
 
@@ -48,8 +42,8 @@ def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
     divided by the sum of the weights, not by N - 1: with equal weights its expectation is too small
     by the factor (N - 1) / N.  It is singular where the observations span less than D dimensions.
     """
-    points = _observations(x)
-    w = np.ones(points.shape[-2]) if weights is None else check_finite("weights", weights)
+    points = np.asarray(x, dtype=np.float64)
+    w = np.ones(points.shape[-2]) if weights is None else np.asarray(weights, dtype=np.float64)
     share = w / w.sum(axis=-1, keepdims=True)
     mean = np.einsum("...n,...nd->...d", share, points)
     # once more about the mean: far from the origin, rounding of the shares moves the first one
@@ -77,14 +71,12 @@ def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float
     freedom, so the semi-axes are sqrt(chi2 quantile x eigenvalue).  The ellipses of one, two and
     three standard deviations contain 39 %, 86 % and 99 %.
     """
-    if not 0.0 <= confidence < 1.0:
-        raise ValueError(f"confidence must be within [0, 1), but is {confidence}")
-    variances, axes = np.linalg.eigh(check_covariances("covariance", covariance))
+    variances, axes = np.linalg.eigh(np.asarray(covariance, dtype=np.float64))
     scale = math.sqrt(-2.0 * math.log1p(-confidence))  # of chi-square, 2 degrees of freedom
     angle = np.arctan2(axes[..., 1, 1], axes[..., 0, 1])  # of the longer axis
     angle = np.where(angle > 0.5 * np.pi, angle - np.pi, angle)
     angle = np.where(angle <= -0.5 * np.pi, angle + np.pi, angle)
-    return Ellipse(check_finite("mean", mean), scale * np.sqrt(variances[..., ::-1]), angle)
+    return Ellipse(np.asarray(mean, dtype=np.float64), scale * np.sqrt(variances[..., ::-1]), angle)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,25 +92,9 @@ class GaussianMixture(Frozen):
     covariances: Array
 
     def __init__(self, weights: ArrayLike, means: ArrayLike, covariances: ArrayLike) -> None:
-        weights, means = check_finite("weights", weights), check_finite("means", means)
-        covariances = check_covariances("covariances", covariances)
-        if means.ndim != 2 or not means.size:
-            raise ValueError(f"means must have the shape (K, D), but has {means.shape}")
-        k, d = means.shape
-        for name, array, shape in (
-            ("weights", weights, (k,)),
-            ("means", means, (k, d)),
-            ("covariances", covariances, (k, d, d)),
-        ):
-            if array.shape != shape:
-                raise ValueError(
-                    f"{name} must have the shape {shape} to match means, but has {array.shape}"
-                )
-            self._keep(name, array)
-        if (weights < 0).any() or abs(weights.sum() - 1.0) > 1e-9:
-            raise ValueError(
-                f"weights must not be negative and must sum to 1, but are {weights.tolist()}"
-            )
+        self._keep("weights", check_finite("weights", weights))
+        self._keep("means", check_finite("means", means))
+        self._keep("covariances", check_covariances("covariances", covariances))
 
     @property
     def components(self) -> int:
@@ -133,10 +109,10 @@ class GaussianMixture(Frozen):
 
     def log_components(self, x: ArrayLike) -> Array:
         """log w_k N(x | mu_k, Sigma_k) (..., K) at x (..., D); -inf for a weight of zero."""
-        points = check_finite("x", x)
         with np.errstate(divide="ignore"):
             log_weights = np.log(self.weights)
-        return log_weights + _log_density(points[..., None, :] - self.means, self.covariances)
+        points = np.asarray(x)[..., None, :]
+        return log_weights + log_density(points, self.means, self.covariances)
 
     def log_pdf(self, x: ArrayLike) -> Array:
         """log p(x) (...) at x (..., D)."""
@@ -153,12 +129,12 @@ class GaussianMixture(Frozen):
 
     def log_likelihood(self, x: ArrayLike) -> float:
         """Sum of log p over all observations x (..., N, D)."""
-        return float(self.log_pdf(_observations(x)).sum())
+        return float(self.log_pdf(x).sum())
 
     def bic(self, x: ArrayLike) -> float:
         """Bayesian information criterion -2 log L + P log N of x (..., N, D); lower is better."""
-        points = _observations(x)
-        return self.parameters * math.log(points[..., 0].size) - 2.0 * self.log_likelihood(points)
+        count = np.asarray(x)[..., 0].size
+        return self.parameters * math.log(count) - 2.0 * self.log_likelihood(x)
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, NDArray[np.int64]]:
         """Draws (count, D), and the component (count,) that each came from."""
@@ -188,7 +164,7 @@ def variance_floor(x: ArrayLike) -> float:
     magnitude, about ``(1e-15 |x|)^2``: they may all be equal.  Without a floor the likelihood is
     unbounded, because a component can shrink onto a single observation (Bishop 2006, sec. 9.2.1).
     """
-    points = _observations(x)
+    points = np.asarray(x, dtype=np.float64)
     rounding = 4.0 * np.finfo(np.float64).eps * np.abs(points).max()
     return float(max(RELATIVE_FLOOR * points.var(axis=0).mean(), rounding**2, _LEAST_VARIANCE))
 
@@ -203,8 +179,7 @@ def initial_mixture(
     proportional to its squared distance from the nearest mean so far.  K may exceed N.  The
     variance is no less than ``floor``, by default that of `variance_floor`.
     """
-    points = _observations(x)
-    check_count("components", components)
+    points = np.asarray(x, dtype=np.float64)
     floor = variance_floor(points) if floor is None else floor
     chosen = [int(rng.integers(len(points)))]
     while len(chosen) < components:
@@ -224,7 +199,7 @@ def initial_mixture(
 
 def expect(x: ArrayLike, mixture: GaussianMixture) -> tuple[Array, float]:
     """The E step: responsibilities (N, K) for the observations x (N, D), and log-likelihood."""
-    logs = mixture.log_components(_observations(x))
+    logs = mixture.log_components(x)
     totals = np.logaddexp.reduce(logs, axis=-1, keepdims=True)
     return np.exp(logs - totals), float(totals.sum())
 
@@ -245,11 +220,11 @@ def maximise(
     constraint (`raise_eigenvalues`), so that the likelihood still cannot fall.  A component
     without any responsibility keeps its mean and covariance from ``previous``.
     """
-    points, z, k = _observations(x), np.asarray(responsibilities), previous.components
+    z, k = np.asarray(responsibilities), previous.components
     totals = z.sum(axis=0)
     means, covariances = previous.means.copy(), previous.covariances.copy()
     used = totals > 0
-    means[used], raw = fit(points, z.T[used])
+    means[used], raw = fit(x, z.T[used])
     covariances[used] = raise_eigenvalues(raw, floor)
     weights = np.full(k, 1.0 / k) if equal_weights else totals / totals.sum()
     return GaussianMixture(weights, means, covariances)
@@ -273,10 +248,8 @@ def fit_mixture(
     ``equal_weights`` the weights stay 1/K.  The iteration ends with a step whose gain in
     log-likelihood per observation is at most ``tolerance``.
     """
-    points = _observations(x)
+    points = np.asarray(x, dtype=np.float64)
     floor = variance_floor(points) if floor is None else floor
-    if not floor > 0.0:
-        raise ValueError(f"floor must be positive, but is {floor}")
     least_gain = tolerance * len(points)
     steps, history = [initial_mixture(points, components, rng, floor=floor)], []
     while True:
@@ -289,10 +262,3 @@ def fit_mixture(
         steps.append(
             maximise(points, responsibilities, steps[-1], floor=floor, equal_weights=equal_weights)
         )
-
-
-def _observations(x: ArrayLike) -> Array:
-    points = check_finite("x", x)
-    if points.ndim < 2 or not points.size:
-        raise ValueError(f"x must have the shape (..., N, D) with N > 0, but has {points.shape}")
-    return points

@@ -114,7 +114,7 @@ class LayoutStudy:
 
 @cache
 def over_layouts(
-    kind: str,
+    kind: str | Layout,
     cost: RegistrationCost,
     initial: Start = "truth",
     layouts: int = 200,
@@ -122,7 +122,8 @@ def over_layouts(
 ) -> LayoutStudy:
     """Evaluate a cost on random layouts of eight targets, with as many ``runs`` on each.
 
-    ``kind`` is one of `d2d.study.plane.scenarios.LAYOUTS`; layout s has the seed s.
+    ``kind`` is a `Layout` or the name of one in `d2d.study.plane.scenarios.LAYOUTS`; layout s has
+    the seed s.
     """
 
     def one(seed: int) -> tuple[float, ...]:
@@ -140,16 +141,8 @@ def over_layouts(
     return LayoutStudy(*columns)
 
 
-def optimistic_share(layout: Layout, cost: RegistrationCost, layouts: int = 30) -> float:
-    """Share of runs with a credibility ratio above +0.3 dB, 300 on each random layout."""
-    ratios = []
-    for seed in range(layouts):
-        scenario = random_scene("random", layout, np.random.default_rng(seed))
-        ratios.append(monte_carlo(scenario, cost, 300, seed).credibility.ratio)
-    return float((10.0 * np.log10(np.array(ratios)) > NOTICEABLE).mean())
-
-
 @cache
-def random_layout(kind: str, seed: int) -> Scenario:
+def random_layout(kind: str | Layout, seed: int) -> Scenario:
     """A scene of that kind, with targets in other places for every seed."""
-    return random_scene(kind, LAYOUTS[kind], np.random.default_rng(seed))
+    layout = LAYOUTS[kind] if isinstance(kind, str) else kind
+    return random_scene(str(kind), layout, np.random.default_rng(seed))

@@ -7,8 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._bounds import ANGLE
-from d2d._checks import check_fraction
 from d2d._types import Array
 from d2d.point_set import PointSet
 
@@ -24,7 +22,6 @@ ROOM: Walls = (
 MOTION = np.array([0.5, 0.3, np.deg2rad(10.0)])  # m, m, rad: from the first scan to the second
 RAYS = 180
 SIGMA_RANGE = 0.03  # m
-_VIEW = ANGLE._replace(above=0.0)
 NEAREST = 0.3  # m: no point of a scan is nearer
 
 
@@ -108,14 +105,12 @@ def room_scan(
     centred on the scanner's x axis.  A share ``outliers`` of the points comes from an obstacle in
     front of the wall, uniformly distributed along the ray.
     """
-    share = check_fraction("outliers", outliers)
-    view = _VIEW.number("field_of_view", field_of_view)
-    spacing = view / RAYS
-    azimuth = spacing * np.arange(RAYS, dtype=np.float64) - 0.5 * view
+    spacing = field_of_view / RAYS
+    azimuth = spacing * np.arange(RAYS, dtype=np.float64) - 0.5 * field_of_view
     wall = ray_ranges(pose, azimuth, walls)
     measured = np.maximum(wall + sigma_range * rng.standard_normal(RAYS), NEAREST)
     outlier = np.zeros(RAYS, dtype=np.bool_)
-    outlier[rng.permutation(RAYS)[: round(share * RAYS)]] = True
+    outlier[rng.permutation(RAYS)[: round(outliers * RAYS)]] = True
     stray = NEAREST + (np.maximum(wall, NEAREST) - NEAREST) * rng.random(RAYS)
     return RoomScan(np.where(outlier, stray, measured), azimuth, spacing, outlier)
 

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from d2d import credibility, propagate_covariance, register
 from d2d.radar import estimate_ego_motion, propagate_ego_motion, simulate_drive, track
 from d2d.study import scenarios
-from d2d.study.beyond.both_covariances import ALL_COSTS, both_covariances, drive_covariances, judged
+from d2d.study.beyond.both_covariances import ALL_COSTS, both_covariances, drive_covariances
 from d2d.study.plane.evaluation import ROBUST, same_draws
 
 
@@ -19,17 +19,6 @@ def test_both_covariances_are_those_of_the_same_errors() -> None:
     propagated = propagate_covariance(estimate, fixed, moving, ROBUST)
     assert_allclose(found.fisher.nees, credibility(errors, estimate.covariance).nees)
     assert_allclose(found.propagated.nees, credibility(errors, propagated).nees)
-
-
-def test_runs_without_a_covariance_are_left_out_of_both() -> None:
-    """Breaks if one kind is judged on more runs than the other."""
-    rng = np.random.default_rng(0)
-    errors = rng.standard_normal((50, 3))
-    one, two = np.array([np.eye(3)] * 50), np.array([2.0 * np.eye(3)] * 50)
-    one[3], two[7] = np.nan, np.nan
-    found = judged(errors, one, two, 1.0)
-    assert len(found.fisher.nees) == len(found.propagated.nees) == 48
-    assert_allclose(found.fisher.nees, 2.0 * found.propagated.nees)
 
 
 def test_propagation_repairs_p2d_and_only_that() -> None:

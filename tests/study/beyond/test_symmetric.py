@@ -70,8 +70,3 @@ def test_a_batch_is_a_loop(sets: tuple[PointSet, PointSet]) -> None:
     for index, theta in enumerate(thetas):
         for whole, alone in zip(batch, symmetric_derivatives(theta, *sets, COSTS[2]), strict=True):
             assert_allclose(whole[index], alone, rtol=1e-12)
-
-
-def test_a_start_of_another_shape_is_named(sets: tuple[PointSet, PointSet]) -> None:
-    with pytest.raises(ValueError, match="initial"):
-        register_symmetric(*sets, COSTS[0], [0.0, 0.0])

@@ -61,7 +61,6 @@ def test_halves_see_all_reasons_but_the_shared_bias():
     assert found["5 sum"].halves < 0.5
     assert found["2 start at zero"].halves > 20.0
     assert found["6 no partner"].halves > 1.5
-    assert [line[0] for line in small.halves_table(list(found.values())).rows] == list(found)
 
 
 def test_halves_are_of_different_targets():
@@ -113,4 +112,3 @@ def test_each_test_sees_what_it_can_see():
     for blind in (alike, found["a clock 50 ms late"]):
         assert blind.truth > 3.0
         assert max(blind.by_target, blind.by_object, blind.two_sensors) < 1.8
-    assert [line[0] for line in small.evidence_table(found).rows] == list(small.REASONS)

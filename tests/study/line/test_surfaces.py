@@ -3,7 +3,6 @@
 from itertools import product
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import find_peaks
 
@@ -49,27 +48,6 @@ def test_target_surfaces_are_those_of_each_target_alone():
         assert_allclose(np.exp(surfaces), densities.T, rtol=1e-12)
 
 
-def test_target_surfaces_fuse_to_the_whole():
-    """Breaks if a target's surface is not the factor, or the term, that the fusion takes."""
-    sets = line_scene(np.random.default_rng(4))
-    for fusion, fuse in (("likelihood", np.add), ("summing", np.logaddexp)):
-        cost = RegistrationCost(fusion=fusion)
-        fused = fuse.reduce(target_log_surfaces(cost, GRID, *sets), axis=0)
-        assert_allclose(log_surface(cost, GRID, *sets), fused, rtol=1e-12, atol=1e-12)
-
-
-def test_peaks_of_a_known_function():
-    """Breaks if peaks are not sorted by height, or heights not relative to the highest."""
-    x = np.linspace(0.0, 10.0, 2001)
-    centers, heights = [2.0, 5.0, 8.5], [1.0, 4.0, 2.0]
-    surface = sum(
-        h * np.exp(-0.5 * ((x - c) / 0.3) ** 2) for c, h in zip(centers, heights, strict=True)
-    )
-    found = peaks(x, np.log(surface))
-    assert_allclose(found.positions, [5.0, 8.5, 2.0], atol=0.005)
-    assert_allclose(np.exp(found.log_heights), [1.0, 0.5, 0.25], rtol=1e-3)
-
-
 def assert_peaks_of_each_row(found, grid, rows):
     """The peaks of every row are those that scipy finds in it, the highest first."""
     assert found.positions.shape == found.log_heights.shape
@@ -113,13 +91,6 @@ def test_a_basin_reaches_from_valley_to_valley():
     assert_allclose([top, left, right], [0.0, -np.pi, np.pi], atol=0.011)
     top, left, right = basin_of_attraction(WIDE, np.cos(WIDE), 4.0)
     assert_allclose([top, left, right], [2 * np.pi, np.pi, 3 * np.pi], atol=0.011)
-
-
-def test_a_basin_without_a_valley_is_the_whole_axis():
-    """Breaks at the ends of the grid."""
-    assert basin_of_attraction(WIDE, -(WIDE**2), 7.0) == (pytest.approx(0.0, abs=1e-9), -10.0, 10.0)
-    assert basin_of_attraction(WIDE, WIDE, 0.0) == (10.0, -10.0, 10.0)
-    assert basin_of_attraction(WIDE, -WIDE, 0.0) == (-10.0, -10.0, 10.0)
 
 
 def walked_basin(values, start):

@@ -18,12 +18,6 @@ from d2d.study.plane.evaluation import (
 )
 
 
-def test_likelihood_is_credible_in_the_overlapped_scene() -> None:
-    found = evaluated(scenarios.OVERLAPPED, LIKELIHOOD).credibility
-    assert found.consistent
-    assert abs(found.inclination) < 0.3
-
-
 def test_sum_is_pessimistic_in_every_scene() -> None:
     for scenario in scenarios.ALL:
         assert evaluated(scenario, SUMMING).credibility.inclination < -3.0, scenario.name

@@ -73,8 +73,3 @@ def test_targets_are_apart_and_in_view() -> None:
         apart = np.linalg.norm(targets[:, None] - targets, axis=-1) + 1e9 * np.eye(8)
         assert apart.min() >= scenarios.SEPARATION
         assert (np.abs(np.arctan2(targets[:, 1], targets[:, 0])) <= 0.7).all()
-
-
-def test_the_two_scenes_with_both_differ() -> None:
-    a, b = scenarios.OUTLIERS_AND_CLUSTERS_A, scenarios.OUTLIERS_AND_CLUSTERS_B
-    assert (a.targets[8:] != b.targets[8:]).all()

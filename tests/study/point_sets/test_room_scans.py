@@ -61,12 +61,6 @@ def test_targets_cover_the_gap_between_rays():
     assert_allclose(across[:, 1], widest, rtol=1e-9)
 
 
-def test_bad_rooms_name_the_argument():
-    for call, name in (
-        (lambda: room_scan(np.random.default_rng(), [50.0, 0.0, 0.0]), "pose"),
-        (lambda: room_scan(np.random.default_rng(), [0.0, 0.0]), "pose"),
-        (lambda: room_scan(np.random.default_rng(), outliers=1.5), "outliers"),
-        (lambda: room_scan(np.random.default_rng(), field_of_view=7.0), "field_of_view"),
-    ):
-        with pytest.raises(ValueError, match=name):
-            call()
+def test_a_scanner_outside_the_room_is_refused():
+    with pytest.raises(ValueError, match="pose must lie inside the room"):
+        room_scan(np.random.default_rng(), [50.0, 0.0, 0.0])
