@@ -1,8 +1,8 @@
 """Claims as readers see them: cards, the box atop a chapter, and the tables of the ledger.
 
-Cards and the ledger are HTML.  Boxes and tables are MyST Markdown, so that their sentences may cite, refer and
-hold formulas as the text does: ``[text](#fig-x)`` links to the figure with that label, and the
-build of the book fails if there is none.
+Cards and the ledger are HTML.  Boxes and tables are MyST Markdown, so that their
+sentences may cite, refer and hold formulas as the text does: ``[text](#fig-x)`` links to the figure
+with that label, and the build of the book fails if there is none.
 """
 
 import math

@@ -94,8 +94,8 @@ def _upper(among: int) -> float:
 def share_of(condition: ArrayLike, *, among: int = 1) -> Measured:
     """Share of independent cases (N,) in which a condition is met, with Wilson's interval.
 
-    Without a case it is anything between 0 and 1.  It has a width even at 0 and 1, where resampling gives none: after N cases without an exception,
-    the share of exceptions can still be as high as 4 / N.
+    It has a width even at 0 and 1, where resampling gives none: after N cases without an exception,
+    the share of exceptions can still be as high as 4 / N.  Without a case it can be anything.
     """
     met = np.asarray(condition, dtype=np.float64).ravel()
     if not met.size:

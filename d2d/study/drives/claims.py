@@ -251,9 +251,9 @@ def annealing_no_gain() -> Evidence:
         f"velocity. Random are velocities within {speed:g} m/s and {turn:.0f} deg/s, little more "
         "than the robot's own. The RMSE with annealing over the plain one is "
         f"{'; '.join(said)}. Where the last velocity lies in the basin of the best optimum, "
-        "annealing gains nothing and can lose: a random start misses the Doppler velocities by many standard "
-        "deviations, even inflated ones. The thesis expects more of annealing elsewhere; chapter "
-        "9b measures where.",
+        "annealing gains nothing and can lose: a random start misses the Doppler velocities by "
+        "many standard deviations, even inflated ones. The thesis expects more of annealing "
+        "elsewhere; chapter 9b measures where.",
         numbers,
         holds="For some components of the velocity.",
         over=f"{DRIVES} drives of the robot of {DURATION:g} s, each pair estimated on its own",
