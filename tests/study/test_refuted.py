@@ -122,7 +122,6 @@ WORLDS = {
     "icp-feeble": {
         point_sets: {
             "_success_shares": always(rooms(1.0, 1.0)),
-            "_median_iterations": always(WORSE),
         },
     },
     "ndt-registers": {

@@ -53,10 +53,6 @@ class Margin(NamedTuple):
     low: float
     high: float
 
-    def times(self, unit: float) -> "Margin":
-        """Both bounds times a unit, say a standard deviation in m."""
-        return Margin(unit * self.low, unit * self.high)
-
     def sizes(self, value: float) -> float:
         """A value in units of the margin; that of a ratio on a logarithmic scale."""
         if self.low > 0.0:

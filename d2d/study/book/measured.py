@@ -55,10 +55,6 @@ class Measured(float):
         """Both bounds in that format: "1.32 to 1.43", say."""
         return f"{self.low:{spec}} to {self.high:{spec}}"
 
-    def plus(self, shift: float) -> "Measured":
-        """The number and its bounds, all shifted."""
-        return Measured(self + shift, self.low + shift, self.high + shift)
-
 
 def complement(share: Measured) -> Measured:
     """The share of all other cases."""

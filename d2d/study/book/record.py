@@ -40,10 +40,10 @@ def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
     path.write_text(json.dumps(rounded, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def _rounded(value: float) -> float | list[float | str]:
+def _rounded(value: float) -> float | list[Any]:
     if not isinstance(value, Measured):
         return _short(value)
-    told = ["telling", *map(_short, value.place)] if value.telling else []
+    told: list[Any] = ["telling", *map(_short, value.place)] if value.telling else []
     return [*map(_short, _parts(value)), *told]
 
 

@@ -66,9 +66,6 @@ def gmm_better() -> Evidence:
         numbers[f"share of draws with two better by BIC, {apart}"] = (
             tells(by_bic[separation], nearly_all) if told else by_bic[separation]
         )
-        numbers[f"median gain in log-likelihood per held-out observation, {apart}"] = median_of(
-            gains[:, 0]
-        )
     gains = np.array([_gain_of_two(NEAR_HUMPS, MANY, rng) for _ in range(DRAWS // 2)])
     by_bic_of_many = share_of(gains[:, 1] > 0)
     numbers[
@@ -177,7 +174,6 @@ def em_monotone() -> Evidence:
             "number of these that lower it beyond rounding": float(falls),
             "share of starts that end in a poorer maximum, three humps": poorer,
         },
-        holds=f"For the {equal:.0%} of the sets on which EM converges within {MAX_STEPS} steps.",
         over=f"{SETS} random sets of observations, every fifth degenerate, and {STARTS} starts on "
         "one set with three humps",
     )

@@ -105,7 +105,6 @@ def cluster_summing_wrong() -> Evidence:
                 sum(share > 0.5 for share in searched.values())
             ),
         },
-        holds="In some of these scenes.",
         over=f"{SEARCHED} draws of the noise of each of three scenes, one on each of {SEARCHED} "
         f"random layouts; the search {DRAWS} on {SCENES} random scenes of {len(searched)} kinds, "
         f"its result {DRAWS} on {FRESH} further scenes",
@@ -160,7 +159,6 @@ def cluster_likelihood_same() -> Evidence:
             "I2 (dB)": tells(here, same, DECIBELS),
             "mean of I2 over 200 random layouts (dB)": on_layouts,
         },
-        holds="In most draws, or on some layouts.",
         over=f"{SEARCHED} draws for the optima; {OVER_LAYOUTS}",
     )
 
@@ -201,6 +199,5 @@ def cluster_error() -> Evidence:
             "ratio of the RMSE in clusters, sum / likelihood": tells(excess, larger, RATIO),
             "mean of this ratio over the layouts": excess_of_layouts,
         },
-        holds="In some of these scenes.",
         over=OVER_LAYOUTS,
     )

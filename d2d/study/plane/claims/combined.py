@@ -169,7 +169,6 @@ def all_summing_unstable() -> Evidence:
         f"that arrive by {100 * returns:+.1f}, and its global minimum is at the truth as often "
         f"({100 * lowest:+.1f}). Over 200 random layouts {spread}: neither is less stable.",
         numbers,
-        holds="For some of these measures.",
         over=f"{OF_BOTH}, {SEARCHED} for the minima, and 100 on each of 200 random layouts",
     )
 

@@ -175,10 +175,6 @@ def outlier_robust_minimum() -> Evidence:
             "mean number of minima within 10 m and 45 deg of the truth": near,
             "log10 of the second density over the first": decades_to_second(found),
         },
-        holds=f"The global minimum is at the truth in {right:.0%} of the draws of this scene and "
-        f"{right_of_layouts:.1%} of those on random layouts (95% interval "
-        f"{right_of_layouts.between('.1%')}), and the only one above 1% of the highest density in "
-        f"{single:.0%} and {single_of_layouts:.1%}.",
         over=f"{SEARCHED} draws of the noise of this scene and one on each of {SEARCHED} random "
         "layouts, 847 descents in each",
     )
@@ -213,8 +209,6 @@ def outlier_error() -> Evidence:
             "ratio of the sum's RMSE, with outliers / overlapped": grown,
             "ratio of the robust RMSE, with outliers / overlapped likelihood": grown_robust,
         },
-        holds=f"In this scene, where the ratio of the RMSEs has a 95% interval of "
-        f"{ratio.between('.2f')}, and on {share:.1%} of 200 random layouts.",
         over=OVER_LAYOUTS,
     )
 

@@ -143,9 +143,6 @@ def overlap_error() -> Evidence:
             "share of 200 random layouts on which the sum's RMSE is the larger": share,
             "mean ratio over the layouts, translation": mean,
         },
-        holds="In this scene, where the 95% intervals of the ratios are "
-        f"{translation.between('.2f')} (translation) and {rotation.between('.2f')} (rotation), and "
-        f"on {share:.0%} of 200 random layouts.",
         over=OVER_LAYOUTS,
     )
 
@@ -229,8 +226,6 @@ def overlap_summing_pessimistic() -> Evidence:
             "share of 200 random layouts with an I2 below -0.5 dB": share,
             "95 % quantile of I2 over 200 random layouts (dB)": high,
         },
-        holds=f"In this scene, where I2 is {here:+.1f} dB; its 95% quantile over 200 random "
-        f"layouts is {high:+.1f} dB.",
         over=OVER_LAYOUTS,
     )
 
@@ -262,8 +257,6 @@ def overlap_likelihood_credible() -> Evidence:
             "I2 (dB)": tells(here, same, DECIBELS),
             "mean of I2 over 200 random layouts (dB)": mean,
         },
-        holds=f"In this scene, where I2 is {here:+.2f} dB; its mean over 200 random layouts is "
-        f"{mean:+.2f} dB.",
         over=OVER_LAYOUTS,
     )
 
@@ -305,6 +298,5 @@ def overlap_outlier_component() -> Evidence:
                 change_printed, smaller, DECIBELS
             ),
         },
-        holds="For the error.",
         over=OVER_LAYOUTS,
     )
