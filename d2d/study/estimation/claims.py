@@ -222,8 +222,8 @@ def summing_not_gaussian() -> Evidence:
         },
         "as densities of the targets' places, which is what the assumption can mean: the product "
         f"has an area of {last['likelihood']:.3f} over all places of two targets, and the sum one "
-        f"that grows with the square, to {last['sum']:.3g}. As functions of the motion neither "
-        "has an area of one. The errors, divided by the root of their own covariance, have "
+        f"that grows with the side of the square, to {last['sum']:.3g}. As functions of the motion "
+        "neither has an area of one. The errors, divided by the root of their own covariance, have "
         f"{shape['likelihood'].kurtosis:.2f} times the kurtosis of a Gaussian with the likelihood "
         f"and {shape['sum'].kurtosis:.2f} times with the sum, and at two stated standard "
         "deviations from the optimum the negative logarithm is "

@@ -136,8 +136,8 @@ def outlier_likelihood_vanishes() -> Evidence:
             "I2 (dB)": tilt,
         },
         holds=f"An outlier of the current set stands more than {FAR:g} standard deviations of a "
-        f"difference from every component; it does so in {on_layouts_if_far:.0%} of such draws on "
-        f"random layouts, and in {on_layouts:.1%} of all.",
+        f"difference from every component; the likelihood vanishes in {on_layouts_if_far:.0%} of "
+        f"such draws on random layouts, and in {on_layouts:.1%} of all.",
         over=f"{THOUSAND}, 10 on each of {LAYOUTS} random layouts; the highest value in "
         f"{SEARCHED} draws",
     )
