@@ -14,7 +14,7 @@ from html import escape
 from d2d.study.book.claim import Claim, Evidence, Finding, Verdict
 from d2d.study.book.measured import Measured
 from d2d.study.book.table import significant
-from d2d.study.book.thesis_figures import ThesisFigure
+from d2d.study.book.thesis_figures import FIGURES, ThesisFigure
 from d2d.study.book.typography import typeset
 
 SIGNS: dict[Verdict, str] = {
@@ -299,7 +299,7 @@ def _row(claim: Claim, evidence: Evidence) -> str:
     )
     links = (
         f'<a href="{claim.page}.html">Chapter {chapter}</a>, '
-        f'<a href="{claim.page}.html#fig-{claim.figure}">its figure</a>'
+        f'<a href="{_figure_page(claim)}.html#fig-{claim.figure}">its figure</a>'
     )
     return "\n".join(
         [
@@ -314,6 +314,11 @@ def _row(claim: Claim, evidence: Evidence) -> str:
             "</div></details>",
         ]
     )
+
+
+def _figure_page(claim: Claim) -> str:
+    """The page that shows the claim's figure: one of the thesis's figures may be on another page."""
+    return next((each.page for each in FIGURES if each.id == claim.figure), claim.page)
 
 
 _WIDTH, _HEIGHT, _FARTHEST = 110, 14, 20.0  # of an axis in px, and its ends in margins
