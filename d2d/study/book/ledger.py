@@ -317,7 +317,7 @@ def _row(claim: Claim, evidence: Evidence) -> str:
 
 
 def _figure_page(claim: Claim) -> str:
-    """The page that shows the claim's figure: one of the thesis's figures may be on another page."""
+    """The page that shows the claim's figure, which need not be the claim's own."""
     return next((each.page for each in FIGURES if each.id == claim.figure), claim.page)
 
 

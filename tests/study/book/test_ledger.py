@@ -152,7 +152,8 @@ def test_each_claim_is_a_line_with_verdict_numbers_and_place():
     summary = " ".join(read(first.split("</summary>")[0]).split())
     assert summary.endswith("✓ confirmed A is right. 1.23 1.1 to 2")
     assert 'data-verdict="wrong in part" data-chapter="6"' in second
-    assert '<a href="04b_outliers_and_clusters_1d.html#fig-outlier-cost">' in first
+    assert '<a href="04b_outliers_and_clusters_1d.html">Chapter 4b' in first
+    assert '<a href="06c_outliers_and_clusters_2d.html#fig-outlier-cost">' in first
     assert "steps" in first.split("</summary>", 1)[1]
     assert str(ledger(CLAIMS_OF_TWO, RECORD)).splitlines() == [
         "confirmed     a (4.4): ratio < 2 1.23 [1.1, 2]",
