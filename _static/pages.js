@@ -105,53 +105,69 @@ window.addEventListener("afterprint", () => {
   opened.clear();
 });
 
-/** Above the table of claims: two lists to choose from. The address keeps the choice. */
+/** Above the ledger: two lists to choose from and a field to search in. The address keeps them, "#ledger?verdict=...". */
 function filterLedger() {
-  const rows = [...document.querySelectorAll("article tbody tr")].filter((row) => row.querySelector("[id^='claim-']"));
+  const rows = [...document.querySelectorAll(".ledger-row")];
   if (!rows.length) return;
-  const properties = rows.map((row) => ({
-    verdict: row.querySelector(".verdict").textContent.trim(),
-    chapter: row.querySelector("td a").textContent.trim(),
-  }));
   const form = document.createElement("form");
   form.className = "ledger-filter";
   form.setAttribute("role", "search");
   form.setAttribute("aria-label", "Claims shown");
-  const lists = Object.fromEntries(["verdict", "chapter"].map((name) => {
+  const labelled = (name, field) => {
     const label = form.appendChild(document.createElement("label"));
     label.textContent = name[0].toUpperCase() + name.slice(1);
-    const list = label.appendChild(document.createElement("select"));
-    list.name = name;
+    field.name = name;
+    return label.appendChild(field);
+  };
+  const lists = Object.fromEntries(["verdict", "chapter"].map((name) => {
+    const list = labelled(name, document.createElement("select"));
     list.add(new Option("all", ""));
-    new Set(properties.map((each) => each[name])).forEach((value) => list.add(new Option(value)));
+    new Set(rows.map((row) => row.dataset[name])).forEach((value) => list.add(new Option(value)));
     return [name, list];
   }));
+  const words = labelled("search", document.createElement("input"));
+  words.type = "search";
   const count = form.appendChild(document.createElement("output"));
-  const table = rows[0].closest("table");
-  const box = table.closest(".pst-scrollable-table-container") ?? table;
-  box.before(form);
+  document.getElementById("ledger").before(form);
 
   function show() {
-    let shown = 0;
-    rows.forEach((row, number) => {
-      row.hidden = Object.entries(lists).some(([name, list]) => list.value && list.value !== properties[number][name]);
-      shown += !row.hidden;
+    const sought = words.value.trim().toLowerCase();
+    const visible = rows.filter((row) => {
+      const chosen = Object.entries(lists).every(([name, list]) => !list.value || list.value === row.dataset[name]);
+      row.hidden = !chosen || !row.textContent.toLowerCase().includes(sought);
+      return !row.hidden;
     });
-    count.textContent = `${shown} of ${rows.length} claims`;
+    count.textContent = `${visible.length} of ${rows.length} claims`;
   }
-  /** A link to a row shows it, whatever was chosen. */
-  function reveal() {
-    const row = document.getElementById(decodeURIComponent(location.hash.slice(1)))?.closest("tr");
-    if (!row?.hidden) return;
-    form.reset();
+  function keep() {
     show();
+    const state = new URLSearchParams([...new FormData(form)].filter(([, value]) => value)).toString();
+    try {
+      history.replaceState(history.state, "", `#ledger${state ? `?${state}` : ""}`);
+    } catch {
+      /* a browser that allows no history for files: the choice is then not in the address */
+    }
+  }
+  /** What the address says: a choice, or a claim, which is shown whatever was chosen. */
+  function read() {
+    const [id, state] = decodeURIComponent(location.hash.slice(1)).split("?");
+    if (id === "ledger") {
+      const chosen = new URLSearchParams(state);
+      for (const field of [...Object.values(lists), words]) field.value = chosen.get(field.name) ?? "";
+      if (state) form.scrollIntoView();
+    }
+    const row = rows.find((each) => each.id === id);
+    if (row?.hidden) form.reset();
+    show();
+    if (!row) return;
+    row.open = true;
     row.scrollIntoView();
   }
-  form.addEventListener("change", show);
+  form.addEventListener("input", keep);
   form.addEventListener("submit", (event) => event.preventDefault());
-  window.addEventListener("hashchange", reveal);
-  window.addEventListener("pageshow", show); // after the browser has put back an earlier choice
-  show();
+  window.addEventListener("hashchange", read);
+  window.addEventListener("pageshow", read); // after the browser has put back an earlier choice
+  read();
 }
 
 /** Excerpts of the search are taken from prose: without code, and without formulas that would be TeX there. */

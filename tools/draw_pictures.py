@@ -204,12 +204,15 @@ def path_tile() -> Figure:
     return figure
 
 
+VERDICTS = (grammar.SKY, grammar.YELLOW, grammar.PURPLE, grammar.GREY)
+
+
 def check_tile() -> Figure:
     """How many claims have each verdict."""
     verdicts = [evidence.verdict for evidence in read_record().values()]
     counts = [verdicts.count(verdict) for verdict in SIGNS]
     figure, ax = plt.subplots(figsize=TILE)
-    bars = ax.barh(list(SIGNS), counts, 0.6, color=(grammar.PURPLE, grammar.YELLOW, grammar.GREY))
+    bars = ax.barh(list(SIGNS), counts, 0.6, color=VERDICTS)
     ax.bar_label(bars, padding=3)
     ax.invert_yaxis()
     ax.set(xlabel="claims", xlim=(0, 1.15 * max(counts)))

@@ -1,11 +1,12 @@
 """A Sphinx extension that adds to each page what the theme lacks.
 
-Each page gets a description, and loads only the parts of MathJax and the icons that are used; there
-is a page for addresses that do not exist.
+Each page gets a description, and loads only the parts of MathJax and the icons that are used; the
+tests that a page names are links to their source; there is a page for addresses that do not exist.
 """
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Iterator
 from html import escape
@@ -29,6 +30,8 @@ LOST_BASE = """<script>
 const root = location.pathname.replace(/(chapters|api|_images|_static)\\/.*$|[^/]*$/, "");
 document.write(`<base href="${root}">`);
 </script>"""
+TESTS = Path("tests")  # the pages are built in the repository's folder, from a copy without tests
+TEST = re.compile(r"((?:\w+/)*test_\w+)::(test_\w+)")
 LOST = """<section><h1>This page does not exist</h1>
 <p>It may have moved. The <a href="intro.html">first page</a> has the contents, and
 <a href="search.html">the search</a> finds words in all pages.</p></section>"""
@@ -99,6 +102,35 @@ def lost_page(app: Any) -> Iterator[tuple[str, dict[str, Any], str]]:
     yield "404", {"title": "Not found", "body": LOST, "metatags": LOST_BASE}, "page.html"
 
 
+def link_tests(app: Any, document: nodes.document, page: str) -> None:
+    """Make a test that a page names, ``folder/test_module::test_name``, a link to its source."""
+    for literal in list(document.findall(nodes.literal)):
+        match = TEST.fullmatch(literal.astext())
+        if match:
+            address = f"{app.builder.get_relative_uri(page, 'tests')}#{anchor(*match.groups())}"
+            literal.replace_self(nodes.reference("", "", literal.deepcopy(), refuri=address))
+
+
+def anchor(module: str, test: str) -> str:
+    """Where a test stands on the page of tests."""
+    return f"{module.replace('/', '-')}-{test}"
+
+
+def named_tests(app: Any) -> Iterator[tuple[str, dict[str, Any], str]]:
+    """A page with the source of each test that a page of the book names."""
+    chapters = (Path(app.srcdir) / "chapters").glob("*.md")
+    pages = "".join(path.read_text(encoding="utf-8") for path in chapters)
+    parts = ["<h1>Tests that the book names</h1>"]
+    for module, test in sorted({match.groups() for match in TEST.finditer(pages)}):
+        source = (TESTS / f"{module}.py").read_text(encoding="utf-8")
+        (function,) = (each for each in ast.parse(source).body if getattr(each, "name", "") == test)
+        lines = source.splitlines()[function.lineno - 1 : function.end_lineno]
+        code = app.builder.highlighter.highlight_block("\n".join(lines), "python")
+        parts.append(f'<h2 id="{anchor(module, test)}"><code>tests/{module}.py</code></h2>{code}')
+    body = f"<section>{''.join(parts)}</section>"
+    yield "tests", {"title": "Tests that the book names", "body": body}, "page.html"
+
+
 def cut_icons(app: Any, exception: Exception | None) -> None:
     """Cut the icons that no page shows from the icons' script.
 
@@ -123,5 +155,7 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("html-page-context", describe)
     app.connect("html-page-context", load_formulas, priority=900)
     app.connect("html-collect-pages", lost_page)
+    app.connect("html-collect-pages", named_tests)
+    app.connect("doctree-resolved", link_tests)
     app.connect("build-finished", cut_icons)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

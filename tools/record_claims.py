@@ -17,7 +17,7 @@ def main(names: list[str]) -> None:
     for name in names or CLAIMS:
         begin = time.perf_counter()
         fresh[name] = CLAIMS[name].check()
-        print(f"{time.perf_counter() - begin:5.1f} s  {fresh[name].verdict:9}  {name}", flush=True)
+        print(f"{time.perf_counter() - begin:5.1f} s  {fresh[name].verdict:13}  {name}", flush=True)
     merged = stored | fresh
     write_record(record_path(), {name: merged[name] for name in CLAIMS if name in merged})
 

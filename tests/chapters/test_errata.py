@@ -13,11 +13,19 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import chi2
 
-from d2d import CorruptedGaussian, RegistrationCost, UniformOutlier, credibility, register, rigid
+from d2d import (
+    CorruptedGaussian,
+    LinearMeasurement,
+    RegistrationCost,
+    UniformOutlier,
+    credibility,
+    register,
+    rigid,
+)
 from d2d.baselines import fit_rigid
 from d2d.radar import Mounting, RadarScan, doppler_velocity, inlier_probabilities
 from d2d.radar.scans.scan import doppler_gradients
-from d2d.study import scenarios
+from d2d.study import CLAIMS, scenarios
 from d2d.study.line.scene import FIXED_POSITIONS, TRUTH
 from d2d.study.mixtures.gaussian import density
 
@@ -49,15 +57,17 @@ def test_every_test_that_the_page_names_exists():
 
 
 def test_every_erratum_has_its_evidence():
-    """Breaks if a row is stated without a check: a test, a figure, a claim or a chapter."""
+    """Breaks if a row is stated without a check, or the README counts other rows."""
     rows = [
         line
         for line in PAGE.read_text(encoding="utf-8").splitlines()
         if line.startswith("|") and not re.match(r"\| (---|where)", line)
     ]
-    assert len(rows) >= 25
+    assert f"gathered in {len(rows)} rows" in (ROOT / "README.md").read_text(encoding="utf-8")
     for row in rows:
         evidence = row.strip("|").split("|")[-1]
+        for id in re.findall(r"claims? `([a-z-]+)`", row):
+            assert id in CLAIMS, id
         kinds = r"`(\w+/)*test_\w+::test_|\{(doc|eq|numref)\}|caption|\{cite"
         assert re.search(kinds, evidence), row
 
@@ -127,6 +137,16 @@ def test_the_moving_set_is_not_the_moved_fixed_one():
         (FIXED_POSITIONS[0] - TRUTH, True),
     ):
         assert np.allclose(FIXED_POSITIONS - moving_b, reported) == agrees
+
+
+def test_the_m_estimator_is_hubers():
+    """L. 769 credits Zisserman with the M-estimator, whose book came 39 years after Huber's."""
+    entries = (ROOT / "references.bib").read_text(encoding="utf-8").split("\n@")
+    years = {}
+    for key in ("huber1964robust", "hartley2003multiple"):
+        (entry,) = (each for each in entries if f"{{{key}," in each)
+        years[key] = int(re.search(r"year\s*=\s*\{(\d+)", entry)[1])
+    assert years == {"huber1964robust": 1964, "hartley2003multiple": 2003}
 
 
 def test_the_inner_product_is_no_distance():
@@ -319,6 +339,16 @@ def test_the_outlier_component_takes_curvature_away(pair):
     assert np.linalg.det(hessian) < np.linalg.det(plain.hessian)
 
 
+def test_the_nci_has_no_sign():
+    """Section 6.3, l. 1337-1339, reads from the NCI which covariance is the more pessimistic."""
+    errors = np.random.default_rng(8).standard_normal((1000, 3))
+    found = [credibility(errors, np.tile(scale * np.eye(3), (1000, 1, 1))) for scale in (0.1, 10.0)]
+    optimistic, pessimistic = found
+    assert optimistic.nci == pytest.approx(pessimistic.nci, rel=0.05)
+    assert optimistic.inclination > 9.0
+    assert pessimistic.inclination < -9.0
+
+
 def test_the_motion_is_no_motion_of_a_vehicle():
     """Section 6.1: 5 m and 15 deg in 0.2 s are 25 m/s at 75 deg/s, 3.3 g across."""
     translation, turn = scenarios.OVERLAPPED.theta[0], scenarios.OVERLAPPED.theta[2]
@@ -329,6 +359,27 @@ def test_the_motion_is_no_motion_of_a_vehicle():
 
 
 # ---- chapter 7
+
+
+def test_another_factor_adds_curvature(pair):
+    """Section 7.3, l. 1716 and 1733: a joint factor makes the curvature less."""
+    fixed, moving, theta, plain = pair
+    along = np.tile([1.0, 0.0, 0.0], (moving.size, 1))
+    speeds = LinearMeasurement(np.full(moving.size, theta[0]), 0.1, 0.0, along, 0.0 * along)
+    joint = register(fixed, moving, LIKELIHOOD, initial=theta, measurement=speeds)
+    assert np.linalg.det(joint.hessian) > 5.0 * np.linalg.det(plain.hessian)
+
+
+def test_one_wide_gaussian_at_the_mean_is_narrower_than_the_mixture():
+    """L. 1547: the outlier component is at the mean of the previous scan's targets."""
+    fixed, moving = scenarios.OUTLIERS.true_sets
+    moved = rigid.transform_means(scenarios.OUTLIERS.theta, moving)
+    wide = CorruptedGaussian(0.2, 100.0 * np.eye(2)).covariance
+    mixture = np.mean([density(moved, mean, wide) for mean in fixed], axis=0)
+    ratio = mixture / density(moved, fixed.mean(axis=0), wide)
+    assert ratio[:-1].min() == pytest.approx(0.55, abs=0.01)
+    assert ratio[:-1].max() == pytest.approx(1.39, abs=0.01)
+    assert ratio[-1] == pytest.approx(3.9, abs=0.05)  # the far outlier
 
 
 def test_the_jacobians_columns_belong_to_range_and_azimuth():

@@ -1,8 +1,24 @@
 """What the book's own Sphinx extension does to a page."""
 
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+from docutils import nodes
 from docutils.core import publish_doctree
 
-from tools.page_extras import DESCRIPTION, GLYPH, PRELOADED, icons_of, summary, without_unused
+from tools.page_extras import (
+    DESCRIPTION,
+    GLYPH,
+    PRELOADED,
+    icons_of,
+    link_tests,
+    named_tests,
+    summary,
+    without_unused,
+)
+
+CHAPTERS = Path(__file__).resolve().parents[2] / "chapters"
 
 ICONS = (
     'var s={"circle-half-stroke":[512,512,[9680,"adjust"],"f042","M448 256c0"],'
@@ -62,3 +78,22 @@ def test_a_description_is_the_first_paragraph_without_formulas():
     assert cut.endswith("word …")
     assert len(cut) <= DESCRIPTION + 2
     assert described(".. image:: x.png") == ""
+
+
+def test_a_test_that_a_page_names_is_a_link_to_its_source(tmp_path):
+    """Breaks if a link leads nowhere, or to another test."""
+    (tmp_path / "chapters").mkdir()
+    shutil.copy(CHAPTERS / "11_errata.md", tmp_path / "chapters")
+    builder = SimpleNamespace(
+        get_relative_uri=lambda page, to: f"../{to}.html",
+        highlighter=SimpleNamespace(highlight_block=lambda code, language: code),
+    )
+    app = SimpleNamespace(srcdir=str(tmp_path), builder=builder)
+    page = publish_doctree("It is ``chapters/test_errata::test_the_nci_has_no_sign``, ``not_one``.")
+    link_tests(app, page, "chapters/11_errata")
+    (link,) = page.findall(nodes.reference)
+    address, place = link["refuri"].split("#")
+    ((name, context, _),) = named_tests(app)
+    assert address == f"../{name}.html"
+    after = context["body"].split(f'id="{place}"')[1]
+    assert after.index("def test_the_nci_has_no_sign") < after.index("<h2")

@@ -1,22 +1,37 @@
 """Claims as readers see them: cards, the box atop a chapter, and the tables of the ledger.
 
-A card is HTML.  Boxes and tables are MyST Markdown, so that their sentences may cite, refer and
-hold formulas as the text does: ``[text](#fig-x)`` links to the figure with that label, and the
-build of the book fails if there is none.
+Cards and the ledger are HTML.  Boxes and tables are MyST Markdown, so that their
+sentences may cite, refer and hold formulas as the text does: ``[text](#fig-x)`` links to the figure
+with that label, and the build of the book fails if there is none.
 """
 
+import math
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 
-from d2d.study.book.claim import Claim, Evidence, Verdict
+from d2d.study.book.claim import Claim, Evidence, Finding, Verdict
 from d2d.study.book.measured import Measured
 from d2d.study.book.table import significant
-from d2d.study.book.thesis_figures import ThesisFigure
+from d2d.study.book.thesis_figures import FIGURES, ThesisFigure
 from d2d.study.book.typography import typeset
 
-SIGNS: dict[Verdict, str] = {"confirmed": "✓", "qualified": "≈", "refuted": "✗"}
+SIGNS: dict[Verdict, str] = {
+    "confirmed": "✓",
+    "conditional": "≈",
+    "wrong in part": "½",
+    "refuted": "✗",
+}
 """The sign beside the word of each verdict, so that no verdict is marked by its colour alone."""
+
+MARKS: dict[Finding, str] = {"holds": "✓", "holds if": "≈", "open": "?", "fails": "✗"}
+WORDS: dict[Finding, str] = {
+    "holds": "holds",
+    "holds if": "holds under a condition",
+    "open": "is not decided",
+    "fails": "fails",
+}
 
 LEDGER = "10_claims.html"
 """Beside the page that links to it, because all pages with claims are chapters."""
@@ -26,7 +41,11 @@ WIDTH = 88
 
 def badge(verdict: Verdict) -> str:
     """A verdict as HTML; ``_static/ledger.css`` colours it."""
-    return f'<span class="verdict verdict-{verdict}">{SIGNS[verdict]} {verdict}</span>'
+    return f'<span class="verdict {_style(verdict)}">{SIGNS[verdict]} {verdict}</span>'
+
+
+def _style(verdict: Verdict) -> str:
+    return f"verdict-{verdict.replace(' ', '-')}"
 
 
 def anchor(id: str) -> str:
@@ -73,8 +92,16 @@ def cards(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> Cards:
     return Cards(tuple((claim, record[claim.id]) for claim in claims))
 
 
+def _where(claim: Claim) -> str:
+    several = "lines" if any(mark in claim.lines for mark in ",–") else "line"
+    return f"section {claim.section}, {several} {claim.lines}"
+
+
 def _text(claim: Claim, evidence: Evidence) -> str:
-    sentences = [f"[{claim.id}] {claim.text} (thesis {claim.section})"]
+    sentences = [f"[{claim.id}] {claim.text} (thesis, {_where(claim)})"]
+    if len(evidence.parts) > 1:
+        parts = (f"{part}: {WORDS[finding]}" for part, finding in evidence.parts.items())
+        sentences.append("; ".join(parts))
     if evidence.is_conditional:
         sentences.append(f"holds: {evidence.holds}")
     sentences.append(f"{evidence.verdict}: {evidence.because}")
@@ -85,24 +112,41 @@ def _text(claim: Claim, evidence: Evidence) -> str:
 
 
 def _html(claim: Claim, evidence: Evidence) -> str:
-    parts = [
-        f'<div class="claim claim-{evidence.verdict}" role="group" aria-label="Claim {claim.id}">',
-        f'<p class="claim-head">{badge(evidence.verdict)} <span class="claim-source">thesis, '
-        f"section {claim.section} · {ledger_link(claim.id, ' in the ledger')}</span></p>",
-        f'<p class="claim-text">{typeset(claim.text)}</p>',
-    ]
+    return "\n".join(
+        [
+            f'<div class="claim {_style(evidence.verdict)}" role="group" '
+            f'aria-label="Claim {claim.id}">',
+            f'<p class="claim-head">{badge(evidence.verdict)} <span class="claim-source">thesis, '
+            f"{_where(claim)} · {ledger_link(claim.id, ' in the ledger')}</span></p>",
+            f'<p class="claim-text">{typeset(claim.text)}</p>',
+            *_details(evidence),
+            "</div>",
+        ]
+    )
+
+
+def _details(evidence: Evidence) -> list[str]:
+    """What is shown of each part, when it holds and why, and the numbers, as HTML."""
+    lines = []
+    if len(evidence.parts) > 1:
+        parts = (
+            f'<li><b class="finding-{finding.split()[-1]}">{MARKS[finding]}</b> {typeset(part)}: '
+            f"{WORDS[finding]}</li>"
+            for part, finding in evidence.parts.items()
+        )
+        lines.append(f'<ul class="claim-parts">{"".join(parts)}</ul>')
     if evidence.is_conditional:
-        parts.append(f'<p class="claim-holds"><b>Holds:</b> {typeset(evidence.holds)}</p>')
-    parts.append(f'<p class="claim-why">{typeset(_capital(evidence.because))}</p>')
+        lines.append(f'<p class="claim-holds"><b>Holds:</b> {typeset(evidence.holds)}</p>')
+    lines.append(f'<p class="claim-why">{typeset(_capital(evidence.because))}</p>')
     telling = evidence.telling
-    parts.append(_numbers(telling))
+    lines.append(_numbers(telling))
     if evidence.over:
-        parts.append(f'<p class="claim-over">Measured over {typeset(evidence.over)}</p>')
+        lines.append(f'<p class="claim-over">Measured over {typeset(evidence.over)}</p>')
     others = {name: value for name, value in evidence.numbers.items() if name not in telling}
     if others:
         summary = "The other number" if len(others) == 1 else f"The other {len(others)} numbers"
-        parts.append(f"<details><summary>{summary}</summary>\n{_numbers(others)}\n</details>")
-    return "\n".join([*parts, "</div>"])
+        lines.append(f"<details><summary>{summary}</summary>\n{_numbers(others)}\n</details>")
+    return lines
 
 
 def _numbers(numbers: Mapping[str, float]) -> str:
@@ -199,29 +243,109 @@ def verdicts_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> s
     )
 
 
-def claims_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> str:
-    """A table with one row for each claim: its verdict, its telling numbers, its figure, and why.
+@dataclass(frozen=True)
+class Ledger:
+    """All claims, a line each that unfolds, below a map of them; displays itself."""
 
-    Raises ``KeyError`` with the id if a claim is not on record.
-    """
-    rows = []
-    for claim in claims:
-        evidence = record[claim.id]
-        chapter = f"[chapter {_chapter(claim.page)}]({claim.page}.ipynb)"
-        said = (
-            f'<span id="{anchor(claim.id)}"></span>{claim.section} {typeset(claim.text)}'
-            f"<br>`{claim.id}`<br>{chapter}, [figure](#fig-{claim.figure})"
+    shown: tuple[tuple[Claim, Evidence], ...]
+
+    def __str__(self) -> str:
+        lines = []
+        for claim, evidence in self.shown:
+            numbers = "; ".join(
+                f"{name} {with_interval(value)}" for name, value in evidence.telling.items()
+            )
+            lines.append(f"{evidence.verdict:13} {claim.id} ({claim.section}): {numbers}")
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        rows = "\n".join(_row(claim, evidence) for claim, evidence in self.shown)
+        return (
+            f'{_map(self.shown)}\n<div class="ledger" id="ledger">\n'
+            f'<div class="ledger-head" aria-hidden="true"><span>verdict</span><span>claim</span>'
+            f"<span>{_AXIS_HEAD}</span></div>\n{rows}\n</div>"
         )
-        numbers = [
-            typeset(f"{with_interval(value, '**')} {name}")
-            for name, value in evidence.telling.items()
+
+
+def ledger(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> Ledger:
+    """The ledger of claims.  Raises ``KeyError`` with the id if one is not on record."""
+    return Ledger(tuple((claim, record[claim.id]) for claim in claims))
+
+
+def _map(shown: Sequence[tuple[Claim, Evidence]]) -> str:
+    """The verdicts by chapter, each a link to its line."""
+    chapters: dict[str, list[str]] = {}
+    for claim, evidence in sorted(shown, key=lambda pair: pair[0].page):
+        words = f"{claim.id}: {evidence.verdict}"
+        chapters.setdefault(_chapter(claim.page), []).append(
+            f'<a class="verdict {_style(evidence.verdict)}" href="#{anchor(claim.id)}" '
+            f'title="{words}" aria-label="{words}">{SIGNS[evidence.verdict]}</a>'
+        )
+    cells = "".join(
+        f"<li><span>{chapter}</span>{''.join(links)}</li>" for chapter, links in chapters.items()
+    )
+    return f'<ol class="ledger-map" aria-label="Verdicts by chapter">{cells}</ol>'
+
+
+def _row(claim: Claim, evidence: Evidence) -> str:
+    chapter = _chapter(claim.page)
+    told = "".join(
+        f'<span class="told" title="{escape(name)}">{_axis(value)}<b>'
+        f'{typeset(significant(value))}</b> <span class="interval">'
+        f"{' to '.join(map(typeset, _bounds(value)))}</span></span>"
+        for name, value in evidence.telling.items()
+    )
+    links = (
+        f'<a href="{claim.page}.html">Chapter {chapter}</a>, '
+        f'<a href="{_figure_page(claim)}.html#fig-{claim.figure}">its figure</a>'
+    )
+    return "\n".join(
+        [
+            f'<details class="ledger-row {_style(evidence.verdict)}" id="{anchor(claim.id)}" '
+            f'data-verdict="{evidence.verdict}" data-chapter="{chapter}">',
+            f"<summary>{badge(evidence.verdict)}<span>{typeset(claim.text)}</span>"
+            f'<span class="tellings">{told}</span></summary>',
+            '<div class="ledger-body">',
+            f'<p class="claim-source">Thesis, {_where(claim)} · {links} · '
+            f"<code>{claim.id}</code></p>",
+            *_details(evidence),
+            "</div></details>",
         ]
-        measured = "<br>".join([*numbers, f"over {typeset(evidence.over)}"])
-        why = typeset(_capital(evidence.because))
-        if evidence.verdict != "confirmed":
-            why = f"**Holds:** {typeset(evidence.holds)}<br>**Why:** {why}"
-        rows.append([said, badge(evidence.verdict), measured, why])
-    return _markdown_table(["claim", "verdict", "measured", "why"], rows)
+    )
+
+
+def _figure_page(claim: Claim) -> str:
+    """The page that shows the claim's figure, which need not be the claim's own."""
+    return next((each.page for each in FIGURES if each.id == claim.figure), claim.page)
+
+
+_WIDTH, _HEIGHT, _FARTHEST = 110, 14, 20.0  # of an axis in px, and its ends in margins
+
+
+def _at(place: float) -> float:
+    """Where a place on the axis of what counts is drawn: logarithmic to either side of 0."""
+    size = math.log1p(min(abs(place), _FARTHEST)) / math.log1p(_FARTHEST)
+    return 0.5 * _WIDTH + math.copysign((0.5 * _WIDTH - 4) * size, place)
+
+
+def _axis(number: Measured) -> str:
+    """The interval of a number on the axis of what counts; empty if it has no place there."""
+    if not number.place:
+        return f'<svg class="axis" width="{_WIDTH}" height="{_HEIGHT}" aria-hidden="true"></svg>'
+    low, at, high = map(_at, number.place)
+    side = "for" if number.place[0] > 0.0 else "against" if number.place[2] < 0.0 else "open"
+    middle, centre = 0.5 * _WIDTH, 0.5 * _HEIGHT
+    return (
+        f'<svg class="axis axis-{side}" width="{_WIDTH}" height="{_HEIGHT}" aria-hidden="true">'
+        f'<path class="scale" d="M2 {centre:g}H{_WIDTH - 2}M{middle:g} 0V{_HEIGHT}"/>'
+        f'<path class="range" d="M{low:.1f} {centre:g}H{max(high, low + 1):.1f}"/>'
+        f'<circle cx="{at:.1f}" cy="{centre:g}" r="3.2"/></svg>'
+    )
+
+
+_AXIS_HEAD = '<span class="axis-head"><span>against</span><span>for</span></span>'
 
 
 def figures_table(figures: Iterable[ThesisFigure]) -> str:

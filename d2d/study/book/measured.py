@@ -1,6 +1,7 @@
 """Measured numbers with their 95 % intervals."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import scipy
@@ -11,54 +12,94 @@ from d2d.bootstrap import block_bootstrap
 from d2d.credibility import Credibility, credibility
 
 CONFIDENCE = 0.95
-UPPER = 0.5 + 0.5 * CONFIDENCE  # probability below the upper bound
 RESAMPLES = 500
 
 
 class Measured(float):
     """A number, which counts and prints as a float, with the bounds of its 95 % interval.
 
-    The ledger shows those that are `telling`.
+    The ledger shows those that are ``telling``, at their ``place`` (low, value, high) on the axis
+    of what counts, if they have one.
     """
 
     low: float
     high: float
     telling: bool
+    place: tuple[float, ...]
 
-    def __new__(cls, value: float, low: float, high: float, telling: bool = False) -> "Measured":
+    def __new__(
+        cls,
+        value: float,
+        low: float,
+        high: float,
+        telling: bool = False,
+        place: tuple[float, ...] = (),
+    ) -> "Measured":
         """Attach bounds to a value."""
         self = super().__new__(cls, value)
-        self.low, self.high, self.telling = float(low), float(high), telling
+        self.low, self.high, self.telling, self.place = float(low), float(high), telling, place
         return self
 
     def __getnewargs__(self) -> tuple[float, float, float]:  # type: ignore[override]
         return float(self), self.low, self.high
 
+    def told(self, place: Callable[[float], float] | None = None) -> "Measured":
+        """The number, marked as telling; ``place`` takes a value to the axis of what counts."""
+        if place is None:
+            return Measured(self, self.low, self.high, True)
+        ends = place(self.low), place(self.high)
+        at = place(float(self))
+        return Measured(self, self.low, self.high, True, (min(*ends, at), at, max(*ends, at)))
+
     def between(self, spec: str) -> str:
         """Both bounds in that format: "1.32 to 1.43", say."""
         return f"{self.low:{spec}} to {self.high:{spec}}"
 
-    def plus(self, shift: float) -> "Measured":
-        """The number and its bounds, all shifted."""
-        return Measured(self + shift, self.low + shift, self.high + shift)
+
+def complement(share: Measured) -> Measured:
+    """The share of all other cases."""
+    return Measured(1.0 - share, 1.0 - share.high, 1.0 - share.low)
 
 
-def telling(number: Measured, where: bool = True) -> Measured:
-    """The number, marked as one of the two or so that tell most, if a condition is met."""
-    return Measured(number, number.low, number.high, telling=where)
+def largest(measure: Callable[..., Measured], *conditions: tuple[Any, ...]) -> Measured:
+    """The largest of a measure over conditions, each the measure's arguments.
+
+    Its interval knows that it was picked (Bonferroni): each condition has an interval that misses
+    its number with probability 0.05 / conditions, so that all hold theirs at once in 95 % of the
+    cases, and then the largest lies between the largest lower and the largest upper bound.
+    """
+    each = [measure(*condition, among=len(conditions)) for condition in conditions]
+    return Measured(*(max(bounds) for bounds in zip(*map(_bounds, each), strict=True)))
 
 
-def share_of(condition: ArrayLike) -> Measured:
+def smallest(measure: Callable[..., Measured], *conditions: tuple[Any, ...]) -> Measured:
+    """The smallest of a measure over conditions, with an interval as that of `largest`."""
+    each = [measure(*condition, among=len(conditions)) for condition in conditions]
+    return Measured(*(min(bounds) for bounds in zip(*map(_bounds, each), strict=True)))
+
+
+def _bounds(number: Measured) -> tuple[float, float, float]:
+    return number, number.low, number.high
+
+
+def _upper(among: int) -> float:
+    """Probability below the upper bound of one of several intervals that hold at once."""
+    return 1.0 - 0.5 * (1.0 - CONFIDENCE) / among
+
+
+def share_of(condition: ArrayLike, *, among: int = 1) -> Measured:
     """Share of independent cases (N,) in which a condition is met, with Wilson's interval.
 
     It has a width even at 0 and 1, where resampling gives none: after N cases without an exception,
-    the share of exceptions can still be as high as 4 / N.
+    the share of exceptions can still be as high as 4 / N.  Without a case it can be anything.
     """
     met = np.asarray(condition, dtype=np.float64).ravel()
-    return share_counted(float(met.mean()), len(met))
+    if not met.size:
+        return Measured(0.5, 0.0, 1.0)
+    return share_counted(float(met.mean()), len(met), among=among)
 
 
-def share_over(shares: ArrayLike, cases: float) -> Measured:
+def share_over(shares: ArrayLike, cases: float, *, among: int = 1) -> Measured:
     """Mean of the shares (G,) of groups, say layouts, with ``cases`` each, with Wilson's interval.
 
     The groups are independent, the cases within a group need not be.  They count as the
@@ -68,22 +109,22 @@ def share_over(shares: ArrayLike, cases: float) -> Measured:
     share, groups = float(each.mean()), len(each)
     variance = float(each.var(ddof=1)) / groups
     effective = share * (1.0 - share) / variance if variance > 0.0 else 0.0
-    return share_counted(share, float(np.clip(effective, groups, groups * cases)))
+    return share_counted(share, float(np.clip(effective, groups, groups * cases)), among=among)
 
 
-def share_counted(share: float, cases: float) -> Measured:
+def share_counted(share: float, cases: float, *, among: int = 1) -> Measured:
     """A share of so many independent cases, with Wilson's interval.
 
     The N rows of a series that are correlated over ``block`` rows count as N / block cases.
     """
-    z2 = float(scipy.special.ndtri(UPPER)) ** 2 / cases
+    z2 = float(scipy.special.ndtri(_upper(among))) ** 2 / cases
     middle = (share + 0.5 * z2) / (1.0 + z2)
     half = np.sqrt(z2 * (share * (1.0 - share) + 0.25 * z2)) / (1.0 + z2)
     low, high = max(middle - half, 0.0), min(middle + half, 1.0)
     return Measured(share, min(low, share), max(high, share))
 
 
-def share_difference(of: ArrayLike, minus: ArrayLike) -> Measured:
+def share_difference(of: ArrayLike, minus: ArrayLike, *, among: int = 1) -> Measured:
     """Difference of the shares of the same independent cases (N,) that meet two conditions.
 
     The interval of Bonett & Price (2012), which like Wilson's has a width if no case differs: one
@@ -93,15 +134,16 @@ def share_difference(of: ArrayLike, minus: ArrayLike) -> Measured:
     count = len(differences) + 2
     gained = (np.sum(differences > 0.0) + 1) / count
     lost = (np.sum(differences < 0.0) + 1) / count
-    half = scipy.special.ndtri(UPPER) * np.sqrt((gained + lost - (gained - lost) ** 2) / count)
+    variance = (gained + lost - (gained - lost) ** 2) / count
+    half = scipy.special.ndtri(_upper(among)) * np.sqrt(variance)
     low, high = max(gained - lost - half, -1.0), min(gained - lost + half, 1.0)
     return Measured(float(differences.mean()), low, high)
 
 
-def mean_of(values: ArrayLike) -> Measured:
+def mean_of(values: ArrayLike, *, among: int = 1) -> Measured:
     """Mean of independent values (N,), with Student's interval."""
     each = np.asarray(values, dtype=np.float64).ravel()
-    half = scipy.special.stdtrit(len(each) - 1, UPPER) * each.std(ddof=1)
+    half = scipy.special.stdtrit(len(each) - 1, _upper(among)) * each.std(ddof=1)
     half /= np.sqrt(len(each))
     mean = float(each.mean())
     return Measured(mean, mean - half, mean + half)
@@ -118,6 +160,7 @@ def bootstrapped(
     *arrays: Array | NDArray[np.bool_],
     block: int = 1,
     vectorized: bool = False,
+    among: int = 1,
 ) -> Measured:
     """A statistic of cases (N, ...), with the interval of `d2d.block_bootstrap`.
 
@@ -126,7 +169,13 @@ def bootstrapped(
     """
     rng = np.random.default_rng(0)
     low, high = block_bootstrap(
-        statistic, arrays, block, rng, resamples=RESAMPLES, vectorized=vectorized
+        statistic,
+        arrays,
+        block,
+        rng,
+        confidence=1.0 - (1.0 - CONFIDENCE) / among,
+        resamples=RESAMPLES * among,
+        vectorized=vectorized,
     )
     whole = statistic(*arrays, axis=0) if vectorized else statistic(*arrays)
     return Measured(float(np.asarray(whole)), float(low), float(high))
@@ -137,28 +186,29 @@ def _all_of(drawn: Array, axis: int) -> Array:
     return drawn.reshape(*drawn.shape[:axis], -1)
 
 
-def quantile_of(values: Array, fraction: float) -> Measured:
+def quantile_of(values: Array, fraction: float, *, among: int = 1) -> Measured:
     """Quantile of independent values (N,), say one for each layout, or of all in rows (N, n)."""
     return bootstrapped(
         lambda drawn, axis: np.quantile(_all_of(drawn, axis), fraction, axis=-1),
         values,
         vectorized=True,
+        among=among,
     )
 
 
-def median_of(values: Array) -> Measured:
+def median_of(values: Array, *, among: int = 1) -> Measured:
     """Median of independent values (N,), or of all values in independent rows (N, n)."""
-    return quantile_of(values, 0.5)
+    return quantile_of(values, 0.5, among=among)
 
 
-def rms_of(errors: Array) -> Measured:
+def rms_of(errors: Array, *, among: int = 1) -> Measured:
     """Root mean square of independent errors (N,)."""
     return bootstrapped(
-        lambda squares, axis: np.sqrt(squares.mean(axis)), errors**2, vectorized=True
+        lambda squares, axis: np.sqrt(squares.mean(axis)), errors**2, vectorized=True, among=among
     )
 
 
-def rms_ratio(over: Array, under: Array, block: int = 1) -> Measured:
+def rms_ratio(over: Array, under: Array, block: int = 1, *, among: int = 1) -> Measured:
     """Ratio of the root mean squares of two series (N,), or rows (N, n), from the same draws."""
     return bootstrapped(
         lambda a, b, axis: np.sqrt(_all_of(a, axis).mean(-1) / _all_of(b, axis).mean(-1)),
@@ -166,6 +216,7 @@ def rms_ratio(over: Array, under: Array, block: int = 1) -> Measured:
         under**2,
         block=block,
         vectorized=True,
+        among=among,
     )
 
 
@@ -195,9 +246,9 @@ def kolmogorov_distance(values: Array, distribution: str, *parameters: float) ->
     return Measured(distance, max(distance - off, 0.0), distance + off)
 
 
-def anees_of(found: Credibility) -> Measured:
+def anees_of(found: Credibility, *, among: int = 1) -> Measured:
     """ANEES of independent runs."""
-    return mean_of(found.nees * (found.anees / found.nees.mean()))
+    return mean_of(found.nees * (found.anees / found.nees.mean()), among=among)
 
 
 def nci_of(errors: Array, covariances: Array) -> Measured:

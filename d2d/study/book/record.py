@@ -28,27 +28,34 @@ def record_path() -> Path:
 def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
     """Write the evidence, with its numbers rounded to four significant digits.
 
-    A number with an interval becomes a list of itself and the two bounds, and "telling" if it is.
+    A number with an interval becomes a list of itself and the two bounds; if it is telling, also of
+    "telling" and its place on the axis of what counts.
     """
     rounded = {
-        key: vars(item)
+        key: {"verdict": item.verdict}
+        | vars(item)
         | {"numbers": {name: _rounded(value) for name, value in item.numbers.items()}}
         for key, item in evidence.items()
     }
     path.write_text(json.dumps(rounded, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def _rounded(value: float) -> float | list[float | str]:
-    parts = [float(f"{part:.4g}") for part in _parts(value)]
+def _rounded(value: float) -> float | list[Any]:
     if not isinstance(value, Measured):
-        return parts[0]
-    return [*parts, "telling"] if value.telling else [*parts]
+        return _short(value)
+    told: list[Any] = ["telling", *map(_short, value.place)] if value.telling else []
+    return [*map(_short, _parts(value)), *told]
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.4g}")
 
 
 def read_record(path: Path | None = None) -> dict[str, Evidence]:
     """Read what `write_record` wrote; by default the book's record."""
     stored = json.loads((path or record_path()).read_text(encoding="utf-8"))
     for entries in stored.values():
+        del entries["verdict"]  # follows from the parts
         entries["numbers"] = {name: _read(value) for name, value in entries["numbers"].items()}
     return {key: Evidence(**entries) for key, entries in stored.items()}
 
@@ -57,7 +64,7 @@ def _read(value: float | list[Any]) -> float:
     if not isinstance(value, list):
         return value
     number, low, high, *mark = value
-    return Measured(number, low, high, telling=bool(mark))
+    return Measured(number, low, high, bool(mark), tuple(mark[1:]))
 
 
 def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
@@ -78,8 +85,8 @@ def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
     ]
     if list(fresh.telling) != list(recorded.telling):
         differing.append(f"telling: {list(fresh.telling)}, on record {list(recorded.telling)}")
-    if fresh.verdict != recorded.verdict:
-        differing.append(f"{fresh.verdict}, on record {recorded.verdict}")
+    if fresh.parts != recorded.parts:
+        differing.append(f"{fresh.parts}, on record {recorded.parts}")
     for field in ("because", "holds", "over"):
         sentence, written = getattr(fresh, field), getattr(recorded, field)
         if _NUMBER.sub("#", sentence) != _NUMBER.sub("#", written):

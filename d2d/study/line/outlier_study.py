@@ -17,6 +17,8 @@ TRANSLATIONS = np.arange(-16.0, 20.0, 0.03)  # m
 SEED = 42
 RIGHT = 1.1  # m: half way from the true alignment to the next distance at which targets meet
 COMPARABLE, TINY = 0.5, 0.01  # of the highest peak
+VANISHED = 16.0  # decades: what double precision cannot add to the value without outliers
+FAR = 9.0  # standard deviations of a difference: a density that costs more than those decades
 SUMMING = RegistrationCost(fusion="summing")
 LIKELIHOOD = RegistrationCost()
 # A fifth of outliers spread evenly over 25 m, beside four fifths of inliers: 0.2 / (0.8 * 25 m).
@@ -65,3 +67,12 @@ def outlier_map() -> tuple[Array, Array, Array]:
                 np.median(found.basin_width),
             )
     return table[0], table[1], table[2]
+
+
+def decades_lost(
+    cost: RegistrationCost, theta: Array, fixed: PointSet, moving: PointSet, outliers: int
+) -> Array:
+    """Decades (...) that the last targets of ``moving`` cost the fused density at the motion."""
+    without = PointSet(moving.means[..., :-outliers, :], moving.covariances[..., :-outliers, :, :])
+    lost = cost.value(theta, fixed, moving) - cost.value(theta, fixed, without)
+    return np.asarray(lost / np.log(10.0))

@@ -13,9 +13,9 @@ from d2d.study.book.ledger import (
     anchor,
     badge,
     cards,
-    claims_table,
     count_verdicts,
     figures_table,
+    ledger,
     verdicts_of,
     verdicts_table,
 )
@@ -24,15 +24,21 @@ from d2d.study.book.record import read_record
 from d2d.study.book.thesis_figures import ThesisFigure
 from d2d.study.claims import CLAIMS, show
 
-RATIO = Measured(1.23456, 1.1, 2.0, telling=True)
+RATIO = Measured(1.23456, 1.1, 2.0, True, (-2.0, -1.0, 0.5))
 NUMBERS = {"steps": 6080.0, "ratio < 2": RATIO, "slope": -0.5}
 RECORD = {
-    "a": Evidence("confirmed", "it is so.", NUMBERS, "Not said.", "9 draws"),
-    "b": Evidence("refuted", f"it is {'very ' * 40}wrong.", {"ratio": RATIO}, "Never.", "a drive"),
+    "a": Evidence({"it is": "holds"}, "it is so.", NUMBERS, "Not said.", "9 draws"),
+    "b": Evidence(
+        {"the one": "holds if", "the other": "fails"},
+        f"it is {'very ' * 40}wrong.",
+        {"ratio": RATIO},
+        "Never.",
+        "a drive",
+    ),
 }
 CLAIMS_OF_TWO = [
-    Claim("a", "4.4", "A is right.", "outlier-cost", lambda: RECORD["a"]),
-    Claim("b", "6.3", "B is wrong.", "all-scenes", lambda: RECORD["b"]),
+    Claim("a", "4.4", "12", "A is right.", "outlier-cost", lambda: RECORD["a"]),
+    Claim("b", "6.3", "34, 56", "B is wrong.", "all-scenes", lambda: RECORD["b"]),
 ]
 
 
@@ -44,7 +50,7 @@ def read(html: str) -> str:
 def test_verdicts_differ_by_sign_and_word():
     """Breaks if two verdicts can be told apart by their colour alone."""
     shown = {re.sub("<[^>]*>", "", badge(verdict)) for verdict in SIGNS}
-    assert len({text.split()[0] for text in shown}) == len({text.split()[1] for text in shown}) == 3
+    assert len({text.split()[0] for text in shown}) == len({text.split()[1] for text in shown}) == 4
 
 
 def test_the_text_of_a_card_is_wrapped_and_complete():
@@ -52,14 +58,17 @@ def test_the_text_of_a_card_is_wrapped_and_complete():
     text = str(cards(CLAIMS_OF_TWO, RECORD))
     assert max(map(len, text.splitlines())) <= 88
     assert text.splitlines()[:6] == [
-        "[a] A is right. (thesis 4.4)",
+        "[a] A is right. (thesis, section 4.4, line 12)",
         "confirmed: it is so.",
         "measured over 9 draws",
         "  steps: 6080 [exact]",
         "  ratio < 2: 1.23 [1.1, 2]",
         "  slope: -0.5 [exact]",
     ]
-    assert "holds: Never." in text
+    assert "section 6.3, lines 34, 56" in text
+    assert (
+        "the one: holds under a condition; the other: fails\nholds: Never.\nwrong in part: " in text
+    )
     assert "Not said." not in text
 
 
@@ -72,6 +81,7 @@ def test_the_card_says_what_its_text_says():
     seen = " ".join(read(html).split())
     for shown in ("✓ confirmed", "A is right.", "It is so.", "Never.", "Measured over 9 draws"):
         assert shown in seen
+    assert "≈ the one: holds under a condition ✗ the other: fails Holds: Never." in seen
     for shown in ("ratio < 2 1.1 to 2 1.23", "steps exact 6080", "slope exact -0.5"):
         assert shown in seen
     first, _ = html.split('aria-label="Claim b"')
@@ -84,13 +94,13 @@ def test_each_card_leads_to_its_row_of_the_ledger():
     """Breaks if the link's target and the ledger's rows are named differently."""
     html = cards(CLAIMS_OF_TWO, RECORD)._repr_html_()
     assert re.findall(r'href="([^"]*)"', html) == [f"{LEDGER}#{anchor(id)}" for id in "ab"]
-    rows = claims_table(CLAIMS_OF_TWO, RECORD)
-    assert re.findall(r'<span id="([^"]*)">', rows) == [anchor(id) for id in "ab"]
+    rows = ledger(CLAIMS_OF_TWO, RECORD)._repr_html_()
+    assert re.findall(r'<details class="ledger-row[^>]* id="([^"]*)"', rows) == [*map(anchor, "ab")]
 
 
 def test_a_claim_without_evidence_is_refused():
     """Breaks if a page could show, or leave out, what has not been measured."""
-    for shown in (cards, claims_table):
+    for shown in (cards, ledger):
         with pytest.raises(KeyError, match="b"):
             shown(CLAIMS_OF_TWO, {"a": RECORD["a"]})
 
@@ -103,7 +113,7 @@ def test_show_shows_what_is_on_record():
 
 def test_a_box_has_the_verdicts_of_its_chapter():
     """Breaks if a claim is counted on another page, or a verdict without claims is shown."""
-    expected = {"04b": {"confirmed": ["a"]}, "06": {"refuted": ["b"]}, "04": {}}
+    expected = {"04b": {"confirmed": ["a"]}, "06": {"wrong in part": ["b"]}, "04": {}}
     for chapter, verdicts in expected.items():
         assert verdicts_of(chapter, CLAIMS_OF_TWO, RECORD) == verdicts
 
@@ -125,26 +135,57 @@ def test_a_box_says_the_same_as_text_and_as_markdown():
 
 def test_verdicts_are_counted_in_all_and_by_page():
     """Breaks if a count is typed, a verdict without claims is left out, or a page is another."""
-    assert count_verdicts(RECORD) == "2 claims: 1 confirmed, 0 qualified, 1 refuted"
+    assert (
+        count_verdicts(RECORD) == "2 claims: 1 confirmed, 0 conditional, 1 wrong in part, 0 refuted"
+    )
     assert verdicts_table(CLAIMS_OF_TWO, RECORD).splitlines()[2:] == [
-        "| [4b](04b_outliers_and_clusters_1d.ipynb) | 1 | 1 | 0 | 0 |",
-        "| [6](06_credibility_2d.ipynb) | 1 | 0 | 0 | 1 |",
-        "| all | 2 | 1 | 0 | 1 |",
+        "| [4b](04b_outliers_and_clusters_1d.ipynb) | 1 | 1 | 0 | 0 | 0 |",
+        "| [6](06_credibility_2d.ipynb) | 1 | 0 | 0 | 1 | 0 |",
+        "| all | 2 | 1 | 0 | 1 | 0 |",
     ]
 
 
-def test_each_claim_is_a_row_with_verdict_number_place_and_reason():
-    """Breaks if a row has another claim's evidence, or a claim that fails hides when it holds."""
-    head, rule, first, second = claims_table(CLAIMS_OF_TWO, RECORD).splitlines()
-    assert head.count("|") == rule.count("|") == first.count("|") == second.count("|") == 5
-    assert "✓ confirmed" in first
-    assert '**1.23** <span class="whole">[1.1, 2]</span> ratio &lt; 2<br>over 9 draws' in first
-    assert "steps" not in first
-    assert "[chapter 4b](04b_outliers_and_clusters_1d.ipynb), [figure](#fig-outlier-cost)" in first
-    assert first.startswith('| <span id="claim-a"></span>4.4 A is right.')
-    assert first.endswith("| It is so. |")
-    assert "✗ refuted" in second
-    assert re.search(r"\| \*\*Holds:\*\* Never.<br>\*\*Why:\*\* It is very .*wrong. \|$", second)
+def test_each_claim_is_a_line_with_verdict_numbers_and_place():
+    """Breaks if a line has another claim's evidence, or leads elsewhere."""
+    html = ledger(CLAIMS_OF_TWO, RECORD)._repr_html_()
+    first, second = html.split('<details class="ledger-row')[1:]
+    summary = " ".join(read(first.split("</summary>")[0]).split())
+    assert summary.endswith("✓ confirmed A is right. 1.23 1.1 to 2")
+    assert 'data-verdict="wrong in part" data-chapter="6"' in second
+    assert '<a href="04b_outliers_and_clusters_1d.html">Chapter 4b' in first
+    assert '<a href="06c_outliers_and_clusters_2d.html#fig-outlier-cost">' in first
+    assert "steps" in first.split("</summary>", 1)[1]
+    assert str(ledger(CLAIMS_OF_TWO, RECORD)).splitlines() == [
+        "confirmed     a (4.4): ratio < 2 1.23 [1.1, 2]",
+        "wrong in part b (6.3): ratio 1.23 [1.1, 2]",
+    ]
+
+
+def test_the_map_has_each_claim_in_its_chapter():
+    """Breaks if a sign leads to another claim or stands in another chapter."""
+    shown = ledger(CLAIMS_OF_TWO, RECORD)._repr_html_().split("</ol>")[0]
+    assert re.findall(
+        r"<li><span>(\w+)</span><a .*? href=\"#claim-(\w)\".*?>(.)</a></li>", shown
+    ) == [
+        ("4b", "a", "✓"),
+        ("6", "b", "½"),
+    ]
+
+
+def test_an_interval_is_drawn_where_it_lies():
+    """Breaks if an interval across the bound of what counts looks decided."""
+    html = ledger(CLAIMS_OF_TWO, RECORD)._repr_html_()
+    low, at, high = (
+        float(re.search(pattern, html)[1])
+        for pattern in (
+            r'class="range" d="M([\d.]+)',
+            r'cx="([\d.]+)"',
+            r'class="range" .*?H([\d.]+)',
+        )
+    )
+    middle = float(re.search(r"M([\d.]+) 0V", html)[1])
+    assert "axis-open" in html
+    assert low < at < middle < high
 
 
 def test_each_figure_leads_to_ours():

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from d2d.radar import track
 from d2d.study.claims import CLAIMS
 from d2d.study.drives import claims as drives
 from d2d.study.drives import variations
@@ -50,9 +49,8 @@ def walkers(across: float):
     ("without", "with_doppler", "across", "verdict"),
     [
         (0.3, 0.99, 1.0, "confirmed"),
-        (0.3, 0.99, 0.1, "qualified"),
-        (0.99, 0.99, 1.0, "refuted"),
-        (0.3, 0.5, 1.0, "refuted"),
+        (0.3, 0.99, 0.1, "conditional"),
+        (0.99, 0.99, 1.0, "wrong in part"),
     ],
 )
 def test_moving_targets_are_judged_by_what_is_rejected(
@@ -78,36 +76,25 @@ def test_a_drive_that_meets_nobody_is_left_out(short_drives):
     short_drives.setattr(drives, "TargetWeights", SimpleNamespace(of=of))
     short_drives.setattr(drives, "walkers_by_pair", walkers(0.1))
     evidence = CLAIMS["doppler-rejects-moving"].check()
-    assert evidence.verdict == "qualified"
+    assert evidence.verdict == "conditional"
     assert np.isfinite(list(evidence.numbers.values())).all()
 
 
-def spoiled(annealed: bool, *, doppler: tuple[bool, ...]):
-    """Velocities near the truth, off where they are annealed, or where they are not."""
+@pytest.mark.parametrize(
+    ("spoiled", "verdict"),
+    [((), "confirmed"), ((True,), "wrong in part"), ((True, False), "refuted")],
+)
+def test_annealing_is_judged_by_the_difference_it_makes(short_drives, spoiled, verdict):
+    """Breaks if runs are not compared with the truth, or those with Doppler decide alone."""
 
-    def run(drive, *, doppler: bool, scales):
+    def near(drive, *given, doppler: bool):
         true = drive.truth.theta[1:]
-        off = 10.0 * ((len(scales) > 1) == annealed and doppler in chosen)
+        off = 10.0 * (len(given) > 0 and doppler in spoiled)
         return true + off + 0.01 * np.random.default_rng(1).standard_normal(true.shape)
 
-    chosen = doppler
-    return run
-
-
-@pytest.mark.parametrize(
-    ("annealed", "doppler", "verdict"),
-    [
-        (False, (True, False), "refuted"),  # annealing mends what is off
-        (False, (True,), "qualified"),
-        (True, (True, False), "confirmed"),  # annealing spoils what was good
-        (True, (), "confirmed"),  # all the same
-    ],
-)
-def test_annealing_is_judged_by_what_it_gains(short_drives, annealed, doppler, verdict):
-    """Breaks if gain and loss change places, or runs are not compared with the truth."""
-    short_drives.setattr(drives, "DRIVES", 4)
     short_drives.setattr(drives, "DURATION", 10.0)
-    short_drives.setattr(drives, "followed", spoiled(annealed, doppler=doppler))
+    for name in ("followed", "annealed_from"):
+        short_drives.setattr(drives, name, near)
     assert CLAIMS["annealing-no-gain"].check().verdict == verdict
 
 
@@ -125,39 +112,3 @@ def test_followed_pairs_have_no_second_start(short_drives):
     found = followed(drive)
     np.testing.assert_allclose(found[:5, 0] - drive.truth.theta[0, 0], [1, 2, 2, 3, 4])
     np.testing.assert_allclose(starts[1:], found[:-1])
-
-
-def without_doppler(drive, *, doppler):
-    """A track that never looks at the Doppler velocities."""
-    return track(drive, doppler=False)
-
-
-def useless_doppler(drive, *, doppler):
-    """A track that is better without."""
-    return track(drive, doppler=not doppler)
-
-
-@pytest.mark.parametrize("claim", ["doppler-reduces-error", "doppler-more-certain"])
-@pytest.mark.parametrize("tracker", [without_doppler, useless_doppler])
-def test_a_doppler_claim_is_refuted_where_doppler_does_not_help(short_drives, claim, tracker):
-    """Breaks if the drives with and without are not compared."""
-    short_drives.setattr(drives, "track", tracker)
-    assert CLAIMS[claim].check().verdict == "refuted"
-
-
-def test_drift_is_refuted_where_the_path_is_known(short_drives):
-    """Breaks if the verdict does not come from the position errors."""
-    truths = []
-    simulate = drives.simulate_drive
-
-    def remember(*arguments):
-        truths.append(simulate(*arguments))
-        return truths[-1]
-
-    def knowing(drive, *, doppler):
-        true = truths[-1].truth.poses
-        return SimpleNamespace(poses=lambda start: true)
-
-    short_drives.setattr(drives, "simulate_drive", remember)
-    short_drives.setattr(drives, "track", knowing)
-    assert CLAIMS["trajectory-drifts"].check().verdict == "refuted"

@@ -19,8 +19,8 @@ def path(iterations: int, cost: float = 0.0):
     ("first_order", "others", "newton_arrives", "verdict"),
     [
         (5000, 6, True, "confirmed"),
-        (5000, 6, False, "qualified"),
-        (6, 6, True, "refuted"),
+        (5000, 6, False, "conditional"),
+        (6, 6, True, "wrong in part"),
     ],
 )
 def test_optimisers_are_judged_by_speed_and_arrival(
@@ -33,12 +33,3 @@ def test_optimisers_are_judged_by_speed_and_arrival(
     monkeypatch.setattr(estimation, "run_second_order", lambda problem, start: found)
     monkeypatch.setattr(estimation, "gradient_descents", lambda problems, starts: slow)
     assert CLAIMS["second-order-faster"].check().verdict == verdict
-
-
-def test_the_shape_claim_is_refuted_if_sum_and_likelihood_change_places(monkeypatch):
-    """Breaks if the names and not the errors decide."""
-    other = {"likelihood": "sum", "sum": "likelihood"}
-    for name in ("covariance_study", "quadratic_ratios"):
-        real = getattr(estimation, name)
-        monkeypatch.setattr(estimation, name, lambda of, *given, real=real: real(other[of], *given))
-    assert CLAIMS["summing-not-gaussian"].check().verdict == "refuted"

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from d2d import RegistrationCost, UniformOutlier
 from d2d.study.claims import CLAIMS
-from d2d.study.line.claims import outliers, surfaces
+from d2d.study.line.claims import surfaces
 from d2d.study.line.scene import line_scene
 
 P2D, D2D, LIKELIHOOD = surfaces.P2D, surfaces.D2D, surfaces.LIKELIHOOD
@@ -19,18 +18,13 @@ def other_scene(**options):
 @pytest.mark.parametrize(
     ("claim", "world", "verdict"),
     [
-        # other targets, other peaks
-        ("b-three-peaks", {"line_scene": other_scene(positions=[0, 8, 9.0])}, "refuted"),
-        ("b-three-peaks", {"line_scene": other_scene(positions=[0, 8, 8.1])}, "refuted"),
-        # the two metrics change places, or are the same
-        ("d2d-lower", {"P2D": D2D, "D2D": P2D}, "refuted"),
+        # the two metrics are the same
         ("equal-sigma-same", {"P2D": D2D}, "confirmed"),
-        ("equal-sigma-same", {"line_scene": other_scene(sigma_moving=3.0)}, "refuted"),
-        ("equal-sigma-same", {"TRUTH": 4.0}, "refuted"),
-        # no noise to speak of, so that nothing fails
-        ("noisy-p2d-fails", {"NOISE_RATIO": 0.25}, "refuted"),
-        ("likelihood-one-peak", {"LIKELIHOOD": D2D}, "refuted"),
-        ("summing-local-peaks", {"line_scene": other_scene(sigma_moving=0.8)}, "qualified"),
+        # so noisy that most draws have several peaks, and some have one
+        ("summing-local-peaks", {"line_scene": other_scene(sigma_moving=0.8)}, "conditional"),
+        # no noise to speak of, so that P2D does not fail
+        ("noisy-p2d-fails", {"NOISE_RATIO": 0.25}, "wrong in part"),
+        ("summing-local-peaks", {"TRUTH": 4.0}, "wrong in part"),
     ],
 )
 def test_a_surface_claim_is_judged_otherwise_in_another_world(monkeypatch, claim, world, verdict):
@@ -58,24 +52,6 @@ def test_a_surface_claim_that_fails_altogether_is_judged_and_not_a_crash(monkeyp
     for name, value in world.items():
         monkeypatch.setattr(surfaces, name, value)
     assert CLAIMS[claim].check().verdict != "confirmed"
-
-
-@pytest.mark.parametrize(
-    ("density", "verdict"),
-    [(0.01, "qualified"), (1.0, "confirmed")],
-)
-def test_the_uniform_component_is_judged_by_the_covariance_too(monkeypatch, density, verdict):
-    """Breaks if the area alone decides, which no measurement could refute."""
-    monkeypatch.setattr(outliers, "UNIFORM_DENSITY", density)
-    monkeypatch.setattr(outliers, "UNIFORM", RegistrationCost(outlier=UniformOutlier(density)))
-    evidence = CLAIMS["uniform-not-a-density"].check()
-    assert evidence.verdict == verdict, str(evidence)
-
-
-def test_a_uniform_component_with_an_area_of_one_refutes_the_claim(monkeypatch):
-    """Breaks if the area is not measured."""
-    monkeypatch.setattr(outliers, "UNIFORM", outliers.ROBUST)
-    assert CLAIMS["uniform-not-a-density"].check().verdict == "refuted"
 
 
 SURFACE_CLAIMS = [claim for claim in CLAIMS.values() if claim.section in ("4.2", "4.3")]

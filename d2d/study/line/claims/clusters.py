@@ -7,26 +7,27 @@ import numpy as np
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.study.book.claim import (
-    ANEES,
     RATIO,
     Evidence,
     claim,
-    hardly_any,
-    judge,
-    most,
+    in_nearly_all,
+    is_no_larger,
+    is_smaller,
     nearly_all,
-    same,
     smaller,
+    tells,
 )
 from d2d.study.book.measured import (
     Measured,
     bootstrapped,
+    complement,
+    largest,
     mean_of,
     median_of,
     rms_of,
     rms_ratio,
     share_of,
-    telling,
+    smallest,
 )
 from d2d.study.line.cluster_study import (
     ESTIMATES,
@@ -39,37 +40,41 @@ from d2d.study.line.cluster_study import (
 )
 from d2d.study.line.outlier_study import LIKELIHOOD, SUMMING
 
-TIGHT = 1.0  # standard deviations between neighbours, or less
+TIGHT = 1.0  # standard deviations between neighbours, or less: "very closed"
+LOOSE = tuple(at for at in SPACINGS if 3.0 <= at <= 6.0)  # "closed": their peaks stand apart
+WITHIN, APART = f"spacings up to {TIGHT:g} sigma", "spacings of 3 to 6 sigma"
 OVER = (
     f"{ESTIMATES} draws of the noise for each of {len(SPACINGS)} spacings of the cluster on the "
     f"line, {SEARCHED} of them searched for maxima"
 )
 
 
-@claim("tight-cluster-certain", section="4.5", figure="cluster-tight-cost")
+@claim("tight-cluster-certain", section="4.5", lines="853, 860", figure="cluster-tight-cost")
 def tight_cluster_certain() -> Evidence:
-    """Very close targets act as one and make the peak more certain."""
+    """Very close targets act as one component with a big impact; the global peak of the sum and of
+    the likelihood "gets more certain about the motion state".
+    """
     likelihood, summing = _effect_of_tight_cluster(LIKELIHOOD), _effect_of_tight_cluster(SUMMING)
-    several = max(share for at, share in _several(SUMMING).items() if at <= TIGHT)
-    effects = {"the likelihood": likelihood, "the sum": summing}
-    certain = [name for name, effect in effects.items() if smaller(effect.stated_ratio, RATIO)]
-    more_accurate = smaller(likelihood.error_ratio, RATIO)
+    one = _single(SUMMING, *(at for at in SPACINGS if at <= TIGHT))
     return Evidence(
-        judge(
-            confirmed=len(certain) == 2 and hardly_any(several) and more_accurate,
-            qualified=bool(certain) and more_accurate,
-        ),
+        {
+            "they act as one": in_nearly_all(one),
+            "the likelihood gets more certain": is_smaller(likelihood.stated_ratio, RATIO),
+            "the sum gets more certain": is_smaller(summing.stated_ratio, RATIO),
+        },
         f"the likelihood states a standard deviation of {likelihood.stated_without:.2f} sigma "
-        f"without the cluster and up to {likelihood.stated:.2f} sigma with it (spacings up to "
-        f"{TIGHT:g} sigma), at a root mean square error of {likelihood.error_without:.2f} and up "
-        f"to {likelihood.error:.2f} sigma. The sum states {summing.stated_without:.2f} and up to "
+        f"without the cluster and up to {likelihood.stated:.2f} sigma with it ({WITHIN}), at a "
+        f"root mean square error of {likelihood.error_without:.2f} and up to "
+        f"{likelihood.error:.2f} sigma. The sum states {summing.stated_without:.2f} and up to "
         f"{summing.stated:.2f} sigma, at an error of {summing.error_without:.2f} and up to "
         f"{summing.error:.2f} sigma: its inverse curvature is that of an average target, which the "
         "cluster's own spread widens.",
-        _numbers("likelihood", likelihood) | _numbers("sum", summing),
-        holds=f"For {' and '.join(certain) or 'the error alone'}. With the cluster the sum's error "
-        f"is up to {summing.error_ratio:.2f} times and its stated standard deviation up to "
-        f"{summing.stated_ratio:.2f} times that without it.",
+        {f"minimum share of draws with one maximum within {NEAR:g} m, {WITHIN}, sum": one}
+        | _numbers("likelihood", likelihood)
+        | _numbers("sum", summing),
+        holds=f"In most draws: the sum has one maximum there in {one:.1%} or more. The errors of "
+        "both become smaller, the sum's too, only its stated standard deviation is up to "
+        f"{summing.stated_ratio:.2f} times that without the cluster.",
         over=OVER,
     )
 
@@ -91,19 +96,18 @@ class _Effect(NamedTuple):
 def _effect_of_tight_cluster(cost: RegistrationCost) -> _Effect:
     without = spread(cost, None)
     tight = [spread(cost, spacing) for spacing in SPACINGS if spacing <= TIGHT]
-    stated_ratio = max(
-        bootstrapped(lambda a, b: np.median(a) / np.median(b), *_paired(each, without, "stated"))
-        for each in tight
-    )
-    error_ratio = max(rms_ratio(*_paired(each, without, "errors")) for each in tight)
     return _Effect(
         median_of(without.stated),
-        max(median_of(each.stated) for each in tight),
-        stated_ratio,
+        largest(median_of, *((each.stated,) for each in tight)),
+        largest(_ratio_of_medians, *(_paired(each, without, "stated") for each in tight)),
         rms_of(without.errors),
-        max(rms_of(each.errors) for each in tight),
-        error_ratio,
+        largest(rms_of, *((each.errors,) for each in tight)),
+        largest(rms_ratio, *(_paired(each, without, "errors") for each in tight)),
     )
+
+
+def _ratio_of_medians(over: Array, under: Array, *, among: int = 1) -> Measured:
+    return bootstrapped(lambda a, b: np.median(a) / np.median(b), over, under, among=among)
 
 
 def _paired(over: Spread, under: Spread, field: str) -> tuple[Array, Array]:
@@ -113,85 +117,99 @@ def _paired(over: Spread, under: Spread, field: str) -> tuple[Array, Array]:
     return first[:count], second[:count]
 
 
-def _several(cost: RegistrationCost) -> dict[float, Measured]:
-    """Share of draws with several maxima near the truth, by the spacing in sigma."""
-    counts = dict(zip(SPACINGS, cluster_sweep(cost).maxima, strict=True))
-    return {at: share_of(each > 1) for at, each in counts.items()}
+def _single(cost: RegistrationCost, *spacings: float) -> Measured:
+    """Smallest share of draws with one maximum near the truth, over spacings in sigma."""
+    maxima = cluster_sweep(cost).maxima
+    return smallest(share_of, *((maxima[SPACINGS.index(at)] == 1,) for at in spacings))
 
 
 def _numbers(name: str, effect: _Effect) -> dict[str, float]:
-    within = f"spacings up to {TIGHT:g} sigma"
     return {
         f"stated standard deviation without the cluster, {name} (sigma)": effect.stated_without,
-        f"maximum stated standard deviation with it, {within}, {name} (sigma)": effect.stated,
-        f"ratio of the stated standard deviations, with / without, {name}": telling(
-            effect.stated_ratio
+        f"maximum stated standard deviation with it, {WITHIN}, {name} (sigma)": effect.stated,
+        f"maximum ratio of the stated standard deviations, with / without, {name}": tells(
+            effect.stated_ratio, smaller, RATIO
         ),
         f"root mean square error without the cluster, {name} (sigma)": effect.error_without,
-        f"maximum root mean square error with it, {within}, {name} (sigma)": effect.error,
-        f"ratio of the root mean square errors, with / without, {name}": effect.error_ratio,
+        f"maximum root mean square error with it, {WITHIN}, {name} (sigma)": effect.error,
+        f"maximum ratio of the root mean square errors, with / without, {name}": effect.error_ratio,
     }
 
 
-@claim("loose-cluster-summing", section="4.5", figure="cluster-loose-cost")
+@claim("loose-cluster-summing", section="4.5", lines="853, 870", figure="cluster-loose-cost")
 def loose_cluster_summing() -> Evidence:
-    """Close targets add local peaks beside the global one to the sum."""
-    several = _several(SUMMING)
-    several_if_loose = min(share for at, share in several.items() if 4.0 <= at <= 6.0)
+    """Close targets that do not quite overlap add local peaks near the global one to the sum."""
+    several = {at: complement(_single(SUMMING, at)) for at in SPACINGS}
+    if_loose, if_apart = (
+        smallest(share_of, *((_maxima(SUMMING, at) > 1,) for at in spacings))
+        for spacings in (LOOSE, LOOSE[1:])
+    )
     what = f"share of draws with several maxima within {NEAR:g} m"
     return Evidence(
-        judge(confirmed=nearly_all(several_if_loose), qualified=most(several_if_loose)),
+        {"the sum gets local peaks": in_nearly_all(if_loose, under=if_apart)},
         "neighbours that meet each other's partners add peaks one and two spacings away, which "
         "without noise separate at a spacing of 2 sqrt(2) sigma. Several maxima lie within "
         f"{NEAR:g} m of the truth in {several[2.0]:.0%} of the draws at 2 sigma, in "
-        f"{several[3.0]:.0%} at 3 sigma and in at least {several_if_loose:.1%} at 4 to 6 sigma.",
+        f"{several[3.0]:.0%} at 3 sigma and in at least {if_apart:.1%} at 4 to 6 sigma.",
         {
             f"{what}, spacing 1 sigma": several[1.0],
-            f"{what}, spacing 2 sigma": telling(several[2.0]),
-            f"{what}, spacing 3 sigma": several[3.0],
-            f"{what}, minimum over spacings of 4 to 6 sigma": telling(several_if_loose),
+            f"{what}, spacing 2 sigma": several[2.0],
+            f"{what}, minimum over {APART}": tells(if_loose, nearly_all),
+            f"{what}, minimum over spacings of 4 to 6 sigma": tells(if_apart, nearly_all),
             f"mean number of maxima within {NEAR:g} m, spacing 5 sigma": mean_of(
-                cluster_sweep(SUMMING).maxima[SPACINGS.index(5.0)]
+                _maxima(SUMMING, 5.0)
             ),
         },
-        holds="At spacings of 4 to 6 sigma, with several maxima in at least "
-        f"{several_if_loose:.1%} of the draws; at 2 sigma there are several in {several[2.0]:.0%}.",
+        holds=f"At spacings of 4 to 6 sigma, with several maxima in at least {if_apart:.1%} of the "
+        f"draws; at 3 sigma there are several in {several[3.0]:.0%}.",
         over=OVER,
     )
 
 
-@claim("loose-cluster-likelihood", section="4.5", figure="cluster-sweep")
+def _maxima(cost: RegistrationCost, spacing: float) -> Array:
+    """Number of maxima near the truth in each draw, at a spacing in sigma."""
+    return np.asarray(cluster_sweep(cost).maxima[SPACINGS.index(spacing)])
+
+
+@claim("loose-cluster-likelihood", section="4.5", lines="853, 870", figure="cluster-sweep")
 def loose_cluster_likelihood() -> Evidence:
-    """Close targets do not disturb the likelihood."""
-    loose = [at for at in SPACINGS if 3.0 <= at <= 6.0]
-    several = max(_several(LIKELIHOOD)[at] for at in loose)
-    single = Measured(1.0 - several, 1.0 - several.high, 1.0 - several.low)
+    """Close targets that do not quite overlap do not influence the likelihood."""
+    single = _single(LIKELIHOOD, *LOOSE)
+    without = spread(LIKELIHOOD, None)
+    ratio = largest(
+        rms_ratio, *(_paired(spread(LIKELIHOOD, at), without, "errors") for at in LOOSE)
+    )
     anees = {at: mean_of(spread(LIKELIHOOD, at).nees) for at in SPACINGS}
-    largest = max(anees[at] for at in loose)
-    largest_outside = max(anees[at] for at in SPACINGS if at not in loose)
-    error = max(rms_of(spread(LIKELIHOOD, at).errors) for at in SPACINGS)
-    error_without = rms_of(spread(LIKELIHOOD, None).errors)
+    highest, highest_outside = (
+        largest(mean_of, *((spread(LIKELIHOOD, at).nees,) for at in spacings))
+        for spacings in (LOOSE, [at for at in SPACINGS if at not in LOOSE])
+    )
     return Evidence(
-        judge(confirmed=nearly_all(single) and same(largest, ANEES), qualified=most(single)),
-        f"between 3 and 6 sigma the likelihood has one maximum within {NEAR:g} m in at least "
-        f"{single:.1%} of the draws, but noise can make a target side with the wrong neighbour, "
-        f"which the inverse Hessian does not account for. The ANEES is up to {largest:.2f} there, "
-        f"{anees[1.0]:.2f} at 1 sigma and {anees[10.0]:.2f} at 10 sigma.",
         {
-            f"share of draws with one maximum within {NEAR:g} m, "
-            "minimum over spacings of 3 to 6 sigma": telling(single),
+            "it keeps one peak": in_nearly_all(single),
+            "its error does not grow": is_no_larger(ratio, RATIO),
+        },
+        f"between 3 and 6 sigma the likelihood has one maximum within {NEAR:g} m in at least "
+        f"{single:.1%} of the draws, and its error is at most {ratio:.2f} times that without the "
+        "cluster. Noise can make a target side with the wrong neighbour, which the inverse "
+        f"Hessian does not account for: the ANEES is up to {highest:.2f} there, {anees[1.0]:.2f} "
+        f"at 1 sigma and {anees[10.0]:.2f} at 10 sigma.",
+        {
+            f"share of draws with one maximum within {NEAR:g} m, minimum over {APART}": tells(
+                single, nearly_all
+            ),
+            f"maximum ratio of the root mean square errors, with / without, {APART}": ratio.told(
+                lambda value: 1.0 - RATIO.sizes(value)
+            ),
             "ANEES at a spacing of 0": anees[0.0],
             "ANEES at a spacing of 1 sigma": anees[1.0],
             "ANEES at a spacing of 5 sigma": anees[5.0],
             "ANEES at a spacing of 10 sigma": anees[10.0],
-            "maximum ANEES over spacings of 3 to 6 sigma": telling(largest),
-            "maximum ANEES over all other spacings": largest_outside,
-            "maximum root mean square error over all spacings (sigma)": error,
-            "root mean square error without the cluster (sigma)": error_without,
+            f"maximum ANEES over {APART}": highest,
+            "maximum ANEES over all other spacings": highest_outside,
+            "root mean square error without the cluster (sigma)": rms_of(without.errors),
         },
-        holds=f"For the place of the peak, whose error is at most {error:.2f} sigma over all "
-        f"spacings, {error_without:.2f} sigma without the cluster; for the covariance only "
-        f"outside 3 to 6 sigma, where the ANEES is up to {largest_outside:.2f} instead of "
-        f"{largest:.2f}.",
+        holds=f"For the error, which is at most {ratio:.2f} times that without the cluster; there "
+        f"is one maximum in at least {single:.1%} of the draws.",
         over=OVER,
     )
