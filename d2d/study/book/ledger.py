@@ -184,10 +184,11 @@ class ChapterBox:
     __repr__ = __str__
 
     def _repr_markdown_(self) -> str:
-        """A box of Markdown, with blank lines so that its sentences are parsed."""
-        parts = ['<div class="chapter-box">']
-        parts.append(_part("What is asked", _listed(self.asked)))
-        parts.append(_part("What is found", _listed(self.found)))
+        """A box of Markdown, with blank lines so that its sentences are parsed.
+
+        What is found is folded: readers guess before they see it.
+        """
+        found = ["\n".join(f"- {sentence}" for sentence in _listed(self.found))]
         if self.verdicts:
             claims = sum(map(len, self.verdicts.values()))
             verdicts = [
@@ -195,9 +196,18 @@ class ChapterBox:
                 for verdict, ids in self.verdicts.items()
             ]
             several = f"Its {claims} claims of the thesis"
-            parts.append(_part(several if claims > 1 else "Its claim of the thesis", verdicts))
-        parts.append(f"**What you need:** {self.needs} **Time:** about {self.minutes} minutes.")
-        return "\n\n".join([*parts, "</div>"])
+            found.append(_part(several if claims > 1 else "Its claim of the thesis", verdicts))
+        return "\n\n".join(
+            [
+                '<div class="chapter-box">',
+                _part("What is asked", _listed(self.asked)),
+                f"**What you need:** {self.needs} **Time:** about {self.minutes} minutes.",
+                "<details><summary>What is found</summary>",
+                *found,
+                "</details>",
+                "</div>",
+            ]
+        )
 
 
 def _listed(sentences: str | Sequence[str]) -> Sequence[str]:
