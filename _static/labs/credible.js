@@ -19,6 +19,7 @@ labs.define(
     const MOVING = labs.SCENE_TARGETS.map((p) => inPolar(d2d.move(p, d2d.inverseMotion(TRUTH))));
     lab.sound = (state) =>
       state.cost in COSTS &&
+      Number.isInteger(state.runs) &&
       state.runs >= 1 &&
       state.runs <= MOST &&
       state.stated > 0.1 &&

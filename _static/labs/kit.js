@@ -58,6 +58,7 @@ globalThis.labs = (() => {
   // ---- Costs and their marks: one look everywhere ------------------------------------------------------------------------
 
   const COSTS = {
+    __proto__: null, // so that `in` finds these names only
     summing: { name: "sum", mark: "square", form: { fusion: "summing" } },
     likelihood: { name: "likelihood", mark: "diamond", form: { fusion: "likelihood" } },
     robust: { name: "robust likelihood", mark: "circle", form: { fusion: "likelihood" } },
@@ -284,6 +285,7 @@ globalThis.labs = (() => {
       step = 0.1,
       axis = "both",
       hidden = () => false,
+      say = (x, y) => (axis === "x" ? `${fixed(x)} ${unit}` : `x ${fixed(x)} ${unit}, y ${fixed(y)} ${unit}`),
       unit = "m",
       low = -1e3,
       high = 1e3,
@@ -295,14 +297,17 @@ globalThis.labs = (() => {
         this.lab.touched();
       };
       let grip = null;
-      group.addEventListener("pointerdown", (event) => {
-        if (event.button) return;
+      const grab = (event) => {
+        this.lab.touched();
         group.setPointerCapture(event.pointerId);
         const [x, y] = get(),
           [ex, ey] = this.at(event);
         grip = [x - ex, y - ey];
         group.focus({ preventScroll: true });
         event.preventDefault();
+      };
+      group.addEventListener("pointerdown", (event) => {
+        if (!event.button) (this.nearest(event)?.grab ?? grab)(event);
       });
       group.addEventListener("pointermove", (event) => {
         if (!grip) return;
@@ -325,18 +330,29 @@ globalThis.labs = (() => {
       });
       this.front.append(group);
       this.handles.push({
+        group,
+        grab,
         place: () => {
           const gone = hidden();
           group.style.display = gone ? "none" : "";
           if (gone) return;
           const [x, y] = get();
           group.setAttribute("transform", `translate(${this.X(x).toFixed(1)} ${this.Y(y).toFixed(1)})`);
-          const text = axis === "x" ? `${fixed(x)} ${unit}` : `x ${fixed(x)} ${unit}, y ${fixed(y)} ${unit}`;
-          const values = { now: x.toFixed(2), min: low, max: high, text };
+          const values = { now: x.toFixed(2), min: low, max: high, text: say(x, y) };
           for (const [key, value] of Object.entries(values)) group.setAttribute(`aria-value${key}`, value);
         },
       });
       return group;
+    }
+
+    /** Of the handles whose reach an event is in, the nearest: reaches overlap, and the last drawn would win. */
+    nearest({ clientX, clientY }) {
+      const away = ({ group }) => {
+        const box = group.firstChild.getBoundingClientRect();
+        if (!box.width) return Infinity; // hidden
+        return Math.hypot(box.x + box.width / 2 - clientX, box.y + box.height / 2 - clientY) / (box.width / 2);
+      };
+      return this.handles.filter((each) => away(each) <= 1).sort((a, b) => away(a) - away(b))[0];
     }
 
     place() {
@@ -440,7 +456,6 @@ globalThis.labs = (() => {
     /** Back to the first view. */
     reset() {
       return this.button("Start over", () => {
-        this.stop();
         Object.assign(this.state, structuredClone(this.defaults));
         this.touched("reset");
       });
@@ -466,8 +481,9 @@ globalThis.labs = (() => {
       all[this.id] = this;
     }
 
-    /** After a change: draw, and write the state to the address. */
+    /** After a change by hand: end an animation, draw, and write the state to the address. */
     touched(key) {
+      this.stop();
       this.changed?.(key);
       this.update();
       clearTimeout(this.writing);
@@ -493,7 +509,7 @@ globalThis.labs = (() => {
     tell(...content) {
       this.told.replaceChildren(...content);
       clearTimeout(this.speaking);
-      this.speaking = setTimeout(() => (this.spoken.textContent = this.told.textContent), 700);
+      this.speaking = setTimeout(() => (this.spoken.textContent = sentences(this.told)), 700);
     }
 
     /** A table of numbers: the first cell of each row is its heading. */
@@ -564,7 +580,13 @@ globalThis.labs = (() => {
 
     /** Take the state from the address; whether it names this laboratory. Invalid values are ignored. */
     read() {
-      const [id, query = ""] = decodeURIComponent(location.hash.slice(1)).split("?");
+      let hash = "";
+      try {
+        hash = decodeURIComponent(location.hash.slice(1));
+      } catch {
+        /* an address with a stray percent sign names no laboratory */
+      }
+      const [id, query = ""] = hash.split("?");
       if (id !== this.id || !query) return id === this.id;
       const state = structuredClone(this.defaults);
       for (const part of query.split("&")) {
@@ -580,6 +602,16 @@ globalThis.labs = (() => {
       this.state = this.sound?.(state) === false ? structuredClone(this.defaults) : state;
       return true;
     }
+  }
+
+  /** What an element says aloud: its paragraphs, and each row of its tables as a sentence. */
+  function sentences(told) {
+    const row = (tr) => {
+      const heads = tr.closest("table").tHead.rows[0].cells;
+      return `${[...tr.cells].map((cell, i) => `${i ? `${heads[i].textContent} ` : ""}${cell.textContent.trim()}`).join(", ")}.`;
+    };
+    const said = [...told.querySelectorAll("p, tbody tr")];
+    return said.map((each) => (each.cells ? row(each) : each.textContent.trim())).join(" ");
   }
 
   /** A row of controls. */

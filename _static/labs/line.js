@@ -25,6 +25,7 @@ labs.define(
       state.fixed.length === 3 &&
       state.moving.length === 3 &&
       state.cost in COSTS &&
+      Math.abs(state.t - 2) <= 14 &&
       state.noise > 0 &&
       state.width > 0;
 
@@ -157,9 +158,9 @@ labs.define(
       shown = { top };
       const costs = all.map((v) => value(v, top));
       const high = Math.max(...costs);
-      // in the logarithm a product's walls are hundreds high: what is told apart is near the bottom
+      // in the logarithm a product's walls are hundreds high: what is told apart is near the bottom, but for the ball
       const low = Math.min(...costs, ...(log ? [] : [0]));
-      const span = log ? Math.min(high - low, 160) : 1;
+      const span = log ? Math.max(Math.min(high - low, 160), height(state.t) - low) : 1;
       curve.ylabel = log ? "−log density" : "density, highest = 1";
       curve.key = null;
       curve.extent([-12, 16], log ? [low - 0.08 * span, low + 1.08 * span] : [-0.04, 1.08]);

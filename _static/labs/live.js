@@ -9,7 +9,7 @@ labs.define(
     cost: "likelihood",
   }),
   (lab) => {
-    const { svg, html, fixed: number, range, bar, panel, formOf, COSTS } = labs;
+    const { svg, html, fixed: number, clamp, range, bar, panel, formOf, COSTS } = labs;
     const DEGREE = Math.PI / 180,
       TRUTH = [2, 0.5, 10 * DEGREE],
       SIGMA_RANGE = 0.15,
@@ -47,11 +47,10 @@ labs.define(
       shape: 0.55,
     });
     const error = lab.plot({
-      label: "Error of the registration with its 3-sigma ellipse",
-      xlabel: "error in x (m)",
+      label: "Error of the registration in rotation and y with its 3-sigma ellipse",
+      xlabel: "error of the rotation (°)",
       ylabel: "in y (m)",
       shape: 0.5,
-      equal: true,
     });
 
     const pose = () => [lab.state.x, lab.state.y, lab.state.turn * DEGREE];
@@ -62,6 +61,13 @@ labs.define(
       ...formOf(lab.state.cost),
     });
 
+    /** How far ahead of the radar the ring is, m: less than REACH where the picture ends. */
+    function reach() {
+      const [, y, phi] = pose(),
+        room = (phi > 0 ? scene.y[1] - 1 - y : y - scene.y[0] - 1) / Math.abs(Math.sin(phi));
+      return Math.max(3, Math.min(REACH, room, (scene.x[1] - 1 - lab.state.x) / Math.cos(phi)));
+    }
+
     const body = svg("g");
     scene.handle({
       name: "The current scan: move it",
@@ -70,7 +76,7 @@ labs.define(
       high: 12,
       draw: [svg("path", { class: "lab-knob", d: "M9,0L-6,7V-7z" }), body],
       get: () => [lab.state.x, lab.state.y],
-      set: (x, y) => Object.assign(lab.state, { x, y }),
+      set: (x, y) => Object.assign(lab.state, { x: clamp(x, -3, 12), y: clamp(y, -8, 7) }),
     });
     scene.handle({
       name: "The current scan: turn it",
@@ -80,10 +86,11 @@ labs.define(
       draw: svg("circle", { class: "lab-turn", r: 8 }),
       get: () => {
         const [x, y, phi] = pose();
-        return [x + REACH * Math.cos(phi), y + REACH * Math.sin(phi)];
+        return [x + reach() * Math.cos(phi), y + reach() * Math.sin(phi)];
       },
+      say: () => `${number(lab.state.turn, 0)} degrees`,
       set: (x, y) => {
-        lab.state.turn = Math.max(-60, Math.min(60, Math.atan2(y - lab.state.y, x - lab.state.x) / DEGREE));
+        lab.state.turn = clamp(Math.atan2(y - lab.state.y, x - lab.state.x) / DEGREE, -60, 60);
       },
     });
 
@@ -99,7 +106,7 @@ labs.define(
       scene.line(
         [
           [x, y],
-          [x + REACH * Math.cos(phi), y + REACH * Math.sin(phi)],
+          [x + reach() * Math.cos(phi), y + reach() * Math.sin(phi)],
         ],
         "lab-ray",
       );
@@ -142,13 +149,19 @@ labs.define(
     }
 
     function drawError(found) {
-      const [x, y] = [found.theta[0] - TRUTH[0], found.theta[1] - TRUTH[1]],
-        size = Math.max(1, 1.3 * Math.abs(y));
-      error.extent([-size, size], [-size, size]);
+      // rotation and y: an error of one looks like one of the other, so together they show what an outlier does
+      const turn = (found.theta[2] - TRUTH[2]) / DEGREE,
+        y = found.theta[1] - TRUTH[1],
+        c = found.covariance;
+      const about = (value, least) => [-1, 1].map((sign) => sign * Math.max(least, 1.3 * Math.abs(value)));
+      error.extent(about(turn, 10), about(y, 1.5));
       error.clear();
       for (const axis of ["x", "y"]) error.rule(axis, 0, "lab-truth");
-      if (found.covariance) error.ellipse(x, y, covariance(found), 3, `lab-line lab-${lab.state.cost} lab-strong`);
-      error.mark(COSTS[lab.state.cost].mark, x, y, 6, `lab-fill-${lab.state.cost}`);
+      if (c) {
+        const own = { xx: c[2][2] / DEGREE ** 2, xy: c[1][2] / DEGREE, yy: c[1][1] };
+        error.ellipse(turn, y, own, 3, `lab-line lab-${lab.state.cost} lab-strong`);
+      }
+      error.mark(COSTS[lab.state.cost].mark, turn, y, 6, `lab-fill-${lab.state.cost}`);
     }
 
     function tell(found) {

@@ -357,6 +357,123 @@ def test_the_scene_is_that_of_the_study(lab: Laboratory, hand: Hand, address: st
     assert scene["sigmaAzimuth"] == OVERLAPPED.sigma_azimuth
 
 
+def only(index: int) -> pytest.MarkDecorator:
+    """A test of one laboratory."""
+    return pytest.mark.parametrize("lab", [LABS[index]], ids=[LABS[index].id])
+
+
+LIVE, LINE, OUTLIER, PLANE, CREDIBLE = (only(index) for index in (0, 1, 2, 3, 5))
+INSIDE = """(plot, x, y) => x >= plot.left && x <= plot.left + plot.w
+  && y >= plot.top && y <= plot.top + plot.h"""
+SWEEP = """(() => { const inside = %s, first = structuredClone(lab.state); let out = 0;
+  for (const [x, y, turn] of [%s]) {
+    Object.assign(lab.state, { x, y, turn }); lab.draw(); if (!(%s)) out++; }
+  Object.assign(lab.state, first); lab.draw(); return out; })()"""
+STARTS = ", ".join(
+    f"[{x}, {y}, {t}]" for x in (-3, 4, 12) for y in (-8, 0, 7) for t in (-60, 0, 60)
+)
+
+
+@LIVE
+def test_the_outlier_is_drawn_as_an_error(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if the error plot leaves out the rotation, which the outlier turns by 3.5 degrees."""
+    away = """Math.abs(lab.plots[2].content.lastChild.getBBox().x
+      + lab.plots[2].content.lastChild.getBBox().width / 2 - lab.plots[2].X(0))"""
+    hand.open(f"{address}{lab.page}.html")
+    before = hand.ask(away)
+    hand.open(f"{address}{lab.page}.html#{lab.id}?outlier=1")
+    assert hand.ask(away) > before + 20.0
+
+
+@LIVE
+def test_the_error_is_always_in_its_plot(lab: Laboratory, hand: Hand, address: str):
+    hand.open(f"{address}{lab.page}.html")
+    middle = """(() => { const p = lab.plots[2], b = p.content.lastChild.getBBox();
+      return inside(p, b.x + b.width / 2, b.y + b.height / 2); })()"""
+    assert hand.ask(SWEEP % (INSIDE, STARTS, middle)) == 0
+
+
+@LIVE
+def test_the_ring_stays_in_the_picture_and_says_degrees(lab: Laboratory, hand: Hand, address: str):
+    hand.open(f"{address}{lab.page}.html")
+    place = """(() => { const m = lab.plots[0].front.children[1].getCTM(), s = lab.plots[0].svg,
+      k = s.getCTM().a; return inside(lab.plots[0], m.e / k, m.f / k); })()"""
+    assert hand.ask(SWEEP % (INSIDE, STARTS, place)) == 0
+    ring = hand.find("[aria-label$='turn it']")
+    assert ring.get_attribute("aria-valuetext") == "0 degrees"
+
+
+@OUTLIER
+def test_the_ball_is_always_in_the_picture(lab: Laboratory, hand: Hand, address: str):
+    for cost in ("summing", "likelihood", "robust"):
+        hand.open(f"{address}{lab.page}.html#{lab.id}?cost={cost}")
+        out = """(() => { const p = lab.plots[1]; let out = 0;
+          for (let t = -12; t <= 16; t++) { lab.state.t = t; lab.draw();
+            const y = Number(p.front.firstChild.getAttribute('transform').match(/[-0-9.]+/g)[1]);
+            if (!(y >= p.top && y <= p.top + p.h)) out++; }
+          return out; })()"""
+        assert hand.ask(out) == 0, cost
+
+
+@PLANE
+def test_the_nearest_target_is_grabbed(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if a target of the current scan takes the drags of the previous scan's beside it."""
+    hand.open(f"{address}{lab.page}.html")
+    for letter, index in (("A", 0), ("D", 3), ("H", 7)):
+        before = hand.ask("lab.state")
+        hand.drag(
+            "mouse", hand.find(f"[aria-label='Target {letter} of the previous scan F']"), 9, 5
+        )
+        after = hand.ask("lab.state")
+        assert after["moving"] == before["moving"]
+        assert after["fixed"][2 * index] > before["fixed"][2 * index]
+
+
+@EACH_LAB
+@pytest.mark.parametrize("width", [browser.WIDE, browser.NARROW, 320])
+def test_sliders_are_as_wide_as_their_box(lab: Laboratory, width: int, hand: Hand, address: str):
+    hand.open(f"{address}{lab.page}.html", width)
+    sizes = """[...lab.element.querySelectorAll('.lab-control:not([hidden])')].map((row) => {
+      const box = row.querySelector('input').getBoundingClientRect();
+      return [box.width / row.clientWidth, box.height]; })"""
+    for share, height in hand.ask(sizes):
+        assert height >= 24.0
+        assert share > (0.95 if width < 700 else 0.2)
+
+
+@LIVE
+def test_a_drag_ends_an_animation(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if the registration goes on pulling at a scan that somebody holds."""
+    hand.open(f"{address}{lab.page}.html")
+    handle = hand.find("[aria-label$='move it']")
+    frames = "lab.animate(1.5, (share) => { lab.state.x = 5 * share; lab.update(); }) ?? 0"
+    hand.ask(frames)
+    hand.drag("mouse", handle, 14.0, 9.0)
+    held = hand.ask("lab.state.x")
+    hand.driver.execute_async_script("setTimeout(arguments[0], 1700)")
+    assert hand.ask("lab.state.x") == held
+
+
+@EACH_LAB
+def test_any_address_is_survived(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if an address that nobody's laboratory wrote stops the script."""
+    home = f"{address}{lab.page}.html"
+    for query in ("x=%", "cost=constructor", "runs=1.5", "t=900"):
+        hand.open(f"{home}#{lab.id}?{query}")
+        assert hand.ask("lab.element.querySelectorAll('svg').length") > 0
+        complaints, *_ = browser.traffic(hand.driver, home)
+        assert [each for each in complaints if "/labs/" in each] == []
+
+
+@PLANE
+def test_results_are_spoken_in_sentences(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if the cells of a table run together in the live region."""
+    hand.open(f"{address}{lab.page}.html")
+    spoken = f"document.querySelector('#{lab.id} [aria-live=polite]').textContent"
+    browser.wait(hand.driver, f"return {spoken}.length > 20")
+    assert ", rotation (°) " in hand.ask(spoken)
+
+
 class Fact(NamedTuple):
     """A number in the text beside a laboratory, and the view that shows it."""
 
