@@ -83,9 +83,18 @@ function showEntry() {
   if (entry.top < frame.top || entry.bottom > frame.bottom) sidebar.scrollTop += entry.top - frame.top - frame.height / 3;
 }
 
+/** What stands behind the # of the address; nothing if that is damaged. */
+function anchored() {
+  try {
+    return decodeURIComponent(location.hash.slice(1));
+  } catch {
+    return "";
+  }
+}
+
 /** A link to a panel behind a tab, or to a figure in one, opens that tab. */
 function openPanel() {
-  const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+  const target = document.getElementById(anchored());
   const label = target?.closest(".sd-tab-label") ?? target?.closest(".sd-tab-content")?.previousElementSibling;
   if (!label) return;
   label.click();
@@ -150,7 +159,7 @@ function filterLedger() {
   }
   /** What the address says: a choice, or a claim, which is shown whatever was chosen. */
   function read() {
-    const [id, state] = decodeURIComponent(location.hash.slice(1)).split("?");
+    const [id, state] = anchored().split("?");
     if (id === "ledger") {
       const chosen = new URLSearchParams(state);
       for (const field of [...Object.values(lists), words]) field.value = chosen.get(field.name) ?? "";
