@@ -19,6 +19,7 @@ from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.radar.files import written_whole
 from d2d.radar.scans.budget import CovarianceParts
+from d2d.radar.tracks.displacement import Displacement, displacement
 from d2d.radar.tracks.files import (
     OPTIONAL,
     REQUIRED,
@@ -167,6 +168,43 @@ class Track(Frozen):
             between(self.theta, weight[:, None]),
             between(self.covariance, weight[:, None, None]),
         )
+
+    def displacement(self, start: ArrayLike, end: ArrayLike) -> Displacement:
+        """How far the vehicle has moved from ``start`` to ``end`` (n,) in s, and how surely.
+
+        The motions (n, 3) in m, m, rad are those in the vehicle frame at the start, and each has
+        its covariance (n, 3, 3).  With a budget, the ``systematic`` part of the estimates' errors
+        stays about the same for 15 s, so that it adds up; their noise averages out.  It is taken as
+        independent from one estimate to the next, although estimates that share scans partly cancel
+        each other's, which states a little too much.  Without a budget all errors are taken as
+        independent, which states far too little over more than a second.
+
+        Both are nan outside the track and where no estimate was accepted for a second.
+
+        Raises a ``ValueError`` unless both are rows of finite numbers, each end after its start.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from d2d.radar import ErrorBudget, simulate_drive, track
+        >>> drive = simulate_drive(np.random.default_rng(0), duration=4.0)
+        >>> driven = track(drive, budget=ErrorBudget(azimuth=np.deg2rad(0.2)))
+        >>> ahead = driven.displacement([1.0, 1.0], [2.0, 3.0])
+        >>> ahead.motion[:, 0].round(1)  # at 3.1 m/s
+        array([3.1, 6.2])
+        """
+        begins, ends = check_finite("start", start), check_finite("end", end)
+        if begins.ndim != 1 or begins.shape != ends.shape:
+            raise ValueError(
+                f"start and end must have the same shape (n,), but have {begins.shape} and "
+                f"{ends.shape}"
+            )
+        if not (begins < ends).all():
+            i = int(np.argmin(begins < ends))
+            raise ValueError(
+                f"end must be after start, but number {i} is {ends[i]:g} s and {begins[i]:g} s"
+            )
+        return displacement(self, begins, ends)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all of the track to a file, from which `load` gives the same numbers bit by bit.
