@@ -16,6 +16,7 @@ from d2d.radar.scans.slip import SlipLaw
 from d2d.radar.simulation.drive import Drive, Sensor, TrueTargets, simulate_drive
 from d2d.radar.simulation.sensor_errors import SensorErrors
 from d2d.radar.simulation.world import World, build_world
+from d2d.radar.tracks.displacement import Displacement
 from d2d.radar.tracks.finding import Finding, FindingWarning
 from d2d.radar.tracks.following import VelocityEstimate
 from d2d.radar.tracks.limits import VehicleLimits
@@ -32,6 +33,7 @@ __all__ = [
     "Comparison",
     "CovarianceParts",
     "Diagnosis",
+    "Displacement",
     "DopplerMotion",
     "Drive",
     "EgoMotionModel",

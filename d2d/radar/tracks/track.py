@@ -19,7 +19,7 @@ from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.radar.files import written_whole
 from d2d.radar.scans.budget import CovarianceParts
-from d2d.radar.tracks.displacement import Displacement, displacement
+from d2d.radar.tracks.displacement import Displacement, Driven
 from d2d.radar.tracks.files import (
     OPTIONAL,
     REQUIRED,
@@ -204,7 +204,13 @@ class Track(Frozen):
             raise ValueError(
                 f"end must be after start, but number {i} is {ends[i]:g} s and {begins[i]:g} s"
             )
-        return displacement(self, begins, ends)
+        if self.parts is None:
+            white, slow = self.covariance, np.zeros_like(self.covariance)
+        else:
+            white, slow = self.parts.noise + self.parts.dependence, self.parts.systematic
+        columns = (each[self.converged] for each in (self.times, self.theta, white, slow))
+        began = float((self.times - self.intervals)[0]) if len(self.times) else np.nan
+        return Driven.of(began, *columns).displacement(begins, ends)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all of the track to a file, from which `load` gives the same numbers bit by bit.
