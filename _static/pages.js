@@ -45,7 +45,7 @@ function nameKinds() {
   for (const cell of document.querySelectorAll(".methods td")) {
     cell.classList.toggle("absent", cell.textContent.trim() === "–");
   }
-  for (const verdict of document.querySelectorAll(".chapter-box .verdict")) {
+  for (const verdict of document.querySelectorAll("article p > .verdict")) {
     const count = verdict.previousSibling;
     if (count) count.textContent = count.textContent.replace(/ $/, "\u00a0"); // no line ends between "2" and its verdict
   }

@@ -150,7 +150,7 @@ def test_it_is_the_scatter_of_the_optimum_where_the_first_order_holds(cost, widt
     """Breaks if a part of the formula is wrong: 20000 draws, 5 % in every entry of the diagonal.
 
     The sum's terms are as wide as the noise, so that its optimum is no linear function of it
-    (chapter 5).  With a width of 4 the noise is a quarter of what the targets report.
+    (appendix C).  With a width of 4 the noise is a quarter of what the targets report.
     """
     rng = np.random.default_rng(0)
     fixed, moving = overlapped_scene(20_000, rng, 0.2 / width, 0.03 / width)

@@ -179,7 +179,7 @@ def road_tile() -> Figure:
 
 
 def learn_tile() -> Figure:
-    """The cost of the eight targets over the translation, as it is seen from chapter 4 on."""
+    """The cost of the eight targets over the translation, as it is seen from chapter 3 on."""
     scene = scenarios.OVERLAPPED
     fixed, moving = (each[0] for each in scene.sample(1, np.random.default_rng(0)))
     offset = np.linspace(-8.0, 8.0, 161)

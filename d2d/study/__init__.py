@@ -5,13 +5,13 @@ Each subpackage covers one subject:
 - ``book``: what all pages share: style and grammar of figures, drawing, flow charts, animations,
   the ledger of claims.
 - ``mixtures`` (chapter 2): Gaussian mixtures and expectation maximisation.
-- ``point_sets`` (chapter 3): registration of range scans with ICP and the NDT.
-- ``line`` (chapters 4a and 4b): scenes on a line, where a cost surface can be seen whole.
-- ``estimation`` (chapter 5): optimisers, and the covariance of what they find.
-- ``plane`` (chapters 6 and 6b): the thesis's scenes in the plane and their evaluation.
-- ``drives`` (chapter 7): simulated drives.
-- ``recordings`` (chapter 8): recorded drives.
-- ``beyond`` (chapter 9): what the thesis left to future work.
+- ``point_sets`` (chapter 7): registration of range scans with ICP and the NDT.
+- ``line`` (chapters 3 and 4): scenes on a line, where a cost surface can be seen whole.
+- ``estimation`` (chapters 6 and 9): optimisers, and the covariance of what they find.
+- ``plane`` (chapters 10 and 11): the thesis's scenes in the plane and their evaluation.
+- ``drives`` (chapters 12 and 13): simulated drives.
+- ``recordings`` (chapters 14 and 15): recorded drives.
+- ``beyond`` (chapter 16): what the thesis left to future work.
 - ``guides``: the pages on one's own radar.
 
 Within a subpackage, each scene or experiment has a module named after it, ``figures.py`` draws, and

@@ -46,23 +46,23 @@ class Laboratory(NamedTuple):
 LABS = (
     Laboratory("intro", "lab-live", "The current scan: move", "", "Register from here"),
     Laboratory(
-        "chapters/04a_cost_surfaces_1d", "lab-line", "Target C of the cur", "t", "Let the ball roll"
+        "chapters/03_cost_surfaces_1d", "lab-line", "Target C of the cur", "t", "Let the ball roll"
     ),
     Laboratory(
-        "chapters/04b_outliers_and_clusters_1d", "lab-outlier", "Target O", "noise", "Next draw"
+        "chapters/04_outliers_and_clusters_1d", "lab-outlier", "Target O", "noise", "Next draw"
     ),
     Laboratory(
-        "chapters/06c_outliers_and_clusters_2d",
+        "chapters/11_outliers_and_clusters_2d",
         "lab-plane",
         "Target F of the cur",
         "turn",
         "Add an outlier",
     ),
     Laboratory(
-        "chapters/07_radar_ego_motion", "lab-doppler", "The mover", "vx", "Go to the estimate"
+        "chapters/12_radar_ego_motion", "lab-doppler", "The mover", "vx", "Go to the estimate"
     ),
     Laboratory(
-        "chapters/08b_true_covariance", "lab-credible", "", "stated", "100 more registrations"
+        "chapters/15_true_covariance", "lab-credible", "", "stated", "100 more registrations"
     ),
 )
 EACH_LAB = pytest.mark.parametrize(
@@ -348,7 +348,7 @@ def test_reduced_motion_skips_the_animation(lab: Laboratory, hand: Hand, address
 
 @pytest.mark.parametrize("lab", [LABS[3]], ids=["lab-plane"])
 def test_the_scene_is_that_of_the_study(lab: Laboratory, hand: Hand, address: str):
-    """Breaks if the laboratories of the plane leave the scene that chapter 6 evaluates."""
+    """Breaks if the laboratories of the plane leave the scene that chapter 10 evaluates."""
     hand.open(f"{address}{lab.page}.html")
     scene = hand.ask("labs.SCENE")
     assert scene["polar"] == EIGHT_TARGETS.tolist()

@@ -9,7 +9,7 @@ import pytest
 from d2d import CorruptedGaussian, RegistrationCost, register
 from d2d.study.plane.scenarios import OUTLIERS
 
-CHAPTER = Path(__file__).resolve().parents[2] / "chapters" / "05b_finding_the_optimum.ipynb"
+CHAPTER = Path(__file__).resolve().parents[2] / "chapters" / "06_finding_the_optimum.ipynb"
 COST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
 
 

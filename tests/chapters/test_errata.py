@@ -1,4 +1,4 @@
-"""What the thesis prints beside what is right: each entry of chapters/11_errata.md, evaluated.
+"""What the thesis prints beside what is right: each entry of chapters/errata.md, evaluated.
 
 Equation numbers are the thesis's. A test breaks if the correction is not one, that is if what is
 printed does as well.
@@ -30,7 +30,7 @@ from d2d.study.line.scene import FIXED_POSITIONS, TRUTH
 from d2d.study.mixtures.gaussian import density
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "chapters" / "11_errata.md"
+PAGE = ROOT / "chapters" / "errata.md"
 LIKELIHOOD = RegistrationCost("d2d", "likelihood")
 SUMMING = RegistrationCost("d2d", "summing")
 

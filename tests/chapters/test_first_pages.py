@@ -34,10 +34,10 @@ def test_the_first_pages_count_the_verdicts_on_record() -> None:
 
 
 @pytest.mark.parametrize("page", ["README.md", "intro.md", "chapters/01_motivation.ipynb"])
-def test_the_first_pages_state_the_road_as_chapter_8b_does(page: str) -> None:
+def test_the_first_pages_state_the_road_as_chapter_15_does(page: str) -> None:
     """Breaks if the drives are judged anew and a first page keeps the old shares and ANEES."""
     text = (ROOT / page).read_text(encoding="utf-8")
-    road = read_road()  # baseline 4: 0.3 s between the scans of a pair, as in chapter 8b
+    road = read_road()  # baseline 4: 0.3 s between the scans of a pair, as in chapter 15
     drive = road["radarscenes"]["baseline 4"]["all"]
     before, after = (drive[name] for name in ("inverse Hessian", "noise and budget"))
     shares = re.search(r"(\d+) (?:%|percent)[^|\n]+ inverse Hessian, (?:and )?(\d+) ", text)

@@ -83,14 +83,14 @@ def test_a_description_is_the_first_paragraph_without_formulas():
 def test_a_test_that_a_page_names_is_a_link_to_its_source(tmp_path):
     """Breaks if a link leads nowhere, or to another test."""
     (tmp_path / "chapters").mkdir()
-    shutil.copy(CHAPTERS / "11_errata.md", tmp_path / "chapters")
+    shutil.copy(CHAPTERS / "errata.md", tmp_path / "chapters")
     builder = SimpleNamespace(
         get_relative_uri=lambda page, to: f"../{to}.html",
         highlighter=SimpleNamespace(highlight_block=lambda code, language: code),
     )
     app = SimpleNamespace(srcdir=str(tmp_path), builder=builder)
     page = publish_doctree("It is ``chapters/test_errata::test_the_nci_has_no_sign``, ``not_one``.")
-    link_tests(app, page, "chapters/11_errata")
+    link_tests(app, page, "chapters/errata")
     (link,) = page.findall(nodes.reference)
     address, place = link["refuri"].split("#")
     ((name, context, _),) = named_tests(app)

@@ -18,7 +18,7 @@ def copy(tmp_path: Path) -> Path:
     """What the tool writes to."""
     (tmp_path / "chapters").mkdir()
     shutil.copy(ROOT / "_config.yml", tmp_path)
-    for name in ("02_gaussian_background", "10_claims"):
+    for name in ("02_gaussian_background", "claims"):
         shutil.copy(ROOT / "chapters" / f"{name}.ipynb", tmp_path / "chapters")
     return tmp_path
 
@@ -51,7 +51,7 @@ def test_the_cell_does_nothing_outside_of_colab(copy: Path) -> None:
     from IPython.core.inputtransformer2 import TransformerManager
 
     set_address(copy, ADDRESS)
-    cell = nbformat.read(copy / "chapters" / "10_claims.ipynb", 4).cells[1]
+    cell = nbformat.read(copy / "chapters" / "claims.ipynb", 4).cells[1]
 
     def refuse() -> None:
         raise AssertionError

@@ -17,7 +17,7 @@ from d2d.problem import CostForm, Pair, Problem
 
 # m/s: most targets without a partner stand still, and their Doppler velocities scatter about those
 # of the inliers.  With all velocities that traffic can have, 40 m/s, the errors of v_x and omega
-# on the road are larger by a few percent (chapter 8b).
+# on the road are larger by a few percent (chapter 15).
 DEFAULT_DOPPLER_WIDTH = 4.0
 _NO_SIDE_SLIP = 1e-3  # m/s, the standard deviation of v_y where it is stated to be zero
 _SIDE_SLIP = Bounds(

@@ -36,7 +36,7 @@ _MIN_AGREEING = 4.0  # sum of the inlier probabilities
 # rad; a vehicle that drives in a circle between two scans is back where it was: scans of one place
 # then fit at any speed, as they do where times are in another unit
 _MAX_TURN = float(np.pi)
-# A wrong optimum rarely explains more than half of the targets (chapter 9).  One that explains at
+# A wrong optimum rarely explains more than half of the targets (chapter 16).  One that explains at
 # least this fraction is accepted without looking for another.
 _WELL_EXPLAINED = 0.6
 _MOVING = 0.5  # m/s; at a standstill a coarse radar may measure the same twice

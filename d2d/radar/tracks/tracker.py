@@ -96,7 +96,7 @@ def track(
     horizon : float, s, optional
         The same as a time: each scan is registered with the one whose time is nearest to this long
         before.  On the road the covariance was most credible at 0.3 s, or close to it, and the yaw
-        rate became more accurate up to 0.3 s or so (chapter 8b).
+        rate became more accurate up to 0.3 s or so (chapter 15).
     initial : (3,) array, optional
         Start [v_x, v_y, omega] of the first estimate.
     max_interval : float, s

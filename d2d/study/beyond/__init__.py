@@ -1,1 +1,1 @@
-"""What the thesis left to future work (chapter 9)."""
+"""What the thesis left to future work (chapter 16)."""

@@ -1,8 +1,8 @@
-"""Claims as readers see them: cards, the box atop a chapter, and the tables of the ledger.
+"""Claims as readers see them: the ledger, its tables, and the line that ends a page.
 
-Cards and the ledger are HTML.  Boxes and tables are MyST Markdown, so that their
-sentences may cite, refer and hold formulas as the text does: ``[text](#fig-x)`` links to the figure
-with that label, and the build of the book fails if there is none.
+The ledger is HTML.  Lines and tables are MyST Markdown, so that they may refer as the text does:
+``[text](#fig-x)`` links to the figure with that label, and the build of the book fails if there is
+none.
 """
 
 import math
@@ -33,7 +33,7 @@ WORDS: dict[Finding, str] = {
     "fails": "fails",
 }
 
-LEDGER = "10_claims.html"
+LEDGER = "claims.html"
 """Beside the page that links to it, because all pages with claims are chapters."""
 
 WIDTH = 88
@@ -53,9 +53,9 @@ def anchor(id: str) -> str:
     return f"claim-{id}"
 
 
-def ledger_link(id: str, text: str = "") -> str:
+def ledger_link(id: str) -> str:
     """A link, as HTML, from any chapter to a claim's row in the ledger."""
-    return f'<a href="{LEDGER}#{anchor(id)}"><code>{id}</code>{text}</a>'
+    return f'<a href="{LEDGER}#{anchor(id)}"><code>{id}</code></a>'
 
 
 def with_interval(value: float, mark: str = "") -> str:
@@ -72,32 +72,13 @@ def _capital(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
 
 
-@dataclass(frozen=True)
-class Cards:
-    """Claims with their evidence, one card each, which show themselves."""
-
-    shown: tuple[tuple[Claim, Evidence], ...]
-
-    def __str__(self) -> str:
-        return "\n\n".join(_text(claim, evidence) for claim, evidence in self.shown)
-
-    __repr__ = __str__
-
-    def _repr_html_(self) -> str:
-        return "\n".join(_html(claim, evidence) for claim, evidence in self.shown)
-
-
-def cards(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> Cards:
-    """The cards of claims.  Raises ``KeyError`` with the id if one is not on record."""
-    return Cards(tuple((claim, record[claim.id]) for claim in claims))
-
-
 def _where(claim: Claim) -> str:
     several = "lines" if any(mark in claim.lines for mark in ",–") else "line"
     return f"section {claim.section}, {several} {claim.lines}"
 
 
-def _text(claim: Claim, evidence: Evidence) -> str:
+def in_words(claim: Claim, evidence: Evidence) -> str:
+    """A claim with its verdict, the reason and all numbers, as text."""
     sentences = [f"[{claim.id}] {claim.text} (thesis, {_where(claim)})"]
     if len(evidence.parts) > 1:
         parts = (f"{part}: {WORDS[finding]}" for part, finding in evidence.parts.items())
@@ -109,20 +90,6 @@ def _text(claim: Claim, evidence: Evidence) -> str:
         sentences.append(f"measured over {evidence.over}")
     numbers = [f"  {name}: {with_interval(value)}" for name, value in evidence.numbers.items()]
     return "\n".join([*(textwrap.fill(sentence, WIDTH) for sentence in sentences), *numbers])
-
-
-def _html(claim: Claim, evidence: Evidence) -> str:
-    return "\n".join(
-        [
-            f'<div class="claim {_style(evidence.verdict)}" role="group" '
-            f'aria-label="Claim {claim.id}">',
-            f'<p class="claim-head">{badge(evidence.verdict)} <span class="claim-source">thesis, '
-            f"{_where(claim)} · {ledger_link(claim.id, ' in the ledger')}</span></p>",
-            f'<p class="claim-text">{typeset(claim.text)}</p>',
-            *_details(evidence),
-            "</div>",
-        ]
-    )
 
 
 def _details(evidence: Evidence) -> list[str]:
@@ -160,74 +127,31 @@ def _numbers(numbers: Mapping[str, float]) -> str:
 
 
 @dataclass(frozen=True)
-class ChapterBox:
-    """What a reader wants to know before a chapter; displays itself.
+class PageClaims:
+    """The claims that a page settles, in one line; displays itself."""
 
-    ``verdicts`` holds the ids of the chapter's claims by verdict; the rest is as for
-    `d2d.study.claims.chapter_box`.
-    """
-
-    asked: str | Sequence[str]
-    found: str | Sequence[str]
-    verdicts: dict[Verdict, list[str]]
-    minutes: int
-    needs: str
+    verdicts: dict[Verdict, list[str]]  # ids, without empty verdicts
 
     def __str__(self) -> str:
-        lines = [f"Asked: {sentence}" for sentence in _listed(self.asked)]
-        lines += [f"Found: {sentence}" for sentence in _listed(self.found)]
-        for verdict, ids in self.verdicts.items():
-            lines.append(f"{len(ids)} {verdict}: {', '.join(ids)}")
-        lines.append(f"About {self.minutes} minutes. You need: {self.needs}")
-        return "\n".join(lines)
+        return "; ".join(
+            f"{len(ids)} {verdict}: {', '.join(ids)}" for verdict, ids in self.verdicts.items()
+        )
 
     __repr__ = __str__
 
     def _repr_markdown_(self) -> str:
-        """A box of Markdown, with blank lines so that its sentences are parsed.
-
-        What is found is folded: readers guess before they see it.
-        """
-        found = ["\n".join(f"- {sentence}" for sentence in _listed(self.found))]
-        if self.verdicts:
-            claims = sum(map(len, self.verdicts.values()))
-            verdicts = [
-                f"{len(ids)} {badge(verdict)}: {', '.join(map(ledger_link, ids))}"
-                for verdict, ids in self.verdicts.items()
-            ]
-            several = f"Its {claims} claims of the thesis"
-            found.append(_part(several if claims > 1 else "Its claim of the thesis", verdicts))
-        return "\n\n".join(
-            [
-                '<div class="chapter-box">',
-                _part("What is asked", _listed(self.asked)),
-                f"**What you need:** {self.needs} **Time:** about {self.minutes} minutes.",
-                "<details><summary>What is found</summary>",
-                *found,
-                "</details>",
-                "</div>",
-            ]
+        listed = "; ".join(
+            f"{len(ids)} {badge(verdict)}: {', '.join(map(ledger_link, ids))}"
+            for verdict, ids in self.verdicts.items()
         )
+        return f"**What the thesis claims of this, and what came out:** {listed}."
 
 
-def _listed(sentences: str | Sequence[str]) -> Sequence[str]:
-    return [sentences] if isinstance(sentences, str) else sentences
-
-
-def _part(title: str, sentences: Sequence[str]) -> str:
-    if len(sentences) == 1:
-        return f"**{title}:** {sentences[0]}"
-    listed = "\n".join(f"- {sentence}" for sentence in sentences)
-    return f"**{title}**\n\n{listed}"
-
-
-def verdicts_of(
-    chapter: str, claims: Iterable[Claim], record: Mapping[str, Evidence]
-) -> dict[Verdict, list[str]]:
-    """The ids of the claims of a chapter ("03" or "04a") by verdict, without empty ones."""
-    own = [claim.id for claim in claims if claim.page.startswith(f"{chapter}_")]
+def page_claims(page: str, claims: Iterable[Claim], record: Mapping[str, Evidence]) -> PageClaims:
+    """The claims of a page, named as its file, by verdict."""
+    own = [claim.id for claim in claims if claim.page == page]
     ids = {verdict: [id for id in own if record[id].verdict == verdict] for verdict in SIGNS}
-    return {verdict: listed for verdict, listed in ids.items() if listed}
+    return PageClaims({verdict: listed for verdict, listed in ids.items() if listed})
 
 
 def count_verdicts(record: Mapping[str, Evidence]) -> str:
@@ -243,8 +167,7 @@ def verdicts_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> s
     for claim in claims:
         by_page.setdefault(claim.page, []).append(record[claim.id])
     rows = {
-        f"[{_chapter(page)}]({page}.ipynb)": evidence
-        for page, evidence in sorted(by_page.items())  # optimisers (5b) precede chapter 5
+        f"[{_chapter(page)}]({page}.ipynb)": evidence for page, evidence in sorted(by_page.items())
     }
     rows["all"] = list(record.values())
     return _markdown_table(
@@ -380,4 +303,4 @@ def _counts(evidence: Iterable[Evidence]) -> dict[Verdict, int]:
 
 
 def _chapter(page: str) -> str:
-    return page.split("_")[0].lstrip("0")  # 4a for ``04a_...``
+    return page.split("_")[0].lstrip("0")  # 4 for ``04_...``

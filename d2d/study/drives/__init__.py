@@ -1,1 +1,1 @@
-"""Simulated drives (chapter 7)."""
+"""Simulated drives (chapters 12 and 13)."""

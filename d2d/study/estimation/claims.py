@@ -172,7 +172,7 @@ def fisher_suffices() -> Evidence:
         f"{inverse['robust likelihood']:+.2f} dB and {propagated['robust likelihood']:+.2f} dB. "
         "The sum has the noise in its cost too, and its inverse Hessian is "
         f"{times_off(inverse['sum'])}. On simulated drives, where several targets share a partner, "
-        f"the ANEES is {road:.2f}, and on the road it is higher still (chapter 8b). P2D, whose "
+        f"the ANEES is {road:.2f}, and on the road it is higher still (chapter 15). P2D, whose "
         f"cost has the noise of one set only, is {times_off(inverse['P2D likelihood'])}, and "
         f"propagation brings I2 to {propagated['P2D likelihood']:+.2f} dB.",
         numbers,

@@ -109,7 +109,7 @@ Case = tuple[PointSet, PointSet, RegistrationCost, ArrayLike, NDArray[np.int_]]
 
 @cache
 def halves_of_each_reason(runs: int = 1000) -> list[Halves]:
-    """What the halves of the moving set reveal of each reason, in the scenes of chapter 6.
+    """What the halves of the moving set reveal of each reason, in the scenes of chapter 10.
 
     Halves are drawn by target; where targets are repeated, by copy or by target.
     """

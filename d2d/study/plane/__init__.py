@@ -1,1 +1,1 @@
-"""The thesis's scenes in the plane and their evaluation (chapters 6 and 6b)."""
+"""The thesis's scenes in the plane and their evaluation (chapters 10 and 11)."""

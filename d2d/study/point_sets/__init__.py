@@ -1,1 +1,1 @@
-"""Registration of range scans: ICP and the NDT (chapter 3)."""
+"""Registration of range scans: ICP and the NDT (chapter 7)."""

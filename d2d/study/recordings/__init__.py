@@ -1,1 +1,1 @@
-"""Recorded drives (chapter 8)."""
+"""Recorded drives (chapters 14 and 15)."""

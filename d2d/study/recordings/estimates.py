@@ -38,7 +38,7 @@ from d2d.study.results import results_path
 SENSORS = (1, 2, 3, 4)
 FORWARD = 3  # the sensor that is shown alone
 SECTORS = (0, 15, 30, 45, 60)  # deg, edges of |azimuth|
-STATED = (0.11, -0.05)  # s, time offset and side slip of most sequences, as chapter 8 states them
+STATED = (0.11, -0.05)  # s, time offset and side slip of most sequences, as chapter 14 states them
 OFFSETS = np.arange(0.0, 0.2501, 0.01)  # s
 COLUMNS = (
     *("run", "time_s", "interval_s", "converged", "vx", "vy", "omega"),

@@ -22,7 +22,7 @@ def test_both_covariances_are_those_of_the_same_errors() -> None:
 
 
 def test_propagation_repairs_p2d_and_only_that() -> None:
-    """Chapter 9's first finding, on the thesis's overlapped scene."""
+    """Appendix C's first finding, on the thesis's overlapped scene."""
     for name in ALL_COSTS:
         found = both_covariances(scenarios.OVERLAPPED, name)
         fisher, propagated = found.fisher.inclination, found.propagated.inclination

@@ -126,7 +126,7 @@ def plane_scene():
 
 
 def sweep():
-    """The factors of chapter 9, from the stored results."""
+    """The factors of chapter 16, from the stored results."""
     _, axes = plt.subplots(4, 2)
     rows = exhaustive.read_table()
     beyond_figures.factor_panels(axes, rows, exhaustive.success, annealed=True)

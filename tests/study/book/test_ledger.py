@@ -1,7 +1,8 @@
-"""Cards, boxes and the ledger's tables say what is on record, as text and as HTML."""
+"""The ledger, its tables and the pages' last lines say what is on record, as text and as HTML."""
 
 import re
 from html import unescape
+from pathlib import Path
 
 import pytest
 
@@ -9,21 +10,20 @@ from d2d.study.book.claim import Claim, Evidence
 from d2d.study.book.ledger import (
     LEDGER,
     SIGNS,
-    ChapterBox,
     anchor,
     badge,
-    cards,
     count_verdicts,
     figures_table,
+    in_words,
     ledger,
-    verdicts_of,
+    page_claims,
     verdicts_table,
 )
 from d2d.study.book.measured import Measured
-from d2d.study.book.record import read_record
 from d2d.study.book.thesis_figures import ThesisFigure
-from d2d.study.claims import CLAIMS, show
+from d2d.study.claims import CLAIMS, claims_on
 
+CHAPTERS = Path(__file__).resolve().parents[3] / "chapters"
 RATIO = Measured(1.23456, 1.1, 2.0, True, (-2.0, -1.0, 0.5))
 NUMBERS = {"steps": 6080.0, "ratio < 2": RATIO, "slope": -0.5}
 RECORD = {
@@ -53,11 +53,11 @@ def test_verdicts_differ_by_sign_and_word():
     assert len({text.split()[0] for text in shown}) == len({text.split()[1] for text in shown}) == 4
 
 
-def test_the_text_of_a_card_is_wrapped_and_complete():
+def test_a_claim_in_words_is_wrapped_and_complete():
     """Breaks if a reason runs off the page, or nbval no longer sees a number or its interval."""
-    text = str(cards(CLAIMS_OF_TWO, RECORD))
-    assert max(map(len, text.splitlines())) <= 88
-    assert text.splitlines()[:6] == [
+    first, second = (in_words(claim, RECORD[claim.id]) for claim in CLAIMS_OF_TWO)
+    assert max(map(len, [*first.splitlines(), *second.splitlines()])) <= 88
+    assert first.splitlines() == [
         "[a] A is right. (thesis, section 4.4, line 12)",
         "confirmed: it is so.",
         "measured over 9 draws",
@@ -65,72 +65,62 @@ def test_the_text_of_a_card_is_wrapped_and_complete():
         "  ratio < 2: 1.23 [1.1, 2]",
         "  slope: -0.5 [exact]",
     ]
-    assert "section 6.3, lines 34, 56" in text
+    assert "section 6.3, lines 34, 56" in second
     assert (
-        "the one: holds under a condition; the other: fails\nholds: Never.\nwrong in part: " in text
+        "the one: holds under a condition; the other: fails\nholds: Never.\nwrong in part: "
+        in second
     )
-    assert "Not said." not in text
 
 
-def test_the_card_says_what_its_text_says():
+def test_a_row_unfolds_to_what_its_text_says():
     """Breaks if a reader sees other numbers than those that are compared, or not the telling first.
 
-    A claim that is confirmed holds without a condition, and has a card without one.
+    A claim that is confirmed holds without a condition, and has a row without one.
     """
-    html = cards(CLAIMS_OF_TWO, RECORD)._repr_html_()
-    seen = " ".join(read(html).split())
+    first, second = (
+        ledger(CLAIMS_OF_TWO, RECORD)._repr_html_().split('<details class="ledger-row')[1:]
+    )
+    seen = " ".join(read(first + second).split())
     for shown in ("✓ confirmed", "A is right.", "It is so.", "Never.", "Measured over 9 draws"):
         assert shown in seen
     assert "≈ the one: holds under a condition ✗ the other: fails Holds: Never." in seen
     for shown in ("ratio < 2 1.1 to 2 1.23", "steps exact 6080", "slope exact -0.5"):
         assert shown in seen
-    first, _ = html.split('aria-label="Claim b"')
     assert "Not said." not in first
-    assert first.index("ratio &lt; 2") < first.index("<details>") < first.index("steps")
-    assert "<details>" not in html[len(first) :]
+    body = first.split("</summary>", 1)[1]
+    assert body.index("ratio &lt; 2") < body.index("<details>") < body.index("steps")
+    assert "<details>" not in second
 
 
-def test_each_card_leads_to_its_row_of_the_ledger():
-    """Breaks if the link's target and the ledger's rows are named differently."""
-    html = cards(CLAIMS_OF_TWO, RECORD)._repr_html_()
-    assert re.findall(r'href="([^"]*)"', html) == [f"{LEDGER}#{anchor(id)}" for id in "ab"]
+def test_each_row_has_its_address():
+    """Breaks if a link to a claim, and the ledger's rows, are named differently."""
     rows = ledger(CLAIMS_OF_TWO, RECORD)._repr_html_()
     assert re.findall(r'<details class="ledger-row[^>]* id="([^"]*)"', rows) == [*map(anchor, "ab")]
 
 
 def test_a_claim_without_evidence_is_refused():
     """Breaks if a page could show, or leave out, what has not been measured."""
-    for shown in (cards, ledger):
-        with pytest.raises(KeyError, match="b"):
-            shown(CLAIMS_OF_TWO, {"a": RECORD["a"]})
+    with pytest.raises(KeyError, match="b"):
+        ledger(CLAIMS_OF_TWO, {"a": RECORD["a"]})
 
 
-def test_show_shows_what_is_on_record():
-    """Breaks if a chapter shows another claim's evidence."""
-    recorded = read_record()["nci-not-enough"]
-    assert show(CLAIMS["nci-not-enough"]).shown == ((CLAIMS["nci-not-enough"], recorded),)
+def test_a_page_ends_with_its_claims_by_verdict():
+    """Breaks if a claim is told on another page, or a verdict without claims is shown."""
+    told = page_claims("04_outliers_and_clusters_1d", CLAIMS_OF_TWO, RECORD)
+    assert str(told) == "1 confirmed: a"
+    assert "1 ✓ confirmed : a ." in " ".join(read(told._repr_markdown_()).split())
+    assert f'href="{LEDGER}#{anchor("a")}"' in told._repr_markdown_()
+    assert page_claims("01_motivation", CLAIMS_OF_TWO, RECORD).verdicts == {}
 
 
-def test_a_box_has_the_verdicts_of_its_chapter():
-    """Breaks if a claim is counted on another page, or a verdict without claims is shown."""
-    expected = {"04b": {"confirmed": ["a"]}, "06": {"wrong in part": ["b"]}, "04": {}}
-    for chapter, verdicts in expected.items():
-        assert verdicts_of(chapter, CLAIMS_OF_TWO, RECORD) == verdicts
-
-
-def test_a_box_says_the_same_as_text_and_as_markdown():
-    """Breaks if something is said to the tests only, or the Markdown in the box is not parsed.
-
-    A blank line ends a block of HTML.
-    """
-    box = ChapterBox(["What?", "Why?"], "This.", {"confirmed": ["a"]}, 20, "Time.")
-    markdown = box._repr_markdown_()
-    for said in (str(box), read(markdown)):
-        for part in ("What?", "Why?", "This.", "1 ", "confirmed", " a", "20 minutes", "Time."):
-            assert part in said
-    lines = markdown.splitlines()
-    assert lines[:2] == ['<div class="chapter-box">', ""]
-    assert lines[-2:] == ["", "</div>"]
+def test_each_claim_is_told_on_one_page():
+    """Breaks if a claim of the registry belongs to a page that does not end with its claims."""
+    pages = {claim.page for claim in CLAIMS.values()}
+    assert sum(len(ids) for page in pages for ids in claims_on(page).verdicts.values()) == len(
+        CLAIMS
+    )
+    for page in pages:
+        assert f'claims_on(\\"{page}\\")' in (CHAPTERS / f"{page}.ipynb").read_text("utf-8")
 
 
 def test_verdicts_are_counted_in_all_and_by_page():
@@ -139,8 +129,8 @@ def test_verdicts_are_counted_in_all_and_by_page():
         count_verdicts(RECORD) == "2 claims: 1 confirmed, 0 conditional, 1 wrong in part, 0 refuted"
     )
     assert verdicts_table(CLAIMS_OF_TWO, RECORD).splitlines()[2:] == [
-        "| [4b](04b_outliers_and_clusters_1d.ipynb) | 1 | 1 | 0 | 0 | 0 |",
-        "| [6](06_credibility_2d.ipynb) | 1 | 0 | 0 | 1 | 0 |",
+        "| [4](04_outliers_and_clusters_1d.ipynb) | 1 | 1 | 0 | 0 | 0 |",
+        "| [10](10_credibility_2d.ipynb) | 1 | 0 | 0 | 1 | 0 |",
         "| all | 2 | 1 | 0 | 1 | 0 |",
     ]
 
@@ -151,9 +141,9 @@ def test_each_claim_is_a_line_with_verdict_numbers_and_place():
     first, second = html.split('<details class="ledger-row')[1:]
     summary = " ".join(read(first.split("</summary>")[0]).split())
     assert summary.endswith("✓ confirmed A is right. 1.23 1.1 to 2")
-    assert 'data-verdict="wrong in part" data-chapter="6"' in second
-    assert '<a href="04b_outliers_and_clusters_1d.html">Chapter 4b' in first
-    assert '<a href="06c_outliers_and_clusters_2d.html#fig-outlier-cost">' in first
+    assert 'data-verdict="wrong in part" data-chapter="10"' in second
+    assert '<a href="04_outliers_and_clusters_1d.html">Chapter 4' in first
+    assert '<a href="11_outliers_and_clusters_2d.html#fig-outlier-cost">' in first
     assert "steps" in first.split("</summary>", 1)[1]
     assert str(ledger(CLAIMS_OF_TWO, RECORD)).splitlines() == [
         "confirmed     a (4.4): ratio < 2 1.23 [1.1, 2]",
@@ -167,8 +157,8 @@ def test_the_map_has_each_claim_in_its_chapter():
     assert re.findall(
         r"<li><span>(\w+)</span><a .*? href=\"#claim-(\w)\".*?>(.)</a></li>", shown
     ) == [
-        ("4b", "a", "✓"),
-        ("6", "b", "½"),
+        ("4", "a", "✓"),
+        ("10", "b", "½"),
     ]
 
 
@@ -195,6 +185,6 @@ def test_each_figure_leads_to_ours():
         ThesisFigure("optimizer-steps", "Table 5.1", "5.1", "steps"),
     ]
     assert figures_table(figures).splitlines()[2:] == [
-        "| Figure 4.6 | a surface | [chapter 4a, overall-noisy](#fig-overall-noisy) |",
-        "| Table 5.1 | steps | [chapter 5b, optimizer-steps](#fig-optimizer-steps) |",
+        "| Figure 4.6 | a surface | [chapter 3, overall-noisy](#fig-overall-noisy) |",
+        "| Table 5.1 | steps | [chapter 6, optimizer-steps](#fig-optimizer-steps) |",
     ]

@@ -1,4 +1,4 @@
-"""The results files of chapter 8, what is computed into them, and what is fitted for them.
+"""The results files of chapter 14, what is computed into them, and what is fitted for them.
 
 The stand-in for the data set is a made-up drive of four sensors whose clock is late, whose axle
 slips and whose mountings are turned by known amounts.

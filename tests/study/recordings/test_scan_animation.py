@@ -1,4 +1,4 @@
-"""The animation of scans that chapter 8 shows."""
+"""The animation of scans that appendix F shows."""
 
 import re
 import xml.etree.ElementTree as ET
