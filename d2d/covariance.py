@@ -94,8 +94,8 @@ def propagate_covariance(
 
     For targets measured in polar coordinates, the covariances J Sigma J' of `PointSet.from_polar`
     give, to first order, the same result as propagation from range and azimuth.  The covariances
-    are taken as known, although those of polar measurements depend on the measured point; appendix C
-    of the book measures the effect of this and that of the first-order approximation itself.
+    are taken as known, although those of polar measurements depend on the measured point; the
+    book's appendix C measures the effect of this and that of the first-order approximation itself.
 
     The estimate itself treats positions and measurement as independent (thesis eq. 7.14), and so
     does the inverse Hessian, with or without ``position_slope``.
