@@ -14,7 +14,7 @@ from html import escape
 from d2d.study.book.claim import Claim, Evidence, Finding, Verdict
 from d2d.study.book.measured import Measured
 from d2d.study.book.table import significant
-from d2d.study.book.thesis_figures import FIGURES, ThesisFigure
+from d2d.study.book.thesis_figures import FIGURES, ThesisFigure, page_of
 from d2d.study.book.typography import typeset
 
 SIGNS: dict[Verdict, str] = {
@@ -251,7 +251,8 @@ def _row(claim: Claim, evidence: Evidence) -> str:
 
 def _figure_page(claim: Claim) -> str:
     """The page that shows the claim's figure, which need not be the claim's own."""
-    return next((each.page for each in FIGURES if each.id == claim.figure), claim.page)
+    elsewhere = page_of(claim.section, claim.figure)
+    return next((each.page for each in FIGURES if each.id == claim.figure), elsewhere)
 
 
 _WIDTH, _HEIGHT, _FARTHEST = 110, 14, 20.0  # of an axis in px, and its ends in margins

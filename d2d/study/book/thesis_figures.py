@@ -19,11 +19,16 @@ PAGES = {
     "6.4": "11_outliers_and_clusters_2d",
     "7": "12_radar_ego_motion",
     "7.3": "13_the_whole_drive",
+    **dict.fromkeys(
+        ("overlap-map", "outlier-map", "cluster-map", "all-map"), "d_panels_and_readings"
+    ),
+    "cluster-sweep": "08_credibility",
 }
 """The page on each chapter of the thesis, or on each section where two pages share a chapter.
 
 Where two pages share a section, its scenes have a page of their own: "6.3 outlier" has the figures
-and claims of section 6.3 whose ids begin with "outlier-".
+and claims of section 6.3 whose ids begin with "outlier-".  Figures that stand elsewhere follow by
+their ids.
 """
 
 
@@ -33,7 +38,7 @@ def page_of(section: str, id: str = "") -> str:
     ``id`` is that of a figure or of a claim of this section.  Raises ``ValueError`` if there is no
     page.
     """
-    named = (f"{section} {id.split('-')[0]}", section, section.split(".")[0])
+    named = (id, f"{section} {id.split('-')[0]}", section, section.split(".")[0])
     page = next((PAGES[name] for name in named if name in PAGES), None)
     if page is None:
         raise ValueError(f"section: no page treats thesis section {section!r}")

@@ -56,7 +56,8 @@ def test_page_of_a_section():
         ("6.3", "overlap-error", "10"),
         ("6.3", "outlier-error", "11"),
         ("6.3", "cluster-scene", "11"),
-        ("6.3", "all-map", "11"),
+        ("6.3", "all-map", "d"),
+        ("6.3", "all-scenes", "11"),
         ("6.4", "nci-not-enough", "11"),
         ("7.1", "ego-flow", "12"),
     ):
