@@ -2,7 +2,7 @@
 
 python -m benchmarks.road [--radarscenes ROOT ...] [--nuscenes ROOT ...]
 
-writes a table for each data set into the book's page; without roots it does nothing.
+writes tables for each data set into the book's page; without roots it does nothing.
 
 What registers points only gets what helps it: the static targets of all sensors, which the Doppler
 velocities tell from moving ones, merged in the vehicle frame at the mean time of the scans, and the
@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from benchmarks import peers
 from benchmarks.report import RESULTS, table
@@ -35,6 +36,7 @@ from d2d.radar import (
     RadarScan,
     Recording,
     Reference,
+    Track,
     doppler_ego_motion,
     load_nuscenes,
     load_radarscenes,
@@ -53,6 +55,8 @@ Velocity = tuple[Array, Array]  # (3,) and its covariance (3, 3), nan where none
 HORIZON = 0.3  # s
 LENGTH = 100.0  # m, over which the drift is measured
 CELLS = (1.0, 2.0, 4.0)  # m, of the NDT
+SPANS = (1.0, 5.0, 10.0, 30.0, 60.0)  # s, over which displacements are judged
+FEWEST = 6  # spans, for a row
 PILOT = 10  # rounds, of which one is used to choose a radius
 NOT_STATED = np.full((3, 3), np.nan)
 
@@ -283,12 +287,71 @@ def nuscenes(roots: Sequence[Path]) -> list[Drive]:
     ]
 
 
-def section(title: str, drives: Sequence[Drive]) -> str:
-    """The table of a data set."""
+def displacements(driven: Sequence[tuple[Drive, Track]], span: float) -> tuple[Array, Array]:
+    """Errors (n, 3) of the displacements over spans that overlap by half, and their covariances."""
+    errors, covariances = [], []
+    for drive, own in driven:
+        starts = np.arange(own.times[0], own.times[-1] - span, 0.5 * span)
+        found = own.displacement(starts, starts + span)
+        begin, end = (drive.reference.at(times).poses for times in (starts, starts + span))
+        off = found.motion - rigid.compose(rigid.inverse(begin), end)
+        off[:, 2] = (off[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
+        errors.append(off)
+        covariances.append(found.covariance)
+    off, stated = np.concatenate(errors), np.concatenate(covariances)
+    known = np.isfinite(off).all(axis=1) & np.isfinite(stated).all(axis=(1, 2))
+    return off[known], stated[known]
+
+
+def displacement_rows(drives: Sequence[Drive]) -> Iterator[tuple[str, ...]]:
+    """For each span of which there are enough: its errors, and how they fit the covariance."""
+    driven = [
+        (each, track(each.recordings, horizon=HORIZON, budget=each.recordings[0].budget))
+        for each in drives
+    ]
+    for span in SPANS:
+        errors, covariances = displacements(driven, span)
+        if len(errors) < FEWEST:
+            return
+        judged = credibility(errors, covariances)
+        away = np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1)))
+        turned = np.rad2deg(np.sqrt(np.mean(errors[:, 2] ** 2)))
+        inside = np.mean(judged.nees < chdtri(3, 0.05))
+        yield (
+            f"{span:g} s",
+            str(len(errors)),
+            f"{away:.2f}",
+            f"{turned:.2f}",
+            f"{judged.anees:.2f}",
+            f"{inside:.0%}",
+        )
+
+
+SPAN_HEAD = ("over", "spans", "error, m", "error, °", "ANEES", "inside 95 %")
+
+
+def caption(title: str, drives: Sequence[Drive]) -> str:
+    """What a table is about."""
     driven = sum(len(drive.rounds) for drive in drives)
     names = ", ".join(drive.name for drive in drives)
-    text = f"**{title}** ({names}; {driven} rounds of {len(drives[0].recordings)} radars)"
-    return f"{text}\n\n{table(HEAD, [row.cells() for row in judged(drives)], 1)}"
+    return f"**{title}** ({names}; {driven} rounds of {len(drives[0].recordings)} radars)"
+
+
+def section(title: str, drives: Sequence[Drive]) -> str:
+    """The table of a data set."""
+    rows = [row.cells() for row in judged(drives)]
+    return f"{caption(title, drives)}\n\n{table(HEAD, rows, 1)}"
+
+
+def span_section(title: str, drives: Sequence[Drive]) -> str:
+    """The table of a data set's displacements."""
+    return f"{caption(title, drives)}\n\n{table(SPAN_HEAD, [*displacement_rows(drives)], 1)}"
+
+
+def write(name: str, parts: Sequence[str]) -> None:
+    """Write what the book's page includes."""
+    head = "<!-- Written by `python -m benchmarks.road`. -->"
+    (RESULTS / name).write_text("\n\n".join([head, *parts, ""]), encoding="utf-8")
 
 
 def main() -> None:
@@ -300,13 +363,17 @@ def main() -> None:
     in_one_thread()
     warnings.simplefilter("ignore")
     without_chatter()
-    parts = ["<!-- Written by `python -m benchmarks.road`. -->"]
-    if arguments.radarscenes:
-        parts.append(section("RadarScenes", radarscenes(arguments.radarscenes)))
-    if arguments.nuscenes:
-        parts.append(section("nuScenes", nuscenes(arguments.nuscenes)))
-    if len(parts) > 1:
-        (RESULTS / "road_peers.md").write_text("\n\n".join([*parts, ""]), encoding="utf-8")
+    drives = {
+        title: load(roots)
+        for title, load, roots in (
+            ("RadarScenes", radarscenes, arguments.radarscenes),
+            ("nuScenes", nuscenes, arguments.nuscenes),
+        )
+        if roots
+    }
+    if drives:
+        write("road_displacements.md", [span_section(*each) for each in drives.items()])
+        write("road_peers.md", [section(*each) for each in drives.items()])
 
 
 if __name__ == "__main__":

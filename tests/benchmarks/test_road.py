@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks.road import LENGTH, by_doppler, by_points, drift, held, run
-from d2d import CorruptedGaussian, RegistrationCost, register
-from d2d.radar import Mounting, simulate_drive
+from benchmarks.road import LENGTH, Drive, by_doppler, by_points, displacements, drift, held, run
+from d2d import CorruptedGaussian, RegistrationCost, register, rigid
+from d2d.radar import Mounting, Track, simulate_drive
 from d2d.radar.tracks.rounds import rounds_of
 from d2d.radar.tracks.track import integrate
 
@@ -30,6 +30,29 @@ def test_drift_of_a_wrong_yaw_rate_and_of_a_wrong_speed(bend):
     if bend == 0.0:
         np.testing.assert_allclose(turned[:, 0], 1e-4 * seconds * LENGTH / 2.0, rtol=2e-2)
         np.testing.assert_allclose(slow[:, 0], 0.01 * LENGTH, rtol=2e-2)
+
+
+def test_displacements_of_a_track_are_judged_against_the_references_path():
+    """With a yaw rate off by 1e-3 rad/s, each second turns 1e-3 rad too far, and no error is lost
+    where spans begin inside an interval of the track.
+    """
+    drive = simulate_drive(np.random.default_rng(3), duration=12.0)
+    own = Drive("", [], [], drive.truth)
+    inner = slice(1, None)
+    times, poses = drive.truth.times, drive.truth.poses
+    steps = rigid.compose(rigid.inverse(poses[:-1]), poses[1:])
+    theta = rigid.logarithm(steps) / np.diff(times)[:, None] + np.array([0.0, 0.0, 1e-3])
+    count = len(theta)
+    driven = Track(
+        times=times[inner],
+        intervals=np.diff(times),
+        theta=theta,
+        covariance=np.tile(1e-4 * np.eye(3), (count, 1, 1)),
+        converged=np.ones(count, bool),
+    )
+    errors, covariances = displacements([(own, driven)], 1.0)
+    assert len(errors) == len(covariances) == 22
+    np.testing.assert_allclose(errors[:, 2], 1e-3, atol=2e-6)
 
 
 def test_merged_static_points_of_two_radars_give_the_velocity():

@@ -24,9 +24,11 @@ def draw(
     covariance: Array,
     converged: NDArray[np.bool_],
     inliers: Array | None,
+    regions: Array,
 ) -> Figure:
     """Draw a path (n + 1, 3), velocities (n, 3) in a band of 3 sigma, and inliers (n,) if known.
 
+    ``regions`` (m, k, 2) are the outlines of the position's 95 % regions along the path.
     The panels stand one below the other, so that the picture fits a phone.
     """
     from matplotlib import pyplot as plt
@@ -37,6 +39,8 @@ def draw(
     ax = figure.add_subplot(grid[0])
     ax.plot(path[:, 0], path[:, 1], **ESTIMATE, lw=1.5)
     ax.plot(*path[0, :2], MARKER, color=COLOR, label="start")
+    for i, outline in enumerate(regions):
+        ax.plot(*outline.T, color=COLOR, lw=0.8, label="_" if i else "95 %")
     if not converged.all():
         ax.plot(*path[1:][~converged, :2].T, "x", ms=4, color=_FAILED, label="failed")
     ax.set(xlabel="x (m)", ylabel="y (m)")

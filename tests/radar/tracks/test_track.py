@@ -7,7 +7,7 @@ import pytest
 from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.radar import CovarianceParts, Track
+from d2d.radar import CovarianceParts, ErrorBudget, Track, simulate_drive, track
 from d2d.radar.tracks.track import integrate
 from tests.radar.scenes import arc
 
@@ -277,3 +277,22 @@ def test_the_picture_shows_velocities_bands_and_failures():
         for ax in axes:
             assert_array_equal(ax.lines[-1].get_xdata(), driven.times[~driven.converged])
         plt.close(figure)
+
+
+def test_the_picture_shows_how_surely_each_place_is_known():
+    """Breaks if the ellipses are of another time or level, or drawn where nothing is stated."""
+    drive = simulate_drive(np.random.default_rng(1), duration=4.0)
+    driven = track(drive, budget=ErrorBudget(azimuth=np.deg2rad(0.5), doppler=0.05))
+    figure = driven.plot()
+    outlines = [line.get_xydata() for line in figure.axes[0].lines[2:]]
+    assert len(outlines) == 8
+    began = driven.times[0] - driven.intervals[0]
+    motion, covariance = driven.displacement([began], driven.times[-1:])
+    off = outlines[-1] - motion[0, :2]
+    squares = np.einsum("ka,ab,kb->k", off, np.linalg.inv(covariance[0, :2, :2]), off)
+    assert_allclose(squares, -2.0 * np.log(0.05))
+    assert_allclose(motion[0, :2], driven.poses()[-1, :2], atol=1e-9)
+    plt.close(figure)
+    figure = track(drive).plot()
+    assert len(figure.axes[0].lines) == 2
+    plt.close(figure)
