@@ -1276,10 +1276,13 @@ globalThis.tracker = (function radarTracker() {
   }
 
   /**
-   * The track of a log of `readRows` with all options of DEFAULTS: {rows, rounds, sensors, found}.  A generator that yields
-   * the share that is done, so that whoever runs it can show it, or stop.
+   * The track of a log of `readRows` with all options of DEFAULTS: {rows, rounds, sensors, found, model}.  A generator that
+   * yields the share that is done, so that whoever runs it can show it, or stop.
    */
   function* track(log, given) {
+    if (given.horizon !== null && given.baseline !== 1) {
+      throw new Error("horizon and baseline must not both be given: leave the baseline at 1, or the horizon empty");
+    }
     const options = inRadians(given),
       drives = loadCsv(log, options).map((sensor) => ({ ...sensor, mounting: options.mountings[sensor.name] }));
     for (const drive of drives) checkIntervals(drive, options.maxInterval);
@@ -1298,7 +1301,7 @@ globalThis.tracker = (function radarTracker() {
       rows.push(follower.follow(round));
       yield rows.length / rounds.length;
     }
-    return { rows, rounds, sensors, found };
+    return { rows, rounds, sensors, found, model: options.model };
   }
 
   // ---- d2d/radar/tracks/track.py and files.py ------------------------------------------------------------------------------
@@ -1383,7 +1386,6 @@ globalThis.tracker = (function radarTracker() {
     mean,
     problemOf,
     sensorFit,
-    roundsOf,
     source: String(radarTracker), // as that of engine.js
   };
 })();

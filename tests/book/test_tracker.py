@@ -1,35 +1,36 @@
 """The track of a log in a real browser is that of the command line on the same file, to 1e-6.
 
-Breaks if a round, a limit, a part of the covariance or a column of the files differs.  Both get the
-same CSV file and the same options; what they write is compared, number by number.  `make
-test-engine` runs it without a built book.
+Breaks if a round, a limit, a part of the covariance, a column of the files or a symptom differs.
+Both get the same CSV file and the same options; what they write is compared, number by number.
+`make test-engine` runs it without a built book.
 """
 
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
 from selenium import webdriver
 
-from d2d.radar import Mounting, RadarScan, Track, simulate_drive
+from d2d.radar import ErrorBudget, Mounting, Track, diagnose, simulate_drive, track
 from d2d.radar.cli import main
-from d2d.radar.scans.budget import ErrorBudget
+from d2d.radar.tracks.finding import FindingWarning
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import MAX_INTERVAL
 from tests.book import browser
+from tests.book.logs import EXACT, SHARED, Case, Sensors, assert_same_files, several
 
 LABS = Path(__file__).resolve().parents[2] / "_static" / "labs"
-PAGE = """<!doctype html><link rel="icon" href="data:,">
-<script src="engine.js"></script><script src="tracker.js"></script>"""
-TRACK = """const [text, options] = arguments;
+SCRIPTS = ("engine.js", "tracker.js", "findings.js")
+TRACK = """const [text, options, judged] = arguments;
 const log = tracker.readRows(new TextEncoder().encode(text).buffer, "log.csv");
 const steps = tracker.track(log, {...tracker.DEFAULTS, ...options});
 for (;;) {
   const {done, value} = steps.next();
-  if (done) return {
+  if (done) return judged ? findings.diagnose(value) : {
     tum: tracker.tumOf(value.rows),
     table: tracker.tableOf(value.rows),
     reasons: value.rows.map((row) => row.reason),
@@ -37,19 +38,17 @@ for (;;) {
     targets: value.rows.map((row) => row.targets),
   };
 }"""
-SHARED = {"azimuth": 0.1, "doppler": 0.04, "scale": 0.002, "lag": 0.02, "neighbours": 1.0}
-AHEAD, ASIDE = Mounting(0.4, 0.1, 0.1), Mounting(-0.3, 0.4, 1.5)
-COLUMNS = ("range", "azimuth", "doppler", "sigma_range", "sigma_azimuth", "sigma_doppler")
-EXACT = 1e-6
 
 
 @pytest.fixture(scope="module")
 def page(driver: webdriver.Chrome, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Runs a script with its arguments in a page that has loaded the engine and the tracker."""
+    """Runs a script with its arguments in a page that has loaded what a track needs."""
     folder = tmp_path_factory.mktemp("tracker")
-    for name in ("engine.js", "tracker.js"):
+    loaded = "".join(f'<script src="{name}"></script>' for name in SCRIPTS)
+    for name in SCRIPTS:
         (folder / name).write_bytes((LABS / name).read_bytes())
-    (folder / "page.html").write_text(PAGE, encoding="utf-8")
+    text = f'<!doctype html><link rel="icon" href="data:,">{loaded}'
+    (folder / "page.html").write_text(text, encoding="utf-8")
     driver.set_script_timeout(300)
     with browser.serve(folder) as address:
         driver.get(f"{address}page.html")
@@ -57,26 +56,10 @@ def page(driver: webdriver.Chrome, tmp_path_factory: pytest.TempPathFactory) -> 
     driver.set_script_timeout(60)
 
 
-class Case(NamedTuple):
-    """A log, and the options of both programs: ``words`` of one, ``settings`` of the other."""
-
-    sensors: dict[str, tuple[Sequence[RadarScan], Mounting]]
-    words: Sequence[str] = ()
-    settings: dict[str, Any] = {}  # noqa: RUF012 - nothing changes it
-
-
 def example() -> Case:
     """The log that the command line writes itself."""
     drive = simulate_drive(np.random.default_rng(0), duration=60.0)
     return Case({"radar": (drive.scans, drive.mounting)})
-
-
-def several(shift: float = 0.03) -> dict[str, tuple[Sequence[RadarScan], Mounting]]:
-    """Two sensors of different rates on one vehicle, which do not run in step."""
-    ahead = simulate_drive(np.random.default_rng(0), duration=20.0, mounting=AHEAD)
-    aside = simulate_drive(np.random.default_rng(0), 20.0, mounting=ASIDE, world=ahead.world)
-    late = [replace(scan, time=scan.time + shift) for scan in aside.scans]
-    return {"ahead": (ahead.scans, AHEAD), "aside": (late[1::3] + late[2::3], ASIDE)}
 
 
 def together() -> Case:
@@ -112,7 +95,7 @@ def in_trouble() -> Case:
     return Case({"radar": (scans, drive.mounting)}, words.split(), settings)
 
 
-def standing() -> Case:
+def few_targets() -> Case:
     """No side slip at all, few targets and few scans."""
     drive = simulate_drive(np.random.default_rng(5), duration=3.0)
     few = [scan[:7] for scan in drive.scans]
@@ -124,68 +107,36 @@ CASES = {
     "several": together,
     "budget": with_budget,
     "trouble": in_trouble,
-    "few targets": standing,
+    "few targets": few_targets,
 }
 
 
-def written(case: Case) -> str:
-    """The log as text, each sensor's scans in the order given: `write_csv` would sort them."""
-    lines = [",".join(["sensor", "time", *COLUMNS])]
-    for sensor, (scans, _) in case.sensors.items():
-        for scan in scans:
-            columns = [getattr(scan, name).tolist() for name in COLUMNS]
-            rows = zip(*columns, strict=True)
-            lines += [",".join([sensor, repr(scan.time), *map(repr, row)]) for row in rows]
-    return "\n".join(lines)
-
-
-def tracked(page: Any, case: Case, folder: Path) -> tuple[Track, dict[str, Any]]:
-    """What the command line wrote, and the texts of the browser beside it."""
-    log = folder / "log.csv"
-    log.write_text(written(case))
-    words, mountings = [*case.words], {}
-    for name, (_, at) in case.sensors.items():
-        degrees = float(np.rad2deg(at.yaw))
-        words += ["--mounting", name, f"{at.x!r}", f"{at.y!r}", f"{degrees!r}"]
-        mountings[name] = {"x": at.x, "y": at.y, "yaw": degrees}
-    quiet = ["--no-picture", "--no-progress", "--force", "--output", str(folder / "drive")]
-    assert main(["track", "--csv", str(log), *words, *quiet]) == 0
-    got = page(TRACK, log.read_text(), {"mountings": mountings, **case.settings})
-    for name, end in (("tum", "drive.tum"), ("table", "drive_velocities.txt")):
-        (folder / f"browser-{end}").write_text(got[name])
-    return Track.load(folder / "drive.npz"), got
+def settings_of(case: Case) -> dict[str, Any]:
+    """The options as the page takes them."""
+    places = {
+        name: dict(zip(("x", "y", "yaw"), at, strict=True)) for name, at in case.places.items()
+    }
+    return {"mountings": places, **case.settings}
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_the_browser_writes_what_the_command_line_writes(page: Any, name: str, tmp_path: Path):
-    """Velocities to 1e-6 m/s and rad/s, covariances and their parts to 1e-6 of the sigmas."""
-    expected, got = tracked(page, CASES[name](), tmp_path)
+    case = CASES[name]()
+    log, prefix = tmp_path / "log.csv", tmp_path / "drive"
+    log.write_text(case.text)
+    words = ["track", "--csv", str(log), "--output", str(prefix), *case.words]
+    for sensor, at in case.places.items():
+        words += ["--mounting", sensor, *map(repr, at)]
+    assert main([*words, "--no-picture", "--no-progress", "--force"]) == 0
+    got = page(TRACK, case.text, settings_of(case), False)
+    (tmp_path / "browser.tum").write_text(got["tum"])
+    (tmp_path / "browser_velocities.txt").write_text(got["table"])
+    assert_same_files(prefix, tmp_path / "browser")
+    expected = Track.load(tmp_path / "drive.npz")
     assert got["reasons"] == expected.reasons.tolist()
     assert got["targets"] == expected.targets.tolist()
     unknown = [np.nan if each is None else each for each in got["inliers"]]
     np.testing.assert_allclose(unknown, expected.inliers, atol=EXACT)
-    found = Track.read_velocities(tmp_path / "browser-drive_velocities.txt")
-    np.testing.assert_array_equal(found.times, expected.times)
-    np.testing.assert_array_equal(found.intervals, expected.intervals)
-    np.testing.assert_allclose(found.theta, expected.theta, atol=EXACT)
-    sigmas = np.sqrt(np.diagonal(expected.covariance, axis1=1, axis2=2))
-    scale = sigmas[:, :, None] * sigmas[:, None, :]
-    for own, other in zip(
-        (found.covariance, *found.parts), (expected.covariance, *expected.parts), strict=True
-    ):
-        np.testing.assert_allclose(own / scale, other / scale, atol=EXACT)
-    paths = [np.loadtxt(tmp_path / f"{who}drive.tum") for who in ("", "browser-")]
-    np.testing.assert_allclose(*paths, atol=EXACT)
-
-
-def test_the_tables_have_the_same_header(page: Any, tmp_path: Path):
-    """Breaks if the command line cannot read the browser's table, or names a column otherwise."""
-    tracked(page, standing(), tmp_path)
-    own, other = (
-        (tmp_path / f"{who}drive_velocities.txt").read_text().splitlines()
-        for who in ("", "browser-")
-    )
-    assert [line for line in own if "#" in line] == [line for line in other if "#" in line]
 
 
 def test_the_defaults_are_those_of_the_command_line(page: Any):
@@ -193,3 +144,85 @@ def test_the_defaults_are_those_of_the_command_line(page: Any):
     assert own["maxAcceleration"] == VehicleLimits().acceleration
     assert own["maxInterval"] == MAX_INTERVAL
     assert own["budget"] == {name: getattr(ErrorBudget(), name) for name in own["budget"]}
+
+
+# ---- Symptoms ------------------------------------------------------------------------------------
+
+
+def changed(sensors: Sensors, name: str, **factors: float) -> Sensors:
+    """The log with some columns of a sensor multiplied."""
+    scans, at = sensors[name]
+    wrong = [
+        replace(scan, **{key: factor * getattr(scan, key) for key, factor in factors.items()})
+        for scan in scans
+    ]
+    return {**sensors, name: (wrong, at)}
+
+
+def alone(**factors: float) -> Sensors:
+    """One sensor with some columns multiplied."""
+    drive = simulate_drive(np.random.default_rng(1), duration=12.0, mounting=Mounting(0.4))
+    return changed({"radar": (drive.scans, drive.mounting)}, "radar", **factors)
+
+
+def at(sensors: Sensors, **places: Mounting) -> Sensors:
+    """The log with other mountings."""
+    return {name: (scans, places.get(name, own)) for name, (scans, own) in sensors.items()}
+
+
+def folded() -> Sensors:
+    """Doppler velocities beyond 4 m/s come out on the other side."""
+    ((name, (scans, mounting)),) = alone(doppler=2.0).items()
+    wrong = [replace(scan, doppler=(scan.doppler + 4.0) % 8.0 - 4.0) for scan in scans]
+    return {name: (wrong, mounting)}
+
+
+def to_the_side() -> Sensors:
+    """A single radar far ahead of the axle that looks aside."""
+    corner = Mounting(3.6, 0.4, 1.5)
+    return {"left": (simulate_drive(np.random.default_rng(2), 12.0, mounting=corner).scans, corner)}
+
+
+MISTAKES = {
+    "none": lambda: alone(),
+    "opposite sign": lambda: alone(doppler=-1.0),
+    "km/h": lambda: alone(doppler=3.6),
+    "at rest": lambda: alone(doppler=0.01),
+    "cm": lambda: alone(range=100.0, sigma_range=100.0),
+    "rad as degrees": lambda: alone(azimuth=np.pi / 180, sigma_azimuth=np.pi / 180),
+    "folded": folded,
+    "turned": lambda: at(alone(), radar=Mounting(0.4, 0.0, 0.1)),
+    "backwards": lambda: at(alone(), radar=Mounting(0.4, 0.0, np.pi)),
+    "to the side": to_the_side,
+    "two": lambda: several(),
+    "one turned of two": lambda: at(several(), aside=Mounting(-0.3, 0.4, 1.6)),
+    "swapped": lambda: at(several(), ahead=several()["aside"][1], aside=several()["ahead"][1]),
+    "clockwise": lambda: changed(several(), "aside", azimuth=-1.0),
+    "late": lambda: several(60.0, 0.4),
+}
+
+
+CORRECT = ("none", "two")
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_symptoms_are_told_as_in_python(page: Any, name: str):
+    """Breaks if a mistake is called by another name, or where Python sees none."""
+    case = Case(MISTAKES[name]())
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", UserWarning)
+        driven = track(case.sensors, budget=ErrorBudget(), progress=False)
+    expected = [each.message.finding for each in said if isinstance(each.message, FindingWarning)]
+    judged = diagnose(case.sensors, driven)
+    got = page(TRACK, case.text, settings_of(case), True)
+    plain = [each.sensor.removeprefix("sensors['").removesuffix("'].scans") for each in expected]
+    names = [*plain, *(each.sensor for each in judged.findings)]
+    assert [each["sensor"] for each in got["found"]] == names
+    assert bool(names) == (name not in CORRECT)
+    expected += judged.findings
+    for key in ("symptom", "unit", "sure", "about"):
+        assert [each[key] for each in got["found"]] == [getattr(each, key) for each in expected]
+    numbers = [each["number"] for each in got["found"]]
+    np.testing.assert_allclose(numbers, [each.number for each in expected], rtol=1e-5)
+    shares = [np.nan if each is None else each for each in got["inliers"]]
+    np.testing.assert_allclose(shares, [*judged.inliers.values()], atol=EXACT)
