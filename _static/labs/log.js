@@ -274,10 +274,11 @@
         ["v_y to the left", "m/s", 1],
         ["yaw rate ω", "°/s", 1 / DEGREE],
       ].map(([name, unit, factor], axis) => {
-        const plot = lab.plot({ label: name, xlabel: "time (s)", ylabel: unit, shape: 0.45 });
+        const plot = lab.plot({ label: name, xlabel: "time (s)", ylabel: unit, shape: 0.55, narrow: 0.65 });
         return { name: `${name} (${unit}) with ±3σ`, plot, factor, axis };
       });
       const results = html("div", { hidden: "" }),
+        judgement = html("div", { class: "lab-report" }), // beneath the path
         report = html("div", { class: "lab-report" });
 
       function show(result) {
@@ -286,7 +287,8 @@
         results.hidden = !result;
         lab.tell();
         if (!result) return;
-        report.replaceChildren(...symptoms(), files(), ...left());
+        judgement.replaceChildren(...symptoms(), files());
+        report.replaceChildren(...inPython());
         lab.tell(...summary(), sensorTable());
         lab.update();
       }
@@ -347,7 +349,7 @@
         lab.button(`Save ${name}`, () => {
           const link = html("a", { href: URL.createObjectURL(new Blob([textOf(shown.rows)])), download: name });
           link.click();
-          URL.revokeObjectURL(link.href);
+          setTimeout(() => URL.revokeObjectURL(link.href), 60_000); // some browsers read it later
         });
 
       const files = () =>
@@ -355,7 +357,8 @@
           ? bar(download("track.tum", tracker.tumOf), download("track_velocities.txt", tracker.tableOf))
           : html("p", {}, "No estimate was accepted, so there is nothing to save.");
 
-      const left = () => [
+      /** How to get the same from the command line, and what else it does. */
+      const inPython = () => [
         html("p", {}, "The same files by the command line, to a millionth:"),
         html("pre", { class: "lab-command", tabindex: "0" }, commandOf(log.name, shown.settings)),
         html(
@@ -464,7 +467,7 @@
         html(
           "div",
           { class: "lab-row" },
-          panel("The path from the square to the circle", path),
+          html("div", {}, panel("The path from the square to the circle", path), judgement),
           html("div", {}, ...curves.map(({ name, plot }) => panel(name, plot))),
         ),
         report,
