@@ -16,7 +16,9 @@
 //    dopplerWidth: 4,             // m/s: an outlier's Doppler velocity is uniform over this width
 //    line: false}                 // true: targets on a line, of which only x and xx count
 // A moving target may have `doppler`, see `dopplerMeasurement`; a target with `count` stands for so many equal ones.
-globalThis.d2d = (() => {
+// Several sensors share one velocity: {pairs, prior} is the sum of such problems and, if given, of a Gaussian prior of the
+// velocity about zero, of which `prior` has the three precisions.
+globalThis.d2d = (function engine() {
   "use strict";
 
   const LOG_2PI = Math.log(2 * Math.PI);
@@ -87,64 +89,87 @@ globalThis.d2d = (() => {
     return line ? { xx: outlier.xx, xy: 0, yy: UNIT_VARIANCE } : { xx: outlier.xx, xy: outlier.xy, yy: outlier.yy };
   }
 
-  /** log N(0 | d, S). */
-  function logGaussian(dx, dy, s) {
-    const determinant = s.xx * s.yy - s.xy * s.xy;
-    const square = (s.yy * dx * dx - 2 * s.xy * dx * dy + s.xx * dy * dy) / determinant;
-    return -0.5 * (square + Math.log(determinant)) - LOG_2PI;
+  /** The fixed components as columns, which a pass over all pairs reads fastest; `weight` is a logarithm. */
+  function columnsOf(fixed) {
+    const column = (name) => Float64Array.from(fixed, (component) => component[name]);
+    const [x, y, xx, xy, yy] = ["x", "y", "xx", "xy", "yy"].map(column);
+    return { count: fixed.length, x, y, xx, xy, yy, weight: Float64Array.from(logWeights(fixed)), logs: column("x") };
   }
 
   /**
-   * The jet of log N(0 | d, S) + log in the motion, with d = p + t - mu and B = S^-1, u = B d.
-   * `turning` is whether S turns with the target, dS/dphi = C_phi.
+   * The jet of a target's position under all components: of its inlier density or, with the spread `wide` of all pairs, of
+   * its outlier density.
+   *
+   * With d = p + t - mu, B = S^-1 and u = B d, the gradient of log N(0 | d, S) is [-u, g2].  S turns with the target unless
+   * it is wide or the target's own covariance does not count: dS/dphi = C_phi.
    */
-  function pairJet(log, p, dx, dy, s, turning) {
-    const determinant = s.xx * s.yy - s.xy * s.xy;
-    const bxx = s.yy / determinant,
-      bxy = -s.xy / determinant,
-      byy = s.xx / determinant;
-    const ux = bxx * dx + bxy * dy,
-      uy = bxy * dx + byy * dy;
+  function positionJet(p, tx, ty, components, { line, metric }, wide) {
+    const { count, x, y, xx, xy, yy, weight, logs } = components,
+      own = metric === "p2d" || wide ? 0 : 1,
+      turning = own && !line ? 1 : 0;
     // first and second derivative of S in the angle: [[-2b, a], [a, 2b]] and [[-2a, -4b], [-4b, 2a]]
-    const a = turning ? p.xx - p.yy : 0,
-      b = turning ? p.xy : 0;
-    const cux = -2 * b * ux + a * uy,
-      cuy = a * ux + 2 * b * uy; // C_phi u
-    const vx = -p.y - cux,
-      vy = p.x - cuy; // v = d_phi - C_phi u
-    const bvx = bxx * vx + bxy * vy,
-      bvy = bxy * vx + byy * vy;
-    // M = B C_phi, for the derivatives of the determinant
-    const m00 = -2 * b * bxx + a * bxy,
-      m01 = a * bxx + 2 * b * bxy;
-    const m10 = -2 * b * bxy + a * byy,
-      m11 = a * bxy + 2 * b * byy;
-    const g2 = ux * p.y - uy * p.x + 0.5 * (ux * cux + uy * cuy) - 0.5 * (m00 + m11);
-    const bent = -a * ux * ux - 4 * b * ux * uy + a * uy * uy; // u' C_phiphi u / 2
-    const trace = -2 * a * bxx - 8 * b * bxy + 2 * a * byy; // of B C_phiphi
-    const h22 =
-      -(vx * bvx + vy * bvy) + ux * p.x + uy * p.y + bent + 0.5 * (m00 * m00 + 2 * m01 * m10 + m11 * m11) - 0.5 * trace;
-    return [log, -ux, -uy, g2, -bxx, -bxy, -bvx, -byy, -bvy, h22];
-  }
-
-  /** The jet of a target's position under all components, weights 1/N: its inlier or its outlier density. */
-  function positionJet(p, tx, ty, problem, outlying) {
-    const { fixed } = problem,
-      weights = logWeights(fixed);
-    const wide = outlying ? outlierSpread(problem) : null;
-    const pairs = fixed.map((component, i) => {
-      const dx = p.x + tx - component.x,
-        dy = problem.line ? 0 : p.y + ty - component.y;
-      const s = wide ?? spread(p, component, problem);
-      return { dx, dy, s, log: logGaussian(dx, dy, s) + weights[i] };
-    });
-    const top = largest(pairs.map((pair) => pair.log));
-    const turning = !wide && problem.metric !== "p2d" && !problem.line;
-    return mix(
-      pairs
-        .filter((pair) => pair.log >= top - GATE)
-        .map((pair) => pairJet(pair.log, p, pair.dx, pair.dy, pair.s, turning)),
-    );
+    const a = turning * (p.xx - p.yy),
+      b = turning * p.xy;
+    let top = -Infinity;
+    for (let i = 0; i < count; i++) {
+      const dx = p.x + tx - x[i],
+        dy = line ? 0 : p.y + ty - y[i];
+      const sxx = (wide ? wide.xx : xx[i]) + own * p.xx,
+        sxy = line ? 0 : (wide ? wide.xy : xy[i]) + own * p.xy,
+        syy = line ? UNIT_VARIANCE : (wide ? wide.yy : yy[i]) + own * p.yy;
+      const determinant = sxx * syy - sxy * sxy,
+        square = (syy * dx * dx - 2 * sxy * dx * dy + sxx * dy * dy) / determinant;
+      logs[i] = weight[i] - 0.5 * (square + Math.log(determinant)) - LOG_2PI;
+      if (logs[i] > top) top = logs[i];
+    }
+    let total = 0;
+    const mixed = new Array(10).fill(0);
+    for (let i = 0; i < count; i++) {
+      if (logs[i] < top - GATE) continue;
+      const dx = p.x + tx - x[i],
+        dy = line ? 0 : p.y + ty - y[i];
+      const sxx = (wide ? wide.xx : xx[i]) + own * p.xx,
+        sxy = line ? 0 : (wide ? wide.xy : xy[i]) + own * p.xy,
+        syy = line ? UNIT_VARIANCE : (wide ? wide.yy : yy[i]) + own * p.yy;
+      const determinant = sxx * syy - sxy * sxy;
+      const bxx = syy / determinant,
+        bxy = -sxy / determinant,
+        byy = sxx / determinant;
+      const ux = bxx * dx + bxy * dy,
+        uy = bxy * dx + byy * dy;
+      const cux = -2 * b * ux + a * uy,
+        cuy = a * ux + 2 * b * uy; // C_phi u
+      const vx = -p.y - cux,
+        vy = p.x - cuy; // v = d_phi - C_phi u
+      const bvx = bxx * vx + bxy * vy,
+        bvy = bxy * vx + byy * vy;
+      // M = B C_phi, for the derivatives of the determinant
+      const m00 = -2 * b * bxx + a * bxy,
+        m01 = a * bxx + 2 * b * bxy;
+      const m10 = -2 * b * bxy + a * byy,
+        m11 = a * bxy + 2 * b * byy;
+      const g2 = ux * p.y - uy * p.x + 0.5 * (ux * cux + uy * cuy) - 0.5 * (m00 + m11);
+      const bent = -a * ux * ux - 4 * b * ux * uy + a * uy * uy; // u' C_phiphi u / 2
+      const trace = -2 * a * bxx - 8 * b * bxy + 2 * a * byy; // of B C_phiphi
+      const h22 =
+        -(vx * bvx + vy * bvy) + ux * p.x + uy * p.y + bent + 0.5 * (m00 * m00 + 2 * m01 * m10 + m11 * m11) - 0.5 * trace;
+      const share = Math.exp(logs[i] - top);
+      total += share;
+      mixed[1] -= share * ux;
+      mixed[2] -= share * uy;
+      mixed[3] += share * g2;
+      mixed[4] += share * (ux * ux - bxx);
+      mixed[5] += share * (ux * uy - bxy);
+      mixed[6] -= share * (ux * g2 + bvx);
+      mixed[7] += share * (uy * uy - byy);
+      mixed[8] -= share * (uy * g2 + bvy);
+      mixed[9] += share * (g2 * g2 + h22);
+    }
+    for (let i = 1; i < 10; i++) mixed[i] /= total;
+    const [, g0, g1, g2] = mixed; // what was added up are squares about zero
+    [g0 * g0, g0 * g1, g0 * g2, g1 * g1, g1 * g2, g2 * g2].forEach((square, i) => (mixed[4 + i] -= square));
+    mixed[0] = top + Math.log(total);
+    return mixed;
   }
 
   // ---- Velocities ------------------------------------------------------------------------------------------------------
@@ -276,10 +301,12 @@ globalThis.d2d = (() => {
     const [tx, ty, phi] = chart ? chart.motion : theta;
     const cosine = Math.cos(phi),
       sine = Math.sin(phi);
+    const components = columnsOf(problem.fixed),
+      wide = outlier && outlier.density === undefined ? outlierSpread(problem) : null;
     const own = (jet) => (chart ? inVelocity(jet, chart, interval) : jet);
     return problem.moving.map((target) => {
       const p = turned(target, cosine, sine);
-      let inlier = own(positionJet(p, tx, ty, problem, false));
+      let inlier = own(positionJet(p, tx, ty, components, problem, null));
       if (target.doppler) inlier = product([inlier, dopplerJet(target.doppler, theta)]);
       if (!outlier) return { jet: inlier, share: 1 };
       let other = new Array(10).fill(0);
@@ -287,7 +314,7 @@ globalThis.d2d = (() => {
         other[0] = Math.log(outlier.density);
       } else {
         inlier[0] += Math.log1p(-outlier.fraction);
-        other = own(positionJet(p, tx, ty, problem, true));
+        other = own(positionJet(p, tx, ty, components, problem, wide));
         other[0] += Math.log(outlier.fraction);
       }
       if (target.doppler) other[0] -= Math.log(problem.dopplerWidth ?? 4);
@@ -298,6 +325,23 @@ globalThis.d2d = (() => {
 
   /** What is minimised, at theta: {value, gradient, hessian, logs, shares}; logs are log q_k of each target. */
   function evaluate(problem, theta) {
+    return problem.pairs ? evaluateTogether(problem, theta) : evaluatePair(problem, theta);
+  }
+
+  /** The same of several pairs: all but the prior is added up. */
+  function evaluateTogether({ pairs, prior = [0, 0, 0] }, theta) {
+    const parts = pairs.map((pair) => evaluatePair(pair, theta)),
+      sum = (of) => parts.reduce((total, part) => total + of(part), 0);
+    return {
+      value: sum((part) => part.value) + 0.5 * theta.reduce((total, each, i) => total + prior[i] * each * each, 0),
+      gradient: theta.map((each, i) => sum((part) => part.gradient[i]) + prior[i] * each),
+      hessian: prior.map((own, i) => prior.map((_, j) => sum((part) => part.hessian[i][j]) + (i === j ? own : 0))),
+      logs: parts.flatMap((part) => part.logs),
+      shares: parts.flatMap((part) => part.shares),
+    };
+  }
+
+  function evaluatePair(problem, theta) {
     const targets = targetJets(problem, theta);
     const jets = targets.map((target) => target.jet),
       counts = problem.moving.map((target) => target.count ?? 1);
@@ -510,7 +554,7 @@ globalThis.d2d = (() => {
    * without convergence.  `path` has every accepted point.
    */
   function minimise(problem, start) {
-    let { radius, scale, generic } = firstRegion(problem);
+    let { radius, scale, generic } = firstRegion(problem.pairs?.[0] ?? problem);
     let theta = [...start],
       trial = [...start],
       at = null,
@@ -531,7 +575,7 @@ globalThis.d2d = (() => {
       const next = evaluate(problem, trial);
       const gain = at === null ? Infinity : at.value - next.value;
       let better = gain > 0;
-      if (!better && gainExpected <= ROUNDING * (Math.abs(at.value) + problem.moving.length)) {
+      if (!better && gainExpected <= ROUNDING * (Math.abs(at.value) + at.shares.length)) {
         // the gain is less than the rounding of the cost: only the decrement still shows it
         const after = newton(next).decrement;
         if (decrement <= RESOLVED || !(after < 0.25 * decrement && decrement < Infinity)) {
@@ -572,6 +616,7 @@ globalThis.d2d = (() => {
 
   /** The problem with all standard deviations multiplied by a factor. */
   function inflated(problem, factor) {
+    if (problem.pairs) return { ...problem, pairs: problem.pairs.map((pair) => inflated(pair, factor)) };
     const square = factor * factor;
     const wider = (target) => ({
       ...target,
@@ -723,5 +768,6 @@ globalThis.d2d = (() => {
     credibility,
     normals,
     ANNEALED: [10, 5.5, 3.2, 1.7, 1],
+    source: String(engine), // a worker of a page that was opened from a folder can load no file
   };
 })();

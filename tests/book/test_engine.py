@@ -27,6 +27,7 @@ from d2d import (
 from d2d.cost import OutlierModel
 from d2d.radar import EgoMotionModel, estimate_ego_motion, simulate_drive
 from d2d.radar.motion.pairs import scan_pair
+from d2d.registration import anneal
 from d2d.study import scenarios
 from d2d.study.line.scene import line_scene
 from tests.book import browser
@@ -355,3 +356,38 @@ def test_the_engine_can_be_imported_as_a_module(page: Any, driver: webdriver.Chr
         "const done = arguments[0]; import('./engine.js').then(() => done(typeof d2d.register))"
     )
     assert driver.execute_async_script(script) == "function"
+
+
+def test_pairs_of_scans_share_a_velocity(page: Any):
+    """Breaks if the cost of several sensors, or its prior, is not the sum that d2d minimises."""
+    drives = [simulate_drive(np.random.default_rng(seed), duration=1.0) for seed in (1, 2)]
+    model = EgoMotionModel(side_slip=0.05)
+    pairs = [scan_pair(*drive.scans[-2:], drive.mounting, model) for drive in drives]
+    problem, at = model.problem(pairs), np.array([3.0, 0.1, 0.05])
+    described = []
+    for drive, pair in zip(drives, pairs, strict=True):
+        rows, now = targets(pair.moving), drive.scans[-1]
+        measured = now.doppler, now.azimuth, now.sigma_doppler, now.sigma_azimuth
+        for row, own in zip(rows, zip(*measured, strict=True), strict=True):
+            row["measured"] = own
+        described.append(
+            {
+                "fixed": targets(pair.fixed),
+                "moving": rows,
+                "outlier": outlier(model.outlier),
+                "interval": pair.interval,
+                "mounting": vars(drive.mounting),
+            }
+        )
+    script = """const [pairs, prior, at] = arguments;
+    for (const pair of pairs) for (const row of pair.moving) {
+      row.doppler = d2d.dopplerMeasurement(...row.measured, pair.mounting);
+    }
+    const {value, gradient, hessian} = d2d.evaluate({pairs, prior}, at);
+    return {value, gradient, hessian, theta: d2d.minimise({pairs, prior}, at).theta};"""
+    got = page(script, described, problem.prior.tolist(), at.tolist())
+    value, gradient, hessian = problem.derivatives(problem.bind(at))
+    np.testing.assert_allclose(got["value"], value.item(), rtol=EXACT)
+    np.testing.assert_allclose(got["gradient"], gradient[0], atol=EXACT * np.abs(gradient).max())
+    np.testing.assert_allclose(got["hessian"], hessian[0], atol=EXACT * np.abs(hessian).max())
+    np.testing.assert_allclose(got["theta"], anneal(problem, at).theta, atol=1e-7)
