@@ -1,8 +1,8 @@
 """A Sphinx extension that loads the laboratories' scripts on those pages that have one.
 
 A page has a laboratory where its text has ``<div class="lab" data-lab="name">``; the scripts are
-``engine.js``, ``kit.js`` and ``name.js`` in ``_static/labs``.  Jupyter Book by itself would load
-every script of ``_static`` on every page.
+``engine.js``, ``kit.js`` and ``name.js`` in ``_static/labs``, and ``name_data.js`` if it has data.
+Jupyter Book by itself would load every script of ``_static`` on every page.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from sphinx.config import Config
 FOLDER = "labs/"
 LABORATORY = re.compile(r'<div class="lab"[^>]* data-lab="([a-z]+)"')
 SHARED = ("engine", "kit")
+WITH_DATA = ("replay",)
 
 
 def leave_out(app: Sphinx, config: Config) -> None:
@@ -31,7 +32,8 @@ def load(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree
     if not names:
         return
     app.add_css_file(f"{FOLDER}labs.css")
-    for name in (*SHARED, *names):
+    data = [f"{name}_data" for name in names if name in WITH_DATA]
+    for name in (*SHARED, *data, *names):
         app.add_js_file(f"{FOLDER}{name}.js", loading_method="defer")
 
 
