@@ -254,11 +254,11 @@ labs.define(
             ["median NEES, over that of chi-square", number(typical), "1"],
             ["inclination I² (dB; above 0 is optimistic)", number(inclination, 1), "0"],
             ["noncredibility index NCI (dB)", number(nci, 1), "0"],
-            ["errors inside their 50, 95, 99 % region", `${percent(coverage)}\u00a0%`, "50, 95, 99\u00a0%"],
+            ["errors inside their 50, 95, 99\u00a0% region", `${percent(coverage)}\u00a0%`, "50, 95, 99\u00a0%"],
           ],
         ),
         lab.table(
-          ["each by itself", "square over variance", "mean over σ", "lag one", "inside 50, 95, 99 %"],
+          ["each by itself", "square over variance", "mean over σ", "lag one", "inside 50, 95, 99\u00a0%"],
           columns.map((each, i) => [
             table.names[i],
             number(each.anees),
@@ -276,13 +276,13 @@ labs.define(
       label: "Histogram of the NEES",
       xlabel: "NEES",
       ylabel: "share of rows",
-      shape: 0.7,
+      shape: 0.75,
     });
     const strips = lab.plot({
       label: "Errors over their stated standard deviations, direction by direction",
       xlabel: "row by row, direction by direction",
       ylabel: "error over σ",
-      shape: 0.7,
+      shape: 0.75,
       xTicks: false,
     });
     const BARS = 20;
@@ -311,6 +311,12 @@ labs.define(
       histogram.text(top - 0.01 * top, histogram.y[1] * 0.06, `≥ ${number(top - width, 0)}`, { "text-anchor": "end" });
     }
 
+    /** A name that fits into so many pixels. */
+    function shortened(name, width) {
+      const letters = Math.max(2, Math.floor(width / 8));
+      return name.length > letters ? `${name.slice(0, letters - 1)}…` : name;
+    }
+
     function drawStrips(columns, names) {
       const n = columns.length,
         reach = clamp(most(columns.flatMap(({ normalised }) => normalised.map(Math.abs))), 4, 10);
@@ -325,7 +331,7 @@ labs.define(
         });
         strips.add(svg("path", { class: "lab-dots", d: dots.join("") }));
         if (i) strips.rule("x", i, "lab-zero");
-        strips.text(i + 0.5, 1.02 * reach, names[i], { "text-anchor": "middle" });
+        strips.text(i + 0.5, 1.02 * reach, shortened(names[i], strips.w / n), { "text-anchor": "middle" });
       });
       const bound = Math.sqrt(d2d.chiSquareQuantile(0.95, 1));
       for (const side of [-bound, bound]) strips.rule("y", side, "lab-truth");
@@ -446,7 +452,7 @@ labs.define(
         html(
           "p",
           { class: "lab-key" },
-          html("span", {}, "dashed: the chi-square density, and the lines between which 95 % should lie"),
+          html("span", {}, "dashed: the chi-square density, and the lines between which 95\u00a0% should lie"),
         ),
       ],
       () => {

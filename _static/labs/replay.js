@@ -63,7 +63,7 @@ labs.define(
     }
 
     function drawErrors(now, held) {
-      scatter.extent([-0.16, 0.16], [-0.28, 0.28]);
+      scatter.extent([-0.21, 0.21], [-0.28, 0.28]);
       scatter.clear();
       for (const axis of ["x", "y"]) scatter.rule(axis, 0, "lab-zero");
       errors
@@ -79,7 +79,7 @@ labs.define(
           "p",
           {},
           html("strong", {}, `${count} of ${shown}`),
-          ` errors, ${number((100 * count) / shown, 0)} %, lie in the 95 % ellipse of the ${NAMES[lab.state.covariance]}.`,
+          ` errors, ${number((100 * count) / shown, 0)}\u00a0%, lie in the 95\u00a0% ellipse of the ${NAMES[lab.state.covariance]}.`,
         ),
       );
     }
@@ -115,7 +115,7 @@ labs.define(
     lab.controls.push(() => (button.textContent = playing ? "Pause" : "Play the drive"));
     const LEGEND = [
       "dashed: the car's odometry",
-      "ellipse: should hold 95 % of the errors",
+      "ellipse: should hold 95\u00a0% of the errors",
       "● inside its own ellipse, ○ outside",
     ];
     lab.build(

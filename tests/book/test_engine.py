@@ -358,7 +358,7 @@ def test_what_has_no_credibility_gives_null(page: Any):
 
 
 def test_chi_square_is_that_of_scipy(page: Any):
-    """Breaks if series and continued fraction do not meet, or many degrees of freedom lose digits."""
+    """Breaks if series and continued fraction do not meet, or many degrees lose digits."""
     for n in (1, 2, 3, 6, 30, 900, 300_000):
         shares = [1e-4, 0.025, 0.5, 0.95, 0.975, 0.99, 1.0 - 1e-6]
         quantiles = [
