@@ -9,7 +9,7 @@ labs.define(
     const { svg, html, fixed: number, range, clamp, bar, panel } = labs;
     const MOST = 6; // errors in a row
     const SLOW = 0.2; // lag-one autocorrelation from which errors are called slow
-    const WILD = 2; // mean square over typical square from which a few errors spoil the mean
+    const WILD = (count) => 2 + 6 / Math.sqrt(count); // mean over typical square from which a few errors spoil the mean
     const ALIKE = 2, // largest over smallest factor of directions that are called alike
       RIGHT = 1.3; // factor up to which a direction is called right
 
@@ -148,10 +148,10 @@ labs.define(
     /** Of how many independent rows the mean has the accuracy, if the correlation falls by r from row to row. */
     const independent = (count, r) => Math.max(1, r > 0 ? (count * (1 - r)) / (1 + r) : count);
 
-    /** The 95 % region of an ANEES of n directions, if errors are correlated by r: their squares are by r^2. */
-    function regionOf(count, n, r) {
+    /** Where a true ANEES of n directions lies but for the tails, if errors are correlated by r: their squares are by r^2. */
+    function regionOf(count, n, r, tail) {
       const freedom = n * independent(count, r * r);
-      return [0.025, 0.975].map((share) => d2d.chiSquareQuantile(share, freedom) / freedom);
+      return [tail, 1 - tail].map((share) => d2d.chiSquareQuantile(share, freedom) / freedom);
     }
 
     /** {verdict, cause, slow, ...}: what fits the numbers. */
@@ -160,10 +160,10 @@ labs.define(
         count = judged.nees.length,
         r = most(columns.map((each) => each.lagOne));
       const slow = r > Math.max(SLOW, 3 / Math.sqrt(count)),
-        region = regionOf(count, columns.length, slow ? r : 0);
+        region = regionOf(count, columns.length, slow ? r : 0, 0.025);
       const size = anees > region[1] ? "too small" : anees < region[0] ? "too large" : "right";
       const off = columns.map((each) => {
-        const [low, high] = regionOf(count, 1, slow ? each.lagOne : 0);
+        const [low, high] = regionOf(count, 1, slow ? each.lagOne : 0, 0.005); // there are several
         return each.anees > Math.max(high, RIGHT) ? 1 : each.anees < Math.min(low, 1 / RIGHT) ? -1 : 0;
       });
       const cause = causeOf(judged, size, off, independent(count, slow ? r : 0));
@@ -172,9 +172,10 @@ labs.define(
     }
 
     /** Which trouble fits, in the order in which one hides another; `rows` are those that the mean error is worth. */
-    function causeOf({ anees, columns, bias }, size, off, rows) {
-      const factors = columns.map((each) => each.anees);
-      if (size !== "too large" && columns.some((each) => each.anees > WILD * each.typical)) return "tails";
+    function causeOf({ nees, anees, columns, bias }, size, off, rows) {
+      const factors = columns.map((each) => each.anees),
+        wild = WILD(nees.length);
+      if (size !== "too large" && columns.some((each) => each.anees > wild * each.typical)) return "tails";
       const byChance = ({ mean: middle, anees: square }) => middle ** 2 < (9 * (square - middle ** 2)) / rows;
       if (size === "too small" && bias > anees / 3 && !columns.every(byChance)) return "bias";
       if (off.some(Boolean)) {
