@@ -16,7 +16,10 @@ from sphinx.config import Config
 FOLDER = "labs/"
 LABORATORY = re.compile(r'<div class="lab"[^>]* data-lab="([a-z]+)"')
 SHARED = ("engine", "kit")
-NEEDED = {"log": ("tracker", "findings")}  # by single laboratories, before their own script
+NEEDED = {  # by single laboratories, before their own script
+    "log": ("tracker", "findings"),
+    "replay": ("replay_data",),
+}
 
 
 def leave_out(app: Sphinx, config: Config) -> None:

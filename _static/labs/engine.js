@@ -695,30 +695,125 @@ globalThis.d2d = (function engine() {
     };
   }
 
-  // ---- Credibility ---------------------------------------------------------------------------------------------------------
+  // ---- The chi-square distribution -------------------------------------------------------------------------------------------
 
-  /** e' Sigma^-1 e. */
-  const nees = (error, covariance) => dot(error, times(inverse3(covariance), error));
-
-  /** What p of all draws from chi-square with n degrees of freedom stay below (Wilson & Hilferty: to 1e-3 from n = 30 on). */
-  function chiSquare(z, n) {
-    const c = 2 / (9 * n);
-    return n * (1 - c + z * Math.sqrt(c)) ** 3;
+  /** log Gamma(z) of z > 0: Stirling's series where the next term is below 1e-13, after the recurrence has led there. */
+  function logGamma(z) {
+    let below = 0;
+    for (; z < 15; z++) below += Math.log(z);
+    const s = 1 / (z * z);
+    return (z - 0.5) * Math.log(z) - z + 0.5 * LOG_2PI + (1 / 12 - s * (1 / 360 - s * (1 / 1260 - s / 1680))) / z - below;
   }
 
-  /** {nees, anees, bounds (95 %), credibleNees, nci, inclination} of N errors (3) and their covariances, as d2d.credibility. */
+  /** The regularised lower incomplete gamma function P(a, x): by its series, or beyond a by a continued fraction (Lentz). */
+  function lowerGamma(a, x) {
+    if (x <= 0) return 0;
+    const front = Math.exp(a * Math.log(x) - x - logGamma(a));
+    if (x < a + 1) {
+      let term = 1 / a,
+        sum = term;
+      for (let k = a + 1; term > 1e-17 * sum; k++) sum += term *= x / k;
+      return front * sum;
+    }
+    let b = x + 1 - a,
+      c = Infinity,
+      d = 1 / b,
+      fraction = d;
+    for (let k = 1, factor = 2; Math.abs(factor - 1) > 1e-15; k++) {
+      const numerator = k * (a - k);
+      b += 2;
+      d = 1 / (numerator * d + b);
+      c = b + numerator / c;
+      factor = c * d;
+      fraction *= factor;
+    }
+    return 1 - front * fraction;
+  }
+
+  /** What a share of all draws from chi-square with n degrees of freedom stays below: by bisection, to the last bit. */
+  function chiSquareQuantile(share, n) {
+    const below = (x) => lowerGamma(0.5 * n, 0.5 * x) < share;
+    let low = 0,
+      high = n;
+    while (below(high)) high *= 2;
+    for (;;) {
+      const middle = 0.5 * (low + high);
+      if (middle === low || middle === high) return middle;
+      if (below(middle)) low = middle;
+      else high = middle;
+    }
+  }
+
+  /** Density of chi-square with n degrees of freedom at x > 0. */
+  const chiSquareDensity = (x, n) =>
+    Math.exp((0.5 * n - 1) * Math.log(0.5 * x) - 0.5 * x - logGamma(0.5 * n)) / 2;
+
+  // ---- Credibility, in any number of dimensions -----------------------------------------------------------------------------
+
+  const LEVELS = [0.5, 0.95, 0.99];
+  const TAIL = 0.025; // on either side of the region of the ANEES
+
+  const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
+
+  /** The factor L of a symmetric matrix L L'; null unless it is positive definite by more than rounding. */
+  function cholesky(matrix) {
+    const root = matrix.map(() => []);
+    for (let i = 0; i < matrix.length; i++) {
+      for (let j = 0; j <= i; j++) {
+        let rest = matrix[i][j];
+        for (let k = 0; k < j; k++) rest -= root[i][k] * root[j][k];
+        if (i > j) root[i][j] = rest / root[j][j];
+        else if (rest > 1e-14 * matrix[i][i]) root[i][i] = Math.sqrt(rest);
+        else return null;
+      }
+    }
+    return root;
+  }
+
+  /** L^-1 e, as d2d.whiten: independent standard normals if the covariance is true; null if it is not positive definite. */
+  function whiten(error, covariance) {
+    const root = cholesky(covariance);
+    if (!root) return null;
+    const values = [];
+    for (const [i, each] of error.entries())
+      values.push(values.reduce((rest, value, k) => rest - root[i][k] * value, each) / root[i][i]);
+    return values;
+  }
+
+  /** e' Sigma^-1 e. */
+  const nees = (error, covariance) => whiten(error, covariance).reduce((sum, value) => sum + value * value, 0);
+
+  /** Mean square error matrix of errors (n). */
+  const meanSquare = (errors) => errors[0].map((_, i) => errors[0].map((_, j) => mean(errors.map((e) => e[i] * e[j]))));
+
+  /** Share of the errors that lie within the region of each level, from their NEES in n dimensions; as d2d.coverage. */
+  function coverage(own, n, levels = LEVELS) {
+    return levels.map((level) => {
+      const bound = chiSquareQuantile(level, n);
+      return mean(own.map((each) => (each <= bound ? 1 : 0)));
+    });
+  }
+
+  /**
+   * {nees, anees, bounds (95 %), consistent, credibleNees, nci, inclination} of N errors (n), N > n, and their covariances,
+   * as d2d.credibility, and the `actual` mean square error matrix; null if that is singular.
+   */
   function credibility(errors, covariances) {
-    const runs = errors.length;
-    const actual = [0, 1, 2].map((i) => [0, 1, 2].map((j) => errors.reduce((sum, e) => sum + e[i] * e[j], 0) / runs));
+    const actual = meanSquare(errors);
+    if (!cholesky(actual)) return null;
+    const freedom = errors.length * actual.length;
     const own = errors.map((error, k) => nees(error, covariances[k]));
     const credible = errors.map((error) => nees(error, actual));
-    const decibels = own.map((each, k) => 10 * Math.log10(each / credible[k]));
-    const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
+    // an error of exactly zero is perfectly credible: 0 / 0 counts as 1
+    const decibels = own.map((each, k) => (credible[k] > 0 ? 10 * Math.log10(each / credible[k]) : 0));
+    const anees = mean(own) / actual.length;
+    const bounds = [TAIL, 1 - TAIL].map((share) => chiSquareQuantile(share, freedom) / freedom);
     return {
       nees: own,
       credibleNees: credible,
-      anees: mean(own) / 3,
-      bounds: [-1.959964, 1.959964].map((z) => chiSquare(z, 3 * runs) / (3 * runs)),
+      anees,
+      bounds,
+      consistent: bounds[0] <= anees && anees <= bounds[1],
       nci: mean(decibels.map(Math.abs)),
       inclination: mean(decibels),
       actual,
@@ -764,7 +859,12 @@ globalThis.d2d = (function engine() {
     ellipse,
     dopplerGradients,
     dopplerMeasurement,
+    lowerGamma,
+    chiSquareQuantile,
+    chiSquareDensity,
+    whiten,
     nees,
+    coverage,
     credibility,
     normals,
     ANNEALED: [10, 5.5, 3.2, 1.7, 1],

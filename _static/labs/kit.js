@@ -107,9 +107,19 @@ globalThis.labs = (() => {
   class Plot {
     constructor(
       lab,
-      { label, xlabel, ylabel = "", shape = 0.6, narrow = shape, equal = false, heat = false, yTicks = true },
+      {
+        label,
+        xlabel,
+        ylabel = "",
+        shape = 0.6,
+        narrow = shape,
+        equal = false,
+        heat = false,
+        xTicks = true,
+        yTicks = true,
+      },
     ) {
-      Object.assign(this, { lab, xlabel, ylabel, shape, narrow, equal, yTicks });
+      Object.assign(this, { lab, xlabel, ylabel, shape, narrow, equal, xTicks, yTicks });
       this.box = html("div", { class: "lab-plot" });
       if (heat) this.box.append((this.canvas = html("canvas", { "aria-hidden": "true" })));
       this.svg = svg("svg", { role: "group", "aria-label": label });
@@ -157,7 +167,7 @@ globalThis.labs = (() => {
       }
       this.axes.replaceChildren(svg("rect", { class: "lab-frame", x: left, y: top, width: w, height: h }));
       const across = ticks(x, clamp(w / 70, 3, 8));
-      for (const value of across.values) {
+      for (const value of this.xTicks ? across.values : []) {
         const at = this.X(value);
         this.axes.append(
           svg("line", { x1: at, x2: at, y1: top, y2: top + h }),

@@ -75,6 +75,8 @@ class Chromium(webdriver.Chrome):
     def get(self, url: str) -> None:
         """Load a page."""
         super().get(url)
+        if url == "about:blank":  # which has nothing to wait for
+            return
         there = "return document.readyState === 'complete' && document.body?.childElementCount > 0"
         with suppress(TimeoutException):  # a page may be empty
             wait(self, there, 5)

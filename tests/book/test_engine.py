@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+import scipy
 from numpy.typing import ArrayLike, NDArray
 from selenium import webdriver
 
@@ -20,9 +21,11 @@ from d2d import (
     PointSet,
     RegistrationCost,
     UniformOutlier,
+    coverage,
     credibility,
     register,
     rigid,
+    whiten,
 )
 from d2d.cost import OutlierModel
 from d2d.radar import EgoMotionModel, estimate_ego_motion, simulate_drive
@@ -314,22 +317,60 @@ def test_motions_are_those_of_d2d(page: Any):
         np.testing.assert_allclose(got, rigid.exponential(twist), rtol=1e-13)
 
 
-def test_credibility_is_that_of_d2d(page: Any):
-    rng = np.random.default_rng(0)
-    errors = rng.standard_normal((200, 3)) * [0.3, 0.2, 0.02]
-    factors = rng.standard_normal((200, 3, 3)) * [[0.1], [0.1], [0.01]]
-    covariances = factors @ factors.swapaxes(-1, -2) + np.diag([0.05, 0.04, 0.0005])
+def stated(count: int, n: int) -> tuple[Array, Array]:
+    """Errors and covariances that differ from row to row, of n numbers in different units."""
+    rng = np.random.default_rng(n)
+    unit = 10.0 ** -np.arange(n)
+    errors = rng.standard_normal((count, n)) * unit
+    errors[7] = 0.0  # which is perfectly credible
+    factors = rng.standard_normal((count, n, n)) * unit[:, None]
+    return errors, factors @ factors.swapaxes(-1, -2) + np.diag(0.5 * unit**2)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 6])
+def test_credibility_is_that_of_d2d(page: Any, n: int):
+    errors, covariances = stated(200, n)
     expected = credibility(errors, covariances)
     got = page("return d2d.credibility(...arguments)", errors.tolist(), covariances.tolist())
     for field, own in (
         ("nees", expected.nees),
         ("credibleNees", expected.credible_nees),
         ("anees", expected.anees),
+        ("bounds", expected.bounds),
         ("nci", expected.nci),
         ("inclination", expected.inclination),
     ):
         np.testing.assert_allclose(got[field], own, rtol=EXACT, err_msg=field)
-    np.testing.assert_allclose(got["bounds"], expected.bounds, rtol=1e-4)
+    assert got["consistent"] == expected.consistent
+    script = "return d2d.coverage(d2d.credibility(...arguments).nees, arguments[0][0].length)"
+    shares = page(script, errors.tolist(), covariances.tolist())
+    np.testing.assert_allclose(shares, coverage(errors, covariances), rtol=EXACT)
+    script = "return arguments[0].map((error, k) => d2d.whiten(error, arguments[1][k]))"
+    values = page(script, errors.tolist(), covariances.tolist())
+    np.testing.assert_allclose(values, whiten(errors, covariances).values, rtol=EXACT, atol=EXACT)
+
+
+def test_what_has_no_credibility_gives_null(page: Any):
+    """Breaks if errors on a line are judged in the plane, or a saddle is taken for a covariance."""
+    line = [[float(k), 2.0 * k] for k in range(9)]
+    assert page("return d2d.credibility(arguments[0], [])", line) is None
+    for matrix in ([[1.0, 2.0], [2.0, 1.0]], [[1.0, 1.0], [1.0, 1.0]], [[-1.0, 0.0], [0.0, 1.0]]):
+        assert page("return d2d.whiten([1, 1], arguments[0])", matrix) is None
+
+
+def test_chi_square_is_that_of_scipy(page: Any):
+    """Breaks if series and continued fraction do not meet, or many degrees lose digits."""
+    for n in (1, 2, 3, 6, 30, 900, 300_000):
+        shares = [1e-4, 0.025, 0.5, 0.95, 0.975, 0.99, 1.0 - 1e-6]
+        quantiles = [
+            page("return d2d.chiSquareQuantile(...arguments)", share, n) for share in shares
+        ]
+        expected = scipy.stats.chi2.ppf(shares, n)
+        np.testing.assert_allclose(quantiles, expected, rtol=EXACT, err_msg=f"{n}")
+        below = [page("return d2d.lowerGamma(...arguments)", n / 2, x / 2) for x in expected]
+        np.testing.assert_allclose(below, shares, rtol=EXACT, err_msg=f"{n}")
+        density = [page("return d2d.chiSquareDensity(...arguments)", x, n) for x in expected]
+        np.testing.assert_allclose(density, scipy.stats.chi2.pdf(expected, n), rtol=1e-8)
 
 
 def test_noise_is_standard_normal(page: Any):

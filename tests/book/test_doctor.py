@@ -1,0 +1,329 @@
+"""The covariance doctor, on a page of its own that is opened from a folder.
+
+Breaks if a number is not that of d2d, if a table is read wrongly, if a trouble gets the name of
+another, or if a reader's table leaves the page.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy
+from numpy.typing import NDArray
+from selenium import webdriver
+from selenium.webdriver.common.keys import Keys
+
+from d2d import coverage, credibility, whiten
+from tests.book import browser, lone
+from tests.book.test_labs import Hand
+
+Array = NDArray[np.float64]
+Table = tuple[Array, Array]
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return lone.page_of(tmp_path_factory.mktemp("doctor"), "doctor")
+
+
+@pytest.fixture
+def hand(driver: webdriver.Chrome, address: str) -> Iterator[Hand]:
+    """A hand on the laboratory, which is open."""
+    hand = lone.hand_on(driver, "doctor")
+    hand.open(address)
+    yield hand
+    browser.resize(driver, browser.WIDE)
+
+
+def draw(count: int, n: int, seed: int = 0) -> Table:
+    """Errors with the covariances that they are drawn from, which differ from row to row."""
+    rng = np.random.default_rng([seed, n])
+    unit = 10.0 ** -np.arange(n)
+    factors = 0.4 * rng.standard_normal((count, n, n)) * unit[:, None]
+    covariances = factors @ factors.swapaxes(-1, -2) + np.diag(unit**2)
+    root = np.linalg.cholesky(covariances)
+    return (root @ rng.standard_normal((count, n, 1)))[..., 0], covariances
+
+
+def text_of(table: Table, full: bool = True, separator: str = ",") -> str:
+    """The table as text, with all digits."""
+    errors, covariances = table
+    n = errors.shape[1]
+    entries = covariances.reshape(-1, n * n) if full else covariances[:, *np.triu_indices(n)]
+    rows = np.column_stack([errors, entries]).tolist()
+    return "\n".join(separator.join(map(repr, row)) for row in rows)
+
+
+def paste(hand: Hand, text: str) -> Any:
+    """What the laboratory makes of a text."""
+    script = """const box = document.querySelector('textarea');
+    box.value = arguments[0]; box.dispatchEvent(new Event('input'));"""
+    hand.driver.execute_script(script, text)
+    return hand.ask("lab.result")
+
+
+def said(hand: Hand) -> str:
+    return str(hand.ask("lab.told.querySelector('p').textContent"))
+
+
+# ---- Numbers ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("full", [True, False])
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6])
+def test_numbers_are_those_of_d2d(hand: Hand, n: int, full: bool):
+    table = errors, covariances = draw(150, n)
+    judged = paste(hand, text_of(table, full))["judged"]
+    assert_judged(judged, errors, covariances)
+    values = whiten(errors, covariances).values
+    assert judged["bias"] == pytest.approx((values.mean(axis=0) ** 2).mean(), rel=1e-9)
+    assert len(judged["columns"]) == n
+    for i, column in enumerate(judged["columns"]):
+        own, stated = errors[:, [i]], covariances[:, [i]][:, :, [i]]
+        assert_judged(column, own, stated)
+        z = own[:, 0] / np.sqrt(stated[:, 0, 0])
+        np.testing.assert_allclose(column["normalised"], z, rtol=1e-9)
+        assert column["mean"] == pytest.approx(z.mean(), rel=1e-9)
+        off = z - z.mean()
+        assert column["lagOne"] == pytest.approx(
+            (off[1:] * off[:-1]).sum() / (off**2).sum(), rel=1e-9
+        )
+
+
+def assert_judged(got: dict[str, Any], errors: Array, covariances: Array) -> None:
+    """What the page found of errors and covariances is what d2d finds."""
+    expected = credibility(errors, covariances)
+    for name, own in (
+        ("nees", expected.nees),
+        ("credibleNees", expected.credible_nees),
+        ("anees", expected.anees),
+        ("bounds", expected.bounds),
+        ("nci", expected.nci),
+        ("inclination", expected.inclination),
+        ("coverage", coverage(errors, covariances)),
+        ("typical", np.median(expected.nees) / scipy.stats.chi2.median(errors.shape[1])),
+    ):
+        np.testing.assert_allclose(got[name], own, rtol=1e-9, err_msg=name)
+    assert got["consistent"] == expected.consistent
+
+
+def test_the_tables_show_these_numbers(hand: Hand):
+    """Breaks if a number is shown in another's row."""
+    table = errors, covariances = draw(200, 2)
+    paste(hand, f"east;north;a;b;c\n{text_of(table, False, ';')}")
+    expected = credibility(errors, covariances)
+    percent = ", ".join(f"{100 * share:.0f}" for share in coverage(errors, covariances))
+    cells = """[...lab.told.querySelectorAll('tbody tr')].map((row) =>
+      [...row.cells].map((cell) => cell.textContent))"""
+    rows = {row[0].split(" (")[0].replace("\u00a0", " "): row[1:] for row in hand.ask(cells)}
+    assert rows["mean NEES per dimension"][0] == f"{expected.anees:.2f}"
+    assert rows["noncredibility index NCI"][0] == f"{expected.nci:.1f}"
+    assert rows["inclination I²"][0].replace("−", "-") == f"{expected.inclination:.1f}"
+    assert rows["errors inside their 50, 95, 99 % region"][0] == f"{percent}\u00a0%"
+    north = credibility(errors[:, 1:], covariances[:, 1:, 1:])
+    assert rows["north"][0] == f"{north.anees:.2f}"
+    assert list(rows)[-2:] == ["east", "north"]
+
+
+def test_the_histogram_is_that_of_the_nees(hand: Hand):
+    table = errors, covariances = draw(300, 3)
+    paste(hand, text_of(table))
+    top = scipy.stats.chi2.ppf(0.999, 3)
+    nees = np.minimum(credibility(errors, covariances).nees, 0.999 * top)
+    expected = np.histogram(nees, 20, (0.0, top))[0] / 300
+    shares = """[...lab.plots[0].content.querySelectorAll('rect')].map((bar) =>
+      bar.getAttribute('height') / lab.plots[0].h * lab.plots[0].y[1])"""
+    np.testing.assert_allclose(hand.ask(shares), expected, atol=1e-9)
+
+
+# ---- Causes -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("example", "cause", "words"),
+    [
+        ("right", "none", "is credible"),
+        ("scale", "scale", "2.0 in the standard deviation"),
+        ("direction", "directions", "x and yaw are about right"),
+        ("tails", "tails", "the median 1.0 times"),
+        ("bias", "bias", "on average x is off by 2.0"),
+        ("slow", "none", "Each error resembles the one before"),
+    ],
+)
+def test_an_example_shows_its_trouble(hand: Hand, example: str, cause: str, words: str):
+    hand.find(f"input[value={example}]").click()
+    assert hand.ask("lab.result.found.cause") == cause
+    assert hand.ask("lab.result.found.slow") == (example == "slow")
+    assert words in said(hand)
+
+
+def slowly(table: Table) -> Table:
+    """The errors as a moving mean of ten, each of which has the variance that is stated."""
+    errors, covariances = table
+    white = np.apply_along_axis(
+        np.convolve, 0, whiten(errors, covariances).values, np.ones(10), "same"
+    )
+    root = np.linalg.cholesky(covariances)
+    return (root @ white[..., None])[..., 0] / np.sqrt(10.0), covariances
+
+
+def with_correlations(rho: float) -> Table:
+    """Errors that are correlated by rho, with covariances that say the opposite."""
+    true, stated = ([[1.0, r], [r, 1.0]] for r in (rho, -rho))
+    errors = np.random.default_rng(2).multivariate_normal([0.0, 0.0], true, 500)
+    return errors, np.broadcast_to(stated, (500, 2, 2))
+
+
+def mixed(table: Table) -> Table:
+    """Every other covariance four times too large, the rest four times too small."""
+    errors, covariances = table
+    return errors, covariances * np.resize([4.0, 0.25], len(errors))[:, None, None]
+
+
+TROUBLES: dict[str, tuple[Callable[[], Table], str, str]] = {
+    "nothing": (lambda: draw(500, 3), "none", "credible"),
+    "too large": (lambda: (0.5 * draw(500, 2)[0], draw(500, 2)[1]), "scale", "too large"),
+    "slightly too small": (
+        lambda: (1.1 * draw(3000, 3)[0], draw(3000, 3)[1]),
+        "scale",
+        "too small",
+    ),
+    "small and large": (
+        lambda: (draw(500, 2)[0] * [3.0, 0.3], draw(500, 2)[1]),
+        "directions",
+        "too small",
+    ),
+    "they cancel": (
+        lambda: (draw(500, 2)[0] * [1.35, 0.42], draw(500, 2)[1] * np.eye(2)),
+        "directions",
+        "right on average only",
+    ),
+    "correlations": (lambda: with_correlations(0.9), "correlations", "too small"),
+    "some rows": (lambda: mixed(draw(500, 2)), "tails", "too small"),
+    "slow": (lambda: slowly(draw(500, 2)), "none", "credible"),
+}
+
+
+@pytest.mark.parametrize("name", TROUBLES)
+def test_a_trouble_gets_its_name(hand: Hand, name: str):
+    make, cause, verdict = TROUBLES[name]
+    found = paste(hand, text_of(make()))["found"]
+    assert (found["cause"], found["verdict"]) == (cause, verdict)
+    assert found["slow"] == (name == "slow")
+    assert "undefined" not in hand.ask("lab.told.textContent")
+
+
+@pytest.mark.slow
+def test_covariances_that_are_true_are_called_credible(hand: Hand):
+    """Breaks if honest tables of usual sizes are blamed more often than a region of 95 % allows."""
+    blamed = 0
+    for seed in range(100):
+        n, count = 1 + seed % 4, (30, 100, 400)[seed % 3]
+        blamed += paste(hand, text_of(draw(count, n, seed)))["found"]["cause"] != "none"
+    assert blamed <= 12
+
+
+# ---- Tables -------------------------------------------------------------------------------------
+
+GOOD = ["0.1, 0.2, 1, 0, 0, 1", "-0.3, 0.1, 1, 0, 0, 1", "0.2, -0.4, 1, 0, 0, 1"]
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ([], "Paste a table"),
+        (["1,2,3"], "A row has 3 columns"),
+        ([*GOOD, "1,2,3"], "Line 4 has 3 columns, the first line 6"),
+        ([*GOOD, "1, 2, one, 0, 0, 1"], "Line 4: “one” is not a number"),
+        ([*GOOD, "1, 2, 1, 0.5, 0, 1"], "Line 4: the covariance is not symmetric"),
+        ([*GOOD, "# a remark", "1, 2, 1, 2, 2, 1"], "Line 5: the covariance is not positive def"),
+        (GOOD[:2], "2 errors a row need more than 2 rows"),
+        (["x,y,a,b,c,d"], "2 errors a row need more than 2 rows"),
+        (["0, 1, 1, 0, 0, 1"] * 5, "The errors do not span all directions"),
+    ],
+)
+def test_it_says_what_is_wrong_with_a_table(hand: Hand, lines: list[str], message: str):
+    paste(hand, "\n".join(lines))
+    assert message in said(hand)
+    box = hand.find("textarea")
+    assert box.get_attribute("aria-invalid") == "true"
+    assert hand.ask("lab.plots.map((plot) => plot.content.childElementCount)") == [0, 0]
+    paste(hand, "\n".join(GOOD))
+    assert box.get_attribute("aria-invalid") == "false"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\n".join(GOOD),
+        "\n".join(GOOD).replace(", ", " "),
+        "\n".join(GOOD).replace(", ", "\t"),
+        "\n".join(GOOD).replace(", ", ";").replace(".", ","),  # as a German spreadsheet writes it
+        "\ufeffx,y,xx,xy,yx,yy\r\n" + "\r\n".join(GOOD) + "\r\n\r\n",
+        "# a remark\n" + "\n".join([*GOOD, "nan,nan,nan,nan,nan,nan", "1,,1,0,0,1"]),
+    ],
+)
+def test_a_table_may_be_written_in_many_ways(hand: Hand, text: str):
+    table = paste(hand, text)["table"]
+    assert table["errors"] == [[0.1, 0.2], [-0.3, 0.1], [0.2, -0.4]]
+    assert table["covariances"] == [[[1.0, 0.0], [0.0, 1.0]]] * 3
+    assert table["names"] == (["x", "y"] if "x" in text else ["error 1", "error 2"])
+    assert table["left"] == (2 if "nan" in text else 0)
+    assert ("2 left out" in said(hand)) == ("nan" in text)
+
+
+def test_a_file_is_opened_and_dropped(hand: Hand, tmp_path: Path):
+    """Breaks if a file is not read, or a dropped one replaces the page."""
+    file = tmp_path / "errors.csv"
+    file.write_text("\n".join(GOOD), encoding="utf-8")
+    hand.find("input[type=file]").send_keys(str(file))
+    browser.wait(hand.driver, f"return {hand.it}.result.table.errors.length === 3")
+    assert hand.ask("lab.state.example") == ""
+    drop = """const data = new DataTransfer(), box = document.querySelector('textarea');
+    data.items.add(new File([arguments[0]], "more.csv"));
+    const event = new DragEvent('drop', {dataTransfer: data, bubbles: true, cancelable: true});
+    return box.dispatchEvent(event);"""
+    taken = not hand.driver.execute_script(drop, "\n".join([*GOOD, GOOD[0]]))
+    browser.wait(hand.driver, f"return {hand.it}.result.table.errors.length === 4")
+    assert taken
+
+
+def test_a_table_stays_in_the_page(hand: Hand):
+    """Breaks if a reader's numbers are sent, stored, or written to the address."""
+    begun = hand.driver.execute_script("return performance.now()")
+    paste(hand, "\n".join(["0.777, 0.2, 1, 0, 0, 1", *GOOD]))
+    browser.wait(hand.driver, "return location.hash.includes('example')")
+    assert "777" not in hand.driver.current_url
+    asked = "performance.getEntriesByType('resource').filter(e => e.startTime > arguments[0])"
+    assert hand.driver.execute_script(f"return {asked}", begun) == []
+    assert hand.driver.execute_script("return localStorage.length + sessionStorage.length") == 0
+
+
+def test_a_long_table_is_judged(hand: Hand):
+    """Breaks if the rows of an hour are more than a function takes as its arguments."""
+    table = draw(150_000, 1)
+    judged = paste(hand, text_of(table, full=False))["judged"]
+    assert judged["anees"] == pytest.approx(credibility(*table).anees, rel=1e-9)
+
+
+def test_the_keyboard_changes_the_example(hand: Hand):
+    hand.find("input[value=scale]").send_keys(Keys.ARROW_RIGHT)
+    assert hand.ask("lab.state.example") == "direction"
+    hand.find("textarea").send_keys(Keys.END, "x")
+    assert hand.ask("lab.state.example") == ""
+    assert hand.ask("[...document.querySelectorAll('input:checked')].length") == 0
+
+
+@pytest.mark.parametrize("width", [browser.WIDE, browser.NARROW, 320])
+@pytest.mark.parametrize("theme", browser.THEMES)
+def test_everybody_can_use_it(hand: Hand, address: str, width: int, theme: str):
+    lone.assert_usable(hand, address, width, theme)
+
+
+@pytest.mark.parametrize("query", ["example=constructor", "example=", "example=x%", "run=1"])
+def test_any_address_is_survived(hand: Hand, address: str, query: str):
+    hand.open(f"{address}#{hand.lab.id}?{query}")
+    assert hand.ask("lab.state.example") == "scale"
+    assert hand.ask("lab.result.found.cause") == "scale"
