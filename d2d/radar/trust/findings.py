@@ -159,10 +159,9 @@ def _inliers(count: int, rounds: Sequence[Round], driven: Track) -> list[float]:
     """Median over accepted rounds of each sensor's mean inlier probability."""
     shares: list[list[float]] = [[] for _ in range(count)]
     for i in _evenly(np.flatnonzero(driven.converged).tolist()):
-        numbers = {id(scan): number for number, scan in rounds[i].scans.items()}
-        for pair in rounds[i].pairs:
+        for sensor, pair in zip(rounds[i].sensors, rounds[i].pairs, strict=True):
             found = inlier_probabilities(driven.theta[i], *pair)
-            shares[numbers[id(pair.current)]].append(float(found.mean()))
+            shares[sensor].append(float(found.mean()))
     return [float(np.median(each)) if each else np.nan for each in shares]
 
 
