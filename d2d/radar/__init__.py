@@ -17,6 +17,7 @@ from d2d.radar.simulation.drive import Drive, Sensor, TrueTargets, simulate_driv
 from d2d.radar.simulation.sensor_errors import SensorErrors
 from d2d.radar.simulation.world import World, build_world
 from d2d.radar.tracks.displacement import Displacement
+from d2d.radar.tracks.filter_input import FilterInput
 from d2d.radar.tracks.finding import Finding, FindingWarning
 from d2d.radar.tracks.following import VelocityEstimate
 from d2d.radar.tracks.limits import VehicleLimits
@@ -39,6 +40,7 @@ __all__ = [
     "EgoMotionModel",
     "ErrorBudget",
     "ExtentEstimate",
+    "FilterInput",
     "Finding",
     "FindingWarning",
     "Measures",

@@ -55,9 +55,9 @@ class CovarianceParts(NamedTuple):
 
     ``noise`` is that of the targets' independent errors, and of the acceleration by which estimates
     are carried to their times; ``dependence`` is what the correlation of neighbouring targets adds.
-    A filter may take both as white noise.  The ``systematic`` part, of
-    the errors that all targets of a scan, or all sensors, share, and of the prior on the side slip,
-    changes slowly: it belongs in the filter's state, or its steps must be far enough apart.
+    The ``systematic`` part is of the errors that all targets of a scan, or all sensors, share, and
+    of the prior on the side slip.  It changes slowly, so that a filter must not take it as white
+    noise; `FilterInput` has it as columns for the filter's state.
     """
 
     noise: Array
