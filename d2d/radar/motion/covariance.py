@@ -240,6 +240,7 @@ def apply_budget(
     systematic += budget.scale**2 * scaled[:, None] * scaled
     systematic.flat[::4] += problem.prior  # the diagonal
     parts = CovarianceParts(*propagated(estimate.covariance, gradients))
+    parts = parts._replace(systematic=parts.systematic + budget.constant)
     return parts, gain @ delayed, gain @ led
 
 
