@@ -117,7 +117,8 @@ def fit_budget(errors: ArrayLike, covariances: ArrayLike) -> BudgetFit:
     of_squares = _standard_errors(e, noise, variances)
     constants = np.sqrt(variances)
     # of a root: by its derivative, or close to zero how far one standard error reaches from there
-    sigmas = of_squares / np.maximum(2.0 * constants, np.sqrt(of_squares))
+    near = np.sqrt(of_squares)
+    sigmas = np.divide(of_squares, 2.0 * constants, out=near, where=2.0 * constants > near)
     margin = _QUANTILE * of_squares
     bounds = np.sqrt([np.maximum(variances - margin, 0.0), variances + margin])
     score = float(log_score(e, noise + np.diag(variances)).mean())
