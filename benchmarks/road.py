@@ -264,23 +264,34 @@ def judged(drives: Sequence[Drive]) -> list[Row]:
     return rows
 
 
-def radarscenes(roots: Sequence[Path]) -> list[Drive]:
-    """Every sequence of some roots, all sensors."""
+def sequences(roots: Sequence[Path]) -> list[tuple[Path, str]]:
+    """The numbers of all sequences of RadarScenes roots, each with its root."""
     return [
-        Drive.of(f"sequence {n}", [load_radarscenes(root, n, sensor) for sensor in SENSORS])
+        (root, str(number))
         for root in roots
-        for n in sorted(int(p.name.split("_")[1]) for p in (root / "data").glob("sequence_*"))
+        for number in sorted(int(p.name.split("_")[1]) for p in (root / "data").glob("sequence_*"))
     ]
 
 
-def nuscenes(roots: Sequence[Path]) -> list[Drive]:
-    """Every scene of some roots, all radars."""
+def scenes(roots: Sequence[Path]) -> list[tuple[Path, str]]:
+    """The names of all scenes of nuScenes roots, each with its root."""
     return [
-        Drive.of(name, [load_nuscenes(root, name, channel) for channel in CHANNELS])
+        (root, name)
         for root in roots
         for table in sorted(root.glob("v1.0-*/scene.json"))
         for name in sorted(each["name"] for each in json.loads(table.read_text()))
     ]
+
+
+def radarscenes(root: Path, sequence: str) -> Drive:
+    """A sequence, all sensors."""
+    recordings = [load_radarscenes(root, sequence, sensor) for sensor in SENSORS]
+    return Drive.of(f"sequence {sequence}", recordings)
+
+
+def nuscenes(root: Path, scene: str) -> Drive:
+    """A scene, all radars."""
+    return Drive.of(scene, [load_nuscenes(root, scene, channel) for channel in CHANNELS])
 
 
 def section(title: str, drives: Sequence[Drive]) -> str:
@@ -302,9 +313,11 @@ def main() -> None:
     without_chatter()
     parts = ["<!-- Written by `python -m benchmarks.road`. -->"]
     if arguments.radarscenes:
-        parts.append(section("RadarScenes", radarscenes(arguments.radarscenes)))
+        parts.append(
+            section("RadarScenes", [radarscenes(*at) for at in sequences(arguments.radarscenes)])
+        )
     if arguments.nuscenes:
-        parts.append(section("nuScenes", nuscenes(arguments.nuscenes)))
+        parts.append(section("nuScenes", [nuscenes(*at) for at in scenes(arguments.nuscenes)]))
     if len(parts) > 1:
         (RESULTS / "road_peers.md").write_text("\n\n".join([*parts, ""]), encoding="utf-8")
 
