@@ -466,4 +466,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    # by its own name: worker processes and the cache cannot find the classes of `__main__`
+    from benchmarks import protocol as by_name
+
+    by_name.main()
