@@ -27,9 +27,11 @@ from d2d.radar.trust.calibration import Calibration, calibrate
 from d2d.radar.trust.comparison import Comparison, Measures, compare
 from d2d.radar.trust.extent import ExtentEstimate, estimate_extent
 from d2d.radar.trust.findings import Diagnosis, diagnose
+from d2d.radar.trust.fit import BudgetFit, fit_budget
 from d2d.radar.trust.halves import compare_halves, compare_tracks
 
 __all__ = [
+    "BudgetFit",
     "Calibration",
     "Comparison",
     "CovarianceParts",
@@ -68,6 +70,7 @@ __all__ = [
     "doppler_velocity",
     "estimate_ego_motion",
     "estimate_extent",
+    "fit_budget",
     "inlier_probabilities",
     "load_csv",
     "load_nuscenes",

@@ -206,7 +206,7 @@ class Budgeted(NamedTuple):
     parts: CovarianceParts  # each (3, 3)
     # (3, 2 P + 2), changes of the velocity by one standard deviation of each pair's azimuth error,
     # of each pair's Doppler error, of the scale error and of the side slip; their products with
-    # themselves add up to the systematic part
+    # themselves and the budget's constants add up to the systematic part
     slow: Array
     delay: Array  # (3, 3) s
     lead: Array  # (3, 3) s
@@ -260,6 +260,7 @@ def apply_budget(
     )
     systematic += slow.T @ slow
     parts = CovarianceParts(*propagated(estimate.covariance, gradients))
+    parts = parts._replace(systematic=parts.systematic + budget.constant)
     return Budgeted(parts, gain @ slow.T, gain @ delayed, gain @ led)
 
 

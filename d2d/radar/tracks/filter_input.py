@@ -25,7 +25,8 @@ class FilterInput(NamedTuple):
 
     The 2 S + 3 slow errors s, each in units of its standard deviation in the budget, are the
     azimuth errors of all sensors in the order of the `Tracker`, then their Doppler errors, the
-    scale error, the side slip in units of the prior's (zero columns without one) and s_lag.  Begin
+    scale error, the side slip in units of the prior's (zero columns without one) and s_lag; before
+    s_lag come three errors of the velocity itself if the budget states them (`fit_budget`).  Begin
     with zero and the unit matrix as their covariance.  On the road they stay for about 15 s:
     multiply them by k = exp(-interval / 15) in each step, and add 1 - k^2 to their variances.
 

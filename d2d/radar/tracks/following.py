@@ -123,6 +123,8 @@ class Follower:
         assert self.budget is not None
         slow = np.zeros((3, 2 * self.sensors + 2))
         slow[:, [*sensors, *(self.sensors + n for n in sensors), -2, -1]] = found.slow
+        if (constant := np.sqrt(self.budget.constant)).any():
+            slow = np.column_stack([slow, constant])
         return FilterInput(velocity, found.parts, found.delay, slow, self.budget.lag)
 
     def _acceleration(self, current: Round) -> Acceleration:
