@@ -133,7 +133,8 @@ def followed(rounds: Sequence[Round], budget: ErrorBudget) -> tuple[Estimates, F
     All covariances are those at the same optimum, carried by the same acceleration.
     """
     model, scales = split_options({})
-    follower = Keeping(model, scales, None, ErrorBudget(), VehicleLimits(), steps=[])
+    sensors = 1 + max((each for current in rounds for each in current.sensors), default=0)
+    follower = Keeping(model, scales, None, ErrorBudget(), VehicleLimits(), sensors, steps=[])
     rows, accepted = [], np.zeros(len(rounds), dtype=np.bool_)
     for i, current in enumerate(rounds):
         estimate = follower.follow(current)
@@ -143,8 +144,8 @@ def followed(rounds: Sequence[Round], budget: ErrorBudget) -> tuple[Estimates, F
         assert follower.steps
         raw, _ = follower.steps[-1]
         problem, optimum, by = follower.kept
-        parts, _, _ = apply_budget(problem, optimum, current.pairs, budget, current.time)
-        _, budgeted = raw._replace(parts=parts).carried(by, budget.lag)
+        parts = apply_budget(problem, optimum, current.pairs, budget, current.time).parts
+        _, budgeted = raw._replace(parts=parts, lag=budget.lag).carried(by)
         noise = raw.parts.total
         carry = estimate.covariance - noise
         rows.append(
