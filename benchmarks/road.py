@@ -268,23 +268,34 @@ def judged(drives: Sequence[Drive]) -> list[Row]:
     return rows
 
 
-def radarscenes(roots: Sequence[Path]) -> list[Drive]:
-    """Every sequence of some roots, all sensors."""
+def sequences(roots: Sequence[Path]) -> list[tuple[Path, str]]:
+    """The numbers of all sequences of RadarScenes roots, each with its root."""
     return [
-        Drive.of(f"sequence {n}", [load_radarscenes(root, n, sensor) for sensor in SENSORS])
+        (root, str(number))
         for root in roots
-        for n in sorted(int(p.name.split("_")[1]) for p in (root / "data").glob("sequence_*"))
+        for number in sorted(int(p.name.split("_")[1]) for p in (root / "data").glob("sequence_*"))
     ]
 
 
-def nuscenes(roots: Sequence[Path]) -> list[Drive]:
-    """Every scene of some roots, all radars."""
+def scenes(roots: Sequence[Path]) -> list[tuple[Path, str]]:
+    """The names of all scenes of nuScenes roots, each with its root."""
     return [
-        Drive.of(name, [load_nuscenes(root, name, channel) for channel in CHANNELS])
+        (root, name)
         for root in roots
         for table in sorted(root.glob("v1.0-*/scene.json"))
         for name in sorted(each["name"] for each in json.loads(table.read_text()))
     ]
+
+
+def radarscenes(root: Path, sequence: str) -> Drive:
+    """A sequence, all sensors."""
+    recordings = [load_radarscenes(root, sequence, sensor) for sensor in SENSORS]
+    return Drive.of(f"sequence {sequence}", recordings)
+
+
+def nuscenes(root: Path, scene: str) -> Drive:
+    """A scene, all radars."""
+    return Drive.of(scene, [load_nuscenes(root, scene, channel) for channel in CHANNELS])
 
 
 def displacements(driven: Sequence[tuple[Drive, Track]], span: float) -> tuple[Array, Array]:
@@ -363,14 +374,11 @@ def main() -> None:
     in_one_thread()
     warnings.simplefilter("ignore")
     without_chatter()
-    drives = {
-        title: load(roots)
-        for title, load, roots in (
-            ("RadarScenes", radarscenes, arguments.radarscenes),
-            ("nuScenes", nuscenes, arguments.nuscenes),
-        )
-        if roots
-    }
+    drives = {}
+    if arguments.radarscenes:
+        drives["RadarScenes"] = [radarscenes(*at) for at in sequences(arguments.radarscenes)]
+    if arguments.nuscenes:
+        drives["nuScenes"] = [nuscenes(*at) for at in scenes(arguments.nuscenes)]
     if drives:
         write("road_displacements.md", [span_section(*each) for each in drives.items()])
         write("road_peers.md", [section(*each) for each in drives.items()])

@@ -17,6 +17,7 @@ from d2d.radar.simulation.drive import Drive, Sensor, TrueTargets, simulate_driv
 from d2d.radar.simulation.sensor_errors import SensorErrors
 from d2d.radar.simulation.world import World, build_world
 from d2d.radar.tracks.displacement import Displacement
+from d2d.radar.tracks.filter_input import FilterInput
 from d2d.radar.tracks.finding import Finding, FindingWarning
 from d2d.radar.tracks.following import VelocityEstimate
 from d2d.radar.tracks.limits import VehicleLimits
@@ -26,9 +27,11 @@ from d2d.radar.trust.calibration import Calibration, calibrate
 from d2d.radar.trust.comparison import Comparison, Measures, compare
 from d2d.radar.trust.extent import ExtentEstimate, estimate_extent
 from d2d.radar.trust.findings import Diagnosis, diagnose
+from d2d.radar.trust.fit import BudgetFit, fit_budget
 from d2d.radar.trust.halves import compare_halves, compare_tracks
 
 __all__ = [
+    "BudgetFit",
     "Calibration",
     "Comparison",
     "CovarianceParts",
@@ -39,6 +42,7 @@ __all__ = [
     "EgoMotionModel",
     "ErrorBudget",
     "ExtentEstimate",
+    "FilterInput",
     "Finding",
     "FindingWarning",
     "Measures",
@@ -66,6 +70,7 @@ __all__ = [
     "doppler_velocity",
     "estimate_ego_motion",
     "estimate_extent",
+    "fit_budget",
     "inlier_probabilities",
     "load_csv",
     "load_nuscenes",

@@ -274,7 +274,8 @@ def _track(arguments: argparse.Namespace) -> None:
     count = sum(len(scans) for scans, _ in sensors.values())
     print(f"read {count} scans of {len(sensors)} sensor{'s' * (len(sensors) > 1)}", flush=True)
     if not arguments.force:  # before a long wait
-        _tell([each for each in look_at_targets(sensors) if each.sure], force=False)
+        found = look_at_targets(sensors, arguments.max_interval)
+        _tell([each for each in found if each.sure], force=False)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", UserWarning)
         progress = False if arguments.no_progress else None
@@ -305,7 +306,7 @@ def _judged(
     sensors: dict[str, SensorScans], driven: Track, options: dict[str, Any]
 ) -> list[Finding]:
     """Print what speaks for and against a track, and return what is probably wrong."""
-    spaced = {name: options[name] for name in ("baseline", "horizon")}
+    spaced = {name: options[name] for name in ("baseline", "horizon", "max_interval")}
     found = diagnose(sensors, driven, **spaced)
     told = ", ".join(f"{name} {share:.0%}" for name, share in found.inliers.items())
     print(f"targets that fit, median: {told.replace('nan%', 'unknown')}")

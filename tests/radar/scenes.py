@@ -96,6 +96,29 @@ def surround_scans(
     ]
 
 
+def accelerating(rates, offsets, acceleration, mountings, jitter=0.0, noise=0.0, seed=0, end=3.0):
+    """Scans of static points by sensors of a vehicle with a constant acceleration."""
+    rng, start, step = np.random.default_rng(seed), np.array([12.0, 0.0, 0.05]), 1e-3
+    poses = [np.eye(3)]
+    for i in range(round(end / step) + 1):
+        poses.append(poses[-1] @ arc(start + acceleration * (i + 0.5) * step, step))
+    middle = [poses[i][:2, 2] for i in rng.integers(0, len(poses), 250)]
+    points = np.array(middle) + rng.uniform(-45.0, 45.0, (250, 2))
+    sensors = []
+    for rate, offset, mounting in zip(rates, offsets, mountings, strict=True):
+        scans = []
+        for k in range(int(end * rate)):
+            ticks = round((offset + (k + jitter * rng.uniform()) / rate) / step)
+            pose, time = poses[ticks], ticks * step
+            far = points[np.hypot(*(points - pose[:2, 2]).T) > 8.0]
+            errors = noise * rng.standard_normal((3, len(far)))
+            theta = start + acceleration * time
+            full = observe(far, pose, time, theta, mounting, errors, (0.1, 0.005, 0.06))
+            scans.append(full[(np.abs(full.azimuth) < 0.8) & (full.range < 50.0)])
+        sensors.append((scans, mounting))
+    return sensors, lambda times: start + np.outer(times, acceleration)
+
+
 def _seen(rng, points, times, theta, mounting) -> list[RadarScan]:
     """Scans of world points at each time, of those in front of the sensor."""
     scans = []

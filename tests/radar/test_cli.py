@@ -328,6 +328,17 @@ def test_what_is_surely_wrong_is_not_written(log, capsys, monkeypatch):
     assert os.listdir(log.parent) == ["log.csv"]
 
 
+def test_the_longest_interval_reaches_what_judges_the_track(tmp_path, capsys):
+    """Breaks if scans that --max-interval allows are then refused as milliseconds."""
+    rare = [replace(scan, time=700.0 * scan.time) for scan in DRIVE.scans]
+    write_csv(tmp_path / "log.csv", {"front": rare})
+    assert main(tracked(tmp_path / "log.csv", "--max-interval", "100")) == 1
+    assert main(tracked(tmp_path / "log.csv")) == 1
+    first, second = capsys.readouterr().err.splitlines()
+    assert "apart" not in first
+    assert "at most max_interval = 60 apart" in second
+
+
 def test_a_picture_of_another_track_does_not_stay(log):
     """Breaks if an old picture is taken for that of the new files."""
     assert main(tracked(log)) == 0

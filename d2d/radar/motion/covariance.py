@@ -194,26 +194,40 @@ def _add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
         )
 
 
+class Budgeted(NamedTuple):
+    """What a budget says of a velocity from P pairs of scans, without the lag.
+
+    The delay, times the acceleration, is how far the estimate is from the velocity at a common
+    time: the positions of each pair give the mean velocity over its interval, and its Doppler
+    velocities belong to its later scan.  Each counts with its share in the estimate.  The lead,
+    times an acceleration, is how far the estimate moves if `problem_of` gets that acceleration.
+    """
+
+    parts: CovarianceParts  # each (3, 3)
+    # (3, 2 P + 2), changes of the velocity by one standard deviation of each pair's azimuth error,
+    # of each pair's Doppler error, of the scale error and of the side slip; their products with
+    # themselves and the budget's constants add up to the systematic part
+    slow: Array
+    delay: Array  # (3, 3) s
+    lead: Array  # (3, 3) s
+
+
 def apply_budget(
     problem: Problem,
     estimate: Estimate,
     pairs: Sequence[ScanPair],
     budget: ErrorBudget,
     time: float,
-) -> tuple[CovarianceParts, Array, Array]:
-    """The parts (3, 3) of a velocity's covariance, without the lag's, its delay and its lead.
+) -> Budgeted:
+    """What a budget says of a velocity, whose delay is that to ``time``.
 
     ``pairs`` are those of the problem; no scan is in two of them, and no two pairs are of one
-    sensor.  The delay (3, 3) in s, times the acceleration, is how far the estimate is from the
-    velocity at ``time``: the positions of each pair give the mean velocity over its interval, and
-    its Doppler velocities belong to its later scan.  Each counts with its share in the estimate.
-    The lead (3, 3) in s, times an acceleration, is how far the estimate moves if `problem_of` gets
-    that acceleration.
+    sensor.
     """
     slopes, gain = _slopes(problem, estimate, pairs), -estimate.covariance
     noise, dependence, systematic = gradients = np.zeros((3, 3, 3))
-    scaled, delayed, led = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
-    sigmas, common = np.array([[budget.azimuth], [budget.doppler]]), middle_of(pairs)
+    delayed, led, common = np.zeros((3, 3)), np.zeros((3, 3)), middle_of(pairs)
+    columns = []
     for given, pair, (before, now) in zip(pairs, problem.pairs, slopes, strict=True):
         shared, turned = np.zeros((3, 3)), np.zeros((2, 3))
         for each, total in zip((before, now), turned, strict=True):
@@ -234,13 +248,20 @@ def apply_budget(
             share = pair.interval * (now.doppler.T @ pair.measurement.gain)
             delayed += (now.scan.time - time) * share
             led -= (now.scan.time - common) * share
-        scaled += shared[2]
-        biases = sigmas * shared[:2]
-        systematic += biases.T @ biases
-    systematic += budget.scale**2 * scaled[:, None] * scaled
-    systematic.flat[::4] += problem.prior  # the diagonal
+        columns.append(shared)
+    azimuth, doppler, scale = np.array(columns).swapaxes(0, 1)
+    slow = np.array(
+        [
+            *(budget.azimuth * azimuth),
+            *(budget.doppler * doppler),
+            budget.scale * scale.sum(axis=0),
+            [0.0, np.sqrt(problem.prior[1]), 0.0],  # of v_y, the only one that has a prior
+        ]
+    )
+    systematic += slow.T @ slow
     parts = CovarianceParts(*propagated(estimate.covariance, gradients))
-    return parts, gain @ delayed, gain @ led
+    parts = parts._replace(systematic=parts.systematic + budget.constant)
+    return Budgeted(parts, gain @ slow.T, gain @ delayed, gain @ led)
 
 
 def _mean_over(theta: Array, interval: float) -> Array:

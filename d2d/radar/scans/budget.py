@@ -1,7 +1,9 @@
-"""Errors that the targets of a scan share, which their standard deviations do not contain."""
+"""Errors that do not average out, which the targets' standard deviations do not contain."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
+
+import numpy as np
 
 from d2d._bounds import ANGLE, NOT_NEGATIVE, Bounded, number
 from d2d._types import Array
@@ -12,11 +14,11 @@ _SIGMA = NOT_NEGATIVE._replace(most=1e3)
 
 @dataclass(frozen=True)
 class ErrorBudget(Bounded):
-    """Standard deviations of the errors that many targets share.
+    """Standard deviations of the errors that many targets share, or that no target explains.
 
     The inverse Hessian takes the errors of all targets as independent, so it becomes ever smaller
     with their number.  Errors that they share do not average out.  With a budget, the covariance of
-    a track is the propagated noise of the single targets plus the effect of the shared errors.
+    a track is the propagated noise of the single targets plus the effect of these other errors.
     Raises a ``ValueError`` if a number is negative or above 1000, or the azimuth's above 2 pi.
 
     With a budget, even an empty one, a track's estimates are the velocities at its times: positions
@@ -40,6 +42,10 @@ class ErrorBudget(Bounded):
         exp(-distance / length).  Reflections of one object shift together.
     source : str
         Where the numbers come from.
+    v_x, v_y, omega : float, m/s, m/s, rad/s
+        Of errors of the velocity itself, the same whatever the targets and sensors.  `fit_budget`
+        finds them from a reference; then they stand for what the other numbers explain, so that
+        these are best left at zero.
     """
 
     azimuth: float = number(0.0, ANGLE._replace(least=0.0))
@@ -48,6 +54,14 @@ class ErrorBudget(Bounded):
     lag: float = number(0.0, _SIGMA)
     neighbours: float = number(0.0, _SIGMA)
     source: str = ""
+    v_x: float = number(0.0, _SIGMA)
+    v_y: float = number(0.0, _SIGMA)
+    omega: float = number(0.0, _SIGMA)
+
+    @property
+    def constant(self) -> Array:
+        """The covariance (3, 3) of the velocity's own errors, in m/s, m/s, rad/s."""
+        return np.diag(np.square([self.v_x, self.v_y, self.omega]))
 
 
 class CovarianceParts(NamedTuple):
@@ -55,9 +69,9 @@ class CovarianceParts(NamedTuple):
 
     ``noise`` is that of the targets' independent errors, and of the acceleration by which estimates
     are carried to their times; ``dependence`` is what the correlation of neighbouring targets adds.
-    A filter may take both as white noise.  The ``systematic`` part, of
-    the errors that all targets of a scan, or all sensors, share, and of the prior on the side slip,
-    changes slowly: it belongs in the filter's state, or its steps must be far enough apart.
+    The ``systematic`` part is of the errors that all targets of a scan, or all sensors, share, of
+    those of the velocity itself, and of the prior on the side slip.  It changes slowly, so that a
+    filter must not take it as white noise; `FilterInput` has it as columns for the filter's state.
     """
 
     noise: Array

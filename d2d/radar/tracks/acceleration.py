@@ -31,7 +31,7 @@ from d2d.radar.motion.doppler import Acceleration
 # where nothing is known of it, and by how much it changes in a second.  The rear axle of a car
 # hardly slides: lateral velocities change slowly, and so tell yaw rates from side slip.
 UNKNOWN = np.diag(np.square([3.0, 0.3, 0.12]))
-_JERK = np.diag(np.square([1.0, 0.015, 0.025]))  # variances per s
+JERK = np.diag(np.square([1.0, 0.015, 0.025]))  # variances per s
 
 _FORGOTTEN = 2.0  # s
 
@@ -96,10 +96,10 @@ class AccelerationFilter:
         transition.flat[3:21:7] = passed
         state, covariance = self._state
         covariance = transition @ covariance @ transition.T
-        covariance[3:, 3:] += passed * _JERK
-        covariance[:3, 3:] += passed**2 / 2.0 * _JERK
-        covariance[3:, :3] += passed**2 / 2.0 * _JERK
-        covariance[:3, :3] += passed**3 / 3.0 * _JERK
+        covariance[3:, 3:] += passed * JERK
+        covariance[:3, 3:] += passed**2 / 2.0 * JERK
+        covariance[3:, :3] += passed**2 / 2.0 * JERK
+        covariance[:3, :3] += passed**3 / 3.0 * JERK
         return (transition @ state, covariance), transition
 
 

@@ -33,6 +33,7 @@ FEW = 5  # after which the search ends if at most one of them contradicts
 _TELLING = 3.0  # nats by which another velocity must fit the positions better
 _SLOW = 2.0  # m/s, below which the multiples of a velocity are too close to tell apart
 _MARGIN = 0.5  # m/s
+_ACCELERATING = 5.0  # m/s^2, as hard as a car is driven
 # Distances from a velocity, as fractions of the speed; rest is 1 away from the estimate.
 _BEYOND_REST, _AT_OPPOSITE, _AT_SLOWER, _AT_FEET = 1.15, 0.5, 0.15, 0.3
 # What the velocity is multiplied by if a mistake is undone.
@@ -119,6 +120,12 @@ def _contradiction(problem: Problem, theta: Array) -> list[tuple[str, Array]]:
         searched = anneal(alone, np.zeros(3), ANNEALED)
         other = min(other, searched, key=lambda each: float(each.value))
     if not (other.converged and stated - other.value > _TELLING):
+        return []
+    # positions fit the mean velocity, from which one at the later scan differs by an acceleration
+    gained = 0.5 * _ACCELERATING * max(pair.interval for pair in problem.pairs)
+    mean = anneal(alone, theta, ANNEALED)
+    alike = np.hypot(*(mean.theta - theta)[:2]) < gained
+    if mean.converged and alike and mean.value - other.value <= _TELLING:
         return []
 
     def away(multiple: Array) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from d2d._types import Array
 from d2d.problem import Problem
-from d2d.radar.motion.covariance import apply_budget
+from d2d.radar.motion.covariance import Budgeted, apply_budget
 from d2d.radar.motion.doppler import (
     Acceleration,
     View,
@@ -21,6 +21,7 @@ from d2d.radar.motion.pairs import ScanPair, middle_of, problem_of
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import RadarScan, doppler_gradients
 from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter, Step
+from d2d.radar.tracks.filter_input import FilterInput
 from d2d.radar.tracks.lateness import Lateness
 from d2d.radar.tracks.limits import State, VehicleLimits
 from d2d.radar.tracks.rounds import Round
@@ -53,27 +54,12 @@ class VelocityEstimate(NamedTuple):
     targets: int  # of the round's scans
     inliers: float  # mean inlier probability of the targets, nan if there was nothing to estimate
     parts: CovarianceParts | None  # of the covariance, if there is a budget
+    filter_input: FilterInput | None  # if it is accepted and there is a budget
 
     @property
     def converged(self) -> bool:
         """Whether an optimum was found and accepted."""
         return not self.reason
-
-
-class Uncarried(NamedTuple):
-    """An estimate before it is carried to its time, see `acceleration`."""
-
-    theta: Array  # (3,)
-    parts: CovarianceParts  # of the covariance
-    delay: Array  # (3, 3) in s
-
-    def carried(self, by: Acceleration, lag: float) -> tuple[Array, CovarianceParts]:
-        """The velocity at its time, with the parts of its covariance and the budget's lag in it."""
-        noise = self.parts.noise + self.delay @ by.covariance @ self.delay.T
-        moved = lag * by.value
-        late = self.parts.systematic + moved[:, None] * moved
-        parts = self.parts._replace(noise=0.5 * (noise + noise.T), systematic=late)
-        return self.theta - self.delay @ by.value, parts
 
 
 @dataclass
@@ -88,9 +74,10 @@ class Follower:
     velocity: Array | None  # at which the next search starts, if it is known
     budget: ErrorBudget | None
     limits: VehicleLimits | None
+    sensors: int  # how many
     last: State | None = None
     acceleration: AccelerationFilter = field(default_factory=AccelerationFilter)
-    steps: list[tuple[Uncarried, Step]] | None = None  # of the accepted rounds, for a smoother
+    steps: list[tuple[FilterInput, Step]] | None = None  # of the accepted rounds, for a smoother
     lateness: Lateness | None = None  # which learns from the accepted rounds
 
     def follow(self, current: Round) -> VelocityEstimate:
@@ -107,9 +94,9 @@ class Follower:
             return self._held(current, reason, *seen)
         theta, covariance, parts, raw = estimate.theta, estimate.covariance, None, None
         if self.budget is not None and by is not None:
-            parts, delay, lead = apply_budget(problem, estimate, pairs, self.budget, current.time)
-            raw = Uncarried(theta - lead @ by.value, parts, delay)
-            theta, parts = raw.carried(by, self.budget.lag)
+            found = apply_budget(problem, estimate, pairs, self.budget, current.time)
+            raw = self._filter_input(found, theta - found.lead @ by.value, current.sensors)
+            theta, parts = raw.carried(by)
             covariance = parts.total
         state = State(current.time, theta, covariance)
         if not np.isfinite(covariance).all():
@@ -122,11 +109,23 @@ class Follower:
         if self.lateness is not None and self.model.doppler:
             self.lateness.add(current.time, theta, pairs)
         if raw is not None and by is not None:
-            noise = raw.parts.noise + raw.parts.dependence
-            step = self.acceleration.update(current.time, raw.theta, raw.delay, noise, by)
+            step = self.acceleration.update(current.time, raw.velocity, raw.delay, raw.white, by)
             if self.steps is not None:
                 self.steps.append((raw, step))
-        return VelocityEstimate(current.time, current.interval, theta, covariance, "", *seen, parts)
+        return VelocityEstimate(
+            current.time, current.interval, theta, covariance, "", *seen, parts, raw
+        )
+
+    def _filter_input(
+        self, found: Budgeted, velocity: Array, sensors: Sequence[int]
+    ) -> FilterInput:
+        """The columns of the slow errors in the places of their sensors."""
+        assert self.budget is not None
+        slow = np.zeros((3, 2 * self.sensors + 2))
+        slow[:, [*sensors, *(self.sensors + n for n in sensors), -2, -1]] = found.slow
+        if (constant := np.sqrt(self.budget.constant)).any():
+            slow = np.column_stack([slow, constant])
+        return FilterInput(velocity, found.parts, found.delay, slow, self.budget.lag)
 
     def _acceleration(self, current: Round) -> Acceleration:
         """The acceleration before a round: of the estimates before, or at first by Doppler."""
@@ -146,7 +145,7 @@ class Follower:
         unknown = np.full((3, 3, 3), np.nan)
         parts = None if self.budget is None else CovarianceParts(*unknown)
         return VelocityEstimate(
-            current.time, current.interval, theta, unknown[0], reason, targets, inliers, parts
+            current.time, current.interval, theta, unknown[0], reason, targets, inliers, parts, None
         )
 
     def _estimate(self, problem: Problem, views: Iterable[View]) -> Estimate:

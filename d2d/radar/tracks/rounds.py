@@ -198,6 +198,12 @@ class Round(NamedTuple):
     pairs: list[ScanPair]
     reason: str  # why there is no pair, if there is none
 
+    @property
+    def sensors(self) -> list[int]:
+        """The number of the sensor of each pair."""
+        numbers = {id(scan): number for number, scan in self.scans.items()}
+        return [numbers[id(pair.current)] for pair in self.pairs]
+
 
 class Rounds:
     """Divides scans into rounds as they arrive, and pairs each with an earlier one of its sensor.

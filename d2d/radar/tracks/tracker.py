@@ -18,7 +18,8 @@ from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.acceleration import AccelerationFilter, Step, accelerations_of_others
 from d2d.radar.tracks.contradiction import EvenSample, warn_of_contradiction
-from d2d.radar.tracks.following import Follower, Uncarried, VelocityEstimate
+from d2d.radar.tracks.filter_input import FilterInput
+from d2d.radar.tracks.following import Follower, VelocityEstimate
 from d2d.radar.tracks.intake import Intake
 from d2d.radar.tracks.lateness import Lateness
 from d2d.radar.tracks.limits import VehicleLimits
@@ -133,10 +134,10 @@ def track(
     6.2
     """
     check_separation(baseline, horizon)
-    follower = _follower(initial, budget, limits, options)
+    drives = named_sensors(sensors, max_interval)
+    follower = _follower(initial, budget, limits, len(drives), options)
     if check_flag("smooth", smooth):
         follower.steps = []
-    drives = named_sensors(sensors, max_interval)
     follower.lateness = Lateness({at: name for name, (_, at) in drives.items()})
     intake, mountings = Intake(list(drives), max_interval), [at for _, at in drives.values()]
     taken = [
@@ -157,7 +158,7 @@ def track(
             driven.theta[accepted], lambda i: problem_of(groups[accepted[i]].pairs, follower.model)
         )
     if follower.steps and budget is not None:
-        return _smoothed(driven, follower.steps, budget.lag)
+        return _smoothed(driven, follower.steps)
     return driven
 
 
@@ -214,7 +215,7 @@ class Tracker:
         if keep is not None:
             check_count("keep", keep)
         check_separation(baseline, horizon)
-        self._follower = _follower(initial, budget, limits, options)
+        self._follower = _follower(initial, budget, limits, len(places), options)
         self._numbers = {name: number for number, name in enumerate(places)}
         self._intake = Intake([repr(name) for name in places], max_interval)
         self._rounds = Rounds(list(places.values()), baseline, horizon)
@@ -278,6 +279,7 @@ def _follower(
     initial: ArrayLike | None,
     budget: ErrorBudget | None,
     limits: VehicleLimits | None,
+    sensors: int,
     options: EstimationOptions,
 ) -> Follower:
     """What follows the rounds, from checked arguments."""
@@ -287,13 +289,13 @@ def _follower(
     velocity = None if initial is None else check_velocity(initial)
     if limits is not None:
         limits = limits.for_doppler(model.doppler)
-    return Follower(model, scales, velocity, budget, limits)
+    return Follower(model, scales, velocity, budget, limits, sensors)
 
 
 def _joined(estimates: Collection[VelocityEstimate], budget: ErrorBudget | None) -> Track:
     """The track of these estimates."""
     count = len(estimates)
-    times, intervals, theta, covariance, reasons, targets, inliers, parts = (
+    times, intervals, theta, covariance, reasons, targets, inliers, parts, _ = (
         zip(*estimates, strict=True) if estimates else [()] * len(VelocityEstimate._fields)
     )
     known = np.array(reasons, dtype=np.str_)
@@ -313,11 +315,11 @@ def _joined(estimates: Collection[VelocityEstimate], budget: ErrorBudget | None)
     )
 
 
-def _smoothed(driven: Track, steps: Sequence[tuple[Uncarried, Step]], lag: float) -> Track:
+def _smoothed(driven: Track, steps: Sequence[tuple[FilterInput, Step]]) -> Track:
     """The track with each accepted estimate carried by the acceleration that all others show."""
     assert driven.parts is not None
     found = accelerations_of_others([step for _, step in steps])
-    carried = [raw.carried(by, lag) for (raw, _), by in zip(steps, found, strict=True)]
+    carried = [raw.carried(by) for (raw, _), by in zip(steps, found, strict=True)]
     theta, good = driven.theta.copy(), driven.converged
     theta[good] = [velocity for velocity, _ in carried]
     last = np.maximum.accumulate(np.where(good, np.arange(len(good)), -1))
@@ -339,11 +341,12 @@ def compile_for(follower: Follower) -> None:
     )
     budget = None if follower.budget is None else ErrorBudget(neighbours=1.0)
     for mountings in ([Mounting(1.0)], [Mounting(1.0), Mounting(-1.0, 0.5, 3.0)]):
-        tried = replace(follower, budget=budget, limits=None, velocity=None)
+        numbers = range(len(mountings))
+        tried = replace(follower, budget=budget, limits=None, velocity=None, sensors=len(mountings))
         tried.acceleration, tried.lateness = AccelerationFilter(), None
         pairs = [ScanPair(first, second, mounting) for mounting in mountings]
         for time in (0.1, 0.2):
-            tried.follow(Round(time, 0.1, {}, pairs, ""))
+            tried.follow(Round(time, 0.1, dict.fromkeys(numbers, second), pairs, ""))
 
 
 def _counted(count: int, progress: bool | None) -> Iterable[int]:

@@ -78,7 +78,12 @@ class _Shown(NamedTuple):
 
 
 def diagnose(
-    sensors: Sensors, driven: Track, *, baseline: int = 1, horizon: float | None = None
+    sensors: Sensors,
+    driven: Track,
+    *,
+    baseline: int = 1,
+    horizon: float | None = None,
+    max_interval: float = MAX_INTERVAL,
 ) -> Diagnosis:
     """What is probably wrong with a log, told by the log itself and its track.
 
@@ -103,7 +108,7 @@ def diagnose(
     ['a mounting is turned']
     """
     check_instance("driven", driven, Track)
-    names, drives = _named(sensors)
+    names, drives = _named(sensors, max_interval)
     rounds = rounds_of(drives, baseline, horizon)
     if len(rounds) != len(driven):
         raise ValueError(
@@ -115,10 +120,10 @@ def diagnose(
         _Shown(name, mounting, share, *_heading(scans, mounting, driven))
         for name, (scans, mounting), share in zip(names, drives, shares, strict=True)
     ]
-    found = look_at_targets(sensors)
+    found = look_at_targets(sensors, max_interval)
     if not any(each.sure for each in found):  # what is wrong with targets explains the rest
         if driven.converged.sum() < FEW:
-            found += _without_limits(drives, baseline, horizon)
+            found += _without_limits(drives, baseline, horizon, max_interval)
         found += _of_mountings(shown)
     return Diagnosis(
         [*found, *_of_track(shown, driven)],
@@ -127,9 +132,9 @@ def diagnose(
     )
 
 
-def look_at_targets(sensors: Sensors) -> list[Finding]:
+def look_at_targets(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> list[Finding]:
     """The findings of `diagnose` that need no track."""
-    names, drives = _named(sensors)
+    names, drives = _named(sensors, max_interval)
     return [
         each
         for name, (scans, _) in zip(names, drives, strict=True)
@@ -137,13 +142,13 @@ def look_at_targets(sensors: Sensors) -> list[Finding]:
     ]
 
 
-def _named(sensors: Sensors) -> tuple[list[str], list[SensorScans]]:
+def _named(sensors: Sensors, max_interval: float) -> tuple[list[str], list[SensorScans]]:
     """Names and scans of the sensors, with times and targets as `track` uses them."""
     given: Any = sensors
-    drives = list(named_sensors(sensors).values())
+    drives = list(named_sensors(sensors, max_interval).values())
     numbers = range(1, len(drives) + 1)
     names = [str(name) for name in (given if isinstance(given, Mapping) else numbers)]
-    intake = Intake(names, MAX_INTERVAL)
+    intake = Intake(names, max_interval)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # `track` has warned
         return names, [
@@ -159,20 +164,26 @@ def _inliers(count: int, rounds: Sequence[Round], driven: Track) -> list[float]:
     """Median over accepted rounds of each sensor's mean inlier probability."""
     shares: list[list[float]] = [[] for _ in range(count)]
     for i in _evenly(np.flatnonzero(driven.converged).tolist()):
-        numbers = {id(scan): number for number, scan in rounds[i].scans.items()}
-        for pair in rounds[i].pairs:
+        for sensor, pair in zip(rounds[i].sensors, rounds[i].pairs, strict=True):
             found = inlier_probabilities(driven.theta[i], *pair)
-            shares[numbers[id(pair.current)]].append(float(found.mean()))
+            shares[sensor].append(float(found.mean()))
     return [float(np.median(each)) if each else np.nan for each in shares]
 
 
 def _without_limits(
-    drives: list[SensorScans], baseline: int, horizon: float | None
+    drives: list[SensorScans], baseline: int, horizon: float | None, max_interval: float
 ) -> list[Finding]:
     """What `track` says of positions and Doppler velocities where any motion is accepted."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", UserWarning)
-        track(drives, baseline=baseline, horizon=horizon, limits=None, progress=False)
+        track(
+            drives,
+            baseline=baseline,
+            horizon=horizon,
+            max_interval=max_interval,
+            limits=None,
+            progress=False,
+        )
     found = [each.message.finding for each in said if isinstance(each.message, FindingWarning)]
     return [each for each in found if each.sure]
 

@@ -1,6 +1,6 @@
 """A yaw-rate gyro and a radar in one Kalman filter: the effect of the radar's covariance."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -10,22 +10,16 @@ from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.radar import (
-    EgoMotionModel,
-    ErrorBudget,
-    Mounting,
-    RadarScan,
+    FilterInput,
     Sensor,
     SensorErrors,
     Track,
-    estimate_ego_motion,
+    Tracker,
+    VelocityEstimate,
     simulate_drive,
     track,
 )
-from d2d.radar.motion.covariance import influences
-from d2d.radar.motion.doppler import Acceleration
-from d2d.radar.motion.pairs import ScanPair, scan_pair
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
-from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter
 from d2d.scores import normalised_squares
 from d2d.study.drives.budget_trial import INGREDIENTS, drawn_errors, with_known_errors
 
@@ -36,12 +30,75 @@ GATE = float(scipy.special.chdtri(3, 0.001))
 REGION = float(scipy.special.chdtri(3, 0.05))
 SETTLED = 2.0  # s, after which a filter is judged
 
+_W = 2  # place of the yaw rate in the state
 GYRO_NOISE, GYRO_BIAS = (float(x) for x in np.deg2rad([0.1, 1.0]))  # rad/s, standard deviations
-# The filter's model of the vehicle: first-order Gauss-Markov processes of its acceleration
-# and its side slip, each with a standard deviation and a time constant, and steps of the yaw rate.
-_ACCELERATION, _SLIP = (2.0, 0.5), (0.1, 1.0)  # m/s^2 and s, m/s and s
-_YAW_STEP = 0.03  # rad/s from one scan to the next
-_W, _BIAS, _A, _SLOW = 2, 3, 4, 5  # places in the state; v_x and v_y come first, slow errors last
+
+
+class Motion(NamedTuple):
+    """How a vehicle's accelerations change: first-order Gauss-Markov processes.
+
+    Along x and y in m/s^2 and about z in rad/s^2, each with a standard deviation and a time
+    constant in s.
+    """
+
+    sigma: Array  # (3,)
+    constant: Array  # (3,)
+
+    def over(self, interval: float) -> tuple[Array, Array]:
+        """Transition and process noise (6, 6) of velocity and acceleration over a time in s."""
+        passed = interval / self.constant
+        kept = np.exp(-passed)
+        step = np.eye(6)
+        step[:3, 3:] = np.diag(self.constant * (1.0 - kept))
+        step[3:, 3:] = np.diag(kept)
+        moved = self.constant**2 * (2.0 * passed - 4.0 * (1.0 - kept) + 1.0 - kept**2)
+        both = np.diag(self.sigma**2 * self.constant * (1.0 - kept) ** 2)
+        own = np.diag(self.sigma**2 * (1.0 - kept**2))
+        return step, np.block([[np.diag(self.sigma**2 * moved), both], [both, own]])
+
+
+# Of the simulated car over a lap, forward and about z: standard deviation, and the time after which
+# the correlation is 1/e.  It does not slide; the filter allows for a little.
+SIMULATED = Motion(np.array([2.6, 0.1, 0.34]), np.array([0.65, 0.65, 0.65]))
+_START = 1.0, 0.1, 0.5  # m/s, m/s, rad/s, standard deviations of the first velocity
+
+
+class Filter:
+    """A Kalman filter of a vehicle's velocity (3,), its acceleration (3,) and further errors (m,).
+
+    It begins straight ahead with a ``speed`` in m/s.  The errors are in units of their standard
+    deviations; they are constant, or decay with the time constant ``persistence`` in s and are
+    renewed as fast.
+    """
+
+    def __init__(
+        self, speed: float, motion: Motion, errors: int, persistence: float = np.inf
+    ) -> None:
+        self._motion, self._persistence = motion, persistence
+        self.state = np.array([speed, *np.zeros(5 + errors)])
+        self.covariance = np.diag(np.square([*_START, *motion.sigma, *np.ones(errors)]))
+
+    def predict(self, interval: float) -> None:
+        """Go on by a time in s."""
+        kept = np.exp(-interval / self._persistence)
+        step, added = kept * np.eye(len(self.state)), (1.0 - kept**2) * np.eye(len(self.state))
+        step[:6, :6], added[:6, :6] = self._motion.over(interval)
+        self.state, self.covariance = step @ self.state, step @ self.covariance @ step.T + added
+
+    def update(self, innovation: Array, to: Array, noise: Array, gate: float = np.inf) -> float:
+        """Take a measurement unless its NIS, which is returned, exceeds the gate.
+
+        ``to`` are its derivatives in the state; those beyond its columns are zero.
+        """
+        to = np.pad(to, [(0, 0), (0, len(self.state) - to.shape[1])])
+        expected = to @ self.covariance @ to.T + noise
+        nis = float(innovation @ np.linalg.solve(expected, innovation))
+        if nis < gate:
+            gain = np.linalg.solve(expected, to @ self.covariance).T
+            kept = np.eye(len(self.state)) - gain @ to
+            self.state = self.state + gain @ innovation
+            self.covariance = kept @ self.covariance @ kept.T + gain @ noise @ gain.T
+        return nis
 
 
 class Measured(NamedTuple):
@@ -49,10 +106,8 @@ class Measured(NamedTuple):
 
     gyro: Array  # (n,) rad/s
     radar: Track
+    estimates: Sequence[VelocityEstimate]  # n, the rows of the track
     inverse_hessian: Array  # (n, 3, 3)
-    # (n, 3, 4), changes of the radar's velocity by an azimuth error, a Doppler error, a scale error
-    # and a lag, each of one standard deviation of the budget
-    slow: Array
     truth: Array  # (n, 3) m/s, m/s, rad/s
     bias: float  # rad/s, of the gyro
 
@@ -124,104 +179,58 @@ def _measured(rng: np.random.Generator, duration: float, errors: SensorErrors) -
         rng, duration, CAR_SPEED, mounting=CAR_MOUNTING, sensor=Sensor(), errors=errors
     )
     scans = [with_known_errors(scan, wrong) for scan in drive.scans]
-    plain, full = (
-        track((scans, CAR_MOUNTING), initial=drive.truth.theta[0], budget=budget, limits=None)
-        for budget in (None, wrong.budget)
+    start = drive.truth.theta[0]
+    plain = track((scans, CAR_MOUNTING), initial=start, limits=None)
+    tracker = Tracker(
+        {"radar": CAR_MOUNTING}, horizon=None, initial=start, budget=wrong.budget, limits=None
     )
+    estimates = [each for scan in scans for each in tracker.add("radar", scan)]
     truth = drive.truth.theta[1:]
     bias = GYRO_BIAS * float(rng.standard_normal())
     gyro = truth[:, 2] + bias + GYRO_NOISE * rng.standard_normal(len(truth))
-    slow = slow_errors(scans, CAR_MOUNTING, full, wrong.budget)
-    return Measured(gyro, full, plain.covariance, slow, truth, bias)
-
-
-def slow_errors(
-    scans: Sequence[RadarScan], mounting: Mounting, driven: Track, budget: ErrorBudget
-) -> Array:
-    """The effect (n, 3, 4) of each error of a budget on the velocities of a track of one sensor.
-
-    The products of these columns with themselves add up to the track's systematic covariances.
-    Unlike those, the columns also show that the error of one interval is that of the next.  They
-    are nan where the track has no estimate.
-    """
-    model = EgoMotionModel()
-    columns = np.full((len(driven.times), 3, 4), np.nan)
-    parts, acceleration = driven.parts, AccelerationFilter()
-    assert parts is not None
-    for i in np.flatnonzero(driven.converged).tolist():
-        pair = ScanPair(scans[i], scans[i + 1], mounting)
-        estimate = estimate_ego_motion(*pair, initial=driven.theta[i])
-        problem = model.problem([scan_pair(*pair, model)])
-        before, after = influences(problem, estimate, [pair])
-        columns[i, :, 0] = before.azimuth.sum(axis=0) + after.azimuth.sum(axis=0)
-        columns[i, :, 1] = after.doppler.sum(axis=0)
-        columns[i, :, 2] = scans[i + 1].doppler @ after.doppler
-        time, noise = float(driven.times[i]), parts.noise[i] + parts.dependence[i]
-        known = acceleration.predict(time)
-        by = Acceleration(np.zeros(3), UNKNOWN) if known is None else known
-        acceleration.update(time, driven.theta[i], np.zeros((3, 3)), noise, by)
-        columns[i, :, 3] = -by.value
-    return columns * [budget.azimuth, budget.doppler, budget.scale, budget.lag]
+    return Measured(gyro, tracker.track, estimates, plain.covariance, truth, bias)
 
 
 def fuse(measured: Measured, name: str, gate: float = GATE) -> Fused:
     """Filter the gyro's yaw rates and the radar's velocities.
 
-    The state is [v_x, v_y, omega], the gyro's bias and the acceleration; with the third of
-    `FILTERS` also the slow errors, each in its standard deviation.  A velocity of the radar whose
-    NIS exceeds the gate is not used.
+    The filter's errors are, with the third of `FILTERS`, the slow ones of the radar, and always, as
+    the last, the gyro's bias.  A velocity of the radar whose NIS exceeds the gate is not used.
     """
     parts = measured.radar.parts
     assert parts is not None
-    noise, slow = {
-        FILTERS[0]: (measured.inverse_hessian, measured.slow[..., :0]),
-        FILTERS[1]: (parts.total, measured.slow[..., :0]),
-        FILTERS[2]: (parts.noise + parts.dependence, measured.slow),
-    }[name]
-    size = _SLOW + slow.shape[-1]
-    state, covariance = np.zeros(size), np.eye(size)
-    state[0] = measured.radar.theta[0, 0]
-    covariance[range(5), range(5)] = np.square([1.0, _SLIP[0], 0.5, GYRO_BIAS, _ACCELERATION[0]])
-    to_gyro = np.eye(size)[[_W]] + np.eye(size)[[_BIAS]]
+    carried = {FILTERS[0]: measured.inverse_hessian, FILTERS[1]: parts.total}.get(name)
+    slow = 0 if carried is not None else slow_errors(measured.estimates)
+    filtered = Filter(float(measured.radar.theta[0, 0]), SIMULATED, slow + 1)
+    to_gyro = np.eye(7 + slow)[[_W]] + GYRO_BIAS * np.eye(7 + slow)[[-1]]
+    shown = np.eye(7 + slow)[[0, 1, 2, -1]] * [[1.0], [1.0], [1.0], [GYRO_BIAS]]
     results = []
-    for i, interval in enumerate(measured.radar.intervals):
-        step, added = _motion(size, float(interval))
-        state, covariance = step @ state, step @ covariance @ step.T + added
-        state, covariance, _ = _updated(
-            state, covariance, measured.gyro[i : i + 1], to_gyro, np.array([[GYRO_NOISE**2]])
-        )
+    for i, estimate in enumerate(measured.estimates):
+        filtered.predict(estimate.interval)
+        told = measured.gyro[i] - to_gyro @ filtered.state
+        filtered.update(told, to_gyro, np.array([[GYRO_NOISE**2]]))
         nis = np.nan
-        if measured.radar.converged[i]:
-            to_radar = np.hstack([np.eye(3), np.zeros((3, 2)), slow[i]])
-            *after, nis = _updated(state, covariance, measured.radar.theta[i], to_radar, noise[i])
-            if nis < gate:
-                state, covariance = after
-        results.append((nis, nis < gate, state[:4], covariance[:4, :4]))
+        if carried is not None and estimate.converged:
+            off = estimate.theta - filtered.state[:3]
+            nis = filtered.update(off, np.eye(3), carried[i], gate)
+        elif estimate.filter_input is not None:
+            nis = take(filtered, estimate.filter_input, gate)
+        results.append(
+            (nis, nis < gate, shown @ filtered.state, shown @ filtered.covariance @ shown.T)
+        )
     squares, used, states, covariances = (np.array(each) for each in zip(*results, strict=True))
     true = np.column_stack([measured.truth, np.full(len(squares), measured.bias)])
     return Fused(measured.radar.times, squares, used, states - true, covariances)
 
 
-def _motion(size: int, interval: float) -> tuple[Array, Array]:
-    """The transition of the state over an interval, and the covariance of the process noise."""
-    step, added = np.eye(size), np.zeros((size, size))
-    step[0, _A] = interval
-    for place, (sigma, constant) in ((_A, _ACCELERATION), (1, _SLIP)):
-        step[place, place] = np.exp(-interval / constant)
-        added[place, place] = sigma**2 * (1.0 - step[place, place] ** 2)
-    added[_W, _W] = _YAW_STEP**2
-    return step, added
+def take(filtered: Filter, seen: FilterInput, gate: float = np.inf) -> float:
+    """Give an estimate of a radar to a filter with its slow errors; returns the NIS."""
+    slow = filtered.state[6 : 6 + seen.slow.shape[1] + 1]
+    expected, to = seen.expected(filtered.state[:3], filtered.state[3:6], slow)
+    return filtered.update(seen.velocity - expected, to, seen.white, gate)
 
 
-def _updated(
-    state: Array, covariance: Array, value: Array, to: Array, noise: Array
-) -> tuple[Array, Array, float]:
-    """State and covariance after a measurement, and the NIS of its innovation."""
-    innovation, expected = value - to @ state, to @ covariance @ to.T + noise
-    gain = np.linalg.solve(expected, to @ covariance).T
-    kept = np.eye(len(state)) - gain @ to
-    return (
-        state + gain @ innovation,
-        kept @ covariance @ kept.T + gain @ noise @ gain.T,
-        float(innovation @ np.linalg.solve(expected, innovation)),
-    )
+def slow_errors(estimates: Iterable[VelocityEstimate]) -> int:
+    """How many slow errors the estimates have, the lag among them."""
+    seen = (each.filter_input for each in estimates)
+    return next(len(each.slow.T) + 1 for each in seen if each is not None)

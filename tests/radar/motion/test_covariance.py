@@ -429,7 +429,7 @@ def test_an_estimate_with_other_options_is_refused(options):
 
 
 def applied(pairs, budget: ErrorBudget):
-    """The parts of the covariance of two sensors, the delay and the lead."""
+    """What a budget says of the velocity by two sensors."""
     return apply_budget(problem_of(pairs), estimated(pairs), pairs, budget, TIMES[1])
 
 
@@ -460,7 +460,7 @@ def test_a_budget_is_how_shared_errors_move_the_estimate():
     Covariances and gains depend a little on the azimuths, which propagation holds.
     """
     pairs, each, all_of_them = two_pairs(), ((CORNER,), (REAR,)), ((CORNER, REAR),)
-    nothing = applied(pairs, ErrorBudget())[0]
+    nothing = applied(pairs, ErrorBudget()).parts
     assert_allclose(nothing.noise, propagated(estimated(pairs), pairs), rtol=1e-10)
     assert_array_equal([nothing.dependence, nothing.systematic], 0.0)
     for change, groups, budget, sigma, rtol in (
@@ -476,7 +476,7 @@ def test_a_budget_is_how_shared_errors_move_the_estimate():
 
             moved = moved_by(of_sensors, pairs)
             expected += sigma**2 * np.outer(moved, moved)
-        found = applied(pairs, budget)[0].systematic
+        found = applied(pairs, budget).parts.systematic
         assert_allclose(np.diag(found), np.diag(expected), rtol=rtol)
         assert_allclose(found, expected, rtol=rtol, atol=rtol * np.abs(expected).max())
 
@@ -495,7 +495,7 @@ def test_neighbours_share_what_their_distance_says():
             alike = np.where(apart < 5.0 * length, np.exp(-apart / length), 0.0)
             np.fill_diagonal(alike, 0.0)
             expected += np.einsum("kl,kid,ljd->ij", alike, rooted, rooted)
-        found.append(applied(pairs, ErrorBudget(neighbours=length))[0].dependence)
+        found.append(applied(pairs, ErrorBudget(neighbours=length)).parts.dependence)
         assert_allclose(found[-1], expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
     assert found[0][1, 1] > 0.0 > found[1][1, 1]
 
@@ -510,9 +510,11 @@ def test_no_part_depends_on_the_axes_of_the_vehicle_frame():
     for previous, current, place in pairs:
         x, y = turn[:2, :2] @ [place.x, place.y]
         other.append(ScanPair(previous, current, Mounting(x, y, place.yaw - angle)))
-    parts, *times = applied(pairs, budget)
-    turned_parts, *turned_times = applied(other, budget)
-    for own, of_other in zip([*parts, *times], [*turned_parts, *turned_times], strict=True):
+    found, of_turned = (
+        (*each.parts, each.delay, each.lead, each.slow @ each.slow.T)
+        for each in (applied(pairs, budget), applied(other, budget))
+    )
+    for own, of_other in zip(found, of_turned, strict=True):
         size = np.abs(own).max()
         assert_allclose(of_other, turn @ own @ turn.T, rtol=0, atol=1e-5 * size)
 
@@ -520,7 +522,7 @@ def test_no_part_depends_on_the_axes_of_the_vehicle_frame():
 def test_the_delay_is_how_far_an_accelerating_vehicle_is_ahead():
     """Breaks if an estimate is not carried from the middle of the interval to its time."""
     pairs, acceleration = two_pairs(), np.array([2.0, 0.0, 0.5])
-    delay = applied(pairs, ErrorBudget())[1]
+    delay = applied(pairs, ErrorBudget()).delay
     # the mean velocity of the interval stays; in a bend it is not quite that in the middle
     pose, steps = np.eye(3), 2000
     for i in range(steps):
@@ -542,7 +544,7 @@ def test_the_delay_is_how_far_an_accelerating_vehicle_is_ahead():
 def test_the_lead_is_how_far_a_known_acceleration_moves_the_estimate():
     """Breaks if what is taken off positions or Doppler velocities is not what is added again."""
     pairs, acceleration = two_pairs(), np.array([0.4, -0.2, 0.05])
-    lead = applied(pairs, ErrorBudget())[2]
+    lead = applied(pairs, ErrorBudget()).lead
     start = estimated(pairs).theta
     moved = slope(
         lambda by: (

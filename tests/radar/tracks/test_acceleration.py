@@ -7,12 +7,12 @@ from numpy.testing import assert_allclose
 from d2d.radar import ErrorBudget, Mounting, track
 from d2d.radar.motion.doppler import Acceleration
 from d2d.radar.tracks.acceleration import (
-    _JERK,
+    JERK,
     UNKNOWN,
     AccelerationFilter,
     accelerations_of_others,
 )
-from tests.radar.scenes import AROUND, CORNER, arc, observe
+from tests.radar.scenes import AROUND, CORNER, accelerating
 
 DELAY = np.array([[0.0, 0.0, 0.01], [0.0, 0.02, 0.3], [0.0, 0.0, -0.15]])
 NOISE = np.diag(np.square([0.02, 0.05, 0.006]))
@@ -27,7 +27,7 @@ def drawn(rng, times):
         move = np.eye(6)
         move[:3, 3:] = passed * np.eye(3)
         corner = np.array([[passed**3 / 3.0, passed**2 / 2.0], [passed**2 / 2.0, passed]])
-        states.append(rng.multivariate_normal(move @ states[-1], np.kron(corner, _JERK)))
+        states.append(rng.multivariate_normal(move @ states[-1], np.kron(corner, JERK)))
     states = np.array(states)
     errors = rng.multivariate_normal(np.zeros(3), NOISE, len(times))
     return states[:, 3:], states[:, :3] + states[:, 3:] @ DELAY.T + errors
@@ -60,7 +60,7 @@ def test_the_filter_and_the_smoother_are_least_squares():
         move[:3, 3:] = passed * np.eye(3)
         row[:, 6 * i : 6 * i + 6], row[:, 6 * i + 6 : 6 * i + 12] = move, -np.eye(6)
         corner = np.array([[passed**3 / 3.0, passed**2 / 2.0], [passed**2 / 2.0, passed]])
-        system.append(row), values.append(np.zeros(6)), spread.append(np.kron(corner, _JERK))
+        system.append(row), values.append(np.zeros(6)), spread.append(np.kron(corner, JERK))
     first = np.zeros((3, 6 * n))
     first[:, 3:6] = np.eye(3)
     system.append(first), values.append(np.zeros(3)), spread.append(UNKNOWN)
@@ -116,29 +116,6 @@ def test_nothing_is_known_after_a_gap():
     (alone,) = accelerations_of_others([step])
     assert_allclose(alone.covariance, UNKNOWN)
     assert accelerations_of_others([]) == []
-
-
-def accelerating(rates, offsets, acceleration, mountings, jitter=0.0, noise=0.0, seed=0, end=3.0):
-    """Scans of static points by sensors of a vehicle with a constant acceleration."""
-    rng, start, step = np.random.default_rng(seed), np.array([12.0, 0.0, 0.05]), 1e-3
-    poses = [np.eye(3)]
-    for i in range(round(end / step) + 1):
-        poses.append(poses[-1] @ arc(start + acceleration * (i + 0.5) * step, step))
-    middle = [poses[i][:2, 2] for i in rng.integers(0, len(poses), 250)]
-    points = np.array(middle) + rng.uniform(-45.0, 45.0, (250, 2))
-    sensors = []
-    for rate, offset, mounting in zip(rates, offsets, mountings, strict=True):
-        scans = []
-        for k in range(int(end * rate)):
-            ticks = round((offset + (k + jitter * rng.uniform()) / rate) / step)
-            pose, time = poses[ticks], ticks * step
-            far = points[np.hypot(*(points - pose[:2, 2]).T) > 8.0]
-            errors = noise * rng.standard_normal((3, len(far)))
-            theta = start + acceleration * time
-            full = observe(far, pose, time, theta, mounting, errors, (0.1, 0.005, 0.06))
-            scans.append(full[(np.abs(full.azimuth) < 0.8) & (full.range < 50.0)])
-        sensors.append((scans, mounting))
-    return sensors, lambda times: start + np.outer(times, acceleration)
 
 
 @pytest.mark.parametrize("smooth", [False, True])

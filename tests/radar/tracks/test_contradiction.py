@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from d2d.radar import (
+    ErrorBudget,
     Mounting,
     RadarScan,
     Sensor,
@@ -15,6 +16,7 @@ from d2d.radar import (
     simulate_drive,
     track,
 )
+from tests.radar.scenes import CORNER, accelerating
 
 
 def test_a_flipped_doppler_sign_is_told():
@@ -110,3 +112,17 @@ def test_what_travels_with_the_vehicle_is_no_contradiction():
         found = track((scans, mounting), limits=None)
     assert found.converged.mean() > 0.5
     assert np.median(found.theta[:, 0]) == pytest.approx(15.0, abs=1.0)
+
+
+@pytest.mark.parametrize("acceleration", [2.0, -2.0])
+def test_a_slow_radar_of_an_accelerating_vehicle_is_not_accused(acceleration):
+    """Breaks if the mean velocity of a long interval, which positions show, counts as another."""
+    driven = np.array([acceleration, 0.0, 0.0])
+    (sensor,), _ = accelerating([1.0], [0.0], driven, [CORNER], noise=1.0, end=6.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        track(sensor, budget=ErrorBudget(), limits=None)
+    (sensor,), _ = accelerating([4.0], [0.0], driven, [CORNER], noise=1.0, end=6.0)
+    empty = [replace(scan, doppler=np.zeros(scan.size)) for scan in sensor[0]]
+    with pytest.warns(UserWarning, match="a faster one.*compensated for the ego-motion"):
+        track((empty, CORNER), budget=ErrorBudget(), limits=None)

@@ -193,3 +193,12 @@ def test_what_is_no_track_of_the_sensors_is_refused():
     for wrong, said in ((driven[:5], "but has 5"), ("track", "driven must be a Track")):
         with pytest.raises(ValueError, match=said):
             diagnose(log(), wrong)
+
+
+def test_a_log_of_rare_scans_is_diagnosed():
+    """Breaks if `track` may be told that scans are far apart, and `diagnose` refuses them."""
+    rare = changed(lambda scan: replace(scan, time=700.0 * scan.time))
+    driven = track(rare, max_interval=100.0)
+    assert set(diagnose(rare, driven, max_interval=100.0).inliers) == set(NAMES)
+    with pytest.raises(ValueError, match="max_interval = 60 apart"):
+        diagnose(rare, driven)

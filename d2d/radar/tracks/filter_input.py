@@ -1,0 +1,108 @@
+"""What a Kalman filter needs of an estimate: its white noise, and its slow errors as states."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from d2d._checks import check_finite
+from d2d._types import Array
+from d2d.radar.motion.doppler import Acceleration
+from d2d.radar.scans.budget import CovarianceParts
+
+
+class FilterInput(NamedTuple):
+    """What a Kalman filter needs of one estimate: a measurement of its state with white noise.
+
+    `VelocityEstimate.theta` is carried to its time by an acceleration that other estimates have
+    shown, and its covariance contains errors that stay for many seconds.  A filter that takes all
+    of this as white believes that it averages out.  Here nothing is carried yet: the filter's own
+    acceleration does that, and the slow errors are further states (state augmentation: Bar-Shalom,
+    Li & Kirubarajan 2001).  With the true velocity v and acceleration a of the vehicle at the
+    estimate's time, in the vehicle frame (v' = a), and with the slow errors s of S sensors,
+
+        velocity = v + (delay - lag s_lag) a + slow s + white noise
+
+    The 2 S + 3 slow errors s, each in units of its standard deviation in the budget, are the
+    azimuth errors of all sensors in the order of the `Tracker`, then their Doppler errors, the
+    scale error, the side slip in units of the prior's (zero columns without one) and s_lag; before
+    s_lag come three errors of the velocity itself if the budget states them (`fit_budget`).  Begin
+    with zero and the unit matrix as their covariance.  On the road they stay for about 15 s:
+    multiply them by k = exp(-interval / 15) in each step, and add 1 - k^2 to their variances.
+
+    Neighbouring estimates share scans.  Their noise partly cancels for it, which a filter leaves
+    out: it states a little too much.
+
+    Attributes
+    ----------
+    velocity : (3,) array
+        [v_x, v_y, omega] in m/s, m/s, rad/s, over the interval that the scans cover.
+    parts : CovarianceParts
+        Of the covariance of ``velocity``, each (3, 3), without carry and lag.
+    delay : (3, 3) array, s
+        Times the acceleration: how far ``velocity`` is from that at the estimate's time.
+    slow : (3, 2 S + 2) array
+        Changes of ``velocity`` by one standard deviation of each slow error but the lag.  Their
+        products with themselves add up to ``parts.systematic``.
+    lag : float, s
+        The budget's standard deviation of the time to which an estimate belongs.
+
+    Examples
+    --------
+    A filter of v, a and s, which has the covariance ``p``, before its usual update:
+
+    >>> import numpy as np
+    >>> from d2d.radar import ErrorBudget, Tracker, simulate_drive
+    >>> drive = simulate_drive(np.random.default_rng(0), duration=1.0)
+    >>> tracker = Tracker({"front": drive.mounting}, budget=ErrorBudget(azimuth=0.01, lag=0.02))
+    >>> estimates = [each for scan in drive.scans for each in tracker.add("front", scan)]
+    >>> seen = estimates[-1].filter_input
+    >>> v, a, s = np.array([3.0, 0.0, 0.0]), np.zeros(3), np.zeros(5)
+    >>> p = np.eye(11)
+    >>> expected, to = seen.expected(v, a, s)
+    >>> innovation, spread = seen.velocity - expected, to @ p @ to.T + seen.white
+    >>> innovation.shape, to.shape, spread.shape
+    ((3,), (3, 11), (3, 3))
+    """
+
+    velocity: Array
+    parts: CovarianceParts
+    delay: Array
+    slow: Array
+    lag: float
+
+    @property
+    def white(self) -> Array:
+        """Covariance (3, 3) of what is new in each estimate: R of the filter."""
+        return self.parts.noise + self.parts.dependence
+
+    def expected(
+        self, velocity: ArrayLike, acceleration: ArrayLike, slow: ArrayLike
+    ) -> tuple[Array, Array]:
+        """What ``velocity`` should be to a filter, and its derivatives (3, 6 + 2 S + 3).
+
+        The filter's state is the ``velocity`` (3,) and ``acceleration`` (3,) of the vehicle at the
+        estimate's time, along x and y and about z, and the ``slow`` errors (2 S + 3,).  Derivatives
+        are in this order.  Raises a ``ValueError`` if a shape does not match.
+        """
+        given = {"velocity": velocity, "acceleration": acceleration, "slow": slow}
+        wanted = ((3,), (3,), (self.slow.shape[1] + 1,))
+        for (name, value), shape in zip(given.items(), wanted, strict=True):
+            if check_finite(name, value).shape != shape:
+                raise ValueError(f"{name} must have the shape {shape}, but has {np.shape(value)}")
+        v, a, s = (np.asarray(value, dtype=np.float64) for value in given.values())
+        delay = self.delay - self.lag * s[-1] * np.eye(3)
+        to = np.column_stack([np.eye(3), delay, self.slow, -self.lag * a])
+        return v + delay @ a + self.slow @ s[:-1], to
+
+    def carried(self, by: Acceleration) -> tuple[Array, CovarianceParts]:
+        """The velocity (3,) at the estimate's time by an acceleration, and its covariance's parts.
+
+        The acceleration's own covariance counts as noise, and what the lag makes of it as
+        systematic.
+        """
+        noise = self.parts.noise + self.delay @ by.covariance @ self.delay.T
+        moved = self.lag * by.value
+        late = self.parts.systematic + moved[:, None] * moved
+        parts = self.parts._replace(noise=0.5 * (noise + noise.T), systematic=late)
+        return self.velocity - self.delay @ by.value, parts

@@ -1,0 +1,320 @@
+"""The protocol of covariances: what is fitted where, what each model states, and what a cell is."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from benchmarks import protocol as module
+from benchmarks.covariances import CONSTANTS, FEWEST, MODELS, WINDOW, Estimates, spread
+from benchmarks.protocol import (
+    ALL,
+    CELLS,
+    PERIOD,
+    QUIET,
+    Cell,
+    Found,
+    changed,
+    estimated,
+    fitted,
+    followed,
+    is_quiet,
+    judged,
+    protocol,
+    section,
+    thinned,
+)
+from benchmarks.road import Drive
+from d2d.radar import ErrorBudget, Mounting, Recording, simulate_drive, track
+from d2d.radar.tracks.rounds import rounds_of
+
+SCALE = np.array([0.01, 0.02, 0.002])
+AS_THEY_ARE = "inverse Hessian", "propagated noise", "stored budget"
+FITTED = [name for name in MODELS if name not in AS_THEY_ARE]
+MOUNTINGS = Mounting(3.5, 0.6, 0.4), Mounting(3.5, -0.6, -0.4)
+BUDGET = ErrorBudget(azimuth=0.002, doppler=0.02, scale=0.001, lag=0.02)
+
+
+def matrices(rng: np.random.Generator, count: int, scale: np.ndarray = SCALE) -> np.ndarray:
+    root = rng.standard_normal((count, 3, 5)) * scale[:, None]
+    return root @ np.swapaxes(root, -1, -2)
+
+
+def errors_of(rng: np.random.Generator, covariances: np.ndarray) -> np.ndarray:
+    white = rng.standard_normal((len(covariances), 3, 1))
+    return (np.linalg.cholesky(covariances) @ white)[..., 0]
+
+
+def made_up(seed: int, truth: str = CONSTANTS, count: int = 400, **parameters) -> Estimates:
+    """Estimates whose errors are what a model states with these parameters."""
+    rng = np.random.default_rng(seed)
+    hessian, noise = matrices(rng, count), matrices(rng, count, 2.0 * SCALE)
+    carry, budget = matrices(rng, count, 0.5 * SCALE), matrices(rng, count)
+    theta = rng.standard_normal((count, 3)) * SCALE
+    times = 0.075 * np.arange(count)
+    own = Estimates(times, theta, np.zeros((count, 3)), hessian, noise, carry, budget)
+    given = {"constants": 3.0 * SCALE} | parameters
+    stated = MODELS[truth].covariances(given, own)
+    return own._replace(errors=errors_of(rng, stated))
+
+
+def simulated(duration: float = 6.0) -> Drive:
+    """Two radars of one vehicle."""
+    drives = [
+        simulate_drive(np.random.default_rng(3), duration=duration, mounting=at) for at in MOUNTINGS
+    ]
+    own = [Recording(drive.scans, drive.mounting, drive.truth, BUDGET) for drive in drives]
+    return Drive.of("simulated", own)
+
+
+def flat(parameters: dict[str, np.ndarray]) -> np.ndarray:
+    return np.concatenate([np.ravel(value) for value in parameters.values()])
+
+
+# ---- What is fitted where
+
+
+def test_the_drive_that_is_judged_takes_no_part_in_the_fit():
+    """Breaks if a parameter knows anything of the drive that it is judged on."""
+    drives = {name: made_up(seed, count=150) for seed, name in enumerate("abc")}
+    before = fitted(drives)
+    for seed, name in enumerate("abc"):
+        other = made_up(100 + seed, count=150)
+        columns = {key: 5.0 * value for key, value in other._asdict().items() if key != "times"}
+        after = fitted(drives | {name: other._replace(**columns)})
+        for model, drive in product(FITTED, drives):
+            was, now = (flat(found[drive][model]) for found in (before, after))
+            assert np.array_equal(was, now) == (drive == name), model
+    assert not any(before["a"][model] for model in AS_THEY_ARE)
+
+
+def test_nothing_is_fitted_in_another_cell():
+    """Breaks if a model is allowed to see fewer sensors before it is judged with them."""
+    cells = {
+        ALL: {name: Found(made_up(seed), 1.0) for seed, name in enumerate("ab")},
+        "front": {name: Found(made_up(seed + 5), 0.9) for seed, name in enumerate("ab")},
+    }
+    before = protocol(cells, bounds=False)
+    worse = {
+        name: found._replace(
+            estimates=found.estimates._replace(errors=4.0 * found.estimates.errors)
+        )
+        for name, found in cells["front"].items()
+    }
+    after = protocol(cells | {"front": worse}, bounds=False)
+    for name in "ab":
+        for model in FITTED:
+            was, now = (flat(found["fitted"][name][model]) for found in (before, after))
+            assert_array_equal(was, now)
+            was, now = (
+                found["cells"]["front"][name]["models"][model]["ANEES"] for found in (before, after)
+            )
+            assert_allclose(now, 16.0 * was)
+
+
+def test_what_is_stated_does_not_depend_on_errors_nor_on_later_estimates():
+    """Breaks if a model looks at the reference, or at what comes later, while driving."""
+    parameters = fitted({name: made_up(seed) for seed, name in enumerate("ab")})["a"]
+    own = made_up(7)
+    later = own._replace(
+        errors=own.errors[::-1],
+        theta=np.where(own.times[:, None] > 15.0, 9.0 * own.theta, own.theta),
+    )
+    for name, model in MODELS.items():
+        stated, other = (model.covariances(parameters[name], each) for each in (own, later))
+        until = own.times <= 15.0
+        assert_array_equal(stated[until], other[until], err_msg=name)
+        assert np.linalg.eigvalsh(stated).min() > 0.0
+
+
+# ---- The models
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [
+        ("× 1 factor", {"factors": np.array([7.0])}),
+        ("× 3 factors", {"factors": np.array([2.0, 9.0, 30.0])}),
+        ("noise × 3 factors", {"factors": np.array([2.0, 0.5, 5.0])}),
+        ("constant matrix", {"matrix": np.diag(SCALE**2) + 0.5 * np.outer(SCALE, SCALE)}),
+        ("inverse Hessian + 3 constants", {"constants": 4.0 * SCALE}),
+        (CONSTANTS, {"constants": 4.0 * SCALE}),
+    ],
+)
+def test_a_model_finds_what_errors_were_made_with(name, parameters):
+    """Breaks if what is fitted is not what is stated, or is not the likeliest."""
+    drives = [made_up(seed, name, 2000, **parameters) for seed in (0, 1)]
+    found = MODELS[name].fit(drives)
+    for key, value in parameters.items():
+        assert_allclose(found[key], value, rtol=0.15, atol=0.05 * np.abs(value).max())
+    own = made_up(2, name, 2000, **parameters)
+    measures = judged(Found(own, 1.0), fitted({"a": drives[0], "b": own})["b"], bounds=False)
+    assert_allclose(measures["models"][name]["ANEES"], 1.0, atol=0.1)
+    assert_allclose(measures["models"][name]["coverage"], [0.5, 0.95, 0.99], atol=0.04)
+    scores = {other: row["log score"] for other, row in measures["models"].items()}
+    assert scores[name] <= min(scores.values()) + 0.02
+
+
+def test_the_covariances_are_what_their_names_say():
+    """Breaks if a factor multiplies the carry, or a model lacks it."""
+    own = made_up(0, count=30)
+
+    def stated(name, **parameters):
+        return MODELS[name].covariances(parameters, own)
+
+    hessian, noise, carry = own.hessian, own.noise, own.carry
+    root = np.diag(np.sqrt([2.0, 3.0, 4.0]))
+    assert_allclose(stated("inverse Hessian"), hessian + carry)
+    assert_allclose(stated("propagated noise"), noise + carry)
+    assert_allclose(stated("× 1 factor", factors=np.array([5.0])), 5.0 * hessian + carry)
+    for name, base in (("× 3 factors", hessian), ("noise × 3 factors", noise)):
+        given = np.array([2.0, 3.0, 4.0])
+        assert_allclose(stated(name, factors=given), root @ base @ root + carry)
+    added = np.diag([0.01, 0.04, 0.09])
+    for name, base in (("inverse Hessian + 3 constants", hessian), (CONSTANTS, noise)):
+        given = np.array([0.1, 0.2, 0.3])
+        assert_allclose(stated(name, constants=given), base + carry + added)
+    assert_allclose(stated("stored budget"), own.budget)
+    assert_allclose(stated("constant matrix", matrix=added), [added] * 30)
+
+
+def test_the_adaptive_matrix_follows_the_scatter_of_the_estimates():
+    """Breaks if the power is not found, or the spread is not that of the last seconds."""
+    rng = np.random.default_rng(4)
+    drives = []
+    for _ in range(3):
+        factor = np.exp(rng.standard_normal(20)).repeat(100)[:, None]
+        own = made_up(1, count=2000)
+        drives.append(
+            own._replace(
+                theta=factor * rng.standard_normal((2000, 3)) * SCALE,
+                errors=factor * rng.standard_normal((2000, 3)) * SCALE,
+            )
+        )
+    model = MODELS["adaptive matrix"]
+    found = model.fit(drives[:2])
+    assert 0.7 < found["power"] < 1.1
+    sigmas = np.sqrt(model.covariances(found, drives[2])[:, 0, 0])
+    assert np.corrcoef(np.log(sigmas), np.log(np.abs(drives[2].errors[:, 0])))[0, 1] > 0.4
+    even = made_up(1, "constant matrix", 2000, matrix=np.diag(SCALE**2))
+    assert model.fit([even])["power"] < 0.2
+
+
+def test_the_spread_after_a_gap_is_the_usual_one():
+    """Breaks if an estimate is extrapolated over a gap, or a few innovations count."""
+    own = made_up(0, count=60)
+    times = own.times + np.where(np.arange(60) >= 30, 2.0 * WINDOW, 0.0)
+    found = spread(own._replace(times=times), np.diag(SCALE**2))
+    usual = found == 1.0
+    begins = np.arange(60) % 30 < FEWEST + 1
+    assert_array_equal(usual, begins)
+
+
+# ---- The estimates of a cell
+
+
+def test_the_estimates_are_those_of_the_public_track():
+    """Breaks if the models are given other estimates than a user gets, or at another time."""
+    drive = simulated(3.0)
+    rounds = rounds_of([(own.scans, own.mounting) for own in drive.recordings], 1, 0.3)
+    own, accepted = followed(rounds, BUDGET)
+    options = {"horizon": 0.3, "progress": False}
+    empty, stored = (track(drive.recordings, budget=b, **options) for b in (ErrorBudget(), BUDGET))
+    plain = track(drive.recordings, **options)
+    assert accepted.all()
+    assert_array_equal(own.theta, empty.theta)
+    assert_allclose(own.noise + own.carry, empty.covariance, rtol=1e-9)
+    assert_allclose(own.budget, stored.covariance, rtol=1e-9)
+    assert_allclose(own.hessian, plain.covariance, rtol=0.1, atol=1e-6)  # at a nearby optimum
+    assert np.linalg.eigvalsh(own.carry).min() > 0.0
+
+
+def test_errors_are_those_against_the_reference():
+    """Breaks if estimates and reference are of different times."""
+    found = estimated(simulated(), Cell(), "nuScenes")
+    measures = judged(found, fitted(dict.fromkeys("ab", found.estimates))["a"], bounds=False)
+    assert found.share == 1.0
+    assert measures["estimates"] == len(found.estimates.times)
+    assert 0.5 < measures["models"]["propagated noise"]["ANEES"] < 1.6
+
+
+def test_a_cell_has_the_sensors_and_targets_that_it_says(monkeypatch):
+    """Breaks if a cell is judged with what it should do without."""
+    drive = simulated(12.0)
+    monkeypatch.setitem(module.ALONE, "nuScenes", {"front": 0, "side": 1})
+    for name, place in (("front", 0), ("side", 1)):
+        (only,) = changed(drive, CELLS[name], "nuScenes")
+        assert only.mounting == MOUNTINGS[place]
+    for own, few in zip(drive.recordings, changed(drive, CELLS["15 targets"], "x"), strict=True):
+        assert [len(scan) for scan in few.scans] == [min(15, len(scan)) for scan in own.scans]
+        for whole, part in zip(own.scans, few.scans, strict=True):
+            assert np.isin(part.range, whole.range).all()
+    start = drive.rounds[0].time
+    for s, (own, less) in enumerate(
+        zip(drive.recordings, changed(drive, CELLS["silence"], "x"), strict=True)
+    ):
+        gone = {scan.time for scan in own.scans} - {scan.time for scan in less.scans}
+        assert gone
+        assert is_quiet(np.array(sorted(gone)), start, s, 2).all()
+    judged_ones = estimated(drive, CELLS["silence"], "x").estimates.times - start
+    assert ((judged_ones % PERIOD) >= PERIOD - QUIET).all()
+
+
+def test_one_sensor_is_off_at_a_time_and_each_in_turn():
+    """Breaks if all are off, or one is never."""
+    times = np.arange(0.0, 60.0, 0.1) + 3.0
+    off = np.array([is_quiet(times, 3.0, s, 4) for s in range(4)])
+    assert off.sum(axis=0).max() == 1
+    assert_allclose(off.any(axis=0).mean(), QUIET / PERIOD, atol=0.02)
+    assert_allclose(off.mean(axis=1), QUIET / PERIOD / 4, atol=0.02)
+
+
+def test_targets_are_drawn_the_same_every_time():
+    """Breaks if two runs compare different estimates."""
+    (scans,) = [own.scans for own in simulated(1.0).recordings[:1]]
+    first, again = (thinned(scans, 9, np.random.default_rng([20, 0])) for _ in range(2))
+    for one, other in zip(first, again, strict=True):
+        assert_array_equal(one.azimuth, other.azimuth)
+    assert (np.diff([len(scan) for scan in first]) == 0).all()
+
+
+# ---- Tables
+
+
+@pytest.mark.parametrize("count", [2, 5])
+def test_the_tables_hold_every_model_in_every_cell(count):
+    """Breaks if a cell is left out, two drives get an interval, or a page shows nan."""
+    names = [f"drive {i}" for i in range(count)]
+    cells = {
+        cell: {name: Found(made_up(i, count=60), 1.0) for i, name in enumerate(names)}
+        for cell in (ALL, "front", "side")
+    }
+    results = protocol(cells, bounds=count == 2)
+    text = section("A data set", results)
+    assert "nan" not in text
+    for name in (*MODELS, *cells, *names):
+        assert name in text
+    assert ("±" in text.split("\n\n")[1]) == (count > 2)
+    assert ("[" in text) == (count == 2)
+
+
+def test_a_drive_with_hardly_an_estimate_is_left_out():
+    """Breaks if a cell's mean rests on three estimates."""
+    cells = {
+        ALL: {name: Found(made_up(i), 1.0) for i, name in enumerate("ab")},
+        "side": {"a": Found(made_up(0, count=5), 0.1), "b": Found(made_up(1), 1.0)},
+    }
+    results = protocol(cells, bounds=False)
+    assert list(results["cells"]["side"]) == ["b"]
+
+
+def test_a_shortened_drive_is_its_beginning():
+    """Breaks if a trial run takes other scans than the first."""
+    drive = simulated()
+    short = module.shortened(drive, 2.0)
+    assert short.rounds[-1].time - drive.rounds[0].time < 2.0
+    assert_array_equal(
+        [each.time for each in short.rounds],
+        [each.time for each in drive.rounds[: len(short.rounds)]],
+    )

@@ -1,0 +1,176 @@
+"""What a Kalman filter gets: columns of slow errors, white noise, and nothing counted twice."""
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import chi2
+
+from d2d.radar import (
+    ErrorBudget,
+    Mounting,
+    Sensor,
+    SensorErrors,
+    Tracker,
+    VelocityEstimate,
+    build_world,
+    simulate_drive,
+)
+from d2d.radar.motion.doppler import doppler_acceleration
+from d2d.radar.motion.pairs import ScanPair
+from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, _motion
+from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter
+from tests.radar.scenes import surround_scans
+
+BUDGET = ErrorBudget(azimuth=0.004, doppler=0.03, scale=0.004, lag=0.03)
+SENSOR = Sensor(quantised=False, clutter=0.0)
+
+
+def estimated(drive, mounting=CAR_MOUNTING, budget=BUDGET, **options) -> list[VelocityEstimate]:
+    """The estimates of a drive with one radar, each scan registered with the one before."""
+    tracker = Tracker({"radar": mounting}, horizon=None, budget=budget, limits=None, **options)
+    return [each for scan in drive.scans for each in tracker.add("radar", scan)]
+
+
+def of_car(rng, duration, **given):
+    return simulate_drive(rng, duration, CAR_SPEED, mounting=CAR_MOUNTING, sensor=SENSOR, **given)
+
+
+def true_motion(times, start):
+    """Velocities (n, 3) and accelerations (n, 3) of the car."""
+    later, earlier = (_motion(times + by, start, CAR_SPEED).theta for by in (0.005, -0.005))
+    return _motion(times, start, CAR_SPEED).theta, (later - earlier) / 0.01
+
+
+def test_carried_by_its_acceleration_it_is_the_estimate():
+    """Breaks if something of the stated covariance is in no part of the input, or in two."""
+    drive = of_car(np.random.default_rng(1), 2.0, start=3.0)
+    learnt = AccelerationFilter()
+    for i, each in enumerate(estimated(drive)):
+        seen = each.filter_input
+        by = learnt.predict(each.time)
+        if by is None:
+            pair = ScanPair(drive.scans[i], drive.scans[i + 1], CAR_MOUNTING)
+            by = doppler_acceleration([pair], UNKNOWN)
+        theta, parts = seen.carried(by)
+        assert_allclose(theta, each.theta, rtol=1e-12)
+        late = np.column_stack([seen.slow, seen.lag * by.value])
+        carry = seen.delay @ by.covariance @ seen.delay.T
+        whole = seen.white + carry + late @ late.T
+        assert_allclose(whole, each.covariance, rtol=1e-9, atol=1e-12)
+        assert_allclose(parts.total, each.covariance, rtol=1e-12)
+        learnt.update(each.time, seen.velocity, seen.delay, seen.white, by)
+
+
+def test_each_sensor_has_columns_of_its_own():
+    """Breaks if a round that lacks a sensor gives its columns to another."""
+    names, sensors = ("left", "right", "rear"), surround_scans(6)
+    order = sorted(
+        (scan.time, name, scan)
+        for name, (scans, _) in zip(names, sensors, strict=True)
+        for i, scan in enumerate(scans)
+        if (name, i) != ("right", 4)
+    )
+    mountings = {name: at for name, (_, at) in zip(names, sensors, strict=True)}
+    tracker = Tracker(mountings, budget=BUDGET, side_slip=0.1)
+    found = [each for _, name, scan in order for each in tracker.add(name, scan)]
+    for i, each in enumerate([*found, *tracker.finish()]):
+        slow = each.filter_input.slow
+        assert slow.shape == (3, 8)
+        without = [1, 4] if i == 3 else []
+        assert np.flatnonzero(~slow.any(axis=0)).tolist() == without
+        assert_allclose(slow @ slow.T, each.filter_input.parts.systematic, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "small", "component", "column"),
+    [("azimuth", 1e-4, 1, 0), ("doppler", 1e-3, 0, 1), ("scale", 1e-4, 0, 2), ("lag", 0.05, 0, 4)],
+)
+def test_a_column_is_what_its_error_does_to_the_velocity(name, small, component, column):
+    """Breaks if a column has the wrong sign or size: the budget squares it, a filter does not."""
+    budget, start = ErrorBudget(**{name: small}), 4.5
+
+    def driven(errors):
+        return estimated(
+            of_car(np.random.default_rng(2), 3.0, start=start, errors=errors), budget=budget
+        )
+
+    plain, wrong = driven(None), driven(SensorErrors(**{name: small}))
+    _, accelerations = true_motion(np.array([each.time for each in plain]), start)
+    expected, moved = [], []
+    for before, after, acceleration in zip(plain, wrong, accelerations, strict=True):
+        unit = np.eye(5)[column]
+        values = [
+            before.filter_input.expected(before.theta, acceleration, slow)[0]
+            for slow in (unit, 0.0 * unit)
+        ]
+        expected.append((values[0] - values[1])[component])
+        moved.append((after.filter_input.velocity - before.filter_input.velocity)[component])
+    expected, moved = np.array(expected), np.array(moved)
+    assert np.abs(expected).max() > 1e-5
+    within = 0.2 if name == "lag" else 0.02  # with a lag other targets are seen
+    assert expected @ moved / (expected @ expected) == pytest.approx(1.0, abs=within)
+
+
+def test_the_prior_pulls_as_its_column_says():
+    """Breaks if the side slip's column has the wrong sign: a filter would add its error."""
+    ahead = Mounting(CAR_MOUNTING.x - 1.0)  # of an origin that moves sideways by omega m/s
+    drive = of_car(np.random.default_rng(3), 3.0, start=4.5)
+    free, held = (estimated(drive, ahead, ErrorBudget(), side_slip=slip) for slip in (True, 0.05))
+    slip = drive.truth.theta[1:, 2]
+    column = np.array([each.filter_input.slow[:, 3] for each in held])
+    off = np.array([each.filter_input.velocity for each in held])[:, 1] - slip
+    expected = column[:, 1] * slip / 0.05
+    assert expected @ off / (expected @ expected) == pytest.approx(1.0, abs=0.1)
+    assert not np.array([each.filter_input.slow[:, 3] for each in free]).any()
+
+
+def test_derivatives_are_those_of_the_expected_velocity():
+    """Breaks if a filter linearises something else than what it predicts."""
+    seen = estimated(of_car(np.random.default_rng(4), 0.5))[-1].filter_input
+    state = np.random.default_rng(5).standard_normal(11)
+    value, to = seen.expected(state[:3], state[3:6], state[6:])
+    for i, unit in enumerate(1e-6 * np.eye(11)):
+        moved = state + unit
+        after, _ = seen.expected(moved[:3], moved[3:6], moved[6:])
+        assert_allclose((after - value) / 1e-6, to[:, i], atol=1e-6)
+    with pytest.raises(ValueError, match=r"^slow must have the shape \(5,\), but has \(4,\)"):
+        seen.expected(state[:3], state[3:6], state[6:10])
+
+
+def test_the_errors_are_as_large_as_stated():
+    """Breaks if white noise contains slow errors, or misses some noise.
+
+    Short drives, each with its own errors from the budget; of each two estimates, which share no
+    scan.  The errors are judged with the slow ones known, and unknown.
+    """
+    rng, known, unknown = np.random.default_rng(6), [], []
+    sigmas, world = np.array(astuple(BUDGET)[:4]), build_world(np.random.default_rng(7))
+    for start in np.linspace(0.0, 37.5, 80, endpoint=False).tolist():
+        drawn = rng.standard_normal(4)
+        azimuth, doppler, scale, lag = (sigmas * drawn).tolist()
+        errors = SensorErrors(azimuth, doppler, scale, lag)
+        drive = of_car(rng, 0.4, start=start, errors=errors, world=world)
+        slow = np.array([*drawn[:3], 0.0, drawn[3]])
+        chosen = estimated(drive, initial=drive.truth.theta[0])[1::2]
+        velocities, accelerations = true_motion(np.array([each.time for each in chosen]), start)
+        for each, v, a in zip(chosen, velocities, accelerations, strict=True):
+            seen = each.filter_input
+            for found, s in ((known, slow), (unknown, 0.0 * slow)):
+                value, to = seen.expected(v, a, s)
+                columns = to[:, 6:] if s is not slow else np.zeros((3, 1))
+                off, spread = seen.velocity - value, seen.white + columns @ columns.T
+                found.append(off @ np.linalg.solve(spread, off))
+    for squares in (known, unknown):
+        low, high = chi2.ppf([0.0005, 0.9995], 3 * len(squares))
+        assert low < np.sum(squares) < high
+
+
+def test_without_a_budget_or_an_estimate_there_is_none():
+    """Breaks if a filter is given what nothing is known of."""
+    drive = of_car(np.random.default_rng(8), 0.5)
+    assert [each.filter_input for each in estimated(drive, budget=None)] == [None] * 5
+    drive.scans[2] = drive.scans[2][:0]
+    found = [each.filter_input is not None for each in estimated(drive)]
+    assert found == [True, False, False, True, True]

@@ -1,0 +1,154 @@
+"""The constants of an error budget by maximum likelihood: recovered, at the bound, refused."""
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from d2d import log_score
+from d2d.radar import BudgetFit, ErrorBudget, Mounting, compare, fit_budget, simulate_drive, track
+
+TRUE = np.array([0.02, 0.04, 0.003])
+SCALE = np.array([0.01, 0.02, 0.002])  # of the noise
+OPTIONS = {"horizon": 0.3, "progress": False}
+
+
+def constants(fit: BudgetFit) -> np.ndarray:
+    return np.array([fit.budget.v_x, fit.budget.v_y, fit.budget.omega])
+
+
+def drawn(seed: int, own: np.ndarray = TRUE, memory: float = 0.0, count: int = 600):
+    """Errors (n, 3) of a noise that differs between estimates, and of constants; the noise's part.
+
+    With a memory, what the constants describe is an autoregression with this coefficient.
+    """
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((count, 3, 5)) * SCALE[:, None]
+    root *= np.exp(rng.uniform(-1.0, 1.0, (count, 1, 1)))
+    noise = root @ np.swapaxes(root, -1, -2)
+    errors = np.linalg.cholesky(noise) @ rng.standard_normal((count, 3, 1))
+    slow = rng.standard_normal((count, 3))
+    for i in range(1, count):
+        slow[i] = memory * slow[i - 1] + np.sqrt(1.0 - memory**2) * slow[i]
+    return errors[..., 0] + own * slow, noise
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.8])
+def test_what_a_simulation_put_in_is_found_within_its_standard_error(memory):
+    """Breaks if variances are taken for constants, or dependent errors for independent ones."""
+    fits = [fit_budget(*drawn(seed, memory=memory)) for seed in range(20)]
+    off = (np.array([constants(fit) for fit in fits]) - TRUE) / [fit.sigmas for fit in fits]
+    # 60 squares, three of each draw hardly dependent; a 99.9 % region is 0.5 to 1.7, and blocks
+    # of a series of 600 know a part of a long memory only
+    assert 0.5 < np.mean(off**2) < (1.7 if memory == 0.0 else 2.5)
+    inside = [(fit.bounds[0] <= TRUE) & (fit.bounds[1] >= TRUE) for fit in fits]
+    assert np.mean(inside) > 0.85
+    if memory:
+        apart = [fit_budget(*drawn(seed)).sigmas for seed in range(20)]
+        assert np.mean([fit.sigmas for fit in fits]) > 1.3 * np.mean(apart)
+
+
+def test_no_other_constants_score_better():
+    """Breaks if the search ends early, or at another measure than the log score."""
+    errors, noise = drawn(3)
+    fit = fit_budget(errors, noise)
+    assert_allclose(fit.log_score, log_score(errors, noise + fit.budget.constant).mean())
+    for k in range(3):
+        for factor in (0.99, 1.01):
+            other = constants(fit)
+            other[k] *= factor
+            assert log_score(errors, noise + np.diag(other**2)).mean() > fit.log_score
+
+
+def test_a_constant_that_is_zero_is_on_the_bound_or_not_told_from_it():
+    """Breaks if a variance goes below zero, or a constant is stated that the errors do not show."""
+    own = TRUE * [1.0, 0.0, 1.0]
+    fits = [fit_budget(*drawn(seed, own)) for seed in range(20)]
+    found = np.array([constants(fit) for fit in fits])[:, 1]
+    assert 4 <= (found == 0.0).sum() <= 16
+    low, high = np.array([fit.bounds[:, 1] for fit in fits]).T
+    assert (low == 0.0).sum() >= 17
+    assert ((high > 0.0) & (high < 0.015)).all()
+    assert all((fit.sigmas > 0.0).all() for fit in fits)
+
+
+def test_errors_smaller_than_stated_leave_no_constant():
+    """Breaks if the bound is left in one direction only, or the unit decides."""
+    errors, noise = drawn(1)
+    fit = fit_budget(0.01 * errors, noise)
+    assert constants(fit).tolist() == [0.0, 0.0, 0.0]
+    assert_allclose(fit_budget(np.zeros((9, 3)), np.eye(3)).bounds[0], 0.0)
+
+
+def test_noise_beside_which_a_constant_cannot_be_seen_is_told():
+    """Breaks if a fit of what the likelihood does not identify looks like a measurement."""
+    errors, noise = drawn(2)
+    wide = noise + np.diag([0.5, 0.0, 0.0]) ** 2
+    errors = errors + np.random.default_rng(5).standard_normal((600, 1)) * [0.5, 0.0, 0.0]
+    fit = fit_budget(errors, wide)
+    assert fit.bounds[0, 0] == 0.0
+    assert fit.bounds[1, 0] > 5.0 * TRUE[0]
+    assert (fit.bounds[0, 1:] > 0.5 * TRUE[1:]).all()
+
+
+def test_units_do_not_matter():
+    """Breaks if the search needs all three directions to be of one size."""
+    errors, noise = drawn(4)
+    unit = np.array([10.0, 0.1, 100.0])
+    fit, other = fit_budget(errors, noise), fit_budget(errors * unit, noise * np.outer(unit, unit))
+    assert_allclose(constants(other), constants(fit) * unit, rtol=1e-4)
+    assert_allclose(other.sigmas, fit.sigmas * unit, rtol=1e-3)
+
+
+def test_a_track_adds_the_constants_to_the_propagated_noise():
+    """Breaks if the budget adds something else than what was fitted, or moves the velocities."""
+    drive = simulate_drive(np.random.default_rng(1), duration=3.0, mounting=Mounting(3.0))
+    plain = track(drive, budget=ErrorBudget(), **OPTIONS)
+    budget = ErrorBudget(v_x=0.05, v_y=0.1, omega=0.01)
+    wider = track(drive, budget=budget, **OPTIONS)
+    np.testing.assert_array_equal(wider.theta, plain.theta)
+    added = np.diag(np.square([0.05, 0.1, 0.01]))
+    assert_allclose(wider.covariance - plain.covariance, np.tile(added, (len(plain), 1, 1)))
+    assert_allclose(wider.parts.systematic - plain.parts.systematic, [added] * len(plain))
+    assert astuple(ErrorBudget())[:5] == (0.0,) * 5
+
+
+def test_errors_put_into_a_simulated_drive_are_found():
+    """Breaks if the noise that `track` states is not what the fit takes off."""
+    drive = simulate_drive(np.random.default_rng(2), duration=20.0)
+    found = compare(track(drive, budget=ErrorBudget(), **OPTIONS), drive.truth)
+    put = np.array([0.1, 0.15, 0.02])
+    errors = found.errors + put * np.random.default_rng(3).standard_normal(found.errors.shape)
+    fit = fit_budget(errors, found.covariances)
+    assert (np.abs(constants(fit) - put) < 3.5 * fit.sigmas).all()
+    assert (fit.bounds[0] > 0.0).all()
+
+
+def test_it_is_printed_in_a_line():
+    """Breaks if a user must guess units, or read all digits."""
+    bounds = np.array([[0.01, 0.0, 0.002], [0.03, 0.008, 0.005]])
+    fit = BudgetFit(ErrorBudget(v_x=0.02, omega=0.003), np.full(3, 0.1), bounds, -7.0, 50)
+    assert str(fit) == (
+        "BudgetFit(v_x 0.020 [0.010, 0.030] m/s, v_y 0.000 [0.000, 0.008] m/s, "
+        "omega 0.172 [0.115, 0.286] deg/s; 50 estimates)"
+    )
+
+
+def test_arguments_are_refused_by_name():
+    """Breaks if a mistake is found late, or makes a budget."""
+    errors, noise = drawn(0, count=10)
+    hole = np.where(np.arange(30).reshape(10, 3) == 4, np.nan, errors)
+    for given, name in (
+        ((errors[:, :2], noise[:, :2, :2]), r"errors must have the shape \(n, 3\)"),
+        ((errors[:3], noise[:3]), "errors must have the shape .* at least 4"),
+        ((errors[0], noise), "errors"),
+        ((hole, noise), "errors must be finite"),
+        ((1e6 * errors, noise), "errors must be at most 1000"),
+        ((errors, noise[:5]), "covariances"),
+        ((errors, -noise), "covariances must be positive definite"),
+        ((errors, np.full((10, 3, 3), np.nan)), "covariances must be finite"),
+        (("a", noise), "errors"),
+    ):
+        with pytest.raises(ValueError, match=f"^{name}"):
+            fit_budget(*given)
