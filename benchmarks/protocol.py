@@ -301,7 +301,7 @@ def told(values: Sequence[float], digits: int) -> str:
     if len(values) < 3:
         return " / ".join(f"{value:.{digits}f}" for value in values)
     mean, half = over_drives([np.asarray(value) for value in values])
-    return f"{mean:.{digits}f} ± {half:.{digits}f}"
+    return f"{mean:.{digits}f} (±{half:.{digits}f})"
 
 
 def by_cell(results: Mapping[str, Any], measure: str) -> str:

@@ -10,7 +10,7 @@ from tests.book.browser import Visit
 
 MAX_BYTES = 3_000_000
 MAX_SHARED_BYTES = 1_800_000
-MAX_SCREENS = 15
+MAX_SCREENS = 16
 BLANK = 30
 """Pixels of a picture that differ by less than this in each channel, of 255, show nothing."""
 
