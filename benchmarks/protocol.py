@@ -307,11 +307,12 @@ def told(values: Sequence[float], digits: int) -> str:
 def by_cell(results: Mapping[str, Any], measure: str) -> str:
     """A table of one measure: models by cells."""
     cells = results["cells"]
+    digits = 2 if len(results["fitted"]) == 2 else 1  # beside an interval, on a phone
     lines = [
         (
             model,
             *(
-                told([each["models"][model][measure] for each in drives.values()], 2)
+                told([each["models"][model][measure] for each in drives.values()], digits)
                 for drives in cells.values()
             ),
         )

@@ -23,6 +23,7 @@ PAGES = {
         ("overlap-map", "outlier-map", "cluster-map", "all-map"), "d_panels_and_readings"
     ),
     "cluster-sweep": "08_credibility",
+    "em-starts": "a_em_in_detail",
 }
 """The page on each chapter of the thesis, or on each section where two pages share a chapter.
 
