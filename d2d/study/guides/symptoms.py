@@ -1,15 +1,19 @@
 """What a track looks like if the log or the mounting is wrong in one of the usual ways."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from d2d._types import Array
 from d2d.radar import Mounting, RadarScan, Reference, Track, doppler_velocity, track
+from d2d.study.book.drawing import path
+from d2d.study.book.grammar import BLACK, PINK, TRUTH, cost_line
+from d2d.study.book.style import label_planar_axes
 from d2d.study.book.table import Table, table
 from d2d.study.guides.rows import row
 from d2d.study.guides.stated_sigmas import front_drive, scaled
@@ -149,3 +153,20 @@ def symptom_table(found: Sequence[Symptom], caption: str = "") -> Table:
         ],
         caption,
     )
+
+
+def draw_wrong_paths(axes: Sequence[Axes], faults: Mapping[str, str]) -> None:
+    """The path of a lap with each fault beside the true one; values are what it looks like."""
+    drive = front_drive()
+    truth = drive.truth
+    for ax, (fault, words) in zip(axes, faults.items(), strict=True):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # the picture shows what they say
+            driven = track(FAULTS[fault](drive.scans, drive.mounting, truth))
+        path(ax, truth.poses, **TRUTH)
+        poses = driven.poses(truth.poses[0])
+        path(ax, poses, **cost_line("robust"))
+        failed = ~driven.converged
+        ax.plot(*poses[1:][failed, :2].T, "x", color=PINK, ms=2)
+        ax.plot(*truth.poses[0, :2], "o", color=BLACK, ms=4)
+        label_planar_axes(ax, words)
