@@ -23,6 +23,8 @@ WINDOW = 2.0  # s, over which the adaptive model looks back
 GAP = 0.5  # s without an estimate, after which nothing is extrapolated
 FEWEST = 5  # innovations in a window, for less the usual spread is taken
 QUIETEST = 0.01  # of the usual spread: what repeats itself is not known without error
+# A factor, and constants relative to the errors' RMSE: mostly noise, or hardly any.
+STARTS = (5.0, 0.2), (1.0, 0.8)
 POWERS = np.linspace(0.0, 1.5, 31)  # of the recent spread
 
 
@@ -59,6 +61,17 @@ def as_it_is(stated: Callable[[Estimates], Array]) -> Model:
     return Model(lambda drives: {}, lambda parameters, own: stated(own))
 
 
+def likeliest(score: Callable[[Array], float], start: Array) -> Array:
+    """The positive parameters with the smallest score, from a start: a search in logarithms."""
+    best = scipy.optimize.minimize(
+        lambda logarithms: score(np.exp(logarithms)),
+        np.log(start),
+        method="L-BFGS-B",
+        bounds=[(-20.0, 20.0)] * len(start),
+    )
+    return np.asarray(np.exp(best.x))
+
+
 def scaled(stated: Callable[[Estimates], Array], count: int) -> Model:
     """D C D and the carry, with a factor on C for all directions, or one for each.
 
@@ -72,15 +85,10 @@ def scaled(stated: Callable[[Estimates], Array], count: int) -> Model:
     def fit(drives: Sequence[Estimates]) -> Parameters:
         own = joined(drives)
 
-        def score(logarithms: Array) -> float:
-            given = {"factors": np.exp(logarithms)}
-            return float(log_score(own.errors, covariances(given, own)).mean())
+        def score(factors: Array) -> float:
+            return float(log_score(own.errors, covariances({"factors": factors}, own)).mean())
 
-        options = {"xatol": 1e-5, "fatol": 1e-9, "maxiter": 5000}
-        best = scipy.optimize.minimize(
-            score, np.full(count, 1.0), method="Nelder-Mead", options=options
-        )
-        return {"factors": np.exp(best.x)}
+        return {"factors": likeliest(score, np.full(count, 3.0))}
 
     return Model(fit, covariances)
 
@@ -96,6 +104,28 @@ def with_constants(stated: Callable[[Estimates], Array]) -> Model:
 
     def covariances(parameters: Parameters, own: Estimates) -> Array:
         return np.asarray(stated(own) + own.carry + np.diag(parameters["constants"] ** 2))
+
+    return Model(fit, covariances)
+
+
+def scaled_with_constants(stated: Callable[[Estimates], Array]) -> Model:
+    """f C, the carry, and three variances."""
+
+    def covariances(parameters: Parameters, own: Estimates) -> Array:
+        added = np.diag(parameters["constants"] ** 2)
+        return np.asarray(parameters["factor"] * stated(own) + own.carry + added)
+
+    def fit(drives: Sequence[Estimates]) -> Parameters:
+        own = joined(drives)
+
+        def score(given: Array) -> float:
+            parameters = {"factor": given[0], "constants": given[1:]}
+            return float(log_score(own.errors, covariances(parameters, own)).mean())
+
+        usual = np.sqrt(np.mean(own.errors**2, axis=0))
+        starts = [np.concatenate([[factor], share * usual]) for factor, share in STARTS]
+        found = min((likeliest(score, start) for start in starts), key=score)
+        return {"factor": found[0], "constants": found[1:]}
 
     return Model(fit, covariances)
 
@@ -168,13 +198,15 @@ def spread(own: Estimates, usual: Array) -> Array:
 CONSTANTS = "noise + 3 constants"
 MODELS = {
     "inverse Hessian": as_it_is(lambda own: own.hessian + own.carry),
-    "× 1 factor": scaled(lambda own: own.hessian, 1),
-    "× 3 factors": scaled(lambda own: own.hessian, 3),
+    "inverse Hessian × 1 factor": scaled(lambda own: own.hessian, 1),
+    "inverse Hessian × 3 factors": scaled(lambda own: own.hessian, 3),
     "inverse Hessian + 3 constants": with_constants(lambda own: own.hessian),
+    "inverse Hessian × 1 factor + 3 constants": scaled_with_constants(lambda own: own.hessian),
     "constant matrix": constant(),
     "adaptive matrix": adaptive(),
     "propagated noise": as_it_is(lambda own: own.noise + own.carry),
     "noise × 3 factors": scaled(lambda own: own.noise, 3),
     CONSTANTS: with_constants(lambda own: own.noise),
+    "noise × 1 factor + 3 constants": scaled_with_constants(lambda own: own.noise),
     "stored budget": as_it_is(lambda own: own.budget),
 }

@@ -134,22 +134,27 @@ def test_what_is_stated_does_not_depend_on_errors_nor_on_later_estimates():
 @pytest.mark.parametrize(
     ("name", "parameters"),
     [
-        ("× 1 factor", {"factors": np.array([7.0])}),
-        ("× 3 factors", {"factors": np.array([2.0, 9.0, 30.0])}),
+        ("inverse Hessian × 1 factor", {"factors": np.array([7.0])}),
+        ("inverse Hessian × 3 factors", {"factors": np.array([2.0, 9.0, 30.0])}),
         ("noise × 3 factors", {"factors": np.array([2.0, 0.5, 5.0])}),
         ("constant matrix", {"matrix": np.diag(SCALE**2) + 0.5 * np.outer(SCALE, SCALE)}),
         ("inverse Hessian + 3 constants", {"constants": 4.0 * SCALE}),
         (CONSTANTS, {"constants": 4.0 * SCALE}),
+        (
+            "inverse Hessian × 1 factor + 3 constants",
+            {"factor": np.array(6.0), "constants": 2.0 * SCALE},
+        ),
+        ("noise × 1 factor + 3 constants", {"factor": np.array(2.0), "constants": 3.0 * SCALE}),
     ],
 )
 def test_a_model_finds_what_errors_were_made_with(name, parameters):
     """Breaks if what is fitted is not what is stated, or is not the likeliest."""
-    drives = [made_up(seed, name, 2000, **parameters) for seed in (0, 1)]
-    found = MODELS[name].fit(drives)
+    drives = [made_up(seed, name, 1000, **parameters) for seed in (0, 1)]
+    found = {other: model.fit(drives) for other, model in MODELS.items()}
     for key, value in parameters.items():
-        assert_allclose(found[key], value, rtol=0.15, atol=0.05 * np.abs(value).max())
-    own = made_up(2, name, 2000, **parameters)
-    measures = judged(Found(own, 1.0), fitted({"a": drives[0], "b": own})["b"], bounds=False)
+        assert_allclose(found[name][key], value, rtol=0.15, atol=0.05 * np.abs(value).max())
+    own = made_up(2, name, 1000, **parameters)
+    measures = judged(Found(own, 1.0), found, bounds=False)
     assert_allclose(measures["models"][name]["ANEES"], 1.0, atol=0.1)
     assert_allclose(measures["models"][name]["coverage"], [0.5, 0.95, 0.99], atol=0.04)
     scores = {other: row["log score"] for other, row in measures["models"].items()}
@@ -167,14 +172,22 @@ def test_the_covariances_are_what_their_names_say():
     root = np.diag(np.sqrt([2.0, 3.0, 4.0]))
     assert_allclose(stated("inverse Hessian"), hessian + carry)
     assert_allclose(stated("propagated noise"), noise + carry)
-    assert_allclose(stated("× 1 factor", factors=np.array([5.0])), 5.0 * hessian + carry)
-    for name, base in (("× 3 factors", hessian), ("noise × 3 factors", noise)):
+    assert_allclose(
+        stated("inverse Hessian × 1 factor", factors=np.array([5.0])), 5.0 * hessian + carry
+    )
+    for name, base in (("inverse Hessian × 3 factors", hessian), ("noise × 3 factors", noise)):
         given = np.array([2.0, 3.0, 4.0])
         assert_allclose(stated(name, factors=given), root @ base @ root + carry)
     added = np.diag([0.01, 0.04, 0.09])
     for name, base in (("inverse Hessian + 3 constants", hessian), (CONSTANTS, noise)):
         given = np.array([0.1, 0.2, 0.3])
         assert_allclose(stated(name, constants=given), base + carry + added)
+    for name, base in (
+        ("inverse Hessian × 1 factor + 3 constants", hessian),
+        ("noise × 1 factor + 3 constants", noise),
+    ):
+        given = {"factor": np.array(7.0), "constants": np.array([0.1, 0.2, 0.3])}
+        assert_allclose(stated(name, **given), 7.0 * base + carry + added)
     assert_allclose(stated("stored budget"), own.budget)
     assert_allclose(stated("constant matrix", matrix=added), [added] * 30)
 
