@@ -83,6 +83,7 @@ from d2d._kernel.tiles import fill, interpolate, root_of
 
 ROWS = 6 * LANES  # of one component's cross derivatives, lane by lane
 FIELDS = 6  # see `add_fields`
+FEWEST_A_TILE = 50.0  # components, for which the fields take less time than the plain sum
 
 
 @vectorised
@@ -320,7 +321,8 @@ def cross_pair(pair, setting, fusion, memory, cross, fields, own):
     fixed, moving, order = pair.fixed, pair.moving, pair.order
     factors, outlier = pair.factors, pair.outlier
     measured, top = factors.shape[0] > 0, 0.0
-    corrupted, tiled = depends_on_components(outlier), pair.tiles.shape[0] > 0
+    corrupted = depends_on_components(outlier)
+    fields_pay = fixed.shape[1] > FEWEST_A_TILE * pair.tiles.shape[0] > 0
     # of a larger pair of the same problem there may be more in memory
     places, weights = fields[0][:, : moving.shape[1]], fields[1][:, : moving.shape[1]]
     cross = cross[: fixed.shape[1] * ROWS]
@@ -349,9 +351,9 @@ def cross_pair(pair, setting, fusion, memory, cross, fields, own):
         add_inliers(w, fixed, setting, place, cross)
         if corrupted:
             move_outliers(w)
-            if w[IS_TILED] == 0.0:
+            if not fields_pay or w[IS_TILED] == 0.0:
                 add_corrupted(w, fixed, setting, outlier, cross)
-            if tiled:
+            if fields_pay:
                 collect_outliers(w, root_of(outlier), setting, first, places, weights)
         for k in range(min(LANES, moving.shape[1] - first)):
             j = order[first + k]
@@ -373,7 +375,7 @@ def cross_pair(pair, setting, fusion, memory, cross, fields, own):
             for k in range(LANES):
                 added += cross[i * ROWS + row * LANES + k]
             by_fixed[i, row // 2, row % 2] = added
-    if corrupted and tiled:
+    if corrupted and fields_pay:
         add_fields(w, pair, setting, (places, weights, fields[2], fields[3]), by_fixed)
 
 

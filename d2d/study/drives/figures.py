@@ -348,7 +348,7 @@ def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
         below[-1].set_xlabel("time (s)")
     for limit, label in ((REGION, "95 %"), (GATE, "gate")):  # beside the last panel, off its points
         place, coordinates = (1.03, limit), ("axes fraction", "data")
-        axes[0, -1].annotate(label, place, xycoords=coordinates, va="center", fontsize=7)
+        axes[0, -1].annotate(label, place, xycoords=coordinates, va="center", fontsize=8)
     for ax, label in zip(
         axes[:, 0], ("NIS", "error of $v_x$ (m/s)", "error of the\ngyro bias (°/s)"), strict=True
     ):

@@ -22,7 +22,6 @@ from d2d.study.book.grammar import (
     GREY,
     MOVING,
     SHARE_MAP,
-    SKY,
     TRUTH,
     YELLOW,
     cost_line,
@@ -113,31 +112,26 @@ def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
 
 
 def credibility_columns(scenario: Scenario, names: Sequence[str]) -> None:
-    """NEES, NEES of the credible estimator and credibility ratio of each run, a column per cost.
+    """Histograms of the NEES and of the credibility ratio of all runs, a column per cost.
 
-    The bands hold 95 % of a credible estimator's NEES (chi-square with three degrees of freedom).
-    A dashed line marks the ratio 0 dB of a credible estimator, a solid one the mean ratio.
+    A black line has the runs that a credible estimator would have in each bin of the NEES
+    (chi-square with three degrees of freedom).  A dashed line marks its ratio of 0 dB, a solid one
+    the mean ratio.
     """
-    _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(5.0, 5.6))
-    region = scipy.special.chdtri(3, [0.975, 0.025])
+    _, axes = plt.subplots(2, len(names), sharex="row", sharey="row", figsize=(5.0, 3.8))
+    edges, ratios = np.geomspace(1e-2, 1e3, 41), np.linspace(-24.0, 24.0, 33)
     for column, name in zip(axes.T, names, strict=True):
         result = evaluated(scenario, COSTS[name]).credibility
-        dots: dict[str, Any] = {"color": LOOKS[name].color, "ms": 1.5}
-        run = np.arange(len(result.nees))
-        for ax, values, label in (
-            (column[0], result.nees, "NEES"),
-            (column[1], result.credible_nees, "credible NEES"),
-        ):
-            ax.axhspan(*region, color=SKY, alpha=0.4, lw=0)
-            ax.plot(run, values, ".", **dots)
-            ax.set_yscale("log")
-            ax.set(ylabel=label, ylim=(5e-3, 1e3))
-        column[2].plot(run, 10.0 * np.log10(result.ratio), ".", **dots)
-        column[2].axhline(0.0, **TRUTH)
-        column[2].axhline(result.inclination, color=GREY, lw=1.2)
-        column[2].set(ylabel="ratio (dB)", xlabel="run", ylim=(-24.0, 24.0))
-        for ax in column:
-            ax.margins(x=0.0)
+        bars: dict[str, Any] = {"color": LOOKS[name].color, "alpha": 0.6}
+        column[0].hist(np.clip(result.nees, edges[0], edges[-1]), edges, **bars)
+        expected = len(result.nees) * np.diff(scipy.special.chdtr(3, edges))
+        column[0].stairs(expected, edges, color=BLACK)
+        column[0].set(xscale="log", xlabel="NEES", ylabel="runs")
+        decibels = 10.0 * np.log10(result.ratio)
+        column[1].hist(np.clip(decibels, ratios[0], ratios[-1]), ratios, **bars)
+        column[1].axvline(0.0, **TRUTH)
+        column[1].axvline(result.inclination, color=BLACK, lw=1.2)
+        column[1].set(xlabel="ratio (dB)", ylabel="runs", xticks=[-20, 0, 20])
     _head_columns(axes, names)
 
 
@@ -146,7 +140,7 @@ def _head_columns(axes: NDArray[np.object_], names: Iterable[str]) -> None:
     for ax in axes[:, 1:].ravel():
         ax.set_ylabel("")
     for letter, ax, name in zip("abc", axes[0], names, strict=False):
-        ax.set_title(f"({letter}) {LOOKS[name].name}", fontsize=9)
+        ax.set_title(f"({letter}) {LOOKS[name].name}", loc="left", fontsize=9)
 
 
 def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet) -> None:
@@ -192,7 +186,6 @@ def density_map(ax: Axes, offsets: Array, log_values: Array, near: Array) -> Non
     inset.set(xticks=[], yticks=[])
     for spine in inset.spines.values():
         spine.set(visible=True, linewidth=0.7)
-    inset.text(0.05, 0.78, "±1 m", transform=inset.transAxes, fontsize=6)
     _map_axes(ax)
     mark_truth(inset, size=5.0)
     _map_bar(ax, picture, "density / its highest")
@@ -215,7 +208,7 @@ def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> No
 def _map_bar(ax: Axes, picture: Any, label: str) -> None:
     bar = ax.figure.colorbar(picture, ax=ax, location="bottom", shrink=0.9, pad=0.02)
     bar.set_label(label, fontsize=8)
-    bar.ax.tick_params(labelsize=7)
+    bar.ax.tick_params(labelsize=8)
 
 
 def _map_axes(ax: Axes, title: str = "") -> None:
