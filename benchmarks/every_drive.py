@@ -8,11 +8,11 @@ appended as soon as its drive is done, and drives that have a row are skipped: t
 on where it was stopped.  Where a drive cannot be judged, its row has only the reason; without the
 row, the next call tries again.
 
-On a cluster (pip install 'd2d[dask]'), with this repository and the roots at the same places on all
-machines:
+On a cluster (pip install 'd2d[dask]'), in this folder on all machines, with the roots at the same
+places:
 
-dask scheduler
-dask worker ADDRESS --nworkers N --nthreads 1    (on each machine, in this folder)
+PYTHONPATH=. dask scheduler
+PYTHONPATH=. dask worker ADDRESS --nworkers N --nthreads 1    (on each machine)
 python -m benchmarks.every_drive ROOT ... --out rows.csv --dask ADDRESS
 """
 

@@ -100,11 +100,11 @@ def own_errors(residuals: Residuals) -> Array:
 
 def trimmed_fit(design: Array, excess: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Least-squares parameters (P,) of a design (n, P), and which of the n are not cut off."""
-    keep = np.ones(len(design), dtype=bool)
+    keep: NDArray[np.bool_] = np.ones(len(design), dtype=np.bool_)
     for _ in range(_ITERATIONS):
         fitted = np.linalg.lstsq(design[keep], excess[keep], rcond=None)[0]
         keep = np.abs(excess - design @ fitted) < _TRIMMED
-    return fitted, keep
+    return np.asarray(fitted), keep
 
 
 def fit_turning(residuals: Residuals) -> Turning:
