@@ -225,7 +225,11 @@ def apart(scenes: dict[str, Residuals]) -> str:
         lowest, highest = np.rad2deg([r.turning.min(), r.turning.max()])
         lines.append(
             (
-                *(short(name), f"{lowest:+.0f} to {highest:+.0f}", f"{r.outward.max():.1f}"),
+                *(
+                    short(name),
+                    f"{round(lowest):+d} to {round(highest):+d}",
+                    f"{r.outward.max():.1f}",
+                ),
                 fit.scaled(MILLI).told(0, 0),
                 " → ".join(f"{rms:.3f}" for rms in left),
             )
