@@ -2,7 +2,8 @@
 
 python -m benchmarks.extrapolation ROOT ...
 
-writes the tables and the figure of the book's page, from all scenes of nuScenes roots.
+writes the tables and the figure of the book's page, from all scenes of nuScenes roots; those of one
+car (`SCENES`) must be among them.
 
 What the Doppler velocities of static targets exceed those that the reference predicts is fitted by
 least squares, all radars together.  In every scene each radar has an error of its mounting angle
@@ -33,6 +34,7 @@ from d2d.study.book.style import letter_panels, use_style
 from d2d.study.recordings.road import judged, scores
 from d2d.study.recordings.turning import (
     CHANNELS,
+    SCENES,
     Residuals,
     doppler_residuals,
     load_stated,
@@ -45,7 +47,6 @@ Columns = Callable[[Residuals], Array]  # (n, k): what may be in the Doppler vel
 
 MILLI = 1e3
 TURNS = np.deg2rad(10.0)  # rad/s: a scene whose yaw rate is larger once tells something
-VEHICLE = "scene-0061", "scene-0916", "scene-1077"  # of these, one car with one set of mountings
 FAST = np.deg2rad(18.0)  # rad/s, for the figure's second panel
 RATES = np.deg2rad(np.arange(-30.0, 31.0, 3.0))  # rad/s, edges of the figure's bins
 RANGES = np.array([0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 65.0, 80.0, 100.0])  # m
@@ -361,7 +362,7 @@ def main() -> None:
     roots = {scene: root for root, scene in scenes_of(arguments.roots)}
     scenes = {each: doppler_residuals(load_stated(roots[each], each)) for each in sorted(roots)}
     turning = turning_scenes(scenes)
-    one_car = [turning[name] for name in VEHICLE]
+    one_car = [turning[name] for name in SCENES]
     parts = {
         "apart": apart(scenes),
         "alternatives": alternatives(turning),
