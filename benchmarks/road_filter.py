@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import RESULTS, table
-from benchmarks.road import HORIZON, Drive, nuscenes, radarscenes
+from benchmarks.road import HORIZON, Drive, nuscenes, radarscenes, scenes, sequences
 from benchmarks.run import in_one_thread
 from d2d.radar import ErrorBudget, Tracker, VelocityEstimate
 from d2d.radar.tracks.acceleration import JERK, UNKNOWN
@@ -119,7 +119,8 @@ def main() -> None:
     arguments = parser.parse_args()
     in_one_thread()
     warnings.simplefilter("ignore")
-    drives = [*radarscenes(arguments.radarscenes), *nuscenes(arguments.nuscenes)]
+    drives = [radarscenes(*at) for at in sequences(arguments.radarscenes)]
+    drives += [nuscenes(*at) for at in scenes(arguments.nuscenes)]
     if drives:
         rows = [cells for drive in drives for cells in lines(drive)]
         head = "<!-- Written by `python -m benchmarks.road_filter`. -->"

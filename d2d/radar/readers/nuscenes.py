@@ -6,6 +6,7 @@ The data set is licensed CC BY-NC-SA 4.0 and is not part of this package.
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -280,6 +281,14 @@ def _tables(root: Path, version: str | None) -> Path:
 
 def _rows(folder: Path, name: str, *keys: str) -> list[tuple[Any, ...]]:
     path = existing(folder, f"{name}.json", f"the table {name!r} of nuScenes")
+    state = os.stat(path)
+    return _parsed(path, keys, state.st_mtime_ns, state.st_size)
+
+
+# The tables of the last root, which all of its scenes and radars share: reading those of hundreds
+# of scenes takes longer than all else.
+@lru_cache(maxsize=5)
+def _parsed(path: Path, keys: tuple[str, ...], *_changed: int) -> list[tuple[Any, ...]]:
     with reading(path, "a table of nuScenes"):
         return [tuple(row[key] for key in keys) for row in content_of(path)]
 

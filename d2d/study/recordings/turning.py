@@ -37,6 +37,12 @@ class Residuals(NamedTuple):
     ahead: Array  # (n,) cosine of the direction in the vehicle frame
     sideways: Array  # (n,) m/s, its sine times v_x
     sensor: NDArray[np.int64]  # (n,)
+    time: Array  # (n,) s
+    turning: Array  # (n,) rad/s, omega
+    distance: Array  # (n,) m
+    across: Array  # (n,) m/s, velocity of the sensor across the line of sight
+    gain: Array  # (n, 3), derivatives of the prediction in v_x, v_y and omega
+    change: Array  # (n,) m/s^2, of the prediction
 
 
 class Turning(NamedTuple):
@@ -59,10 +65,12 @@ def doppler_residuals(recordings: Sequence[Recording]) -> Residuals:
     """The residuals of all targets that may be static, where the reference is known."""
     columns: list[tuple[Any, ...]] = []
     for sensor, recording in enumerate(recordings):
-        for scan, theta in zip(recording.scans, recording.reference.theta, strict=True):
-            if not scan.size or not np.isfinite(theta).all():
+        reference = recording.reference
+        changes = np.gradient(reference.theta, reference.times, axis=0)
+        for scan, theta, change in zip(recording.scans, reference.theta, changes, strict=True):
+            if not scan.size or not np.isfinite([theta, change]).all():
                 continue
-            gain, _ = doppler_gradients(scan.azimuth, recording.mounting)
+            gain, slope = doppler_gradients(scan.azimuth, recording.mounting)
             excess = scan.doppler - gain @ theta
             static = np.abs(excess) < _AGREES
             direction = scan.azimuth[static] + recording.mounting.yaw
@@ -73,9 +81,30 @@ def doppler_residuals(recordings: Sequence[Recording]) -> Residuals:
                     np.cos(direction),
                     theta[0] * np.sin(direction),
                     np.full(static.sum(), sensor),
+                    np.full(static.sum(), scan.time),
+                    np.full(static.sum(), theta[2]),
+                    scan.range[static],
+                    -slope[static] @ theta,
+                    gain[static],
+                    gain[static] @ change,
                 )
             )
     return Residuals(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+
+
+def own_errors(residuals: Residuals) -> Array:
+    """What errors (n, 2 S) of the mounting angle and the speed of each of S sensors would do."""
+    own = residuals.sensor[:, None] == np.arange(residuals.sensor.max() + 1)
+    return np.column_stack([own * residuals.sideways[:, None], own * residuals.ahead[:, None]])
+
+
+def trimmed_fit(design: Array, excess: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Least-squares parameters (P,) of a design (n, P), and which of the n are not cut off."""
+    keep: NDArray[np.bool_] = np.ones(len(design), dtype=np.bool_)
+    for _ in range(_ITERATIONS):
+        fitted = np.linalg.lstsq(design[keep], excess[keep], rcond=None)[0]
+        keep = np.abs(excess - design @ fitted) < _TRIMMED
+    return np.asarray(fitted), keep
 
 
 def fit_turning(residuals: Residuals) -> Turning:
@@ -83,18 +112,8 @@ def fit_turning(residuals: Residuals) -> Turning:
 
     Each sensor also has its own speed, so that an error of the reference's speed does not count.
     """
-    own = residuals.sensor[:, None] == np.arange(residuals.sensor.max() + 1)
-    design = np.column_stack(
-        [
-            residuals.outward,
-            own * residuals.sideways[:, None],
-            own * residuals.ahead[:, None],
-        ]
-    )
-    keep = np.ones(len(design), dtype=bool)
-    for _ in range(_ITERATIONS):
-        fitted = np.linalg.lstsq(design[keep], residuals.excess[keep], rcond=None)[0]
-        keep = np.abs(residuals.excess - design @ fitted) < _TRIMMED
+    design = np.column_stack([residuals.outward, own_errors(residuals)])
+    fitted, _ = trimmed_fit(design, residuals.excess)
     return Turning(float(fitted[0]), *np.split(fitted[1:], 2))
 
 

@@ -199,6 +199,13 @@ def test_scans_of_one_radar_in_one_scene_in_time_order(root, monkeypatch):
     assert_allclose([s.time for s in back.scans], TIMES * 1e-6 + 0.011, rtol=0, atol=1e-6)
 
 
+def test_a_table_that_has_changed_is_read_again(root):
+    """Breaks if tables are kept from one call to the next whatever happens to the files."""
+    assert load(root).mounting.x == MOUNTINGS["RADAR_FRONT"][0]
+    change(root, "calibrated_sensor", placed((1.0, 0.5, 0.25)))
+    assert load(root).mounting.x == 1.0
+
+
 def test_velocities_are_projected_onto_the_line_of_sight(root):
     """Breaks if vx or the speed is taken for the Doppler velocity: both are wrong off the axis."""
     for channel in MOUNTINGS:
