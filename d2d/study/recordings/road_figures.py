@@ -86,19 +86,6 @@ def draw_extents(rows: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
-def draw_turning(turning: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """By how much the front radar's Doppler velocities exceed those of static targets in turns."""
-    figure, ax = plt.subplots(figsize=(5.0, 3.0))
-    for (scene, found), color, mark in zip(turning.items(), OTHERS, _MARKS, strict=False):
-        label = f"{scene[-4:]}: fit {1e3 * found['prediction_time']:.0f} ms"
-        ax.plot(found["front"]["outward"], found["front"]["excess"], mark, color=color, label=label)
-        reach = np.array([0.0, found["front"]["outward"][-1]])
-        ax.plot(reach, found["prediction_time"] * reach, color=color, lw=0.9)
-    ax.set(xlabel="ω² r (m/s²)", ylabel="excess of the Doppler velocity (m/s)")
-    ax.legend()
-    return figure
-
-
 def draw_horizons(drives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
     """Error of the yaw rate, and the log score, against the time between the scans of a pair."""
     figure, axes = plt.subplots(1, 2, figsize=(5.0, 3.4), sharex=True)

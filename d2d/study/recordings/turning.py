@@ -25,8 +25,6 @@ SCENES = ("scene-0061", "scene-0916", "scene-1077")  # of one vehicle; the first
 _AGREES = 1.0  # m/s: a target that is farther off moves
 _TRIMMED = 0.3  # m/s, of the residuals of the fit
 _ITERATIONS = 15
-_FEW = 50  # targets that a median needs
-_EDGES = np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0])  # m/s^2, omega^2 r
 
 
 class Residuals(NamedTuple):
@@ -117,23 +115,6 @@ def fit_turning(residuals: Residuals) -> Turning:
     return Turning(float(fitted[0]), *np.split(fitted[1:], 2))
 
 
-def binned_excess(residuals: Residuals, fit: Turning, sensor: int) -> dict[str, list[float]]:
-    """Median excess of one sensor's targets by omega^2 r, without the other fitted effects."""
-    own = residuals.sensor == sensor
-    outward = residuals.outward[own]
-    excess = (
-        residuals.excess[own]
-        - fit.mounting_errors[sensor] * residuals.sideways[own]
-        - fit.speed_errors[sensor] * residuals.ahead[own]
-    )
-    place = np.digitize(outward, _EDGES) - 1
-    bins = [place == b for b in range(len(_EDGES) - 1) if (place == b).sum() >= _FEW]
-    return {
-        "outward": [float(np.median(outward[each])) for each in bins],
-        "excess": [float(np.median(excess[each])) for each in bins],
-    }
-
-
 def of_turning(root: str | Path) -> dict[str, Any]:
     """What the page shows, scene by scene."""
     found = {}
@@ -143,6 +124,5 @@ def of_turning(root: str | Path) -> dict[str, Any]:
         found[scene] = {
             "prediction_time": fit.prediction_time,
             "mounting_errors": np.rad2deg(fit.mounting_errors).tolist(),
-            "front": binned_excess(residuals, fit, 0),
         }
     return found

@@ -75,7 +75,6 @@ def test_the_page_has_its_results():
     assert all(len(rows) == len(road.LONGER) for rows in horizons.values())
     road_figures.draw_extents(stored["extents"])
     road_figures.draw_horizons(horizons)
-    road_figures.draw_turning(stored["turning"])
 
 
 @pytest.mark.radarscenes
