@@ -39,18 +39,27 @@ labs.define(
     const previous = PLACES.map(([x, y]) => observe({ x, y })),
       current = [...PLACES, STRAY].map(([x, y]) => observe(d2d.move({ x, y }, home)));
 
-    const scene = lab.plot({ label: "Both scans", xlabel: "x (m)", ylabel: "y (m)", shape: 0.98, equal: true });
+    const scene = lab.plot({
+      label: "Both scans",
+      xlabel: "x (m)",
+      ylabel: "y (m)",
+      shape: 0.98,
+      narrow: 0.85,
+      equal: true,
+    });
     const curve = lab.plot({
       label: "The cost over the shift along x",
       xlabel: "shift along x (m)",
       ylabel: "cost",
       shape: 0.55,
+      narrow: 0.85,
     });
     const error = lab.plot({
       label: "Error of the registration in rotation and y with its 3-sigma ellipse",
       xlabel: "error of the rotation (°)",
       ylabel: "in y (m)",
       shape: 0.5,
+      narrow: 0.85,
     });
 
     const pose = () => [lab.state.x, lab.state.y, lab.state.turn * DEGREE];
@@ -165,9 +174,6 @@ labs.define(
     }
 
     function tell(found) {
-      const off = found.theta.map((each, i) => each - TRUTH[i]),
-        distance = Math.hypot(off[0], off[1]);
-      const inside = found.covariance && d2d.nees(off, found.covariance) < 14.156; // 3 sigma: 99.73 % of chi-square with 3 degrees of freedom
       const now = `The scan is shifted by ${number(lab.state.x)} m and ${number(lab.state.y)} m, and turned by ${number(lab.state.turn, 0)}°. `;
       lab.tell(
         html(
@@ -176,13 +182,7 @@ labs.define(
           now,
           labs.inlineMark(lab.state.cost),
           ` From here the ${COSTS[lab.state.cost].name} goes to a motion that is `,
-          html("strong", {}, `${number(distance)} m and ${number(Math.abs(off[2]) / DEGREE, 1)}°`),
-          " off the truth. Its covariance ",
-          !found.covariance
-            ? "is not defined."
-            : inside
-              ? "allows for such an error."
-              : "says that such an error is next to impossible.",
+          ...labs.verdict(found, TRUTH),
         ),
       );
     }
@@ -203,18 +203,28 @@ labs.define(
       );
     }
 
+    lab.python = () =>
+      labs.script(
+        `previous = ${labs.polarSet(previous, SIGMA_RANGE, SIGMA_AZIMUTH)}`,
+        `current = ${labs.polarSet(seen(), SIGMA_RANGE, SIGMA_AZIMUTH)}`,
+        `cost = ${labs.costOf(problem())}`,
+        `estimate = register(previous, current, cost, initial=${labs.list(pose())})`,
+        `error = estimate.theta - [${TRUTH[0]}, ${TRUTH[1]}, np.deg2rad(10)]`,
+        'print(f"{np.hypot(*error[:2]):.2f} m and {abs(np.rad2deg(error[2])):.1f} degrees off the truth")',
+      );
+
     lab.build(
       [
-        bar(lab.costs(), lab.check("outlier", "add an outlier")),
+        bar(lab.costs()),
         html(
           "div",
           { class: "lab-row" },
           panel("Drag the coloured scan, turn it by the ring", scene),
           html(
             "div",
-            {},
-            panel("The cost if it is shifted along x", curve),
-            panel("Where the registration ends: error and 3σ", error),
+            { class: "lab-pair" },
+            panel("Cost of a shift along x", curve),
+            panel("Its error, and 3σ", error),
           ),
         ),
         html(
@@ -226,7 +236,7 @@ labs.define(
           html("span", {}, "dashed: the truth"),
           html("span", {}, "● in the curve: now"),
         ),
-        bar(lab.button("Register from here", slide), lab.reset()),
+        bar(lab.check("outlier", "add an outlier"), lab.button("Register from here", slide), ...lab.tools()),
       ],
       () => {
         const found = d2d.register(problem(), pose());

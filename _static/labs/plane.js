@@ -32,12 +32,20 @@ labs.define(
     lab.sound = (state) =>
       sized(state.fixed) && sized(state.moving) && state.cost in COSTS && state.inflate > 0 && state.width > 0;
 
-    const scene = lab.plot({ label: "Both scans", xlabel: "x (m)", ylabel: "y (m)", shape: 0.95, equal: true });
+    const scene = lab.plot({
+      label: "Both scans",
+      xlabel: "x (m)",
+      ylabel: "y (m)",
+      shape: 0.9,
+      narrow: 0.6,
+      equal: true,
+    });
     const map = lab.plot({
       label: "The cost over the translation",
       xlabel: "off the truth in x (m)",
       ylabel: "off the truth in y (m)",
-      shape: 0.95,
+      shape: 0.9,
+      narrow: 0.6,
       equal: true,
       heat: true,
     });
@@ -61,6 +69,7 @@ labs.define(
     for (let i = 0; i < MOST; i++) {
       scene.handle({
         name: `Target ${letter(i)} of the previous scan F`,
+        scan: "F",
         step: 0.2,
         low: -40,
         high: 70,
@@ -74,6 +83,7 @@ labs.define(
       const knob = svg("circle", { class: "lab-knob lab-moving", r: 6 });
       scene.handle({
         name: `Target ${letter(i)} of the current scan M, at the true motion`,
+        scan: "M",
         step: 0.2,
         low: -40,
         high: 70,
@@ -179,13 +189,19 @@ labs.define(
       const out = counts(lab.state.moving)
         .filter((k) => own.shares[k] < 0.5)
         .map(letter);
-      const end = own.converged
-        ? `${own.iterations} steps from the start to the optimum.`
-        : `After ${own.iterations} steps the descent had not converged.`;
+      const end = own.converged ? "" : `After ${own.iterations} steps the descent had not converged. `;
       const rejected =
         lab.state.cost === "robust" ? ` Taken for outliers: ${out.length ? out.join(", ") : "none"}.` : "";
       lab.tell(
-        html("p", {}, labs.inlineMark(lab.state.cost), ` ${COSTS[lab.state.cost].name}: ${end}${rejected}`),
+        html(
+          "p",
+          {},
+          `${end}From the start the `,
+          labs.inlineMark(lab.state.cost),
+          ` ${COSTS[lab.state.cost].name} goes in ${own.iterations} steps to an optimum that is `,
+          ...labs.verdict(own, TRUTH),
+          rejected,
+        ),
         lab.table(["error ± stated σ", "x (m)", "y (m)", "rotation (°)", "NEES"], rows),
       );
     }
@@ -243,6 +259,23 @@ labs.define(
       lab.state.moving.push(Number(p.x.toFixed(2)), Number(p.y.toFixed(2)));
     }
 
+    lab.python = () => {
+      const { inflate, anneal } = lab.state,
+        sigmas = [SIGMA_RANGE, SIGMA_AZIMUTH].map((sigma) => labs.short(sigma * inflate));
+      return labs.script(
+        `previous = ${labs.polarSet(targets(lab.state.fixed), ...sigmas)}`,
+        `current = ${labs.polarSet(targets(lab.state.moving), ...sigmas)}`,
+        `cost = ${labs.costOf(problem())}`,
+        `start = ${labs.list(start())}`,
+        `estimate = register(previous, current, cost, start${anneal ? ", ANNEALED" : ""})`,
+        `error = estimate.theta - [${TRUTH[0]}, ${TRUTH[1]}, np.deg2rad(15)]`,
+        "sigma = np.sqrt(np.diag(estimate.covariance))",
+        "nees = error @ np.linalg.solve(estimate.covariance, error)",
+        'print(f"x {error[0]:.2f} ± {sigma[0]:.2f} m, y {error[1]:.2f} ± {sigma[1]:.2f} m")',
+        'print(f"rotation {np.rad2deg(error[2]):.1f} ± {np.rad2deg(sigma[2]):.1f} degrees, NEES {nees:.1f}")',
+      );
+    };
+
     lab.changed = () => {
       shownAt = null;
     };
@@ -268,7 +301,7 @@ labs.define(
             lab.touched("outlier");
           }),
           lab.check("anneal", "anneal (σ × 10, 5.5, 3.2, 1.7, 1)"),
-          lab.reset(),
+          ...lab.tools(),
         ),
         bar(
           lab.slider("turn", {

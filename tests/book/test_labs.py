@@ -5,8 +5,11 @@ page's address does not bring the view back, or if a laboratory needs more than 
 files. The numbers of the engine itself are tested in test_engine.py.
 """
 
+import io
 import json
+import re
 from collections.abc import Iterator
+from contextlib import redirect_stdout
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -538,6 +541,160 @@ def test_the_text_says_what_is_seen(lab: Laboratory, hand: Hand, address: str):
         text = " ".join(hand.ask("lab.element.closest('section').textContent").split())
         sentence = fact.sentence.format(hand.ask(fact.number))
         assert sentence in text, sentence
+
+
+# The longest that each laboratory can say, with the most controls.
+WORST = {
+    "lab-live": "outlier=1",
+    "lab-line": "cost=robust",
+    "lab-outlier": "cost=robust",
+    "lab-plane": f"cost=robust&{OUTLIERS}",
+    "lab-doppler": "vx=6&vy=1.15",
+    "lab-credible": "who=all&echoes=5",
+}
+
+
+@EACH_LAB
+@pytest.mark.parametrize(("width", "height"), [(browser.WIDE, 900), (browser.NARROW, 850)])
+def test_picture_controls_and_verdict_share_a_screen(
+    lab: Laboratory, width: int, height: int, hand: Hand, address: str
+):
+    """Breaks if a reader has to scroll between what is moved and what is said of it.
+
+    On a phone the table of numbers may be below; there is no room for it.
+    """
+    for view in ("", f"?{WORST[lab.id]}"):
+        hand.open(f"{address}{lab.page}.html#{lab.id}{view}", width)
+        last = "lab.told" if width == browser.WIDE else "lab.told.querySelector('p')"
+        top, bottom, header = hand.ask(
+            f"[lab.element.getBoundingClientRect().top, {last}.getBoundingClientRect().bottom,"
+            " document.querySelector('.bd-header-article').offsetHeight]"
+        )
+        assert bottom - top <= height - header, view
+
+
+PYTHON = {  # views, and what in a script has the laboratory's name in front
+    "lab-live": ("", "outlier=1&cost=robust&turn=-40", "cost=summing&x=1"),
+    "lab-line": ("", "cost=robust&t=9.4", "cost=likelihood&noise=0.4"),
+    "lab-outlier": ("", "cost=robust&width=0.3&alpha=0.5"),
+    "lab-plane": (
+        "",
+        f"cost=robust&{OUTLIERS}&anneal=1",
+        "cost=robust&inflate=3&alpha=0.4&width=5",
+    ),
+    "lab-doppler": ("vx=6&vy=1.15", "vx=6&use=positions", "vx=5&drive=1&py=4&speed=3&heading=90"),
+    "lab-credible": ("runs=1000", "cost=robust&who=all&echoes=4&bias=0.3&stated=1.5&runs=1000"),
+}
+
+
+@EACH_LAB
+def test_the_python_shown_gives_the_numbers_shown(lab: Laboratory, hand: Hand, address: str):
+    """Runs what *Show as Python* prints; each number that it prints is one that the page shows."""
+    for view in PYTHON[lab.id]:
+        hand.open(f"{address}{lab.page}.html#{lab.id}?{view}")
+        hand.driver.execute_script("arguments[0].open = true", hand.find(".lab-python"))
+        script = hand.ask("lab.element.querySelector('.lab-python pre').textContent")
+        assert script.strip()
+        printed = io.StringIO()
+        with redirect_stdout(printed):
+            exec(script, {})  # noqa: S102 - what a reader would do with it
+        numbers = re.findall(r"-?\d+\.\d+", printed.getvalue())
+        assert numbers
+        if lab.id == "lab-credible":  # other noise
+            browser.wait(hand.driver, f"return {hand.it}.result.results.length >= 1000")
+            assert float(numbers[0]) == pytest.approx(hand.ask(ANEES), rel=0.1)
+            continue
+        if lab.id in ("lab-line", "lab-outlier"):
+            hand.tap("mouse", hand.find(f".lab-button:nth-of-type({button(hand, lab.button)})"))
+            hand.driver.execute_async_script("setTimeout(arguments[0], 2500)")
+        told = hand.ask("lab.told.innerText").replace("−", "-")
+        assert set(numbers) <= set(re.findall(r"-?\d+\.\d+", told)), view
+
+
+@EACH_LAB
+def test_the_link_is_copied(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if *Copy link* copies the view of a moment ago, or nothing."""
+    hand.open(f"{address}{lab.page}.html#{lab.id}?{WORST[lab.id]}")
+    script = """navigator.clipboard.writeText = async (link) => (window.copied = link);"""
+    hand.driver.execute_script(script)
+    hand.tap("mouse", hand.find(f".lab-button:nth-of-type({button(hand, 'Copy link')})"))
+    browser.wait(hand.driver, "return window.copied")
+    copied = hand.driver.execute_script("return window.copied")
+    state = hand.ask("lab.state")
+    hand.open(copied)
+    assert hand.ask("lab.state") == state
+
+
+@EACH_LAB
+def test_the_tasks_set_the_state(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if a link of the text no longer changes the laboratory, or scrolls elsewhere."""
+    hand.open(f"{address}{lab.page}.html")
+    links = f"[...document.querySelectorAll('article a[href^=\"#{lab.id}?\"]')]"
+    count = hand.ask(f"{links}.length")
+    assert count >= 3
+    for index in range(count):
+        wanted = hand.ask(f"{links}[{index}].getAttribute('href').split('?')[1]")
+        hand.driver.execute_script(f"{links}[{index}].click()")
+        hand.driver.execute_async_script("requestAnimationFrame(() => setTimeout(arguments[0]))")
+        state = hand.ask("lab.state")
+        for key, value in (part.split("=") for part in wanted.split("&")):
+            shown = ",".join(map(str, state[key])) if isinstance(state[key], list) else state[key]
+            assert str(shown).removesuffix(".0") == value
+        assert 0 <= hand.ask("lab.element.getBoundingClientRect().top") < 200
+
+
+STOPS = "[...lab.element.querySelectorAll('.lab-handle')].filter((e) => e.tabIndex === 0)"
+
+
+@EACH_LAB
+def test_a_scan_is_one_stop_of_the_tab_key(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if a reader without a mouse must pass every target to reach the controls."""
+    hand.open(f"{address}{lab.page}.html")
+    expected = {"lab-live": 2, "lab-doppler": 1, "lab-credible": 0}.get(lab.id, 3)
+    assert hand.ask(f"{STOPS}.length") == expected
+    if not lab.handle or expected < 3:
+        return
+    first = hand.find("[aria-label^='Target'][aria-label*='current']")
+    first.send_keys(Keys.PAGE_DOWN)
+    second = hand.driver.switch_to.active_element
+    assert second != first
+    assert "current" in (second.get_attribute("aria-label") or "")
+    assert [first.get_attribute("tabindex"), second.get_attribute("tabindex")] == ["-1", "0"]
+    state = hand.ask("lab.state.moving")
+    second.send_keys(Keys.ARROW_RIGHT)
+    assert hand.ask("lab.state.moving") != state
+    second.send_keys(Keys.PAGE_UP)
+    assert hand.driver.switch_to.active_element == first
+    assert hand.ask(f"{STOPS}.length") == expected
+
+
+@EACH_LAB
+def test_on_paper_the_printed_figure_takes_its_place(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if a printed page has buttons that nobody can press, and no word on where to look."""
+    hand.open(f"{address}{lab.page}.html")
+    shown = """[...lab.element.children].filter((each) => each.checkVisibility())
+      .map((each) => each.className)"""
+    assert "lab-printed" not in hand.ask(shown)
+    hand.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    try:
+        assert hand.ask(shown) == ["lab-printed"]
+        assert hand.ask("lab.element.querySelector('.lab-printed a[href*=\"#fig-\"]') !== null")
+    finally:
+        hand.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
+@EACH_LAB
+def test_the_answer_shows_after_a_guess(lab: Laboratory, hand: Hand, address: str):
+    """Breaks if the answer is given away, or if there is not exactly one that is right."""
+    hand.open(f"{address}{lab.page}.html")
+    guess = "document.querySelector('.lab-guess')"
+    assert not hand.ask(f"{guess}.textContent.includes('Right. ')")
+    assert hand.ask(f"{guess}.querySelector('[aria-live]').hidden")
+    told = f"""[...{guess}.querySelectorAll('button')].map((each) => {{ each.click();
+      return {guess}.querySelector('[aria-live]').textContent.trim().split('.')[0]; }})"""
+    assert sorted(set(hand.ask(told))) == ["No", "Right"]
+    assert hand.ask(told).count("Right") == 1
+    assert hand.ask(f"{guess}.querySelector('a[href^=\"#{lab.id}?\"]').checkVisibility()")
 
 
 def test_only_pages_with_a_laboratory_load_one(book: Path):
