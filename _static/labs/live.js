@@ -6,6 +6,8 @@ labs.define(
     y: 2,
     turn: 0,
     outlier: 0,
+    ox: 9.81, // m, in the current scan's frame: what has no partner in the previous scan
+    oy: -11.46,
     cost: "likelihood",
   }),
   (lab) => {
@@ -26,18 +28,13 @@ labs.define(
       [7.5, -3.5],
       [11.5, -6],
     ];
-    const STRAY = [13.5, -9]; // m, in the previous scan's frame at the true motion: seen in the current scan only
     const home = d2d.inverseMotion(TRUTH),
       noise = d2d.normals(4);
+    const measured = (range_, azimuth) => d2d.fromPolar(range_, azimuth, SIGMA_RANGE, SIGMA_AZIMUTH);
     const observe = ({ x, y }) =>
-      d2d.fromPolar(
-        Math.hypot(x, y) + SIGMA_RANGE * noise(),
-        Math.atan2(y, x) + SIGMA_AZIMUTH * noise(),
-        SIGMA_RANGE,
-        SIGMA_AZIMUTH,
-      );
+      measured(Math.hypot(x, y) + SIGMA_RANGE * noise(), Math.atan2(y, x) + SIGMA_AZIMUTH * noise());
     const previous = PLACES.map(([x, y]) => observe({ x, y })),
-      current = [...PLACES, STRAY].map(([x, y]) => observe(d2d.move({ x, y }, home)));
+      current = PLACES.map(([x, y]) => observe(d2d.move({ x, y }, home)));
 
     const scene = lab.plot({
       label: "Both scans",
@@ -63,7 +60,8 @@ labs.define(
     });
 
     const pose = () => [lab.state.x, lab.state.y, lab.state.turn * DEGREE];
-    const seen = () => current.slice(0, PLACES.length + lab.state.outlier);
+    const outlier = () => measured(Math.hypot(lab.state.ox, lab.state.oy), Math.atan2(lab.state.oy, lab.state.ox));
+    const seen = () => [...current, ...(lab.state.outlier ? [outlier()] : [])];
     const problem = () => ({
       fixed: previous,
       moving: seen(),
@@ -102,6 +100,22 @@ labs.define(
         lab.state.turn = clamp(Math.atan2(y - lab.state.y, x - lab.state.x) / DEGREE, -60, 60);
       },
     });
+    scene.handle({
+      name: "The outlier: move it",
+      step: 0.2,
+      low: -20,
+      high: 20,
+      draw: [svg("circle", { class: "lab-knob", r: 6 }), svg("text", { x: 9, y: 4 }, "outlier")],
+      hidden: () => !lab.state.outlier,
+      get: () => {
+        const { x, y } = d2d.move(outlier(), pose());
+        return [x, y];
+      },
+      set: (x, y) => {
+        const place = d2d.move({ x: clamp(x, -3, 19), y: clamp(y, -11, 10) }, d2d.inverseMotion(pose()));
+        Object.assign(lab.state, { ox: place.x, oy: place.y });
+      },
+    });
 
     function drawScene(found) {
       scene.extent([-4, 20], [-12, 11]);
@@ -123,12 +137,12 @@ labs.define(
       seen().forEach((target, k) => {
         const there = d2d.move(target, pose());
         scene.ellipse(there.x, there.y, there, 3, `lab-line lab-${lab.state.cost}`);
+        if (k === PLACES.length) return; // it has a handle of its own
         const at = { cx: scene.X(there.x) - scene.X(x), cy: scene.Y(there.y) - scene.Y(y) };
         body.append(
           svg("circle", { class: "lab-reach", r: 16, ...at }),
           svg("circle", { class: `lab-fill-${lab.state.cost}`, r: 5, ...at }),
         );
-        if (k === PLACES.length) body.append(svg("text", { x: at.cx + 9, y: at.cy + 4 }, "outlier"));
       });
       scene.ellipse(
         found.theta[0],
@@ -184,6 +198,22 @@ labs.define(
           ` From here the ${COSTS[lab.state.cost].name} goes to a motion that is `,
           ...labs.verdict(found, TRUTH),
         ),
+        ...(lab.state.outlier ? [challenge()] : []),
+      );
+    }
+
+    const best = { summing: 0, likelihood: 0, robust: 0 };
+    /** How wrong the outlier makes a covariance, where the start is not to blame. */
+    function challenge() {
+      const { theta, covariance: stated } = d2d.register(problem(), TRUTH),
+        off = theta.map((each, i) => each - TRUTH[i]),
+        score = stated ? Math.sqrt(d2d.nees(off, stated)) : 0,
+        { cost } = lab.state;
+      best[cost] = Math.max(best[cost], score);
+      return html(
+        "p",
+        {},
+        `Challenge: from the truth, the ${COSTS[cost].name} errs by ${number(score, 1)} of its standard deviations. Your record: ${number(best[cost], 1)}.`,
       );
     }
 

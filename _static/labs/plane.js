@@ -17,6 +17,7 @@ labs.define(
     alpha: 0.2,
     width: 10, // m
     inflate: 1,
+    basin: 0, // whether the starts that arrive are painted
     anneal: 0, // whether the descent steps the standard deviations down
     draw: 0,
   }),
@@ -146,6 +147,39 @@ labs.define(
       lab.painted = { size, ms };
     }
 
+    // Where the descent arrives from the truth, and whether it does from another start; worked out anew for another problem.
+    const schedule = () => (lab.state.anneal ? d2d.ANNEALED : [1]);
+    const arrives = (theta, aim) => theta.every((each, i) => Math.abs(each - aim[i]) < 1e-3);
+    const CELLS = 25;
+    let basin = { key: "", aim: null, starts: [], next: 0 },
+      record = 0;
+    function aim() {
+      const { x, y, basin: shown, ...rest } = lab.state,
+        key = JSON.stringify(rest);
+      if (key !== basin.key) {
+        record = 0;
+        basin = { key, aim: d2d.register(problem(), TRUTH, schedule()).theta, starts: [], next: 0 };
+      }
+      return basin.aim;
+    }
+
+    /** Try a few starts more, and paint those that arrive. */
+    function paintBasin() {
+      const began = performance.now(),
+        to = aim();
+      while (basin.next < CELLS ** 2 && performance.now() - began < 10) {
+        const [column, row] = [basin.next % CELLS, Math.floor(basin.next / CELLS)];
+        const [x, y] = [column, row].map((each) => REACH * ((2 * each + 1) / CELLS - 1));
+        const from = [TRUTH[0] + x, TRUTH[1] + y, start()[2]];
+        if (arrives(d2d.register(problem(), from, schedule()).theta, to)) basin.starts.push([x, y]);
+        basin.next++;
+      }
+      const size = map.X((2 * REACH) / CELLS) - map.X(0);
+      const d = basin.starts.map(([x, y]) => `M${map.X(x)},${map.Y(y)}m${-size / 4},${-size / 4}h${size / 2}v${size / 2}h${-size / 2}z`);
+      map.add(svg("path", { class: "lab-basin", d: d.join("") }));
+      if (basin.next < CELLS ** 2) lab.update();
+    }
+
     let refining = null;
     function drawMap(found, others) {
       map.extent([-REACH, REACH], [-REACH, REACH]);
@@ -155,6 +189,7 @@ labs.define(
       refining = setTimeout(() => paint(found, true), 250);
       const off = (theta) => [theta[0] - TRUTH[0], theta[1] - TRUTH[1]];
       for (const axis of ["x", "y"]) map.rule(axis, 0, "lab-cross");
+      if (lab.state.basin) paintBasin();
       map.line(found.path.map(off), "lab-over");
       found.path.slice(1).forEach((theta) => map.mark("circle", ...off(theta), 2.5, "lab-step"));
       for (const [name, other] of Object.entries(others)) {
@@ -202,7 +237,20 @@ labs.define(
           ...labs.verdict(own, TRUTH),
           rejected,
         ),
+        challenge(own),
         lab.table(["error ± stated σ", "x (m)", "y (m)", "rotation (°)", "NEES"], rows),
+      );
+    }
+
+    /** How far from the truth a start may be and still arrive. */
+    function challenge({ theta }) {
+      const far = Math.hypot(lab.state.x, lab.state.y),
+        arrived = arrives(theta, aim());
+      if (arrived) record = Math.max(record, far);
+      return html(
+        "p",
+        {},
+        `Challenge: this start, ${number(far, 1)} m away, ${arrived ? "arrives" : "does not arrive"} where one at the truth ends. Your record: ${number(record, 1)} m.`,
       );
     }
 
@@ -300,7 +348,8 @@ labs.define(
             addOutlier();
             lab.touched("outlier");
           }),
-          lab.check("anneal", "anneal (σ × 10, 5.5, 3.2, 1.7, 1)"),
+          lab.check("anneal", "anneal (σ × 10 to 1)"),
+          lab.check("basin", "paint the basin"),
           ...lab.tools(),
         ),
         bar(
@@ -334,7 +383,7 @@ labs.define(
         const others = Object.fromEntries(
           Object.keys(COSTS).map((name) => [
             name,
-            d2d.register(problem(name), start(), lab.state.anneal ? d2d.ANNEALED : [1]),
+            d2d.register(problem(name), start(), schedule()),
           ]),
         );
         const found = others[lab.state.cost];
