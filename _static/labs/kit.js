@@ -687,22 +687,24 @@ globalThis.labs = (() => {
     return `import numpy as np\n${imports.join("")}\n${body}\n`;
   }
 
-  /** A list of numbers. */
-  const list = (values) => `[${values.map(short).join(", ")}]`;
-
-  /** A number in digits enough for what is shown of the result. */
+  /** A number, and a list of them, in digits enough for what is shown of the result. */
   const short = (value) => Number(value.toPrecision(8));
+  const list = (values) => `[${values.map(short).join(", ")}]`;
 
   /** The cost of a problem. */
   function costOf({ fusion, outlier, line }) {
     if (fusion === "summing") return 'RegistrationCost(fusion="summing")';
     if (!outlier) return "RegistrationCost()";
-    return `RegistrationCost(outlier=CorruptedGaussian(${outlier.fraction}, ${short(outlier.xx)} * np.eye(${line ? 1 : 2})))`;
+    const variance = `${short(outlier.xx)} * np.eye(${line ? 1 : 2})`;
+    return `RegistrationCost(outlier=CorruptedGaussian(${outlier.fraction}, ${variance}))`;
   }
 
   /** Targets in a sensor's frame, given by range and azimuth and their standard deviations. */
-  const polarSet = (targets, ...sigmas) =>
-    `PointSet.from_polar(\n    ${list(targets.map(({ x, y }) => Math.hypot(x, y)))},\n    ${list(targets.map(({ x, y }) => Math.atan2(y, x)))},\n    ${sigmas.join(", ")},\n)`;
+  function polarSet(targets, ...sigmas) {
+    const ranges = list(targets.map(({ x, y }) => Math.hypot(x, y))),
+      azimuths = list(targets.map(({ x, y }) => Math.atan2(y, x)));
+    return `PointSet.from_polar(\n    ${ranges},\n    ${azimuths},\n    ${sigmas.join(", ")},\n)`;
+  }
 
   /** What an element says aloud: its paragraphs, and each row of its tables as a sentence. */
   function sentences(told) {
@@ -717,7 +719,7 @@ globalThis.labs = (() => {
   /** How far an optimum is from the true motion, and what its covariance says of that. */
   function verdict({ theta, covariance }, truth) {
     const off = theta.map((each, i) => each - truth[i]),
-      inside = covariance && d2d.nees(off, covariance) < 14.156; // 3 sigma: 99.73 % of chi-square with 3 degrees of freedom
+      inside = covariance && d2d.nees(off, covariance) < 14.156; // 99.73 % of chi-square with 3 degrees of freedom
     return [
       html("strong", {}, `${fixed(Math.hypot(off[0], off[1]))} m and ${fixed(Math.abs(off[2] * 180) / Math.PI, 1)}°`),
       " off the truth. Its covariance ",
@@ -736,12 +738,13 @@ globalThis.labs = (() => {
     while (list.nextElementSibling) reveal.append(list.nextElementSibling);
     const answers = [...list.children].map((item) => {
       const right = Boolean(item.querySelector("strong"));
-      const button = html("button", { type: "button", class: "lab-button", "aria-pressed": "false" }, item.textContent.trim());
-      button.addEventListener("click", () => {
+      const choose = () => {
         answers.forEach((each) => each.setAttribute("aria-pressed", each === button));
         verdict.textContent = right ? "Right. " : "No. ";
         reveal.hidden = false;
-      });
+      };
+      const look = { type: "button", class: "lab-button", "aria-pressed": "false", onclick: choose },
+        button = html("button", look, item.textContent.trim());
       return button;
     });
     const verdict = html("strong", {});

@@ -207,10 +207,11 @@ labs.define(
       );
     }
 
+    const spoken = (words) => html("span", { class: "lab-hidden" }, ` ${words} `);
     /** A density from its logarithm: 0.42, or a power of ten. */
     function short(log) {
       const ten = log / Math.LN10;
-      return ten > -2 ? number(Math.exp(log), 3) : html("span", {}, "10", html("sup", {}, number(ten, 0)));
+      return ten > -2 ? number(Math.exp(log), 3) : html("span", {}, "10", spoken("to the"), html("sup", {}, number(ten, 0)));
     }
 
     function roll() {

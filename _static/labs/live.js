@@ -112,7 +112,7 @@ labs.define(
         return [x, y];
       },
       set: (x, y) => {
-        const place = d2d.move({ x: clamp(x, -3, 19), y: clamp(y, -11, 10) }, d2d.inverseMotion(pose()));
+        const place = d2d.move({ x: clamp(x, 3, 19), y: clamp(y, -11, 10) }, d2d.inverseMotion(pose()));
         Object.assign(lab.state, { ox: place.x, oy: place.y });
       },
     });
@@ -213,7 +213,8 @@ labs.define(
       return html(
         "p",
         {},
-        `Challenge: from the truth, the ${COSTS[cost].name} errs by ${number(score, 1)} of its standard deviations. Your record: ${number(best[cost], 1)}.`,
+        `Challenge: from the truth, the ${COSTS[cost].name} errs by ${number(score, 1)} of its standard deviations. `,
+        `Your record: ${number(best[cost], 1)}.`,
       );
     }
 

@@ -147,37 +147,34 @@ labs.define(
       lab.painted = { size, ms };
     }
 
-    // Where the descent arrives from the truth, and whether it does from another start; worked out anew for another problem.
+    // ---- The basin: the starts that end where one at the truth does -----------------------------------------------------------
+
+    const CELLS = 25; // of a row of starts
     const schedule = () => (lab.state.anneal ? d2d.ANNEALED : [1]);
-    const arrives = (theta, aim) => theta.every((each, i) => Math.abs(each - aim[i]) < 1e-3);
-    const CELLS = 25;
-    let basin = { key: "", aim: null, starts: [], next: 0 },
-      record = 0;
-    function aim() {
+    let basin = {}; // of the present problem: its optimum, starts that arrive, how many were tried, the farthest by hand
+
+    /** Whether a descent arrived. */
+    function arrived(theta) {
       const { x, y, basin: shown, ...rest } = lab.state,
         key = JSON.stringify(rest);
-      if (key !== basin.key) {
-        record = 0;
-        basin = { key, aim: d2d.register(problem(), TRUTH, schedule()).theta, starts: [], next: 0 };
-      }
-      return basin.aim;
+      if (key !== basin.key)
+        basin = { key, aim: d2d.register(problem(), TRUTH, schedule()).theta, starts: [], tried: 0, record: 0 };
+      return theta.every((each, i) => Math.abs(each - basin.aim[i]) < 1e-3);
     }
 
     /** Try a few starts more, and paint those that arrive. */
     function paintBasin() {
-      const began = performance.now(),
-        to = aim();
-      while (basin.next < CELLS ** 2 && performance.now() - began < 10) {
-        const [column, row] = [basin.next % CELLS, Math.floor(basin.next / CELLS)];
-        const [x, y] = [column, row].map((each) => REACH * ((2 * each + 1) / CELLS - 1));
-        const from = [TRUTH[0] + x, TRUTH[1] + y, start()[2]];
-        if (arrives(d2d.register(problem(), from, schedule()).theta, to)) basin.starts.push([x, y]);
-        basin.next++;
+      const began = performance.now();
+      arrived(TRUTH); // another problem begins anew
+      while (basin.tried < CELLS ** 2 && performance.now() - began < 10) {
+        const cell = [basin.tried % CELLS, Math.floor(basin.tried / CELLS)],
+          [x, y] = cell.map((each) => REACH * ((2 * each + 1) / CELLS - 1)),
+          from = [TRUTH[0] + x, TRUTH[1] + y, start()[2]];
+        if (arrived(d2d.register(problem(), from, schedule()).theta)) basin.starts.push([x, y]);
+        basin.tried++;
       }
-      const size = map.X((2 * REACH) / CELLS) - map.X(0);
-      const d = basin.starts.map(([x, y]) => `M${map.X(x)},${map.Y(y)}m${-size / 4},${-size / 4}h${size / 2}v${size / 2}h${-size / 2}z`);
-      map.add(svg("path", { class: "lab-basin", d: d.join("") }));
-      if (basin.next < CELLS ** 2) lab.update();
+      basin.starts.forEach(([x, y]) => map.mark("square", x, y, 3, "lab-basin"));
+      if (basin.tried < CELLS ** 2) lab.update();
     }
 
     let refining = null;
@@ -224,16 +221,18 @@ labs.define(
       const out = counts(lab.state.moving)
         .filter((k) => own.shares[k] < 0.5)
         .map(letter);
-      const end = own.converged ? "" : `After ${own.iterations} steps the descent had not converged. `;
+      const end = own.converged
+        ? `goes in ${own.iterations} steps to an optimum that is `
+        : `has not converged after ${own.iterations} steps, and is `;
       const rejected =
         lab.state.cost === "robust" ? ` Taken for outliers: ${out.length ? out.join(", ") : "none"}.` : "";
       lab.tell(
         html(
           "p",
           {},
-          `${end}From the start the `,
+          "From the start the ",
           labs.inlineMark(lab.state.cost),
-          ` ${COSTS[lab.state.cost].name} goes in ${own.iterations} steps to an optimum that is `,
+          ` ${COSTS[lab.state.cost].name} ${end}`,
           ...labs.verdict(own, TRUTH),
           rejected,
         ),
@@ -245,12 +244,13 @@ labs.define(
     /** How far from the truth a start may be and still arrive. */
     function challenge({ theta }) {
       const far = Math.hypot(lab.state.x, lab.state.y),
-        arrived = arrives(theta, aim());
-      if (arrived) record = Math.max(record, far);
+        arrives = arrived(theta);
+      if (arrives) basin.record = Math.max(basin.record, far);
       return html(
         "p",
         {},
-        `Challenge: this start, ${number(far, 1)} m away, ${arrived ? "arrives" : "does not arrive"} where one at the truth ends. Your record: ${number(record, 1)} m.`,
+        `Challenge: this start, ${number(far, 1)} m away, ${arrives ? "arrives" : "does not arrive"} `,
+        `where one at the truth ends. Your record: ${number(basin.record, 1)} m.`,
       );
     }
 

@@ -738,15 +738,30 @@ def test_the_answer_shows_after_a_guess(lab: Laboratory, hand: Hand, address: st
     assert hand.ask(f"{guess}.querySelector('a[href^=\"#{lab.id}?\"]').checkVisibility()")
 
 
+@pytest.mark.parametrize("page", ["08_credibility", "why_is_my_covariance_too_small"])
+def test_the_credible_laboratory_is_where_it_is_needed(
+    page: str, driver: webdriver.Chrome, address: str
+):
+    """Breaks if its links do nothing there, or half the sigma does not leave 42 % inside."""
+    hand = Hand(driver, LABS[-1]._replace(page=f"chapters/{page}"))
+    hand.open(f"{address}{hand.lab.page}.html")
+    link = "document.querySelector('a[href=\"#lab-credible?stated=0.5\"]')"
+    hand.driver.execute_script(f"{link}.click()")
+    browser.wait(driver, f"return {hand.it}.state.stated === 0.5")
+    browser.wait(driver, f"return {hand.it}.result.results.length === 100")
+    judged = hand.ask("lab.result.judged.nees.filter((each) => each < 7.8147).length")
+    assert 30 <= judged <= 54  # of 100: three standard deviations about 42
+
+
 @PLANE
 def test_the_basin_is_where_starts_arrive(lab: Laboratory, hand: Hand, address: str):
     """Breaks if a yellow dot is a start from which d2d ends elsewhere, or the record is wrong."""
     hand.open(f"{address}{lab.page}.html#{lab.id}?cost=robust&basin=1")
     dots = hand.ask("""(() => { const p = lab.plots[1];
-      const d = p.content.querySelector('.lab-basin').getAttribute('d');
-      return [...d.matchAll(/M([-0-9.]+),([-0-9.]+)m/g)].map(([, x, y]) => [
-        p.x[0] + ((x - p.left) / p.w) * (p.x[1] - p.x[0]),
-        p.y[0] + ((p.top + p.h - y) / p.h) * (p.y[1] - p.y[0])]); })()""")
+      return [...p.content.querySelectorAll('.lab-basin')].map((dot) => {
+        const [x, y] = dot.getAttribute('d').match(/[-0-9.]+/g).map(Number);
+        return [p.x[0] + ((x + 3 - p.left) / p.w) * (p.x[1] - p.x[0]),
+          p.y[0] + ((p.top + p.h - y - 3) / p.h) * (p.y[1] - p.y[0])]; }); })()""")
     problem = hand.ask("lab.result.problem")
     truth = [5.0, 0.0, np.deg2rad(15.0)]
     aim = optimum(problem, truth)
@@ -765,11 +780,11 @@ def test_the_likelihood_is_fooled_and_the_robust_one_is_not(
     lab: Laboratory, hand: Hand, address: str
 ):
     """Breaks if the score is not the error in standard deviations, or the text promises another."""
-    far = "outlier=1&ox=19&oy=-6.5"
+    near = "outlier=1&ox=1&oy=-0.2"
     score = "Number(lab.told.textContent.match(/record: ([0-9]+[.][0-9])/)[1])"
-    hand.open(f"{address}{lab.page}.html#{lab.id}?{far}")
-    assert hand.ask(score) > 55.0
-    hand.open(f"{address}{lab.page}.html#{lab.id}?{far}&cost=robust")
+    hand.open(f"{address}{lab.page}.html#{lab.id}?{near}")
+    assert hand.ask(score) > 12.0
+    hand.open(f"{address}{lab.page}.html#{lab.id}?{near}&cost=robust")
     assert hand.ask(score) < 3.0
 
 
