@@ -138,7 +138,7 @@ globalThis.labs = (() => {
     /** Lay out for the box's present width and draw the axes. */
     extent(x, y) {
       const width = Math.max(150, this.box.clientWidth || 600);
-      const height = Math.round(width * (phone.matches ? this.narrow : this.shape));
+      const height = Math.max(150, Math.round(width * (phone.matches ? this.narrow : this.shape)));
       const left = MARGIN.left,
         top = MARGIN.top,
         w = width - left - MARGIN.right,
@@ -518,6 +518,13 @@ globalThis.labs = (() => {
       return fold;
     }
 
+    /** Scroll to the laboratory, out of what it is folded in. */
+    show() {
+      const fold = this.element.closest("details");
+      if (fold) fold.open = true;
+      this.element.scrollIntoView();
+    }
+
     /** Put the parts on the page in place of the printed fallback. */
     build(parts, draw) {
       this.drawing = draw;
@@ -529,7 +536,7 @@ globalThis.labs = (() => {
         this.stop();
         this.changed?.("address");
         this.update();
-        this.element.scrollIntoView();
+        this.show();
       });
       const shown = this.read();
       this.draw();
@@ -539,7 +546,7 @@ globalThis.labs = (() => {
         width = this.element.clientWidth;
         this.update();
       }).observe(this.element);
-      if (shown) this.element.scrollIntoView();
+      if (shown) this.show();
       all[this.id] = this;
     }
 
