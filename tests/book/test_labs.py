@@ -606,8 +606,11 @@ PYTHON = {  # views whose scripts are run
 def test_the_python_shown_gives_the_numbers_shown(lab: Laboratory, hand: Hand, address: str):
     """Runs what *Show as Python* prints; each number that it prints is one that the page shows."""
     for view in PYTHON[lab.id]:
-        hand.open(f"{address}{lab.page}.html#{lab.id}?{view}")
+        hand.open(f"{address}{lab.page}.html#{lab.id}?{view}", browser.NARROW)
         hand.driver.execute_script("arguments[0].open = true", hand.find(".lab-python"))
+        edges = "[lab.element, lab.element.querySelector('.lab-python pre')]"
+        outer, inner = hand.ask(f"{edges}.map((each) => each.getBoundingClientRect().right)")
+        assert inner < outer
         script = hand.ask("lab.element.querySelector('.lab-python pre').textContent")
         assert script.strip()
         printed = io.StringIO()
