@@ -101,15 +101,19 @@ function openPanel() {
   target.scrollIntoView();
 }
 
-// On paper nothing can be opened: answers and numbers are, code stays folded.
+// On paper nothing can be opened: answers and numbers are, code stays folded. Paper is white in the dark, too.
 const opened = new Set();
+let screenTheme = "";
 window.addEventListener("beforeprint", () => {
+  screenTheme = document.documentElement.dataset.theme;
+  document.documentElement.dataset.theme = "light";
   for (const details of document.querySelectorAll("article details:not(.hide, [open])")) {
     details.open = true;
     opened.add(details);
   }
 });
 window.addEventListener("afterprint", () => {
+  document.documentElement.dataset.theme = screenTheme;
   opened.forEach((details) => (details.open = false));
   opened.clear();
 });

@@ -31,6 +31,7 @@ labs.define(
       xlabel: "error in x (m)",
       ylabel: "error in y (m)",
       shape: 0.95,
+      narrow: 0.58,
       equal: true,
     });
     const histogram = lab.plot({
@@ -38,6 +39,7 @@ labs.define(
       xlabel: "NEES",
       ylabel: "share of runs",
       shape: 0.95,
+      narrow: 0.58,
     });
 
     // ---- Registrations, a few in each frame -------------------------------------------------------------------------------------
@@ -209,6 +211,33 @@ labs.define(
       );
     const stated = key("lab-line lab-strong", "stated 95 % ellipse"),
       line = stated.querySelector("path");
+    // the noise of another generator: the same but for chance
+    lab.python = () => {
+      const { cost, runs, stated, echoes, who, bias } = lab.state;
+      const column = (targets, name) => labs.list(targets.map((target) => target[name]));
+      const counted = FIXED.map((_, i) => (who === "all" || i === 3 ? echoes : 1));
+      const sigmas = [SIGMA_RANGE, SIGMA_AZIMUTH].map((sigma) => labs.short(sigma * stated));
+      return labs.script(
+        "rng = np.random.default_rng(0)",
+        `echo = np.repeat(range(${FIXED.length}), ${labs.list(counted)})`,
+        "def observed(ranges, azimuths):",
+        `    noisy = [value + sigma * rng.standard_normal((${runs}, ${FIXED.length}))`,
+        `             for value, sigma in ((ranges, ${SIGMA_RANGE}), (azimuths, ${SIGMA_AZIMUTH}))]`,
+        `    return PointSet.from_polar(*(value[:, echo] for value in noisy), ${sigmas.join(", ")})`,
+        "",
+        `previous = observed(${column(FIXED, "distance")},`,
+        `                    ${column(FIXED, "azimuth")})`,
+        `current = observed(${column(MOVING, "distance")},`,
+        `                   ${column(MOVING, "azimuth")})`,
+        ...(bias ? [`current = PointSet(current.means + [${bias}, 0], current.covariances)`] : []),
+        `truth = [${TRUTH[0]}, ${TRUTH[1]}, np.deg2rad(15)]`,
+        `estimate = register(previous, current, ${labs.costOf(formOf(cost))}, truth)`,
+        "good = estimate.converged",
+        "judged = credibility((estimate.theta - truth)[good], estimate.covariance[good])",
+        'print(f"ANEES {judged.anees:.2f}, with other noise")',
+      );
+    };
+
     lab.build(
       [
         bar(lab.costs()),
@@ -234,7 +263,7 @@ labs.define(
             lab.state.seed += 1;
             lab.touched("seed");
           }),
-          lab.reset(),
+          ...lab.tools(),
         ),
         bar(
           lab.slider("stated", {

@@ -52,15 +52,15 @@ labs.define(
       label: "Doppler velocity over azimuth",
       xlabel: "azimuth (°), left is positive",
       ylabel: "Doppler velocity (m/s)",
-      shape: 0.5,
-      narrow: 0.85,
+      shape: 0.75,
+      narrow: 0.6,
     });
     const top = lab.plot({
       label: "The scan from above",
       xlabel: "x (m), ahead",
       ylabel: "y (m), left",
-      shape: 0.5,
-      narrow: 0.72,
+      shape: 0.75,
+      narrow: 0.6,
       equal: true,
     });
 
@@ -284,6 +284,25 @@ labs.define(
       );
     };
 
+    lab.python = () => {
+      const { before, now } = scans();
+      const scan = (time, targets, doppler) =>
+        `RadarScan(\n    ${time},\n    ${labs.list(targets.map(({ x, y }) => Math.hypot(x - MOUNTING.x, y)))},\n` +
+        `    ${labs.list(targets.map(({ azimuth }) => azimuth))},\n    ${doppler},\n` +
+        `    ${SIGMA_RANGE}, np.deg2rad(0.5), ${SIGMA_DOPPLER},\n)`;
+      return labs.script(
+        `previous = ${scan(0, before, `np.zeros(${before.length})`)}`,
+        `current = ${scan(INTERVAL, now, labs.list(now.map(({ measured }) => measured)))}`,
+        `estimate = estimate_ego_motion(`,
+        `    previous, current, Mounting(${MOUNTING.x}),`,
+        `    initial=${labs.list(steered())}, doppler=${lab.state.use === "both" ? "True" : "False"},`,
+        ")",
+        "v, sigma = estimate.theta, np.sqrt(np.diag(estimate.covariance))",
+        'print(f"v_x {v[0]:.2f} ± {sigma[0]:.2f} m/s, v_y {v[1]:.2f} ± {sigma[1]:.2f} m/s")',
+        'print(f"omega {np.rad2deg(v[2]):.1f} ± {np.rad2deg(sigma[2]):.1f} degrees/s")',
+      );
+    };
+
     const speed = (v) => `${number(v, 1)} m/s`;
     lab.build(
       [
@@ -304,8 +323,7 @@ labs.define(
           }),
           lab.slider("w", { label: "yaw rate ω", min: -50, max: 50, step: 0.5, show: (v) => `${number(v, 1)} °/s` }),
         ),
-        fan.box,
-        top.box,
+        html("div", { class: "lab-row" }, fan.box, top.box),
         bar(
           lab.slider("speed", { label: "speed of the mover", min: 0, max: 10, step: 0.1, show: speed }),
           lab.slider("heading", {
@@ -316,7 +334,7 @@ labs.define(
             show: (v) => `${number(v, 0)}°`,
           }),
         ),
-        bar(lab.choice("use", "The estimate uses", { both: "positions and Doppler", positions: "positions only" })),
+        bar(lab.choice("use", "Use", { both: "positions and Doppler", positions: "positions only" })),
         bar(
           lab.button("Go to the estimate", () => {
             if (lab.result.found.converged) steer(lab.result.found.theta);
@@ -329,7 +347,7 @@ labs.define(
             lab.state.drive += 1;
             lab.touched("drive");
           }),
-          lab.reset(),
+          ...lab.tools(),
         ),
       ],
       () => {

@@ -5,6 +5,7 @@ globalThis.labs = (() => {
 
   const SVG = "http://www.w3.org/2000/svg";
   const all = {}; // the laboratories of this page by id
+  const phone = matchMedia("(max-width: 700px)"); // as in labs.css
   const still = matchMedia("(prefers-reduced-motion: reduce)");
 
   /** An element with attributes and children; children may be text. */
@@ -136,8 +137,8 @@ globalThis.labs = (() => {
 
     /** Lay out for the box's present width and draw the axes. */
     extent(x, y) {
-      const width = Math.max(240, this.box.clientWidth || 600);
-      const height = Math.round(width * (width < 480 ? this.narrow : this.shape));
+      const width = Math.max(150, this.box.clientWidth || 600);
+      const height = Math.max(150, Math.round(width * (phone.matches ? this.narrow : this.shape)));
       const left = MARGIN.left,
         top = MARGIN.top,
         w = width - left - MARGIN.right,
@@ -285,10 +286,12 @@ globalThis.labs = (() => {
 
     /**
      * Something to drag: `get` gives its place, `set(x, y)` moves it; `step` is what an arrow key does, ten times as much
-     * with Shift.  `axis: "x"` moves along x only.  `hidden()` takes it away.
+     * with Shift.  `axis: "x"` moves along x only.  `hidden()` takes it away.  Handles of one `scan` are one stop of the
+     * Tab key; Page Down and Page Up go from one to the next, because the arrow keys move what is dragged.
      */
     handle({
       name,
+      scan = name,
       get,
       set,
       draw,
@@ -300,7 +303,8 @@ globalThis.labs = (() => {
       low = -1e3,
       high = 1e3,
     }) {
-      const group = svg("g", { class: "lab-handle", tabindex: "0", role: "slider", "aria-label": name });
+      const group = svg("g", { class: "lab-handle", role: "slider", "aria-label": name });
+      group.addEventListener("focus", () => this.stop(handle));
       group.append(svg("circle", { class: "lab-reach", r: 20 }), ...[].concat(draw));
       const to = (x, y) => {
         set(clamp(x, low, high), axis === "x" ? get()[1] : clamp(y, low, high));
@@ -326,6 +330,12 @@ globalThis.labs = (() => {
       });
       for (const end of ["pointerup", "pointercancel"]) group.addEventListener(end, () => (grip = null));
       group.addEventListener("keydown", (event) => {
+        const pages = { PageUp: -1, PageDown: 1 }[event.key],
+          peers = this.peers(handle);
+        if (pages && peers.length > 1) {
+          peers.at((peers.indexOf(handle) + pages) % peers.length).group.focus({ preventScroll: true });
+          event.preventDefault();
+        }
         const by = {
           ArrowLeft: [-1, 0],
           ArrowRight: [1, 0],
@@ -339,9 +349,10 @@ globalThis.labs = (() => {
         event.preventDefault();
       });
       this.front.append(group);
-      this.handles.push({
+      const handle = {
         group,
         grab,
+        scan,
         place: () => {
           const gone = hidden();
           group.style.display = gone ? "none" : "";
@@ -351,7 +362,8 @@ globalThis.labs = (() => {
           const values = { now: x.toFixed(2), min: low, max: high, text: say(x, y) };
           for (const [key, value] of Object.entries(values)) group.setAttribute(`aria-value${key}`, value);
         },
-      });
+      };
+      this.handles.push(handle);
       return group;
     }
 
@@ -365,8 +377,22 @@ globalThis.labs = (() => {
       return this.handles.filter((each) => away(each) <= 1).sort((a, b) => away(a) - away(b))[0];
     }
 
+    /** The handles that are seen of a handle's scan. */
+    peers({ scan }) {
+      return this.handles.filter((each) => each.scan === scan && each.group.style.display !== "none");
+    }
+
+    /** Let the Tab key stop at this handle of its scan only. */
+    stop(handle) {
+      for (const each of this.peers(handle)) each.group.setAttribute("tabindex", each === handle ? "0" : "-1");
+    }
+
     place() {
       this.handles.forEach((handle) => handle.place());
+      for (const handle of this.handles) {
+        const peers = this.peers(handle);
+        if (peers.length && !peers.some((each) => each.group.tabIndex === 0)) this.stop(peers[0]);
+      }
     }
   }
 
@@ -440,12 +466,11 @@ globalThis.labs = (() => {
       return html("fieldset", { class: "lab-choice" }, html("legend", {}, legend), ...inputs.map(([, label]) => label));
     }
 
-    costs(key = "cost", legend = "Cost", names = Object.keys(COSTS)) {
-      return this.choice(
-        key,
-        legend,
-        Object.fromEntries(names.map((name) => [name, [inlineMark(name), ` ${COSTS[name].name}`]])),
-      );
+    costs() {
+      const options = Object.entries(COSTS).map(([name, cost]) => [name, [inlineMark(name), ` ${cost.name}`]]);
+      const row = this.choice("cost", "Cost", Object.fromEntries(options));
+      row.classList.add("lab-costs");
+      return row;
     }
 
     /** A checkbox for a 0 or 1 of the state. */
@@ -463,21 +488,55 @@ globalThis.labs = (() => {
       return html("button", { type: "button", class: "lab-button", onclick: () => act() }, label);
     }
 
-    /** Back to the first view. */
-    reset() {
-      return this.button("Start over", () => {
+    /** What every laboratory ends with: back to the first view, on to others, and to one's own computations. */
+    tools() {
+      const reset = this.button("Start over", () => {
         Object.assign(this.state, structuredClone(this.defaults));
         this.touched("reset");
       });
+      const copy = this.button("Copy link", async () => {
+        const link = location.href.split("#")[0] + this.address();
+        try {
+          await navigator.clipboard.writeText(link);
+          copy.textContent = "Link copied";
+          setTimeout(() => (copy.textContent = "Copy link"), 1500);
+        } catch {
+          prompt("The link to this view", link); // a page that may not use the clipboard
+        }
+      });
+      return [reset, copy, ...(this.python ? [this.script()] : [])];
+    }
+
+    /** The lines of Python that give the numbers on the screen. */
+    script() {
+      const code = html("pre", { class: "lab-command", tabindex: "0" }),
+        summary = html("summary", { class: "lab-button" }, "Show as Python"),
+        fold = html("details", { class: "lab-python", ontoggle: () => this.update() }, summary, code);
+      this.controls.push(() => {
+        if (fold.open) code.textContent = this.python();
+      });
+      return fold;
+    }
+
+    /** Scroll to the laboratory, out of what it is folded in. */
+    show() {
+      const fold = this.element.closest("details");
+      if (fold) fold.open = true;
+      this.element.scrollIntoView();
     }
 
     /** Put the parts on the page in place of the printed fallback. */
     build(parts, draw) {
       this.drawing = draw;
-      this.element.replaceChildren(...parts, this.told, this.spoken);
+      const printed = html("div", { class: "lab-printed" }, ...this.element.childNodes);
+      this.element.replaceChildren(...parts, this.told, this.spoken, printed);
       this.element.classList.add("lab-live");
       addEventListener("hashchange", () => {
-        if (this.read()) this.update();
+        if (!this.read()) return;
+        this.stop();
+        this.changed?.("address");
+        this.update();
+        this.show();
       });
       const shown = this.read();
       this.draw();
@@ -487,7 +546,7 @@ globalThis.labs = (() => {
         width = this.element.clientWidth;
         this.update();
       }).observe(this.element);
-      if (shown) this.element.scrollIntoView();
+      if (shown) this.show();
       all[this.id] = this;
     }
 
@@ -571,7 +630,7 @@ globalThis.labs = (() => {
     }
 
     // The address holds what differs from the first view: #lab-line?cost=robust&fixed=0,8,10.2
-    write() {
+    address() {
       const parts = Object.entries(this.state)
         .filter(([key, value]) => JSON.stringify(value) !== JSON.stringify(this.defaults[key]))
         .map(
@@ -581,8 +640,12 @@ globalThis.labs = (() => {
               .map((v) => (typeof v === "number" ? Number(v.toPrecision(7)) : v))
               .join(",")}`,
         );
+      return `#${this.id}${parts.length ? `?${parts.join("&")}` : ""}`;
+    }
+
+    write() {
       try {
-        history.replaceState(history.state, "", `#${this.id}${parts.length ? `?${parts.join("&")}` : ""}`);
+        history.replaceState(history.state, "", this.address());
       } catch {
         /* a browser that allows no history for files: the view is then not in the address */
       }
@@ -614,6 +677,42 @@ globalThis.labs = (() => {
     }
   }
 
+  // ---- The same in Python ----------------------------------------------------------------------------------------------------
+
+  const NAMES = {
+    d2d: ["ANNEALED", "CorruptedGaussian", "PointSet", "RegistrationCost", "credibility", "multi_start", "register"],
+    "d2d.radar": ["Mounting", "RadarScan", "estimate_ego_motion"],
+  };
+
+  /** A script from its lines, with the imports that they need. */
+  function script(...lines) {
+    const body = lines.join("\n"),
+      imports = Object.entries(NAMES)
+        .map(([module, names]) => [module, names.filter((name) => body.includes(name))])
+        .filter(([, names]) => names.length)
+        .map(([module, names]) => `from ${module} import ${names.join(", ")}\n`);
+    return `import numpy as np\n${imports.join("")}\n${body}\n`;
+  }
+
+  /** A number, and a list of them, in digits enough for what is shown of the result. */
+  const short = (value) => Number(value.toPrecision(8));
+  const list = (values) => `[${values.map(short).join(", ")}]`;
+
+  /** The cost of a problem. */
+  function costOf({ fusion, outlier, line }) {
+    if (fusion === "summing") return 'RegistrationCost(fusion="summing")';
+    if (!outlier) return "RegistrationCost()";
+    const variance = `${short(outlier.xx)} * np.eye(${line ? 1 : 2})`;
+    return `RegistrationCost(outlier=CorruptedGaussian(${outlier.fraction}, ${variance}))`;
+  }
+
+  /** Targets in a sensor's frame, given by range and azimuth and their standard deviations. */
+  function polarSet(targets, ...sigmas) {
+    const ranges = list(targets.map(({ x, y }) => Math.hypot(x, y))),
+      azimuths = list(targets.map(({ x, y }) => Math.atan2(y, x)));
+    return `PointSet.from_polar(\n    ${ranges},\n    ${azimuths},\n    ${sigmas.join(", ")},\n)`;
+  }
+
   /** What an element says aloud: its paragraphs, and each row of its tables as a sentence. */
   function sentences(told) {
     const row = (tr) => {
@@ -622,6 +721,42 @@ globalThis.labs = (() => {
     };
     const said = [...told.querySelectorAll("p, tbody tr")];
     return said.map((each) => (each.cells ? row(each) : each.textContent.trim())).join(" ");
+  }
+
+  /** How far an optimum is from the true motion, and what its covariance says of that. */
+  function verdict({ theta, covariance }, truth) {
+    const off = theta.map((each, i) => each - truth[i]),
+      inside = covariance && d2d.nees(off, covariance) < 14.156; // 99.73 % of chi-square with 3 degrees of freedom
+    return [
+      html("strong", {}, `${fixed(Math.hypot(off[0], off[1]))} m and ${fixed(Math.abs(off[2] * 180) / Math.PI, 1)}°`),
+      " off the truth. Its covariance ",
+      !covariance
+        ? "is not defined."
+        : inside
+          ? "allows for such an error."
+          : "says that such an error is next to impossible.",
+    ];
+  }
+
+  /** A question to answer before the laboratory: its list becomes buttons, and what follows shows once one is pressed. */
+  function ask(question) {
+    const list = question.querySelector("ul"),
+      reveal = html("div", { "aria-live": "polite", hidden: "" });
+    while (list.nextElementSibling) reveal.append(list.nextElementSibling);
+    const answers = [...list.children].map((item) => {
+      const right = Boolean(item.querySelector("strong"));
+      const choose = () => {
+        answers.forEach((each) => each.setAttribute("aria-pressed", each === button));
+        verdict.textContent = right ? "Right. " : "No. ";
+        reveal.hidden = false;
+      };
+      const look = { type: "button", class: "lab-button", "aria-pressed": "false", onclick: choose },
+        button = html("button", look, item.textContent.trim());
+      return button;
+    });
+    const verdict = html("strong", {});
+    reveal.firstElementChild.prepend(verdict);
+    list.replaceWith(bar(...answers), reveal);
   }
 
   /** A row of controls. */
@@ -641,6 +776,8 @@ globalThis.labs = (() => {
     else begin();
   }
 
+  document.querySelectorAll(".lab-guess").forEach(ask);
+
   return {
     define,
     all,
@@ -651,10 +788,16 @@ globalThis.labs = (() => {
     clamp,
     range,
     letter,
+    verdict,
     bar,
     panel,
     corrupted,
     formOf,
+    script,
+    list,
+    short,
+    costOf,
+    polarSet,
     COSTS,
     SCENE,
     SCENE_TARGETS,

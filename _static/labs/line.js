@@ -33,15 +33,15 @@ labs.define(
       label: "The targets of both scans",
       xlabel: "x (m)",
       ylabel: "",
-      shape: 0.28,
-      narrow: 0.62,
+      shape: 0.24,
+      narrow: 0.5,
       yTicks: false,
     });
     const curve = lab.plot({
       label: "The cost over the translation",
       xlabel: "translation tₓ (m)",
-      shape: 0.42,
-      narrow: 0.75,
+      shape: 0.37,
+      narrow: 0.7,
     });
     let result = null,
       trail = [];
@@ -79,6 +79,7 @@ labs.define(
     for (let i = 0; i < 3; i++) {
       sets.handle({
         name: `Target ${NAMES[i]} of the previous scan F`,
+        scan: "F",
         axis: "x",
         step: 0.05,
         low: -16,
@@ -94,6 +95,7 @@ labs.define(
     for (let k = 0; k < 4; k++) {
       sets.handle({
         name: `Target ${NAMES[k]} of the current scan M, where the translation puts it`,
+        scan: "M",
         axis: "x",
         step: 0.05,
         low: -30,
@@ -187,11 +189,9 @@ labs.define(
       const { state } = lab;
       const best = peaks.reduce((a, b) => (all[a] >= all[b] ? a : b), peaks[0] ?? 0);
       const here = d2d.evaluate({ ...problem(), fusion: "likelihood" }, [state.t, 0, 0]);
-      const factors = here.logs.map((log, k) => [
-        NAMES[k],
-        log === -Infinity ? "0" : short(log),
-        ...(state.cost === "robust" ? [`${Math.round(100 * here.shares[k])} %`] : []),
-      ]);
+      const factors = [["its density there (1/m)", ...here.logs.map((log) => (log === -Infinity ? "0" : short(log)))]];
+      if (state.cost === "robust")
+        factors.push(["is an inlier", ...here.shares.map((share) => `${Math.round(100 * share)} %`)]);
       result = { problem: problem(), minima: peaks.length, lowest: d2d.register(problem(), [T[best], 0, 0]).theta[0] };
       lab.result = result;
       const p = html("p", {});
@@ -203,14 +203,15 @@ labs.define(
       );
       lab.tell(
         p,
-        lab.table(["target", "its density there (1/m)", ...(state.cost === "robust" ? ["is an inlier"] : [])], factors),
+        lab.table(["target", ...NAMES.slice(0, here.logs.length)], factors),
       );
     }
 
+    const spoken = (words) => html("span", { class: "lab-hidden" }, ` ${words} `);
     /** A density from its logarithm: 0.42, or a power of ten. */
     function short(log) {
       const ten = log / Math.LN10;
-      return ten > -2 ? number(Math.exp(log), 3) : html("span", {}, "10", html("sup", {}, number(ten, 0)));
+      return ten > -2 ? number(Math.exp(log), 3) : html("span", {}, "10", spoken("to the"), html("sup", {}, number(ten, 0)));
     }
 
     function roll() {
@@ -241,6 +242,20 @@ labs.define(
       if (key !== undefined) trail = [];
     };
 
+    lab.python = () => {
+      const { fixed, noise } = lab.state;
+      const set = (xs) => `PointSet(np.c_[${labs.list(xs)}], ${number(noise)}**2 * np.ones((${xs.length}, 1, 1)))`;
+      return labs.script(
+        `previous = ${set(fixed)}`,
+        `current = ${set(moving())}`,
+        `cost = ${labs.costOf(problem())}`,
+        `deepest = multi_start(previous, current, cost, np.c_[np.linspace(-12, 16, 225)])`,
+        'print(f"the deepest valley is at {deepest.theta[0]:.2f} m")',
+        `ball = register(previous, current, cost, initial=${labs.list([lab.state.t])})`,
+        'print(f"the ball rolls to {ball.theta[0]:.2f} m")',
+      );
+    };
+
     const robust = () => lab.state.cost === "robust";
     lab.build(
       [
@@ -255,7 +270,7 @@ labs.define(
             lab.touched("draw");
           }),
           lab.check("outlier", "outlier O in M"),
-          lab.reset(),
+          ...lab.tools(),
         ),
         bar(
           lab.slider("t", { label: "translation tₓ", min: -12, max: 16, step: 0.01, show: (v) => `${number(v)} m` }),

@@ -6,6 +6,8 @@ labs.define(
     y: 2,
     turn: 0,
     outlier: 0,
+    ox: 9.81, // m, in the current scan's frame: what has no partner in the previous scan
+    oy: -11.46,
     cost: "likelihood",
   }),
   (lab) => {
@@ -26,35 +28,40 @@ labs.define(
       [7.5, -3.5],
       [11.5, -6],
     ];
-    const STRAY = [13.5, -9]; // m, in the previous scan's frame at the true motion: seen in the current scan only
     const home = d2d.inverseMotion(TRUTH),
       noise = d2d.normals(4);
+    const measured = (range_, azimuth) => d2d.fromPolar(range_, azimuth, SIGMA_RANGE, SIGMA_AZIMUTH);
     const observe = ({ x, y }) =>
-      d2d.fromPolar(
-        Math.hypot(x, y) + SIGMA_RANGE * noise(),
-        Math.atan2(y, x) + SIGMA_AZIMUTH * noise(),
-        SIGMA_RANGE,
-        SIGMA_AZIMUTH,
-      );
+      measured(Math.hypot(x, y) + SIGMA_RANGE * noise(), Math.atan2(y, x) + SIGMA_AZIMUTH * noise());
     const previous = PLACES.map(([x, y]) => observe({ x, y })),
-      current = [...PLACES, STRAY].map(([x, y]) => observe(d2d.move({ x, y }, home)));
+      current = PLACES.map(([x, y]) => observe(d2d.move({ x, y }, home)));
 
-    const scene = lab.plot({ label: "Both scans", xlabel: "x (m)", ylabel: "y (m)", shape: 0.98, equal: true });
+    const scene = lab.plot({
+      label: "Both scans",
+      xlabel: "x (m)",
+      ylabel: "y (m)",
+      shape: 0.98,
+      narrow: 0.85,
+      equal: true,
+    });
     const curve = lab.plot({
       label: "The cost over the shift along x",
       xlabel: "shift along x (m)",
       ylabel: "cost",
       shape: 0.55,
+      narrow: 0.85,
     });
     const error = lab.plot({
       label: "Error of the registration in rotation and y with its 3-sigma ellipse",
       xlabel: "error of the rotation (°)",
       ylabel: "in y (m)",
       shape: 0.5,
+      narrow: 0.85,
     });
 
     const pose = () => [lab.state.x, lab.state.y, lab.state.turn * DEGREE];
-    const seen = () => current.slice(0, PLACES.length + lab.state.outlier);
+    const outlier = () => measured(Math.hypot(lab.state.ox, lab.state.oy), Math.atan2(lab.state.oy, lab.state.ox));
+    const seen = () => [...current, ...(lab.state.outlier ? [outlier()] : [])];
     const problem = () => ({
       fixed: previous,
       moving: seen(),
@@ -93,6 +100,22 @@ labs.define(
         lab.state.turn = clamp(Math.atan2(y - lab.state.y, x - lab.state.x) / DEGREE, -60, 60);
       },
     });
+    scene.handle({
+      name: "The outlier: move it",
+      step: 0.2,
+      low: -20,
+      high: 20,
+      draw: [svg("circle", { class: "lab-knob", r: 6 }), svg("text", { x: 9, y: 4 }, "outlier")],
+      hidden: () => !lab.state.outlier,
+      get: () => {
+        const { x, y } = d2d.move(outlier(), pose());
+        return [x, y];
+      },
+      set: (x, y) => {
+        const place = d2d.move({ x: clamp(x, 3, 19), y: clamp(y, -11, 10) }, d2d.inverseMotion(pose()));
+        Object.assign(lab.state, { ox: place.x, oy: place.y });
+      },
+    });
 
     function drawScene(found) {
       scene.extent([-4, 20], [-12, 11]);
@@ -114,12 +137,12 @@ labs.define(
       seen().forEach((target, k) => {
         const there = d2d.move(target, pose());
         scene.ellipse(there.x, there.y, there, 3, `lab-line lab-${lab.state.cost}`);
+        if (k === PLACES.length) return; // it has a handle of its own
         const at = { cx: scene.X(there.x) - scene.X(x), cy: scene.Y(there.y) - scene.Y(y) };
         body.append(
           svg("circle", { class: "lab-reach", r: 16, ...at }),
           svg("circle", { class: `lab-fill-${lab.state.cost}`, r: 5, ...at }),
         );
-        if (k === PLACES.length) body.append(svg("text", { x: at.cx + 9, y: at.cy + 4 }, "outlier"));
       });
       scene.ellipse(
         found.theta[0],
@@ -165,9 +188,6 @@ labs.define(
     }
 
     function tell(found) {
-      const off = found.theta.map((each, i) => each - TRUTH[i]),
-        distance = Math.hypot(off[0], off[1]);
-      const inside = found.covariance && d2d.nees(off, found.covariance) < 14.156; // 3 sigma: 99.73 % of chi-square with 3 degrees of freedom
       const now = `The scan is shifted by ${number(lab.state.x)} m and ${number(lab.state.y)} m, and turned by ${number(lab.state.turn, 0)}°. `;
       lab.tell(
         html(
@@ -176,14 +196,25 @@ labs.define(
           now,
           labs.inlineMark(lab.state.cost),
           ` From here the ${COSTS[lab.state.cost].name} goes to a motion that is `,
-          html("strong", {}, `${number(distance)} m and ${number(Math.abs(off[2]) / DEGREE, 1)}°`),
-          " off the truth. Its covariance ",
-          !found.covariance
-            ? "is not defined."
-            : inside
-              ? "allows for such an error."
-              : "says that such an error is next to impossible.",
+          ...labs.verdict(found, TRUTH),
         ),
+        ...(lab.state.outlier ? [challenge()] : []),
+      );
+    }
+
+    const best = { summing: 0, likelihood: 0, robust: 0 };
+    /** How wrong the outlier makes a covariance, where the start is not to blame. */
+    function challenge() {
+      const { theta, covariance: stated } = d2d.register(problem(), TRUTH),
+        off = theta.map((each, i) => each - TRUTH[i]),
+        score = stated ? Math.sqrt(d2d.nees(off, stated)) : 0,
+        { cost } = lab.state;
+      best[cost] = Math.max(best[cost], score);
+      return html(
+        "p",
+        {},
+        `Challenge: from the truth, the ${COSTS[cost].name} errs by ${number(score, 1)} of its standard deviations. `,
+        `Your record: ${number(best[cost], 1)}.`,
       );
     }
 
@@ -203,18 +234,28 @@ labs.define(
       );
     }
 
+    lab.python = () =>
+      labs.script(
+        `previous = ${labs.polarSet(previous, SIGMA_RANGE, SIGMA_AZIMUTH)}`,
+        `current = ${labs.polarSet(seen(), SIGMA_RANGE, SIGMA_AZIMUTH)}`,
+        `cost = ${labs.costOf(problem())}`,
+        `estimate = register(previous, current, cost, initial=${labs.list(pose())})`,
+        `error = estimate.theta - [${TRUTH[0]}, ${TRUTH[1]}, np.deg2rad(10)]`,
+        'print(f"{np.hypot(*error[:2]):.2f} m and {abs(np.rad2deg(error[2])):.1f} degrees off the truth")',
+      );
+
     lab.build(
       [
-        bar(lab.costs(), lab.check("outlier", "add an outlier")),
+        bar(lab.costs()),
         html(
           "div",
           { class: "lab-row" },
           panel("Drag the coloured scan, turn it by the ring", scene),
           html(
             "div",
-            {},
-            panel("The cost if it is shifted along x", curve),
-            panel("Where the registration ends: error and 3σ", error),
+            { class: "lab-pair" },
+            panel("Cost of a shift along x", curve),
+            panel("Its error, and 3σ", error),
           ),
         ),
         html(
@@ -226,7 +267,7 @@ labs.define(
           html("span", {}, "dashed: the truth"),
           html("span", {}, "● in the curve: now"),
         ),
-        bar(lab.button("Register from here", slide), lab.reset()),
+        bar(lab.check("outlier", "add an outlier"), lab.button("Register from here", slide), ...lab.tools()),
       ],
       () => {
         const found = d2d.register(problem(), pose());

@@ -274,7 +274,7 @@
         ["v_y to the left", "m/s", 1],
         ["yaw rate ω", "°/s", 1 / DEGREE],
       ].map(([name, unit, factor], axis) => {
-        const plot = lab.plot({ label: name, xlabel: "time (s)", ylabel: unit, shape: 0.55, narrow: 0.65 });
+        const plot = lab.plot({ label: name, xlabel: "time (s)", ylabel: unit, shape: 0.65 });
         return { name: `${name} (${unit}) with ±3σ`, plot, factor, axis };
       });
       const results = html("div", { hidden: "" }),

@@ -17,6 +17,7 @@ labs.define(
     alpha: 0.2,
     width: 10, // m
     inflate: 1,
+    basin: 0, // whether the starts that arrive are painted
     anneal: 0, // whether the descent steps the standard deviations down
     draw: 0,
   }),
@@ -32,12 +33,20 @@ labs.define(
     lab.sound = (state) =>
       sized(state.fixed) && sized(state.moving) && state.cost in COSTS && state.inflate > 0 && state.width > 0;
 
-    const scene = lab.plot({ label: "Both scans", xlabel: "x (m)", ylabel: "y (m)", shape: 0.95, equal: true });
+    const scene = lab.plot({
+      label: "Both scans",
+      xlabel: "x (m)",
+      ylabel: "y (m)",
+      shape: 0.9,
+      narrow: 0.6,
+      equal: true,
+    });
     const map = lab.plot({
       label: "The cost over the translation",
       xlabel: "off the truth in x (m)",
       ylabel: "off the truth in y (m)",
-      shape: 0.95,
+      shape: 0.9,
+      narrow: 0.6,
       equal: true,
       heat: true,
     });
@@ -61,6 +70,7 @@ labs.define(
     for (let i = 0; i < MOST; i++) {
       scene.handle({
         name: `Target ${letter(i)} of the previous scan F`,
+        scan: "F",
         step: 0.2,
         low: -40,
         high: 70,
@@ -74,6 +84,7 @@ labs.define(
       const knob = svg("circle", { class: "lab-knob lab-moving", r: 6 });
       scene.handle({
         name: `Target ${letter(i)} of the current scan M, at the true motion`,
+        scan: "M",
         step: 0.2,
         low: -40,
         high: 70,
@@ -136,6 +147,36 @@ labs.define(
       lab.painted = { size, ms };
     }
 
+    // ---- The basin: the starts that end where one at the truth does -----------------------------------------------------------
+
+    const CELLS = 25; // of a row of starts
+    const schedule = () => (lab.state.anneal ? d2d.ANNEALED : [1]);
+    let basin = {}; // of the present problem: its optimum, starts that arrive, how many were tried, the farthest by hand
+
+    /** Whether a descent arrived. */
+    function arrived(theta) {
+      const { x, y, basin: shown, ...rest } = lab.state,
+        key = JSON.stringify(rest);
+      if (key !== basin.key)
+        basin = { key, aim: d2d.register(problem(), TRUTH, schedule()).theta, starts: [], tried: 0, record: 0 };
+      return theta.every((each, i) => Math.abs(each - basin.aim[i]) < 1e-3);
+    }
+
+    /** Try a few starts more, and paint those that arrive. */
+    function paintBasin() {
+      const began = performance.now();
+      arrived(TRUTH); // another problem begins anew
+      while (basin.tried < CELLS ** 2 && performance.now() - began < 10) {
+        const cell = [basin.tried % CELLS, Math.floor(basin.tried / CELLS)],
+          [x, y] = cell.map((each) => REACH * ((2 * each + 1) / CELLS - 1)),
+          from = [TRUTH[0] + x, TRUTH[1] + y, start()[2]];
+        if (arrived(d2d.register(problem(), from, schedule()).theta)) basin.starts.push([x, y]);
+        basin.tried++;
+      }
+      basin.starts.forEach(([x, y]) => map.mark("square", x, y, 3, "lab-basin"));
+      if (basin.tried < CELLS ** 2) lab.update();
+    }
+
     let refining = null;
     function drawMap(found, others) {
       map.extent([-REACH, REACH], [-REACH, REACH]);
@@ -145,6 +186,7 @@ labs.define(
       refining = setTimeout(() => paint(found, true), 250);
       const off = (theta) => [theta[0] - TRUTH[0], theta[1] - TRUTH[1]];
       for (const axis of ["x", "y"]) map.rule(axis, 0, "lab-cross");
+      if (lab.state.basin) paintBasin();
       map.line(found.path.map(off), "lab-over");
       found.path.slice(1).forEach((theta) => map.mark("circle", ...off(theta), 2.5, "lab-step"));
       for (const [name, other] of Object.entries(others)) {
@@ -180,13 +222,35 @@ labs.define(
         .filter((k) => own.shares[k] < 0.5)
         .map(letter);
       const end = own.converged
-        ? `${own.iterations} steps from the start to the optimum.`
-        : `After ${own.iterations} steps the descent had not converged.`;
+        ? `goes in ${own.iterations} steps to an optimum that is `
+        : `has not converged after ${own.iterations} steps, and is `;
       const rejected =
         lab.state.cost === "robust" ? ` Taken for outliers: ${out.length ? out.join(", ") : "none"}.` : "";
       lab.tell(
-        html("p", {}, labs.inlineMark(lab.state.cost), ` ${COSTS[lab.state.cost].name}: ${end}${rejected}`),
+        html(
+          "p",
+          {},
+          "From the start the ",
+          labs.inlineMark(lab.state.cost),
+          ` ${COSTS[lab.state.cost].name} ${end}`,
+          ...labs.verdict(own, TRUTH),
+          rejected,
+        ),
+        challenge(own),
         lab.table(["error ± stated σ", "x (m)", "y (m)", "rotation (°)", "NEES"], rows),
+      );
+    }
+
+    /** How far from the truth a start may be and still arrive. */
+    function challenge({ theta }) {
+      const far = Math.hypot(lab.state.x, lab.state.y),
+        arrives = arrived(theta);
+      if (arrives) basin.record = Math.max(basin.record, far);
+      return html(
+        "p",
+        {},
+        `Challenge: this start, ${number(far, 1)} m away, ${arrives ? "arrives" : "does not arrive"} `,
+        `where one at the truth ends. Your record: ${number(basin.record, 1)} m.`,
       );
     }
 
@@ -243,6 +307,23 @@ labs.define(
       lab.state.moving.push(Number(p.x.toFixed(2)), Number(p.y.toFixed(2)));
     }
 
+    lab.python = () => {
+      const { inflate, anneal } = lab.state,
+        sigmas = [SIGMA_RANGE, SIGMA_AZIMUTH].map((sigma) => labs.short(sigma * inflate));
+      return labs.script(
+        `previous = ${labs.polarSet(targets(lab.state.fixed), ...sigmas)}`,
+        `current = ${labs.polarSet(targets(lab.state.moving), ...sigmas)}`,
+        `cost = ${labs.costOf(problem())}`,
+        `start = ${labs.list(start())}`,
+        `estimate = register(previous, current, cost, start${anneal ? ", ANNEALED" : ""})`,
+        `error = estimate.theta - [${TRUTH[0]}, ${TRUTH[1]}, np.deg2rad(15)]`,
+        "sigma = np.sqrt(np.diag(estimate.covariance))",
+        "nees = error @ np.linalg.solve(estimate.covariance, error)",
+        'print(f"x {error[0]:.2f} ± {sigma[0]:.2f} m, y {error[1]:.2f} ± {sigma[1]:.2f} m")',
+        'print(f"rotation {np.rad2deg(error[2]):.1f} ± {np.rad2deg(sigma[2]):.1f} degrees, NEES {nees:.1f}")',
+      );
+    };
+
     lab.changed = () => {
       shownAt = null;
     };
@@ -267,8 +348,9 @@ labs.define(
             addOutlier();
             lab.touched("outlier");
           }),
-          lab.check("anneal", "anneal (σ × 10, 5.5, 3.2, 1.7, 1)"),
-          lab.reset(),
+          lab.check("anneal", "anneal (σ × 10 to 1)"),
+          lab.check("basin", "paint the basin"),
+          ...lab.tools(),
         ),
         bar(
           lab.slider("turn", {
@@ -301,7 +383,7 @@ labs.define(
         const others = Object.fromEntries(
           Object.keys(COSTS).map((name) => [
             name,
-            d2d.register(problem(name), start(), lab.state.anneal ? d2d.ANNEALED : [1]),
+            d2d.register(problem(name), start(), schedule()),
           ]),
         );
         const found = others[lab.state.cost];

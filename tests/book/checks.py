@@ -43,7 +43,8 @@ def references(visit: Visit, book: Path) -> list[str]:
     for link in visit.links:
         target = urlsplit(link["resolved"])
         if (target.scheme, target.netloc) == (home.scheme, home.netloc):
-            problem = dead(book / unquote(target.path).lstrip("/"), unquote(target.fragment))
+            place = unquote(target.fragment).split("?")[0]  # a laboratory's state may follow
+            problem = dead(book / unquote(target.path).lstrip("/"), place)
         else:
             problem = malformed(link["resolved"])
         if problem:
