@@ -7,8 +7,9 @@ document.addEventListener("DOMContentLoaded", () => {
   breakNames();
   nameKinds();
   switchCode();
+  foldParts();
+  markLaboratories();
   window.addEventListener("hashchange", openPanel);
-  window.addEventListener("load", showEntry); // after the theme has put the sidebar where it was on another page
 });
 
 /** A note of the margin begins level with what it is about. On a phone, where it stands between the paragraphs, it
@@ -74,13 +75,31 @@ function switchCode() {
   buttons.prepend(button);
 }
 
-/** The sidebar shows the page's own entry. */
-function showEntry() {
-  const sidebar = document.querySelector(".bd-sidebar-primary");
-  const entry = sidebar?.querySelector("li.current.active > a")?.getBoundingClientRect();
-  if (!entry) return;
-  const frame = sidebar.getBoundingClientRect();
-  if (entry.top < frame.top || entry.bottom > frame.bottom) sidebar.scrollTop += entry.top - frame.top - frame.height / 3;
+/** The sidebar opens on the part of this page; the others are folded, so that all of them fit one screen. */
+function foldParts() {
+  for (const caption of document.querySelectorAll(".bd-sidebar-primary .bd-links p.caption")) {
+    const pages = caption.nextElementSibling;
+    const part = document.createElement("details");
+    const heading = part.appendChild(document.createElement("summary"));
+    part.open = pages.querySelector(".current") !== null;
+    caption.replaceWith(part);
+    heading.append(caption);
+    part.append(pages);
+  }
+}
+
+/** An entry of the sidebar says that its page has a laboratory. */
+function markLaboratories() {
+  const root = document.documentElement.dataset.content_root;
+  const addresses = new Set(LABORATORIES.map((page) => new URL(`${root}${page}.html`, location).pathname));
+  for (const link of document.querySelectorAll(".bd-sidebar-primary li > a")) {
+    if (!addresses.has(link.pathname)) continue;
+    const mark = link.appendChild(document.createElement("span"));
+    mark.className = "has-laboratory";
+    mark.title = "has a laboratory";
+    mark.role = "img";
+    mark.ariaLabel = mark.title;
+  }
 }
 
 /** What stands behind the # of the address; nothing if that is damaged. */

@@ -2,16 +2,21 @@
 
 A page has a laboratory where its text has ``<div class="lab" data-lab="name">``; the scripts are
 ``engine.js``, ``kit.js`` and ``name.js`` in ``_static/labs``, and those that it builds on.  Jupyter
-Book by itself would load every script of ``_static`` on every page.
+Book by itself would load every script of ``_static`` on every page.  Every page is told which pages
+have a laboratory, for the marks in its sidebar.
 """
 
 from __future__ import annotations
 
+import json
 import re
+from functools import cache
 from typing import Any
 
+from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.config import Config
+from sphinx.environment import BuildEnvironment
 
 FOLDER = "labs/"
 LABORATORY = re.compile(r'<div class="lab"[^>]* data-lab="([a-z]+)"')
@@ -29,8 +34,19 @@ def leave_out(app: Sphinx, config: Config) -> None:
         setattr(config, name, kept)
 
 
+@cache
+def pages_with_one(env: BuildEnvironment) -> list[str]:
+    """The pages that have a laboratory."""
+    return [
+        page
+        for page in sorted(env.found_docs)
+        if any(LABORATORY.search(raw.astext()) for raw in env.get_doctree(page).findall(nodes.raw))
+    ]
+
+
 def load(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
-    """Load what the laboratories of a page need."""
+    """Tell a page which pages have a laboratory, and load what its own ones need."""
+    app.add_js_file(None, body=f"const LABORATORIES = {json.dumps(pages_with_one(app.env))};")
     names = sorted(set(LABORATORY.findall(context.get("body", ""))))
     if not names:
         return

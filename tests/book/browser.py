@@ -137,9 +137,9 @@ def visit(driver: webdriver.Chrome, address: str) -> Visit:
     wait(driver, "return document.readyState === 'complete'")
     driver.execute_script(INSPECT)
     formulas = ask(driver, "await inspectBook.formulas()")
-    images = ask(driver, "await inspectBook.images()")
     links = ask(driver, "inspectBook.links()")
     complaints, size, shared = traffic(driver, address)
+    images = ask(driver, "await inspectBook.images()")  # also those that load when scrolled to
     screens = ask(driver, "inspectBook.screens()")
     found: dict[str, list[str]] = {"complaints": complaints, "formulas": formulas["found"]}
 

@@ -22,6 +22,7 @@ window.inspectBook = (() => {
 
   /** The largest difference of a colour channel between two pixels of a picture, 0 to 255. */
   async function variation(image) {
+    image.loading = "eager"; // it may not be in view
     try {
       await image.decode();
     } catch {
@@ -130,11 +131,12 @@ window.inspectBook = (() => {
     return false;
   }
 
-  /** Pictures shown at less than a share of the size they were drawn in, where labels can no longer be read. */
+  /** Pictures shown at less than a share of the size they were drawn in, where labels can no longer be read. The page of
+      all figures only leads to them. */
   function shrunken(least) {
     // a figure of a notebook says both, and has twice as many pixels
     const drawn = ({ naturalWidth, style }) => (style.height ? parseFloat(style.width) : naturalWidth);
-    return [...main().querySelectorAll("img")]
+    return [...main().querySelectorAll("img:not(.gallery img)")]
       .map((image) => [image.getBoundingClientRect().width / drawn(image), image])
       .filter(([share]) => share < least)
       .map(([share, image]) => `${image.getAttribute("src")} at ${share.toFixed(2)} of its size`);

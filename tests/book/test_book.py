@@ -37,6 +37,7 @@ EACH_PAGE = pytest.mark.parametrize(
 LOOKED_UP = {
     "chapters/claims",
     "chapters/errata",
+    "chapters/gallery",
     "chapters/notation",
     "chapters/benchmarks",
     "chapters/references",
@@ -161,17 +162,52 @@ def test_folded_code_takes_no_line_and_one_button_shows_all(driver: webdriver.Ch
     assert driver.execute_script(f"return {folds}.some(d => d.open)") is False
 
 
-def test_the_sidebar_shows_the_entry_of_the_page(resized: webdriver.Chrome, address: str):
-    """Breaks if the sidebar stays where it was on the page before."""
+def test_the_sidebar_opens_on_the_part_of_the_page(resized: webdriver.Chrome, address: str):
+    """Breaks if one must scroll or search the sidebar for the page that is open."""
     browser.resize(resized, browser.WIDE)
-    inside = """
-        const [entry, frame] = ["li.current.active > a", ""].map(
-            (s) => document.querySelector(`.bd-sidebar-primary ${s}`).getBoundingClientRect());
-        return entry.top >= frame.top && entry.bottom <= frame.bottom;
+    shown = """
+        const sidebar = document.querySelector(".bd-sidebar-primary");
+        const frame = sidebar.getBoundingClientRect();
+        const entry = sidebar.querySelector("li.current.active > a").getBoundingClientRect();
+        const open = [...sidebar.querySelectorAll("details[open]")];
+        return open.length === 1 && open[0].contains(sidebar.querySelector("li.current"))
+          && entry.top >= frame.top && entry.bottom <= frame.bottom;
     """
     for page in (PAGES[1], PAGES[-1], PAGES[2]):
         resized.get(f"{address}{page}.html")
-        browser.wait(resized, inside)
+        browser.wait(resized, shown)
+
+
+def test_the_sidebar_marks_pages_with_a_laboratory(
+    driver: webdriver.Chrome, address: str, book: Path
+):
+    """Breaks if a mark leads to a page without a laboratory, or one is not marked."""
+    driver.get(f"{address}intro.html")
+    links = "[...document.querySelectorAll('.bd-sidebar-primary li > a')]"
+    marked = f"{links}.filter(a => a.querySelector('.has-laboratory')).map(a => a.pathname)"
+    found = {Path(path).stem for path in driver.execute_script(f"return {marked}")}
+    expected = {
+        Path(page).stem
+        for page in PAGES
+        if 'class="lab" data-lab' in (book / f"{page}.html").read_text(encoding="utf-8")
+    }
+    assert found == expected
+    assert len(expected) > 5
+
+
+def test_the_gallery_leads_to_every_figure(book: Path):
+    """Breaks if a picture is missing from the page of all figures, or a link leads nowhere."""
+    gallery = (book / "chapters" / "gallery.html").read_text(encoding="utf-8")
+    linked = re.findall(r'<a class="reference internal" href="([^"#]*)#([^"]+)"><img', gallery)
+    shown = [
+        (f"{page}.html", name)
+        for page in PAGES
+        for name in re.findall(
+            r'<figure [^>]*id="([^"]+)"[^>]*>\s*(?:<a[^>]*>)?<img',
+            (book / f"{page}.html").read_text(encoding="utf-8"),
+        )
+    ]
+    assert [(os.path.normpath(f"chapters/{page}"), name) for page, name in linked] == shown
 
 
 def test_a_page_without_a_formula_loads_no_mathjax(book: Path):

@@ -350,7 +350,7 @@ def test_the_nci_has_no_sign():
 
 
 def test_the_motion_is_no_motion_of_a_vehicle():
-    """Section 6.1: 5 m and 15 deg in 0.2 s are 25 m/s at 75 deg/s, 3.3 g across."""
+    """Section 6.1: 5 m and 15° in 0.2 s are 25 m/s at 75 °/s, 3.3 g across."""
     translation, turn = scenarios.OVERLAPPED.theta[0], scenarios.OVERLAPPED.theta[2]
     speed, rate = translation / 0.2, turn / 0.2
     assert speed == pytest.approx(25.0)

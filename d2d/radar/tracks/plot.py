@@ -13,7 +13,7 @@ from d2d.radar.looks import COLOR, ESTIMATE, MARKER
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_LABELS = ("$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (deg/s)")
+_LABELS = ("$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (°/s)")
 _FAILED = "black"
 
 

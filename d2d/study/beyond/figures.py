@@ -43,7 +43,7 @@ FACTORS: dict[str, tuple[str, str, bool]] = {
     "outliers": ("outlier_share", "outlier share", False),
     "overlap": ("overlap", "overlap", False),
     "spacing": ("spacing_m", "minimum spacing (m)", False),
-    "field": ("field_deg", "half field of view (deg)", True),
+    "field": ("field_deg", "half field of view (°)", True),
     "reported": ("reported", "stated / actual σ", True),
 }
 # The costs as the stored results name them, and their keys in the grammar.
@@ -102,7 +102,7 @@ def start_map(ax: Axes, rows: Rows, cost: str, scales: str, title: str) -> None:
         here = select(chosen, "start", distance_m=distance, turn_deg=turn)
         shares[place] = np.mean([success(outcome) for _, outcome in here])
     _percent_map(ax, shares, distances, turns)
-    ax.set(xlabel="start off by (m)", ylabel="start off by (deg)", title=title)
+    ax.set(xlabel="start off by (m)", ylabel="start off by (°)", title=title)
 
 
 def outlier_model_map(ax: Axes, rows: Rows, share: float) -> None:

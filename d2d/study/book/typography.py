@@ -11,7 +11,7 @@ from html import escape
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
 _UNIT = (
-    r"%|°/s|°|m²?/s²?|m²|mm/m|mm|cm|km|m|ms|µs|s|dB|deg(?:/[sm])?|rad(?:/s)?|"
+    r"%|°/[sm]|m²?/s²?|m²|mm/m|mm|cm|km|m|ms|µs|s|dB|rad(?:/s)?|"
     r"σ|[kMG]?Hz|[kM]B|minutes?|hours?"
 )
 _Rule = tuple[re.Pattern[str], str | Callable[[re.Match[str]], str]]
@@ -47,6 +47,8 @@ _PRINTED: tuple[_Rule, ...] = (
     (re.compile(r"\bsum_([A-Za-z])\b"), r"Σ<sub>\1</sub>"),
     (re.compile(r"\bsqrt\((\d+)\)"), r"√\1"),
     (re.compile(r"(?<=\d )sigma\b"), "σ"),  # standard deviations as a unit
+    (re.compile(r"(?<=\d) deg\b(?!/)"), "°"),
+    (re.compile(r"\bdeg\b"), "°"),
     (re.compile(r"\bomega\b"), "ω"),
     (re.compile(r"\bI2\b"), "I²"),
     (re.compile(r"(?<=\d )x(?= )|(?<= )x(?= \d)"), "×"),

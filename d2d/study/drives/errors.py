@@ -8,10 +8,12 @@ from numpy.typing import ArrayLike
 
 from d2d import rigid
 from d2d.radar import Comparison
-from d2d.radar.trust.comparison import IN_UNITS, NAMES, UNITS
+from d2d.radar.trust.comparison import IN_UNITS, NAMES
 from d2d.study.book.table import Column, Table, table
 
 __all__ = ["IN_UNITS", "NAMES", "UNITS", "Drift", "errors_table"]
+
+UNITS = ("m/s", "m/s", "°/s")  # of IN_UNITS, as figures and tables print them
 
 
 def errors_table(found: Mapping[str, Comparison], caption: str) -> Table:

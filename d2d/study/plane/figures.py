@@ -34,12 +34,12 @@ from d2d.study.plane.optima import rotation_profile, translation_surface
 from d2d.study.plane.scenarios import Scenario
 
 FAR = 45.0  # m: outliers beyond this range lie outside the scene
-ERROR_LIMITS = {"m": (0.01, 12.0), "deg": (0.05, 50.0)}
+ERROR_LIMITS = {"m": (0.01, 12.0), "°": (0.05, 50.0)}
 OFFSETS: Array = np.linspace(-8.0, 8.0, 129)  # from the true translation, in m
 NEAR_OFFSETS: Array = np.linspace(-1.0, 1.0, 65)  # of the inset, in m
 ROTATIONS: Array = np.deg2rad(np.linspace(-40.0, 40.0, 321))
 IN_LABEL_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
-LABELS = (("m", "$t_x$"), ("m", "$t_y$"), ("deg", "φ"))
+LABELS = (("m", "$t_x$"), ("m", "$t_y$"), ("°", "φ"))
 
 
 def one_draw(scenario: Scenario, seed: int = 1) -> tuple[PointSet, PointSet]:
@@ -72,7 +72,7 @@ def cost_columns(
         ):
             ax.plot(np.rad2deg(ROTATIONS), values, **cost_line(name))
             ax.axvline(0.0, **TRUTH)
-            ax.set(xlabel="φ − truth (deg)", ylabel=label, ylim=(0.0, None))
+            ax.set(xlabel="φ − truth (°)", ylabel=label, ylim=(0.0, None))
             ax.margins(x=0.0)
     _head_columns(axes, costs)
 
@@ -88,7 +88,7 @@ def error_panels(scenario: Scenario, names: Sequence[str]) -> None:
         metres = {name: distance for name, (distance, _) in errors.items()}
         error_shares(row[0], metres, "m", f"from {start}")
         degrees = {name: np.rad2deg(turn) for name, (_, turn) in errors.items()}
-        error_shares(row[1], degrees, "deg", f"from {start}")
+        error_shares(row[1], degrees, "°", f"from {start}")
     handles = axes[0, 0].get_legend_handles_labels()
     figure.legend(*handles, loc="outside upper center", ncols=3)
     letter_panels(axes)
@@ -227,7 +227,7 @@ def error_shares(
 ) -> None:
     """Share of the runs below each error, for the array of errors (N,) of each cost.
 
-    ``unit`` is m or deg.  ``styles`` draws an entry that is not named after a cost.
+    ``unit`` is m or °.  ``styles`` draws an entry that is not named after a cost.
     """
     for name, values in errors.items():
         ordered = np.sort(values)
@@ -244,5 +244,5 @@ def arrival_map(ax: Axes, distances: Array, turns: Array, shares: Array, title: 
     settings: dict[str, Any] = {"vmin": 0.0, "vmax": 1.0, "cmap": SHARE_MAP, "shading": "nearest"}
     picture = ax.pcolormesh(distances, np.rad2deg(turns), shares, rasterized=True, **settings)
     ax.grid(False)
-    ax.set(xlabel="start off by (m)", ylabel="start off by (deg)", title=title)
+    ax.set(xlabel="start off by (m)", ylabel="start off by (°)", title=title)
     return picture

@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
-from d2d.radar.trust.comparison import NAMES, UNITS
 from d2d.study.book.grammar import BLACK, COVARIANCES, OTHERS, TRUTH, covariance_marks
 from d2d.study.book.table import Column, Table, table
+from d2d.study.drives.errors import NAMES, UNITS
 
 _MARKS = "oDs^v"
 
@@ -76,7 +76,7 @@ def draw_extents(rows: Sequence[Mapping[str, Any]]) -> Figure:
     figure, axes = plt.subplots(1, 2, figsize=(5.0, 2.7))
     extent = [row["extent"] for row in rows]
     axes[0].plot(extent, [row["inverse Hessian"]["rmse"][2] for row in rows], "o-", color=BLACK)
-    axes[0].set(xlabel="extent (m)", ylabel="RMSE of ω (deg/s)", ylim=(0, None))
+    axes[0].set(xlabel="extent (m)", ylabel="RMSE of ω (°/s)", ylim=(0, None))
     for entry, name in (("inverse Hessian", "inverse Hessian"), ("propagated", "propagated noise")):
         omega = [row[entry]["whitened"][2] for row in rows]
         axes[1].plot(extent, omega, **covariance_marks(name) | {"ls": COVARIANCES[name].line})
@@ -97,7 +97,7 @@ def draw_horizons(drives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
         axes[1].plot(horizon, [row["log_score"] for row in rows], **style)
     for ax in axes:
         ax.axvline(0.3, **TRUTH)
-    axes[0].set(xlabel="horizon (s)", ylabel="RMSE of ω (deg/s)", ylim=(0, None))
+    axes[0].set(xlabel="horizon (s)", ylabel="RMSE of ω (°/s)", ylim=(0, None))
     axes[1].set(xlabel="horizon (s)", ylabel="log score (lower is better)")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure

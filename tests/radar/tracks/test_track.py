@@ -265,7 +265,7 @@ def test_the_picture_shows_velocities_bands_and_failures():
         driven = example(known=known)
         figure = driven.plot()
         path, *axes = figure.axes
-        labels = ["$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (deg/s)", *["inlier share"] * known]
+        labels = ["$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (°/s)", *["inlier share"] * known]
         assert [ax.get_ylabel() for ax in axes] == labels
         assert (path.get_xlabel(), axes[-1].get_xlabel()) == ("x (m)", "time (s)")
         assert_array_equal(path.lines[0].get_xydata(), driven.poses()[:, :2])

@@ -29,6 +29,9 @@ PRINTED = {
     "from 10^-12 to 10^5": "from 10^−12 to 10^5",
     "-log sum_k q_k and -sum_k log q_k": "−log Σ_k q_k and −Σ_k log q_k",
     "at 2 sqrt(2) sigma": "at 2 √2 σ",
+    "10 m and 45 deg": "10 m and 45°",
+    "75 deg/s": "75 °/s",
+    "deg/m": "°/m",
 }
 UNCHANGED = ("+0.05", "−0.04", "scene-0061", "0.12345", "1234", "x (m)", "x = 3.4 m", "max-2")
 UNCHANGED += ("sigma_azimuth", "the median sigma of 3", "2, 1", "0.3 s")
