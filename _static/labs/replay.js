@@ -38,12 +38,12 @@ labs.define(
     lab.sound = ({ shown, covariance }) =>
       covariance in NAMES && Number.isInteger(shown) && shown >= 1 && shown <= LAST;
 
-    const map = lab.plot({ label: "The path", xlabel: "x (m)", ylabel: "y (m)", shape: 0.78, equal: true });
+    const map = lab.plot({ label: "The path", xlabel: "x (m)", ylabel: "y (m)", shape: 0.66, equal: true });
     const scatter = lab.plot({
       label: "Errors of the velocity",
       xlabel: "error ahead (m/s)",
       ylabel: "error to the left (m/s)",
-      shape: 0.78,
+      shape: 0.66,
     });
 
     const span = (values) => [Math.min(...values), Math.max(...values)];
@@ -148,5 +148,6 @@ labs.define(
         tell(shown, count);
       },
     );
+    lab.element.firstChild.after(lab.told); // beside the button, in the first screen also of a phone
   },
 );

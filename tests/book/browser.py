@@ -52,7 +52,7 @@ def missing() -> list[str]:
 def serve(folder: Path) -> Iterator[str]:
     """Serve a folder to this machine; yield its address."""
     server = ThreadingHTTPServer(("localhost", 0), partial(Quiet, directory=str(folder)))
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread = threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True)  # s a poll
     thread.start()
     try:
         yield f"http://localhost:{server.server_port}/"

@@ -54,7 +54,7 @@ def rare() -> Sensors:
     return {"front": sensor}
 
 
-CORRECT: dict[str, Callable[[], Sensors]] = {"none": alone, "two": several}
+CORRECT: dict[str, Callable[[], Sensors]] = {"none": alone, "two": lambda: several(10.0)}
 # Told by a second search, because hardly an estimate is accepted.
 HARDLY_ANY: dict[str, Callable[[], Sensors]] = {
     "milliseconds": lambda: known.alone(lambda s: replace(s, time=1e-3 * s.time)),
@@ -68,9 +68,9 @@ FAULTS: dict[str, Callable[[], Sensors]] = {
     "turned": lambda: at(alone(), radar=Mounting(0.4, 0.0, 0.1)),
     "backwards": lambda: at(alone(), radar=Mounting(0.4, 0.0, np.pi)),
     "to the side": to_the_side,
-    "one turned of two": lambda: at(several(), aside=Mounting(-0.3, 0.4, 1.6)),
-    "clockwise": lambda: changed(several(), "aside", azimuth=-1.0),
-    "late": lambda: several(60.0, 0.4),
+    "one turned of two": lambda: at(several(10.0), aside=Mounting(-0.3, 0.4, 1.6)),
+    "clockwise": lambda: changed(several(10.0), "aside", azimuth=-1.0),
+    "late": lambda: several(30.0, 0.4),
 }
 CASES: dict[str, Callable[[], Case]] = {
     **{name: lambda of=of: Case(of()) for name, of in (CORRECT | FAULTS).items()},

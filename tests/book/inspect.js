@@ -144,12 +144,17 @@ window.inspectBook = (() => {
 
   const pixel = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
 
+  const colors = new Map(); // a page has few
+
   /** Any CSS colour as [red, green, blue, alpha], each 0 to 1. */
   function rgba(color) {
-    pixel.clearRect(0, 0, 1, 1);
-    pixel.fillStyle = color;
-    pixel.fillRect(0, 0, 1, 1);
-    return [...pixel.getImageData(0, 0, 1, 1).data].map((value) => value / 255);
+    if (!colors.has(color)) {
+      pixel.clearRect(0, 0, 1, 1);
+      pixel.fillStyle = color;
+      pixel.fillRect(0, 0, 1, 1);
+      colors.set(color, [...pixel.getImageData(0, 0, 1, 1).data].map((value) => value / 255));
+    }
+    return colors.get(color);
   }
 
   const over = (top, below) => [0, 1, 2].map((i) => top[3] * top[i] + (1 - top[3]) * below[i]);
@@ -178,8 +183,7 @@ window.inspectBook = (() => {
   /** Text that has less contrast to its ground than `least`, once for each kind of element. */
   function faint(least) {
     const found = new Map();
-    for (const node of texts(main())) {
-      const element = node.parentElement;
+    for (const element of new Set([...texts(main())].map((node) => node.parentElement))) {
       if (!visible(element) || element.closest("mjx-assistive-mml, .headerlink")) continue;
       const style = getComputedStyle(element);
       const ground = background(element);

@@ -54,20 +54,14 @@ def page(driver: webdriver.Chrome, tmp_path_factory: pytest.TempPathFactory) -> 
     driver.set_script_timeout(60)
 
 
-def example() -> Case:
-    """The log that the command line writes itself."""
-    drive = simulate_drive(np.random.default_rng(0), duration=60.0)
-    return Case({"radar": (drive.scans, drive.mounting)})
-
-
 def together() -> Case:
-    return Case(several())
+    return Case(several(10.0))
 
 
 def with_budget() -> Case:
     words = [word for name, value in SHARED.items() for word in (f"--budget-{name}", f"{value}")]
     settings = {"horizon": 0.3, "budget": SHARED}
-    return Case(several(), [*words, "--horizon", "0.3"], settings)
+    return Case(several(10.0), [*words, "--horizon", "0.3"], settings)
 
 
 def in_trouble() -> Case:
@@ -101,7 +95,6 @@ def few_targets() -> Case:
 
 
 CASES = {
-    "example": example,
     "several": together,
     "budget": with_budget,
     "trouble": in_trouble,
