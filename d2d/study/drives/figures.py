@@ -1,5 +1,6 @@
 """The figures of the simulated drives: frames, platform, street, errors, targets, fusion."""
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,12 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Arc, Polygon, Wedge
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from d2d import rigid
 from d2d._types import Array
+from d2d.point_set import PointSet
 from d2d.radar import Comparison, Mounting
 from d2d.radar.simulation.drive import STEPS, Sensor
 from d2d.radar.simulation.world import KINDS, World
+from d2d.registration import Estimate
+from d2d.study.book.drawing import ellipses
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
@@ -250,6 +255,18 @@ def error_columns(
                 ax.set_ylabel(f"{SYMBOLS[row]} ({UNITS[row]})")
         axes[0, column].set_title(f"({'abc'[column]}) {name}", fontsize=9)
         axes[-1, column].set_xlabel("time (s)")
+
+
+def velocity_ellipses(ax: Axes, estimates: Mapping[str, Estimate], theta: Array) -> None:
+    """95 % ellipses of estimated velocities without and with Doppler, and the true ``theta``."""
+    for name, found in estimates.items():
+        color = GREY if name == "without Doppler" else ROBUST
+        of_velocity = PointSet(found.theta[None, :2], found.covariance[None, :2, :2])
+        ax.plot(*found.theta[:2], "o", ms=3, color=color, label=name)
+        ellipses(ax, of_velocity, math.sqrt(chi2.ppf(0.95, 2)), edgecolor=color, linewidth=1.5)
+    ax.plot(*theta[:2], "+", color=BLACK, ms=9, label="truth")
+    ax.set(xlabel="$v_x$ (m/s)", ylabel="$v_y$ (m/s)", aspect="equal")
+    ax.autoscale_view()
 
 
 def rejected_kinds(ax: Axes, shares: Mapping[str, Mapping[str, float]]) -> None:
