@@ -95,6 +95,7 @@ function markLaboratories() {
   for (const link of document.querySelectorAll(".bd-sidebar-primary li > a")) {
     if (!addresses.has(link.pathname)) continue;
     const mark = document.createElement("span");
+    link.lastChild.textContent = link.lastChild.textContent.trimEnd();
     link.append("\u00a0", mark); // on the line of the last word
     mark.className = "has-laboratory";
     mark.title = "has a laboratory";

@@ -275,7 +275,7 @@ def rejected_kinds(ax: Axes, shares: Mapping[str, Mapping[str, float]]) -> None:
     for k, (name, share) in enumerate(shares.items()):
         places = np.arange(len(share)) + (k - 0.5 * (len(shares) - 1)) * width
         bars = ax.barh(places, list(share.values()), width, label=name, color=(GREY, ROBUST)[k])
-        ax.bar_label(bars, fmt="%.2f", padding=2, fontsize=8)
+        ax.bar_label(bars, fmt="%.2f", padding=2, fontsize=9)
     kinds = list(next(iter(shares.values())))
     ax.set_yticks(range(len(kinds)), kinds)
     ax.invert_yaxis()
@@ -324,7 +324,8 @@ def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> N
     axes[1].set(ylabel="RMSE of ω (°/s)")
     for ax in axes:
         ax.set_xlabel("half width of the objects (m)")
-        ax.legend(fontsize=8)
+        ax.margins(y=0.25)
+        ax.legend()
 
 
 def ingredients(ax: Axes, trial: BudgetTrial) -> None:
@@ -356,16 +357,17 @@ def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
         for limit in (REGION, GATE):
             top.axhline(limit, color=BLACK, lw=0.8, ls="--")
         top.set(ylim=(0.05, 200.0))
-        top.set_title(textwrap.fill(f"({'abc'[column]}) {name}", 20), fontsize=8)
+        top.set_title(textwrap.fill(f"({'abc'[column]}) {name}", 20), fontsize=9)
         for ax, entry, unit in zip(below, (0, 3), (1.0, np.rad2deg(1.0)), strict=True):
             sigma = np.sqrt(result.covariances[:, entry, entry]) * unit
             ax.fill_between(result.times, -2.0 * sigma, 2.0 * sigma, color=SKY, alpha=0.4, lw=0)
             ax.plot(result.times, result.errors[:, entry] * unit, color=PURPLE, lw=1.0)
             ax.axhline(0.0, **TRUTH)
         below[-1].set_xlabel("time (s)")
-    for limit, label in ((REGION, "95 %"), (GATE, "gate")):  # beside the last panel, off its points
+    # beside the last panel, off its points
+    for limit, label, side in ((REGION, "95 %", "top"), (GATE, "gate", "bottom")):
         place, coordinates = (1.03, limit), ("axes fraction", "data")
-        axes[0, -1].annotate(label, place, xycoords=coordinates, va="center", fontsize=8)
+        axes[0, -1].annotate(label, place, xycoords=coordinates, va=side, fontsize=9)
     for ax, label in zip(
         axes[:, 0], ("NIS", "error of $v_x$ (m/s)", "error of the\ngyro bias (°/s)"), strict=True
     ):
