@@ -243,7 +243,7 @@ def test_figures_fit_a_phone():
 
 
 def test_lettering_can_be_read_on_a_phone():
-    """Breaks if a label of a figure has less than 9 pt, and so less than 9 px on a phone."""
+    """Breaks if a label of a figure has less than 9 pt, nearly 9 px on a phone."""
     small = re.compile(r"(?:font|label)size=[0-8]\b")
     assert [name for name, source in sources() if small.search(source)] == []
 
