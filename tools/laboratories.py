@@ -44,9 +44,13 @@ def pages_with_one(env: BuildEnvironment) -> list[str]:
     ]
 
 
-def load(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
-    """Tell a page which pages have a laboratory, and load what its own ones need."""
+def tell(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """Tell a page which pages have a laboratory."""
     app.add_js_file(None, body=f"const LABORATORIES = {json.dumps(pages_with_one(app.env))};")
+
+
+def load(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
+    """Load what the laboratories of a page need."""
     names = sorted(set(LABORATORY.findall(context.get("body", ""))))
     if not names:
         return
@@ -58,5 +62,6 @@ def load(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree
 
 def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("config-inited", leave_out)
+    app.connect("html-page-context", tell)
     app.connect("html-page-context", load)
     return {"parallel_read_safe": True}

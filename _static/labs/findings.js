@@ -1,7 +1,5 @@
 // What a log and its track say about mistakes that were made with them, as `d2d.radar.diagnose` and the warnings of `track`;
 // tests/book/test_tracker.py compares both.  Builds on engine.js and tracker.js; it defines one name, `findings`.
-//
-// Left out is `_without_limits` of d2d/radar/trust/findings.py: a second track, where hardly an estimate was accepted.
 globalThis.findings = (function radarFindings() {
   "use strict";
 
@@ -97,7 +95,8 @@ globalThis.findings = (function radarFindings() {
   const SAMPLE = 20, // intervals
     TELLING = 3, // nats
     SLOW = 2, // m/s
-    MARGIN = 0.5; // m/s
+    MARGIN = 0.5, // m/s
+    ACCELERATING = 5; // m/s^2
   const BEYOND_REST = 1.15,
     AT_OPPOSITE = 0.5,
     AT_SLOWER = 0.15,
@@ -144,6 +143,11 @@ globalThis.findings = (function radarFindings() {
       if (searched.value < other.value) other = searched;
     }
     if (!(other.converged && valueAt(theta) - other.value > TELLING)) return [];
+    // positions fit the mean velocity, from which one at the later scan differs by an acceleration
+    const gained = 0.5 * ACCELERATING * greatest(problem.pairs.map(({ interval }) => interval)),
+      middle = d2d.register(alone, theta, d2d.ANNEALED),
+      alike = Math.hypot(middle.theta[0] - theta[0], middle.theta[1] - theta[1]) < gained;
+    if (middle.converged && alike && middle.value - other.value <= TELLING) return [];
     const away = (factors) => Math.hypot(...[0, 1].map((i) => other.theta[i] - factors[i] * theta[i])),
       length = Math.max(Math.hypot(other.theta[0], other.theta[1]), 1e-9),
       found = (kind) => [{ kind, heading: [other.theta[0] / length, other.theta[1] / length] }];
@@ -221,22 +225,34 @@ globalThis.findings = (function radarFindings() {
     return shares.map((own) => (own.length ? median(own) : NaN));
   }
 
-  /** The yaw rate of a track at other times, as `Track.at`: nan outside, next to failures and in gaps. */
+  /** Longest gap that a track is interpolated across. */
+  const longestOf = (rows) => 2 * median(rows.map((row) => row.interval)) + 1e-6;
+
+  /** The estimates before and after a time, {earlier, later, weight}; null outside, next to failures and in gaps. */
+  function neighboursOf(rows, time, longest) {
+    let low = 0,
+      high = rows.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (rows[middle].time < time) low = middle + 1;
+      else high = middle;
+    }
+    const later = rows[low],
+      earlier = later?.time === time ? later : rows[low - 1];
+    if (!later || !earlier || earlier.reason || later.reason || later.time - earlier.time > longest) return null;
+    return { earlier, later, weight: earlier === later ? 0 : (time - earlier.time) / (later.time - earlier.time) };
+  }
+
+  /** The yaw rate of a track at another time; nan where it is not known. */
   function yawRateAt(rows, time, longest) {
-    const after = rows.findIndex((row) => row.time >= time);
-    if (after < 0 || (after === 0 && rows[0].time > time)) return NaN;
-    const later = rows[after],
-      earlier = later.time === time ? later : rows[after - 1],
-      gap = later.time - earlier.time;
-    if (earlier.reason || later.reason || gap > longest) return NaN;
-    const weight = gap > 0 ? (time - earlier.time) / gap : 0;
-    return (1 - weight) * earlier.theta[2] + weight * later.theta[2];
+    const found = neighboursOf(rows, time, longest);
+    return found ? (1 - found.weight) * found.earlier.theta[2] + found.weight * found.later.theta[2] : NaN;
   }
 
   /** The direction in which the vehicle seems to drive by a sensor's Doppler velocities, {heading, sigma}. */
   function headingOf({ scans, mounting }, rows) {
     const nothing = { heading: NaN, sigma: NaN },
-      longest = 2 * median(rows.map((row) => row.interval)) + 1e-6;
+      longest = longestOf(rows);
     let seen = evenly(scans)
       .filter((scan) => scan.targets.length >= SEEN)
       .map((scan) => ({ scan, omega: yawRateAt(rows, scan.time, longest) }));
@@ -368,6 +384,14 @@ globalThis.findings = (function radarFindings() {
     return found;
   }
 
+  /** What is sure where any motion is accepted. */
+  function withoutLimits(track) {
+    const model = { ...track.model, prior: [0, 0, 0] },
+      follower = new tracker.Follower(model, null, null),
+      free = { ...track, model, rows: track.rounds.map((round) => follower.follow(round)) };
+    return [...ofLateness(free), ...ofContradiction(free)].filter(({ sure }) => sure);
+  }
+
   /** What inlier shares, times and covariances tell. */
   function ofTrack(shown, rows) {
     const found = [],
@@ -404,18 +428,45 @@ globalThis.findings = (function radarFindings() {
       inliers = inliersOf(track),
       shown = sensors.map((sensor, s) => ({ ...sensor, inliers: inliers[s], ...headingOf(sensor, rows) })),
       targets = sensors.flatMap(ofTargets);
-    return {
-      inliers,
-      found: [
-        ...track.found,
-        ...ofLateness(track),
-        ...ofContradiction(track),
-        ...targets,
-        ...(targets.some((each) => each.sure) ? [] : ofMountings(shown)), // what is wrong with targets explains the rest
-        ...ofTrack(shown, rows),
-      ],
-    };
+    const said = [...track.found, ...ofLateness(track), ...ofContradiction(track), ...targets];
+    // what is wrong with targets explains the rest
+    if (!targets.some((each) => each.sure)) {
+      if (accepted(track).length < FEW) said.push(...withoutLimits(track));
+      said.push(...ofMountings(shown));
+    }
+    return { inliers, found: [...said, ...ofTrack(shown, rows)] };
   }
 
-  return { diagnose, source: String(radarFindings) };
+  // ---- d2d/radar/trust/halves.py -------------------------------------------------------------------------------------------
+
+  const ENOUGH = 4; // estimates at common times
+
+  /** ANEES of the differences between two tracks, see `compare_tracks`; nan if they have too little in common. */
+  function aneesOf(first, second) {
+    const longest = longestOf(second),
+      errors = [],
+      covariances = [];
+    for (const { time, theta, covariance, reason } of first) {
+      const found = reason ? null : neighboursOf(second, time, longest);
+      if (!found) continue;
+      const { earlier, later, weight } = found,
+        mixed = (of, power) => (1 - weight) ** power * of(earlier) + weight ** power * of(later);
+      errors.push(theta.map((each, i) => each - mixed((row) => row.theta[i], 1)));
+      covariances.push(
+        covariance.map((line, i) => line.map((each, j) => each + mixed((row) => row.covariance[i][j], 2))),
+      );
+    }
+    return (errors.length >= ENOUGH && d2d.credibility(errors, covariances)?.anees) || NaN;
+  }
+
+  /** {sensors, anees} of each two sensors that have a track of their own. */
+  const agreements = ({ alone }) =>
+    alone.flatMap((first, i) =>
+      alone.slice(i + 1).map((second) => ({
+        sensors: `${first.name} and ${second.name}`,
+        anees: aneesOf(first.rows, second.rows),
+      })),
+    );
+
+  return { agreements, diagnose, source: String(radarFindings) };
 })();

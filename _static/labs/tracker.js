@@ -1176,7 +1176,12 @@ globalThis.tracker = (function radarTracker() {
     };
   }
 
-  /** Estimates the velocity of one round after the other, and remembers the last accepted one. */
+  const STEADY = { value: [0, 0, 0] }; // an acceleration
+
+  /**
+   * Estimates the velocity of one round after the other, and remembers the last accepted one.  Without a budget it accepts
+   * any motion, and gives no covariances.
+   */
   class Follower {
     constructor(model, budget, limits) {
       Object.assign(this, { model, budget, limits, velocity: null, last: null });
@@ -1187,12 +1192,16 @@ globalThis.tracker = (function radarTracker() {
     follow(round) {
       const { pairs, time } = round;
       if (!pairs.length) return this.held(round, round.reason);
-      const by = this.acceleration.predict(time) ?? dopplerAcceleration(pairs, UNKNOWN),
+      const by = this.budget ? (this.acceleration.predict(time) ?? dopplerAcceleration(pairs, UNKNOWN)) : STEADY,
         problem = problemOf(pairs, this.model, by.value),
         estimate = this.estimate(problem, pairs, by.value),
         seen = { targets: sizeOf(pairs), inliers: estimate.inliers };
       let reason = doubt(estimate, pairs);
       if (reason) return this.held(round, reason, seen);
+      if (!this.budget) {
+        this.velocity = estimate.theta;
+        return { time, theta: estimate.theta, interval: round.interval, reason, ...seen };
+      }
       const { parts: raw, delay, lead } = applyBudget(problem, estimate, pairs, this.budget, time),
         uncarried = { theta: minus(estimate.theta, apply(lead, by.value)), parts: raw, delay },
         { theta, parts } = carried(uncarried, by, this.budget.lag),
@@ -1276,15 +1285,42 @@ globalThis.tracker = (function radarTracker() {
   }
 
   /**
-   * The track of a log of `readRows` with all options of DEFAULTS: {rows, rounds, sensors, found, model}.  A generator that
-   * yields the share that is done, so that whoever runs it can show it, or stop.
+   * The track of a log of `readRows` with all options of DEFAULTS: {rows, rounds, sensors, found, model, alone}.  If there are
+   * several sensors, `alone` has {name, rows} of each by itself, unless it has too few scans.  A generator that yields the
+   * share that is done, so that whoever runs it can show it, or stop.
    */
   function* track(log, given) {
     if (given.horizon !== null && given.baseline !== 1) {
       throw new Error("horizon and baseline must not both be given: leave the baseline at 1, or the horizon empty");
     }
     const options = inRadians(given),
-      drives = loadCsv(log, options).map((sensor) => ({ ...sensor, mounting: options.mountings[sensor.name] }));
+      drives = loadCsv(log, options).map((sensor) => ({ ...sensor, mounting: options.mountings[sensor.name] })),
+      several = drives.length > 1,
+      joint = yield* shared(0, several ? 0.5 : 1, trackOf(drives, options)),
+      alone = [];
+    for (const [s, drive] of several ? drives.entries() : []) {
+      const share = 0.5 / drives.length;
+      try {
+        const { rows } = yield* shared(0.5 + s * share, share, trackOf([drive], options));
+        alone.push({ name: drive.name, rows });
+      } catch {
+        continue; // too few scans
+      }
+    }
+    return { ...joint, alone };
+  }
+
+  /** What a generator returns, whose shares are a `part` of the whole, after `before`. */
+  function* shared(before, part, steps) {
+    for (;;) {
+      const { done, value } = steps.next();
+      if (done) return value;
+      yield before + part * value;
+    }
+  }
+
+  /** The track of sensors with their scans. */
+  function* trackOf(drives, options) {
     for (const drive of drives) checkIntervals(drive, options.maxInterval);
     checkDistinct(drives);
     const intake = new Intake(
@@ -1376,6 +1412,7 @@ globalThis.tracker = (function radarTracker() {
 
   return {
     DEFAULTS,
+    Follower,
     readRows,
     track,
     posesOf,

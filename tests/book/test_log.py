@@ -17,9 +17,9 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 
-from d2d.radar import simulate_drive
+from d2d.radar import cli, simulate_drive
 from d2d.radar.cli import main
-from tests.book import browser
+from tests.book import browser, faults
 from tests.book.logs import Case, assert_same_files, several
 
 LABS = Path(__file__).resolve().parents[2] / "_static" / "labs"
@@ -302,16 +302,6 @@ def test_what_is_wrong_with_a_log_is_named(hand: Hand, text: str, complaint: str
     assert complaint in hand.complaint()
 
 
-def test_times_in_milliseconds_are_refused(hand: Hand):
-    rows = [line.split(",") for line in robot(1.0).text.splitlines()]
-    late = [[name, repr(1e5 * float(time)), *rest] for name, time, *rest in rows[1:]]
-    hand.choose("\n".join(map(",".join, [rows[0], *late])))
-    hand.until_read()
-    hand.fill(robot(0.2))
-    hand.press("Estimate the track")
-    assert "radar must have times in seconds (s), at most 60 apart" in hand.complaint()
-
-
 def test_symptoms_lead_to_their_page(hand: Hand):
     """A wrong sign is told by name, and that the command line would write nothing."""
     case = robot()
@@ -325,6 +315,76 @@ def test_symptoms_lead_to_their_page(hand: Hand):
     assert "the path runs backwards" in hand.text(".lab-report ul")
     assert "The command line would write no file" in hand.text(".lab-report")
     assert hand.find(".lab-symptoms a").get_attribute("href").endswith("when.html")
+
+
+@pytest.mark.parametrize("name", faults.CASES)
+def test_the_page_says_what_the_command_line_says(
+    name: str, hand: Hand, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+):
+    """Breaks if a mistake is called by another name, is blamed on another sensor, or is not told.
+
+    One log with one mistake in it; what both programs say of it is compared word by word.
+    """
+    case, expected, tell = faults.CASES[name](), [], cli._tell
+    monkeypatch.setattr(
+        cli, "_tell", lambda found, force: (expected.extend(found), tell(found, force))
+    )
+    hand.choose(case.text)
+    command = ["track", "--csv", str(tmp_path / "log.csv"), "--output", str(tmp_path / "drive")]
+    for sensor, at in case.places.items():
+        command += ["--mounting", sensor, *map(repr, at)]
+    main([*command, *case.words, "--no-picture", "--no-progress", "--force"])
+    said = capsys.readouterr().out
+    assert bool(expected) == (name not in faults.CORRECT)
+    assert name not in faults.known.FAULTS or name in {each.symptom for each in expected}
+    hand.until_read()
+    hand.fill(case)
+    if "horizon" in case.settings:
+        hand.find("summary").send_keys(Keys.ENTER)
+        hand.field("with the scan").send_keys(repr(case.settings["horizon"]))
+    hand.press("Estimate the track")
+    hand.until_done()
+    found = hand.driver.execute_script("return labs.all['lab-log'].result.found")
+    for key in ("symptom", "unit", "sure"):
+        assert [each[key] for each in found] == [getattr(each, key) for each in expected]
+    numbers = [each["number"] for each in found]
+    np.testing.assert_allclose(numbers, [each.number for each in expected], rtol=1e-5, atol=1e-9)
+    script = (
+        "return [...document.querySelectorAll('#lab-log .lab-report li')].map(e => e.innerText)"
+    )
+    assert hand.driver.execute_script(script) == [cli._plain(each) for each in expected]
+    refused = "The command line would write no file" in hand.text(".lab-report")
+    assert refused == any(each.sure for each in expected)
+    if "ANEES" in said:
+        assert said.split("ANEES")[1].splitlines()[0] in hand.text(".lab-told")
+
+
+REFUSED = {  # the column, and what its values are multiplied by
+    "degrees as radians": (3, 180.0 / np.pi),
+    "times in milliseconds": (1, 1e3),
+    "ranges in millimetres": (2, 1e3),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_the_page_refuses_what_the_command_line_refuses(
+    name: str, hand: Hand, tmp_path: Path, capsys: Any
+):
+    """Breaks if a log in other units is taken by one of the programs, or for another reason."""
+    column, factor = REFUSED[name]
+    case = robot(1.0)
+    head, *rows = [line.split(",") for line in case.text.splitlines()]
+    for row in rows:
+        row[column] = repr(factor * float(row[column]))
+    hand.choose("\n".join(map(",".join, [head, *rows])))
+    hand.until_read()
+    hand.fill(case)
+    hand.press("Estimate the track")
+    words, log = hand.complaint().split("?")[0], str(tmp_path / "log.csv")  # the remedy is another
+    assert main(["track", "--csv", log, "--mounting", "radar", "0.4", "0", "0"]) == 1
+    said = capsys.readouterr().err.replace(log, "log.csv").replace("max_interval = ", "")
+    assert words in said
+    assert "are these" in words
 
 
 @pytest.mark.parametrize("theme", browser.THEMES)

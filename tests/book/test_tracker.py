@@ -1,11 +1,10 @@
 """The track of a log in a real browser is that of the command line on the same file, to 1e-6.
 
-Breaks if a round, a limit, a part of the covariance, a column of the files or a symptom differs.
+Breaks if a round, a limit, a part of the covariance or a column of the files differs.
 Both get the same CSV file and the same options; what they write is compared, number by number.
 `make test-engine` runs it without a built book.
 """
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -15,22 +14,21 @@ import numpy as np
 import pytest
 from selenium import webdriver
 
-from d2d.radar import ErrorBudget, Mounting, Track, diagnose, simulate_drive, track
+from d2d.radar import ErrorBudget, Track, simulate_drive
 from d2d.radar.cli import main
-from d2d.radar.tracks.finding import FindingWarning
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import MAX_INTERVAL
 from tests.book import browser
-from tests.book.logs import EXACT, SHARED, Case, Sensors, assert_same_files, several
+from tests.book.logs import EXACT, SHARED, Case, assert_same_files, several
 
 LABS = Path(__file__).resolve().parents[2] / "_static" / "labs"
-SCRIPTS = ("engine.js", "tracker.js", "findings.js")
-TRACK = """const [text, options, judged] = arguments;
+SCRIPTS = ("engine.js", "tracker.js")
+TRACK = """const [text, options] = arguments;
 const log = tracker.readRows(new TextEncoder().encode(text).buffer, "log.csv");
 const steps = tracker.track(log, {...tracker.DEFAULTS, ...options});
 for (;;) {
   const {done, value} = steps.next();
-  if (done) return judged ? findings.diagnose(value) : {
+  if (done) return {
     tum: tracker.tumOf(value.rows),
     table: tracker.tableOf(value.rows),
     reasons: value.rows.map((row) => row.reason),
@@ -128,7 +126,7 @@ def test_the_browser_writes_what_the_command_line_writes(page: Any, name: str, t
     for sensor, at in case.places.items():
         words += ["--mounting", sensor, *map(repr, at)]
     assert main([*words, "--no-picture", "--no-progress", "--force"]) == 0
-    got = page(TRACK, case.text, settings_of(case), False)
+    got = page(TRACK, case.text, settings_of(case))
     (tmp_path / "browser.tum").write_text(got["tum"])
     (tmp_path / "browser_velocities.txt").write_text(got["table"])
     assert_same_files(prefix, tmp_path / "browser")
@@ -144,85 +142,3 @@ def test_the_defaults_are_those_of_the_command_line(page: Any):
     assert own["maxAcceleration"] == VehicleLimits().acceleration
     assert own["maxInterval"] == MAX_INTERVAL
     assert own["budget"] == {name: getattr(ErrorBudget(), name) for name in own["budget"]}
-
-
-# ---- Symptoms ------------------------------------------------------------------------------------
-
-
-def changed(sensors: Sensors, name: str, **factors: float) -> Sensors:
-    """The log with some columns of a sensor multiplied."""
-    scans, at = sensors[name]
-    wrong = [
-        replace(scan, **{key: factor * getattr(scan, key) for key, factor in factors.items()})
-        for scan in scans
-    ]
-    return {**sensors, name: (wrong, at)}
-
-
-def alone(**factors: float) -> Sensors:
-    """One sensor with some columns multiplied."""
-    drive = simulate_drive(np.random.default_rng(1), duration=12.0, mounting=Mounting(0.4))
-    return changed({"radar": (drive.scans, drive.mounting)}, "radar", **factors)
-
-
-def at(sensors: Sensors, **places: Mounting) -> Sensors:
-    """The log with other mountings."""
-    return {name: (scans, places.get(name, own)) for name, (scans, own) in sensors.items()}
-
-
-def folded() -> Sensors:
-    """Doppler velocities beyond 4 m/s come out on the other side."""
-    ((name, (scans, mounting)),) = alone(doppler=2.0).items()
-    wrong = [replace(scan, doppler=(scan.doppler + 4.0) % 8.0 - 4.0) for scan in scans]
-    return {name: (wrong, mounting)}
-
-
-def to_the_side() -> Sensors:
-    """A single radar far ahead of the axle that looks aside."""
-    corner = Mounting(3.6, 0.4, 1.5)
-    return {"left": (simulate_drive(np.random.default_rng(2), 12.0, mounting=corner).scans, corner)}
-
-
-MISTAKES = {
-    "none": lambda: alone(),
-    "opposite sign": lambda: alone(doppler=-1.0),
-    "km/h": lambda: alone(doppler=3.6),
-    "at rest": lambda: alone(doppler=0.01),
-    "cm": lambda: alone(range=100.0, sigma_range=100.0),
-    "rad as degrees": lambda: alone(azimuth=np.pi / 180, sigma_azimuth=np.pi / 180),
-    "folded": folded,
-    "turned": lambda: at(alone(), radar=Mounting(0.4, 0.0, 0.1)),
-    "backwards": lambda: at(alone(), radar=Mounting(0.4, 0.0, np.pi)),
-    "to the side": to_the_side,
-    "two": lambda: several(),
-    "one turned of two": lambda: at(several(), aside=Mounting(-0.3, 0.4, 1.6)),
-    "swapped": lambda: at(several(), ahead=several()["aside"][1], aside=several()["ahead"][1]),
-    "clockwise": lambda: changed(several(), "aside", azimuth=-1.0),
-    "late": lambda: several(60.0, 0.4),
-}
-
-
-CORRECT = ("none", "two")
-
-
-@pytest.mark.parametrize("name", MISTAKES)
-def test_symptoms_are_told_as_in_python(page: Any, name: str):
-    """Breaks if a mistake is called by another name, or where Python sees none."""
-    case = Case(MISTAKES[name]())
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always", UserWarning)
-        driven = track(case.sensors, budget=ErrorBudget(), progress=False)
-    expected = [each.message.finding for each in said if isinstance(each.message, FindingWarning)]
-    judged = diagnose(case.sensors, driven)
-    got = page(TRACK, case.text, settings_of(case), True)
-    plain = [each.sensor.removeprefix("sensors['").removesuffix("'].scans") for each in expected]
-    names = [*plain, *(each.sensor for each in judged.findings)]
-    assert [each["sensor"] for each in got["found"]] == names
-    assert bool(names) == (name not in CORRECT)
-    expected += judged.findings
-    for key in ("symptom", "unit", "sure", "about"):
-        assert [each[key] for each in got["found"]] == [getattr(each, key) for each in expected]
-    numbers = [each["number"] for each in got["found"]]
-    np.testing.assert_allclose(numbers, [each.number for each in expected], rtol=1e-5)
-    shares = [np.nan if each is None else each for each in got["inliers"]]
-    np.testing.assert_allclose(shares, [*judged.inliers.values()], atol=EXACT)
