@@ -94,7 +94,9 @@ function markLaboratories() {
   const addresses = new Set(LABORATORIES.map((page) => new URL(`${root}${page}.html`, location).pathname));
   for (const link of document.querySelectorAll(".bd-sidebar-primary li > a")) {
     if (!addresses.has(link.pathname)) continue;
-    const mark = link.appendChild(document.createElement("span"));
+    const mark = document.createElement("span");
+    link.lastChild.textContent = link.lastChild.textContent.trimEnd();
+    link.append("\u00a0", mark); // on the line of the last word
     mark.className = "has-laboratory";
     mark.title = "has a laboratory";
     mark.role = "img";

@@ -68,7 +68,7 @@ def start() -> Figure:
         ]
         color = (grammar.GREY, grammar.YELLOW, grammar.COSTS["robust"].color)[i]
         bars = ax.bar(np.arange(5) + 0.28 * (i - 1), shares, 0.26, color=color, label=name)
-        ax.bar_label(bars, [f"{100 * share:.0f}" for share in shares], fontsize=8)
+        ax.bar_label(bars, [f"{100 * share:.0f}" for share in shares], fontsize=9)
     names = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
     ax.set_xticks(np.arange(5), names)
     ax.set_ylabel("share at the truth")

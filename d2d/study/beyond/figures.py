@@ -147,7 +147,7 @@ def first_scale_panel(ax: Axes, rows: Rows) -> None:
     ax.axvline(1.0, color=GREY, lw=0.9)
     ax.set_xscale("log")
     ax.set(xlabel="first scale · σ / start error", ylabel="share at the truth", ylim=(-0.03, 1.03))
-    ax.legend(fontsize=8, loc="lower right")
+    ax.legend(loc="lower right")
 
 
 def effort_panel(ax: Axes, rows: Rows, distance: float) -> None:
@@ -167,7 +167,7 @@ def effort_panel(ax: Axes, rows: Rows, distance: float) -> None:
         ax.plot(effort, [success(o) for _, o in of_kind], marker, color=color, ms=6, label=name)
     ax.set_xscale("log")
     ax.set(xlabel="Newton iterations", ylabel="share at the truth", ylim=(-0.03, 1.05))
-    ax.legend(fontsize=8, loc="lower right")
+    ax.legend(loc="lower right")
 
 
 def _steps(trial: Trial) -> int:

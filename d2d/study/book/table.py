@@ -19,6 +19,7 @@ Column = str | tuple[str, ...]
 GAP = "  "
 ABSENT = "–"
 NUMBER = ' class="number"'
+FEW = 4  # cells that need no table
 
 
 def significant(value: float) -> str:
@@ -79,7 +80,13 @@ class Table:
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        """A table in a box of its own that scrolls where it is wider than the page."""
+        """A table in a box of its own that scrolls where it is wider than the page.
+
+        A few numbers stand in a line: "after one second: **0.16 °/s**".
+        """
+        if len(self.rows) * len(self.rows[0]) <= FEW and not self.groups:
+            before = f"{typeset(self.caption)} " if self.caption else ""
+            return f'<p class="measured">{before}{"; ".join(map(self._html_line, self.rows))}</p>'
         parts = ['<figure class="measured">']
         if self.caption:
             parts.append(f"<figcaption>{typeset(self.caption)}</figcaption>")
@@ -89,6 +96,14 @@ class Table:
         body = "\n".join(f"<tr>{self._html_row(row)}</tr>" for row in self.rows)
         parts.append(f"<tbody>\n{body}\n</tbody></table></div></figure>")
         return "".join(parts)
+
+    def _html_line(self, row: Sequence[str]) -> str:
+        header = self.header or [("", "")] * len(row)
+        numbers = (
+            " ".join(filter(None, (name, text, unit)))
+            for (name, unit), text in zip(header[1:], row[1:], strict=True)
+        )
+        return f"{typeset(row[0])}: <b>{typeset(', '.join(numbers))}</b>"
 
     def _html_groups(self) -> str:
         cells = [

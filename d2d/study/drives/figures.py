@@ -1,5 +1,6 @@
 """The figures of the simulated drives: frames, platform, street, errors, targets, fusion."""
 
+import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,12 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Arc, Polygon, Wedge
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from d2d import rigid
 from d2d._types import Array
+from d2d.point_set import PointSet
 from d2d.radar import Comparison, Mounting
 from d2d.radar.simulation.drive import STEPS, Sensor
 from d2d.radar.simulation.world import KINDS, World
+from d2d.registration import Estimate
+from d2d.study.book.drawing import ellipses
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
@@ -252,13 +257,25 @@ def error_columns(
         axes[-1, column].set_xlabel("time (s)")
 
 
+def velocity_ellipses(ax: Axes, estimates: Mapping[str, Estimate], theta: Array) -> None:
+    """95 % ellipses of estimated velocities without and with Doppler, and the true ``theta``."""
+    for name, found in estimates.items():
+        color = GREY if name == "without Doppler" else ROBUST
+        of_velocity = PointSet(found.theta[None, :2], found.covariance[None, :2, :2])
+        ax.plot(*found.theta[:2], "o", ms=3, color=color, label=name)
+        ellipses(ax, of_velocity, math.sqrt(chi2.ppf(0.95, 2)), edgecolor=color, linewidth=1.5)
+    ax.plot(*theta[:2], "+", color=BLACK, ms=9, label="truth")
+    ax.set(xlabel="$v_x$ (m/s)", ylabel="$v_y$ (m/s)", aspect="equal")
+    ax.autoscale_view()
+
+
 def rejected_kinds(ax: Axes, shares: Mapping[str, Mapping[str, float]]) -> None:
     """Bars of the rejected share of each kind of target, side by side for the named tracks."""
     width = 0.8 / len(shares)
     for k, (name, share) in enumerate(shares.items()):
         places = np.arange(len(share)) + (k - 0.5 * (len(shares) - 1)) * width
         bars = ax.barh(places, list(share.values()), width, label=name, color=(GREY, ROBUST)[k])
-        ax.bar_label(bars, fmt="%.2f", padding=2, fontsize=8)
+        ax.bar_label(bars, fmt="%.2f", padding=2, fontsize=9)
     kinds = list(next(iter(shares.values())))
     ax.set_yticks(range(len(kinds)), kinds)
     ax.invert_yaxis()
@@ -307,7 +324,8 @@ def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> N
     axes[1].set(ylabel="RMSE of ω (°/s)")
     for ax in axes:
         ax.set_xlabel("half width of the objects (m)")
-        ax.legend(fontsize=8)
+        ax.margins(y=0.25)
+        ax.legend()
 
 
 def ingredients(ax: Axes, trial: BudgetTrial) -> None:
@@ -339,16 +357,17 @@ def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
         for limit in (REGION, GATE):
             top.axhline(limit, color=BLACK, lw=0.8, ls="--")
         top.set(ylim=(0.05, 200.0))
-        top.set_title(textwrap.fill(f"({'abc'[column]}) {name}", 20), fontsize=8)
+        top.set_title(textwrap.fill(f"({'abc'[column]}) {name}", 20), fontsize=9)
         for ax, entry, unit in zip(below, (0, 3), (1.0, np.rad2deg(1.0)), strict=True):
             sigma = np.sqrt(result.covariances[:, entry, entry]) * unit
             ax.fill_between(result.times, -2.0 * sigma, 2.0 * sigma, color=SKY, alpha=0.4, lw=0)
             ax.plot(result.times, result.errors[:, entry] * unit, color=PURPLE, lw=1.0)
             ax.axhline(0.0, **TRUTH)
         below[-1].set_xlabel("time (s)")
-    for limit, label in ((REGION, "95 %"), (GATE, "gate")):  # beside the last panel, off its points
+    # beside the last panel, off its points
+    for limit, label, side in ((REGION, "95 %", "top"), (GATE, "gate", "bottom")):
         place, coordinates = (1.03, limit), ("axes fraction", "data")
-        axes[0, -1].annotate(label, place, xycoords=coordinates, va="center", fontsize=8)
+        axes[0, -1].annotate(label, place, xycoords=coordinates, va=side, fontsize=9)
     for ax, label in zip(
         axes[:, 0], ("NIS", "error of $v_x$ (m/s)", "error of the\ngyro bias (°/s)"), strict=True
     ):

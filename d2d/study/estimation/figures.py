@@ -151,7 +151,7 @@ def stated_over_actual(
             medianprops=line,
         )
         for place, component in zip(places, ("$t_x$", "$t_y$", "φ"), strict=True):
-            ax.annotate(component, (place, 0.42), ha="center", fontsize=8)
+            ax.annotate(component, (place, 0.42), ha="center", fontsize=9)
     ax.axhline(1.0, **TRUTH)
     ax.set_yscale("log")
     ax.set_ylim(0.38, 6.0)

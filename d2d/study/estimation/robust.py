@@ -60,7 +60,7 @@ def draw_terms(axes: Sequence[Axes], translations: Array, terms: Terms) -> None:
         (
             (hessian, {"color": BLACK, "label": "Hessian"}),
             (terms.curvature, {"color": PURPLE, "ls": DASHED, "label": "mean curvature"}),
-            (-terms.spread, {"color": GREY, "ls": DOTTED, "label": "−spread of the pulls"}),
+            (-terms.spread, {"color": GREY, "ls": DOTTED, "label": "−spread of pulls"}),
         ),
     )
     names = ("cost", "gradient (1/m)", "Hessian (1/m²)")
@@ -72,7 +72,12 @@ def draw_terms(axes: Sequence[Axes], translations: Array, terms: Terms) -> None:
         ax.margins(x=0.0)
     for ax in axes[1:]:
         ax.legend(
-            fontsize=8, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            ncols=3,
+            borderaxespad=0.0,
+            columnspacing=1.0,
+            handlelength=1.5,
         )
     axes[-1].set_xlabel("$t_x$ (m)")
 

@@ -81,7 +81,7 @@ def _write_letters(ax: Axes, places: Sequence[tuple[float, float, str]], span: f
             textcoords="offset points",
             ha="center",
             color="0.25",
-            fontsize=8,
+            fontsize=9,
         )
 
 

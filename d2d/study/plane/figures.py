@@ -207,8 +207,8 @@ def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> No
 
 def _map_bar(ax: Axes, picture: Any, label: str) -> None:
     bar = ax.figure.colorbar(picture, ax=ax, location="bottom", shrink=0.9, pad=0.02)
-    bar.set_label(label, fontsize=8)
-    bar.ax.tick_params(labelsize=8)
+    bar.set_label(label, fontsize=9)
+    bar.ax.tick_params(labelsize=9)
 
 
 def _map_axes(ax: Axes, title: str = "") -> None:

@@ -242,6 +242,12 @@ def test_figures_fit_a_phone():
     assert wide == {}
 
 
+def test_lettering_can_be_read_on_a_phone():
+    """Breaks if a label of a figure has less than 9 pt, nearly 9 px on a phone."""
+    small = re.compile(r"(?:font|label)size=[0-8]\b")
+    assert [name for name, source in sources() if small.search(source)] == []
+
+
 def test_the_laboratories_have_the_colours_of_the_figures():
     """Breaks if a cost has another colour where it is played with than where it is printed."""
     css = (ROOT / "_static" / "labs" / "labs.css").read_text(encoding="utf-8")

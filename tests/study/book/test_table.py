@@ -91,6 +91,16 @@ def test_single_quantities_stand_one_below_the_other():
     assert "<thead>" not in shown._repr_html_()
 
 
+def test_a_few_numbers_stand_in_a_line():
+    """Breaks if two numbers get the rules and heads of a table, or lose their heads and units."""
+    line = '<p class="measured">'
+    one = quantities(("error", -0.96, "m", ".2f"), caption="On the road.")
+    assert one._repr_html_() == f"{line}On the road. error: <b>−0.96\N{NO-BREAK SPACE}m</b></p>"
+    two = table({"NDT": 1.0, "ICP": 2.0}, ["", ("RMSE", "m")])
+    shown = f"{line}NDT: <b>RMSE 1\N{NO-BREAK SPACE}m</b>; ICP: "
+    assert two._repr_html_().startswith(shown)
+
+
 def test_a_value_is_shown_as_one_would_write_it():
     """Breaks if a large number has an exponent, a whole one is rounded, or a truth is a number."""
     shown = {6080.0: "6080", 12345.6: "12346", 0.00123456: "0.00123", np.float64(2.0): "2"}

@@ -26,7 +26,7 @@ def test_the_table_says_what_was_measured():
         "NCI": f"{found.credibility.nci:.1f}",
         "I²": f"{found.credibility.inclination:+.1f}",
     }
-    assert dict(shown.header)["omega"] == "deg/s"
+    assert dict(shown.header)["omega"] == "°/s"
 
 
 def straight(length: float = 100.0, scale: float = 1.0, turn: float = 0.0) -> np.ndarray:
