@@ -37,6 +37,37 @@ labs.define(
     const unknown = (cell) => /^[-+]?(na|nan|inf|infinity)?$/i.test(cell);
     const numeric = (cell) => unknown(cell) || Number.isFinite(Number(cell));
 
+    const TRACK = "# Velocities of a vehicle"; // the beginning of what Track.write_velocities writes
+
+    /** The rows of such a file. */
+    function trackOf(text) {
+      const lines = text.split(/\r?\n/).filter((line) => line && !line.startsWith("#"));
+      return lines.map((line) => {
+        const [time, interval, vx, vy, omega, converged, xx, xy, xo, yy, yo, oo] = line.split(" ").map(Number);
+        const theta = [vx, vy, omega],
+          covariance = [[xx, xy, xo], [xy, yy, yo], [xo, yo, oo]];
+        return { time, interval, theta, covariance, reason: converged ? "" : "not accepted" };
+      });
+    }
+
+    /** A table of the differences between two tracks, as `compare_tracks` takes them. */
+    function tableOfTracks(texts) {
+      const { errors, covariances } = d2d.differences(...texts.map(trackOf));
+      if (errors.length < 4) throw new Error("The two tracks have fewer than four accepted estimates at common times.");
+      const rows = errors.map((error, k) => [...error, ...covariances[k].flat()].join(", "));
+      return ["v_x, v_y, omega, xx, xy, xo, yx, yy, yo, ox, oy, oo", ...rows].join("\n");
+    }
+
+    /** The table in one file, or that of the two tracks in two. */
+    function tableIn(texts) {
+      if (texts.every((text) => text.startsWith(TRACK))) {
+        if (texts.length === 2) return tableOfTracks(texts);
+        throw new Error("Choose the velocities of two tracks at once: their differences are judged.");
+      }
+      if (texts.length > 1) throw new Error("Choose one table, or the velocities of two tracks.");
+      return texts[0];
+    }
+
     /** {heads, rows} of a table: rows of {at, values}, `at` being the line; an Error says what is wrong with it. */
     function rowsOf(text) {
       const lines = text
@@ -384,7 +415,8 @@ labs.define(
       { class: "lab-hint", id: `${lab.id}-hint` },
       "In each row first the errors (estimate minus truth), one to six of them, then their covariance: all of it, or the upper " +
         "triangle row by row. Commas, semicolons, tabs or blanks separate; the first line may name the columns. " +
-        "The table stays in your browser.",
+        "Of two tracks, as Track.write_velocities writes them, the differences are judged: choose both files at once. " +
+        "All stays in your browser.",
     );
     const box = html("textarea", {
       class: "lab-table-text",
@@ -395,7 +427,7 @@ labs.define(
       autocomplete: "off",
       wrap: "off",
     });
-    const file = html("input", { type: "file", id: `${lab.id}-file`, accept: ".csv,.tsv,.txt,text/*" });
+    const file = html("input", { type: "file", id: `${lab.id}-file`, accept: ".csv,.tsv,.txt,text/*", multiple: "" });
 
     let filled = ""; // the example that the box holds
 
@@ -404,21 +436,27 @@ labs.define(
       lab.touched("table");
     }
 
-    async function open(chosen) {
-      box.value = await chosen.text();
+    async function open(files) {
+      const texts = await Promise.all([...files].map((each) => each.text()));
+      try {
+        box.value = tableIn(texts);
+      } catch (error) {
+        box.value = judgedText = "";
+        lab.result = { error: error.message };
+      }
       own();
     }
 
     box.addEventListener("input", own);
     file.addEventListener("change", () => {
-      if (file.files.length) open(file.files[0]);
+      if (file.files.length) open(file.files);
     });
     box.addEventListener("dragover", (event) => event.preventDefault());
     box.addEventListener("drop", (event) => {
-      const [dropped] = event.dataTransfer.files;
-      if (!dropped) return; // text, which the box takes by itself
+      const { files } = event.dataTransfer;
+      if (!files.length) return; // text, which the box takes by itself
       event.preventDefault();
-      open(dropped);
+      open(files);
     });
 
     lab.sound = ({ example: name }) => name in EXAMPLES;
@@ -443,7 +481,7 @@ labs.define(
         html("p", { class: "lab-title" }, html("label", { for: box.id }, "Errors and covariances")),
         box,
         hint,
-        bar(html("label", { for: file.id }, "or open a file, or drop one above"), file),
+        bar(html("label", { for: file.id }, "or open a file, or two tracks, or drop them above"), file),
         html(
           "div",
           { class: "lab-row" },

@@ -845,6 +845,47 @@ globalThis.d2d = (function engine() {
     };
   }
 
+  // ---- Tracks: d2d/radar/tracks/track.py and d2d/radar/trust/halves.py ---------------------------------------------------
+
+  /** Twice the usual interval of a track's rows: estimates farther apart are not interpolated. */
+  function longestGap(rows) {
+    const sorted = rows.map((row) => row.interval).sort((a, b) => a - b),
+      half = sorted.length >> 1;
+    return (sorted.length % 2 ? 2 * sorted[half] : sorted[half - 1] + sorted[half]) + 1e-6;
+  }
+
+  /** The estimates before and after a time, {earlier, later, weight}; null outside, next to failures and in gaps. */
+  function neighbours(rows, time, longest) {
+    let low = 0,
+      high = rows.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (rows[middle].time < time) low = middle + 1;
+      else high = middle;
+    }
+    const later = rows[low],
+      earlier = later?.time === time ? later : rows[low - 1];
+    if (!later || !earlier || earlier.reason || later.reason || later.time - earlier.time > longest) return null;
+    return { earlier, later, weight: earlier === later ? 0 : (time - earlier.time) / (later.time - earlier.time) };
+  }
+
+  /** {errors, covariances} of one track minus another, at the times of the first, see `compare_tracks`. */
+  function differences(first, second) {
+    const longest = longestGap(second),
+      found = { errors: [], covariances: [] };
+    for (const { time, theta, covariance, reason } of first) {
+      const between = reason ? null : neighbours(second, time, longest);
+      if (!between) continue;
+      const { earlier, later, weight } = between,
+        mixed = (of, power) => (1 - weight) ** power * of(earlier) + weight ** power * of(later);
+      found.errors.push(theta.map((each, i) => each - mixed((row) => row.theta[i], 1)));
+      found.covariances.push(
+        covariance.map((line, i) => line.map((each, j) => each + mixed((row) => row.covariance[i][j], 2))),
+      );
+    }
+    return found;
+  }
+
   return {
     evaluate,
     surface,
@@ -867,6 +908,9 @@ globalThis.d2d = (function engine() {
     coverage,
     credibility,
     normals,
+    longestGap,
+    neighbours,
+    differences,
     ANNEALED: [10, 5.5, 3.2, 1.7, 1],
     source: String(engine), // a worker of a page that was opened from a folder can load no file
   };

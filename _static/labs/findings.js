@@ -225,34 +225,16 @@ globalThis.findings = (function radarFindings() {
     return shares.map((own) => (own.length ? median(own) : NaN));
   }
 
-  /** Longest gap that a track is interpolated across. */
-  const longestOf = (rows) => 2 * median(rows.map((row) => row.interval)) + 1e-6;
-
-  /** The estimates before and after a time, {earlier, later, weight}; null outside, next to failures and in gaps. */
-  function neighboursOf(rows, time, longest) {
-    let low = 0,
-      high = rows.length;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (rows[middle].time < time) low = middle + 1;
-      else high = middle;
-    }
-    const later = rows[low],
-      earlier = later?.time === time ? later : rows[low - 1];
-    if (!later || !earlier || earlier.reason || later.reason || later.time - earlier.time > longest) return null;
-    return { earlier, later, weight: earlier === later ? 0 : (time - earlier.time) / (later.time - earlier.time) };
-  }
-
   /** The yaw rate of a track at another time; nan where it is not known. */
   function yawRateAt(rows, time, longest) {
-    const found = neighboursOf(rows, time, longest);
+    const found = d2d.neighbours(rows, time, longest);
     return found ? (1 - found.weight) * found.earlier.theta[2] + found.weight * found.later.theta[2] : NaN;
   }
 
   /** The direction in which the vehicle seems to drive by a sensor's Doppler velocities, {heading, sigma}. */
   function headingOf({ scans, mounting }, rows) {
     const nothing = { heading: NaN, sigma: NaN },
-      longest = longestOf(rows);
+      longest = d2d.longestGap(rows);
     let seen = evenly(scans)
       .filter((scan) => scan.targets.length >= SEEN)
       .map((scan) => ({ scan, omega: yawRateAt(rows, scan.time, longest) }));
@@ -443,19 +425,7 @@ globalThis.findings = (function radarFindings() {
 
   /** ANEES of the differences between two tracks, see `compare_tracks`; nan if they have too little in common. */
   function aneesOf(first, second) {
-    const longest = longestOf(second),
-      errors = [],
-      covariances = [];
-    for (const { time, theta, covariance, reason } of first) {
-      const found = reason ? null : neighboursOf(second, time, longest);
-      if (!found) continue;
-      const { earlier, later, weight } = found,
-        mixed = (of, power) => (1 - weight) ** power * of(earlier) + weight ** power * of(later);
-      errors.push(theta.map((each, i) => each - mixed((row) => row.theta[i], 1)));
-      covariances.push(
-        covariance.map((line, i) => line.map((each, j) => each + mixed((row) => row.covariance[i][j], 2))),
-      );
-    }
+    const { errors, covariances } = d2d.differences(first, second);
     return (errors.length >= ENOUGH && d2d.credibility(errors, covariances)?.anees) || NaN;
   }
 

@@ -16,6 +16,7 @@ from selenium import webdriver
 from selenium.webdriver.common.keys import Keys
 
 from d2d import coverage, credibility, whiten
+from d2d.radar import compare_tracks, simulate_drive, track
 from tests.book import browser, lone
 from tests.book.test_labs import Hand
 
@@ -288,6 +289,32 @@ def test_a_file_is_opened_and_dropped(hand: Hand, tmp_path: Path):
     taken = not hand.driver.execute_script(drop, "\n".join([*GOOD, GOOD[0]]))
     browser.wait(hand.driver, f"return {hand.it}.result.table.errors.length === 4")
     assert taken
+
+
+def test_two_tracks_are_compared(hand: Hand, tmp_path: Path):
+    """Breaks if the differences of two tracks, or their covariances, are not those of d2d."""
+    drive = simulate_drive(np.random.default_rng(5), duration=6.0)
+    scans = drive.scans
+    tracks = [track((scans[k::2], drive.mounting)) for k in (0, 1)]  # at each other's times
+    files = [tmp_path / f"{k}_velocities.txt" for k in range(2)]
+    for each, file in zip(tracks, files, strict=True):
+        each.write_velocities(file)
+    hand.find("input[type=file]").send_keys("\n".join(map(str, files)))
+    browser.wait(hand.driver, f"return {hand.it}.result.table?.names[0] === 'v_x'")
+    found = compare_tracks(*tracks)
+    known = np.isfinite(found.errors).all(axis=1)
+    table = hand.ask("lab.result.table")
+    np.testing.assert_allclose(table["errors"], found.errors[known], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(table["covariances"], found.covariances[known], rtol=1e-9)
+    assert hand.ask("lab.result.judged.anees") == pytest.approx(found.measures.anees, rel=1e-9)
+
+
+def test_one_track_alone_is_no_table(hand: Hand, tmp_path: Path):
+    """Breaks if times and velocities are taken for errors."""
+    file = tmp_path / "velocities.txt"
+    track(simulate_drive(np.random.default_rng(5), duration=2.0)).write_velocities(file)
+    hand.find("input[type=file]").send_keys(str(file))
+    browser.wait(hand.driver, f"return {hand.it}.result.error?.includes('two tracks at once')")
 
 
 def test_a_table_stays_in_the_page(hand: Hand):
