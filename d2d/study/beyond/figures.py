@@ -10,13 +10,10 @@ from numpy.typing import NDArray
 from d2d._types import Array
 from d2d.study.beyond.both_covariances import BothCovariances
 from d2d.study.beyond.exhaustive import (
-    ALPHAS,
     ANNEALING,
-    OUTLIER_SIGMAS,
     Outcome,
     Rows,
     Trial,
-    coverage,
     select,
     success,
 )
@@ -105,18 +102,6 @@ def start_map(ax: Axes, rows: Rows, cost: str, scales: str, title: str) -> None:
     ax.set(xlabel="start off by (m)", ylabel="start off by (°)", title=title)
 
 
-def outlier_model_map(ax: Axes, rows: Rows, share: float) -> None:
-    """Coverage in percent of the robust likelihood over the outlier model that it assumes.
-
-    ``share`` is the true share of outliers.
-    """
-    chosen = select(rows, "outlier model", outlier_share=share, distance_m=0.0)
-    covered = {(t.alpha, t.sigma_outlier_m): coverage(outcome) for t, outcome in chosen}
-    values = np.array([[covered[alpha, sigma] for sigma in OUTLIER_SIGMAS] for alpha in ALPHAS])
-    _percent_map(ax, values, OUTLIER_SIGMAS, ALPHAS)
-    ax.set(xlabel="assumed $σ_o$ (m)", ylabel="assumed α", title=f"true share {share:g}")
-
-
 def _percent_map(ax: Axes, values: Array, columns: Sequence[float], lines: Sequence[float]) -> None:
     ax.imshow(values, vmin=0.0, vmax=1.0, aspect="auto", origin="lower", cmap=SHARE_MAP)
     ax.grid(False)
@@ -148,30 +133,6 @@ def first_scale_panel(ax: Axes, rows: Rows) -> None:
     ax.set_xscale("log")
     ax.set(xlabel="first scale · σ / start error", ylabel="share at the truth", ylim=(-0.03, 1.03))
     ax.legend(loc="lower right")
-
-
-def effort_panel(ax: Axes, rows: Rows, distance: float) -> None:
-    """Success of the robust likelihood over its Newton iterations, for each way of starting."""
-    chosen = select(rows, "schedule", cost="robust", distance_m=distance)
-    kinds = {
-        "plain": [row for row in chosen if row[0].starts == 1 and row[0].scales == "1"],
-        "short schedule": [row for row in chosen if 1 < _steps(row[0]) < 4],
-        "long schedule": [row for row in chosen if row[0].starts == 1 and _steps(row[0]) >= 4],
-        "several starts": [row for row in chosen if row[0].starts > 1 and row[0].scales == "1"],
-        "both": [row for row in chosen if row[0].starts > 1 and row[0].scales != "1"],
-    }
-    for (name, of_kind), color, marker in zip(
-        kinds.items(), (BLACK, YELLOW, SKY, PURPLE, PINK), "xv^*P", strict=True
-    ):
-        effort = [outcome.iterations for _, outcome in of_kind]
-        ax.plot(effort, [success(o) for _, o in of_kind], marker, color=color, ms=6, label=name)
-    ax.set_xscale("log")
-    ax.set(xlabel="Newton iterations", ylabel="share at the truth", ylim=(-0.03, 1.05))
-    ax.legend(loc="lower right")
-
-
-def _steps(trial: Trial) -> int:
-    return len(trial.scales.split())
 
 
 def covariance_panel(
