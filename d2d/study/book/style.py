@@ -7,6 +7,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+PAGE = 7.2
+"""Width in inches of a figure that reaches across text and margin.
+
+A figure of many panels is drawn twice, in a column and as wide as the page, and its cell has the
+class ``page``: the page shows the one that fits.
+"""
+
 
 def use_style() -> None:
     """Switch matplotlib to the book's style."""
