@@ -34,7 +34,7 @@ FLAGS = (
     "--hide-scrollbars",  # as on a phone, where they take no width
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE localhost",
 )
-WIDE, NARROW = 1400, 400  # px: a desk and a phone
+WIDE, TABLET, NARROW = 1400, 1100, 400  # px: a desk, a tablet and a phone
 THEMES = ("light", "dark")
 LEGIBLE = 0.64  # of the size in which labels of 9 pt were drawn: nearly 9 px
 FEW = 7  # columns of a table that a phone shows whole
@@ -151,7 +151,7 @@ def visit(driver: webdriver.Chrome, address: str) -> Visit:
     look("cut()")
     ask(driver, "inspectBook.settle()")
     look("unmarked()")
-    for width in (WIDE, NARROW):
+    for width in (WIDE, TABLET, NARROW):
         resize(driver, width)
         look("overflows()", f"{width} px: ")
     for call in (f"shrunken({LEGIBLE})", "pushed()", f"crowded({FEW})", f"tiny({SMALLEST})"):
