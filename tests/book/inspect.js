@@ -137,6 +137,7 @@ window.inspectBook = (() => {
     // a figure of a notebook says both, and has twice as many pixels
     const drawn = ({ naturalWidth, style }) => (style.height ? parseFloat(style.width) : naturalWidth);
     return [...main().querySelectorAll("img:not(.gallery img)")]
+      .filter((image) => image.checkVisibility()) // not the other form of a figure
       .map((image) => [image.getBoundingClientRect().width / drawn(image), image])
       .filter(([share]) => share < least)
       .map(([share, image]) => `${image.getAttribute("src")} at ${share.toFixed(2)} of its size`);
