@@ -136,8 +136,9 @@ def faulty_figures(notebook: NotebookNode) -> list[str]:
             found.append(
                 f"{name}: no mystnb.image.alt (what a reader who cannot see the picture is told)"
             )
-        if pictures != 1:
-            found.append(f"{name}: {pictures} pictures, expected 1")
+        forms = 2 if "page" in options.get("image", {}).get("classes", "").split() else 1
+        if pictures != forms:
+            found.append(f"{name}: {pictures} pictures, expected {forms}")
         found += [
             f"{name}: {problem}" for output in cell.outputs for problem in badly_drawn(output)
         ]

@@ -27,9 +27,7 @@ def letter_panels(axes: NDArray[np.object_]) -> None:
     An axis whose numbers stand at another panel has its label there, too.
     """
     for letter, ax in zip("abcdefghijkl", axes.ravel(), strict=False):
-        title = ax.get_title()
-        ax.set_title("")
-        ax.set_title(f"({letter}) {title}" if title else f"({letter})", loc="left")
+        ax.set_title(f"({letter}) {ax.get_title('left')}".rstrip())
         for axis, side in ((ax.xaxis, "labelbottom"), (ax.yaxis, "labelleft")):
             if not axis.get_tick_params().get(side, True):
                 axis.set_label_text("")

@@ -253,7 +253,7 @@ def error_columns(
             ax.set_ylim(-limit, limit)
             if column == 0:
                 ax.set_ylabel(f"{SYMBOLS[row]} ({UNITS[row]})")
-        axes[0, column].set_title(f"({'abc'[column]}) {name}", fontsize=9)
+        axes[0, column].set_title(f"({'abc'[column]}) {name}", loc="center")
         axes[-1, column].set_xlabel("time (s)")
 
 
@@ -357,7 +357,7 @@ def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
         for limit in (REGION, GATE):
             top.axhline(limit, color=BLACK, lw=0.8, ls="--")
         top.set(ylim=(0.05, 200.0))
-        top.set_title(textwrap.fill(f"({'abc'[column]}) {name}", 20), fontsize=9)
+        top.set_title(textwrap.fill(f"({'abc'[column]}) {name}", 20), loc="center")
         for ax, entry, unit in zip(below, (0, 3), (1.0, np.rad2deg(1.0)), strict=True):
             sigma = np.sqrt(result.covariances[:, entry, entry]) * unit
             ax.fill_between(result.times, -2.0 * sigma, 2.0 * sigma, color=SKY, alpha=0.4, lw=0)

@@ -140,7 +140,7 @@ def _head_columns(axes: NDArray[np.object_], names: Iterable[str]) -> None:
     for ax in axes[:, 1:].ravel():
         ax.set_ylabel("")
     for letter, ax, name in zip("abc", axes[0], names, strict=False):
-        ax.set_title(f"({letter}) {LOOKS[name].name}", fontsize=9)
+        ax.set_title(f"({letter}) {LOOKS[name].name}", loc="center")
 
 
 def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet) -> None:

@@ -60,11 +60,15 @@ def breaches(figure) -> list[str]:
 ESTIMATES = ("estimate", "with Doppler", "four sensors, baseline 2")  # of the robust likelihood
 
 
+def _title(ax) -> str:
+    return ax.get_title("left") or ax.get_title()
+
+
 def _takes_a_cost_color(line, ax, cost: str | None) -> bool:
     """Whether a line that a legend names has a cost's colour without standing for that cost."""
     label = str(line.get_label())
     named = not label.startswith("_") and label not in ESTIMATES
-    return cost is not None and named and cost_of(ax.get_title()) != cost
+    return cost is not None and named and cost_of(_title(ax)) != cost
 
 
 def _foreign(mesh) -> bool:
@@ -90,7 +94,7 @@ def in_order(figure) -> bool:
     rows: dict[int, list[str]] = {}
     for ax in figure.axes:
         place = ax.get_subplotspec()
-        title = ax.get_title() or ax.get_title(loc="left")
+        title = _title(ax)
         if place is not None and cost_of(title) is not None:
             rows.setdefault(place.rowspan.start, []).append(cost_of(title))
     order = list(grammar.COSTS)
