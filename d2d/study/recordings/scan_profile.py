@@ -22,7 +22,7 @@ SEQUENCE, SENSOR = 105, 3
 RESULTS = results_path("radarscenes_scans.json")
 EDGES: dict[str, Array] = {
     "range (m)": np.arange(0.0, 101.0, 10.0),
-    "azimuth (deg)": np.arange(-75.0, 76.0, 15.0),
+    "azimuth (°)": np.arange(-75.0, 76.0, 15.0),
     "Doppler velocity (m/s)": np.arange(-30.0, 31.0, 5.0),
 }
 """The edges of the histograms, by the label of their axis."""
@@ -63,7 +63,7 @@ def main() -> None:
     parser.add_argument("root", help="folder of the data set")
     arguments = parser.parse_args()
     profile = scan_profile(load_radarscenes(arguments.root, SEQUENCE, SENSOR).scans)
-    RESULTS.write_text(json.dumps(profile, indent=1) + "\n", encoding="utf-8")
+    RESULTS.write_text(json.dumps(profile, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     print(f"written to {RESULTS}")
 
 

@@ -22,7 +22,7 @@ def test_a_profile_counts_each_target_in_its_bin():
     assert profile["scans"] == 2
     assert profile["targets"] == 2.0
     assert profile["range (m)"][:3] == [1.0, 1.0, 0.0]
-    of_azimuth = dict(zip(EDGES["azimuth (deg)"], profile["azimuth (deg)"], strict=False))
+    of_azimuth = dict(zip(EDGES["azimuth (°)"], profile["azimuth (°)"], strict=False))
     assert of_azimuth[-45.0] == 0.5
     assert of_azimuth[15.0] == 1.5
     assert sum(profile["Doppler velocity (m/s)"]) == 2.0
