@@ -71,13 +71,14 @@ globalThis.labs = (() => {
     outlier: cost === "robust" ? outlier : null,
   });
 
-  /** A square, diamond, circle, cross or triangle of about 2 r pixels. */
+  /** A square, diamond, circle, cross or triangle (pointing right, or up: a peak) of about 2 r pixels. */
   function mark(kind, x, y, r, attributes = {}) {
     if (kind === "circle") return svg("circle", { cx: x, cy: y, r, ...attributes });
     const d = {
       square: `M${x - r},${y - r}h${2 * r}v${2 * r}h${-2 * r}z`,
       diamond: `M${x},${y - 1.3 * r}l${1.3 * r},${1.3 * r}l${-1.3 * r},${1.3 * r}l${-1.3 * r},${-1.3 * r}z`,
       cross: `M${x - r},${y}h${2 * r}M${x},${y - r}v${2 * r}`,
+      peak: `M${x},${y - 1.2 * r}l${1.1 * r},${2 * r}h${-2.2 * r}z`,
       triangle: `M${x + 1.3 * r},${y}l${-2.1 * r},${r}v${-2 * r}z`,
     }[kind];
     return svg("path", { d, ...attributes });
@@ -783,6 +784,7 @@ globalThis.labs = (() => {
     all,
     svg,
     html,
+    mark,
     inlineMark,
     fixed,
     clamp,

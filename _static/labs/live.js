@@ -11,7 +11,7 @@ labs.define(
     cost: "likelihood",
   }),
   (lab) => {
-    const { svg, html, fixed: number, clamp, range, bar, panel, formOf, COSTS } = labs;
+    const { svg, html, mark, fixed: number, clamp, range, bar, panel, formOf, COSTS } = labs;
     const DEGREE = Math.PI / 180,
       TRUTH = [2, 0.5, 10 * DEGREE],
       SIGMA_RANGE = 0.15,
@@ -105,7 +105,7 @@ labs.define(
       step: 0.2,
       low: -20,
       high: 20,
-      draw: [svg("circle", { class: "lab-knob", r: 6 }), svg("text", { x: 9, y: 4 }, "outlier")],
+      draw: [mark("peak", 0, 0, 6, { class: "lab-knob" }), svg("text", { x: 9, y: 4 }, "outlier")],
       hidden: () => !lab.state.outlier,
       get: () => {
         const { x, y } = d2d.move(outlier(), pose());
@@ -123,7 +123,7 @@ labs.define(
       scene.mark("triangle", 0, 0, 7, "lab-outline");
       for (const target of previous) {
         scene.ellipse(target.x, target.y, target, 3, "lab-soft");
-        scene.mark("square", target.x, target.y, 3, "lab-fill-target");
+        scene.mark("circle", target.x, target.y, 3, "lab-fill-target");
       }
       const [x, y, phi] = pose();
       scene.line(
@@ -138,10 +138,10 @@ labs.define(
         const there = d2d.move(target, pose());
         scene.ellipse(there.x, there.y, there, 3, `lab-line lab-${lab.state.cost}`);
         if (k === PLACES.length) return; // it has a handle of its own
-        const at = { cx: scene.X(there.x) - scene.X(x), cy: scene.Y(there.y) - scene.Y(y) };
+        const [cx, cy] = [scene.X(there.x) - scene.X(x), scene.Y(there.y) - scene.Y(y)];
         body.append(
-          svg("circle", { class: "lab-reach", r: 16, ...at }),
-          svg("circle", { class: `lab-fill-${lab.state.cost}`, r: 5, ...at }),
+          svg("circle", { class: "lab-reach", r: 16, cx, cy }),
+          mark("peak", cx, cy, 5, { class: `lab-fill-${lab.state.cost}` }),
         );
       });
       scene.ellipse(
