@@ -148,7 +148,7 @@ def loose_cluster_summing() -> Evidence:
     return Evidence(
         {"the sum gets local peaks": in_nearly_all(if_loose, under=if_apart)},
         "neighbours that meet each other's partners add peaks one and two spacings away, which "
-        "without noise separate at a spacing of 2 sqrt(2) sigma. Several maxima lie within "
+        "without noise separate at a spacing of 3.7 sigma. Several maxima lie within "
         f"{NEAR:g} m of the truth in {several[2.0]:.0%} of the draws at 2 sigma, in "
         f"{several[3.0]:.0%} at 3 sigma and in at least {if_apart:.1%} at 4 to 6 sigma.",
         {
