@@ -26,6 +26,7 @@ QUIETEST = 0.01  # of the usual spread: what repeats itself is not known without
 # A factor, and constants relative to the errors' RMSE: mostly noise, or hardly any.
 STARTS = (5.0, 0.2), (1.0, 0.8)
 POWERS = np.linspace(0.0, 1.5, 31)  # of the recent spread
+CAUSES = "azimuth", "doppler", "scale", "lag"  # of an error budget
 
 
 class Estimates(NamedTuple):
@@ -38,6 +39,8 @@ class Estimates(NamedTuple):
     noise: Array  # (n, 3, 3) propagated noise of the targets
     carry: Array  # (n, 3, 3) of the acceleration by which each is carried to its time
     budget: Array  # (n, 3, 3) with the data set's stored budget, carry included
+    dependence: Array  # (n, 3, 3) of neighbouring targets, over the stored budget's length
+    effects: Array  # (n, 4, 3, 3) of a standard deviation of one of each cause of a budget
 
     def where(self, chosen: NDArray[np.bool_]) -> "Estimates":
         """Some of the estimates."""
@@ -104,6 +107,24 @@ def with_constants(stated: Callable[[Estimates], Array]) -> Model:
 
     def covariances(parameters: Parameters, own: Estimates) -> Array:
         return np.asarray(stated(own) + own.carry + np.diag(parameters["constants"] ** 2))
+
+    return Model(fit, covariances)
+
+
+def budgeted() -> Model:
+    """The propagated noise, the carry, and the causes of a budget as `fit_budget` finds them."""
+
+    def without(own: Estimates) -> Array:
+        return np.asarray(own.noise + own.dependence + own.carry)
+
+    def fit(drives: Sequence[Estimates]) -> Parameters:
+        own = joined(drives)
+        effects = dict(zip(CAUSES, own.effects.swapaxes(0, 1), strict=True))
+        found = fit_budget(own.errors, without(own), effects)
+        return {"causes": found.values, "sigmas": found.sigmas, "bounds": found.bounds}
+
+    def covariances(parameters: Parameters, own: Estimates) -> Array:
+        return without(own) + np.einsum("p,npij->nij", parameters["causes"] ** 2, own.effects)
 
     return Model(fit, covariances)
 
@@ -195,7 +216,7 @@ def spread(own: Estimates, usual: Array) -> Array:
     return found
 
 
-CONSTANTS = "noise + 3 constants"
+CONSTANTS, BUDGET = "noise + 3 constants", "noise + fitted budget"
 MODELS = {
     "inverse Hessian": as_it_is(lambda own: own.hessian + own.carry),
     "inverse Hessian × 1 factor": scaled(lambda own: own.hessian, 1),
@@ -208,5 +229,6 @@ MODELS = {
     "noise × 3 factors": scaled(lambda own: own.noise, 3),
     CONSTANTS: with_constants(lambda own: own.noise),
     "noise × 1 factor + 3 constants": scaled_with_constants(lambda own: own.noise),
+    BUDGET: budgeted(),
     "stored budget": as_it_is(lambda own: own.budget),
 }

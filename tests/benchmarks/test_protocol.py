@@ -7,7 +7,16 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from benchmarks import protocol as module
-from benchmarks.covariances import CONSTANTS, FEWEST, MODELS, WINDOW, Estimates, spread
+from benchmarks.covariances import (
+    BUDGET,
+    CAUSES,
+    CONSTANTS,
+    FEWEST,
+    MODELS,
+    WINDOW,
+    Estimates,
+    spread,
+)
 from benchmarks.protocol import (
     ALL,
     CELLS,
@@ -33,7 +42,7 @@ SCALE = np.array([0.01, 0.02, 0.002])
 AS_THEY_ARE = "inverse Hessian", "propagated noise", "stored budget"
 FITTED = [name for name in MODELS if name not in AS_THEY_ARE]
 MOUNTINGS = Mounting(3.5, 0.6, 0.4), Mounting(3.5, -0.6, -0.4)
-BUDGET = ErrorBudget(azimuth=0.002, doppler=0.02, scale=0.001, lag=0.02)
+STATED = ErrorBudget(azimuth=0.002, doppler=0.02, scale=0.001, lag=0.02)
 
 
 def matrices(rng: np.random.Generator, count: int, scale: np.ndarray = SCALE) -> np.ndarray:
@@ -51,9 +60,14 @@ def made_up(seed: int, truth: str = CONSTANTS, count: int = 400, **parameters) -
     rng = np.random.default_rng(seed)
     hessian, noise = matrices(rng, count), matrices(rng, count, 2.0 * SCALE)
     carry, budget = matrices(rng, count, 0.5 * SCALE), matrices(rng, count)
+    dependence = matrices(rng, count, 0.2 * SCALE)
+    columns = rng.normal(0.0, 5.0, (count, len(CAUSES), 3, 1))
+    effects = columns @ columns.swapaxes(2, 3)
     theta = rng.standard_normal((count, 3)) * SCALE
     times = 0.075 * np.arange(count)
-    own = Estimates(times, theta, np.zeros((count, 3)), hessian, noise, carry, budget)
+    own = Estimates(
+        times, theta, np.zeros((count, 3)), hessian, noise, carry, budget, dependence, effects
+    )
     given = {"constants": 3.0 * SCALE} | parameters
     stated = MODELS[truth].covariances(given, own)
     return own._replace(errors=errors_of(rng, stated))
@@ -64,7 +78,7 @@ def simulated(duration: float = 6.0) -> Drive:
     drives = [
         simulate_drive(np.random.default_rng(3), duration=duration, mounting=at) for at in MOUNTINGS
     ]
-    own = [Recording(drive.scans, drive.mounting, drive.truth, BUDGET) for drive in drives]
+    own = [Recording(drive.scans, drive.mounting, drive.truth, STATED) for drive in drives]
     return Drive.of("simulated", own)
 
 
@@ -145,6 +159,7 @@ def test_what_is_stated_does_not_depend_on_errors_nor_on_later_estimates():
             {"factor": np.array(6.0), "constants": 2.0 * SCALE},
         ),
         ("noise × 1 factor + 3 constants", {"factor": np.array(2.0), "constants": 3.0 * SCALE}),
+        (BUDGET, {"causes": np.array([0.003, 0.002, 0.004, 0.001])}),
     ],
 )
 def test_a_model_finds_what_errors_were_made_with(name, parameters):
@@ -189,7 +204,10 @@ def test_the_covariances_are_what_their_names_say():
         given = {"factor": np.array(7.0), "constants": np.array([0.1, 0.2, 0.3])}
         assert_allclose(stated(name, **given), 7.0 * base + carry + added)
     assert_allclose(stated("stored budget"), own.budget)
-    assert_allclose(stated("constant matrix", matrix=added), [added] * 30)
+    causes = np.array([0.1, 0.0, 0.2, 0.0])
+    added = 0.01 * own.effects[:, 0] + 0.04 * own.effects[:, 2]
+    assert_allclose(stated(BUDGET, causes=causes), noise + carry + own.dependence + added)
+    assert_allclose(stated("constant matrix", matrix=np.diag(SCALE)), [np.diag(SCALE)] * 30)
 
 
 def test_the_adaptive_matrix_follows_the_scatter_of_the_estimates():
@@ -231,14 +249,17 @@ def test_the_estimates_are_those_of_the_public_track():
     """Breaks if the models are given other estimates than a user gets, or at another time."""
     drive = simulated(3.0)
     rounds = rounds_of([(own.scans, own.mounting) for own in drive.recordings], 1, 0.3)
-    own, accepted = followed(rounds, BUDGET)
+    own, accepted = followed(rounds, STATED)
     options = {"horizon": 0.3, "progress": False}
-    empty, stored = (track(drive.recordings, budget=b, **options) for b in (ErrorBudget(), BUDGET))
+    empty, stored = (track(drive.recordings, budget=b, **options) for b in (ErrorBudget(), STATED))
     plain = track(drive.recordings, **options)
     assert accepted.all()
     assert_array_equal(own.theta, empty.theta)
     assert_allclose(own.noise + own.carry, empty.covariance, rtol=1e-9)
     assert_allclose(own.budget, stored.covariance, rtol=1e-9)
+    squares = [getattr(STATED, cause) ** 2 for cause in CAUSES]
+    added = np.einsum("p,npij->nij", squares, own.effects)
+    assert_allclose(own.noise + own.carry + own.dependence + added, own.budget, rtol=1e-9)
     assert_allclose(own.hessian, plain.covariance, rtol=0.1, atol=1e-6)  # at a nearby optimum
     assert np.linalg.eigvalsh(own.carry).min() > 0.0
 
@@ -304,12 +325,12 @@ def test_the_tables_hold_every_model_in_every_cell(count):
         for cell in (ALL, "front", "side")
     }
     results = protocol(cells, bounds=count == 2)
-    text = section("A data set", results)
+    text = section("A data set", results, STATED)
     assert "nan" not in text
     for name in (*MODELS, *cells, *names):
         assert name in text
     assert ("±" in text.split("\n\n")[1]) == (count > 2)
-    assert ("[" in text) == (count == 2)
+    assert ("[" in text.split("**")[6]) == (count == 2)
 
 
 def test_a_drive_with_hardly_an_estimate_is_left_out():

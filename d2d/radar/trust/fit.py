@@ -1,5 +1,6 @@
 """An error budget by maximum likelihood, from the errors of a track against a reference."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,64 +8,90 @@ import scipy
 from numpy.typing import ArrayLike
 
 from d2d._bounds import Bounds
+from d2d._checks import check_finite
 from d2d._types import Array
 from d2d.bootstrap import block_length, block_sums
 from d2d.radar.scans.budget import ErrorBudget
-from d2d.radar.trust.comparison import IN_UNITS, NAMES, UNITS
 from d2d.scores import checked_errors, log_score
 
 _POSSIBLE = Bounds(most=1e3)  # m/s or rad/s, of an error: what a budget can hold
-_FEWEST = 4  # errors, for three constants
 _STARTS = (0.01, 1.0)  # constants' variances, relative to the errors' mean squares
 _TOLERANCE = 1e-8  # of the mean log score's gradient, per relative change of a variance
 _QUANTILE = 1.96  # of a normal distribution, for intervals of 95 %
+_CONSTANTS = dict(
+    zip(("v_x", "v_y", "omega"), np.eye(3)[:, :, None] * np.eye(3)[:, None], strict=True)
+)
+# What can be fitted, each with the unit in which it is shown.
+_SHOWN = {
+    "v_x": (1.0, "m/s"),
+    "v_y": (1.0, "m/s"),
+    "omega": (np.rad2deg(1.0), "deg/s"),
+    "azimuth": (np.rad2deg(1.0), "deg"),
+    "doppler": (1.0, "m/s"),
+    "scale": (100.0, "%"),
+    "lag": (1.0, "s"),
+}
 
 
 @dataclass(frozen=True, eq=False)
 class BudgetFit:
-    """Three constants of an error budget and how well the errors determine them.
+    """Numbers of an error budget and how well the errors determine them.
 
     Attributes
     ----------
     budget : ErrorBudget
-        Its ``v_x``, ``v_y`` and ``omega`` are the constants, in m/s, m/s, rad/s; the rest is zero.
-    sigmas : (3,) array
-        Standard errors of the constants, in the same units.
-    bounds : (2, 3) array
-        95 % confidence intervals of the constants.  One that begins at zero says that the errors do
-        not tell the constant from none, and its end how large it may be.
+        The numbers that were fitted; the rest is zero.
+    names : tuple of p str
+        Which these are, in the order of ``sigmas`` and ``bounds``.
+    sigmas : (p,) array
+        Their standard errors, in their own units.
+    bounds : (2, p) array
+        Their 95 % confidence intervals.  One that begins at zero says that the errors do not tell
+        the number from none, and its end how large it may be.
     log_score : float
-        Mean negative log density of the errors with these constants, see `d2d.log_score`.
+        Mean negative log density of the errors with these numbers, see `d2d.log_score`.
     estimates : int
         Number of errors.
     """
 
     budget: ErrorBudget
+    names: tuple[str, ...]
     sigmas: Array
     bounds: Array
     log_score: float
     estimates: int
 
+    @property
+    def values(self) -> Array:
+        """The numbers (p,)."""
+        return np.array([getattr(self.budget, name) for name in self.names])
+
     def __repr__(self) -> str:
-        """The constants with their intervals."""
-        b = self.budget
-        values = np.array([b.v_x, b.v_y, b.omega]) * IN_UNITS
-        rows = zip(NAMES, values, *(self.bounds * IN_UNITS), UNITS, strict=True)
-        told = ", ".join(f"{n} {v:.3f} [{low:.3f}, {high:.3f}] {u}" for n, v, low, high, u in rows)
-        return f"BudgetFit({told}; {self.estimates} estimates)"
+        """The numbers with their intervals."""
+        rows = zip(self.names, self.values, *self.bounds, strict=True)
+        told = []
+        for name, *numbers in rows:
+            unit, symbol = _SHOWN[name]
+            value, low, high = (unit * number for number in numbers)
+            told.append(f"{name} {value:.3f} [{low:.3f}, {high:.3f}] {symbol}")
+        return f"BudgetFit({', '.join(told)}; {self.estimates} estimates)"
 
 
-def fit_budget(errors: ArrayLike, covariances: ArrayLike) -> BudgetFit:
-    """Fit the constants of an error budget to errors of estimates, by maximum likelihood.
+def fit_budget(
+    errors: ArrayLike, covariances: ArrayLike, effects: Mapping[str, ArrayLike] | None = None
+) -> BudgetFit:
+    """Fit numbers of an error budget to errors of estimates, by maximum likelihood.
 
     The propagated noise of the targets is too small by what does not average out over them.  The
     simplest model of this adds the same three variances to every covariance, whatever the number of
-    targets and sensors.  Errors grow faster than that where few targets are left: with constants
-    of other drives, all sensors of nuScenes have an ANEES of 1.1 and 15 targets a scan 2.2; of
-    RadarScenes 0.7 and 2.0 on two drives, and 5 to 6 (`benchmarks/protocol.py`).
+    targets and sensors: that is fitted by default.  With ``effects`` it is the standard deviations
+    of causes, such as an azimuth bias, each of which changes every estimate in its own way.
 
-    Raises a ``ValueError`` that names the argument unless shapes match, there are at least four
-    errors of at most 1000, all is finite, and the covariances are symmetric and positive definite.
+    Neither holds where few targets are left, `benchmarks/protocol.py` says by how much.
+
+    Raises a ``ValueError`` that names the argument unless shapes match, there are more errors than
+    numbers, none above 1000, all is finite, the covariances are symmetric and positive definite,
+    and each effect has a name of the budget, a linear one, and is not zero.
 
     Parameters
     ----------
@@ -72,22 +99,26 @@ def fit_budget(errors: ArrayLike, covariances: ArrayLike) -> BudgetFit:
         Estimate minus reference of [v_x, v_y, omega] in m/s, m/s, rad/s, in time order; of several
         drives one after the other.  Leave out estimates that did not converge.
     covariances : (n, 3, 3) array
-        What is stated of these errors without the constants, as `track` states it with an empty
+        What is stated of these errors without the numbers, as `track` states it with an empty
         budget.
+    effects : mapping of str to (n, 3, 3) array, optional
+        By ``"azimuth"``, ``"doppler"``, ``"scale"``, ``"lag"``, ``"v_x"``, ``"v_y"`` or
+        ``"omega"``, what a standard deviation of one adds to each covariance: products of the
+        columns of ``FilterInput.slow``, over the squared number of the budget that made them.
 
     Notes
     -----
-    The constants minimise the mean log score of the covariances C_i + diag(u), u >= 0, with the
-    squares u of the constants; a constant is zero if the score rises from there on.  Constants and
-    noise are told apart where the noise differs between estimates.
+    The numbers minimise the mean log score of the covariances C_i + sum_j u_j E_ij, u >= 0, with
+    their squares u and the effects E; a number is zero if the score rises from there on.  Numbers
+    and noise are told apart where the shares of the effects differ between estimates.
 
     The standard errors allow for errors that stay the same for a while, and for errors that are not
     Gaussian (sandwich).  With B, the variance of the sum of the scores' slopes in u, from
     overlapping blocks of successive estimates (`d2d.block_length`), and the information H, whose
-    entries are half the sums of the squared entries of the inverse covariances, u has the
-    covariance ``H^-1 B H^-1``.  The standard error of a constant c is that of u over 2 c or, near
-    zero, its root.  Intervals are computed in u.  They cannot know of errors that change from drive
-    to drive, if all are of one drive.
+    entries are half the sums of the traces of P_i E_ij P_i E_ik with the inverse covariances P, u
+    has the covariance ``H^-1 B H^-1``.  The standard error of a number c is that of u over 2 c or,
+    near zero, its root.  Intervals are computed in u.  They cannot know of errors that change from
+    drive to drive, if all are of one drive.
 
     Examples
     --------
@@ -111,39 +142,67 @@ def fit_budget(errors: ArrayLike, covariances: ArrayLike) -> BudgetFit:
     """
     _POSSIBLE.array("errors", errors)
     e, noise = checked_errors(errors, covariances)
-    if e.shape[1] != 3 or len(e) < _FEWEST:
+    names, causes = _checked_effects(_CONSTANTS if effects is None else effects, len(e))
+    if e.shape[1] != 3 or len(e) <= len(names):
         raise ValueError(
-            f"errors must have the shape (n, 3) with n at least {_FEWEST}, but has {e.shape}"
+            f"errors must have the shape (n, 3) with n at least {len(names) + 1}, but has {e.shape}"
         )
-    variances = _most_likely(e, noise)
-    of_squares = _standard_errors(e, noise, variances)
-    constants = np.sqrt(variances)
+    variances = _most_likely(e, noise, causes)
+    of_squares = _standard_errors(e, noise, causes, variances)
+    values = np.sqrt(variances)
     # of a root: by its derivative, or close to zero how far one standard error reaches from there
     near = np.sqrt(of_squares)
-    sigmas = np.divide(of_squares, 2.0 * constants, out=near, where=2.0 * constants > near)
+    sigmas = np.divide(of_squares, 2.0 * values, out=near, where=2.0 * values > near)
     margin = _QUANTILE * of_squares
     bounds = np.sqrt([np.maximum(variances - margin, 0.0), variances + margin])
-    score = float(log_score(e, noise + np.diag(variances)).mean())
-    v_x, v_y, omega = constants.tolist()
-    budget = ErrorBudget(v_x=v_x, v_y=v_y, omega=omega, source=f"fitted to {len(e)} errors")
-    return BudgetFit(budget, sigmas, bounds, score, len(e))
+    score = float(log_score(e, noise + _added(variances, causes)).mean())
+    fitted = dict(zip(names, values.tolist(), strict=True))
+    budget = ErrorBudget(**fitted, source=f"fitted to {len(e)} errors")
+    return BudgetFit(budget, names, sigmas, bounds, score, len(e))
 
 
-def _most_likely(errors: Array, noise: Array) -> Array:
-    """The variances (3,) of smallest mean log score, none of them negative."""
-    scale = np.mean(errors**2, axis=0) + np.diagonal(noise, axis1=1, axis2=2).mean(axis=0)
+def _checked_effects(effects: Mapping[str, ArrayLike], count: int) -> tuple[tuple[str, ...], Array]:
+    """The names of p effects, and the effects (p, n, 3, 3)."""
+    if not effects:
+        raise ValueError("effects must name at least one number of the budget")
+    arrays = []
+    for name, effect in effects.items():
+        if name not in _SHOWN:
+            raise ValueError(f"effects must be of {', '.join(_SHOWN)}, not {name!r}")
+        each = check_finite(f"effects[{name!r}]", effect)
+        if each.shape not in ((3, 3), (count, 3, 3)):
+            raise ValueError(
+                f"effects[{name!r}] must have the shape ({count}, 3, 3), but has {each.shape}"
+            )
+        if not each.any():
+            raise ValueError(f"effects[{name!r}] is zero: the errors say nothing about it")
+        arrays.append(np.broadcast_to(each, (count, 3, 3)))
+    return tuple(effects), np.array(arrays)
+
+
+def _added(variances: Array, effects: Array) -> Array:
+    """What the variances (p,) add to each covariance: (n, 3, 3)."""
+    return np.asarray(np.einsum("p,pnij->nij", variances, effects))
+
+
+def _most_likely(errors: Array, noise: Array, effects: Array) -> Array:
+    """The variances (p,) of smallest mean log score, none of them negative."""
+    usual = np.mean(errors**2, axis=0) + np.diagonal(noise, axis1=1, axis2=2).mean(axis=0)
+    each = np.diagonal(effects, axis1=2, axis2=3).mean(axis=1)
+    scale = 1.0 / np.max(each / usual, axis=1)  # an effect alone would explain one direction
 
     def score(relative: Array) -> tuple[float, Array]:
-        precisions, weighted = _weighted(errors, noise + np.diag(scale * relative))
+        precisions, weighted = _weighted(errors, noise + _added(scale * relative, effects))
         value = np.einsum("ni,ni->n", errors, weighted) - np.linalg.slogdet(precisions)[1]
-        return 0.5 * float(value.mean()), scale * _slopes(precisions, weighted).mean(axis=0)
+        slopes = _slopes(precisions, weighted, effects)
+        return 0.5 * float(value.mean()), scale * slopes.mean(axis=0)
 
     found = [
         scipy.optimize.minimize(
             score,
-            np.full(3, start),
+            np.full(len(scale), start),
             jac=True,
-            bounds=[(0.0, None)] * 3,
+            bounds=[(0.0, None)] * len(scale),
             method="L-BFGS-B",
             options={"gtol": _TOLERANCE, "ftol": 0.0},
         )
@@ -158,18 +217,20 @@ def _weighted(errors: Array, covariances: Array) -> tuple[Array, Array]:
     return precisions, np.asarray(np.einsum("nij,nj->ni", precisions, errors))
 
 
-def _slopes(precisions: Array, weighted: Array) -> Array:
-    """Derivatives (n, 3) of each error's log score in the variances."""
-    return np.asarray(0.5 * (np.diagonal(precisions, axis1=1, axis2=2) - weighted**2))
+def _slopes(precisions: Array, weighted: Array, effects: Array) -> Array:
+    """Derivatives (n, p) of each error's log score in the variances."""
+    squares = weighted[:, :, None] * weighted[:, None, :]
+    return np.asarray(0.5 * np.einsum("nij,pnij->np", precisions - squares, effects))
 
 
-def _standard_errors(errors: Array, noise: Array, variances: Array) -> Array:
-    """Those (3,) of the variances."""
-    precisions, weighted = _weighted(errors, noise + np.diag(variances))
-    slopes = _slopes(precisions, weighted)
+def _standard_errors(errors: Array, noise: Array, effects: Array, variances: Array) -> Array:
+    """Those (p,) of the variances."""
+    precisions, weighted = _weighted(errors, noise + _added(variances, effects))
+    slopes = _slopes(precisions, weighted, effects)
     centred = slopes - slopes.mean(axis=0)
     block = block_length(centred)
     sums = block_sums(centred, block)
     spread = sums.T @ sums / block / (1.0 - block / len(errors))
-    inverse = np.linalg.inv(0.5 * np.sum(precisions**2, axis=0))
+    relative = precisions @ effects
+    inverse = np.linalg.inv(0.5 * np.einsum("pnij,qnji->pq", relative, relative))
     return np.asarray(np.sqrt(np.diagonal(inverse @ spread @ inverse)))

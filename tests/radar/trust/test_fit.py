@@ -1,4 +1,4 @@
-"""The constants of an error budget by maximum likelihood: recovered, at the bound, refused."""
+"""Numbers of an error budget by maximum likelihood: recovered, at the bound, refused."""
 
 from dataclasses import astuple
 
@@ -12,10 +12,6 @@ from d2d.radar import BudgetFit, ErrorBudget, Mounting, compare, fit_budget, sim
 TRUE = np.array([0.02, 0.04, 0.003])
 SCALE = np.array([0.01, 0.02, 0.002])  # of the noise
 OPTIONS = {"horizon": 0.3, "progress": False}
-
-
-def constants(fit: BudgetFit) -> np.ndarray:
-    return np.array([fit.budget.v_x, fit.budget.v_y, fit.budget.omega])
 
 
 def drawn(seed: int, own: np.ndarray = TRUE, memory: float = 0.0, count: int = 600):
@@ -38,7 +34,7 @@ def drawn(seed: int, own: np.ndarray = TRUE, memory: float = 0.0, count: int = 6
 def test_what_a_simulation_put_in_is_found_within_its_standard_error(memory):
     """Breaks if variances are taken for constants, or dependent errors for independent ones."""
     fits = [fit_budget(*drawn(seed, memory=memory)) for seed in range(20)]
-    off = (np.array([constants(fit) for fit in fits]) - TRUE) / [fit.sigmas for fit in fits]
+    off = (np.array([fit.values for fit in fits]) - TRUE) / [fit.sigmas for fit in fits]
     # 60 squares, three of each draw hardly dependent; a 99.9 % region is 0.5 to 1.7, and blocks
     # of a series of 600 know a part of a long memory only
     assert 0.5 < np.mean(off**2) < (1.7 if memory == 0.0 else 2.5)
@@ -56,7 +52,7 @@ def test_no_other_constants_score_better():
     assert_allclose(fit.log_score, log_score(errors, noise + fit.budget.constant).mean())
     for k in range(3):
         for factor in (0.99, 1.01):
-            other = constants(fit)
+            other = fit.values
             other[k] *= factor
             assert log_score(errors, noise + np.diag(other**2)).mean() > fit.log_score
 
@@ -65,7 +61,7 @@ def test_a_constant_that_is_zero_is_on_the_bound_or_not_told_from_it():
     """Breaks if a variance goes below zero, or a constant is stated that the errors do not show."""
     own = TRUE * [1.0, 0.0, 1.0]
     fits = [fit_budget(*drawn(seed, own)) for seed in range(20)]
-    found = np.array([constants(fit) for fit in fits])[:, 1]
+    found = np.array([fit.values for fit in fits])[:, 1]
     assert 4 <= (found == 0.0).sum() <= 16
     low, high = np.array([fit.bounds[:, 1] for fit in fits]).T
     assert (low == 0.0).sum() >= 17
@@ -77,7 +73,7 @@ def test_errors_smaller_than_stated_leave_no_constant():
     """Breaks if the bound is left in one direction only, or the unit decides."""
     errors, noise = drawn(1)
     fit = fit_budget(0.01 * errors, noise)
-    assert constants(fit).tolist() == [0.0, 0.0, 0.0]
+    assert fit.values.tolist() == [0.0, 0.0, 0.0]
     assert_allclose(fit_budget(np.zeros((9, 3)), np.eye(3)).bounds[0], 0.0)
 
 
@@ -97,7 +93,7 @@ def test_units_do_not_matter():
     errors, noise = drawn(4)
     unit = np.array([10.0, 0.1, 100.0])
     fit, other = fit_budget(errors, noise), fit_budget(errors * unit, noise * np.outer(unit, unit))
-    assert_allclose(constants(other), constants(fit) * unit, rtol=1e-4)
+    assert_allclose(other.values, fit.values * unit, rtol=1e-4)
     assert_allclose(other.sigmas, fit.sigmas * unit, rtol=1e-3)
 
 
@@ -121,16 +117,51 @@ def test_errors_put_into_a_simulated_drive_are_found():
     put = np.array([0.1, 0.15, 0.02])
     errors = found.errors + put * np.random.default_rng(3).standard_normal(found.errors.shape)
     fit = fit_budget(errors, found.covariances)
-    assert (np.abs(constants(fit) - put) < 3.5 * fit.sigmas).all()
+    assert (np.abs(fit.values - put) < 3.5 * fit.sigmas).all()
     assert (fit.bounds[0] > 0.0).all()
+
+
+def test_causes_are_told_apart_by_what_each_does_to_an_estimate():
+    """Breaks if the effects of one cause are taken for those of another."""
+    put = {"azimuth": 0.004, "scale": 0.002, "omega": 0.01}
+    inside, off = [], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        columns = {
+            "azimuth": rng.normal(0.0, 5.0, (600, 3)),
+            "scale": rng.normal(10.0, 5.0, (600, 3)),
+        }
+        columns["omega"] = np.tile([0.0, 0.0, 1.0], (600, 1))
+        effects = {name: each[:, :, None] * each[:, None] for name, each in columns.items()}
+        errors, noise = drawn(seed, np.zeros(3))
+        for name, each in columns.items():
+            errors = errors + put[name] * rng.standard_normal((600, 1)) * each
+        fit = fit_budget(errors, noise, effects)
+        assert fit.names == tuple(put)
+        true = np.array(list(put.values()))
+        off.append((fit.values - true) / fit.sigmas)
+        inside.append((fit.bounds[0] <= true) & (fit.bounds[1] >= true))
+    assert 0.5 < np.mean(np.square(off)) < 1.7
+    assert np.mean(inside) > 0.85
+
+
+def test_the_constants_are_the_effects_of_one_each():
+    """Breaks if the default is another model than what it is said to be."""
+    errors, noise = drawn(6)
+    fit = fit_budget(errors, noise)
+    units = dict(zip(fit.names, np.eye(3)[:, :, None] * np.eye(3)[:, None], strict=True))
+    other = fit_budget(errors, noise, units)
+    assert_allclose(other.values, fit.values)
+    assert other.budget == fit.budget
 
 
 def test_it_is_printed_in_a_line():
     """Breaks if a user must guess units, or read all digits."""
     bounds = np.array([[0.01, 0.0, 0.002], [0.03, 0.008, 0.005]])
-    fit = BudgetFit(ErrorBudget(v_x=0.02, omega=0.003), np.full(3, 0.1), bounds, -7.0, 50)
+    budget, names = ErrorBudget(v_x=0.02, omega=0.003), ("v_x", "scale", "omega")
+    fit = BudgetFit(budget, names, np.full(3, 0.1), bounds, -7.0, 50)
     assert str(fit) == (
-        "BudgetFit(v_x 0.020 [0.010, 0.030] m/s, v_y 0.000 [0.000, 0.008] m/s, "
+        "BudgetFit(v_x 0.020 [0.010, 0.030] m/s, scale 0.000 [0.000, 0.800] %, "
         "omega 0.172 [0.115, 0.286] deg/s; 50 estimates)"
     )
 
@@ -152,3 +183,13 @@ def test_arguments_are_refused_by_name():
     ):
         with pytest.raises(ValueError, match=f"^{name}"):
             fit_budget(*given)
+    whole = np.tile(np.eye(3), (10, 1, 1))
+    for effects, name in (
+        ({}, "effects must name at least one"),
+        ({"neighbours": whole}, "effects must be of v_x, .*, not 'neighbours'"),
+        ({"lag": whole[:4]}, r"effects\['lag'\] must have the shape \(10, 3, 3\)"),
+        ({"lag": np.full((10, 3, 3), np.inf)}, r"effects\['lag'\] must be finite"),
+        ({"lag": 0.0 * whole}, r"effects\['lag'\] is zero"),
+    ):
+        with pytest.raises(ValueError, match=f"^{name}"):
+            fit_budget(errors, noise, effects)
