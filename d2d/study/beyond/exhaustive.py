@@ -305,4 +305,6 @@ def span(rows: Rows, parameter: str, holds: Callable[[Outcome], bool]) -> str:
         elif ranges[-1]:
             ranges.append([])
     longest = max(ranges, key=len)
-    return f"{longest[0]:g} to {longest[-1]:g}" if longest else "nowhere"
+    if len(longest) < 2:
+        return f"{longest[0]:g} only" if longest else "nowhere"
+    return f"{longest[0]:g} to {longest[-1]:g}"

@@ -132,6 +132,8 @@ def test_span_is_the_longest_range_without_a_gap() -> None:
     good = iter([True, False, True, True, True, False, True, False, False, False])
     assert exhaustive.span(rows, "outlier_share", lambda _: next(good)) == "0.2 to 0.4"
     assert exhaustive.span(rows, "outlier_share", lambda _: False) == "nowhere"
+    alone = iter([False] * 2 + [True] + [False] * 7)
+    assert exhaustive.span(rows, "outlier_share", lambda _: next(alone)) == "0.2 only"
 
 
 def test_a_hundredth_of_the_table_is_found_again() -> None:
