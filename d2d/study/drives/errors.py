@@ -20,7 +20,8 @@ def errors_table(found: Mapping[str, Comparison], caption: str) -> Table:
     """What the chapters print of each comparison: errors, usable estimates and credibility.
 
     The ANEES stands with its 95 % interval by a block bootstrap, since errors along a drive are
-    correlated; it is credible if 1 lies inside.
+    correlated; it is credible if 1 lies inside.  NCI and I^2 compare with the mean square error of
+    the whole drive, along which the right covariance changes, and so say little here.
     """
     rows = {
         name: (
@@ -28,8 +29,6 @@ def errors_table(found: Mapping[str, Comparison], caption: str) -> Table:
             each.share,
             each.measures.anees,
             "{:.2f} to {:.2f}".format(*each.intervals().anees),
-            each.credibility.nci,
-            each.credibility.inclination,
         )
         for name, each in found.items()
     }
@@ -39,8 +38,6 @@ def errors_table(found: Mapping[str, Comparison], caption: str) -> Table:
         ("usable", "", ".1%"),
         ("ANEES", "", ".2f"),
         "95 % interval",
-        ("NCI", "dB", ".1f"),
-        ("I²", "dB", "+.1f"),
     ]
     return table(rows, columns, caption)
 

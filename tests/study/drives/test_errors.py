@@ -23,8 +23,6 @@ def test_the_table_says_what_was_measured():
         "usable": "90.0%",
         "ANEES": f"{found.credibility.anees:.2f}",
         "95 % interval": f"{low:.2f} to {high:.2f}",
-        "NCI": f"{found.credibility.nci:.1f}",
-        "I²": f"{found.credibility.inclination:+.1f}",
     }
     assert dict(shown.header)["omega"] == "°/s"
 
