@@ -427,8 +427,8 @@ def section(data_set: str, results: Mapping[str, Any], stored: ErrorBudget) -> s
     """The tables of a data set."""
     names = list(results["fitted"])
     value = " / ".join(names) if len(names) < 3 else f"mean of {', '.join(names)} and its interval"
-    parts = {
-        f"ANEES, mean NEES / 3 ({value}; 40, 15: targets a scan)": by_cell(results, "ANEES"),
+    anees = f"ANEES, mean NEES / 3 ({value}; 40, 15: targets a scan)"
+    rest = {
         "mean log score, smaller is better": by_cell(results, "log score"),
         "all sensors, with 95 % intervals": intervals(results),
         "all sensors: mean squares of whitened errors, and coverage in per cent": by_direction(
@@ -438,7 +438,12 @@ def section(data_set: str, results: Mapping[str, Any], stored: ErrorBudget) -> s
         "budget beside the noise, with 95 % intervals": causes(results, stored),
         "estimates": counts(results),
     }
-    return "\n\n".join(f"**{data_set}: {title}**\n\n{text}" for title, text in parts.items())
+    folded = "\n\n".join(f"**{data_set}: {title}**\n\n{text}" for title, text in rest.items())
+    return (
+        f"**{data_set}: {anees}**\n\n{by_cell(results, 'ANEES')}\n\n"
+        f"```{{dropdown}} {data_set}: scores, intervals, coverage, what was fitted\n"
+        f"{folded}\n```"
+    )
 
 
 def main() -> None:
