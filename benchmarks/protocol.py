@@ -52,6 +52,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import joblib
+import matplotlib.pyplot as plt
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -79,6 +80,8 @@ from d2d.radar.readers.radarscenes import RADARSCENES_BUDGET
 from d2d.radar.tracks.following import Follower
 from d2d.radar.tracks.rounds import Round, rounds_of
 from d2d.registration import Estimate
+from d2d.study.book.grammar import BLACK, GREY, PURPLE, SKY
+from d2d.study.book.style import letter_panels, use_style
 
 Flags = NDArray[np.bool_]
 
@@ -86,6 +89,8 @@ SEED = 20
 PERIOD, QUIET = 5.0, 3.0  # s: of these, the last ones are without a sensor
 FEWEST = 20  # estimates of a drive in a cell, for less it is not judged there
 ALL = "all"
+FAIR = 0.7, 1.5  # an ANEES that is near enough to 1 for a model to count as right
+LOWEST = 0.25  # ANEES, where the axis begins
 LOADERS: dict[str, Callable[[Path, str], road.Drive]] = {
     "RadarScenes": road.radarscenes,
     "nuScenes": road.nuscenes,
@@ -427,8 +432,8 @@ def section(data_set: str, results: Mapping[str, Any], stored: ErrorBudget) -> s
     """The tables of a data set."""
     names = list(results["fitted"])
     value = " / ".join(names) if len(names) < 3 else f"mean of {', '.join(names)} and its interval"
-    anees = f"ANEES, mean NEES / 3 ({value}; 40, 15: targets a scan)"
-    rest = {
+    tables = {
+        f"ANEES, mean NEES / 3 ({value}; 40, 15: targets a scan)": by_cell(results, "ANEES"),
         "mean log score, smaller is better": by_cell(results, "log score"),
         "all sensors, with 95 % intervals": intervals(results),
         "all sensors: mean squares of whitened errors, and coverage in per cent": by_direction(
@@ -438,12 +443,40 @@ def section(data_set: str, results: Mapping[str, Any], stored: ErrorBudget) -> s
         "budget beside the noise, with 95 % intervals": causes(results, stored),
         "estimates": counts(results),
     }
-    folded = "\n\n".join(f"**{data_set}: {title}**\n\n{text}" for title, text in rest.items())
-    return (
-        f"**{data_set}: {anees}**\n\n{by_cell(results, 'ANEES')}\n\n"
-        f"```{{dropdown}} {data_set}: scores, intervals, coverage, what was fitted\n"
-        f"{folded}\n```"
-    )
+    folded = "\n\n".join(f"**{data_set}: {title}**\n\n{text}" for title, text in tables.items())
+    return f"```{{dropdown}} All numbers of {data_set}\n{folded}\n```"
+
+
+def chart(results: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """The ANEES of every model in every cell: both drives, or the mean with its interval."""
+    use_style()
+    figure, axes = plt.subplots(3, 2, figsize=(5.0, 7.8), sharex=True, sharey=True)
+    rows = np.arange(len(MODELS))[::-1]
+    for ax, cell in zip(axes.ravel(), CELLS, strict=True):
+        ax.axvspan(*FAIR, color=GREY, alpha=0.2, lw=0)
+        ax.axvline(1.0, color=BLACK, lw=0.8)
+        looks = zip(results.items(), (PURPLE, SKY), (0.2, -0.2), strict=False)
+        for (name, own), color, shift in looks:
+            judged = [each["models"] for each in own["cells"][cell].values()]
+            values = np.array([[each[model]["ANEES"] for model in MODELS] for each in judged])
+            if len(values) > 2:
+                mean, half = over_drives(values)
+                low = np.maximum(mean - half, LOWEST)
+                ax.hlines(rows + shift, low, mean + half, color=color, lw=1.2)
+                values = mean[None]
+            points = ax.plot(values.T, rows + shift, "o", color=color, ms=3.5)
+            points[0].set_label(name)
+        ax.set(xscale="log", xlim=(LOWEST, 70.0), title=cell)
+        ax.set_xticks([0.5, 2, 10, 50], [0.5, 2, 10, 50])
+        ax.set_xticks([], minor=True)
+        ax.grid(axis="y", alpha=0.4)
+    axes[0, 0].set_yticks(rows, MODELS)
+    for ax in axes[-1]:
+        ax.set_xlabel("ANEES")
+    letter_panels(axes)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    figure.savefig(path, dpi=110, bbox_inches="tight", metadata={"Software": None})
+    plt.close(figure)
 
 
 def main() -> None:
@@ -476,7 +509,7 @@ def main() -> None:
         print(
             data_set, name, cell, len(outcome.estimates.times), f"{outcome.share:.3f}", flush=True
         )
-    parts = ["<!-- Written by `python -m benchmarks.protocol`. -->"]
+    parts, judgements = ["<!-- Written by `python -m benchmarks.protocol`. -->"], {}
     for data_set, drives in at_hand.items():
         if len(drives) < 2:  # nothing to leave out
             continue
@@ -484,12 +517,13 @@ def main() -> None:
             title: {name: found[data_set, name, cell] for _, name in drives}
             for title, cell in CELLS.items()
         }
-        results = protocol(cells, bounds=len(drives) == 2)
+        results = judgements[data_set] = protocol(cells, bounds=len(drives) == 2)
         parts.append(section(data_set, results, STORED[data_set]))
     text = "\n\n".join([*parts, ""])
     print(text)
     if arguments.seconds is None and len(parts) > 1:
         (RESULTS / "road_protocol.md").write_text(text, encoding="utf-8")
+        chart(judgements, RESULTS / "road_protocol.png")
 
 
 if __name__ == "__main__":

@@ -352,3 +352,13 @@ def test_a_shortened_drive_is_its_beginning():
         [each.time for each in short.rounds],
         [each.time for each in drive.rounds[: len(short.rounds)]],
     )
+
+
+def test_the_chart_shows_every_drive_or_their_mean(tmp_path):
+    """Breaks if a cell of the chart lacks a drive, or a data set its name."""
+    found = {}
+    for data_set, count in (("two", 2), ("three", 3)):
+        drives = {f"drive {i}": Found(made_up(i, count=60), 1.0) for i in range(count)}
+        found[data_set] = protocol(dict.fromkeys(CELLS, drives), bounds=False)
+    module.chart(found, tmp_path / "chart.png")
+    assert (tmp_path / "chart.png").stat().st_size > 10_000
