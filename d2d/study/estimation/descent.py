@@ -118,7 +118,7 @@ def ends_of(paths: Sequence[Path]) -> Ends:
     """The ends of paths."""
     return Ends(
         np.array([path.costs[-1] for path in paths]),
-        np.array([len(path.points) - 1 for path in paths]),
+        np.array([path.evaluations for path in paths]),
         np.array([path.converged for path in paths]),
     )
 
