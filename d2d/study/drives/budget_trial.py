@@ -50,14 +50,14 @@ _ALL = ErrorBudget(
     azimuth=float(np.deg2rad(0.5)), doppler=0.05, scale=0.005, lag=0.05, neighbours=1.0
 )
 INGREDIENTS = {
-    "nothing": Ingredient(),
+    "no error": Ingredient(),
     "extent, not stated": Ingredient(extent=_EXTENT, stated=False),
     "extent": Ingredient(extent=_EXTENT),
     "extent, neighbours correlated": Ingredient(ErrorBudget(neighbours=_ALL.neighbours), _EXTENT),
     "rounding, not stated": Ingredient(rounding=_ROUNDING, stated=False),
     "rounding": Ingredient(rounding=_ROUNDING),
-    "azimuth": Ingredient(ErrorBudget(azimuth=_ALL.azimuth)),
-    "Doppler": Ingredient(ErrorBudget(doppler=_ALL.doppler)),
+    "azimuth bias": Ingredient(ErrorBudget(azimuth=_ALL.azimuth)),
+    "shared Doppler error": Ingredient(ErrorBudget(doppler=_ALL.doppler)),
     "scale": Ingredient(ErrorBudget(scale=_ALL.scale)),
     "lag": Ingredient(ErrorBudget(lag=_ALL.lag)),
     "all": Ingredient(_ALL, _EXTENT, _ROUNDING),

@@ -28,7 +28,7 @@ def test_all_ingredients_are_tried_on_the_same_drives():
     """Breaks if an ingredient changes what is detected, or where a drive starts."""
     kinds = [
         trial._simulated(INGREDIENTS[name], 2, 0.3)
-        for name in ("nothing", "extent, neighbours correlated", "azimuth")
+        for name in ("no error", "extent, neighbours correlated", "azimuth bias")
     ]
     for other in kinds[1:]:
         for first, second in zip(kinds[0], other, strict=True):
@@ -49,7 +49,7 @@ def test_what_is_known_is_each_targets_own_error():
     assert trial.with_known_errors(scan, Ingredient(extent=0.3, rounding=4.0, stated=False)) is scan
 
 
-@pytest.mark.parametrize("name", ["azimuth", "Doppler", "scale", "lag", "all"])
+@pytest.mark.parametrize("name", ["azimuth bias", "shared Doppler error", "scale", "lag", "all"])
 def test_with_its_budget_the_covariance_is_credible(name):
     """Breaks if simulator and budget do not mean the same by an error."""
     found = trial.judge(INGREDIENTS[name], drives=16, duration=1.5)
