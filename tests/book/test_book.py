@@ -176,6 +176,10 @@ def test_the_sidebar_opens_on_the_part_of_the_page(resized: webdriver.Chrome, ad
     for page in (PAGES[1], PAGES[-1], PAGES[2]):
         resized.get(f"{address}{page}.html")
         browser.wait(resized, shown)
+    # The longest part, and a sidebar that was not scrolled on the page before.
+    resized.execute_script("sessionStorage.setItem('sidebar-scroll-top', '0')")
+    resized.get(f"{address}chapters/references.html")
+    browser.wait(resized, shown)
 
 
 def test_the_sidebar_marks_pages_with_a_laboratory(
@@ -332,13 +336,57 @@ def test_in_the_dark_figures_are_light_and_maps_stay(resized: webdriver.Chrome, 
     browser.prefer(resized, "dark")
     resized.get(f"{address}chapters/04_outliers_and_clusters_1d.html")
     browser.wait(resized, "return document.documentElement.dataset.theme === 'dark'")
-    filters = """
-        const filter = (picture) => getComputedStyle(picture).filter;
-        return ["figure > img:not(.map)", "figure > img.map"].map(
-            (pictures) => [...document.querySelectorAll(pictures)].map(filter));
+    looks = """
+        const style = (picture) => getComputedStyle(picture);
+        return ["figure > img:not(.map)", "figure > img.map"].map((pictures) =>
+            [...document.querySelectorAll(pictures)].map((each) =>
+                [style(each).filter, style(each).backgroundImage, style(each).mixBlendMode]));
     """
-    drawn, maps = resized.execute_script(filters)
+    drawn, maps = resized.execute_script(looks)
     assert len(drawn) > 5
-    assert all("invert" in each for each in drawn)
-    assert len(maps) == 1
-    assert not any("invert" in each for each in maps)
+    assert all("invert" in filtered and behind == "none" for filtered, behind, _ in drawn)
+    assert [filtered for filtered, *_ in maps] == ["none"]
+    assert {blend for *_, blend in drawn + maps} == {"screen"}
+    # The picture with the dark ground is there, and as large as the one on white.
+    assert maps[0][1].endswith('.dark.png")')
+    sizes = f"""(async () => {{
+        const shown = [new Image(), document.querySelector("figure > img.map")];
+        shown[0].src = {maps[0][1][4:-1]};
+        await shown[0].decode();
+        return shown.map((each) => [each.naturalWidth, each.naturalHeight]);
+    }})()"""
+    dark, light = browser.ask(resized, f"await {sizes}")
+    assert dark == light
+
+
+def test_formulas_on_a_phone_are_as_large_as_the_text(resized: webdriver.Chrome, address: str):
+    """Breaks if a formula on a line of its own is smaller than it need be, or is cut."""
+    browser.resize(resized, browser.NARROW)
+    resized.get(f"{address}chapters/02_gaussian_background.html")
+    fitted = "document.querySelectorAll('div.math > mjx-container.fitted')"
+    browser.wait(resized, f"return {fitted}.length > 10")
+    measure = f"""
+        const size = (each) => parseFloat(getComputedStyle(each).fontSize);
+        const inline = size(document.querySelector("p mjx-container:not([display])"));
+        return [...{fitted}].map((each) =>
+            [size(each) / inline, each.scrollWidth / each.clientWidth,
+             each.querySelector("mjx-math").getBoundingClientRect().width / each.clientWidth]);
+    """
+    sizes = resized.execute_script(measure)
+    assert sum(size > 0.999 for size, *_ in sizes) > 10
+    assert all(size > 0.75 and over <= 1.0 for size, over, _ in sizes)
+    browser.resize(resized, browser.WIDE)
+    browser.wait(resized, f"return {fitted}.length === 0")
+
+
+def test_no_interval_of_the_ledger_is_cut(resized: webdriver.Chrome, address: str):
+    """Breaks if the longest interval ends beyond the column, at the window's edge."""
+    for width in (browser.WIDE, browser.NARROW):
+        browser.resize(resized, width)
+        resized.get(f"{address}chapters/claims.html")
+        ends = """
+            const ends = [...document.querySelectorAll(".ledger-row > summary .interval")];
+            const page = document.documentElement.clientWidth;
+            return ends.map((each) => page - each.getBoundingClientRect().right);
+        """
+        assert min(resized.execute_script(ends)) > 2.0

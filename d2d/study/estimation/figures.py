@@ -19,7 +19,7 @@ COLOURS = {
     "Gauss-Newton": BLACK,
     "Levenberg-Marquardt": SKY,
 }
-WIDTH, HEIGHT, MARGIN = svg.PHONE, 470.0, 14.0  # of a frame, in SVG units
+WIDTH, HEIGHT, MARGIN = svg.PHONE, 340.0, 14.0  # of a frame, in SVG units
 KEY, AXES = 92.0, 58.0  # of HEIGHT, above and below the picture
 
 

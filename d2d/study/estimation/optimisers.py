@@ -43,7 +43,7 @@ def gradient(problem: LeastSquares, x: Array) -> Array:
 
 
 def gradient_descent(rate: float) -> Step:
-    """Step -alpha J'f with a fixed rate alpha."""
+    """Step -eta J'f with a fixed rate eta."""
     return lambda problem, x: -rate * gradient(problem, x)
 
 
