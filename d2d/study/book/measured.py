@@ -220,32 +220,6 @@ def rms_ratio(over: Array, under: Array, block: int = 1, *, among: int = 1) -> M
     )
 
 
-def length_of(vectors: Array) -> Measured:
-    """Length of the mean of independent vectors (N, n).
-
-    Scatter lengthens a mean, which resampling would add a second time.  The bounds are as far to
-    either side as 97.5 % of the resampled means are from the mean, in whatever direction.
-    """
-    mean = vectors.mean(axis=0)
-    off = bootstrapped(
-        lambda drawn, axis: np.linalg.norm(drawn.mean(axis) - mean, axis=-1),
-        vectors,
-        vectorized=True,
-    )
-    length = float(np.linalg.norm(mean))
-    return Measured(length, max(length - off.high, 0.0), length + off.high)
-
-
-def kolmogorov_distance(values: Array, distribution: str, *parameters: float) -> Measured:
-    """Largest difference between the distribution of independent values (N,) and a given one.
-
-    The interval follows from Massart's inequality (1990).
-    """
-    distance = float(scipy.stats.kstest(values, distribution, args=parameters).statistic)
-    off = float(np.sqrt(np.log(2.0 / (1.0 - CONFIDENCE)) / (2.0 * len(values))))
-    return Measured(distance, max(distance - off, 0.0), distance + off)
-
-
 def anees_of(found: Credibility, *, among: int = 1) -> Measured:
     """ANEES of independent runs."""
     return mean_of(found.nees * (found.anees / found.nees.mean()), among=among)
