@@ -221,17 +221,6 @@ def test_few_iterations_from_nearby():
 # ---- Scales -----------------------------------------------------------------------------------
 
 
-def test_last_scale_is_that_of_the_result():
-    """Breaks if sigmas are divided, variances scaled, or the measurement left as it is."""
-    problem = scene(10, measured="motion")
-    wide = problem.with_(
-        fixed=problem.fixed.inflated(3.0),
-        moving=problem.moving.inflated(3.0),
-        measurement=problem.measurement.inflated(3.0),
-    )
-    assert_same(run(problem, scales=(3.0,)), run(wide))
-
-
 def test_each_scale_starts_the_next():
     """Breaks if a scale starts from the beginning again, or steps are not counted over all."""
     problem = scene(11, outlier="corrupted")

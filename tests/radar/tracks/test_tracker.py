@@ -160,14 +160,6 @@ def test_scan_by_scan_gives_the_same_bits_as_the_whole_log(options):
     assert [each.converged for each in given] == whole.converged.tolist()
 
 
-def test_a_log_that_is_cut_off_gives_the_same_estimates():
-    """Breaks if an estimate changes with what comes after it."""
-    sensors, options = surround_scans(20), {"horizon": 0.3, "budget": ErrorBudget(lag=0.01)}
-    whole = track(sensors, **options)
-    cut = track([(scans[:12], at) for scans, at in sensors], **options)
-    assert_same(cut, whole[:11])
-
-
 def test_neither_sensors_nor_targets_depend_on_their_order():
     """Breaks if the sensor that is named first decides, or the target that is measured first."""
     rng, budget = np.random.default_rng(9), ErrorBudget(azimuth=0.001)

@@ -15,6 +15,11 @@ from d2d.study.plane.evaluation import (
 )
 
 
+def test_sum_is_pessimistic_in_every_scene() -> None:
+    for scenario in scenarios.ALL:
+        assert evaluated(scenario, SUMMING).credibility.inclination < -3.0, scenario.name
+
+
 def test_distance_and_rotation_wrap() -> None:
     distance, turn = distance_and_rotation([[3.0, -4.0, 2.0 * np.pi - 0.1]])
     np.testing.assert_allclose(distance, 5.0)
