@@ -22,14 +22,7 @@ from d2d.study.book.claim import (
     shown,
     tells,
 )
-from d2d.study.book.measured import (
-    Measured,
-    anees_of,
-    inclination_of,
-    mean_of,
-    median_of,
-    share_of,
-)
+from d2d.study.book.measured import Measured, anees_of, inclination_of, mean_of, median_of, share_of
 from d2d.study.estimation.covariance_trials import (
     COSTS,
     RUNS,

@@ -14,13 +14,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import CorruptedGaussian, UniformOutlier, credibility
-from d2d.radar import (
-    EgoMotionModel,
-    Mounting,
-    RadarScan,
-    estimate_ego_motion,
-    inlier_probabilities,
-)
+from d2d.radar import EgoMotionModel, Mounting, RadarScan, estimate_ego_motion, inlier_probabilities
 from d2d.radar.motion.model import DEFAULT_OUTLIER
 from tests.radar.scenes import AROUND, CORNER, SIGMAS, arc, mountings, two_scans, velocities
 from tests.strategies import log_normal, seeds

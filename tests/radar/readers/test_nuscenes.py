@@ -15,13 +15,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import rigid
-from d2d.radar import (
-    Mounting,
-    Recording,
-    doppler_ego_motion,
-    doppler_velocity,
-    load_nuscenes,
-)
+from d2d.radar import Mounting, Recording, doppler_ego_motion, doppler_velocity, load_nuscenes
 from d2d.radar.readers.nuscenes import azimuth_sigma
 
 START = 1_532_402_900_000_000  # us

@@ -10,13 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from d2d import CorruptedGaussian, UniformOutlier, dense, rigid
-from d2d.radar import (
-    ExtentEstimate,
-    Mounting,
-    RadarScan,
-    estimate_ego_motion,
-    estimate_extent,
-)
+from d2d.radar import ExtentEstimate, Mounting, RadarScan, estimate_ego_motion, estimate_extent
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import scan_pair
 from d2d.radar.trust import extent as module

@@ -3,11 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from d2d.study.guides.stated_sigmas import (
-    front_drive,
-    rounded,
-    scaled,
-)
+from d2d.study.guides.stated_sigmas import front_drive, rounded, scaled
 
 
 def test_scans_are_rounded_and_scaled():
