@@ -40,9 +40,6 @@ class Measured(float):
         self.low, self.high, self.telling, self.place = float(low), float(high), telling, place
         return self
 
-    def __getnewargs__(self) -> tuple[float, float, float]:  # type: ignore[override]
-        return float(self), self.low, self.high
-
     def told(self, place: Callable[[float], float] | None = None) -> "Measured":
         """The number, marked as telling; ``place`` takes a value to the axis of what counts."""
         if place is None:
