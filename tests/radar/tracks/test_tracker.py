@@ -297,19 +297,16 @@ def test_a_tracker_refuses_what_is_no_scan_of_its_sensors():
     tracker.add("front", scans[1])
     for name, scan, said in (
         ("rear", scans[2], "sensor must be one of 'front', but is 'rear'"),
-        ("front", "scan", "scan must be a RadarScan"),
         ("front", scans[0], r"'front' must be in strictly increasing time, but a scan is at 0\.00"),
     ):
         with pytest.raises(ValueError, match=f"^{said}"):
             tracker.add(name, scan)
     assert len(tracker.add("front", scans[2])) == 1
     for mountings, options, said in (
-        ({}, {}, "mountings must be a mapping"),
         ([at], {}, "mountings must be a mapping"),
         ({"front": (1.0, 2.0)}, {}, r"mountings\['front'\] must be a Mounting"),
         ({"front": at}, {"keep": 0}, "keep must be"),
         ({"front": at}, {"horizon": -1.0}, "horizon"),
-        ({"front": at}, {"budget": 1.0}, "budget must be"),
     ):
         with pytest.raises(ValueError, match=f"^{said}"):
             Tracker(mountings, **options)
