@@ -11,6 +11,7 @@ from sklearn.mixture import GaussianMixture as SklearnMixture
 from d2d import rigid
 from d2d.baselines.eigenvalues import raise_eigenvalues
 from d2d.study.mixtures import gaussian
+from d2d.study.mixtures.claims import random_observations
 from d2d.study.mixtures.gaussian import GaussianMixture, fit_mixture
 
 SIGMA = np.array([[2.0, -0.6], [-0.6, 0.5]])
@@ -235,29 +236,14 @@ def test_no_component_shrinks_onto_one_observation():
         assert fit.converged
 
 
-def random_set(draw, rng):
-    """Observations and a number of components; five kinds in turn, four of them degenerate."""
-    components, dimension = int(rng.integers(1, 6)), int(rng.integers(1, 4))
-    kind = draw % 5
-    if kind == 0:
-        return rng.standard_normal((3, dimension)), 5
-    if kind == 1:
-        return np.tile(1e3 * rng.standard_normal(dimension), (20, 1)), components
-    centres = rng.uniform(0.0, 6.0) * rng.standard_normal((components, dimension))
-    x = centres[rng.integers(components, size=80)] + rng.standard_normal((80, dimension))
-    if kind == 2:
-        x[0] += 1e4
-    if kind == 3:
-        x[:, 0] = 1.0  # a plane within the space: singular covariances
-    return x, components
-
-
 @pytest.mark.parametrize("equal_weights", [False, True])
 def test_the_likelihood_never_falls(equal_weights):
     """Breaks if a step of EM is wrong, on sets of which four in five are degenerate."""
     for draw in range(25):
         rng = np.random.default_rng(draw)
-        x, components = random_set(draw, rng)
+        x, components = random_observations(rng, draw % 5)
+        if draw % 5 == 3:
+            x[:, 0] = 1.0  # a plane within the space: singular covariances
         fit = fit_mixture(
             x, components, rng, equal_weights=equal_weights, tolerance=1e-10, max_iterations=300
         )
