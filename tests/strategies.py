@@ -20,7 +20,7 @@ from d2d import (
     dense,
     rigid,
 )
-from d2d.study.plane.scenarios import EIGHT_TARGETS
+from d2d.study.plane.scenarios import OVERLAPPED
 
 METRICS = ("d2d", "p2d")
 FUSIONS = ("likelihood", "summing")
@@ -28,7 +28,7 @@ OUTLIERS = ("none", "uniform", "corrupted")
 MEASURED = ("", "motion", "twist")  # linear in the motion's parameters or in its logarithm
 LAYOUTS = ("near", "far", "coincident")
 
-TRUTH = np.array([5.0, 0.0, np.deg2rad(15.0)])
+TRUTH = OVERLAPPED.theta
 
 
 def outlier_model(kind: str, dimension: int) -> Any:
@@ -275,20 +275,8 @@ def overlapped_scene(
     runs: int, rng: np.random.Generator, sigma_range: float = 0.2, sigma_azimuth: float = 0.03
 ) -> tuple[PointSet, PointSet]:
     """Fixed and moving sets of ``runs`` noisy measurements of the eight targets, moved by TRUTH."""
-    azimuth, distance = EIGHT_TARGETS.T
-    points = distance[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], axis=-1)
-    sets = []
-    for means in (points, rigid.transform_means(rigid.inverse(TRUTH), points)):
-        noise = rng.standard_normal((2, runs, len(means)))
-        sets.append(
-            PointSet.from_polar(
-                np.hypot(*means.T) + sigma_range * noise[0],
-                np.arctan2(means[:, 1], means[:, 0]) + sigma_azimuth * noise[1],
-                sigma_range,
-                sigma_azimuth,
-            )
-        )
-    return sets[0], sets[1]
+    scene = replace(OVERLAPPED, sigma_range=sigma_range, sigma_azimuth=sigma_azimuth)
+    return scene.sample(runs, rng)
 
 
 seeds = st.integers(0, 2**32 - 1)

@@ -267,15 +267,6 @@ def test_an_input_that_moves_its_target_too_is_one_error():
     assert np.abs(ratios["opposite"] - 1.0).max() > 3.0
 
 
-def test_an_exact_input_shares_no_error():
-    """Breaks if the shared error is scaled by something else than the input's deviation."""
-    fixed, moving, measured, along = measured_with_inputs(3, np.random.default_rng(10), 0.0)
-    estimate = register(fixed, moving, LIKELIHOOD, TRUTH, measurement=measured)
-    options = {"measurement": measured}
-    shared = propagate_covariance(estimate, fixed, moving, position_slope=along, **options)
-    assert_allclose(shared, propagate_covariance(estimate, fixed, moving, **options), rtol=1e-12)
-
-
 def test_batches_broadcast_and_come_out_one_by_one(monkeypatch):
     """Breaks if members of a batch, or the parts that it is cut into, change places."""
     fixed, moving = overlapped_scene(6, np.random.default_rng(6))

@@ -7,7 +7,7 @@ and kind of workers.
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Literal, Protocol, runtime_checkable
+from typing import Literal, Protocol
 
 import joblib
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from d2d import rigid
-from d2d._checks import check_count, check_instance
+from d2d._checks import check_count
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.credibility import Credibility, credibility
@@ -26,7 +26,6 @@ THREADS = os.cpu_count() or 1  # the kernel releases the GIL; no result depends 
 CHUNK = 1000  # runs in one batched call, a worker's unit of work; bounds the memory
 
 
-@runtime_checkable
 class Scene(Protocol):
     """What `monte_carlo` can run: a true motion, and noisy scans before and after it."""
 
@@ -91,8 +90,6 @@ def monte_carlo(
     backend (for example ``"dask"``) then runs the chunks.  The same seed gives the same results,
     whatever ``n_jobs`` and the backend.
     """
-    check_instance("scenario", scenario, Scene)
-    check_instance("cost", cost, RegistrationCost)
     full, rest = divmod(check_count("runs", runs), CHUNK)
     sizes = [CHUNK] * full + [rest] * (rest > 0)
     seeds = np.random.SeedSequence(check_count("seed", seed, minimum=0)).spawn(len(sizes))

@@ -1,11 +1,5 @@
-"""Roots of data sets in their official layouts, with simulated drives; also as a command:
+"""Roots of data sets in their official layouts, with simulated drives."""
 
-python -m tests.benchmarks.simulated_roots FOLDER --drives 50 --seconds 4
-
-writes FOLDER/RadarScenes and FOLDER/nuScenes with 50 drives each.
-"""
-
-import argparse
 import json
 from pathlib import Path
 
@@ -135,17 +129,3 @@ def write_pcd(path: Path, scan) -> None:
     header |= {"POINTS": str(scan.size), "DATA": "binary"}
     lines = "".join(f"{key} {value}\n" for key, value in header.items())
     path.write_bytes(lines.encode() + cloud.tobytes())
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--drives", type=int, default=50, help="of each data set")
-    parser.add_argument("--seconds", type=float, default=4.0, help="of each drive")
-    arguments = parser.parse_args()
-    for name, write in (("RadarScenes", write_radarscenes), ("nuScenes", write_nuscenes)):
-        write(arguments.folder / name, arguments.drives, arguments.seconds)
-
-
-if __name__ == "__main__":
-    main()

@@ -6,7 +6,7 @@ from scipy.optimize import approx_fprime, least_squares
 
 from benchmarks.methods import Effort, initial_motion, one_per_call
 from benchmarks.numpy_cost import MatrixCost, NumpyCost, minimise
-from benchmarks.report import Row, growth, growth_table, number, table
+from benchmarks.report import Row, growth, growth_table
 from benchmarks.run import PATIENCE, affordable
 from benchmarks.scenes import (
     Accuracy,
@@ -143,15 +143,3 @@ def test_a_start_off_the_truth_is_04_m_and_06_degrees_away():
     shift = initial_motion(theta, "off") - theta
     assert np.hypot(*shift[:2]) == pytest.approx(0.4)
     assert np.rad2deg(shift[2]) == pytest.approx(0.6)
-
-
-def test_numbers_are_rounded_to_three_digits():
-    numbers = {1234.5: "1230", 9.876: "9.88", 0.01234: "0.0123", 0.0: "0", float("nan"): "–"}
-    for value, text in numbers.items():
-        assert number(value) == text
-
-
-def test_table_is_aligned():
-    lines = table(("a", "b"), [("x", "1.0"), ("longer", "20.0")], 1).splitlines()
-    assert len({len(line) for line in lines}) == 1
-    assert lines[1] == "| ------ | ---: |"

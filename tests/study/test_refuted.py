@@ -14,6 +14,7 @@ from d2d.radar import track
 from d2d.study import CLAIMS
 from d2d.study.book.measured import Measured
 from d2d.study.drives import claims as drives
+from d2d.study.drives.variations import followed
 from d2d.study.estimation import claims as estimation
 from d2d.study.estimation.descent import ends_of
 from d2d.study.line import cluster_study, outlier_study
@@ -54,7 +55,7 @@ def outlier_at(place):
 def surveyed(optima):
     """A survey of 400 surfaces with a high rival, whose highest peak is nowhere near the truth."""
     several = np.full(400, float(optima))
-    return Survey(several, several + 90.0, several * 0.0 + 0.9, several, several + 1.0)
+    return Survey(several, several + 90.0, several * 0.0 + 0.9, several + 1.0)
 
 
 def rooms(far, near):
@@ -103,6 +104,11 @@ def weights(drive, driven, *, doppler):
 def in_place(drive, *, doppler):
     """A track that is off by as much from the first pose to the last."""
     return SimpleNamespace(poses=always(drive.truth.poses + 1.0))
+
+
+def lost_where_annealed(drive, starts=None, **options):
+    """In the place of `followed`: what is annealed from starts of its own is far off."""
+    return followed(drive, **options) if starts is None else starts + 9.0
 
 
 def useless_doppler(drive, *, doppler):
@@ -270,8 +276,7 @@ WORLDS = {
     "doppler-more-certain": {drives: SHORT | {"track": useless_doppler}},
     "trajectory-drifts": {drives: SHORT | {"track": in_place}},
     "annealing-no-gain": {
-        drives: SHORT
-        | {"DURATION": 10.0, "annealed_from": lambda drive, starts, **options: starts + 9.0},
+        drives: SHORT | {"DURATION": 10.0, "followed": lost_where_annealed},
     },
 }
 

@@ -80,8 +80,6 @@ def test_bad_arguments_are_named() -> None:
     for arguments, message in (
         ({"runs": 0}, "runs must be an integer"),
         ({"seed": None}, "seed must be an integer"),
-        ({"cost": "d2d"}, "cost must be a RegistrationCost"),
-        ({"scenario": None}, "scenario must be a Scene"),
         ({"initial": np.zeros((2, 2, 3))}, "initial must have the shape"),
         ({"scales": 2.0}, "scales must be a sequence"),
         ({"initial": "here"}, "initial must be 'truth', 'zero' or an array"),

@@ -9,14 +9,7 @@ from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.study.beyond.both_covariances import BothCovariances
-from d2d.study.beyond.exhaustive import (
-    ANNEALING,
-    Outcome,
-    Rows,
-    Trial,
-    select,
-    success,
-)
+from d2d.study.beyond.exhaustive import ANNEALING, Outcome, Rows, Trial, select, success
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,

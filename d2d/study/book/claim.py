@@ -241,13 +241,6 @@ def claim(
 
 
 def claims_of(modules: Iterable[ModuleType]) -> dict[str, Claim]:
-    """The claims that the modules define, by id, in the order of their definition.
-
-    Raises ``ValueError`` if two claims share an id.
-    """
-    claims: dict[str, Claim] = {}
-    for module in modules:
-        for value in vars(module).values():
-            if isinstance(value, Claim) and claims.setdefault(value.id, value) is not value:
-                raise ValueError(f"two claims have the id {value.id!r}")
-    return claims
+    """The claims that the modules define, by id, in the order of their definition."""
+    values = (value for module in modules for value in vars(module).values())
+    return {value.id: value for value in values if isinstance(value, Claim)}

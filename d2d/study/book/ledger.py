@@ -58,9 +58,9 @@ def ledger_link(id: str) -> str:
     return f'<a href="{LEDGER}#{anchor(id)}"><code>{id}</code></a>'
 
 
-def with_interval(value: float, mark: str = "") -> str:
-    """A number between marks with its 95 % interval, or the word that it needs none."""
-    return f"{mark}{significant(value)}{mark} [{', '.join(_bounds(value))}]"
+def with_interval(value: float) -> str:
+    """A number with its 95 % interval, or the word that it needs none."""
+    return f"{significant(value)} [{', '.join(_bounds(value))}]"
 
 
 def _bounds(value: float) -> list[str]:

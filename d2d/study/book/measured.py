@@ -40,9 +40,6 @@ class Measured(float):
         self.low, self.high, self.telling, self.place = float(low), float(high), telling, place
         return self
 
-    def __getnewargs__(self) -> tuple[float, float, float]:  # type: ignore[override]
-        return float(self), self.low, self.high
-
     def told(self, place: Callable[[float], float] | None = None) -> "Measured":
         """The number, marked as telling; ``place`` takes a value to the axis of what counts."""
         if place is None:
@@ -218,32 +215,6 @@ def rms_ratio(over: Array, under: Array, block: int = 1, *, among: int = 1) -> M
         vectorized=True,
         among=among,
     )
-
-
-def length_of(vectors: Array) -> Measured:
-    """Length of the mean of independent vectors (N, n).
-
-    Scatter lengthens a mean, which resampling would add a second time.  The bounds are as far to
-    either side as 97.5 % of the resampled means are from the mean, in whatever direction.
-    """
-    mean = vectors.mean(axis=0)
-    off = bootstrapped(
-        lambda drawn, axis: np.linalg.norm(drawn.mean(axis) - mean, axis=-1),
-        vectors,
-        vectorized=True,
-    )
-    length = float(np.linalg.norm(mean))
-    return Measured(length, max(length - off.high, 0.0), length + off.high)
-
-
-def kolmogorov_distance(values: Array, distribution: str, *parameters: float) -> Measured:
-    """Largest difference between the distribution of independent values (N,) and a given one.
-
-    The interval follows from Massart's inequality (1990).
-    """
-    distance = float(scipy.stats.kstest(values, distribution, args=parameters).statistic)
-    off = float(np.sqrt(np.log(2.0 / (1.0 - CONFIDENCE)) / (2.0 * len(values))))
-    return Measured(distance, max(distance - off, 0.0), distance + off)
 
 
 def anees_of(found: Credibility, *, among: int = 1) -> Measured:

@@ -143,8 +143,7 @@ def table(
     value is the rest of a row: a sequence or array, a mapping by heading, or a single value.  Each
     of the ``columns`` has a heading, or (heading, unit), or (heading, unit, format); without a
     format, numbers have three significant digits.  ``groups`` are headings over several columns,
-    with how many columns each; together the last ones.  Raises a ``ValueError`` if a row has
-    another number of cells than there are columns.
+    with how many columns each; together the last ones.
 
     Examples
     --------
@@ -158,9 +157,6 @@ def table(
         listed = [(name, *_rest(value, headings[1:])) for name, value in rows.items()]
     else:
         listed = [tuple(row) for row in rows]
-    for row in listed:
-        if len(row) != len(specified):
-            raise ValueError(f"rows: {row} has {len(row)} cells for {len(specified)} columns")
     cells = tuple(
         tuple(cell(value, form) for value, (_, _, form) in zip(row, specified, strict=True))
         for row in listed

@@ -2,15 +2,14 @@
 
 from collections.abc import Sequence
 from functools import cache
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from d2d import ANNEALED
 from d2d._types import Array
 from d2d.bootstrap import block_length
-from d2d.radar import Track, compare, estimate_ego_motion, simulate_drive, track
+from d2d.radar import Track, compare, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, Drive
 from d2d.study.book.claim import (
     ANEES,
@@ -268,7 +267,10 @@ def _annealed_at_random(doppler: bool) -> _Comparison:
     for seed, (drive, _) in enumerate(robot_drives()):
         rng = np.random.default_rng([seed, 1])
         starts = rng.uniform(-1.0, 1.0, (len(drive.scans) - 1, 3)) * FASTEST
-        each = annealed_from(drive, starts, doppler=doppler), followed(drive, doppler=doppler)
+        each = (
+            followed(drive, starts, scales=ANNEALED, doppler=doppler),
+            followed(drive, doppler=doppler),
+        )
         found.append([np.abs(theta - drive.truth.theta[1:]) for theta in each])
     annealed, plain = (np.concatenate(each) for each in zip(*found, strict=True))
     block = max(block_length(plain**2), block_length(annealed**2))
@@ -281,17 +283,3 @@ def _annealed_at_random(doppler: bool) -> _Comparison:
     )
     pairs = zip(annealed.T, plain.T, strict=True)
     return _Comparison(nearer, farther, tuple(rms_ratio(*each, block) for each in pairs))
-
-
-def annealed_from(drive: Drive, starts: Array, **options: Any) -> Array:
-    """Velocities (n, 3), each pair annealed from a start of its own (n, 3).
-
-    Where that does not converge, the last velocity is kept, as `followed` does.
-    """
-    found = [drive.truth.theta[0]]
-    for scans, start in zip(pairwise(drive.scans), starts, strict=True):
-        estimate = estimate_ego_motion(
-            *scans, drive.mounting, initial=start, scales=ANNEALED, **options
-        )
-        found.append(estimate.theta if estimate.converged else found[-1])
-    return np.array(found[1:])

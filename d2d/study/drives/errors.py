@@ -61,12 +61,7 @@ class Drift(NamedTuple):
         ``stretch`` (m) is that of the relative errors.  Needs the package evo, which the book
         requires but `d2d` itself does not.
         """
-        from evo.core.metrics import (  # type: ignore[import-untyped]
-            APE,
-            RPE,
-            PoseRelation,
-            Unit,
-        )
+        from evo.core.metrics import APE, RPE, PoseRelation, Unit  # type: ignore[import-untyped]
 
         paths = _evo_path(true), _evo_path(poses)
         relations = PoseRelation.translation_part, PoseRelation.rotation_angle_deg

@@ -43,18 +43,18 @@ def track_from(drive: Drive, start: ArrayLike, **options: Any) -> Track:
     )
 
 
-def followed(drive: Drive, **options: Any) -> Array:
+def followed(drive: Drive, starts: ArrayLike | None = None, **options: Any) -> Array:
     """Velocities (n, 3), each pair started at the last velocity that was found, and only there.
 
     The first pair starts at the true velocity.  Unlike `d2d.radar.track`, this gives no second
-    start to a pair that ended at a wrong optimum.  ``options`` are those of
+    start to a pair that ended at a wrong optimum, whose velocity is the last one.  Given ``starts``
+    (n, 3), each pair starts there instead.  ``options`` are those of
     `d2d.radar.estimate_ego_motion`.
     """
     found = [drive.truth.theta[0]]
-    for previous, current in pairwise(drive.scans):
-        estimate = estimate_ego_motion(
-            previous, current, drive.mounting, initial=found[-1], **options
-        )
+    for i, pair in enumerate(pairwise(drive.scans)):
+        start = found[-1] if starts is None else np.asarray(starts)[i]
+        estimate = estimate_ego_motion(*pair, drive.mounting, initial=start, **options)
         found.append(estimate.theta if estimate.converged else found[-1])
     return np.array(found[1:])
 

@@ -22,23 +22,15 @@ from d2d.study.book.claim import (
     shown,
     tells,
 )
-from d2d.study.book.measured import (
-    Measured,
-    anees_of,
-    inclination_of,
-    mean_of,
-    median_of,
-    share_of,
-)
+from d2d.study.book.measured import Measured, anees_of, inclination_of, mean_of, median_of, share_of
 from d2d.study.estimation.covariance_trials import (
     COSTS,
     RUNS,
     SEED,
-    Shape,
     covariance_study,
+    kurtosis_of,
     over_layouts,
     quadratic_ratios,
-    shape_of,
 )
 from d2d.study.estimation.descent import (
     FIRST_ORDER,
@@ -201,15 +193,13 @@ def summing_not_gaussian() -> Evidence:
         for name, each in areas.items()
         for side, area in each.items()
     }
-    shape: dict[str, Shape] = {}
+    kurtosis: dict[str, Measured] = {}
     quadratic: dict[str, Measured] = {}
     for name in areas:
-        found = shape[name] = shape_of(covariance_study(name).errors)
+        found = kurtosis[name] = kurtosis_of(covariance_study(name).errors)
         quadratic[name] = median_of(quadratic_ratios(name, 2.0))
         numbers |= {
-            f"Mardia's kurtosis of the errors over that of a Gaussian, {name}": tells(
-                found.kurtosis
-            ),
+            f"Mardia's kurtosis of the errors over that of a Gaussian, {name}": tells(found),
             f"cost at 2 stated deviations over its quadratic model, {name}": quadratic[name],
         }
     last = {name: each[max(each)] for name, each in areas.items()}
@@ -224,8 +214,8 @@ def summing_not_gaussian() -> Evidence:
         f"has an area of {last['likelihood']:.3f} over all places of two targets, and the sum one "
         f"that grows with the side of the square, to {last['sum']:.3g}. As functions of the motion "
         "neither has an area of one. The errors, divided by the root of their own covariance, have "
-        f"{shape['likelihood'].kurtosis:.2f} times the kurtosis of a Gaussian with the likelihood "
-        f"and {shape['sum'].kurtosis:.2f} times with the sum, and at two stated standard "
+        f"{kurtosis['likelihood']:.2f} times the kurtosis of a Gaussian with the likelihood "
+        f"and {kurtosis['sum']:.2f} times with the sum, and at two stated standard "
         "deviations from the optimum the negative logarithm is "
         f"{quadratic['likelihood']:.2f} and {quadratic['sum']:.2f} times its quadratic model.",
         numbers,

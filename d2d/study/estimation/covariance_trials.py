@@ -1,9 +1,7 @@
 """The covariances that several costs state, compared with the scatter of many runs."""
 
-from collections import Counter
 from dataclasses import replace
 from functools import cache
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +13,7 @@ from d2d.credibility import Credibility, credibility
 from d2d.point_set import PointSet
 from d2d.registration import register
 from d2d.study.book.claim import DECIBELS
-from d2d.study.book.measured import Measured, anees_of, kolmogorov_distance, length_of, mean_of
+from d2d.study.book.measured import Measured, anees_of, mean_of
 from d2d.study.plane.scenarios import OVERLAPPED, cartesian
 from d2d.study.runs import judged
 
@@ -83,34 +81,16 @@ def variance_ratio(study: CovarianceStudy, which: str) -> Array:
     return np.asarray(np.diag(stated) / study.actual)
 
 
-class Shape(NamedTuple):
-    """How far errors are from a Gaussian, after whitening by their own covariance.
+def kurtosis_of(errors: Array) -> Measured:
+    """Kurtosis of independent errors (N, n) over that of a Gaussian, n (n + 2) (Mardia 1970).
 
-    The scale of a stated covariance has no part in it.
+    The errors are whitened by their own covariance, so that a stated one has no part in it.
     """
-
-    kurtosis: Measured  # Mardia's, over that of a Gaussian, n (n + 2)
-    skewness: Measured  # root of Mardia's; 0 for a Gaussian
-    distance: Measured  # Kolmogorov's, of the squared Mahalanobis distances from chi-square
-
-
-def shape_of(errors: Array) -> Shape:
-    """Shape of independent errors (N, n) (Mardia 1970)."""
     count, dimension = errors.shape
     centred = errors - errors.mean(axis=0)
     covariance = centred.T @ centred / count
     white = np.linalg.solve(np.linalg.cholesky(covariance), centred.T)
-    squares = (white**2).sum(axis=0)
-    # the tensor of third moments is symmetric: each entry once, weighted by how often it occurs
-    triples = Counter(tuple(sorted(each)) for each in product(range(dimension), repeat=3))
-    third = [
-        np.sqrt(times) * white[i] * white[j] * white[k] for (i, j, k), times in triples.items()
-    ]
-    return Shape(
-        mean_of(squares**2 / (dimension * (dimension + 2))),
-        length_of(np.stack(third, axis=-1)),
-        kolmogorov_distance(squares, "chi2", dimension),
-    )
+    return mean_of((white**2).sum(axis=0) ** 2 / (dimension * (dimension + 2)))
 
 
 def quadratic_ratios(name: str, distance: float, runs: int = 500) -> Array:

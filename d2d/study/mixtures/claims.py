@@ -3,15 +3,7 @@
 import numpy as np
 
 from d2d._types import Array
-from d2d.study.book.claim import (
-    Evidence,
-    claim,
-    in_every,
-    in_nearly_all,
-    most,
-    nearly_all,
-    tells,
-)
+from d2d.study.book.claim import Evidence, claim, in_every, in_nearly_all, most, nearly_all, tells
 from d2d.study.book.measured import Measured, median_of, share_of, smallest
 from d2d.study.mixtures.gaussian import GaussianMixture, MixtureFit, fit_mixture
 

@@ -64,8 +64,6 @@ def _field(rounds: Sequence[Sequence[WeighedScan]], ahead: float) -> Field:
     """As much of the ground as most targets need that are not farther than ``ahead`` m."""
     where = np.concatenate([_places(view) for views in rounds for view in views])
     x, y = where[np.hypot(*where.T) < ahead].T
-    if not len(x):
-        return Field(0.5 * ahead, ahead, 0.5 * ahead)
     low, high = (float(value) for value in np.percentile(x, [3.0, 97.0]))
     behind, before = max(-low, 2.0) + MARGIN, max(high, 2.0) + MARGIN
     aside = float(np.percentile(np.abs(y), 97.0)) + MARGIN

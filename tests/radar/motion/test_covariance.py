@@ -402,7 +402,6 @@ def test_what_does_not_fit_gives_nothing_or_is_refused_by_name():
         covariance=np.tile(estimate.covariance, (3, 1, 1)),
     )
     for given, said in (
-        ((THETA, *pair), "estimate"),
         ((estimate, pair[1], pair[0], CORNER), "current must be later"),
         ((estimate, pair[0][:0], *pair[1:]), "previous holds no targets"),
         ((estimate, [], [], []), "previous must hold at least one"),

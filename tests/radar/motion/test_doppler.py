@@ -9,19 +9,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.radar import (
-    Mounting,
-    RadarScan,
-    doppler_ego_motion,
-    doppler_velocity,
-    sensor_velocity,
-)
-from d2d.radar.motion.doppler import (
-    _agreeing,
-    _hypotheses,
-    doppler_acceleration,
-    doppler_starts,
-)
+from d2d.radar import Mounting, RadarScan, doppler_ego_motion, doppler_velocity, sensor_velocity
+from d2d.radar.motion.doppler import _agreeing, _hypotheses, doppler_acceleration, doppler_starts
 from tests.radar.scenes import AROUND, mountings, velocities
 from tests.strategies import seeds
 

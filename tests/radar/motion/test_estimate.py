@@ -14,13 +14,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import CorruptedGaussian, UniformOutlier, credibility
-from d2d.radar import (
-    EgoMotionModel,
-    Mounting,
-    RadarScan,
-    estimate_ego_motion,
-    inlier_probabilities,
-)
+from d2d.radar import EgoMotionModel, Mounting, RadarScan, estimate_ego_motion, inlier_probabilities
 from d2d.radar.motion.model import DEFAULT_OUTLIER
 from tests.radar.scenes import AROUND, CORNER, SIGMAS, arc, mountings, two_scans, velocities
 from tests.strategies import log_normal, seeds
@@ -238,8 +232,6 @@ def test_scans_out_of_time_order_empty_or_none_are_refused_by_name():
         ((before[:0], after, CORNER), "previous holds no targets"),
         ((before, after[:0], CORNER), "current holds no targets"),
         ((before, "a scan", CORNER), "current must be a RadarScan, but is a str"),
-        ((before, after, (3.6, 0.0, 0.0)), "mounting must be a Mounting, but is a tuple"),
-        ((before, [after], [CORNER]), "current must be a RadarScan, but is a list"),
     ):
         with pytest.raises(ValueError, match=f"^{said}"):
             estimate_ego_motion(*wrong)
@@ -322,7 +314,6 @@ def test_several_pairs_that_do_not_fit_are_refused_by_name():
     for wrong, said in (
         (([], [], []), "previous must hold at least one scan, but is empty"),
         ((previous, current[:2], mounting), "previous, current .* length, but have 3, 2 and 3"),
-        ((previous, current, mounting[0]), "mounting must be a sequence, but is a Mounting"),
         ((previous, empty, mounting), r"current\[2\] holds no targets"),
         ((current, previous, mounting), r"current\[0\] must be later than previous\[0\]"),
         ((previous, mounting, current), r"current\[0\] must be a RadarScan, but is a Mounting"),

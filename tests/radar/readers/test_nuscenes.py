@@ -15,13 +15,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import rigid
-from d2d.radar import (
-    Mounting,
-    Recording,
-    doppler_ego_motion,
-    doppler_velocity,
-    load_nuscenes,
-)
+from d2d.radar import Mounting, Recording, doppler_ego_motion, doppler_velocity, load_nuscenes
 from d2d.radar.readers.nuscenes import azimuth_sigma
 
 START = 1_532_402_900_000_000  # us
@@ -396,13 +390,8 @@ def test_a_foreign_or_truncated_point_cloud_is_named(root):
         ({"DATA": "ascii"}, "its data are ascii"),
         ({"DATA": "binary_compressed"}, "its data are binary_compressed"),
         ({"SIZE": "4 4 4"}, "zip()"),
-        ({"TYPE": " ".join("X" * len(TYPES))}, "'<x4'"),
-        ({"SIZE": " ".join("3" * len(TYPES))}, "'<f3'"),
         ({"COUNT": " ".join("2" * len(TYPES))}, "it has a field of several values"),
         ({"POINTS": "12"}, "announces 12 points of 43 bytes"),
-        ({"POINTS": "many"}, "many"),
-        ({"POINTS": ""}, "IndexError"),
-        ({"FIELDS": " ".join(["x"] * len(TYPES))}, "x"),
     ):
         path.write_bytes(pcd(TARGETS, "RADAR_FRONT", **changes))
         assert says in refused(root, path)
@@ -456,8 +445,6 @@ def test_options_out_of_range_are_refused_by_name(root):
     ):
         with pytest.raises(ValueError, match=f"^{name} must"):
             load(root, **{name: bad})
-    with pytest.raises(ValueError, match=r"^root must be a path"):
-        load(None)
 
 
 # ---- the real data

@@ -6,12 +6,7 @@ from numpy.testing import assert_allclose
 
 from d2d.radar import ErrorBudget, Mounting, track
 from d2d.radar.motion.doppler import Acceleration
-from d2d.radar.tracks.acceleration import (
-    JERK,
-    UNKNOWN,
-    AccelerationFilter,
-    accelerations_of_others,
-)
+from d2d.radar.tracks.acceleration import JERK, UNKNOWN, AccelerationFilter, accelerations_of_others
 from tests.radar.scenes import AROUND, CORNER, accelerating
 
 DELAY = np.array([[0.0, 0.0, 0.01], [0.0, 0.02, 0.3], [0.0, 0.0, -0.15]])

@@ -8,15 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from d2d.radar import (
-    ErrorBudget,
-    FindingWarning,
-    Mounting,
-    Sensor,
-    diagnose,
-    simulate_drive,
-    track,
-)
+from d2d.radar import ErrorBudget, FindingWarning, Mounting, Sensor, diagnose, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_SPEED
 from tests.radar.scenes import CORNER, beginning, surround_scans
 

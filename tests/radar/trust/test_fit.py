@@ -173,13 +173,10 @@ def test_arguments_are_refused_by_name():
     for given, name in (
         ((errors[:, :2], noise[:, :2, :2]), r"errors must have the shape \(n, 3\)"),
         ((errors[:3], noise[:3]), "errors must have the shape .* at least 4"),
-        ((errors[0], noise), "errors"),
         ((hole, noise), "errors must be finite"),
         ((1e6 * errors, noise), "errors must be at most 1000"),
         ((errors, noise[:5]), "covariances"),
         ((errors, -noise), "covariances must be positive definite"),
-        ((errors, np.full((10, 3, 3), np.nan)), "covariances must be finite"),
-        (("a", noise), "errors"),
     ):
         with pytest.raises(ValueError, match=f"^{name}"):
             fit_budget(*given)
@@ -188,7 +185,6 @@ def test_arguments_are_refused_by_name():
         ({}, "effects must name at least one"),
         ({"neighbours": whole}, "effects must be of v_x, .*, not 'neighbours'"),
         ({"lag": whole[:4]}, r"effects\['lag'\] must have the shape \(10, 3, 3\)"),
-        ({"lag": np.full((10, 3, 3), np.inf)}, r"effects\['lag'\] must be finite"),
         ({"lag": 0.0 * whole}, r"effects\['lag'\] is zero"),
     ):
         with pytest.raises(ValueError, match=f"^{name}"):

@@ -148,10 +148,8 @@ def test_arguments_of_halves_are_refused_by_name():
     for change, name in (
         ({"by": "scan"}, "by"),
         ({"distance": 0.0}, "distance"),
-        ({"rng": 1}, "rng"),
         ({"baseline": 0}, "baseline"),
         ({"sensors": scans}, "sensors"),
-        ({"sensors": []}, "sensors"),
         ({"by": "object", "distance": 100.0}, "halves have 0 "),
         ({"scales": -1.0}, "scales"),
     ):
@@ -215,8 +213,6 @@ def test_tracks_that_cannot_be_compared_are_refused():
     one, other = noisy(0, times), noisy(1, times + 100.0)
     for first, second, message in (
         (one, other, r"first and second have 0 .* clocks"),
-        (one, times, "second must be"),
-        (times, one, "first must be"),
         (EMPTY, one, "first must hold at least one"),
         (one, EMPTY, "track must hold at least one"),
     ):

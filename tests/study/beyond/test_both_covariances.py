@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from d2d import credibility, propagate_covariance, register
 from d2d.radar import estimate_ego_motion, propagate_ego_motion, simulate_drive, track
 from d2d.study import scenarios
-from d2d.study.beyond.both_covariances import ALL_COSTS, both_covariances, drive_covariances
+from d2d.study.beyond.both_covariances import both_covariances, drive_covariances
 from d2d.study.plane.evaluation import ROBUST, same_draws
 
 
@@ -19,19 +19,6 @@ def test_both_covariances_are_those_of_the_same_errors() -> None:
     propagated = propagate_covariance(estimate, fixed, moving, ROBUST)
     assert_allclose(found.fisher.nees, credibility(errors, estimate.covariance).nees)
     assert_allclose(found.propagated.nees, credibility(errors, propagated).nees)
-
-
-def test_propagation_repairs_p2d_and_only_that() -> None:
-    """Appendix C's first finding, on the thesis's overlapped scene."""
-    for name in ALL_COSTS:
-        found = both_covariances(scenarios.OVERLAPPED, name)
-        fisher, propagated = found.fisher.inclination, found.propagated.inclination
-        if name == "P2D":
-            assert fisher > 2.0 > abs(propagated)
-        elif name == "summing":
-            assert fisher < propagated < -0.5
-        else:
-            assert abs(fisher - propagated) < 0.2, name
 
 
 def test_drive_covariances_are_those_of_each_pair() -> None:

@@ -4,8 +4,6 @@ import re
 from html import unescape
 from pathlib import Path
 
-import pytest
-
 from d2d.study.book.claim import Claim, Evidence
 from d2d.study.book.ledger import (
     LEDGER,
@@ -96,12 +94,6 @@ def test_each_row_has_its_address():
     """Breaks if a link to a claim, and the ledger's rows, are named differently."""
     rows = ledger(CLAIMS_OF_TWO, RECORD)._repr_html_()
     assert re.findall(r'<details class="ledger-row[^>]* id="([^"]*)"', rows) == [*map(anchor, "ab")]
-
-
-def test_a_claim_without_evidence_is_refused():
-    """Breaks if a page could show, or leave out, what has not been measured."""
-    with pytest.raises(KeyError, match="b"):
-        ledger(CLAIMS_OF_TWO, {"a": RECORD["a"]})
 
 
 def test_a_page_ends_with_its_claims_by_verdict():

@@ -1,8 +1,5 @@
 """Intervals hold what they should as often as they say, and travel with their numbers."""
 
-import copy
-import pickle
-
 import numpy as np
 import pytest
 
@@ -13,9 +10,7 @@ from d2d.study.book.measured import (
     geometric_mean_of,
     inclination_change,
     inclination_of,
-    kolmogorov_distance,
     largest,
-    length_of,
     mean_of,
     median_of,
     nci_of,
@@ -31,13 +26,11 @@ from d2d.study.book.measured import (
 
 
 def test_a_measured_number_counts_as_a_number_and_keeps_its_bounds():
-    """Breaks if formatting, comparison or a copy loses the value or the interval."""
+    """Breaks if formatting or comparison loses the value or the interval."""
     ratio = Measured(1.234, 1.1, 1.4)
     assert f"{ratio:.1f}" == "1.2"
     assert ratio == 1.234
     assert ratio.between(".2f") == "1.10 to 1.40"
-    for again in (copy.deepcopy(ratio), pickle.loads(pickle.dumps(ratio))):
-        assert (again, again.low, again.high) == (1.234, 1.1, 1.4)
 
 
 def test_wilsons_interval_is_the_published_one():
@@ -69,8 +62,6 @@ def test_an_interval_holds_the_truth_about_as_often_as_it_says():
         (lambda x: median_of(x.reshape(-1, 1).repeat(3, axis=1)), 0.5),  # three of each draw
         (lambda x: quantile_of(x, 0.5), 0.5),
         (lambda x: share_difference(x > 0.5, x > 0.5 + 0.6745), 0.25),
-        (lambda x: kolmogorov_distance(x, "norm", 0.2), 0.1192),  # 2 Phi(0.15) - 1
-        (lambda x: length_of(x.reshape(50, 3)), 0.5 * np.sqrt(3.0)),
         (lambda x: rms_ratio(2.0 * (x[:75] - 0.5), x[75:] - 0.5), 2.0),
     ):
         found = [interval(x) for x in samples]
@@ -85,15 +76,6 @@ def test_a_difference_that_was_not_seen_may_still_be_there():
     lost = share_difference(np.zeros(1000), np.ones(1000))
     assert (lost, lost.low) == (-1.0, -1.0)
     assert -0.998 < lost.high < -0.99
-
-
-def test_what_cannot_be_below_zero_is_not_said_to_be_above_it_for_its_scatter():
-    """Breaks if the scatter that makes a length, or a distance, positive counts as an effect."""
-    held = []
-    for seed in range(100):
-        x = np.random.default_rng(seed).standard_normal((200, 3))
-        held.append((length_of(x).low == 0.0, kolmogorov_distance(x[:, 0], "norm").low == 0.0))
-    assert np.mean(held, axis=0).min() > 0.9
 
 
 def test_the_nci_has_the_interval_of_its_runs():

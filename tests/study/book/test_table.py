@@ -4,7 +4,6 @@ import re
 from html import unescape
 
 import numpy as np
-import pytest
 
 from d2d.study.book.table import Table, cell, quantities, significant, table
 
@@ -108,9 +107,3 @@ def test_a_value_is_shown_as_one_would_write_it():
     for value, text in shown.items():
         assert significant(value) == text
     assert [cell(np.True_), cell(False), cell(None)] == ["yes", "no", "–"]
-
-
-def test_a_row_of_another_length_is_refused():
-    """Breaks if a value slips into another column."""
-    with pytest.raises(ValueError, match=r"^rows: .* has 2 cells for 1 columns"):
-        table([("a", 1)], ["a"])

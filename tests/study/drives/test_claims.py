@@ -45,23 +45,6 @@ def walkers(across: float):
     return lambda *_: [rejected] * 100
 
 
-@pytest.mark.parametrize(
-    ("without", "with_doppler", "across", "verdict"),
-    [
-        (0.3, 0.99, 1.0, "confirmed"),
-        (0.3, 0.99, 0.1, "conditional"),
-        (0.99, 0.99, 1.0, "wrong in part"),
-    ],
-)
-def test_moving_targets_are_judged_by_what_is_rejected(
-    short_drives, without, with_doppler, across, verdict
-):
-    """Breaks if the verdict looks at one of the three shares only."""
-    short_drives.setattr(drives, "TargetWeights", weights(without, with_doppler))
-    short_drives.setattr(drives, "walkers_by_pair", walkers(across))
-    assert CLAIMS["doppler-rejects-moving"].check().verdict == verdict
-
-
 def test_a_drive_that_meets_nobody_is_left_out(short_drives):
     """Breaks if its missing share makes the mean of all drives nan."""
     found = weights(0.3, 0.99)
@@ -78,24 +61,6 @@ def test_a_drive_that_meets_nobody_is_left_out(short_drives):
     evidence = CLAIMS["doppler-rejects-moving"].check()
     assert evidence.verdict == "conditional"
     assert np.isfinite(list(evidence.numbers.values())).all()
-
-
-@pytest.mark.parametrize(
-    ("spoiled", "verdict"),
-    [((), "confirmed"), ((True,), "wrong in part"), ((True, False), "refuted")],
-)
-def test_annealing_is_judged_by_the_difference_it_makes(short_drives, spoiled, verdict):
-    """Breaks if runs are not compared with the truth, or those with Doppler decide alone."""
-
-    def near(drive, *given, doppler: bool):
-        true = drive.truth.theta[1:]
-        off = 10.0 * (len(given) > 0 and doppler in spoiled)
-        return true + off + 0.01 * np.random.default_rng(1).standard_normal(true.shape)
-
-    short_drives.setattr(drives, "DURATION", 10.0)
-    for name in ("followed", "annealed_from"):
-        short_drives.setattr(drives, name, near)
-    assert CLAIMS["annealing-no-gain"].check().verdict == verdict
 
 
 def test_followed_pairs_have_no_second_start(short_drives):

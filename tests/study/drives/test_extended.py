@@ -35,30 +35,6 @@ def test_about_forty_objects_are_in_view():
     assert_allclose(np.mean(many), 4.5 * np.mean(sizes), rtol=0.2)
 
 
-def test_other_points_in_every_scan_make_the_inverse_hessian_too_small():
-    """Breaks if points are the same in all scans, or the true extent does not mend it."""
-    found = study(2.0)
-    assert len(found.errors[NONE]) >= 58
-    inverse = found.credibility(NONE, INVERSE).anees
-    propagated = found.credibility(NONE, PROPAGATED).anees
-    assert inverse > 5.0
-    assert 1.3 < propagated < 0.5 * inverse, "propagation feels part of it"
-    for covariance in COVARIANCES:
-        assert 0.7 < found.credibility(TRUE, covariance).anees < 1.3
-        assert 0.7 < found.credibility(LIKELIEST, covariance).anees < 1.7
-    for model in (LIKELIEST, TRUE):
-        assert (found.rmse(model)[1:] < 0.8 * found.rmse(NONE)[1:]).all()
-
-
-def test_the_same_points_in_all_scans_are_credible_without_an_extent():
-    """Breaks if the likelihood takes the size of an object for scatter."""
-    for half_width in (0.3, 2.0):
-        found = study(half_width, redrawn=False)
-        assert found.found.extent < 0.04
-        for covariance in COVARIANCES:
-            assert 0.7 < found.credibility(NONE, covariance).anees < 1.3
-
-
 def test_of_single_targets_the_scatter_is_found_of_several_less():
     """Breaks if the estimate has another bias than its documentation says."""
     rng = np.random.default_rng(4)

@@ -19,18 +19,3 @@ def test_only_the_shared_error_predicts_the_scatter_of_a_fast_car():
         assert ratios[-1] > 1.35
     assert 0.8 < shared[0] <= shared[-1] < 1.25
     assert found.credibility(COVARIANCES[2]).nci < 0.4 < found.credibility(COVARIANCES[0]).nci
-
-
-def test_of_a_slow_robot_with_the_thesis_sensor_all_three_hold():
-    """Breaks if the azimuth's part of the Doppler error is not taken from its sigma."""
-    found = shared_azimuth(
-        np.random.default_rng(1),
-        np.array([2.0, 0.0, 0.3]),
-        Mounting(0.4),
-        sigmas=(0.15, 0.001, 0.06),
-        runs=800,
-    )
-    assert found.weight < 0.05
-    for name in COVARIANCES:
-        ratios = found.variance_ratios(name)
-        assert 0.8 < ratios[0] <= ratios[-1] < 1.25

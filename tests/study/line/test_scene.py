@@ -30,9 +30,3 @@ def test_line_scene_is_that_of_the_thesis():
     expected = [2.0, 10.0, 12.2]
     assert_allclose(fixed.means[:, 0] - moving.means[0, 0], expected, atol=1e-7)
     assert (TRUTH, SIGMA, fixed.size, fixed.dimension) == (2.0, 0.15, 3, 1)
-
-
-def test_line_scene_takes_other_positions():
-    """Breaks if the layout is not a parameter."""
-    fixed, _ = line_scene(np.random.default_rng(7), sigma_fixed=1e-9, positions=[0.0, 3.0])
-    assert_allclose(fixed.means[:, 0], [0.0, 3.0], atol=1e-7)

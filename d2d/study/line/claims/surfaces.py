@@ -24,12 +24,7 @@ from d2d.study.book.claim import (
     smaller,
     tells,
 )
-from d2d.study.book.measured import (
-    complement,
-    mean_of,
-    median_of,
-    share_of,
-)
+from d2d.study.book.measured import complement, mean_of, median_of, share_of
 from d2d.study.line.outlier_study import RIGHT
 from d2d.study.line.scene import SIGMA, TRUTH, line_scene
 from d2d.study.line.surfaces import Survey, log_surface, peaks, survey
