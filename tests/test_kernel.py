@@ -1,6 +1,7 @@
 """The compiled kernel: its elementary functions, cut-off, outlier models and trust region."""
 
 import math
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -9,9 +10,9 @@ from numba import njit
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
-from d2d import CorruptedGaussian, PointSet, RegistrationCost, rigid
+from d2d import CorruptedGaussian, PointSet, RegistrationCost, UniformOutlier, rigid
 from d2d._kernel import compile as compiling
-from d2d._kernel import elementary, newton
+from d2d._kernel import elementary, layout, newton
 from tests.strategies import (
     FUSIONS,
     METRICS,
@@ -156,7 +157,42 @@ def test_the_cut_off_changes_nothing(outlier):
             assert_allclose(hessian, expected, rtol=1e-6, atol=1e-10 * np.abs(expected).max())
 
 
+def test_most_pairs_of_the_wide_scene_are_beyond_the_cut_off():
+    """Breaks if the scene above no longer gives the cut-off, exp(-36), anything to skip."""
+    problem = wide_scene("d2d", "none", measured="")
+    theta, f, m = problem.theta, problem.fixed, problem.moving
+    moved = m.transformed(theta)
+    d = moved.means[:, None] - f.means
+    s = moved.covariances[:, None] + f.covariances
+    half = 0.5 * np.einsum("kni,kni->kn", d, np.linalg.solve(s, d[..., None])[..., 0])
+    logs = np.log(f.weights) - half - 0.5 * np.linalg.slogdet(s)[1]
+    below = logs.max(axis=1, keepdims=True) - logs
+    assert (below > 46.0).mean() > 0.5
+    assert 0.02 < (below < 36.0).mean() < 0.5
+
+
 # ---- Outlier models ---------------------------------------------------------------------------
+
+
+def test_an_outlier_component_that_is_not_known_is_refused():
+    """Breaks if a new density that one pass does not know counts as none there.
+
+    The estimate is then right, but its propagated covariance is that of another cost.
+    """
+    theta = np.array([0.1, -0.1, 0.01])
+    points = PointSet([[8.0, 1.0], [5.0, -3.0]], [0.04 * np.eye(2)] * 2)
+    problem = RegistrationCost(outlier=UniformOutlier(0.1)).problem(points, points)
+    outlier = problem.form.outlier.copy()
+    outlier[layout.KIND] = 17
+    unknown = replace(problem, form=problem.form._replace(outlier=outlier))
+    bound = unknown.bind(theta)
+    for use in (
+        unknown.derivatives,
+        unknown.log_densities,
+        lambda b: unknown.cross_derivatives(b, 0, 1),
+    ):
+        with pytest.raises(ValueError, match="does not know this kind of outlier"):
+            use(bound)
 
 
 # ---- The trust region -------------------------------------------------------------------------
@@ -202,6 +238,16 @@ def test_trust_region_step_is_nearly_the_best_within_the_radius():
             direct += 1
             assert_allclose(step, newton_step, rtol=1e-7, atol=1e-9 * np.abs(newton_step).max())
     assert direct > 100
+
+
+def test_trust_region_step_on_a_plateau_is_zero():
+    """Breaks if the step stays what the memory held before: with g = 0 and H = 0 no shift helps."""
+    step = np.array([20.0, 3.0, 0.1])
+    decrease = newton.trust_region_step(
+        np.zeros((3, 3)), np.zeros(3), np.ones(3), 1.0, 1.0, np.empty((5, 3)), step
+    )
+    assert_array_equal(step, 0.0)
+    assert decrease == 0.0
 
 
 # ---- Far away ---------------------------------------------------------------------------------

@@ -32,6 +32,7 @@ from benchmarks.protocol import (
     judged,
     protocol,
     section,
+    thinned,
 )
 from benchmarks.road import Drive
 from d2d.radar import ErrorBudget, Mounting, Recording, simulate_drive, track
@@ -175,6 +176,40 @@ def test_a_model_finds_what_errors_were_made_with(name, parameters):
     assert scores[name] <= min(scores.values()) + 0.02
 
 
+def test_the_covariances_are_what_their_names_say():
+    """Breaks if a factor multiplies the carry, or a model lacks it."""
+    own = made_up(0, count=30)
+
+    def stated(name, **parameters):
+        return MODELS[name].covariances(parameters, own)
+
+    hessian, noise, carry = own.hessian, own.noise, own.carry
+    root = np.diag(np.sqrt([2.0, 3.0, 4.0]))
+    assert_allclose(stated("inverse Hessian"), hessian + carry)
+    assert_allclose(stated("propagated noise"), noise + carry)
+    assert_allclose(
+        stated("inverse Hessian × 1 factor", factors=np.array([5.0])), 5.0 * hessian + carry
+    )
+    for name, base in (("inverse Hessian × 3 factors", hessian), ("noise × 3 factors", noise)):
+        given = np.array([2.0, 3.0, 4.0])
+        assert_allclose(stated(name, factors=given), root @ base @ root + carry)
+    added = np.diag([0.01, 0.04, 0.09])
+    for name, base in (("inverse Hessian + 3 constants", hessian), (CONSTANTS, noise)):
+        given = np.array([0.1, 0.2, 0.3])
+        assert_allclose(stated(name, constants=given), base + carry + added)
+    for name, base in (
+        ("inverse Hessian × 1 factor + 3 constants", hessian),
+        ("noise × 1 factor + 3 constants", noise),
+    ):
+        given = {"factor": np.array(7.0), "constants": np.array([0.1, 0.2, 0.3])}
+        assert_allclose(stated(name, **given), 7.0 * base + carry + added)
+    assert_allclose(stated("stored budget"), own.budget)
+    causes = np.array([0.1, 0.0, 0.2, 0.0])
+    added = 0.01 * own.effects[:, 0] + 0.04 * own.effects[:, 2]
+    assert_allclose(stated(BUDGET, causes=causes), noise + carry + own.dependence + added)
+    assert_allclose(stated("constant matrix", matrix=np.diag(SCALE)), [np.diag(SCALE)] * 30)
+
+
 def test_the_adaptive_matrix_follows_the_scatter_of_the_estimates():
     """Breaks if the power is not found, or the spread is not that of the last seconds."""
     rng = np.random.default_rng(4)
@@ -267,6 +302,15 @@ def test_one_sensor_is_off_at_a_time_and_each_in_turn():
     assert off.sum(axis=0).max() == 1
     assert_allclose(off.any(axis=0).mean(), QUIET / PERIOD, atol=0.02)
     assert_allclose(off.mean(axis=1), QUIET / PERIOD / 4, atol=0.02)
+
+
+def test_targets_are_drawn_the_same_every_time():
+    """Breaks if two runs compare different estimates."""
+    (scans,) = [own.scans for own in simulated(1.0).recordings[:1]]
+    first, again = (thinned(scans, 9, np.random.default_rng([20, 0])) for _ in range(2))
+    for one, other in zip(first, again, strict=True):
+        assert_array_equal(one.azimuth, other.azimuth)
+    assert (np.diff([len(scan) for scan in first]) == 0).all()
 
 
 # ---- Tables
