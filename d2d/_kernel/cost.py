@@ -29,7 +29,6 @@ from d2d._kernel.layout import (
     G0,
     G1,
     G2,
-    GATE,
     KIND,
     LANES,
     LENGTH,
@@ -59,14 +58,14 @@ from d2d._kernel.neighbours import bound_pairs, find_neighbours, moved
 from d2d._kernel.pairs import finish_inliers, load_block, sum_inliers
 from d2d._kernel.tiles import COLUMNS, FIRST_TILE, ROWS
 
-# How far the targets may move before their neighbours are looked for again: at least, in standard
-# deviations of their narrowest pairs, and at most, as a multiple of it.
-LEAST_MARGIN, MOST = 1.0, 2.0
+# How far the targets may move before their neighbours are looked for again: at most, as a multiple
+# of the margin that was asked for.
+MOST = 2.0
 
 
 @inlined
-def setting_of(pair, theta):
-    """A motion with the numbers of a pair."""
+def setting_of(pair, theta, gate):
+    """A motion with the numbers of a pair, and what may be left out of a target's density."""
     return Setting(
         theta[0],
         theta[1],
@@ -75,11 +74,12 @@ def setting_of(pair, theta):
         logarithm_chart(theta) if pair.in_twist else identity_chart(theta),
         pair.d2d,
         pair.planar,
+        gate,
     )
 
 
 @vectorised
-def limit_pairs(w, outlier, factors, order, first):
+def limit_pairs(w, outlier, factors, order, gate, first):
     """Set each target's LIMIT: the half squared distance beyond which no pair matters.
 
     Beyond it all its pairs together, with any measurement, vanish beside the outlier component,
@@ -89,7 +89,7 @@ def limit_pairs(w, outlier, factors, order, first):
     for k in range(LANES):
         w[LIMIT + k], w[OUTLIER_FLOOR + k] = np.inf, -np.inf
     if outlier[KIND] != NO_OUTLIER:
-        largest = GATE + outlier[LOG_INLIER_WEIGHT] - LOG_2PI + 1.0
+        largest = gate + outlier[LOG_INLIER_WEIGHT] - LOG_2PI + 1.0
         for k in range(lanes):
             w[OUTLIER_FLOOR + k] = w[OUTLIER + k] - 1.0
             w[LIMIT + k] = largest + log(w[PEAK + k]) - w[OUTLIER + k]
@@ -128,7 +128,7 @@ def evaluate_block(memory, pair, setting, first, margin, place):
     while True:
         if not known:
             bound_pairs(w, pair.extremes)
-            limit_pairs(w, outlier, factors, order, first)
+            limit_pairs(w, outlier, factors, order, setting.gate, first)
             find_neighbours(
                 w, fixed, pair.extremes, setting, margin, measured, memory.chosen, place
             )
@@ -165,9 +165,9 @@ def align_tops(w):
 
 
 @merged
-def evaluate_pair(pair, theta, fusion, work, places):
+def evaluate_pair(pair, theta, fusion, gate, margin, work, places):
     """Cost of one pair of sets at the motion theta; its derivatives to ``work``."""
-    setting = setting_of(pair, theta)
+    setting = setting_of(pair, theta, gate)
     memory, g, h = work.memory, work.gradient, work.hessian
     w = memory.scratch
     for k in range(10 * LANES):
@@ -175,7 +175,7 @@ def evaluate_pair(pair, theta, fusion, work, places):
     for k in range(LANES):
         w[TOP + k] = -np.inf
     for first in range(0, pair.moving.shape[1], LANES):
-        evaluate_block(memory, pair, setting, first, LEAST_MARGIN, places[first // LANES])
+        evaluate_block(memory, pair, setting, first, margin, places[first // LANES])
         if fusion == LIKELIHOOD:
             fuse_likelihood(w)
         else:
@@ -260,7 +260,7 @@ def add_derivatives(work, chart, interval, g, h):
 
 
 @merged
-def evaluate(batch, problem, pair, theta, work, g, h):
+def evaluate(batch, problem, pair, theta, gate, margin, work, g, h):
     """Cost of a problem at theta, and the sum of its targets' inlier shares.
 
     The cost is the sum over the problem's pairs, of which ``pair`` is the first, and the prior's;
@@ -278,7 +278,8 @@ def evaluate(batch, problem, pair, theta, work, g, h):
             pair = pair_at(batch, number)
         chart = motion_chart(batch, number, theta)
         motion[0], motion[1], motion[2] = chart.x, chart.y, chart.phi
-        value += evaluate_pair(pair, motion, batch.fusion, work, work.memory.places[block:])
+        places = work.memory.places[block:]
+        value += evaluate_pair(pair, motion, batch.fusion, gate, margin, work, places)
         block += (pair.moving.shape[1] + LANES - 1) // LANES
         add_derivatives(work, chart, batch.intervals[number], g, h)
     for j in range(3):

@@ -6,6 +6,7 @@ from d2d._kernel.charts import exponential_chart, logarithm_chart, write_chart
 from d2d._kernel.compile import entry
 from d2d._kernel.cost import evaluate_block, motion_chart, pair_at, setting_of
 from d2d._kernel.layout import (
+    GATE,
     LANES,
     LENGTH,
     MAX_VARIANCE,
@@ -137,7 +138,7 @@ def target_batch(batch, thetas, rows, memory, values):
         for number in range(batch.first[b], batch.first[b + 1]):
             pair = pair_at(batch, number)
             chart = motion_chart(batch, number, thetas[b])
-            setting = setting_of(pair, (chart.x, chart.y, chart.phi))
+            setting = setting_of(pair, (chart.x, chart.y, chart.phi), GATE)
             targets = pair.moving.shape[1]
             for first in range(0, targets, LANES):
                 place[LENGTH] = NOT_FOUND

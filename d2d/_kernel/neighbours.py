@@ -1,10 +1,11 @@
 """Which components are near each target: lists that hold while the targets hardly move.
 
-A component is left out if it is certainly below ``exp(-GATE)`` of the target's sum: ``det(A +
+A component is left out if it is certainly below ``exp(-gate)`` of the target's sum: ``det(A +
 B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)`` (Minkowski) bounds what all pairs of a target can add up
 to for any rotation.  All pairs of a target that are left out together change its density by less
-than ``exp(-GATE)`` = 2e-16 of it.  How large the sum is shows only afterwards.  Nearly always it is
-as large as expected; where it is not, the cut-off is measured from the nearest component instead.
+than ``exp(-gate)`` of it: 2e-16, or more in the rough first steps of a descent.  How large the sum
+is shows only afterwards.  Nearly always it is as large as expected; where it is not, the cut-off is
+measured from the nearest component instead.
 
 The list of a block of targets stays in use from one step of a descent to the next (Verlet 1967).
 With the covariance S of a pair and the cut-off c, it holds all components with ``(d' S^-1 d)^(1/2)
@@ -34,7 +35,6 @@ from d2d._kernel.layout import (
     DENSE,
     DETERMINANT,
     FLOOR,
-    GATE,
     INDEX,
     LANES,
     LARGEST,
@@ -156,7 +156,7 @@ def measure(w, fixed, setting, margin):
         half = 0.5 * w[SQUARE + k] / w[DETERMINANT + k]
         farther = math.sqrt(2.0 * half) + margin
         ratio = w[PEAK + k] * math.sqrt(w[DETERMINANT + k]) / w[NEAREST + k]
-        w[CUT_OFF + k] = GATE + 0.5 * farther * farther + TURNED + log(ratio)
+        w[CUT_OFF + k] = setting.gate + 0.5 * farther * farther + TURNED + log(ratio)
         w[OFFSET + k] = ABOVE * half if half > FAR else 0.0
 
 
@@ -167,7 +167,7 @@ def limit(w, setting, spread, margin, measured, place):
     Without a nearest component, that is half a squared distance above which all pairs that are left
     out vanish beside a sum as large as is expected; LEAST_SUM is that sum.
     """
-    expected, least = GATE + EXPECTED + math.log(spread), math.exp(-EXPECTED) / spread
+    expected, least = setting.gate + EXPECTED + math.log(spread), math.exp(-EXPECTED) / spread
     for k in range(lane_count(w)):
         most = w[LIMIT + k]
         certain = measured | (most < expected + NEARLY)

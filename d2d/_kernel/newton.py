@@ -6,7 +6,7 @@ import numpy as np
 
 from d2d._kernel.compile import compiled, inlined, merged
 from d2d._kernel.cost import evaluate, pair_at
-from d2d._kernel.layout import MOTION, MOVING_SIZE, XX, YY, X, Y
+from d2d._kernel.layout import GATE, LIKELIHOOD, MOTION, MOVING_SIZE, ROUGH_GATE, XX, YY, X, Y
 from d2d._kernel.neighbours import forget_neighbours
 
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
@@ -14,6 +14,16 @@ from d2d._kernel.neighbours import forget_neighbours
 SINGULAR = 1e-8
 ROUNDING = 2e-15  # error of a cost, relative to its size plus the number of targets
 RESOLVED = 1e-8  # Newton decrement: 1e-4 standard deviations from the optimum
+
+# With a large fixed set the first steps are rough: less of a target's density counts, so that it
+# has half the neighbours.  They end where a step would gain less than NEAR of the cost, about 0.1
+# standard deviations from the optimum, or after MOST_ROUGH.  The sum, which is flat along valleys
+# that little can turn, has none.
+FEW = 64  # components, up to which no step is rough
+NEAR, MOST_ROUGH = 1e-2, 8
+# How far targets may move before their neighbours are looked for again, in standard deviations of
+# their narrowest pairs: they hardly move any more in the steps that follow rough ones.
+MARGIN, LAST_MARGIN = 1.0, 0.2
 
 
 @compiled
@@ -207,7 +217,7 @@ def newton_decrement(work, g, h):
 def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     """Newton's method in a trust region, in place; (value, converged, iterations, mean share).
 
-    A step is accepted only if it lowers the cost, so the result is never worse than the start.
+    A step is accepted only if it lowers the cost; only the one after rough steps always is.
     Converged means that the Hessian is positive definite and the Newton decrement g' H^-1 g, the
     squared distance to the optimum in estimated standard deviations, is below the tolerance.
 
@@ -225,15 +235,17 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     for j in range(3):
         trial[j] = theta[j]
     forget_neighbours(work.memory.places)
+    rough = batch.fusion == LIKELIHOOD and pair.fixed.shape[1] > FEW and max_iterations > MOST_ROUGH
+    gate, margin = ROUGH_GATE if rough else GATE, MARGIN
     # the start is the first trial: a second call of `evaluate` would be compiled a second time
     value, shares, decrement, decrease, norm = np.inf, 0.0, np.inf, np.inf, np.inf
     for tried in range(max_iterations + 1):
         trial_value, trial_shares = evaluate(
-            batch, problem, pair, trial, work, work.trial_gradient, work.trial_hessian
+            batch, problem, pair, trial, gate, margin, work, work.trial_gradient, work.trial_hessian
         )
         gain = value - trial_value
         better = gain > 0.0 or tried == 0
-        if not better and decrease <= ROUNDING * (abs(value) + targets):
+        if not better and not rough and decrease <= ROUNDING * (abs(value) + targets):
             after = newton_decrement(work, work.trial_gradient, work.trial_hessian)
             nearer = after < 0.25 * decrement < np.inf
             if decrement <= RESOLVED or not nearer:
@@ -253,7 +265,7 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
         if not math.isfinite(value):
             return value, False, tried, shares / targets
         decrement = newton_decrement(work, g, h)
-        if decrement <= tolerance:
+        if decrement <= tolerance and not rough:
             return value, True, tried, shares / targets
         if tried == max_iterations:
             break
@@ -265,4 +277,8 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
             norm = math.sqrt(inner_product(step, step, scale))
         for j in range(3):
             trial[j] = theta[j] + step[j]
+        if rough and (decrease <= NEAR or tried == MOST_ROUGH):
+            # the next cost is not to be compared with rough ones
+            rough, gate, margin, value = False, GATE, LAST_MARGIN, np.inf
+            forget_neighbours(work.memory.places)
     return value, False, max_iterations, shares / targets
