@@ -1,7 +1,6 @@
 """Pictures as SVG text.
 
-Coordinates are rounded to a tenth, so that a picture is the same text on every machine and a
-comparison of notebook outputs compares the picture too.
+Coordinates are rounded to a tenth: that is less than can be seen, and keeps a picture short.
 """
 
 from collections.abc import Iterable
