@@ -2,7 +2,8 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from functools import cached_property
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +17,7 @@ from d2d._checks import (
     check_positive_scalar,
 )
 from d2d._kernel import layout
-from d2d._lazy import Frozen, lazy
+from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
@@ -41,11 +42,12 @@ class UniformOutlier(Frozen):
     """
 
     density: float
+    _dimension: ClassVar[int | None] = None  # of the sets: any
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "density", check_positive_scalar("density", self.density))
 
-    @lazy
+    @cached_property
     def _packed(self) -> Array:
         return np.array([layout.UNIFORM, 0.0, math.log(self.density), 0.0, 0.0, 0.0])
 
@@ -74,9 +76,13 @@ class CorruptedGaussian(Frozen):
             )
         self._keep("covariance", matrix)
 
-    @lazy
+    @property
+    def _dimension(self) -> int:
+        return len(self.covariance)
+
+    @cached_property
     def _packed(self) -> Array:
-        dimension = len(self.covariance)
+        dimension = self._dimension
         precision = np.zeros((2, 2))
         precision[:dimension, :dimension] = np.linalg.inv(self.covariance)
         norm = 0.5 * np.linalg.slogdet(2.0 * math.pi * self.covariance)[1]
@@ -206,13 +212,12 @@ class RegistrationCost:
     def form(self, dimension: int) -> CostForm:
         """The cost as the kernel reads it, for sets of this dimension."""
         outlier = _NO_OUTLIER if self.outlier is None else self.outlier._packed
-        if isinstance(self.outlier, CorruptedGaussian):
-            size = len(self.outlier.covariance)
-            if size != dimension:
-                raise ValueError(
-                    f"the outlier covariance must be {dimension} x {dimension} to match the point "
-                    f"sets, but is {size} x {size}"
-                )
+        size = None if self.outlier is None else self.outlier._dimension
+        if size not in (None, dimension):
+            raise ValueError(
+                f"the outlier covariance must be {dimension} x {dimension} to match the point "
+                f"sets, but is {size} x {size}"
+            )
         return CostForm(self.metric == "d2d", _FUSIONS[self.fusion], outlier)
 
     def _bound(

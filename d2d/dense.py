@@ -38,9 +38,9 @@ def pair_up(shifted: Array, turned: Array, spread: Array, slope: Array, fixed: P
     ``spread`` (B, K, N, D, D) is S and ``slope`` (B, K, D, D) is C_phi.
     """
     d = shifted[:, :, None] - fixed.means[:, None]
-    b, determinant = inverse_of(spread)
+    b = np.asarray(np.linalg.inv(spread), dtype=np.float64)
     u = (b @ d[..., None])[..., 0]
-    log_det = np.log((2.0 * math.pi) ** d.shape[-1] * determinant)
+    log_det = np.linalg.slogdet(2.0 * math.pi * spread)[1]
     log = np.log(fixed.weights)[:, None] - 0.5 * ((d * u).sum(axis=-1) + log_det)
     if d.shape[-1] == 1:
         return Pairs(log, -u, u, b)
@@ -56,18 +56,6 @@ def pair_up(shifted: Array, turned: Array, spread: Array, slope: Array, fixed: P
         u,
         np.concatenate([b, turning], axis=-2),
     )
-
-
-def inverse_of(matrices: Array) -> tuple[Array, Array]:
-    """Inverses and determinants of symmetric matrices (..., D, D) with D = 1 or 2."""
-    if matrices.shape[-1] == 1:
-        return 1.0 / matrices, matrices[..., 0, 0]
-    xx, xy, yy = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 1]
-    determinant = xx * yy - xy * xy
-    inverse = np.empty(matrices.shape)
-    inverse[..., 0, 0], inverse[..., 1, 1] = yy / determinant, xx / determinant
-    inverse[..., 0, 1] = inverse[..., 1, 0] = -xy / determinant
-    return inverse, determinant
 
 
 def components(

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from d2d import rigid
-from d2d._kernel.pairs import FAR
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
@@ -18,7 +17,7 @@ from d2d.point_set import PointSet
 def is_far(fixed: PointSet, moving: PointSet, measurement: LinearMeasurement | None) -> bool:
     """Whether two sets are to be shifted; with a measurement, the origin is where it was made."""
     planar = fixed.dimension == moving.dimension == 2
-    return planar and measurement is None and (fixed._is_far or moving._is_far)
+    return planar and measurement is None and bool(fixed._is_far.any() or moving._is_far.any())
 
 
 class Frame(NamedTuple):
@@ -73,12 +72,8 @@ class Frame(NamedTuple):
 
 
 def _origin_if_far(points: PointSet) -> Array:
-    """The mean (..., 2) of each set that is far (`d2d._kernel.pairs.is_far`), else zero."""
-    mean = points.means.mean(axis=-2)
-    spread = ((points.means - mean[..., None, :]) ** 2).sum(axis=-1)
-    square = (spread + np.trace(points.covariances, axis1=-2, axis2=-1)).mean(axis=-1)
-    far = (mean**2).sum(axis=-1) > FAR**2 * square
-    return np.where(far[..., None], mean, 0.0)
+    """The mean (..., 2) of each set that is far, else zero."""
+    return np.where(points._is_far[..., None], points.means.mean(axis=-2), 0.0)
 
 
 def _about(points: PointSet, origin: Array) -> PointSet:

@@ -1,6 +1,7 @@
 """A scalar measurement of each moving target, in addition to its position."""
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,7 +9,7 @@ from numpy.typing import ArrayLike
 from d2d._bounds import SCALE
 from d2d._checks import broadcast_batches, check_finite, check_positive
 from d2d._kernel import layout
-from d2d._lazy import Frozen, lazy
+from d2d._lazy import Frozen
 from d2d._types import Array
 
 
@@ -122,7 +123,7 @@ class LinearMeasurement(Frozen):
             self.of_twist,
         )
 
-    @lazy
+    @cached_property
     def _packed(self) -> Array:
         """(B K, 9) array that the kernel reads, one row per target."""
         packed = np.zeros((*self.value.shape, 9))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from d2d._checks import (
 )
 from d2d._kernel import entries, layout, tiles
 from d2d._kernel.compile import read_only
-from d2d._lazy import Frozen, lazy
+from d2d._lazy import Frozen
 from d2d._types import Array, Index
 
 _TILED = 64  # targets, from which on the tiles of a corrupted Gaussian pay
@@ -227,8 +228,8 @@ class PointSet(Frozen):
         added = sigma[:, None, None] ** 2 * np.eye(self.dimension)
         return PointSet._of(self.means, self.covariances + added, self.weights)
 
-    @lazy
-    def _layout(self) -> tuple[Array, Array, bool]:
+    @cached_property
+    def _layout(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """The set as the kernel reads it, and what it needs to know of it before it begins."""
         size, dimension = self.means.shape[-2:]
         means = read_only(self.means, -1, size, dimension)
@@ -237,8 +238,9 @@ class PointSet(Frozen):
         count = len(means)
         packed = np.empty((count, 6, size))
         extremes = np.empty((count, 4))
-        far = entries.pack_targets(means, covariances, weights, packed, extremes)
-        return packed.ravel(), extremes, far
+        far = np.empty(count, dtype=np.bool_)
+        entries.pack_targets(means, covariances, weights, packed, extremes, far)
+        return packed.ravel(), extremes, far.reshape(self.batch_shape)
 
     @property
     def _packed(self) -> Array:
@@ -257,12 +259,12 @@ class PointSet(Frozen):
             self._fields[key] = tiles.tiles_of(self._packed.reshape(-1, 6, self.size), outlier)
         return self._fields[key]
 
-    @lazy
+    @cached_property
     def _fields(self) -> dict[bytes, tuple[Array, Array]]:
         """The tiles of all components asked for so far."""
         return {}
 
-    @lazy
+    @cached_property
     def _order(self) -> NDArray[np.int64]:
         """(B N,) order in which the kernel takes the targets of each set, see `order_targets`."""
         sets = self._packed.reshape(-1, 6, self.size)
@@ -276,8 +278,8 @@ class PointSet(Frozen):
         return self._layout[1]
 
     @property
-    def _is_far(self) -> bool:
-        """Whether a set is far from the origin, see `d2d.frame`."""
+    def _is_far(self) -> NDArray[np.bool_]:
+        """Which sets (...) are far from the origin, see `d2d.frame`."""
         return self._layout[2]
 
 

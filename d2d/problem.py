@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 from d2d import rigid
 from d2d._checks import broadcast_batches, check_instance
 from d2d._kernel import entries, layout, propagate, tiles
-from d2d._lazy import lazy
 from d2d._slices import run_in_slices
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
@@ -130,7 +130,7 @@ class Problem:
             batch = self._repeated(batch, batches, shape)
         return Bound(thetas.reshape(-1, 3), batch, shape)
 
-    @lazy
+    @cached_property
     def _layout(self) -> tuple[list[tuple[int, ...]], layout.Batch]:
         """The batch shapes of the sets of a single pair, and the layout of one problem."""
         rows, fixed_start, moving_start = [], 0, 0

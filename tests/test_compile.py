@@ -24,7 +24,7 @@ COUNT_HITS = """
 import numpy as np
 from d2d._kernel.entries import pack_targets
 sets = np.ones((1, 1, 2)), np.eye(2)[None, None], np.ones((1, 1))
-pack_targets(*sets, np.empty((1, 6, 1)), np.empty((1, 4)))
+pack_targets(*sets, np.empty((1, 6, 1)), np.empty((1, 4)), np.empty(1, bool))
 print(sum(pack_targets.stats.cache_hits.values()))
 """
 SHOW_BITS = """

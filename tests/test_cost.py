@@ -1,6 +1,7 @@
 """The cost's values and derivatives, against the plain formulas, and its invariances."""
 
 from itertools import product
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -8,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+import d2d
 from d2d import CorruptedGaussian, LinearMeasurement, PointSet, RegistrationCost
 from d2d import rigid as rigid_motion
+from d2d.cost import OutlierModel
 from tests.strategies import (
     FUSIONS,
     LAYOUTS,
@@ -315,3 +318,10 @@ def test_a_factor_on_all_weights_shifts_the_cost_by_a_constant():
 def test_corrupted_gaussian_takes_a_variance_in_one_dimension():
     """Breaks if a plain number is no longer a 1D covariance."""
     assert_array_equal(CorruptedGaussian(0.2, 9.0).covariance, [[9.0]])
+
+
+def test_the_tests_know_every_outlier_model():
+    """Breaks if a model is added whose values, derivatives and propagation no test looks at."""
+    known = {type(outlier_model(kind, 2)) for kind in OUTLIERS}
+    assert known == {type(None), *get_args(OutlierModel)}
+    assert {model.__name__ for model in get_args(OutlierModel)} <= set(d2d.__all__)

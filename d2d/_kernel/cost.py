@@ -165,8 +165,9 @@ def align_tops(w):
 
 
 @merged
-def evaluate_pair(pair, theta, fusion, gate, margin, work, places):
+def evaluate_pair(pair, theta, fusion, reach, work, places):
     """Cost of one pair of sets at the motion theta; its derivatives to ``work``."""
+    gate, margin = reach
     setting = setting_of(pair, theta, gate)
     memory, g, h = work.memory, work.gradient, work.hessian
     w = memory.scratch
@@ -260,7 +261,7 @@ def add_derivatives(work, chart, interval, g, h):
 
 
 @merged
-def evaluate(batch, problem, pair, theta, gate, margin, work, g, h):
+def evaluate(batch, problem, pair, theta, reach, work, g, h):
     """Cost of a problem at theta, and the sum of its targets' inlier shares.
 
     The cost is the sum over the problem's pairs, of which ``pair`` is the first, and the prior's;
@@ -279,7 +280,7 @@ def evaluate(batch, problem, pair, theta, gate, margin, work, g, h):
         chart = motion_chart(batch, number, theta)
         motion[0], motion[1], motion[2] = chart.x, chart.y, chart.phi
         places = work.memory.places[block:]
-        value += evaluate_pair(pair, motion, batch.fusion, gate, margin, work, places)
+        value += evaluate_pair(pair, motion, batch.fusion, reach, work, places)
         block += (pair.moving.shape[1] + LANES - 1) // LANES
         add_derivatives(work, chart, batch.intervals[number], g, h)
     for j in range(3):

@@ -70,12 +70,12 @@ def place_polar_targets(polar, direction, extent, origin, means, covariances):
 
 
 @entry
-def pack_targets(means, covariances, weights, packed, extremes):
-    """Pack sets (B, N, D), (B, N, D, D), (B, N) into (B, 6, N); whether any is far from the origin.
+def pack_targets(means, covariances, weights, packed, extremes, far):
+    """Pack sets (B, N, D), (B, N, D, D), (B, N) into (B, 6, N).
 
-    Fills also their bounds (B, 4), see `find_extremes`.
+    Fills also their bounds (B, 4), see `find_extremes`, and which sets are far (B,), see `is_far`.
     """
-    size, planar, far = means.shape[1], means.shape[2] == 2, False
+    size, planar = means.shape[1], means.shape[2] == 2
     for b in range(means.shape[0]):
         points = packed[b]
         for k in range(size):
@@ -88,8 +88,7 @@ def pack_targets(means, covariances, weights, packed, extremes):
                 points[Y, k] = points[XY, k] = 0.0
                 points[YY, k] = UNIT_DENSITY_VARIANCE
         find_extremes(points, extremes[b])
-        far |= is_far(points, 1.0 if planar else 0.0)
-    return far
+        far[b] = is_far(points, 1.0 if planar else 0.0)
 
 
 @entry

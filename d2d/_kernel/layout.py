@@ -31,7 +31,6 @@ UNIT_DENSITY_VARIANCE = 1.0 / (2.0 * math.pi)
 # Columns of the bounds of a fixed set, see `pairs.find_extremes`.
 TOTAL_WEIGHT, MEAN_ROOT, LEAST_ROOT, LEAST_VARIANCE = range(4)
 GATE = 36.0  # what is below exp(-GATE) = 2e-16 of something does not count beside it
-ROUGH_GATE = 6.0  # the same, for the first steps of a descent
 # A sum that is computed relative to its nearest component must not lose that component to rounding,
 # however far away it is.  So all passes compute the distance by one formula, the offset is a little
 # larger than it, and exponents above MAX_EXPONENT are cut off.

@@ -6,7 +6,7 @@ import numpy as np
 
 from d2d._kernel.compile import compiled, inlined, merged
 from d2d._kernel.cost import evaluate, pair_at
-from d2d._kernel.layout import GATE, LIKELIHOOD, MOTION, MOVING_SIZE, ROUGH_GATE, XX, YY, X, Y
+from d2d._kernel.layout import GATE, LIKELIHOOD, MOTION, MOVING_SIZE, XX, YY, X, Y
 from d2d._kernel.neighbours import forget_neighbours
 
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
@@ -21,9 +21,10 @@ RESOLVED = 1e-8  # Newton decrement: 1e-4 standard deviations from the optimum
 # that little can turn, has none.
 FEW = 64  # components, up to which no step is rough
 NEAR, MOST_ROUGH = 1e-2, 8
-# How far targets may move before their neighbours are looked for again, in standard deviations of
-# their narrowest pairs: they hardly move any more in the steps that follow rough ones.
-MARGIN, LAST_MARGIN = 1.0, 0.2
+# What is below exp(-gate) of a target's density does not count in a step; and how far targets may
+# move before their neighbours are looked for again, in standard deviations of their narrowest
+# pairs: they hardly move any more in the steps that follow rough ones.
+ROUGH, EXACT, LAST = (6.0, 1.0), (GATE, 1.0), (GATE, 0.2)
 
 
 @compiled
@@ -236,12 +237,12 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
         trial[j] = theta[j]
     forget_neighbours(work.memory.places)
     rough = batch.fusion == LIKELIHOOD and pair.fixed.shape[1] > FEW and max_iterations > MOST_ROUGH
-    gate, margin = ROUGH_GATE if rough else GATE, MARGIN
+    reach = ROUGH if rough else EXACT
     # the start is the first trial: a second call of `evaluate` would be compiled a second time
     value, shares, decrement, decrease, norm = np.inf, 0.0, np.inf, np.inf, np.inf
     for tried in range(max_iterations + 1):
         trial_value, trial_shares = evaluate(
-            batch, problem, pair, trial, gate, margin, work, work.trial_gradient, work.trial_hessian
+            batch, problem, pair, trial, reach, work, work.trial_gradient, work.trial_hessian
         )
         gain = value - trial_value
         better = gain > 0.0 or tried == 0
@@ -279,6 +280,6 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
             trial[j] = theta[j] + step[j]
         if rough and (decrease <= NEAR or tried == MOST_ROUGH):
             # the next cost is not to be compared with rough ones
-            rough, gate, margin, value = False, GATE, LAST_MARGIN, np.inf
+            rough, reach, value = False, LAST, np.inf
             forget_neighbours(work.memory.places)
     return value, False, max_iterations, shares / targets

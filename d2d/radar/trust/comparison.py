@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 import scipy
 
 from d2d._checks import check_instance
-from d2d._lazy import Frozen, lazy
+from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.bootstrap import block_bootstrap, block_length
 from d2d.credibility import Credibility, credibility
@@ -110,17 +111,17 @@ class Comparison(Frozen):
         """
         return credibility(self.errors, self.covariances)
 
-    @lazy
+    @cached_property
     def whitened(self) -> Whitened:
         """The whitened errors of omega, of v_y given omega, and of v_x given both."""
         return whiten(self.errors, self.covariances, (2, 1, 0))
 
-    @lazy
+    @cached_property
     def measures(self) -> Measures:
         """All measures: means over the estimates, or roots of means."""
         return _measures(self._columns.mean(axis=0))
 
-    @lazy
+    @cached_property
     def block(self) -> int:
         """Length of the bootstrap's blocks: the longest that the errors or the NEES need."""
         squares = (self.whitened.values**2).sum(axis=-1)
@@ -144,7 +145,7 @@ class Comparison(Frozen):
             )
         )
 
-    @lazy
+    @cached_property
     def _columns(self) -> Array:
         """Terms (n, 29) whose means over the estimates give `Measures`, in its order."""
         count, white = len(self.errors), self.whitened
@@ -163,7 +164,7 @@ class Comparison(Frozen):
             ]
         )
 
-    @lazy
+    @cached_property
     def _rows(self) -> list[tuple[str, list[str]]]:
         """The table: a label, and a cell for each direction and for all together."""
         both = self.measures, self.intervals()
