@@ -334,11 +334,20 @@ def displacement_rows(drives: Sequence[Drive]) -> Iterator[tuple[str, ...]]:
             f"{away:.2f}",
             f"{turned:.2f}",
             f"{judged.anees:.2f}",
+            by_drive([displacements([each], span) for each in driven]),
             f"{inside:.0%}",
         )
 
 
-SPAN_HEAD = ("over", "spans", "error, m", "error, °", "ANEES", "inside 95 %")
+def by_drive(drives: Sequence[tuple[Array, Array]]) -> str:
+    """The ANEES of each drive: both of two, the least and the largest of more."""
+    found = [credibility(*each).anees for each in drives if len(each[0]) >= FEWEST // 2]
+    if len(found) <= 2:
+        return " / ".join(f"{anees:.2f}" for anees in found) or "–"
+    return f"{min(found):.2f} to {max(found):.2f}"
+
+
+SPAN_HEAD = ("over", "spans", "error, m", "error, °", "ANEES", "by drive", "inside 95 %")
 
 
 def caption(title: str, drives: Sequence[Drive]) -> str:

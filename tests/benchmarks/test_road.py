@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from benchmarks.road import LENGTH, Drive, by_doppler, by_points, displacements, drift, held, run
+from benchmarks.road import (
+    LENGTH,
+    Drive,
+    by_doppler,
+    by_drive,
+    by_points,
+    displacements,
+    drift,
+    held,
+    run,
+)
 from d2d import CorruptedGaussian, RegistrationCost, register, rigid
 from d2d.radar import Mounting, Track, simulate_drive
 from d2d.radar.tracks.rounds import rounds_of
@@ -72,3 +82,12 @@ def test_merged_static_points_of_two_radars_give_the_velocity():
         errors = run(method, rounds)[0] - truth
         rmse = np.sqrt(np.nanmean(errors**2, axis=0))
         assert (rmse < [0.2, 0.3, np.deg2rad(2.0)]).all()
+
+
+def test_drives_are_judged_one_by_one():
+    """Breaks if a drive that is too sure hides one that is too unsure."""
+    unit = np.tile(np.eye(3), (10, 1, 1))
+    sure, unsure = (np.full((10, 3), 2.0), unit), (np.full((10, 3), 0.5), unit)
+    assert by_drive([sure, unsure]) == "4.00 / 0.25"
+    assert by_drive([sure, unsure, unsure]) == "0.25 to 4.00"
+    assert by_drive([(sure[0][:2], unit[:2])]) == "–"
