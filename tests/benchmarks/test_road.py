@@ -86,8 +86,8 @@ def test_merged_static_points_of_two_radars_give_the_velocity():
 
 def test_drives_are_judged_one_by_one():
     """Breaks if a drive that is too sure hides one that is too unsure."""
-    unit = np.tile(np.eye(3), (10, 1, 1))
-    sure, unsure = (np.full((10, 3), 2.0), unit), (np.full((10, 3), 0.5), unit)
+    axes, unit = np.sqrt(3.0) * np.tile(np.eye(3), (4, 1)), np.tile(np.eye(3), (12, 1, 1))
+    sure, unsure = (2.0 * axes, unit), (0.5 * axes, unit)
     assert by_drive([sure, unsure]) == "4.00 / 0.25"
     assert by_drive([sure, unsure, unsure]) == "0.25 to 4.00"
     assert by_drive([(sure[0][:2], unit[:2])]) == "–"
