@@ -73,7 +73,7 @@ def spread(cost, spacing):
 
 def path(iterations):
     """A path of an optimiser that does not arrive."""
-    return SimpleNamespace(points=np.zeros((iterations + 1, 3)), costs=[1.0], converged=False)
+    return SimpleNamespace(costs=[1.0], evaluations=iterations, converged=False)
 
 
 def evaluated(scenario, cost, start="truth", runs=200):
