@@ -9,6 +9,8 @@ document.addEventListener("DOMContentLoaded", () => {
   switchCode();
   foldParts();
   markLaboratories();
+  showEntry();
+  fitFormulas();
   window.addEventListener("hashchange", openPanel);
 });
 
@@ -88,15 +90,48 @@ function foldParts() {
   }
 }
 
+/** The entry of this page is in view, wherever the sidebar was scrolled to on the last one. */
+function showEntry() {
+  const sidebar = document.querySelector(".bd-sidebar-primary");
+  const entry = sidebar?.querySelector("li.current.active > a");
+  if (!entry) return;
+  window.addEventListener("load", () => { // the theme scrolls before
+    const [box, frame] = [entry, sidebar].map((each) => each.getBoundingClientRect());
+    if (box.top < frame.top || box.bottom > frame.bottom) sidebar.scrollTop += box.top - frame.top - frame.height / 2;
+  });
+}
+
+/** On a phone a formula is as large as those in the text, or as wide as the page. */
+function fitFormulas() {
+  const narrow = window.matchMedia("(max-width: 700px)");
+  const sizes = new Map(); // as MathJax sets them
+  function fit() {
+    for (const formula of document.querySelectorAll("article div.math > mjx-container[display]")) {
+      if (!sizes.has(formula)) sizes.set(formula, formula.style.fontSize);
+      formula.style.fontSize = sizes.get(formula);
+      formula.classList.toggle("fitted", narrow.matches && formula.clientWidth > 0); // it may be folded away
+      const share = formula.clientWidth / formula.scrollWidth;
+      if (share < 1) formula.style.fontSize = `${0.99 * share * parseFloat(sizes.get(formula))}%`;
+    }
+  }
+  window.MathJax?.startup?.promise?.then(fit);
+  window.addEventListener("resize", fit);
+  document.addEventListener("toggle", fit, true);
+  document.addEventListener("change", fit); // another tab
+}
+
 /** An entry of the sidebar says that its page has a laboratory. */
 function markLaboratories() {
   const root = document.documentElement.dataset.content_root;
   const addresses = new Set(LABORATORIES.map((page) => new URL(`${root}${page}.html`, location).pathname));
   for (const link of document.querySelectorAll(".bd-sidebar-primary li > a")) {
     if (!addresses.has(link.pathname)) continue;
-    const mark = document.createElement("span");
-    link.lastChild.textContent = link.lastChild.textContent.trimEnd();
-    link.append("\u00a0", mark); // on the line of the last word
+    const words = link.lastChild.textContent.trimEnd();
+    const [last, mark] = [document.createElement("span"), document.createElement("span")];
+    last.className = "last-word"; // which takes the mark along to the next line
+    last.append(words.slice(words.lastIndexOf(" ") + 1), "\u00a0", mark);
+    link.lastChild.textContent = words.slice(0, words.lastIndexOf(" ") + 1);
+    link.append(last);
     mark.className = "has-laboratory";
     mark.title = "has a laboratory";
     mark.role = "img";
