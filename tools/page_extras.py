@@ -1,7 +1,8 @@
 """A Sphinx extension that adds to each page what the theme lacks.
 
-Each page gets a description, and loads only the parts of MathJax and the icons that are used; the
-tests that a page names are links to their source; there is a page for addresses that do not exist.
+Each page gets a description, and loads only the parts of MathJax and the icons that are used; what
+it asks of its readers is marked; the tests that a page names are links to their source; there is a
+page for addresses that do not exist.
 """
 
 from __future__ import annotations
@@ -97,6 +98,14 @@ def load_formulas(
     ]
 
 
+def mark_needs(app: Any, document: nodes.document) -> None:
+    """Mark the paragraph in italics below the first, which says what a page asks of its readers."""
+    for section in document.findall(nodes.section):
+        below = section.children[2:3] if section.parent is document else []
+        if below and [type(part) for part in below[0].children] == [nodes.emphasis]:
+            below[0]["classes"].append("needs")
+
+
 def lost_page(app: Any) -> Iterator[tuple[str, dict[str, Any], str]]:
     """The page that a server shows for an address that does not exist."""
     yield "404", {"title": "Not found", "body": LOST, "metatags": LOST_BASE}, "page.html"
@@ -156,6 +165,7 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("html-page-context", load_formulas, priority=900)
     app.connect("html-collect-pages", lost_page)
     app.connect("html-collect-pages", named_tests)
+    app.connect("doctree-read", mark_needs)
     app.connect("doctree-resolved", link_tests)
     app.connect("build-finished", cut_icons)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

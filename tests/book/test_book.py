@@ -359,6 +359,39 @@ def test_in_the_dark_figures_are_light_and_maps_stay(resized: webdriver.Chrome, 
     assert dark == light
 
 
+def test_the_first_screen_of_a_page_shows_a_picture(resized: webdriver.Chrome, address: str):
+    """Breaks if a page that is read opens with text alone, on a desk or on a phone."""
+    tops = """
+        const pictures = document.querySelectorAll("article :is(figure > img, .lab, .ledger-map)");
+        return [...pictures].map((each) => each.getBoundingClientRect()).filter((box) => box.height)
+            .map((box) => Math.round(box.top + scrollY));
+    """
+    late = []
+    for page in (page for page in PAGES if re.match(r"intro|chapters/(\d\d|w|your|claims)", page)):
+        resized.get(f"{address}{page}.html")
+        for width in (browser.WIDE, browser.NARROW):
+            browser.resize(resized, width)
+            first = min(resized.execute_script(tops), default=None)
+            if first is None or first > 800:  # of 850 on a phone
+                late.append(f"{page}, {width} px: {first}")
+    assert late == []
+
+
+def test_what_a_page_needs_stands_beside_what_it_says(resized: webdriver.Chrome, address: str):
+    """Breaks if the note pushes the first picture down, or lies on the text or a caption."""
+    boxes = """
+        const note = document.querySelector("article p.needs");
+        return [note.previousElementSibling, note].map((each) => each.getBoundingClientRect());
+    """
+    browser.resize(resized, browser.WIDE)
+    for page in ("01_motivation", "10_credibility_2d", "your_own_radar"):
+        resized.get(f"{address}chapters/{page}.html")
+        said, note = resized.execute_script(boxes)
+        assert note["top"] == said["top"]
+        assert note["bottom"] < said["bottom"]
+        assert note["left"] > said["right"]
+
+
 def test_formulas_on_a_phone_are_as_large_as_the_text(resized: webdriver.Chrome, address: str):
     """Breaks if a formula on a line of its own is smaller than it need be, or is cut."""
     browser.resize(resized, browser.NARROW)

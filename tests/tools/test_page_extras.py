@@ -13,6 +13,7 @@ from tools.page_extras import (
     PRELOADED,
     icons_of,
     link_tests,
+    mark_needs,
     named_tests,
     summary,
     without_unused,
@@ -97,3 +98,15 @@ def test_a_test_that_a_page_names_is_a_link_to_its_source(tmp_path):
     assert address == f"../{name}.html"
     after = context["body"].split(f'id="{place}"')[1]
     assert after.index("def test_the_nci_has_no_sign") < after.index("<h2")
+
+
+def test_what_a_page_needs_is_marked_and_no_other_paragraph():
+    """Breaks if a question in italics goes to the margin, or what a page needs stays in the way."""
+    title = "A page\n======\n\nIt says this.\n\n"
+    below = "\n\nMore.\n\nA part\n------\n\nThis.\n\n*But why?*\n"
+    marked = {"*Ten minutes.*": ["*Ten minutes.*"], "*Why?* And how.": [], "- *one*": []}
+    for second, expected in marked.items():
+        document = publish_doctree(title + second + below, settings_overrides={"doctitle_xform": 0})
+        mark_needs(SimpleNamespace(), document)
+        needs = [p.rawsource for p in document.findall(nodes.paragraph) if "needs" in p["classes"]]
+        assert needs == expected
