@@ -1,22 +1,36 @@
 """A Sphinx extension that keeps together what a line should not divide.
 
 A number and its unit, the digits of a number, "Fig." and its number; and a formula in the text and
-the punctuation or bracket beside it, which browsers would set on a line of its own.
+the punctuation or bracket beside it, which browsers would set on a line of its own.  The tables of
+Markdown are printed as those that cells make.
 """
 
 from __future__ import annotations
 
 import re
+from html import escape
 from typing import Any
 
 from docutils import nodes
 from sphinx.transforms.post_transforms import SphinxPostTransform
 
-from d2d.study.book.typography import unbroken
+from d2d.study.book.typography import UNIT, typeset, unbroken
 
 CLASS = "unbroken"
 BEFORE = re.compile(r"[(\[]+$")
+OF_COLUMN = re.compile(rf", (°|{UNIT})$")
 AFTER = re.compile(r"^(?:[.,;:!?)\]]|’s?)+")
+
+
+def print_tables(document: nodes.document) -> None:
+    """Set numbers, indices and units in tables as print does: "−6.86", "12 %", "error (m)"."""
+    for entry in document.findall(nodes.entry):
+        head = isinstance(entry.parent.parent, nodes.thead)
+        for text in list(entry.findall(nodes.Text)):
+            if isinstance(text.parent, nodes.paragraph | nodes.strong | nodes.emphasis):
+                said = OF_COLUMN.sub(r" (\1)", text.astext()) if head else text.astext()
+                if (printed := typeset(said)) != escape(text.astext(), quote=False):
+                    text.parent.replace(text, nodes.raw("", printed, format="html"))
 
 
 def keep_units(document: nodes.document) -> None:
@@ -65,6 +79,7 @@ class UnbrokenLines(SphinxPostTransform):
 
     def run(self, **kwargs: Any) -> None:
         """Keep together what belongs together."""
+        print_tables(self.document)
         keep_units(self.document)
         keep_punctuation(self.document)
 

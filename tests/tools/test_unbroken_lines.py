@@ -3,7 +3,7 @@
 from docutils import nodes
 from docutils.utils import new_document
 
-from tools.unbroken_lines import CLASS, keep_punctuation, keep_units
+from tools.unbroken_lines import CLASS, keep_punctuation, keep_units, print_tables
 
 
 def document(*children: nodes.Node) -> nodes.document:
@@ -33,3 +33,21 @@ def test_a_formula_among_words_is_left_alone():
     page = document(nodes.Text("with "), nodes.math("", "x"), nodes.Text(" and "), nodes.math())
     keep_punctuation(page)
     assert not list(page.findall(nodes.inline))
+
+
+def test_tables_are_printed_and_their_code_is_not():
+    """Breaks if Markdown's tables write -6.86 and 12% beside others that write −6.86 and 12 %."""
+    cells = [
+        nodes.Text("v_y, m/s"),
+        nodes.Text("-6.86"),
+        nodes.Text("12%"),
+        nodes.literal("", "-1"),
+    ]
+    entries = [nodes.entry("", nodes.paragraph("", "", cell)) for cell in cells]
+    head = nodes.thead("", nodes.row("", *entries[:2]))
+    body = nodes.tbody("", *(nodes.row("", entry) for entry in entries[2:]))
+    page = document(nodes.table("", nodes.tgroup("", head, body)), nodes.Text("At -6.86, m"))
+    print_tables(page)
+    printed = [node.astext() for node in page.findall(nodes.raw)]
+    assert printed == ["<i>v</i><sub>y</sub> (m/s)", "−6.86", "12\N{NO-BREAK SPACE}%"]
+    assert page.astext().endswith("-1At -6.86, m")

@@ -10,14 +10,14 @@ from html import escape
 
 NO_BREAK = "\N{NO-BREAK SPACE}"
 
-_UNIT = (
+UNIT = (
     r"%|°/[sm]|m²?/s²?|m²|mm/m|mm|cm|km|m|ms|µs|s|dB|rad(?:/s)?|"
     r"σ|[kMG]?Hz|[kM]B|minutes?|hours?"
 )
 _Rule = tuple[re.Pattern[str], str | Callable[[re.Match[str]], str]]
 
 _TOGETHER: tuple[_Rule, ...] = (
-    (re.compile(rf"(?<=\d) (?=(?:{_UNIT})(?![\w²³]))"), NO_BREAK),  # a number and its unit
+    (re.compile(rf"(?<=\d) (?=(?:{UNIT})(?![\w²³]))"), NO_BREAK),  # a number and its unit
     (re.compile(r"(?<=\d) (?=\d{3}(?!\d))"), NO_BREAK),  # groups of three digits
     (re.compile(r"(?<=\d) ± (?=\d)"), f"{NO_BREAK}±{NO_BREAK}"),
     (re.compile(r"(?<=^Fig\.) (?=\d)|(?<=^Table) (?=\d)"), NO_BREAK),
