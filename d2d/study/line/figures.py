@@ -62,14 +62,15 @@ def _write_letters(ax: Axes, places: Sequence[tuple[float, float, str]], span: f
     figure = ax.get_figure(root=True)
     width = 5.0 if figure is None else float(figure.get_figwidth())  # inches
     letter_width = _LETTER * span / (ax.get_position().width * width)
-    groups: list[list[tuple[float, float, str]]] = []
-    for place in sorted(places):
-        if groups:
-            x, _, word = _word(groups[-1])
-            if place[0] - x < 0.5 * (len(word) + 1.5) * letter_width:
-                groups[-1].append(place)
-                continue
-        groups.append([place])
+    groups = [[place] for place in sorted(places)]
+    i = 0
+    while i + 1 < len(groups):
+        (x, _, word), (next_x, _, next_word) = map(_word, groups[i : i + 2])
+        if next_x - x < 0.5 * (len(word) + len(next_word) + 0.5) * letter_width:
+            groups[i : i + 2] = [groups[i] + groups[i + 1]]
+            i = max(i - 1, 0)  # the longer word may touch the one before
+        else:
+            i += 1
     words = [_word(group) for group in groups]
     if sum(len(word) for *_, word in words) * letter_width > _FULL * span:
         return
