@@ -331,9 +331,9 @@ def over_drives(values: Sequence[Array]) -> tuple[Array, Array]:
 def told(values: Sequence[float], digits: int) -> str:
     """Two drives one beside the other, more as their mean with its interval."""
     if len(values) < 3:
-        return " / ".join(f"{value:.{digits}f}" for value in values)
+        return " / ".join(f"{np.round(value, digits) + 0.0:.{digits}f}" for value in values)
     mean, half = over_drives([np.asarray(value) for value in values])
-    return f"{mean:.{digits}f} (±{half:.{digits}f})"
+    return f"{np.round(mean, digits) + 0.0:.{digits}f} (±{half:.{digits}f})"
 
 
 def by_cell(
