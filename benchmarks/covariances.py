@@ -27,6 +27,7 @@ QUIETEST = 0.01  # of the usual spread: what repeats itself is not known without
 STARTS = (5.0, 0.2), (1.0, 0.8)
 POWERS = np.linspace(0.0, 1.5, 31)  # of the recent spread
 CAUSES = "azimuth", "doppler", "scale", "lag"  # of an error budget
+NEIGHBOURS = "neighbours"
 
 
 class Estimates(NamedTuple):
@@ -111,20 +112,27 @@ def with_constants(stated: Callable[[Estimates], Array]) -> Model:
     return Model(fit, covariances)
 
 
-def budgeted() -> Model:
-    """The propagated noise, the carry, and the causes of a budget as `fit_budget` finds them."""
+def budgeted(without: str = "") -> Model:
+    """The propagated noise, the carry, and the causes of a budget as `fit_budget` finds them.
 
-    def without(own: Estimates) -> Array:
-        return np.asarray(own.noise + own.dependence + own.carry)
+    One cause may be left out, or the dependence of neighbours.
+    """
+    names = [name for name in CAUSES if name != without]
+    places = [CAUSES.index(name) for name in names]
+
+    def rest(own: Estimates) -> Array:
+        noise = own.noise if without == NEIGHBOURS else own.noise + own.dependence
+        return np.asarray(noise + own.carry)
 
     def fit(drives: Sequence[Estimates]) -> Parameters:
         own = joined(drives)
-        effects = dict(zip(CAUSES, own.effects.swapaxes(0, 1), strict=True))
-        found = fit_budget(own.errors, without(own), effects)
+        effects = dict(zip(names, own.effects[:, places].swapaxes(0, 1), strict=True))
+        found = fit_budget(own.errors, rest(own), effects)
         return {"causes": found.values, "sigmas": found.sigmas, "bounds": found.bounds}
 
     def covariances(parameters: Parameters, own: Estimates) -> Array:
-        return without(own) + np.einsum("p,npij->nij", parameters["causes"] ** 2, own.effects)
+        added = np.einsum("p,npij->nij", parameters["causes"] ** 2, own.effects[:, places])
+        return rest(own) + added
 
     return Model(fit, covariances)
 
@@ -232,3 +240,4 @@ MODELS = {
     BUDGET: budgeted(),
     "stored budget": as_it_is(lambda own: own.budget),
 }
+ABLATIONS = {f"without {each}": budgeted(each) for each in (*CAUSES, NEIGHBOURS)}  # of the budget

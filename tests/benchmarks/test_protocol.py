@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from benchmarks import protocol as module
 from benchmarks.covariances import (
+    ABLATIONS,
     BUDGET,
     CAUSES,
     CONSTANTS,
@@ -207,6 +208,12 @@ def test_the_covariances_are_what_their_names_say():
     causes = np.array([0.1, 0.0, 0.2, 0.0])
     added = 0.01 * own.effects[:, 0] + 0.04 * own.effects[:, 2]
     assert_allclose(stated(BUDGET, causes=causes), noise + carry + own.dependence + added)
+    for place, cause in enumerate(CAUSES):
+        kept = ABLATIONS[f"without {cause}"].covariances({"causes": np.delete(causes, place)}, own)
+        left = own.effects[:, place] * causes[place] ** 2
+        assert_allclose(kept, stated(BUDGET, causes=causes) - left, atol=1e-15)
+    kept = ABLATIONS["without neighbours"].covariances({"causes": causes}, own)
+    assert_allclose(kept, stated(BUDGET, causes=causes) - own.dependence, atol=1e-15)
     assert_allclose(stated("constant matrix", matrix=np.diag(SCALE)), [np.diag(SCALE)] * 30)
 
 
@@ -327,7 +334,7 @@ def test_the_tables_hold_every_model_in_every_cell(count):
     results = protocol(cells, bounds=count == 2)
     text = section("A data set", results, STATED)
     assert "nan" not in text
-    for name in (*MODELS, *cells, *names):
+    for name in (*MODELS, *ABLATIONS, *cells, *names):
         assert name in text
     assert ("±" in text.split("\n\n")[1]) == (count > 2)
     assert ("[" in text.split("**")[6]) == (count == 2)

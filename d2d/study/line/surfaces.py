@@ -77,17 +77,17 @@ def peaks(translations: Array, log_values: Array) -> Peaks:
 
 def basin_of_attraction(
     translations: Array, log_values: Array, start: float
-) -> tuple[Array, Array]:
-    """Edges (...) in m of the basin of attraction that holds ``start`` (m) on surfaces (..., T).
+) -> tuple[Array, Array, Array]:
+    """Where an ascent from ``start`` (m) ends on surfaces (..., T), and the basin it started in.
 
-    They are the minima beside the maximum that an ascent from there reaches, or the ends of the
-    grid. A level stretch counts as falling.
+    Returns the local maximum reached and both edges of its basin of attraction (...), in m: the
+    neighbouring minima, or the ends of the grid. A level stretch counts as falling.
     """
     rising = log_values[..., 1:] > log_values[..., :-1]  # from each sample to the next
     nearest = np.full(rising.shape[:-1], np.abs(translations - start).argmin())
     top = _after_previous(rising, _next(~rising, nearest))
     left, right = _after_previous(~rising, top), _next(rising, top)
-    return translations[left], translations[right]
+    return translations[top], translations[left], translations[right]
 
 
 def _next(condition: NDArray[np.bool_], start: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -109,6 +109,7 @@ class Survey(NamedTuple):
     optima: Array  # local maxima of the logarithm
     highest: Array  # m, where the highest is
     rival: Array  # height of the second over the highest, 0 where there is none
+    ascent: Array  # m, where an ascent from the true alignment ends
     basin_width: Array  # m, of the basin of attraction that holds the true alignment
 
     def right(self, truth: float, tolerance: float) -> float:
@@ -119,6 +120,6 @@ class Survey(NamedTuple):
 def survey(translations: Array, log_values: Array, truth: float) -> Survey:
     """Measure every surface (draws, T), given by its logarithm on a grid (T,)."""
     found = peaks(translations, log_values)
-    left, right = basin_of_attraction(translations, log_values, truth)
+    top, left, right = basin_of_attraction(translations, log_values, truth)
     optima = found.number.astype(np.float64)
-    return Survey(optima, found.positions[:, 0], np.exp(found.second_log_height), right - left)
+    return Survey(optima, found.positions[:, 0], np.exp(found.second_log_height), top, right - left)

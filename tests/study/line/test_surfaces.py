@@ -87,12 +87,14 @@ def test_the_second_peak_of_a_batch():
 
 def test_a_basin_reaches_from_valley_to_valley():
     """Breaks if an edge is missed: cos has maxima at 0 and 2 pi, and minima half way."""
-    for start, edges in ((1.0, [-np.pi, np.pi]), (4.0, [np.pi, 3 * np.pi])):
-        assert_allclose(basin_of_attraction(WIDE, np.cos(WIDE), start), edges, atol=0.011)
+    top, left, right = basin_of_attraction(WIDE, np.cos(WIDE), 1.0)
+    assert_allclose([top, left, right], [0.0, -np.pi, np.pi], atol=0.011)
+    top, left, right = basin_of_attraction(WIDE, np.cos(WIDE), 4.0)
+    assert_allclose([top, left, right], [2 * np.pi, np.pi, 3 * np.pi], atol=0.011)
 
 
 def walked_basin(values, start):
-    """Sample by sample: up from a start, and from the top down on either side."""
+    """Sample by sample: up from a start to the top, and from there down on either side."""
     top = start
     while top + 1 < len(values) and values[top + 1] > values[top]:
         top += 1
@@ -103,7 +105,7 @@ def walked_basin(values, start):
         left -= 1
     while right + 1 < len(values) and values[right + 1] <= values[right]:
         right += 1
-    return left, right
+    return top, left, right
 
 
 def test_basins_of_a_batch_are_those_of_each_surface():
@@ -122,6 +124,7 @@ def test_a_survey_counts_what_one_sees():
     found = survey(WIDE, np.stack([two, one]), 0.0)
     assert_array_equal(found.optima, [2, 1])
     assert_allclose(found.rival, [0.25, 0.0], rtol=1e-3)
+    assert_allclose(found.ascent, [0.0, 3.0], atol=0.011)
     assert found.right(0.0, 1.0) == 0.5
     assert_allclose(found.basin_width[1], 20.0)
 
