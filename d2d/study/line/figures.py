@@ -57,11 +57,13 @@ def _target_line(k: int, name: str) -> dict[str, Any]:
 def _write_letters(ax: Axes, places: Sequence[tuple[float, float, str]], span: float) -> None:
     """Letters above places (x, height, letter); where they would overprint, they form one word.
 
-    Where the words would fill the line, none is written: nobody could tell which is whose.
+    Where the letters would fill the line, none is written: nobody could tell which is whose.
     """
     figure = ax.get_figure(root=True)
     width = 5.0 if figure is None else float(figure.get_figwidth())  # inches
     letter_width = _LETTER * span / (ax.get_position().width * width)
+    if len(places) * letter_width > _FULL * span:
+        return
     groups = [[place] for place in sorted(places)]
     i = 0
     while i + 1 < len(groups):
@@ -71,10 +73,7 @@ def _write_letters(ax: Axes, places: Sequence[tuple[float, float, str]], span: f
             i = max(i - 1, 0)  # the longer word may touch the one before
         else:
             i += 1
-    words = [_word(group) for group in groups]
-    if sum(len(word) for *_, word in words) * letter_width > _FULL * span:
-        return
-    for x, height, word in words:
+    for x, height, word in map(_word, groups):
         ax.annotate(
             word,
             (x, height),
