@@ -169,10 +169,10 @@ class Hand:
         return [each for each in found if MATHJAX not in each]
 
     def ask(self, expression: str) -> Any:
-        """Something of the laboratory, once it is drawn."""
+        """Something of the laboratory, once it is drawn, for the window's new size, too."""
         script = """const [id, done] = arguments, lab = labs.all[id];
         const rest = () => (lab.waiting ? requestAnimationFrame(rest) : done(JSON.stringify(%s)));
-        requestAnimationFrame(rest);"""
+        requestAnimationFrame(() => requestAnimationFrame(rest));"""
         return json.loads(self.driver.execute_async_script(script % expression, self.lab.id))
 
     def find(self, selector: str) -> WebElement:
