@@ -106,13 +106,18 @@ function fitFormulas() {
   const narrow = window.matchMedia("(max-width: 700px)");
   const sizes = new Map(); // as MathJax sets them
   function fit() {
-    for (const formula of document.querySelectorAll("article div.math > mjx-container[display]")) {
-      if (!sizes.has(formula)) sizes.set(formula, formula.style.fontSize);
-      formula.style.fontSize = sizes.get(formula);
-      formula.classList.toggle("fitted", narrow.matches && formula.clientWidth > 0); // it may be folded away
-      const share = formula.clientWidth / formula.scrollWidth;
-      if (share < 1) formula.style.fontSize = `${0.99 * share * parseFloat(sizes.get(formula))}%`;
+    const formulas = [...document.querySelectorAll("article div.math > mjx-container[display]")];
+    if (!narrow.matches && !formulas.some((each) => each.classList.contains("fitted"))) return;
+    for (const each of formulas) {
+      if (!sizes.has(each)) sizes.set(each, each.style.fontSize);
+      each.style.fontSize = sizes.get(each);
     }
+    const shown = formulas.map((each) => narrow.matches && each.clientWidth > 0); // it may be folded away
+    formulas.forEach((each, i) => each.classList.toggle("fitted", shown[i]));
+    const shares = formulas.map((each, i) => (shown[i] ? each.clientWidth / each.scrollWidth : 1));
+    formulas.forEach((each, i) => {
+      if (shares[i] < 1) each.style.fontSize = `${0.99 * shares[i] * parseFloat(sizes.get(each))}%`;
+    });
   }
   window.MathJax?.startup?.promise?.then(fit);
   window.addEventListener("resize", fit);
