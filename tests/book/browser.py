@@ -36,7 +36,7 @@ FLAGS = (
 )
 WIDE, TABLET, NARROW = 1400, 1100, 400  # px: a desk, a tablet and a phone
 THEMES = ("light", "dark")
-LEGIBLE = 0.64  # of the size in which labels of 9 pt were drawn: nearly 9 px
+LEGIBLE = 0.655  # of the size in which labels of 9 pt were drawn: 9 px
 FEW = 7  # columns of a table that a phone shows whole
 SMALLEST = 11  # px of a word in a drawing, on a phone
 CONTRAST = 4.5  # WCAG 2.1, level AA
