@@ -1,8 +1,8 @@
 """A Sphinx extension that adds to each page what the theme lacks.
 
 Each page gets a description, and loads only the parts of MathJax and the icons that are used; what
-it asks of its readers is marked; the tests that a page names are links to their source; there is a
-page for addresses that do not exist.
+it asks of its readers is marked, and its first picture stands at its top; the tests that a page
+names are links to their source; there is a page for addresses that do not exist.
 """
 
 from __future__ import annotations
@@ -106,6 +106,16 @@ def mark_needs(app: Any, document: nodes.document) -> None:
             below[0]["classes"].append("needs")
 
 
+def open_with_figure(app: Any, document: nodes.document) -> None:
+    """Put the figure of a cell tagged ``opening`` before the first part, wherever it is drawn."""
+    for cell in list(document.findall(nodes.container)):
+        if "tag_opening" in cell["classes"]:
+            page = document.next_node(nodes.section)
+            first = page.next_node(nodes.section)
+            cell.parent.remove(cell)
+            page.insert(page.index(first), cell)
+
+
 def lost_page(app: Any) -> Iterator[tuple[str, dict[str, Any], str]]:
     """The page that a server shows for an address that does not exist."""
     yield "404", {"title": "Not found", "body": LOST, "metatags": LOST_BASE}, "page.html"
@@ -166,6 +176,7 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("html-collect-pages", lost_page)
     app.connect("html-collect-pages", named_tests)
     app.connect("doctree-read", mark_needs)
+    app.connect("doctree-read", open_with_figure, priority=600)  # with both forms (two_forms.py)
     app.connect("doctree-resolved", link_tests)
     app.connect("build-finished", cut_icons)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -15,6 +15,7 @@ from tools.page_extras import (
     link_tests,
     mark_needs,
     named_tests,
+    open_with_figure,
     summary,
     without_unused,
 )
@@ -110,3 +111,17 @@ def test_what_a_page_needs_is_marked_and_no_other_paragraph():
         mark_needs(SimpleNamespace(), document)
         needs = [p.rawsource for p in document.findall(nodes.paragraph) if "needs" in p["classes"]]
         assert needs == expected
+
+
+def test_a_figure_that_opens_a_page_stands_before_its_parts():
+    """Breaks if the picture stays with the cell that draws it, or another one moves."""
+    title = "A page\n======\n\nIt says this.\n\n"
+    parts = "One part\n--------\n\n.. container:: cell\n\n   one\n\n"
+    parts += parts.replace("One", "Other").replace("---", "-----").replace("one", "other")
+    document = publish_doctree(title + parts, settings_overrides={"doctitle_xform": 0})
+    *_, cell = document.findall(nodes.container)
+    cell["classes"].append("tag_opening")
+    open_with_figure(SimpleNamespace(), document)
+    shown = [type(part) for part in document.next_node(nodes.section)]
+    assert shown == [nodes.title, nodes.paragraph, nodes.container, nodes.section, nodes.section]
+    assert document.next_node(nodes.container) is cell
