@@ -28,7 +28,7 @@ from d2d.study.book.grammar import (
     mark_truth,
 )
 from d2d.study.book.grammar import COSTS as LOOKS
-from d2d.study.book.style import label_planar_axes, letter_panels
+from d2d.study.book.style import PAGE, label_planar_axes, letter_panels
 from d2d.study.plane.evaluation import COSTS, distance_and_rotation, evaluated
 from d2d.study.plane.optima import rotation_profile, translation_surface
 from d2d.study.plane.scenarios import Scenario
@@ -95,20 +95,24 @@ def error_panels(scenario: Scenario, names: Sequence[str]) -> None:
 
 
 def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
-    """Errors of the first 200 runs over bands of three stated sigmas, a column per cost."""
-    _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=(5.0, 5.2))
+    """Errors of the first 200 runs over bands of three stated sigmas, a column per cost.
+
+    There are two figures: for a phone, and as wide as the page.
+    """
     results = [evaluated(scenario, COSTS[name]) for name in names]
     sigmas = [
         np.sqrt(np.diagonal(r.covariances, axis1=1, axis2=2)) * IN_LABEL_UNITS for r in results
     ]
     limits = 4.5 * np.max([np.nanmedian(s, axis=0) for s in sigmas], axis=0)
-    for column, result, sigma in zip(axes.T, results, sigmas, strict=True):
-        errors = result.errors[:200] * IN_LABEL_UNITS
-        for k, ax in enumerate(column):
-            ax.set_ylim(-limits[k], limits[k])
-            error_bands(ax, np.arange(200.0), errors[:, k], sigma[:200, k], *LABELS[k])
-        column[2].set_xlabel("run")
-    _head_columns(axes, names)
+    for size in ((5.0, 5.2), (PAGE, 4.2)):
+        _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=size)
+        for column, result, sigma in zip(axes.T, results, sigmas, strict=True):
+            errors = result.errors[:200] * IN_LABEL_UNITS
+            for k, ax in enumerate(column):
+                ax.set_ylim(-limits[k], limits[k])
+                error_bands(ax, np.arange(200.0), errors[:, k], sigma[:200, k], *LABELS[k])
+            column[2].set_xlabel("run")
+        _head_columns(axes, names)
 
 
 def credibility_columns(scenario: Scenario, names: Sequence[str]) -> None:
