@@ -8,6 +8,7 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 from d2d.study.book.grammar import BLACK, COVARIANCES, OTHERS, TRUTH, covariance_marks
+from d2d.study.book.style import PAGE
 from d2d.study.book.table import Column, Table, table
 from d2d.study.drives.errors import NAMES, UNITS
 
@@ -49,9 +50,10 @@ def error_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> T
     return table(rows, columns, caption, groups={"RMSE": 3, "mean error": 3, "": 1})
 
 
-def draw_scores(judged: Mapping[str, Mapping[str, Any]]) -> Figure:
+def draw_scores(judged: Mapping[str, Mapping[str, Any]], wide: bool = False) -> Figure:
     """ANEES with its interval, and the share inside the 95 % region, of every model and drive."""
-    figure, axes = plt.subplots(1, 2, sharey=True, figsize=(5.0, 1.2 + 0.66 * len(judged)))
+    size = (PAGE, 0.9 + 0.47 * len(judged)) if wide else (5.0, 1.2 + 0.66 * len(judged))
+    figure, axes = plt.subplots(1, 2, sharey=True, figsize=size)
     places = np.arange(len(judged))[::-1]
     for k, name in enumerate(COVARIANCES):
         offset = 0.3 - 0.15 * k
@@ -67,7 +69,8 @@ def draw_scores(judged: Mapping[str, Mapping[str, Any]]) -> Figure:
     axes[1].axvline(95.0, **TRUTH)
     axes[0].set(xlabel="ANEES", yticks=places, yticklabels=list(judged))
     axes[1].set(xlabel="in the 95 % region (%)", xlim=(0, 102))
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    handles = axes[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside upper center", ncols=3 if wide else 2)
     return figure
 
 
