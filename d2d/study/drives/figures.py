@@ -136,30 +136,22 @@ def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
     ax.set_aspect("equal")
 
 
-def specification(ax: Axes, sensor: Sensor) -> None:
-    """The specification of the simulated sensor, as a table."""
-    units = ("m", "rad", "m/s")
-    steps = [f"{step:g} {unit}" for step, unit in zip(STEPS[:, 0], units, strict=True)]
-    entries = (
-        ("carrier", "77 GHz"),
-        ("rate", f"{sensor.rate:g} Hz"),
-        ("targets", f"at most {sensor.max_targets}"),
-        ("range", f"{sensor.min_range:g} – {sensor.max_range:g} m"),
-        ("σ range", f"{sensor.sigma_range:g} – {2 * sensor.sigma_range:g} m"),
-        (
-            "σ azimuth",
-            f"{np.rad2deg(sensor.sigma_azimuth):.1f} – {np.rad2deg(2 * sensor.sigma_azimuth):.1f}°",
-        ),
-        ("σ Doppler", f"{sensor.sigma_doppler:g} – {2 * sensor.sigma_doppler:g} m/s"),
-        *zip(("range step", "azimuth step", "Doppler step"), steps, strict=True),
-        ("false targets", f"{sensor.clutter:g} a scan"),
+def specification(sensor: Sensor) -> tuple[tuple[str, str, str], ...]:
+    """The specification of the simulated sensor: names, values and units."""
+    azimuth = np.rad2deg(sensor.sigma_azimuth)
+    steps = (f"{step:g}" for step in STEPS[:, 0])
+    names = ("range step", "azimuth step", "Doppler step")
+    return (
+        ("carrier", "77", "GHz"),
+        ("rate", f"{sensor.rate:g}", "Hz"),
+        ("targets", f"at most {sensor.max_targets}", ""),
+        ("range", f"{sensor.min_range:g} to {sensor.max_range:g}", "m"),
+        ("σ range", f"{sensor.sigma_range:g} to {2 * sensor.sigma_range:g}", "m"),
+        ("σ azimuth", f"{azimuth:.1f} to {2 * azimuth:.1f}", "deg"),
+        ("σ Doppler", f"{sensor.sigma_doppler:g} to {2 * sensor.sigma_doppler:g}", "m/s"),
+        *zip(names, steps, ("m", "rad", "m/s"), strict=True),
+        ("false targets", f"{sensor.clutter:g}", "a scan"),
     )
-    ax.axis("off")
-    for k, (name, value) in enumerate(entries):
-        height = 1.0 - (k + 0.5) / len(entries)
-        ax.text(0.0, height, name, va="center", color="0.3")
-        ax.text(0.46, height, value, va="center")
-    ax.set(xlim=(0, 1), ylim=(0, 1))
 
 
 def street(ax: Axes, world: World) -> None:
