@@ -55,7 +55,7 @@ def outlier_at(place):
 def surveyed(optima):
     """A survey of 400 surfaces with a high rival, whose highest peak is nowhere near the truth."""
     several = np.full(400, float(optima))
-    return Survey(several, several + 90.0, several * 0.0 + 0.9, several + 1.0)
+    return Survey(several, several + 90.0, several * 0.0 + 0.9, several, several + 1.0)
 
 
 def rooms(far, near):
