@@ -18,7 +18,8 @@ RESOLVED = 1e-8  # Newton decrement: 1e-4 standard deviations from the optimum
 # With a large fixed set the first steps are rough: less of a target's density counts, so that it
 # has half the neighbours.  They end where a step would gain less than NEAR of the cost, about 0.1
 # standard deviations from the optimum, or after MOST_ROUGH.  The sum, which is flat along valleys
-# that little can turn, has none.
+# that little can turn, has none; nor has a problem with measurements, which is steep along them,
+# so that a few steps are enough and no time is saved.
 FEW = 64  # components, up to which no step is rough
 NEAR, MOST_ROUGH = 1e-2, 8
 # What is below exp(-gate) of a target's density does not count in a step; and how far targets may
@@ -236,7 +237,8 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     for j in range(3):
         trial[j] = theta[j]
     forget_neighbours(work.memory.places)
-    rough = batch.fusion == LIKELIHOOD and pair.fixed.shape[1] > FEW and max_iterations > MOST_ROUGH
+    plain = batch.fusion == LIKELIHOOD and pair.factors.shape[0] == 0
+    rough = plain and pair.fixed.shape[1] > FEW and max_iterations > MOST_ROUGH
     reach = ROUGH if rough else EXACT
     # the start is the first trial: a second call of `evaluate` would be compiled a second time
     value, shares, decrement, decrease, norm = np.inf, 0.0, np.inf, np.inf, np.inf
