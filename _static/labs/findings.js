@@ -179,10 +179,12 @@ globalThis.findings = (function radarFindings() {
       compared += 1;
       against.push(...contradictionOf(problemOf(known[i].pairs, model), known[i].row.theta));
     }
-    const together = [0, 1].map((axis) => against.reduce((total, { heading }) => total + heading[axis], 0));
-    if (!against.length || 2 * Math.hypot(...together) <= compared) return [];
     const times = (kind) => against.filter((each) => each.kind === kind).length,
-      kind = Object.keys(SYMPTOMS).reduce((best, each) => (times(each) > times(best) ? each : best));
+      kind = Object.keys(SYMPTOMS).reduce((best, each) => (times(each) > times(best) ? each : best)),
+      together = (some) => Math.hypot(...[0, 1].map((axis) => some.reduce((total, { heading }) => total + heading[axis], 0)));
+    // a fit by chance has a random direction, and must not hide what most say
+    const most = Math.max(together(against), together(against.filter((each) => each.kind === kind)));
+    if (2 * most <= compared) return [];
     const told =
       `in ${against.length} of ${compared} intervals the positions fit another velocity better, mostly ${kind}`;
     return [finding(SYMPTOMS[kind], "", against.length / compared, "share", true, told)];
@@ -329,9 +331,12 @@ globalThis.findings = (function radarFindings() {
       }));
       const least = Math.min(...rest.map(({ misfit }) => misfit));
       if (least < ALIKE_HEADINGS) {
+        // a vehicle may reverse, but then the positions say the same
+        const contradicted = usualShare(shown) < FEW_FIT,
+          isSure = (symptom) => symptom !== BACKWARDS || contradicted;
         return rest
           .filter(({ misfit }) => misfit < least + TURNED)
-          .map(({ symptom, sensor }) => finding(symptom, sensor, worst, "deg", symptom !== BACKWARDS, told(worst, 0)));
+          .map(({ symptom, sensor }) => finding(symptom, sensor, worst, "deg", isSure(symptom), told(worst, 0)));
       }
     }
     let off = known.filter(({ heading, sigma }) => Math.abs(heading) > Math.max(TURNED, SURE_HEADING * sigma));
@@ -374,14 +379,20 @@ globalThis.findings = (function radarFindings() {
     return [...ofLateness(free), ...ofContradiction(free)].filter(({ sure }) => sure);
   }
 
+  /** Median of the sensors' inlier shares; nan if none is known. */
+  function usualShare(shown) {
+    const shares = shown.map(({ inliers }) => inliers).filter(Number.isFinite);
+    return shares.length ? median(shares) : NaN;
+  }
+
   /** What inlier shares, times and covariances tell. */
   function ofTrack(shown, rows) {
     const found = [],
-      shares = shown.map(({ inliers }) => inliers).filter(Number.isFinite);
-    if (shares.length && median(shares) < FEW_FIT) {
-      const told = `${percent(median(shares))} of the targets fit; units, signs, standard deviations, clocks`;
-      found.push(finding("few targets fit", "", median(shares), "share", false, told));
-    } else if (shares.length > 1) {
+      share = usualShare(shown);
+    if (share < FEW_FIT) {
+      const told = `${percent(share)} of the targets fit; units, signs, standard deviations, clocks`;
+      found.push(finding("few targets fit", "", share, "share", false, told));
+    } else if (shown.filter(({ inliers }) => Number.isFinite(inliers)).length > 1) {
       for (const { name, inliers } of shown.filter((each) => each.inliers < HARDLY_ANY)) {
         const told = `${percent(inliers)} of its targets fit the motion that the others show`;
         found.push(finding("few targets fit", name, inliers, "share", false, told));

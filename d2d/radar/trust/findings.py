@@ -304,8 +304,11 @@ def _of_mountings(shown: Sequence[_Shown]) -> Iterator[Finding]:
         least = min(misfit for misfit, *_ in rest)
         alike = [each for each in rest if each[0] < least + _TURNED]
         if least < _ALIKE:
+            # a vehicle may reverse, but then the positions say the same
+            contradicted = _usual_share(shown) < _FEW
             for _, symptom, sensor in alike:
-                yield Finding(symptom, sensor, worst, "deg", symptom != _BACKWARDS, told)
+                sure = symptom != _BACKWARDS or contradicted
+                yield Finding(symptom, sensor, worst, "deg", sure, told)
             return
     off = [each for each in known if abs(each.heading) > max(_TURNED, _SURE * each.sigma)]
     if len(off) == len(known) > 1 and np.ptp(heading) < _TURNED:
@@ -332,14 +335,19 @@ def _mistakes(known: Sequence[_Shown]) -> Iterator[tuple[str, str, Array]]:
         yield "sensors are swapped", f"{names[i]} and {names[j]}", heading
 
 
+def _usual_share(shown: Sequence[_Shown]) -> float:
+    """Median of the sensors' inlier shares; nan if none is known."""
+    shares = [each.inliers for each in shown if np.isfinite(each.inliers)]
+    return float(np.median(shares)) if shares else np.nan
+
+
 def _of_track(shown: Sequence[_Shown], driven: Track) -> Iterator[Finding]:
     """What inlier shares, times and covariances tell."""
-    shares = [each.inliers for each in shown if np.isfinite(each.inliers)]
-    if shares and np.median(shares) < _FEW:
-        share = float(np.median(shares))
+    share = _usual_share(shown)
+    if share < _FEW:
         told = f"{share:.0%} of the targets fit; units, signs, standard deviations, clocks"
         yield Finding("few targets fit", "", share, "share", False, told)
-    elif len(shares) > 1:
+    elif sum(np.isfinite(each.inliers) for each in shown) > 1:
         for each in shown:
             if each.inliers < _HARDLY_ANY:
                 told = f"{each.inliers:.0%} of its targets fit the motion that the others show"

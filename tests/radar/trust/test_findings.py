@@ -155,6 +155,19 @@ def test_a_fault_of_one_sensor_is_that_sensors():
     assert found["few targets fit"] == ("front",)
 
 
+def test_positions_say_whether_a_vehicle_may_drive_backwards():
+    """Breaks if a wrong sign passes for a vehicle that reverses, or a turned radar is refused."""
+    flipped = alone(lambda s: replace(s, doppler=-s.doppler))
+    behind = {"front": (beginning().scans, replace(CORNER, yaw=CORNER.yaw + np.pi))}
+    for sensors, wrong in ((flipped, True), (behind, False)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            driven = track(sensors, horizon=0.3)
+        found = diagnose(sensors, driven, horizon=0.3).findings
+        sure = {each.symptom: each.sure for each in found}
+        assert sure["the vehicle drives backwards"] == wrong
+
+
 def test_one_radar_to_the_side_is_told_that_it_needs_help():
     """Breaks if the remedy for a lone side radar is not offered, or still is when it is taken."""
     place, sensor = Mounting(3.0, 0.8, 90.0 * DEGREE), Sensor(max_targets=16, quantised=False)
