@@ -815,7 +815,7 @@ globalThis.tracker = (function radarTracker() {
   /** Takes the scans of sensors as they are to be used: clocks that jump are set on, targets given twice are dropped. */
   class Intake {
     constructor(names, maxInterval) {
-      Object.assign(this, { names, maxInterval, latest: [], intervals: [], offsets: names.map(() => 0), found: [] });
+      Object.assign(this, { names, maxInterval, latest: [], intervals: [], scans: [], offsets: names.map(() => 0), found: [] });
       this.told = new Set();
     }
 
@@ -838,6 +838,7 @@ globalThis.tracker = (function radarTracker() {
       }
       if (latest !== undefined) this.intervals[sensor] = time - latest;
       this.latest[sensor] = time;
+      this.lookForRepetition(sensor, scan);
       return this.withoutTwins(sensor, { ...scan, time });
     }
 
@@ -846,6 +847,14 @@ globalThis.tracker = (function radarTracker() {
       const gap = Math.max(FRESH * (this.intervals[sensor] ?? 0), JUMP),
         others = this.offsets.filter((_, other) => other !== sensor);
       return others.find((known) => known - back > 0 && known - back < 2 * gap) ?? back + gap;
+    }
+
+    lookForRepetition(sensor, scan) {
+      const before = this.scans[sensor];
+      if (before && repeats(before, scan)) {
+        this.tell("frozen", "a scan is repeated", this.names[sensor], scan.time, "s", `first at ${seconds(scan.time)}`);
+      }
+      this.scans[sensor] = scan;
     }
 
     withoutTwins(sensor, scan) {
@@ -875,6 +884,8 @@ globalThis.tracker = (function radarTracker() {
   const MAX_INTERVAL = 60, // s
     NO_TARGETS = "a scan without targets",
     AFTER_GAP = "the first scan after a gap",
+    REPEATED = "a scan that repeats an earlier one",
+    MOVING = 0.5, // m/s
     REMEMBERED = 9, // intervals
     ROUND = 1.5, // cycles
     OVERLAP = 0.5, // of the shorter span of time
@@ -935,6 +946,16 @@ globalThis.tracker = (function radarTracker() {
     });
   }
 
+  /** Whether a scan has the targets of an earlier one although the sensor moves. */
+  function repeats(previous, current) {
+    const first = previous.targets,
+      second = current.targets;
+    const alike =
+      first.length === second.length &&
+      second.every((target, k) => ["range", "azimuth", "doppler"].every((name) => target[name] === first[k][name]));
+    return second.length > 0 && alike && median(second.map((target) => Math.abs(target.doppler))) > MOVING;
+  }
+
   /** The latest scans of one sensor. */
   class History {
     constructor(mounting, baseline, horizon) {
@@ -944,6 +965,11 @@ globalThis.tracker = (function radarTracker() {
     /** The usual time from one scan to the next; infinite while there is only one. */
     get cycle() {
       return this.intervals.length ? median(this.intervals) : Infinity;
+    }
+
+    /** Whether the sensor measures the same as before, so that the scan is to be left out. */
+    repeats(scan) {
+      return this.scans.length > 0 && repeats(this.scans.at(-1), scan);
     }
 
     /** The next scan, paired with an earlier one; null if there is none near enough. */
@@ -985,7 +1011,8 @@ globalThis.tracker = (function radarTracker() {
       if (!scans.size) return;
       const place = (s) => [scans.get(s).time, histories[s].mounting.x, histories[s].mounting.y, histories[s].mounting.yaw];
       const order = [...scans.keys()].sort((a, b) => place(a).reduce((by, each, i) => by || each - place(b)[i], 0)),
-        chosen = order.map((s) => ({ sensor: s, pair: histories[s].paired(scans.get(s)) })),
+        fresh = order.filter((s) => !histories[s].repeats(scans.get(s))),
+        chosen = fresh.map((s) => ({ sensor: s, pair: histories[s].paired(scans.get(s)) })),
         time = mean(order.map((s) => scans.get(s).time)),
         interval = time - last;
       last = time;
@@ -997,7 +1024,7 @@ globalThis.tracker = (function radarTracker() {
         time,
         interval,
         pairs: full.map(({ sensor, pair }) => ({ ...pair, sensor })),
-        reason: known.length || !seen ? NO_TARGETS : AFTER_GAP,
+        reason: fresh.length < order.length ? REPEATED : known.length || !seen ? NO_TARGETS : AFTER_GAP,
       });
     };
     const isOver = (time) =>
@@ -1139,25 +1166,13 @@ globalThis.tracker = (function radarTracker() {
   const MIN_EXPLAINED = 0.1,
     MIN_AGREEING = 4, // targets
     MAX_TURN = Math.PI, // rad
-    WELL_EXPLAINED = 0.6,
-    MOVING = 0.5; // m/s
+    WELL_EXPLAINED = 0.6;
 
   const isGood = (estimate) => estimate.converged && estimate.inliers >= MIN_EXPLAINED;
   const sizeOf = (pairs) => pairs.reduce((total, pair) => total + pair.current.targets.length, 0);
 
-  /** Whether a scan has the targets of an earlier one although the sensor moves. */
-  function repeats(previous, current) {
-    const first = previous.targets,
-      second = current.targets;
-    const alike =
-      first.length === second.length &&
-      second.every((target, k) => ["range", "azimuth", "doppler"].every((name) => target[name] === first[k][name]));
-    return alike && median(second.map((target) => Math.abs(target.doppler))) > MOVING;
-  }
-
   /** Why an estimate is not accepted, whatever its covariance; empty if nothing is against it. */
   function doubt(estimate, pairs) {
-    if (pairs.some((pair) => repeats(pair.previous, pair.current))) return "a scan that repeats an earlier one";
     if (!estimate.converged) return "no optimum near the start";
     if (!isGood(estimate)) return `an optimum that rejects ${percent(1 - estimate.inliers)} of the targets`;
     const agreed = sizeOf(pairs) * estimate.inliers;

@@ -8,6 +8,7 @@ import numpy as np
 
 from d2d.radar.scans.scan import RadarScan
 from d2d.radar.tracks.finding import Finding, warn_of
+from d2d.radar.tracks.rounds import repeats
 
 _JUMP = 1.0  # s; a clock that steps back by less has scans in the wrong order, which is refused
 _FEW = 6  # targets, of which some may be equal by chance where a radar rounds coarsely
@@ -19,7 +20,8 @@ class Intake:
 
     A clock that jumps back is set on, so that times go on increasing; one that jumps ahead by more
     than ``max_interval`` (s) is left as it is.  Where half of a scan's targets or more are there
-    twice, one of each is dropped.  A warning names the sensor, once for each of these.
+    twice, one of each is dropped.  A sensor that freezes repeats its scan, which `Rounds` leaves
+    out.  A warning names the sensor, once for each of these.
     """
 
     def __init__(self, names: Sequence[str], max_interval: float) -> None:
@@ -28,6 +30,7 @@ class Intake:
         self._latest: dict[int, float] = {}
         self._intervals: dict[int, float] = {}
         self._offsets = dict.fromkeys(range(len(names)), 0.0)  # s, added to the times of a sensor
+        self._scans: dict[int, RadarScan] = {}  # the latest of each sensor
         self._told: set[tuple[str, str]] = set()
 
     def taken(self, sensor: int, scan: RadarScan, after: float = -math.inf) -> RadarScan:
@@ -66,6 +69,7 @@ class Intake:
         if latest is not None:
             self._intervals[sensor] = time - latest
         self._latest[sensor] = time
+        self._look_for_repetition(sensor, scan)
         scan = scan if offset == 0.0 else replace(scan, time=time)
         return self._without_twins(sensor, scan)
 
@@ -89,6 +93,18 @@ class Intake:
         others = [self._offsets[other] for other in self._offsets if other != sensor]
         alike = (known for known in others if 0.0 < known - back < 2.0 * gap)
         return next(alike, back + gap if own else back)
+
+    def _look_for_repetition(self, sensor: int, scan: RadarScan) -> None:
+        name, before = self._names[sensor], self._scans.get(sensor)
+        if before is not None and repeats(before, scan):
+            told = f"first at {scan.time:.3f} s"
+            self._tell(
+                "frozen",
+                Finding("a scan is repeated", name, scan.time, "s", False, told),
+                f"{name} repeats its scan at {scan.time:.3f} s target by target while it moves; "
+                "such scans are left out",
+            )
+        self._scans[sensor] = scan
 
     def _without_twins(self, sensor: int, scan: RadarScan) -> RadarScan:
         if scan.size < _FEW:

@@ -62,15 +62,14 @@ def track(
     after its first scan; scans of the same time stay together.  With one sensor, each scan is a
     round.  Each round after the first gives one estimate, at the mean time of its scans.  Pairs
     with an empty scan, and those much longer than usual, are left out: after a gap a sensor starts
-    afresh.
+    afresh.  So is a scan that repeats the one before target by target while its sensor moves.
 
-    An estimate fails if there is no pair left, a scan repeats an earlier one target by target while
-    the sensor moves, the cost has no optimum near the start, the optimum rejects nearly all targets
-    (mean inlier probability below 0.1) or turns the vehicle by more than half a turn between two
-    scans, or no vehicle could move like that.  It is then marked as not converged, with the reason,
-    and the track goes on.  The search starts at the last accepted velocity.  If that fails or does
-    not explain most of the targets (mean inlier probability below 0.6), the round is estimated once
-    more without it; of two acceptable optima the lower wins.
+    An estimate fails if there is no pair left, the cost has no optimum near the start, the optimum
+    rejects nearly all targets (mean inlier probability below 0.1) or turns the vehicle by more than
+    half a turn between two scans, or no vehicle could move like that.  It is then marked as not
+    converged, with the reason, and the track goes on.  The search starts at the last accepted
+    velocity.  If that fails or does not explain most of the targets (mean inlier probability below
+    0.6), the round is estimated once more without it; of two acceptable optima the lower wins.
 
     Raises a ``ValueError`` if something is not a sensor, two have a scan in common, scans are out
     of time order or usually too far apart, the times of a sensor do not overlap with those of the
@@ -78,8 +77,8 @@ def track(
     argument is invalid.
 
     Warns if a clock jumps (back by more than 1 s, or ahead by more than ``max_interval``), targets
-    are there twice, the times of a sensor hardly overlap with those of the others, or, with a
-    budget, its Doppler velocities are theirs of another time.
+    are there twice, a sensor repeats its scan, the times of a sensor hardly overlap with those of
+    the others, or its Doppler velocities are theirs of another time.
 
     Warns if in most intervals the positions alone fit another velocity clearly better than the one
     that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower (km/h),

@@ -563,17 +563,35 @@ def test_scans_that_repeat_an_earlier_one_are_not_believed():
     drive = simulate_drive(np.random.default_rng(3), duration=1.5)
     scans = list(drive.scans)
     scans[7] = replace(scans[6], time=scans[7].time)
-    reasons = track((scans, drive.mounting)).reasons
+    with pytest.warns(UserWarning, match=r"^scans repeats its scan at 0\.700 s"):
+        reasons = track((scans, drive.mounting)).reasons
     assert np.flatnonzero(reasons == "a scan that repeats an earlier one").tolist() == [6]
     frozen = [replace(scans[0], time=scan.time) for scan in scans]
-    assert not track((frozen, drive.mounting)).converged.any()
-    other = simulate_drive(np.random.default_rng(4), duration=1.5)
-    together = [(other.scans, other.mounting), (frozen, Mounting(x=1.0))]
-    assert not track(together).converged.any()
+    with pytest.warns(UserWarning, match="repeats its scan"):
+        assert not track((frozen, drive.mounting)).converged.any()
     still = [replace(scan, doppler=0.0 * scan.doppler) for scan in frozen]  # of a coarse radar
     standing = track((still, drive.mounting))
     assert standing.converged.all()
     assert_allclose(standing.theta, 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("horizon", [None, 0.3])
+def test_a_frozen_sensor_is_named_and_the_others_go_on(horizon):
+    """Breaks if one sensor discards the rounds of all, or what it repeats counts as measured."""
+    sensors = named_sensors(20)
+    scans, at = sensors["right"]
+    sensors["right"] = [*scans[:8], *(replace(scans[7], time=s.time) for s in scans[8:])], at
+    with pytest.warns(UserWarning, match="repeats its scan") as said:
+        found = track(sensors, horizon=horizon)
+    assert [str(each.message).split()[0] for each in said] == ["sensors['right'].scans"]
+    assert found.converged.all()
+    size = [sum(own[k].size for own in (sensors["left"][0], sensors["rear"][0])) for k in (10, 19)]
+    assert_array_equal(found.targets[[9, 18]], size)
+    assert np.abs(found.theta - STRAIGHT).max() < 0.3
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()}, horizon=horizon)
+    with pytest.warns(UserWarning, match=r"^'right' repeats its scan at 0\.813 s"):
+        fed(tracker, sensors)
+    assert_same(tracker.track, found)
 
 
 # ---- budget and limits

@@ -63,6 +63,13 @@ def without(first: float, last: float) -> dict:
     }
 
 
+def frozen() -> dict:
+    """The log with a sensor that gives one scan again and again from its twelfth on."""
+    scans, at = log()["rear"]
+    again = [replace(scans[11], time=scan.time) for scan in scans[12:]]
+    return {**log(), "rear": ([*scans[:12], *again], at)}
+
+
 def one_by_one() -> dict:
     """The front radar with a time of its own for each target."""
     scans, at = log()["front"]
@@ -112,6 +119,7 @@ FAULTS = {
         lambda: changed(lambda s: replace(s, time=(s.time + 86398.0) % 86400.0)),
         tuple(f"sensors['{name}'].scans" for name in NAMES),
     ),
+    "a scan is repeated": (frozen, ("sensors['rear'].scans",)),
     "targets are given twice": (
         lambda: changed(lambda s: s[np.repeat(np.arange(s.size), 2)], "rear"),
         ("sensors['rear'].scans",),
