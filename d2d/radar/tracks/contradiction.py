@@ -108,7 +108,6 @@ def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> No
             Finding(_SYMPTOMS[kind], "", len(against) / compared, "share", True, told),
             f"Doppler velocities and positions contradict each other: {told}.  "
             f"{_QUESTIONS[kind]}  {_OTHERS}",
-            stacklevel=3,
         )
 
 

@@ -128,4 +128,4 @@ class Intake:
     def _tell(self, what: str, finding: Finding, text: str) -> None:
         if (what, finding.sensor) not in self._told:
             self._told.add((what, finding.sensor))
-            warn_of(finding, text, stacklevel=4)
+            warn_of(finding, text)

@@ -72,7 +72,6 @@ class Lateness:
                 Finding("the clock of a sensor is off", name, lag, "s", abs(lag) > _USELESS, told),
                 f"{name} seems to be {told}: when the vehicle accelerates, its Doppler velocities "
                 "are those that the other sensors have at another time",
-                stacklevel=3,
             )
 
     def lags(self) -> Iterable[tuple[str, float, float]]:

@@ -175,7 +175,6 @@ def check_overlap(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
             warn_of(
                 Finding("the clock of a sensor is off", name, common, "s", False, told),
                 f"{said}: {told}; is the clock of one another?",
-                stacklevel=3,
             )
 
 

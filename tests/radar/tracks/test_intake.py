@@ -50,6 +50,7 @@ def test_targets_that_are_there_twice_count_once():
     with pytest.warns(UserWarning, match=r"^sensors\['front'\]\.scans has targets twice") as said:
         found = track({"front": (doubled, at)})
     assert len(said) == 1
+    assert said[0].filename == __file__  # the caller's line, not one of the package
     once = track((scans, at))
     assert_array_equal(found.targets, once.targets)
     assert_allclose(found.theta, once.theta, atol=1e-9)
