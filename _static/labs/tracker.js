@@ -812,49 +812,88 @@ globalThis.tracker = (function radarTracker() {
     about,
   });
 
-  /** Takes the scans of sensors as they are to be used: clocks that jump are set on, targets given twice are dropped. */
+  /**
+   * Takes the scans of sensors as they are to be used: clocks that jump are set on, one wrong stamp and targets given twice are
+   * left out.  A scan that comes too early or too late waits for the next one, which shows whether the clock has jumped.
+   */
   class Intake {
     constructor(names, maxInterval) {
-      Object.assign(this, { names, maxInterval, latest: [], intervals: [], scans: [], offsets: names.map(() => 0), found: [] });
-      this.told = new Set();
+      Object.assign(this, { names, maxInterval, found: [], told: new Set() });
+      Object.assign(this, { latest: [], held: [], intervals: names.map(() => []), offsets: names.map(() => 0) });
     }
 
+    /** What is to be used after a sensor's next scan: this one, none, or also the one before. */
     taken(sensor, scan) {
+      return this.timed(sensor, scan).map((each) => {
+        this.lookForRepetition(sensor, each);
+        this.latest[sensor] = each;
+        return this.withoutTwins(sensor, each);
+      });
+    }
+
+    /** The scans of a sensor whose time is now known, with this time. */
+    timed(sensor, scan) {
       const name = this.names[sensor],
-        latest = this.latest[sensor];
-      let time = scan.time + this.offsets[sensor];
+        intervals = this.intervals[sensor],
+        latest = this.latest[sensor]?.time,
+        time = scan.time + this.offsets[sensor];
       if (latest !== undefined && latest - JUMP < time && time <= latest) {
         const before = seconds(latest - this.offsets[sensor], 6);
         throw new Error(
           `${name} must be in strictly increasing time, but a scan is at ${seconds(scan.time, 6)} after ${before}`,
         );
       }
-      if (latest !== undefined && time <= latest) {
-        this.tell(`jump ${this.offsets[sensor]}`, "the clock jumps", name, time - latest, "s", "back");
-        this.offsets[sensor] = this.offsetAfter(sensor, latest - scan.time);
-        time = scan.time + this.offsets[sensor];
-      } else if (latest !== undefined && time - latest > this.maxInterval) {
-        this.tell("ahead", "the clock jumps", name, time - latest, "s", "or a gap");
+      const longest = intervals.length ? this.gap(sensor) : Infinity,
+        goesOn = latest === undefined || (latest < time && time <= latest + longest);
+      let held = this.held[sensor];
+      delete this.held[sensor];
+      if (held && (goesOn || scan.time < held.scan.time)) {
+        this.tell("stamp", "the clock jumps", name, held.jump, "s", "for one scan");
+        held = undefined;
       }
-      if (latest !== undefined) this.intervals[sensor] = time - latest;
-      this.latest[sensor] = time;
-      this.lookForRepetition(sensor, scan);
-      return this.withoutTwins(sensor, { ...scan, time });
+      if (!goesOn && !held) {
+        this.held[sensor] = { scan, jump: time - latest };
+        return [];
+      }
+      if (!goesOn) this.mend(sensor, held);
+      else if (latest !== undefined) this.tellGap(name, time - latest);
+      if (latest !== undefined) intervals.push(goesOn ? time - latest : scan.time - held.scan.time);
+      if (intervals.length > REMEMBERED) intervals.shift();
+      return (held ? [held.scan, scan] : [scan]).map((each) => ({ ...each, time: each.time + this.offsets[sensor] }));
+    }
+
+    /** Set a sensor's clock after a jump; one ahead may be a gap. */
+    mend(sensor, { scan, jump }) {
+      const name = this.names[sensor];
+      if (jump > 0) this.tellGap(name, jump);
+      else {
+        this.tell(`jump ${this.offsets[sensor]}`, "the clock jumps", name, jump, "s", "back");
+        this.offsets[sensor] = this.offsetAfter(sensor, this.latest[sensor].time - scan.time);
+      }
+    }
+
+    /** A time over which no pair of scans reaches. */
+    gap(sensor) {
+      const intervals = this.intervals[sensor];
+      return Math.max(FRESH * (intervals.length ? median(intervals) : 0), JUMP);
     }
 
     /** What to add after a jump: what another sensor's clock has just got, if it fits. */
     offsetAfter(sensor, back) {
-      const gap = Math.max(FRESH * (this.intervals[sensor] ?? 0), JUMP),
+      const guess = back + this.gap(sensor),
         others = this.offsets.filter((_, other) => other !== sensor);
-      return others.find((known) => known - back > 0 && known - back < 2 * gap) ?? back + gap;
+      return others.find((known) => Math.abs(known - guess) < this.gap(sensor)) ?? guess;
+    }
+
+    tellGap(name, jump) {
+      if (jump > this.maxInterval) this.tell("ahead", "the clock jumps", name, jump, "s", "or a gap");
     }
 
     lookForRepetition(sensor, scan) {
-      const before = this.scans[sensor];
+      const before = this.latest[sensor];
       if (before && repeats(before, scan)) {
         this.tell("frozen", "a scan is repeated", this.names[sensor], scan.time, "s", `first at ${seconds(scan.time)}`);
       }
-      this.scans[sensor] = scan;
     }
 
     withoutTwins(sensor, scan) {
@@ -1342,7 +1381,7 @@ globalThis.tracker = (function radarTracker() {
       drives.map(({ name }) => name),
       options.maxInterval,
     );
-    const sensors = drives.map((drive, s) => ({ ...drive, scans: drive.scans.map((scan) => intake.taken(s, scan)) })),
+    const sensors = drives.map((drive, s) => ({ ...drive, scans: drive.scans.flatMap((scan) => intake.taken(s, scan)) })),
       found = [...intake.found, ...checkOverlap(sensors)];
     const rounds = roundsOf(sensors, options.baseline, options.horizon);
     if (!rounds.length) throw new Error("there must be at least two rounds of scans (of one sensor: two scans), but is one");

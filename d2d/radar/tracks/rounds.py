@@ -27,7 +27,7 @@ NO_TARGETS = "a scan without targets"
 AFTER_GAP = "the first scan after a gap"
 _REPEATED = "a scan that repeats an earlier one"
 _MOVING = 0.5  # m/s; at a standstill a coarse radar may measure the same twice
-_REMEMBERED = 9  # intervals of a sensor, whose median is its cycle
+REMEMBERED = 9  # intervals of a sensor, whose median is its cycle
 _ROUND = 1.5  # cycles, after which a round is over
 _OVERLAP = 0.5  # of the shorter span of time, below which clocks are in doubt
 # A pair may be this many times as long as the horizon, or bridge a scan that is missing.
@@ -251,11 +251,6 @@ class Rounds:
             ended += self.finish()
         return ended
 
-    @property
-    def latest(self) -> float:
-        """Time of the open round's first scan or, if there is none, of the last round, in s."""
-        return self._start if self.open else self.last
-
     def ended_by(self, sensor: int, time: float) -> list[Round]:
         """The open round, if a sensor's next scan at this time is not part of it."""
         if self.open and (sensor in self.open or self._is_over(time)):
@@ -294,7 +289,7 @@ class _History:
         self._mounting = mounting
         self._baseline, self._horizon = baseline, horizon
         self._scans: deque[RadarScan] = deque()
-        self._intervals: deque[float] = deque(maxlen=_REMEMBERED)
+        self._intervals: deque[float] = deque(maxlen=REMEMBERED)
 
     @property
     def place(self) -> tuple[float, ...]:

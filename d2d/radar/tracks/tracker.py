@@ -20,7 +20,7 @@ from d2d.radar.tracks.acceleration import AccelerationFilter, Step, acceleration
 from d2d.radar.tracks.contradiction import EvenSample, warn_of_contradiction
 from d2d.radar.tracks.filter_input import FilterInput
 from d2d.radar.tracks.following import Follower, VelocityEstimate
-from d2d.radar.tracks.intake import Intake
+from d2d.radar.tracks.intake import Intake, mended
 from d2d.radar.tracks.lateness import Lateness
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import (
@@ -32,6 +32,7 @@ from d2d.radar.tracks.rounds import (
     check_mountings,
     check_overlap,
     check_separation,
+    in_time_order,
     named_sensors,
     rounds_of,
 )
@@ -138,16 +139,13 @@ def track(
     if check_flag("smooth", smooth):
         follower.steps = []
     follower.lateness = Lateness({at: name for name, (_, at) in drives.items()})
-    intake, mountings = Intake(list(drives), max_interval), [at for _, at in drives.values()]
-    taken = [
-        [intake.taken(s, scan) for scan in scans] for s, (scans, _) in enumerate(drives.values())
-    ]
-    check_overlap(dict(zip(drives, taken, strict=True)))
-    groups = rounds_of(list(zip(taken, mountings, strict=True)), baseline, horizon)
+    drives = mended(drives, max_interval)
+    check_overlap({name: scans for name, (scans, _) in drives.items()})
+    groups = rounds_of(list(drives.values()), baseline, horizon)
     if not groups:
         raise ValueError(
             "sensors must have at least two rounds of scans (of one sensor: two scans), but have "
-            f"{int(any(taken))}"
+            f"{int(any(scans for scans, _ in drives.values()))}"
         )
     driven = _joined([follower.follow(groups[i]) for i in _counted(len(groups), progress)], budget)
     follower.lateness.warn()
@@ -216,7 +214,8 @@ class Tracker:
         check_separation(baseline, horizon)
         self._follower = _follower(initial, budget, limits, len(places), options)
         self._numbers = {name: number for number, name in enumerate(places)}
-        self._intake = Intake([repr(name) for name in places], max_interval)
+        self._intake = Intake([repr(name) for name in places], max_interval, live=True)
+        self._waiting: list[list[RadarScan]] = [[] for _ in places]  # of each sensor
         self._rounds = Rounds(list(places.values()), baseline, horizon)
         self._estimates: deque[VelocityEstimate] = deque(maxlen=keep)
         self._follower.lateness = Lateness({at: repr(name) for name, at in places.items()})
@@ -237,17 +236,14 @@ class Tracker:
         number, names = self._numbers[sensor], [*self._numbers]
         together = {repr(names[other]): [own] for other, own in self._rounds.open.items()}
         check_distinct({repr(sensor): [scan], **together})
-        taken = self._intake.taken(number, scan, self._rounds.latest)
-        rounds = self._rounds.ended_by(number, taken.time)
-        if taken.time <= self._rounds.last:
-            self._intake.leave_out(number, scan, self._rounds.last)
-        else:
-            rounds += self._rounds.add(number, taken)
-        return self._followed(rounds)
+        self._waiting[number] += self._intake.taken(number, scan)
+        times = [each.time for own in self._waiting for each in own]
+        waits = self._intake.waits(max(times) - min(times) if times else 0.0)
+        return [] if waits else self._in_order()
 
     def finish(self) -> list[VelocityEstimate]:
         """End the last round, and warn as `track` does of what only the whole drive shows."""
-        estimates = self._followed(self._rounds.finish())
+        estimates = self._in_order() + self._followed(self._rounds.finish())
         if self._follower.lateness is not None:
             self._follower.lateness.warn()
         if self._follower.model.doppler:
@@ -262,6 +258,18 @@ class Tracker:
     def track(self) -> Track:
         """The estimates so far."""
         return _joined(self._estimates, self._follower.budget)
+
+    def _in_order(self) -> list[VelocityEstimate]:
+        """The estimates that the scans which were waiting complete."""
+        waiting, self._waiting = self._waiting, [[] for _ in self._waiting]
+        rounds = []
+        for number, scan in in_time_order(waiting, self._rounds):
+            rounds += self._rounds.ended_by(number, scan.time)
+            if scan.time <= self._rounds.last:
+                self._intake.leave_out(number, scan, self._rounds.last)
+            else:
+                rounds += self._rounds.add(number, scan)
+        return self._followed(rounds)
 
     def _followed(self, rounds: Iterable[Round]) -> list[VelocityEstimate]:
         estimates = []

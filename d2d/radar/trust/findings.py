@@ -19,7 +19,7 @@ from d2d.radar.motion.estimate import inlier_probabilities
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.contradiction import FEW
 from d2d.radar.tracks.finding import Finding, FindingWarning
-from d2d.radar.tracks.intake import Intake
+from d2d.radar.tracks.intake import mended
 from d2d.radar.tracks.rounds import (
     MAX_INTERVAL,
     Round,
@@ -145,15 +145,12 @@ def look_at_targets(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> lis
 def _named(sensors: Sensors, max_interval: float) -> tuple[list[str], list[SensorScans]]:
     """Names and scans of the sensors, with times and targets as `track` uses them."""
     given: Any = sensors
-    drives = list(named_sensors(sensors, max_interval).values())
+    drives = named_sensors(sensors, max_interval)
     numbers = range(1, len(drives) + 1)
     names = [str(name) for name in (given if isinstance(given, Mapping) else numbers)]
-    intake = Intake(names, max_interval)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # `track` has warned
-        return names, [
-            ([intake.taken(s, scan) for scan in scans], at) for s, (scans, at) in enumerate(drives)
-        ]
+        return names, list(mended(drives, max_interval).values())
 
 
 def _evenly(members: Sequence[T]) -> Sequence[T]:

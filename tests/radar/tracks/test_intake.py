@@ -34,6 +34,28 @@ def test_a_clock_that_jumps_back_is_named_and_the_log_goes_on(seconds):
     assert_allclose(found.intervals[15:], 0.1, atol=1e-9)
 
 
+@pytest.mark.parametrize("seconds", [100.0, 3.0, -100.0])
+def test_one_wrong_stamp_is_named_and_left_out(seconds):
+    """Breaks if the times of all later scans are shifted by it, or it ends the log."""
+    scans, at = surround_scans(30)[0]
+    wrong = [*scans[:12], *shifted(scans[12:13], 0, seconds), *scans[13:]]
+    with pytest.warns(UserWarning, match="^scans has one scan at .* left out; is its") as said:
+        found = track((wrong, at))
+    assert len(said) == 1
+    without = track(([*scans[:12], *scans[13:]], at))
+    assert_array_equal(found.times, without.times)
+    assert_array_equal(found.theta, without.theta)
+    assert found.converged.all()
+
+
+def test_a_radar_that_becomes_slow_is_not_left_out():
+    """Breaks if each of its scans waits for one that agrees with it, for ever."""
+    times = np.concatenate([0.1 * np.arange(12), 3.0 + 2.0 * np.arange(12)])
+    scans, at = surround_scans(times=times)[0]
+    found = track((scans, at))
+    assert_allclose(found.times[-4:], times[-4:])
+
+
 def test_a_long_gap_is_told_and_the_log_goes_on():
     """Breaks if a clock that jumps ahead loses the rest of a log."""
     scans, at = surround_scans(30)[0]
@@ -62,4 +84,4 @@ def test_equal_targets_of_a_coarse_radar_are_left():
     scan = RadarScan(0.0, [5.0, 5.0, 7.0, 8.0], [0.1, 0.1, 0.2, 0.3], np.zeros(4), 0.1, 0.01, 0.1)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert Intake(["front"], 60.0).taken(0, scan) is scan
+        assert Intake(["front"], 60.0).taken(0, scan) == [scan]
