@@ -65,7 +65,7 @@ def with_budget() -> Case:
 
 
 def in_trouble() -> Case:
-    """A clock that jumps, a wrong stamp, a gap, targets given twice, a frozen sensor, few targets."""
+    """A clock that jumps, a wrong stamp, a gap, targets twice, a frozen sensor, few targets."""
     drive = simulate_drive(np.random.default_rng(3), duration=20.0)
     scans = [*drive.scans[:60], *drive.scans[75:]]
     scans[20] = scans[20][[*range(scans[20].size), *range(scans[20].size)]]
