@@ -19,43 +19,50 @@ globalThis.findings = (function radarFindings() {
 
   // ---- d2d/radar/tracks/lateness.py ----------------------------------------------------------------------------------------
 
-  const NEAR = 3, // m/s
-    ALONG = 0.3, // share of v_x in a Doppler velocity
-    ROUNDS = 50,
+  const ROUNDS = 50,
     LATE = 0.07, // s
     SURE = 5, // standard deviations
     USELESS = 0.2, // s
     BEHIND = 0.5, // s
+    ROUNDING = 1e-9, // relative
     ALIKE = 5; // estimates
 
   /** How much larger v_x is by a scan's static targets; nan if it shows none. */
-  function excessOf(scan, mounting, theta) {
-    const told = scan.targets
-      .map(({ azimuth, doppler }) => ({ doppler, gain: d2d.dopplerGradients(azimuth, mounting).gain }))
-      .map(({ doppler, gain }) => [doppler - dot(gain, theta), gain[0]])
-      .filter(([rest, ahead]) => Math.abs(rest) < NEAR && Math.abs(ahead) > ALONG);
-    return told.length < 3 ? NaN : median(told.map(([rest, ahead]) => rest / ahead));
+  const excessOf = (scan, mounting, theta) =>
+    scan.targets.length < SEEN ? NaN : sensorFit(scan, mounting).velocity[0] - theta[0] + theta[2] * mounting.y;
+
+  /** Sums of products without what the first columns explain of the others. */
+  function withoutFirst(sums, count) {
+    let left = sums;
+    for (let k = 0; k < count; k++) {
+      const before = left,
+        own = before[k];
+      if (own[k] <= ROUNDING * sums[k][k]) continue;
+      left = before.map((row) => row.map((each, j) => each - (row[k] * own[j]) / own[k]));
+    }
+    return left;
   }
 
   /** Whether the Doppler velocities of a sensor are those of another time than its stamps say. */
   function ofLateness({ sensors, ...track }) {
     const place = ({ x, y, yaw }) => [x, y, yaw].join(),
       names = new Map(sensors.map(({ name, mounting }) => [place(mounting), name])),
-      sums = new Map([...names.keys()].map((at) => [at, [0, 0, 0, 0, 0, 0]])),
+      sums = new Map([...names.keys()].map((at) => [at, Array.from({ length: 5 }, () => [0, 0, 0, 0, 0])])),
       driven = [];
     const worst = () => {
-      let found = { name: "", lag: 0, sigma: 0 };
-      for (const [at, [n, a, d, aa, ad, dd]] of sums) {
-        const spread = aa - (a * a) / Math.max(n, 1);
-        if (n < ROUNDS || spread <= 0) continue;
-        const slope = (ad - (a * d) / n) / spread,
-          rest = Math.max(dd - (d * d) / n - slope ** 2 * spread, 0) / n;
-        if (Math.abs(slope) > Math.abs(found.lag)) {
-          found = { name: names.get(at), lag: -slope, sigma: Math.sqrt((ALIKE * rest) / spread) };
-        }
+      let found = { name: "", lag: 0 };
+      for (const [at, own] of sums) {
+        const [[n]] = own,
+          left = withoutFirst(own, 3),
+          spread = left[3][3];
+        if (n < ROUNDS || spread <= ROUNDING * own[3][3]) continue;
+        const slope = left[3][4] / spread,
+          rest = Math.max(left[4][4] - slope ** 2 * spread, 0) / n,
+          isSure = Math.abs(slope) > Math.max(LATE, SURE * Math.sqrt((ALIKE * rest) / spread));
+        if (isSure && Math.abs(slope) > Math.abs(found.lag)) found = { name: names.get(at), lag: -slope };
       }
-      const { name, lag, sigma } = found;
-      if (Math.abs(lag) <= Math.max(LATE, SURE * sigma)) return [];
+      const { name, lag } = found;
+      if (!name) return [];
       const told = `${Math.abs(lag).toFixed(2)} s ${lag > 0 ? "late" : "early"}`;
       return [finding("the clock of a sensor is off", name, lag, "s", Math.abs(lag) > USELESS, told)];
     };
@@ -73,14 +80,13 @@ globalThis.findings = (function radarFindings() {
           excess = excessOf(current, mounting, own);
         if (Number.isFinite(excess)) found.set(place(mounting), excess);
       }
-      const [a] = acceleration;
       for (const [at, excess] of found) {
         const others = [...found].filter(([other]) => other !== at).map(([, value]) => value);
         if (!others.length) continue;
-        const d = excess - median(others);
+        const row = [1, theta[0], theta[2], acceleration[0], excess - median(others)];
         sums.set(
           at,
-          [1, a, d, a * a, a * d, d * d].map((each, i) => sums.get(at)[i] + each),
+          sums.get(at).map((own, i) => own.map((each, j) => each + row[i] * row[j])),
         );
       }
       count += 1;
