@@ -81,6 +81,16 @@ def test_a_sigma_for_all_counts_instead_of_that_of_the_lines(run):
     assert found == wanted
 
 
+def test_a_closed_input_is_named(monkeypatch, capsys):
+    """Breaks if a service that is started without an input gives a traceback."""
+    monkeypatch.setattr("sys.stdin", None)
+    assert main(CALL) == 1
+    assert (
+        "error: live reads scans from the standard input, which is closed"
+        in capsys.readouterr().err
+    )
+
+
 def test_odd_lines_are_named_and_the_next_one_is_read(run):
     """Breaks if one wrong message ends a service, or estimates change."""
     good = lines()
