@@ -201,6 +201,9 @@ globalThis.findings = (function radarFindings() {
   const NARROW = 3.5 * DEGREE,
     FAR = 500, // m
     PRECISE = 0.03 * DEGREE,
+    COARSE = 10 * DEGREE,
+    TOO_SMALL = "standard deviation of the azimuth too small",
+    TOO_LARGE = "standard deviation of the azimuth too large",
     MOVING = 3, // m/s
     SEEN = 5; // targets of a scan, and scans
   const TURNED = 1.5 * DEGREE,
@@ -304,9 +307,11 @@ globalThis.findings = (function radarFindings() {
       tell("Doppler velocities are folded", limit, "m/s", true, told);
     }
     const sigma = median(targets.map(({ sigmaAzimuth }) => sigmaAzimuth));
+    const degrees = sigma / DEGREE;
     if (sigma < PRECISE) {
-      const degrees = Number((sigma / DEGREE).toPrecision(2));
-      tell("standard deviation of the azimuth too small", sigma / DEGREE, "deg", false, `${degrees} deg is stated; is this rad?`);
+      tell(TOO_SMALL, degrees, "deg", false, `${Number(degrees.toPrecision(2))} deg is stated; is this rad?`);
+    } else if (sigma > COARSE) {
+      tell(TOO_LARGE, degrees, "deg", false, `${degrees.toFixed(0)} deg is stated; are these degrees?`);
     }
     return found;
   }
@@ -426,7 +431,8 @@ globalThis.findings = (function radarFindings() {
     const { sensors, rows } = track,
       inliers = inliersOf(track),
       shown = sensors.map((sensor, s) => ({ ...sensor, inliers: inliers[s], ...headingOf(sensor, rows) })),
-      targets = sensors.flatMap(ofTargets);
+      few = usualShare(shown) < FEW_FIT,
+      targets = sensors.flatMap(ofTargets).map((each) => ({ ...each, sure: each.sure || (few && each.symptom === TOO_SMALL) }));
     const said = [...track.found, ...ofLateness(track), ...ofContradiction(track), ...targets];
     // what is wrong with targets explains the rest
     if (!targets.some((each) => each.sure)) {

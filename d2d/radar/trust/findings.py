@@ -33,7 +33,10 @@ from d2d.radar.tracks.tracker import track
 
 _NARROW = np.deg2rad(3.5)  # beyond which some radar sees: azimuths in rad reach 1 or more
 _FAR = 500.0  # m, beyond which hardly a radar sees; real logs have a median range below 50 m
-_PRECISE = np.deg2rad(0.03)  # automotive radars state 0.1 to 1 degree; 0.5 degree are 0.009 rad
+# Automotive radars state 0.1 to 1 degree; 0.5 degree are 0.009 rad, and 0.5 rad are 29 degrees.
+_PRECISE, _COARSE = np.deg2rad([0.03, 10.0])
+_TOO_SMALL = "standard deviation of the azimuth too small"
+_TOO_LARGE = "standard deviation of the azimuth too large"
 _SAMPLE = 200  # scans of a sensor, or rounds
 _MOVING = 3.0  # m/s, below which a heading is uncertain
 _SEEN = 5  # targets of a scan, and scans, that show a heading
@@ -121,6 +124,8 @@ def diagnose(
         for name, (scans, mounting), share in zip(names, drives, shares, strict=True)
     ]
     found = look_at_targets(sensors, max_interval)
+    if _usual_share(shown) < _FEW:
+        found = [each._replace(sure=each.sure or each.symptom == _TOO_SMALL) for each in found]
     if not any(each.sure for each in found):  # what is wrong with targets explains the rest
         if driven.converged.sum() < FEW:
             found += _without_limits(drives, baseline, horizon, max_interval)
@@ -260,15 +265,13 @@ def _of_targets(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
         told = f"neighbours differ by nearly twice {limit:.1f} m/s in {share:.0%} of the scans"
         yield Finding("Doppler velocities are folded", name, limit, "m/s", True, told)
     sigma = np.median(np.concatenate([scan.sigma_azimuth for scan in scans]))
-    if sigma < _PRECISE:
-        yield Finding(
-            "standard deviation of the azimuth too small",
-            name,
-            float(np.rad2deg(sigma)),
-            "deg",
-            False,
-            f"{np.rad2deg(sigma):.2g} deg is stated; is this rad?",
-        )
+    if not _PRECISE <= sigma <= _COARSE:
+        degrees = float(np.rad2deg(sigma))
+        if sigma < _PRECISE:
+            symptom, told = _TOO_SMALL, f"{degrees:.2g} deg is stated; is this rad?"
+        else:
+            symptom, told = _TOO_LARGE, f"{degrees:.0f} deg is stated; are these degrees?"
+        yield Finding(symptom, name, degrees, "deg", False, told)
 
 
 def _folded(scans: Sequence[RadarScan]) -> tuple[float, float]:

@@ -113,6 +113,10 @@ FAULTS = {
         lambda: changed(lambda s: replace(s, sigma_azimuth=s.sigma_azimuth * DEGREE)),
         NAMES,
     ),
+    "standard deviation of the azimuth too large": (
+        lambda: alone(lambda s: replace(s, sigma_azimuth=0.0 * s.azimuth + 0.3)),
+        ("front",),
+    ),
     "one time stamp for each target": (one_by_one, ("front",)),
     "a gap": (lambda: without(1.0, 3.0), ("",)),
     "the clock jumps": (
@@ -174,6 +178,16 @@ def test_positions_say_whether_a_vehicle_may_drive_backwards():
         found = diagnose(sensors, driven, horizon=0.3).findings
         sure = {each.symptom: each.sure for each in found}
         assert sure["the vehicle drives backwards"] == wrong
+
+
+def test_a_standard_deviation_that_is_too_small_is_surely_wrong_if_few_targets_fit():
+    """Breaks if radians taken for degrees give files as if the rest were right."""
+    wrong = alone(lambda s: replace(s, sigma_azimuth=s.sigma_azimuth * DEGREE))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        found = diagnose(wrong, track(wrong)).findings
+    sure = {each.symptom: each.sure for each in found}
+    assert sure["standard deviation of the azimuth too small"]
 
 
 def test_one_radar_to_the_side_is_told_that_it_needs_help():
