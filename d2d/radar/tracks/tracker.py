@@ -77,9 +77,10 @@ def track(
     others, there are fewer than two rounds, ``horizon`` is given beside ``baseline``, or another
     argument is invalid.
 
-    Warns if a clock jumps (back by more than 1 s, or ahead by more than ``max_interval``), targets
-    are there twice, a sensor repeats its scan, the times of a sensor hardly overlap with those of
-    the others, or its Doppler velocities are theirs of another time.
+    Warns if a clock jumps (back by more than 1 s, or ahead by more than ``max_interval``), a single
+    time stamp does, so that its scan is left out, targets are there twice, a sensor repeats its
+    scan, the times of a sensor hardly overlap with those of the others, or its Doppler velocities
+    are theirs of another time.
 
     Warns if in most intervals the positions alone fit another velocity clearly better than the one
     that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower (km/h),
@@ -226,7 +227,8 @@ class Tracker:
         """Take the next scan of a sensor; returns the estimates that it completes, often none.
 
         Scans may come a little out of order between sensors; one that is older than the last
-        estimate is left out, with a warning.  Raises a ``ValueError`` if the sensor is unknown,
+        estimate is left out, with a warning.  After a jump of a sensor's clock, or a gap, all wait
+        for its next scan, for a second or five of its cycles at most.  Raises a ``ValueError`` if the sensor is unknown,
         ``scan`` is not a `RadarScan`, or not later than the sensor's scan before.
         """
         if sensor not in self._numbers:
