@@ -132,10 +132,11 @@ class Intake:
         stamp, since = held.scans[0].time, self._measured_since(held)
         others = [s for s in since if self._offsets[s] == held.offsets[s]]  # that go on
         now = max((self._latest[s].time for s in others), default=time)
-        if cycle and abs(time - now) > gap:
+        passed = max((held.latest[s].time for s in others), default=latest) - latest
+        if cycle:
+            passed = cycle * max(1, round(passed / cycle))
+        if abs(time - now) > gap and passed > 0.0:
             self._tell_jump(sensor, held.jump, stamp, now)
-            before = max(held.latest[s].time for s in others)
-            passed = cycle * max(1, round((before - latest) / cycle))
             slack = _ALIKE * cycle
         elif held.jump > 0.0:
             self._tell_gap(sensor, held.jump, stamp)

@@ -228,8 +228,10 @@ class Tracker:
 
         Scans may come a little out of order between sensors; one that is older than the last
         estimate is left out, with a warning.  After a jump of a sensor's clock, or a gap, all wait
-        for its next scan, for a second or five of its cycles at most.  Raises a ``ValueError`` if the sensor is unknown,
-        ``scan`` is not a `RadarScan`, or not later than the sensor's scan before.
+        for its next scan, but not longer than a second, or five of its cycles.
+
+        Raises a ``ValueError`` if the sensor is unknown, ``scan`` is not a `RadarScan`, or not
+        later than the sensor's scan before.
         """
         if sensor not in self._numbers:
             known = ", ".join(map(repr, self._numbers))

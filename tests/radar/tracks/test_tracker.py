@@ -222,6 +222,21 @@ def test_one_wrong_clock_does_not_lose_the_others(last, seconds):
     assert np.abs(late.theta - STRAIGHT).max() < 0.3
 
 
+def test_a_clock_that_jumps_at_once_does_not_lose_the_others():
+    """Breaks if a sensor must have shown its cycle before its clock may be set."""
+    sensors = named_sensors(20)
+    scans, _ = sensors["left"]
+    jumped = [scans[0], *(replace(scan, time=scan.time - 5.0) for scan in scans[1:])]
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
+    wrong = {id(scan): other for scan, other in zip(scans, jumped, strict=True)}
+    order = [(time, name, wrong.get(id(scan), scan)) for time, name, scan in in_order(sensors)]
+    with pytest.warns(UserWarning, match=r"^the clock of 'left' jumps by -4\.9") as said:
+        added(tracker, order)
+    assert len(said) == 1
+    assert np.median(tracker.track.targets[5:]) > 2.5 * np.mean([scan.size for scan in scans])
+    assert np.abs(tracker.track.theta[5:] - STRAIGHT).max() < 0.3
+
+
 def with_common_gap() -> dict:
     """All sensors pause for three seconds."""
     times = np.concatenate([0.1 * np.arange(12), 4.0 + 0.1 * np.arange(12)])
