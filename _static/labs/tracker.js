@@ -837,15 +837,16 @@ globalThis.tracker = (function radarTracker() {
         intervals = this.intervals[sensor],
         latest = this.latest[sensor]?.time,
         time = scan.time + this.offsets[sensor];
-      if (latest !== undefined && latest - JUMP < time && time <= latest) {
-        const before = seconds(latest - this.offsets[sensor], 6);
+      let held = this.held[sensor];
+      const twice = held && held.scan.time === scan.time;
+      if (latest !== undefined && (twice || (latest - JUMP < time && time <= latest))) {
+        const before = seconds(twice ? scan.time : latest - this.offsets[sensor], 6);
         throw new Error(
           `${name} must be in strictly increasing time, but a scan is at ${seconds(scan.time, 6)} after ${before}`,
         );
       }
       const longest = intervals.length ? this.gap(sensor) : Infinity,
         goesOn = latest === undefined || (latest < time && time <= latest + longest);
-      let held = this.held[sensor];
       delete this.held[sensor];
       if (held && (goesOn || scan.time < held.scan.time)) {
         this.tell("stamp", "the clock jumps", name, held.jump, "s", "for one scan");

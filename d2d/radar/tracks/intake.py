@@ -77,22 +77,25 @@ class Intake:
         offset, intervals = self._offsets[sensor], self._intervals[sensor]
         time, others = scan.time + offset, self._time_of_others(sensor)
         latest = self._latest[sensor].time if sensor in self._latest else None
-        if latest is not None and latest - _JUMP < time <= latest:
+        held, known = self._held.get(sensor), [scan]
+        twice = held is not None and held.scans[-1].time == scan.time
+        if latest is not None and (twice or latest - _JUMP < time <= latest):
             raise ValueError(
                 f"{self._names[sensor]} must be in strictly increasing time, but a scan is at "
-                f"{scan.time:.6f} s after {latest - offset:.6f} s"
+                f"{scan.time:.6f} s after {scan.time if twice else latest - offset:.6f} s"
             )
-        longest = self._gap(sensor) if intervals else math.inf
-        goes_on = latest is None or latest < time <= latest + longest
-        held, known = self._held.pop(sensor, None), [scan]
+        goes_on = latest is None or latest < time <= latest + self._reach(sensor)
         if held is not None and (goes_on or scan.time < held.scans[-1].time):
             self._tell_stamp(sensor, held)
             held = None
+        self._held.pop(sensor, None)
         if latest is not None and not goes_on:
-            jump, before = time - latest, held
-            held = held or _Held([], jump, {**self._latest}, {**self._offsets})
+            if held is None:
+                held = _Held([scan], time - latest, {**self._latest}, {**self._offsets})
+                self._held[sensor] = held
+                return []
             held.scans.append(scan)
-            if before is None or not self._is_known(sensor, held):
+            if not self._is_known(sensor, held):
                 self._held[sensor] = held
                 return []
             self._mend(sensor, held, time)
@@ -149,6 +152,10 @@ class Intake:
     def _cycle(self, sensor: int) -> float:
         """The usual time between two scans of a sensor, in s; zero while there is only one."""
         return median(self._intervals[sensor] or [0.0])
+
+    def _reach(self, sensor: int) -> float:
+        """How long after a scan the next one may come, in s; any time while there is only one."""
+        return self._gap(sensor) if self._intervals[sensor] else math.inf
 
     def _gap(self, sensor: int) -> float:
         """A time in s over which no pair of scans reaches."""

@@ -48,6 +48,14 @@ def test_one_wrong_stamp_is_named_and_left_out(seconds):
     assert found.converged.all()
 
 
+def test_a_time_that_comes_twice_after_a_gap_is_refused():
+    """Breaks if a scan that waits is confirmed by another one of the same time."""
+    scans, at = surround_scans(16)[0]
+    late = shifted(scans, 12, 5.0)
+    with pytest.raises(ValueError, match=r"^scans must be in strictly increasing time, .* 6\.2"):
+        track(([*late[:13], late[12], *late[13:]], at))
+
+
 def test_a_radar_that_becomes_slow_is_not_left_out():
     """Breaks if each of its scans waits for one that agrees with it, for ever."""
     times = np.concatenate([0.1 * np.arange(12), 3.0 + 2.0 * np.arange(12)])
