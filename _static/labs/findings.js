@@ -19,7 +19,9 @@ globalThis.findings = (function radarFindings() {
 
   // ---- d2d/radar/tracks/lateness.py ----------------------------------------------------------------------------------------
 
-  const ROUNDS = 50,
+  const WITHIN = [3, 0.5], // m/s
+    APART = 1e-3, // least squared sine between directions
+    ROUNDS = 50,
     LATE = 0.07, // s
     SURE = 5, // standard deviations
     USELESS = 0.2, // s
@@ -27,9 +29,26 @@ globalThis.findings = (function radarFindings() {
     ROUNDING = 1e-9, // relative
     ALIKE = 5; // estimates
 
-  /** How much larger v_x is by a scan's static targets; nan if it shows none. */
-  const excessOf = (scan, mounting, theta) =>
-    scan.targets.length < SEEN ? NaN : sensorFit(scan, mounting).velocity[0] - theta[0] + theta[2] * mounting.y;
+  /** How much larger v_x is by a scan's static targets, by least squares of both components; nan if it shows none. */
+  function excessOf(scan, mounting, theta) {
+    const targets = scan.targets.map(({ azimuth, doppler }) => {
+      const { gain } = d2d.dopplerGradients(azimuth, mounting);
+      return { gain, rest: doppler - dot(gain, theta) };
+    });
+    let found = [0, 0];
+    for (const within of WITHIN) {
+      const before = found,
+        near = targets.filter(({ gain, rest }) => Math.abs(rest - gain[0] * before[0] - gain[1] * before[1]) < within),
+        total = (of) => near.reduce((sum, each) => sum + of(each), 0);
+      if (near.length < SEEN) return NaN;
+      const [xx, xy, yy] = [[0, 0], [0, 1], [1, 1]].map(([i, j]) => total(({ gain }) => gain[i] * gain[j])),
+        [x, y] = [0, 1].map((i) => total(({ gain, rest }) => gain[i] * rest)),
+        determinant = xx * yy - xy * xy;
+      if (determinant < APART * xx * yy) return NaN;
+      found = [(yy * x - xy * y) / determinant, (xx * y - xy * x) / determinant];
+    }
+    return found[0];
+  }
 
   /** Sums of products without what the first columns explain of the others. */
   function withoutFirst(sums, count) {
