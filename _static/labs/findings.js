@@ -19,43 +19,69 @@ globalThis.findings = (function radarFindings() {
 
   // ---- d2d/radar/tracks/lateness.py ----------------------------------------------------------------------------------------
 
-  const NEAR = 3, // m/s
-    ALONG = 0.3, // share of v_x in a Doppler velocity
+  const WITHIN = [3, 0.5], // m/s
+    APART = 1e-3, // least squared sine between directions
     ROUNDS = 50,
     LATE = 0.07, // s
     SURE = 5, // standard deviations
     USELESS = 0.2, // s
     BEHIND = 0.5, // s
+    ROUNDING = 1e-9, // relative
     ALIKE = 5; // estimates
 
-  /** How much larger v_x is by a scan's static targets; nan if it shows none. */
+  /** How much larger v_x is by a scan's static targets, by least squares of both components; nan if it shows none. */
   function excessOf(scan, mounting, theta) {
-    const told = scan.targets
-      .map(({ azimuth, doppler }) => ({ doppler, gain: d2d.dopplerGradients(azimuth, mounting).gain }))
-      .map(({ doppler, gain }) => [doppler - dot(gain, theta), gain[0]])
-      .filter(([rest, ahead]) => Math.abs(rest) < NEAR && Math.abs(ahead) > ALONG);
-    return told.length < 3 ? NaN : median(told.map(([rest, ahead]) => rest / ahead));
+    const targets = scan.targets.map(({ azimuth, doppler }) => {
+      const { gain } = d2d.dopplerGradients(azimuth, mounting);
+      return { gain, rest: doppler - dot(gain, theta) };
+    });
+    let found = [0, 0];
+    for (const within of WITHIN) {
+      const before = found,
+        near = targets.filter(({ gain, rest }) => Math.abs(rest - gain[0] * before[0] - gain[1] * before[1]) < within),
+        total = (of) => near.reduce((sum, each) => sum + of(each), 0);
+      if (near.length < SEEN) return NaN;
+      const [xx, xy, yy] = [[0, 0], [0, 1], [1, 1]].map(([i, j]) => total(({ gain }) => gain[i] * gain[j])),
+        [x, y] = [0, 1].map((i) => total(({ gain, rest }) => gain[i] * rest)),
+        determinant = xx * yy - xy * xy;
+      if (determinant < APART * xx * yy) return NaN;
+      found = [(yy * x - xy * y) / determinant, (xx * y - xy * x) / determinant];
+    }
+    return found[0];
+  }
+
+  /** Sums of products without what the first columns explain of the others. */
+  function withoutFirst(sums, count) {
+    let left = sums;
+    for (let k = 0; k < count; k++) {
+      const before = left,
+        own = before[k];
+      if (own[k] <= ROUNDING * sums[k][k]) continue;
+      left = before.map((row) => row.map((each, j) => each - (row[k] * own[j]) / own[k]));
+    }
+    return left;
   }
 
   /** Whether the Doppler velocities of a sensor are those of another time than its stamps say. */
   function ofLateness({ sensors, ...track }) {
     const place = ({ x, y, yaw }) => [x, y, yaw].join(),
       names = new Map(sensors.map(({ name, mounting }) => [place(mounting), name])),
-      sums = new Map([...names.keys()].map((at) => [at, [0, 0, 0, 0, 0, 0]])),
+      sums = new Map([...names.keys()].map((at) => [at, Array.from({ length: 5 }, () => [0, 0, 0, 0, 0])])),
       driven = [];
     const worst = () => {
-      let found = { name: "", lag: 0, sigma: 0 };
-      for (const [at, [n, a, d, aa, ad, dd]] of sums) {
-        const spread = aa - (a * a) / Math.max(n, 1);
-        if (n < ROUNDS || spread <= 0) continue;
-        const slope = (ad - (a * d) / n) / spread,
-          rest = Math.max(dd - (d * d) / n - slope ** 2 * spread, 0) / n;
-        if (Math.abs(slope) > Math.abs(found.lag)) {
-          found = { name: names.get(at), lag: -slope, sigma: Math.sqrt((ALIKE * rest) / spread) };
-        }
+      let found = { name: "", lag: 0 };
+      for (const [at, own] of sums) {
+        const [[n]] = own,
+          left = withoutFirst(own, 3),
+          spread = left[3][3];
+        if (n < ROUNDS || spread <= ROUNDING * own[3][3]) continue;
+        const slope = left[3][4] / spread,
+          rest = Math.max(left[4][4] - slope ** 2 * spread, 0) / n,
+          isSure = Math.abs(slope) > Math.max(LATE, SURE * Math.sqrt((ALIKE * rest) / spread));
+        if (isSure && Math.abs(slope) > Math.abs(found.lag)) found = { name: names.get(at), lag: -slope };
       }
-      const { name, lag, sigma } = found;
-      if (Math.abs(lag) <= Math.max(LATE, SURE * sigma)) return [];
+      const { name, lag } = found;
+      if (!name) return [];
       const told = `${Math.abs(lag).toFixed(2)} s ${lag > 0 ? "late" : "early"}`;
       return [finding("the clock of a sensor is off", name, lag, "s", Math.abs(lag) > USELESS, told)];
     };
@@ -73,14 +99,13 @@ globalThis.findings = (function radarFindings() {
           excess = excessOf(current, mounting, own);
         if (Number.isFinite(excess)) found.set(place(mounting), excess);
       }
-      const [a] = acceleration;
       for (const [at, excess] of found) {
         const others = [...found].filter(([other]) => other !== at).map(([, value]) => value);
         if (!others.length) continue;
-        const d = excess - median(others);
+        const row = [1, theta[0], theta[2], acceleration[0], excess - median(others)];
         sums.set(
           at,
-          [1, a, d, a * a, a * d, d * d].map((each, i) => sums.get(at)[i] + each),
+          sums.get(at).map((own, i) => own.map((each, j) => each + row[i] * row[j])),
         );
       }
       count += 1;
@@ -179,10 +204,12 @@ globalThis.findings = (function radarFindings() {
       compared += 1;
       against.push(...contradictionOf(problemOf(known[i].pairs, model), known[i].row.theta));
     }
-    const together = [0, 1].map((axis) => against.reduce((total, { heading }) => total + heading[axis], 0));
-    if (!against.length || 2 * Math.hypot(...together) <= compared) return [];
     const times = (kind) => against.filter((each) => each.kind === kind).length,
-      kind = Object.keys(SYMPTOMS).reduce((best, each) => (times(each) > times(best) ? each : best));
+      kind = Object.keys(SYMPTOMS).reduce((best, each) => (times(each) > times(best) ? each : best)),
+      together = (some) => Math.hypot(...[0, 1].map((axis) => some.reduce((total, { heading }) => total + heading[axis], 0)));
+    // a fit by chance has a random direction, and must not hide what most say
+    const most = Math.max(together(against), together(against.filter((each) => each.kind === kind)));
+    if (2 * most <= compared) return [];
     const told =
       `in ${against.length} of ${compared} intervals the positions fit another velocity better, mostly ${kind}`;
     return [finding(SYMPTOMS[kind], "", against.length / compared, "share", true, told)];
@@ -193,6 +220,9 @@ globalThis.findings = (function radarFindings() {
   const NARROW = 3.5 * DEGREE,
     FAR = 500, // m
     PRECISE = 0.03 * DEGREE,
+    COARSE = 10 * DEGREE,
+    TOO_SMALL = "standard deviation of the azimuth too small",
+    TOO_LARGE = "standard deviation of the azimuth too large",
     MOVING = 3, // m/s
     SEEN = 5; // targets of a scan, and scans
   const TURNED = 1.5 * DEGREE,
@@ -296,9 +326,11 @@ globalThis.findings = (function radarFindings() {
       tell("Doppler velocities are folded", limit, "m/s", true, told);
     }
     const sigma = median(targets.map(({ sigmaAzimuth }) => sigmaAzimuth));
+    const degrees = sigma / DEGREE;
     if (sigma < PRECISE) {
-      const degrees = Number((sigma / DEGREE).toPrecision(2));
-      tell("standard deviation of the azimuth too small", sigma / DEGREE, "deg", false, `${degrees} deg is stated; is this rad?`);
+      tell(TOO_SMALL, degrees, "deg", false, `${Number(degrees.toPrecision(2))} deg is stated; is this rad?`);
+    } else if (sigma > COARSE) {
+      tell(TOO_LARGE, degrees, "deg", false, `${degrees.toFixed(0)} deg is stated; are these degrees?`);
     }
     return found;
   }
@@ -329,9 +361,12 @@ globalThis.findings = (function radarFindings() {
       }));
       const least = Math.min(...rest.map(({ misfit }) => misfit));
       if (least < ALIKE_HEADINGS) {
+        // a vehicle may reverse, but then the positions say the same
+        const contradicted = usualShare(shown) < FEW_FIT,
+          isSure = (symptom) => symptom !== BACKWARDS || contradicted;
         return rest
           .filter(({ misfit }) => misfit < least + TURNED)
-          .map(({ symptom, sensor }) => finding(symptom, sensor, worst, "deg", symptom !== BACKWARDS, told(worst, 0)));
+          .map(({ symptom, sensor }) => finding(symptom, sensor, worst, "deg", isSure(symptom), told(worst, 0)));
       }
     }
     let off = known.filter(({ heading, sigma }) => Math.abs(heading) > Math.max(TURNED, SURE_HEADING * sigma));
@@ -374,14 +409,20 @@ globalThis.findings = (function radarFindings() {
     return [...ofLateness(free), ...ofContradiction(free)].filter(({ sure }) => sure);
   }
 
+  /** Median of the sensors' inlier shares; nan if none is known. */
+  function usualShare(shown) {
+    const shares = shown.map(({ inliers }) => inliers).filter(Number.isFinite);
+    return shares.length ? median(shares) : NaN;
+  }
+
   /** What inlier shares, times and covariances tell. */
   function ofTrack(shown, rows) {
     const found = [],
-      shares = shown.map(({ inliers }) => inliers).filter(Number.isFinite);
-    if (shares.length && median(shares) < FEW_FIT) {
-      const told = `${percent(median(shares))} of the targets fit; units, signs, standard deviations, clocks`;
-      found.push(finding("few targets fit", "", median(shares), "share", false, told));
-    } else if (shares.length > 1) {
+      share = usualShare(shown);
+    if (share < FEW_FIT) {
+      const told = `${percent(share)} of the targets fit; units, signs, standard deviations, clocks`;
+      found.push(finding("few targets fit", "", share, "share", false, told));
+    } else if (shown.filter(({ inliers }) => Number.isFinite(inliers)).length > 1) {
       for (const { name, inliers } of shown.filter((each) => each.inliers < HARDLY_ANY)) {
         const told = `${percent(inliers)} of its targets fit the motion that the others show`;
         found.push(finding("few targets fit", name, inliers, "share", false, told));
@@ -409,7 +450,8 @@ globalThis.findings = (function radarFindings() {
     const { sensors, rows } = track,
       inliers = inliersOf(track),
       shown = sensors.map((sensor, s) => ({ ...sensor, inliers: inliers[s], ...headingOf(sensor, rows) })),
-      targets = sensors.flatMap(ofTargets);
+      few = usualShare(shown) < FEW_FIT,
+      targets = sensors.flatMap(ofTargets).map((each) => ({ ...each, sure: each.sure || (few && each.symptom === TOO_SMALL) }));
     const said = [...track.found, ...ofLateness(track), ...ofContradiction(track), ...targets];
     // what is wrong with targets explains the rest
     if (!targets.some((each) => each.sure)) {

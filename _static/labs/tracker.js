@@ -812,40 +812,89 @@ globalThis.tracker = (function radarTracker() {
     about,
   });
 
-  /** Takes the scans of sensors as they are to be used: clocks that jump are set on, targets given twice are dropped. */
+  /**
+   * Takes the scans of sensors as they are to be used: clocks that jump are set on, one wrong stamp and targets given twice are
+   * left out.  A scan that comes too early or too late waits for the next one, which shows whether the clock has jumped.
+   */
   class Intake {
     constructor(names, maxInterval) {
-      Object.assign(this, { names, maxInterval, latest: [], intervals: [], offsets: names.map(() => 0), found: [] });
-      this.told = new Set();
+      Object.assign(this, { names, maxInterval, found: [], told: new Set() });
+      Object.assign(this, { latest: [], held: [], intervals: names.map(() => []), offsets: names.map(() => 0) });
     }
 
+    /** What is to be used after a sensor's next scan: this one, none, or also the one before. */
     taken(sensor, scan) {
+      return this.timed(sensor, scan).map((each) => {
+        this.lookForRepetition(sensor, each);
+        this.latest[sensor] = each;
+        return this.withoutTwins(sensor, each);
+      });
+    }
+
+    /** The scans of a sensor whose time is now known, with this time. */
+    timed(sensor, scan) {
       const name = this.names[sensor],
-        latest = this.latest[sensor];
-      let time = scan.time + this.offsets[sensor];
-      if (latest !== undefined && latest - JUMP < time && time <= latest) {
-        const before = seconds(latest - this.offsets[sensor], 6);
+        intervals = this.intervals[sensor],
+        latest = this.latest[sensor]?.time,
+        time = scan.time + this.offsets[sensor];
+      let held = this.held[sensor];
+      const twice = held && held.scan.time === scan.time;
+      if (latest !== undefined && (twice || (latest - JUMP < time && time <= latest))) {
+        const before = seconds(twice ? scan.time : latest - this.offsets[sensor], 6);
         throw new Error(
           `${name} must be in strictly increasing time, but a scan is at ${seconds(scan.time, 6)} after ${before}`,
         );
       }
-      if (latest !== undefined && time <= latest) {
-        this.tell(`jump ${this.offsets[sensor]}`, "the clock jumps", name, time - latest, "s", "back");
-        this.offsets[sensor] = this.offsetAfter(sensor, latest - scan.time);
-        time = scan.time + this.offsets[sensor];
-      } else if (latest !== undefined && time - latest > this.maxInterval) {
-        this.tell("ahead", "the clock jumps", name, time - latest, "s", "or a gap");
+      const longest = intervals.length ? this.gap(sensor) : Infinity,
+        goesOn = latest === undefined || (latest < time && time <= latest + longest);
+      delete this.held[sensor];
+      if (held && (goesOn || scan.time < held.scan.time)) {
+        this.tell("stamp", "the clock jumps", name, held.jump, "s", "for one scan");
+        held = undefined;
       }
-      if (latest !== undefined) this.intervals[sensor] = time - latest;
-      this.latest[sensor] = time;
-      return this.withoutTwins(sensor, { ...scan, time });
+      if (!goesOn && !held) {
+        this.held[sensor] = { scan, jump: time - latest };
+        return [];
+      }
+      if (!goesOn) this.mend(sensor, held);
+      else if (latest !== undefined) this.tellGap(name, time - latest);
+      if (latest !== undefined) intervals.push(goesOn ? time - latest : scan.time - held.scan.time);
+      if (intervals.length > REMEMBERED) intervals.shift();
+      return (held ? [held.scan, scan] : [scan]).map((each) => ({ ...each, time: each.time + this.offsets[sensor] }));
+    }
+
+    /** Set a sensor's clock after a jump; one ahead may be a gap. */
+    mend(sensor, { scan, jump }) {
+      const name = this.names[sensor];
+      if (jump > 0) this.tellGap(name, jump);
+      else {
+        this.tell(`jump ${this.offsets[sensor]}`, "the clock jumps", name, jump, "s", "back");
+        this.offsets[sensor] = this.offsetAfter(sensor, this.latest[sensor].time - scan.time);
+      }
+    }
+
+    /** A time over which no pair of scans reaches. */
+    gap(sensor) {
+      const intervals = this.intervals[sensor];
+      return Math.max(FRESH * (intervals.length ? median(intervals) : 0), JUMP);
     }
 
     /** What to add after a jump: what another sensor's clock has just got, if it fits. */
     offsetAfter(sensor, back) {
-      const gap = Math.max(FRESH * (this.intervals[sensor] ?? 0), JUMP),
+      const guess = back + this.gap(sensor),
         others = this.offsets.filter((_, other) => other !== sensor);
-      return others.find((known) => known - back > 0 && known - back < 2 * gap) ?? back + gap;
+      return others.find((known) => Math.abs(known - guess) < this.gap(sensor)) ?? guess;
+    }
+
+    tellGap(name, jump) {
+      if (jump > this.maxInterval) this.tell("ahead", "the clock jumps", name, jump, "s", "or a gap");
+    }
+
+    lookForRepetition(sensor, scan) {
+      const before = this.latest[sensor];
+      if (before && repeats(before, scan)) {
+        this.tell("frozen", "a scan is repeated", this.names[sensor], scan.time, "s", `first at ${seconds(scan.time)}`);
+      }
     }
 
     withoutTwins(sensor, scan) {
@@ -875,6 +924,8 @@ globalThis.tracker = (function radarTracker() {
   const MAX_INTERVAL = 60, // s
     NO_TARGETS = "a scan without targets",
     AFTER_GAP = "the first scan after a gap",
+    REPEATED = "a scan that repeats an earlier one",
+    MOVING = 0.5, // m/s
     REMEMBERED = 9, // intervals
     ROUND = 1.5, // cycles
     OVERLAP = 0.5, // of the shorter span of time
@@ -935,6 +986,16 @@ globalThis.tracker = (function radarTracker() {
     });
   }
 
+  /** Whether a scan has the targets of an earlier one although the sensor moves. */
+  function repeats(previous, current) {
+    const first = previous.targets,
+      second = current.targets;
+    const alike =
+      first.length === second.length &&
+      second.every((target, k) => ["range", "azimuth", "doppler"].every((name) => target[name] === first[k][name]));
+    return second.length > 0 && alike && median(second.map((target) => Math.abs(target.doppler))) > MOVING;
+  }
+
   /** The latest scans of one sensor. */
   class History {
     constructor(mounting, baseline, horizon) {
@@ -944,6 +1005,11 @@ globalThis.tracker = (function radarTracker() {
     /** The usual time from one scan to the next; infinite while there is only one. */
     get cycle() {
       return this.intervals.length ? median(this.intervals) : Infinity;
+    }
+
+    /** Whether the sensor measures the same as before, so that the scan is to be left out. */
+    repeats(scan) {
+      return this.scans.length > 0 && repeats(this.scans.at(-1), scan);
     }
 
     /** The next scan, paired with an earlier one; null if there is none near enough. */
@@ -985,7 +1051,8 @@ globalThis.tracker = (function radarTracker() {
       if (!scans.size) return;
       const place = (s) => [scans.get(s).time, histories[s].mounting.x, histories[s].mounting.y, histories[s].mounting.yaw];
       const order = [...scans.keys()].sort((a, b) => place(a).reduce((by, each, i) => by || each - place(b)[i], 0)),
-        chosen = order.map((s) => ({ sensor: s, pair: histories[s].paired(scans.get(s)) })),
+        fresh = order.filter((s) => !histories[s].repeats(scans.get(s))),
+        chosen = fresh.map((s) => ({ sensor: s, pair: histories[s].paired(scans.get(s)) })),
         time = mean(order.map((s) => scans.get(s).time)),
         interval = time - last;
       last = time;
@@ -997,7 +1064,7 @@ globalThis.tracker = (function radarTracker() {
         time,
         interval,
         pairs: full.map(({ sensor, pair }) => ({ ...pair, sensor })),
-        reason: known.length || !seen ? NO_TARGETS : AFTER_GAP,
+        reason: fresh.length < order.length ? REPEATED : known.length || !seen ? NO_TARGETS : AFTER_GAP,
       });
     };
     const isOver = (time) =>
@@ -1139,25 +1206,13 @@ globalThis.tracker = (function radarTracker() {
   const MIN_EXPLAINED = 0.1,
     MIN_AGREEING = 4, // targets
     MAX_TURN = Math.PI, // rad
-    WELL_EXPLAINED = 0.6,
-    MOVING = 0.5; // m/s
+    WELL_EXPLAINED = 0.6;
 
   const isGood = (estimate) => estimate.converged && estimate.inliers >= MIN_EXPLAINED;
   const sizeOf = (pairs) => pairs.reduce((total, pair) => total + pair.current.targets.length, 0);
 
-  /** Whether a scan has the targets of an earlier one although the sensor moves. */
-  function repeats(previous, current) {
-    const first = previous.targets,
-      second = current.targets;
-    const alike =
-      first.length === second.length &&
-      second.every((target, k) => ["range", "azimuth", "doppler"].every((name) => target[name] === first[k][name]));
-    return alike && median(second.map((target) => Math.abs(target.doppler))) > MOVING;
-  }
-
   /** Why an estimate is not accepted, whatever its covariance; empty if nothing is against it. */
   function doubt(estimate, pairs) {
-    if (pairs.some((pair) => repeats(pair.previous, pair.current))) return "a scan that repeats an earlier one";
     if (!estimate.converged) return "no optimum near the start";
     if (!isGood(estimate)) return `an optimum that rejects ${percent(1 - estimate.inliers)} of the targets`;
     const agreed = sizeOf(pairs) * estimate.inliers;
@@ -1327,7 +1382,7 @@ globalThis.tracker = (function radarTracker() {
       drives.map(({ name }) => name),
       options.maxInterval,
     );
-    const sensors = drives.map((drive, s) => ({ ...drive, scans: drive.scans.map((scan) => intake.taken(s, scan)) })),
+    const sensors = drives.map((drive, s) => ({ ...drive, scans: drive.scans.flatMap((scan) => intake.taken(s, scan)) })),
       found = [...intake.found, ...checkOverlap(sensors)];
     const rounds = roundsOf(sensors, options.baseline, options.horizon);
     if (!rounds.length) throw new Error("there must be at least two rounds of scans (of one sensor: two scans), but is one");

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from d2d._bounds import Bounds
 from d2d._checks import check_path
 from d2d.radar.live import estimates_of
 from d2d.radar.readers import READERS
@@ -38,6 +39,7 @@ from d2d.radar.trust.halves import compare_tracks
 PROGRAM = "python -m d2d.radar"
 
 _MAX_ACCELERATION = VehicleLimits().acceleration
+_DEGREES = Bounds(least=0.0, most=360.0, unit="in degrees, ")
 
 # Of the error budget: the unit, and what each is the standard deviation of.
 BUDGET = {
@@ -249,7 +251,7 @@ def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, An
     """The options of `track` and `Tracker` that the arguments give."""
     given = {name: getattr(arguments, f"budget_{name}") for name in BUDGET}
     if given["azimuth"] is not None:
-        given["azimuth"] = math.radians(given["azimuth"])
+        given["azimuth"] = math.radians(_DEGREES.number("--budget-azimuth", given["azimuth"]))
     known = {name: value for name, value in given.items() if value is not None}
     slip = arguments.side_slip
     if slip is not None and not 0.0 <= slip < math.inf:
@@ -335,6 +337,8 @@ def _agreement(first: tuple[str, Track], second: tuple[str, Track]) -> str:
 def _live(arguments: argparse.Namespace) -> None:
     if arguments.horizon is None and arguments.baseline == 1:
         arguments.horizon = 0.3  # as `Tracker`
+    if sys.stdin is None:
+        raise ValueError("live reads scans from the standard input, which is closed")
     tracker = Tracker(mountings_of(vars(arguments)), keep=1, **_options(arguments, ErrorBudget()))
     if hasattr(sys.stdin, "reconfigure"):
         sys.stdin.reconfigure(errors="replace")  # a wrong byte is one wrong line

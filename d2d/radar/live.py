@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from d2d._bounds import SECONDS
+from d2d._checks import check_finite
 from d2d.radar.scans.scan import RadarScan
 from d2d.radar.tracks.following import VelocityEstimate
 from d2d.radar.tracks.tracker import Tracker
@@ -14,6 +16,8 @@ from d2d.radar.tracks.tracker import Tracker
 _MEASURED = ("time", "range", "azimuth", "doppler")
 _SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
 _ANGLES = ("azimuth", "sigma_azimuth")
+# 3000 years since 1970, before those in ms begin; float64 still holds them to 15 us
+_TIME = SECONDS._replace(most=1e11, hint="; are these milli-, micro- or nanoseconds?")
 
 
 def estimates_of(
@@ -28,9 +32,9 @@ def estimates_of(
 
     A line holds ``sensor``, ``time`` and the lists ``range``, ``azimuth``, ``doppler``,
     ``sigma_range``, ``sigma_azimuth``, ``sigma_doppler``, in the units of `RadarScan`; with
-    ``degrees``, angles are in degrees.  A standard deviation may be a number, or is that of
-    ``sigmas`` if there is none.  What is wrong with a line goes to ``complain`` with its number,
-    and the next one is read.
+    ``degrees``, angles are in degrees.  A standard deviation may be a number for all targets; one
+    of ``sigmas``, in m, rad and m/s, counts instead of the lines'.  What is wrong with a line goes
+    to ``complain`` with its number, and the next one is read.
     """
     for count, line in enumerate(lines, start=1):
         if not line.strip():
@@ -55,10 +59,13 @@ def _scan(line: str, degrees: bool, sigmas: dict[str, float | None]) -> tuple[st
     if missing:
         raise ValueError(f"a scan must have {', '.join(missing)}")
     turned = {
-        name: np.deg2rad(np.asarray(entry[name], dtype=np.float64))
+        name: np.deg2rad(check_finite(name, entry[name]))
         for name in _ANGLES
         if degrees and name in entry and name not in given
     }
+    if isinstance(entry["time"], bool):
+        raise ValueError(f"time must be a number, but is {json.dumps(entry['time'])}")
+    _TIME.number("time", entry["time"])
     values = entry | turned | given
     return str(entry["sensor"]), RadarScan(*(values[name] for name in (*_MEASURED, *_SIGMAS)))
 

@@ -65,12 +65,13 @@ def with_budget() -> Case:
 
 
 def in_trouble() -> Case:
-    """A clock that jumps, a gap, targets given twice, a frozen sensor, hardly any targets."""
+    """A clock that jumps, a wrong stamp, a gap, targets twice, a frozen sensor, few targets."""
     drive = simulate_drive(np.random.default_rng(3), duration=20.0)
     scans = [*drive.scans[:60], *drive.scans[75:]]
     scans[20] = scans[20][[*range(scans[20].size), *range(scans[20].size)]]
     scans[30] = replace(scans[29], time=scans[30].time)
     scans[40] = scans[40][:3]
+    scans[50] = replace(scans[50], time=scans[50].time + 100.0)
     scans[100:] = [replace(scan, time=scan.time - 1000.0) for scan in scans[100:]]
     words = (
         "--baseline 2 --side-slip 0.05 --max-acceleration 3 --extent 0.05 --budget-lag 0.1 "

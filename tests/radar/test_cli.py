@@ -195,6 +195,13 @@ def test_missing_files_and_wrong_values_are_named(log, capsys):
         assert said in failed(arguments, capsys)
 
 
+@pytest.mark.parametrize(("given", "said"), [("400", "at most 360"), ("-1", "at least 0")])
+def test_a_wrong_budget_of_the_azimuth_is_told_in_degrees(log, capsys, given, said):
+    """Breaks if a user who gave degrees is asked for radians, of a number that is not theirs."""
+    call = tracked(log, "--budget-azimuth", given)
+    assert re.search(f"--budget-azimuth must be .*{said}, but is {given}", failed(call, capsys))
+
+
 def test_where_nothing_can_be_written_is_known_before_the_work(log, capsys, monkeypatch):
     """Breaks if a long drive is estimated and then lost."""
 

@@ -72,6 +72,25 @@ def test_angles_in_degrees_and_sigmas_for_all(run):
         assert one["theta"] == pytest.approx(other["theta"], rel=1e-9)
 
 
+def test_a_sigma_for_all_counts_instead_of_that_of_the_lines(run):
+    """Breaks if an option is ignored where lines hold the same, or differs from a log's columns."""
+    options = ("--sigma-doppler", "0.3", "--sigma-azimuth", "1")
+    wanted, _ = run(lines(sigma_doppler=None, sigma_azimuth=None), *options)
+    found, said = run(lines(sigma_doppler=9.0), *options)
+    assert said == []
+    assert found == wanted
+
+
+def test_a_closed_input_is_named(monkeypatch, capsys):
+    """Breaks if a service that is started without an input gives a traceback."""
+    monkeypatch.setattr("sys.stdin", None)
+    assert main(CALL) == 1
+    assert (
+        "error: live reads scans from the standard input, which is closed"
+        in capsys.readouterr().err
+    )
+
+
 def test_odd_lines_are_named_and_the_next_one_is_read(run):
     """Breaks if one wrong message ends a service, or estimates change."""
     good = lines()
@@ -84,6 +103,9 @@ def test_odd_lines_are_named_and_the_next_one_is_read(run):
         good[0].replace('"time": ', '"time": NaN, "was": '): "time must be finite",
         good[0].replace('"time": ', '"time": 1e999, "was": '): "time must be finite",
         good[0].replace('"time": ', f'"time": {10**400}, "was": '): "time must be",
+        good[0].replace('"time": ', '"time": true, "was": '): "time must be a number, but is true",
+        good[0].replace('"time": ', '"time": 1e18, "was": '): "time must be in seconds (s), at mo",
+        good[0].replace('"time": ', '"time": -1e300, "was": '): "time must be in seconds (s), at",
         good[0].replace('"range": [', '"range": ["a", '): "range must be an array of real numbers",
         "[" * 100_000: "",
     }
@@ -92,6 +114,20 @@ def test_odd_lines_are_named_and_the_next_one_is_read(run):
     assert len(said) == len(odd)
     for number, (line, words) in enumerate(zip(said, odd.values(), strict=True), start=3):
         assert line.startswith(f"python -m d2d.radar: line {number}: {words}"), line
+
+
+@pytest.mark.parametrize("wrong", ["{}", "null", "[{}]", str(10**400), '"left"', "[[0.1]]"])
+@pytest.mark.parametrize("name", ["azimuth", "sigma_azimuth"])
+def test_odd_angles_in_degrees_are_named(run, name, wrong):
+    """Breaks if a value that is no angle ends the service while it is turned into radians."""
+    good = lines(
+        azimuth=[], range=[], doppler=[], sigma_azimuth=0.5, sigma_range=1, sigma_doppler=1
+    )
+    odd = json.loads(good[2]) | {name: json.loads(wrong)}
+    found, said = run([*good[:2], json.dumps(odd), *good[3:]], "--degrees")
+    assert len(found) == len(good) - 2
+    assert len(said) == 1
+    assert all(line.startswith(f"python -m d2d.radar: line 3: {name} must") for line in said)
 
 
 def test_what_is_not_known_is_null(run):

@@ -68,6 +68,8 @@ def _poses(source: Path, text: str) -> Reference:
             rows.append([FINITE.number("pose", number("pose", word)) for word in words])
             if len(words) != _POSES or not any(rows[-1][4:]):
                 raise ValueError("there must be t x y z qx qy qz qw, a quaternion that is not zero")
+            if len(rows) > 1 and rows[-1][0] <= rows[-2][0]:
+                raise ValueError(f"times must increase, but {words[0]} follows {rows[-2][0]!r}")
         except ValueError as error:
             raise ValueError(f"{source}, line {line}: {error}") from None
     table = np.array(rows)

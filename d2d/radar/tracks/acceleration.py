@@ -126,7 +126,11 @@ def accelerations_of_others(steps: list[Step]) -> list[Acceleration]:
         gain = np.linalg.solve(spread, step.to @ covariance).T
         value = state + gain @ (step.estimate - step.to @ state)
         rest = covariance - gain @ spread @ gain.T
-        found.append(Acceleration(value[3:], 0.5 * (rest + rest.T)[3:, 3:]))
+        rest = 0.5 * (rest + rest.T)[3:, 3:]
+        if np.linalg.eigvalsh(rest)[0] > 0.0:
+            found.append(Acceleration(value[3:], rest))
+        else:  # the difference is lost in rounding; those before are others, too
+            found.append(Acceleration(step.predicted[0][3:], step.predicted[1][3:, 3:]))
     return found[::-1]
 
 

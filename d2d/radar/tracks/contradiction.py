@@ -91,11 +91,15 @@ def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> No
             return
         compared += 1
         against += _contradiction(problem(int(i)), theta[i])
-    # a fit by chance has a random direction
+    if not against:
+        return
+    kinds = [kind for kind, _ in against]
+    kind = max(_QUESTIONS, key=kinds.count)
     headings = np.array([heading for _, heading in against])
-    if against and 2.0 * np.hypot(*headings.sum(axis=0)) > compared:
-        kinds = [kind for kind, _ in against]
-        kind = max(_QUESTIONS, key=kinds.count)
+    # a fit by chance has a random direction, and must not hide what most say
+    alike = headings[[each == kind for each in kinds]]
+    most = max(float(np.hypot(*some.sum(axis=0))) for some in (headings, alike))
+    if 2.0 * most > compared:
         told = (
             f"in {len(against)} of {compared} intervals the positions fit another velocity better, "
             f"mostly {kind}"
@@ -104,7 +108,6 @@ def warn_of_contradiction(theta: Array, problem: Callable[[int], Problem]) -> No
             Finding(_SYMPTOMS[kind], "", len(against) / compared, "share", True, told),
             f"Doppler velocities and positions contradict each other: {told}.  "
             f"{_QUESTIONS[kind]}  {_OTHERS}",
-            stacklevel=3,
         )
 
 

@@ -12,7 +12,7 @@ from d2d._types import Array
 # 2.9 on two RadarScenes drives over 1 to 30 s and 0.06 to 1.9 on five nuScenes scenes over 1 to
 # 10 s, where independent errors would give 5 to 63.
 PERSISTENCE = 15.0
-_GAP = 1.0  # s without an accepted estimate, over which the motion is not known
+_GAP, _CYCLES = 1.0, 2.5  # s, and usual intervals, without an accepted estimate: a gap
 
 
 class Displacement(NamedTuple):
@@ -30,14 +30,22 @@ class Driven(NamedTuple):
     theta: Array  # (n, 3)
     white: Array  # (n, 3, 3) covariance of what is independent from one estimate to the next
     slow: Array  # (n, 3, 3) roots of the covariance of what persists
+    gap: float  # s without an accepted estimate, over which the motion is not known
 
     @classmethod
     def of(
-        cls, start: float, times: Array, theta: Array, white: Array, systematic: Array
+        cls,
+        intervals: Array,
+        start: float,
+        times: Array,
+        theta: Array,
+        white: Array,
+        systematic: Array,
     ) -> "Driven":
-        """With the time at which the first estimate's interval begins."""
+        """With the intervals of all estimates, and the time at which the first of them begins."""
         begins = np.concatenate([[start], times])[:-1]
-        return cls(begins, times, theta, white, _roots(systematic))
+        gap = max(_GAP, _CYCLES * float(np.median(intervals))) if len(intervals) else _GAP
+        return cls(begins, times, theta, white, _roots(systematic), gap)
 
     def displacement(self, start: Array, end: Array) -> Displacement:
         """See `Track.displacement`; the times (n,) are known to be good."""
@@ -57,7 +65,7 @@ class Driven(NamedTuple):
         spans = slice(first, last + 1)
         begins, ends = self.begins[spans].copy(), self.ends[spans].copy()
         inside = last < len(self.ends) and start >= self.begins[0]
-        if not inside or (ends - begins > _GAP).any():
+        if not inside or (ends - begins > self.gap).any():
             return np.full(3, np.nan), np.full((3, 3), np.nan)
         begins[0], ends[-1] = start, end
         pose, joint = np.zeros(3), np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])

@@ -118,9 +118,10 @@ def write_velocity_table(path: Path, fields: Mapping[str, Any]) -> None:
 
 def read_velocity_table(path: Path) -> dict[str, Any]:
     """The fields that `write_velocity_table` wrote; raises a ValueError that names a wrong line."""
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines = path.read_text(encoding="utf-8-sig", errors="replace").rstrip().splitlines()
+    title = next((line.rstrip() for line in lines if line.strip()), "")
     widths = {f"{_TITLE} 1": len(COLUMNS), f"{_TITLE} 2": len(COLUMNS) + len(PART_COLUMNS)}
-    width = widths.get(lines[0].rstrip() if lines else "")
+    width = widths.get(title)
     if width is None:
         raise ValueError(f"{path} is not a table of velocities: line 1 must be '{_TITLE} 1' or 2")
     rows = []

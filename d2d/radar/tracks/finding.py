@@ -1,5 +1,6 @@
 """A mistake in a log that leaves a trace, as `track` warns of it and `findings` returns it."""
 
+import sys
 import warnings
 from typing import NamedTuple
 
@@ -27,6 +28,9 @@ class FindingWarning(UserWarning):
         self.finding = finding
 
 
-def warn_of(finding: Finding, text: str, stacklevel: int) -> None:
-    """Warn of a finding; ``stacklevel`` as for `warnings.warn`."""
-    warnings.warn(FindingWarning(finding, text), stacklevel=stacklevel + 1)
+def warn_of(finding: Finding, text: str) -> None:
+    """Warn of a finding, at the line outside of the package that led to it."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back is not None and frame.f_globals["__name__"].startswith("d2d."):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(FindingWarning(finding, text), stacklevel=level)

@@ -19,7 +19,7 @@ from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import ScanPair, middle_of, problem_of
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
-from d2d.radar.scans.scan import RadarScan, doppler_gradients
+from d2d.radar.scans.scan import doppler_gradients
 from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter, Step
 from d2d.radar.tracks.filter_input import FilterInput
 from d2d.radar.tracks.lateness import Lateness
@@ -40,7 +40,6 @@ _MAX_TURN = float(np.pi)
 # A wrong optimum rarely explains more than half of the targets (chapter 16).  One that explains at
 # least this fraction is accepted without looking for another.
 _WELL_EXPLAINED = 0.6
-_MOVING = 0.5  # m/s; at a standstill a coarse radar may measure the same twice
 
 
 class VelocityEstimate(NamedTuple):
@@ -182,8 +181,6 @@ def _is_good(estimate: Estimate) -> bool:
 
 def _doubt(estimate: Estimate, pairs: Sequence[ScanPair]) -> str:
     """Why an estimate is not accepted, whatever its covariance; empty if nothing is against it."""
-    if any(_repeats(pair.previous, pair.current) for pair in pairs):
-        return "a scan that repeats an earlier one"
     if not estimate.converged:
         return "no optimum near the start"
     if not _is_good(estimate):
@@ -195,16 +192,3 @@ def _doubt(estimate: Estimate, pairs: Sequence[ScanPair]) -> str:
     if turn > _MAX_TURN:
         return f"a turn of {np.rad2deg(turn):.0f} deg between scans"
     return ""
-
-
-def _repeats(previous: RadarScan, current: RadarScan) -> bool:
-    """Whether a scan has the targets of an earlier one although the sensor moves.
-
-    A frozen sensor, or a message that is delivered twice, gets a new time: its positions say that
-    the vehicle stands still.
-    """
-    measured = ("range", "azimuth", "doppler")
-    return (
-        all(np.array_equal(getattr(previous, name), getattr(current, name)) for name in measured)
-        and float(np.median(np.abs(current.doppler))) > _MOVING
-    )

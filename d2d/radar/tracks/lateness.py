@@ -12,13 +12,15 @@ from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
 from d2d.radar.tracks.finding import Finding, warn_of
 
-_NEAR = 3.0  # m/s from the joint estimate: targets that may stand still
-_ALONG = 0.3  # least share of v_x in a Doppler velocity that tells it
+_SEEN = 5  # targets of a scan that show the velocity of its sensor
+_WITHIN = (3.0, 0.5)  # m/s from the joint estimate, then from the sensor's own: may stand still
+_APART = 1e-3  # least squared sine between the directions in which they lie
 # Estimates, s and standard deviations that are needed.  On RadarScenes 105, whose radars have one
-# clock, the largest lag found is 0.053 s.
+# clock, the largest lag found is 0.058 s, and 0.044 s at a horizon of 0.3 s.
 _ROUNDS, _LATE, _SURE = 50, 0.07, 5.0
 _USELESS = 0.2  # s, beyond which a sensor only disturbs the others
 _BEHIND = 0.5  # s, over which an acceleration is measured
+_ROUNDING = 1e-9  # relative
 _ALIKE = 5.0  # estimates whose errors are about the same, as traffic lasts for some of them
 
 
@@ -26,12 +28,13 @@ class Lateness:
     """Compares each sensor's Doppler velocities with those of the others while the speed changes.
 
     A sensor that is late by L shows a forward velocity that is L times the acceleration too small.
-    Running sums give L by linear regression, with a constant for what a wrong mounting does.
+    Running sums give L by linear regression, beside what a wrong mounting does: it grows with the
+    speed and the yaw rate.  Where these change as the acceleration does, L stays uncertain.
     """
 
     def __init__(self, names: Mapping[Mounting, str]) -> None:
         self._names = names
-        self._sums = {mounting: np.zeros(6) for mounting in names}
+        self._sums = {mounting: np.zeros((5, 5)) for mounting in names}
         self._driven: deque[tuple[float, Array]] = deque()
         self._count, self._told = 0, False
 
@@ -50,47 +53,67 @@ class Lateness:
             excess = _excess(pair.current, pair.mounting, own)
             if math.isfinite(excess):
                 found[pair.mounting] = excess
-        a = float(acceleration[0])
+        seen = [1.0, float(theta[0]), float(theta[2]), float(acceleration[0])]
         for mounting, excess in found.items():
             others = [value for other, value in found.items() if other != mounting]
             if others and mounting in self._sums:
-                d = excess - median(others)
-                self._sums[mounting] += [1.0, a, d, a * a, a * d, d * d]
+                row = np.array([*seen, excess - median(others)])
+                self._sums[mounting] += row[:, None] * row
         self._count += 1
         if self._count % (2 * _ROUNDS) == 0:  # one that misses some rounds has been seen enough
             self.warn()
 
     def warn(self) -> None:
         """Warn once of the sensor that is surely late or early, the worst if there are several."""
-        # beside a late sensor, the others seem early by half as much
-        lags = [("", 0.0, 0.0), *self.lags()]
-        name, lag, sigma = max(lags, key=lambda each: abs(each[1]))
-        if abs(lag) > max(_LATE, _SURE * sigma) and not self._told:
+        sure = [each for each in self.lags() if abs(each[1]) > max(_LATE, _SURE * each[2])]
+        if sure and not self._told:
             self._told = True
+            # beside a late sensor, the others seem early by half as much
+            name, lag, _ = max(sure, key=lambda each: abs(each[1]))
             told = f"{abs(lag):.2f} s {'late' if lag > 0.0 else 'early'}"
             warn_of(
                 Finding("the clock of a sensor is off", name, lag, "s", abs(lag) > _USELESS, told),
                 f"{name} seems to be {told}: when the vehicle accelerates, its Doppler velocities "
                 "are those that the other sensors have at another time",
-                stacklevel=3,
             )
 
     def lags(self) -> Iterable[tuple[str, float, float]]:
         """Name, lag in s and its standard deviation, of the sensors that have been seen enough."""
-        for mounting, (n, a, d, aa, ad, dd) in self._sums.items():
-            spread = aa - a * a / max(n, 1.0)
-            if n >= _ROUNDS and spread > 0.0:
-                slope = (ad - a * d / n) / spread
-                rest = max(dd - d * d / n - slope**2 * spread, 0.0) / n
+        for mounting, sums in self._sums.items():
+            left = _without_first(sums, 3)
+            spread, slope = float(left[3, 3]), float(left[3, 4] / (left[3, 3] or 1.0))
+            if sums[0, 0] >= _ROUNDS and spread > _ROUNDING * sums[3, 3]:
+                rest = max(float(left[4, 4]) - slope**2 * spread, 0.0) / float(sums[0, 0])
                 yield self._names[mounting], -slope, math.sqrt(_ALIKE * rest / spread)
 
 
+def _without_first(sums: Array, count: int) -> Array:
+    """Sums of products without what the first columns explain of the others."""
+    left = sums
+    for k in range(count):
+        if left[k, k] > _ROUNDING * sums[k, k]:
+            left = left - left[:, [k]] * left[k] / left[k, k]
+    return left
+
+
 def _excess(scan: RadarScan, mounting: Mounting, theta: Array) -> float:
-    """How much larger v_x, in m/s, is by a scan's static targets; nan if it shows none."""
+    """How much larger v_x, in m/s, is by a scan's static targets; nan if it shows none.
+
+    Least squares of the excess of both components: a turned mounting changes v_y, and hardly v_x.
+    """
     gain, _ = doppler_gradients(scan.azimuth, mounting)
-    rest = scan.doppler - gain @ theta
-    telling = (np.abs(rest) < _NEAR) & (np.abs(gain[:, 0]) > _ALONG)
-    if telling.sum() < 3:
-        return math.nan
-    excess: list[float] = (rest[telling] / gain[telling, 0]).tolist()
-    return median(excess)  # NumPy takes three times as long
+    sight, rest = gain[:, :2], scan.doppler - gain @ theta
+    found, left = np.zeros(2), rest
+    for within in _WITHIN:
+        near = np.abs(left) < within
+        if near.sum() < _SEEN:
+            return math.nan
+        seen = sight[near]
+        (xx, xy), (_, yy) = (seen.T @ seen).tolist()
+        x, y = (seen.T @ rest[near]).tolist()
+        determinant = xx * yy - xy * xy
+        if determinant < _APART * xx * yy:
+            return math.nan
+        found = np.array([yy * x - xy * y, xx * y - xy * x]) / determinant
+        left = rest - sight @ found
+    return float(found[0])

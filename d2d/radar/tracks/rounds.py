@@ -25,7 +25,9 @@ from d2d.radar.tracks.finding import Finding, warn_of
 MAX_INTERVAL = 60.0  # s
 NO_TARGETS = "a scan without targets"
 AFTER_GAP = "the first scan after a gap"
-_REMEMBERED = 9  # intervals of a sensor, whose median is its cycle
+_REPEATED = "a scan that repeats an earlier one"
+_MOVING = 0.5  # m/s; at a standstill a coarse radar may measure the same twice
+REMEMBERED = 9  # intervals of a sensor, whose median is its cycle
 _ROUND = 1.5  # cycles, after which a round is over
 _OVERLAP = 0.5  # of the shorter span of time, below which clocks are in doubt
 # A pair may be this many times as long as the horizon, or bridge a scan that is missing.
@@ -173,8 +175,22 @@ def check_overlap(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
             warn_of(
                 Finding("the clock of a sensor is off", name, common, "s", False, told),
                 f"{said}: {told}; is the clock of one another?",
-                stacklevel=3,
             )
+
+
+def repeats(previous: RadarScan, current: RadarScan) -> bool:
+    """Whether a scan has the targets of an earlier one although the sensor moves.
+
+    A frozen sensor, or a message that is delivered twice, gets a new time: its positions say that
+    the vehicle stands still.
+    """
+    if not current.size:
+        return False
+    measured = ("range", "azimuth", "doppler")
+    return (
+        all(np.array_equal(getattr(previous, name), getattr(current, name)) for name in measured)
+        and float(np.median(np.abs(current.doppler))) > _MOVING
+    )
 
 
 def check_separation(baseline: int, horizon: float | None) -> None:
@@ -211,7 +227,8 @@ class Rounds:
     A round ends when every sensor has been seen, when a sensor that it holds comes again, or when a
     scan comes more than one and a half cycles after its first.  A sensor's cycle is the median of
     its last intervals, that of a round the shortest of its sensors.  A pair that is much longer
-    than others is left out: its scans lie on both sides of a gap.  No more scans are kept than the
+    than others is left out: its scans lie on both sides of a gap.  So is a scan that repeats the
+    one before target by target while its sensor moves.  No more scans are kept than the
     pairs to come can need.
     """
 
@@ -234,11 +251,6 @@ class Rounds:
             ended += self.finish()
         return ended
 
-    @property
-    def latest(self) -> float:
-        """Time of the open round's first scan or, if there is none, of the last round, in s."""
-        return self._start if self.open else self.last
-
     def ended_by(self, sensor: int, time: float) -> list[Round]:
         """The open round, if a sensor's next scan at this time is not part of it."""
         if self.open and (sensor in self.open or self._is_over(time)):
@@ -252,7 +264,8 @@ class Rounds:
             return []
         # neither the arrival nor the numbers of the sensors decide on the rounding of a sum
         order = sorted(scans, key=lambda s: (scans[s].time, *self._histories[s].place))
-        chosen = [self._histories[s].paired(scans[s]) for s in order]
+        fresh = [s for s in order if not self._histories[s].repeats(scans[s])]
+        chosen = [self._histories[s].paired(scans[s]) for s in fresh]
         time = float(np.mean([scans[s].time for s in order]))
         interval, self.last = time - self.last, time
         if math.isnan(interval):
@@ -260,6 +273,8 @@ class Rounds:
         known = [pair for pair in chosen if pair is not None]
         pairs = [pair for pair in known if pair.previous.size and pair.current.size]
         reason = NO_TARGETS if known or not all(s.size for s in scans.values()) else AFTER_GAP
+        if len(fresh) < len(scans):
+            reason = _REPEATED
         return [Round(time, interval, scans, pairs, reason)]
 
     def _is_over(self, time: float) -> bool:
@@ -274,7 +289,7 @@ class _History:
         self._mounting = mounting
         self._baseline, self._horizon = baseline, horizon
         self._scans: deque[RadarScan] = deque()
-        self._intervals: deque[float] = deque(maxlen=_REMEMBERED)
+        self._intervals: deque[float] = deque(maxlen=REMEMBERED)
 
     @property
     def place(self) -> tuple[float, ...]:
@@ -285,6 +300,10 @@ class _History:
     def cycle(self) -> float:
         """The usual time from one scan to the next, in s; infinite while there is only one."""
         return median(self._intervals) if self._intervals else math.inf
+
+    def repeats(self, scan: RadarScan) -> bool:
+        """Whether the sensor measures the same as before, so that the scan is to be left out."""
+        return bool(self._scans) and repeats(self._scans[-1], scan)
 
     def paired(self, scan: RadarScan) -> ScanPair | None:
         """The next scan, paired with an earlier one; None if there is none near enough."""

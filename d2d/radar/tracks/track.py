@@ -179,7 +179,8 @@ class Track(Frozen):
         each other's, which states a little too much.  Without a budget all errors are taken as
         independent, which states far too little over more than a second.
 
-        Both are nan outside the track and where no estimate was accepted for a second.
+        Both are nan outside the track and where no estimate was accepted for a second, or for two
+        and a half usual intervals if these are longer.
 
         Raises a ``ValueError`` unless both are rows of finite numbers, each end after its start.
 
@@ -210,7 +211,7 @@ class Track(Frozen):
             white, slow = self.parts.noise + self.parts.dependence, self.parts.systematic
         columns = (each[self.converged] for each in (self.times, self.theta, white, slow))
         began = float((self.times - self.intervals)[0]) if len(self.times) else np.nan
-        return Driven.of(began, *columns).displacement(begins, ends)
+        return Driven.of(self.intervals, began, *columns).displacement(begins, ends)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all of the track to a file, from which `load` gives the same numbers bit by bit.

@@ -20,7 +20,7 @@ from d2d.radar.tracks.acceleration import AccelerationFilter, Step, acceleration
 from d2d.radar.tracks.contradiction import EvenSample, warn_of_contradiction
 from d2d.radar.tracks.filter_input import FilterInput
 from d2d.radar.tracks.following import Follower, VelocityEstimate
-from d2d.radar.tracks.intake import Intake
+from d2d.radar.tracks.intake import Intake, mended
 from d2d.radar.tracks.lateness import Lateness
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import (
@@ -32,6 +32,7 @@ from d2d.radar.tracks.rounds import (
     check_mountings,
     check_overlap,
     check_separation,
+    in_time_order,
     named_sensors,
     rounds_of,
 )
@@ -62,24 +63,24 @@ def track(
     after its first scan; scans of the same time stay together.  With one sensor, each scan is a
     round.  Each round after the first gives one estimate, at the mean time of its scans.  Pairs
     with an empty scan, and those much longer than usual, are left out: after a gap a sensor starts
-    afresh.
+    afresh.  So is a scan that repeats the one before target by target while its sensor moves.
 
-    An estimate fails if there is no pair left, a scan repeats an earlier one target by target while
-    the sensor moves, the cost has no optimum near the start, the optimum rejects nearly all targets
-    (mean inlier probability below 0.1) or turns the vehicle by more than half a turn between two
-    scans, or no vehicle could move like that.  It is then marked as not converged, with the reason,
-    and the track goes on.  The search starts at the last accepted velocity.  If that fails or does
-    not explain most of the targets (mean inlier probability below 0.6), the round is estimated once
-    more without it; of two acceptable optima the lower wins.
+    An estimate fails if there is no pair left, the cost has no optimum near the start, the optimum
+    rejects nearly all targets (mean inlier probability below 0.1) or turns the vehicle by more than
+    half a turn between two scans, or no vehicle could move like that.  It is then marked as not
+    converged, with the reason, and the track goes on.  The search starts at the last accepted
+    velocity.  If that fails or does not explain most of the targets (mean inlier probability below
+    0.6), the round is estimated once more without it; of two acceptable optima the lower wins.
 
     Raises a ``ValueError`` if something is not a sensor, two have a scan in common, scans are out
     of time order or usually too far apart, the times of a sensor do not overlap with those of the
     others, there are fewer than two rounds, ``horizon`` is given beside ``baseline``, or another
     argument is invalid.
 
-    Warns if a clock jumps (back by more than 1 s, or ahead by more than ``max_interval``), targets
-    are there twice, the times of a sensor hardly overlap with those of the others, or, with a
-    budget, its Doppler velocities are theirs of another time.
+    Warns if a clock jumps (back by more than 1 s, or ahead by more than ``max_interval``), a single
+    time stamp does, so that its scan is left out, targets are there twice, a sensor repeats its
+    scan, the times of a sensor hardly overlap with those of the others, or its Doppler velocities
+    are theirs of another time.
 
     Warns if in most intervals the positions alone fit another velocity clearly better than the one
     that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower (km/h),
@@ -139,16 +140,13 @@ def track(
     if check_flag("smooth", smooth):
         follower.steps = []
     follower.lateness = Lateness({at: name for name, (_, at) in drives.items()})
-    intake, mountings = Intake(list(drives), max_interval), [at for _, at in drives.values()]
-    taken = [
-        [intake.taken(s, scan) for scan in scans] for s, (scans, _) in enumerate(drives.values())
-    ]
-    check_overlap(dict(zip(drives, taken, strict=True)))
-    groups = rounds_of(list(zip(taken, mountings, strict=True)), baseline, horizon)
+    drives = mended(drives, max_interval)
+    check_overlap({name: scans for name, (scans, _) in drives.items()})
+    groups = rounds_of(list(drives.values()), baseline, horizon)
     if not groups:
         raise ValueError(
             "sensors must have at least two rounds of scans (of one sensor: two scans), but have "
-            f"{int(any(taken))}"
+            f"{int(any(scans for scans, _ in drives.values()))}"
         )
     driven = _joined([follower.follow(groups[i]) for i in _counted(len(groups), progress)], budget)
     follower.lateness.warn()
@@ -217,7 +215,8 @@ class Tracker:
         check_separation(baseline, horizon)
         self._follower = _follower(initial, budget, limits, len(places), options)
         self._numbers = {name: number for number, name in enumerate(places)}
-        self._intake = Intake([repr(name) for name in places], max_interval)
+        self._intake = Intake([repr(name) for name in places], max_interval, live=True)
+        self._waiting: list[list[RadarScan]] = [[] for _ in places]  # of each sensor
         self._rounds = Rounds(list(places.values()), baseline, horizon)
         self._estimates: deque[VelocityEstimate] = deque(maxlen=keep)
         self._follower.lateness = Lateness({at: repr(name) for name, at in places.items()})
@@ -228,8 +227,11 @@ class Tracker:
         """Take the next scan of a sensor; returns the estimates that it completes, often none.
 
         Scans may come a little out of order between sensors; one that is older than the last
-        estimate is left out, with a warning.  Raises a ``ValueError`` if the sensor is unknown,
-        ``scan`` is not a `RadarScan`, or not later than the sensor's scan before.
+        estimate is left out, with a warning.  After a jump of a sensor's clock, or a gap, all wait
+        for its next scan, but not longer than a second, or five of its cycles.
+
+        Raises a ``ValueError`` if the sensor is unknown, ``scan`` is not a `RadarScan`, or not
+        later than the sensor's scan before.
         """
         if sensor not in self._numbers:
             known = ", ".join(map(repr, self._numbers))
@@ -238,17 +240,14 @@ class Tracker:
         number, names = self._numbers[sensor], [*self._numbers]
         together = {repr(names[other]): [own] for other, own in self._rounds.open.items()}
         check_distinct({repr(sensor): [scan], **together})
-        taken = self._intake.taken(number, scan, self._rounds.latest)
-        rounds = self._rounds.ended_by(number, taken.time)
-        if taken.time <= self._rounds.last:
-            self._intake.leave_out(number, scan, self._rounds.last)
-        else:
-            rounds += self._rounds.add(number, taken)
-        return self._followed(rounds)
+        self._waiting[number] += self._intake.taken(number, scan)
+        times = [each.time for own in self._waiting for each in own]
+        waits = self._intake.waits(max(times) - min(times) if times else 0.0)
+        return [] if waits else self._in_order()
 
     def finish(self) -> list[VelocityEstimate]:
         """End the last round, and warn as `track` does of what only the whole drive shows."""
-        estimates = self._followed(self._rounds.finish())
+        estimates = self._in_order() + self._followed(self._rounds.finish())
         if self._follower.lateness is not None:
             self._follower.lateness.warn()
         if self._follower.model.doppler:
@@ -263,6 +262,18 @@ class Tracker:
     def track(self) -> Track:
         """The estimates so far."""
         return _joined(self._estimates, self._follower.budget)
+
+    def _in_order(self) -> list[VelocityEstimate]:
+        """The estimates that the scans which were waiting complete."""
+        waiting, self._waiting = self._waiting, [[] for _ in self._waiting]
+        rounds = []
+        for number, scan in in_time_order(waiting, self._rounds):
+            rounds += self._rounds.ended_by(number, scan.time)
+            if scan.time <= self._rounds.last:
+                self._intake.leave_out(number, scan, self._rounds.last)
+            else:
+                rounds += self._rounds.add(number, scan)
+        return self._followed(rounds)
 
     def _followed(self, rounds: Iterable[Round]) -> list[VelocityEstimate]:
         estimates = []

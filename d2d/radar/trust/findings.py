@@ -19,7 +19,7 @@ from d2d.radar.motion.estimate import inlier_probabilities
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.contradiction import FEW
 from d2d.radar.tracks.finding import Finding, FindingWarning
-from d2d.radar.tracks.intake import Intake
+from d2d.radar.tracks.intake import mended
 from d2d.radar.tracks.rounds import (
     MAX_INTERVAL,
     Round,
@@ -33,7 +33,10 @@ from d2d.radar.tracks.tracker import track
 
 _NARROW = np.deg2rad(3.5)  # beyond which some radar sees: azimuths in rad reach 1 or more
 _FAR = 500.0  # m, beyond which hardly a radar sees; real logs have a median range below 50 m
-_PRECISE = np.deg2rad(0.03)  # automotive radars state 0.1 to 1 degree; 0.5 degree are 0.009 rad
+# Automotive radars state 0.1 to 1 degree; 0.5 degree are 0.009 rad, and 0.5 rad are 29 degrees.
+_PRECISE, _COARSE = np.deg2rad([0.03, 10.0])
+_TOO_SMALL = "standard deviation of the azimuth too small"
+_TOO_LARGE = "standard deviation of the azimuth too large"
 _SAMPLE = 200  # scans of a sensor, or rounds
 _MOVING = 3.0  # m/s, below which a heading is uncertain
 _SEEN = 5  # targets of a scan, and scans, that show a heading
@@ -121,6 +124,8 @@ def diagnose(
         for name, (scans, mounting), share in zip(names, drives, shares, strict=True)
     ]
     found = look_at_targets(sensors, max_interval)
+    if _usual_share(shown) < _FEW:
+        found = [each._replace(sure=each.sure or each.symptom == _TOO_SMALL) for each in found]
     if not any(each.sure for each in found):  # what is wrong with targets explains the rest
         if driven.converged.sum() < FEW:
             found += _without_limits(drives, baseline, horizon, max_interval)
@@ -145,15 +150,12 @@ def look_at_targets(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> lis
 def _named(sensors: Sensors, max_interval: float) -> tuple[list[str], list[SensorScans]]:
     """Names and scans of the sensors, with times and targets as `track` uses them."""
     given: Any = sensors
-    drives = list(named_sensors(sensors, max_interval).values())
+    drives = named_sensors(sensors, max_interval)
     numbers = range(1, len(drives) + 1)
     names = [str(name) for name in (given if isinstance(given, Mapping) else numbers)]
-    intake = Intake(names, max_interval)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # `track` has warned
-        return names, [
-            ([intake.taken(s, scan) for scan in scans], at) for s, (scans, at) in enumerate(drives)
-        ]
+        return names, list(mended(drives, max_interval).values())
 
 
 def _evenly(members: Sequence[T]) -> Sequence[T]:
@@ -263,15 +265,13 @@ def _of_targets(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
         told = f"neighbours differ by nearly twice {limit:.1f} m/s in {share:.0%} of the scans"
         yield Finding("Doppler velocities are folded", name, limit, "m/s", True, told)
     sigma = np.median(np.concatenate([scan.sigma_azimuth for scan in scans]))
-    if sigma < _PRECISE:
-        yield Finding(
-            "standard deviation of the azimuth too small",
-            name,
-            float(np.rad2deg(sigma)),
-            "deg",
-            False,
-            f"{np.rad2deg(sigma):.2g} deg is stated; is this rad?",
-        )
+    if not _PRECISE <= sigma <= _COARSE:
+        degrees = float(np.rad2deg(sigma))
+        if sigma < _PRECISE:
+            symptom, told = _TOO_SMALL, f"{degrees:.2g} deg is stated; is this rad?"
+        else:
+            symptom, told = _TOO_LARGE, f"{degrees:.0f} deg is stated; are these degrees?"
+        yield Finding(symptom, name, degrees, "deg", False, told)
 
 
 def _folded(scans: Sequence[RadarScan]) -> tuple[float, float]:
@@ -304,8 +304,11 @@ def _of_mountings(shown: Sequence[_Shown]) -> Iterator[Finding]:
         least = min(misfit for misfit, *_ in rest)
         alike = [each for each in rest if each[0] < least + _TURNED]
         if least < _ALIKE:
+            # a vehicle may reverse, but then the positions say the same
+            contradicted = _usual_share(shown) < _FEW
             for _, symptom, sensor in alike:
-                yield Finding(symptom, sensor, worst, "deg", symptom != _BACKWARDS, told)
+                sure = symptom != _BACKWARDS or contradicted
+                yield Finding(symptom, sensor, worst, "deg", sure, told)
             return
     off = [each for each in known if abs(each.heading) > max(_TURNED, _SURE * each.sigma)]
     if len(off) == len(known) > 1 and np.ptp(heading) < _TURNED:
@@ -332,14 +335,19 @@ def _mistakes(known: Sequence[_Shown]) -> Iterator[tuple[str, str, Array]]:
         yield "sensors are swapped", f"{names[i]} and {names[j]}", heading
 
 
+def _usual_share(shown: Sequence[_Shown]) -> float:
+    """Median of the sensors' inlier shares; nan if none is known."""
+    shares = [each.inliers for each in shown if np.isfinite(each.inliers)]
+    return float(np.median(shares)) if shares else np.nan
+
+
 def _of_track(shown: Sequence[_Shown], driven: Track) -> Iterator[Finding]:
     """What inlier shares, times and covariances tell."""
-    shares = [each.inliers for each in shown if np.isfinite(each.inliers)]
-    if shares and np.median(shares) < _FEW:
-        share = float(np.median(shares))
+    share = _usual_share(shown)
+    if share < _FEW:
         told = f"{share:.0%} of the targets fit; units, signs, standard deviations, clocks"
         yield Finding("few targets fit", "", share, "share", False, told)
-    elif len(shares) > 1:
+    elif sum(np.isfinite(each.inliers) for each in shown) > 1:
         for each in shown:
             if each.inliers < _HARDLY_ANY:
                 told = f"{each.inliers:.0%} of its targets fit the motion that the others show"

@@ -1,6 +1,6 @@
 """An error budget by maximum likelihood, from the errors of a track against a reference."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,9 @@ from d2d.radar.scans.budget import ErrorBudget
 from d2d.scores import checked_errors, log_score
 
 _POSSIBLE = Bounds(most=1e3)  # m/s or rad/s, of an error: what a budget can hold
+_SQUARES = Bounds(most=1e6)  # of a covariance
+_LARGEST = 1e12  # of an effect, as its inverse is the smallest: none of a vehicle comes near
+_SEMIDEFINITE, _DISTINCT = 1e-9, 1e-8  # relative eigenvalues of an effect, and of all of them
 _STARTS = (0.01, 1.0)  # constants' variances, relative to the errors' mean squares
 _TOLERANCE = 1e-8  # of the mean log score's gradient, per relative change of a variance
 _QUANTILE = 1.96  # of a normal distribution, for intervals of 95 %
@@ -91,7 +94,8 @@ def fit_budget(
 
     Raises a ``ValueError`` that names the argument unless shapes match, there are more errors than
     numbers, none above 1000, all is finite, the covariances are symmetric and positive definite,
-    and each effect has a name of the budget, a linear one, and is not zero.
+    and each effect has a name of the budget, a linear one, is a covariance but not zero, and
+    differs from the others in some estimates.
 
     Parameters
     ----------
@@ -141,6 +145,7 @@ def fit_budget(
         driven = track(another, budget=fit.budget)
     """
     _POSSIBLE.array("errors", errors)
+    _SQUARES.array("covariances", covariances)
     e, noise = checked_errors(errors, covariances)
     names, causes = _checked_effects(_CONSTANTS if effects is None else effects, len(e))
     if e.shape[1] != 3 or len(e) <= len(names):
@@ -148,7 +153,7 @@ def fit_budget(
             f"errors must have the shape (n, 3) with n at least {len(names) + 1}, but has {e.shape}"
         )
     variances = _most_likely(e, noise, causes)
-    of_squares = _standard_errors(e, noise, causes, variances)
+    of_squares = _standard_errors(e, noise, causes, variances, names)
     values = np.sqrt(variances)
     # of a root: by its derivative, or close to zero how far one standard error reaches from there
     near = np.sqrt(of_squares)
@@ -176,6 +181,14 @@ def _checked_effects(effects: Mapping[str, ArrayLike], count: int) -> tuple[tupl
             )
         if not each.any():
             raise ValueError(f"effects[{name!r}] is zero: the errors say nothing about it")
+        largest = float(np.abs(each).max())
+        if not 1.0 / _LARGEST <= largest <= _LARGEST:
+            raise ValueError(
+                f"effects[{name!r}] must be between {1.0 / _LARGEST:g} and {_LARGEST:g}, but its "
+                f"largest entry is {largest:g}"
+            )
+        if np.linalg.eigvalsh(each).min() < -_SEMIDEFINITE * largest:
+            raise ValueError(f"effects[{name!r}] must be positive semidefinite")
         arrays.append(np.broadcast_to(each, (count, 3, 3)))
     return tuple(effects), np.array(arrays)
 
@@ -223,7 +236,9 @@ def _slopes(precisions: Array, weighted: Array, effects: Array) -> Array:
     return np.asarray(0.5 * np.einsum("nij,pnij->np", precisions - squares, effects))
 
 
-def _standard_errors(errors: Array, noise: Array, effects: Array, variances: Array) -> Array:
+def _standard_errors(
+    errors: Array, noise: Array, effects: Array, variances: Array, names: Sequence[str]
+) -> Array:
     """Those (p,) of the variances."""
     precisions, weighted = _weighted(errors, noise + _added(variances, effects))
     slopes = _slopes(precisions, weighted, effects)
@@ -232,5 +247,14 @@ def _standard_errors(errors: Array, noise: Array, effects: Array, variances: Arr
     sums = block_sums(centred, block)
     spread = sums.T @ sums / block / (1.0 - block / len(errors))
     relative = precisions @ effects
-    inverse = np.linalg.inv(0.5 * np.einsum("pnij,qnji->pq", relative, relative))
+    information = 0.5 * np.einsum("pnij,qnji->pq", relative, relative)
+    scale = np.sqrt(np.diagonal(information))
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    if values[0] < _DISTINCT:
+        alike = [name for name, part in zip(names, vectors[:, 0], strict=True) if abs(part) > 0.1]
+        raise ValueError(
+            f"effects must differ between the estimates, but {' and '.join(alike)} have the same "
+            "in all of them: leave one out"
+        )
+    inverse = np.linalg.inv(information)
     return np.asarray(np.sqrt(np.diagonal(inverse @ spread @ inverse)))

@@ -37,6 +37,17 @@ def filtered(times, estimates):
     return known, steps
 
 
+def test_estimates_far_more_precise_than_the_acceleration_are_survived():
+    """Breaks if rounding makes the covariance of what the others show indefinite, so that a smooth
+    track with standard deviations of micrometres is refused."""
+    precise, learnt, steps = np.diag(np.square([1e-6, 1e-2, 1e-3])), AccelerationFilter(), []
+    for time in np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 12)):
+        by = learnt.predict(time) or UNSEEN
+        steps.append(learnt.update(time, np.array([5.0 + time, 0.0, 0.1]), DELAY, precise, by))
+    for _, covariance in accelerations_of_others(steps):
+        assert np.linalg.eigvalsh(covariance)[0] > 0.0
+
+
 def test_the_filter_and_the_smoother_are_least_squares():
     """Breaks if one of them does not use all estimates that it may, with their weights.
 

@@ -2,7 +2,7 @@
 
 import warnings
 from dataclasses import replace
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from d2d.radar import (
     simulate_drive,
     track,
 )
+from d2d.radar.tracks import contradiction
 from tests.radar.scenes import CORNER, accelerating
 
 
@@ -59,6 +60,14 @@ def test_a_wrong_unit_is_told():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         track((still, drive.mounting))
+
+
+def test_fits_by_chance_do_not_hide_a_wrong_sign(monkeypatch):
+    """Breaks if fits of another kind that point the other way cancel those of the sign."""
+    fits = iter(6 * [("the opposite velocity", [1.0, 0.0])] + 3 * [("a faster one", [-1.0, 0.0])])
+    monkeypatch.setattr(contradiction, "_contradiction", lambda *_: [*islice(fits, 1)])
+    with pytest.warns(UserWarning, match="in 9 of 11 .* mostly the opposite"):
+        contradiction.warn_of_contradiction(np.zeros((11, 3)), lambda _: None)
 
 
 def compensated(drive):

@@ -42,6 +42,17 @@ def test_a_steady_turn_is_exact():
     np.testing.assert_allclose(found.motion, expected, atol=1e-9)
 
 
+def test_a_slow_radar_has_displacements():
+    """Breaks if each interval of a radar of 1 Hz is a gap, or a gap of three of them is none."""
+    times = 1.1 * np.arange(1, 11)
+    good = np.ones(10, dtype=bool)
+    good[5:8] = False
+    own = np.where(good[:, None, None], NOISE, np.nan)
+    track = Track(times, np.full(10, 1.1), np.tile([5.0, 0.0, 0.0], (10, 1)), own, good)
+    found = track.displacement([0.0, 1.1, 5.0], [3.3, 5.5, 10.0]).motion[:, 0]
+    np.testing.assert_allclose(found, [16.5, 22.0, np.nan])
+
+
 def test_it_is_what_the_poses_say():
     rng = np.random.default_rng(0)
     theta = np.array([5.0, 0.0, 0.1]) + 0.2 * rng.standard_normal((COUNT, 3))

@@ -193,6 +193,17 @@ def test_a_table_that_was_cut_off_is_refused_wherever_that_was(tmp_path):
             Track.read_velocities(file)
 
 
+def test_a_table_that_went_through_an_editor_is_read(tmp_path):
+    """Breaks if a byte order mark, blank lines or line ends of Windows make it another file."""
+    file = tmp_path / "drive.txt"
+    example().write_velocities(file)
+    expected, text = Track.read_velocities(file), file.read_text(encoding="utf-8")
+    windows = text.replace("\n", "\r\n")
+    for changed in (f"\ufeff{text}", f"\n{text}", f"{text}\n \n", f"\ufeff{windows}\r\n"):
+        file.write_bytes(changed.encode())
+        assert_same(Track.read_velocities(file), expected)
+
+
 def test_a_row_that_cannot_be_read_is_named(tmp_path):
     """Breaks if the user must look for it."""
     file = tmp_path / "drive.txt"

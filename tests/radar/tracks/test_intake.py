@@ -34,6 +34,36 @@ def test_a_clock_that_jumps_back_is_named_and_the_log_goes_on(seconds):
     assert_allclose(found.intervals[15:], 0.1, atol=1e-9)
 
 
+@pytest.mark.parametrize("seconds", [100.0, 3.0, -100.0])
+def test_one_wrong_stamp_is_named_and_left_out(seconds):
+    """Breaks if the times of all later scans are shifted by it, or it ends the log."""
+    scans, at = surround_scans(30)[0]
+    wrong = [*scans[:12], *shifted(scans[12:13], 0, seconds), *scans[13:]]
+    with pytest.warns(UserWarning, match="^scans has one scan at .* left out; is its") as said:
+        found = track((wrong, at))
+    assert len(said) == 1
+    without = track(([*scans[:12], *scans[13:]], at))
+    assert_array_equal(found.times, without.times)
+    assert_array_equal(found.theta, without.theta)
+    assert found.converged.all()
+
+
+def test_a_time_that_comes_twice_after_a_gap_is_refused():
+    """Breaks if a scan that waits is confirmed by another one of the same time."""
+    scans, at = surround_scans(16)[0]
+    late = shifted(scans, 12, 5.0)
+    with pytest.raises(ValueError, match=r"^scans must be in strictly increasing time, .* 6\.2"):
+        track(([*late[:13], late[12], *late[13:]], at))
+
+
+def test_a_radar_that_becomes_slow_is_not_left_out():
+    """Breaks if each of its scans waits for one that agrees with it, for ever."""
+    times = np.concatenate([0.1 * np.arange(12), 3.0 + 2.0 * np.arange(12)])
+    scans, at = surround_scans(times=times)[0]
+    found = track((scans, at))
+    assert_allclose(found.times[-4:], times[-4:])
+
+
 def test_a_long_gap_is_told_and_the_log_goes_on():
     """Breaks if a clock that jumps ahead loses the rest of a log."""
     scans, at = surround_scans(30)[0]
@@ -50,6 +80,7 @@ def test_targets_that_are_there_twice_count_once():
     with pytest.warns(UserWarning, match=r"^sensors\['front'\]\.scans has targets twice") as said:
         found = track({"front": (doubled, at)})
     assert len(said) == 1
+    assert said[0].filename == __file__  # the caller's line, not one of the package
     once = track((scans, at))
     assert_array_equal(found.targets, once.targets)
     assert_allclose(found.theta, once.theta, atol=1e-9)
@@ -61,4 +92,4 @@ def test_equal_targets_of_a_coarse_radar_are_left():
     scan = RadarScan(0.0, [5.0, 5.0, 7.0, 8.0], [0.1, 0.1, 0.2, 0.3], np.zeros(4), 0.1, 0.01, 0.1)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert Intake(["front"], 60.0).taken(0, scan) is scan
+        assert Intake(["front"], 60.0).taken(0, scan) == [scan]

@@ -1,6 +1,7 @@
 """A sensor whose stamps are late."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +12,10 @@ from tests.radar.scenes import AROUND, observe
 NAMES = ("left", "right", "rear")
 
 
-def changing(rng, late: float, end: float = 7.0):
+def changing(rng, late: float, end: float = 7.0, speed=lambda t: 12.0 + 1.5 * np.sin(1.5 * t)):
     """Three sensors of a vehicle that speeds up and slows down; the second one's clock is late."""
     step = 1e-3
-    speeds = 12.0 + 1.5 * np.sin(1.5 * step * np.arange(round(end / step) + 2))
+    speeds = speed(step * np.arange(round(end / step) + 2))
     driven = np.concatenate([[0.0], np.cumsum(step * speeds)])
     points = rng.uniform([-30.0, -40.0], [130.0, 40.0], (500, 2))
     points = points[np.abs(points[:, 1]) > 4.0]
@@ -62,6 +63,19 @@ def test_sensors_on_one_clock_are_not_accused():
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             track(sensors, horizon=0.3, budget=ErrorBudget())
+
+
+@pytest.mark.parametrize("budget", [ErrorBudget(), None], ids=["budget", "none"])
+@pytest.mark.parametrize("name", ["left", "right"])
+def test_a_mounting_that_is_turned_is_no_late_clock(name, budget):
+    """Breaks if what grows with the speed is taken for what the acceleration does: while a vehicle
+    sets off, both fall."""
+    sensors = changing(np.random.default_rng(1), 0.0, 8.0, lambda t: np.minimum(2 + 2.5 * t, 14.0))
+    scans, at = sensors[name]
+    sensors[name] = scans, replace(at, yaw=at.yaw - np.deg2rad(5.0))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message=".* seems to be")
+        track(sensors, horizon=0.3, budget=budget)
 
 
 def test_a_sensor_that_is_late_is_named_while_the_vehicle_drives():

@@ -15,8 +15,8 @@ SCANS, MOUNTING = SENSORS[0]
 
 
 def at_times(times):
-    """A scan at each time."""
-    scan = two_scans(np.random.default_rng(67), [5.0, 0.0, 0.0])[0]
+    """A scan at each time, the same one: of a vehicle that stands, or it would be left out."""
+    scan = two_scans(np.random.default_rng(67), [0.0, 0.0, 0.0])[0]
     return [replace(scan, time=float(time)) for time in times]
 
 

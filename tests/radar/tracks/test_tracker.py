@@ -197,25 +197,84 @@ def test_scans_may_come_a_little_out_of_order():
     assert np.abs(found.theta - STRAIGHT).max() < 0.3
 
 
-@pytest.mark.parametrize("last", [13, 30])
-def test_one_wrong_clock_does_not_lose_the_others(last):
-    """Breaks if the scans of all other sensors are late after one stamp, or for ever."""
+@pytest.mark.parametrize("seconds", [50.0, 1.5, -3.0])
+@pytest.mark.parametrize("last", [13, 20, 30])
+def test_one_wrong_clock_does_not_lose_the_others(last, seconds):
+    """Breaks if the scans of all other sensors are late after one stamp, or for ever, or if the
+    sensors whose clocks go on are blamed."""
     sensors = named_sensors(30)
     scans, _ = sensors["left"]
-    ahead = [replace(scan, time=scan.time + 50.0) for scan in scans[12:last]]
+    jumped = [replace(scan, time=scan.time + seconds) for scan in scans[12:last]]
     tracker = Tracker({name: at for name, (_, at) in sensors.items()})
     order = in_order(sensors)
-    for right, wrong in zip(scans[12:last], ahead, strict=True):
+    for right, wrong in zip(scans[12:last], jumped, strict=True):
         order[order.index((right.time, "left", right))] = (right.time, "left", wrong)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         added(tracker, order)
-    assert str(said[0].message).startswith("the clock of 'right' jumps by -4")
-    assert len(said) == (3 if last == 13 else 2)
+    what = "'left' has one scan at" if last == 13 else "the clock of 'left' jumps by"
+    assert all(str(each.message).startswith(what) for each in said)
+    assert len(said) == (2 if last == 20 else 1)  # back again
+    assert tracker.track.times[-1] < 3.0
     late = tracker.track[15:]
     assert late.converged.all()
     assert np.median(late.targets) > 2.5 * np.mean([scan.size for scan in scans])
     assert np.abs(late.theta - STRAIGHT).max() < 0.3
+
+
+def test_a_clock_that_jumps_at_once_does_not_lose_the_others():
+    """Breaks if a sensor must have shown its cycle before its clock may be set."""
+    sensors = named_sensors(20)
+    scans, _ = sensors["left"]
+    jumped = [scans[0], *(replace(scan, time=scan.time - 5.0) for scan in scans[1:])]
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
+    wrong = {id(scan): other for scan, other in zip(scans, jumped, strict=True)}
+    order = [(time, name, wrong.get(id(scan), scan)) for time, name, scan in in_order(sensors)]
+    with pytest.warns(UserWarning, match=r"^the clock of 'left' jumps by -4\.9") as said:
+        added(tracker, order)
+    assert len(said) == 1
+    assert np.median(tracker.track.targets[5:]) > 2.5 * np.mean([scan.size for scan in scans])
+    assert np.abs(tracker.track.theta[5:] - STRAIGHT).max() < 0.3
+
+
+def with_common_gap() -> dict:
+    """All sensors pause for three seconds."""
+    times = np.concatenate([0.1 * np.arange(12), 4.0 + 0.1 * np.arange(12)])
+    return dict(zip(NAMES, surround_scans(times=times), strict=True))
+
+
+def over_midnight() -> dict:
+    """All clocks jump back by a day."""
+    return {
+        name: ([replace(s, time=(s.time + 86398.95) % 86400.0) for s in own], at)
+        for name, (own, at) in named_sensors(24).items()
+    }
+
+
+def with_wrong_stamp() -> dict:
+    """One scan of one sensor has the time of a minute later."""
+    sensors = named_sensors(24)
+    scans = sensors["rear"][0]
+    scans[12] = replace(scans[12], time=scans[12].time + 60.0)
+    return sensors
+
+
+@pytest.mark.parametrize("trouble", [with_common_gap, over_midnight, with_wrong_stamp])
+@pytest.mark.filterwarnings("ignore::d2d.radar.FindingWarning")
+def test_scan_by_scan_gives_the_same_bits_whatever_the_clocks_do(trouble):
+    """Breaks if a scan whose time waits for the next one comes too late for its round."""
+    sensors, measured = trouble(), named_sensors(24)
+    if trouble is with_common_gap:
+        measured = sensors
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
+    arrival = sorted(
+        (scan.time, name, i) for name, (own, _) in measured.items() for i, scan in enumerate(own)
+    )
+    for _, name, i in arrival:
+        tracker.add(name, sensors[name][0][i])
+    tracker.finish()
+    assert tracker.track.converged.mean() > 0.9
+    assert_same(tracker.track, track(sensors, horizon=0.3))
 
 
 def test_scans_of_one_time_may_arrive_in_any_order():
@@ -563,17 +622,35 @@ def test_scans_that_repeat_an_earlier_one_are_not_believed():
     drive = simulate_drive(np.random.default_rng(3), duration=1.5)
     scans = list(drive.scans)
     scans[7] = replace(scans[6], time=scans[7].time)
-    reasons = track((scans, drive.mounting)).reasons
+    with pytest.warns(UserWarning, match=r"^scans repeats its scan at 0\.700 s"):
+        reasons = track((scans, drive.mounting)).reasons
     assert np.flatnonzero(reasons == "a scan that repeats an earlier one").tolist() == [6]
     frozen = [replace(scans[0], time=scan.time) for scan in scans]
-    assert not track((frozen, drive.mounting)).converged.any()
-    other = simulate_drive(np.random.default_rng(4), duration=1.5)
-    together = [(other.scans, other.mounting), (frozen, Mounting(x=1.0))]
-    assert not track(together).converged.any()
+    with pytest.warns(UserWarning, match="repeats its scan"):
+        assert not track((frozen, drive.mounting)).converged.any()
     still = [replace(scan, doppler=0.0 * scan.doppler) for scan in frozen]  # of a coarse radar
     standing = track((still, drive.mounting))
     assert standing.converged.all()
     assert_allclose(standing.theta, 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("horizon", [None, 0.3])
+def test_a_frozen_sensor_is_named_and_the_others_go_on(horizon):
+    """Breaks if one sensor discards the rounds of all, or what it repeats counts as measured."""
+    sensors = named_sensors(20)
+    scans, at = sensors["right"]
+    sensors["right"] = [*scans[:8], *(replace(scans[7], time=s.time) for s in scans[8:])], at
+    with pytest.warns(UserWarning, match="repeats its scan") as said:
+        found = track(sensors, horizon=horizon)
+    assert [str(each.message).split()[0] for each in said] == ["sensors['right'].scans"]
+    assert found.converged.all()
+    size = [sum(own[k].size for own in (sensors["left"][0], sensors["rear"][0])) for k in (10, 19)]
+    assert_array_equal(found.targets[[9, 18]], size)
+    assert np.abs(found.theta - STRAIGHT).max() < 0.3
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()}, horizon=horizon)
+    with pytest.warns(UserWarning, match=r"^'right' repeats its scan at 0\.813 s"):
+        fed(tracker, sensors)
+    assert_same(tracker.track, found)
 
 
 # ---- budget and limits

@@ -63,6 +63,13 @@ def without(first: float, last: float) -> dict:
     }
 
 
+def frozen() -> dict:
+    """The log with a sensor that gives one scan again and again from its twelfth on."""
+    scans, at = log()["rear"]
+    again = [replace(scans[11], time=scan.time) for scan in scans[12:]]
+    return {**log(), "rear": ([*scans[:12], *again], at)}
+
+
 def one_by_one() -> dict:
     """The front radar with a time of its own for each target."""
     scans, at = log()["front"]
@@ -106,12 +113,17 @@ FAULTS = {
         lambda: changed(lambda s: replace(s, sigma_azimuth=s.sigma_azimuth * DEGREE)),
         NAMES,
     ),
+    "standard deviation of the azimuth too large": (
+        lambda: alone(lambda s: replace(s, sigma_azimuth=0.0 * s.azimuth + 0.3)),
+        ("front",),
+    ),
     "one time stamp for each target": (one_by_one, ("front",)),
     "a gap": (lambda: without(1.0, 3.0), ("",)),
     "the clock jumps": (
         lambda: changed(lambda s: replace(s, time=(s.time + 86398.0) % 86400.0)),
         tuple(f"sensors['{name}'].scans" for name in NAMES),
     ),
+    "a scan is repeated": (frozen, ("sensors['rear'].scans",)),
     "targets are given twice": (
         lambda: changed(lambda s: s[np.repeat(np.arange(s.size), 2)], "rear"),
         ("sensors['rear'].scans",),
@@ -153,6 +165,29 @@ def test_a_fault_of_one_sensor_is_that_sensors():
     found = told(wrong)
     assert found["azimuths count clockwise"] == ("front",)
     assert found["few targets fit"] == ("front",)
+
+
+def test_positions_say_whether_a_vehicle_may_drive_backwards():
+    """Breaks if a wrong sign passes for a vehicle that reverses, or a turned radar is refused."""
+    flipped = alone(lambda s: replace(s, doppler=-s.doppler))
+    behind = {"front": (beginning().scans, replace(CORNER, yaw=CORNER.yaw + np.pi))}
+    for sensors, wrong in ((flipped, True), (behind, False)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            driven = track(sensors, horizon=0.3)
+        found = diagnose(sensors, driven, horizon=0.3).findings
+        sure = {each.symptom: each.sure for each in found}
+        assert sure["the vehicle drives backwards"] == wrong
+
+
+def test_a_standard_deviation_that_is_too_small_is_surely_wrong_if_few_targets_fit():
+    """Breaks if radians taken for degrees give files as if the rest were right."""
+    wrong = alone(lambda s: replace(s, sigma_azimuth=s.sigma_azimuth * DEGREE))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        found = diagnose(wrong, track(wrong)).findings
+    sure = {each.symptom: each.sure for each in found}
+    assert sure["standard deviation of the azimuth too small"]
 
 
 def test_one_radar_to_the_side_is_told_that_it_needs_help():

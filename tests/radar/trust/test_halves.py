@@ -1,5 +1,7 @@
 """Covariances judged without a reference: two tracks, halves by target and by object."""
 
+import warnings
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -109,6 +111,24 @@ def test_a_scan_that_cannot_be_halved_is_left_out():
     assert not np.isin(found.times, gone).any()
     assert len(found.times) >= 4
     assert found.share < found.converged <= 6 / 8  # all targets of scan 6 do give an estimate
+
+
+def test_halves_of_a_log_whose_clock_jumps_are_those_of_its_track():
+    """Breaks if the halves are divided in other rounds than the track's, or targets count twice."""
+    scans = drive(3, 0.0, scans=30)
+    doubled = scans[20][np.repeat(np.arange(scans[20].size), 2)]
+    found = []
+    for seconds, twin in ((0.9, scans[20]), (-50.0, doubled)):
+        later = [replace(scan, time=scan.time + seconds) for scan in (*scans[15:20], twin)]
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            log = [([*scans[:15], *later], MOUNTING)]
+            found.append(compare_halves(log, np.random.default_rng(4), doppler=False))
+        assert [each.filename for each in said] == [__file__] * (2 if seconds < 0.0 else 0)
+    gap, jump = found
+    assert len(jump.times) == 19
+    assert_allclose(jump.times, gap.times, atol=1e-9)
+    assert_allclose(jump.errors, gap.errors, atol=1e-6)
 
 
 def test_clusters_are_chains_of_short_steps():
