@@ -16,8 +16,8 @@ from d2d._checks import (
     check_fraction,
     check_positive_scalar,
 )
+from d2d._frozen import Frozen
 from d2d._kernel import layout
-from d2d._lazy import Frozen
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet

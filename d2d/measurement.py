@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from d2d._bounds import SCALE
 from d2d._checks import broadcast_batches, check_finite, check_positive
+from d2d._frozen import Frozen
 from d2d._kernel import layout
-from d2d._lazy import Frozen
 from d2d._types import Array
 
 

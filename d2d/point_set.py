@@ -17,9 +17,9 @@ from d2d._checks import (
     check_finite,
     check_positive,
 )
+from d2d._frozen import Frozen
 from d2d._kernel import entries, layout, tiles
 from d2d._kernel.compile import read_only
-from d2d._lazy import Frozen
 from d2d._types import Array, Index
 
 _TILED = 64  # targets, from which on the tiles of a corrupted Gaussian pay

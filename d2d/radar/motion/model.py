@@ -10,8 +10,8 @@ import numpy as np
 
 from d2d._bounds import Bounds
 from d2d._checks import check_flag, check_positive_scalar, check_schedule
+from d2d._frozen import Frozen
 from d2d._kernel import layout
-from d2d._lazy import Frozen
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost
 from d2d.problem import CostForm, Pair, Problem
 

@@ -25,8 +25,8 @@ from d2d._checks import (
     check_positive_scalar,
     check_scalar,
 )
+from d2d._frozen import Frozen
 from d2d._kernel.compile import read_only
-from d2d._lazy import Frozen
 from d2d._types import Array, Selection
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet

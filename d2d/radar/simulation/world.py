@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._checks import check_finite
-from d2d._lazy import Frozen
+from d2d._frozen import Frozen
 from d2d._types import Array
 
 KINDS = ("wall", "car", "pole", "vegetation", "moving", "clutter")

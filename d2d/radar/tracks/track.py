@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from d2d import rigid
 from d2d._bounds import check_real
 from d2d._checks import check_finite, check_path
-from d2d._lazy import Frozen
+from d2d._frozen import Frozen
 from d2d._types import Array
 from d2d.radar.files import written_whole
 from d2d.radar.scans.budget import CovarianceParts

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from d2d._checks import check_instance
-from d2d._lazy import Frozen
+from d2d._frozen import Frozen
 from d2d._types import Array
 from d2d.bootstrap import block_bootstrap, block_length
 from d2d.credibility import Credibility, credibility

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d._checks import check_covariances, check_finite
-from d2d._lazy import Frozen
+from d2d._frozen import Frozen
 from d2d._types import Array
 from d2d.baselines.eigenvalues import raise_eigenvalues
 

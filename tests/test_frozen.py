@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from d2d import CorruptedGaussian, LinearMeasurement, PointSet, UniformOutlier
-from d2d._lazy import Frozen
+from d2d._frozen import Frozen
 from d2d.radar import EgoMotionModel, Mounting, RadarScan, World, build_world
 from d2d.radar.motion.model import DEFAULT_OUTLIER
 from d2d.radar.simulation.drive import simulate_drive
