@@ -1,6 +1,7 @@
 """The command line `python -m d2d.radar`: tracks from logs and data sets, written to files."""
 
 import argparse
+import io
 import itertools
 import math
 import os
@@ -340,8 +341,9 @@ def _live(arguments: argparse.Namespace) -> None:
     if sys.stdin is None:
         raise ValueError("live reads scans from the standard input, which is closed")
     tracker = Tracker(mountings_of(vars(arguments)), keep=1, **_options(arguments, ErrorBudget()))
-    if hasattr(sys.stdin, "reconfigure"):
-        sys.stdin.reconfigure(errors="replace")  # a wrong byte is one wrong line
+    if isinstance(sys.stdin, io.TextIOWrapper):
+        # JSON is UTF-8, which may begin with a mark; a wrong byte is one wrong line
+        sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")
 
     def complain(text: str) -> None:
         print(f"{PROGRAM}: {text}", file=sys.stderr, flush=True)

@@ -30,7 +30,8 @@ def run(monkeypatch, capsys):
     """What the command says to lines, on both outputs."""
 
     def call(given: list[str], *options: str) -> tuple[list[dict], list[str]]:
-        monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(given) + "\n"))
+        text = io.BytesIO(("\n".join(given) + "\n").encode())
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(text, encoding="ascii"))
         assert main([*CALL, *options]) == 0
         said = capsys.readouterr()
         return [json.loads(line) for line in said.out.splitlines()], said.err.splitlines()
@@ -79,6 +80,14 @@ def test_a_sigma_for_all_counts_instead_of_that_of_the_lines(run):
     found, said = run(lines(sigma_doppler=9.0), *options)
     assert said == []
     assert found == wanted
+
+
+def test_the_first_line_may_begin_with_a_byte_order_mark(run):
+    """Breaks if the first line of an editor's file is lost."""
+    first, *rest = lines()
+    found, said = run(["\ufeff" + first, *rest])
+    assert said == []
+    assert len(found) == len(expected())
 
 
 def test_a_closed_input_is_named(monkeypatch, capsys):
