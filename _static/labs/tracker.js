@@ -857,7 +857,7 @@ globalThis.tracker = (function radarTracker() {
         return [];
       }
       if (!goesOn) this.mend(sensor, held);
-      else if (latest !== undefined) this.tellGap(name, time - latest);
+      else if (time - latest > this.maxInterval) this.tellGap(name, time - latest);
       if (latest !== undefined) intervals.push(goesOn ? time - latest : scan.time - held.scan.time);
       if (intervals.length > REMEMBERED) intervals.shift();
       return (held ? [held.scan, scan] : [scan]).map((each) => ({ ...each, time: each.time + this.offsets[sensor] }));
@@ -866,8 +866,8 @@ globalThis.tracker = (function radarTracker() {
     /** Set a sensor's clock after a jump; one ahead may be a gap. */
     mend(sensor, { scan, jump }) {
       const name = this.names[sensor];
-      if (jump > 0) this.tellGap(name, jump);
-      else {
+      if (jump > this.maxInterval) this.tellGap(name, jump);
+      else if (jump < 0) {
         this.tell(`jump ${this.offsets[sensor]}`, "the clock jumps", name, jump, "s", "back");
         this.offsets[sensor] = this.offsetAfter(sensor, this.latest[sensor].time - scan.time);
       }
@@ -887,7 +887,19 @@ globalThis.tracker = (function radarTracker() {
     }
 
     tellGap(name, jump) {
-      if (jump > this.maxInterval) this.tell("ahead", "the clock jumps", name, jump, "s", "or a gap");
+      this.tell("ahead", "the clock jumps", name, jump, "s", "or a gap");
+    }
+
+    /** Say if a sensor pauses while others go on: by a gap, or a clock that jumps ahead. */
+    lookForPause(sensor, times, others) {
+      const intervals = this.intervals[sensor],
+        cycle = intervals.length ? median(intervals) : 0,
+        longest = 1.001 * this.gap(sensor); // left by a mended jump
+      for (let i = 1; i < times.length; i++) {
+        const [start, end] = [times[i - 1], times[i]];
+        const goOn = () => others.some((time) => time > start + cycle && time < end - cycle);
+        if (end - start > longest && goOn()) this.tellGap(this.names[sensor], end - start);
+      }
     }
 
     lookForRepetition(sensor, scan) {
@@ -1383,7 +1395,9 @@ globalThis.tracker = (function radarTracker() {
       options.maxInterval,
     );
     const sensors = drives.map((drive, s) => ({ ...drive, scans: drive.scans.flatMap((scan) => intake.taken(s, scan)) })),
-      found = [...intake.found, ...checkOverlap(sensors)];
+      timesOf = (some) => some.flatMap(({ scans }) => scans.map(({ time }) => time));
+    sensors.forEach((own, s) => intake.lookForPause(s, timesOf([own]), timesOf(sensors.toSpliced(s, 1))));
+    const found = [...intake.found, ...checkOverlap(sensors)];
     const rounds = roundsOf(sensors, options.baseline, options.horizon);
     if (!rounds.length) throw new Error("there must be at least two rounds of scans (of one sensor: two scans), but is one");
     const follower = new Follower(options.model, options.budget, options.limits),

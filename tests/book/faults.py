@@ -41,6 +41,14 @@ def begun(sensors: Sensors, scans: int = 16) -> Sensors:
     return {name: (own[:scans], mounting) for name, (own, mounting) in sensors.items()}
 
 
+def ahead() -> Sensors:
+    """One of two clocks jumps ahead, while the other sensor goes on."""
+    sensors = several(10.0)
+    scans, mounting = sensors["aside"]
+    late = [replace(scan, time=scan.time + 2.0) for scan in scans[40:]]
+    return {**sensors, "aside": ([*scans[:40], *late], mounting)}
+
+
 def to_the_side() -> Sensors:
     """A single radar far ahead of the axle that looks aside."""
     corner = Mounting(3.6, 0.4, 1.5)
@@ -71,6 +79,7 @@ FAULTS: dict[str, Callable[[], Sensors]] = {
     "one turned of two": lambda: at(several(10.0), aside=Mounting(-0.3, 0.4, 1.6)),
     "clockwise": lambda: changed(several(10.0), "aside", azimuth=-1.0),
     "late": lambda: several(30.0, 0.4),
+    "ahead": ahead,
 }
 CASES: dict[str, Callable[[], Case]] = {
     **{name: lambda of=of: Case(of()) for name, of in (CORRECT | FAULTS).items()},

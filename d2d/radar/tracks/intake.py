@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from d2d._types import Array
 from d2d.radar.scans.scan import RadarScan
 from d2d.radar.tracks.finding import Finding, warn_of
 from d2d.radar.tracks.rounds import REMEMBERED, SensorScans, repeats
@@ -40,7 +41,7 @@ class Intake:
 
     Where half of a scan's targets or more are there twice, one of each is dropped.  A sensor that
     freezes repeats its scan, which `Rounds` leaves out.  A warning names the sensor, once for each
-    of these; of a gap, if it is longer than ``max_interval`` (s).
+    of these; of a gap, if it is longer than ``max_interval`` (s) or others go on meanwhile.
     """
 
     def __init__(self, names: Sequence[str], max_interval: float, live: bool = False) -> None:
@@ -61,6 +62,14 @@ class Intake:
     def waits(self, span: float) -> bool:
         """Whether scans that cover this time in s are to wait for the next one of a sensor."""
         return any(span <= self._gap(sensor) for sensor in self._held)
+
+    def look_for_pause(self, sensor: int, times: Array, others: Array) -> None:
+        """Say if a sensor pauses while others go on: by a gap, or a clock that jumps ahead."""
+        cycle, longest = self._cycle(sensor), 1.001 * self._gap(sensor)  # left by a mended jump
+        for i in np.flatnonzero(np.diff(times) > longest):
+            start, end = times[i], times[i + 1]
+            if ((others > start + cycle) & (others < end - cycle)).any():
+                self._tell_gap(sensor, float(end - start), float(end))
 
     def leave_out(self, sensor: int, scan: RadarScan, last: float) -> None:
         """Say that a sensor's scan comes after the estimate at a later time."""
@@ -107,7 +116,8 @@ class Intake:
                 sensor, others - scan.time, self._gap(sensor)
             )
         elif latest is not None:
-            self._tell_gap(sensor, time - latest, scan.time)
+            if time - latest > self._longest:
+                self._tell_gap(sensor, time - latest, scan.time)
             intervals.append(time - latest)
         offset = self._offsets[sensor]
         return known if offset == 0.0 else [replace(s, time=s.time + offset) for s in known]
@@ -142,7 +152,8 @@ class Intake:
             self._tell_jump(sensor, held.jump, stamp, now)
             slack = _ALIKE * cycle
         elif held.jump > 0.0:
-            self._tell_gap(sensor, held.jump, stamp)
+            if held.jump > self._longest:
+                self._tell_gap(sensor, held.jump, stamp)
             return
         else:  # how long it took is not known: no pair may reach over it
             self._tell_jump(sensor, held.jump, stamp)
@@ -183,13 +194,12 @@ class Intake:
         )
 
     def _tell_gap(self, sensor: int, jump: float, stamp: float) -> None:
-        if jump > self._longest:
-            name = self._names[sensor]
-            self._tell(
-                "ahead",
-                Finding("the clock jumps", name, jump, "s", False, "or a gap"),
-                f"{name} has a gap, or its clock jumps, by {jump:.3f} s at {stamp:.3f} s",
-            )
+        name = self._names[sensor]
+        self._tell(
+            "ahead",
+            Finding("the clock jumps", name, jump, "s", False, "or a gap"),
+            f"{name} has a gap, or its clock jumps, by {jump:.3f} s at {stamp:.3f} s",
+        )
 
     def _tell_stamp(self, sensor: int, held: _Held) -> None:
         name, what = self._names[sensor], "ahead" if held.jump > 0.0 else "back"
@@ -248,4 +258,9 @@ def mended(sensors: Mapping[str, SensorScans], max_interval: float) -> dict[str,
     intake, found = Intake(list(sensors), max_interval), {}
     for number, (name, (scans, mounting)) in enumerate(sensors.items()):
         found[name] = [each for scan in scans for each in intake.taken(number, scan)], mounting
+    times = [np.array([scan.time for scan in scans]) for scans, _ in found.values()]
+    for number, own in enumerate(times):
+        intake.look_for_pause(
+            number, own, np.concatenate([*times[:number], *times[number + 1 :], []])
+        )
     return found

@@ -259,6 +259,19 @@ def with_wrong_stamp() -> dict:
     return sensors
 
 
+def test_one_clock_that_jumps_ahead_in_a_log_is_told():
+    """Breaks if a sensor that pauses while others go on is passed over, or a gap of all is told."""
+    sensors = named_sensors(40)
+    scans, at = sensors["rear"]
+    jumped = [*scans[:20], *(replace(scan, time=scan.time + 2.0) for scan in scans[20:])]
+    with pytest.warns(
+        UserWarning, match=r"'rear'.* has a gap, or its clock jumps, by 2\.1\d* s at"
+    ):
+        track(sensors | {"rear": (jumped, at)}, horizon=0.3)
+    for quiet in (sensors, with_common_gap()):
+        track(quiet, horizon=0.3)  # warnings are errors
+
+
 @pytest.mark.parametrize("trouble", [with_common_gap, over_midnight, with_wrong_stamp])
 @pytest.mark.filterwarnings("ignore::d2d.radar.FindingWarning")
 def test_scan_by_scan_gives_the_same_bits_whatever_the_clocks_do(trouble):
