@@ -17,7 +17,7 @@ from d2d.point_set import PointSet
 def is_far(fixed: PointSet, moving: PointSet, measurement: LinearMeasurement | None) -> bool:
     """Whether two sets are to be shifted; with a measurement, the origin is where it was made."""
     planar = fixed.dimension == moving.dimension == 2
-    return planar and measurement is None and bool(fixed._is_far.any() or moving._is_far.any())
+    return planar and measurement is None and (fixed._any_far or moving._any_far)
 
 
 class Frame(NamedTuple):

@@ -282,6 +282,11 @@ class PointSet(Frozen):
         """Which sets (...) are far from the origin, see `d2d.frame`."""
         return self._layout[2]
 
+    @cached_property
+    def _any_far(self) -> bool:
+        """Whether one of the sets is far from the origin."""
+        return bool(self._is_far.any())
+
 
 def _checked_covariances(covariances: Array, count: int, dimension: int) -> Array:
     """Covariances of that many targets, made exactly symmetric."""

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -133,15 +133,12 @@ class Problem:
     @cached_property
     def _layout(self) -> tuple[list[tuple[int, ...]], layout.Batch]:
         """The batch shapes of the sets of a single pair, and the layout of one problem."""
-        rows, fixed_start, moving_start = [], 0, 0
-        for number, (fixed, moving, measurement, _) in enumerate(self.pairs):
-            factor_start = -1 if measurement is None else moving_start
-            rows.append((fixed_start, fixed.size, number, moving_start, moving.size, factor_start))
-            fixed_start, moving_start = fixed_start + fixed.size, moving_start + moving.size
         fixed, moving, measurement, _ = self.pairs[0]
         batches = [fixed.batch_shape, moving.batch_shape]
         batches.append(() if measurement is None else measurement.batch_shape)
         factors = [pair.measurement._packed for pair in self.pairs if pair.measurement is not None]
+        sizes = tuple((pair.fixed.size, pair.moving.size) for pair in self.pairs)
+        rows, first = _table(sizes, bool(factors))
         batch = layout.Batch(
             _joined([pair.fixed._packed for pair in self.pairs], 0),
             _joined([pair.moving._packed for pair in self.pairs], 0),
@@ -150,9 +147,9 @@ class Problem:
             _joined(factors, 0) if factors else np.empty((0, 9)),
             self.form.outlier,
             *self._tiles(),
-            np.array(rows),
+            rows,
             np.array([pair.interval for pair in self.pairs]),
-            np.array([0, len(self.pairs)]),
+            first,
             float(self.form.d2d),
             float(fixed.dimension == 2),
             self.form.fusion,
@@ -299,6 +296,22 @@ class Problem:
 
         run_in_slices(run, len(values), self.size)
         return values.reshape(*bound.shape, len(rows), targets)
+
+
+@lru_cache(maxsize=64)
+def _table(
+    sizes: tuple[tuple[int, int], ...], measured: bool
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The table of the pairs of one problem, from their numbers of targets, and where it ends.
+
+    It is kept: scans of one radar often have the same number of targets.  Nobody writes to it.
+    """
+    rows, fixed_start, moving_start = [], 0, 0
+    for number, (fixed, moving) in enumerate(sizes):
+        factor_start = moving_start if measured else -1
+        rows.append((fixed_start, fixed, number, moving_start, moving, factor_start))
+        fixed_start, moving_start = fixed_start + fixed, moving_start + moving
+    return np.array(rows), np.array([0, len(rows)])
 
 
 def flat_index(own: tuple[int, ...], shape: tuple[int, ...]) -> NDArray[np.int64]:

@@ -143,6 +143,19 @@ def test_lists_that_are_kept_miss_nothing():
             assert_allclose(found.hessian, hessian, rtol=1e-9, atol=1e-10 * np.abs(hessian).max())
 
 
+@pytest.mark.parametrize("layout", [uniform, on_a_line, two_towns])
+def test_a_sample_of_the_targets_leads_to_the_optimum_of_all(layout):
+    """Breaks if the first steps end with the sample, or it weighs less than what it stands for."""
+    fixed, moving = scene(layout, 400, 2)
+    for cost in (RegistrationCost(outlier=WIDE), RegistrationCost("p2d", outlier=WIDE)):
+        near = register(fixed, moving, cost, THETA)
+        far = register(fixed, moving, cost, START + [0.3, -0.3, 0.005])
+        value, gradient, hessian = cost.derivatives(far.theta, fixed, moving)
+        assert far.converged and gradient @ np.linalg.solve(hessian, gradient) <= 1e-12
+        assert_allclose([far.value, near.value], value, rtol=1e-12)
+        assert near.iterations < far.iterations <= 15
+
+
 def test_small_sets_and_sparse_ones_have_no_tiles():
     """Breaks if tiles are laid where the plain sum is faster, or kept for one covariance only."""
     outlier = OUTLIERS["round"]._packed

@@ -166,8 +166,11 @@ def align_tops(w):
 
 @merged
 def evaluate_pair(pair, theta, fusion, reach, work, places):
-    """Cost of one pair of sets at the motion theta; its derivatives to ``work``."""
-    gate, margin = reach
+    """Cost of one pair of sets at the motion theta; its derivatives to ``work``.
+
+    Of more than ``most`` blocks of targets, every second or n-th stands for the others.
+    """
+    gate, margin, most = reach
     setting = setting_of(pair, theta, gate)
     memory, g, h = work.memory, work.gradient, work.hessian
     w = memory.scratch
@@ -175,7 +178,10 @@ def evaluate_pair(pair, theta, fusion, reach, work, places):
         w[TOTAL + k] = 0.0
     for k in range(LANES):
         w[TOP + k] = -np.inf
-    for first in range(0, pair.moving.shape[1], LANES):
+    targets, counted = pair.moving.shape[1], 0
+    every = max(1, (targets + LANES - 1) // LANES // most)
+    for first in range(0, targets, every * LANES):
+        counted += min(LANES, targets - first)
         evaluate_block(memory, pair, setting, first, margin, places[first // LANES])
         if fusion == LIKELIHOOD:
             fuse_likelihood(w)
@@ -196,12 +202,13 @@ def evaluate_pair(pair, theta, fusion, reach, work, places):
         # on a line there is no t_y and phi: unit curvature keeps the Newton step along them at zero
         g1 = g2 = a01 = a02 = a12 = 0.0
         a11 = a22 = -1.0
-    g[0], g[1], g[2] = -g0, -g1, -g2
-    h[0, 0], h[1, 1], h[2, 2] = -a00, -a11, -a22
-    h[0, 1] = h[1, 0] = -a01
-    h[0, 2] = h[2, 0] = -a02
-    h[1, 2] = h[2, 1] = -a12
-    return value
+    weight = targets / counted
+    g[0], g[1], g[2] = -weight * g0, -weight * g1, -weight * g2
+    h[0, 0], h[1, 1], h[2, 2] = -weight * a00, -weight * a11, -weight * a22
+    h[0, 1] = h[1, 0] = -weight * a01
+    h[0, 2] = h[2, 0] = -weight * a02
+    h[1, 2] = h[2, 1] = -weight * a12
+    return weight * value
 
 
 @compiled
