@@ -38,11 +38,11 @@ from d2d.study.estimation.descent import (
     PairedTargets,
     ends_of,
     gradient_descents,
+    random_starts,
     run_second_order,
 )
 from d2d.study.line.scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
 from d2d.study.plane.measures import times_off
-from d2d.study.plane.scenarios import OVERLAPPED
 
 STARTS = 300  # of the four methods, within 5 m and 30 degrees of the truth
 UNITS = {"m": 1.0, "25 m": 25.0}  # of lengths; in the second, an angle weighs as much as a shift
@@ -55,10 +55,7 @@ def second_order_faster() -> Evidence:
     """The main difference between gradient descent and Newton, Gauss-Newton and Levenberg-Marquardt
     is how fast they reach the minimum and converge.
     """
-    fixed, moving = OVERLAPPED.sample(STARTS, np.random.default_rng(SEED))
-    within = np.random.default_rng(SEED).uniform(-1, 1, (STARTS, 3))
-    starts = OVERLAPPED.theta + np.array([5.0, 5.0, np.deg2rad(30.0)]) * within
-    problems = [PairedTargets(fixed[run], moving[run]) for run in range(STARTS)]
+    problems, starts = random_starts(STARTS, SEED)
     fast = list(map(run_second_order, problems, starts))
     ends = {name: ends_of([each[name] for each in fast]) for name in fast[0]}
     slowest = np.max([each.iterations for each in ends.values()], axis=0)

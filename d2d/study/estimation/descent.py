@@ -21,6 +21,7 @@ from d2d.study.estimation.optimisers import (
     gradient_descent,
     newton,
 )
+from d2d.study.plane.scenarios import OVERLAPPED
 
 FIRST_ORDER = "gradient descent"
 MAX_DESCENTS = 20_000
@@ -81,6 +82,14 @@ class PairedTargets:
         return curved
 
 
+def random_starts(runs: int, seed: int) -> tuple[list[PairedTargets], Array]:
+    """Draws of the overlapped scene, and a start (runs, 3) within 5 m and 30 degrees for each."""
+    fixed, moving = OVERLAPPED.sample(runs, np.random.default_rng(seed))
+    within = np.random.default_rng(seed).uniform(-1, 1, (runs, 3))
+    starts = OVERLAPPED.theta + np.array([5.0, 5.0, np.deg2rad(30.0)]) * within
+    return [PairedTargets(fixed[run], moving[run]) for run in range(runs)], starts
+
+
 def run_all(problem: PairedTargets, start: Array) -> dict[str, Path]:
     """Run gradient descent and the three methods of `run_second_order` from one start."""
     step = gradient_descent(_rate(problem, start))
@@ -95,6 +104,17 @@ def run_second_order(problem: PairedTargets, start: Array) -> dict[str, Path]:
         "Gauss-Newton": descend(problem, start, gauss_newton, max_iterations=100),
         "Levenberg-Marquardt": descend_damped(problem, start, max_iterations=100),
     }
+
+
+def newton_saddles(problems: Sequence[PairedTargets], starts: Array) -> int:
+    """From how many of the starts (P, 3) Newton's method ends at a saddle of its problem."""
+    saddles = 0
+    for problem, start in zip(problems, starts, strict=True):
+        end = descend(problem, start, newton, max_iterations=100).points[-1]
+        j = problem.jacobian(end)
+        curvatures = np.linalg.eigvalsh(j.T @ j + problem.curvature(end))
+        saddles += int(curvatures[0] < 0.0 < curvatures[-1])
+    return saddles
 
 
 def _rate(problem: PairedTargets, start: Array) -> float:
