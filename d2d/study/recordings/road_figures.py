@@ -37,6 +37,12 @@ def score_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> T
     return table(rows, columns, caption)
 
 
+def log_score_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
+    """The log score of every covariance, a row for each, on every drive, a column for each."""
+    rows = {name: [models[name]["log_score"] for models in judged.values()] for name in COVARIANCES}
+    return table(rows, ["covariance", *((where, "", ".2f") for where in judged)], caption)
+
+
 def error_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
     """RMSE and mean errors of the estimates with a budget, a row for each drive."""
     found = {where: models["noise and budget"] for where, models in judged.items()}

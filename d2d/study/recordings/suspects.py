@@ -99,20 +99,40 @@ def parts_table(judged: Mapping[str, Mapping[str, Any]], caption: str) -> Table:
     )
 
 
+def parts_text(found: Mapping[str, Any]) -> str:
+    """The ANEES of what `parts` gives, and its three parts, for a line of text."""
+    return "ANEES {:.1f}; parts {:.1f}, {:.1f}, {:.1f}".format(found["anees"], *found["whitened"])
+
+
 def draw_parts(ax: Axes, judged: Mapping[str, Mapping[str, Any]], groups: Sequence[int]) -> None:
     """The three parts of each experiment's ANEES on a line; ``groups`` begin below a thin rule.
 
     A credible covariance has all of them at one, the dashed line.
     """
-    rows = np.arange(len(judged))[::-1]
+    _draw_components(ax, {name: found["whitened"] for name, found in judged.items()}, groups)
+    ax.set(xlabel="mean squared error over stated variance")
+    ax.set_xticks((1, 3, 10, 30), ("1", "3", "10", "30"))
+
+
+def draw_choices(
+    ax: Axes, judged: Mapping[str, Comparison], beside: str, groups: Sequence[int]
+) -> None:
+    """The RMSE of every run over the RMSE of the run ``beside``, for each component on a line."""
+    usual = judged[beside].rmse
+    _draw_components(ax, {name: found.rmse / usual for name, found in judged.items()}, groups)
+    ax.set(xlabel=f"RMSE over the RMSE of {beside}")
+    ax.set_xticks((0.5, 1, 2, 5, 10, 30), ("0.5", "1", "2", "5", "10", "30"))
+
+
+def _draw_components(ax: Axes, values: Mapping[str, Any], groups: Sequence[int]) -> None:
+    rows = np.arange(len(values))[::-1]
     for k, name in enumerate(NAMES):
         marker, color = _MARKS[name]
-        values = [found["whitened"][k] for found in judged.values()]
-        ax.plot(values, rows, marker, color=color, ms=6, label=("$v_x$", "$v_y$", "ω")[k])
+        found = [each[k] for each in values.values()]
+        ax.plot(found, rows, marker, color=color, ms=6, label=("$v_x$", "$v_y$", "ω")[k])
     for first in groups:
-        ax.axhline(len(judged) - first - 0.5, color="0.8", lw=0.8)
+        ax.axhline(len(values) - first - 0.5, color="0.8", lw=0.8)
     ax.axvline(1.0, **TRUTH)
-    ax.set(xscale="log", xlabel="mean squared error over stated variance")
-    ax.set_xticks((1, 3, 10, 30), ("1", "3", "10", "30"))
+    ax.set(xscale="log")
     ax.minorticks_off()
-    ax.set_yticks(rows, list(judged))
+    ax.set_yticks(rows, list(values))

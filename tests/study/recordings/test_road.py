@@ -58,6 +58,8 @@ def test_tables_and_drawings_show_what_was_judged(judged):
     table = str(road_figures.score_table({"drive": found}))
     assert all(name in table for name in grammar.COVARIANCES)
     assert f"{found['noise and budget']['anees']:.2f}" in table
+    scores = road_figures.log_score_table({"drive": found})
+    assert scores.rows[0][1] in table
     errors = str(road_figures.error_table({"drive": found}))
     assert f"{found['noise and budget']['rmse'][0]:.3f}" in errors
     assert len(road_figures.draw_scores({"drive": found}).axes) == 2

@@ -1,5 +1,7 @@
 """The experiments on what makes errors on the road too large, on errors that are made here."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib import pyplot as plt
@@ -8,10 +10,12 @@ from numpy.testing import assert_allclose
 from d2d.radar import Comparison, Recording, Track, simulate_drive
 from d2d.study.recordings.suspects import (
     beside_changed_reference,
+    draw_choices,
     draw_parts,
     judge_halves,
     parts,
     parts_table,
+    parts_text,
     without_slow_part,
 )
 
@@ -68,6 +72,9 @@ def test_table_and_drawing_show_every_experiment():
     judged = {"as it came": parts(comparison(slow=0.1)), "fast part": parts(comparison())}
     shown = parts_table(judged, "Two.")
     assert [row[0] for row in shown.rows] == list(judged)
+    assert f"ANEES {shown.rows[0][1]}; parts {shown.rows[0][3]}, " in parts_text(
+        judged["as it came"]
+    )
     assert shown.rows[0][3] == f"{judged['as it came']['whitened'][0]:.1f}"
     _, ax = plt.subplots()
     draw_parts(ax, judged, [1])
@@ -75,3 +82,13 @@ def test_table_and_drawing_show_every_experiment():
     drawn = [line for line in ax.lines if line.get_label() == "$v_x$"]
     assert_allclose(drawn[0].get_xdata(), [each["whitened"][0] for each in judged.values()])
     assert_allclose(drawn[0].get_ydata(), [1, 0])
+
+
+def test_choices_are_drawn_as_factors_of_one_of_them():
+    found = comparison()
+    _, ax = plt.subplots()
+    draw_choices(
+        ax, {"usual": found, "twice": replace(found, errors=2.0 * found.errors)}, "usual", ()
+    )
+    for line in ax.lines[:3]:
+        assert_allclose(line.get_xdata(), [1.0, 2.0])
