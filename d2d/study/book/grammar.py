@@ -77,9 +77,9 @@ def cost_line(key: str, metric: str = "d2d", label: str | None = None) -> dict[s
     return {"color": look.color, "ls": line, "label": look.name if label is None else label}
 
 
-def cost_marks(key: str, label: str | None = None) -> dict[str, Any]:
+def cost_marks(key: str) -> dict[str, Any]:
     """Style of the marks of a cost, without a line between them."""
-    return cost_line(key, label=label) | {"marker": COSTS[key].marker, "ls": "none"}
+    return cost_line(key) | {"marker": COSTS[key].marker, "ls": "none"}
 
 
 def covariance_marks(name: str) -> dict[str, Any]:

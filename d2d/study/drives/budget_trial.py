@@ -103,9 +103,7 @@ class BudgetTrial(NamedTuple):
     covered: Array  # (I, 3), share within the 95 % region
 
 
-def budget_trial(
-    names: Sequence[str] = tuple(INGREDIENTS), *, drives: int = DRIVES, duration: float = DURATION
-) -> BudgetTrial:
+def budget_trial(names: Sequence[str] = tuple(INGREDIENTS)) -> BudgetTrial:
     """Switch on each ingredient alone, and judge the covariances of many short drives.
 
     All ingredients are tried on the same drives of the car, with the same worlds, detections and
@@ -124,7 +122,7 @@ def budget_trial(
     Where the noise is not small compared with the extent, the covariance is therefore a little too
     large: an ANEES of 0.85 with an extent of 0.1 m and a length of 3 m, 1.04 with 1 m and 3 m.
     """
-    judged = [judge(INGREDIENTS[name], drives, duration) for name in names]
+    judged = [judge(INGREDIENTS[name]) for name in names]
     return BudgetTrial(
         tuple(names),
         np.array([each.anees for each in judged]),

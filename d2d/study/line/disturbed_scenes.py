@@ -21,20 +21,18 @@ def with_outlier(
     where: str,
     *,
     at: float | None = None,
-    sigma: float = SIGMA,
     draws: tuple[int, ...] = (),
 ) -> tuple[PointSet, PointSet]:
     """The line scene with one extra target, the last one of the set ``where``, fixed or moving.
 
     It stands ``at`` (m) in that set's frame or, unless that is given, anywhere over the targets and
-    5 m beyond, drawn anew for every draw.  ``sigma`` (m) is the standard deviation of all
-    observations, ``draws`` the batch shape.
+    5 m beyond, drawn anew for every draw.  ``draws`` is the batch shape.
     """
-    fixed, moving = line_scene(rng, draws=draws, sigma_fixed=sigma, sigma_moving=sigma)
+    fixed, moving = line_scene(rng, draws=draws)
     shift = 0.0 if where == "fixed" else TRUTH
     low, high = FIXED_POSITIONS.min() - shift - SPAN, FIXED_POSITIONS.max() - shift + SPAN
     position = rng.uniform(low, high, draws) if at is None else np.full(draws, at)
-    outlier = (position + sigma * rng.standard_normal(draws))[..., None, None]
+    outlier = (position + SIGMA * rng.standard_normal(draws))[..., None, None]
     if where == "fixed":
         return _extended(fixed, outlier), moving
     return fixed, _extended(moving, outlier)

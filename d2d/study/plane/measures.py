@@ -67,11 +67,9 @@ def decades_to_second(draws: MinimaOfDraws) -> Measured:
     return median_of(np.array([each.log_heights[1] for each in draws]) / np.log(10.0))
 
 
-def share_ending_at_truth(
-    scenario: Scenario, cost: RegistrationCost, initial: Start = "truth"
-) -> Measured:
-    """Share of the runs that end at the truth."""
-    return share_of(at_truth(evaluated(scenario, cost, initial).errors))
+def share_ending_at_truth(scenario: Scenario, cost: RegistrationCost) -> Measured:
+    """Share of the runs that end at the truth, started there."""
+    return share_of(at_truth(evaluated(scenario, cost).errors))
 
 
 def error_ratio(over: Condition, under: Condition) -> Measured:
