@@ -44,6 +44,8 @@ LOOKED_UP = {
     *(page for page in PAGES if page.startswith("api/")),
 }
 
+OPENING = 4  # lines of the first paragraph, on a desk
+
 Visit = Callable[[str], browser.Visit]
 
 
@@ -337,7 +339,8 @@ def test_in_the_dark_figures_are_light_and_maps_stay(resized: webdriver.Chrome, 
     browser.wait(resized, "return document.documentElement.dataset.theme === 'dark'")
     looks = """
         const style = (picture) => getComputedStyle(picture);
-        return ["figure > img:not(.map)", "figure > img.map"].map((pictures) =>
+        const map = "#fig-corrupted-map";
+        return [`figure:not(${map}) > img`, `${map} > img`].map((pictures) =>
             [...document.querySelectorAll(pictures)].map((each) =>
                 [style(each).filter, style(each).backgroundImage, style(each).mixBlendMode]));
     """
@@ -349,7 +352,7 @@ def test_in_the_dark_figures_are_light_and_maps_stay(resized: webdriver.Chrome, 
     # The picture with the dark ground is there, and as large as the one on white.
     assert maps[0][1].endswith('.dark.png")')
     sizes = f"""(async () => {{
-        const shown = [new Image(), document.querySelector("figure > img.map")];
+        const shown = [new Image(), document.querySelector("#fig-corrupted-map > img")];
         shown[0].src = {maps[0][1][4:-1]};
         await shown[0].decode();
         return shown.map((each) => [each.naturalWidth, each.naturalHeight]);
@@ -391,6 +394,22 @@ def test_what_a_page_needs_stands_beside_what_it_says(resized: webdriver.Chrome,
         assert note["top"] == said["top"]
         assert note["bottom"] < said["bottom"]
         assert note["left"] > said["right"]
+
+
+def test_a_page_opens_with_a_few_lines(resized: webdriver.Chrome, address: str):
+    """Breaks if what a page asks and found takes more lines than a reader skims."""
+    lines = """
+        const first = document.querySelector("article h1 ~ p");
+        return Math.round(first.offsetHeight / parseFloat(getComputedStyle(first).lineHeight));
+    """
+    browser.resize(resized, browser.WIDE)
+    long = {}
+    for page in (page for page in PAGES if not page.startswith("api/")):
+        resized.get(f"{address}{page}.html")
+        counted = resized.execute_script(lines)
+        if counted > OPENING:
+            long[page] = counted
+    assert long == {}
 
 
 def test_formulas_on_a_phone_are_as_large_as_the_text(resized: webdriver.Chrome, address: str):

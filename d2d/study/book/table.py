@@ -19,7 +19,7 @@ Column = str | tuple[str, ...]
 GAP = "  "
 ABSENT = "–"
 NUMBER = ' class="number"'
-FEW = 4  # cells that need no table
+FEW = 8  # cells that need no table
 
 
 def significant(value: float) -> str:
@@ -84,7 +84,8 @@ class Table:
 
         A few numbers stand in a line: "after one second: **0.16 °/s**".
         """
-        if len(self.rows) * len(self.rows[0]) <= FEW and not self.groups:
+        few = len(self.rows) == 1 or len(self.rows) * len(self.rows[0]) <= FEW
+        if few and not self.groups:
             before = f"{typeset(self.caption)} " if self.caption else ""
             return f'<p class="measured">{before}{"; ".join(map(self._html_line, self.rows))}</p>'
         parts = ['<figure class="measured">']

@@ -51,30 +51,34 @@ def one_draw(scenario: Scenario, seed: int = 1) -> tuple[PointSet, PointSet]:
 def cost_columns(
     scenario: Scenario, sets: tuple[PointSet, PointSet], costs: Mapping[str, RegistrationCost]
 ) -> None:
-    """A column for each cost: maps over the translation, profiles over the rotation."""
-    _, axes = plt.subplots(
-        4,
-        len(costs),
-        figsize=(5.0 * len(costs) / 3, 7.4),
-        height_ratios=[2, 2, 1, 1],
-        squeeze=False,
-    )
-    for column, (name, cost) in zip(axes.T, costs.items(), strict=True):
+    """The panels of each cost in a column, and again in a row for a wide page.
+
+    Maps over the translation come first, then profiles over the rotation.
+    """
+    count = len(costs)
+    size, ratios = (5.0 * count / 3, 7.4), [2, 2, 1, 1]
+    columns = plt.subplots(4, count, figsize=size, height_ratios=ratios, squeeze=False)[1]
+    rows = plt.subplots(count, 4, figsize=(PAGE, 1.9 * count), squeeze=False)[1]
+    for *panels, (name, cost) in zip(columns.T, rows, costs.items(), strict=True):
         surface = translation_surface(cost, *sets, scenario.theta, OFFSETS)
         near = translation_surface(cost, *sets, scenario.theta, NEAR_OFFSETS)
-        density_map(column[0], OFFSETS, surface, near)
-        cost_map(column[1], OFFSETS, surface)
         profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
         above = profile.max() - profile
-        for ax, values, label in (
-            (column[2], np.exp(-above), "density"),
-            (column[3], above, "−log density"),
-        ):
-            ax.plot(np.rad2deg(ROTATIONS), values, **cost_line(name))
-            ax.axvline(0.0, **TRUTH)
-            ax.set(xlabel="φ − truth (°)", ylabel=label, ylim=(0.0, None))
-            ax.margins(x=0.0)
-    _head_columns(axes, costs)
+        for density, negative, *profiles in panels:
+            density_map(density, OFFSETS, surface, near)
+            cost_map(negative, OFFSETS, surface)
+            for ax, values, label in zip(
+                profiles, (np.exp(-above), above), ("density", "−log density"), strict=True
+            ):
+                ax.plot(np.rad2deg(ROTATIONS), values, **cost_line(name))
+                ax.axvline(0.0, **TRUTH)
+                ax.set(xlabel="φ − truth (°)", ylabel=label, ylim=(0.0, None))
+                ax.margins(x=0.0)
+    _head_columns(columns, costs)
+    for letter, ax, name in zip("abc", rows[:, 0], costs, strict=False):
+        ax.set_title(f"({letter}) {LOOKS[name].name}")
+    for ax in rows[:-1].ravel():
+        ax.set_xlabel("")
 
 
 def error_panels(scenario: Scenario, names: Sequence[str]) -> None:

@@ -15,21 +15,22 @@ def words(html: str) -> list[str]:
 
 
 def some_table() -> Table:
-    """Two methods with an error each, and what one of them lacks."""
+    """Three methods with an error each, and what one of them lacks."""
     return table(
-        {"ICP & co.": (-14.94, True), "NDT": (np.nan, None)},
+        {"ICP & co.": (-14.94, True), "NDT": (np.nan, None), "P2D": (2.0, False)},
         ["method", ("error", "mm", ".1f"), "converged"],
-        "Errors <of> two methods.",
+        "Errors <of> three methods.",
     )
 
 
 def test_the_text_is_aligned_under_its_headings():
     """Breaks if a column loses its unit, its format or its alignment."""
     assert str(some_table()).splitlines() == [
-        "Errors <of> two methods.",
+        "Errors <of> three methods.",
         "method     error (mm)  converged",
         "ICP & co.       -14.9        yes",
         "NDT                 –          –",
+        "P2D               2.0         no",
     ]
 
 
@@ -37,10 +38,21 @@ def test_the_html_says_the_same():
     """Breaks if what is compared is not what is read, or a sign of HTML is not escaped."""
     html = some_table()._repr_html_()
     header = ["method", "error mm", "converged"]
-    assert words(html) == [*header, "ICP & co.", "-14.9", "yes", "NDT", "–", "–"]
-    assert "<figcaption>Errors &lt;of&gt; two methods.</figcaption>" in html
+    assert words(html) == [
+        *header,
+        "ICP & co.",
+        "-14.9",
+        "yes",
+        "NDT",
+        "–",
+        "–",
+        "P2D",
+        "2.0",
+        "no",
+    ]
+    assert "<figcaption>Errors &lt;of&gt; three methods.</figcaption>" in html
     assert html.count('scope="col"') == 3
-    assert html.count('scope="row"') == 2
+    assert html.count('scope="row"') == 3
 
 
 def test_numbers_are_set_flush_right_and_words_are_not():
@@ -88,6 +100,14 @@ def test_single_quantities_stand_one_below_the_other():
         "share          7%",
     ]
     assert "<thead>" not in shown._repr_html_()
+
+
+def test_a_single_row_is_a_line_and_more_is_a_table():
+    """Breaks if a row alone gets the rules and heads of a table, or many numbers a line."""
+    columns = ["", ("v_x", "m/s"), ("v_y", "m/s"), ("usable", "", ".0%"), "ANEES"]
+    alone, two = (table([("car", 1, 2, 0.9, 1)] * rows, columns) for rows in (1, 2))
+    assert alone._repr_html_().startswith('<p class="measured">')
+    assert two._repr_html_().startswith('<figure class="measured">')
 
 
 def test_a_few_numbers_stand_in_a_line():
