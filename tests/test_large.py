@@ -156,6 +156,14 @@ def test_a_sample_of_the_targets_leads_to_the_optimum_of_all(layout):
         assert near.iterations < far.iterations <= 15
 
 
+def test_rough_steps_go_where_exact_ones_would():
+    """Breaks if an outlier component that is expanded, not computed anew, turns the steps away."""
+    for seed in range(10):
+        fixed, moving = scene(uniform, 200, seed)
+        found = register(fixed, moving, RegistrationCost(outlier=WIDE), START + [0.3, -0.3, 0.005])
+        assert found.converged and found.iterations <= 9
+
+
 def test_small_sets_and_sparse_ones_have_no_tiles():
     """Breaks if tiles are laid where the plain sum is faster, or kept for one covariance only."""
     outlier = OUTLIERS["round"]._packed

@@ -64,8 +64,8 @@ MOST = 2.0
 
 
 @inlined
-def setting_of(pair, theta, gate):
-    """A motion with the numbers of a pair, and what may be left out of a target's density."""
+def setting_of(pair, theta, gate, nearby):
+    """A motion with the numbers of a pair, and how exact a target's density has to be."""
     return Setting(
         theta[0],
         theta[1],
@@ -75,6 +75,7 @@ def setting_of(pair, theta, gate):
         pair.d2d,
         pair.planar,
         gate,
+        nearby,
     )
 
 
@@ -118,7 +119,7 @@ def evaluate_block(memory, pair, setting, first, margin, place):
     load_block(w, pair.moving, order, setting, first)
     if factors.shape[0] > 0:
         measurement_jets(w, factors, order, setting.chart, first)
-    outlier_jet(w, fixed, setting, outlier, pair.tiles, pair.grid)
+    outlier_jet(w, fixed, setting, outlier, pair.tiles, pair.grid, place)
     known, measured = False, False
     if place[LENGTH] != NOT_FOUND:
         distance = moved(w, place, setting)
@@ -170,8 +171,8 @@ def evaluate_pair(pair, theta, fusion, reach, work, places):
 
     Of more than ``most`` blocks of targets, every second or n-th stands for the others.
     """
-    gate, margin, most = reach
-    setting = setting_of(pair, theta, gate)
+    gate, margin, most, nearby = reach
+    setting = setting_of(pair, theta, gate, nearby)
     memory, g, h = work.memory, work.gradient, work.hessian
     w = memory.scratch
     for k in range(10 * LANES):
