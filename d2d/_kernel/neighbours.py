@@ -3,7 +3,7 @@
 A component is left out if it is certainly below ``exp(-gate)`` of the target's sum: ``det(A +
 B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)`` (Minkowski) bounds what all pairs of a target can add up
 to for any rotation.  All pairs of a target that are left out together change its density by less
-than ``exp(-gate)`` of it: 2e-16, or more in the rough first steps of a descent.  How large the sum
+than ``exp(-gate)`` of it: 2e-16, or more in a large set's descent, see `newton`.  How large the sum
 is shows only afterwards.  Nearly always it is as large as expected; where it is not, the cut-off is
 measured from the nearest component instead.
 
