@@ -31,7 +31,7 @@ def draw_paths(ax: Axes, problem: PairedTargets, paths: Mapping[str, Path]) -> N
     for name, path in paths.items():
         plotted = path.points[:, 1], np.rad2deg(path.points[:, 2])
         ax.plot(*plotted, ".-", color=COLOURS[name], label=name, ms=5, lw=1.2)
-    ax.set(xlabel="$t_y$ (m)", ylabel="$φ_z$ (°)")
+    ax.set(xlabel="$t_y$ (m)", ylabel="$φ$ (°)")
 
 
 def descent_frame(problem: PairedTargets, paths: Mapping[str, Path], iteration: int) -> str:
