@@ -12,13 +12,13 @@ from d2d.radar import Drive, Track, estimate_ego_motion, propagate_ego_motion
 from d2d.radar.simulation.world import Movers, Reflectors, World
 
 
-def sparse(world: World, rng: np.random.Generator, share: float = 0.2) -> World:
-    """The world without movers, and with a share of its reflection points, four times as strong.
+def sparse(world: World, rng: np.random.Generator) -> World:
+    """The world without movers, and with a fifth of its reflection points, four times as strong.
 
     The points of a wall then lie farther apart than the errors of the sensor.
     """
     still = world.reflectors
-    kept = rng.random(len(still.kind)) < share
+    kept = rng.random(len(still.kind)) < 0.2
     few = Reflectors(still.positions[kept], 4.0 * still.strength[kept], still.kind[kept])
     none = Movers(np.empty(0), np.empty(0), np.empty((0, 2)), np.empty(0))
     return World(world.buildings, world.cars, few, none)
