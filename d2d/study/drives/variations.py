@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from d2d._types import Array
 from d2d.radar import Drive, Track, estimate_ego_motion, propagate_ego_motion
 from d2d.radar.simulation.world import Movers, Reflectors, World
+from d2d.study.runs import stacked
 
 
 def sparse(world: World, rng: np.random.Generator) -> World:
@@ -29,18 +30,14 @@ def track_from(drive: Drive, start: ArrayLike, **options: Any) -> Track:
 
     ``options`` are those of `d2d.radar.estimate_ego_motion`.
     """
-    estimates = [
-        estimate_ego_motion(previous, current, drive.mounting, initial=start, **options)
-        for previous, current in pairwise(drive.scans)
-    ]
-    times = drive.truth.times
-    return Track(
-        times[1:],
-        np.diff(times),
-        np.array([estimate.theta for estimate in estimates]),
-        np.array([estimate.covariance for estimate in estimates]),
-        np.array([bool(estimate.converged) for estimate in estimates]),
+    found = stacked(
+        [
+            estimate_ego_motion(*pair, drive.mounting, initial=start, **options)
+            for pair in pairwise(drive.scans)
+        ]
     )
+    times = drive.truth.times
+    return Track(times[1:], np.diff(times), found.theta, found.covariance, found.converged)
 
 
 def followed(drive: Drive, starts: ArrayLike | None = None, **options: Any) -> Array:
