@@ -19,7 +19,7 @@ from d2d.radar import Comparison, Mounting
 from d2d.radar.simulation.drive import STEPS, Sensor
 from d2d.radar.simulation.world import KINDS, World
 from d2d.registration import Estimate
-from d2d.study.book.drawing import ellipses
+from d2d.study.book.drawing import ellipses, intervals
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
@@ -324,9 +324,9 @@ def ingredients(ax: Axes, trial: BudgetTrial) -> None:
     """ANEES of each covariance, a row for each ingredient; a bar is a 95 % interval."""
     rows = np.arange(len(trial.names))
     for k, name in enumerate(budget_trial.COVARIANCES):
-        places, anees = rows + 0.22 * (k - 1), trial.anees[:, k]
-        spread = np.abs(trial.intervals[:, :, k].T - anees)
-        ax.errorbar(anees, places, xerr=spread, ms=6, elinewidth=1.2, **covariance_marks(name))
+        places = rows + 0.22 * (k - 1)
+        marks = covariance_marks(name)
+        intervals(ax, trial.anees[:, k], trial.intervals[:, :, k], places, **marks)
     ax.axvline(1.0, **TRUTH)
     ax.set_yticks(rows, trial.names)
     ax.invert_yaxis()

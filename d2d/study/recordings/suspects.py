@@ -15,8 +15,9 @@ from d2d.radar import Comparison, Recording, Track, compare_halves
 from d2d.radar.trust.comparison import NAMES
 from d2d.study.book.grammar import BLACK, GREY, OCHRE, TRUTH
 from d2d.study.book.table import Table, table
+from d2d.study.drives.figures import SYMBOLS
 
-_MARKS = {"v_x": ("o", BLACK), "v_y": ("s", OCHRE), "omega": ("D", GREY)}
+_MARKS = (("o", BLACK), ("s", OCHRE), ("D", GREY))  # of v_x, v_y and omega
 
 
 def judge_halves(recording: Recording) -> dict[str, Any]:
@@ -126,10 +127,9 @@ def draw_choices(
 
 def _draw_components(ax: Axes, values: Mapping[str, Any], groups: Sequence[int]) -> None:
     rows = np.arange(len(values))[::-1]
-    for k, name in enumerate(NAMES):
-        marker, color = _MARKS[name]
-        found = [each[k] for each in values.values()]
-        ax.plot(found, rows, marker, color=color, ms=6, label=("$v_x$", "$v_y$", "ω")[k])
+    columns = np.array(list(values.values())).T
+    for found, symbol, (marker, color) in zip(columns, SYMBOLS, _MARKS, strict=True):
+        ax.plot(found, rows, marker, color=color, ms=6, label=symbol)
     for first in groups:
         ax.axhline(len(values) - first - 0.5, color="0.8", lw=0.8)
     ax.axvline(1.0, **TRUTH)
