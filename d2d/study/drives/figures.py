@@ -33,6 +33,7 @@ from d2d.study.book.grammar import (
     cost_line,
     covariance_marks,
 )
+from d2d.study.book.style import write_out_ticks
 from d2d.study.drives import budget_trial, extended
 from d2d.study.drives.budget_trial import BudgetTrial
 from d2d.study.drives.errors import IN_UNITS, UNITS
@@ -331,8 +332,7 @@ def ingredients(ax: Axes, trial: BudgetTrial) -> None:
     ax.set_yticks(rows, trial.names)
     ax.invert_yaxis()
     ax.set(xscale="log", xlabel="ANEES")
-    ax.set_xticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
-    ax.minorticks_off()
+    write_out_ticks(ax.xaxis, (1, 2, 5, 10, 20, 50))
     ax.grid(axis="y", visible=False)
     ax.legend()
 

@@ -29,6 +29,7 @@ from d2d.radar import (
     load_radarscenes,
     track,
 )
+from d2d.scores import normalised_squares
 from d2d.study.recordings.estimates import SENSORS, with_extent
 from d2d.study.recordings.turning import CHANNELS, of_turning
 from d2d.study.results import read_json, results_path, write_json
@@ -109,8 +110,7 @@ def models(part: Part, fitted: Sequence[Part]) -> dict[str, Comparison]:
     """
     errors = np.concatenate([each.plain.errors for each in fitted])
     covariances = np.concatenate([each.plain.covariances for each in fitted])
-    nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors)
-    scaled = part.plain.covariances * nees.mean() / 3.0
+    scaled = part.plain.covariances * normalised_squares(errors, covariances).mean() / 3.0
     constant = np.broadcast_to(errors.T @ errors / len(errors), scaled.shape)
     return {
         "inverse Hessian": part.plain,
