@@ -28,10 +28,10 @@ class Throughput:
         return self.driven / self.total
 
 
-def measure(root: Path, repeats: int = 3) -> Throughput:
-    """Read one sensor of one sequence and track it with the joint cost; the best of ``repeats``."""
+def measure(root: Path) -> Throughput:
+    """Read one sensor of one sequence and track it with the joint cost; the best of three."""
     best = None
-    for _ in range(repeats):
+    for _ in range(3):
         begin = time.perf_counter()
         recording = load_radarscenes(root, SEQUENCE, SENSOR, strongest=STRONGEST)
         read = time.perf_counter()

@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from benchmarks.report import RESULTS, table
+from benchmarks.report import table
 from benchmarks.road import HORIZON
 from benchmarks.road import scenes as scenes_of
 from benchmarks.run import in_one_thread
@@ -41,6 +41,7 @@ from d2d.study.recordings.turning import (
     own_errors,
     trimmed_fit,
 )
+from d2d.study.results import results_path
 
 Array = NDArray[np.float64]
 Columns = Callable[[Residuals], Array]  # (n, k): what may be in the Doppler velocities
@@ -373,9 +374,9 @@ def main() -> None:
     for name, text in parts.items():
         print(f"{name}\n{text}\n", flush=True)
         head = "<!-- Written by `python -m benchmarks.extrapolation`. -->"
-        path = RESULTS / f"extrapolation_{name}.md"
+        path = results_path(f"extrapolation_{name}.md")
         path.write_text(f"{head}\n\n{text}\n", encoding="utf-8")
-    draw(turning, RESULTS / "extrapolation.png")
+    draw(turning, results_path("extrapolation.png"))
 
 
 if __name__ == "__main__":

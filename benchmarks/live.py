@@ -19,6 +19,7 @@ THETA = np.array([12.0, 0.0, 0.05])
 SIGMAS = (0.1, 0.005, 0.06)  # m, rad, m/s
 NEAR, FAR, ASIDE = 8.0, 70.0, 0.9  # m, m, rad: where a radar sees
 MISSED = 0.1  # share of the targets
+DURATION = 10.0  # s, of the drive whose rounds are timed
 
 
 def scan_of(
@@ -38,24 +39,22 @@ def scan_of(
     return RadarScan(when, *measured, *SIGMAS)
 
 
-def bend(
-    sensors: int, rate: float, targets: int, duration: float
-) -> Iterator[tuple[str, RadarScan]]:
+def bend(sensors: int, rate: float, targets: int) -> Iterator[tuple[str, RadarScan]]:
     """The scans of a car's radars in time order."""
     rng = np.random.default_rng(1)
-    low, high = np.array([-FAR, -FAR]), np.array([12.0 * duration + FAR, 30.0 + FAR])
+    low, high = np.array([-FAR, -FAR]), np.array([12.0 * DURATION + FAR, 30.0 + FAR])
     each = 0.6 * ASIDE * (FAR**2 - NEAR**2)  # m^2 that hold the targets of a scan, and some more
     points = rng.uniform(low, high, (int(targets * np.prod(high - low) / each), 2))
-    for k in range(round(duration * rate)):
+    for k in range(round(DURATION * rate)):
         for s, at in enumerate(CORNERS[:sensors]):
             yield str(s), scan_of(points, k / rate + 0.013 * s, at, targets, rng)
 
 
-def latency(sensors: int, rate: float, targets: int, duration: float = 10.0) -> str:
+def latency(sensors: int, rate: float, targets: int) -> str:
     """CPU time from the last scan of a round to its estimate."""
     own = Tracker({str(s): at for s, at in enumerate(CORNERS[:sensors])}, budget=BUDGET)
     spent, sizes = [], []
-    for name, scan in bend(sensors, rate, targets, duration):
+    for name, scan in bend(sensors, rate, targets):
         start = time.process_time()
         estimates = own.add(name, scan)
         passed = time.process_time() - start

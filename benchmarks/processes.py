@@ -77,9 +77,9 @@ def printed(code: str, *arguments: str, **environment: str) -> float:
     return float(done.stdout)
 
 
-def import_seconds(repeats: int = 5) -> float:
-    """Time of ``import d2d`` in s, the best of ``repeats``."""
-    return min(printed(_IMPORT) for _ in range(repeats))
+def import_seconds() -> float:
+    """Time of ``import d2d`` in s, the best of five."""
+    return min(printed(_IMPORT) for _ in range(5))
 
 
 def first_call_seconds() -> tuple[float, float]:

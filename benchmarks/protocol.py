@@ -69,7 +69,7 @@ from benchmarks.covariances import (
     Estimates,
     Parameters,
 )
-from benchmarks.report import RESULTS, table
+from benchmarks.report import table
 from benchmarks.run import in_one_thread
 from d2d import block_bootstrap, log_score
 from d2d.problem import Problem
@@ -84,6 +84,7 @@ from d2d.radar.tracks.rounds import Round, rounds_of
 from d2d.registration import Estimate
 from d2d.study.book.grammar import BLACK, GREY, PURPLE, SKY
 from d2d.study.book.style import letter_panels, use_style
+from d2d.study.results import results_path
 
 Flags = NDArray[np.bool_]
 
@@ -534,8 +535,8 @@ def main() -> None:
     text = "\n\n".join([*parts, ""])
     print(text)
     if arguments.seconds is None and len(parts) > 1:
-        (RESULTS / "road_protocol.md").write_text(text, encoding="utf-8")
-        chart(judgements, RESULTS / "road_protocol.png")
+        results_path("road_protocol.md").write_text(text, encoding="utf-8")
+        chart(judgements, results_path("road_protocol.png"))
 
 
 if __name__ == "__main__":

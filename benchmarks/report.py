@@ -16,6 +16,7 @@ from benchmarks.scenes import Accuracy
 from benchmarks.timing import exponent
 from d2d.study.book.grammar import COSTS, OTHERS, cost_line
 from d2d.study.book.style import letter_panels, use_style
+from d2d.study.results import results_path
 
 STARTS = {"truth": "the truth", "off": "0.4 m and 0.6° off", "zero": "zero"}
 # The sizes of the table of growth, and its methods with a name for each.
@@ -41,8 +42,6 @@ GROWING = (
         )
     ),
 )
-
-RESULTS = Path(__file__).resolve().parents[1] / "chapters" / "results"
 
 
 @dataclass(frozen=True)
@@ -387,8 +386,7 @@ def _looks() -> Iterator[tuple[str, str, dict[str, Any]]]:
         yield "its own", peer.name, look
 
 
-def write(m: Measured, folder: Path = RESULTS) -> None:
+def write(m: Measured) -> None:
     """Write the page's tables and the chart."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "benchmarks.md").write_text(page(m), encoding="utf-8")
-    chart(m, folder / "benchmarks.png")
+    results_path("benchmarks.md").write_text(page(m), encoding="utf-8")
+    chart(m, results_path("benchmarks.png"))

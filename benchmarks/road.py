@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from benchmarks import peers
-from benchmarks.report import RESULTS, table
+from benchmarks.report import table
 from benchmarks.run import in_one_thread, without_chatter
 from benchmarks.scenes import Draws
 from d2d import PointSet, credibility, rigid
@@ -47,6 +47,7 @@ from d2d.radar.tracks.track import integrate
 from d2d.study.recordings.estimates import SENSORS
 from d2d.study.recordings.road import joint_reference
 from d2d.study.recordings.turning import CHANNELS
+from d2d.study.results import results_path
 
 Array = NDArray[np.float64]
 View = tuple[RadarScan, Mounting]
@@ -371,7 +372,7 @@ def span_section(title: str, drives: Sequence[Drive]) -> str:
 def write(name: str, parts: Sequence[str]) -> None:
     """Write what the book's page includes."""
     head = "<!-- Written by `python -m benchmarks.road`. -->"
-    (RESULTS / name).write_text("\n\n".join([head, *parts, ""]), encoding="utf-8")
+    results_path(name).write_text("\n\n".join([head, *parts, ""]), encoding="utf-8")
 
 
 def main() -> None:

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.report import RESULTS, table
+from benchmarks.report import table
 from benchmarks.road import HORIZON, Drive, nuscenes, radarscenes, scenes, sequences
 from benchmarks.run import in_one_thread
 from d2d.radar import ErrorBudget, Tracker, VelocityEstimate
@@ -34,6 +34,7 @@ from d2d.radar.tracks.displacement import PERSISTENCE
 from d2d.radar.tracks.rounds import Rounds, in_time_order
 from d2d.scores import normalised_squares
 from d2d.study.drives.fusion import GATE, REGION, SETTLED, Filter, Motion, slow_errors, take
+from d2d.study.results import results_path
 
 Array = NDArray[np.float64]
 # The vehicle of `track`: of random walks, whose accelerations are as usual after a long time.
@@ -125,7 +126,7 @@ def main() -> None:
         rows = [cells for drive in drives for cells in lines(drive)]
         head = "<!-- Written by `python -m benchmarks.road_filter`. -->"
         text = f"{head}\n\n{table(HEAD, rows, 2)}\n"
-        (RESULTS / "road_filter.md").write_text(text, encoding="utf-8")
+        results_path("road_filter.md").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

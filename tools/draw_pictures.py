@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from scipy.stats import chi2
 
 from d2d import ANNEALED, CorruptedGaussian, PointSet, RegistrationCost, rigid
-from d2d.radar import simulate_drive, track
+from d2d.radar import Drive, simulate_drive, track
 from d2d.study import monte_carlo, scenarios
 from d2d.study.book import drawing, grammar, style
 from d2d.study.book.ledger import SIGNS
@@ -49,12 +49,17 @@ def overview() -> Figure:
     bar.set_ticks([150, 250, 350])
     style.label_planar_axes(axes[1], "cost of a translation")
     axes[1].set(xlabel="$t_x$ (m)", ylabel="$t_y$ (m)")
-    poses = track(drive).poses(drive.truth.poses[0])
-    drawing.path(axes[2], poses, **grammar.cost_line("robust", label="estimate"))
-    drawing.path(axes[2], drive.truth.poses, **grammar.TRUTH, label="truth")
+    draw_both_paths(axes[2], drive)
     style.label_planar_axes(axes[2], "the path")
     axes[2].legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
     return figure
+
+
+def draw_both_paths(ax: Axes, drive: Drive) -> None:
+    """The path of a drive, estimated and true."""
+    poses = track(drive).poses(drive.truth.poses[0])
+    drawing.path(ax, poses, **grammar.cost_line("robust", label="estimate"))
+    drawing.path(ax, drive.truth.poses, **grammar.TRUTH, label="truth")
 
 
 def start() -> Figure:
@@ -196,10 +201,8 @@ def learn_tile() -> Figure:
 def path_tile() -> Figure:
     """The path of a simulated drive, estimated and true."""
     drive = simulate_drive(np.random.default_rng(7), duration=130.0)
-    poses = track(drive).poses(drive.truth.poses[0])
     figure, ax = plt.subplots(figsize=TILE)
-    drawing.path(ax, poses, **grammar.cost_line("robust", label="estimate"))
-    drawing.path(ax, drive.truth.poses, **grammar.TRUTH, label="truth")
+    draw_both_paths(ax, drive)
     ax.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
     return figure
 

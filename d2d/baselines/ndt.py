@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from d2d._checks import check_positive_scalar
 from d2d._types import Array
 from d2d.baselines.eigenvalues import raise_eigenvalues
+from d2d.baselines.gaussian_fit import fit
 from d2d.baselines.icp import check_points
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
@@ -132,7 +133,7 @@ def _cells(
     _, cell, counts = np.unique(place, axis=0, return_inverse=True, return_counts=True)
     means, covariances = [], []
     for number in np.flatnonzero(counts >= min_points):
-        mean, covariance = _fit(points[cell.ravel() == number])
+        mean, covariance = fit(points[cell.ravel() == number])
         # leave out points that all coincide: there is no eigenvalue to raise the other to
         if np.trace(covariance) > 1e-18 * side**2:
             means.append(mean)
@@ -144,16 +145,6 @@ def _cells(
         )
     raised = raise_eigenvalues(np.stack(covariances), smallest_ratio=smallest_ratio)
     return np.stack(means), raised
-
-
-def _fit(points: Array) -> tuple[Array, Array]:
-    """Mean (2,) and covariance (2, 2) of points (N, 2), divided by N (thesis eq. 2.5, 2.6)."""
-    share = np.full(len(points), 1.0 / len(points))
-    mean = np.einsum("n,nd->d", share, points)
-    # once more about the mean: far from the origin, rounding moves the first one
-    mean += np.einsum("n,nd->d", share, points - mean)
-    centred = points - mean
-    return mean, np.einsum("n,ni,nj->ij", share, centred, centred)
 
 
 def _peaking_at_one(means: Array, covariances: Array) -> PointSet:

@@ -4,7 +4,9 @@ Results are small tables that take long to compute, or that come from data that 
 They are stored in ``chapters/results/`` of the repository, whatever the working directory.
 """
 
+import json
 from pathlib import Path
+from typing import Any
 
 _FOLDER = Path(__file__).resolve().parents[2] / "chapters" / "results"
 
@@ -12,3 +14,15 @@ _FOLDER = Path(__file__).resolve().parents[2] / "chapters" / "results"
 def results_path(name: str) -> Path:
     """Path of the result file ``name``, which need not exist yet."""
     return _FOLDER / name
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read what `write_json` wrote."""
+    stored: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return stored
+
+
+def write_json(path: Path, results: dict[str, Any]) -> None:
+    """Store results, one number a line, so that two versions can be compared."""
+    text = json.dumps(results, indent=1, ensure_ascii=False, default=float)
+    path.write_text(text + "\n", encoding="utf-8")

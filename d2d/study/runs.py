@@ -49,6 +49,16 @@ class MonteCarlo:
     converged: NDArray[np.bool_]  # (runs,)
     iterations: NDArray[np.int64]  # (runs,)
 
+    @classmethod
+    def of(cls, estimates: Estimate, theta: Array) -> "MonteCarlo":
+        """Estimates (runs,) of the motion ``theta`` (P,)."""
+        return cls(
+            estimates.theta - theta,
+            estimates.covariance,
+            estimates.converged,
+            estimates.iterations,
+        )
+
     @property
     def rmse(self) -> Array:
         """Root mean square error (P,) of the converged runs."""
@@ -58,6 +68,13 @@ class MonteCarlo:
     def credibility(self) -> Credibility:
         """Credibility of the covariances of the converged runs."""
         return credibility(self.errors[self.converged], self.covariances[self.converged])
+
+
+def stacked(estimates: Sequence[Estimate]) -> Estimate:
+    """Single estimates (N) as a batch (N,)."""
+    return Estimate(
+        *(np.array([getattr(each, f.name) for each in estimates]) for f in fields(Estimate))
+    )
 
 
 def judged(estimate: Estimate, theta: ArrayLike, covariance: Array | None = None) -> Credibility:
@@ -126,10 +143,4 @@ def _run(
 ) -> MonteCarlo:
     fixed, moving = scenario.sample(runs, np.random.default_rng(seed))
     solve = register if starts.ndim == 1 else multi_start
-    estimate = solve(fixed, moving, cost, starts, scales)
-    return MonteCarlo(
-        estimate.theta - scenario.theta,
-        estimate.covariance,
-        estimate.converged,
-        estimate.iterations,
-    )
+    return MonteCarlo.of(solve(fixed, moving, cost, starts, scales), scenario.theta)

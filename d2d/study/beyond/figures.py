@@ -23,6 +23,7 @@ from d2d.study.book.grammar import (
     cost_line,
     covariance_marks,
 )
+from d2d.study.book.style import write_out_ticks
 from d2d.study.estimation.covariance_trials import CREDIBLE_INCLINATION
 from d2d.study.plane.scenarios import OVERLAPPED, RANGES
 
@@ -76,9 +77,7 @@ def _line(ax: Axes, rows: Rows, parameter: str, measure: Measure, **style: Any) 
 def _plain_ticks(ax: Axes, values: Sequence[float]) -> None:
     """Ticks at the lowest and the highest value and at one between, if possible 1, written out."""
     middle = 1.0 if min(values) < 1.0 < max(values) else values[len(values) // 2]
-    ticks = (min(values), middle, max(values))
-    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    ax.minorticks_off()
+    write_out_ticks(ax.xaxis, (min(values), middle, max(values)))
 
 
 def start_map(ax: Axes, rows: Rows, cost: str, scales: str, title: str) -> None:
@@ -142,6 +141,5 @@ def covariance_panel(
     names = [COSTS[key].name if key in COSTS else key for key in covariances]
     ax.set_yticks(heights, names if named else [""] * len(heights))
     ax.set_xscale("symlog", linthresh=1.0, linscale=0.7)
-    ax.set_xticks([-10, -1, 0, 1, 10], ["−10", "−1", "0", "1", "10"])
-    ax.minorticks_off()
+    write_out_ticks(ax.xaxis, (-10, -1, 0, 1, 10))
     ax.set(xlabel="I² (dB)", title=title, ylim=(-0.6, len(covariances) - 0.4), xlim=(-40, 40))

@@ -1,6 +1,6 @@
 """Scenes whose targets are placed anew in every run."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,8 +20,6 @@ class RandomScenes:
     A sweep over them averages over layouts and noise together.
     """
 
-    # [t_x, t_y, phi_z] in m, m, rad, from the moving onto the fixed set
-    theta: Array = field(default_factory=lambda: OVERLAPPED.theta)
     sigma_range: float = OVERLAPPED.sigma_range  # m
     sigma_azimuth: float = OVERLAPPED.sigma_azimuth  # rad
     size: int = 20  # number of targets in each scan
@@ -33,6 +31,11 @@ class RandomScenes:
     spacing: float = 2.0  # m, minimum distance between any two targets
     view: float = FIELD_OF_VIEW  # rad, half the width of the field of view
     reported: float = 1.0  # standard deviations that the targets report, over those of the noise
+
+    @property
+    def theta(self) -> Array:
+        """Motion [t_x, t_y, phi_z] in m, m, rad, from the moving onto the fixed set."""
+        return OVERLAPPED.theta
 
     @property
     def outliers(self) -> int:

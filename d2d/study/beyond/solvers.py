@@ -15,7 +15,7 @@ from d2d.study.beyond.mixtures import register_mixture
 from d2d.study.beyond.symmetric import register_symmetric
 from d2d.study.plane.evaluation import ALPHA, OUTLIER_COVARIANCE, ROBUST, at_truth, same_draws
 from d2d.study.plane.scenarios import Scenario
-from d2d.study.runs import MonteCarlo
+from d2d.study.runs import MonteCarlo, stacked
 
 OUTLIER = CorruptedGaussian(ALPHA, OUTLIER_COVARIANCE)
 
@@ -73,12 +73,4 @@ def solved(scenario: Scenario, name: str, off: float = 0.0, runs: int = 60) -> C
     begin = time.perf_counter()
     estimates = [SOLVERS[name](fixed[run], moving[run], start) for run in range(runs)]
     seconds = (time.perf_counter() - begin) / runs
-    return Compared(
-        MonteCarlo(
-            np.array([estimate.theta for estimate in estimates]) - scenario.theta,
-            np.array([estimate.covariance for estimate in estimates]),
-            np.array([bool(estimate.converged) for estimate in estimates]),
-            np.array([int(estimate.iterations) for estimate in estimates]),
-        ),
-        seconds,
-    )
+    return Compared(MonteCarlo.of(stacked(estimates), scenario.theta), seconds)

@@ -1,10 +1,11 @@
-"""Drawings that several chapters share: error ellipses, errors over time, scans, paths."""
+"""Drawings that several chapters share: ellipses, errors over time, intervals, scans, paths."""
 
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
+from numpy.typing import ArrayLike
 
 from d2d._types import Array
 from d2d.point_set import PointSet
@@ -31,6 +32,12 @@ def error_bands(ax: Axes, times: Array, errors: Array, sigma: Array, unit: str, 
         ax.plot(times, side * sigma, color=SKY, lw=1.0)
     ax.set_ylabel(f"{name} ({unit})")
     ax.margins(x=0.0)
+
+
+def intervals(ax: Axes, values: Array, bounds: Array, places: ArrayLike, **style: Any) -> None:
+    """Values (n,) with bars between their bounds (n, 2), at these places of the y axis."""
+    spread = np.abs(bounds.T - values)
+    ax.errorbar(values, places, xerr=spread, ms=6, elinewidth=1.2, **style)
 
 
 def radar_scan(ax: Axes, scan: RadarScan, mounting: Mounting, *, seconds: float = 2.0) -> None:

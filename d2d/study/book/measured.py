@@ -96,7 +96,7 @@ def share_of(condition: ArrayLike, *, among: int = 1) -> Measured:
     return share_counted(float(met.mean()), len(met), among=among)
 
 
-def share_over(shares: ArrayLike, cases: float, *, among: int = 1) -> Measured:
+def share_over(shares: ArrayLike, cases: float) -> Measured:
     """Mean of the shares (G,) of groups, say layouts, with ``cases`` each, with Wilson's interval.
 
     The groups are independent, the cases within a group need not be.  They count as the
@@ -106,7 +106,7 @@ def share_over(shares: ArrayLike, cases: float, *, among: int = 1) -> Measured:
     share, groups = float(each.mean()), len(each)
     variance = float(each.var(ddof=1)) / groups
     effective = share * (1.0 - share) / variance if variance > 0.0 else 0.0
-    return share_counted(share, float(np.clip(effective, groups, groups * cases)), among=among)
+    return share_counted(share, float(np.clip(effective, groups, groups * cases)))
 
 
 def share_counted(share: float, cases: float, *, among: int = 1) -> Measured:
@@ -217,9 +217,9 @@ def rms_ratio(over: Array, under: Array, block: int = 1, *, among: int = 1) -> M
     )
 
 
-def anees_of(found: Credibility, *, among: int = 1) -> Measured:
+def anees_of(found: Credibility) -> Measured:
     """ANEES of independent runs."""
-    return mean_of(found.nees * (found.anees / found.nees.mean()), among=among)
+    return mean_of(found.nees * (found.anees / found.nees.mean()))
 
 
 def nci_of(errors: Array, covariances: Array) -> Measured:

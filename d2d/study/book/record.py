@@ -4,7 +4,6 @@
 ``chapters/results/claims.json``.  The tests run every check as well, and compare.
 """
 
-import json
 import math
 import re
 from collections.abc import Mapping
@@ -14,7 +13,7 @@ from typing import Any
 
 from d2d.study.book.claim import Evidence
 from d2d.study.book.measured import Measured
-from d2d.study.results import results_path
+from d2d.study.results import read_json, results_path, write_json
 
 RELATIVE, ABSOLUTE = 0.005, 0.002
 _NUMBER = re.compile(r"[-+−]?\d+(\.\d+)?(e[-+]?\d+)?")
@@ -37,7 +36,7 @@ def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
         | {"numbers": {name: _rounded(value) for name, value in item.numbers.items()}}
         for key, item in evidence.items()
     }
-    path.write_text(json.dumps(rounded, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(path, rounded)
 
 
 def _rounded(value: float) -> float | list[Any]:
@@ -53,7 +52,7 @@ def _short(value: float) -> float:
 
 def read_record(path: Path | None = None) -> dict[str, Evidence]:
     """Read what `write_record` wrote; by default the book's record."""
-    stored = json.loads((path or record_path()).read_text(encoding="utf-8"))
+    stored = read_json(path or record_path())
     for entries in stored.values():
         del entries["verdict"]  # follows from the parts
         entries["numbers"] = {name: _read(value) for name, value in entries["numbers"].items()}

@@ -1,10 +1,12 @@
 """The figure style of the book; the meaning of the colours is in `d2d.study.book.grammar`."""
 
+from collections.abc import Sequence
 from importlib.resources import as_file, files
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from numpy.typing import NDArray
 
 PAGE = 7.2
@@ -31,6 +33,12 @@ def letter_panels(axes: NDArray[np.object_]) -> None:
         for axis, side in ((ax.xaxis, "labelbottom"), (ax.yaxis, "labelleft")):
             if not axis.get_tick_params().get(side, True):
                 axis.set_label_text("")
+
+
+def write_out_ticks(axis: Axis, ticks: Sequence[float]) -> None:
+    """The only ticks of a logarithmic axis, with plain numbers instead of powers of ten."""
+    axis.set_ticks(ticks, [f"{tick:g}".replace("-", "−") for tick in ticks])
+    axis.minorticks_off()
 
 
 def label_planar_axes(ax: Axes, title: str = "") -> None:

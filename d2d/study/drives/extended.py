@@ -28,6 +28,8 @@ INTERVAL = 0.07  # s
 SIGMA_RANGE, SIGMA_DOPPLER = 0.15, 0.06  # m, m/s; with `azimuth_sigma`, as for RadarScenes
 NEAREST, FARTHEST, WIDEST = 5.0, 50.0, np.deg2rad(60.0)  # m, m, rad: what the sensor sees
 OBJECTS = 40  # in view on average
+MOST = 8  # points of an object that reflect
+COUNT = 100  # scans
 
 COVARIANCES = ("inverse Hessian", "propagated")
 MODELS = ("no extent", "likeliest extent", "true extent")
@@ -38,25 +40,23 @@ def extended_drive(
     half_width: float,
     *,
     redrawn: bool = True,
-    most: int = 8,
-    count: int = 100,
 ) -> list[RadarScan]:
-    """Scans (``count``) of objects with several targets each, from a vehicle of velocity `THETA`.
+    """Scans (`COUNT`) of objects with several targets each, from a vehicle of velocity `THETA`.
 
-    An object has 1 to ``most`` points that reflect, uniformly within ``half_width`` (m) of its
+    An object has 1 to `MOST` points that reflect, uniformly within ``half_width`` (m) of its
     middle along both axes; their standard deviation along each is ``half_width / sqrt(3)``.  They
     are drawn anew for every scan if ``redrawn``, and otherwise stay where they are.  About 40
     objects are in view.
     """
-    middles = _middles(rng, count * INTERVAL)
-    numbers = rng.integers(1, most + 1, len(middles))
+    middles = _middles(rng, COUNT * INTERVAL)
+    numbers = rng.integers(1, MOST + 1, len(middles))
     owners = np.repeat(middles, numbers, axis=0)
 
     def drawn() -> Array:
         return owners + rng.uniform(-half_width, half_width, owners.shape)
 
     points, scans = drawn(), []
-    for i in range(count):
+    for i in range(COUNT):
         points = drawn() if redrawn else points
         pose = rigid.exponential(i * INTERVAL * THETA)
         to_sensor = rigid.inverse(rigid.compose(pose, MOUNTING.pose))
@@ -107,13 +107,13 @@ class ExtendedStudy(NamedTuple):
 
 
 def extended_study(
-    rng: np.random.Generator, half_width: float, *, redrawn: bool = True, count: int = 100
+    rng: np.random.Generator, half_width: float, *, redrawn: bool = True
 ) -> ExtendedStudy:
     """Estimate a drive among extended objects without an extent, and with two.
 
     See `extended_drive` for the arguments.  Every estimate starts at the true velocity.
     """
-    scans = extended_drive(rng, half_width, redrawn=redrawn, count=count)
+    scans = extended_drive(rng, half_width, redrawn=redrawn)
     found = estimate_extent(scans, MOUNTING, max_pairs=25)
     true = half_width / math.sqrt(3.0) if redrawn else 0.0
     errors: dict[str, Array] = {}

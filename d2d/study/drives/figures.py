@@ -19,7 +19,7 @@ from d2d.radar import Comparison, Mounting
 from d2d.radar.simulation.drive import STEPS, Sensor
 from d2d.radar.simulation.world import KINDS, World
 from d2d.registration import Estimate
-from d2d.study.book.drawing import ellipses
+from d2d.study.book.drawing import ellipses, intervals
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
@@ -33,6 +33,7 @@ from d2d.study.book.grammar import (
     cost_line,
     covariance_marks,
 )
+from d2d.study.book.style import write_out_ticks
 from d2d.study.drives import budget_trial, extended
 from d2d.study.drives.budget_trial import BudgetTrial
 from d2d.study.drives.errors import IN_UNITS, UNITS
@@ -324,15 +325,14 @@ def ingredients(ax: Axes, trial: BudgetTrial) -> None:
     """ANEES of each covariance, a row for each ingredient; a bar is a 95 % interval."""
     rows = np.arange(len(trial.names))
     for k, name in enumerate(budget_trial.COVARIANCES):
-        places, anees = rows + 0.22 * (k - 1), trial.anees[:, k]
-        spread = np.abs(trial.intervals[:, :, k].T - anees)
-        ax.errorbar(anees, places, xerr=spread, ms=6, elinewidth=1.2, **covariance_marks(name))
+        places = rows + 0.22 * (k - 1)
+        marks = covariance_marks(name)
+        intervals(ax, trial.anees[:, k], trial.intervals[:, :, k], places, **marks)
     ax.axvline(1.0, **TRUTH)
     ax.set_yticks(rows, trial.names)
     ax.invert_yaxis()
     ax.set(xscale="log", xlabel="ANEES")
-    ax.set_xticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
-    ax.minorticks_off()
+    write_out_ticks(ax.xaxis, (1, 2, 5, 10, 20, 50))
     ax.grid(axis="y", visible=False)
     ax.legend()
 

@@ -164,19 +164,17 @@ def fusion_trial(drives: Sequence[Measured]) -> FusionTrial:
 
 
 @cache
-def measured_drives(
-    drives: int = DRIVES, duration: float = DURATION, seed: int = SEED
-) -> list[Measured]:
+def measured_drives() -> list[Measured]:
     """Drives of the car with all that can be wrong, and a gyro with a constant bias in each."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(SEED)
     wrong = INGREDIENTS["all"]
-    return [_measured(rng, duration, errors) for errors in drawn_errors(rng, wrong, drives)]
+    return [_measured(rng, errors) for errors in drawn_errors(rng, wrong, DRIVES)]
 
 
-def _measured(rng: np.random.Generator, duration: float, errors: SensorErrors) -> Measured:
+def _measured(rng: np.random.Generator, errors: SensorErrors) -> Measured:
     wrong = INGREDIENTS["all"]
     drive = simulate_drive(
-        rng, duration, CAR_SPEED, mounting=CAR_MOUNTING, sensor=Sensor(), errors=errors
+        rng, DURATION, CAR_SPEED, mounting=CAR_MOUNTING, sensor=Sensor(), errors=errors
     )
     scans = [with_known_errors(scan, wrong) for scan in drive.scans]
     start = drive.truth.theta[0]
@@ -191,11 +189,11 @@ def _measured(rng: np.random.Generator, duration: float, errors: SensorErrors) -
     return Measured(gyro, tracker.track, estimates, plain.covariance, truth, bias)
 
 
-def fuse(measured: Measured, name: str, gate: float = GATE) -> Fused:
+def fuse(measured: Measured, name: str) -> Fused:
     """Filter the gyro's yaw rates and the radar's velocities.
 
     The filter's errors are, with the third of `FILTERS`, the slow ones of the radar, and always, as
-    the last, the gyro's bias.  A velocity of the radar whose NIS exceeds the gate is not used.
+    the last, the gyro's bias.  A velocity of the radar whose NIS exceeds `GATE` is not used.
     """
     parts = measured.radar.parts
     assert parts is not None
@@ -212,11 +210,11 @@ def fuse(measured: Measured, name: str, gate: float = GATE) -> Fused:
         nis = np.nan
         if carried is not None and estimate.converged:
             off = estimate.theta - filtered.state[:3]
-            nis = filtered.update(off, np.eye(3), carried[i], gate)
+            nis = filtered.update(off, np.eye(3), carried[i], GATE)
         elif estimate.filter_input is not None:
-            nis = take(filtered, estimate.filter_input, gate)
+            nis = take(filtered, estimate.filter_input, GATE)
         results.append(
-            (nis, nis < gate, shown @ filtered.state, shown @ filtered.covariance @ shown.T)
+            (nis, nis < GATE, shown @ filtered.state, shown @ filtered.covariance @ shown.T)
         )
     squares, used, states, covariances = (np.array(each) for each in zip(*results, strict=True))
     true = np.column_stack([measured.truth, np.full(len(squares), measured.bias)])

@@ -13,6 +13,7 @@ from d2d.radar.scans.scan import doppler_gradients
 from d2d.study.noise import noisy_polar
 
 INTERVAL = 0.1  # s
+TARGETS, RUNS = 30, 1000
 COVARIANCES = ("inverse Hessian", "propagated, errors apart", "propagated, error shared")
 
 
@@ -41,8 +42,6 @@ def shared_azimuth(
     mounting: Mounting,
     *,
     sigmas: tuple[float, float, float] = (0.15, np.deg2rad(1.0), 0.06),
-    targets: int = 30,
-    runs: int = 1000,
 ) -> SharedAzimuth:
     """Register noisy scan pairs of a static scene; an azimuth error enters position and Doppler.
 
@@ -51,8 +50,8 @@ def shared_azimuth(
     of range, azimuth and Doppler in m, rad, m/s.  The cost has no outlier component, which would
     have a separate effect.
     """
-    distance = 50.0 * np.sqrt(rng.uniform(0.01, 1.0, targets))
-    azimuth = rng.uniform(-0.8, 0.8, targets)
+    distance = 50.0 * np.sqrt(rng.uniform(0.01, 1.0, TARGETS))
+    azimuth = rng.uniform(-0.8, 0.8, TARGETS)
     local = np.stack([distance * np.cos(azimuth), distance * np.sin(azimuth)], axis=-1)
     motion = rigid.exponential(INTERVAL * theta)
     before = rigid.compose(rigid.inverse(mounting.pose), rigid.compose(motion, mounting.pose))
@@ -61,13 +60,13 @@ def shared_azimuth(
         return PointSet.from_polar(ranges, azimuths, *sigmas[:2]).transformed(mounting.pose)
 
     before_points = rigid.transform_means(before, local)
-    fixed = points(*noisy_polar(rng, before_points, *sigmas[:2], (runs,)))
-    ranges, azimuths = noisy_polar(rng, local, *sigmas[:2], (runs,))
+    fixed = points(*noisy_polar(rng, before_points, *sigmas[:2], (RUNS,)))
+    ranges, azimuths = noisy_polar(rng, local, *sigmas[:2], (RUNS,))
     moving = points(ranges, azimuths)
     doppler = doppler_velocity(theta, azimuth[np.newaxis], mounting)[0]
     gain, slope = doppler_gradients(azimuths, mounting)
     measurement = LinearMeasurement(
-        doppler + sigmas[2] * rng.standard_normal((runs, targets)),
+        doppler + sigmas[2] * rng.standard_normal((RUNS, TARGETS)),
         sigmas[2],
         sigmas[1],
         gain / INTERVAL,

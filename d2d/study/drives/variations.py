@@ -10,15 +10,16 @@ from numpy.typing import ArrayLike
 from d2d._types import Array
 from d2d.radar import Drive, Track, estimate_ego_motion, propagate_ego_motion
 from d2d.radar.simulation.world import Movers, Reflectors, World
+from d2d.study.runs import stacked
 
 
-def sparse(world: World, rng: np.random.Generator, share: float = 0.2) -> World:
-    """The world without movers, and with a share of its reflection points, four times as strong.
+def sparse(world: World, rng: np.random.Generator) -> World:
+    """The world without movers, and with a fifth of its reflection points, four times as strong.
 
     The points of a wall then lie farther apart than the errors of the sensor.
     """
     still = world.reflectors
-    kept = rng.random(len(still.kind)) < share
+    kept = rng.random(len(still.kind)) < 0.2
     few = Reflectors(still.positions[kept], 4.0 * still.strength[kept], still.kind[kept])
     none = Movers(np.empty(0), np.empty(0), np.empty((0, 2)), np.empty(0))
     return World(world.buildings, world.cars, few, none)
@@ -29,18 +30,14 @@ def track_from(drive: Drive, start: ArrayLike, **options: Any) -> Track:
 
     ``options`` are those of `d2d.radar.estimate_ego_motion`.
     """
-    estimates = [
-        estimate_ego_motion(previous, current, drive.mounting, initial=start, **options)
-        for previous, current in pairwise(drive.scans)
-    ]
-    times = drive.truth.times
-    return Track(
-        times[1:],
-        np.diff(times),
-        np.array([estimate.theta for estimate in estimates]),
-        np.array([estimate.covariance for estimate in estimates]),
-        np.array([bool(estimate.converged) for estimate in estimates]),
+    found = stacked(
+        [
+            estimate_ego_motion(*pair, drive.mounting, initial=start, **options)
+            for pair in pairwise(drive.scans)
+        ]
     )
+    times = drive.truth.times
+    return Track(times[1:], np.diff(times), found.theta, found.covariance, found.converged)
 
 
 def followed(drive: Drive, starts: ArrayLike | None = None, **options: Any) -> Array:

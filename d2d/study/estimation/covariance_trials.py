@@ -93,12 +93,13 @@ def kurtosis_of(errors: Array) -> Measured:
     return mean_of((white**2).sum(axis=0) ** 2 / (dimension * (dimension + 2)))
 
 
-def quadratic_ratios(name: str, distance: float, runs: int = 500) -> Array:
-    """Ratio (runs,) of the rise of a cost to that of its quadratic model, median over directions.
+def quadratic_ratios(name: str, distance: float) -> Array:
+    """Ratio (500,) of the rise of a cost to that of its quadratic model, median over directions.
 
     The rise is measured ``distance`` stated standard deviations to either side of the optimum
     along each parameter; for a Gaussian the ratio is 1 at any distance.
     """
+    runs = 500
     fixed, moving = (points[:runs] for points in overlapped_sets())
     optima = register(fixed, moving, COSTS[name], OVERLAPPED.theta)
     ratios = []
@@ -120,7 +121,7 @@ class SharedPartner(NamedTuple):
     expected: float  # of the inverse Hessian
 
 
-def shared_partner(count: int, runs: int = 2000) -> SharedPartner:
+def shared_partner(count: int) -> SharedPartner:
     """ANEES in the overlapped scene where ``count`` moving targets share each fixed one.
 
     One object gives ``count`` detections in the current scan and one in the previous.  Each pair
@@ -128,6 +129,7 @@ def shared_partner(count: int, runs: int = 2000) -> SharedPartner:
     errors were independent; that of the fixed target is in all of them.  With equal covariances the
     variance is 1 + 1 / count where the inverse Hessian has 2 / count.
     """
+    runs = 2000
     fixed, moving = OVERLAPPED.sample(runs, np.random.default_rng(SEED))
     others = [moving]
     for seed in range(1, count):
@@ -152,13 +154,13 @@ class EqualTargets(NamedTuple):
     propagated: float
 
 
-def equal_targets(count: int, runs: int = 5000) -> EqualTargets:
+def equal_targets(count: int) -> EqualTargets:
     """Variances of the sum's optimum for ``count`` targets of equal covariance, without rotation.
 
     Each target errs by a standard normal, as its covariance says.  The optimum is the mean of the
     targets weighted by their densities, found by iteration from their plain mean.
     """
-    offsets = np.random.default_rng(SEED).standard_normal((runs, count, 2))
+    offsets = np.random.default_rng(SEED).standard_normal((5000, count, 2))
     optimum = offsets.mean(axis=1)
     for _ in range(100):
         weight = np.exp(-0.5 * np.sum((offsets - optimum[:, np.newaxis]) ** 2, axis=-1))
@@ -180,17 +182,17 @@ def equal_targets(count: int, runs: int = 5000) -> EqualTargets:
 
 
 @cache
-def over_layouts(name: str, layouts: int = 12, runs: int = 1000) -> tuple[Measured, ...]:
-    """ANEES of the inverse Hessian on each of some random layouts.
+def over_layouts(name: str) -> tuple[Measured, ...]:
+    """ANEES of the inverse Hessian on each of twelve random layouts.
 
     Each layout has eight targets, uniform in azimuth and range over the scene's field of view; they
     may lie next to each other.
     """
     rng = np.random.default_rng(SEED)
     anees = []
-    for _ in range(layouts):
+    for _ in range(12):
         places = np.stack([rng.uniform(-0.7, 0.7, 8), rng.uniform(14.0, 33.0, 8)], axis=-1)
         scenario = replace(OVERLAPPED, targets=cartesian(places))
-        estimates = register(*scenario.sample(runs, rng), COSTS[name], scenario.theta)
+        estimates = register(*scenario.sample(1000, rng), COSTS[name], scenario.theta)
         anees.append(anees_of(judged(estimates, scenario.theta)))
     return tuple(anees)

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from d2d._types import Array
 from d2d.study.book import svg
 from d2d.study.book.grammar import BLACK, COSTS, OCHRE, PURPLE, SKY, TRUTH
+from d2d.study.book.style import write_out_ticks
 from d2d.study.estimation.covariance_trials import CovarianceStudy
 from d2d.study.estimation.descent import PairedTargets, profile
 from d2d.study.estimation.optimisers import Path
@@ -155,7 +156,6 @@ def stated_over_actual(
     ax.axhline(1.0, **TRUTH)
     ax.set_yscale("log")
     ax.set_ylim(0.38, 6.0)
-    ax.set_yticks([0.5, 1, 2, 4], ["0.5", "1", "2", "4"])
-    ax.minorticks_off()
+    write_out_ticks(ax.yaxis, (0.5, 1, 2, 4))
     ax.set_ylabel("stated σ / actual σ")
     ax.set_xticks(range(len(studies)), list(studies))

@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike
 
 from d2d._types import Array
 
+TOLERANCE = 1e-8  # of a step: a shorter one ends a path
+
 
 class LeastSquares(Protocol):
     """A least-squares problem in the form that the update rules require."""
@@ -83,7 +85,7 @@ def descend(
     start: ArrayLike,
     step: Step,
     *,
-    tolerance: float = 1e-8,
+    tolerance: float = TOLERANCE,
     max_iterations: int = 1000,
 ) -> Path:
     """Repeat x <- x + step(problem, x), without any safeguard, until the step is short.
@@ -106,13 +108,7 @@ def descend(
     return Path(np.array(points), costs, len(points) - 1, converged)
 
 
-def descend_damped(
-    problem: LeastSquares,
-    start: ArrayLike,
-    *,
-    tolerance: float = 1e-8,
-    max_iterations: int = 1000,
-) -> Path:
+def descend_damped(problem: LeastSquares, start: ArrayLike, *, max_iterations: int = 1000) -> Path:
     """Levenberg-Marquardt: lambda falls to a tenth after an accepted step, else it rises tenfold.
 
     It is 0.001 at first.  A step that raises the cost is not taken (Marquardt 1963).  The
@@ -127,7 +123,7 @@ def descend_damped(
         evaluations += 1
         trial = points[-1] + move
         value = cost(problem, trial)
-        converged = bool(np.abs(move).max() < tolerance)
+        converged = bool(np.abs(move).max() < TOLERANCE)
         if value <= costs[-1]:
             points.append(trial)
             costs.append(value)

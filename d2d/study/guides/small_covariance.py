@@ -108,7 +108,7 @@ Case = tuple[PointSet, PointSet, RegistrationCost, ArrayLike, NDArray[np.int_]]
 
 
 @cache
-def halves_of_each_reason(runs: int = 1000) -> list[Halves]:
+def halves_of_each_reason() -> list[Halves]:
     """What the halves of the moving set reveal of each reason, in the scenes of chapter 10.
 
     Halves are drawn by target; where targets are repeated, by copy or by target.
@@ -119,14 +119,14 @@ def halves_of_each_reason(runs: int = 1000) -> list[Halves]:
             float(judged(register(*case[:4]), OVERLAPPED.theta).anees),
             float(halves(*case).anees),
         )
-        for name, case in _cases(runs).items()
+        for name, case in _cases().items()
     ]
 
 
-def _cases(runs: int) -> dict[str, Case]:
+def _cases() -> dict[str, Case]:
     theta, zero = OVERLAPPED.theta, np.zeros(3)
     whole, partly = (
-        scene.sample(runs, np.random.default_rng(0)) for scene in (OVERLAPPED, OUTLIERS)
+        scene.sample(1000, np.random.default_rng(0)) for scene in (OVERLAPPED, OUTLIERS)
     )
     eight, ten, copies = (np.arange(count) for count in (8, 10, 8 * COPIES))
     fixed, moving = (repeated(each, COPIES) for each in whole)

@@ -62,7 +62,7 @@ def outlier_map() -> tuple[Array, Array, Array]:
         for j, width in enumerate(WIDTHS):
             found = survey_corrupted(fraction, width, MAP_DRAWS)
             table[:, i, j] = (
-                found.right(TRUTH, RIGHT),
+                found.right(TRUTH, RIGHT).mean(),
                 np.mean(found.rival > COMPARABLE),
                 np.median(found.basin_width),
             )

@@ -112,9 +112,9 @@ class Survey(NamedTuple):
     ascent: Array  # m, where an ascent from the true alignment ends
     basin_width: Array  # m, of the basin of attraction that holds the true alignment
 
-    def right(self, truth: float, tolerance: float) -> float:
-        """Share of the draws whose highest maximum lies within the tolerance of the truth."""
-        return float(np.mean(np.abs(self.highest - truth) < tolerance))
+    def right(self, truth: float, tolerance: float) -> NDArray[np.bool_]:
+        """Whether the highest maximum of each draw lies within the tolerance of the truth."""
+        return np.asarray(np.abs(self.highest - truth) < tolerance)
 
 
 def survey(translations: Array, log_values: Array, truth: float) -> Survey:

@@ -11,6 +11,7 @@ from d2d._checks import check_covariances, check_finite
 from d2d._frozen import Frozen
 from d2d._types import Array
 from d2d.baselines.eigenvalues import raise_eigenvalues
+from d2d.baselines.gaussian_fit import fit as fit
 
 # Smallest variance of a fitted component, relative to the data's.  With a smaller one, the rounding
 # of an oblique covariance lets the likelihood fall.
@@ -33,23 +34,6 @@ def log_density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
 def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
     """N(x | mu, Sigma) (...); arguments as for `log_density`."""
     return np.exp(log_density(x, mean, covariance))
-
-
-def fit(x: ArrayLike, weights: ArrayLike | None = None) -> tuple[Array, Array]:
-    """Maximum-likelihood mean (..., D) and covariance (..., D, D) (thesis eq. 2.5, 2.6).
-
-    The observations x (..., N, D) have weights (..., N), equal by default.  The covariance is
-    divided by the sum of the weights, not by N - 1: with equal weights its expectation is too small
-    by the factor (N - 1) / N.  It is singular where the observations span less than D dimensions.
-    """
-    points = np.asarray(x, dtype=np.float64)
-    w = np.ones(points.shape[-2]) if weights is None else np.asarray(weights, dtype=np.float64)
-    share = w / w.sum(axis=-1, keepdims=True)
-    mean = np.einsum("...n,...nd->...d", share, points)
-    # once more about the mean: far from the origin, rounding of the shares moves the first one
-    mean += np.einsum("...n,...nd->...d", share, points - mean[..., None, :])
-    centred = points - mean[..., None, :]
-    return mean, np.einsum("...n,...ni,...nj->...ij", share, centred, centred)
 
 
 class Ellipse(NamedTuple):

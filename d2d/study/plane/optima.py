@@ -100,19 +100,16 @@ def nearest(fixed: Array, moving: Array, theta: Array) -> Array:
 def arrival_shares(
     scenario: Scenario,
     cost: RegistrationCost,
-    distances: Array = DISTANCES,
-    turns: Array = TURNS,
     *,
     scales: tuple[float, ...] = (1.0,),
-    draws: int = 8,
-    seed: int = 0,
 ) -> Array:
-    """Share (turns, distances) of starts from which the cost ends at the truth.
+    """Share (turns, distances) of starts from which the cost ends at the truth, over eight draws.
 
-    A start is the truth plus a translation of that length, in eight directions, and that rotation.
+    A start is the truth plus a translation by one of `DISTANCES`, in eight directions, and a
+    rotation by one of `TURNS`.
     """
-    fixed, moving = scenario.sample(draws, np.random.default_rng(seed))
-    starts = scenario.theta + start_plane(distances, turns, 8)[..., np.newaxis, :]
+    fixed, moving = scenario.sample(8, np.random.default_rng(0))
+    starts = scenario.theta + start_plane(DISTANCES, TURNS, 8)[..., np.newaxis, :]
     found = register(fixed, moving, cost, starts, scales, threads=THREADS)
     return np.asarray(at_truth(found.theta - scenario.theta).mean(axis=(-2, -1)))
 

@@ -1,7 +1,7 @@
 """The thesis's two-dimensional scenarios (thesis sec. 6.1 and 6.3)."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -84,8 +84,8 @@ class Layout:
     far: int = 0  # and farther from the sensor than any target
     clusters: int = 0  # targets that become clusters
     companions: int = 4  # targets added to each of them
-    close_distance: tuple[float, float] = (2.0, 4.0)  # m, from the target beside it
-    far_distance: tuple[float, float] = (50.0, 60.0)  # m, from the sensor
+    close_distance: ClassVar[tuple[float, float]] = (2.0, 4.0)  # m, from the target beside it
+    far_distance: ClassVar[tuple[float, float]] = (50.0, 60.0)  # m, from the sensor
     cluster_radius: float = 1.5  # m, of the disc over which companions are spread evenly
 
 

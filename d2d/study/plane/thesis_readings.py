@@ -21,14 +21,14 @@ def bfgs_errors(
     scenario: Scenario,
     cost: RegistrationCost,
     initial: Start,
-    runs: int = 100,
     *,
     density: bool = False,
 ) -> Array:
-    """Errors (runs, 3) of SciPy's BFGS with our gradient, a stand-in for the thesis's optimiser.
+    """Errors (100, 3) of SciPy's BFGS with our gradient, a stand-in for the thesis's optimiser.
 
     With ``density`` it maximises the fused density as the thesis writes it, without the logarithm.
     """
+    runs = 100
     fixed, moving = same_draws(scenario, runs)
     start = scenario.theta * (initial == "truth")
 

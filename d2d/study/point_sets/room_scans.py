@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from d2d import rigid
 from d2d._types import Array
@@ -74,20 +74,19 @@ class RoomScan:
     range: Array  # (N,) m
     azimuth: Array  # (N,) rad
     spacing: float  # rad, between neighbouring rays
-    outlier: NDArray[np.bool_]  # (N,) whether the point does not lie on a wall
 
     @property
     def points(self) -> Array:
         """Positions (N, 2) in m."""
         return self.range[:, None] * rigid.rotation(self.azimuth)[:, :, 0]
 
-    def targets(self, sigma_range: float = SIGMA_RANGE) -> PointSet:
+    def targets(self) -> PointSet:
         """Every point as a Gaussian target.
 
         Across the ray, the standard deviation is half the distance to the neighbouring ray, because
         the next scan samples the wall at other points.
         """
-        return PointSet.from_polar(self.range, self.azimuth, sigma_range, 0.5 * self.spacing)
+        return PointSet.from_polar(self.range, self.azimuth, SIGMA_RANGE, 0.5 * self.spacing)
 
 
 def room_scan(
@@ -96,10 +95,9 @@ def room_scan(
     *,
     walls: Walls = ROOM,
     field_of_view: float = 2.0 * np.pi,
-    sigma_range: float = SIGMA_RANGE,
     outliers: float = 0.0,
 ) -> RoomScan:
-    """Cast equally spaced rays over the field of view, with Gaussian noise on the range (m).
+    """Cast equally spaced rays over the field of view, with Gaussian noise on the range.
 
     ``pose`` (3,), in m, m, rad, is that of the scanner in the room; the field of view (rad) is
     centred on the scanner's x axis.  A share ``outliers`` of the points comes from an obstacle in
@@ -108,11 +106,11 @@ def room_scan(
     spacing = field_of_view / RAYS
     azimuth = spacing * np.arange(RAYS, dtype=np.float64) - 0.5 * field_of_view
     wall = ray_ranges(pose, azimuth, walls)
-    measured = np.maximum(wall + sigma_range * rng.standard_normal(RAYS), NEAREST)
+    measured = np.maximum(wall + SIGMA_RANGE * rng.standard_normal(RAYS), NEAREST)
     outlier = np.zeros(RAYS, dtype=np.bool_)
     outlier[rng.permutation(RAYS)[: round(outliers * RAYS)]] = True
     stray = NEAREST + (np.maximum(wall, NEAREST) - NEAREST) * rng.random(RAYS)
-    return RoomScan(np.where(outlier, stray, measured), azimuth, spacing, outlier)
+    return RoomScan(np.where(outlier, stray, measured), azimuth, spacing)
 
 
 def room_pair(

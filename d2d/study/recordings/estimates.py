@@ -10,7 +10,6 @@ the computing times.
 
 import argparse
 import csv
-import json
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -33,7 +32,7 @@ from d2d.study.recordings.residuals import (
     some_of,
 )
 from d2d.study.recordings.suspects import judge_halves
-from d2d.study.results import results_path
+from d2d.study.results import read_json, results_path, write_json
 
 SENSORS = (1, 2, 3, 4)
 FORWARD = 3  # the sensor that is shown alone
@@ -279,8 +278,7 @@ def read_estimates(path: Path) -> dict[str, Result]:
 
 def read_facts(path: Path) -> dict[str, Any]:
     """The facts about the recording that belong to the results at ``path``."""
-    facts: dict[str, Any] = json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
-    return facts
+    return read_json(path.with_suffix(".json"))
 
 
 def estimates_path(sequence: int | str) -> Path:
@@ -303,8 +301,7 @@ def main() -> None:
     results, facts = compute(arguments.root, arguments.sequence, report=print)
     path = estimates_path(arguments.sequence)
     write_estimates(path, results)
-    text = json.dumps(facts, indent=1, default=float)
-    path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
+    write_json(path.with_suffix(".json"), facts)
     print(f"written to {path}")
 
 

@@ -8,7 +8,6 @@ see `Part`.
 """
 
 import argparse
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
@@ -30,9 +29,10 @@ from d2d.radar import (
     load_radarscenes,
     track,
 )
+from d2d.scores import normalised_squares
 from d2d.study.recordings.estimates import SENSORS, with_extent
 from d2d.study.recordings.turning import CHANNELS, of_turning
-from d2d.study.results import results_path
+from d2d.study.results import read_json, results_path, write_json
 
 SEQUENCE = 105
 SIDE_CHANNELS = CHANNELS[1:3]
@@ -110,8 +110,7 @@ def models(part: Part, fitted: Sequence[Part]) -> dict[str, Comparison]:
     """
     errors = np.concatenate([each.plain.errors for each in fitted])
     covariances = np.concatenate([each.plain.covariances for each in fitted])
-    nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors)
-    scaled = part.plain.covariances * nees.mean() / 3.0
+    scaled = part.plain.covariances * normalised_squares(errors, covariances).mean() / 3.0
     constant = np.broadcast_to(errors.T @ errors / len(errors), scaled.shape)
     return {
         "inverse Hessian": part.plain,
@@ -275,8 +274,7 @@ def of_nuscenes(root: str | Path) -> dict[str, Any]:
 
 def read_road() -> dict[str, Any]:
     """What `main` wrote."""
-    found: dict[str, Any] = json.loads(results_path("road.json").read_text(encoding="utf-8"))
-    return found
+    return read_json(results_path("road.json"))
 
 
 def main() -> None:
@@ -291,7 +289,7 @@ def main() -> None:
     if arguments.nuscenes:
         found |= of_nuscenes(arguments.nuscenes)
     path = results_path("road.json")
-    path.write_text(json.dumps(_rounded(found), indent=1) + "\n", encoding="utf-8")
+    write_json(path, _rounded(found))
     print(f"written to {path}")
 
 

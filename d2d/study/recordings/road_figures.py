@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
+from d2d.study.book.drawing import intervals
 from d2d.study.book.grammar import BLACK, COVARIANCES, OTHERS, TRUTH, covariance_marks
 from d2d.study.book.style import PAGE
 from d2d.study.book.table import Column, Table, table
@@ -65,11 +66,11 @@ def draw_scores(judged: Mapping[str, Mapping[str, Any]], wide: bool = False) -> 
         offset = 0.3 - 0.15 * k
         found = [models[name] for models in judged.values()]
         anees = np.array([each["anees"] for each in found])
-        spread = np.abs(np.array([each["anees_interval"] for each in found]).T - anees)
-        marks = covariance_marks(name) | {"ms": 6}
-        axes[0].errorbar(anees, places + offset, xerr=spread, elinewidth=1.2, **marks)
+        bounds = np.array([each["anees_interval"] for each in found])
+        marks = covariance_marks(name)
+        intervals(axes[0], anees, bounds, places + offset, **marks)
         inside = [100.0 * each["inside"] for each in found]
-        axes[1].plot(inside, places + offset, **marks)
+        axes[1].plot(inside, places + offset, **marks, ms=6)
     axes[0].set_xscale("log")
     axes[0].axvline(1.0, **TRUTH)
     axes[1].axvline(95.0, **TRUTH)

@@ -6,7 +6,6 @@ Computed from the data set by ``python -m d2d.study.recordings.scan_profile ROOT
 """
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,7 +15,7 @@ from matplotlib.axes import Axes
 from d2d._types import Array
 from d2d.radar import RadarScan, load_radarscenes
 from d2d.study.book.grammar import GREY, PURPLE
-from d2d.study.results import results_path
+from d2d.study.results import read_json, results_path, write_json
 
 SEQUENCE, SENSOR = 105, 3
 RESULTS = results_path("radarscenes_scans.json")
@@ -44,8 +43,7 @@ def scan_profile(scans: Sequence[RadarScan]) -> dict[str, Any]:
 
 def read_profile() -> dict[str, Any]:
     """The stored profile of the recording."""
-    stored: dict[str, Any] = json.loads(RESULTS.read_text(encoding="utf-8"))
-    return stored
+    return read_json(RESULTS)
 
 
 def profile_panels(axes: Sequence[Axes], profiles: Mapping[str, Mapping[str, Any]]) -> None:
@@ -63,7 +61,7 @@ def main() -> None:
     parser.add_argument("root", help="folder of the data set")
     arguments = parser.parse_args()
     profile = scan_profile(load_radarscenes(arguments.root, SEQUENCE, SENSOR).scans)
-    RESULTS.write_text(json.dumps(profile, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_json(RESULTS, profile)
     print(f"written to {RESULTS}")
 
 

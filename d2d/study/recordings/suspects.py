@@ -14,9 +14,11 @@ from d2d._types import Array
 from d2d.radar import Comparison, Recording, Track, compare_halves
 from d2d.radar.trust.comparison import NAMES
 from d2d.study.book.grammar import BLACK, GREY, OCHRE, TRUTH
+from d2d.study.book.style import write_out_ticks
 from d2d.study.book.table import Table, table
+from d2d.study.drives.figures import SYMBOLS
 
-_MARKS = {"v_x": ("o", BLACK), "v_y": ("s", OCHRE), "omega": ("D", GREY)}
+_MARKS = (("o", BLACK), ("s", OCHRE), ("D", GREY))  # of v_x, v_y and omega
 
 
 def judge_halves(recording: Recording) -> dict[str, Any]:
@@ -111,7 +113,7 @@ def draw_parts(ax: Axes, judged: Mapping[str, Mapping[str, Any]], groups: Sequen
     """
     _draw_components(ax, {name: found["whitened"] for name, found in judged.items()}, groups)
     ax.set(xlabel="mean squared error over stated variance")
-    ax.set_xticks((1, 3, 10, 30), ("1", "3", "10", "30"))
+    write_out_ticks(ax.xaxis, (1, 3, 10, 30))
 
 
 def draw_choices(
@@ -121,18 +123,16 @@ def draw_choices(
     usual = judged[beside].rmse
     _draw_components(ax, {name: found.rmse / usual for name, found in judged.items()}, groups)
     ax.set(xlabel=f"RMSE over the RMSE of {beside}")
-    ax.set_xticks((0.5, 1, 2, 5, 10, 30), ("0.5", "1", "2", "5", "10", "30"))
+    write_out_ticks(ax.xaxis, (0.5, 1, 2, 5, 10, 30))
 
 
 def _draw_components(ax: Axes, values: Mapping[str, Any], groups: Sequence[int]) -> None:
     rows = np.arange(len(values))[::-1]
-    for k, name in enumerate(NAMES):
-        marker, color = _MARKS[name]
-        found = [each[k] for each in values.values()]
-        ax.plot(found, rows, marker, color=color, ms=6, label=("$v_x$", "$v_y$", "ω")[k])
+    columns = np.array(list(values.values())).T
+    for found, symbol, (marker, color) in zip(columns, SYMBOLS, _MARKS, strict=True):
+        ax.plot(found, rows, marker, color=color, ms=6, label=symbol)
     for first in groups:
         ax.axhline(len(values) - first - 0.5, color="0.8", lw=0.8)
     ax.axvline(1.0, **TRUTH)
     ax.set(xscale="log")
-    ax.minorticks_off()
     ax.set_yticks(rows, list(values))

@@ -48,7 +48,6 @@ class Turning(NamedTuple):
 
     prediction_time: float  # s
     mounting_errors: Array  # (S,) rad, to be added to the stated angles
-    speed_errors: Array  # (S,) m/s, by how much each sensor's speed exceeds the reference's
 
 
 def load_stated(root: str | Path, scene: str) -> list[Recording]:
@@ -112,7 +111,7 @@ def fit_turning(residuals: Residuals) -> Turning:
     """
     design = np.column_stack([residuals.outward, own_errors(residuals)])
     fitted, _ = trimmed_fit(design, residuals.excess)
-    return Turning(float(fitted[0]), *np.split(fitted[1:], 2))
+    return Turning(float(fitted[0]), np.split(fitted[1:], 2)[0])
 
 
 def of_turning(root: str | Path) -> dict[str, Any]:

@@ -14,11 +14,6 @@ from d2d.study.drives.fusion import FILTERS, Measured, fuse
 FIELDS = ("time", "interval", "theta", "covariance", "converged")
 
 
-@pytest.fixture(scope="module")
-def drives():
-    return fusion.measured_drives(6, 8.0, 3)
-
-
 def synthetic(rng: np.random.Generator, count: int = 300) -> Measured:
     """A drive by the filter's own model: Gauss-Markov motion, exact columns and covariances."""
     step, added = fusion.SIMULATED.over(0.1)
@@ -49,16 +44,17 @@ def synthetic(rng: np.random.Generator, count: int = 300) -> Measured:
     return Measured(gyro, radar, estimates, parts.noise, np.array(truth), bias)
 
 
-def test_the_filter_is_credible_where_its_model_is_true():
+def test_the_filter_is_credible_where_its_model_is_true(monkeypatch):
     """Breaks if prediction or update of the Kalman filter is wrong."""
+    monkeypatch.setattr(fusion, "GATE", np.inf)
     rng = np.random.default_rng(1)
-    results = [fuse(synthetic(rng), FILTERS[2], np.inf) for _ in range(12)]
+    results = [fuse(synthetic(rng), FILTERS[2]) for _ in range(12)]
     nis = np.concatenate([each.nis[20:] for each in results])
     nees = np.concatenate([each.nees[20:] for each in results])
     assert 0.93 < nis.mean() / 3.0 < 1.07
     assert np.mean(nis < fusion.REGION) == pytest.approx(0.95, abs=0.015)
     assert 0.6 < nees.mean() / 3.0 < 1.5
-    blind = fuse(synthetic(rng), FILTERS[0], np.inf)
+    blind = fuse(synthetic(rng), FILTERS[0])
     assert blind.nees[20:].mean() > 2.0 * nees.mean()
 
 
@@ -78,10 +74,13 @@ def test_nothing_is_used_where_the_radar_has_no_estimate():
         assert result.covariances[39, 0, 0] > 4.0 * whole.covariances[39, 0, 0]
 
 
-def test_the_figures_show_every_ingredient_and_what_the_gate_rejects(drives):
+def test_the_figures_show_every_ingredient_and_what_the_gate_rejects(monkeypatch):
     """Breaks if rows are left out, or an innovation beyond the gate is drawn as one that counts."""
     _, axes = plt.subplots(3, 3)
-    fused = {name: fuse(drives[0], name) for name in FILTERS}
+    monkeypatch.setattr(fusion, "GATE", fusion.REGION)  # so that some are rejected
+    measured = synthetic(np.random.default_rng(2))
+    fused = {name: fuse(measured, name) for name in FILTERS}
+    assert not fused[FILTERS[0]].used.all()
     figures.filters(axes, fused)
     for column, result in enumerate(fused.values()):
         used, rejected = axes[0, column].lines[:2]

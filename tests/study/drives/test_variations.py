@@ -11,7 +11,7 @@ from d2d.study.drives.variations import propagated_covariances, sparse, track_fr
 def test_a_sparse_world_has_fewer_points_and_nobody_about(driven):
     """Breaks if positions, strengths and kinds are thinned apart."""
     world = driven[0].world
-    few = sparse(world, np.random.default_rng(0), 0.2)
+    few = sparse(world, np.random.default_rng(0))
     count = len(world.reflectors.kind)
     assert len(few.reflectors.kind) == pytest.approx(0.2 * count, abs=4.0 * np.sqrt(0.16 * count))
     where = {tuple(at): k for k, at in enumerate(world.reflectors.positions)}

@@ -125,7 +125,7 @@ def test_a_survey_counts_what_one_sees():
     assert_array_equal(found.optima, [2, 1])
     assert_allclose(found.rival, [0.25, 0.0], rtol=1e-3)
     assert_allclose(found.ascent, [0.0, 3.0], atol=0.011)
-    assert found.right(0.0, 1.0) == 0.5
+    assert_array_equal(found.right(0.0, 1.0), [True, False])
     assert_allclose(found.basin_width[1], 20.0)
 
 

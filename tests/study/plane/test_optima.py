@@ -6,6 +6,8 @@ from d2d import register
 from d2d.study import scenarios
 from d2d.study.plane.evaluation import LIKELIHOOD, SUMMING
 from d2d.study.plane.optima import (
+    DISTANCES,
+    TURNS,
     arrival_shares,
     local_minima,
     nearest,
@@ -30,12 +32,10 @@ def test_minima_are_minima_and_the_truth_is_among_them() -> None:
 
 
 def test_a_start_at_the_truth_arrives_and_one_far_off_does_not() -> None:
-    shares = arrival_shares(
-        scenarios.OVERLAPPED, LIKELIHOOD, np.array([0.0, 40.0]), np.array([0.0, 1.0]), draws=2
-    )
-    assert shares.shape == (2, 2)
-    assert shares[0, 0] == 1.0
-    assert shares[1, 1] < 0.5
+    shares = arrival_shares(scenarios.OVERLAPPED, LIKELIHOOD)
+    assert shares.shape == (len(TURNS), len(DISTANCES))
+    assert shares[np.abs(TURNS).argmin(), 0] == 1.0
+    assert shares[-1, -1] < 0.5
 
 
 def test_surfaces_are_the_cost() -> None:

@@ -68,7 +68,7 @@ def _survey(cost: RegistrationCost, sigma_moving: float = SIGMA) -> Survey:
 
 def is_right(found: Survey) -> NDArray[np.bool_]:
     """Whether the highest peak of each draw is that of the true alignment."""
-    return np.asarray(np.abs(found.highest - TRUTH) < RIGHT)
+    return found.right(TRUTH, RIGHT)
 
 
 def _outstanding(found: Survey) -> NDArray[np.bool_]:
