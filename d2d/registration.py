@@ -206,7 +206,8 @@ def anneal(
 ) -> Estimate:
     """Minimise a problem from parameters (..., P), its standard deviations inflated by each scale.
 
-    Each optimum starts the next; the result is never worse than the start at the last scale.
+    Each optimum starts the next; after several scales the result is never worse than the start at
+    the last one.
     """
     if len(scales) == 1:
         problem = problem.inflated(scales[0])

@@ -146,7 +146,7 @@ def test_lists_that_are_kept_miss_nothing():
 
 @pytest.mark.parametrize("layout", [uniform, on_a_line, two_towns])
 def test_a_sample_of_the_targets_leads_to_the_optimum_of_all(layout):
-    """Breaks if the first steps end with the sample, or it weighs less than what it stands for."""
+    """Breaks if a descent ends with the sample, whose optimum is not that of all."""
     fixed, moving = scene(layout, 400, 2)
     for cost in (RegistrationCost(outlier=WIDE), RegistrationCost("p2d", outlier=WIDE)):
         near = register(fixed, moving, cost, THETA)
