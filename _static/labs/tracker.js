@@ -493,27 +493,46 @@ globalThis.tracker = (function radarTracker() {
 
   /** One pair as the engine reads it, without the velocities gained since the common time. */
   function pairProblem({ previous, current, mounting, interval }, [byMiddle, byScan], extent) {
-    const [vx, vy, turn] = byMiddle.map((each) => interval * each);
+    const [vx, vy, turn] = byMiddle.map((each) => interval * each),
+      [cosine, sine] = [Math.cos(turn), Math.sin(turn)];
+    const ahead = ({ x, y }) => ({
+      x: cosine * x - sine * y + vx - 0.5 * turn * vy,
+      y: sine * x + cosine * y + vy + 0.5 * turn * vx,
+    });
     const moving = placed(current, mounting, extent).map((point, k) => {
       const { doppler, azimuth, sigmaDoppler, sigmaAzimuth } = current.targets[k],
         measured = d2d.dopplerMeasurement(doppler, azimuth, sigmaDoppler, sigmaAzimuth, mounting);
       measured.value -= dot(measured.gain, byScan);
-      return { ...point, x: point.x + vx - turn * point.y, y: point.y + vy + turn * point.x, doppler: measured };
+      return { ...point, ...ahead(point), doppler: measured };
     });
     const fixed = placed(previous, mounting, extent);
     return { fixed, moving, outlier: OUTLIER, interval, dopplerWidth: DOPPLER_WIDTH };
   }
 
   /** The cost of the velocity that pairs of scans share; with an acceleration, of that at the middle of the pairs. */
-  function problemOf(pairs, { prior, extent }, acceleration = [0, 0, 0]) {
+  function problemOf(pairs, { prior, extent }, acceleration = [0, 0, 0], near = [0, 0, 0]) {
     const time = middleOf(pairs),
       gained = (passed) => acceleration.map((each) => passed * each);
     return {
-      pairs: pairs.map((pair) =>
-        pairProblem(pair, [gained(pair.middle - time), gained(pair.current.time - time)], extent),
-      ),
+      pairs: pairs.map((pair) => {
+        const byMiddle = apply(following(near, pair.interval), gained(pair.middle - time));
+        return pairProblem(pair, [byMiddle, gained(pair.current.time - time)], extent);
+      }),
       prior,
     };
+  }
+
+  /** The matrix of [theta, .] in SE(2). */
+  const bracket = ([vx, vy, omega]) => [
+    [0, -omega, vy],
+    [omega, 0, -vx],
+    [0, 0, 0],
+  ];
+
+  /** The small motion that follows the motion over an interval if a small twist is added to it. */
+  function following(theta, interval) {
+    const twist = scaled(bracket(theta), interval);
+    return sum(identity(3), scaled(twist, -0.5), scaled(product(twist, twist), 1 / 6));
   }
 
   /** The best optimum from one of several velocities, with the mean inlier probability. */
@@ -725,23 +744,14 @@ globalThis.tracker = (function radarTracker() {
 
   const propagated = (inverse, noise) => symmetric(product(product(inverse, noise), inverse));
 
-  /** The matrix of [theta, .] in SE(2). */
-  const bracket = ([vx, vy, omega]) => [
-    [0, -omega, vy],
-    [omega, 0, -vx],
-    [0, 0, 0],
-  ];
-
   /** Derivative of a gradient in a small motion that follows the pair's own. */
-  function ofDisplacement(positions, turned, mounting, twist) {
-    const total = sum(filled(3, 2), ...positions),
-      moved = total.map(([x, y], i) => [x, y, turned[i] - mounting.y * x + mounting.x * y]),
-      around = bracket(twist);
-    return product(moved, sum(identity(3), scaled(around, -0.5), scaled(product(around, around), 1 / 6)));
+  function ofDisplacement(positions, turned, mounting) {
+    const total = sum(filled(3, 2), ...positions);
+    return total.map(([x, y], i) => [x, y, turned[i] - mounting.y * x + mounting.x * y]);
   }
 
   /** The parts of a velocity's covariance without the lag's, its delay and its lead, see `apply_budget`. */
-  function applyBudget(problem, { theta, covariance }, pairs, budget, time) {
+  function applyBudget(problem, { theta, covariance }, pairs, budget, time, near) {
     const [noise, dependence, systematic, delayed, led] = Array.from({ length: 5 }, () => filled(3, 3)),
       common = middleOf(pairs);
     let relative = [0, 0, 0];
@@ -759,19 +769,11 @@ globalThis.tracker = (function radarTracker() {
         return positions.reduce((total, position, k) => total.map((t, i) => t + along(position, slope[k])[i]), [0, 0, 0]);
       });
       const totalOf = (rows) => [0, 1, 2].map((i) => rows.reduce((total, row) => total + row[i], 0));
-      const displaced = scaled(
-        ofDisplacement(
-          cross.moving,
-          turned[1],
-          pair.mounting,
-          theta.map((each) => interval * each),
-        ),
-        -interval,
-      );
+      const displaced = scaled(ofDisplacement(cross.moving, turned[1], pair.mounting), -interval);
       // (Magnus 1954): by how much a mean velocity differs from that in the middle of its interval
       const lag = sum(scaled(identity(3), pair.middle - time), scaled(bracket(theta), interval ** 2 / 12));
-      addTo(delayed, product(displaced, lag));
-      addTo(led, displaced, common - pair.middle);
+      addTo(delayed, product(product(displaced, following(theta, interval)), lag));
+      addTo(led, product(displaced, following(near, interval)), common - pair.middle);
       const measured = product(
         transposed(cross.value),
         moving.map((target) => target.doppler.gain),
@@ -1152,65 +1154,105 @@ globalThis.tracker = (function radarTracker() {
 
   const UNKNOWN = diagonal([9, 0.09, 0.0144]), // variances of the acceleration
     JERK = [1, 0.015 ** 2, 0.025 ** 2], // variances per s
-    FORGOTTEN = 2; // s
+    MANNERS = [0, 1, 10], // of driving, times JERK
+    SHARES = [0.45, 0.45, 0.1], // of the time
+    LASTING = 60, // s, for which a manner lasts on average
+    FORGOTTEN = 2, // s
+    CONTRADICTING = 8; // standard deviations
 
   /** Learns the acceleration from one estimate after the other; begins anew after a gap. */
   class AccelerationFilter {
-    /** State [theta, a] and covariance at a time; null if it is to begin anew. */
+    /** Share and state {value, covariance} of [theta, a] of each manner at a time; null if it is to begin anew. */
     predicted(time) {
-      if (!this.covariance || time - this.time > FORGOTTEN) return null;
-      const passed = time - this.time,
-        transition = identity(6);
-      for (let i = 0; i < 3; i++) transition[i][i + 3] = passed;
-      const covariance = product(product(transition, this.covariance), transposed(transition));
-      JERK.forEach((jerk, i) => {
-        covariance[i + 3][i + 3] += passed * jerk;
-        covariance[i][i + 3] += (passed ** 2 / 2) * jerk;
-        covariance[i + 3][i] += (passed ** 2 / 2) * jerk;
-        covariance[i][i] += (passed ** 3 / 3) * jerk;
-      });
-      return { state: apply(transition, this.state), covariance };
+      const passed = time - this.time;
+      if (!this.states || passed > FORGOTTEN) return null;
+      const lasts = Math.exp(-passed / LASTING),
+        shares = this.shares.map((share, i) => lasts * share + (1 - lasts) * SHARES[i]),
+        states = MANNERS.map((manner, i) => {
+          const changes = (1 - lasts) * SHARES[i],
+            origins = this.shares.map((share, k) => (share * (changes + (i === k ? lasts : 0))) / shares[i]);
+          return moved(merged(origins, this.states), passed, manner);
+        });
+      return { shares, states };
     }
 
     /** The acceleration {value, covariance} at a time; null if it begins anew. */
     predict(time) {
       const found = this.predicted(time);
-      return (
-        found && { value: found.state.slice(3), covariance: found.covariance.slice(3).map((row) => row.slice(3)) }
-      );
+      if (!found) return null;
+      const { value, covariance } = merged(found.shares, found.states);
+      return { value: value.slice(3), covariance: covariance.slice(3).map((row) => row.slice(3)) };
     }
 
     /** Learn from an estimate with its delay and the covariance of its errors. */
     update(time, estimate, delay, noise, by) {
-      const before = this.predicted(time);
-      if (before) Object.assign(this, this.updated(before, estimate, delay, noise));
-      else {
+      const before = this.predicted(time),
+        found = before?.states.map((state) => updated(state, estimate, delay, noise)),
+        jumps = found?.every(({ squares }) => squares > CONTRADICTING ** 2);
+      if (found && !jumps) {
+        const most = Math.max(...found.map(({ evidence }) => evidence)),
+          weights = found.map(({ evidence }, i) => before.shares[i] * Math.exp(evidence - most)),
+          total = weights.reduce((all, each) => all + each, 0);
+        this.states = found.map(({ state }) => state);
+        this.shares = weights.map((weight) => weight / total);
+      } else {
+        if (jumps) by = { value: [0, 0, 0], covariance: UNKNOWN };
         const late = product(delay, by.covariance),
-          own = sum(noise, product(late, transposed(delay)));
-        this.state = [...minus(estimate, apply(delay, by.value)), ...by.value];
-        this.covariance = [
-          ...own.map((row, i) => [...row, ...late[i].map((each) => -each)]),
-          ...transposed(late).map((row, i) => [...row.map((each) => -each), ...by.covariance[i]]),
-        ];
+          own = sum(noise, product(late, transposed(delay))),
+          value = [...minus(estimate, apply(delay, by.value)), ...by.value],
+          covariance = [
+            ...own.map((row, i) => [...row, ...late[i].map((each) => -each)]),
+            ...transposed(late).map((row, i) => [...row.map((each) => -each), ...by.covariance[i]]),
+          ];
+        this.states = MANNERS.map(() => ({ value, covariance }));
+        this.shares = SHARES;
       }
       this.time = time;
     }
+  }
 
-    /** State and covariance after a measurement, in the form that stays definite (Joseph). */
-    updated({ state, covariance }, value, delay, noise) {
-      const to = identity(3).map((row, i) => [...row, ...delay[i]]),
-        crossed = product(to, covariance),
-        gain = transposed(solve(sum(product(crossed, transposed(to)), noise), crossed)),
-        kept = sum(identity(6), scaled(product(gain, to), -1)),
-        rest = minus(value, apply(to, state));
-      return {
-        state: state.map((each, i) => each + dot(gain[i], rest)),
-        covariance: sum(
-          product(product(kept, covariance), transposed(kept)),
-          product(product(gain, noise), transposed(gain)),
-        ),
-      };
-    }
+  /** A state after a time, in which the acceleration walks. */
+  function moved({ value, covariance }, passed, manner) {
+    const transition = identity(6);
+    for (let i = 0; i < 3; i++) transition[i][i + 3] = passed;
+    const after = product(product(transition, covariance), transposed(transition));
+    JERK.forEach((usual, i) => {
+      const jerk = manner * usual;
+      after[i + 3][i + 3] += passed * jerk;
+      after[i][i + 3] += (passed ** 2 / 2) * jerk;
+      after[i + 3][i] += (passed ** 2 / 2) * jerk;
+      after[i][i] += (passed ** 3 / 3) * jerk;
+    });
+    return { value: apply(transition, value), covariance: after };
+  }
+
+  /** Mean and covariance of a mixture of states. */
+  function merged(shares, states) {
+    const value = states[0].value.map((_, i) => dot(shares, states.map((state) => state.value[i]))),
+      terms = states.map((state, k) => {
+        const apart = minus(state.value, value);
+        return scaled(sum(state.covariance, outer(apart, apart)), shares[k]);
+      });
+    return { value, covariance: terms.reduce((total, term) => sum(total, term)) };
+  }
+
+  /** A state after a measurement, in the form that stays definite (Joseph), and the log density that it gave it. */
+  function updated({ value, covariance }, estimate, delay, noise) {
+    const to = identity(3).map((row, i) => [...row, ...delay[i]]),
+      crossed = product(to, covariance),
+      spread = sum(product(crossed, transposed(to)), noise),
+      gain = transposed(solve(spread, crossed)),
+      kept = sum(identity(6), scaled(product(gain, to), -1)),
+      rest = minus(estimate, apply(to, value)),
+      squares = dot(rest, solve(spread, rest.map((each) => [each])).map(([each]) => each));
+    return {
+      state: {
+        value: value.map((each, i) => each + dot(gain[i], rest)),
+        covariance: sum(product(product(kept, covariance), transposed(kept)), product(product(gain, noise), transposed(gain))),
+      },
+      squares,
+      evidence: -0.5 * (squares + eigen(spread).values.reduce((total, each) => total + Math.log(each), 0)),
+    };
   }
 
   // ---- d2d/radar/tracks/following.py ---------------------------------------------------------------------------------------
@@ -1260,7 +1302,8 @@ globalThis.tracker = (function radarTracker() {
       const { pairs, time } = round;
       if (!pairs.length) return this.held(round, round.reason);
       const by = this.budget ? (this.acceleration.predict(time) ?? dopplerAcceleration(pairs, UNKNOWN)) : STEADY,
-        problem = problemOf(pairs, this.model, by.value),
+        near = this.velocity ?? [0, 0, 0],
+        problem = problemOf(pairs, this.model, by.value, near),
         estimate = this.estimate(problem, pairs, by.value),
         seen = { targets: sizeOf(pairs), inliers: estimate.inliers };
       let reason = doubt(estimate, pairs);
@@ -1269,7 +1312,7 @@ globalThis.tracker = (function radarTracker() {
         this.velocity = estimate.theta;
         return { time, theta: estimate.theta, interval: round.interval, reason, ...seen };
       }
-      const { parts: raw, delay, lead } = applyBudget(problem, estimate, pairs, this.budget, time),
+      const { parts: raw, delay, lead } = applyBudget(problem, estimate, pairs, this.budget, time, near),
         uncarried = { theta: minus(estimate.theta, apply(lead, by.value)), parts: raw, delay },
         { theta, parts } = carried(uncarried, by, this.budget.lag),
         state = { time, theta, covariance: sum(parts.noise, parts.dependence, parts.systematic) };

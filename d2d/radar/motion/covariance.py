@@ -28,9 +28,16 @@ from d2d._kernel.errors import (
 from d2d._types import Array
 from d2d.covariance import check_estimate, propagated
 from d2d.point_set import PointSet
-from d2d.problem import Pair, Problem
+from d2d.problem import Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
-from d2d.radar.motion.pairs import ScanPair, middle_of, problem_of, scan_pairs
+from d2d.radar.motion.pairs import (
+    ScanPair,
+    bracket,
+    following,
+    middle_of,
+    problem_of,
+    scan_pairs,
+)
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, cross_range
 from d2d.registration import Estimate
@@ -218,11 +225,12 @@ def apply_budget(
     pairs: Sequence[ScanPair],
     budget: ErrorBudget,
     time: float,
+    near: Array,
 ) -> Budgeted:
     """What a budget says of a velocity, whose delay is that to ``time``.
 
-    ``pairs`` are those of the problem; no scan is in two of them, and no two pairs are of one
-    sensor.
+    ``pairs`` and ``near`` are those of the problem; no scan is in two of the pairs, and no two of
+    them are of one sensor.
     """
     slopes, gain = _slopes(problem, estimate, pairs), -estimate.covariance
     noise, dependence, systematic = gradients = np.zeros((3, 3, 3))
@@ -239,10 +247,10 @@ def apply_budget(
                 length = budget.neighbours
                 add_dependence(each.position, covariances, means, order, length, memory, dependence)
         shared[0] = turned.sum(axis=0)
-        share = -pair.interval * _of_displacement(now, turned[1], estimate.theta, pair)
-        mean = _mean_over(estimate.theta, pair.interval)
-        delayed += share @ ((given.middle - time) * np.eye(3) + mean)
-        led -= (given.middle - common) * share
+        share = -pair.interval * _of_displacement(now, turned[1])
+        twist, mean = pair.interval * estimate.theta, _mean_over(estimate.theta, pair.interval)
+        delayed += share @ following(twist) @ ((given.middle - time) * np.eye(3) + mean)
+        led -= (given.middle - common) * share @ following(pair.interval * near)
         if pair.measurement is not None:
             add_shared(now.doppler, now.prediction, now.scan.doppler, shared)
             share = pair.interval * (now.doppler.T @ pair.measurement.gain)
@@ -270,16 +278,10 @@ def _mean_over(theta: Array, interval: float) -> Array:
     Times the acceleration of a vehicle that turns: with [., .] the bracket of SE(2), a constant
     acceleration a moves it by exp(tau (theta + tau^2 / 12 [theta, a])) (Magnus 1954).
     """
-    return interval**2 / 12.0 * _bracket(theta)
+    return interval**2 / 12.0 * bracket(theta)
 
 
-def _bracket(theta: Array) -> Array:
-    """The matrix (3, 3) of [theta, .] in SE(2)."""
-    v_x, v_y, omega = theta.tolist()
-    return np.array([[0.0, -omega, v_y], [omega, 0.0, -v_x], [0.0, 0.0, 0.0]])
-
-
-def _of_displacement(now: Influence, turned: Array, theta: Array, pair: Pair) -> Array:
+def _of_displacement(now: Influence, turned: Array) -> Array:
     """Derivative (3, 3) of a gradient in a small motion that follows the pair's own.
 
     ``turned`` (3,) is that in a rotation of the later scan's positions about its sensor.
@@ -287,5 +289,4 @@ def _of_displacement(now: Influence, turned: Array, theta: Array, pair: Pair) ->
     moved = np.empty((3, 3))
     moved[:, :2] = now.position.sum(axis=0)
     moved[:, 2] = turned + moved[:, :2] @ [-now.mounting.y, now.mounting.x]
-    twist = _bracket(pair.interval * theta)
-    return np.asarray(moved @ (np.eye(3) - 0.5 * twist + twist @ twist / 6.0))
+    return moved

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from d2d import rigid
 from d2d._checks import check_instance, check_members
 from d2d._types import Array
 from d2d.point_set import PointSet
@@ -87,7 +88,8 @@ def scan_pair(
 
     The velocities (3,) may be known that the vehicle has ``gained`` since a common time of several
     pairs: until the middle of this pair's interval, whose mean velocity the positions show, and
-    until the later scan.  They are taken off positions and Doppler velocities.
+    until the later scan.  They are taken off positions and Doppler velocities.  The former is that
+    of a small motion that follows the pair's own.
     """
     interval = current.time - previous.time
     by_middle, by_scan = (None, None) if gained is None else gained
@@ -99,8 +101,8 @@ def scan_pair(
     moving = current.point_set(mounting)
     if by_middle is not None and by_middle.any():
         v_x, v_y, turn = (interval * by_middle).tolist()
-        x, y = moving.means.T
-        means = np.column_stack([x + v_x - turn * y, y + v_y + turn * x])
+        shift = np.array([v_x - 0.5 * turn * v_y, v_y + 0.5 * turn * v_x])
+        means = moving.means @ rigid.rotation(-turn) + shift
         moving = PointSet._of(means, moving.covariances, moving.weights)
     return Pair(previous.point_set(mounting), moving, measurement, interval)
 
@@ -111,13 +113,17 @@ def middle_of(pairs: Sequence[ScanPair]) -> float:
 
 
 def problem_of(
-    pairs: Sequence[ScanPair], model: EgoMotionModel, acceleration: Array | None = None
+    pairs: Sequence[ScanPair],
+    model: EgoMotionModel,
+    acceleration: Array | None = None,
+    near: Array | None = None,
 ) -> Problem:
     """The cost of the velocity that pairs of scans share.
 
-    With an acceleration (3,), that is the velocity at the time `middle_of` the pairs.
+    With an acceleration (3,) and a velocity ``near`` (3,) that of the vehicle, it is the velocity
+    at the time `middle_of` the pairs.
     """
-    if acceleration is None:
+    if acceleration is None or near is None:
         return model.problem([scan_pair(*pair, model) for pair in pairs])
     time = middle_of(pairs)
     return model.problem(
@@ -125,8 +131,26 @@ def problem_of(
             scan_pair(
                 *pair,
                 model,
-                ((pair.middle - time) * acceleration, (pair.current.time - time) * acceleration),
+                (
+                    (pair.middle - time) * following(pair.interval * near) @ acceleration,
+                    (pair.current.time - time) * acceleration,
+                ),
             )
             for pair in pairs
         ]
     )
+
+
+def following(motion: Array) -> Array:
+    """The small motion (3, 3) that follows exp(motion) if a small twist is added to the motion.
+
+    The right Jacobian of SE(2) to second order.
+    """
+    twist = bracket(motion)
+    return np.eye(3) - 0.5 * twist + twist @ twist / 6.0
+
+
+def bracket(theta: Array) -> Array:
+    """The matrix (3, 3) of [theta, .] in SE(2)."""
+    v_x, v_y, omega = theta.tolist()
+    return np.array([[0.0, -omega, v_y], [omega, 0.0, -v_x], [0.0, 0.0, 0.0]])

@@ -9,15 +9,15 @@ with the velocity theta and the acceleration a at the round's time, the delay D 
 e of the targets.  A Kalman filter of [theta, a], in which the acceleration is a random walk, learns
 a from the estimates; carried to its time, an estimate is z - D a.
 
+How fast the acceleration changes depends on the road.  Three such filters run side by side, for
+driving evenly, as usual, and through a town's corners; each weighs as much as it foretold the
+estimates (interacting multiple models: Blom & Bar-Shalom 1988).
+
 The acceleration that carries an estimate comes from other estimates only: from those before it, or,
 once a log is complete, from all others.  Its error is then independent of e, and the covariance
 after the carry is that of e plus D A D' with the covariance A of the acceleration.  Velocities that
 the filter itself gives would be smoother, but each would contain the errors of many rounds, and a
 vehicle that drives evenly would have far smaller errors than stated.
-
-Errors are still smaller than stated where a vehicle never accelerates, because A covers what it
-might do.  If the acceleration changes as the filter assumes, the ANEES is 1.0; at a constant
-velocity it is 0.85 at a horizon of 0.3 s and 0.65 at 0.5 s (one radar of 10 Hz), mostly in omega.
 """
 
 from typing import NamedTuple
@@ -28,20 +28,26 @@ from d2d._types import Array
 from d2d.radar.motion.doppler import Acceleration
 
 # Of a car, along x and y in m/s^2 and about z in rad/s^2: standard deviations of the acceleration
-# where nothing is known of it, and by how much it changes in a second.  The rear axle of a car
-# hardly slides: lateral velocities change slowly, and so tell yaw rates from side slip.
+# where nothing is known of it, and by how much it usually changes in a second.  The rear axle of a
+# car hardly slides: lateral velocities change slowly, and so tell yaw rates from side slip.
 UNKNOWN = np.diag(np.square([3.0, 0.3, 0.12]))
 JERK = np.diag(np.square([1.0, 0.015, 0.025]))  # variances per s
 
+MANNERS = np.array([0.0, 1.0, 10.0])  # of driving: evenly, as usual, sharply; times JERK
+SHARES = np.array([0.45, 0.45, 0.1])  # of the time, where nothing is known
+_LASTING = 60.0  # s, for which a manner of driving lasts on average
 _FORGOTTEN = 2.0  # s
+_CONTRADICTING = 8.0  # standard deviations, by which no estimate of a vehicle surprises
+
+State = tuple[Array, Array]  # mean (..., 6) of [theta, a] and covariance (..., 6, 6)
 
 
 class Step(NamedTuple):
-    """One estimate's step of the filter, from which the smoother goes back."""
+    """What a smoother needs of one estimate."""
 
-    transition: Array | None  # (6, 6) from the step before; None where the filter began anew
-    predicted: tuple[Array, Array]  # the state (6,) of [theta, a] and its covariance (6, 6)
-    updated: tuple[Array, Array]
+    begun: State | None  # where the filter began anew, with what
+    passed: float  # s, since the step before
+    manner: float  # of driving: the mean, weighed by what the filter knows up to here
     to: Array  # (3, 6), of the state to the estimate
     estimate: Array  # (3,)
     noise: Array  # (3, 3)
@@ -50,19 +56,20 @@ class Step(NamedTuple):
 class AccelerationFilter:
     """Learns the acceleration from one estimate after the other.
 
-    It begins anew after a gap, when it would know no more of the acceleration than at first.
+    It begins anew after a gap, when it would know no more of the acceleration than at first, and
+    where an estimate jumps.
     """
 
     def __init__(self) -> None:
         self._time = 0.0
-        self._state: tuple[Array, Array] | None = None
+        self._shares = SHARES  # probabilities of the manners
+        self._states: State | None = None  # one for each manner
 
     def predict(self, time: float) -> Acceleration | None:
         """The acceleration at a time in s, from all estimates so far; None if it begins anew."""
-        predicted, _ = self._predicted(time)
-        if predicted is None:
+        if (found := self._predicted(time)) is None:
             return None
-        state, covariance = predicted
+        state, covariance = _merged(*found)
         return Acceleration(state[3:], covariance[3:, 3:])
 
     def update(
@@ -72,73 +79,125 @@ class AccelerationFilter:
 
         Of these, only those that differ from one estimate to the next count: what all have in
         common does not change an acceleration.  Where the filter begins anew, it begins with the
-        acceleration by which the estimate was carried.
+        acceleration by which the estimate was carried; where no manner of driving explains the
+        estimate, with none.
         """
-        to = np.hstack([np.eye(3), delay])
-        predicted, transition = self._predicted(time)
-        if predicted is None:
+        to, passed, begun = np.hstack([np.eye(3), delay]), time - self._time, None
+        if (found := self._predicted(time)) is not None:
+            shares, predicted = found
+            self._states, squares, evidence = _updated(predicted, to, estimate, noise)
+            weights = shares * np.exp(evidence - evidence.max())
+            self._shares = weights / weights.sum()
+            if squares.min() > _CONTRADICTING**2:
+                found, carried_by = None, Acceleration(np.zeros(3), UNKNOWN)
+        if found is None:
             value, own = carried_by
             late = delay @ own
             covariance = np.block([[noise + late @ delay.T, -late], [-late.T, own]])
-            state = np.concatenate([estimate - delay @ value, value])
-            predicted = updated = state, covariance
-        else:
-            updated = _updated(*predicted, to, estimate, noise)
-        self._time, self._state = time, updated
-        return Step(transition, predicted, updated, to, estimate, noise)
+            begun = np.concatenate([estimate - delay @ value, value]), covariance
+            self._shares = SHARES
+            self._states = np.stack([begun[0]] * len(SHARES)), np.stack([begun[1]] * len(SHARES))
+        self._time = time
+        return Step(begun, passed, float(self._shares @ MANNERS), to, estimate, noise)
 
-    def _predicted(self, time: float) -> tuple[tuple[Array, Array] | None, Array | None]:
-        """The state at a time, and the transition to it; None for both if it is to begin anew."""
+    def _predicted(self, time: float) -> tuple[Array, State] | None:
+        """Shares and states of the manners at a time, if what was learnt is not forgotten.
+
+        The driver may have changed the manner since.
+        """
         passed = time - self._time
-        if self._state is None or passed > _FORGOTTEN:
-            return None, None
-        transition = np.eye(6)
-        transition.flat[3:21:7] = passed
-        state, covariance = self._state
-        covariance = transition @ covariance @ transition.T
-        covariance[3:, 3:] += passed * JERK
-        covariance[:3, 3:] += passed**2 / 2.0 * JERK
-        covariance[3:, :3] += passed**2 / 2.0 * JERK
-        covariance[:3, :3] += passed**3 / 3.0 * JERK
-        return (transition @ state, covariance), transition
+        if self._states is None or passed > _FORGOTTEN:
+            return None
+        lasts = np.exp(-passed / _LASTING)
+        changes = lasts * np.eye(len(SHARES)) + (1.0 - lasts) * SHARES  # from, to
+        shares = self._shares @ changes
+        origins = (self._shares[:, None] * changes / shares).T
+        mixed = _merged(origins, self._states)
+        return shares, _moved(mixed, passed, MANNERS[:, None, None] * JERK)
 
 
 def accelerations_of_others(steps: list[Step]) -> list[Acceleration]:
     """The acceleration at each estimate, from all others before and after it.
 
-    A smoother goes back over the steps (Rauch, Tung & Striebel 1965); then each estimate's own
-    contribution is taken out of the state at its time, as a measurement of negative covariance.
+    A filter with the mean manner at each step goes forward, and a smoother goes back (Rauch, Tung &
+    Striebel 1965); then each estimate's own contribution is taken out of the state at its time, as
+    a measurement of negative covariance.
     """
-    found: list[Acceleration] = []
-    after: tuple[Array, Array] | None = None
-    for step, later in zip(reversed(steps), [None, *reversed(steps)], strict=False):
-        state, covariance = step.updated
-        if later is not None and later.transition is not None and after is not None:
-            gain = np.linalg.solve(later.predicted[1], later.transition @ covariance).T
-            state = state + gain @ (after[0] - later.predicted[0])
-            covariance = covariance + gain @ (after[1] - later.predicted[1]) @ gain.T
-        after = state, covariance
-        alone = later is None or later.transition is None
-        if alone and step.transition is None:
-            found.append(Acceleration(state[3:], covariance[3:, 3:]))
+    predicted: list[State] = []
+    updated: list[State] = []
+    for step in steps:
+        if step.begun is not None:
+            before = after = step.begun
+        else:
+            before = _moved(updated[-1], step.passed, step.manner * JERK)
+            after, *_ = _updated(before, step.to, step.estimate, step.noise)
+        predicted.append(before)
+        updated.append(after)
+    smoothed = updated.copy()
+    for i in reversed(range(len(steps) - 1)):
+        if steps[i + 1].begun is not None:
             continue
-        spread = step.to @ covariance @ step.to.T - step.noise
-        gain = np.linalg.solve(spread, step.to @ covariance).T
-        value = state + gain @ (step.estimate - step.to @ state)
-        rest = covariance - gain @ spread @ gain.T
-        rest = 0.5 * (rest + rest.T)[3:, 3:]
-        if np.linalg.eigvalsh(rest)[0] > 0.0:
-            found.append(Acceleration(value[3:], rest))
-        else:  # the difference is lost in rounding; those before are others, too
-            found.append(Acceleration(step.predicted[0][3:], step.predicted[1][3:, 3:]))
-    return found[::-1]
+        (state, covariance), (expected, spread) = updated[i], predicted[i + 1]
+        gain = np.linalg.solve(spread, _transition(steps[i + 1].passed) @ covariance).T
+        later = smoothed[i + 1]
+        smoothed[i] = (
+            state + gain @ (later[0] - expected),
+            covariance + gain @ (later[1] - spread) @ gain.T,
+        )
+    return [_of_others(*each) for each in zip(steps, predicted, smoothed, strict=True)]
 
 
-def _updated(
-    state: Array, covariance: Array, to: Array, value: Array, noise: Array
-) -> tuple[Array, Array]:
-    """State and covariance after a measurement, in the form that stays definite (Joseph)."""
-    gain = np.linalg.solve(to @ covariance @ to.T + noise, to @ covariance).T
-    kept = np.eye(len(state)) - gain @ to
-    updated = kept @ covariance @ kept.T + gain @ noise @ gain.T
-    return state + gain @ (value - to @ state), updated
+def _of_others(step: Step, predicted: State, smoothed: State) -> Acceleration:
+    """The acceleration of a smoothed state without what the step's own estimate says."""
+    state, covariance = smoothed
+    if step.begun is smoothed:  # there is no other
+        return Acceleration(state[3:], covariance[3:, 3:])
+    spread = step.to @ covariance @ step.to.T - step.noise
+    gain = np.linalg.solve(spread, step.to @ covariance).T
+    value = state + gain @ (step.estimate - step.to @ state)
+    rest = covariance - gain @ spread @ gain.T
+    rest = 0.5 * (rest + rest.T)[3:, 3:]
+    if np.linalg.eigvalsh(rest)[0] > 0.0:
+        return Acceleration(value[3:], rest)
+    # the difference is lost in rounding; those before are others, too
+    return Acceleration(predicted[0][3:], predicted[1][3:, 3:])
+
+
+def _transition(passed: float) -> Array:
+    """The matrix (6, 6) by which the state moves on over a time in s."""
+    move = np.eye(6)
+    move[:3, 3:] = passed * np.eye(3)
+    return move
+
+
+def _moved(states: State, passed: float, jerk: Array) -> State:
+    """States (..., 6) after a time in s, in which the acceleration walks."""
+    means, covariances = states
+    move = _transition(passed)
+    walk = [[passed**3 / 3.0, passed**2 / 2.0], [passed**2 / 2.0, passed]]
+    return means @ move.T, move @ covariances @ move.T + np.kron(walk, jerk)
+
+
+def _merged(shares: Array, states: State) -> State:
+    """Mean and covariance of a mixture of m states, for shares (..., m)."""
+    means, covariances = states
+    mean = shares @ means
+    apart = means - mean[..., None, :]
+    spread = np.einsum("...k,...ki,...kj->...ij", shares, apart, apart)
+    return mean, np.einsum("...k,kij->...ij", shares, covariances) + spread
+
+
+def _updated(states: State, to: Array, value: Array, noise: Array) -> tuple[State, Array, Array]:
+    """States (..., 6) after a measurement, in the form that stays definite (Joseph).
+
+    Also by how many standard deviations, squared, each state differs from the measurement (...,),
+    and the log density that it gave it, up to what all have in common.
+    """
+    means, covariances = states
+    new, spread = value - means @ to.T, to @ covariances @ to.T + noise
+    gain = np.linalg.solve(spread, to @ covariances).swapaxes(-1, -2)
+    kept = np.eye(6) - gain @ to
+    updated = kept @ covariances @ kept.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
+    squares = (new * np.linalg.solve(spread, new[..., None])[..., 0]).sum(axis=-1)
+    evidence = -0.5 * (squares + np.linalg.slogdet(spread)[1])
+    return (means + (gain @ new[..., None])[..., 0], updated), squares, evidence

@@ -85,7 +85,8 @@ class Follower:
         if not pairs:
             return self._held(current, current.reason)
         by = None if self.budget is None else self._acceleration(current)
-        problem = problem_of(pairs, self.model, None if by is None else by.value)
+        near = np.zeros(3) if self.velocity is None else self.velocity
+        problem = problem_of(pairs, self.model, None if by is None else by.value, near)
         estimate = self._estimate(problem, _views(pairs, by))
         seen = sum(pair.current.size for pair in pairs), float(estimate.inliers)
         reason = _doubt(estimate, pairs)
@@ -93,7 +94,7 @@ class Follower:
             return self._held(current, reason, *seen)
         theta, covariance, parts, raw = estimate.theta, estimate.covariance, None, None
         if self.budget is not None and by is not None:
-            found = apply_budget(problem, estimate, pairs, self.budget, current.time)
+            found = apply_budget(problem, estimate, pairs, self.budget, current.time, near)
             raw = self._filter_input(found, theta - found.lead @ by.value, current.sensors)
             theta, parts = raw.carried(by)
             covariance = parts.total

@@ -429,7 +429,8 @@ def test_an_estimate_with_other_options_is_refused(options):
 
 def applied(pairs, budget: ErrorBudget):
     """What a budget says of the velocity by two sensors."""
-    return apply_budget(problem_of(pairs), estimated(pairs), pairs, budget, TIMES[1])
+    estimate = estimated(pairs)
+    return apply_budget(problem_of(pairs), estimate, pairs, budget, TIMES[1], estimate.theta)
 
 
 def moved_by(change, pairs) -> np.ndarray:
@@ -548,7 +549,7 @@ def test_the_lead_is_how_far_a_known_acceleration_moves_the_estimate():
     moved = slope(
         lambda by: (
             estimate_velocity(
-                pairs_problem(pairs, EgoMotionModel(), by * acceleration), start, (1.0,)
+                pairs_problem(pairs, EgoMotionModel(), by * acceleration, start), start, (1.0,)
             ).theta
         ),
         1e-3,
