@@ -166,9 +166,10 @@ def followed(rounds: Sequence[Round], budget: ErrorBudget) -> tuple[Estimates, F
         assert follower.steps
         raw, _ = follower.steps[-1]
         problem, optimum, by = follower.kept
-        parts = apply_budget(problem, optimum, current.pairs, budget, current.time).parts
+        near = optimum.theta  # on which neither parts nor slow errors depend
+        parts = apply_budget(problem, optimum, current.pairs, budget, current.time, near).parts
         unit = replace(budget, azimuth=1.0, doppler=1.0, scale=1.0)
-        slow = apply_budget(problem, optimum, current.pairs, unit, current.time).slow
+        slow = apply_budget(problem, optimum, current.pairs, unit, current.time, near).slow
         _, budgeted = raw._replace(parts=parts, lag=budget.lag).carried(by)
         noise = raw.parts.total
         carry = estimate.covariance - noise

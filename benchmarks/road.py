@@ -16,7 +16,7 @@ import json
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -315,11 +315,24 @@ def displacements(driven: Sequence[tuple[Drive, Track]], span: float) -> tuple[A
     return off[known], stated[known]
 
 
+def by_its_velocities(reference: Reference) -> Reference:
+    """The reference with the path that its velocities make, from which its own sometimes departs.
+
+    In the first seconds of RadarScenes 105 its path slides aside by 0.4 m/s.
+    """
+    known = np.isfinite(reference.theta).all(axis=1)
+    times, theta = reference.times[known], reference.theta[known]
+    return Reference(times, theta, integrate(0.5 * (theta[1:] + theta[:-1]), np.diff(times)))
+
+
 def displacement_rows(drives: Sequence[Drive]) -> Iterator[tuple[str, ...]]:
     """For each span of which there are enough: its errors, and how they fit the covariance."""
     driven = [
         (each, track(each.recordings, horizon=HORIZON, budget=each.recordings[0].budget))
         for each in drives
+    ]
+    smooth = [
+        (replace(drive, reference=by_its_velocities(drive.reference)), own) for drive, own in driven
     ]
     for span in SPANS:
         errors, covariances = displacements(driven, span)
@@ -336,6 +349,7 @@ def displacement_rows(drives: Sequence[Drive]) -> Iterator[tuple[str, ...]]:
             f"{turned:.2f}",
             f"{judged.anees:.2f}",
             by_drive([displacements([each], span) for each in driven]),
+            by_drive([displacements([each], span) for each in smooth]),
             f"{inside:.0%}",
         )
 
@@ -348,7 +362,10 @@ def by_drive(drives: Sequence[tuple[Array, Array]]) -> str:
     return f"{min(found):.2f} to {max(found):.2f}"
 
 
-SPAN_HEAD = ("over", "spans", "error, m", "error, °", "ANEES", "by drive", "inside 95 %")
+SPAN_HEAD = (
+    *("over", "spans", "error, m", "error, °", "ANEES"),
+    *("by drive", "against its velocities", "inside 95 %"),
+)
 
 
 def caption(title: str, drives: Sequence[Drive]) -> str:
