@@ -277,6 +277,17 @@ def read_road() -> dict[str, Any]:
     return read_json(results_path("road.json"))
 
 
+def carried_alike() -> dict[str, list[float]]:
+    """The parts of the ANEES of sequence 105 by covariance, with all estimates carried alike.
+
+    They are those of v_x, v_y and omega in the table that `benchmarks.protocol` has written.
+    """
+    text = results_path("road_protocol.md").read_text(encoding="utf-8")
+    table = text.split("mean squares of whitened errors")[1].split("**RadarScenes")[0]
+    rows = [line.strip("| ").split("|") for line in table.splitlines() if "/" in line]
+    return {name.strip(): [float(part.split("/")[0]) for part in row[:3]] for name, *row in rows}
+
+
 def main() -> None:
     """Judge all covariances on the recordings at hand and write the results."""
     parser = argparse.ArgumentParser(description=main.__doc__)

@@ -101,11 +101,6 @@ def parts_table(judged: Mapping[str, Mapping[str, Any]], caption: str) -> Table:
     )
 
 
-def parts_text(found: Mapping[str, Any]) -> str:
-    """The ANEES of what `parts` gives, and its three parts, for a line of text."""
-    return "ANEES {:.1f}; parts {:.1f}, {:.1f}, {:.1f}".format(found["anees"], *found["whitened"])
-
-
 def draw_parts(ax: Axes, judged: Mapping[str, Mapping[str, Any]], groups: Sequence[int]) -> None:
     """The three parts of each experiment's ANEES on a line; ``groups`` begin below a thin rule.
 
@@ -123,7 +118,7 @@ def draw_choices(
     usual = judged[beside].rmse
     _draw_components(ax, {name: found.rmse / usual for name, found in judged.items()}, groups)
     ax.set(xlabel=f"RMSE over the RMSE of {beside}")
-    write_out_ticks(ax.xaxis, (0.5, 1, 2, 5, 10, 30))
+    write_out_ticks(ax.xaxis, (0.02, 0.05, 0.1, 0.2, 0.5, 1))
 
 
 def _draw_components(ax: Axes, values: Mapping[str, Any], groups: Sequence[int]) -> None:

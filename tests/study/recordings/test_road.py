@@ -131,3 +131,11 @@ def test_side_radars_rarely_end_far_off(nuscenes, baseline):
         known += judgeable.sum()
     assert gross <= 0.01 * kept
     assert kept >= 0.6 * known
+
+
+def test_what_is_carried_alike_is_of_sequence_105():
+    """Breaks if the table of the protocol is read in another column, or of another drive."""
+    alike = road.carried_alike()
+    noise = road.read_road()["radarscenes"]["baseline 4"]["all"]["propagated noise"]["whitened"]
+    assert_allclose(alike["propagated noise"], noise, atol=0.005)
+    assert alike["inverse Hessian"][2] > alike["propagated noise"][2]
