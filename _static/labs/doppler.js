@@ -326,7 +326,7 @@ labs.define(
           "p",
           { class: "lab-key" },
           ...labs.setKey("moving", "outlier"),
-          html("span", {}, "hollow: not explained by the steered velocity"),
+          html("span", {}, "hollow: does not agree"),
         ),
         bar(
           lab.slider("speed", { label: "speed of the mover", min: 0, max: 10, step: 0.1, show: speed }),

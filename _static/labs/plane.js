@@ -334,10 +334,9 @@ labs.define(
         html(
           "div",
           { class: "lab-row" },
-          panel("Targets", scene),
+          panel(html("span", { class: "lab-key" }, ...labs.setKey("fixed", "moving")), scene),
           panel("Cost, low is dark; start: white ring", map),
         ),
-        html("p", { class: "lab-key" }, ...labs.setKey("fixed", "moving")),
         bar(
           lab.button("Watch the descent", watch),
           lab.button("Next draw", () => {
