@@ -66,7 +66,9 @@ def beginning(caption: nodes.caption) -> str:
     """What a caption says before its first stop or formula."""
     words = itertools.takewhile(lambda part: not isinstance(part, nodes.math), caption.children)
     said = re.sub(r"^\(a\) ", "", "".join(part.astext() for part in words))
-    return re.split(r"[.:;] | \(", said)[0].rstrip(" .,")
+    # without (a), (dots), and what a formula cuts off
+    said = re.sub(r"\s\([^()]*(?:\)|$)", "", said)
+    return re.sub(r"( of| by| over)?[ .,]*$", "", re.split(r"[.:;] ", said)[0])
 
 
 def entry(text: str, address: str, *before: nodes.Node) -> nodes.reference:

@@ -14,7 +14,7 @@ labs.define(
     drive: 0,
   }),
   (lab) => {
-    const { svg, html, fixed: number, range, bar, corrupted } = labs;
+    const { svg, html, targetMark, fixed: number, range, bar, corrupted } = labs;
     const DEGREE = Math.PI / 180,
       MOUNTING = { x: 3.6, y: 0, yaw: 0 },
       INTERVAL = 0.1;
@@ -134,10 +134,13 @@ labs.define(
       step: 0.5,
       low: -20,
       high: 38,
-      draw: [svg("circle", { class: "lab-mover", r: 8 }), svg("text", { y: -13, "text-anchor": "middle" }, "mover")],
+      draw: [targetMark("moving"), targetMark("outlier", 11), svg("text", { y: -16, "text-anchor": "middle" }, "mover")],
       get: () => [lab.state.px, lab.state.py],
       set: (x, y) => Object.assign(lab.state, { px: Math.max(6, x), py: y }),
     });
+
+    /** Filled if the steered velocity explains the target. */
+    const look = (each) => (agrees(each, steered()) ? "lab-set-moving" : "lab-disagrees");
 
     function drawFan({ now }) {
       fan.extent([-56, 56], [-14, 4]);
@@ -148,25 +151,20 @@ labs.define(
         angles.map((angle) => [angle, predicted(steered(), angle * DEGREE)]),
         "lab-robust lab-strong",
       );
-      now.forEach((target, k) => {
-        const x = target.azimuth / DEGREE,
-          expected = predicted(steered(), target.azimuth);
+      now.forEach((each, k) => {
+        const x = each.azimuth / DEGREE,
+          expected = predicted(steered(), each.azimuth);
         fan.line(
           [
-            [x, target.measured],
+            [x, each.measured],
             [x, expected],
           ],
           "lab-residual",
         );
-        const last = k === now.length - 1;
-        fan.mark(
-          "circle",
-          x,
-          target.measured,
-          last ? 6 : 4,
-          last ? "lab-mover" : agrees(target, steered()) ? "lab-inside" : "lab-outside",
-        );
-        if (last) fan.text(x, target.measured, "mover", { dx: 9, dy: 4 });
+        fan.target("moving", x, each.measured, 4, look(each));
+        if (k < now.length - 1) return;
+        fan.target("outlier", x, each.measured, 9);
+        fan.text(x, each.measured, "mover", { dx: 13, dy: 4 });
       });
     }
 
@@ -200,7 +198,7 @@ labs.define(
           ],
           good ? "lab-line lab-robust lab-strong" : "lab-line",
         );
-        if (k < now.length - 1) top.mark("circle", target.x, target.y, 3.5, good ? "lab-inside" : "lab-outside");
+        if (k < now.length - 1) top.target("moving", target.x, target.y, 4, look(target));
       });
       const [vx, vy, w] = steered(),
         sensor = [vx - w * MOUNTING.y, vy + w * MOUNTING.x];
@@ -324,6 +322,12 @@ labs.define(
           lab.slider("w", { label: "yaw rate ω", min: -50, max: 50, step: 0.5, show: (v) => `${number(v, 1)} °/s` }),
         ),
         html("div", { class: "lab-row" }, fan.box, top.box),
+        html(
+          "p",
+          { class: "lab-key" },
+          ...labs.setKey("moving", "outlier"),
+          html("span", {}, "hollow: does not agree"),
+        ),
         bar(
           lab.slider("speed", { label: "speed of the mover", min: 0, max: 10, step: 0.1, show: speed }),
           lab.slider("heading", {

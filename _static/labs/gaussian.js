@@ -73,7 +73,7 @@ labs.define(
       name: "The point",
       low: -6,
       high: 6,
-      draw: svg("circle", { class: "lab-mover", r: 7 }),
+      draw: svg("circle", { class: "lab-knob", r: 7 }),
       get: () => [lab.state.px, lab.state.py],
       set: (px, py) => Object.assign(lab.state, { px, py }),
     });

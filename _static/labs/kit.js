@@ -65,6 +65,13 @@ globalThis.labs = (() => {
     robust: { name: "robust likelihood", mark: "circle", form: { fusion: "likelihood" } },
   };
 
+  // Targets: those of the sets, and an outlier's ring around one.  As SETS of d2d.study.book.grammar has them.
+  const SETS = {
+    fixed: { name: "previous scan F", mark: "circle" },
+    moving: { name: "current scan M", mark: "peak" },
+    outlier: { name: "outlier", mark: "circle" },
+  };
+
   /** The part of a problem that the choice of a cost decides. */
   const formOf = (cost, outlier = corrupted()) => ({
     ...COSTS[cost].form,
@@ -84,12 +91,20 @@ globalThis.labs = (() => {
     return svg("path", { d, ...attributes });
   }
 
-  /** A mark in a line of text. */
-  function inlineMark(cost) {
+  /** A target of a set, or an outlier's ring, as something to drag. */
+  const targetMark = (set, r = 5.5) => mark(SETS[set].mark, 0, 0, r, { class: `lab-set-${set}` });
+
+  const inline = (drawn) => {
     const picture = svg("svg", { class: "lab-mark", viewBox: "-8 -8 16 16", "aria-hidden": "true" });
-    picture.append(mark(COSTS[cost].mark, 0, 0, 5, { class: `lab-fill-${cost}` }));
+    picture.append(drawn);
     return picture;
-  }
+  };
+
+  /** The mark of a cost in a line of text. */
+  const inlineMark = (cost) => inline(mark(COSTS[cost].mark, 0, 0, 5, { class: `lab-fill-${cost}` }));
+
+  /** What the targets of each set look like. */
+  const setKey = (...sets) => sets.map((set) => html("span", {}, inline(targetMark(set)), ` ${SETS[set].name}`));
 
   // ---- Plots ---------------------------------------------------------------------------------------------------------------
 
@@ -243,6 +258,10 @@ globalThis.labs = (() => {
 
     mark(kind, x, y, r, name) {
       this.add(mark(kind, this.X(x), this.Y(y), r, { class: name }));
+    }
+
+    target(set, x, y, r = 4, name = `lab-set-${set}`) {
+      this.mark(SETS[set].mark, x, y, r, name);
     }
 
     text(x, y, text, attributes = {}) {
@@ -786,6 +805,8 @@ globalThis.labs = (() => {
     html,
     mark,
     inlineMark,
+    targetMark,
+    setKey,
     fixed,
     clamp,
     range,
@@ -801,6 +822,7 @@ globalThis.labs = (() => {
     costOf,
     polarSet,
     COSTS,
+    SETS,
     SCENE,
     SCENE_TARGETS,
   };

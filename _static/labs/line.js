@@ -15,7 +15,7 @@ labs.define(
     draw: 0,
   }),
   (lab) => {
-    const { svg, html, fixed: number, range, bar, formOf, corrupted, COSTS } = labs;
+    const { svg, html, targetMark, fixed: number, range, bar, formOf, corrupted, COSTS } = labs;
     const ROW = 1.35; // where F is drawn; M is at 0
     const TRUTH = 2,
       TRUE = [0, 8, 10.2],
@@ -72,10 +72,7 @@ labs.define(
 
     // ---- The two scans ------------------------------------------------------------------------------------------------------
 
-    const letterAt = (name) => [
-      svg("circle", { class: "lab-knob", r: 6 }),
-      svg("text", { y: 21, "text-anchor": "middle" }, name),
-    ];
+    const letterAt = (name, ...marks) => [...marks, svg("text", { y: 21, "text-anchor": "middle" }, name)];
     for (let i = 0; i < 3; i++) {
       sets.handle({
         name: `Target ${NAMES[i]} of the previous scan F`,
@@ -84,7 +81,7 @@ labs.define(
         step: 0.05,
         low: -16,
         high: 20,
-        draw: letterAt(NAMES[i]),
+        draw: letterAt(NAMES[i], targetMark("fixed")),
         get: () => [lab.state.fixed[i], ROW],
         set: (x) => {
           lab.state.fixed[i] = x;
@@ -100,7 +97,7 @@ labs.define(
         step: 0.05,
         low: -30,
         high: 34,
-        draw: letterAt(NAMES[k]),
+        draw: letterAt(NAMES[k], targetMark("moving"), ...(k === 3 ? [targetMark("outlier", 11)] : [])),
         hidden: () => k === 3 && !lab.state.outlier,
         get: () => [moving()[k] + lab.state.t, 0],
         set: (x) => {
@@ -124,7 +121,7 @@ labs.define(
           name,
         );
       state.fixed.forEach((mean) => bell(mean, ROW, ""));
-      moving().forEach((mean) => bell(mean + state.t, 0, `lab-${state.cost}`));
+      moving().forEach((mean) => bell(mean + state.t, 0, "lab-moving"));
       sets.rule("y", ROW, "lab-outline");
       sets.rule("y", 0, "lab-outline");
       sets.text(-7.8, 1.92, "previous scan F");

@@ -11,7 +11,7 @@ labs.define(
     cost: "likelihood",
   }),
   (lab) => {
-    const { svg, html, mark, fixed: number, clamp, range, bar, panel, formOf, COSTS } = labs;
+    const { svg, html, targetMark, fixed: number, clamp, range, bar, panel, formOf, COSTS } = labs;
     const DEGREE = Math.PI / 180,
       TRUTH = [2, 0.5, 10 * DEGREE],
       SIGMA_RANGE = 0.15,
@@ -105,7 +105,7 @@ labs.define(
       step: 0.2,
       low: -20,
       high: 20,
-      draw: [mark("peak", 0, 0, 6, { class: "lab-knob" }), svg("text", { x: 9, y: 4 }, "outlier")],
+      draw: [targetMark("moving"), targetMark("outlier", 11), svg("text", { x: 14, y: 4 }, "outlier")],
       hidden: () => !lab.state.outlier,
       get: () => {
         const { x, y } = d2d.move(outlier(), pose());
@@ -121,9 +121,9 @@ labs.define(
       scene.extent([-4, 20], [-12, 11]);
       scene.clear();
       scene.mark("triangle", 0, 0, 7, "lab-outline");
-      for (const target of previous) {
-        scene.ellipse(target.x, target.y, target, 3, "lab-soft");
-        scene.mark("circle", target.x, target.y, 3, "lab-fill-target");
+      for (const each of previous) {
+        scene.ellipse(each.x, each.y, each, 3, "lab-soft");
+        scene.target("fixed", each.x, each.y, 3);
       }
       const [x, y, phi] = pose();
       scene.line(
@@ -134,14 +134,14 @@ labs.define(
         "lab-ray",
       );
       body.replaceChildren();
-      seen().forEach((target, k) => {
-        const there = d2d.move(target, pose());
-        scene.ellipse(there.x, there.y, there, 3, `lab-line lab-${lab.state.cost}`);
+      seen().forEach((each, k) => {
+        const there = d2d.move(each, pose());
+        scene.ellipse(there.x, there.y, there, 3, "lab-line lab-moving");
         if (k === PLACES.length) return; // it has a handle of its own
         const [cx, cy] = [scene.X(there.x) - scene.X(x), scene.Y(there.y) - scene.Y(y)];
         body.append(
           svg("circle", { class: "lab-reach", r: 16, cx, cy }),
-          mark("peak", cx, cy, 5, { class: `lab-fill-${lab.state.cost}` }),
+          svg("g", { transform: `translate(${cx} ${cy})` }, targetMark("moving", 5)),
         );
       });
       scene.ellipse(
@@ -250,7 +250,7 @@ labs.define(
         html(
           "div",
           { class: "lab-row" },
-          panel("Drag the coloured scan, turn it by the ring", scene),
+          panel("Drag the purple scan, turn it by the ring", scene),
           html(
             "div",
             { class: "lab-pair" },
@@ -261,11 +261,11 @@ labs.define(
         html(
           "p",
           { class: "lab-key" },
-          html("span", {}, "▷ radar, previous scan"),
-          html("span", {}, "▶ radar, current scan"),
+          ...labs.setKey("fixed", "moving"),
+          html("span", {}, "▷ ▶ the radar at each"),
           html("span", {}, "small ellipse: where the registration puts ▶"),
           html("span", {}, "dashed: the truth"),
-          html("span", {}, "● in the curve: now"),
+          html("span", {}, "dot in the curve: now"),
         ),
         bar(lab.check("outlier", "add an outlier"), lab.button("Register from here", slide), ...lab.tools()),
       ],

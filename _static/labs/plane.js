@@ -22,7 +22,7 @@ labs.define(
     draw: 0,
   }),
   (lab) => {
-    const { svg, html, mark, fixed: number, range, letter, bar, panel, formOf, corrupted, COSTS, SCENE } = labs;
+    const { svg, html, targetMark, fixed: number, range, letter, bar, panel, formOf, corrupted, COSTS, SCENE } = labs;
     const TRUTH = SCENE.theta,
       DEGREE = Math.PI / 180,
       REACH = 10;
@@ -74,14 +74,14 @@ labs.define(
         step: 0.2,
         low: -40,
         high: 70,
-        draw: svg("circle", { class: "lab-knob", r: 5 }),
+        draw: targetMark("fixed"),
         hidden: () => 2 * i >= lab.state.fixed.length,
         get: () => lab.state.fixed.slice(2 * i, 2 * i + 2),
         set: (x, y) => setPoint(lab.state.fixed, i, { x, y }),
       });
     }
     const marks = range(0, MOST - 1, MOST).map((i) => {
-      const knob = mark("peak", 0, 0, 6, { class: "lab-knob lab-moving" });
+      const knob = targetMark("moving", 6);
       scene.handle({
         name: `Target ${letter(i)} of the current scan M, at the true motion`,
         scan: "M",
@@ -110,8 +110,8 @@ labs.define(
       const place = shownAt ?? TRUTH;
       targets(lab.state.moving).forEach((target, k) => {
         const there = d2d.move(target, place);
-        scene.ellipse(there.x, there.y, there, 3 * lab.state.inflate, `lab-line lab-${lab.state.cost}`);
-        if (shownAt) scene.mark("peak", there.x, there.y, 4, `lab-fill-${lab.state.cost}`);
+        scene.ellipse(there.x, there.y, there, 3 * lab.state.inflate, "lab-line lab-moving");
+        if (shownAt) scene.target("moving", there.x, there.y);
         if (marks[k]) marks[k].style.fillOpacity = found.shares[k];
       });
     }
@@ -334,7 +334,7 @@ labs.define(
         html(
           "div",
           { class: "lab-row" },
-          panel("Targets: F circles, M triangles", scene),
+          panel(html("span", { class: "lab-key" }, ...labs.setKey("fixed", "moving")), scene),
           panel("Cost, low is dark; start: white ring", map),
         ),
         bar(

@@ -134,8 +134,9 @@ window.inspectBook = (() => {
   /** Pictures shown at less than a share of the size they were drawn in, where labels can no longer be read. The page of
       all figures only leads to them. */
   function shrunken(least) {
-    // a figure of a notebook says both, and has twice as many pixels
-    const drawn = ({ naturalWidth, style }) => (style.height ? parseFloat(style.width) : naturalWidth);
+    // a figure of a notebook says both, and has twice as many pixels; a card's has half as many again
+    const drawn = ({ naturalWidth, style, className }) =>
+      style.height ? parseFloat(style.width) : naturalWidth / (className.includes("sd-card-img") ? 1.5 : 1);
     return [...main().querySelectorAll("img:not(.gallery img)")]
       .filter((image) => image.checkVisibility()) // not the other form of a figure
       .map((image) => [image.getBoundingClientRect().width / drawn(image), image])

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from d2d._types import Array
 from d2d.point_set import PointSet
 from d2d.radar import Mounting, RadarScan
-from d2d.study.book.grammar import BLACK, FIXED, MOVING, OCHRE, SKY
+from d2d.study.book.grammar import BLACK, FIXED, MOVING, OCHRE, SKY, set_marks
 
 
 def ellipses(ax: Axes, points: PointSet, sigmas: float = 3.0, **style: Any) -> None:
@@ -54,7 +54,7 @@ def radar_scan(ax: Axes, scan: RadarScan, mounting: Mounting, *, seconds: float 
     )
     lines = np.stack([placed.means, ends], axis=1)
     ax.add_collection(LineCollection(list(lines), colors=OCHRE, linestyles="--", linewidths=0.8))
-    ax.plot(*placed.means.T, "*", color=MOVING, ms=5)
+    ax.plot(*placed.means.T, **set_marks("moving") | {"ms": 4, "label": None})
     ellipses(ax, placed, edgecolor=MOVING, linewidth=0.7)
     ax.plot(mounting.x, mounting.y, "D", color=BLACK, mfc="none")
 

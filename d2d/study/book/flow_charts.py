@@ -30,7 +30,7 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 FONT_SIZE = 10.5  # pt: eleven pixels high if a three-column chart is 370 pixels wide
 LINE_HEIGHT, PADDING, GAP = 0.19, 0.17, 0.34  # inches: of a text line, inside and between boxes
 BOX_SHARE = 0.84  # of a column's width
-WHITE, BLUE, YELLOW, DARK = "#FFFFFF", "#DCEEF8", "#FFE7B3", "#333333"
+WHITE, BLUE, MARKED, DARK = "#FFFFFF", "#DCEEF8", "#DDDDDD", "#333333"
 
 ARROW: dict[str, Any] = {"arrowstyle": "-|>", "mutation_scale": 10.0, "lw": 1.2, "color": DARK}
 EDGE_OF_ARROW: dict[str, Any] = {"arrowstyle": "-", "lw": 6.0, "color": WHITE}
@@ -98,7 +98,7 @@ def _draw_box(ax: Axes, label: str, x: float, y: float, width: float) -> Box:
         width,
         height,
         boxstyle=f"round,pad=0,rounding_size={rounding}",
-        facecolor=BLUE if terminal else YELLOW if new else WHITE,
+        facecolor=BLUE if terminal else MARKED if new else WHITE,
         edgecolor=DARK,
         linewidth=2.0 if new else 1.0,
         zorder=3.0,

@@ -4,7 +4,10 @@
   columns of a figure.  A dotted line is P2D, whatever the cost.
 - The truth, or the reference that stands in for it, is a black dashed line; in a map it is a
   white cross.
-- The fixed set is grey, the moving set purple, a start pink.
+- A target of the fixed set F is a grey circle, one of the moving set M a purple triangle; an amber
+  ring marks an outlier.  A scan of many points has its dots in its set's colour.  `SETS` lists
+  them; `_static/labs/kit.js` and `labs.css` say the same for the laboratories.
+- A start is pink.
 - In every map of a cost, or of the density that it belongs to, low cost is dark.
 
 No other artist has the colour of a cost; `tests/study/book/test_grammar.py` checks this.
@@ -29,7 +32,7 @@ BLACK, GREY, PURPLE, OCHRE = "#000000", "#595959", "#8E3B7E", "#9A6A00"
 PINK, YELLOW, SKY = "#CC79A7", "#E69F00", "#56B4E9"
 OTHERS = (PURPLE, YELLOW, SKY, PINK, GREY)
 
-FIXED, MOVING, START = GREY, PURPLE, PINK
+FIXED, MOVING, OUTLIER, START = GREY, PURPLE, YELLOW, PINK
 TRUTH: dict[str, Any] = {**looks.REFERENCE, "zorder": 1.5}
 
 COST_MAP, DENSITY_MAP = "viridis", "viridis_r"  # low cost, and so high density, is dark
@@ -52,6 +55,13 @@ COSTS = {
     "robust": Look("robust likelihood", _GREEN, looks.MARKER, DASH_DOTTED),
 }
 """The look of each cost, by its name in the code, in the order of the columns of a figure."""
+
+SETS = {
+    "fixed": Look("fixed set F", FIXED, "o", "-"),
+    "moving": Look("moving set M", MOVING, "^", "-"),
+    "outlier": Look("outlier", OUTLIER, "o", "-"),
+}
+"""The look of the targets of each set; an outlier has a ring in addition."""
 
 COVARIANCES = {
     "inverse Hessian": Look("inverse Hessian", BLACK, "P", "-"),
@@ -88,6 +98,13 @@ def covariance_marks(name: str) -> dict[str, Any]:
     return {"color": look.color, "marker": look.marker, "ls": "none", "label": look.name}
 
 
+def set_marks(name: str) -> dict[str, Any]:
+    """Style of the targets of a set, without a line between them."""
+    look = SETS[name]
+    ring = {"mfc": "none", "ms": 13, "mew": 1.8} if name == "outlier" else {"ms": 5}
+    return {"color": look.color, "marker": look.marker, "ls": "none", "label": look.name} | ring
+
+
 def mark_truth(ax: Axes, x: float = 0.0, y: float = 0.0, size: float = 9.0) -> None:
     """The truth in a map: a white cross with a black edge, visible on dark and bright ground."""
     (cross,) = ax.plot(x, y, "+", color="white", ms=size, mew=1.4)
@@ -104,8 +121,7 @@ def key() -> Figure:
     p2d = Line2D([], [], **{**cost_line("summing", "p2d"), "label": "dotted: P2D"})
     rest = [
         Line2D([], [], **TRUTH, label="truth, reference"),
-        Line2D([], [], color=FIXED, marker="o", ls="none", label="fixed set F; targets"),
-        Line2D([], [], color=MOVING, marker="^", ls="none", label="moving set M"),
+        *(Line2D([], [], **set_marks(name)) for name in SETS),
         Line2D([], [], color=START, marker="v", ls="none", label="start"),
     ]
     for ax, handles in zip(axes, ([*costs, p2d], rest), strict=True):

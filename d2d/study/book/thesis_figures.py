@@ -22,6 +22,7 @@ PAGES = {
     **dict.fromkeys(
         ("overlap-map", "outlier-map", "cluster-map", "all-map"), "d_panels_and_readings"
     ),
+    "scene-2d": "05_what_a_radar_gives_you",
     "cluster-sweep": "08_credibility",
     "em-starts": "a_em_in_detail",
 }

@@ -83,7 +83,7 @@ def coordinate_frames(ax: Axes) -> None:
     _label(ax, 0.45 * sensor + 0.55 * target, "$r_k$", OCHRE, (-16, 6))
     _arrow(ax, target, target + 1.2 * (sensor - target) / distance, OCHRE, ls="--", lw=2.0)
     _label(ax, target - 0.6 * (target - sensor) / distance, "$v_k$", OCHRE, (8, -12))
-    ax.plot(*target, "*", color=OCHRE, ms=13)
+    ax.plot(*target, "^", color=OCHRE, ms=10)
     _label(ax, target, "target $k$", OCHRE, (8, 2))
     ax.add_patch(Arc((0, 0), 1.5, 1.5, theta1=200, theta2=340, color=GREY, lw=1.6))
     _arrow(ax, (0.66, -0.36), (0.72, -0.2), GREY)

@@ -21,7 +21,7 @@ def draw_conventions(ax: Axes, mounting: Mounting) -> None:
     sight = cmath.rect(1.0, mounting.yaw + _AZIMUTH)
     target = place + _RANGE * sight
     _line(ax, place, target, color=OCHRE, lw=1.0)
-    ax.plot(target.real, target.imag, "*", color=OCHRE, ms=11)
+    ax.plot(target.real, target.imag, "^", color=OCHRE, ms=9)
     _text(ax, place + 0.62 * _RANGE * sight - 1.15, "range", OCHRE)
     _arc(ax, place, 2.3, mounting.yaw, mounting.yaw + _AZIMUTH, OCHRE)
     _text(ax, place + cmath.rect(2.7, mounting.yaw + 0.8 * _AZIMUTH), "azimuth > 0", OCHRE)

@@ -9,7 +9,17 @@ from matplotlib.axes import Axes
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.study.book.grammar import BLACK, DASH_DOTTED, DASHED, DOTTED, TRUTH, cost_key, cost_line
+from d2d.study.book.grammar import (
+    BLACK,
+    DASH_DOTTED,
+    DASHED,
+    DOTTED,
+    OUTLIER,
+    TRUTH,
+    cost_key,
+    cost_line,
+    set_marks,
+)
 from d2d.study.line import scene
 from d2d.study.line.surfaces import Peaks, log_surface, peaks, target_log_surfaces
 
@@ -21,25 +31,30 @@ TARGETS = (
     ("0.25", DOTTED),
     ("0.45", DASH_DOTTED),
 )
-OUTLIER = "O"
 _LETTER = 0.07  # inches: the width of a letter
 _FULL = 0.6  # share of an axis above which there is no room for more letters
 _VISIBLE = 0.03  # of the highest maximum: a lower one lies on the axis
 LOWEST = 1e-60  # 1/m to the number of targets: the lower end of a logarithmic axis
 
 
-def line_targets(ax: Axes, points: PointSet, true: Array, names: Sequence[str]) -> None:
-    """Targets of a 1D set: density (curve), true place (circle) and observed place (star)."""
+def line_targets(
+    ax: Axes, points: PointSet, true: Array, names: Sequence[str], own: str = "fixed"
+) -> None:
+    """Targets of a 1D set: density (curve), true place (hollow) and observed place (filled).
+
+    The marks are those of the set (``own``).
+    """
     low, high = true.min() - 2.0, true.max() + 2.0
     x = np.linspace(low, high, 1201)
     peak = 1.0 / np.sqrt(2.0 * np.pi * points.covariances.min())
     for k, name in enumerate(names):
         mean, variance = points.means[k, 0], points.covariances[k, 0, 0]
         density = np.exp(-0.5 * (x - mean) ** 2 / variance) / np.sqrt(2.0 * np.pi * variance)
-        style = _target_line(k, name)
-        ax.plot(x, density, **style)
-        ax.plot(true[k], -0.07 * peak, "o", ms=5, mfc="none", color=style["color"])
-        ax.plot(mean, -0.17 * peak, "*", ms=7, color=style["color"])
+        ax.plot(x, density, **_target_line(k, name))
+        ax.plot(true[k], -0.07 * peak, **set_marks(own) | {"mfc": "none"})
+        ax.plot(mean, -0.17 * peak, **set_marks(own))
+        if name == "O":
+            ax.plot(mean, -0.17 * peak, **set_marks("outlier"))
     places = [(float(mean), peak, name) for (mean,), name in zip(points.means, names, strict=True)]
     _write_letters(ax, places, high - low)
     ax.set_xlabel("x (m)")
@@ -49,8 +64,10 @@ def line_targets(ax: Axes, points: PointSet, true: Array, names: Sequence[str]) 
 
 
 def _target_line(k: int, name: str) -> dict[str, Any]:
-    """Style of a target's curve; an outlier's is black."""
-    color, line = (BLACK, "-") if name == OUTLIER else TARGETS[k]
+    """Style of a target's curve."""
+    if name == "O":
+        return {"color": OUTLIER, "ls": "-", "lw": 1.8, "zorder": 1.8}  # below the others
+    color, line = TARGETS[k]
     return {"color": color, "ls": line, "lw": 1.2}
 
 
@@ -119,8 +136,10 @@ def both_sets(
 ) -> None:
     """The previous set in the first panel, the current one in the second."""
     titles = ("previous set F", "current set M")
-    for ax, points, positions, name, title in zip(axes, sets, true, names, titles, strict=False):
-        line_targets(ax, points, positions, name)
+    for ax, points, positions, name, title, own in zip(
+        axes, sets, true, names, titles, ("fixed", "moving"), strict=False
+    ):
+        line_targets(ax, points, positions, name, own)
         ax.set_title(title)
 
 

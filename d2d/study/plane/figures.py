@@ -18,14 +18,13 @@ from d2d.study.book.grammar import (
     BLACK,
     COST_MAP,
     DENSITY_MAP,
-    FIXED,
     GREY,
-    MOVING,
+    SETS,
     SHARE_MAP,
     TRUTH,
-    YELLOW,
     cost_line,
     mark_truth,
+    set_marks,
 )
 from d2d.study.book.grammar import COSTS as LOOKS
 from d2d.study.book.style import PAGE, label_planar_axes, letter_panels
@@ -154,23 +153,22 @@ def _head_columns(axes: NDArray[np.object_], names: Iterable[str]) -> None:
 def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet) -> None:
     """Both scans of a scene, each in its own frame, with 3-sigma ellipses.
 
-    A thin line joins what both scans see of a target.  A ring marks each outlier: black if it is
-    close to a target, yellow if it is far from all.
+    A thin line joins what both scans see of a target.  A ring marks each outlier: thin if it is
+    close to a target, thick if it is far from all.
     """
     pairs = np.stack([fixed.means, moving.means], axis=1)[: len(scenario.targets)]
     ax.add_collection(LineCollection(list(pairs), colors=GREY, linewidths=0.4, zorder=1))
-    for points, outliers, color, name in (
-        (fixed, scenario.outliers_fixed, FIXED, "previous F"),
-        (moving, scenario.outliers_moving, MOVING, "current M"),
+    for points, outliers, name, label in (
+        (fixed, scenario.outliers_fixed, "fixed", "previous F"),
+        (moving, scenario.outliers_moving, "moving", "current M"),
     ):
-        ellipses(ax, points, edgecolor=color)
-        mark = "." if color == FIXED else "^"
-        ax.plot(*points.means.T, mark, color=color, ms=4, label=name)
+        ellipses(ax, points, edgecolor=SETS[name].color)
+        ax.plot(*points.means.T, **set_marks(name) | {"ms": 4, "label": label})
         far = np.hypot(*outliers.T) > FAR
-        for mask, ring, kind in ((~far, BLACK, "close"), (far, YELLOW, "far")):
+        for mask, width, kind in ((~far, 1.2, "close"), (far, 2.8, "far")):
             if mask.any():
-                label = f"{kind} outlier" if color == FIXED else None
-                ax.plot(*outliers[mask].T, "o", color=ring, mfc="none", ms=15, mew=1.4, label=label)
+                named = {"label": f"{kind} outlier"} if name == "fixed" else {"label": None}
+                ax.plot(*outliers[mask].T, **set_marks("outlier") | {"mew": width} | named)
     ax.plot(0.0, 0.0, "D", color=BLACK, mfc="none", label="sensor")
     label_planar_axes(ax)
 

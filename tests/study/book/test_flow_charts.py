@@ -4,7 +4,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 
-from d2d.study.book.flow_charts import BLUE, WHITE, YELLOW, flow_chart
+from d2d.study.book.flow_charts import BLUE, MARKED, WHITE, flow_chart
 
 TEXT = r"""
     start: (Initial guess) |
@@ -29,7 +29,7 @@ def test_every_box_is_drawn_as_what_it_is_with_its_label_inside(chart):
     """Breaks if a label is lost, overflows, or a mark of the text shows in the chart."""
     boxes = [patch for patch in chart.patches if isinstance(patch, FancyBboxPatch)]
     labels = [text for text in chart.texts if text.get_text() != "converged"]
-    expected = {"Initial guess": BLUE, "Newton\nstep": YELLOW, r"Update $\theta$": WHITE}
+    expected = {"Initial guess": BLUE, "Newton\nstep": MARKED, r"Update $\theta$": WHITE}
     assert [text.get_text() for text in labels] == [*expected, "Motion"]
     for box, label, color in zip(boxes, labels, [*expected.values(), BLUE], strict=True):
         assert to_hex(box.get_facecolor()) == color.lower()

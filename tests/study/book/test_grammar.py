@@ -252,11 +252,27 @@ def test_lettering_can_be_read_on_a_phone():
     assert [name for name, source in sources() if small.search(source)] == []
 
 
-def test_the_laboratories_have_the_colours_of_the_figures():
-    """Breaks if a cost has another colour where it is played with than where it is printed."""
-    css = (ROOT / "_static" / "labs" / "labs.css").read_text(encoding="utf-8")
-    for key, look in grammar.COSTS.items():
-        assert f"--lab-{key}: {look.color.lower()};" in css
+MARKS = {"o": "circle", "^": "peak", "s": "square", "D": "diamond"}  # in the laboratories
+
+
+@pytest.mark.parametrize("key", [*grammar.COSTS, *grammar.SETS])
+def test_the_laboratories_have_the_colours_and_marks_of_the_figures(key):
+    """Breaks if a cost or a set looks otherwise where one plays with it than in print."""
+    look = (grammar.COSTS | grammar.SETS)[key]
+    css, kit = ((ROOT / "_static" / "labs" / name).read_text() for name in ("labs.css", "kit.js"))
+    assert f"--lab-{key}: {look.color.lower()};" in css
+    assert re.search(rf'\n *{key}: {{ name: "[^"]+", mark: "{MARKS[look.marker]}"', kit)
+
+
+def test_targets_have_the_marks_of_their_set():
+    """Breaks if a figure draws F, M or an outlier as another one does not."""
+    plane_scene()
+    lines = {str(line.get_label()): line for line in plt.gca().lines}
+    labels = "previous F", "current M", "far outlier"
+    for label, name in zip(labels, grammar.SETS, strict=True):
+        drawn, look = lines[label], grammar.SETS[name]
+        assert (drawn.get_color(), drawn.get_marker()) == (look.color, look.marker)
+        assert (drawn.get_markerfacecolor() == "none") == (name == "outlier")
 
 
 def test_a_track_and_the_book_draw_an_estimate_alike():

@@ -16,14 +16,15 @@ def test_true_and_observed_positions_are_below_the_curves_and_apart():
     fixed, _ = clustered(np.random.default_rng(1), 4.0 * SIGMA)
     _, ax = plt.subplots()
     figures.line_targets(ax, fixed, true, CLUSTER_NAMES)
-    circles, stars = (
-        np.array([line.get_xydata()[0] for line in ax.lines if line.get_marker() == marker])
-        for marker in "o*"
+    marks = [line for line in ax.lines if line.get_marker() == "o"]
+    hollow, filled = (
+        np.array([each.get_xydata()[0] for each in marks if (each.get_mfc() == "none") == empty])
+        for empty in (True, False)
     )
-    assert_array_equal(circles[:, 0], true)
-    assert_array_equal(stars[:, 0], fixed.means[:, 0])
+    assert_array_equal(hollow[:, 0], true)
+    assert_array_equal(filled[:, 0], fixed.means[:, 0])
     bottom, top = ax.get_ylim()
-    assert bottom < stars[:, 1].max() < circles[:, 1].min() < 0.0
+    assert bottom < filled[:, 1].max() < hollow[:, 1].min() < 0.0
     assert min(ax.get_yticks()) == 0.0
     assert max(line.get_ydata().max() for line in ax.lines) < top
 
