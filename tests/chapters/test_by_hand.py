@@ -18,7 +18,7 @@ def forty_lines(fixed, moving):
     """What the page's code defines, for two scans."""
     written = {"np": np, "fixed": fixed, "moving": moving}
     for cell in nbformat.read(CHAPTER, 4).cells:
-        if cell.cell_type == "code" and cell.id in {f"by-hand-{n}" for n in (2, 4, 6, 8)}:
+        if cell.cell_type == "code" and cell.id in {f"by-hand-{n}" for n in ("e", 2, 4, 6, 8, 10)}:
             exec(cell.source, written)
     return written
 
