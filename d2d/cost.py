@@ -191,13 +191,7 @@ class RegistrationCost:
     ) -> tuple[Array, Array, Array]:
         """The cost (...) with its exact gradient (..., P) and Hessian (..., P, P), in one pass."""
         problem, bound = self._bound(theta, fixed, moving, measurement)
-        value, gradient, hessian = problem.derivatives(bound)
-        p, shape = problem.parameters, bound.shape
-        return (
-            value.reshape(shape),
-            gradient[:, :p].reshape(*shape, p),
-            hessian[:, :p, :p].reshape(*shape, p, p),
-        )
+        return problem.derivatives(bound)
 
     def problem(
         self,

@@ -4,13 +4,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._bounds import ANGLE, SCALE, check_real
+from d2d._bounds import ANGLE, SCALE, Bounds, check_real
 from d2d._checks import (
     broadcast_batches,
     check_covariances,
@@ -23,6 +23,16 @@ from d2d._kernel.compile import read_only
 from d2d._types import Array, Index
 
 _TILED = 64  # targets, from which on the tiles of a corrupted Gaussian pay
+_VARIANCE = Bounds(most=layout.MAX_VARIANCE, unit="in m^2, ")
+_WEIGHT = Bounds(above=0.0, least=layout.MIN_WEIGHT, most=layout.MAX_WEIGHT)
+
+
+class _Layout(NamedTuple):
+    """Sets as the kernel reads them, and what it needs to know of them before it begins."""
+
+    packed: Array  # one set after the other, each with a row a quantity
+    extremes: Array  # (B, 4) bounds, see `d2d._kernel.pairs.find_extremes`
+    far: NDArray[np.bool_]  # (...), which sets are far from the origin, see `d2d.frame`
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,13 +218,13 @@ class PointSet(Frozen):
         )
 
     def shifted(self, translation: ArrayLike) -> "PointSet":
-        """The set moved by a translation (D,)."""
+        """The sets moved by translations (..., D)."""
         step = check_finite("translation", translation)
-        if step.shape != (self.dimension,):
+        if step.shape[-1:] != (self.dimension,):
             raise ValueError(
-                f"translation must have the shape ({self.dimension},), but has {step.shape}"
+                f"translation must have the shape (..., {self.dimension}), but has {step.shape}"
             )
-        return PointSet._of(self.means + step, self.covariances, self.weights)
+        return PointSet._of(self.means + step[..., None, :], self.covariances, self.weights)
 
     def inflated(self, scale: float) -> "PointSet":
         """The set with all standard deviations multiplied by ``scale``, from 1e-50 to 1e50."""
@@ -229,8 +239,7 @@ class PointSet(Frozen):
         return PointSet._of(self.means, self.covariances + added, self.weights)
 
     @cached_property
-    def _layout(self) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """The set as the kernel reads it, and what it needs to know of it before it begins."""
+    def _layout(self) -> _Layout:
         size, dimension = self.means.shape[-2:]
         means = read_only(self.means, -1, size, dimension)
         covariances = read_only(self.covariances, -1, size, dimension, dimension)
@@ -240,12 +249,7 @@ class PointSet(Frozen):
         extremes = np.empty((count, 4))
         far = np.empty(count, dtype=np.bool_)
         entries.pack_targets(means, covariances, weights, packed, extremes, far)
-        return packed.ravel(), extremes, far.reshape(self.batch_shape)
-
-    @property
-    def _packed(self) -> Array:
-        """The sets as the kernel reads them, one after the other, each with a row a quantity."""
-        return self._layout[0]
+        return _Layout(packed.ravel(), extremes, far.reshape(self.batch_shape))
 
     def _tiles(self, outlier: Array) -> tuple[Array, Array]:
         """Tiles and grids of a corrupted Gaussian's component, see `d2d._kernel.tiles`.
@@ -256,7 +260,9 @@ class PointSet(Frozen):
             return tiles.none_for(math.prod(self.batch_shape))
         key = outlier[layout.PRECISION_XX :].tobytes()
         if key not in self._fields:
-            self._fields[key] = tiles.tiles_of(self._packed.reshape(-1, 6, self.size), outlier)
+            self._fields[key] = tiles.tiles_of(
+                self._layout.packed.reshape(-1, 6, self.size), outlier
+            )
         return self._fields[key]
 
     @cached_property
@@ -267,55 +273,31 @@ class PointSet(Frozen):
     @cached_property
     def _order(self) -> NDArray[np.int64]:
         """(B N,) order in which the kernel takes the targets of each set, see `order_targets`."""
-        sets = self._packed.reshape(-1, 6, self.size)
+        sets = self._layout.packed.reshape(-1, 6, self.size)
         order = np.empty((len(sets), self.size), dtype=np.int64)
         entries.order_targets(sets, np.empty(self.size + 8, dtype=np.int64), order)
         return order.ravel()
 
-    @property
-    def _extremes(self) -> Array:
-        """(B, 4) bounds, see `d2d._kernel.pairs.find_extremes`."""
-        return self._layout[1]
-
-    @property
-    def _is_far(self) -> NDArray[np.bool_]:
-        """Which sets (...) are far from the origin, see `d2d.frame`."""
-        return self._layout[2]
-
     @cached_property
     def _any_far(self) -> bool:
         """Whether one of the sets is far from the origin."""
-        return bool(self._is_far.any())
+        return bool(self._layout.far.any())
 
 
 def _checked_covariances(covariances: Array, count: int, dimension: int) -> Array:
     """Covariances of that many targets, made exactly symmetric."""
-    if not covariances.size:
-        raise ValueError(f"covariances must not be empty, but has the shape {covariances.shape}")
-    checked = check_covariances("covariances", covariances)
-    if checked.shape[-3:] != (count, dimension, dimension):
+    checked = check_covariances("covariances", _VARIANCE.array("covariances", covariances))
+    if checked.shape[-3:] != (count, dimension, dimension) or not checked.size:
         raise ValueError(
             f"covariances must have the shape (..., {count}, {dimension}, {dimension}) "
             f"to match means, but has {checked.shape}"
-        )
-    if checked.max() > layout.MAX_VARIANCE:
-        raise ValueError(
-            f"covariances must be at most {layout.MAX_VARIANCE:g} m^2, but reach {checked.max():g}"
         )
     return checked
 
 
 def _check_weights(weights: Array, count: int) -> None:
-    check_positive("weights", weights)
-    if not weights.size:
-        raise ValueError(f"weights must not be empty, but has the shape {weights.shape}")
-    least, greatest = layout.MIN_WEIGHT, layout.MAX_WEIGHT
-    if not (weights.min() >= least and weights.max() <= greatest):
-        raise ValueError(
-            f"weights must lie within {least:g} and {greatest:g}, but range from "
-            f"{weights.min():g} to {weights.max():g}"
-        )
-    if weights.shape[-1:] != (count,):
+    _WEIGHT.array("weights", weights)
+    if weights.shape[-1:] != (count,) or not weights.size:
         raise ValueError(
             f"weights must have the shape (..., {count}) to match means, but has {weights.shape}"
         )

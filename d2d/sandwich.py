@@ -48,7 +48,7 @@ def sandwich_covariance(
 
     The covariance (..., P, P) of ``theta`` is nan where the estimate did not converge.  It is the
     inverse Hessian unless the scores clearly contradict that.  Raises a ``ValueError`` if the
-    estimate is one of other arguments, or an argument is invalid.
+    estimate is one of other arguments.
 
     Parameters
     ----------

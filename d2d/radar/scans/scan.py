@@ -1,6 +1,5 @@
 """A scan of a Doppler radar, and the mounting of the sensor on the vehicle."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -119,15 +118,6 @@ class RadarScan(Frozen):
             self._keep(name, np.full(shape, array) if once else array)
 
     @classmethod
-    def _of(cls, time: float, columns: Iterable[Array]) -> "RadarScan":
-        """A scan of columns (K,) that are known to be good, in the order of the parameters."""
-        scan = cls.__new__(cls)
-        scan._keep("time", time)
-        for name, column in zip(BOUNDS, columns, strict=True):
-            scan._keep(name, column)
-        return scan
-
-    @classmethod
     def from_cartesian(
         cls,
         time: float,
@@ -205,7 +195,7 @@ class RadarScan(Frozen):
         if np.ndim(self.range[which]) != 1:
             raise IndexError("a scan is indexed by a slice, a mask or a list, not by a number")
         columns = (np.ascontiguousarray(getattr(self, name)[which]) for name in BOUNDS)
-        return RadarScan._of(self.time, columns)
+        return RadarScan._made(self.time, *columns)
 
     def with_extent(self, extent: ArrayLike) -> "RadarScan":
         """The scan with another ``extent``, a number or (K,) array in m."""
@@ -234,12 +224,11 @@ class RadarScan(Frozen):
         the twist ``interval * theta``.  The azimuth's error enters through the derivative of V in
         the azimuth (thesis sec. 7.1).  If ``of_twist`` is False, the translation is taken as v tau,
         as in the thesis.  If it is known how far the velocity at the scan is ``ahead`` (3,) of the
-        mean over the interval, that is taken off.  Raises a ``ValueError`` unless ``interval`` is
-        positive.
+        mean over the interval, that is taken off.
         """
         check_positive_scalar("interval", interval)
         gain, slope = doppler_gradients(self.azimuth, mounting)
-        return LinearMeasurement._of(
+        return LinearMeasurement._made(
             self.doppler if ahead is None else self.doppler - gain @ ahead,
             self.sigma_doppler,
             self.sigma_azimuth,
