@@ -119,14 +119,9 @@ def problem_of(
     """
     if acceleration is None:
         return model.problem([scan_pair(*pair, model) for pair in pairs])
-    time = middle_of(pairs)
-    return model.problem(
-        [
-            scan_pair(
-                *pair,
-                model,
-                ((pair.middle - time) * acceleration, (pair.current.time - time) * acceleration),
-            )
-            for pair in pairs
-        ]
-    )
+    time, found = middle_of(pairs), []
+    for pair in pairs:
+        by_middle, by_scan = pair.middle - time, pair.current.time - time
+        gained = by_middle * acceleration, by_scan * acceleration
+        found.append(scan_pair(*pair, model, gained))
+    return model.problem(found)

@@ -119,10 +119,7 @@ class Track(Frozen):
         _check_covariances(self.covariance[good], total)
 
     def __getitem__(self, rows: slice) -> Track:
-        """The part of the track with these rows, which follow each other: ``track[100:200]``.
-
-        Raises a ``ValueError`` unless ``rows`` is a slice whose step is 1.
-        """
+        """The part of the track with these rows, which follow each other: ``track[100:200]``."""
         given: object = rows
         if not isinstance(given, slice) or given.step not in (None, 1):
             raise ValueError(f"a track must be sliced with a step of 1, but by {rows!r}")
@@ -151,8 +148,7 @@ class Track(Frozen):
         interpolated error, however the errors of the two neighbours are correlated, but does not
         contain a change of the velocity between their times.
 
-        Raises a ``ValueError`` unless ``times`` is a row of finite numbers, or if the track is
-        empty.
+        Raises a ``ValueError`` if the track is empty.
         """
         wanted = check_finite("times", times)
         if wanted.ndim != 1:
@@ -181,8 +177,6 @@ class Track(Frozen):
 
         Both are nan outside the track and where no estimate was accepted for a second, or for two
         and a half usual intervals if these are longer.
-
-        Raises a ``ValueError`` unless both are rows of finite numbers, each end after its start.
 
         Examples
         --------
