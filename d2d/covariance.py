@@ -7,7 +7,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
 from d2d._bounds import check_real
-from d2d._checks import broadcast_batches, check_finite, check_instance, symmetrise
+from d2d._checks import (
+    broadcast_batches,
+    check_finite,
+    check_instance,
+    check_shape,
+    symmetrise,
+)
 from d2d._kernel.compile import read_only
 from d2d._kernel.errors import add_measurements, add_positions
 from d2d._kernel.newton import SINGULAR
@@ -31,10 +37,7 @@ def fisher_covariance(hessian: ArrayLike) -> Array:
     to within rounding.
     """
     matrices = check_real("hessian", hessian)
-    if matrices.ndim < 2 or matrices.shape[-1] != matrices.shape[-2] or not matrices.shape[-1]:
-        raise ValueError(
-            f"hessian must have the shape (..., P, P) with P > 0, but has {matrices.shape}"
-        )
+    check_shape("hessian", matrices, "(..., P, P)", empty=False)
     scale = np.sqrt(np.abs(np.diagonal(matrices, axis1=-2, axis2=-1)))
     outer = scale[..., :, None] * scale[..., None, :]
     good = np.asarray((np.isfinite(matrices) & (outer > 0)).all(axis=(-2, -1)))
@@ -228,11 +231,8 @@ def _checked_slope(
     if measurement is None:
         raise ValueError("position_slope needs a measurement")
     array = check_finite("position_slope", slope)
-    if array.shape[-2:] != moving.means.shape[-2:]:
-        raise ValueError(
-            f"position_slope must have the shape (..., {moving.size}, {moving.dimension}) to match "
-            f"moving, but has {array.shape}"
-        )
+    wanted = f"(..., {moving.size}, {moving.dimension})"
+    check_shape("position_slope", array, wanted, like="moving")
     if broadcast_batches("position_slope and the batch", array.shape[:-2], shape) != shape:
         raise ValueError(
             f"position_slope has the batch axes {array.shape[:-2]}, which do not fit the other "

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d._bounds import NOT_NEGATIVE, SCALE
-from d2d._checks import broadcast_batches, check_finite, check_positive
+from d2d._checks import broadcast_batches, check_finite, check_positive, check_shape
 from d2d._frozen import Frozen
 from d2d._kernel import layout
 from d2d._types import Array
@@ -60,14 +60,9 @@ class LinearMeasurement(Frozen):
             "gain": check_finite("gain", gain),
             "slope": check_finite("slope", slope),
         }
-        for name in ("gain", "slope"):
-            if arrays[name].ndim < 2 or arrays[name].shape[-1] not in (1, 3):
-                raise ValueError(
-                    f"{name} must have the shape (..., K, P) with P = 1 or 3, "
-                    f"but has {arrays[name].shape}"
-                )
-        if arrays["gain"].shape[-1] != arrays["slope"].shape[-1]:
-            raise ValueError("gain and slope must have the same number of parameters")
+        check_shape("gain", arrays["gain"], "(..., K, 1)", "(..., K, 3)")
+        parameters = arrays["gain"].shape[-1]
+        check_shape("slope", arrays["slope"], f"(..., K, {parameters})", like="gain")
         shape = broadcast_batches(
             "value, sigma, sigma_input, gain and slope",
             *(arrays[name].shape for name in ("value", "sigma", "sigma_input")),
@@ -75,7 +70,6 @@ class LinearMeasurement(Frozen):
         )
         if 0 in shape:
             raise ValueError(f"value must hold at least one target, but has the shape {shape}")
-        parameters = arrays["gain"].shape[-1]
         if of_twist and parameters != 3:
             raise ValueError(f"of_twist needs P = 3 parameters, but gain has {parameters}")
         self._keep("of_twist", bool(of_twist))

@@ -16,6 +16,7 @@ from d2d._checks import (
     check_covariances,
     check_finite,
     check_positive,
+    check_shape,
 )
 from d2d._frozen import Frozen
 from d2d._kernel import entries, layout, tiles
@@ -60,15 +61,8 @@ class PointSet(Frozen):
         self, means: ArrayLike, covariances: ArrayLike, weights: ArrayLike | None = None
     ) -> None:
         means = check_real("means", means)
-        if means.ndim < 2 or means.shape[-1] not in rigid.PARAMETERS:
-            raise ValueError(
-                f"means must have the shape (..., N, D) with D = 1 or 2, but has {means.shape}"
-            )
+        check_shape("means", means, "(..., N, 1)", "(..., N, 2)", empty=False)
         count, dimension = means.shape[-2:]
-        if means.size == 0:
-            raise ValueError(
-                f"means must hold at least one target, but has the shape {means.shape}"
-            )
         covariances = check_real("covariances", covariances)
         given = np.full(count, 1.0 / count) if weights is None else check_real("weights", weights)
         # one compiled pass checks everything; the single checks only find what failed there
@@ -130,8 +124,7 @@ class PointSet(Frozen):
             check_positive("sigma_range", sigma_range),
             check_positive("sigma_azimuth", sigma_azimuth),
         )
-        if r.ndim == 0:
-            raise ValueError("range must have the shape (..., N), but is a number")
+        check_shape("range", r, "(..., N)")
         shape = broadcast_batches(
             "range, azimuth, sigma_range and sigma_azimuth", r.shape, phi.shape, sr.shape, sp.shape
         )
@@ -152,8 +145,7 @@ class PointSet(Frozen):
         the extent (..., N) is added along each axis.
         """
         shape = extent.shape
-        if 0 in shape:
-            raise ValueError(f"range must hold at least one target, but has the shape {shape}")
+        check_shape("range", extent, "(..., N)", empty=False)
         means, covariances = np.empty((*shape, 2)), np.empty((*shape, 2, 2))
         if not entries.place_polar_targets(
             tuple(read_only(each, -1) for each in polar),
@@ -220,10 +212,7 @@ class PointSet(Frozen):
     def shifted(self, translation: ArrayLike) -> "PointSet":
         """The sets moved by translations (..., D)."""
         step = check_finite("translation", translation)
-        if step.shape[-1:] != (self.dimension,):
-            raise ValueError(
-                f"translation must have the shape (..., {self.dimension}), but has {step.shape}"
-            )
+        check_shape("translation", step, f"(..., {self.dimension})")
         return PointSet._of(self.means + step[..., None, :], self.covariances, self.weights)
 
     def inflated(self, scale: float) -> "PointSet":
@@ -287,17 +276,11 @@ class PointSet(Frozen):
 def _checked_covariances(covariances: Array, count: int, dimension: int) -> Array:
     """Covariances of that many targets, made exactly symmetric."""
     checked = check_covariances("covariances", _VARIANCE.array("covariances", covariances))
-    if checked.shape[-3:] != (count, dimension, dimension) or not checked.size:
-        raise ValueError(
-            f"covariances must have the shape (..., {count}, {dimension}, {dimension}) "
-            f"to match means, but has {checked.shape}"
-        )
+    shape = f"(..., {count}, {dimension}, {dimension})"
+    check_shape("covariances", checked, shape, like="means", empty=False)
     return checked
 
 
 def _check_weights(weights: Array, count: int) -> None:
     _WEIGHT.array("weights", weights)
-    if weights.shape[-1:] != (count,) or not weights.size:
-        raise ValueError(
-            f"weights must have the shape (..., {count}) to match means, but has {weights.shape}"
-        )
+    check_shape("weights", weights, f"(..., {count})", like="means", empty=False)

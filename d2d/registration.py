@@ -14,6 +14,7 @@ from d2d._checks import (
     check_instance,
     check_positive_scalar,
     check_schedule,
+    check_shape,
 )
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -155,8 +156,7 @@ def multi_start(
     """
     pair = check_pair(fixed, moving, measurement)
     tried = rigid.motion("starts", starts, fixed.dimension)
-    if tried.ndim != 2 or not len(tried):
-        raise ValueError(f"starts must have the shape (S, P), but has {tried.shape}")
+    check_shape("starts", tried, "(S, P)", empty=False)
     axes = max(map(len, pair.batch_shapes))
     spread = tried.reshape(len(tried), *(1,) * axes, tried.shape[-1])
     found = register(fixed, moving, cost, spread, scales, measurement=measurement, threads=threads)
@@ -184,8 +184,7 @@ def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
     span = check_positive_scalar("reach", reach)
     step = check_positive_scalar("spacing", spacing)
     turns = ANGLE.array("angles", angles)
-    if turns.ndim != 1 or not turns.size:
-        raise ValueError(f"angles must have the shape (A,), but has {turns.shape}")
+    check_shape("angles", turns, "(A,)", empty=False)
     side = 2.0 * np.ceil(span / step) + 1.0
     if side > math.sqrt(_MAX_STARTS / turns.size):
         raise ValueError(

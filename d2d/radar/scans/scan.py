@@ -23,6 +23,7 @@ from d2d._checks import (
     check_finite,
     check_positive_scalar,
     check_scalar,
+    check_shape,
 )
 from d2d._frozen import Frozen
 from d2d._kernel.compile import read_only
@@ -107,14 +108,11 @@ class RadarScan(Frozen):
             for (name, bounds), values in zip(BOUNDS.items(), given, strict=True)
         }
         shape = arrays["range"].shape
-        if len(shape) != 1:
-            raise ValueError(f"range must have the shape (K,), but has {shape}")
+        check_shape("range", arrays["range"], "(K,)")
         for name, array in arrays.items():
             once = name not in _MEASURED and array.shape in ((), (1,))
-            if array.shape != shape and not once:
-                raise ValueError(
-                    f"{name} must have the shape {shape} to match range, but has {array.shape}"
-                )
+            if not once:
+                check_shape(name, array, str(shape), like="range")
             self._keep(name, np.full(shape, array) if once else array)
 
     @classmethod
@@ -154,10 +152,8 @@ class RadarScan(Frozen):
         range, the azimuth or the Doppler velocity.
         """
         ahead, left = check_finite("x", x), check_finite("y", y)
-        if ahead.ndim != 1 or ahead.shape != left.shape:
-            raise ValueError(
-                f"x and y must have the same shape (K,), but have {ahead.shape} and {left.shape}"
-            )
+        check_shape("x", ahead, "(K,)")
+        check_shape("y", left, str(ahead.shape), like="x")
         distance = np.hypot(ahead, left)
         if not (distance > 0).all():
             raise ValueError("x and y must not both be zero, but a target is at the sensor")
@@ -254,10 +250,7 @@ def _position_covariances(covariance: ArrayLike | None, grid: float | None, size
     total = np.zeros((size, 2, 2))
     if covariance is not None:
         given = check_covariances("covariance", covariance)
-        if given.shape not in ((size, 2, 2), (2, 2)):
-            raise ValueError(
-                f"covariance must have the shape ({size}, 2, 2) or (2, 2), but has {given.shape}"
-            )
+        check_shape("covariance", given, f"({size}, 2, 2)", "(2, 2)")
         total += given
     if grid is not None:
         total += quantisation_sigma(grid, "grid") ** 2 * np.eye(2)
@@ -271,18 +264,15 @@ def _radial(doppler: ArrayLike | None, velocity: ArrayLike | None, sight: Array)
     if doppler is not None or velocity is None:
         raise ValueError("either doppler or velocity must be given, and not both")
     vectors = check_finite("velocity", velocity)
-    if vectors.shape != sight.shape:
-        raise ValueError(
-            f"velocity must have the shape {sight.shape} to match x, but has {vectors.shape}"
-        )
+    check_shape("velocity", vectors, str(sight.shape), like="x")
     return np.asarray(np.einsum("ki,ki->k", vectors, sight))
 
 
 def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
     """Squares of standard deviations, which may be zero where other errors add to them."""
     array = NOT_NEGATIVE.array(name, sigma)
-    if array.shape not in ((), (1,), (size,)):
-        raise ValueError(f"{name} must have the shape ({size},) to match x, but has {array.shape}")
+    if array.shape not in ((), (1,)):
+        check_shape(name, array, f"({size},)", like="x")
     return array**2
 
 
@@ -330,7 +320,6 @@ def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -
     """
     motion = rigid.motion("theta", theta, 2)
     gain, _ = doppler_gradients(BOUNDS["azimuth"].array("azimuth", azimuth), mounting)
-    if gain.ndim < 2:
-        raise ValueError("azimuth must have the shape (..., K), but is a number")
+    check_shape("azimuth", gain[..., 0], "(..., K)")
     broadcast_batches("theta and azimuth", motion.shape[:-1], gain.shape[:-2])
     return np.asarray(np.einsum("...kp,...p->...k", gain, motion))
