@@ -37,7 +37,7 @@ def fisher_covariance(hessian: ArrayLike) -> Array:
     to within rounding.
     """
     matrices = check_real("hessian", hessian)
-    check_shape("hessian", matrices, "(..., P, P)", empty=False)
+    check_shape("hessian", matrices, "(..., P, P)", empty=0 not in matrices.shape[-2:])
     scale = np.sqrt(np.abs(np.diagonal(matrices, axis1=-2, axis2=-1)))
     outer = scale[..., :, None] * scale[..., None, :]
     good = np.asarray((np.isfinite(matrices) & (outer > 0)).all(axis=(-2, -1)))
