@@ -2,11 +2,12 @@
 
 import os
 from collections.abc import Collection, Iterable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from d2d._bounds import FINITE, POSITIVE, Bounds
 from d2d._types import Array
@@ -103,11 +104,37 @@ def check_tail(confidence: float) -> float:
     return tail
 
 
+def check_shape(
+    name: str, array: NDArray[Any], *shapes: str, like: str = "", empty: bool = True
+) -> None:
+    """Raise a ValueError unless an array has one of the shapes, such as "(..., N, 2)".
+
+    A letter stands for any length, the same wherever it is repeated, three dots for any axes.
+    ``like`` is the argument that the shape must match.  If not ``empty``, no length may be zero.
+    """
+    if not any(_has_shape(array.shape, each) for each in shapes):
+        wanted = " or ".join(shapes) + (f" to match {like}" if like else "")
+        raise ValueError(f"{name} must have the shape {wanted}, but has {array.shape}")
+    if not (empty or array.size):
+        raise ValueError(f"{name} must not be empty, but has the shape {array.shape}")
+
+
+@lru_cache(maxsize=256)
+def _has_shape(shape: tuple[int, ...], wanted: str) -> bool:
+    axes = wanted.strip("()").replace(",", " ").split()
+    if axes[:1] == ["..."]:
+        axes = axes[1:]
+        shape = shape[max(len(shape) - len(axes), 0) :]
+    lengths = {axis: int(axis) for axis in axes if axis.isdigit()}
+    return len(shape) == len(axes) and all(
+        length == lengths.setdefault(axis, length) for axis, length in zip(axes, shape, strict=True)
+    )
+
+
 def check_covariances(name: str, value: ArrayLike) -> Array:
     """Finite, symmetric, positive definite matrices (..., D, D) with D = 1, 2 or more."""
     array = check_finite(name, value)
-    if array.ndim < 2 or array.shape[-1] != array.shape[-2]:
-        raise ValueError(f"{name} must have the shape (..., D, D), but has {array.shape}")
+    check_shape(name, array, "(..., D, D)")
     symmetrise(name, array)
     if not is_positive_definite(array):
         raise ValueError(f"{name} must be positive definite")

@@ -1,7 +1,8 @@
 """The base of containers that do not change, and so may store what they have computed."""
 
+from dataclasses import fields
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -19,6 +20,14 @@ class Frozen:
             if isinstance(array, np.ndarray):
                 array.flags.writeable = False
         object.__setattr__(self, name, value)
+
+    @classmethod
+    def _made(cls, *values: object) -> Self:
+        """An object of values that are known to be good, in the order of the fields."""
+        made = cls.__new__(cls)
+        for each, value in zip(fields(cls), values, strict=True):  # type: ignore[arg-type]
+            made._keep(each.name, value)
+        return made
 
     def __getstate__(self) -> dict[str, Any]:
         kind = type(self)

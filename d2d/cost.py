@@ -15,6 +15,7 @@ from d2d._checks import (
     check_finite,
     check_fraction,
     check_positive_scalar,
+    check_shape,
 )
 from d2d._frozen import Frozen
 from d2d._kernel import layout
@@ -70,10 +71,7 @@ class CorruptedGaussian(Frozen):
         matrix = check_covariances(
             "covariance", np.atleast_2d(check_finite("covariance", covariance))
         )
-        if matrix.ndim != 2 or len(matrix) not in rigid.PARAMETERS:
-            raise ValueError(
-                f"covariance must have the shape (D, D) with D = 1 or 2, but has {matrix.shape}"
-            )
+        check_shape("covariance", matrix, "(1, 1)", "(2, 2)")
         self._keep("covariance", matrix)
 
     @property
@@ -191,13 +189,7 @@ class RegistrationCost:
     ) -> tuple[Array, Array, Array]:
         """The cost (...) with its exact gradient (..., P) and Hessian (..., P, P), in one pass."""
         problem, bound = self._bound(theta, fixed, moving, measurement)
-        value, gradient, hessian = problem.derivatives(bound)
-        p, shape = problem.parameters, bound.shape
-        return (
-            value.reshape(shape),
-            gradient[:, :p].reshape(*shape, p),
-            hessian[:, :p, :p].reshape(*shape, p, p),
-        )
+        return problem.derivatives(bound)
 
     def problem(
         self,

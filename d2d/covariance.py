@@ -7,7 +7,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
 from d2d._bounds import check_real
-from d2d._checks import broadcast_batches, check_finite, check_instance, symmetrise
+from d2d._checks import (
+    broadcast_batches,
+    check_finite,
+    check_instance,
+    check_shape,
+    symmetrise,
+)
 from d2d._kernel.compile import read_only
 from d2d._kernel.errors import add_measurements, add_positions
 from d2d._kernel.newton import SINGULAR
@@ -27,14 +33,11 @@ def fisher_covariance(hessian: ArrayLike) -> Array:
     """Inverse of the Hessian of a negative log-likelihood (thesis sec. 5.2, Cramér-Rao bound).
 
     From the Hessians (..., P, P) at optima, the observed information; nan where one is not positive
-    definite, because such a point is not an optimum and has no covariance.  Raises a ``ValueError``
-    if ``hessian`` is not an array of square matrices that are symmetric to within rounding.
+    definite, because such a point is not an optimum and has no covariance.  They must be symmetric
+    to within rounding.
     """
     matrices = check_real("hessian", hessian)
-    if matrices.ndim < 2 or matrices.shape[-1] != matrices.shape[-2] or not matrices.shape[-1]:
-        raise ValueError(
-            f"hessian must have the shape (..., P, P) with P > 0, but has {matrices.shape}"
-        )
+    check_shape("hessian", matrices, "(..., P, P)", empty=0 not in matrices.shape[-2:])
     scale = np.sqrt(np.abs(np.diagonal(matrices, axis1=-2, axis2=-1)))
     outer = scale[..., :, None] * scale[..., None, :]
     good = np.asarray((np.isfinite(matrices) & (outer > 0)).all(axis=(-2, -1)))
@@ -66,8 +69,7 @@ def propagate_covariance(
         Sigma_theta = H^-1 (d2f / d theta d z) Sigma_z (d2f / d theta d z)' H^-1
 
     The covariance (..., P, P) of ``theta`` is nan where the estimate did not converge.  Raises a
-    ``ValueError`` if an argument is invalid, or the cost that the estimate states is not that of
-    the others.
+    ``ValueError`` if the cost that the estimate states is not that of the other arguments.
 
     Parameters
     ----------
@@ -192,9 +194,7 @@ def check_estimate(
 
     Its cost and Hessian are then not those of the problem at its parameters.
     """
-    p = problem.parameters
     value, _, hessian = problem.derivatives(bound)
-    value, hessian = value.reshape(bound.shape), hessian[:, :p, :p].reshape(*bound.shape, p, p)
     off = np.abs(value - estimate.value) > _SAME * (1.0 + np.abs(value))
     if hessians:
         root = np.sqrt(np.abs(np.diagonal(hessian, axis1=-2, axis2=-1)))
@@ -231,11 +231,8 @@ def _checked_slope(
     if measurement is None:
         raise ValueError("position_slope needs a measurement")
     array = check_finite("position_slope", slope)
-    if array.shape[-2:] != moving.means.shape[-2:]:
-        raise ValueError(
-            f"position_slope must have the shape (..., {moving.size}, {moving.dimension}) to match "
-            f"moving, but has {array.shape}"
-        )
+    wanted = f"(..., {moving.size}, {moving.dimension})"
+    check_shape("position_slope", array, wanted, like="moving")
     if broadcast_batches("position_slope and the batch", array.shape[:-2], shape) != shape:
         raise ValueError(
             f"position_slope has the batch axes {array.shape[:-2]}, which do not fit the other "
@@ -262,8 +259,7 @@ def cross_derivatives(
     """Exact derivatives of the cost's gradient at theta (..., P) in each measured coordinate.
 
     The covariances and the measurement's variance are held constant, although they were computed
-    at the measured point.  The arguments' batch axes broadcast.  An invalid argument raises a
-    ``ValueError`` that names it.
+    at the measured point.  The arguments' batch axes broadcast.
     """
     problem = cost.problem(fixed, moving, measurement)
     bound = problem.bind(rigid.motion("theta", theta, fixed.dimension))

@@ -37,7 +37,7 @@ class Frame(NamedTuple):
 
     def shifted(self, fixed: PointSet, moving: PointSet) -> tuple[PointSet, PointSet]:
         """The sets about their means."""
-        return _about(fixed, self.a), _about(moving, self.b)
+        return fixed.shifted(-self.a), moving.shifted(-self.b)
 
     def inward(self, theta: Array) -> Array:
         """The motions (..., 3) between the shifted sets."""
@@ -73,12 +73,7 @@ class Frame(NamedTuple):
 
 def _origin_if_far(points: PointSet) -> Array:
     """The mean (..., 2) of each set that is far, else zero."""
-    return np.where(points._is_far[..., None], points.means.mean(axis=-2), 0.0)
-
-
-def _about(points: PointSet, origin: Array) -> PointSet:
-    means = points.means - origin[..., None, :]
-    return PointSet._of(means, points.covariances, points.weights)
+    return np.where(points._layout.far[..., None], points.means.mean(axis=-2), 0.0)
 
 
 def _between(slope: Array, covariance: Array) -> Array:

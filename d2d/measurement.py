@@ -1,13 +1,13 @@
 """A scalar measurement of each moving target, in addition to its position."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._bounds import SCALE
-from d2d._checks import broadcast_batches, check_finite, check_positive
+from d2d._bounds import NOT_NEGATIVE, SCALE
+from d2d._checks import broadcast_batches, check_finite, check_positive, check_shape
 from d2d._frozen import Frozen
 from d2d._kernel import layout
 from d2d._types import Array
@@ -56,20 +56,13 @@ class LinearMeasurement(Frozen):
         arrays = {
             "value": check_finite("value", value),
             "sigma": check_positive("sigma", sigma),
-            "sigma_input": check_finite("sigma_input", sigma_input),
+            "sigma_input": NOT_NEGATIVE.array("sigma_input", sigma_input),
             "gain": check_finite("gain", gain),
             "slope": check_finite("slope", slope),
         }
-        if (arrays["sigma_input"] < 0).any():
-            raise ValueError("sigma_input must not be negative")
-        for name in ("gain", "slope"):
-            if arrays[name].ndim < 2 or arrays[name].shape[-1] not in (1, 3):
-                raise ValueError(
-                    f"{name} must have the shape (..., K, P) with P = 1 or 3, "
-                    f"but has {arrays[name].shape}"
-                )
-        if arrays["gain"].shape[-1] != arrays["slope"].shape[-1]:
-            raise ValueError("gain and slope must have the same number of parameters")
+        check_shape("gain", arrays["gain"], "(..., K, 1)", "(..., K, 3)")
+        parameters = arrays["gain"].shape[-1]
+        check_shape("slope", arrays["slope"], f"(..., K, {parameters})", like="gain")
         shape = broadcast_batches(
             "value, sigma, sigma_input, gain and slope",
             *(arrays[name].shape for name in ("value", "sigma", "sigma_input")),
@@ -77,24 +70,12 @@ class LinearMeasurement(Frozen):
         )
         if 0 in shape:
             raise ValueError(f"value must hold at least one target, but has the shape {shape}")
-        parameters = arrays["gain"].shape[-1]
         if of_twist and parameters != 3:
             raise ValueError(f"of_twist needs P = 3 parameters, but gain has {parameters}")
         self._keep("of_twist", bool(of_twist))
         for name, array in arrays.items():
             full = (*shape, parameters) if name in ("gain", "slope") else shape
             self._keep(name, np.broadcast_to(array, full))
-
-    @classmethod
-    def _of(
-        cls, value: Array, sigma: Array, sigma_input: Array, gain: Array, slope: Array, twist: bool
-    ) -> "LinearMeasurement":
-        """A measurement of arrays that are known to be good and of full shape."""
-        measurement = cls.__new__(cls)
-        values = value, sigma, sigma_input, gain, slope, twist
-        for field, own in zip(fields(cls), values, strict=True):
-            measurement._keep(field.name, own)
-        return measurement
 
     @property
     def size(self) -> int:
@@ -114,7 +95,7 @@ class LinearMeasurement(Frozen):
     def inflated(self, scale: float) -> "LinearMeasurement":
         """The measurement with all standard deviations times ``scale``, from 1e-50 to 1e50."""
         scale = SCALE.number("scale", scale)
-        return LinearMeasurement._of(
+        return LinearMeasurement._made(
             self.value,
             self.sigma * scale,
             self.sigma_input * scale,

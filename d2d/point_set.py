@@ -4,18 +4,19 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._bounds import ANGLE, SCALE, check_real
+from d2d._bounds import ANGLE, SCALE, Bounds, check_real
 from d2d._checks import (
     broadcast_batches,
     check_covariances,
     check_finite,
     check_positive,
+    check_shape,
 )
 from d2d._frozen import Frozen
 from d2d._kernel import entries, layout, tiles
@@ -23,6 +24,16 @@ from d2d._kernel.compile import read_only
 from d2d._types import Array, Index
 
 _TILED = 64  # targets, from which on the tiles of a corrupted Gaussian pay
+_VARIANCE = Bounds(most=layout.MAX_VARIANCE, unit="in m^2, ")
+_WEIGHT = Bounds(above=0.0, least=layout.MIN_WEIGHT, most=layout.MAX_WEIGHT)
+
+
+class _Layout(NamedTuple):
+    """Sets as the kernel reads them, and what it needs to know of them before it begins."""
+
+    packed: Array  # one set after the other, each with a row a quantity
+    extremes: Array  # (B, 4) bounds, see `d2d._kernel.pairs.find_extremes`
+    far: NDArray[np.bool_]  # (...), which sets are far from the origin, see `d2d.frame`
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +61,8 @@ class PointSet(Frozen):
         self, means: ArrayLike, covariances: ArrayLike, weights: ArrayLike | None = None
     ) -> None:
         means = check_real("means", means)
-        if means.ndim < 2 or means.shape[-1] not in rigid.PARAMETERS:
-            raise ValueError(
-                f"means must have the shape (..., N, D) with D = 1 or 2, but has {means.shape}"
-            )
+        check_shape("means", means, "(..., N, 1)", "(..., N, 2)", empty=False)
         count, dimension = means.shape[-2:]
-        if means.size == 0:
-            raise ValueError(
-                f"means must hold at least one target, but has the shape {means.shape}"
-            )
         covariances = check_real("covariances", covariances)
         given = np.full(count, 1.0 / count) if weights is None else check_real("weights", weights)
         # one compiled pass checks everything; the single checks only find what failed there
@@ -120,8 +124,7 @@ class PointSet(Frozen):
             check_positive("sigma_range", sigma_range),
             check_positive("sigma_azimuth", sigma_azimuth),
         )
-        if r.ndim == 0:
-            raise ValueError("range must have the shape (..., N), but is a number")
+        check_shape("range", r, "(..., N)")
         shape = broadcast_batches(
             "range, azimuth, sigma_range and sigma_azimuth", r.shape, phi.shape, sr.shape, sp.shape
         )
@@ -142,8 +145,7 @@ class PointSet(Frozen):
         the extent (..., N) is added along each axis.
         """
         shape = extent.shape
-        if 0 in shape:
-            raise ValueError(f"range must hold at least one target, but has the shape {shape}")
+        check_shape("range", extent, "(..., N)", empty=False)
         means, covariances = np.empty((*shape, 2)), np.empty((*shape, 2, 2))
         if not entries.place_polar_targets(
             tuple(read_only(each, -1) for each in polar),
@@ -208,13 +210,10 @@ class PointSet(Frozen):
         )
 
     def shifted(self, translation: ArrayLike) -> "PointSet":
-        """The set moved by a translation (D,)."""
+        """The sets moved by translations (..., D)."""
         step = check_finite("translation", translation)
-        if step.shape != (self.dimension,):
-            raise ValueError(
-                f"translation must have the shape ({self.dimension},), but has {step.shape}"
-            )
-        return PointSet._of(self.means + step, self.covariances, self.weights)
+        check_shape("translation", step, f"(..., {self.dimension})")
+        return PointSet._of(self.means + step[..., None, :], self.covariances, self.weights)
 
     def inflated(self, scale: float) -> "PointSet":
         """The set with all standard deviations multiplied by ``scale``, from 1e-50 to 1e50."""
@@ -229,8 +228,7 @@ class PointSet(Frozen):
         return PointSet._of(self.means, self.covariances + added, self.weights)
 
     @cached_property
-    def _layout(self) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """The set as the kernel reads it, and what it needs to know of it before it begins."""
+    def _layout(self) -> _Layout:
         size, dimension = self.means.shape[-2:]
         means = read_only(self.means, -1, size, dimension)
         covariances = read_only(self.covariances, -1, size, dimension, dimension)
@@ -240,12 +238,7 @@ class PointSet(Frozen):
         extremes = np.empty((count, 4))
         far = np.empty(count, dtype=np.bool_)
         entries.pack_targets(means, covariances, weights, packed, extremes, far)
-        return packed.ravel(), extremes, far.reshape(self.batch_shape)
-
-    @property
-    def _packed(self) -> Array:
-        """The sets as the kernel reads them, one after the other, each with a row a quantity."""
-        return self._layout[0]
+        return _Layout(packed.ravel(), extremes, far.reshape(self.batch_shape))
 
     def _tiles(self, outlier: Array) -> tuple[Array, Array]:
         """Tiles and grids of a corrupted Gaussian's component, see `d2d._kernel.tiles`.
@@ -256,7 +249,9 @@ class PointSet(Frozen):
             return tiles.none_for(math.prod(self.batch_shape))
         key = outlier[layout.PRECISION_XX :].tobytes()
         if key not in self._fields:
-            self._fields[key] = tiles.tiles_of(self._packed.reshape(-1, 6, self.size), outlier)
+            self._fields[key] = tiles.tiles_of(
+                self._layout.packed.reshape(-1, 6, self.size), outlier
+            )
         return self._fields[key]
 
     @cached_property
@@ -267,55 +262,25 @@ class PointSet(Frozen):
     @cached_property
     def _order(self) -> NDArray[np.int64]:
         """(B N,) order in which the kernel takes the targets of each set, see `order_targets`."""
-        sets = self._packed.reshape(-1, 6, self.size)
+        sets = self._layout.packed.reshape(-1, 6, self.size)
         order = np.empty((len(sets), self.size), dtype=np.int64)
         entries.order_targets(sets, np.empty(self.size + 8, dtype=np.int64), order)
         return order.ravel()
 
-    @property
-    def _extremes(self) -> Array:
-        """(B, 4) bounds, see `d2d._kernel.pairs.find_extremes`."""
-        return self._layout[1]
-
-    @property
-    def _is_far(self) -> NDArray[np.bool_]:
-        """Which sets (...) are far from the origin, see `d2d.frame`."""
-        return self._layout[2]
-
     @cached_property
     def _any_far(self) -> bool:
         """Whether one of the sets is far from the origin."""
-        return bool(self._is_far.any())
+        return bool(self._layout.far.any())
 
 
 def _checked_covariances(covariances: Array, count: int, dimension: int) -> Array:
     """Covariances of that many targets, made exactly symmetric."""
-    if not covariances.size:
-        raise ValueError(f"covariances must not be empty, but has the shape {covariances.shape}")
-    checked = check_covariances("covariances", covariances)
-    if checked.shape[-3:] != (count, dimension, dimension):
-        raise ValueError(
-            f"covariances must have the shape (..., {count}, {dimension}, {dimension}) "
-            f"to match means, but has {checked.shape}"
-        )
-    if checked.max() > layout.MAX_VARIANCE:
-        raise ValueError(
-            f"covariances must be at most {layout.MAX_VARIANCE:g} m^2, but reach {checked.max():g}"
-        )
+    checked = check_covariances("covariances", _VARIANCE.array("covariances", covariances))
+    shape = f"(..., {count}, {dimension}, {dimension})"
+    check_shape("covariances", checked, shape, like="means", empty=False)
     return checked
 
 
 def _check_weights(weights: Array, count: int) -> None:
-    check_positive("weights", weights)
-    if not weights.size:
-        raise ValueError(f"weights must not be empty, but has the shape {weights.shape}")
-    least, greatest = layout.MIN_WEIGHT, layout.MAX_WEIGHT
-    if not (weights.min() >= least and weights.max() <= greatest):
-        raise ValueError(
-            f"weights must lie within {least:g} and {greatest:g}, but range from "
-            f"{weights.min():g} to {weights.max():g}"
-        )
-    if weights.shape[-1:] != (count,):
-        raise ValueError(
-            f"weights must have the shape (..., {count}) to match means, but has {weights.shape}"
-        )
+    _WEIGHT.array("weights", weights)
+    check_shape("weights", weights, f"(..., {count})", like="means", empty=False)

@@ -32,6 +32,12 @@ class Pair(NamedTuple):
     measurement: LinearMeasurement | None = None
     interval: float = 1.0
 
+    @property
+    def batch_shapes(self) -> list[tuple[int, ...]]:
+        """Those of both sets and of the measurement."""
+        measured = () if self.measurement is None else self.measurement.batch_shape
+        return [self.fixed.batch_shape, self.moving.batch_shape, measured]
+
     def inflated(self, scale: float) -> "Pair":
         """The pair with all standard deviations multiplied by ``scale``."""
         measurement = None if self.measurement is None else self.measurement.inflated(scale)
@@ -105,6 +111,11 @@ class Problem:
         return rigid.PARAMETERS[self.pairs[0].fixed.dimension]
 
     @property
+    def targets(self) -> int:
+        """Number of moving targets in one problem."""
+        return sum(pair.moving.size for pair in self.pairs)
+
+    @property
     def size(self) -> int:
         """Number of pairs of a target and a component in one problem."""
         return sum(pair.fixed.size * pair.moving.size for pair in self.pairs)
@@ -133,17 +144,15 @@ class Problem:
     @cached_property
     def _layout(self) -> tuple[list[tuple[int, ...]], layout.Batch]:
         """The batch shapes of the sets of a single pair, and the layout of one problem."""
-        fixed, moving, measurement, _ = self.pairs[0]
-        batches = [fixed.batch_shape, moving.batch_shape]
-        batches.append(() if measurement is None else measurement.batch_shape)
+        fixed, _, measurement, _ = self.pairs[0]
         factors = [pair.measurement._packed for pair in self.pairs if pair.measurement is not None]
         sizes = tuple((pair.fixed.size, pair.moving.size) for pair in self.pairs)
         rows, first = _table(sizes, bool(factors))
         batch = layout.Batch(
-            _joined([pair.fixed._packed for pair in self.pairs], 0),
-            _joined([pair.moving._packed for pair in self.pairs], 0),
+            _joined([pair.fixed._layout.packed for pair in self.pairs], 0),
+            _joined([pair.moving._layout.packed for pair in self.pairs], 0),
             _joined([pair.moving._order for pair in self.pairs], 0),
-            _joined([pair.fixed._extremes for pair in self.pairs], 0),
+            _joined([pair.fixed._layout.extremes for pair in self.pairs], 0),
             _joined(factors, 0) if factors else np.empty((0, 9)),
             self.form.outlier,
             *self._tiles(),
@@ -157,7 +166,7 @@ class Problem:
             self.kind,
             self.prior,
         )
-        return batches, batch
+        return self.pairs[0].batch_shapes, batch
 
     def _tiles(self) -> tuple[Array, Array]:
         """The tiles of the outlier components of all fixed sets, and a grid for each set."""
@@ -228,8 +237,13 @@ class Problem:
         return found
 
     def derivatives(self, bound: Bound) -> tuple[Array, Array, Array]:
-        """Value (B,), gradient (B, 3) and Hessian (B, 3, 3) of each bound problem."""
-        return self.minimise(bound, max_iterations=0)[:3]
+        """Value (...), gradient (..., P) and Hessian (..., P, P) of each bound problem."""
+        found, p, shape = self.minimise(bound, max_iterations=0), self.parameters, bound.shape
+        return (
+            found.value.reshape(shape),
+            found.gradient[:, :p].reshape(*shape, p),
+            found.hessian[:, :p, :p].reshape(*shape, p, p),
+        )
 
     def cross_derivatives(self, bound: Bound, begin: int, end: int) -> CrossDerivatives:
         """Derivatives of the gradients of some bound problems in all that is measured.
@@ -239,12 +253,11 @@ class Problem:
         """
         count = end - begin
         fixed = sum(pair.fixed.size for pair in self.pairs)
-        moving = sum(pair.moving.size for pair in self.pairs)
         cross = CrossDerivatives(
             np.empty((count, fixed, 3, 2)),
-            np.empty((count, moving, 3, 2)),
-            np.empty((count, moving, 3)),
-            np.empty((count, moving, 3)),
+            np.empty((count, self.targets, 3, 2)),
+            np.empty((count, self.targets, 3)),
+            np.empty((count, self.targets, 3)),
         )
         terms = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)
         columns, rows = (int(bound.batch.grids[:, axis].max()) for axis in range(2))
@@ -266,7 +279,7 @@ class Problem:
     def inlier_shares(self, bound: Bound) -> Array:
         """Share (..., K) of the inlier component in each target's density."""
         if self.form.outlier[layout.KIND] == layout.NO_OUTLIER:
-            return np.ones((*bound.shape, sum(pair.moving.size for pair in self.pairs)))
+            return np.ones((*bound.shape, self.targets))
         return self.of_targets(bound, (layout.SHARE,))[..., 0, :]
 
     def widening_slopes(self, bound: Bound) -> Array:
@@ -286,8 +299,7 @@ class Problem:
 
     def of_targets(self, bound: Bound, rows: tuple[int, ...]) -> Array:
         """Rows of the kernel's scratch array for each target (..., rows, K)."""
-        targets = sum(pair.moving.size for pair in self.pairs)
-        values = np.empty((len(bound.thetas), len(rows), targets))
+        values = np.empty((len(bound.thetas), len(rows), self.targets))
         numbers = np.array(rows)
 
         def run(first: int, last: int) -> None:
@@ -295,7 +307,7 @@ class Problem:
             entries.target_batch(bound.part(first, last), thetas, numbers, self._memory(), own)
 
         run_in_slices(run, len(values), self.size)
-        return values.reshape(*bound.shape, len(rows), targets)
+        return values.reshape(*bound.shape, len(rows), self.targets)
 
 
 @lru_cache(maxsize=64)

@@ -14,6 +14,7 @@ from d2d._checks import (
     check_instance,
     check_positive_scalar,
     check_schedule,
+    check_shape,
 )
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -78,8 +79,7 @@ def register(
     problem or a whole batch in one call.
 
     The result's cost is never higher than that of ``initial`` at the last scale; with more than 320
-    moving targets, of which a part takes the first steps, hardly ever.  Raises a ``ValueError``
-    that names an invalid argument.
+    moving targets, of which a part takes the first steps, hardly ever.
 
     Parameters
     ----------
@@ -152,15 +152,12 @@ def multi_start(
     For each problem of the batch, the ``starts`` (S, P) are tried, see `start_grid`; the other
     arguments are those of `register`.  The result is the converged optimum of lowest cost;
     ``iterations`` counts those of all starts.  If no start converged, it is that of the first
-    start, not converged.  Raises a ``ValueError`` that names an invalid argument.
+    start, not converged.
     """
-    check_pair(fixed, moving, measurement)
+    pair = check_pair(fixed, moving, measurement)
     tried = rigid.motion("starts", starts, fixed.dimension)
-    if tried.ndim != 2 or not len(tried):
-        raise ValueError(f"starts must have the shape (S, P), but has {tried.shape}")
-    batches = [fixed.batch_shape, moving.batch_shape]
-    batches.append(() if measurement is None else measurement.batch_shape)
-    axes = max(map(len, batches))
+    check_shape("starts", tried, "(S, P)", empty=False)
+    axes = max(map(len, pair.batch_shapes))
     spread = tried.reshape(len(tried), *(1,) * axes, tried.shape[-1])
     found = register(fixed, moving, cost, spread, scales, measurement=measurement, threads=threads)
     return best_of(found)
@@ -181,15 +178,13 @@ def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
     """Starts (S, 3) on a square grid of translations, each combined with every rotation.
 
     The grid extends from -reach to reach along x and y, in steps of at most ``spacing``, both in m;
-    the ``angles`` (A,) in rad are within -2 pi and 2 pi.  Raises a ``ValueError`` if an argument is
-    not positive or has the wrong shape, angles are in degrees, or if there would be more than ten
-    million starts.
+    the ``angles`` (A,) in rad are within -2 pi and 2 pi.  Raises a ``ValueError`` if there would be
+    more than ten million starts.
     """
     span = check_positive_scalar("reach", reach)
     step = check_positive_scalar("spacing", spacing)
     turns = ANGLE.array("angles", angles)
-    if turns.ndim != 1 or not turns.size:
-        raise ValueError(f"angles must have the shape (A,), but has {turns.shape}")
+    check_shape("angles", turns, "(A,)", empty=False)
     side = 2.0 * np.ceil(span / step) + 1.0
     if side > math.sqrt(_MAX_STARTS / turns.size):
         raise ValueError(
@@ -266,15 +261,13 @@ def _no_worse_than_start(
     optimum: Estimate, problem: Problem, bound: Bound, threads: int
 ) -> Estimate:
     """If the descent over the scales ended above the cost of the start, descend from the start."""
-    worse = (optimum.value > problem.derivatives(bound)[0].reshape(bound.shape)).ravel()
+    worse = optimum.value > problem.derivatives(bound)[0]
     if not worse.any():
         return optimum
     direct = minimise(problem, bound, threads)
     merged = {}
-    for name in (each.name for each in fields(Estimate)):
-        array = getattr(optimum, name).copy()
-        flat = array.reshape(worse.size, *array.shape[len(bound.shape) :])  # a view
-        other = getattr(direct, name).reshape(flat.shape)
-        flat[worse] = other[worse] + (flat[worse] if name == "iterations" else 0)
-        merged[name] = array
-    return Estimate(**merged)
+    for name, found in vars(direct).items():
+        own = worse.reshape(worse.shape + (1,) * (found.ndim - worse.ndim))
+        merged[name] = np.where(own, found, getattr(optimum, name))
+    iterations = optimum.iterations + np.where(worse, direct.iterations, 0)
+    return Estimate(**merged | {"iterations": iterations})

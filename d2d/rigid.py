@@ -7,7 +7,7 @@ in 2D, with ``T(m) = R(phi_z) m + t``.  All functions broadcast over leading bat
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import broadcast_batches, check_finite
+from d2d._checks import broadcast_batches, check_finite, check_shape
 from d2d._kernel import entries
 from d2d._types import Array
 
@@ -17,19 +17,13 @@ PARAMETERS = {1: 1, 2: 3}  # number of parameters of a rigid motion, by dimensio
 def motion(name: str, theta: ArrayLike, dimension: int) -> Array:
     """The parameters (..., P) of a motion, checked to be finite and to match the dimension."""
     array = check_finite(name, theta)
-    expected = PARAMETERS[dimension]
-    if array.ndim == 0 or array.shape[-1] != expected:
-        raise ValueError(
-            f"{name} must have the shape (..., {expected}) for sets of dimension {dimension}, "
-            f"but has {array.shape}"
-        )
+    check_shape(name, array, f"(..., {PARAMETERS[dimension]})")
     return array
 
 
 def _any_motion(name: str, theta: ArrayLike) -> Array:
     array = check_finite(name, theta)
-    if array.ndim == 0 or array.shape[-1] not in PARAMETERS.values():
-        raise ValueError(f"{name} must have the shape (..., 1) or (..., 3), but has {array.shape}")
+    check_shape(name, array, "(..., 1)", "(..., 3)")
     return array
 
 
@@ -43,10 +37,7 @@ def rotation(angle: ArrayLike) -> Array:
 def transform_means(theta: ArrayLike, means: ArrayLike) -> Array:
     """Move points (..., N, D) by theta (..., P): T(m) = R m + t (thesis eq. 7.2, t = v tau)."""
     points = check_finite("means", means)
-    if points.ndim < 2 or points.shape[-1] not in PARAMETERS:
-        raise ValueError(
-            f"means must have the shape (..., N, D) with D = 1 or 2, but has {points.shape}"
-        )
+    check_shape("means", points, "(..., N, 1)", "(..., N, 2)")
     parameters = motion("theta", theta, points.shape[-1])
     broadcast_batches("theta and means", parameters.shape[:-1], points.shape[:-2])
     if points.shape[-1] == 1:
@@ -58,12 +49,7 @@ def transform_means(theta: ArrayLike, means: ArrayLike) -> Array:
 def transform_covariances(theta: ArrayLike, covariances: ArrayLike) -> Array:
     """Rotate covariances (..., N, D, D) by theta (..., P): R Sigma R'."""
     matrices = check_finite("covariances", covariances)
-    dimension = matrices.shape[-1] if matrices.ndim > 2 else 0
-    if dimension not in PARAMETERS or matrices.shape[-2] != dimension:
-        raise ValueError(
-            "covariances must have the shape (..., N, D, D) with D = 1 or 2, "
-            f"but has {matrices.shape}"
-        )
+    check_shape("covariances", matrices, "(..., N, 1, 1)", "(..., N, 2, 2)")
     parameters = motion("theta", theta, matrices.shape[-1])
     broadcast_batches("theta and covariances", parameters.shape[:-1], matrices.shape[:-3])
     if matrices.shape[-1] == 1:
@@ -78,11 +64,7 @@ def compose(first: ArrayLike, second: ArrayLike) -> Array:
     """The motion that applies ``second``, then ``first``: T(m, compose(a, b)) = T(T(m, b), a)."""
     a, b = _any_motion("first", first), _any_motion("second", second)
     broadcast_batches("first and second", a.shape[:-1], b.shape[:-1])
-    if a.shape[-1] != b.shape[-1]:
-        raise ValueError(
-            "first and second must have the same number of parameters, "
-            f"but have the shapes {a.shape} and {b.shape}"
-        )
+    check_shape("second", b, f"(..., {a.shape[-1]})", like="first")
     if a.shape[-1] == 1:
         return a + b
     moved = transform_means(a, b[..., None, :2])[..., 0, :]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_instance
+from d2d._checks import check_instance, check_shape
 from d2d._kernel import layout
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -48,7 +48,7 @@ def sandwich_covariance(
 
     The covariance (..., P, P) of ``theta`` is nan where the estimate did not converge.  It is the
     inverse Hessian unless the scores clearly contradict that.  Raises a ``ValueError`` if the
-    estimate is one of other arguments, or an argument is invalid.
+    estimate is one of other arguments.
 
     Parameters
     ----------
@@ -131,11 +131,7 @@ def target_scores(problem: Problem, bound: Bound) -> tuple[Array, Array]:
 def _labels(moving: PointSet, bound: Bound, groups: ArrayLike | None) -> NDArray[Any]:
     """The labels (B, K) of the targets of each problem of a batch."""
     labels = np.arange(moving.size) if groups is None else np.asarray(groups)
-    if labels.shape[-1:] != (moving.size,):
-        raise ValueError(
-            f"groups must have the shape (..., {moving.size}) to match moving, but has "
-            f"{labels.shape}"
-        )
+    check_shape("groups", labels, f"(..., {moving.size})", like="moving")
     if (labels != labels).any():
         raise ValueError("groups must not hold nan; give each such target a label of its own")
     return select(np.broadcast_to(labels, (*bound.shape, moving.size)), 1, bound)

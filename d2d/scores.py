@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_covariances, check_finite, check_positive
+from d2d._checks import check_covariances, check_finite, check_positive, check_shape
 from d2d._types import Array
 
 LEVELS = (0.5, 0.95, 0.99)
@@ -161,15 +161,10 @@ def normalised_squares(errors: Array, covariances: Array) -> Array:
 def checked_errors(errors: ArrayLike, covariances: ArrayLike) -> tuple[Array, Array]:
     """Errors (N, n) and covariances (N, n, n), from those that a user gave."""
     e = check_finite("errors", errors)
-    if e.ndim != 2 or not e.size:
-        raise ValueError(f"errors must have the shape (N, n) with N, n > 0, but has {e.shape}")
+    check_shape("errors", e, "(N, n)", empty=False)
     runs, n = e.shape
     sigma = check_covariances("covariances", covariances)
-    if sigma.shape not in ((runs, n, n), (n, n)):
-        raise ValueError(
-            f"covariances must have the shape ({runs}, {n}, {n}) or ({n}, {n}) to match errors, "
-            f"but has {sigma.shape}"
-        )
+    check_shape("covariances", sigma, f"({runs}, {n}, {n})", f"({n}, {n})", like="errors")
     return e, np.broadcast_to(sigma, (runs, n, n))
 
 

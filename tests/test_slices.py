@@ -9,7 +9,6 @@ from threading import Lock
 
 import numpy as np
 
-from d2d import _slices
 from d2d._slices import run_in_slices
 
 
@@ -25,23 +24,6 @@ def test_every_problem_is_done_once():
 
         run_in_slices(run, count, pairs, threads)
         assert (done == 1).all()
-
-
-def test_slices_follow_the_time_that_they_take(monkeypatch):
-    """Breaks if a slice of slow problems stays as large as guessed, or a small one never grows."""
-    clock, sizes = [0.0], []
-    monkeypatch.setattr(_slices, "perf_counter", lambda: clock[0])
-
-    def slow(first, last):
-        sizes.append(last - first)
-        clock[0] += 2.0**-7 * (last - first)  # 6.4 in a slice
-
-    run_in_slices(slow, 1000, 1000)
-    assert sizes[0] == 100
-    assert set(sizes[1:-1]) == {6}
-    sizes.clear()
-    run_in_slices(slow, 1000, 10**9)
-    assert sizes[:3] == [1, 4, 6]
 
 
 # A process that a shell starts in the background ignores interrupts, and so would its own children.

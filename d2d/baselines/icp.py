@@ -8,7 +8,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_choice, check_count, check_finite
+from d2d._checks import check_choice, check_count, check_finite, check_shape
 from d2d._types import Array
 
 Metric = Literal["point", "line"]
@@ -41,11 +41,7 @@ def fit_rigid(fixed: ArrayLike, moving: ArrayLike) -> Array:
     (..., 3) in m, m, rad maps ``moving`` onto ``fixed``.
     """
     target, source = check_points("fixed", fixed), check_points("moving", moving)
-    if target.shape[-2] != source.shape[-2]:
-        raise ValueError(
-            f"fixed and moving must be paired, but have {target.shape[-2]} and "
-            f"{source.shape[-2]} points"
-        )
+    check_shape("moving", source, f"(..., {target.shape[-2]}, 2)", like="fixed")
     to, by = target.mean(axis=-2), source.mean(axis=-2)
     spread = np.swapaxes(source - by[..., None, :], -1, -2) @ (target - to[..., None, :])
     left, _, right = np.linalg.svd(spread)
@@ -169,9 +165,5 @@ def _line_step(fixed: Array, normals: Array, moved: Array) -> Array:
 def check_points(name: str, value: ArrayLike, dimensions: int | None = None) -> Array:
     """One or more finite points (..., N, 2); of one set only, if its array has two dimensions."""
     array = check_finite(name, value)
-    shape = "(N, 2)" if dimensions == 2 else "(..., N, 2)"
-    if array.ndim < 2 or array.ndim != (dimensions or array.ndim) or array.shape[-1] != 2:
-        raise ValueError(f"{name} must have the shape {shape}, but has {array.shape}")
-    if not array.size:
-        raise ValueError(f"{name} must hold at least one point, but has the shape {array.shape}")
+    check_shape(name, array, "(N, 2)" if dimensions == 2 else "(..., N, 2)", empty=False)
     return array

@@ -68,7 +68,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _check_options(of_track, arguments)
     _check_budget(of_track, arguments)
     try:
-        with _warnings_told():
+        with _warnings_told(arguments.found):
             arguments.run(arguments)
     except BrokenPipeError:  # whoever read the output has gone; nothing is left to flush at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -84,11 +84,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 @contextmanager
-def _warnings_told() -> Iterator[None]:
-    """Inside, a warning is a line on the standard error, and nothing of the source."""
+def _warnings_told(found: list[Finding]) -> Iterator[None]:
+    """Inside, a warning is a line on the standard error; what it says is wrong is ``found``."""
 
     def tell(message: Warning | str, *_where: object) -> None:
         print(f"{PROGRAM}: warning: {_plain(message)}", file=sys.stderr)
+        if isinstance(message, FindingWarning):
+            found.append(message.finding)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
@@ -118,7 +120,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
             formatter_class=plain,
             allow_abbrev=False,
         )
-        added.set_defaults(run=run)
+        added.set_defaults(run=run, found=[])
         return added
 
     about = "estimate a drive and write its path and velocities"
@@ -279,15 +281,9 @@ def _track(arguments: argparse.Namespace) -> None:
     if not arguments.force:  # before a long wait
         found = look_at_targets(sensors, arguments.max_interval)
         _tell([each for each in found if each.sure], force=False)
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always", UserWarning)
-        progress = False if arguments.no_progress else None
-        driven = track(sensors, **options, progress=progress)
-    for each in said:
-        warnings.showwarning(each.message, each.category, each.filename, each.lineno)
+    driven = track(sensors, **options, progress=False if arguments.no_progress else None)
     print(driven)
-    found = [w.message.finding for w in said if isinstance(w.message, FindingWarning)]
-    found += _judged(sensors, driven, options)
+    found = [*arguments.found, *_judged(sensors, driven, options)]
     _tell(found, arguments.force or not driven.converged.any())
     if not driven.converged.any():
         raise ValueError("no estimate was accepted, so nothing was written")

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from d2d import rigid
-from d2d._checks import check_count
+from d2d._checks import check_count, check_shape
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.credibility import Credibility, credibility
@@ -128,8 +128,7 @@ def _starts(scenario: Scene, initial: Initial) -> Array:
             raise ValueError(f"initial must be 'truth', 'zero' or an array, but is {initial!r}")
         return scenario.theta * (initial == "truth")
     starts = rigid.motion("initial", initial, 1 if len(scenario.theta) == 1 else 2)
-    if starts.ndim > 2:
-        raise ValueError(f"initial must have the shape (P,) or (S, P), but has {starts.shape}")
+    check_shape("initial", starts, "(P,)", "(S, P)")
     return starts
 
 

@@ -141,7 +141,7 @@ def test_a_corridor_leaves_the_open_direction_alone():
 
 def test_bad_input_names_the_argument():
     for call, name in (
-        (lambda: fit_rigid(RNG_POINTS, RNG_POINTS[:5]), "paired"),
+        (lambda: fit_rigid(RNG_POINTS, RNG_POINTS[:5]), "moving must have the shape"),
         (lambda: fit_rigid(RNG_POINTS, RNG_POINTS * np.nan), "moving"),
         (lambda: line_normals(RNG_POINTS, 30), "neighbours"),
         (lambda: icp(RNG_POINTS[:, :1], RNG_POINTS), "fixed"),

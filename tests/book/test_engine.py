@@ -181,8 +181,8 @@ def doppler_case(start: ArrayLike) -> Case:
         described,
         at,
         value.item(),
-        gradient[0],
-        hessian[0],
+        gradient,
+        hessian,
         found.theta,
         found.covariance,
         problem.inlier_shares(bound),
@@ -429,6 +429,6 @@ def test_pairs_of_scans_share_a_velocity(page: Any):
     got = page(script, described, problem.prior.tolist(), at.tolist())
     value, gradient, hessian = problem.derivatives(problem.bind(at))
     np.testing.assert_allclose(got["value"], value.item(), rtol=EXACT)
-    np.testing.assert_allclose(got["gradient"], gradient[0], atol=EXACT * np.abs(gradient).max())
-    np.testing.assert_allclose(got["hessian"], hessian[0], atol=EXACT * np.abs(hessian).max())
+    np.testing.assert_allclose(got["gradient"], gradient, atol=EXACT * np.abs(gradient).max())
+    np.testing.assert_allclose(got["hessian"], hessian, atol=EXACT * np.abs(hessian).max())
     np.testing.assert_allclose(got["theta"], anneal(problem, at).theta, atol=1e-7)

@@ -6,7 +6,7 @@ from typing import Unpack
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import check_finite
+from d2d._checks import check_finite, check_shape
 from d2d._types import Array
 from d2d.problem import Problem
 from d2d.radar.motion.doppler import doppler_starts
@@ -68,8 +68,7 @@ def estimate_ego_motion(
 def check_velocity(initial: ArrayLike) -> Array:
     """The start (3,) given by the user, checked."""
     start = check_finite("initial", initial)
-    if start.shape != (3,):
-        raise ValueError(f"initial must have the shape (3,), but has {start.shape}")
+    check_shape("initial", start, "(3,)")
     return start
 
 

@@ -125,20 +125,12 @@ def problem_of(
     """
     if acceleration is None or near is None:
         return model.problem([scan_pair(*pair, model) for pair in pairs])
-    time = middle_of(pairs)
-    return model.problem(
-        [
-            scan_pair(
-                *pair,
-                model,
-                (
-                    (pair.middle - time) * following(pair.interval * near) @ acceleration,
-                    (pair.current.time - time) * acceleration,
-                ),
-            )
-            for pair in pairs
-        ]
-    )
+    time, found = middle_of(pairs), []
+    for pair in pairs:
+        moved = following(pair.interval * near) @ acceleration
+        gained = (pair.middle - time) * moved, (pair.current.time - time) * acceleration
+        found.append(scan_pair(*pair, model, gained))
+    return model.problem(found)
 
 
 def following(motion: Array) -> Array:

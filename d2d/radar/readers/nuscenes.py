@@ -26,6 +26,7 @@ from d2d.radar.readers.shared import (
     existing,
     kept,
     reading,
+    yaw_of,
 )
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.recording import Recording
@@ -231,13 +232,8 @@ def _motion(root: Path, tables: Path, scene: str, drive: "_Drive") -> _Motion:
     # each sensor has a pose, some at one time
     times, first = np.unique(columns[:, 0] * MICROSECOND, return_index=True)
     columns = columns[first]
-    poses = np.column_stack([columns[:, 1:3], _yaw(*columns[:, 3:7].T)])
+    poses = np.column_stack([columns[:, 1:3], yaw_of(*columns[:, 3:7].T)])
     return _Motion(times, poses, columns[:, 7] if on_bus else None)
-
-
-def _yaw(w: Array, x: Array, y: Array, z: Array) -> Array:
-    """Direction (...) of the x axis in the plane, of quaternions."""
-    return np.asarray(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
 
 
 def _reference(
@@ -328,7 +324,7 @@ def _drive(folder: Path, scene: str, channel: str) -> _Drive:
             raise ValueError("a time stamp is not finite")
     with reading(folder / "calibrated_sensor.json", "a table of nuScenes"):
         (x, y, _), rotation = mountings[used.pop()]
-        mounting = Mounting(x, y, float(_yaw(*rotation)))
+        mounting = Mounting(x, y, float(yaw_of(*rotation)))
     files = sorted(zip(times.tolist(), (row[4] for row in own), strict=True))
     return _Drive(files, mounting, {row[2] for row in data})
 

@@ -9,6 +9,7 @@ from d2d._bounds import FINITE
 from d2d._checks import check_path
 from d2d._types import Array
 from d2d.radar.readers.csv_log import decoded, number, read_header, read_rows
+from d2d.radar.readers.shared import yaw_of
 from d2d.radar.scans.reference import Reference
 
 _IN_DEGREES = "yaw_rate_deg"
@@ -72,13 +73,8 @@ def _poses(source: Path, text: str) -> Reference:
                 raise ValueError(f"times must increase, but {words[0]} follows {rows[-2][0]!r}")
         except ValueError as error:
             raise ValueError(f"{source}, line {line}: {error}") from None
-    table = np.array(rows)
-    time, (x, y, z, w) = (
-        table[:, 0],
-        (table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1)[:, None]).T,
-    )
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return _moving(time, np.column_stack([table[:, 1:3], yaw]))
+    time, *place, _, x, y, z, w = np.array(rows).T
+    return _moving(time, np.column_stack([*place, yaw_of(w, x, y, z)]))
 
 
 def _moving(time: Array, poses: Array) -> Reference:

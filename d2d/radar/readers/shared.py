@@ -50,6 +50,11 @@ def kept(
     return np.asarray(keep[np.sort(order[:strongest])])
 
 
+def yaw_of(w: Array, x: Array, y: Array, z: Array) -> Array:
+    """Direction (...) of the x axis in the plane, of quaternions that need not be normalised."""
+    return np.asarray(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
+
+
 def existing(folder: Path, name: str, what: str) -> Path:
     """The path of a file or folder; raises a FileNotFoundError that says ``what`` it should be."""
     path = folder / name

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from d2d import rigid
 from d2d._bounds import SECONDS, check_real
-from d2d._checks import check_finite, check_positive_scalar
+from d2d._checks import check_finite, check_positive_scalar, check_shape
 from d2d._types import Array
 
 _HALF_WIDTH = SECONDS._replace(above=0.0, most=60.0)  # s
@@ -34,11 +34,7 @@ class Reference:
         object.__setattr__(self, "times", times)
         for name in ("theta", "poses"):
             values = check_real(name, getattr(self, name))
-            if values.shape != (len(times), 3):
-                raise ValueError(
-                    f"{name} must have the shape {(len(times), 3)} to match times, but has "
-                    f"{values.shape}"
-                )
+            check_shape(name, values, f"({len(times)}, 3)", like="times")
             object.__setattr__(self, name, values)
 
     @classmethod
@@ -55,11 +51,8 @@ class Reference:
         """
         known, wanted = check_finite("stamps", stamps), _checked_times(times)
         placed = rigid.motion("poses", poses, 2)
-        if known.ndim != 1 or placed.shape != (len(known), 3):
-            raise ValueError(
-                "stamps and poses must have the shapes (n,) and (n, 3), but have "
-                f"{known.shape} and {placed.shape}"
-            )
+        check_shape("stamps", known, "(n,)")
+        check_shape("poses", placed, f"({len(known)}, 3)", like="stamps")
         if not (np.diff(known) > 0).all():
             raise ValueError("stamps must be strictly increasing, but are not")
         reach = _HALF_WIDTH.number("half_width", half_width)
@@ -96,8 +89,7 @@ class Reference:
 
 def _checked_times(times: ArrayLike) -> Array:
     array = check_finite("times", times)
-    if array.ndim != 1:
-        raise ValueError(f"times must have the shape (n,), but has {array.shape}")
+    check_shape("times", array, "(n,)")
     return array
 
 

@@ -1,6 +1,5 @@
 """A scan of a Doppler radar, and the mounting of the sensor on the vehicle."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -24,6 +23,7 @@ from d2d._checks import (
     check_finite,
     check_positive_scalar,
     check_scalar,
+    check_shape,
 )
 from d2d._frozen import Frozen
 from d2d._kernel.compile import read_only
@@ -108,24 +108,12 @@ class RadarScan(Frozen):
             for (name, bounds), values in zip(BOUNDS.items(), given, strict=True)
         }
         shape = arrays["range"].shape
-        if len(shape) != 1:
-            raise ValueError(f"range must have the shape (K,), but has {shape}")
+        check_shape("range", arrays["range"], "(K,)")
         for name, array in arrays.items():
             once = name not in _MEASURED and array.shape in ((), (1,))
-            if array.shape != shape and not once:
-                raise ValueError(
-                    f"{name} must have the shape {shape} to match range, but has {array.shape}"
-                )
+            if not once:
+                check_shape(name, array, str(shape), like="range")
             self._keep(name, np.full(shape, array) if once else array)
-
-    @classmethod
-    def _of(cls, time: float, columns: Iterable[Array]) -> "RadarScan":
-        """A scan of columns (K,) that are known to be good, in the order of the parameters."""
-        scan = cls.__new__(cls)
-        scan._keep("time", time)
-        for name, column in zip(BOUNDS, columns, strict=True):
-            scan._keep(name, column)
-        return scan
 
     @classmethod
     def from_cartesian(
@@ -164,10 +152,8 @@ class RadarScan(Frozen):
         range, the azimuth or the Doppler velocity.
         """
         ahead, left = check_finite("x", x), check_finite("y", y)
-        if ahead.ndim != 1 or ahead.shape != left.shape:
-            raise ValueError(
-                f"x and y must have the same shape (K,), but have {ahead.shape} and {left.shape}"
-            )
+        check_shape("x", ahead, "(K,)")
+        check_shape("y", left, str(ahead.shape), like="x")
         distance = np.hypot(ahead, left)
         if not (distance > 0).all():
             raise ValueError("x and y must not both be zero, but a target is at the sensor")
@@ -205,7 +191,7 @@ class RadarScan(Frozen):
         if np.ndim(self.range[which]) != 1:
             raise IndexError("a scan is indexed by a slice, a mask or a list, not by a number")
         columns = (np.ascontiguousarray(getattr(self, name)[which]) for name in BOUNDS)
-        return RadarScan._of(self.time, columns)
+        return RadarScan._made(self.time, *columns)
 
     def with_extent(self, extent: ArrayLike) -> "RadarScan":
         """The scan with another ``extent``, a number or (K,) array in m."""
@@ -234,12 +220,11 @@ class RadarScan(Frozen):
         the twist ``interval * theta``.  The azimuth's error enters through the derivative of V in
         the azimuth (thesis sec. 7.1).  If ``of_twist`` is False, the translation is taken as v tau,
         as in the thesis.  If it is known how far the velocity at the scan is ``ahead`` (3,) of the
-        mean over the interval, that is taken off.  Raises a ``ValueError`` unless ``interval`` is
-        positive.
+        mean over the interval, that is taken off.
         """
         check_positive_scalar("interval", interval)
         gain, slope = doppler_gradients(self.azimuth, mounting)
-        return LinearMeasurement._of(
+        return LinearMeasurement._made(
             self.doppler if ahead is None else self.doppler - gain @ ahead,
             self.sigma_doppler,
             self.sigma_azimuth,
@@ -265,10 +250,7 @@ def _position_covariances(covariance: ArrayLike | None, grid: float | None, size
     total = np.zeros((size, 2, 2))
     if covariance is not None:
         given = check_covariances("covariance", covariance)
-        if given.shape not in ((size, 2, 2), (2, 2)):
-            raise ValueError(
-                f"covariance must have the shape ({size}, 2, 2) or (2, 2), but has {given.shape}"
-            )
+        check_shape("covariance", given, f"({size}, 2, 2)", "(2, 2)")
         total += given
     if grid is not None:
         total += quantisation_sigma(grid, "grid") ** 2 * np.eye(2)
@@ -282,18 +264,15 @@ def _radial(doppler: ArrayLike | None, velocity: ArrayLike | None, sight: Array)
     if doppler is not None or velocity is None:
         raise ValueError("either doppler or velocity must be given, and not both")
     vectors = check_finite("velocity", velocity)
-    if vectors.shape != sight.shape:
-        raise ValueError(
-            f"velocity must have the shape {sight.shape} to match x, but has {vectors.shape}"
-        )
+    check_shape("velocity", vectors, str(sight.shape), like="x")
     return np.asarray(np.einsum("ki,ki->k", vectors, sight))
 
 
 def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
     """Squares of standard deviations, which may be zero where other errors add to them."""
     array = NOT_NEGATIVE.array(name, sigma)
-    if array.shape not in ((), (1,), (size,)):
-        raise ValueError(f"{name} must have the shape ({size},) to match x, but has {array.shape}")
+    if array.shape not in ((), (1,)):
+        check_shape(name, array, f"({size},)", like="x")
     return array**2
 
 
@@ -341,7 +320,6 @@ def doppler_velocity(theta: ArrayLike, azimuth: ArrayLike, mounting: Mounting) -
     """
     motion = rigid.motion("theta", theta, 2)
     gain, _ = doppler_gradients(BOUNDS["azimuth"].array("azimuth", azimuth), mounting)
-    if gain.ndim < 2:
-        raise ValueError("azimuth must have the shape (..., K), but is a number")
+    check_shape("azimuth", gain[..., 0], "(..., K)")
     broadcast_batches("theta and azimuth", motion.shape[:-1], gain.shape[:-2])
     return np.asarray(np.einsum("...kp,...p->...k", gain, motion))

@@ -23,11 +23,6 @@ class SlipLaw(Bounded):
     compliance: float = number(0.0)
 
     def lateral(self, forward: ArrayLike, yaw_rate: ArrayLike) -> Array:
-        """v_y (...) in m/s of v_x (...) in m/s and omega (...) in rad/s; nan if not finite.
-
-        An odometry that is damaged can hold any number, also one without a square.
-        """
+        """v_y (...) in m/s of v_x (...) in m/s and omega (...) in rad/s."""
         v_x, omega = np.asarray(forward), np.asarray(yaw_rate)
-        with np.errstate(over="ignore", invalid="ignore"):
-            lateral = (self.ahead - self.compliance * v_x**2) * omega
-        return np.where(np.isfinite(lateral), lateral, np.nan)
+        return np.asarray((self.ahead - self.compliance * v_x**2) * omega)

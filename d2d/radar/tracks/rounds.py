@@ -10,12 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from d2d._bounds import SECONDS
-from d2d._checks import (
-    check_count,
-    check_instance,
-    check_members,
-    check_positive_scalar,
-)
+from d2d._checks import check_count, check_instance, check_members, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import Mounting, RadarScan
@@ -93,19 +88,6 @@ def _parts(sensor: Any) -> tuple[Any, Mounting] | None:
     else:
         scans, mounting = getattr(sensor, "scans", None), getattr(sensor, "mounting", None)
     return (scans, mounting) if isinstance(mounting, Mounting) else None
-
-
-def check_increasing(name: str, scans: Sequence[RadarScan], max_interval: float) -> None:
-    """Raise a ValueError unless times increase strictly, and are in seconds."""
-    times = np.array([scan.time for scan in scans])
-    intervals = np.diff(times)
-    if not (intervals > 0).all():
-        late = int(np.argmin(intervals > 0)) + 1
-        raise ValueError(
-            f"{name} must be in strictly increasing time, but scan {late} is at "
-            f"{times[late]:.6f} s after {times[late - 1]:.6f} s"
-        )
-    check_intervals(name, times, max_interval)
 
 
 def check_intervals(name: str, times: Array, max_interval: float) -> None:
@@ -224,12 +206,9 @@ class Round(NamedTuple):
 class Rounds:
     """Divides scans into rounds as they arrive, and pairs each with an earlier one of its sensor.
 
-    A round ends when every sensor has been seen, when a sensor that it holds comes again, or when a
-    scan comes more than one and a half cycles after its first.  A sensor's cycle is the median of
-    its last intervals, that of a round the shortest of its sensors.  A pair that is much longer
-    than others is left out: its scans lie on both sides of a gap.  So is a scan that repeats the
-    one before target by target while its sensor moves.  No more scans are kept than the
-    pairs to come can need.
+    `d2d.radar.track` says when a round ends, and what is left out.  A sensor's cycle is the median
+    of its last intervals, that of a round the shortest of its sensors.  No more scans are kept than
+    the pairs to come can need.
     """
 
     def __init__(

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
 from d2d._bounds import check_real
-from d2d._checks import check_finite, check_path
+from d2d._checks import check_finite, check_path, check_shape
 from d2d._frozen import Frozen
 from d2d._types import Array
 from d2d.radar.files import written_whole
@@ -119,10 +119,7 @@ class Track(Frozen):
         _check_covariances(self.covariance[good], total)
 
     def __getitem__(self, rows: slice) -> Track:
-        """The part of the track with these rows, which follow each other: ``track[100:200]``.
-
-        Raises a ``ValueError`` unless ``rows`` is a slice whose step is 1.
-        """
+        """The part of the track with these rows, which follow each other: ``track[100:200]``."""
         given: object = rows
         if not isinstance(given, slice) or given.step not in (None, 1):
             raise ValueError(f"a track must be sliced with a step of 1, but by {rows!r}")
@@ -151,12 +148,10 @@ class Track(Frozen):
         interpolated error, however the errors of the two neighbours are correlated, but does not
         contain a change of the velocity between their times.
 
-        Raises a ``ValueError`` unless ``times`` is a row of finite numbers, or if the track is
-        empty.
+        Raises a ``ValueError`` if the track is empty.
         """
         wanted = check_finite("times", times)
-        if wanted.ndim != 1:
-            raise ValueError(f"times must have the shape (m,), but has {wanted.shape}")
+        check_shape("times", wanted, "(m,)")
         before, after, weight, known = neighbours(self, wanted)
 
         def between(values: Array, weights: Array) -> Array:
@@ -182,8 +177,6 @@ class Track(Frozen):
         Both are nan outside the track and where no estimate was accepted for a second, or for two
         and a half usual intervals if these are longer.
 
-        Raises a ``ValueError`` unless both are rows of finite numbers, each end after its start.
-
         Examples
         --------
         >>> import numpy as np
@@ -195,11 +188,8 @@ class Track(Frozen):
         array([3.1, 6.2])
         """
         begins, ends = check_finite("start", start), check_finite("end", end)
-        if begins.ndim != 1 or begins.shape != ends.shape:
-            raise ValueError(
-                f"start and end must have the same shape (n,), but have {begins.shape} and "
-                f"{ends.shape}"
-            )
+        check_shape("start", begins, "(n,)")
+        check_shape("end", ends, str(begins.shape), like="start")
         if not (begins < ends).all():
             i = int(np.argmin(begins < ends))
             raise ValueError(
@@ -356,8 +346,7 @@ def _rows(name: str, value: Any, count: int) -> NDArray[Any]:
     if kind is not None and array.dtype.kind != np.dtype(kind).kind:
         raise ValueError(f"{name} must be an array of {kind.__name__}, but is of {array.dtype}")
     shape = (count, *_ROW_SHAPES.get(name, ()))
-    if array.shape != shape:
-        raise ValueError(f"{name} must have the shape {shape}, but has {array.shape}")
+    check_shape(name, array, str(shape))
     return array
 
 
@@ -416,16 +405,12 @@ def neighbours(
 def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     """Chain the motions at theta (n, 3) over intervals (n,) to poses (n + 1, 3) [x, y, yaw]."""
     velocities, times = rigid.motion("theta", theta, 2), check_finite("intervals", intervals)
-    if velocities.ndim != 2 or times.shape != velocities.shape[:1]:
-        raise ValueError(
-            f"theta and intervals must have the shapes (n, 3) and (n,), but have "
-            f"{velocities.shape} and {times.shape}"
-        )
+    check_shape("theta", velocities, "(n, 3)")
+    check_shape("intervals", times, f"({len(velocities)},)", like="theta")
     twists = velocities * times[:, np.newaxis]
     steps = rigid.exponential(twists)
     first = rigid.motion("start", start, 2)
-    if first.shape != (3,):
-        raise ValueError(f"start must have the shape (3,), but has {first.shape}")
+    check_shape("start", first, "(3,)")
     yaw = first[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
     moved = np.einsum("nij,nj->ni", rigid.rotation(yaw[:-1]), steps[:, :2])
     position = first[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(moved, axis=0)])

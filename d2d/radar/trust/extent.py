@@ -7,7 +7,7 @@ from typing import Unpack
 import numpy as np
 import scipy
 
-from d2d._checks import check_count, check_instance, check_members
+from d2d._checks import check_count, check_instance
 from d2d._types import Array
 from d2d.bootstrap import block_length, block_sums
 from d2d.problem import Problem
@@ -16,7 +16,9 @@ from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
 from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.radar.tracks.rounds import MAX_INTERVAL, check_increasing
+from d2d.radar.tracks.intake import mended
+from d2d.radar.tracks.rounds import MAX_INTERVAL, named_sensors
+from d2d.radar.trust.fit import errors_of_roots
 
 CANDIDATES = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])  # m
 _MIDDLE = 0.4  # m; the search at every extent starts at the velocity found with this one
@@ -107,13 +109,13 @@ def estimate_extent(
     >>> found = estimate_extent(drive.scans, drive.mounting)
     >>> wider = [scan.with_extent(found.extent) for scan in drive.scans]
     """
-    scans = check_members("scans", scans, RadarScan)
     check_instance("mounting", mounting, Mounting)
+    ((name, sensor),) = named_sensors((scans, mounting), max_interval).items()
+    scans, _ = mended({name: sensor}, max_interval)[name]
     check_count("baseline", baseline)
     if max_pairs is not None:
         check_count("max_pairs", max_pairs, minimum=2)
     model = EgoMotionModel(**options)
-    check_increasing("scans", scans, max_interval)
     points = [scan.with_extent(0.0) for scan in scans]
     pairs = [
         (previous, current)
@@ -149,7 +151,8 @@ def _most_likely(pairs: Sequence[_Started], targets: int) -> ExtentEstimate:
     else:
         slope = profiles[0, 1]
         curvature = (slope - _profile(pairs, _SMALL)[1]).sum() / _SMALL**2
-    sigma = _standard_error(extent, np.sqrt(_variance_of_sum(slope)), curvature)
+    of_square = np.sqrt(_variance_of_sum(slope)) / curvature if curvature > 0.0 else np.nan
+    sigma = float(errors_of_roots(np.array(extent), np.array(of_square)))
     return ExtentEstimate(extent, sigma, len(pairs), targets)
 
 
@@ -211,13 +214,3 @@ def _variance_of_sum(slopes: Array) -> float:
     block = max(block_length(centred), min(_SHORTEST_BLOCK, count // 3), 1)
     variance = float((block_sums(centred, block) ** 2).sum() / block)
     return variance / (1.0 - block / count)  # the mean is that of the same slopes
-
-
-def _standard_error(extent: float, scatter: float, curvature: float) -> float:
-    """The standard error of the extent e; ``curvature`` is minus the slope's derivative in e^2."""
-    if not curvature > 0.0:
-        return float("nan")
-    of_square = scatter / curvature
-    if 2.0 * extent > np.sqrt(of_square):
-        return float(of_square / (2.0 * extent))
-    return float(np.sqrt(of_square))

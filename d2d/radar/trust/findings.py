@@ -31,10 +31,10 @@ from d2d.radar.tracks.rounds import (
 from d2d.radar.tracks.track import Track
 from d2d.radar.tracks.tracker import track
 
-_NARROW = np.deg2rad(3.5)  # beyond which some radar sees: azimuths in rad reach 1 or more
+_NARROW = 3.5  # deg, beyond which some radar sees: azimuths in rad reach 1 or more
 _FAR = 500.0  # m, beyond which hardly a radar sees; real logs have a median range below 50 m
 # Automotive radars state 0.1 to 1 degree; 0.5 degree are 0.009 rad, and 0.5 rad are 29 degrees.
-_PRECISE, _COARSE = np.deg2rad([0.03, 10.0])
+_PRECISE, _COARSE = 0.03, 10.0  # deg
 _TOO_SMALL = "standard deviation of the azimuth too small"
 _TOO_LARGE = "standard deviation of the azimuth too large"
 _SAMPLE = 200  # scans of a sensor, or rounds
@@ -112,6 +112,7 @@ def diagnose(
     """
     check_instance("driven", driven, Track)
     names, drives = _named(sensors, max_interval)
+    spaced = {"baseline": baseline, "horizon": horizon, "max_interval": max_interval}
     rounds = rounds_of(drives, baseline, horizon)
     if len(rounds) != len(driven):
         raise ValueError(
@@ -128,7 +129,7 @@ def diagnose(
         found = [each._replace(sure=each.sure or each.symptom == _TOO_SMALL) for each in found]
     if not any(each.sure for each in found):  # what is wrong with targets explains the rest
         if driven.converged.sum() < FEW:
-            found += _without_limits(drives, baseline, horizon, max_interval)
+            found += _without_limits(drives, spaced)
         found += _of_mountings(shown)
     return Diagnosis(
         [*found, *_of_track(shown, driven)],
@@ -172,20 +173,11 @@ def _inliers(count: int, rounds: Sequence[Round], driven: Track) -> list[float]:
     return [float(np.median(each)) if each else np.nan for each in shares]
 
 
-def _without_limits(
-    drives: list[SensorScans], baseline: int, horizon: float | None, max_interval: float
-) -> list[Finding]:
+def _without_limits(drives: list[SensorScans], spaced: dict[str, Any]) -> list[Finding]:
     """What `track` says of positions and Doppler velocities where any motion is accepted."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", UserWarning)
-        track(
-            drives,
-            baseline=baseline,
-            horizon=horizon,
-            max_interval=max_interval,
-            limits=None,
-            progress=False,
-        )
+        track(drives, **spaced, limits=None, progress=False)
     found = [each.message.finding for each in said if isinstance(each.message, FindingWarning)]
     return [each for each in found if each.sure]
 
@@ -235,43 +227,29 @@ def _of_targets(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
     azimuth = np.concatenate([scan.azimuth for scan in scans])
     if len(azimuth) < 10 * _SEEN:
         return
-    widest = float(np.abs(azimuth).max())
+    widest = np.rad2deg(float(np.abs(azimuth).max()))
     if widest < _NARROW:
-        yield Finding(
-            "azimuths in radians, read as degrees",
-            name,
-            np.rad2deg(widest),
-            "deg",
-            True,
-            f"all azimuths are within {np.rad2deg(widest):.2f} deg of the boresight",
-        )
+        told = f"all azimuths are within {widest:.2f} deg of the boresight"
+        yield Finding("azimuths in radians, read as degrees", name, widest, "deg", True, told)
     distance = float(np.median(np.concatenate([scan.range for scan in scans])))
     if distance > _FAR:
         told = f"half of them are beyond {distance:.0f} m"
         yield Finding("ranges in cm", name, distance, "m", True, told)
-    sizes = np.array([scan.size for scan in scans])
-    if np.mean(sizes <= 1) > 0.9:
-        yield Finding(
-            "one time stamp for each target",
-            name,
-            float(np.mean(sizes <= 1)),
-            "share",
-            True,
-            f"{np.mean(sizes <= 1):.0%} of its scans have one target; all targets of a scan need "
-            "the same time",
-        )
+    alone = float(np.mean([scan.size <= 1 for scan in scans]))
+    if alone > 0.9:
+        told = f"{alone:.0%} of its scans have one target; all targets of a scan need the same time"
+        yield Finding("one time stamp for each target", name, alone, "share", True, told)
     limit, share = _folded(scans)
     if limit > _MOVING and share > _FOLDED:
         told = f"neighbours differ by nearly twice {limit:.1f} m/s in {share:.0%} of the scans"
         yield Finding("Doppler velocities are folded", name, limit, "m/s", True, told)
-    sigma = np.median(np.concatenate([scan.sigma_azimuth for scan in scans]))
-    if not _PRECISE <= sigma <= _COARSE:
-        degrees = float(np.rad2deg(sigma))
-        if sigma < _PRECISE:
-            symptom, told = _TOO_SMALL, f"{degrees:.2g} deg is stated; is this rad?"
-        else:
-            symptom, told = _TOO_LARGE, f"{degrees:.0f} deg is stated; are these degrees?"
-        yield Finding(symptom, name, degrees, "deg", False, told)
+    degrees = np.rad2deg(float(np.median(np.concatenate([scan.sigma_azimuth for scan in scans]))))
+    if degrees < _PRECISE:
+        told = f"{degrees:.2g} deg is stated; is this rad?"
+        yield Finding(_TOO_SMALL, name, degrees, "deg", False, told)
+    elif degrees > _COARSE:
+        told = f"{degrees:.0f} deg is stated; are these degrees?"
+        yield Finding(_TOO_LARGE, name, degrees, "deg", False, told)
 
 
 def _folded(scans: Sequence[RadarScan]) -> tuple[float, float]:

@@ -7,16 +7,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from d2d._bounds import Bounds
-from d2d._checks import check_finite
+from d2d._checks import check_finite, check_shape
 from d2d._types import Array
 from d2d.bootstrap import block_length, block_sums
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.scores import checked_errors, log_score
 
-_POSSIBLE = Bounds(most=1e3)  # m/s or rad/s, of an error: what a budget can hold
-_SQUARES = Bounds(most=1e6)  # of a covariance
-_LARGEST = 1e12  # of an effect, as its inverse is the smallest: none of a vehicle comes near
 _SEMIDEFINITE, _DISTINCT = 1e-9, 1e-8  # relative eigenvalues of an effect, and of all of them
 _STARTS = (0.01, 1.0)  # constants' variances, relative to the errors' mean squares
 _TOLERANCE = 1e-8  # of the mean log score's gradient, per relative change of a variance
@@ -93,9 +89,9 @@ def fit_budget(
     Neither holds where few targets are left, `benchmarks/protocol.py` says by how much.
 
     Raises a ``ValueError`` that names the argument unless shapes match, there are more errors than
-    numbers, none above 1000, all is finite, the covariances are symmetric and positive definite,
-    and each effect has a name of the budget, a linear one, is a covariance but not zero, and
-    differs from the others in some estimates.
+    numbers, all is finite, the covariances are symmetric and positive definite, and each effect has
+    a name of the budget, a linear one, is a covariance but not zero, and differs from the others in
+    some estimates.
 
     Parameters
     ----------
@@ -144,8 +140,6 @@ def fit_budget(
         fit = fit_budget(found.errors, found.covariances)
         driven = track(another, budget=fit.budget)
     """
-    _POSSIBLE.array("errors", errors)
-    _SQUARES.array("covariances", covariances)
     e, noise = checked_errors(errors, covariances)
     names, causes = _checked_effects(_CONSTANTS if effects is None else effects, len(e))
     if e.shape[1] != 3 or len(e) <= len(names):
@@ -155,15 +149,22 @@ def fit_budget(
     variances = _most_likely(e, noise, causes)
     of_squares = _standard_errors(e, noise, causes, variances, names)
     values = np.sqrt(variances)
-    # of a root: by its derivative, or close to zero how far one standard error reaches from there
-    near = np.sqrt(of_squares)
-    sigmas = np.divide(of_squares, 2.0 * values, out=near, where=2.0 * values > near)
     margin = _QUANTILE * of_squares
     bounds = np.sqrt([np.maximum(variances - margin, 0.0), variances + margin])
     score = float(log_score(e, noise + _added(variances, causes)).mean())
     fitted = dict(zip(names, values.tolist(), strict=True))
     budget = ErrorBudget(**fitted, source=f"fitted to {len(e)} errors")
-    return BudgetFit(budget, names, sigmas, bounds, score, len(e))
+    return BudgetFit(budget, names, errors_of_roots(values, of_squares), bounds, score, len(e))
+
+
+def errors_of_roots(values: Array, of_squares: Array) -> Array:
+    """Standard errors of values (...) from those of their squares, by the derivative.
+
+    Close to zero it is how far one standard error of the square reaches from there.
+    """
+    near = np.sqrt(of_squares)
+    steep = 2.0 * values > near
+    return np.where(steep, of_squares / np.where(steep, 2.0 * values, 1.0), near)
 
 
 def _checked_effects(effects: Mapping[str, ArrayLike], count: int) -> tuple[tuple[str, ...], Array]:
@@ -175,19 +176,10 @@ def _checked_effects(effects: Mapping[str, ArrayLike], count: int) -> tuple[tupl
         if name not in _SHOWN:
             raise ValueError(f"effects must be of {', '.join(_SHOWN)}, not {name!r}")
         each = check_finite(f"effects[{name!r}]", effect)
-        if each.shape not in ((3, 3), (count, 3, 3)):
-            raise ValueError(
-                f"effects[{name!r}] must have the shape ({count}, 3, 3), but has {each.shape}"
-            )
+        check_shape(f"effects[{name!r}]", each, f"({count}, 3, 3)", "(3, 3)")
         if not each.any():
             raise ValueError(f"effects[{name!r}] is zero: the errors say nothing about it")
-        largest = float(np.abs(each).max())
-        if not 1.0 / _LARGEST <= largest <= _LARGEST:
-            raise ValueError(
-                f"effects[{name!r}] must be between {1.0 / _LARGEST:g} and {_LARGEST:g}, but its "
-                f"largest entry is {largest:g}"
-            )
-        if np.linalg.eigvalsh(each).min() < -_SEMIDEFINITE * largest:
+        if np.linalg.eigvalsh(each).min() < -_SEMIDEFINITE * np.abs(each).max():
             raise ValueError(f"effects[{name!r}] must be positive semidefinite")
         arrays.append(np.broadcast_to(each, (count, 3, 3)))
     return tuple(effects), np.array(arrays)

@@ -46,11 +46,9 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
     check_instance("second", second, Track)
     if not len(first.times):
         raise ValueError("first must hold at least one estimate, but is empty")
-    before, after, weight, known = neighbours(second, first.times)
-    late = weight[:, np.newaxis]
-    theta = (1.0 - late) * second.theta[before] + late * second.theta[after]
-    errors = np.where(known[:, np.newaxis], first.theta - theta, np.nan)
-    late = late[..., np.newaxis]
+    errors = first.theta - second.at(first.times).theta
+    before, after, weight, _ = neighbours(second, first.times)
+    late = weight[:, np.newaxis, np.newaxis]
     covariances = first.covariance + (
         (1.0 - late) ** 2 * second.covariance[before] + late**2 * second.covariance[after]
     )

@@ -278,7 +278,7 @@ def test_cross_derivatives_of_a_velocity_are_those_of_its_gradient(first_order):
             other = PointSet(means, points.covariances, points.weights)
         changed = pair._replace(**{field: other})
         moved = model.problem([*pairs[:number], changed, *pairs[number + 1 :]])
-        return moved.derivatives(moved.bind(THETA))[1][0]
+        return moved.derivatives(moved.bind(THETA))[1]
 
     for number, target in ((0, 3), (1, 0), (5, 9)):
         at = 10 * number + target

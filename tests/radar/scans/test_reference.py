@@ -64,7 +64,7 @@ def test_bad_input_is_refused_by_name():
     good = {"stamps": STAMPS, "poses": straight(STAMPS), "times": TIMES}
     for change, says in (
         ({"stamps": STAMPS[::-1]}, "stamps must be strictly increasing"),
-        ({"stamps": STAMPS[:9]}, "stamps and poses must have the shapes"),
+        ({"stamps": STAMPS[:9]}, "poses must have the shape"),
         ({"stamps": np.nan * STAMPS}, "stamps must be finite"),
         ({"poses": np.zeros((150, 2))}, "poses must have the shape"),
         ({"half_width": 0.0}, "half_width must be positive"),

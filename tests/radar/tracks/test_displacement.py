@@ -109,8 +109,8 @@ def test_nothing_is_known_outside_the_track_and_in_a_gap():
     ("start", "end", "said"),
     [
         ([1.0], [1.0], "end must be after start"),
-        ([1.0, 2.0], [3.0], "same shape"),
-        (1.0, 2.0, "same shape"),
+        ([1.0, 2.0], [3.0], "end must have the shape"),
+        (1.0, 2.0, "start must have the shape"),
     ],
 )
 def test_wrong_times_are_refused(start, end, said):

@@ -174,9 +174,7 @@ def test_arguments_are_refused_by_name():
         ((errors[:, :2], noise[:, :2, :2]), r"errors must have the shape \(n, 3\)"),
         ((errors[:3], noise[:3]), "errors must have the shape .* at least 4"),
         ((hole, noise), "errors must be finite"),
-        ((1e6 * errors, noise), "errors must be at most 1000"),
         ((errors, noise[:5]), "covariances"),
-        ((errors, 1e300 * noise), "covariances must be at most 1e\\+06"),
         ((errors, -noise), "covariances must be positive definite"),
     ):
         with pytest.raises(ValueError, match=f"^{name}"):
@@ -187,7 +185,6 @@ def test_arguments_are_refused_by_name():
         ({"neighbours": whole}, "effects must be of v_x, .*, not 'neighbours'"),
         ({"lag": whole[:4]}, r"effects\['lag'\] must have the shape \(10, 3, 3\)"),
         ({"lag": 0.0 * whole}, r"effects\['lag'\] is zero"),
-        ({"lag": 1e300 * whole}, r"effects\['lag'\] must be between 1e-12 and 1e\+12"),
         ({"lag": -whole}, r"effects\['lag'\] must be positive semidefinite"),
         (
             {"lag": whole, "scale": 2.0 * whole},
