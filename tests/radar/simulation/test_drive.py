@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import CubicSpline
 from scipy.stats import kstest
 
-from d2d.radar import Drive, Mounting, compare, doppler_velocity, simulate_drive, track
-from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, MAX_STEPS, Sensor
+from d2d.radar import Drive, Mounting, doppler_velocity, simulate_drive
+from d2d.radar.simulation.drive import CAR_SPEED, MAX_STEPS, Sensor
 from d2d.radar.simulation.world import KINDS, World, build_world
 from tests.strategies import central_difference
 
@@ -322,17 +322,3 @@ def test_a_coarse_range_does_not_end_the_simulation():
         driven = simulate_drive(np.random.default_rng(seed), 2.0, sensor=coarse)
         assert all((scan.range > 0).all() for scan in driven.scans)
         assert all(s.size == len(t.kind) for s, t in zip(driven.scans, driven.targets, strict=True))
-
-
-def test_doppler_sharpens_the_velocity():
-    """Breaks if the Doppler velocities do not help, or the drive is too hard to be estimated.
-
-    Medians, because a few pairs of the car's scans end at another optimum.
-    """
-    for speed, mounting in ((2.5, Mounting(0.4)), (CAR_SPEED, CAR_MOUNTING)):
-        driven = simulate_drive(np.random.default_rng(1), 20.0, speed, mounting=mounting)
-        both = [compare(track(driven, doppler=d), driven.truth) for d in (True, False)]
-        assert min(each.share for each in both) > 0.98
-        sharp, plain = (np.median(np.abs(each.errors), axis=0) for each in both)
-        assert sharp[0] < 0.03
-        assert (plain[:2] > 5.0 * sharp[:2]).all()

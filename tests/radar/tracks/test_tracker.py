@@ -728,17 +728,6 @@ def test_a_covariance_that_overflows_is_no_estimate():
         assert np.isnan(found.covariance).all()
 
 
-def test_estimates_that_no_vehicle_follows_are_not_accepted():
-    """Breaks if a limit is not applied, or the reason does not say which."""
-    drive = simulate_drive(np.random.default_rng(2), duration=3.0)
-    refused = set(track(drive, limits=VehicleLimits(speed=0.5)).reasons.tolist()) - {""}
-    assert refused
-    assert all(text.startswith("a speed of") for text in refused)
-    free = track(drive, limits=None)
-    assert free.converged.all()
-    assert_array_equal(free.theta, track(drive).theta)
-
-
 def test_a_jump_is_refused_until_the_vehicle_could_have_made_it():
     """Breaks if a wrong estimate starts the next ones, or a track never recovers."""
     limits = VehicleLimits(acceleration=5.0, yaw_acceleration=1.0)
