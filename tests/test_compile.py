@@ -92,7 +92,6 @@ def test_a_folder_that_is_lost_after_the_import_costs_no_result(folder: Path) ->
 
 
 def edit(path: Path) -> None:
-    """Change a module."""
     with path.open("a", encoding="utf-8") as file:
         file.write("# an edit\n")
 

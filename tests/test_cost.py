@@ -306,7 +306,6 @@ def test_a_factor_on_all_weights_shifts_the_cost_by_a_constant():
 
 
 def test_corrupted_gaussian_takes_a_variance_in_one_dimension():
-    """Breaks if a plain number is no longer a 1D covariance."""
     assert_array_equal(CorruptedGaussian(0.2, 9.0).covariance, [[9.0]])
 
 

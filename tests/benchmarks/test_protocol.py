@@ -272,7 +272,6 @@ def test_the_estimates_are_those_of_the_public_track():
 
 
 def test_errors_are_those_against_the_reference():
-    """Breaks if estimates and reference are of different times."""
     found = estimated(simulated(), Cell(), "nuScenes")
     measures = judged(found, fitted(dict.fromkeys("ab", found.estimates))["a"], bounds=False)
     assert found.share == 1.0

@@ -83,7 +83,6 @@ def targets(points: PointSet) -> list[dict[str, Any]]:
 
 
 def outlier(model: OutlierModel | None) -> dict[str, float] | None:
-    """The outlier model as the engine reads it."""
     if model is None:
         return None
     if isinstance(model, UniformOutlier):
@@ -355,7 +354,6 @@ def test_the_engine_is_small_and_alone(page: Any):
 
 
 def test_the_engine_can_be_imported_as_a_module(page: Any, driver: webdriver.Chrome):
-    """Breaks if it no longer parses as an ES module."""
     script = (
         "const done = arguments[0]; import('./engine.js').then(() => done(typeof d2d.register))"
     )

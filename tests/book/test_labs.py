@@ -199,7 +199,6 @@ class Hand:
             self.point(kind, event, x + share * dx, y + share * dy)
 
     def point(self, kind: str, event: str, x: float, y: float) -> None:
-        """One event of the mouse or of a finger."""
         if kind == "mouse":
             names = {"down": "mousePressed", "move": "mouseMoved", "up": "mouseReleased"}
             pressed = {"button": "left", "buttons": 1, "clickCount": 1}
@@ -214,7 +213,6 @@ class Hand:
             )
 
     def tap(self, kind: str, element: WebElement) -> None:
-        """Press and let go."""
         self.drag(kind, element, 0.0, 0.0)
 
 
@@ -401,7 +399,6 @@ def test_the_scene_is_that_of_the_study(lab: Laboratory, hand: Hand, address: st
 
 
 def only(index: int) -> pytest.MarkDecorator:
-    """A test of one laboratory."""
     return pytest.mark.parametrize("lab", [LABS[index]], ids=[LABS[index].id])
 
 

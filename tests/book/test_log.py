@@ -69,7 +69,6 @@ class Hand:
         self.driver.execute_script(script, label).send_keys(Keys.ENTER)
 
     def choose(self, text: str, name: str = "log.csv") -> None:
-        """Choose a file with this text."""
         (self.folder / name).write_text(text)
         self.find("input[type=file]").send_keys(str(self.folder / name))
 
@@ -264,7 +263,6 @@ def test_it_can_be_stopped_and_begun_again(hand: Hand):
 
 
 def wrong_at(line: int, column: int, word: str) -> str:
-    """A log with a wrong word."""
     rows = [line.split(",") for line in robot(1.0).text.splitlines()]
     rows[line - 1][column] = word
     return "\n".join(map(",".join, rows))

@@ -96,19 +96,16 @@ def pairs_of(scans) -> list[ScanPair]:
 
 
 def estimated(pairs, **options):
-    """The velocity that fits all pairs."""
     found = estimate_ego_motion(*zip(*pairs, strict=True), initial=THETA, **options)
     assert found.converged
     return found
 
 
 def propagated(estimate, pairs, **options) -> np.ndarray:
-    """Its covariance."""
     return propagate_ego_motion(estimate, *zip(*pairs, strict=True), **options)
 
 
 def problem_of(pairs):
-    """Their cost."""
     model = EgoMotionModel()
     return model.problem([scan_pair(*pair, model) for pair in pairs])
 

@@ -203,7 +203,6 @@ def test_a_scan_may_be_empty():
 
 
 def test_indexing_selects_targets_with_all_that_is_known_of_them():
-    """Breaks if one of the columns is not indexed, or the time is lost."""
     scan = random_scan()
     mask = np.array([True, False, False, True, True, False, False])
     for index in (slice(2, 5), slice(None, None, -2), np.array([3, 0, 3]), mask, mask & ~mask):

@@ -64,7 +64,6 @@ def test_carried_by_its_acceleration_it_is_the_estimate():
 
 
 def test_each_sensor_has_columns_of_its_own():
-    """Breaks if a round that lacks a sensor gives its columns to another."""
     names, sensors = ("left", "right", "rear"), surround_scans(6)
     order = sorted(
         (scan.time, name, scan)

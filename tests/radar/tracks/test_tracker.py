@@ -406,7 +406,6 @@ def test_a_tracker_says_what_a_whole_drive_contradicts():
 
 
 def front_alone(sensors, **options) -> Track:
-    """The first sensor's track."""
     return track(sensors[0], **options)
 
 

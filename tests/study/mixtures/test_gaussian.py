@@ -258,7 +258,6 @@ def test_em_recovers_unequal_weights_that_equal_ones_cannot():
 
 
 def test_the_bic_of_a_batch_counts_all_its_observations():
-    """Breaks if a batch counts as many observations as it has members."""
     x = np.random.default_rng(0).standard_normal((2, 30, 1))
     mixture = fit_mixture(x[0], 1, np.random.default_rng(0)).mixture
     assert mixture.bic(x) == pytest.approx(mixture.bic(x.reshape(60, 1)))
