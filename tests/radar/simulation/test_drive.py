@@ -289,17 +289,6 @@ def test_clutter_comes_as_often_as_asked_for_and_from_everywhere():
         assert {scan.size for scan in none.scans} == {0}
 
 
-def test_reflection_points_persist():
-    """Breaks if every scan draws its points afresh: then no target has a counterpart."""
-    driven = drive(0)
-    shared = [
-        np.isin(now.point[now.kind == "wall"], before.point).mean()
-        for before, now in zip(driven.targets[:-1], driven.targets[1:], strict=True)
-        if (now.kind == "wall").any()
-    ]
-    assert 0.4 < np.mean(shared) < 0.9
-
-
 def test_bad_input_is_refused_by_name():
     """Breaks if a bad number ends in an endless drive, or a seed draws from global state."""
     for name, bad in (("duration", 0.0), ("duration", np.inf), ("speed", -1.0), ("speed", "fast")):

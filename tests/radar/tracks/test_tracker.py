@@ -4,7 +4,7 @@ import subprocess
 import sys
 import textwrap
 import warnings
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +42,7 @@ from tests.radar.scenes import (
     straight_scans,
     surround_scans,
 )
+from tests.radar.tracks.test_files import assert_same
 
 ROOT = Path(__file__).parents[3]
 
@@ -427,12 +428,6 @@ def test_one_sensor_is_the_smallest_number_of_several(options):
     alone = track((scans, mounting), **options)
     for sensors in ([(scans, mounting)], [(scans, mounting), blind], [blind, (scans, mounting)]):
         assert_same(track(sensors, **options), alone)
-
-
-def assert_same(one: Track, other: Track) -> None:
-    """Equal in all fields, bit by bit."""
-    for field in fields(Track):
-        assert_array_equal(getattr(one, field.name), getattr(other, field.name), field.name)
 
 
 either_tracker = pytest.mark.parametrize(
