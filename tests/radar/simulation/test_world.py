@@ -59,6 +59,15 @@ def test_the_path_is_free():
             assert apart.min() > 1.4
 
 
+def test_walls_are_the_edges_of_all_outlines():
+    """Breaks if an edge is missing, so that houses have an open side."""
+    assert WORLD.walls.shape == (4 * (len(WORLD.buildings) + len(WORLD.cars)), 2, 2)
+    loop = WORLD.walls[:4]
+    assert_array_equal(loop[:, 1], np.roll(loop[:, 0], -1, axis=0))
+    area = 0.5 * (loop[:, 0, 0] * loop[:, 1, 1] - loop[:, 1, 0] * loop[:, 0, 1]).sum()
+    assert area > 50.0, "counter-clockwise"
+
+
 def test_a_wall_is_a_row_of_points_in_front_of_it():
     """Breaks if points lie inside the house, where they would hide behind their own wall."""
     points = WORLD.reflectors.positions[WORLD.reflectors.kind == "wall"]
