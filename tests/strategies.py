@@ -216,7 +216,6 @@ def log_normal(d: np.ndarray, covariance: np.ndarray) -> float:
 
 
 def naive_value(problem: Problem) -> float:
-    """The cost from the loops."""
     logs = naive_log_densities(problem)
     summed = problem.cost.fusion == "summing"
     return float(-np.logaddexp.reduce(logs) if summed else -logs.sum())

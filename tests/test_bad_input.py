@@ -297,7 +297,6 @@ def test_an_asymmetric_covariance_is_told_with_its_difference():
 
 
 def test_degrees_are_asked_about():
-    """Breaks if degrees are taken for radians."""
     said = r"^azimuth must be in radians .* but holds 88; are these degrees"
     with pytest.raises(ValueError, match=said):
         PointSet.from_polar([5.0, 8.0], [0.1, 88.0], 0.1, 0.01)

@@ -16,7 +16,6 @@ def definite(rng: np.random.Generator, *shape: int) -> np.ndarray:
 
 
 def test_it_is_the_symmetric_inverse():
-    """Breaks if the matrix is returned as it is, or the inverse is not symmetric."""
     for parameters in (1, 2, 3):
         hessians = spd(np.random.default_rng(1), 20, parameters)
         before = hessians.copy()

@@ -26,7 +26,6 @@ print(d2d.__file__, importlib.metadata.version("d2d"), len(names))
 
 
 def run(folder: Path, *arguments: str, **environment: str) -> str:
-    """The output of Python in a folder."""
     command = [sys.executable, *arguments]
     found = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, env={**os.environ, **environment}

@@ -115,11 +115,3 @@ def test_sets_on_a_line_far_away():
         propagate_covariance(near, PointSet(means, unit), PointSet(means + noise, unit)),
         rtol=1e-6,
     )
-
-
-def test_a_position_slope_without_a_measurement_is_refused_far_away_too():
-    """Breaks if the shift to the sets' means takes another way past the checks."""
-    far = at(PLACES[0], scene())
-    estimate = register(*far, initial=seen_from(PLACES[0], TRUTH)[0])
-    with pytest.raises(ValueError, match="position_slope needs a measurement"):
-        propagate_covariance(estimate, *far, position_slope=np.zeros((12, 2)))

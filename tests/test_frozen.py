@@ -82,7 +82,6 @@ def test_every_copy_is_read_only_and_computes_its_own_values(kind):
 
 
 def test_an_edit_of_the_users_array_reaches_no_container():
-    """Breaks if a container keeps the array that it was given."""
     one, points, gain, corners = np.ones(3), np.ones((3, 2)), np.ones((3, 3)), np.ones((1, 4, 2))
     eyes, wide, mixed = EYES.copy(), 100.0 * np.eye(2), np.full(3, 1.0 / 3.0)
     world = MAKERS["World"]()

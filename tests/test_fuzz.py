@@ -168,7 +168,6 @@ def test_no_result_is_dishonest(outlier):
 
 
 def member(problem: Problem, i: int) -> Problem:
-    """One problem of a batch."""
     z, names = problem.measurement, ("value", "sigma", "sigma_input", "gain", "slope")
     return problem.with_(
         theta=problem.theta[i],

@@ -191,7 +191,6 @@ def test_never_worse_than_the_start(outlier):
 
 
 def test_defaults_are_d2d_likelihood_from_zero():
-    """Breaks if another cost or start is taken unless given."""
     fixed, moving = overlapped_scene(3, np.random.default_rng(6))
     explicit = register(
         fixed, moving, RegistrationCost("d2d", "likelihood", None), np.zeros(3), scales=[1.0]

@@ -22,7 +22,6 @@ OPTIONAL = ("evo", "joblib", "matplotlib", "pandas", "tqdm")  # of the extras `s
 
 @cache
 def tree(path: Path) -> ast.Module:
-    """A module, parsed."""
     return ast.parse(path.read_text(encoding="utf-8"))
 
 

@@ -10,6 +10,7 @@ from d2d.radar import Drive, Mounting, simulate_drive
 from d2d.radar.simulation.drive import CAR_SPEED
 from d2d.study.recordings.estimates import SENSORS
 from d2d.study.recordings.turning import CHANNELS
+from tests.radar.readers.test_nuscenes import quaternion
 
 YAWS = np.deg2rad([0.0, 90.0, -90.0, 175.0, -175.0])
 MOUNTINGS = [Mounting(1.5 + 2.0 * np.cos(yaw), np.sin(yaw), yaw) for yaw in YAWS]
@@ -79,7 +80,12 @@ def write_nuscenes(root: Path, drives: int, seconds: float) -> None:
         "sample": [],
         "sensor": [{"token": c, "channel": c, "modality": "radar"} for c in CHANNELS],
         "calibrated_sensor": [
-            {"token": c, "sensor_token": c, "translation": [m.x, m.y, 0.5], "rotation": turn(m.yaw)}
+            {
+                "token": c,
+                "sensor_token": c,
+                "translation": [m.x, m.y, 0.5],
+                "rotation": quaternion(m.yaw),
+            }
             for c, m in zip(CHANNELS, MOUNTINGS, strict=True)
         ],
         "sample_data": [],
@@ -102,17 +108,12 @@ def write_nuscenes(root: Path, drives: int, seconds: float) -> None:
                 row |= {"sample_token": scene, "calibrated_sensor_token": channel}
                 tables["sample_data"].append(row | {"filename": f"samples/{channel}/{name}.pcd"})
                 if channel == CHANNELS[0]:
-                    place = {"translation": [*pose[:2], 0.0], "rotation": turn(pose[2])}
+                    place = {"translation": [*pose[:2], 0.0], "rotation": quaternion(pose[2])}
                     place |= {"token": name, "timestamp": stamp - NUSCENES_LATE}
                     tables["ego_pose"].append(place)
     (root / "v1.0-mini").mkdir(parents=True)
     for name, rows in tables.items():
         (root / "v1.0-mini" / f"{name}.json").write_text(json.dumps(rows))
-
-
-def turn(yaw: float) -> list[float]:
-    """The quaternion of a rotation about z."""
-    return [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))]
 
 
 def write_pcd(path: Path, scan) -> None:

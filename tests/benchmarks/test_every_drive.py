@@ -31,7 +31,6 @@ def roots(tmp_path_factory) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def whole(roots, tmp_path_factory) -> Path:
-    """The table of one run."""
     path = tmp_path_factory.mktemp("table") / "rows.csv"
     every_drive.evaluate(every_drive.drives_of(roots), path)
     return path

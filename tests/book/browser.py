@@ -74,7 +74,6 @@ class Chromium(webdriver.Chrome):
     """Chromium that has a page when `get` returns; under load it says so before."""
 
     def get(self, url: str) -> None:
-        """Load a page."""
         super().get(url)
         if url == "about:blank":  # which has nothing to wait for
             return

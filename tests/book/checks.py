@@ -90,7 +90,6 @@ class Anchors(HTMLParser):
 
 @cache
 def anchors(path: Path) -> frozenset[str]:
-    """The places on a page."""
     parser = Anchors()
     parser.feed(path.read_text(encoding="utf-8"))
     return frozenset(parser.found)

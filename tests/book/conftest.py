@@ -32,7 +32,6 @@ def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrom
 
 @pytest.fixture(scope="session")
 def address(book: Path) -> Iterator[str]:
-    """Where the book is served."""
     with browser.serve(book) as served:
         yield served
 

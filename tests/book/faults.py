@@ -32,12 +32,10 @@ def alone(**factors: float) -> Sensors:
 
 
 def at(sensors: Sensors, **places: Mounting) -> Sensors:
-    """The log with other mountings."""
     return {name: (scans, places.get(name, own)) for name, (scans, own) in sensors.items()}
 
 
 def begun(sensors: Sensors, scans: int = 16) -> Sensors:
-    """The first scans of each sensor."""
     return {name: (own[:scans], mounting) for name, (own, mounting) in sensors.items()}
 
 

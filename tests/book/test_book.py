@@ -64,7 +64,6 @@ def test_the_list_names_pages_of_the_book():
 
 @EACH_PAGE
 def test_figures_of_the_thesis_are_shown(page: str, visit: Visit):
-    """Breaks if a figure of the thesis is not a picture or a table on its page."""
     expected = {f"fig-{figure.id}" for figure in FIGURES if f"chapters/{figure.page}" == page}
     assert expected <= set(visit(page).figures)
 
@@ -164,7 +163,6 @@ def test_folded_code_takes_no_line_and_one_button_shows_all(driver: webdriver.Ch
 
 
 def test_the_sidebar_opens_on_the_part_of_the_page(resized: webdriver.Chrome, address: str):
-    """Breaks if one must scroll or search the sidebar for the page that is open."""
     browser.resize(resized, browser.WIDE)
     shown = """
         const sidebar = document.querySelector(".bd-sidebar-primary");
@@ -186,7 +184,6 @@ def test_the_sidebar_opens_on_the_part_of_the_page(resized: webdriver.Chrome, ad
 def test_the_sidebar_marks_pages_with_a_laboratory(
     driver: webdriver.Chrome, address: str, book: Path
 ):
-    """Breaks if a mark leads to a page without a laboratory, or one is not marked."""
     driver.get(f"{address}intro.html")
     links = "[...document.querySelectorAll('.bd-sidebar-primary li > a')]"
     marked = f"{links}.filter(a => a.querySelector('.has-laboratory')).map(a => a.pathname)"

@@ -83,7 +83,6 @@ FAULTS: list[tuple[str, str]] = [
 
 
 def look(fault: str, driver: webdriver.Chrome, folder: Path) -> browser.Visit:
-    """Visit a page with a fault."""
     (folder / "page.html").write_text(PAGE.format(picture=PICTURE, fault=fault), encoding="utf-8")
     (folder / "other.html").write_text("<p id='place'>There.</p>", encoding="utf-8")
     (folder / "_static").mkdir(exist_ok=True)

@@ -69,7 +69,6 @@ class Hand:
         self.driver.execute_script(script, label).send_keys(Keys.ENTER)
 
     def choose(self, text: str, name: str = "log.csv") -> None:
-        """Choose a file with this text."""
         (self.folder / name).write_text(text)
         self.find("input[type=file]").send_keys(str(self.folder / name))
 
@@ -264,7 +263,6 @@ def test_it_can_be_stopped_and_begun_again(hand: Hand):
 
 
 def wrong_at(line: int, column: int, word: str) -> str:
-    """A log with a wrong word."""
     rows = [line.split(",") for line in robot(1.0).text.splitlines()]
     rows[line - 1][column] = word
     return "\n".join(map(",".join, rows))
@@ -280,11 +278,6 @@ def wrong_at(line: int, column: int, word: str) -> str:
         (wrong_at(7, 0, " "), "log.csv, line 7: sensor must be a name or a number, but is empty"),
         (wrong_at(5, 3, "left"), "log.csv, line 5: azimuth must be a number, but is 'left'"),
         (wrong_at(6, 2, "-3"), "log.csv, line 6: range must be positive, but is -3"),
-        (
-            wrong_at(6, 2, "20000"),
-            "range must be in m, at most 10000, but is 20000; are these mill",
-        ),
-        (wrong_at(9, 3, "31.5"), "line 9: azimuth must be in radians (rad), at most 6.28319, but"),
         (wrong_at(9, 4, "nan"), "log.csv, line 9: doppler must be finite, but holds nan or inf"),
         (wrong_at(4, 5, "0"), "log.csv, line 4: sigma_range must be positive, but is 0"),
     ],

@@ -27,7 +27,6 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture
 def hand(driver: webdriver.Chrome, address: str) -> Iterator[Hand]:
-    """A hand on the laboratory, which is open."""
     hand = lone.hand_on(driver, "replay")
     hand.open(address)
     yield hand

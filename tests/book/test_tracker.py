@@ -19,7 +19,7 @@ from d2d.radar.cli import main
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import MAX_INTERVAL
 from tests.book import browser
-from tests.book.logs import EXACT, SHARED, Case, assert_same_files, several
+from tests.book.logs import EXACT, SHARED, Case, assert_same_files
 
 LABS = Path(__file__).resolve().parents[2] / "_static" / "labs"
 SCRIPTS = ("engine.js", "tracker.js")
@@ -54,16 +54,6 @@ def page(driver: webdriver.Chrome, tmp_path_factory: pytest.TempPathFactory) -> 
     driver.set_script_timeout(60)
 
 
-def together() -> Case:
-    return Case(several(10.0))
-
-
-def with_budget() -> Case:
-    words = [word for name, value in SHARED.items() for word in (f"--budget-{name}", f"{value}")]
-    settings = {"horizon": 0.3, "budget": SHARED}
-    return Case(several(10.0), [*words, "--horizon", "0.3"], settings)
-
-
 def in_trouble() -> Case:
     """A clock that jumps, a wrong stamp, a gap, targets twice, a frozen sensor, few targets."""
     drive = simulate_drive(np.random.default_rng(3), duration=20.0)
@@ -95,12 +85,7 @@ def few_targets() -> Case:
     return Case({"7": (few, drive.mounting)}, ["--side-slip", "0"], {"sideSlip": 0.0})
 
 
-CASES = {
-    "several": together,
-    "budget": with_budget,
-    "trouble": in_trouble,
-    "few targets": few_targets,
-}
+CASES = {"trouble": in_trouble, "few targets": few_targets}
 
 
 def settings_of(case: Case) -> dict[str, Any]:

@@ -59,7 +59,6 @@ def test_glyphs_are_cut_and_other_styles_are_not():
 
 
 def test_only_fonts_of_icons_are_no_longer_loaded_ahead():
-    """Breaks if a script is no longer loaded ahead."""
     font = (
         '<link rel="preload" as="font" href="../_static/vendor/x/webfonts/fa-solid-900.woff2" />\n'
     )
@@ -83,7 +82,6 @@ def test_a_description_is_the_first_paragraph_without_formulas():
 
 
 def test_a_test_that_a_page_names_is_a_link_to_its_source(tmp_path):
-    """Breaks if a link leads nowhere, or to another test."""
     (tmp_path / "chapters").mkdir()
     shutil.copy(CHAPTERS / "errata.md", tmp_path / "chapters")
     builder = SimpleNamespace(

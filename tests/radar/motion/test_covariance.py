@@ -96,19 +96,16 @@ def pairs_of(scans) -> list[ScanPair]:
 
 
 def estimated(pairs, **options):
-    """The velocity that fits all pairs."""
     found = estimate_ego_motion(*zip(*pairs, strict=True), initial=THETA, **options)
     assert found.converged
     return found
 
 
 def propagated(estimate, pairs, **options) -> np.ndarray:
-    """Its covariance."""
     return propagate_ego_motion(estimate, *zip(*pairs, strict=True), **options)
 
 
 def problem_of(pairs):
-    """Their cost."""
     model = EgoMotionModel()
     return model.problem([scan_pair(*pair, model) for pair in pairs])
 
@@ -259,41 +256,6 @@ def test_where_an_azimuth_turns_no_doppler_velocity_there_is_nothing_to_share():
 # ---- several pairs, in which a scan is used several times
 
 
-@pytest.mark.parametrize("first_order", [False, True], ids=["arc", "chord"])
-def test_cross_derivatives_of_a_velocity_are_those_of_its_gradient(first_order):
-    """Breaks if a pair's interval, chart or place among the targets of all pairs is wrong."""
-    model = EgoMotionModel(first_order=first_order)
-    pairs = [scan_pair(*p, model) for p in pairs_of(several(np.random.default_rng(1)))]
-    problem = model.problem(pairs)
-    cross = problem.cross_derivatives(problem.bind(THETA), 0, 1)
-
-    def gradient(number, field, target, axis, by):
-        pair = pairs[number]
-        if field == "measurement":
-            error = one_error(pair.moving.size, target, size=by)
-            other = replace(pair.measurement, value=pair.measurement.value + error)
-        else:
-            points = getattr(pair, field)
-            means = points.means + one_error(points.means.shape, target, axis, size=by)
-            other = PointSet(means, points.covariances, points.weights)
-        changed = pair._replace(**{field: other})
-        moved = model.problem([*pairs[:number], changed, *pairs[number + 1 :]])
-        return moved.derivatives(moved.bind(THETA))[1]
-
-    for number, target in ((0, 3), (1, 0), (5, 9)):
-        at = 10 * number + target
-        for field, block in (
-            ("fixed", cross.fixed[0, at]),
-            ("moving", cross.moving[0, at]),
-            ("measurement", cross.measured[0, at][:, None]),
-        ):
-            for axis in range(block.shape[1]):
-                where = number, field, target, axis
-                expected = slope(lambda by, where=where: gradient(*where, by), 1e-5)
-                atol = 1e-6 * np.abs(expected).max()
-                assert_allclose(block[:, axis], expected, rtol=1e-5, atol=atol)
-
-
 def test_it_is_how_the_optimum_of_whole_scans_moves():
     """Breaks if a scan's uses in several pairs are squared one by one, or one of them is lost.
 
@@ -336,36 +298,6 @@ def test_the_same_pair_twice_tells_nothing_new():
     alone = propagate_ego_motion(once, *pair)
     assert_allclose(propagated(twice, [pair, copy]), alone, rtol=1e-6)
     assert_array_equal(propagated(once, [pair]), alone)
-
-
-def test_shared_errors_are_sums_of_influences():
-    """Breaks if an azimuth bias or a Doppler scale of one sensor moves the optimum otherwise."""
-    scans = several()
-    pairs = pairs_of(scans)
-    found = influences(problem_of(pairs), estimated(pairs), pairs)
-    assert len(found) == 6
-    for mounting, own in scans.items():
-        of_sensor = [each for each in found if each.mounting == mounting]
-        assert len(of_sensor) == 3
-        for row, step, expected in (
-            (1, 1e-5, sum(each.azimuth.sum(axis=0) for each in of_sensor)),
-            (
-                2,
-                1e-4,
-                sum(each.scan.doppler @ each.doppler for each in of_sensor if len(each.doppler)),
-            ),
-        ):
-
-            def optimum(by, mounting=mounting, own=own, row=row):
-                every = []
-                for scan in own:
-                    errors = np.zeros((3, scan.size))
-                    errors[row] = by if row == 1 else by * scan.doppler
-                    every.append(with_errors(scan, errors))
-                return estimated(pairs_of(scans | {mounting: every})).theta
-
-            atol = 0.02 * np.abs(expected).max()
-            assert_allclose(slope(optimum, step), expected, rtol=0.02, atol=atol)
 
 
 def test_more_scatter_of_the_positions_is_none_of_the_azimuth():

@@ -292,13 +292,6 @@ def test_the_speed_on_the_bus_is_late_and_low(root):
         assert_allclose(theta[:, 1:], np.tile(THETA[1:], (len(TIMES), 1)), rtol=0, atol=5e-3)
 
 
-def test_the_defaults_are_those_fitted_on_two_scenes(root):
-    """Breaks if they are changed unnoticed."""
-    default = load(root).reference
-    named = load(root, time_offset=-0.03, speed_factor=1.0125, half_width=0.2).reference
-    assert_array_equal(default.theta, named.theta)
-
-
 def test_outside_the_poses_the_reference_is_nan(root):
     """Breaks if a motion is made up where there is no pose on one side."""
     theta = load(root, time_offset=-0.7).reference.theta  # up to 1.499 s of 1.48 s

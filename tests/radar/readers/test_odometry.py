@@ -12,7 +12,6 @@ DRIVE = simulate_drive(np.random.default_rng(0), duration=3.0)
 
 
 def written(folder, text: str):
-    """A file with a text."""
     path = folder / "reference.txt"
     path.write_text(text, encoding="utf-8")
     return path

@@ -38,7 +38,6 @@ def test_scans_are_in_time_order_and_not_empty(recordings: list[Recording]) -> N
 
 
 def test_each_sensor_has_its_own_place(recordings: list[Recording]) -> None:
-    """Breaks if the mounting of one sensor is read for all."""
     places = {each.mounting for each in recordings}
     assert len(places) == len(recordings)
     assert Mounting() not in places

@@ -3,43 +3,15 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.interpolate import CubicSpline
 
 from d2d.radar.simulation.world import (
     LAP,
     build_world,
-    lap_curvature,
     lap_poses,
-    lap_progress,
     visible,
 )
 
 WORLD = build_world(np.random.default_rng(0))
-
-
-def test_the_lap_closes_after_three_hundred_metres():
-    """Breaks if the sides and the corners do not fit together, or the arc length is not one."""
-    ends = lap_poses(np.array([0.0, LAP, 2.0 * LAP]))
-    assert_allclose(ends[:, :2], 0.0, rtol=0, atol=1e-8)
-    assert_allclose(ends[:, 2], [0.0, 2.0 * np.pi, 4.0 * np.pi], rtol=0, atol=1e-12)
-    fine = lap_poses(np.linspace(0.0, LAP, 60001))
-    assert np.hypot(*np.diff(fine[:, :2], axis=0).T).sum() == pytest.approx(300.0, abs=1e-4)
-    assert np.abs(np.diff(fine[:, 2])).max() < 1e-3, "yaw jumps"
-
-
-def test_progress_keeps_the_mean_speed_and_slows_down_in_bends():
-    """Breaks if the velocity is not the derivative of the way, or laps do not join."""
-    for speed in (2.5, 8.0):
-        times = np.linspace(0.0, 2.2 * LAP / speed, 40001)
-        along, forward = lap_progress(times, speed)
-        inner = slice(10, -10)
-        rate = CubicSpline(times, along)(times[inner], 1)
-        assert_allclose(rate, forward[inner], rtol=1e-5)
-        whole, _ = lap_progress(np.array([0.0, LAP / speed, 2.0 * LAP / speed]), speed)
-        assert_allclose(whole, [0.0, LAP, 2.0 * LAP], rtol=0, atol=1e-8)
-        assert forward.max() / forward.min() == pytest.approx(2.0, rel=1e-3)
-        tightest = np.abs(lap_curvature(along)).argmax()
-        assert forward[tightest] == pytest.approx(forward.min(), rel=1e-3)
 
 
 def test_a_point_is_hidden_where_a_wall_crosses_its_ray():
@@ -110,12 +82,3 @@ def test_a_wall_is_a_row_of_points_in_front_of_it():
     assert len(points) == pytest.approx(length / 0.7, abs=4.0 * np.sqrt(length / 0.7))
     assert (gap < 0.26).all()
     assert np.quantile(gap, 0.2) > 0.02  # a few lie inside a house that overlaps
-
-
-def test_kinds_and_counts():
-    """Breaks if a kind is left out, or the number of movers is not the one asked for."""
-    assert set(WORLD.reflectors.kind) == {"wall", "car", "pole", "vegetation"}
-    assert (WORLD.reflectors.strength > 0).all()
-    assert len(WORLD.movers.speed) == 3 * 6 + 3 * 2
-    assert len(build_world(np.random.default_rng(0), movers=0).movers.speed) == 0
-    assert len(build_world(np.random.default_rng(0), movers=1).movers.speed) == 6

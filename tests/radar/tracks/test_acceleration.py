@@ -219,11 +219,9 @@ def test_nothing_is_known_after_a_gap():
 def test_a_constant_acceleration_makes_no_error(rates, offsets, jitter, smooth):
     """Breaks if an estimate lags behind, whatever the rates of the radars."""
     mountings = AROUND[: len(rates)]
-    for acceleration in ([2.0, 0.0, 0.0], [-2.0, 0.0, 0.04]):
+    for steady in ([2.0, 0.0, 0.0], [-2.0, 0.0, 0.04]):
         end = 5.0 if rates[0] == 1.0 else 2.0
-        sensors, truth = accelerating(
-            rates, offsets, np.array(acceleration), mountings, jitter, end=end
-        )
+        sensors, truth = accelerating(rates, offsets, np.array(steady), mountings, jitter, end=end)
         found = track(sensors, horizon=0.3, budget=ErrorBudget(), smooth=smooth)
         good = found.converged
         assert good.mean() > 0.9 or rates == [1.0]

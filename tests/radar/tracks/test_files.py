@@ -65,7 +65,6 @@ def test_what_was_cut_off_or_damaged_is_refused(tmp_path):
 
 
 def test_a_field_that_is_missing_is_named(tmp_path):
-    """Breaks if a part is taken for all."""
     example().save(tmp_path / "whole.npz")
     with np.load(tmp_path / "whole.npz") as whole:
         for gone in ("theta", "parts_systematic"):

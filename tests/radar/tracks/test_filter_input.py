@@ -21,7 +21,7 @@ from d2d.radar.motion.doppler import doppler_acceleration
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, _motion
 from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter
-from tests.radar.scenes import surround_scans
+from tests.radar.tracks.test_tracker import fed, named_sensors
 
 BUDGET = ErrorBudget(azimuth=0.004, doppler=0.03, scale=0.004, lag=0.03)
 SENSOR = Sensor(quantised=False, clutter=0.0)
@@ -64,18 +64,10 @@ def test_carried_by_its_acceleration_it_is_the_estimate():
 
 
 def test_each_sensor_has_columns_of_its_own():
-    """Breaks if a round that lacks a sensor gives its columns to another."""
-    names, sensors = ("left", "right", "rear"), surround_scans(6)
-    order = sorted(
-        (scan.time, name, scan)
-        for name, (scans, _) in zip(names, sensors, strict=True)
-        for i, scan in enumerate(scans)
-        if (name, i) != ("right", 4)
-    )
-    mountings = {name: at for name, (_, at) in zip(names, sensors, strict=True)}
-    tracker = Tracker(mountings, budget=BUDGET, side_slip=0.1)
-    found = [each for _, name, scan in order for each in tracker.add(name, scan)]
-    for i, each in enumerate([*found, *tracker.finish()]):
+    sensors = named_sensors(6)
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()}, budget=BUDGET, side_slip=0.1)
+    del sensors["right"][0][4]
+    for i, each in enumerate(fed(tracker, sensors)):
         slow = each.filter_input.slow
         assert slow.shape == (3, 8)
         without = [1, 4] if i == 3 else []

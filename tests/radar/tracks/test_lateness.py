@@ -8,6 +8,7 @@ import pytest
 
 from d2d.radar import ErrorBudget, Tracker, track
 from tests.radar.scenes import AROUND, observe
+from tests.radar.tracks.test_tracker import added, fed, in_order
 
 NAMES = ("left", "right", "rear")
 
@@ -33,15 +34,6 @@ def changing(rng, late: float, end: float = 7.0, speed=lambda t: 12.0 + 1.5 * np
     return dict(zip(NAMES, sensors, strict=True))
 
 
-def add_all(tracker: Tracker, sensors) -> None:
-    """Give a tracker the scans in time order."""
-    order = sorted(
-        (scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans
-    )
-    for _, name, scan in order:
-        tracker.add(name, scan)
-
-
 @pytest.mark.parametrize("budget", [ErrorBudget(), None], ids=["budget", "none"])
 @pytest.mark.parametrize(("late", "word"), [(0.3, "late"), (-0.3, "early")])
 def test_a_sensor_that_is_late_is_named(late, word, budget):
@@ -51,18 +43,15 @@ def test_a_sensor_that_is_late_is_named(late, word, budget):
     with pytest.warns(UserWarning, match=rf"^sensors\['right'\]\.scans .* 0\.[23]. s {word}"):
         track(sensors, horizon=0.3, budget=budget)
     tracker = Tracker({name: at for name, (_, at) in sensors.items()}, budget=budget)
-    add_all(tracker, sensors)
     with pytest.warns(UserWarning, match=rf"^'right' seems to be 0\.[23]. s {word}"):
-        tracker.finish()
+        fed(tracker, sensors)
 
 
 def test_sensors_on_one_clock_are_not_accused():
     """Breaks if noise names a sensor."""
     for seed in range(3):
         sensors = changing(np.random.default_rng(seed), 0.0)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            track(sensors, horizon=0.3, budget=ErrorBudget())
+        track(sensors, horizon=0.3, budget=ErrorBudget())  # warnings are errors
 
 
 @pytest.mark.parametrize("budget", [ErrorBudget(), None], ids=["budget", "none"])
@@ -83,6 +72,6 @@ def test_a_sensor_that_is_late_is_named_while_the_vehicle_drives():
     sensors = changing(np.random.default_rng(1), 0.3, end=18.0)
     tracker = Tracker({name: at for name, (_, at) in sensors.items()})
     with pytest.warns(UserWarning, match=r"^'right' seems to be 0\.[23]. s late") as said:
-        add_all(tracker, sensors)
+        added(tracker, in_order(sensors))
     assert len(said) == 1
     tracker.finish()  # where warnings are errors, says no more

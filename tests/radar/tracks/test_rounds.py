@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
 
 from d2d.radar import Mounting, Recording, track
 from d2d.radar.tracks.rounds import Rounds, named_sensors, rounds_of
 from tests.radar.scenes import AROUND, CORNER, beginning, surround_scans, two_scans
+from tests.radar.tracks.test_files import assert_same
 
 SENSORS = surround_scans(5)
 SCANS, MOUNTING = SENSORS[0]
@@ -25,29 +25,15 @@ def test_sensors_given_in_any_way_give_the_same_bits():
     drive = beginning(6)
     pair = (drive.scans, drive.mounting)
     recording = Recording(drive.scans, drive.mounting, drive.truth)
-    assert_same_tracks(
-        track(drive),
-        track(pair),
-        track(recording),
-        track((iter(drive.scans), drive.mounting)),
-        track([pair]),
-        track({"front": recording}),
-    )
+    whole = track(drive)
+    for given in (pair, recording, (iter(drive.scans), drive.mounting), [pair], {"front": pair}):
+        assert_same(track(given), whole)
     lazy = ((iter(scans), mounting) for scans, mounting in SENSORS)
     recordings = [Recording(*sensor, drive.truth) for sensor in SENSORS]
-    assert_same_tracks(
-        track(SENSORS),
-        track(tuple(SENSORS)),
-        track(lazy),
-        track(recordings),
-        track({"left": SENSORS[0], 2: recordings[1], "rear": SENSORS[2]}),
-    )
-
-
-def assert_same_tracks(first, *others):
-    for other in others:
-        for name in ("times", "theta", "covariance", "inliers"):
-            assert_array_equal(getattr(other, name), getattr(first, name))
+    named = {"left": SENSORS[0], 2: recordings[1], "rear": SENSORS[2]}
+    whole = track(SENSORS)
+    for given in (tuple(SENSORS), lazy, recordings, named):
+        assert_same(track(given), whole)
 
 
 def test_what_is_no_sensor_is_refused_by_name():

@@ -4,7 +4,7 @@ import subprocess
 import sys
 import textwrap
 import warnings
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +42,7 @@ from tests.radar.scenes import (
     straight_scans,
     surround_scans,
 )
+from tests.radar.tracks.test_files import assert_same
 
 ROOT = Path(__file__).parents[3]
 
@@ -406,7 +407,6 @@ def test_a_tracker_says_what_a_whole_drive_contradicts():
 
 
 def front_alone(sensors, **options) -> Track:
-    """The first sensor's track."""
     return track(sensors[0], **options)
 
 
@@ -428,12 +428,6 @@ def test_one_sensor_is_the_smallest_number_of_several(options):
     alone = track((scans, mounting), **options)
     for sensors in ([(scans, mounting)], [(scans, mounting), blind], [blind, (scans, mounting)]):
         assert_same(track(sensors, **options), alone)
-
-
-def assert_same(one: Track, other: Track) -> None:
-    """Equal in all fields, bit by bit."""
-    for field in fields(Track):
-        assert_array_equal(getattr(one, field.name), getattr(other, field.name), field.name)
 
 
 either_tracker = pytest.mark.parametrize(
@@ -726,17 +720,6 @@ def test_a_covariance_that_overflows_is_no_estimate():
         found = track((scans, drive.mounting), budget=ErrorBudget(), limits=limits)
         assert set(found.reasons) == {"a covariance that is not finite"}
         assert np.isnan(found.covariance).all()
-
-
-def test_estimates_that_no_vehicle_follows_are_not_accepted():
-    """Breaks if a limit is not applied, or the reason does not say which."""
-    drive = simulate_drive(np.random.default_rng(2), duration=3.0)
-    refused = set(track(drive, limits=VehicleLimits(speed=0.5)).reasons.tolist()) - {""}
-    assert refused
-    assert all(text.startswith("a speed of") for text in refused)
-    free = track(drive, limits=None)
-    assert free.converged.all()
-    assert_array_equal(free.theta, track(drive).theta)
 
 
 def test_a_jump_is_refused_until_the_vehicle_could_have_made_it():

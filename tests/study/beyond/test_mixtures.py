@@ -77,7 +77,6 @@ def test_gradient_vanishes_and_matches_differences(
 def test_the_exact_mixtures_end_where_register_does(
     sets: tuple[PointSet, PointSet], mixture: Mixture
 ) -> None:
-    """Breaks if they are another cost than the likelihood."""
     expected = register(*sets, RegistrationCost(outlier=OUTLIER), OVERLAPPED.theta)
     found = register_mixture(*sets, mixture, OUTLIER, OVERLAPPED.theta)
     assert_allclose(found.theta, expected.theta, atol=1e-3)

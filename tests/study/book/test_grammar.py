@@ -30,7 +30,6 @@ TRANSLATIONS = np.arange(-6.0, 10.0, 0.05)
 
 
 def cost_of(label: str) -> str | None:
-    """The cost that a label names, if it names one."""
     text = label.lower()
     if "robust" in text:
         return "robust"
@@ -40,7 +39,6 @@ def cost_of(label: str) -> str | None:
 
 
 def breaches(figure) -> list[str]:
-    """What in a figure breaks the grammar."""
     found = []
     for ax in figure.axes:
         found += [f"map with {mesh.get_cmap().name}" for mesh in ax.collections if _foreign(mesh)]
@@ -115,7 +113,6 @@ def line_surfaces():
 
 
 def sets_on_a_line():
-    """Both sets of the scene on a line."""
     _, axes = plt.subplots(1, 2)
     fixed, moving = line_scene(np.random.default_rng(1))
     line_figures.both_sets(
@@ -124,7 +121,6 @@ def sets_on_a_line():
 
 
 def plane_scene():
-    """A scene in the plane."""
     _, ax = plt.subplots()
     plane_figures.planar_scene(ax, scenarios.OUTLIERS, *plane_figures.one_draw(scenarios.OUTLIERS))
 
@@ -137,7 +133,6 @@ def sweep():
 
 
 def driven_path():
-    """A path beside its estimate."""
     _, ax = plt.subplots()
     poses = np.zeros((201, 3))
     drive_figures.track_lines(ax, poses, poses)
@@ -186,7 +181,6 @@ def test_a_breach_is_noticed():
 
 
 def test_a_wrong_order_is_noticed():
-    """Breaks if the columns are not compared."""
     figure, axes = plt.subplots(1, 2)
     axes[0].set_title("(a) robust likelihood")
     axes[1].set_title("(b) sum")

@@ -97,7 +97,6 @@ def test_each_row_has_its_address():
 
 
 def test_a_page_ends_with_its_claims_by_verdict():
-    """Breaks if a claim is told on another page, or a verdict without claims is shown."""
     told = page_claims("04_outliers_and_clusters_1d", CLAIMS_OF_TWO, RECORD)
     assert str(told) == "1 confirmed: a"
     assert "1 ✓ confirmed : a ." in " ".join(read(told._repr_markdown_()).split())
@@ -106,7 +105,6 @@ def test_a_page_ends_with_its_claims_by_verdict():
 
 
 def test_each_claim_is_told_on_one_page():
-    """Breaks if a claim of the registry belongs to a page that does not end with its claims."""
     pages = {claim.page for claim in CLAIMS.values()}
     assert sum(len(ids) for page in pages for ids in claims_on(page).verdicts.values()) == len(
         CLAIMS
@@ -144,7 +142,6 @@ def test_each_claim_is_a_line_with_verdict_numbers_and_place():
 
 
 def test_the_map_has_each_claim_in_its_chapter():
-    """Breaks if a sign leads to another claim or stands in another chapter."""
     shown = ledger(CLAIMS_OF_TWO, RECORD)._repr_html_().split("</ol>")[0]
     assert re.findall(
         r"<li><span>(\w+)</span><a .*? href=\"#claim-(\w)\".*?>(.)</a></li>", shown

@@ -56,7 +56,6 @@ def test_the_html_says_the_same():
 
 
 def test_numbers_are_set_flush_right_and_words_are_not():
-    """Breaks if a column of words is aligned as numbers are."""
     shown = table([("a", 1, "one"), ("b", 10, "ten")], ["name", "number", "word"])
     assert shown.numeric == (False, True, False)
     assert str(shown).splitlines()[-1] == "b         10  ten"

@@ -22,7 +22,6 @@ def short_drives(monkeypatch):
 
 
 def forget():
-    """Forget the drives of other checks."""
     drives.tracked_drive.cache_clear()
 
 

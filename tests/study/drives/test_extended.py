@@ -48,7 +48,6 @@ def test_of_single_targets_the_scatter_is_found_of_several_less(monkeypatch):
 
 
 def test_figures_show_what_was_computed():
-    """Breaks if models are exchanged."""
     _, axes = plt.subplots(1, 2)
     found = study(1.0)
     still = study(2.0, redrawn=False)

@@ -23,7 +23,6 @@ def test_a_sparse_world_has_fewer_points_and_nobody_about(driven):
 
 
 def test_track_from_starts_every_pair_at_the_same_place(driven):
-    """Breaks if a pair is started at the last one's velocity, as track does."""
     drive, result = driven
     start = np.array([1.0, 0.5, 0.0])
     alone = track_from(drive, start, doppler=False, scales=(2.0, 1.0))

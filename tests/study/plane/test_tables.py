@@ -23,7 +23,6 @@ def test_the_summary_has_a_row_for_every_scene_and_cost() -> None:
 
 
 def test_the_verdict_on_an_anees_is_that_of_its_region() -> None:
-    """Breaks if the column and the region of the caption disagree."""
     shown = credibility_table(scenarios.OVERLAPPED)
     low, high = (float(word) for word in shown.caption.split() if word[:2] in ("0.", "1."))
     for cost, row in zip(COSTS.values(), shown.rows, strict=True):

@@ -161,7 +161,6 @@ def test_sigmas_are_read_off_the_residuals():
 
 
 def test_each_run_is_what_it_says(loader):
-    """Breaks if an option of a run is not handed on."""
     runs = {
         "one": Run((3,), baseline=2),
         "blind": Run((3,), doppler=False),
@@ -261,7 +260,6 @@ def test_what_was_written_is_read(estimated, tmp_path):
 
 
 def test_columns_are_what_the_header_says(tmp_path):
-    """Breaks if the header and the order of the columns drift apart."""
     covariance = np.array([[11.0, 12.0, 13.0], [12.0, 22.0, 23.0], [13.0, 23.0, 33.0]])
     driven = Track(
         np.array([0.1, 0.3]),

@@ -66,7 +66,6 @@ def test_tables_and_drawings_show_what_was_judged(judged):
 
 
 def test_the_page_has_its_results():
-    """Breaks if the stored results lack what the page shows."""
     stored = road.read_road()
     for baseline in road.BASELINES:
         key = f"baseline {baseline}"

@@ -14,7 +14,6 @@ AHEAD = Mounting(3.0, 0.0, 0.0)
 
 
 def view(time, distance, azimuth, probabilities, mounting=AHEAD) -> WeighedScan:
-    """A view of these targets."""
     scan = RadarScan(time, distance, azimuth, np.zeros(len(distance)), 0.1, 0.01, 0.1)
     return WeighedScan(scan, mounting, np.asarray(probabilities))
 

@@ -29,7 +29,6 @@ def test_a_profile_counts_each_target_in_its_bin():
 
 
 def test_the_stored_profile_fits_the_bins_and_is_drawn():
-    """Breaks if the bins change and the stored counts do not."""
     stored = scan_profile.read_profile()
     assert all(len(stored[name]) == len(edges) - 1 for name, edges in EDGES.items())
     _, axes = plt.subplots(3, 1)
