@@ -304,8 +304,10 @@ def displacements(driven: Sequence[tuple[Drive, Track]], span: float) -> tuple[A
     errors, covariances = [], []
     for drive, own in driven:
         starts = np.arange(own.times[0], own.times[-1] - span, 0.5 * span)
+        ends = [drive.reference.at(times).poses for times in (starts, starts + span)]
+        judged = np.isfinite(ends).all(axis=(0, 2))
+        starts, (begin, end) = starts[judged], np.array(ends)[:, judged]
         found = own.displacement(starts, starts + span)
-        begin, end = (drive.reference.at(times).poses for times in (starts, starts + span))
         off = found.motion - rigid.compose(rigid.inverse(begin), end)
         off[:, 2] = (off[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
         errors.append(off)

@@ -1158,7 +1158,7 @@ globalThis.tracker = (function radarTracker() {
     SHARES = [0.45, 0.45, 0.1], // of the time
     LASTING = 60, // s, for which a manner lasts on average
     FORGOTTEN = 2, // s
-    CONTRADICTING = 8; // standard deviations
+    CONTRADICTING = 12; // standard deviations
 
   /** Learns the acceleration from one estimate after the other; begins anew after a gap. */
   class AccelerationFilter {

@@ -37,7 +37,7 @@ MANNERS = np.array([0.0, 1.0, 10.0])  # of driving: evenly, as usual, sharply; t
 SHARES = np.array([0.45, 0.45, 0.1])  # of the time, where nothing is known
 _LASTING = 60.0  # s, for which a manner of driving lasts on average
 _FORGOTTEN = 2.0  # s
-_CONTRADICTING = 8.0  # standard deviations, by which no estimate of a vehicle surprises
+_CONTRADICTING = 12.0  # standard deviations, by which no estimate of a vehicle surprises
 
 State = tuple[Array, Array]  # mean (..., 6) of [theta, a] and covariance (..., 6, 6)
 

@@ -167,7 +167,7 @@ def test_a_jump_is_no_acceleration():
     """Breaks if an estimate that is wrong makes those after it wrong, as long as it is known."""
     learnt, times = AccelerationFilter(), 0.1 * np.arange(20)
     for time in times:
-        jumped = [12.0, 0.6 * (time > 1.85), 0.1]
+        jumped = [12.0, 1.2 * (time > 1.85), 0.1]
         learnt.update(time, np.array(jumped), DELAY, NOISE, learnt.predict(time) or UNSEEN)
     found = learnt.predict(2.0)
     assert found is not None
