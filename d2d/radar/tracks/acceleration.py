@@ -18,6 +18,10 @@ once a log is complete, from all others.  Its error is then independent of e, an
 after the carry is that of e plus D A D' with the covariance A of the acceleration.  Velocities that
 the filter itself gives would be smoother, but each would contain the errors of many rounds, and a
 vehicle that drives evenly would have far smaller errors than stated.
+
+For a vehicle that never accelerates, the ANEES of the first, an inner and the last estimate of one
+radar is 0.84 to 1.07 at 4 to 20 Hz, and 0.6 to 0.7 at 1 Hz, where it might have done much since the
+scan before; from all other estimates it is 0.9 to 1.1, at 1 Hz 0.8 to 1.1.
 """
 
 from typing import NamedTuple
