@@ -1158,7 +1158,7 @@ globalThis.tracker = (function radarTracker() {
     SHARES = [0.45, 0.45, 0.1], // of the time
     LASTING = 60, // s, for which a manner lasts on average
     FORGOTTEN = 2, // s
-    CONTRADICTING = 12; // standard deviations
+    JUMPING = 12; // standard deviations
 
   /** Learns the acceleration from one estimate after the other; begins anew after a gap. */
   class AccelerationFilter {
@@ -1188,7 +1188,7 @@ globalThis.tracker = (function radarTracker() {
     update(time, estimate, delay, noise, by) {
       const before = this.predicted(time),
         found = before?.states.map((state) => updated(state, estimate, delay, noise)),
-        jumps = found?.every(({ squares }) => squares > CONTRADICTING ** 2);
+        jumps = found?.every(({ squares }) => squares > JUMPING ** 2);
       if (found && !jumps) {
         const most = Math.max(...found.map(({ evidence }) => evidence)),
           weights = found.map(({ evidence }, i) => before.shares[i] * Math.exp(evidence - most)),
