@@ -1152,11 +1152,11 @@ globalThis.tracker = (function radarTracker() {
 
   // ---- d2d/radar/tracks/acceleration.py ------------------------------------------------------------------------------------
 
-  const UNKNOWN = diagonal([9, 0.09, 0.0144]), // variances of the acceleration
+  const UNKNOWN = diagonal([1.69, 0.0081, 0.0144]), // variances of the acceleration
     JERK = [1, 0.015 ** 2, 0.025 ** 2], // variances per s
     MANNERS = [0, 1, 10], // of driving, times JERK
     SHARES = [0.45, 0.45, 0.1], // of the time
-    LASTING = 60, // s, for which a manner lasts on average
+    LASTING = 600, // s, for which a manner lasts on average
     FORGOTTEN = 2, // s
     JUMPING = 12; // standard deviations
 

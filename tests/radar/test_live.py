@@ -70,7 +70,7 @@ def test_angles_in_degrees_and_sigmas_for_all(run):
     found, _ = run([json.dumps(entry) for entry in degrees], *options)
     same, _ = run(lines(sigma_azimuth=np.deg2rad(0.5), sigma_range=0.1))
     for one, other in zip(found, same, strict=True):
-        assert one["theta"] == pytest.approx(other["theta"], rel=1e-9)
+        assert one["theta"] == pytest.approx(other["theta"], rel=1e-9, abs=1e-9)
 
 
 def test_a_sigma_for_all_counts_instead_of_that_of_the_lines(run):

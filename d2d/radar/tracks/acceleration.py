@@ -32,14 +32,15 @@ from d2d._types import Array
 from d2d.radar.motion.doppler import Acceleration
 
 # Of a car, along x and y in m/s^2 and about z in rad/s^2: standard deviations of the acceleration
-# where nothing is known of it, and by how much it usually changes in a second.  The rear axle of a
-# car hardly slides: lateral velocities change slowly, and so tell yaw rates from side slip.
-UNKNOWN = np.diag(np.square([3.0, 0.3, 0.12]))
+# where nothing is known of it (twice the RMS on seven drives), and by how much it usually changes
+# in a second.  The rear axle of a car hardly slides: lateral velocities change slowly, and so tell
+# yaw rates from side slip.
+UNKNOWN = np.diag(np.square([1.3, 0.09, 0.12]))
 JERK = np.diag(np.square([1.0, 0.015, 0.025]))  # variances per s
 
 MANNERS = np.array([0.0, 1.0, 10.0])  # of driving: evenly, as usual, sharply; times JERK
 SHARES = np.array([0.45, 0.45, 0.1])  # of the time, where nothing is known
-_LASTING = 60.0  # s, for which a manner of driving lasts on average
+_LASTING = 600.0  # s, for which a manner of driving lasts on average, as a kind of road does
 _FORGOTTEN = 2.0  # s
 _CONTRADICTING = 12.0  # standard deviations, by which no estimate of a vehicle surprises
 

@@ -49,6 +49,7 @@ class Intake:
         self._latest: dict[int, RadarScan] = {}
         self._intervals = {s: deque[float](maxlen=REMEMBERED) for s in range(len(names))}
         self._held: dict[int, _Held] = {}
+        self._awaited: set[int] = set()  # of these, whose next scan the others wait for
         self._offsets = dict.fromkeys(range(len(names)), 0.0)  # s, added to the times of a sensor
         self._told: set[tuple[str, str]] = set()
 
@@ -60,8 +61,12 @@ class Intake:
         return [self._checked(sensor, each) for each in self._timed(sensor, scan)]
 
     def waits(self, span: float) -> bool:
-        """Whether scans that cover this time in s are to wait for the next one of a sensor."""
-        return any(span <= self._gap(sensor) for sensor in self._held)
+        """Whether scans that cover this time in s are to wait for the next one of a sensor.
+
+        They wait only once for a sensor that is silent.
+        """
+        self._awaited = {s for s in self._awaited & self._held.keys() if span <= self._gap(s)}
+        return bool(self._awaited)
 
     def look_for_pause(self, sensor: int, times: Array, others: Array) -> None:
         """Say if a sensor pauses while others go on: by a gap, or a clock that jumps ahead."""
@@ -102,6 +107,7 @@ class Intake:
             if held is None:
                 held = _Held([scan], time - latest, {**self._latest}, {**self._offsets})
                 self._held[sensor] = held
+                self._awaited.add(sensor)
                 return []
             held.scans.append(scan)
             if not self._is_known(sensor, held):

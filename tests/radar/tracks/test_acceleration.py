@@ -36,7 +36,7 @@ def drawn(rng, times, manner=None):
     state = np.concatenate([[12.0, 0.0, 0.1], rng.multivariate_normal(np.zeros(3), UNKNOWN)])
     states, now = [state], rng.choice(MANNERS, p=SHARES)
     for passed in np.diff(times):
-        if rng.uniform() > np.exp(-passed / 60.0):
+        if rng.uniform() > np.exp(-passed / acceleration._LASTING):
             now = rng.choice(MANNERS, p=SHARES)
         move, corner = moved(passed)
         walk = np.kron(corner, (now if manner is None else manner) * JERK)

@@ -238,6 +238,20 @@ def test_a_clock_that_jumps_at_once_does_not_lose_the_others():
     assert np.abs(tracker.track.theta[5:] - STRAIGHT).max() < 0.3
 
 
+@pytest.mark.filterwarnings("ignore::d2d.radar.FindingWarning")
+def test_a_sensor_that_is_silent_after_a_wrong_stamp_is_not_waited_for():
+    """Breaks if all others wait for its next scan again and again."""
+    sensors = named_sensors(40)
+    scans, at = sensors["left"]
+    last = replace(scans[10], time=scans[10].time - 50.0)
+    sensors["left"] = [*scans[:10], last], at
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
+    delays = []
+    for time, name, scan in sorted(in_order(sensors), key=lambda each: each[0] % 50.0):
+        delays += [time - estimate.time for estimate in tracker.add(name, scan)]
+    assert max(delays[-10:]) < 0.2
+
+
 def with_common_gap() -> dict:
     """All sensors pause for three seconds."""
     times = np.concatenate([0.1 * np.arange(12), 4.0 + 0.1 * np.arange(12)])
