@@ -20,8 +20,8 @@ the filter itself gives would be smoother, but each would contain the errors of 
 vehicle that drives evenly would have far smaller errors than stated.
 
 For a vehicle that never accelerates, the ANEES of the first, an inner and the last estimate of one
-radar is 0.84 to 1.07 at 4 to 20 Hz, and 0.6 to 0.7 at 1 Hz, where it might have done much since the
-scan before; from all other estimates it is 0.9 to 1.1, at 1 Hz 0.8 to 1.1.
+radar is 0.9 to 1.1 at 4 to 20 Hz, causal or smooth.  At 1 Hz it is 0.9 to 1.1 for the inner and the
+last one, and 0.7 to 0.8 for the first: until much has been seen, it might have done more.
 """
 
 from typing import NamedTuple

@@ -113,8 +113,8 @@ def track(
     smooth : bool
         Whether that acceleration comes from all other estimates, also the later ones.  Without a
         budget nothing is carried, and this changes nothing.  On RadarScenes 105 (four radars,
-        horizon 0.3 s) the yaw rate's RMSE is 0.44 deg/s causal and 0.43 smooth, ANEES 1.05 and
-        1.06; where the vehicle turns in suddenly, in nuScenes, 0.4 to 0.7 and 0.3 to 0.8 deg/s.
+        horizon 0.3 s) the yaw rate's RMSE is 0.45 deg/s causal and 0.43 smooth, ANEES 1.05 and
+        1.06; on five nuScenes scenes it is 0.3 to 0.7 and 0.2 to 0.8 deg/s.
     limits : VehicleLimits, optional
         What the vehicle can do; None accepts any motion.
     progress : bool, optional
