@@ -14,6 +14,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 Numbers = dict[str, tuple[int, ...]]
+_FRAME = re.compile(r"<svg.*?</svg>", re.DOTALL)
 
 
 class gallery(nodes.General, nodes.Element):
@@ -53,10 +54,12 @@ def figures(document: nodes.document, address: str, numbers: Numbers) -> list[no
         if number is None or caption is None:
             continue
         shown: list[nodes.Node] = [nodes.emphasis("", f"Fig. {number[0]} ")]
-        if image is not None:  # a moving picture has none
+        if image is not None:
             small = nodes.image(uri=image["uri"], candidates=image["candidates"], alt=image["alt"])
             small["classes"], small["loading"] = image["classes"], "lazy"
             shown.insert(0, small)
+        elif first := _FRAME.search(figure.astext()):  # of an animation
+            shown.insert(0, nodes.raw("", first[0], format="html"))
         link = entry(beginning(caption), f"{address}#{figure['ids'][0]}", *shown)
         found.append(nodes.paragraph("", "", link, classes=["gallery-figure"]))
     return found

@@ -210,6 +210,7 @@ def test_the_gallery_leads_to_every_figure(book: Path):
         )
     ]
     assert [(os.path.normpath(f"chapters/{page}"), name) for page, name in linked] == shown
+    assert not re.search(r"<a [^>]*><em>Fig", gallery)  # without a picture
 
 
 def test_a_page_without_a_formula_loads_no_mathjax(book: Path):

@@ -82,12 +82,15 @@ class Table:
     def _repr_html_(self) -> str:
         """A table in a box of its own that scrolls where it is wider than the page.
 
-        A few numbers stand in a line: "after one second: **0.16 °/s**".
+        A few numbers stand in a line: "After one second: **0.16 °/s**".
         """
         few = len(self.rows) == 1 or len(self.rows) * len(self.rows[0]) <= FEW
         if few and not self.groups:
             before = f"{typeset(self.caption)} " if self.caption else ""
-            return f'<p class="measured">{before}{"; ".join(map(self._html_line, self.rows))}</p>'
+            line = "; ".join(map(self._html_line, self.rows))
+            if line[:2].isalpha():  # not a symbol
+                line = line[0].upper() + line[1:]
+            return f'<p class="measured">{before}{line}</p>'
         parts = ['<figure class="measured">']
         if self.caption:
             parts.append(f"<figcaption>{typeset(self.caption)}</figcaption>")

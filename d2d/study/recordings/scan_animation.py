@@ -8,16 +8,16 @@ import numpy as np
 from d2d._types import Array
 from d2d.radar import Mounting, RadarScan
 from d2d.study.book import slider, svg
-from d2d.study.book.grammar import PINK, PURPLE, YELLOW
+from d2d.study.book.grammar import MOVING, OUTLIER, PINK
 
 WIDTH, KEY = svg.PHONE, 34.0  # of the drawing, and the height of its key, in SVG units
 MARGIN = 3.0  # m around the targets
 TALLEST = 1.1  # height of the field in units of its width
 # Classes of the inlier probability: upper limit, colour, size of the points, label.
 CLASSES = (
-    (0.2, PINK, 8.0, "below 0.2"),
-    (0.8, YELLOW, 10.0, "0.2 to 0.8"),
-    (1.01, PURPLE, 10.0, "above 0.8"),
+    (0.2, OUTLIER, 8.0, "below 0.2"),
+    (0.8, PINK, 10.0, "0.2 to 0.8"),
+    (1.01, MOVING, 10.0, "above 0.8"),
 )
 
 

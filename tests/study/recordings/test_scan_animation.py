@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from d2d.radar import Mounting, RadarScan
-from d2d.study.book.grammar import PINK, PURPLE, YELLOW
+from d2d.study.book.grammar import MOVING, OUTLIER, PINK
 from d2d.study.recordings.scan_animation import WeighedScan, animate_scans
 
 AHEAD = Mounting(3.0, 0.0, 0.0)
@@ -33,7 +33,7 @@ def test_each_target_is_drawn_once_in_the_colour_of_its_class():
     shares = [0.0, 0.1, 0.2, 0.5, 0.8, 1.0]
     html = animate_scans("x", [[view(0.0, [10.0] * 6, np.linspace(-0.5, 0.5, 6), shares)]])
     found = dots(html)
-    assert [len(found[c]) for c in (PINK, YELLOW, PURPLE)] == [2, 2, 2]
+    assert [len(found[c]) for c in (OUTLIER, PINK, MOVING)] == [2, 2, 2]
 
 
 def test_forward_is_up_and_left_is_left():
@@ -42,7 +42,7 @@ def test_forward_is_up_and_left_is_left():
         "x",
         [[view(0.0, [20.0], [0.0], [1.0]), view(0.0, [20.0], [0.0], [0.0], Mounting(0, 0, 1.0))]],
     )
-    ((ahead_x, ahead_y),), ((left_x, left_y),) = dots(html)[PURPLE], dots(html)[PINK]
+    ((ahead_x, ahead_y),), ((left_x, left_y),) = dots(html)[MOVING], dots(html)[OUTLIER]
     triangle = re.search(r'd="M(\S+) (\S+)L(\S+) (\S+)L', html)
     x = float(triangle[3])
     assert ahead_x == pytest.approx(x, abs=1.0)
