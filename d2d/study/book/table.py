@@ -88,7 +88,7 @@ class Table:
         if few and not self.groups:
             before = f"{typeset(self.caption)} " if self.caption else ""
             line = "; ".join(map(self._html_line, self.rows))
-            if line[:2].isalpha():  # not a symbol
+            if line[:2].isalpha() and not self.caption.endswith(":"):  # not a symbol
                 line = line[0].upper() + line[1:]
             return f'<p class="measured">{before}{line}</p>'
         parts = ['<figure class="measured">']
