@@ -78,9 +78,9 @@ def track(
     argument is invalid.
 
     Warns if a clock jumps (back by more than 1 s, or ahead by more than ``max_interval``), a single
-    time stamp does, so that its scan is left out, a sensor pauses while others go on, targets are
-    there twice, a sensor repeats its scan, the times of a sensor hardly overlap with those of the
-    others, or its Doppler velocities are theirs of another time.
+    time stamp does, so that its scan is left out, a sensor pauses for five of its cycles while
+    others go on, targets are there twice, a sensor repeats its scan, the times of a sensor hardly
+    overlap with those of the others, or its Doppler velocities are theirs of another time.
 
     Warns if in most intervals the positions alone fit another velocity clearly better than the one
     that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower (km/h),
