@@ -15,6 +15,7 @@ from sphinx.util.docutils import SphinxDirective
 
 Numbers = dict[str, tuple[int, ...]]
 _FRAME = re.compile(r"<svg.*?</svg>", re.DOTALL)
+_LETTERING = re.compile(r"<text.*?</text>", re.DOTALL)
 
 
 class gallery(nodes.General, nodes.Element):
@@ -59,7 +60,8 @@ def figures(document: nodes.document, address: str, numbers: Numbers) -> list[no
             small["classes"], small["loading"] = image["classes"], "lazy"
             shown.insert(0, small)
         elif first := _FRAME.search(figure.astext()):  # of an animation
-            shown.insert(0, nodes.raw("", first[0], format="html"))
+            drawn = _LETTERING.sub("", first[0])  # which nobody could read
+            shown.insert(0, nodes.raw("", drawn, format="html"))
         link = entry(beginning(caption), f"{address}#{figure['ids'][0]}", *shown)
         found.append(nodes.paragraph("", "", link, classes=["gallery-figure"]))
     return found
