@@ -80,10 +80,13 @@ def cost_columns(
         ax.set_xlabel("")
 
 
-def error_panels(scenario: Scenario, names: Sequence[str]) -> None:
-    """Share of the runs below each error, started at the truth (above) and at zero (below)."""
-    figure, axes = plt.subplots(2, 2, sharey=True, figsize=(5.0, 4.6))
-    for row, start in zip(axes, ("truth", "zero"), strict=True):
+def error_panels(
+    scenario: Scenario, names: Sequence[str], starts: Sequence[str] = ("truth", "zero")
+) -> None:
+    """Share of the runs below each error, one row of panels a start."""
+    size = (5.0, 0.6 + 2.0 * len(starts))
+    figure, axes = plt.subplots(len(starts), 2, sharey=True, squeeze=False, figsize=size)
+    for row, start in zip(axes, starts, strict=True):
         errors = {
             name: distance_and_rotation(evaluated(scenario, COSTS[name], start).errors)
             for name in names
