@@ -18,7 +18,8 @@ from d2d.study.book.style import write_out_ticks
 from d2d.study.book.table import Table, table
 from d2d.study.drives.figures import SYMBOLS
 
-_MARKS = (("o", BLACK), ("s", OCHRE), ("D", GREY))  # of v_x, v_y and omega
+# Of v_x, v_y and omega: marker, colour, height above the row, which keeps equal values apart.
+_MARKS = (("o", BLACK, 0.0), ("s", OCHRE, 0.24), ("D", GREY, -0.24))
 
 
 def judge_halves(recording: Recording) -> dict[str, Any]:
@@ -124,8 +125,8 @@ def draw_choices(
 def _draw_components(ax: Axes, values: Mapping[str, Any], groups: Sequence[int]) -> None:
     rows = np.arange(len(values))[::-1]
     columns = np.array(list(values.values())).T
-    for found, symbol, (marker, color) in zip(columns, SYMBOLS, _MARKS, strict=True):
-        ax.plot(found, rows, marker, color=color, ms=6, label=symbol)
+    for found, symbol, (marker, color, above) in zip(columns, SYMBOLS, _MARKS, strict=True):
+        ax.plot(found, rows + above, marker, color=color, ms=6, label=symbol)
     for first in groups:
         ax.axhline(len(values) - first - 0.5, color="0.8", lw=0.8)
     ax.axvline(1.0, **TRUTH)
