@@ -894,13 +894,13 @@ globalThis.tracker = (function radarTracker() {
 
     /** Say if a sensor pauses while others go on: by a gap, or a clock that jumps ahead. */
     lookForPause(sensor, times, others) {
-      if (this.offsets[sensor] !== 0) return; // a jump back has been told, and leaves a pause
       const intervals = this.intervals[sensor],
-        cycle = intervals.length ? median(intervals) : 0;
+        cycle = intervals.length ? median(intervals) : 0,
+        longest = this.offsets[sensor] === 0 ? FRESH * cycle : 1.001 * this.gap(sensor); // left by a mended jump
       for (let i = 1; i < times.length; i++) {
         const [start, end] = [times[i - 1], times[i]];
         const goOn = () => others.some((time) => time > start + cycle && time < end - cycle);
-        if (end - start > FRESH * cycle && goOn()) this.tellGap(this.names[sensor], end - start);
+        if (end - start > longest && goOn()) this.tellGap(this.names[sensor], end - start);
       }
     }
 

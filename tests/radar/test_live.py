@@ -64,13 +64,15 @@ def test_lines_give_the_numbers_of_a_tracker(run):
 def test_angles_in_degrees_and_sigmas_for_all(run):
     """Breaks if degrees stay degrees, in lists or options."""
     degrees = [json.loads(line) for line in lines(sigma_azimuth=None, sigma_range=None)]
-    for entry in degrees:
-        entry["azimuth"] = np.rad2deg(entry["azimuth"]).tolist()
+    radians = [json.loads(line) for line in lines(sigma_azimuth=np.deg2rad(0.5), sigma_range=0.1)]
+    for one, other in zip(degrees, radians, strict=True):
+        one["azimuth"] = np.rad2deg(one["azimuth"]).tolist()
+        other["azimuth"] = np.deg2rad(one["azimuth"]).tolist()
     options = ("--degrees", "--sigma-azimuth", "0.5", "--sigma-range", "0.1")
     found, _ = run([json.dumps(entry) for entry in degrees], *options)
-    same, _ = run(lines(sigma_azimuth=np.deg2rad(0.5), sigma_range=0.1))
-    for one, other in zip(found, same, strict=True):
-        assert one["theta"] == pytest.approx(other["theta"], rel=1e-9, abs=1e-9)
+    same, _ = run([json.dumps(entry) for entry in radians])
+    assert found
+    assert found == same
 
 
 def test_a_sigma_for_all_counts_instead_of_that_of_the_lines(run):

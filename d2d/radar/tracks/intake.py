@@ -70,10 +70,10 @@ class Intake:
 
     def look_for_pause(self, sensor: int, times: Array, others: Array) -> None:
         """Say if a sensor pauses while others go on: by a gap, or a clock that jumps ahead."""
+        cycle, longest = self._cycle(sensor), _FRESH * self._cycle(sensor)
         if self._offsets[sensor] != 0.0:
-            return  # a jump back has been told, and leaves a pause
-        cycle = self._cycle(sensor)
-        for i in np.flatnonzero(np.diff(times) > _FRESH * cycle):
+            longest = 1.001 * self._gap(sensor)  # left by a mended jump
+        for i in np.flatnonzero(np.diff(times) > longest):
             start, end = times[i], times[i + 1]
             if ((others > start + cycle) & (others < end - cycle)).any():
                 self._tell_gap(sensor, float(end - start), float(end))

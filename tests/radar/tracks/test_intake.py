@@ -71,6 +71,19 @@ def test_a_long_gap_is_told_and_the_log_goes_on():
     assert_array_equal(np.flatnonzero(~found.converged), [14])
 
 
+def test_a_pause_is_told_of_a_clock_that_has_jumped_back_before():
+    """Breaks if a mended jump hides what happens to the sensor later, or is told as a pause."""
+    (scans, at), other = surround_scans(60)[:2]
+    jumped = shifted(scans, 15, -5.0)
+    for missing, told in ((0, []), (20, ["2.100 s"])):
+        log = {"a": ([*jumped[:30], *jumped[30 + missing :]], at), "b": other}
+        with pytest.warns(UserWarning, match="has a gap|the clock of .* jumps") as said:
+            track(log, horizon=0.3)
+        first, *rest = (str(each.message) for each in said)
+        assert "the clock of sensors['a'].scans jumps by" in first
+        assert [text.split(" by ")[1].split(" at ")[0] for text in rest] == told
+
+
 def test_targets_that_are_there_twice_count_once():
     """Breaks if a log with every line twice halves the variances."""
     rng = np.random.default_rng(3)
