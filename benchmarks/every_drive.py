@@ -29,10 +29,10 @@ import joblib
 from tqdm import tqdm
 
 from benchmarks.protocol import LOADERS
-from benchmarks.road import HORIZON, Drive, scenes, sequences
+from benchmarks.road import HORIZON, Drive
 from benchmarks.run import in_one_thread
 from d2d.radar import compare, track
-from d2d.study.recordings.road import scores
+from d2d.study.recordings.road import scenes, scores, sequences
 
 DIRECTIONS = "v_x", "v_y", "omega"  # in m/s, m/s, deg/s
 BY_DIRECTION = "rmse", "mean", "whitened"

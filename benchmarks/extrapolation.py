@@ -12,8 +12,10 @@ of what is found when whole seconds are drawn anew.
 """
 
 import argparse
+import inspect
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,13 +27,13 @@ from numpy.typing import NDArray
 
 from benchmarks.report import table
 from benchmarks.road import HORIZON
-from benchmarks.road import scenes as scenes_of
 from benchmarks.run import in_one_thread
 from d2d import block_bootstrap
-from d2d.radar import load_nuscenes
+from d2d.radar import RadarScan, Recording, Track, load_nuscenes, track
 from d2d.study.book.grammar import OTHERS, TRUTH
 from d2d.study.book.style import letter_panels, use_style
 from d2d.study.recordings.road import judged, scores
+from d2d.study.recordings.road import scenes as scenes_of
 from d2d.study.recordings.turning import (
     CHANNELS,
     SCENES,
@@ -196,13 +198,31 @@ def powers(r: Residuals) -> Fitted:
 # ---- What it does to those who do not know it
 
 
+def with_own_yaw_rate(raw: Sequence[Recording], driven: Track) -> list[Recording]:
+    """The recordings, corrected with the yaw rate of the last estimate before each scan."""
+    times, omega = driven.times[driven.converged], driven.theta[driven.converged, 2]
+    time = inspect.signature(load_nuscenes).parameters["prediction_time"].default
+
+    def corrected(scan: RadarScan) -> RadarScan:
+        before = np.searchsorted(times, scan.time) - 1
+        rate = omega[before] if before >= 0 else 0.0
+        return replace(scan, doppler=scan.doppler - time * rate**2 * scan.range)
+
+    return [replace(each, scans=[corrected(scan) for scan in each.scans]) for each in raw]
+
+
 def effect(root: Path, scene: str) -> list[dict[str, Any]]:
-    """Scores of all radars' estimates without the correction, and with it."""
-    found = []
-    for options in ({"prediction_time": 0.0}, {}):
-        own = [load_nuscenes(root, scene, channel, **options) for channel in CHANNELS]
-        found.append(scores(judged(own, horizon=HORIZON, budget=own[0].budget)))
-    return found
+    """Scores of all radars' estimates without the correction, with it, and with it by themselves.
+
+    The reader takes the yaw rate of the reference; by themselves the radars take their own.
+    """
+    raw, read = (
+        [load_nuscenes(root, scene, channel, **options) for channel in CHANNELS]
+        for options in ({"prediction_time": 0.0}, {})
+    )
+    budget = raw[0].budget
+    alone = with_own_yaw_rate(raw, track(raw, horizon=HORIZON, budget=budget))
+    return [scores(judged(each, horizon=HORIZON, budget=budget)) for each in (raw, read, alone)]
 
 
 # ---- Tables
@@ -299,15 +319,15 @@ def radars(scenes: Sequence[Residuals]) -> str:
 
 
 def effects(found: dict[str, list[dict[str, Any]]]) -> str:
-    """Errors of the estimates without and with the correction."""
+    """Errors of the estimates without the correction, with it, and with it by themselves."""
     lines = []
-    for name, (without, corrected) in found.items():
-        pairs = [
+    for name, ways in found.items():
+        cells = [
             [f"{own['rmse'][k]:.{digits}f}" for k, digits in ((0, 3), (1, 3), (2, 2))]
             + [f"{own['anees']:.2f}", f"{own['inside']:.0%}"]
-            for own in (without, corrected)
+            for own in ways
         ]
-        lines.append((short(name), *(f"{a} → {b}" for a, b in zip(*pairs, strict=True))))
+        lines.append((short(name), *(" → ".join(each) for each in zip(*cells, strict=True))))
     head = ("scene", "v_x, m/s", "v_y, m/s", "ω, °/s", "ANEES", "inside 95 %")
     return table(head, lines, 1)
 

@@ -84,6 +84,7 @@ from d2d.radar.tracks.rounds import Round, rounds_of
 from d2d.registration import Estimate
 from d2d.study.book.grammar import BLACK, GREY, PURPLE, SKY
 from d2d.study.book.style import letter_panels, use_style
+from d2d.study.recordings.road import scenes, sequences
 from d2d.study.results import results_path
 
 Flags = NDArray[np.bool_]
@@ -505,8 +506,8 @@ def main() -> None:
     in_one_thread()
     kept = joblib.Memory(arguments.folder, verbose=0).cache(load_and_estimate)
     at_hand = {
-        "RadarScenes": road.sequences(arguments.radarscenes),
-        "nuScenes": road.scenes(arguments.nuscenes),
+        "RadarScenes": sequences(arguments.radarscenes),
+        "nuScenes": scenes(arguments.nuscenes),
     }
     wanted = list(CELLS.values())
     jobs = [

@@ -12,7 +12,6 @@ tenth round of the first drive.
 """
 
 import argparse
-import json
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -38,15 +37,17 @@ from d2d.radar import (
     Reference,
     Track,
     doppler_ego_motion,
-    load_nuscenes,
-    load_radarscenes,
     track,
 )
 from d2d.radar.tracks.rounds import Round, rounds_of
 from d2d.radar.tracks.track import integrate
-from d2d.study.recordings.estimates import SENSORS
-from d2d.study.recordings.road import joint_reference
-from d2d.study.recordings.turning import CHANNELS
+from d2d.study.recordings.road import (
+    joint_reference,
+    load_scene,
+    load_sequence,
+    scenes,
+    sequences,
+)
 from d2d.study.results import results_path
 
 Array = NDArray[np.float64]
@@ -269,34 +270,14 @@ def judged(drives: Sequence[Drive]) -> list[Row]:
     return rows
 
 
-def sequences(roots: Sequence[Path]) -> list[tuple[Path, str]]:
-    """The numbers of all sequences of RadarScenes roots, each with its root."""
-    return [
-        (root, str(number))
-        for root in roots
-        for number in sorted(int(p.name.split("_")[1]) for p in (root / "data").glob("sequence_*"))
-    ]
-
-
-def scenes(roots: Sequence[Path]) -> list[tuple[Path, str]]:
-    """The names of all scenes of nuScenes roots, each with its root."""
-    return [
-        (root, name)
-        for root in roots
-        for table in sorted(root.glob("v1.0-*/scene.json"))
-        for name in sorted(each["name"] for each in json.loads(table.read_text()))
-    ]
-
-
 def radarscenes(root: Path, sequence: str) -> Drive:
     """A sequence, all sensors."""
-    recordings = [load_radarscenes(root, sequence, sensor) for sensor in SENSORS]
-    return Drive.of(f"sequence {sequence}", recordings)
+    return Drive.of(f"sequence {sequence}", load_sequence(root, sequence))
 
 
 def nuscenes(root: Path, scene: str) -> Drive:
     """A scene, all radars."""
-    return Drive.of(scene, [load_nuscenes(root, scene, channel) for channel in CHANNELS])
+    return Drive.of(scene, load_scene(root, scene))
 
 
 def displacements(driven: Sequence[tuple[Drive, Track]], span: float) -> tuple[Array, Array]:

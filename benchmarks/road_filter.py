@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import table
-from benchmarks.road import HORIZON, Drive, nuscenes, radarscenes, scenes, sequences
+from benchmarks.road import HORIZON, Drive, nuscenes, radarscenes
 from benchmarks.run import in_one_thread
 from d2d.radar import ErrorBudget, Tracker, VelocityEstimate
 from d2d.radar.tracks.acceleration import JERK, UNKNOWN
@@ -34,6 +34,7 @@ from d2d.radar.tracks.displacement import PERSISTENCE
 from d2d.radar.tracks.rounds import Rounds, in_time_order
 from d2d.scores import normalised_squares
 from d2d.study.drives.fusion import GATE, REGION, SETTLED, Filter, Motion, slow_errors, take
+from d2d.study.recordings.road import scenes, sequences
 from d2d.study.results import results_path
 
 Array = NDArray[np.float64]

@@ -119,7 +119,7 @@ def road() -> Figure:
 
 def _shares_inside(ax: Axes) -> None:
     """The share of the errors of four radars on RadarScenes that lie in the 95 % region."""
-    found = read_road()["radarscenes"]["baseline 4"]["all"]  # 0.3 s between the scans of a pair
+    found = read_road()["radarscenes"]["baseline 4"]["105"]  # 0.3 s between the scans of a pair
     names = ("inverse Hessian", "noise and budget")
     shares = [found[name]["inside"] for name in names]
     colors = [grammar.COVARIANCES[name].color for name in names]

@@ -38,7 +38,7 @@ def test_the_first_pages_state_the_road_as_chapter_15_does(page: str) -> None:
     """Breaks if the drives are judged anew and a first page keeps the old shares and ANEES."""
     text = (ROOT / page).read_text(encoding="utf-8")
     road = read_road()  # baseline 4: 0.3 s between the scans of a pair, as in chapter 15
-    drive = road["radarscenes"]["baseline 4"]["all"]
+    drive = road["radarscenes"]["baseline 4"]["105"]
     before, after = (drive[name] for name in ("inverse Hessian", "noise and budget"))
     shares = re.search(r"(\d+) (?:%|percent)[^|\n]+ inverse Hessian, (?:and )?(\d+) ", text)
     assert shares is not None

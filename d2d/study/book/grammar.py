@@ -65,8 +65,6 @@ SETS = {
 
 COVARIANCES = {
     "inverse Hessian": Look("inverse Hessian", BLACK, "P", "-"),
-    "inverse Hessian, one factor": Look("inverse Hessian, one factor", GREY, "v", ":"),
-    "one constant matrix": Look("one constant matrix", YELLOW, "X", "-."),
     "propagated noise": Look("propagated noise", SKY, "^", "--"),
     "noise and budget": Look("noise and budget", PURPLE, "*", "-"),
 }

@@ -1,18 +1,18 @@
-"""Whether covariances are true on the road: every model, on every recording at hand.
+"""Whether covariances are true on the road, on every recording at hand.
 
-    python -m d2d.study.recordings.road [--radarscenes <root>] [--nuscenes <root>]
+    python -m d2d.study.recordings.road [--radarscenes ROOT ...] [--nuscenes ROOT ...]
 
 renews ``chapters/results/road.json``, as far as the data are given: errors and scores of our
-estimates, no measurements.  Fitted models are fitted on one part of the data and judged on another;
-see `Part`.
+estimates, no measurements.  Simpler models are judged beside these by `benchmarks.protocol`, whose
+tables `protocol_table` reads.
 """
 
 import argparse
-from collections.abc import Sequence
-from dataclasses import replace
+import json
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -29,32 +29,43 @@ from d2d.radar import (
     load_radarscenes,
     track,
 )
-from d2d.scores import normalised_squares
 from d2d.study.recordings.estimates import SENSORS, with_extent
 from d2d.study.recordings.turning import CHANNELS, of_turning
 from d2d.study.results import read_json, results_path, write_json
 
-SEQUENCE = 105
 SIDE_CHANNELS = CHANNELS[1:3]
-FITTED_SCENES, OTHER_SCENES = ("scene-0061", "scene-0103"), ("scene-0916", "scene-1077")
+# The budgets were fitted to the first ones, with those "seen" in view.
+FITTED_SEQUENCE, HELD_OUT_SEQUENCE = "105", "108"
+FITTED_SCENES, SEEN_SCENES = ("scene-0061", "scene-0103"), ("scene-0916", "scene-1077")
+HELD_OUT_SCENE = "scene-0655"
 BASELINES = (2, 4)  # about 0.15 and 0.3 s
 LONGER = (1, 2, 3, 4, 6, 8)
 EXTENTS = (0.0, 0.1, 0.2, 0.3, 0.5)  # m
 SIDE_ERROR = np.deg2rad(15.0)  # rad/s: a yaw rate that is farther off is a gross error
 
 
-class Part(NamedTuple):
-    """A stretch of a drive, with the tracks that are judged on it."""
+def sequences(roots: Sequence[Path]) -> list[tuple[Path, str]]:
+    """The numbers of all sequences of RadarScenes roots, each with its root."""
+    return [
+        (root, str(number))
+        for root in roots
+        for number in sorted(int(p.name.split("_")[1]) for p in (root / "data").glob("sequence_*"))
+    ]
 
-    name: str
-    plain: Comparison  # with the inverse Hessian
-    noise: Comparison  # with the propagated noise of the targets
-    budget: Comparison  # with the data set's budget
+
+def scenes(roots: Sequence[Path]) -> list[tuple[Path, str]]:
+    """The names of all scenes of nuScenes roots, each with its root."""
+    return [
+        (root, name)
+        for root in roots
+        for table in sorted(root.glob("v1.0-*/scene.json"))
+        for name in sorted(each["name"] for each in json.loads(table.read_text()))
+    ]
 
 
-def load_sequence(root: str | Path) -> list[Recording]:
-    """All sensors of the RadarScenes sequence."""
-    return [load_radarscenes(root, SEQUENCE, sensor) for sensor in SENSORS]
+def load_sequence(root: str | Path, sequence: str = FITTED_SEQUENCE) -> list[Recording]:
+    """All sensors of a RadarScenes sequence."""
+    return [load_radarscenes(root, sequence, sensor) for sensor in SENSORS]
 
 
 def load_scene(root: str | Path, scene: str) -> list[Recording]:
@@ -79,45 +90,16 @@ def judged(recordings: Sequence[Recording], **options: Any) -> Comparison:
     return compare(track(recordings, **options), joint_reference(recordings))
 
 
-def whole(name: str, recordings: Sequence[Recording], baseline: int) -> Part:
-    """A drive with the three covariances that need nothing fitted here."""
-    budgets = (None, ErrorBudget(), recordings[0].budget)
-    return Part(name, *(judged(recordings, baseline=baseline, budget=each) for each in budgets))
-
-
-def between(part: Part, name: str, first: float, last: float) -> Part:
-    """The estimates from a share ``first`` to a share ``last`` of the drive."""
-
-    def cut(found: Comparison) -> Comparison:
-        begin, end = found.times[[0, -1]]
-        share = (found.times - begin) / (end - begin)
-        inside = (share >= first) & (share <= last)
-        return replace(
-            found,
-            times=found.times[inside],
-            errors=found.errors[inside],
-            covariances=found.covariances[inside],
-        )
-
-    return Part(name, *(cut(each) for each in part[1:]))
-
-
-def models(part: Part, fitted: Sequence[Part]) -> dict[str, Comparison]:
-    """Every model of the covariance on one part, the simple ones fitted on others.
-
-    One factor makes the inverse Hessian's ANEES one, a constant matrix is the mean square of the
-    errors.
-    """
-    errors = np.concatenate([each.plain.errors for each in fitted])
-    covariances = np.concatenate([each.plain.covariances for each in fitted])
-    scaled = part.plain.covariances * normalised_squares(errors, covariances).mean() / 3.0
-    constant = np.broadcast_to(errors.T @ errors / len(errors), scaled.shape)
+def models(recordings: Sequence[Recording], baseline: int) -> dict[str, Comparison]:
+    """A drive with each covariance that needs nothing fitted here."""
+    budgets = {
+        "inverse Hessian": None,
+        "propagated noise": ErrorBudget(),
+        "noise and budget": recordings[0].budget,
+    }
     return {
-        "inverse Hessian": part.plain,
-        "inverse Hessian, one factor": replace(part.plain, covariances=scaled),
-        "one constant matrix": replace(part.plain, covariances=constant),
-        "propagated noise": part.noise,
-        "noise and budget": part.budget,
+        name: judged(recordings, baseline=baseline, budget=budget)
+        for name, budget in budgets.items()
     }
 
 
@@ -136,34 +118,15 @@ def scores(found: Comparison) -> dict[str, Any]:
     }
 
 
-def judge_radarscenes(recordings: Sequence[Recording]) -> dict[str, Any]:
-    """The whole sequence, and each half with the simple models fitted on the other."""
-    found = {}
-    for baseline in BASELINES:
-        part = whole("all", recordings, baseline)
-        halves = [
-            between(part, name, *span)
-            for name, span in (("first half", (0.0, 0.5)), ("second half", (0.5, 1.0)))
-        ]
-        rows = {"all": models(part, [part])}
-        rows |= {halves[i].name: models(halves[i], [halves[1 - i]]) for i in (0, 1)}
-        found[f"baseline {baseline}"] = {
-            where: {name: scores(each) for name, each in row.items()} for where, row in rows.items()
+def judge(drives: Mapping[str, Sequence[Recording]]) -> dict[str, Any]:
+    """The scores of every covariance on each drive, by baseline."""
+    return {
+        f"baseline {baseline}": {
+            name: {model: scores(found) for model, found in models(own, baseline).items()}
+            for name, own in drives.items()
         }
-    return found
-
-
-def judge_nuscenes(scenes: dict[str, list[Recording]]) -> dict[str, Any]:
-    """Every scene, with the simple models fitted on the two training scenes."""
-    found = {}
-    for baseline in BASELINES:
-        parts = {name: whole(name, own, baseline) for name, own in scenes.items()}
-        fitted = [parts[name] for name in FITTED_SCENES]
-        found[f"baseline {baseline}"] = {
-            name: {model: scores(each) for model, each in models(part, fitted).items()}
-            for name, part in parts.items()
-        }
-    return found
+        for baseline in BASELINES
+    }
 
 
 def extents(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
@@ -210,9 +173,9 @@ def side_radars(root: str | Path) -> list[dict[str, Any]]:
     }
     rows = []
     for way, options in ways.items():
-        for scenes in (FITTED_SCENES, OTHER_SCENES):
+        for names in (FITTED_SCENES, SEEN_SCENES):
             kept, errors, known = 0, [], 0
-            for scene, channel in product(scenes, SIDE_CHANNELS):
+            for scene, channel in product(names, SIDE_CHANNELS):
                 own = load_nuscenes(root, scene, channel)
                 driven = track(own, **options)
                 error = driven.theta - own.reference.at(driven.times).theta
@@ -225,7 +188,7 @@ def side_radars(root: str | Path) -> list[dict[str, Any]]:
             rows.append(
                 {
                     "way": way,
-                    "scenes": list(scenes),
+                    "scenes": list(names),
                     "kept": kept / known,
                     "gross": float((np.abs(omega) > SIDE_ERROR).mean()),
                     "rmse": float(np.rad2deg(np.sqrt(np.mean(omega**2)))),
@@ -249,24 +212,30 @@ def without_reference(recordings: Sequence[Recording]) -> dict[str, Any]:
     return {name: scores(each) for name, each in found.items()}
 
 
-def of_radarscenes(root: str | Path) -> dict[str, Any]:
-    """What the page shows of RadarScenes."""
-    recordings = load_sequence(root)
+def of_radarscenes(roots: Sequence[Path]) -> dict[str, Any]:
+    """What the pages show of RadarScenes."""
+    wanted = FITTED_SEQUENCE, HELD_OUT_SEQUENCE
+    drives = {name: load_sequence(root, name) for root, name in sequences(roots) if name in wanted}
+    recordings = drives[FITTED_SEQUENCE]
     return {
-        "radarscenes": judge_radarscenes(recordings),
+        "radarscenes": judge(drives),
         "extents": extents(recordings),
         "widths": widths(recordings),
-        "horizons of RadarScenes": {"sequence 105": horizons(recordings)},
+        "horizons of RadarScenes": {f"sequence {FITTED_SEQUENCE}": horizons(recordings)},
         "without_reference": without_reference(recordings),
     }
 
 
-def of_nuscenes(root: str | Path) -> dict[str, Any]:
-    """What the page shows of nuScenes."""
-    scenes = {name: load_scene(root, name) for name in FITTED_SCENES + OTHER_SCENES}
+def of_nuscenes(roots: Sequence[Path]) -> dict[str, Any]:
+    """What the pages show of nuScenes."""
+    known = FITTED_SCENES + SEEN_SCENES
+    wanted = *known, HELD_OUT_SCENE
+    found = {name: root for root, name in scenes(roots) if name in wanted}
+    drives = {name: load_scene(found[name], name) for name in wanted}
+    root = found[FITTED_SCENES[0]]
     return {
-        "nuscenes": judge_nuscenes(scenes),
-        "horizons of nuScenes": {name: horizons(own) for name, own in scenes.items()},
+        "nuscenes": judge(drives),
+        "horizons of nuScenes": {name: horizons(drives[name]) for name in known},
         "turning": of_turning(root),
         "side_radars": side_radars(root),
     }
@@ -277,22 +246,19 @@ def read_road() -> dict[str, Any]:
     return read_json(results_path("road.json"))
 
 
-def carried_alike() -> dict[str, list[float]]:
-    """The parts of the ANEES of sequence 105 by covariance, with all estimates carried alike.
-
-    They are those of v_x, v_y and omega in the table that `benchmarks.protocol` has written.
-    """
+def protocol_table(title: str) -> dict[str, list[str]]:
+    """The cells of a table of `benchmarks.protocol`, by covariance; its heading begins so."""
     text = results_path("road_protocol.md").read_text(encoding="utf-8")
-    table = text.split("mean squares of whitened errors")[1].split("**RadarScenes")[0]
-    rows = [line.strip("| ").split("|") for line in table.splitlines() if "/" in line]
-    return {name.strip(): [float(part.split("/")[0]) for part in row[:3]] for name, *row in rows}
+    lines = text.split(f"**{title}")[1].split("\n\n")[1].splitlines()[2:]
+    rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
+    return {name: cells for name, *cells in rows}
 
 
 def main() -> None:
     """Judge all covariances on the recordings at hand and write the results."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--radarscenes", help="folder of the RadarScenes data set")
-    parser.add_argument("--nuscenes", help="folder of the nuScenes data set")
+    for data_set in ("radarscenes", "nuscenes"):
+        parser.add_argument(f"--{data_set}", nargs="+", type=Path, metavar="ROOT")
     arguments = parser.parse_args()
     found = read_road()
     if arguments.radarscenes:

@@ -1,6 +1,7 @@
 """Tables and drawings of the covariances on the road."""
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from d2d.study.book.grammar import BLACK, COVARIANCES, OTHERS, TRUTH, covariance
 from d2d.study.book.style import PAGE
 from d2d.study.book.table import Column, Table, table
 from d2d.study.drives.errors import NAMES, UNITS
+from d2d.study.recordings.road import protocol_table
 
 _MARKS = "oDs^v"
 
@@ -38,10 +40,22 @@ def score_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> T
     return table(rows, columns, caption)
 
 
-def log_score_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
-    """The log score of every covariance, a row for each, on every drive, a column for each."""
-    rows = {name: [models[name]["log_score"] for models in judged.values()] for name in COVARIANCES}
-    return table(rows, ["covariance", *((where, "", ".2f") for where in judged)], caption)
+def rivals_table(names: Sequence[str], caption: str = "") -> Table:
+    """ANEES and log score of models, fitted to other drives, with all sensors: a row for each.
+
+    Of RadarScenes there is a column for each of two drives, of nuScenes one for the mean.
+    """
+    tables = [
+        protocol_table(f"{data_set}: {measure}")
+        for measure, data_set in product(("ANEES", "mean log score"), ("RadarScenes", "nuScenes"))
+    ]
+    rows = {}
+    for name in names:
+        cells = [found[name][0].split(" (")[0].split(" / ") for found in tables]
+        rows[name] = [float(number) for cell in cells for number in cell]
+    columns: list[Column] = [("105", "", ".2f"), ("108", "", ".2f"), ("nuScenes", "", ".1f")]
+    groups = {"ANEES": 3, "log score": 3}
+    return table(rows, ["covariance", *columns, *columns], caption, groups=groups)
 
 
 def error_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
@@ -59,11 +73,11 @@ def error_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> T
 
 def draw_scores(judged: Mapping[str, Mapping[str, Any]], wide: bool = False) -> Figure:
     """ANEES with its interval, and the share inside the 95 % region, of every model and drive."""
-    size = (PAGE, 0.9 + 0.47 * len(judged)) if wide else (5.0, 1.2 + 0.66 * len(judged))
+    size = (PAGE, 0.9 + 0.36 * len(judged)) if wide else (5.0, 1.2 + 0.5 * len(judged))
     figure, axes = plt.subplots(1, 2, sharey=True, figsize=size)
     places = np.arange(len(judged))[::-1]
     for k, name in enumerate(COVARIANCES):
-        offset = 0.3 - 0.15 * k
+        offset = 0.22 * (1 - k)
         found = [models[name] for models in judged.values()]
         anees = np.array([each["anees"] for each in found])
         bounds = np.array([each["anees_interval"] for each in found])

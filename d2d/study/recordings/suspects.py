@@ -81,7 +81,7 @@ def beside_changed_reference(
     )
 
 
-def parts_table(judged: Mapping[str, Mapping[str, Any]], caption: str) -> Table:
+def parts_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
     """ANEES with its interval and the three parts, a row for each of what `parts` gives."""
     return table(
         {

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from d2d import log_score
 from d2d.radar import ErrorBudget, Recording, compare, load_nuscenes, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.study.book import grammar
@@ -23,43 +24,25 @@ def recordings():
     return made
 
 
-@pytest.fixture(scope="module")
-def judged(recordings):
-    part = road.whole("all", recordings[:1], 2)
-    halves = [road.between(part, name, *span) for name, span in (("a", (0, 0.5)), ("b", (0.5, 1)))]
-    return part, halves
+def test_each_covariance_is_that_of_its_budget(recordings):
+    """Breaks if a covariance is judged under the name of another, or two drives are mixed up."""
+    own = recordings[:1]
+    by_model = road.models(own, 2)
+    assert list(by_model) == list(grammar.COVARIANCES)
+    plain, noise, budget = (found.covariances for found in by_model.values())
+    assert_allclose(plain, compare(track(own, baseline=2), own[0].reference).covariances)
+    assert (np.linalg.eigvalsh(budget - noise) > -1e-12).all()
+    found = road.judge({"a": own, "b": recordings[1:]})[f"baseline {road.BASELINES[0]}"]
+    assert found["a"]["propagated noise"] == road.scores(by_model["propagated noise"])
+    assert found["b"]["propagated noise"] != found["a"]["propagated noise"]
 
 
-def test_the_simple_models_are_fitted_where_they_are_said_to_be(judged):
-    """Breaks if a factor or a constant matrix is fitted to what it is judged on, or to nothing."""
-    part, (first, second) = judged
-    own = road.models(part, [part])
-    assert own["inverse Hessian, one factor"].measures.anees == pytest.approx(1.0)
-    assert own["one constant matrix"].measures.anees == pytest.approx(1.0)
-    errors = second.plain.errors
-    other = road.models(first, [second])["one constant matrix"].covariances
-    assert_allclose(other[0], errors.T @ errors / len(errors))
-    assert_allclose(own["noise and budget"].covariances, part.budget.covariances)
-    assert (np.linalg.eigvalsh(part.budget.covariances - part.noise.covariances) > -1e-12).all()
-
-
-def test_halves_share_the_drive(judged):
-    """Breaks if an estimate is in neither half, or the halves overlap by more than the middle."""
-    part, halves = judged
-    counts = [len(half.plain.times) for half in halves]
-    assert sum(counts) in (len(part.plain.times), len(part.plain.times) + 1)
-    assert halves[0].plain.times[-1] <= halves[1].plain.times[0]
-
-
-def test_tables_and_drawings_show_what_was_judged(judged):
+def test_tables_and_drawings_show_what_was_judged(recordings):
     """Breaks if a model is missing, or the numbers are not those of the comparison."""
-    part, _ = judged
-    found = {name: road.scores(each) for name, each in road.models(part, [part]).items()}
+    found = {n: road.scores(each) for n, each in road.models(recordings[:1], 2).items()}
     table = str(road_figures.score_table({"drive": found}))
     assert all(name in table for name in grammar.COVARIANCES)
     assert f"{found['noise and budget']['anees']:.2f}" in table
-    scores = road_figures.log_score_table({"drive": found})
-    assert scores.rows[0][1] in table
     errors = str(road_figures.error_table({"drive": found}))
     assert f"{found['noise and budget']['rmse'][0]:.3f}" in errors
     assert len(road_figures.draw_scores({"drive": found}).axes) == 2
@@ -69,8 +52,9 @@ def test_the_page_has_its_results():
     stored = road.read_road()
     for baseline in road.BASELINES:
         key = f"baseline {baseline}"
-        assert set(stored["radarscenes"][key]) == {"all", "first half", "second half"}
-        assert set(stored["nuscenes"][key]) == {*road.FITTED_SCENES, *road.OTHER_SCENES}
+        assert set(stored["radarscenes"][key]) == {road.FITTED_SEQUENCE, road.HELD_OUT_SEQUENCE}
+        scenes = {*road.FITTED_SCENES, *road.SEEN_SCENES, road.HELD_OUT_SCENE}
+        assert set(stored["nuscenes"][key]) == scenes
     assert [row["extent"] for row in stored["extents"]] == list(road.EXTENTS)
     horizons = stored["horizons of RadarScenes"] | stored["horizons of nuScenes"]
     assert all(len(rows) == len(road.LONGER) for rows in horizons.values())
@@ -81,30 +65,31 @@ def test_the_page_has_its_results():
 @pytest.mark.radarscenes
 def test_four_sensors_are_credible_with_their_budget(radarscenes):
     """Breaks if the covariance on the road is no longer true, or the estimates become worse."""
-    own = road.load_sequence(radarscenes)
-    part = road.whole("excerpt", own, 2)
-    measures = part.budget.measures
-    assert part.plain.measures.anees > 5.0
+    found = road.models(road.load_sequence(radarscenes), 2)
+    measures = found["noise and budget"].measures
+    plain = found["inverse Hessian"]
+    assert plain.measures.anees > 5.0
     assert 0.4 < measures.anees < 1.4
     assert measures.coverage[1] > 0.9
     assert (measures.rmse < [0.035, 0.065, 0.65]).all()
-    assert measures.log_score < road.models(part, [part])["inverse Hessian, one factor"].measures[6]
+    one_factor = plain.covariances * plain.measures.anees
+    assert measures.log_score < log_score(plain.errors, one_factor).mean()
 
 
 @pytest.mark.nuscenes
 def test_five_radars_are_credible_with_their_budget(nuscenes):
     """Breaks if the covariance on the training scenes is no longer true."""
     for scene in road.FITTED_SCENES:
-        part = road.whole(scene, road.load_scene(nuscenes, scene), 2)
-        measures = part.budget.measures
-        assert part.plain.measures.anees > 5.0
+        found = road.models(road.load_scene(nuscenes, scene), 2)
+        measures = found["noise and budget"].measures
+        assert found["inverse Hessian"].measures.anees > 5.0
         assert 0.5 < measures.anees < 1.5
         assert measures.coverage[1] > 0.9
         assert (measures.rmse < [0.09, 0.11, 0.7]).all()
 
 
 @pytest.mark.nuscenes
-@pytest.mark.parametrize("scene", road.OTHER_SCENES)
+@pytest.mark.parametrize("scene", road.SEEN_SCENES)
 def test_other_scenes_are_credible_over_a_horizon_of_a_third_of_a_second(nuscenes, scene):
     """Breaks if scenes that nothing was fitted to are no longer judged rightly."""
     own = road.load_scene(nuscenes, scene)
@@ -120,7 +105,7 @@ def test_other_scenes_are_credible_over_a_horizon_of_a_third_of_a_second(nuscene
 def test_side_radars_rarely_end_far_off(nuscenes, baseline):
     """Breaks if an estimate of a lone side radar is grossly wrong and said to be good."""
     kept = gross = known = 0
-    for scene, channel in product(road.FITTED_SCENES + road.OTHER_SCENES, road.SIDE_CHANNELS):
+    for scene, channel in product(road.FITTED_SCENES + road.SEEN_SCENES, road.SIDE_CHANNELS):
         own = load_nuscenes(nuscenes, scene, channel)
         driven = track(own, baseline=baseline)
         error = np.abs(driven.theta - own.reference.at(driven.times).theta)[:, 2]
@@ -132,9 +117,14 @@ def test_side_radars_rarely_end_far_off(nuscenes, baseline):
     assert kept >= 0.6 * known
 
 
-def test_what_is_carried_alike_is_of_sequence_105():
-    """Breaks if the table of the protocol is read in another column, or of another drive."""
-    alike = road.carried_alike()
-    noise = road.read_road()["radarscenes"]["baseline 4"]["all"]["propagated noise"]["whitened"]
-    assert_allclose(alike["propagated noise"], noise, atol=0.005)
-    assert alike["inverse Hessian"][2] > alike["propagated noise"][2]
+def test_tables_of_the_protocol_are_read_by_their_headings():
+    """Breaks if a table is taken for another, or a row for that of another model or drive."""
+    whitened = road.protocol_table("RadarScenes: all sensors: mean squares")
+    noise = [float(cell.split(" / ")[0]) for cell in whitened["propagated noise"][:3]]
+    stored = road.read_road()["radarscenes"]["baseline 4"][road.FITTED_SEQUENCE]
+    assert_allclose(noise, stored["propagated noise"]["whitened"], atol=0.005)
+    row = road_figures.rivals_table(["stored budget"]).rows[0]
+    nuscenes = road.protocol_table("nuScenes: ANEES")["stored budget"][0]
+    assert nuscenes.startswith(row[3])
+    found = stored["noise and budget"]
+    assert [row[1], row[4]] == [f"{found['anees']:.2f}", f"{found['log_score']:.2f}"]
