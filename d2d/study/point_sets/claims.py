@@ -11,10 +11,6 @@ from d2d.study.book.claim import (
     SHARE,
     Evidence,
     claim,
-    in_every,
-    in_nearly_all,
-    is_larger,
-    larger,
     nearly_all,
     tells,
 )
@@ -140,7 +136,7 @@ def icp_feeble() -> Evidence:
         near, loss = _near(scene, ICP), _loss_with_distance(scene, ICP)
         numbers[f"{scene}: share from near starts, {ICP}"] = near
         numbers[f"{scene}: loss of this share from far starts, {ICP}"] = (
-            tells(loss, larger) if scene == FULL_VIEW else loss
+            tells(loss, SHARE.larger) if scene == FULL_VIEW else loss
         )
         for method in (*COMPARED, *COARSE):
             numbers[f"{scene}: share from far starts, {method}"] = _far(scene, method)
@@ -148,7 +144,7 @@ def icp_feeble() -> Evidence:
     numbers["smallest lead of ICP over an NDT with coarse to fine cells"] = _smallest_lead(COARSE)
     losses = (_loss_with_distance(scene, ICP) for scene in SCENES)
     return Evidence(
-        {"it needs a good guess": in_every(*(is_larger(loss, SHARE) for loss in losses))},
+        {"it needs a good guess": SHARE.larger(*losses)},
         f"in its worst scene ICP succeeds from {_near_minimum(ICP)} of the near starts ({NEAR}), "
         f"and from {_far_range(ICP)} of the far starts ({FAR}), depending on the scene. That is "
         f"feeble, but the NDTs, which the thesis turns to next, need a better guess: with cells of "
@@ -179,9 +175,7 @@ def ndt_registers() -> Evidence:
     p2d, d2d = NDT
     return Evidence(
         {
-            f"{method} registers the scans": in_every(
-                *(in_nearly_all(near[scene, method]) for scene in SCENES)
-            )
+            f"{method} registers the scans": nearly_all(*(near[scene, method] for scene in SCENES))
             for method in NDT
         },
         f"in its worst scene P2D succeeds from {lowest[p2d]:.1%} of the near starts ({NEAR}) "

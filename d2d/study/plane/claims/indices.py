@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d._types import Array
-from d2d.study.book.claim import SHARE, Evidence, claim, in_every, is_larger, larger, tells
+from d2d.study.book.claim import SHARE, Evidence, claim, tells
 from d2d.study.book.measured import bootstrapped, complement
 from d2d.study.plane.evaluation import COSTS, LayoutStudy, over_layouts
 from d2d.study.plane.scenarios import LAYOUTS
@@ -59,11 +59,7 @@ def nci_not_enough() -> Evidence:
     of_product = bootstrapped(best, nci[:, product], dangerous[:, product])
     missed, missed_of_product = map(complement, (by_nci, of_product))
     return Evidence(
-        {
-            "it does not recognise all": in_every(
-                is_larger(missed, SHARE), is_larger(missed_of_product, SHARE)
-            )
-        },
+        {"it does not recognise all": SHARE.larger(missed, missed_of_product)},
         f"of {dangerous.size} conditions, {dangerous.mean():.0%} are dangerous: their 95% regions "
         f"contain less than {REGION - SHARE.high:.0%} of the errors. The best limit on the NCI "
         f"sorts {by_nci:.0%} of both kinds rightly (guessing {0.5:.0%}), the best on I2 "
@@ -71,8 +67,10 @@ def nci_not_enough() -> Evidence:
         "have one as high as regions that are too small. Without the sum, a third of the "
         f"conditions, the NCI sorts {of_product:.0%} rightly. Either index needs the true errors.",
         {
-            "share not recognised by the NCI": tells(missed, larger),
-            "share not recognised by the NCI, without the sum": tells(missed_of_product, larger),
+            "share not recognised by the NCI": tells(missed, SHARE.larger),
+            "share not recognised by the NCI, without the sum": tells(
+                missed_of_product, SHARE.larger
+            ),
             "share recognised by I2": by_inclination,
             "share of conditions that are dangerous": bootstrapped(np.mean, dangerous),
             "median NCI of the dangerous (dB)": bootstrapped(median_where, nci, dangerous),
