@@ -37,14 +37,9 @@ def mean_count_near(draws: MinimaOfDraws) -> Measured:
     return mean_of([each.near for each in draws])
 
 
-def counts_visible(draws: MinimaOfDraws) -> list[int]:
-    """Number of minima of each draw above 1 % of the highest density."""
-    return [each.visible for each in draws]
-
-
 def share_one_visible(draws: MinimaOfDraws) -> Measured:
     """Share of the draws with only one minimum above 1 % of the highest density."""
-    return share_of([count == 1 for count in counts_visible(draws)])
+    return share_of([each.visible == 1 for each in draws])
 
 
 def share_lowest_at_truth(draws: MinimaOfDraws) -> Measured:
