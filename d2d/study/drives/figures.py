@@ -35,7 +35,7 @@ from d2d.study.book.grammar import (
 )
 from d2d.study.book.style import write_out_ticks
 from d2d.study.drives import budget_trial, extended
-from d2d.study.drives.budget_trial import BudgetTrial
+from d2d.study.drives.budget_trial import Judged
 from d2d.study.drives.errors import IN_UNITS, UNITS
 from d2d.study.drives.extended import MODELS, ExtendedStudy
 from d2d.study.drives.fusion import GATE, REGION, Fused
@@ -321,15 +321,17 @@ def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> N
         ax.legend()
 
 
-def ingredients(ax: Axes, trial: BudgetTrial) -> None:
+def ingredients(ax: Axes, trial: Mapping[str, Judged]) -> None:
     """ANEES of each covariance, a row for each ingredient; a bar is a 95 % interval."""
-    rows = np.arange(len(trial.names))
+    rows = np.arange(len(trial))
+    anees = np.array([judged.anees for judged in trial.values()])
+    bounds = np.array([judged.interval for judged in trial.values()])
     for k, name in enumerate(budget_trial.COVARIANCES):
         places = rows + 0.22 * (k - 1)
         marks = covariance_marks(name)
-        intervals(ax, trial.anees[:, k], trial.intervals[:, :, k], places, **marks)
+        intervals(ax, anees[:, k], bounds[:, :, k], places, **marks)
     ax.axvline(1.0, **TRUTH)
-    ax.set_yticks(rows, trial.names)
+    ax.set_yticks(rows, list(trial))
     ax.invert_yaxis()
     ax.set(xscale="log", xlabel="ANEES")
     write_out_ticks(ax.xaxis, (1, 2, 5, 10, 20, 50))
