@@ -58,8 +58,8 @@ def overview() -> Figure:
 def draw_both_paths(ax: Axes, drive: Drive) -> None:
     """The path of a drive, estimated and true."""
     poses = track(drive).poses(drive.truth.poses[0])
-    drawing.path(ax, poses, **grammar.cost_line("robust", label="estimate"))
-    drawing.path(ax, drive.truth.poses, **grammar.TRUTH, label="truth")
+    ax.plot(*poses[:, :2].T, **grammar.cost_line("robust", label="estimate"))
+    ax.plot(*drive.truth.poses[:, :2].T, **grammar.TRUTH, label="truth")
 
 
 def start() -> Figure:

@@ -22,7 +22,19 @@ def read_json(path: Path) -> dict[str, Any]:
     return stored
 
 
-def write_json(path: Path, results: dict[str, Any]) -> None:
-    """Store results, one number a line, so that two versions can be compared."""
-    text = json.dumps(results, indent=1, ensure_ascii=False, default=float)
+def write_json(path: Path, results: dict[str, Any], digits: int | None = None) -> None:
+    """Store results, one number a line, so that two versions can be compared.
+
+    Floats are rounded to so many significant ``digits``: the last bits of two machines may differ.
+    """
+    stored = results if digits is None else _rounded(results, digits)
+    text = json.dumps(stored, indent=1, ensure_ascii=False, default=float)
     path.write_text(text + "\n", encoding="utf-8")
+
+
+def _rounded(value: Any, digits: int) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(each, digits) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_rounded(each, digits) for each in value]
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value

@@ -15,7 +15,7 @@ from d2d.radar import compare, simulate_drive, track
 from d2d.study import scenarios
 from d2d.study.beyond import exhaustive
 from d2d.study.beyond import figures as beyond_figures
-from d2d.study.book import drawing, grammar
+from d2d.study.book import grammar
 from d2d.study.drives import figures as drive_figures
 from d2d.study.line import disturbed_scenes, outlier_study
 from d2d.study.line import figures as line_figures
@@ -136,7 +136,6 @@ def driven_path():
     _, ax = plt.subplots()
     poses = np.zeros((201, 3))
     drive_figures.track_lines(ax, poses, poses)
-    drawing.path(ax, poses, **grammar.TRUTH, label="truth")
 
 
 COSTS = tuple(evaluation.COSTS)
