@@ -21,8 +21,7 @@ from d2d.study.line import cluster_study, outlier_study
 from d2d.study.line.claims import clusters as line_clusters
 from d2d.study.line.claims import outliers as line_outliers
 from d2d.study.line.claims import surfaces
-from d2d.study.line.disturbed_scenes import with_outlier
-from d2d.study.line.scene import line_scene
+from d2d.study.line.scene import line_scene, with_outlier
 from d2d.study.line.surfaces import Survey
 from d2d.study.mixtures import claims as mixtures
 from d2d.study.plane.claims import clusters, combined, indices, outliers, overlapped
@@ -32,8 +31,8 @@ from d2d.study.point_sets import claims as point_sets
 SUM, PRODUCT = surfaces.D2D, surfaces.LIKELIHOOD
 SWAPPED = {"SUMMING": overlapped.LIKELIHOOD, "LIKELIHOOD": overlapped.SUMMING}
 SAME, WORSE = Measured(1.0, 0.99, 1.01), Measured(1.5, 1.4, 1.6)  # ratios of errors
-ELSEWHERE = Minima(np.array([[8.0, 0.0, 0.0], np.zeros(3)]), np.array([0.0, -1.0]))
-AT_TRUTH = Minima(np.zeros((1, 3)), np.zeros(1))
+ELSEWHERE = Minima(np.array([[8.0, 0.0, 0.0], np.zeros(3)]), np.array([0.0, -1.0]), 0.0)
+AT_TRUTH = Minima(np.zeros((1, 3)), np.zeros(1), 0.0)
 FAR_OFF = {"TRUTH": 4.0}  # m: where no peak is
 CACHED = (
     *(surfaces.surfaces_of_scene, outlier_study.scene, outlier_study.survey_scene),

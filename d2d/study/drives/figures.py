@@ -306,7 +306,7 @@ def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> N
     for (chosen, model, name), colour in zip(groups, (YELLOW, PURPLE, SKY, BLACK), strict=True):
         widths = [study.half_width for study in chosen]
         for covariance, line in zip(extended.COVARIANCES, ("P-", "^:"), strict=True):
-            anees = [study.credibility(model, covariance).anees for study in chosen]
+            anees = [study.judged[model].credibility(covariance).anees for study in chosen]
             axes[0].plot(widths, anees, line, color=colour)
         rmse = [study.rmse(model)[2] for study in chosen]
         axes[1].plot(widths, rmse, ".-", color=colour, label=name)

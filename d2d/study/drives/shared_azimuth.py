@@ -1,13 +1,11 @@
 """The effect of treating the azimuth error in a target's position and Doppler as two errors."""
 
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 
-from d2d import PointSet, RegistrationCost, credibility, propagate_covariance, register, rigid
+from d2d import PointSet, RegistrationCost, propagate_covariance, register, rigid
 from d2d._types import Array
-from d2d.credibility import Credibility
 from d2d.measurement import LinearMeasurement
 from d2d.radar import (
     Drive,
@@ -19,27 +17,17 @@ from d2d.radar import (
 )
 from d2d.radar.scans.scan import doppler_gradients
 from d2d.study.plane.scenarios import noisy_polar
+from d2d.study.runs import StatedCovariances
 
 INTERVAL = 0.1  # s
 TARGETS, RUNS = 30, 1000
 COVARIANCES = ("inverse Hessian", "propagated, errors apart", "propagated, error shared")
 
 
-class ThreeCovariances(NamedTuple):
-    """Errors of estimates from pairs of scans, and the covariances stated for them."""
-
-    errors: Array  # (n, 3) of [v_x, v_y, omega] in m/s, m/s, rad/s
-    covariances: dict[str, Array]  # (n, 3, 3) for each of `COVARIANCES`
-
-    def credibility(self, name: str) -> Credibility:
-        """Credibility of one of the covariances."""
-        return credibility(self.errors, self.covariances[name])
-
-    def variance_ratios(self, name: str) -> Array:
-        """Actual over reported variance along the two matrices' common axes, ascending (3,)."""
-        root = np.linalg.cholesky(self.covariances[name].mean(axis=0))
-        whitened = np.linalg.solve(root, self.errors.T)
-        return np.asarray(np.linalg.eigvalsh(np.cov(whitened)))
+def variance_ratios(errors: Array, covariances: Array) -> Array:
+    """Actual over reported variance along the two matrices' common axes, ascending (3,)."""
+    root = np.linalg.cholesky(covariances.mean(axis=0))
+    return np.asarray(np.linalg.eigvalsh(np.cov(np.linalg.solve(root, errors.T))))
 
 
 def shared_azimuth(
@@ -48,7 +36,7 @@ def shared_azimuth(
     mounting: Mounting,
     *,
     sigmas: tuple[float, float, float] = (0.15, np.deg2rad(1.0), 0.06),
-) -> tuple[float, ThreeCovariances]:
+) -> tuple[float, StatedCovariances]:
     """Register noisy scan pairs of a static scene; an azimuth error enters position and Doppler.
 
     The targets are spread evenly over the area within 46 degrees of the boresight and between 5 and
@@ -94,7 +82,7 @@ def shared_azimuth(
     good = estimate.converged
     _, true_slope = doppler_gradients(azimuth, mounting)
     weight = float(np.sqrt(np.mean((sigmas[1] * (true_slope @ theta) / sigmas[2]) ** 2)))
-    return weight, ThreeCovariances(
+    return weight, StatedCovariances(
         (rigid.logarithm(estimate.theta) / INTERVAL - theta)[good],
         {
             name: (jacobian @ covariance @ np.swapaxes(jacobian, -1, -2))[good]
@@ -107,7 +95,7 @@ def shared_azimuth(
 
 def on_a_drive(
     drive: Drive, driven: Track, pairs: Iterable[int], *, doppler: bool = True
-) -> ThreeCovariances:
+) -> StatedCovariances:
     """The same three covariances on these pairs of scans of a drive, started at its track.
 
     The truth is the velocity at the second scan.  Pairs without a covariance are left out.
@@ -125,4 +113,4 @@ def on_a_drive(
     error, covariance = np.array(errors), np.array(covariances)
     good = np.isfinite(covariance).all(axis=(1, 2, 3))
     by_name = zip(COVARIANCES, np.swapaxes(covariance[good], 0, 1), strict=True)
-    return ThreeCovariances(error[good], dict(by_name))
+    return StatedCovariances(error[good], dict(by_name))

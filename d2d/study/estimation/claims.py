@@ -122,7 +122,7 @@ def fisher_suffices() -> Evidence:
     inverse, propagated, anees = {}, {}, {}
     for name in COSTS:
         study = covariance_study(name)
-        hessian, spread = study.fisher_credibility, study.propagated_credibility
+        hessian, spread = map(study.credibility, ("inverse Hessian", "propagated"))
         inverse[name], propagated[name] = inclination_of(hessian), inclination_of(spread)
         anees[name] = anees_of(hessian)
         numbers |= {

@@ -9,13 +9,12 @@ import numpy as np
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
 from d2d.covariance import propagate_covariance
-from d2d.credibility import Credibility, credibility
 from d2d.point_set import PointSet
 from d2d.registration import register
 from d2d.study.book.claim import DECIBELS
 from d2d.study.book.measured import Measured, anees_of, mean_of
 from d2d.study.plane.scenarios import OVERLAPPED, cartesian
-from d2d.study.runs import judged
+from d2d.study.runs import StatedCovariances, judged
 
 SEED = 5
 RUNS = 20_000  # a variance is known to 1 % (one standard error)
@@ -26,17 +25,6 @@ COSTS = {
     "sum": RegistrationCost(fusion="summing"),
     "P2D likelihood": RegistrationCost("p2d"),
 }
-
-
-class CovarianceStudy(NamedTuple):
-    """Errors of one cost in many runs, and the covariances that it claims for them."""
-
-    errors: Array  # (runs, 3) m, m, rad
-    actual: Array  # (3,) variances
-    fisher: Array  # (runs, 3, 3) inverse Hessians
-    propagated: Array  # (runs, 3, 3)
-    fisher_credibility: Credibility
-    propagated_credibility: Credibility
 
 
 @cache
@@ -52,8 +40,8 @@ def overlapped_sets(width: float = 1.0) -> tuple[PointSet, PointSet]:
 
 
 @cache
-def covariance_study(name: str, width: float = 1.0) -> CovarianceStudy:
-    """Compare both covariances of a cost of `COSTS` with the Monte Carlo scatter.
+def covariance_study(name: str, width: float = 1.0) -> StatedCovariances:
+    """Errors of a cost of `COSTS` in many runs, its inverse Hessians and propagated covariances.
 
     Every run starts at the true motion: the question is how far the right optimum scatters, not
     whether it is found.  Both covariances are scaled to the actual noise.
@@ -63,22 +51,17 @@ def covariance_study(name: str, width: float = 1.0) -> CovarianceStudy:
     estimates = register(fixed, moving, cost, OVERLAPPED.theta)
     good = estimates.converged
     errors = (estimates.theta - OVERLAPPED.theta)[good]
-    fisher = estimates.covariance[good] / width**2
-    propagated = propagate_covariance(estimates, fixed, moving, cost)[good] / width**2
-    return CovarianceStudy(
-        errors,
-        errors.var(axis=0),
-        fisher,
-        propagated,
-        credibility(errors, fisher),
-        credibility(errors, propagated),
-    )
+    stated = {
+        "inverse Hessian": estimates.covariance,
+        "propagated": propagate_covariance(estimates, fixed, moving, cost),
+    }
+    return StatedCovariances(errors, {kind: each[good] / width**2 for kind, each in stated.items()})
 
 
-def variance_ratio(study: CovarianceStudy, which: str) -> Array:
+def variance_ratio(study: StatedCovariances, kind: str) -> Array:
     """Ratio (3,) of the mean stated variance to the actual one."""
-    stated = getattr(study, which).mean(axis=0)
-    return np.asarray(np.diag(stated) / study.actual)
+    stated = study.covariances[kind].mean(axis=0)
+    return np.asarray(np.diag(stated) / study.errors.var(axis=0))
 
 
 def kurtosis_of(errors: Array) -> Measured:

@@ -1,6 +1,6 @@
 """Where the optima of a planar registration cost are, and from where they are reached."""
 
-from functools import cache, lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +9,7 @@ from d2d import rigid
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.registration import Estimate, register, start_grid
+from d2d.registration import register, start_grid
 from d2d.study.plane.evaluation import at_truth
 from d2d.study.plane.scenarios import Scenario
 from d2d.study.point_sets.convergence import start_plane
@@ -29,6 +29,7 @@ class Minima(NamedTuple):
 
     errors: Array  # (M, 3) in m, m, rad
     log_heights: Array  # (M,) logarithm of the density over the highest
+    highest: float  # logarithm of the highest density
 
     @property
     def near(self) -> int:
@@ -54,7 +55,10 @@ def local_minima(scenario: Scenario, cost: RegistrationCost, draws: int = 5) -> 
     Found by descents from a grid of 847 starts within 10 m and 45 degrees of the truth; their
     number is a lower bound.
     """
-    found = _descents(scenario, cost, draws)
+    fixed, moving = scenario.sample(draws, np.random.default_rng(5))
+    angles = np.linspace(-SEARCH_ROTATION, SEARCH_ROTATION, ROTATIONS)
+    starts = scenario.theta + start_grid(SEARCH_DISTANCE, SPACING, angles)
+    found = register(fixed, moving, cost, starts[:, np.newaxis], threads=THREADS)
     errors = found.theta - scenario.theta
     errors[..., 2] = np.angle(np.exp(1j * errors[..., 2]))
     reached = found.converged
@@ -64,22 +68,6 @@ def local_minima(scenario: Scenario, cost: RegistrationCost, draws: int = 5) -> 
     )
 
 
-def highest_density(scenario: Scenario, cost: RegistrationCost, draws: int) -> Array:
-    """Logarithm (draws,) of the highest fused density that the same descents find in each draw."""
-    found = _descents(scenario, cost, draws)
-    heights = np.where(found.converged, -found.value, -np.inf)
-    return np.asarray(heights.max(axis=0))
-
-
-@lru_cache(maxsize=4)
-def _descents(scenario: Scenario, cost: RegistrationCost, draws: int) -> Estimate:
-    """Estimates (847, draws) from the grid of starts."""
-    fixed, moving = scenario.sample(draws, np.random.default_rng(5))
-    angles = np.linspace(-SEARCH_ROTATION, SEARCH_ROTATION, ROTATIONS)
-    starts = scenario.theta + start_grid(SEARCH_DISTANCE, SPACING, angles)
-    return register(fixed, moving, cost, starts[:, np.newaxis], threads=THREADS)
-
-
 def _distinct(errors: Array, values: Array) -> Minima:
     left = np.argsort(values, kind="stable")
     kept: list[int] = []
@@ -87,7 +75,7 @@ def _distinct(errors: Array, values: Array) -> Minima:
         kept.append(int(left[0]))
         apart = np.abs(errors[left] - errors[left[0]]) > SAME
         left = left[apart.any(axis=-1)]
-    return Minima(errors[kept], values[kept[0]] - values[kept])
+    return Minima(errors[kept], values[kept[0]] - values[kept], -float(values[kept[0]]))
 
 
 def nearest(fixed: Array, moving: Array, theta: Array) -> Array:

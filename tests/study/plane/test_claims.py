@@ -17,7 +17,7 @@ from d2d.study.plane.scenarios import OVERLAPPED
 
 def test_the_cluster_claim_holds_where_the_lowest_minimum_is_elsewhere(monkeypatch):
     """Breaks if the verdict rests on descents from the truth, which cannot see another minimum."""
-    elsewhere = Minima(np.array([[8.0, 0.0, 0.0], np.zeros(3)]), np.array([0.0, -1.0]))
+    elsewhere = Minima(np.array([[8.0, 0.0, 0.0], np.zeros(3)]), np.array([0.0, -1.0]), 0.0)
     monkeypatch.setattr(
         clusters, "local_minima", lambda scenario, cost, draws: (elsewhere,) * draws
     )
@@ -30,7 +30,7 @@ def test_the_cluster_claim_holds_where_the_lowest_minimum_is_elsewhere(monkeypat
 
 def test_a_search_outside_the_thesiss_conditions_decides_nothing(monkeypatch):
     """Breaks if a layout that nobody claimed anything of saves a claim."""
-    right = Minima(np.array([np.zeros(3), [8.0, 0.0, 0.0]]), np.array([0.0, -1.0]))
+    right = Minima(np.array([np.zeros(3), [8.0, 0.0, 0.0]]), np.array([0.0, -1.0]), 0.0)
     monkeypatch.setattr(clusters, "local_minima", lambda scenario, cost, draws: (right,) * draws)
     monkeypatch.setattr(clusters, "shares_wrong", lambda *given, **first: np.ones(40))
     monkeypatch.setattr(clusters, "KINDS", clusters.KINDS[-1:])

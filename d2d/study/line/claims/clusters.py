@@ -115,8 +115,7 @@ def _paired(over: Spread, under: Spread, field: str) -> tuple[Array, Array]:
 
 def _single(cost: RegistrationCost, *spacings: float) -> Measured:
     """Smallest share of draws with one maximum near the truth, over spacings in sigma."""
-    maxima = cluster_sweep(cost).maxima
-    return smallest(share_of, *((maxima[SPACINGS.index(at)] == 1,) for at in spacings))
+    return smallest(share_of, *((_maxima(cost, at) == 1,) for at in spacings))
 
 
 def _numbers(name: str, effect: _Effect) -> dict[str, float]:

@@ -27,13 +27,11 @@ def recognised(index: Array, dangerous: NDArray[np.bool_]) -> float:
 
     The limit may be an upper or a lower one; both kinds of condition count alike.
     """
-    order = np.argsort(index, kind="stable")
-    low = np.append(0.0, np.cumsum(dangerous[order])) / max(dangerous.sum(), 1)
-    harmless = np.append(0.0, np.cumsum(~dangerous[order])) / max((~dangerous).sum(), 1)
-    # limits between equal values are none
-    possible = np.append(True, np.append(np.diff(index[order]) > 0.0, True))
-    right = 0.5 * (1.0 - low + harmless)[possible]
-    return float(max(right.max(), 1.0 - right.min()))
+    kinds = np.sort(index[dangerous]), np.sort(index[~dangerous])
+    low, harmless = (
+        np.searchsorted(each, index, side="right") / max(len(each), 1) for each in kinds
+    )
+    return 0.5 + 0.5 * float(np.abs(low - harmless).max())
 
 
 @claim("nci-not-enough", section="6.4", lines="1467", figure="overlap-credibility")

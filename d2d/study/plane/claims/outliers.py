@@ -53,7 +53,7 @@ from d2d.study.plane.measures import (
     share_one_visible,
     times_off,
 )
-from d2d.study.plane.optima import highest_density, local_minima
+from d2d.study.plane.optima import local_minima
 from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED, Scenario
 
 MORE = 4000  # draws for a difference of two I2
@@ -85,7 +85,8 @@ def outlier_likelihood_vanishes() -> Evidence:
     here = _loss(OUTLIERS, 1000)
     others = [_loss(random_layout("outliers", seed), 10) for seed in range(LAYOUTS)]
     highest_before, highest = (
-        highest_density(scenario, LIKELIHOOD, SEARCHED) / np.log(10.0)
+        np.array([each.highest for each in local_minima(scenario, LIKELIHOOD, SEARCHED)])
+        / np.log(10.0)
         for scenario in (OVERLAPPED, OUTLIERS)
     )
     vanished = share_of(here.decades > VANISHED)
