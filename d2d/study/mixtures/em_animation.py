@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.colors import to_hex, to_rgba_array
 from numpy.typing import ArrayLike
 
 from d2d._types import Array
@@ -34,11 +35,11 @@ def em_frame(
     def place(where: Array) -> Array:
         return np.asarray(origin + scale * where * np.array([1.0, -1.0]))
 
+    # each point has the mean of the components' colours
+    mixed = mixture.responsibilities(points) @ to_rgba_array(COLOURS[: mixture.components])[:, :3]
     marks = [
         svg.circle(px, py, 2.6, colour)
-        for (px, py), colour in zip(
-            place(points), _blend(mixture.responsibilities(points)), strict=True
-        )
+        for (px, py), colour in zip(place(points), map(to_hex, mixed), strict=True)
     ]
     for k in range(mixture.components):
         marks += _component(mixture, k, place(mixture.means[k]), scale)
@@ -46,13 +47,6 @@ def em_frame(
     marks += _likelihood_strip(np.asarray(log_likelihoods), step)
     label = f"Step {step} of EM: data, components and log-likelihood"
     return svg.picture(WIDTH, HEIGHT + STRIP, label, marks)
-
-
-def _blend(shares: Array) -> list[str]:
-    """Mix the components' colours, by each row of shares (N, K)."""
-    rgb = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in COLOURS])
-    mixed = np.round(shares @ rgb[: shares.shape[1]]).astype(int)
-    return ["#{:02x}{:02x}{:02x}".format(*row) for row in mixed]
 
 
 def _component(mixture: GaussianMixture, k: int, centre: Array, scale: float) -> list[str]:

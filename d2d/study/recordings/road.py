@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -43,13 +43,8 @@ EXTENTS = (0.0, 0.1, 0.2, 0.3, 0.5)  # m
 SIDE_ERROR = np.deg2rad(15.0)  # rad/s: a yaw rate that is farther off is a gross error
 
 
-class Part(NamedTuple):
-    """A stretch of a drive, with the tracks that are judged on it."""
-
-    name: str
-    plain: Comparison  # with the inverse Hessian
-    noise: Comparison  # with the propagated noise of the targets
-    budget: Comparison  # with the data set's budget
+Part = dict[str, Comparison]
+"""A stretch of a drive, with each covariance that needs nothing fitted here."""
 
 
 def load_sequence(root: str | Path) -> list[Recording]:
@@ -79,13 +74,20 @@ def judged(recordings: Sequence[Recording], **options: Any) -> Comparison:
     return compare(track(recordings, **options), joint_reference(recordings))
 
 
-def whole(name: str, recordings: Sequence[Recording], baseline: int) -> Part:
-    """A drive with the three covariances that need nothing fitted here."""
-    budgets = (None, ErrorBudget(), recordings[0].budget)
-    return Part(name, *(judged(recordings, baseline=baseline, budget=each) for each in budgets))
+def whole(recordings: Sequence[Recording], baseline: int) -> Part:
+    """A whole drive: the inverse Hessian, the targets' propagated noise, the data set's budget."""
+    budgets = {
+        "inverse Hessian": None,
+        "propagated noise": ErrorBudget(),
+        "noise and budget": recordings[0].budget,
+    }
+    return {
+        name: judged(recordings, baseline=baseline, budget=budget)
+        for name, budget in budgets.items()
+    }
 
 
-def between(part: Part, name: str, first: float, last: float) -> Part:
+def between(part: Part, first: float, last: float) -> Part:
     """The estimates from a share ``first`` to a share ``last`` of the drive."""
 
     def cut(found: Comparison) -> Comparison:
@@ -99,7 +101,7 @@ def between(part: Part, name: str, first: float, last: float) -> Part:
             covariances=found.covariances[inside],
         )
 
-    return Part(name, *(cut(each) for each in part[1:]))
+    return {name: cut(each) for name, each in part.items()}
 
 
 def models(part: Part, fitted: Sequence[Part]) -> dict[str, Comparison]:
@@ -108,16 +110,16 @@ def models(part: Part, fitted: Sequence[Part]) -> dict[str, Comparison]:
     One factor makes the inverse Hessian's ANEES one, a constant matrix is the mean square of the
     errors.
     """
-    errors = np.concatenate([each.plain.errors for each in fitted])
-    covariances = np.concatenate([each.plain.covariances for each in fitted])
-    scaled = part.plain.covariances * normalised_squares(errors, covariances).mean() / 3.0
+    plain, others = part["inverse Hessian"], [each["inverse Hessian"] for each in fitted]
+    errors = np.concatenate([each.errors for each in others])
+    covariances = np.concatenate([each.covariances for each in others])
+    scaled = plain.covariances * normalised_squares(errors, covariances).mean() / 3.0
     constant = np.broadcast_to(errors.T @ errors / len(errors), scaled.shape)
     return {
-        "inverse Hessian": part.plain,
-        "inverse Hessian, one factor": replace(part.plain, covariances=scaled),
-        "one constant matrix": replace(part.plain, covariances=constant),
-        "propagated noise": part.noise,
-        "noise and budget": part.budget,
+        "inverse Hessian": plain,
+        "inverse Hessian, one factor": replace(plain, covariances=scaled),
+        "one constant matrix": replace(plain, covariances=constant),
+        **{name: found for name, found in part.items() if found is not plain},
     }
 
 
@@ -140,13 +142,13 @@ def judge_radarscenes(recordings: Sequence[Recording]) -> dict[str, Any]:
     """The whole sequence, and each half with the simple models fitted on the other."""
     found = {}
     for baseline in BASELINES:
-        part = whole("all", recordings, baseline)
-        halves = [
-            between(part, name, *span)
-            for name, span in (("first half", (0.0, 0.5)), ("second half", (0.5, 1.0)))
-        ]
-        rows = {"all": models(part, [part])}
-        rows |= {halves[i].name: models(halves[i], [halves[1 - i]]) for i in (0, 1)}
+        part = whole(recordings, baseline)
+        first, second = between(part, 0.0, 0.5), between(part, 0.5, 1.0)
+        rows = {
+            "all": models(part, [part]),
+            "first half": models(first, [second]),
+            "second half": models(second, [first]),
+        }
         found[f"baseline {baseline}"] = {
             where: {name: scores(each) for name, each in row.items()} for where, row in rows.items()
         }
@@ -157,7 +159,7 @@ def judge_nuscenes(scenes: dict[str, list[Recording]]) -> dict[str, Any]:
     """Every scene, with the simple models fitted on the two training scenes."""
     found = {}
     for baseline in BASELINES:
-        parts = {name: whole(name, own, baseline) for name, own in scenes.items()}
+        parts = {name: whole(own, baseline) for name, own in scenes.items()}
         fitted = [parts[name] for name in FITTED_SCENES]
         found[f"baseline {baseline}"] = {
             name: {model: scores(each) for model, each in models(part, fitted).items()}

@@ -25,9 +25,8 @@ def recordings():
 
 @pytest.fixture(scope="module")
 def judged(recordings):
-    part = road.whole("all", recordings[:1], 2)
-    halves = [road.between(part, name, *span) for name, span in (("a", (0, 0.5)), ("b", (0.5, 1)))]
-    return part, halves
+    part = road.whole(recordings[:1], 2)
+    return part, [road.between(part, 0.0, 0.5), road.between(part, 0.5, 1.0)]
 
 
 def test_the_simple_models_are_fitted_where_they_are_said_to_be(judged):
@@ -36,19 +35,21 @@ def test_the_simple_models_are_fitted_where_they_are_said_to_be(judged):
     own = road.models(part, [part])
     assert own["inverse Hessian, one factor"].measures.anees == pytest.approx(1.0)
     assert own["one constant matrix"].measures.anees == pytest.approx(1.0)
-    errors = second.plain.errors
+    errors = second["inverse Hessian"].errors
     other = road.models(first, [second])["one constant matrix"].covariances
     assert_allclose(other[0], errors.T @ errors / len(errors))
-    assert_allclose(own["noise and budget"].covariances, part.budget.covariances)
-    assert (np.linalg.eigvalsh(part.budget.covariances - part.noise.covariances) > -1e-12).all()
+    budget = part["noise and budget"].covariances
+    assert_allclose(own["noise and budget"].covariances, budget)
+    added = np.linalg.eigvalsh(budget - part["propagated noise"].covariances)
+    assert (added > -1e-12).all()
 
 
 def test_halves_share_the_drive(judged):
     """Breaks if an estimate is in neither half, or the halves overlap by more than the middle."""
     part, halves = judged
-    counts = [len(half.plain.times) for half in halves]
-    assert sum(counts) in (len(part.plain.times), len(part.plain.times) + 1)
-    assert halves[0].plain.times[-1] <= halves[1].plain.times[0]
+    whole, first, second = (each["inverse Hessian"].times for each in (part, *halves))
+    assert len(first) + len(second) in (len(whole), len(whole) + 1)
+    assert first[-1] <= second[0]
 
 
 def test_tables_and_drawings_show_what_was_judged(judged):
@@ -82,9 +83,9 @@ def test_the_page_has_its_results():
 def test_four_sensors_are_credible_with_their_budget(radarscenes):
     """Breaks if the covariance on the road is no longer true, or the estimates become worse."""
     own = road.load_sequence(radarscenes)
-    part = road.whole("excerpt", own, 2)
-    measures = part.budget.measures
-    assert part.plain.measures.anees > 5.0
+    part = road.whole(own, 2)
+    measures = part["noise and budget"].measures
+    assert part["inverse Hessian"].measures.anees > 5.0
     assert 0.4 < measures.anees < 1.4
     assert measures.coverage[1] > 0.9
     assert (measures.rmse < [0.035, 0.065, 0.65]).all()
@@ -95,9 +96,9 @@ def test_four_sensors_are_credible_with_their_budget(radarscenes):
 def test_five_radars_are_credible_with_their_budget(nuscenes):
     """Breaks if the covariance on the training scenes is no longer true."""
     for scene in road.FITTED_SCENES:
-        part = road.whole(scene, road.load_scene(nuscenes, scene), 2)
-        measures = part.budget.measures
-        assert part.plain.measures.anees > 5.0
+        part = road.whole(road.load_scene(nuscenes, scene), 2)
+        measures = part["noise and budget"].measures
+        assert part["inverse Hessian"].measures.anees > 5.0
         assert 0.5 < measures.anees < 1.5
         assert measures.coverage[1] > 0.9
         assert (measures.rmse < [0.09, 0.11, 0.7]).all()
