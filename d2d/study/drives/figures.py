@@ -23,6 +23,7 @@ from d2d.study.book.drawing import ellipses, intervals
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
+    COVARIANCES,
     GREY,
     OCHRE,
     PINK,
@@ -31,7 +32,6 @@ from d2d.study.book.grammar import (
     TRUTH,
     YELLOW,
     cost_line,
-    covariance_marks,
 )
 from d2d.study.book.style import write_out_ticks
 from d2d.study.drives import budget_trial, extended
@@ -328,7 +328,7 @@ def ingredients(ax: Axes, trial: Mapping[str, Judged]) -> None:
     bounds = np.array([judged.interval for judged in trial.values()])
     for k, name in enumerate(budget_trial.COVARIANCES):
         places = rows + 0.22 * (k - 1)
-        marks = covariance_marks(name)
+        marks = COVARIANCES[name].marks
         intervals(ax, anees[:, k], bounds[:, :, k], places, **marks)
     ax.axvline(1.0, **TRUTH)
     ax.set_yticks(rows, list(trial))
