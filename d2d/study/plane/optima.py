@@ -4,6 +4,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._types import Array
@@ -25,31 +26,31 @@ TURNS = np.deg2rad(np.arange(-60.0, 60.1, 6.0))  # rad
 
 
 class Minima(NamedTuple):
-    """Distinct local minima of one cost, the lowest first."""
+    """Distinct local minima of one cost in each of several draws, the lowest first."""
 
-    errors: Array  # (M, 3) in m, m, rad
-    log_heights: Array  # (M,) logarithm of the density over the highest
-    highest: float  # logarithm of the highest density
-
-    @property
-    def near(self) -> int:
-        """Number of minima within 10 m and 45 degrees of the truth."""
-        inside = np.abs(self.errors) <= (SEARCH_DISTANCE, SEARCH_DISTANCE, SEARCH_ROTATION)
-        return int(inside.all(axis=-1).sum())
+    errors: tuple[Array, ...]  # (M, 3) in m, m, rad of each draw
+    log_heights: tuple[Array, ...]  # (M,) logarithm of the density over the highest
+    highest: Array  # (draws,) logarithm of the highest density
 
     @property
-    def visible(self) -> int:
-        """Number of all minima found whose density is above 1 % of the highest."""
-        return int(np.sum(self.log_heights > VISIBLE))
+    def near(self) -> NDArray[np.int64]:
+        """Number (draws,) of minima within 10 m and 45 degrees of the truth."""
+        limits = (SEARCH_DISTANCE, SEARCH_DISTANCE, SEARCH_ROTATION)
+        return np.array([(np.abs(each) <= limits).all(axis=-1).sum() for each in self.errors])
 
     @property
-    def right(self) -> bool:
-        """Whether the lowest minimum found is at the truth."""
-        return bool(at_truth(self.errors[0]))
+    def visible(self) -> NDArray[np.int64]:
+        """Number (draws,) of all minima found whose density is above 1 % of the highest."""
+        return np.array([np.sum(each > VISIBLE) for each in self.log_heights])
+
+    @property
+    def right(self) -> NDArray[np.bool_]:
+        """Whether the lowest minimum found is at the truth (draws,)."""
+        return at_truth([each[0] for each in self.errors])
 
 
 @cache
-def local_minima(scenario: Scenario, cost: RegistrationCost, draws: int = 5) -> tuple[Minima, ...]:
+def local_minima(scenario: Scenario, cost: RegistrationCost, draws: int = 5) -> Minima:
     """The local minima of a cost, for each draw of seed 5.
 
     Found by descents from a grid of 847 starts within 10 m and 45 degrees of the truth; their
@@ -61,21 +62,24 @@ def local_minima(scenario: Scenario, cost: RegistrationCost, draws: int = 5) -> 
     found = register(fixed, moving, cost, starts[:, np.newaxis], threads=THREADS)
     errors = found.theta - scenario.theta
     errors[..., 2] = np.angle(np.exp(1j * errors[..., 2]))
-    reached = found.converged
-    return tuple(
-        _distinct(errors[reached[:, draw], draw], found.value[reached[:, draw], draw])
-        for draw in range(draws)
-    )
+    distinct = []
+    for draw, reached in enumerate(found.converged.T):
+        chosen, values = errors[reached, draw], found.value[reached, draw]
+        kept = _distinct(chosen, values)
+        distinct.append((chosen[kept], values[kept[0]] - values[kept], -values[kept[0]]))
+    own_errors, log_heights, highest = zip(*distinct, strict=True)
+    return Minima(own_errors, log_heights, np.array(highest))
 
 
-def _distinct(errors: Array, values: Array) -> Minima:
+def _distinct(errors: Array, values: Array) -> list[int]:
+    """The lowest of all that lie close to each other, the lowest of all first."""
     left = np.argsort(values, kind="stable")
     kept: list[int] = []
     while left.size:
         kept.append(int(left[0]))
         apart = np.abs(errors[left] - errors[left[0]]) > SAME
         left = left[apart.any(axis=-1)]
-    return Minima(errors[kept], values[kept[0]] - values[kept], -float(values[kept[0]]))
+    return kept
 
 
 def nearest(fixed: Array, moving: Array, theta: Array) -> Array:

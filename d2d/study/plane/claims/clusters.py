@@ -16,6 +16,7 @@ from d2d.study.book.measured import (
     geometric_mean_of,
     mean_of,
     median_of,
+    share_of,
     share_over,
 )
 from d2d.study.plane.cluster_search import DRAWS, KINDS, shares_wrong, worst
@@ -28,11 +29,8 @@ from d2d.study.plane.measures import (
     error_ratio,
     error_ratio_of_layouts,
     inclination,
-    mean_count_near,
     rivals,
     share_ending_at_truth,
-    share_lowest_at_truth,
-    share_one_visible,
 )
 from d2d.study.plane.optima import local_minima
 from d2d.study.plane.scenarios import CLUSTERS, OVERLAPPED
@@ -50,8 +48,8 @@ def cluster_summing_wrong() -> Evidence:
     layouts = [
         local_minima(random_layout("clusters", seed), SUMMING, 1) for seed in range(SEARCHED)
     ]
-    wrong_here = complement(share_lowest_at_truth(found["this scene"]))
-    wrong_on_layouts = complement(share_over([share_lowest_at_truth(d) for d in layouts], 1))
+    wrong_here = complement(share_of(found["this scene"].right))
+    wrong_on_layouts = complement(share_over([each.right for each in layouts], 1))
     stays = share_ending_at_truth(CLUSTERS, SUMMING)
     stays_on_layouts = share_over(over_layouts("clusters", SUMMING).share, 100)
     kind, searched = worst(KINDS, SCENES)
@@ -79,8 +77,8 @@ def cluster_summing_wrong() -> Evidence:
             "the same on random layouts": tells(wrong_on_layouts, nearly_all),
         }
         | {
-            f"the same, {name}": complement(share_lowest_at_truth(draws))
-            for name, draws in found.items()
+            f"the same, {name}": complement(share_of(minima.right))
+            for name, minima in found.items()
             if name != "this scene"
         }
         | {
@@ -108,9 +106,9 @@ def cluster_likelihood_same() -> Evidence:
     results that are "the same or even better".
     """
     found, without = (local_minima(s, LIKELIHOOD, SEARCHED) for s in (CLUSTERS, OVERLAPPED))
-    share_right = share_lowest_at_truth(found)
+    share_right = share_of(found.right)
     lower, lower_without = decades_to_second(found), decades_to_second(without)
-    one_visible = share_one_visible(found)
+    one_visible = share_of(found.visible == 1)
     conditions = (CLUSTERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD)
     ratio = error_ratio(*conditions)
     ratio_of_layouts = geometric_mean_of(error_ratio_of_layouts(*conditions))
@@ -130,10 +128,10 @@ def cluster_likelihood_same() -> Evidence:
         {
             "share of draws with the highest optimum at the truth": share_right,
             "share of draws with one optimum above 1 % of the highest density": one_visible,
-            "mean number of minima within 10 m and 45 deg of the truth, clusters": mean_count_near(
-                found
+            "mean number of minima within 10 m and 45 deg of the truth, clusters": mean_of(
+                found.near
             ),
-            "mean number of minima there, overlapped": mean_count_near(without),
+            "mean number of minima there, overlapped": mean_of(without.near),
             "log10 of the second density over the first": lower,
             "log10 of the second density over the first, overlapped": lower_without,
             "ratio of the RMSE, clusters / overlapped": tells(ratio, RATIO.no_larger),

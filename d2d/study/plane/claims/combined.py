@@ -21,9 +21,11 @@ from d2d.study.book.measured import (
     Measured,
     bootstrapped,
     inclination_change,
+    mean_of,
     rms_of,
     rms_ratio,
     share_difference,
+    share_of,
 )
 from d2d.study.plane.evaluation import (
     LIKELIHOOD,
@@ -40,9 +42,6 @@ from d2d.study.plane.measures import (
     STARTS,
     error_ratio,
     errors_of,
-    mean_count_near,
-    share_lowest_at_truth,
-    share_one_visible,
 )
 from d2d.study.plane.optima import local_minima
 from d2d.study.plane.scenarios import OVERLAPPED, Scenario
@@ -75,7 +74,7 @@ def all_likelihood_stable() -> Evidence:
             if name != "robust":
                 continue
             found = local_minima(scenario, cost, SEARCHED)
-            share, one = share_lowest_at_truth(found), share_one_visible(found)
+            share, one = share_of(found.right), share_of(found.visible == 1)
             right.append(nearly_all(share))
             ones[letter] = one
             near.append(RATIO.no_larger(ratio))
@@ -124,7 +123,7 @@ def all_summing_unstable() -> Evidence:
     )
     tilt = inclination_change(*(evaluated(s, SUMMING).credibility for s in (a, b)))
     minima = [local_minima(scenario, SUMMING, SEARCHED) for scenario in (a, b)]
-    lowest = share_difference(*([each.right for each in draws] for draws in minima))
+    lowest = share_difference(*(each.right for each in minima))
     surface = {
         "the share of global minima at the truth": _differs(lowest, SHARE),
         "the share of runs from the truth that stay there": _differs(stays, SHARE),
@@ -145,8 +144,8 @@ def all_summing_unstable() -> Evidence:
         "difference of the shares of global minima at the truth, A - B": lowest,
         "difference of the shares from the truth that end there, A - B": stays,
         "difference of the shares from zero that end at the truth, A - B": returns,
-        "mean number of minima near the truth, A": mean_count_near(minima[0]),
-        "mean number of minima near the truth, B": mean_count_near(minima[1]),
+        "mean number of minima near the truth, A": mean_of(minima[0].near),
+        "mean number of minima near the truth, B": mean_of(minima[1].near),
     } | {
         f"ratio of the 95 % to the 5 % quantile of the RMSE over 200 layouts, {name}": each
         for name, each in spreads.items()

@@ -46,11 +46,8 @@ from d2d.study.plane.measures import (
     error_ratio,
     error_ratio_of_layouts,
     inclination,
-    mean_count_near,
     ratios_in_decibels,
     share_ending_at_truth,
-    share_lowest_at_truth,
-    share_one_visible,
     times_off,
 )
 from d2d.study.plane.optima import local_minima
@@ -85,8 +82,7 @@ def outlier_likelihood_vanishes() -> Evidence:
     here = _loss(OUTLIERS, 1000)
     others = [_loss(random_layout("outliers", seed), 10) for seed in range(LAYOUTS)]
     highest_before, highest = (
-        np.array([each.highest for each in local_minima(scenario, LIKELIHOOD, SEARCHED)])
-        / np.log(10.0)
+        local_minima(scenario, LIKELIHOOD, SEARCHED).highest / np.log(10.0)
         for scenario in (OVERLAPPED, OUTLIERS)
     )
     vanished = share_of(here.decades > VANISHED)
@@ -144,12 +140,10 @@ def outlier_robust_minimum() -> Evidence:
     """
     found = local_minima(OUTLIERS, ROBUST, SEARCHED)
     others = [local_minima(random_layout("outliers", seed), ROBUST, 1) for seed in range(SEARCHED)]
-    right, single = share_lowest_at_truth(found), share_one_visible(found)
-    right_of_layouts, single_of_layouts = (
-        share_over([measure(each) for each in others], 1)
-        for measure in (share_lowest_at_truth, share_one_visible)
-    )
-    near = mean_count_near(found)
+    right, single = share_of(found.right), share_of(found.visible == 1)
+    right_of_layouts = share_over([each.right for each in others], 1)
+    single_of_layouts = share_over([each.visible == 1 for each in others], 1)
+    near = mean_of(found.near)
     return Evidence(
         {
             "it is at the truth": nearly_all(right, right_of_layouts),

@@ -43,8 +43,6 @@ from d2d.study.plane.measures import (
     error_ratio_of_layouts,
     errors_of,
     inclination,
-    mean_count_near,
-    share_one_visible,
     times_off,
 )
 from d2d.study.plane.optima import local_minima
@@ -60,12 +58,10 @@ def overlap_local_minima() -> Evidence:
     """
     summing = local_minima(OVERLAPPED, SUMMING, SEARCHED)
     likelihood = local_minima(OVERLAPPED, LIKELIHOOD, SEARCHED)
-    visible = min(each.visible for each in summing)
-    visible_likelihood = max(each.visible for each in likelihood)
-    near, lower = mean_count_near(likelihood), decades_to_second(likelihood)
-    many = share_of([each.visible >= 10 for each in summing])
-    single = share_of([each.near == 1 for each in likelihood])
-    one_visible = share_one_visible(likelihood)
+    visible, visible_likelihood = int(summing.visible.min()), int(likelihood.visible.max())
+    near, lower = mean_of(likelihood.near), decades_to_second(likelihood)
+    many, single = share_of(summing.visible >= 10), share_of(likelihood.near == 1)
+    one_visible = share_of(likelihood.visible == 1)
     return Evidence(
         {
             "the sum has many": nearly_all(many),
@@ -81,9 +77,7 @@ def overlap_local_minima() -> Evidence:
         f"{near:.0f} local minima near the truth for the likelihood too, but the second lowest has "
         f"only 10^{lower:.0f} of the highest density.",
         {
-            "mean number of minima within 10 m and 45 deg of the truth, sum": mean_count_near(
-                summing
-            ),
+            "mean number of minima within 10 m and 45 deg of the truth, sum": mean_of(summing.near),
             "share of draws with ten or more above 1 % of the highest density, sum": tells(
                 many, nearly_all
             ),
