@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from d2d.study.beyond.both_covariances import BothCovariances
 from d2d.study.beyond.exhaustive import ANNEALING, Outcome, Rows, Trial, select, success
 from d2d.study.book.grammar import (
     BLACK,
@@ -23,7 +22,7 @@ from d2d.study.book.grammar import (
     cost_line,
 )
 from d2d.study.book.style import write_out_ticks
-from d2d.study.estimation.covariance_trials import CREDIBLE_INCLINATION
+from d2d.study.estimation.covariance_trials import CREDIBLE_INCLINATION, BothCovariances
 from d2d.study.plane.scenarios import OVERLAPPED, RANGES
 
 # For each factor: the parameter of the trial, the label of the axis, and whether it is logarithmic.

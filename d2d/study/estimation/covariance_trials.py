@@ -1,5 +1,6 @@
 """The covariances that several costs state, compared with the scatter of many runs."""
 
+import time
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -9,11 +10,13 @@ import numpy as np
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
 from d2d.covariance import propagate_covariance
+from d2d.credibility import Credibility
 from d2d.point_set import PointSet
-from d2d.registration import register
+from d2d.registration import Estimate, register
 from d2d.study.book.claim import DECIBELS
 from d2d.study.book.measured import Measured, anees_of, mean_of
-from d2d.study.plane.scenarios import OVERLAPPED, cartesian
+from d2d.study.plane import evaluation
+from d2d.study.plane.scenarios import OVERLAPPED, Scenario, cartesian
 from d2d.study.runs import StatedCovariances, judged
 
 SEED = 5
@@ -25,6 +28,8 @@ COSTS = {
     "sum": RegistrationCost(fusion="summing"),
     "P2D likelihood": RegistrationCost("p2d"),
 }
+ALL_COSTS = evaluation.COSTS | {"P2D": RegistrationCost("p2d")}
+DIFFERENCE = 1e-3  # of a range or azimuth to either side, in standard deviations
 
 
 @cache
@@ -179,3 +184,60 @@ def over_layouts(name: str) -> tuple[Measured, ...]:
         estimates = register(*scenario.sample(1000, rng), COSTS[name], scenario.theta)
         anees.append(anees_of(judged(estimates, scenario.theta)))
     return tuple(anees)
+
+
+class BothCovariances(NamedTuple):
+    """How credible each covariance of the same errors is."""
+
+    fisher: Credibility
+    propagated: Credibility
+    slowdown: float  # time of the propagation over that of the registration
+
+
+@cache
+def both_covariances(scenario: Scenario, cost: str, runs: int = 1000) -> BothCovariances:
+    """Credibility of both covariances of a cost of `ALL_COSTS`, started at the true motion.
+
+    The draws are those of `d2d.study.plane.evaluation.evaluated`.
+    """
+    fixed, moving = evaluation.same_draws(scenario, runs)
+    register(fixed[0], moving[0], ALL_COSTS[cost], scenario.theta)  # loads the compiled code
+    begin = time.perf_counter()
+    estimate = register(fixed, moving, ALL_COSTS[cost], scenario.theta)
+    middle = time.perf_counter()
+    propagated = propagate_covariance(estimate, fixed, moving, ALL_COSTS[cost])
+    slowdown = (time.perf_counter() - middle) / (middle - begin)
+    return BothCovariances(
+        judged(estimate, scenario.theta), judged(estimate, scenario.theta, propagated), slowdown
+    )
+
+
+def propagate_from_polar(
+    estimate: Estimate,
+    fixed: PointSet,
+    moving: PointSet,
+    cost: RegistrationCost,
+    scenario: Scenario,
+) -> Array:
+    """Covariances (..., 3, 3) from finite differences of the gradient in each range and azimuth.
+
+    A target's reported covariance is computed at its measured position and changes with it.  These
+    differences include that change; `d2d.propagate_covariance` does not.
+    """
+    sigmas = scenario.sigma_range, scenario.sigma_azimuth
+    middle = np.zeros_like(estimate.covariance)
+    for which in (0, 1):
+        means = (fixed, moving)[which].means
+        polar = np.hypot(means[..., 0], means[..., 1]), np.arctan2(means[..., 1], means[..., 0])
+        for target in range(means.shape[-2]):
+            for coordinate in (0, 1):
+                gradients = []
+                for sign in (DIFFERENCE, -DIFFERENCE):
+                    changed = [polar[0].copy(), polar[1].copy()]
+                    changed[coordinate][..., target] += sign * sigmas[coordinate]
+                    sets = [fixed, moving]
+                    sets[which] = PointSet.from_polar(changed[0], changed[1], *sigmas)
+                    gradients.append(cost.derivatives(estimate.theta, *sets)[1])
+                change = (gradients[0] - gradients[1]) / (2.0 * DIFFERENCE)
+                middle += change[..., :, None] * change[..., None, :]
+    return np.asarray(estimate.covariance @ middle @ estimate.covariance)

@@ -67,11 +67,6 @@ def is_right(found: Survey) -> NDArray[np.bool_]:
     return found.right(TRUTH, RIGHT)
 
 
-def _outstanding(found: Survey) -> NDArray[np.bool_]:
-    """Whether that peak also stands out from all others."""
-    return np.asarray(is_right(found) & (found.rival < OUTSTANDING))
-
-
 @claim("b-three-peaks", section="4.2", lines="599", figure="target-b")
 def b_three_peaks() -> Evidence:
     """The cost surface of target B includes three possibilities: it peaks where B matches B, A and
@@ -182,7 +177,9 @@ def noisy_p2d_fails() -> Evidence:
     """
     sigma = NOISE_RATIO * SIGMA
     p2d, d2d = _survey(P2D, sigma), _survey(D2D, sigma)
-    clear_p2d, clear_d2d = (share_of(_outstanding(each)) for each in (p2d, d2d))
+    clear_p2d, clear_d2d = (
+        share_of(is_right(each) & (each.rival < OUTSTANDING)) for each in (p2d, d2d)
+    )
     without = complement(clear_p2d)
     return Evidence(
         {

@@ -1,7 +1,6 @@
 """Claims of thesis section 6.3: outliers and clusters together."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -31,7 +30,6 @@ from d2d.study.plane.evaluation import (
     LIKELIHOOD,
     ROBUST,
     SUMMING,
-    Start,
     at_truth,
     evaluated,
     over_layouts,
@@ -44,7 +42,7 @@ from d2d.study.plane.measures import (
     errors_of,
 )
 from d2d.study.plane.optima import local_minima
-from d2d.study.plane.scenarios import OVERLAPPED, Scenario
+from d2d.study.plane.scenarios import OVERLAPPED
 
 OF_BOTH = "1000 draws of the noise of each of the two scenes"
 SPREADS = {"sum": SUMMING, "robust": ROBUST}
@@ -119,7 +117,8 @@ def all_summing_unstable() -> Evidence:
         )
     }
     stays, returns = (
-        share_difference(_ends(a, SUMMING, start), _ends(b, SUMMING, start)) for start in STARTS
+        share_difference(*(at_truth(evaluated(s, SUMMING, start).errors) for s in (a, b)))
+        for start in STARTS
     )
     tilt = inclination_change(*(evaluated(s, SUMMING).credibility for s in (a, b)))
     minima = [local_minima(scenario, SUMMING, SEARCHED) for scenario in (a, b)]
@@ -171,10 +170,6 @@ def all_summing_unstable() -> Evidence:
 def _differs(number: Measured, margin: Margin) -> Finding:
     opposite: dict[Finding, Finding] = {"holds": "fails", "fails": "holds"}
     return opposite.get(margin.same(number), "open")
-
-
-def _ends(scenario: Scenario, cost: RegistrationCost, start: Start) -> NDArray[np.bool_]:
-    return at_truth(evaluated(scenario, cost, start).errors)
 
 
 def _spread_of_layouts(cost: RegistrationCost) -> Measured:
