@@ -22,8 +22,9 @@ from d2d.study.book.grammar import (
     cost_line,
 )
 from d2d.study.book.style import write_out_ticks
-from d2d.study.estimation.covariance_trials import CREDIBLE_INCLINATION, BothCovariances
+from d2d.study.estimation.covariance_trials import CREDIBLE_INCLINATION
 from d2d.study.plane.scenarios import OVERLAPPED, RANGES
+from d2d.study.runs import StatedCovariances
 
 # For each factor: the parameter of the trial, the label of the axis, and whether it is logarithmic.
 FACTORS: dict[str, tuple[str, str, bool]] = {
@@ -122,14 +123,14 @@ def first_scale_panel(ax: Axes, rows: Rows) -> None:
 
 
 def covariance_panel(
-    ax: Axes, covariances: dict[str, BothCovariances], title: str, *, named: bool
+    ax: Axes, covariances: dict[str, StatedCovariances], title: str, *, named: bool
 ) -> None:
     """I^2 of both covariances, one row for each name; within the band they count as credible."""
     ax.axvspan(-CREDIBLE_INCLINATION, CREDIBLE_INCLINATION, color=SKY, alpha=0.4, lw=0)
     ax.axvline(0.0, **TRUTH)
     heights = np.arange(len(covariances))[::-1]
-    for kind, name in (("fisher", "inverse Hessian"), ("propagated", "propagated noise")):
-        values = [getattr(both, kind).inclination for both in covariances.values()]
+    for kind, name in (("inverse Hessian", "inverse Hessian"), ("propagated", "propagated noise")):
+        values = [both.credibility(kind).inclination for both in covariances.values()]
         ax.plot(values, heights, **COVARIANCES[name].marks, ms=6)
     # an entry that is not a cost of the grammar keeps its name
     names = [COSTS[key].name if key in COSTS else key for key in covariances]

@@ -10,7 +10,6 @@ import numpy as np
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
 from d2d.covariance import propagate_covariance
-from d2d.credibility import Credibility
 from d2d.point_set import PointSet
 from d2d.registration import Estimate, register
 from d2d.study.book.claim import DECIBELS
@@ -44,23 +43,29 @@ def overlapped_sets(width: float = 1.0) -> tuple[PointSet, PointSet]:
     return fixed.inflated(width), moving.inflated(width)
 
 
-@cache
-def covariance_study(name: str, width: float = 1.0) -> StatedCovariances:
-    """Errors of a cost of `COSTS` in many runs, its inverse Hessians and propagated covariances.
+def both_covariances(
+    fixed: PointSet, moving: PointSet, cost: RegistrationCost, theta: Array
+) -> StatedCovariances:
+    """Errors of runs (N,) that start at the true motion; inverse Hessians, propagated covariances.
 
-    Every run starts at the true motion: the question is how far the right optimum scatters, not
-    whether it is found.  Both covariances are scaled to the actual noise.
+    The question is how far the right optimum scatters, not whether it is found.
     """
-    fixed, moving = overlapped_sets(width)
-    cost = COSTS[name]
-    estimates = register(fixed, moving, cost, OVERLAPPED.theta)
-    good = estimates.converged
-    errors = (estimates.theta - OVERLAPPED.theta)[good]
+    estimates = register(fixed, moving, cost, theta)
     stated = {
         "inverse Hessian": estimates.covariance,
         "propagated": propagate_covariance(estimates, fixed, moving, cost),
     }
-    return StatedCovariances(errors, {kind: each[good] / width**2 for kind, each in stated.items()})
+    good = estimates.converged
+    kept = {kind: each[good] for kind, each in stated.items()}
+    return StatedCovariances((estimates.theta - theta)[good], kept)
+
+
+@cache
+def covariance_study(name: str, width: float = 1.0) -> StatedCovariances:
+    """Both covariances of a cost of `COSTS` and the scatter, each scaled to the actual noise."""
+    found = both_covariances(*overlapped_sets(width), COSTS[name], OVERLAPPED.theta)
+    actual = {kind: each / width**2 for kind, each in found.covariances.items()}
+    return found._replace(covariances=actual)
 
 
 def variance_ratio(study: StatedCovariances, kind: str) -> Array:
@@ -124,14 +129,9 @@ def shared_partner(count: int) -> SharedPartner:
         others.append(OVERLAPPED.sample(runs, np.random.default_rng([SEED, seed]))[1])
     means = np.concatenate([each.means for each in others], axis=-2)
     together = PointSet(means, np.concatenate([each.covariances for each in others], axis=-3))
-    cost = COSTS["likelihood"]
-    estimates = register(fixed, together, cost, OVERLAPPED.theta)
-    propagated = propagate_covariance(estimates, fixed, together, cost)
-    return SharedPartner(
-        anees_of(judged(estimates, OVERLAPPED.theta)),
-        anees_of(judged(estimates, OVERLAPPED.theta, propagated)),
-        0.5 * (count + 1),
-    )
+    found = both_covariances(fixed, together, COSTS["likelihood"], OVERLAPPED.theta)
+    fisher, propagated = (anees_of(found.credibility(kind)) for kind in found.covariances)
+    return SharedPartner(fisher, propagated, 0.5 * (count + 1))
 
 
 class EqualTargets(NamedTuple):
@@ -186,30 +186,22 @@ def over_layouts(name: str) -> tuple[Measured, ...]:
     return tuple(anees)
 
 
-class BothCovariances(NamedTuple):
-    """How credible each covariance of the same errors is."""
-
-    fisher: Credibility
-    propagated: Credibility
-    slowdown: float  # time of the propagation over that of the registration
-
-
 @cache
-def both_covariances(scenario: Scenario, cost: str, runs: int = 1000) -> BothCovariances:
-    """Credibility of both covariances of a cost of `ALL_COSTS`, started at the true motion.
+def in_scene(scenario: Scenario, cost: str, runs: int = 1000) -> StatedCovariances:
+    """Both covariances of a cost of `ALL_COSTS`, of the draws of `evaluation.evaluated`."""
+    fixed, moving = evaluation.same_draws(scenario, runs)
+    return both_covariances(fixed, moving, ALL_COSTS[cost], scenario.theta)
 
-    The draws are those of `d2d.study.plane.evaluation.evaluated`.
-    """
+
+def slowdown(scenario: Scenario, cost: str, runs: int = 1000) -> float:
+    """Time of the propagation over that of the registration."""
     fixed, moving = evaluation.same_draws(scenario, runs)
     register(fixed[0], moving[0], ALL_COSTS[cost], scenario.theta)  # loads the compiled code
     begin = time.perf_counter()
     estimate = register(fixed, moving, ALL_COSTS[cost], scenario.theta)
     middle = time.perf_counter()
-    propagated = propagate_covariance(estimate, fixed, moving, ALL_COSTS[cost])
-    slowdown = (time.perf_counter() - middle) / (middle - begin)
-    return BothCovariances(
-        judged(estimate, scenario.theta), judged(estimate, scenario.theta, propagated), slowdown
-    )
+    propagate_covariance(estimate, fixed, moving, ALL_COSTS[cost])
+    return (time.perf_counter() - middle) / (middle - begin)
 
 
 def propagate_from_polar(

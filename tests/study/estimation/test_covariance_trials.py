@@ -32,13 +32,15 @@ def test_a_shared_partner_counts_once_for_every_target(count):
 
 def test_both_covariances_are_those_of_the_same_errors():
     """Breaks if the two are computed from different draws, or change places."""
-    found = covariance_trials.both_covariances(scenarios.OVERLAPPED, "robust", 200)
+    found = covariance_trials.in_scene(scenarios.OVERLAPPED, "robust", 200)
     fixed, moving = same_draws(scenarios.OVERLAPPED, 200)
     estimate = register(fixed, moving, ROBUST, scenarios.OVERLAPPED.theta)
     errors = estimate.theta - scenarios.OVERLAPPED.theta
     propagated = propagate_covariance(estimate, fixed, moving, ROBUST)
-    assert_allclose(found.fisher.nees, credibility(errors, estimate.covariance).nees)
-    assert_allclose(found.propagated.nees, credibility(errors, propagated).nees)
+    assert_allclose(
+        found.credibility("inverse Hessian").nees, credibility(errors, estimate.covariance).nees
+    )
+    assert_allclose(found.credibility("propagated").nees, credibility(errors, propagated).nees)
 
 
 def test_a_covariance_that_changes_with_its_target_changes_little():
