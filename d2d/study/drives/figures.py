@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.patches import Arc, Polygon, Wedge
+from matplotlib.patches import Arc, Rectangle, Wedge
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
@@ -56,8 +56,7 @@ def coordinate_frames(ax: Axes) -> None:
     x, y, yaw, distance, azimuth = 2.3, 1.0, np.deg2rad(22.0), 4.0, np.deg2rad(24.0)
     sensor, sight = np.array([x, y]), yaw + azimuth
     target = sensor + distance * np.array([np.cos(sight), np.sin(sight)])
-    body = np.array([[-1.0, -1.2], [2.5, -1.2], [2.5, 1.2], [-1.0, 1.2]])
-    ax.add_patch(Polygon(body, facecolor="0.94", edgecolor="0.6"))
+    ax.add_patch(Rectangle((-1.0, -1.2), 3.5, 2.4, facecolor="0.94", edgecolor="0.6"))
     for origin, angle, lengths, color, name in (
         ((0.0, 0.0), 0.0, (1.3, 1.9), BLACK, "vehicle"),
         ((x, y), yaw, (2.9, 1.9), PURPLE, "sensor"),
@@ -114,12 +113,9 @@ def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
     view_length = 2.2  # m
     for side in (-0.34, 0.34):
         for wheel in (-0.35, 0.0, 0.35):
-            corners = np.array([[-0.13, -0.06], [0.13, -0.06], [0.13, 0.06], [-0.13, 0.06]])
-            ax.add_patch(
-                Polygon(corners + np.array([wheel, side]), facecolor="0.35", edgecolor="none")
-            )
-    body = np.array([[-0.5, -0.27], [0.4, -0.27], [0.4, 0.27], [-0.5, 0.27]])
-    ax.add_patch(Polygon(body, facecolor="0.9", edgecolor="0.4"))
+            corner = (wheel - 0.13, side - 0.06)
+            ax.add_patch(Rectangle(corner, 0.26, 0.12, facecolor="0.35", edgecolor="none"))
+    ax.add_patch(Rectangle((-0.5, -0.27), 0.9, 0.54, facecolor="0.9", edgecolor="0.4"))
     middle, half = np.rad2deg(mounting.yaw), np.rad2deg(sensor.field_of_view)
     place = (mounting.x, mounting.y)
     ax.add_patch(
