@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d.cost import RegistrationCost
 from d2d.credibility import Credibility, credibility
 from d2d.point_set import PointSet
 from d2d.registration import register
@@ -285,7 +284,7 @@ def uniform_not_a_density() -> Evidence:
         for name, cost in (("uniform", UNIFORM), ("corrupted", ROBUST)):
             areas[name, length] = float(np.exp(log_surface(cost, t, fixed, alone)).sum() * 0.03)
     is_one = [abs(areas[name, 4000.0] - 1.0) <= 1e-3 for name in ("uniform", "corrupted")]
-    credible = _credibility_with_outlier(UNIFORM), _credibility_with_outlier(ROBUST)
+    credible = _credibility_with_outlier()
     uniform, corrupted = map(inclination_of, credible)
     change = inclination_change(*credible)
     what = "area of one target's surface over"
@@ -317,21 +316,15 @@ def uniform_not_a_density() -> Evidence:
     )
 
 
-def _credibility_with_outlier(cost: RegistrationCost) -> Credibility:
-    """Credibility with an outlier in M, in the draws in which both robust costs end at the truth.
+def _credibility_with_outlier() -> list[Credibility]:
+    """Credibility of both robust costs with an outlier in M, in the draws in which both are right.
 
-    Both costs are judged over the same draws.
+    The uniform component comes first.
     """
-    found = {each: register(*scene("moving", 4000), each, [TRUTH]) for each in (UNIFORM, ROBUST)}
-    errors = {each: estimate.theta - TRUTH for each, estimate in found.items()}
-    kept = np.all(
-        [
-            estimate.converged & (np.abs(errors[each][:, 0]) < RIGHT)
-            for each, estimate in found.items()
-        ],
-        axis=0,
-    )
-    return credibility(errors[cost][kept], found[cost].covariance[kept])
+    found = [register(*scene("moving", 4000), cost, [TRUTH]) for cost in (UNIFORM, ROBUST)]
+    right = [each.converged & (np.abs(each.theta[:, 0] - TRUTH) < RIGHT) for each in found]
+    kept = np.all(right, axis=0)
+    return [credibility(each.theta[kept] - TRUTH, each.covariance[kept]) for each in found]
 
 
 @claim("corrupted-restores", section="4.4", lines="827", figure="corrupted-gaussian")
