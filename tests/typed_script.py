@@ -85,7 +85,7 @@ judged = credibility([[0.1], [0.0], [-0.2]], [[[0.01]]] * 3, confidence=0.9)
 assert_type(judged, Credibility)
 mixture = GaussianMixture([0.5, 0.5], [[0, 0], [4, 1]], [np.eye(2)] * 2)
 fit = fit_mixture([[0.0], [0.1], [1.0]], 1, np.random.default_rng(0))
-confidence_ellipse([0, 0], [[1, 0], [0, 1]])
+confidence_ellipse([[1, 0], [0, 1]])
 
 # ---- Radar
 

@@ -58,8 +58,8 @@ def overview() -> Figure:
 def draw_both_paths(ax: Axes, drive: Drive) -> None:
     """The path of a drive, estimated and true."""
     poses = track(drive).poses(drive.truth.poses[0])
-    drawing.path(ax, poses, **grammar.cost_line("robust", label="estimate"))
-    drawing.path(ax, drive.truth.poses, **grammar.TRUTH, label="truth")
+    ax.plot(*poses[:, :2].T, **grammar.cost_line("robust", label="estimate"))
+    ax.plot(*drive.truth.poses[:, :2].T, **grammar.TRUTH, label="truth")
 
 
 def start() -> Figure:
@@ -87,7 +87,7 @@ def summing() -> Figure:
     figure, axes = plt.subplots(1, 2, figsize=(5.0, 2.8), sharey=True)
     rows = np.arange(5)[::-1]
     for name, shift in zip(grammar.COSTS, (0.22, 0.0, -0.22), strict=True):
-        marks, heights = grammar.cost_marks(name), rows + shift
+        marks, heights = grammar.COSTS[name].marks, rows + shift
         results = [monte_carlo(scene, COSTS[name]) for scene in scenarios.ALL]
         errors = [np.sqrt(np.mean(np.sum(run.errors[:, :2] ** 2, axis=1))) for run in results]
         axes[0].plot(errors, heights, **marks)

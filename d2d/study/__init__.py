@@ -17,9 +17,8 @@ Each subpackage covers one subject:
 Within a subpackage, each scene or experiment has a module named after it, ``figures.py`` draws, and
 ``claims.py`` (or the folder ``claims/``) judges the claims of the thesis.
 
-Four modules serve all subpackages: ``runs.py`` runs Monte Carlo evaluations,
-``results.py`` knows where stored results are, ``noise.py`` simulates the noise of a sensor, and
-``claims.py`` collects all claims in ``CLAIMS``.
+Three modules serve all subpackages: ``runs.py`` runs Monte Carlo evaluations, ``results.py`` knows
+where stored results are, and ``claims.py`` collects all claims in ``CLAIMS``.
 
 Apart from the ``plot`` methods of `d2d.radar`, only this part of the package draws.
 """

@@ -4,7 +4,9 @@ Results are small tables that take long to compute, or that come from data that 
 They are stored in ``chapters/results/`` of the repository, whatever the working directory.
 """
 
+import csv
 import json
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,29 @@ def read_json(path: Path) -> dict[str, Any]:
     return stored
 
 
-def write_json(path: Path, results: dict[str, Any]) -> None:
-    """Store results, one number a line, so that two versions can be compared."""
-    text = json.dumps(results, indent=1, ensure_ascii=False, default=float)
+def write_json(path: Path, results: dict[str, Any], digits: int | None = None) -> None:
+    """Store results, one number a line, so that two versions can be compared.
+
+    Floats are rounded to so many significant ``digits``: the last bits of two machines may differ.
+    """
+    stored = results if digits is None else _rounded(results, digits)
+    text = json.dumps(stored, indent=1, ensure_ascii=False, default=float)
     path.write_text(text + "\n", encoding="utf-8")
+
+
+def _rounded(value: Any, digits: int) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(each, digits) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_rounded(each, digits) for each in value]
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value
+
+
+def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Store a comma-separated table, with its floats to five significant digits."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(columns)
+        for row in rows:
+            table.writerow(f"{value:.5g}" if isinstance(value, float) else value for value in row)

@@ -7,7 +7,7 @@ and kind of workers.
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import joblib
 import numpy as np
@@ -68,6 +68,17 @@ class MonteCarlo:
     def credibility(self) -> Credibility:
         """Credibility of the covariances of the converged runs."""
         return credibility(self.errors[self.converged], self.covariances[self.converged])
+
+
+class StatedCovariances(NamedTuple):
+    """Errors of estimates, and several covariances that are stated for them."""
+
+    errors: Array  # (n, P)
+    covariances: dict[str, Array]  # (n, P, P) each, by name
+
+    def credibility(self, name: str) -> Credibility:
+        """Credibility of one of the covariances."""
+        return credibility(self.errors, self.covariances[name])
 
 
 def stacked(estimates: Sequence[Estimate]) -> Estimate:

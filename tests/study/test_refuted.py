@@ -21,8 +21,7 @@ from d2d.study.line import cluster_study, outlier_study
 from d2d.study.line.claims import clusters as line_clusters
 from d2d.study.line.claims import outliers as line_outliers
 from d2d.study.line.claims import surfaces
-from d2d.study.line.disturbed_scenes import with_outlier
-from d2d.study.line.scene import line_scene
+from d2d.study.line.scene import line_scene, with_outlier
 from d2d.study.line.surfaces import Survey
 from d2d.study.mixtures import claims as mixtures
 from d2d.study.plane.claims import clusters, combined, indices, outliers, overlapped
@@ -32,8 +31,8 @@ from d2d.study.point_sets import claims as point_sets
 SUM, PRODUCT = surfaces.D2D, surfaces.LIKELIHOOD
 SWAPPED = {"SUMMING": overlapped.LIKELIHOOD, "LIKELIHOOD": overlapped.SUMMING}
 SAME, WORSE = Measured(1.0, 0.99, 1.01), Measured(1.5, 1.4, 1.6)  # ratios of errors
-ELSEWHERE = Minima(np.array([[8.0, 0.0, 0.0], np.zeros(3)]), np.array([0.0, -1.0]))
-AT_TRUTH = Minima(np.zeros((1, 3)), np.zeros(1))
+ELSEWHERE = np.array([[8.0, 0.0, 0.0], np.zeros(3)]), np.array([0.0, -1.0])  # of the minima
+AT_TRUTH = np.zeros((1, 3)), np.zeros(1)
 FAR_OFF = {"TRUTH": 4.0}  # m: where no peak is
 CACHED = (
     *(surfaces.surfaces_of_scene, outlier_study.scene, outlier_study.survey_scene),
@@ -45,6 +44,11 @@ CACHED = (
 def always(value):
     """A function that finds the same whatever it is given."""
     return lambda *given, **options: value
+
+
+def minima(errors, log_heights):
+    """In the place of `local_minima`: the same in all draws."""
+    return lambda scenario, cost, draws: Minima((errors,) * draws, (log_heights,) * draws, [0.0])
 
 
 def outlier_at(place):
@@ -224,7 +228,7 @@ WORLDS = {
     },
     "outlier-likelihood-vanishes": {outliers: {"LIKELIHOOD": outliers.ROBUST, "SEARCHED": 5}},
     "outlier-robust-minimum": {
-        outliers: {"local_minima": lambda scenario, cost, draws: (ELSEWHERE,) * draws},
+        outliers: {"local_minima": minima(*ELSEWHERE)},
     },
     "outlier-error": {outliers: {"SUMMING": outliers.ROBUST, "ROBUST": outliers.SUMMING}},
     "outlier-credibility": {
@@ -236,14 +240,14 @@ WORLDS = {
     },
     "cluster-summing-wrong": {
         clusters: {
-            "local_minima": lambda scenario, cost, draws: (AT_TRUTH,) * draws,
+            "local_minima": minima(*AT_TRUTH),
             "worst": always((clusters.KINDS[-1], {})),
             "shares_wrong": always(np.zeros(40)),
         },
     },
     "cluster-likelihood-same": {
         clusters: {
-            "local_minima": lambda scenario, cost, draws: (ELSEWHERE,) * draws,
+            "local_minima": minima(*ELSEWHERE),
             "error_ratio": always(WORSE),
             "error_ratio_of_layouts": always(np.array([1.4, 1.5, 1.6])),
             "inclination": always(Measured(3.0, 2.9, 3.1)),
@@ -254,14 +258,14 @@ WORLDS = {
     "all-likelihood-stable": {
         combined: {
             "ROBUST": combined.LIKELIHOOD,
-            "local_minima": lambda scenario, cost, draws: (ELSEWHERE,) * draws,
+            "local_minima": minima(*ELSEWHERE),
         },
     },
     "all-summing-unstable": {
         combined: {
             "BOTH": dict.fromkeys("AB", combined.BOTH["A"]),
             "rms_ratio": Mock(side_effect=[SAME, SAME, WORSE, WORSE]),
-            "local_minima": lambda scenario, cost, draws: (AT_TRUTH,) * draws,
+            "local_minima": minima(*AT_TRUTH),
         },
     },
     "nci-not-enough": {indices: {"conditions": conditions}},

@@ -7,7 +7,7 @@ computes it, and `recompute` any single condition.
 import csv
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from itertools import product
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -23,7 +23,7 @@ from d2d.registration import ANNEALED, register, start_grid
 from d2d.study.beyond.random_scenes import RandomScenes
 from d2d.study.plane.evaluation import at_truth, distance_and_rotation, rms
 from d2d.study.plane.scenarios import OVERLAPPED
-from d2d.study.results import results_path
+from d2d.study.results import results_path, write_csv
 from d2d.study.runs import MonteCarlo, monte_carlo
 
 _TURNS = np.deg2rad([-20.0, 0.0, 20.0])
@@ -252,13 +252,10 @@ Rows = list[tuple[Trial, Outcome]]
 
 def write_table(path: Path, rows: Rows) -> None:
     """Write one comma-separated line for each trial; the column names carry the units."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow([f.name for kind in (Trial, Outcome) for f in fields(kind)])
-        for row in rows:
-            values = [value for part in row for value in asdict(part).values()]
-            table.writerow([f"{v:.5g}" if isinstance(v, float) else v for v in values])
+    columns = [f.name for kind in (Trial, Outcome) for f in fields(kind)]
+    write_csv(
+        path, columns, ([*vars(trial).values(), *vars(outcome).values()] for trial, outcome in rows)
+    )
 
 
 def read_table(path: Path | None = None) -> Rows:

@@ -7,12 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from d2d._types import Array
-from d2d.study.beyond.both_covariances import BothCovariances
 from d2d.study.beyond.exhaustive import ANNEALING, Outcome, Rows, Trial, select, success
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
+    COVARIANCES,
     GREY,
     PINK,
     PURPLE,
@@ -21,11 +20,11 @@ from d2d.study.book.grammar import (
     TRUTH,
     YELLOW,
     cost_line,
-    covariance_marks,
 )
 from d2d.study.book.style import write_out_ticks
 from d2d.study.estimation.covariance_trials import CREDIBLE_INCLINATION
 from d2d.study.plane.scenarios import OVERLAPPED, RANGES
+from d2d.study.runs import StatedCovariances
 
 # For each factor: the parameter of the trial, the label of the axis, and whether it is logarithmic.
 FACTORS: dict[str, tuple[str, str, bool]] = {
@@ -90,16 +89,12 @@ def start_map(ax: Axes, rows: Rows, cost: str, scales: str, title: str) -> None:
         turn, distance = turns[place[0]], distances[place[1]]
         here = select(chosen, "start", distance_m=distance, turn_deg=turn)
         shares[place] = np.mean([success(outcome) for _, outcome in here])
-    _percent_map(ax, shares, distances, turns)
-    ax.set(xlabel="start off by (m)", ylabel="start off by (°)", title=title)
-
-
-def _percent_map(ax: Axes, values: Array, columns: Sequence[float], lines: Sequence[float]) -> None:
-    ax.imshow(values, vmin=0.0, vmax=1.0, aspect="auto", origin="lower", cmap=SHARE_MAP)
+    ax.imshow(shares, vmin=0.0, vmax=1.0, aspect="auto", origin="lower", cmap=SHARE_MAP)
     ax.grid(False)
-    ax.set_xticks(range(len(columns)), [f"{value:g}" for value in columns])
-    ax.set_yticks(range(len(lines)), [f"{value:g}" for value in lines])
-    for (row, column), value in np.ndenumerate(values):
+    ax.set_xticks(range(len(distances)), [f"{value:g}" for value in distances])
+    ax.set_yticks(range(len(turns)), [f"{value:g}" for value in turns])
+    ax.set(xlabel="start off by (m)", ylabel="start off by (°)", title=title)
+    for (row, column), value in np.ndenumerate(shares):
         color = BLACK if value > 0.6 else "white"
         ax.text(column, row, f"{100 * value:.0f}", ha="center", va="center", color=color, size=7)
 
@@ -128,15 +123,15 @@ def first_scale_panel(ax: Axes, rows: Rows) -> None:
 
 
 def covariance_panel(
-    ax: Axes, covariances: dict[str, BothCovariances], title: str, *, named: bool
+    ax: Axes, covariances: dict[str, StatedCovariances], title: str, *, named: bool
 ) -> None:
     """I^2 of both covariances, one row for each name; within the band they count as credible."""
     ax.axvspan(-CREDIBLE_INCLINATION, CREDIBLE_INCLINATION, color=SKY, alpha=0.4, lw=0)
     ax.axvline(0.0, **TRUTH)
     heights = np.arange(len(covariances))[::-1]
-    for kind, name in (("fisher", "inverse Hessian"), ("propagated", "propagated noise")):
-        values = [getattr(both, kind).inclination for both in covariances.values()]
-        ax.plot(values, heights, **covariance_marks(name), ms=6)
+    for kind, name in (("inverse Hessian", "inverse Hessian"), ("propagated", "propagated noise")):
+        values = [both.credibility(kind).inclination for both in covariances.values()]
+        ax.plot(values, heights, **COVARIANCES[name].marks, ms=6)
     # an entry that is not a cost of the grammar keeps its name
     names = [COSTS[key].name if key in COSTS else key for key in covariances]
     ax.set_yticks(heights, names if named else [""] * len(heights))

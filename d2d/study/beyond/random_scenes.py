@@ -7,8 +7,7 @@ import numpy as np
 from d2d import rigid
 from d2d._types import Array
 from d2d.point_set import PointSet
-from d2d.study.noise import noisy_polar
-from d2d.study.plane.scenarios import FIELD_OF_VIEW, OVERLAPPED, RANGES, cartesian
+from d2d.study.plane.scenarios import FIELD_OF_VIEW, OVERLAPPED, RANGES, cartesian, noisy_polar
 
 _MAX_TRIES = 2000  # for one target, before its scene counts as too crowded
 

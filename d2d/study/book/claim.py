@@ -47,51 +47,6 @@ Verdict = Literal["confirmed", "conditional", "wrong in part", "refuted"]
 Finding = Literal["holds", "holds if", "open", "fails"]
 
 
-class Margin(NamedTuple):
-    """What is too close to no effect to count, between two bounds."""
-
-    low: float
-    high: float
-
-    def sizes(self, value: float) -> float:
-        """A value in units of the margin; that of a ratio on a logarithmic scale."""
-        if self.low > 0.0:
-            return math.log(max(value, 1e-9)) / math.log(self.high)
-        return value / self.high
-
-
-RATIO = Margin(1.0 / 1.05, 1.05)  # of errors, of standard deviations
-DECIBELS = Margin(-0.5, 0.5)  # of I^2 and NCI
-ANEES = Margin(10.0**-0.05, 10.0**0.05)  # the same as a factor of the variance
-SHARE = Margin(-0.05, 0.05)  # differences of shares
-MEAN = Margin(-0.32, 0.32)  # standard deviations: an offset that raises an RMSE by 5 %
-
-
-def larger(number: Measured, margin: Margin) -> bool:
-    """Whether the whole interval lies above the margin."""
-    return number.low > margin.high
-
-
-def smaller(number: Measured, margin: Margin) -> bool:
-    """Whether the whole interval lies below the margin."""
-    return number.high < margin.low
-
-
-def same(number: Measured, margin: Margin) -> bool:
-    """Whether the whole interval lies within the margin."""
-    return margin.low < number.low and number.high < margin.high
-
-
-def nearly_all(share: Measured) -> bool:
-    """Whether the share of exceptions is below the margin of a share."""
-    return share.low > 1.0 - SHARE.high
-
-
-def most(share: Measured) -> bool:
-    """Whether the share is above one half."""
-    return share.low > 0.5
-
-
 def shown(
     *, holds: bool | np.bool_, contrary: bool | np.bool_, within: bool | np.bool_ = False
 ) -> Finding:
@@ -103,41 +58,6 @@ def shown(
     return "fails" if contrary else "open"
 
 
-def is_larger(number: Measured, margin: Margin) -> Finding:
-    """Of a part that says that a number is larger by what counts."""
-    return shown(holds=larger(number, margin), contrary=number.high <= margin.high)
-
-
-def is_smaller(number: Measured, margin: Margin) -> Finding:
-    """Of a part that says that a number is smaller by what counts."""
-    return shown(holds=smaller(number, margin), contrary=number.low >= margin.low)
-
-
-def is_same(number: Measured, margin: Margin) -> Finding:
-    """Of a part that says that nothing changes by what counts."""
-    contrary = larger(number, margin) or smaller(number, margin)
-    return shown(holds=same(number, margin), contrary=contrary)
-
-
-def is_no_larger(number: Measured, margin: Margin) -> Finding:
-    """Of a part that says that a number is the same or smaller."""
-    return shown(holds=number.high < margin.high, contrary=larger(number, margin))
-
-
-def in_nearly_all(share: Measured, under: Measured | None = None) -> Finding:
-    """Of a part that speaks of every draw.
-
-    ``under`` is the share of the draws that meet a condition, which must be nearly all.
-    """
-    within = most(share) or (under is not None and nearly_all(under))
-    return shown(holds=nearly_all(share), contrary=share.high < 0.5, within=within)
-
-
-def in_some(share: Measured) -> Finding:
-    """Of a part that says that something occurs."""
-    return shown(holds=share.low > SHARE.high, contrary=share.high <= SHARE.high)
-
-
 def in_every(*findings: Finding) -> Finding:
     """Of a part that speaks of several scenes, methods or measures at once."""
     return shown(
@@ -145,6 +65,95 @@ def in_every(*findings: Finding) -> Finding:
         within=not {"holds", "holds if"}.isdisjoint(findings),
         contrary="fails" in findings,
     )
+
+
+class Rule(NamedTuple):
+    """What is shown of a part that says the same of one number or of several.
+
+    On the axis of what counts, a number that speaks for the claim has a ``place`` above 0.
+    """
+
+    of_one: Callable[[Measured], Finding]
+    place: Callable[[float], float]
+
+    def __call__(self, *numbers: Measured, under: Measured | None = None) -> Finding:
+        """Judge the numbers; ``under`` is one that meets a condition, and must pass as well."""
+        found = in_every(*map(self.of_one, numbers))
+        if under is not None and found != "holds" and self.of_one(under) == "holds":
+            return "holds if"
+        return found
+
+
+class Margin(NamedTuple):
+    """What is too close to no effect to count, between two bounds; the rules that use it."""
+
+    low: float
+    high: float
+
+    def sizes(self, value: float) -> float:
+        """A value in units of the margin; that of a ratio on a logarithmic scale."""
+        if self.low > 0.0:
+            return math.log(max(value, 1e-9)) / math.log(self.high)
+        return value / self.high
+
+    @property
+    def larger(self) -> Rule:
+        """Of a part that says that a number is larger by what counts."""
+        return Rule(
+            lambda number: shown(holds=number.low > self.high, contrary=number.high <= self.high),
+            lambda value: self.sizes(value) - 1.0,
+        )
+
+    @property
+    def smaller(self) -> Rule:
+        """Of a part that says that a number is smaller by what counts."""
+        return Rule(
+            lambda number: shown(holds=number.high < self.low, contrary=number.low >= self.low),
+            lambda value: -self.sizes(value) - 1.0,
+        )
+
+    @property
+    def same(self) -> Rule:
+        """Of a part that says that nothing changes by what counts."""
+        return Rule(
+            lambda number: shown(
+                holds=self.low < number.low and number.high < self.high,
+                contrary=number.low > self.high or number.high < self.low,
+            ),
+            lambda value: 1.0 - abs(self.sizes(value)),
+        )
+
+    @property
+    def no_larger(self) -> Rule:
+        """Of a part that says that a number is the same or smaller."""
+        return Rule(
+            lambda number: shown(holds=number.high < self.high, contrary=number.low > self.high),
+            lambda value: 1.0 - self.sizes(value),
+        )
+
+
+RATIO = Margin(1.0 / 1.05, 1.05)  # of errors, of standard deviations
+DECIBELS = Margin(-0.5, 0.5)  # of I^2 and NCI
+ANEES = Margin(10.0**-0.05, 10.0**0.05)  # the same as a factor of the variance
+SHARE = Margin(-0.05, 0.05)  # differences of shares
+MEAN = Margin(-0.32, 0.32)  # standard deviations: an offset that raises an RMSE by 5 %
+
+
+def most(share: Measured) -> bool:
+    """Whether the share is above one half."""
+    return share.low > 0.5
+
+
+nearly_all = Rule(
+    lambda share: shown(
+        holds=share.low > 1.0 - SHARE.high, within=most(share), contrary=share.high < 0.5
+    ),
+    lambda share: (share - 1.0) / SHARE.high + 1.0,
+)
+"""Of a part that speaks of every draw."""
+
+in_some = SHARE.larger
+"""Of a part that says that something occurs, in a share of the draws."""
 
 
 def judge(parts: Iterable[Finding]) -> Verdict:
@@ -157,22 +166,13 @@ def judge(parts: Iterable[Finding]) -> Verdict:
     return "wrong in part" if "fails" in all_of else "conditional"
 
 
-def tells(
-    number: Measured, rule: Callable[..., bool] | None = None, margin: Margin = SHARE
-) -> Measured:
+def tells(number: Measured, rule: Rule | None = None) -> Measured:
     """The number, marked as one of the two or so that tell most.
 
     Given the rule that judges it, it has a place on the axis of what counts: to the right of 0 it
     speaks for the claim, to the left against it, in units of the margin.
     """
-    if rule is None:
-        return number.told()
-    if rule is nearly_all:
-        return number.told(lambda share: (share - 1.0) / SHARE.high + 1.0)
-    sign = {larger: 1.0, smaller: -1.0}.get(rule)
-    if sign is None:  # the same
-        return number.told(lambda value: 1.0 - abs(margin.sizes(value)))
-    return number.told(lambda value: sign * margin.sizes(value) - 1.0)
+    return number.told(rule.place if rule else None)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Drawings that several chapters share: ellipses, errors over time, intervals, scans, paths."""
+"""Drawings that several chapters share: ellipses, errors over time, intervals, scans."""
 
 from typing import Any
 
@@ -57,8 +57,3 @@ def radar_scan(ax: Axes, scan: RadarScan, mounting: Mounting, *, seconds: float 
     ax.plot(*placed.means.T, **set_marks("moving") | {"ms": 4, "label": None})
     ellipses(ax, placed, edgecolor=MOVING, linewidth=0.7)
     ax.plot(mounting.x, mounting.y, "D", color=BLACK, mfc="none")
-
-
-def path(ax: Axes, poses: Array, **style: Any) -> None:
-    """A driven path in metres."""
-    ax.plot(poses[:, 0], poses[:, 1], **style)

@@ -47,6 +47,11 @@ class Look(NamedTuple):
     marker: str
     line: Any
 
+    @property
+    def marks(self) -> dict[str, Any]:
+        """Style of marks without a line between them."""
+        return {"color": self.color, "marker": self.marker, "ls": "none", "label": self.name}
+
 
 DASHED, DOTTED, DASH_DOTTED = (0, (5, 1.2)), (0, (1, 0.9)), looks.LINE
 COSTS = {
@@ -85,22 +90,10 @@ def cost_line(key: str, metric: str = "d2d", label: str | None = None) -> dict[s
     return {"color": look.color, "ls": line, "label": look.name if label is None else label}
 
 
-def cost_marks(key: str) -> dict[str, Any]:
-    """Style of the marks of a cost, without a line between them."""
-    return cost_line(key) | {"marker": COSTS[key].marker, "ls": "none"}
-
-
-def covariance_marks(name: str) -> dict[str, Any]:
-    """Style of the marks of a covariance, without a line between them."""
-    look = COVARIANCES[name]
-    return {"color": look.color, "marker": look.marker, "ls": "none", "label": look.name}
-
-
 def set_marks(name: str) -> dict[str, Any]:
     """Style of the targets of a set, without a line between them."""
-    look = SETS[name]
     ring = {"mfc": "none", "ms": 13, "mew": 1.8} if name == "outlier" else {"ms": 5}
-    return {"color": look.color, "marker": look.marker, "ls": "none", "label": look.name} | ring
+    return SETS[name].marks | ring
 
 
 def mark_truth(ax: Axes, x: float = 0.0, y: float = 0.0, size: float = 9.0) -> None:

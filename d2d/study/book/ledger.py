@@ -68,10 +68,6 @@ def _bounds(value: float) -> list[str]:
     return [significant(bound) for bound in bounds] or ["exact"]  # say, a count
 
 
-def _capital(sentence: str) -> str:
-    return sentence[:1].upper() + sentence[1:]
-
-
 def _where(claim: Claim) -> str:
     several = "lines" if any(mark in claim.lines for mark in ",–") else "line"
     return f"section {claim.section}, {several} {claim.lines}"
@@ -104,7 +100,8 @@ def _details(evidence: Evidence) -> list[str]:
         lines.append(f'<ul class="claim-parts">{"".join(parts)}</ul>')
     if evidence.is_conditional:
         lines.append(f'<p class="claim-holds"><b>Holds:</b> {typeset(evidence.holds)}</p>')
-    lines.append(f'<p class="claim-why">{typeset(_capital(evidence.because))}</p>')
+    why = evidence.because[:1].upper() + evidence.because[1:]
+    lines.append(f'<p class="claim-why">{typeset(why)}</p>')
     telling = evidence.telling
     lines.append(_numbers(telling))
     if evidence.over:
@@ -198,7 +195,8 @@ class Ledger:
         return (
             f'{_map(self.shown)}\n<div class="ledger" id="ledger">\n'
             f'<div class="ledger-head" aria-hidden="true"><span>verdict</span><span>claim</span>'
-            f"<span>{_AXIS_HEAD}</span></div>\n{rows}\n</div>"
+            '<span><span class="axis-head"><span>against</span><span>for</span></span></span>'
+            f"</div>\n{rows}\n</div>"
         )
 
 
@@ -277,9 +275,6 @@ def _axis(number: Measured) -> str:
         f'<path class="range" d="M{low:.1f} {centre:g}H{max(high, low + 1):.1f}"/>'
         f'<circle cx="{at:.1f}" cy="{centre:g}" r="3.2"/></svg>'
     )
-
-
-_AXIS_HEAD = '<span class="axis-head"><span>against</span><span>for</span></span>'
 
 
 def figures_table(figures: Iterable[ThesisFigure]) -> str:

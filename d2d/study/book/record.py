@@ -15,13 +15,11 @@ from d2d.study.book.claim import Evidence
 from d2d.study.book.measured import Measured
 from d2d.study.results import read_json, results_path, write_json
 
+RECORD = results_path("claims.json")
+"""Path of the book's record."""
+
 RELATIVE, ABSOLUTE = 0.005, 0.002
 _NUMBER = re.compile(r"[-+−]?\d+(\.\d+)?(e[-+]?\d+)?")
-
-
-def record_path() -> Path:
-    """Path of the book's record."""
-    return results_path("claims.json")
 
 
 def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
@@ -30,29 +28,25 @@ def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
     A number with an interval becomes a list of itself and the two bounds; if it is telling, also of
     "telling" and its place on the axis of what counts.
     """
-    rounded = {
+    stored = {
         key: {"verdict": item.verdict}
         | vars(item)
-        | {"numbers": {name: _rounded(value) for name, value in item.numbers.items()}}
+        | {"numbers": {name: _stored(value) for name, value in item.numbers.items()}}
         for key, item in evidence.items()
     }
-    write_json(path, rounded)
+    write_json(path, stored, digits=4)
 
 
-def _rounded(value: float) -> float | list[Any]:
+def _stored(value: float) -> float | list[Any]:
     if not isinstance(value, Measured):
-        return _short(value)
-    told: list[Any] = ["telling", *map(_short, value.place)] if value.telling else []
-    return [*map(_short, _parts(value)), *told]
+        return float(value)
+    told = ["telling", *value.place] if value.telling else []
+    return [*_parts(value), *told]
 
 
-def _short(value: float) -> float:
-    return float(f"{value:.4g}")
-
-
-def read_record(path: Path | None = None) -> dict[str, Evidence]:
+def read_record(path: Path = RECORD) -> dict[str, Evidence]:
     """Read what `write_record` wrote; by default the book's record."""
-    stored = read_json(path or record_path())
+    stored = read_json(path)
     for entries in stored.values():
         del entries["verdict"]  # follows from the parts
         entries["numbers"] = {name: _read(value) for name, value in entries["numbers"].items()}

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,13 +18,7 @@ from d2d.study.book.claim import (
     Finding,
     Margin,
     claim,
-    in_every,
-    in_nearly_all,
-    is_larger,
-    is_same,
-    larger,
     nearly_all,
-    same,
     tells,
 )
 from d2d.study.book.measured import (
@@ -51,7 +44,7 @@ OVER = f"{DRIVES} drives of the robot of {DURATION:g} s"
 def _ratios(what: str, ratio: list[Measured], shown: Sequence[str]) -> dict[str, float]:
     """A ratio of v_x, v_y and omega as three numbers, of which some are telling."""
     return {
-        f"{what} of {name}, without / with": tells(each, larger, RATIO) if name in shown else each
+        f"{what} of {name}, without / with": tells(each, RATIO.larger) if name in shown else each
         for name, each in zip(NAMES, ratio, strict=True)
     }
 
@@ -105,10 +98,8 @@ def doppler_rejects_moving() -> Evidence:
     gain = mean_of(seen[:, 1] - seen[:, 0])
     return Evidence(
         {
-            "Doppler suppresses what moves": in_every(
-                in_nearly_all(with_doppler), in_nearly_all(along), in_nearly_all(across)
-            ),
-            "without it less is suppressed": is_larger(gain, SHARE),
+            "Doppler suppresses what moves": nearly_all(with_doppler, along, across),
+            "without it less is suppressed": SHARE.larger(gain),
         },
         f"with Doppler {with_doppler:.0%} of the moving targets are rejected, without it "
         f"{without:.0%}. Of walkers along the line of sight, who miss the Doppler velocity of a "
@@ -145,7 +136,7 @@ def doppler_reduces_error() -> Evidence:
     pairs = zip(without.T, with_doppler.T, strict=True)
     ratio = [rms_ratio(over, under, block) for over, under in pairs]
     return Evidence(
-        {"they reduce the error": in_every(*(is_larger(each, RATIO) for each in ratio))},
+        {"they reduce the error": RATIO.larger(*ratio)},
         f"the RMSE without Doppler over that with it is {_by_component(ratio)}. The Doppler "
         "velocities measure the sensor's velocity directly; the rotation is seen by the positions.",
         _ratios("ratio of the RMSE", ratio, ("v_x", "omega")),
@@ -169,7 +160,7 @@ def doppler_more_certain() -> Evidence:
         name: mean_of([each.credibility.anees for each in found]) for name, found in drives.items()
     }
     return Evidence(
-        {"it becomes more certain": in_every(*(is_larger(each, RATIO) for each in ratio))},
+        {"it becomes more certain": RATIO.larger(*ratio)},
         f"the median sigma without Doppler over that with it is {_by_component(ratio)}, and the "
         f"mean ANEES is {anees['without']:.2f} without and {anees['with']:.2f} with it. Another "
         "factor adds curvature to the negative logarithm, so that its inverse shrinks; the thesis "
@@ -177,7 +168,7 @@ def doppler_more_certain() -> Evidence:
         _ratios("ratio of the median sigma", ratio, ("v_x",))
         | {
             "mean ANEES without Doppler": anees["without"],
-            "mean ANEES with Doppler": tells(anees["with"], same, ANEES),
+            "mean ANEES with Doppler": tells(anees["with"], ANEES.same),
         },
         over=OVER,
     )
@@ -198,12 +189,12 @@ def trajectory_drifts() -> Evidence:
         quarter, end = np.transpose(offsets)  # of each drive, in m
         growth = mean_of(end - quarter)
         counts = (RATIO.high - 1.0) * float(quarter.mean())
-        growing[f"{name} Doppler"] = is_larger(growth, Margin(-counts, counts))
+        growing[f"{name} Doppler"] = Margin(-counts, counts).larger(growth)
         said.append(f"{quarter.mean():.2f} m and {end.mean():.2f} m {name} Doppler")
         numbers |= {
             f"mean position error after a quarter, {name} Doppler (m)": mean_of(quarter),
             f"mean position error at the end, {name} Doppler (m)": mean_of(end),
-            f"mean growth, {name} Doppler (m)": tells(growth, larger, Margin(-counts, counts)),
+            f"mean growth, {name} Doppler (m)": tells(growth, Margin(-counts, counts).larger),
         }
     return Evidence(
         growing,
@@ -224,20 +215,18 @@ def annealing_no_gain() -> Evidence:
     parts: dict[str, Finding] = {}
     said = []
     for name, doppler in DOPPLER.items():
-        compared = _annealed_at_random(doppler)
+        nearer, farther, ratios = _annealed_at_random(doppler)
         what = f"{name} Doppler"
-        parts[f"no difference {what}"] = in_every(
-            *(is_same(each, RATIO) for each in compared.ratios)
-        )
-        for component, ratio in zip(NAMES, compared.ratios, strict=True):
+        parts[f"no difference {what}"] = RATIO.same(*ratios)
+        for component, ratio in zip(NAMES, ratios, strict=True):
             numbers[f"ratio of the RMSE of {component}, annealed / plain, {what}"] = (
-                tells(ratio, same, RATIO) if component == "v_x" else ratio
+                tells(ratio, RATIO.same) if component == "v_x" else ratio
             )
-        numbers[f"share of pairs that annealing brings nearer to v_x, {what}"] = compared.nearer
-        numbers[f"share of pairs that it takes farther from it, {what}"] = compared.farther
+        numbers[f"share of pairs that annealing brings nearer to v_x, {what}"] = nearer
+        numbers[f"share of pairs that it takes farther from it, {what}"] = farther
         said.append(
-            f"{what} {_by_component(compared.ratios, '.2f')}, with {compared.farther:.2%} of the "
-            f"pairs farther from the true v_x and {compared.nearer:.2%} nearer to it"
+            f"{what} {_by_component(ratios, '.2f')}, with {farther:.2%} of the "
+            f"pairs farther from the true v_x and {nearer:.2%} nearer to it"
         )
     speed, turn = FASTEST[0], np.rad2deg(FASTEST[2])
     return Evidence(
@@ -254,15 +243,12 @@ def annealing_no_gain() -> Evidence:
     )
 
 
-class _Comparison(NamedTuple):
-    """Annealing from random starts, compared with plain starts at the last velocity."""
+def _annealed_at_random(doppler: bool) -> tuple[Measured, Measured, list[Measured]]:
+    """Annealing from random starts, compared with plain starts at the last velocity.
 
-    nearer: Measured  # share of the pairs
-    farther: Measured
-    ratios: tuple[Measured, ...]  # of the RMSEs of v_x, v_y and omega, annealed / plain
-
-
-def _annealed_at_random(doppler: bool) -> _Comparison:
+    Returns the shares of the pairs that it brings nearer to v_x and farther from it, and the ratios
+    of the RMSEs of v_x, v_y and omega, annealed / plain.
+    """
     found = []
     for seed, (drive, _) in enumerate(robot_drives()):
         rng = np.random.default_rng([seed, 1])
@@ -282,4 +268,4 @@ def _annealed_at_random(doppler: bool) -> _Comparison:
         )
     )
     pairs = zip(annealed.T, plain.T, strict=True)
-    return _Comparison(nearer, farther, tuple(rms_ratio(*each, block) for each in pairs))
+    return nearer, farther, [rms_ratio(*each, block) for each in pairs]

@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from d2d import credibility, rigid
+from d2d import rigid
 from d2d._types import Array
-from d2d.credibility import Credibility
 from d2d.radar import (
     ExtentEstimate,
     Mounting,
@@ -21,6 +20,7 @@ from d2d.radar import (
 )
 from d2d.radar.readers.radarscenes import azimuth_sigma
 from d2d.study.drives.errors import IN_UNITS
+from d2d.study.runs import StatedCovariances
 
 THETA = np.array([15.0, 0.0, 0.05])  # m/s, m/s, rad/s
 MOUNTING = Mounting(3.7, 0.0, 0.0)
@@ -94,16 +94,11 @@ class ExtendedStudy(NamedTuple):
     half_width: float  # m, of the objects
     redrawn: bool  # whether each scan shows other points of them
     found: ExtentEstimate  # the extent at which the scans are most likely
-    errors: dict[str, Array]  # (n, 3) in m/s, m/s, rad/s, for each of `MODELS`
-    covariances: dict[str, dict[str, Array]]  # (n, 3, 3), of each model for each of `COVARIANCES`
-
-    def credibility(self, model: str, covariance: str) -> Credibility:
-        """Credibility of one of the covariances with one of the models."""
-        return credibility(self.errors[model], self.covariances[model][covariance])
+    judged: dict[str, StatedCovariances]  # in m/s, m/s, rad/s, `COVARIANCES` of each of `MODELS`
 
     def rmse(self, model: str) -> Array:
         """Root mean square errors (3,) in m/s, m/s, deg/s."""
-        return np.asarray(np.sqrt(np.mean(self.errors[model] ** 2, axis=0)) * IN_UNITS)
+        return np.asarray(np.sqrt(np.mean(self.judged[model].errors ** 2, axis=0)) * IN_UNITS)
 
 
 def extended_study(
@@ -116,14 +111,14 @@ def extended_study(
     scans = extended_drive(rng, half_width, redrawn=redrawn)
     found = estimate_extent(scans, MOUNTING, max_pairs=25)
     true = half_width / math.sqrt(3.0) if redrawn else 0.0
-    errors: dict[str, Array] = {}
-    covariances: dict[str, dict[str, Array]] = {}
-    for model, extent in zip(MODELS, (0.0, found.extent, true), strict=True):
-        errors[model], covariances[model] = _estimates([scan.with_extent(extent) for scan in scans])
-    return ExtendedStudy(half_width, redrawn, found, errors, covariances)
+    judged = {
+        model: _estimates([scan.with_extent(extent) for scan in scans])
+        for model, extent in zip(MODELS, (0.0, found.extent, true), strict=True)
+    }
+    return ExtendedStudy(half_width, redrawn, found, judged)
 
 
-def _estimates(scans: Sequence[RadarScan]) -> tuple[Array, dict[str, Array]]:
+def _estimates(scans: Sequence[RadarScan]) -> StatedCovariances:
     errors, covariances = [], []
     for pair in pairwise(scans):
         estimate = estimate_ego_motion(*pair, MOUNTING, initial=THETA)
@@ -132,4 +127,4 @@ def _estimates(scans: Sequence[RadarScan]) -> tuple[Array, dict[str, Array]]:
             propagated = propagate_ego_motion(estimate, *pair, MOUNTING)
             covariances.append((estimate.covariance, propagated))
     both = np.swapaxes(covariances, 0, 1)
-    return np.array(errors), dict(zip(COVARIANCES, both, strict=True))
+    return StatedCovariances(np.array(errors), dict(zip(COVARIANCES, both, strict=True)))

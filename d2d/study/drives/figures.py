@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.patches import Arc, Polygon, Wedge
+from matplotlib.patches import Arc, Rectangle, Wedge
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
@@ -23,6 +23,7 @@ from d2d.study.book.drawing import ellipses, intervals
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
+    COVARIANCES,
     GREY,
     OCHRE,
     PINK,
@@ -31,11 +32,10 @@ from d2d.study.book.grammar import (
     TRUTH,
     YELLOW,
     cost_line,
-    covariance_marks,
 )
 from d2d.study.book.style import write_out_ticks
 from d2d.study.drives import budget_trial, extended
-from d2d.study.drives.budget_trial import BudgetTrial
+from d2d.study.drives.budget_trial import Judged
 from d2d.study.drives.errors import IN_UNITS, UNITS
 from d2d.study.drives.extended import MODELS, ExtendedStudy
 from d2d.study.drives.fusion import GATE, REGION, Fused
@@ -56,8 +56,7 @@ def coordinate_frames(ax: Axes) -> None:
     x, y, yaw, distance, azimuth = 2.3, 1.0, np.deg2rad(22.0), 4.0, np.deg2rad(24.0)
     sensor, sight = np.array([x, y]), yaw + azimuth
     target = sensor + distance * np.array([np.cos(sight), np.sin(sight)])
-    body = np.array([[-1.0, -1.2], [2.5, -1.2], [2.5, 1.2], [-1.0, 1.2]])
-    ax.add_patch(Polygon(body, facecolor="0.94", edgecolor="0.6"))
+    ax.add_patch(Rectangle((-1.0, -1.2), 3.5, 2.4, facecolor="0.94", edgecolor="0.6"))
     for origin, angle, lengths, color, name in (
         ((0.0, 0.0), 0.0, (1.3, 1.9), BLACK, "vehicle"),
         ((x, y), yaw, (2.9, 1.9), PURPLE, "sensor"),
@@ -114,12 +113,9 @@ def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
     view_length = 2.2  # m
     for side in (-0.34, 0.34):
         for wheel in (-0.35, 0.0, 0.35):
-            corners = np.array([[-0.13, -0.06], [0.13, -0.06], [0.13, 0.06], [-0.13, 0.06]])
-            ax.add_patch(
-                Polygon(corners + np.array([wheel, side]), facecolor="0.35", edgecolor="none")
-            )
-    body = np.array([[-0.5, -0.27], [0.4, -0.27], [0.4, 0.27], [-0.5, 0.27]])
-    ax.add_patch(Polygon(body, facecolor="0.9", edgecolor="0.4"))
+            corner = (wheel - 0.13, side - 0.06)
+            ax.add_patch(Rectangle(corner, 0.26, 0.12, facecolor="0.35", edgecolor="none"))
+    ax.add_patch(Rectangle((-0.5, -0.27), 0.9, 0.54, facecolor="0.9", edgecolor="0.4"))
     middle, half = np.rad2deg(mounting.yaw), np.rad2deg(sensor.field_of_view)
     place = (mounting.x, mounting.y)
     ax.add_patch(
@@ -306,7 +302,7 @@ def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> N
     for (chosen, model, name), colour in zip(groups, (YELLOW, PURPLE, SKY, BLACK), strict=True):
         widths = [study.half_width for study in chosen]
         for covariance, line in zip(extended.COVARIANCES, ("P-", "^:"), strict=True):
-            anees = [study.credibility(model, covariance).anees for study in chosen]
+            anees = [study.judged[model].credibility(covariance).anees for study in chosen]
             axes[0].plot(widths, anees, line, color=colour)
         rmse = [study.rmse(model)[2] for study in chosen]
         axes[1].plot(widths, rmse, ".-", color=colour, label=name)
@@ -321,15 +317,17 @@ def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> N
         ax.legend()
 
 
-def ingredients(ax: Axes, trial: BudgetTrial) -> None:
+def ingredients(ax: Axes, trial: Mapping[str, Judged]) -> None:
     """ANEES of each covariance, a row for each ingredient; a bar is a 95 % interval."""
-    rows = np.arange(len(trial.names))
+    rows = np.arange(len(trial))
+    anees = np.array([judged.anees for judged in trial.values()])
+    bounds = np.array([judged.interval for judged in trial.values()])
     for k, name in enumerate(budget_trial.COVARIANCES):
         places = rows + 0.22 * (k - 1)
-        marks = covariance_marks(name)
-        intervals(ax, trial.anees[:, k], trial.intervals[:, :, k], places, **marks)
+        marks = COVARIANCES[name].marks
+        intervals(ax, anees[:, k], bounds[:, :, k], places, **marks)
     ax.axvline(1.0, **TRUTH)
-    ax.set_yticks(rows, trial.names)
+    ax.set_yticks(rows, list(trial))
     ax.invert_yaxis()
     ax.set(xscale="log", xlabel="ANEES")
     write_out_ticks(ax.xaxis, (1, 2, 5, 10, 20, 50))

@@ -128,21 +128,21 @@ class Fused(NamedTuple):
 
 
 class FusionTrial(NamedTuple):
-    """The verdicts on each of `FILTERS`, over all drives after `SETTLED` seconds.
+    """The verdict on one of `FILTERS`, over all drives after `SETTLED` seconds.
 
-    Credible filters have the means 1 and the shares 0.95.
+    A credible filter has the means 1 and the share 0.95.
     """
 
-    nis: Array  # (3,) mean per dimension
-    rejected: Array  # (3,) share beyond the gate
-    nees: Array  # (3,) mean per dimension, of the filtered velocity
-    nees_within: Array  # (3,) share in the 95 % region
-    rmse: Array  # (3, 4) of v_x, v_y, omega and the gyro's bias in m/s, m/s, °/s, °/s
+    nis: float  # mean per dimension
+    rejected: float  # share beyond the gate
+    nees: float  # mean per dimension, of the filtered velocity
+    nees_within: float  # share in the 95 % region
+    rmse: Array  # (4,) of v_x, v_y, omega and the gyro's bias in m/s, m/s, °/s, °/s
 
 
-def fusion_trial(drives: Sequence[Measured]) -> FusionTrial:
+def fusion_trial(drives: Sequence[Measured]) -> dict[str, FusionTrial]:
     """Filter all drives with each of `FILTERS`."""
-    columns = []
+    found = {}
     for name in FILTERS:
         fused = [fuse(measured, name) for measured in drives]
         late = np.concatenate([each.times > SETTLED for each in fused])
@@ -151,16 +151,14 @@ def fusion_trial(drives: Sequence[Measured]) -> FusionTrial:
             for field in ("nis", "used", "errors", "nees")
         )
         known = np.isfinite(nis)
-        columns.append(
-            (
-                nis[known].mean() / 3.0,
-                np.mean(~used[known]),
-                nees.mean() / 3.0,
-                np.mean(nees < REGION),
-                np.sqrt(np.mean(errors**2, axis=0)) * [1.0, 1.0, *np.rad2deg([1.0, 1.0])],
-            )
+        found[name] = FusionTrial(
+            float(nis[known].mean() / 3.0),
+            float(np.mean(~used[known])),
+            float(nees.mean() / 3.0),
+            float(np.mean(nees < REGION)),
+            np.sqrt(np.mean(errors**2, axis=0)) * [1.0, 1.0, *np.rad2deg([1.0, 1.0])],
         )
-    return FusionTrial(*(np.array(column) for column in zip(*columns, strict=True)))
+    return found
 
 
 @cache

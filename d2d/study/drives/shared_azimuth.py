@@ -1,39 +1,33 @@
 """The effect of treating the azimuth error in a target's position and Doppler as two errors."""
 
-from typing import NamedTuple
+from collections.abc import Iterable
 
 import numpy as np
 
-from d2d import PointSet, RegistrationCost, credibility, propagate_covariance, register, rigid
+from d2d import PointSet, RegistrationCost, propagate_covariance, register, rigid
 from d2d._types import Array
-from d2d.credibility import Credibility
 from d2d.measurement import LinearMeasurement
-from d2d.radar import Mounting, doppler_velocity
+from d2d.radar import (
+    Drive,
+    Mounting,
+    Track,
+    doppler_velocity,
+    estimate_ego_motion,
+    propagate_ego_motion,
+)
 from d2d.radar.scans.scan import doppler_gradients
-from d2d.study.noise import noisy_polar
+from d2d.study.plane.scenarios import noisy_polar
+from d2d.study.runs import StatedCovariances
 
 INTERVAL = 0.1  # s
 TARGETS, RUNS = 30, 1000
 COVARIANCES = ("inverse Hessian", "propagated, errors apart", "propagated, error shared")
 
 
-class SharedAzimuth(NamedTuple):
-    """Errors of registrations of noisy scan pairs, and the covariances stated for them."""
-
-    # root mean square of the Doppler errors that the azimuth causes, over the Doppler's own sigma
-    weight: float
-    errors: Array  # (n, 3) of [v_x, v_y, omega] in m/s, m/s, rad/s
-    covariances: dict[str, Array]  # (n, 3, 3) for each of `COVARIANCES`
-
-    def credibility(self, name: str) -> Credibility:
-        """Credibility of one of the covariances."""
-        return credibility(self.errors, self.covariances[name])
-
-    def variance_ratios(self, name: str) -> Array:
-        """Actual over reported variance along the two matrices' common axes, ascending (3,)."""
-        root = np.linalg.cholesky(self.covariances[name].mean(axis=0))
-        whitened = np.linalg.solve(root, self.errors.T)
-        return np.asarray(np.linalg.eigvalsh(np.cov(whitened)))
+def variance_ratios(errors: Array, covariances: Array) -> Array:
+    """Actual over reported variance along the two matrices' common axes, ascending (3,)."""
+    root = np.linalg.cholesky(covariances.mean(axis=0))
+    return np.asarray(np.linalg.eigvalsh(np.cov(np.linalg.solve(root, errors.T))))
 
 
 def shared_azimuth(
@@ -42,13 +36,14 @@ def shared_azimuth(
     mounting: Mounting,
     *,
     sigmas: tuple[float, float, float] = (0.15, np.deg2rad(1.0), 0.06),
-) -> SharedAzimuth:
+) -> tuple[float, StatedCovariances]:
     """Register noisy scan pairs of a static scene; an azimuth error enters position and Doppler.
 
     The targets are spread evenly over the area within 46 degrees of the boresight and between 5 and
     50 m.  ``theta`` (3,) is the velocity in m/s, m/s, rad/s; ``sigmas`` are the standard deviations
     of range, azimuth and Doppler in m, rad, m/s.  The cost has no outlier component, which would
-    have a separate effect.
+    have a separate effect.  The first result is the root mean square of the Doppler errors that the
+    azimuth causes, over the Doppler's own standard deviation.
     """
     distance = 50.0 * np.sqrt(rng.uniform(0.01, 1.0, TARGETS))
     azimuth = rng.uniform(-0.8, 0.8, TARGETS)
@@ -86,8 +81,8 @@ def shared_azimuth(
     jacobian = rigid.logarithm_jacobian(estimate.theta) / INTERVAL
     good = estimate.converged
     _, true_slope = doppler_gradients(azimuth, mounting)
-    return SharedAzimuth(
-        float(np.sqrt(np.mean((sigmas[1] * (true_slope @ theta) / sigmas[2]) ** 2))),
+    weight = float(np.sqrt(np.mean((sigmas[1] * (true_slope @ theta) / sigmas[2]) ** 2)))
+    return weight, StatedCovariances(
         (rigid.logarithm(estimate.theta) / INTERVAL - theta)[good],
         {
             name: (jacobian @ covariance @ np.swapaxes(jacobian, -1, -2))[good]
@@ -96,3 +91,26 @@ def shared_azimuth(
             )
         },
     )
+
+
+def on_a_drive(
+    drive: Drive, driven: Track, pairs: Iterable[int], *, doppler: bool = True
+) -> StatedCovariances:
+    """The same three covariances on these pairs of scans of a drive, started at its track.
+
+    The truth is the velocity at the second scan.  Pairs without a covariance are left out.
+    """
+    errors, covariances = [], []
+    for i in pairs:
+        pair = drive.scans[i], drive.scans[i + 1], drive.mounting
+        estimate = estimate_ego_motion(*pair, doppler=doppler, initial=driven.theta[i])
+        propagated = [
+            propagate_ego_motion(estimate, *pair, doppler=doppler, shared_azimuth=shared)
+            for shared in (False, True)
+        ]
+        errors.append(estimate.theta - drive.truth.theta[i + 1])
+        covariances.append([estimate.covariance, *propagated])
+    error, covariance = np.array(errors), np.array(covariances)
+    good = np.isfinite(covariance).all(axis=(1, 2, 3))
+    by_name = zip(COVARIANCES, np.swapaxes(covariance[good], 0, 1), strict=True)
+    return StatedCovariances(error[good], dict(by_name))

@@ -1,6 +1,5 @@
-"""Variations of a drive: in a sparse world, from a fixed start, with propagated errors."""
+"""Variations of a drive: in a sparse world, from a fixed start, always from the last velocity."""
 
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -8,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d._types import Array
-from d2d.radar import Drive, Track, estimate_ego_motion, propagate_ego_motion
+from d2d.radar import Drive, Track, estimate_ego_motion
 from d2d.radar.simulation.world import Movers, Reflectors, World
 from d2d.study.runs import stacked
 
@@ -54,19 +53,3 @@ def followed(drive: Drive, starts: ArrayLike | None = None, **options: Any) -> A
         estimate = estimate_ego_motion(*pair, drive.mounting, initial=start, **options)
         found.append(estimate.theta if estimate.converged else found[-1])
     return np.array(found[1:])
-
-
-def propagated_covariances(
-    drive: Drive, driven: Track, pairs: Sequence[int], *, shared_azimuth: bool
-) -> Array:
-    """Covariances (len(pairs), 3, 3) of a track with Doppler, by propagating the sensor's errors.
-
-    If ``shared_azimuth``, one azimuth error affects both a target's position and its Doppler
-    velocity; the cost assumes two separate errors.
-    """
-    covariances = []
-    for i in pairs:
-        pair = drive.scans[i], drive.scans[i + 1], drive.mounting
-        estimate = estimate_ego_motion(*pair, initial=driven.theta[i])
-        covariances.append(propagate_ego_motion(estimate, *pair, shared_azimuth=shared_azimuth))
-    return np.array(covariances)

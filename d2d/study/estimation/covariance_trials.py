@@ -1,5 +1,6 @@
 """The covariances that several costs state, compared with the scatter of many runs."""
 
+import time
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -9,13 +10,13 @@ import numpy as np
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
 from d2d.covariance import propagate_covariance
-from d2d.credibility import Credibility, credibility
 from d2d.point_set import PointSet
-from d2d.registration import register
+from d2d.registration import Estimate, register
 from d2d.study.book.claim import DECIBELS
 from d2d.study.book.measured import Measured, anees_of, mean_of
-from d2d.study.plane.scenarios import OVERLAPPED, cartesian
-from d2d.study.runs import judged
+from d2d.study.plane import evaluation
+from d2d.study.plane.scenarios import OVERLAPPED, Scenario, cartesian
+from d2d.study.runs import StatedCovariances, judged
 
 SEED = 5
 RUNS = 20_000  # a variance is known to 1 % (one standard error)
@@ -26,17 +27,8 @@ COSTS = {
     "sum": RegistrationCost(fusion="summing"),
     "P2D likelihood": RegistrationCost("p2d"),
 }
-
-
-class CovarianceStudy(NamedTuple):
-    """Errors of one cost in many runs, and the covariances that it claims for them."""
-
-    errors: Array  # (runs, 3) m, m, rad
-    actual: Array  # (3,) variances
-    fisher: Array  # (runs, 3, 3) inverse Hessians
-    propagated: Array  # (runs, 3, 3)
-    fisher_credibility: Credibility
-    propagated_credibility: Credibility
+ALL_COSTS = evaluation.COSTS | {"P2D": RegistrationCost("p2d")}
+DIFFERENCE = 1e-3  # of a range or azimuth to either side, in standard deviations
 
 
 @cache
@@ -51,34 +43,35 @@ def overlapped_sets(width: float = 1.0) -> tuple[PointSet, PointSet]:
     return fixed.inflated(width), moving.inflated(width)
 
 
-@cache
-def covariance_study(name: str, width: float = 1.0) -> CovarianceStudy:
-    """Compare both covariances of a cost of `COSTS` with the Monte Carlo scatter.
+def both_covariances(
+    fixed: PointSet, moving: PointSet, cost: RegistrationCost, theta: Array
+) -> StatedCovariances:
+    """Errors of runs (N,) that start at the true motion; inverse Hessians, propagated covariances.
 
-    Every run starts at the true motion: the question is how far the right optimum scatters, not
-    whether it is found.  Both covariances are scaled to the actual noise.
+    The question is how far the right optimum scatters, not whether it is found.
     """
-    fixed, moving = overlapped_sets(width)
-    cost = COSTS[name]
-    estimates = register(fixed, moving, cost, OVERLAPPED.theta)
+    estimates = register(fixed, moving, cost, theta)
+    stated = {
+        "inverse Hessian": estimates.covariance,
+        "propagated": propagate_covariance(estimates, fixed, moving, cost),
+    }
     good = estimates.converged
-    errors = (estimates.theta - OVERLAPPED.theta)[good]
-    fisher = estimates.covariance[good] / width**2
-    propagated = propagate_covariance(estimates, fixed, moving, cost)[good] / width**2
-    return CovarianceStudy(
-        errors,
-        errors.var(axis=0),
-        fisher,
-        propagated,
-        credibility(errors, fisher),
-        credibility(errors, propagated),
-    )
+    kept = {kind: each[good] for kind, each in stated.items()}
+    return StatedCovariances((estimates.theta - theta)[good], kept)
 
 
-def variance_ratio(study: CovarianceStudy, which: str) -> Array:
+@cache
+def covariance_study(name: str, width: float = 1.0) -> StatedCovariances:
+    """Both covariances of a cost of `COSTS` and the scatter, each scaled to the actual noise."""
+    found = both_covariances(*overlapped_sets(width), COSTS[name], OVERLAPPED.theta)
+    actual = {kind: each / width**2 for kind, each in found.covariances.items()}
+    return found._replace(covariances=actual)
+
+
+def variance_ratio(study: StatedCovariances, kind: str) -> Array:
     """Ratio (3,) of the mean stated variance to the actual one."""
-    stated = getattr(study, which).mean(axis=0)
-    return np.asarray(np.diag(stated) / study.actual)
+    stated = study.covariances[kind].mean(axis=0)
+    return np.asarray(np.diag(stated) / study.errors.var(axis=0))
 
 
 def kurtosis_of(errors: Array) -> Measured:
@@ -136,14 +129,9 @@ def shared_partner(count: int) -> SharedPartner:
         others.append(OVERLAPPED.sample(runs, np.random.default_rng([SEED, seed]))[1])
     means = np.concatenate([each.means for each in others], axis=-2)
     together = PointSet(means, np.concatenate([each.covariances for each in others], axis=-3))
-    cost = COSTS["likelihood"]
-    estimates = register(fixed, together, cost, OVERLAPPED.theta)
-    propagated = propagate_covariance(estimates, fixed, together, cost)
-    return SharedPartner(
-        anees_of(judged(estimates, OVERLAPPED.theta)),
-        anees_of(judged(estimates, OVERLAPPED.theta, propagated)),
-        0.5 * (count + 1),
-    )
+    found = both_covariances(fixed, together, COSTS["likelihood"], OVERLAPPED.theta)
+    fisher, propagated = (anees_of(found.credibility(kind)) for kind in found.covariances)
+    return SharedPartner(fisher, propagated, 0.5 * (count + 1))
 
 
 class EqualTargets(NamedTuple):
@@ -196,3 +184,52 @@ def over_layouts(name: str) -> tuple[Measured, ...]:
         estimates = register(*scenario.sample(1000, rng), COSTS[name], scenario.theta)
         anees.append(anees_of(judged(estimates, scenario.theta)))
     return tuple(anees)
+
+
+@cache
+def in_scene(scenario: Scenario, cost: str, runs: int = 1000) -> StatedCovariances:
+    """Both covariances of a cost of `ALL_COSTS`, of the draws of `evaluation.evaluated`."""
+    fixed, moving = evaluation.same_draws(scenario, runs)
+    return both_covariances(fixed, moving, ALL_COSTS[cost], scenario.theta)
+
+
+def slowdown(scenario: Scenario, cost: str, runs: int = 1000) -> float:
+    """Time of the propagation over that of the registration."""
+    fixed, moving = evaluation.same_draws(scenario, runs)
+    register(fixed[0], moving[0], ALL_COSTS[cost], scenario.theta)  # loads the compiled code
+    begin = time.perf_counter()
+    estimate = register(fixed, moving, ALL_COSTS[cost], scenario.theta)
+    middle = time.perf_counter()
+    propagate_covariance(estimate, fixed, moving, ALL_COSTS[cost])
+    return (time.perf_counter() - middle) / (middle - begin)
+
+
+def propagate_from_polar(
+    estimate: Estimate,
+    fixed: PointSet,
+    moving: PointSet,
+    cost: RegistrationCost,
+    scenario: Scenario,
+) -> Array:
+    """Covariances (..., 3, 3) from finite differences of the gradient in each range and azimuth.
+
+    A target's reported covariance is computed at its measured position and changes with it.  These
+    differences include that change; `d2d.propagate_covariance` does not.
+    """
+    sigmas = scenario.sigma_range, scenario.sigma_azimuth
+    middle = np.zeros_like(estimate.covariance)
+    for which in (0, 1):
+        means = (fixed, moving)[which].means
+        polar = np.hypot(means[..., 0], means[..., 1]), np.arctan2(means[..., 1], means[..., 0])
+        for target in range(means.shape[-2]):
+            for coordinate in (0, 1):
+                gradients = []
+                for sign in (DIFFERENCE, -DIFFERENCE):
+                    changed = [polar[0].copy(), polar[1].copy()]
+                    changed[coordinate][..., target] += sign * sigmas[coordinate]
+                    sets = [fixed, moving]
+                    sets[which] = PointSet.from_polar(changed[0], changed[1], *sigmas)
+                    gradients.append(cost.derivatives(estimate.theta, *sets)[1])
+                change = (gradients[0] - gradients[1]) / (2.0 * DIFFERENCE)
+                middle += change[..., :, None] * change[..., None, :]
+    return np.asarray(estimate.covariance @ middle @ estimate.covariance)

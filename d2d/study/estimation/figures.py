@@ -10,9 +10,9 @@ from d2d._types import Array
 from d2d.study.book import svg
 from d2d.study.book.grammar import BLACK, COSTS, OCHRE, PURPLE, SKY, TRUTH
 from d2d.study.book.style import write_out_ticks
-from d2d.study.estimation.covariance_trials import CovarianceStudy
 from d2d.study.estimation.descent import PairedTargets, profile
 from d2d.study.estimation.optimisers import Path
+from d2d.study.runs import StatedCovariances
 
 COLOURS = {
     "gradient descent": OCHRE,
@@ -127,20 +127,20 @@ def propagation_panel(
 
 
 def stated_over_actual(
-    ax: Axes, studies: Mapping[str, tuple[str, CovarianceStudy]], kind: str
+    ax: Axes, studies: Mapping[str, tuple[str, StatedCovariances]], kind: str
 ) -> None:
     """Boxes of the stated over the actual sigma of t_x, t_y and phi, a group for each cost.
 
     ``studies`` holds, by the name below each group, the cost's key in the grammar and its study;
-    ``kind`` is ``fisher`` or ``propagated``.  Boxes are quartiles, whiskers reach to 5 % and 95 %;
+    ``kind`` is the covariance.  Boxes are quartiles, whiskers reach to 5 % and 95 %;
     those of P2D are dotted.
     """
     for row, (name, (key, study)) in enumerate(studies.items()):
-        stated = np.diagonal(getattr(study, kind), axis1=1, axis2=2)
+        stated = np.diagonal(study.covariances[kind], axis1=1, axis2=2)
         line = {"color": COSTS[key].color, "ls": ":" if "P2D" in name else "-"}
         places = row + np.array([-0.25, 0.0, 0.25])
         ax.boxplot(
-            np.sqrt(stated / study.actual),
+            np.sqrt(stated / study.errors.var(axis=0)),
             positions=places,
             widths=0.18,
             whis=(5, 95),

@@ -95,26 +95,19 @@ def _only(points: PointSet, chosen: NDArray[np.bool_]) -> PointSet:
     return PointSet(means.reshape(*shape, 2), covariances.reshape(*shape, 2, 2))
 
 
-class Halves(NamedTuple):
-    """ANEES of whole sets against the truth, and of the difference of their halves."""
-
-    name: str
-    truth: float
-    halves: float
-
-
 # Fixed and moving sets, cost, start, and which of the moving targets (K,) stay together.
 Case = tuple[PointSet, PointSet, RegistrationCost, ArrayLike, NDArray[np.int_]]
 
 
 @cache
-def halves_of_each_reason() -> list[Halves]:
+def halves_of_each_reason() -> list[tuple[str, float, float]]:
     """What the halves of the moving set reveal of each reason, in the scenes of chapter 10.
 
-    Halves are drawn by target; where targets are repeated, by copy or by target.
+    Its name, the ANEES of whole sets against the truth, and that of the difference of halves, drawn
+    by target; where targets are repeated, by copy or by target.
     """
     return [
-        Halves(
+        (
             name,
             float(judged(register(*case[:4]), OVERLAPPED.theta).anees),
             float(halves(*case).anees),
@@ -210,22 +203,17 @@ REASONS = {
 }
 
 
-class Evidence(NamedTuple):
-    """ANEES of one radar against the truth, and what three tests without it find."""
-
-    truth: float
-    by_target: float
-    by_object: float
-    two_sensors: float
-
-
 @cache
-def without_truth() -> dict[str, Evidence]:
-    """Judge the inverse Hessian of drives of two front radars in which one thing is wrong."""
-    return {name: _evidence(reason) for name, reason in REASONS.items()}
+def without_truth() -> dict[str, list[float]]:
+    """Judge the inverse Hessian of drives of two front radars in which one thing is wrong.
+
+    The ANEES of one radar against the truth, and what three tests without it find: halves by target
+    and by object, two sensors.
+    """
+    return {name: _judged(reason) for name, reason in REASONS.items()}
 
 
-def _evidence(reason: Reason) -> Evidence:
+def _judged(reason: Reason) -> list[float]:
     sensor = Sensor(quantised=False)
     drives = [
         _driven(place, sensor, replace(reason.errors, azimuth=turned * BIAS), 21 + number)
@@ -238,7 +226,7 @@ def _evidence(reason: Reason) -> Evidence:
         for each in ("target", "object")
     ]
     found = [compare(tracks[0], drives[0].truth), *by, compare_tracks(*tracks)]
-    return Evidence(*(float(each.credibility.anees) for each in found))
+    return [float(each.credibility.anees) for each in found]
 
 
 def _driven(place: Mounting, sensor: Sensor, errors: SensorErrors, seed: int) -> Drive:

@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 
 from d2d._types import Array
 from d2d.radar import Mounting, RadarScan, Reference, Track, doppler_velocity, track
-from d2d.study.book.drawing import path
 from d2d.study.book.grammar import BLACK, PINK, TRUTH, cost_line
 from d2d.study.book.style import label_planar_axes
 from d2d.study.book.table import Table, table
@@ -163,9 +162,9 @@ def draw_wrong_paths(axes: Sequence[Axes], faults: Mapping[str, str]) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # the picture shows what they say
             driven = track(FAULTS[fault](drive.scans, drive.mounting, truth))
-        path(ax, truth.poses, **TRUTH)
+        ax.plot(*truth.poses[:, :2].T, **TRUTH)
         poses = driven.poses(truth.poses[0])
-        path(ax, poses, **cost_line("robust"))
+        ax.plot(*poses[:, :2].T, **cost_line("robust"))
         failed = ~driven.converged
         ax.plot(*poses[1:][failed, :2].T, "x", color=PINK, ms=2)
         ax.plot(*truth.poses[0, :2], "o", color=BLACK, ms=4)

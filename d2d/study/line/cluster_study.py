@@ -9,9 +9,8 @@ from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.credibility import credibility
 from d2d.registration import register
-from d2d.study.line.disturbed_scenes import clustered
 from d2d.study.line.outlier_study import SEED
-from d2d.study.line.scene import SIGMA, TRUTH, line_scene
+from d2d.study.line.scene import SIGMA, TRUTH, clustered, line_scene
 from d2d.study.line.surfaces import log_surface, peaks
 
 ESTIMATES = 4000  # draws with an estimate

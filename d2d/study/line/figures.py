@@ -123,11 +123,6 @@ def surface(
     ax.margins(x=0.0)
 
 
-def mark_truth(ax: Axes) -> None:
-    """The true translation."""
-    ax.axvline(scene.TRUTH, **TRUTH)
-
-
 def both_sets(
     axes: Sequence[Axes],
     sets: tuple[PointSet, PointSet],
@@ -171,7 +166,7 @@ def every_target(
         seen = [place for place in places if place[1] > _VISIBLE * highest]
         _write_letters(ax, seen, float(np.ptp(translations)))
         ax.margins(y=0.1)
-    mark_truth(ax)
+    ax.axvline(scene.TRUTH, **TRUTH)
     ax.set_title("targets")
 
 
@@ -191,7 +186,7 @@ def fused(
     surface(axes[0], translations, np.exp(values), ylabel="density", **style)
     surface(axes[1], translations, -values, ylabel="−log density", **style)
     for ax in axes:
-        mark_truth(ax)
+        ax.axvline(scene.TRUTH, **TRUTH)
         ax.set_title(title)
     return peaks(translations, values)
 

@@ -7,8 +7,7 @@ import numpy as np
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost, UniformOutlier
 from d2d.point_set import PointSet
-from d2d.study.line.disturbed_scenes import CORRUPTED, with_outlier
-from d2d.study.line.scene import TRUTH, line_scene
+from d2d.study.line.scene import CORRUPTED, TRUTH, line_scene, with_outlier
 from d2d.study.line.surfaces import Survey, log_surface, survey
 
 DRAWS = 400  # the standard error of a share is 2.5 % or less

@@ -3,7 +3,7 @@
 import numpy as np
 
 from d2d._types import Array
-from d2d.study.book.claim import Evidence, claim, in_every, in_nearly_all, most, nearly_all, tells
+from d2d.study.book.claim import Evidence, claim, in_every, most, nearly_all, tells
 from d2d.study.book.measured import Measured, median_of, share_of, smallest
 from d2d.study.mixtures.gaussian import GaussianMixture, MixtureFit, fit_mixture
 
@@ -64,7 +64,7 @@ def gmm_better() -> Evidence:
         f"share of draws with two better by BIC, humps {NEAR_HUMPS:g} sigma apart, "
         f"{MANY} observations"
     ] = by_bic_of_many
-    humped = [in_nearly_all(share) for at, share in better.items() if at > TWO_HUMPS]
+    humped = [nearly_all(share) for at, share in better.items() if at > TWO_HUMPS]
     mostly_better = [
         separation
         for separation in SEPARATIONS
@@ -148,7 +148,7 @@ def em_monotone() -> Evidence:
     steps = np.array([[len(fit.log_likelihoods) - 1 for fit in pair] for pair in fits])
     poorer = _share_of_poorer_maxima(np.random.default_rng(31))
     return Evidence(
-        {"it converges": in_nearly_all(equal)},
+        {"it converges": nearly_all(equal)},
         f"as the thesis prints it, EM converges on {equal:.0%} of {SETS} random sets, a fifth of "
         f"them degenerate, and with weights of the components on {weighted:.0%}. "
         f"{falls_if_equal} and {falls} of the {steps[:, 1].sum()} and {steps[:, 0].sum()} steps "

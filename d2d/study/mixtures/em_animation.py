@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.colors import to_hex, to_rgba_array
 from numpy.typing import ArrayLike
 
 from d2d._types import Array
@@ -34,32 +35,25 @@ def em_frame(
     def place(where: Array) -> Array:
         return np.asarray(origin + scale * where * np.array([1.0, -1.0]))
 
+    # each point has the mean of the components' colours
+    mixed = mixture.responsibilities(points) @ to_rgba_array(COLOURS[: mixture.components])[:, :3]
     marks = [
         svg.circle(px, py, 2.6, colour)
-        for (px, py), colour in zip(
-            place(points), _blend(mixture.responsibilities(points)), strict=True
-        )
+        for (px, py), colour in zip(place(points), map(to_hex, mixed), strict=True)
     ]
     for k in range(mixture.components):
         marks += _component(mixture, k, place(mixture.means[k]), scale)
-    marks += _scale_bar(scale)
+    bar = f"M {MARGIN:.0f} {HEIGHT - 30.0:.0f} h {svg.number(scale)}"
+    marks.append(svg.path(bar, stroke="#111", stroke_width=3.0))
+    marks.append(svg.text(MARGIN, HEIGHT - 38.0, "1 m"))
     marks += _likelihood_strip(np.asarray(log_likelihoods), step)
     label = f"Step {step} of EM: data, components and log-likelihood"
     return svg.picture(WIDTH, HEIGHT + STRIP, label, marks)
 
 
-def _blend(shares: Array) -> list[str]:
-    """Mix the components' colours, by each row of shares (N, K)."""
-    rgb = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in COLOURS])
-    mixed = np.round(shares @ rgb[: shares.shape[1]]).astype(int)
-    return ["#{:02x}{:02x}{:02x}".format(*row) for row in mixed]
-
-
 def _component(mixture: GaussianMixture, k: int, centre: Array, scale: float) -> list[str]:
     # 39.3 % of the probability lies within one standard deviation
-    one_sigma = gaussian.confidence_ellipse(
-        mixture.means[k], mixture.covariances[k], 1.0 - float(np.exp(-0.5))
-    )
+    one_sigma = gaussian.confidence_ellipse(mixture.covariances[k], 1.0 - float(np.exp(-0.5)))
     x, y = centre
     turn = -float(np.rad2deg(one_sigma.angle))
     place = f"translate({svg.number(x)} {svg.number(y)}) rotate({svg.number(turn)})"
@@ -86,12 +80,6 @@ def _component(mixture: GaussianMixture, k: int, centre: Array, scale: float) ->
         paint_order="stroke",
     )
     return [*ellipses, weight]
-
-
-def _scale_bar(scale: float) -> list[str]:
-    y = HEIGHT - 30.0
-    bar = f"M {MARGIN:.0f} {y:.0f} h {svg.number(scale)}"
-    return [svg.path(bar, stroke="#111", stroke_width=3.0), svg.text(MARGIN, y - 8.0, "1 m")]
 
 
 def _likelihood_strip(values: Array, step: int) -> list[str]:

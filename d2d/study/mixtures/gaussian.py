@@ -37,19 +37,18 @@ def density(x: ArrayLike, mean: ArrayLike, covariance: ArrayLike) -> Array:
 
 
 class Ellipse(NamedTuple):
-    """An ellipse in the plane: its center (..., 2), semi-axes (..., 2) and angle (...) in rad.
+    """An ellipse in the plane: its semi-axes (..., 2) and angle (...) in rad.
 
     The longer semi-axis comes first; the angle, within (-pi/2, pi/2], is measured from the x axis
     to the longer axis, counter-clockwise.
     """
 
-    center: Array
     semi_axes: Array
     angle: Array
 
 
-def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float = 0.95) -> Ellipse:
-    """The smallest region that contains a planar Gaussian's draw with probability ``confidence``.
+def confidence_ellipse(covariance: ArrayLike, confidence: float = 0.95) -> Ellipse:
+    """The smallest region around its mean that holds a planar Gaussian's draw with ``confidence``.
 
     The squared Mahalanobis distance of a draw is chi-square distributed with two degrees of
     freedom, so the semi-axes are sqrt(chi2 quantile x eigenvalue).  The ellipses of one, two and
@@ -60,7 +59,7 @@ def confidence_ellipse(mean: ArrayLike, covariance: ArrayLike, confidence: float
     angle = np.arctan2(axes[..., 1, 1], axes[..., 0, 1])  # of the longer axis
     angle = np.where(angle > 0.5 * np.pi, angle - np.pi, angle)
     angle = np.where(angle <= -0.5 * np.pi, angle + np.pi, angle)
-    return Ellipse(np.asarray(mean, dtype=np.float64), scale * np.sqrt(variances[..., ::-1]), angle)
+    return Ellipse(scale * np.sqrt(variances[..., ::-1]), angle)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ from d2d.cost import RegistrationCost
 from d2d.study.book.measured import (
     Measured,
     inclination_of,
-    mean_of,
     median_of,
     rms_ratio,
     share_of,
@@ -28,43 +27,21 @@ THOUSAND = "1000 draws of the noise of this scene"
 OVER_LAYOUTS = f"{THOUSAND}, and 100 on each of 200 random layouts"
 BOTH = {"A": OUTLIERS_AND_CLUSTERS_A, "B": OUTLIERS_AND_CLUSTERS_B}
 Condition = tuple[Scenario, RegistrationCost]
-MinimaOfDraws = tuple[Minima, ...]
-"""The local minima of a cost, for each of several draws."""
 
 
-def mean_count_near(draws: MinimaOfDraws) -> Measured:
-    """Mean number of minima within 10 m and 45 degrees of the truth."""
-    return mean_of([each.near for each in draws])
-
-
-def counts_visible(draws: MinimaOfDraws) -> list[int]:
-    """Number of minima of each draw above 1 % of the highest density."""
-    return [each.visible for each in draws]
-
-
-def share_one_visible(draws: MinimaOfDraws) -> Measured:
-    """Share of the draws with only one minimum above 1 % of the highest density."""
-    return share_of([count == 1 for count in counts_visible(draws)])
-
-
-def share_lowest_at_truth(draws: MinimaOfDraws) -> Measured:
-    """Share of the draws whose lowest minimum is at the truth."""
-    return share_of([each.right for each in draws])
-
-
-def rivals(draws: MinimaOfDraws) -> Array:
+def rivals(found: Minima) -> Array:
     """Highest density elsewhere in each draw, over that of the highest optimum at the truth."""
     drops = []
-    for each in draws:
-        right = at_truth(each.errors)
-        elsewhere, there = each.log_heights[~right], each.log_heights[right]
+    for errors, log_heights in zip(found.errors, found.log_heights, strict=True):
+        right = at_truth(errors)
+        elsewhere, there = log_heights[~right], log_heights[right]
         drops.append(elsewhere.max(initial=-np.inf) - there.max(initial=-np.inf))
     return np.exp(drops)
 
 
-def decades_to_second(draws: MinimaOfDraws) -> Measured:
+def decades_to_second(found: Minima) -> Measured:
     """Median log10 of the density at the second optimum over that at the first."""
-    return median_of(np.array([each.log_heights[1] for each in draws]) / np.log(10.0))
+    return median_of(np.array([each[1] for each in found.log_heights]) / np.log(10.0))
 
 
 def share_ending_at_truth(scenario: Scenario, cost: RegistrationCost) -> Measured:

@@ -1,15 +1,16 @@
 """Where the optima of a planar registration cost are, and from where they are reached."""
 
-from functools import cache, lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.registration import Estimate, register, start_grid
+from d2d.registration import register, start_grid
 from d2d.study.plane.evaluation import at_truth
 from d2d.study.plane.scenarios import Scenario
 from d2d.study.point_sets.convergence import start_plane
@@ -25,69 +26,60 @@ TURNS = np.deg2rad(np.arange(-60.0, 60.1, 6.0))  # rad
 
 
 class Minima(NamedTuple):
-    """Distinct local minima of one cost, the lowest first."""
+    """Distinct local minima of one cost in each of several draws, the lowest first."""
 
-    errors: Array  # (M, 3) in m, m, rad
-    log_heights: Array  # (M,) logarithm of the density over the highest
-
-    @property
-    def near(self) -> int:
-        """Number of minima within 10 m and 45 degrees of the truth."""
-        inside = np.abs(self.errors) <= (SEARCH_DISTANCE, SEARCH_DISTANCE, SEARCH_ROTATION)
-        return int(inside.all(axis=-1).sum())
+    errors: tuple[Array, ...]  # (M, 3) in m, m, rad of each draw
+    log_heights: tuple[Array, ...]  # (M,) logarithm of the density over the highest
+    highest: Array  # (draws,) logarithm of the highest density
 
     @property
-    def visible(self) -> int:
-        """Number of all minima found whose density is above 1 % of the highest."""
-        return int(np.sum(self.log_heights > VISIBLE))
+    def near(self) -> NDArray[np.int64]:
+        """Number (draws,) of minima within 10 m and 45 degrees of the truth."""
+        limits = (SEARCH_DISTANCE, SEARCH_DISTANCE, SEARCH_ROTATION)
+        return np.array([(np.abs(each) <= limits).all(axis=-1).sum() for each in self.errors])
 
     @property
-    def right(self) -> bool:
-        """Whether the lowest minimum found is at the truth."""
-        return bool(at_truth(self.errors[0]))
+    def visible(self) -> NDArray[np.int64]:
+        """Number (draws,) of all minima found whose density is above 1 % of the highest."""
+        return np.array([np.sum(each > VISIBLE) for each in self.log_heights])
+
+    @property
+    def right(self) -> NDArray[np.bool_]:
+        """Whether the lowest minimum found is at the truth (draws,)."""
+        return at_truth([each[0] for each in self.errors])
 
 
 @cache
-def local_minima(scenario: Scenario, cost: RegistrationCost, draws: int = 5) -> tuple[Minima, ...]:
+def local_minima(scenario: Scenario, cost: RegistrationCost, draws: int = 5) -> Minima:
     """The local minima of a cost, for each draw of seed 5.
 
     Found by descents from a grid of 847 starts within 10 m and 45 degrees of the truth; their
     number is a lower bound.
     """
-    found = _descents(scenario, cost, draws)
-    errors = found.theta - scenario.theta
-    errors[..., 2] = np.angle(np.exp(1j * errors[..., 2]))
-    reached = found.converged
-    return tuple(
-        _distinct(errors[reached[:, draw], draw], found.value[reached[:, draw], draw])
-        for draw in range(draws)
-    )
-
-
-def highest_density(scenario: Scenario, cost: RegistrationCost, draws: int) -> Array:
-    """Logarithm (draws,) of the highest fused density that the same descents find in each draw."""
-    found = _descents(scenario, cost, draws)
-    heights = np.where(found.converged, -found.value, -np.inf)
-    return np.asarray(heights.max(axis=0))
-
-
-@lru_cache(maxsize=4)
-def _descents(scenario: Scenario, cost: RegistrationCost, draws: int) -> Estimate:
-    """Estimates (847, draws) from the grid of starts."""
     fixed, moving = scenario.sample(draws, np.random.default_rng(5))
     angles = np.linspace(-SEARCH_ROTATION, SEARCH_ROTATION, ROTATIONS)
     starts = scenario.theta + start_grid(SEARCH_DISTANCE, SPACING, angles)
-    return register(fixed, moving, cost, starts[:, np.newaxis], threads=THREADS)
+    found = register(fixed, moving, cost, starts[:, np.newaxis], threads=THREADS)
+    errors = found.theta - scenario.theta
+    errors[..., 2] = np.angle(np.exp(1j * errors[..., 2]))
+    distinct = []
+    for draw, reached in enumerate(found.converged.T):
+        chosen, values = errors[reached, draw], found.value[reached, draw]
+        kept = _distinct(chosen, values)
+        distinct.append((chosen[kept], values[kept[0]] - values[kept], -values[kept[0]]))
+    own_errors, log_heights, highest = zip(*distinct, strict=True)
+    return Minima(own_errors, log_heights, np.array(highest))
 
 
-def _distinct(errors: Array, values: Array) -> Minima:
+def _distinct(errors: Array, values: Array) -> list[int]:
+    """The lowest of all that lie close to each other, the lowest of all first."""
     left = np.argsort(values, kind="stable")
     kept: list[int] = []
     while left.size:
         kept.append(int(left[0]))
         apart = np.abs(errors[left] - errors[left[0]]) > SAME
         left = left[apart.any(axis=-1)]
-    return Minima(errors[kept], values[kept[0]] - values[kept])
+    return kept
 
 
 def nearest(fixed: Array, moving: Array, theta: Array) -> Array:

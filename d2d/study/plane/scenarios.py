@@ -8,7 +8,6 @@ import numpy as np
 from d2d import rigid
 from d2d._types import Array
 from d2d.point_set import PointSet
-from d2d.study.noise import noisy_polar
 
 # The thesis does not list its eight targets; these come from its group's public follow-up code:
 # azimuth (rad) and range (m) in the frame of the previous scan.
@@ -31,6 +30,23 @@ def cartesian(azimuth_range: Array) -> Array:
     """Positions (n, 2) in m of targets given by azimuth (rad) and range (m)."""
     azimuth, distance = azimuth_range.T
     return np.stack([distance * np.cos(azimuth), distance * np.sin(azimuth)], axis=-1)
+
+
+def noisy_polar(
+    rng: np.random.Generator,
+    positions: Array,
+    sigma_range: float,
+    sigma_azimuth: float,
+    draws: tuple[int, ...] = (),
+) -> tuple[Array, Array]:
+    """Simulate noisy measurements of positions (..., N, 2) in m.
+
+    Returns ranges in m and azimuths in rad, each of shape ``(*draws, ..., N)``.  The noise is
+    Gaussian and independent, with standard deviations in m and rad.
+    """
+    x, y = positions[..., 0], positions[..., 1]
+    noise = rng.standard_normal((2, *draws, *x.shape))
+    return np.hypot(x, y) + sigma_range * noise[0], np.arctan2(y, x) + sigma_azimuth * noise[1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ from d2d.study.recordings.residuals import (
     some_of,
 )
 from d2d.study.recordings.suspects import judge_halves
-from d2d.study.results import read_json, results_path, write_json
+from d2d.study.results import read_json, results_path, write_csv, write_json
 
 SENSORS = (1, 2, 3, 4)
 FORWARD = 3  # the sensor that is shown alone
@@ -243,22 +243,20 @@ def recording_facts(raw: Sequence[Recording], duration: float) -> tuple[dict[str
 
 def write_estimates(path: Path, results: dict[str, Result]) -> None:
     """Write all runs as one comma-separated table in SI units, to five significant digits."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for name, (driven, errors) in results.items():
-            numbers = np.column_stack(
-                [
-                    driven.times,
-                    driven.intervals,
-                    driven.converged,
-                    driven.theta,
-                    driven.covariance[:, _UPPER[0], _UPPER[1]],
-                    errors,
-                ]
-            )
-            writer.writerows([name, *(f"{x:.5g}" for x in row)] for row in numbers)
+    rows: list[list[Any]] = []
+    for name, (driven, errors) in results.items():
+        numbers = np.column_stack(
+            [
+                driven.times,
+                driven.intervals,
+                driven.converged,
+                driven.theta,
+                driven.covariance[:, _UPPER[0], _UPPER[1]],
+                errors,
+            ]
+        )
+        rows += ([name, *row] for row in numbers)
+    write_csv(path, COLUMNS, rows)
 
 
 def read_estimates(path: Path) -> dict[str, Result]:

@@ -287,17 +287,8 @@ def main() -> None:
     if arguments.nuscenes:
         found |= of_nuscenes(arguments.nuscenes)
     path = results_path("road.json")
-    write_json(path, _rounded(found))
+    write_json(path, found, digits=5)
     print(f"written to {path}")
-
-
-def _rounded(value: Any) -> Any:
-    """Numbers to five significant digits, so that the last bits of two machines do not differ."""
-    if isinstance(value, dict):
-        return {key: _rounded(each) for key, each in value.items()}
-    if isinstance(value, list):
-        return [_rounded(each) for each in value]
-    return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
 if __name__ == "__main__":

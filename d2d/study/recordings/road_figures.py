@@ -9,7 +9,7 @@ from matplotlib import pyplot as plt
 from matplotlib.figure import Figure
 
 from d2d.study.book.drawing import intervals
-from d2d.study.book.grammar import BLACK, COVARIANCES, OTHERS, TRUTH, covariance_marks
+from d2d.study.book.grammar import BLACK, COVARIANCES, OTHERS, TRUTH
 from d2d.study.book.style import PAGE
 from d2d.study.book.table import Column, Table, table
 from d2d.study.drives.errors import NAMES, UNITS
@@ -81,7 +81,7 @@ def draw_scores(judged: Mapping[str, Mapping[str, Any]], wide: bool = False) -> 
         found = [models[name] for models in judged.values()]
         anees = np.array([each["anees"] for each in found])
         bounds = np.array([each["anees_interval"] for each in found])
-        marks = covariance_marks(name)
+        marks = COVARIANCES[name].marks
         intervals(axes[0], anees, bounds, places + offset, **marks)
         inside = [100.0 * each["inside"] for each in found]
         axes[1].plot(inside, places + offset, **marks, ms=6)
@@ -103,7 +103,7 @@ def draw_extents(rows: Sequence[Mapping[str, Any]]) -> Figure:
     axes[0].set(xlabel="extent (m)", ylabel="RMSE of ω (°/s)", ylim=(0, None))
     for entry, name in (("inverse Hessian", "inverse Hessian"), ("propagated", "propagated noise")):
         omega = [row[entry]["whitened"][2] for row in rows]
-        axes[1].plot(extent, omega, **covariance_marks(name) | {"ls": COVARIANCES[name].line})
+        axes[1].plot(extent, omega, **COVARIANCES[name].marks | {"ls": COVARIANCES[name].line})
     axes[1].axhline(1.0, **TRUTH)
     axes[1].set(xlabel="extent (m)", ylabel="mean square of ω's error / σ²", yscale="log")
     axes[1].legend()

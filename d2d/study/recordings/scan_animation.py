@@ -42,15 +42,7 @@ def animate_scans(name: str, rounds: Sequence[Sequence[WeighedScan]], ahead: flo
             f"mean inlier probability {trusted.mean() if len(trusted) else 0.0:.2f}"
         )
     field = _field(rounds, ahead)
-    return slider.animate(name, [_frame(views, field) for views in rounds], captions)
-
-
-class Field(NamedTuple):
-    """The part of the ground that all frames show, in m in the vehicle frame."""
-
-    behind: float
-    ahead: float
-    aside: float
+    return slider.animate(name, [_frame(views, *field) for views in rounds], captions)
 
 
 def _places(view: WeighedScan) -> Array:
@@ -60,20 +52,23 @@ def _places(view: WeighedScan) -> Array:
     return np.column_stack([x, view.mounting.y + view.scan.range * np.sin(angle)])
 
 
-def _field(rounds: Sequence[Sequence[WeighedScan]], ahead: float) -> Field:
-    """As much of the ground as most targets need that are not farther than ``ahead`` m."""
+def _field(rounds: Sequence[Sequence[WeighedScan]], ahead: float) -> tuple[float, float, float]:
+    """How much of the ground all frames show, behind, ahead and aside of the vehicle, in m.
+
+    It is as much as most targets need that are not farther than ``ahead``.
+    """
     where = np.concatenate([_places(view) for views in rounds for view in views])
     x, y = where[np.hypot(*where.T) < ahead].T
     low, high = (float(value) for value in np.percentile(x, [3.0, 97.0]))
     behind, before = max(-low, 2.0) + MARGIN, max(high, 2.0) + MARGIN
     aside = float(np.percentile(np.abs(y), 97.0)) + MARGIN
-    return Field(behind, before, max(aside, 0.5 * (behind + before) / TALLEST))
+    return behind, before, max(aside, 0.5 * (behind + before) / TALLEST)
 
 
-def _frame(views: Sequence[WeighedScan], field: Field) -> str:
-    scale = 0.5 * WIDTH / field.aside
-    height = scale * (field.ahead + field.behind) + KEY
-    origin = np.array([0.5 * WIDTH, scale * field.ahead])
+def _frame(views: Sequence[WeighedScan], behind: float, ahead: float, aside: float) -> str:
+    scale = 0.5 * WIDTH / aside
+    height = scale * (ahead + behind) + KEY
+    origin = np.array([0.5 * WIDTH, scale * ahead])
     marks = _vehicle_and_key(origin, scale, height)
     lower = (-1.0, *(upper for upper, *_ in CLASSES))
     for low, (high, colour, size, _) in zip(lower, CLASSES, strict=False):

@@ -43,13 +43,6 @@ class Residuals(NamedTuple):
     change: Array  # (n,) m/s^2, of the prediction
 
 
-class Turning(NamedTuple):
-    """The fit to one drive with S sensors."""
-
-    prediction_time: float  # s
-    mounting_errors: Array  # (S,) rad, to be added to the stated angles
-
-
 def load_stated(root: str | Path, scene: str) -> list[Recording]:
     """All radars of a scene, with what they report and the mounting angles as stated."""
     return [
@@ -104,24 +97,24 @@ def trimmed_fit(design: Array, excess: Array) -> tuple[Array, NDArray[np.bool_]]
     return np.asarray(fitted), keep
 
 
-def fit_turning(residuals: Residuals) -> Turning:
-    """Least-squares fit after the largest residuals are cut off.
+def fit_turning(residuals: Residuals) -> tuple[float, Array]:
+    """Prediction time in s, and what is to be added to the stated angles (S,) in rad.
 
-    Each sensor also has its own speed, so that an error of the reference's speed does not count.
+    A least-squares fit after the largest residuals are cut off.  Each sensor also has its own
+    speed, so that an error of the reference's speed does not count.
     """
     design = np.column_stack([residuals.outward, own_errors(residuals)])
     fitted, _ = trimmed_fit(design, residuals.excess)
-    return Turning(float(fitted[0]), np.split(fitted[1:], 2)[0])
+    return float(fitted[0]), np.split(fitted[1:], 2)[0]
 
 
 def of_turning(root: str | Path) -> dict[str, Any]:
     """What the page shows, scene by scene."""
     found = {}
     for scene in SCENES:
-        residuals = doppler_residuals(load_stated(root, scene))
-        fit = fit_turning(residuals)
+        time, angles = fit_turning(doppler_residuals(load_stated(root, scene)))
         found[scene] = {
-            "prediction_time": fit.prediction_time,
-            "mounting_errors": np.rad2deg(fit.mounting_errors).tolist(),
+            "prediction_time": time,
+            "mounting_errors": np.rad2deg(angles).tolist(),
         }
     return found

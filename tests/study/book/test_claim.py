@@ -15,18 +15,10 @@ from d2d.study.book.claim import (
     claim,
     claims_of,
     in_every,
-    in_nearly_all,
     in_some,
-    is_larger,
-    is_no_larger,
-    is_same,
-    is_smaller,
     judge,
-    larger,
     nearly_all,
-    same,
     shown,
-    smaller,
     tells,
 )
 from d2d.study.book.measured import Measured
@@ -66,8 +58,8 @@ def test_an_effect_is_found_absent_or_left_open():
     }
     for (low, high), expected in cases.items():
         number = Measured(0.5 * (low + high), low, high)
-        rules = (is_larger, is_smaller, is_same, is_no_larger)
-        assert tuple(rule(number, RATIO) for rule in rules) == expected, (low, high)
+        rules = (RATIO.larger, RATIO.smaller, RATIO.same, RATIO.no_larger)
+        assert tuple(rule(number) for rule in rules) == expected, (low, high)
 
 
 def test_what_is_said_of_every_draw_fails_if_it_is_false_in_most():
@@ -75,10 +67,10 @@ def test_what_is_said_of_every_draw_fails_if_it_is_false_in_most():
     cases = {(0.96, 1.0): "holds", (0.6, 0.9): "holds if", (0.4, 0.6): "open", (0.1, 0.4): "fails"}
     for (low, high), finding in cases.items():
         share = Measured(0.5 * (low + high), low, high)
-        assert in_nearly_all(share) == finding
+        assert nearly_all(share) == finding
         if finding != "holds":
-            assert in_nearly_all(share, under=Measured(0.99, 0.96, 1.0)) == "holds if"
-            assert in_nearly_all(share, under=Measured(0.9, 0.85, 0.94)) == finding
+            assert nearly_all(share, under=Measured(0.99, 0.96, 1.0)) == "holds if"
+            assert nearly_all(share, under=Measured(0.9, 0.85, 0.94)) == finding
     assert in_some(Measured(0.1, 0.06, 0.2)) == "holds"
     assert in_some(Measured(0.01, 0.0, 0.04)) == "fails"
 
@@ -91,16 +83,21 @@ def test_several_scenes_are_judged_together():
     assert in_every("holds", "fails") == in_every("holds if", "open") == "holds if"
     assert in_every("open", "fails") == in_every("fails", "fails") == "fails"
     assert in_every("open") == "open"
+    inside, outside = Measured(1.0, 0.99, 1.01), Measured(1.2, 1.1, 1.3)
+    assert RATIO.same(inside, inside) == "holds"
+    assert RATIO.same(inside, outside) == "holds if"
+    assert RATIO.same(outside, outside) == "fails"
 
 
 def test_the_axis_of_what_counts_has_the_bound_at_zero():
     """Breaks if the ledger draws a number on the wrong side, or in another unit than the margin."""
     ratio = Measured(1.05**3, 1.05, 1.05**4)
-    assert tells(ratio, larger, RATIO).place == pytest.approx((0.0, 2.0, 3.0))
-    assert tells(ratio, smaller, RATIO).place == pytest.approx((-5.0, -4.0, -2.0))
-    assert tells(Measured(0.2, -0.6, 0.4), same, DECIBELS).place == pytest.approx((-0.2, 0.6, 0.6))
+    assert tells(ratio, RATIO.larger).place == pytest.approx((0.0, 2.0, 3.0))
+    assert tells(ratio, RATIO.smaller).place == pytest.approx((-5.0, -4.0, -2.0))
+    assert tells(ratio, RATIO.no_larger).place == pytest.approx((-3.0, -2.0, 0.0))
+    assert tells(Measured(0.2, -0.6, 0.4), DECIBELS.same).place == pytest.approx((-0.2, 0.6, 0.6))
     assert tells(Measured(0.9, 0.85, 0.95), nearly_all).place == pytest.approx((-2.0, -1.0, 0.0))
-    assert tells(Measured(0.1, 0.05, 0.2), larger, SHARE).place == pytest.approx((0.0, 1.0, 3.0))
+    assert tells(Measured(0.1, 0.05, 0.2), SHARE.larger).place == pytest.approx((0.0, 1.0, 3.0))
     assert tells(ratio).place == ()
 
 

@@ -15,11 +15,11 @@ from d2d.radar import compare, simulate_drive, track
 from d2d.study import scenarios
 from d2d.study.beyond import exhaustive
 from d2d.study.beyond import figures as beyond_figures
-from d2d.study.book import drawing, grammar
+from d2d.study.book import grammar
 from d2d.study.drives import figures as drive_figures
-from d2d.study.line import disturbed_scenes, outlier_study
 from d2d.study.line import figures as line_figures
-from d2d.study.line.scene import NAMES, line_scene
+from d2d.study.line import outlier_study
+from d2d.study.line.scene import NAMES, line_scene, with_outlier
 from d2d.study.plane import evaluation
 from d2d.study.plane import figures as plane_figures
 
@@ -101,7 +101,7 @@ def in_order(figure) -> bool:
 
 def line_surfaces():
     """The targets and both fused surfaces of the scene on a line, and the robust one."""
-    sets = disturbed_scenes.with_outlier(np.random.default_rng(1), "moving", at=4.0)
+    sets = with_outlier(np.random.default_rng(1), "moving", at=4.0)
     _, axes = plt.subplots(2, 4)
     line_figures.every_target(
         axes[0, 0], TRANSLATIONS, outlier_study.LIKELIHOOD, sets, (*NAMES, "O")
@@ -136,7 +136,6 @@ def driven_path():
     _, ax = plt.subplots()
     poses = np.zeros((201, 3))
     drive_figures.track_lines(ax, poses, poses)
-    drawing.path(ax, poses, **grammar.TRUTH, label="truth")
 
 
 COSTS = tuple(evaluation.COSTS)

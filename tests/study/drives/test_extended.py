@@ -53,9 +53,9 @@ def test_figures_show_what_was_computed():
     still = study(2.0, redrawn=False)
     figures.anees_and_error(axes, [found, still])
     drawn = [float(each.get_ydata()[0]) for each in axes[0].lines[:8]]
-    expected = [found.credibility(m, c).anees for m in MODELS for c in COVARIANCES]
+    expected = [found.judged[m].credibility(c).anees for m in MODELS for c in COVARIANCES]
     assert drawn[:6] == expected
-    assert drawn[6] == still.credibility(NONE, INVERSE).anees
+    assert drawn[6] == still.judged[NONE].credibility(INVERSE).anees
     labels = [*MODELS, "points that stay"]
     assert [each.get_label() for each in axes[1].lines] == labels
     assert axes[1].lines[1].get_ydata() == [found.rmse(LIKELIEST)[2]]

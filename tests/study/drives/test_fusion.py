@@ -1,5 +1,7 @@
 """A gyro and a radar in one filter: the filter itself, its verdicts."""
 
+from types import SimpleNamespace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -8,7 +10,6 @@ from numpy.testing import assert_allclose
 from d2d.radar import CovarianceParts, FilterInput, Track, VelocityEstimate
 from d2d.radar.motion.doppler import Acceleration
 from d2d.study.drives import figures, fusion
-from d2d.study.drives.budget_trial import BudgetTrial
 from d2d.study.drives.fusion import FILTERS, Measured, fuse
 
 FIELDS = ("time", "interval", "theta", "covariance", "converged")
@@ -89,6 +90,7 @@ def test_the_figures_show_every_ingredient_and_what_the_gate_rejects(monkeypatch
     _, ax = plt.subplots()
     anees = np.array([[3.0, 2.0, 1.0], [5.0, 4.0, 1.1]])
     intervals = np.stack([anees - 0.1, anees + 0.1], axis=1)
-    figures.ingredients(ax, BudgetTrial(("a", "b"), anees, intervals, anees))
+    judged = (SimpleNamespace(anees=a, interval=i) for a, i in zip(anees, intervals, strict=True))
+    figures.ingredients(ax, dict(zip("ab", judged, strict=True)))
     assert [label.get_text() for label in ax.get_yticklabels()] == ["a", "b"]
     assert_allclose(ax.containers[2].lines[0].get_xdata(), anees[:, 2])

@@ -2,8 +2,12 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
+from d2d import credibility, propagate_covariance, register
+from d2d.study import scenarios
 from d2d.study.estimation import covariance_trials
+from d2d.study.plane.evaluation import ROBUST, same_draws
 
 
 def test_the_kurtosis_of_errors_is_not_their_scale():
@@ -24,3 +28,26 @@ def test_a_shared_partner_counts_once_for_every_target(count):
     found = covariance_trials.shared_partner(count)
     assert found.fisher == pytest.approx(found.expected, rel=0.06)
     assert found.propagated == pytest.approx(1.0, abs=0.05)
+
+
+def test_both_covariances_are_those_of_the_same_errors():
+    """Breaks if the two are computed from different draws, or change places."""
+    found = covariance_trials.in_scene(scenarios.OVERLAPPED, "robust", 200)
+    fixed, moving = same_draws(scenarios.OVERLAPPED, 200)
+    estimate = register(fixed, moving, ROBUST, scenarios.OVERLAPPED.theta)
+    errors = estimate.theta - scenarios.OVERLAPPED.theta
+    propagated = propagate_covariance(estimate, fixed, moving, ROBUST)
+    assert_allclose(
+        found.credibility("inverse Hessian").nees, credibility(errors, estimate.covariance).nees
+    )
+    assert_allclose(found.credibility("propagated").nees, credibility(errors, propagated).nees)
+
+
+def test_a_covariance_that_changes_with_its_target_changes_little():
+    """Breaks if a range or an azimuth is moved by another's standard deviation, or only one is."""
+    scene, cost = scenarios.OVERLAPPED, covariance_trials.COSTS["likelihood"]
+    fixed, moving = same_draws(scene, 20)
+    estimate = register(fixed, moving, cost, scene.theta)
+    full = covariance_trials.propagate_from_polar(estimate, fixed, moving, cost, scene)
+    plain = propagate_covariance(estimate, fixed, moving, cost)
+    assert_allclose(np.diagonal(full.mean(axis=0)), np.diagonal(plain.mean(axis=0)), rtol=0.1)

@@ -4,7 +4,7 @@ import numpy as np
 
 from d2d import CorruptedGaussian, PointSet, RegistrationCost
 from d2d.study.estimation.robust import kernels, line_terms
-from d2d.study.line.disturbed_scenes import CORRUPTED, with_outlier
+from d2d.study.line.scene import CORRUPTED, with_outlier
 
 TRANSLATIONS = np.linspace(-3.0, 8.0, 101)
 

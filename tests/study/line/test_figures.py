@@ -6,8 +6,7 @@ from numpy.testing import assert_array_equal
 
 from d2d import RegistrationCost
 from d2d.study.line import figures
-from d2d.study.line.disturbed_scenes import CLUSTER_NAMES, cluster_positions, clustered
-from d2d.study.line.scene import SIGMA
+from d2d.study.line.scene import CLUSTER_NAMES, SIGMA, cluster_positions, clustered
 
 
 def test_true_and_observed_positions_are_below_the_curves_and_apart():

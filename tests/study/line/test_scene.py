@@ -1,10 +1,18 @@
-"""The one-dimensional scene of the thesis."""
+"""The scenes of the thesis on a line, with outliers and clusters."""
 
 import numpy as np
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import kstest
 
-from d2d.study.line.scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
+from d2d.study.line.scene import (
+    FIXED_POSITIONS,
+    SIGMA,
+    TRUTH,
+    cluster_positions,
+    clustered,
+    line_scene,
+    with_outlier,
+)
 
 
 def test_line_scene_is_the_targets_with_their_noise():
@@ -30,3 +38,28 @@ def test_line_scene_is_that_of_the_thesis():
     expected = [2.0, 10.0, 12.2]
     assert_allclose(fixed.means[:, 0] - moving.means[0, 0], expected, atol=1e-7)
     assert (TRUTH, SIGMA, fixed.size, fixed.dimension) == (2.0, 0.15, 3, 1)
+
+
+def test_the_outlier_is_in_one_set_only_and_the_rest_is_the_scene():
+    """Breaks if paired comparisons with and without an outlier have different noise."""
+    plain = line_scene(np.random.default_rng(1), draws=(50,))
+    for where, with_it in (("fixed", 0), ("moving", 1)):
+        sets = with_outlier(np.random.default_rng(1), where, draws=(50,))
+        assert [points.size for points in sets] == [3 + (with_it == 0), 3 + (with_it == 1)]
+        for points, alone in zip(sets, plain, strict=True):
+            assert_array_equal(points.means[:, :3], alone.means)
+
+
+def test_the_outlier_stands_where_it_is_put():
+    """Breaks if a position counts in the other set's frame."""
+    for where, with_it in (("fixed", 0), ("moving", 1)):
+        sets = with_outlier(np.random.default_rng(2), where, at=4.0, draws=(4000,))
+        assert_allclose(sets[with_it].means[:, 3].mean(), 4.0, atol=0.01)
+        assert_allclose(sets[with_it].means[:, 3].std(), 0.15, rtol=0.05)
+
+
+def test_a_cluster_grows_around_a():
+    """Breaks if the spacing is not that of the neighbours, or the motion is not the same."""
+    assert_allclose(cluster_positions(0.5), [*FIXED_POSITIONS, 7.5, 8.5])
+    fixed, moving = clustered(np.random.default_rng(3), 0.5, (4000,))
+    assert_allclose((fixed.means - moving.means).mean(axis=0), TRUTH, atol=0.02)

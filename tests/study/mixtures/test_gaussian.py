@@ -84,7 +84,7 @@ def test_confidence_ellipse_holds_its_share_of_draws():
     centre = np.array([3.0, -1.0])
     draws = np.random.default_rng(6).multivariate_normal(centre, SIGMA, 20000) - centre
     for confidence in (0.3935, 0.95):
-        ellipse = gaussian.confidence_ellipse(centre, SIGMA, confidence)
+        ellipse = gaussian.confidence_ellipse(SIGMA, confidence)
         assert ellipse.semi_axes[0] >= ellipse.semi_axes[1]
         turned = draws @ rigid.rotation(ellipse.angle)
         inside = ((turned / ellipse.semi_axes) ** 2).sum(axis=-1) <= 1.0

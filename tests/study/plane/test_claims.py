@@ -15,12 +15,16 @@ from d2d.study.plane.optima import Minima
 from d2d.study.plane.scenarios import OVERLAPPED
 
 
+def alike(errors):
+    """In the place of `local_minima`: two minima with these errors in all draws."""
+    heights = np.array([0.0, -1.0])
+    return lambda scenario, cost, draws: Minima((errors,) * draws, (heights,) * draws, [0.0])
+
+
 def test_the_cluster_claim_holds_where_the_lowest_minimum_is_elsewhere(monkeypatch):
     """Breaks if the verdict rests on descents from the truth, which cannot see another minimum."""
-    elsewhere = Minima(np.array([[8.0, 0.0, 0.0], np.zeros(3)]), np.array([0.0, -1.0]))
-    monkeypatch.setattr(
-        clusters, "local_minima", lambda scenario, cost, draws: (elsewhere,) * draws
-    )
+    elsewhere = np.array([[8.0, 0.0, 0.0], np.zeros(3)])
+    monkeypatch.setattr(clusters, "local_minima", alike(elsewhere))
     evidence = CLAIMS["cluster-summing-wrong"].check()
     assert evidence.parts["the global minimum is wrong"] == "holds"
     rival = "median density of the next optimum over that at the truth, this scene"
@@ -30,8 +34,8 @@ def test_the_cluster_claim_holds_where_the_lowest_minimum_is_elsewhere(monkeypat
 
 def test_a_search_outside_the_thesiss_conditions_decides_nothing(monkeypatch):
     """Breaks if a layout that nobody claimed anything of saves a claim."""
-    right = Minima(np.array([np.zeros(3), [8.0, 0.0, 0.0]]), np.array([0.0, -1.0]))
-    monkeypatch.setattr(clusters, "local_minima", lambda scenario, cost, draws: (right,) * draws)
+    right = np.array([np.zeros(3), [8.0, 0.0, 0.0]])
+    monkeypatch.setattr(clusters, "local_minima", alike(right))
     monkeypatch.setattr(clusters, "shares_wrong", lambda *given, **first: np.ones(40))
     monkeypatch.setattr(clusters, "KINDS", clusters.KINDS[-1:])
     assert CLAIMS["cluster-summing-wrong"].check().verdict == "refuted"

@@ -18,10 +18,11 @@ from d2d.study.plane.optima import (
 
 def test_minima_are_minima_and_the_truth_is_among_them() -> None:
     fixed, moving = scenarios.OVERLAPPED.sample(5, np.random.default_rng(5))
-    for draw, found in enumerate(local_minima(scenarios.OVERLAPPED, LIKELIHOOD)):
-        assert found.log_heights[0] == 0.0
-        assert (np.diff(found.log_heights) <= 0.0).all()
-        theta = found.errors + scenarios.OVERLAPPED.theta
+    found = local_minima(scenarios.OVERLAPPED, LIKELIHOOD)
+    for draw, (errors, heights) in enumerate(zip(found.errors, found.log_heights, strict=True)):
+        assert heights[0] == 0.0
+        assert (np.diff(heights) <= 0.0).all()
+        theta = errors + scenarios.OVERLAPPED.theta
         _, gradient, hessian = LIKELIHOOD.derivatives(theta, fixed[draw], moving[draw])
         np.testing.assert_allclose(gradient, 0.0, atol=1e-3)
         assert (np.linalg.eigvalsh(hessian)[:, 0] > 0.0).all()

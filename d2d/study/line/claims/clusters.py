@@ -10,11 +10,7 @@ from d2d.study.book.claim import (
     RATIO,
     Evidence,
     claim,
-    in_nearly_all,
-    is_no_larger,
-    is_smaller,
     nearly_all,
-    smaller,
     tells,
 )
 from d2d.study.book.measured import (
@@ -58,9 +54,9 @@ def tight_cluster_certain() -> Evidence:
     one = _single(SUMMING, *(at for at in SPACINGS if at <= TIGHT))
     return Evidence(
         {
-            "they act as one": in_nearly_all(one),
-            "the likelihood gets more certain": is_smaller(likelihood.stated_ratio, RATIO),
-            "the sum gets more certain": is_smaller(summing.stated_ratio, RATIO),
+            "they act as one": nearly_all(one),
+            "the likelihood gets more certain": RATIO.smaller(likelihood.stated_ratio),
+            "the sum gets more certain": RATIO.smaller(summing.stated_ratio),
         },
         f"the likelihood states a standard deviation of {likelihood.stated_without:.2f} sigma "
         f"without the cluster and up to {likelihood.stated:.2f} sigma with it ({WITHIN}), at a "
@@ -119,8 +115,7 @@ def _paired(over: Spread, under: Spread, field: str) -> tuple[Array, Array]:
 
 def _single(cost: RegistrationCost, *spacings: float) -> Measured:
     """Smallest share of draws with one maximum near the truth, over spacings in sigma."""
-    maxima = cluster_sweep(cost).maxima
-    return smallest(share_of, *((maxima[SPACINGS.index(at)] == 1,) for at in spacings))
+    return smallest(share_of, *((_maxima(cost, at) == 1,) for at in spacings))
 
 
 def _numbers(name: str, effect: _Effect) -> dict[str, float]:
@@ -128,7 +123,7 @@ def _numbers(name: str, effect: _Effect) -> dict[str, float]:
         f"stated standard deviation without the cluster, {name} (sigma)": effect.stated_without,
         f"maximum stated standard deviation with it, {WITHIN}, {name} (sigma)": effect.stated,
         f"maximum ratio of the stated standard deviations, with / without, {name}": tells(
-            effect.stated_ratio, smaller, RATIO
+            effect.stated_ratio, RATIO.smaller
         ),
         f"root mean square error without the cluster, {name} (sigma)": effect.error_without,
         f"maximum root mean square error with it, {WITHIN}, {name} (sigma)": effect.error,
@@ -146,7 +141,7 @@ def loose_cluster_summing() -> Evidence:
     )
     what = f"share of draws with several maxima within {NEAR:g} m"
     return Evidence(
-        {"the sum gets local peaks": in_nearly_all(if_loose, under=if_apart)},
+        {"the sum gets local peaks": nearly_all(if_loose, under=if_apart)},
         "neighbours that meet each other's partners add peaks one and two spacings away, which "
         "without noise separate at a spacing of 3.7 sigma. Several maxima lie within "
         f"{NEAR:g} m of the truth in {several[2.0]:.0%} of the draws at 2 sigma, in "
@@ -186,8 +181,8 @@ def loose_cluster_likelihood() -> Evidence:
     )
     return Evidence(
         {
-            "it keeps one peak": in_nearly_all(single),
-            "its error does not grow": is_no_larger(ratio, RATIO),
+            "it keeps one peak": nearly_all(single),
+            "its error does not grow": RATIO.no_larger(ratio),
         },
         f"between 3 and 6 sigma the likelihood has one maximum within {NEAR:g} m in at least "
         f"{single:.1%} of the draws, and its error is at most {ratio:.2f} times that without the "
@@ -198,8 +193,8 @@ def loose_cluster_likelihood() -> Evidence:
             f"share of draws with one maximum within {NEAR:g} m, minimum over {APART}": tells(
                 single, nearly_all
             ),
-            f"maximum ratio of the root mean square errors, with / without, {APART}": ratio.told(
-                lambda value: 1.0 - RATIO.sizes(value)
+            f"maximum ratio of the root mean square errors, with / without, {APART}": tells(
+                ratio, RATIO.no_larger
             ),
             "ANEES at a spacing of 0": anees[0.0],
             "ANEES at a spacing of 1 sigma": anees[1.0],

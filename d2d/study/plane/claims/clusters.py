@@ -7,14 +7,7 @@ from d2d.study.book.claim import (
     RATIO,
     Evidence,
     claim,
-    in_every,
-    in_nearly_all,
-    is_larger,
-    is_no_larger,
-    is_same,
-    larger,
     nearly_all,
-    same,
     tells,
 )
 from d2d.study.book.measured import (
@@ -23,6 +16,7 @@ from d2d.study.book.measured import (
     geometric_mean_of,
     mean_of,
     median_of,
+    share_of,
     share_over,
 )
 from d2d.study.plane.cluster_search import DRAWS, KINDS, shares_wrong, worst
@@ -35,11 +29,8 @@ from d2d.study.plane.measures import (
     error_ratio,
     error_ratio_of_layouts,
     inclination,
-    mean_count_near,
     rivals,
     share_ending_at_truth,
-    share_lowest_at_truth,
-    share_one_visible,
 )
 from d2d.study.plane.optima import local_minima
 from d2d.study.plane.scenarios import CLUSTERS, OVERLAPPED
@@ -57,8 +48,8 @@ def cluster_summing_wrong() -> Evidence:
     layouts = [
         local_minima(random_layout("clusters", seed), SUMMING, 1) for seed in range(SEARCHED)
     ]
-    wrong_here = complement(share_lowest_at_truth(found["this scene"]))
-    wrong_on_layouts = complement(share_over([share_lowest_at_truth(d) for d in layouts], 1))
+    wrong_here = complement(share_of(found["this scene"].right))
+    wrong_on_layouts = complement(share_over([each.right for each in layouts], 1))
     stays = share_ending_at_truth(CLUSTERS, SUMMING)
     stays_on_layouts = share_over(over_layouts("clusters", SUMMING).share, 100)
     kind, searched = worst(KINDS, SCENES)
@@ -69,11 +60,9 @@ def cluster_summing_wrong() -> Evidence:
     )
     return Evidence(
         {
-            "the global minimum is wrong": in_every(
-                in_nearly_all(wrong_here), in_nearly_all(wrong_on_layouts)
-            ),
-            "descents from the truth leave it": in_every(
-                in_nearly_all(complement(stays)), in_nearly_all(complement(stays_on_layouts))
+            "the global minimum is wrong": nearly_all(wrong_here, wrong_on_layouts),
+            "descents from the truth leave it": nearly_all(
+                complement(stays), complement(stays_on_layouts)
             ),
         },
         "with two clusters of five the lowest minimum that descents from 847 starts find is "
@@ -88,8 +77,8 @@ def cluster_summing_wrong() -> Evidence:
             "the same on random layouts": tells(wrong_on_layouts, nearly_all),
         }
         | {
-            f"the same, {name}": complement(share_lowest_at_truth(draws))
-            for name, draws in found.items()
+            f"the same, {name}": complement(share_of(minima.right))
+            for name, minima in found.items()
             if name != "this scene"
         }
         | {
@@ -117,9 +106,9 @@ def cluster_likelihood_same() -> Evidence:
     results that are "the same or even better".
     """
     found, without = (local_minima(s, LIKELIHOOD, SEARCHED) for s in (CLUSTERS, OVERLAPPED))
-    share_right = share_lowest_at_truth(found)
+    share_right = share_of(found.right)
     lower, lower_without = decades_to_second(found), decades_to_second(without)
-    one_visible = share_one_visible(found)
+    one_visible = share_of(found.visible == 1)
     conditions = (CLUSTERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD)
     ratio = error_ratio(*conditions)
     ratio_of_layouts = geometric_mean_of(error_ratio_of_layouts(*conditions))
@@ -127,15 +116,9 @@ def cluster_likelihood_same() -> Evidence:
     on_layouts = mean_of(over_layouts("clusters", LIKELIHOOD).inclination)
     return Evidence(
         {
-            "one optimum can be seen, at the truth": in_every(
-                in_nearly_all(one_visible), in_nearly_all(share_right)
-            ),
-            "the error is the same or smaller": in_every(
-                is_no_larger(ratio, RATIO), is_no_larger(ratio_of_layouts, RATIO)
-            ),
-            "the covariance is as true": in_every(
-                is_same(here, DECIBELS), is_same(on_layouts, DECIBELS)
-            ),
+            "one optimum can be seen, at the truth": nearly_all(one_visible, share_right),
+            "the error is the same or smaller": RATIO.no_larger(ratio, ratio_of_layouts),
+            "the covariance is as true": DECIBELS.same(here, on_layouts),
         },
         f"in {share_right:.0%} of {SEARCHED} draws the highest optimum is at the truth, and the "
         f"density of the second is 10^{lower:.0f} of it (without clusters "
@@ -145,18 +128,16 @@ def cluster_likelihood_same() -> Evidence:
         {
             "share of draws with the highest optimum at the truth": share_right,
             "share of draws with one optimum above 1 % of the highest density": one_visible,
-            "mean number of minima within 10 m and 45 deg of the truth, clusters": mean_count_near(
-                found
+            "mean number of minima within 10 m and 45 deg of the truth, clusters": mean_of(
+                found.near
             ),
-            "mean number of minima there, overlapped": mean_count_near(without),
+            "mean number of minima there, overlapped": mean_of(without.near),
             "log10 of the second density over the first": lower,
             "log10 of the second density over the first, overlapped": lower_without,
-            "ratio of the RMSE, clusters / overlapped": ratio.told(
-                lambda value: 1.0 - RATIO.sizes(value)
-            ),
+            "ratio of the RMSE, clusters / overlapped": tells(ratio, RATIO.no_larger),
             "mean of this ratio over 200 random layouts": ratio_of_layouts,
             "ANEES": anees_of(evaluated(CLUSTERS, LIKELIHOOD).credibility),
-            "I2 (dB)": tells(here, same, DECIBELS),
+            "I2 (dB)": tells(here, DECIBELS.same),
             "mean of I2 over 200 random layouts (dB)": on_layouts,
         },
         over=f"{SEARCHED} draws for the optima; {OVER_LAYOUTS}",
@@ -180,12 +161,8 @@ def cluster_error() -> Evidence:
     )
     return Evidence(
         {
-            "it grows against the overlapped scene": in_every(
-                is_larger(growth, RATIO), is_larger(growth_of_layouts, RATIO)
-            ),
-            "it exceeds the likelihood's": in_every(
-                is_larger(excess, RATIO), is_larger(excess_of_layouts, RATIO)
-            ),
+            "it grows against the overlapped scene": RATIO.larger(growth, growth_of_layouts),
+            "it exceeds the likelihood's": RATIO.larger(excess, excess_of_layouts),
         },
         f"the sum's RMSE is {excess:.2f} times the likelihood's. It is {growth:.2f} times that in "
         f"the overlapped scene, and {growth_of_layouts:.2f} times in the mean over 200 random "
@@ -193,10 +170,10 @@ def cluster_error() -> Evidence:
         "without: the clusters add targets, which help the sum as well.",
         {
             "ratio of the sum's RMSE, clusters / overlapped": growth,
-            "mean of this ratio over 200 random layouts": tells(growth_of_layouts, larger, RATIO),
+            "mean of this ratio over 200 random layouts": tells(growth_of_layouts, RATIO.larger),
             "median RMSE over 200 random layouts, overlapped (m)": without,
             "median RMSE over 200 random layouts, clusters (m)": with_clusters,
-            "ratio of the RMSE in clusters, sum / likelihood": tells(excess, larger, RATIO),
+            "ratio of the RMSE in clusters, sum / likelihood": tells(excess, RATIO.larger),
             "mean of this ratio over the layouts": excess_of_layouts,
         },
         over=OVER_LAYOUTS,

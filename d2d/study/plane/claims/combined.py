@@ -1,7 +1,6 @@
 """Claims of thesis section 6.3: outliers and clusters together."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.cost import RegistrationCost
@@ -14,29 +13,23 @@ from d2d.study.book.claim import (
     Margin,
     claim,
     in_every,
-    in_nearly_all,
-    is_no_larger,
-    is_same,
-    larger,
     nearly_all,
-    same,
-    shown,
-    smaller,
     tells,
 )
 from d2d.study.book.measured import (
     Measured,
     bootstrapped,
     inclination_change,
+    mean_of,
     rms_of,
     rms_ratio,
     share_difference,
+    share_of,
 )
 from d2d.study.plane.evaluation import (
     LIKELIHOOD,
     ROBUST,
     SUMMING,
-    Start,
     at_truth,
     evaluated,
     over_layouts,
@@ -47,12 +40,9 @@ from d2d.study.plane.measures import (
     STARTS,
     error_ratio,
     errors_of,
-    mean_count_near,
-    share_lowest_at_truth,
-    share_one_visible,
 )
 from d2d.study.plane.optima import local_minima
-from d2d.study.plane.scenarios import OVERLAPPED, Scenario
+from d2d.study.plane.scenarios import OVERLAPPED
 
 OF_BOTH = "1000 draws of the noise of each of the two scenes"
 SPREADS = {"sum": SUMMING, "robust": ROBUST}
@@ -82,10 +72,10 @@ def all_likelihood_stable() -> Evidence:
             if name != "robust":
                 continue
             found = local_minima(scenario, cost, SEARCHED)
-            share, one = share_lowest_at_truth(found), share_one_visible(found)
-            right.append(in_nearly_all(share))
+            share, one = share_of(found.right), share_of(found.visible == 1)
+            right.append(nearly_all(share))
             ones[letter] = one
-            near.append(is_no_larger(ratio, RATIO))
+            near.append(RATIO.no_larger(ratio))
             numbers |= {
                 f"share of draws with the global minimum at the truth, {letter}": share,
                 f"share of draws with one visible minimum, {letter}": tells(one, nearly_all),
@@ -97,7 +87,7 @@ def all_likelihood_stable() -> Evidence:
     return Evidence(
         {
             "the global minimum is at the truth": in_every(*right),
-            "it is the only one": in_every(*map(in_nearly_all, ones.values())),
+            "it is the only one": nearly_all(*ones.values()),
             "the estimate is close": in_every(*near),
         },
         f"with the outlier component the RMSE is {robust}, against {overlapped:.2f} m of the "
@@ -127,11 +117,12 @@ def all_summing_unstable() -> Evidence:
         )
     }
     stays, returns = (
-        share_difference(_ends(a, SUMMING, start), _ends(b, SUMMING, start)) for start in STARTS
+        share_difference(*(at_truth(evaluated(s, SUMMING, start).errors) for s in (a, b)))
+        for start in STARTS
     )
     tilt = inclination_change(*(evaluated(s, SUMMING).credibility for s in (a, b)))
     minima = [local_minima(scenario, SUMMING, SEARCHED) for scenario in (a, b)]
-    lowest = share_difference(*([each.right for each in draws] for draws in minima))
+    lowest = share_difference(*(each.right for each in minima))
     surface = {
         "the share of global minima at the truth": _differs(lowest, SHARE),
         "the share of runs from the truth that stay there": _differs(stays, SHARE),
@@ -144,16 +135,16 @@ def all_summing_unstable() -> Evidence:
         f"and that of the robust likelihood's {spreads['robust']:.2f} times"
     )
     numbers = {
-        "ratio of the sum's RMSE, A / B": tells(error["sum"], larger, RATIO),
+        "ratio of the sum's RMSE, A / B": tells(error["sum"], RATIO.larger),
         "ratio of the sum's RMSE of the rotation, A / B": error["sum, rotation"],
-        "ratio of the robust likelihood's RMSE, A / B": tells(error["robust"], same, RATIO),
+        "ratio of the robust likelihood's RMSE, A / B": tells(error["robust"], RATIO.same),
         "ratio of the robust likelihood's RMSE of the rotation, A / B": error["robust, rotation"],
         "difference of the sum's I2, A - B (dB)": tilt,
         "difference of the shares of global minima at the truth, A - B": lowest,
         "difference of the shares from the truth that end there, A - B": stays,
         "difference of the shares from zero that end at the truth, A - B": returns,
-        "mean number of minima near the truth, A": mean_count_near(minima[0]),
-        "mean number of minima near the truth, B": mean_count_near(minima[1]),
+        "mean number of minima near the truth, A": mean_of(minima[0].near),
+        "mean number of minima near the truth, B": mean_of(minima[1].near),
     } | {
         f"ratio of the 95 % to the 5 % quantile of the RMSE over 200 layouts, {name}": each
         for name, each in spreads.items()
@@ -162,7 +153,7 @@ def all_summing_unstable() -> Evidence:
         {
             "the sum's surface differs": in_every(*surface.values()),
             "its error differs": _differs(error["sum"], RATIO),
-            "the likelihood's does not": is_same(error["robust"], RATIO),
+            "the likelihood's does not": RATIO.same(error["robust"]),
         },
         f"the sum's RMSE in A is {error['sum']:.2f} times that in B (95% interval "
         f"{error['sum'].between('.2f')}), and the robust likelihood's, {error['robust']:.2f} times "
@@ -177,12 +168,8 @@ def all_summing_unstable() -> Evidence:
 
 
 def _differs(number: Measured, margin: Margin) -> Finding:
-    beyond = larger(number, margin) or smaller(number, margin)
-    return shown(holds=beyond, contrary=same(number, margin))
-
-
-def _ends(scenario: Scenario, cost: RegistrationCost, start: Start) -> NDArray[np.bool_]:
-    return at_truth(evaluated(scenario, cost, start).errors)
+    opposite: dict[Finding, Finding] = {"holds": "fails", "fails": "holds"}
+    return opposite.get(margin.same(number), "open")
 
 
 def _spread_of_layouts(cost: RegistrationCost) -> Measured:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d._types import Array
-from d2d.study.book.claim import SHARE, Evidence, claim, in_every, is_larger, larger, tells
+from d2d.study.book.claim import SHARE, Evidence, claim, tells
 from d2d.study.book.measured import bootstrapped, complement
 from d2d.study.plane.evaluation import COSTS, LayoutStudy, over_layouts
 from d2d.study.plane.scenarios import LAYOUTS
@@ -27,13 +27,11 @@ def recognised(index: Array, dangerous: NDArray[np.bool_]) -> float:
 
     The limit may be an upper or a lower one; both kinds of condition count alike.
     """
-    order = np.argsort(index, kind="stable")
-    low = np.append(0.0, np.cumsum(dangerous[order])) / max(dangerous.sum(), 1)
-    harmless = np.append(0.0, np.cumsum(~dangerous[order])) / max((~dangerous).sum(), 1)
-    # limits between equal values are none
-    possible = np.append(True, np.append(np.diff(index[order]) > 0.0, True))
-    right = 0.5 * (1.0 - low + harmless)[possible]
-    return float(max(right.max(), 1.0 - right.min()))
+    kinds = np.sort(index[dangerous]), np.sort(index[~dangerous])
+    low, harmless = (
+        np.searchsorted(each, index, side="right") / max(len(each), 1) for each in kinds
+    )
+    return 0.5 + 0.5 * float(np.abs(low - harmless).max())
 
 
 @claim("nci-not-enough", section="6.4", lines="1467", figure="overlap-credibility")
@@ -59,11 +57,7 @@ def nci_not_enough() -> Evidence:
     of_product = bootstrapped(best, nci[:, product], dangerous[:, product])
     missed, missed_of_product = map(complement, (by_nci, of_product))
     return Evidence(
-        {
-            "it does not recognise all": in_every(
-                is_larger(missed, SHARE), is_larger(missed_of_product, SHARE)
-            )
-        },
+        {"it does not recognise all": SHARE.larger(missed, missed_of_product)},
         f"of {dangerous.size} conditions, {dangerous.mean():.0%} are dangerous: their 95% regions "
         f"contain less than {REGION - SHARE.high:.0%} of the errors. The best limit on the NCI "
         f"sorts {by_nci:.0%} of both kinds rightly (guessing {0.5:.0%}), the best on I2 "
@@ -71,8 +65,10 @@ def nci_not_enough() -> Evidence:
         "have one as high as regions that are too small. Without the sum, a third of the "
         f"conditions, the NCI sorts {of_product:.0%} rightly. Either index needs the true errors.",
         {
-            "share not recognised by the NCI": tells(missed, larger),
-            "share not recognised by the NCI, without the sum": tells(missed_of_product, larger),
+            "share not recognised by the NCI": tells(missed, SHARE.larger),
+            "share not recognised by the NCI, without the sum": tells(
+                missed_of_product, SHARE.larger
+            ),
             "share recognised by I2": by_inclination,
             "share of conditions that are dangerous": bootstrapped(np.mean, dangerous),
             "median NCI of the dangerous (dB)": bootstrapped(median_where, nci, dangerous),

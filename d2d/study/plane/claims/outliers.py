@@ -10,18 +10,11 @@ from d2d._types import Array
 from d2d.study.book.claim import (
     DECIBELS,
     RATIO,
-    SHARE,
     Evidence,
     claim,
     in_every,
-    in_nearly_all,
     in_some,
-    is_larger,
-    is_same,
-    is_smaller,
-    larger,
     nearly_all,
-    smaller,
     tells,
 )
 from d2d.study.book.measured import (
@@ -53,14 +46,11 @@ from d2d.study.plane.measures import (
     error_ratio,
     error_ratio_of_layouts,
     inclination,
-    mean_count_near,
     ratios_in_decibels,
     share_ending_at_truth,
-    share_lowest_at_truth,
-    share_one_visible,
     times_off,
 )
-from d2d.study.plane.optima import highest_density, local_minima
+from d2d.study.plane.optima import local_minima
 from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED, Scenario
 
 MORE = 4000  # draws for a difference of two I2
@@ -92,7 +82,7 @@ def outlier_likelihood_vanishes() -> Evidence:
     here = _loss(OUTLIERS, 1000)
     others = [_loss(random_layout("outliers", seed), 10) for seed in range(LAYOUTS)]
     highest_before, highest = (
-        highest_density(scenario, LIKELIHOOD, SEARCHED) / np.log(10.0)
+        local_minima(scenario, LIKELIHOOD, SEARCHED).highest / np.log(10.0)
         for scenario in (OVERLAPPED, OUTLIERS)
     )
     vanished = share_of(here.decades > VANISHED)
@@ -109,8 +99,8 @@ def outlier_likelihood_vanishes() -> Evidence:
     return Evidence(
         {
             "it vanishes at the truth": in_every(
-                in_nearly_all(vanished, under=if_far),
-                in_nearly_all(on_layouts, under=on_layouts_if_far),
+                nearly_all(vanished, under=if_far),
+                nearly_all(on_layouts, under=on_layouts_if_far),
             ),
         },
         f"at the true motion the outliers of the current set cost the likelihood {cost:.0f} "
@@ -150,16 +140,14 @@ def outlier_robust_minimum() -> Evidence:
     """
     found = local_minima(OUTLIERS, ROBUST, SEARCHED)
     others = [local_minima(random_layout("outliers", seed), ROBUST, 1) for seed in range(SEARCHED)]
-    right, single = share_lowest_at_truth(found), share_one_visible(found)
-    right_of_layouts, single_of_layouts = (
-        share_over([measure(each) for each in others], 1)
-        for measure in (share_lowest_at_truth, share_one_visible)
-    )
-    near = mean_count_near(found)
+    right, single = share_of(found.right), share_of(found.visible == 1)
+    right_of_layouts = share_over([each.right for each in others], 1)
+    single_of_layouts = share_over([each.visible == 1 for each in others], 1)
+    near = mean_of(found.near)
     return Evidence(
         {
-            "it is at the truth": in_every(*map(in_nearly_all, (right, right_of_layouts))),
-            "it is the only one": in_every(*map(in_nearly_all, (single, single_of_layouts))),
+            "it is at the truth": nearly_all(right, right_of_layouts),
+            "it is the only one": nearly_all(single, single_of_layouts),
         },
         f"in {right:.0%} of {SEARCHED} draws of this scene and {right_of_layouts:.1%} of one on "
         f"each of {SEARCHED} random layouts the global minimum is at the truth, and in "
@@ -191,17 +179,13 @@ def outlier_error() -> Evidence:
     grown = error_ratio((OUTLIERS, SUMMING), (OVERLAPPED, SUMMING))
     grown_robust = error_ratio((OUTLIERS, ROBUST), (OVERLAPPED, LIKELIHOOD))
     return Evidence(
-        {
-            "the sum's error is greater": in_every(
-                is_larger(ratio, RATIO), is_larger(mean, RATIO), in_nearly_all(share)
-            )
-        },
+        {"the sum's error is greater": in_every(RATIO.larger(ratio, mean), nearly_all(share))},
         f"the ratio of the two RMSEs is {ratio:.2f} (95% interval {ratio.between('.2f')}) and "
         f"exceeds one on {share:.1%} of 200 random layouts. With the outliers the sum's RMSE is "
         f"{grown:.2f} times that in the overlapped scene, and the robust likelihood's "
         f"{grown_robust:.2f} times that of the plain likelihood there.",
         {
-            "ratio of the RMSE, sum / robust": tells(ratio, larger, RATIO),
+            "ratio of the RMSE, sum / robust": tells(ratio, RATIO.larger),
             "share of 200 random layouts on which the sum's RMSE is the larger": tells(
                 share, nearly_all
             ),
@@ -231,10 +215,10 @@ def outlier_credibility() -> Evidence:
     low, high = (quantile_of(over.inclination, fraction) for fraction in (0.05, 0.95))
     return Evidence(
         {
-            "the sum is pessimistic": is_smaller(summing, DECIBELS),
-            "it is so as without outliers": is_same(change, DECIBELS),
-            "the likelihood has a pessimistic part": in_every(in_some(below), in_some(mean_below)),
-            "it has an optimistic part": in_every(in_some(above), in_some(mean_above)),
+            "the sum is pessimistic": DECIBELS.smaller(summing),
+            "it is so as without outliers": DECIBELS.same(change),
+            "the likelihood has a pessimistic part": in_some(below, mean_below),
+            "it has an optimistic part": in_some(above, mean_above),
         },
         f"the sum's I2 is {summing:+.1f} dB, {change:+.2f} dB from that without outliers. Of the "
         f"robust likelihood's runs {below:.1%} lie below -{NOTICEABLE:g} dB and {above:.1%} above "
@@ -243,12 +227,12 @@ def outlier_credibility() -> Evidence:
         f"{mean_above:.1%} do, with an I2 from {low:+.1f} dB to {high:+.1f} dB (5% and 95% "
         "quantiles).",
         {
-            "I2 of the sum (dB)": tells(summing, smaller, DECIBELS),
+            "I2 of the sum (dB)": tells(summing, DECIBELS.smaller),
             "change of the sum's I2, outliers - overlapped (dB)": change,
             "I2 of the robust likelihood (dB)": inclination(OUTLIERS, ROBUST),
             "ANEES of the robust likelihood": anees_of(evaluated(OUTLIERS, ROBUST).credibility),
             "share of its runs below -0.3 dB": below,
-            "share of its runs above +0.3 dB": above.told(lambda share: share / SHARE.high - 1.0),
+            "share of its runs above +0.3 dB": tells(above, in_some),
             "share below -0.3 dB, overlapped likelihood": plain_below,
             "share above +0.3 dB, overlapped likelihood": plain_above,
             "mean share below -0.3 dB over 50 random layouts": mean_below,

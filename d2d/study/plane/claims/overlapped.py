@@ -9,16 +9,9 @@ from d2d.study.book.claim import (
     Evidence,
     claim,
     in_every,
-    in_nearly_all,
-    is_larger,
-    is_same,
-    is_smaller,
-    larger,
     most,
     nearly_all,
-    same,
     shown,
-    smaller,
     tells,
 )
 from d2d.study.book.measured import (
@@ -45,14 +38,11 @@ from d2d.study.plane.measures import (
     OVER_LAYOUTS,
     SEARCHED,
     STARTS,
-    counts_visible,
     decades_to_second,
     error_ratio,
     error_ratio_of_layouts,
     errors_of,
     inclination,
-    mean_count_near,
-    share_one_visible,
     times_off,
 )
 from d2d.study.plane.optima import local_minima
@@ -68,17 +58,16 @@ def overlap_local_minima() -> Evidence:
     """
     summing = local_minima(OVERLAPPED, SUMMING, SEARCHED)
     likelihood = local_minima(OVERLAPPED, LIKELIHOOD, SEARCHED)
-    visible, visible_likelihood = min(counts_visible(summing)), max(counts_visible(likelihood))
-    near, lower = mean_count_near(likelihood), decades_to_second(likelihood)
-    many = share_of([count >= 10 for count in counts_visible(summing)])
-    single = share_of([each.near == 1 for each in likelihood])
-    one_visible = share_one_visible(likelihood)
+    visible, visible_likelihood = int(summing.visible.min()), int(likelihood.visible.max())
+    near, lower = mean_of(likelihood.near), decades_to_second(likelihood)
+    many, single = share_of(summing.visible >= 10), share_of(likelihood.near == 1)
+    one_visible = share_of(likelihood.visible == 1)
     return Evidence(
         {
-            "the sum has many": in_nearly_all(many),
+            "the sum has many": nearly_all(many),
             "the likelihood has only one": shown(
-                holds=nearly_all(single),
-                within=nearly_all(one_visible) or most(single),
+                holds=nearly_all(single) == "holds",
+                within=nearly_all(one_visible) == "holds" or most(single),
                 contrary=one_visible.high < 0.5,
             ),
         },
@@ -88,9 +77,7 @@ def overlap_local_minima() -> Evidence:
         f"{near:.0f} local minima near the truth for the likelihood too, but the second lowest has "
         f"only 10^{lower:.0f} of the highest density.",
         {
-            "mean number of minima within 10 m and 45 deg of the truth, sum": mean_count_near(
-                summing
-            ),
+            "mean number of minima within 10 m and 45 deg of the truth, sum": mean_of(summing.near),
             "share of draws with ten or more above 1 % of the highest density, sum": tells(
                 many, nearly_all
             ),
@@ -127,8 +114,7 @@ def overlap_error() -> Evidence:
     return Evidence(
         {
             "the likelihood's error is smaller": in_every(
-                *(is_larger(each, RATIO) for each in (translation, rotation, mean)),
-                in_nearly_all(share),
+                RATIO.larger(translation, rotation, mean), nearly_all(share)
             )
         },
         f"the sum's RMSE is {translation:.2f} times the likelihood's in translation and "
@@ -137,9 +123,9 @@ def overlap_error() -> Evidence:
         "by its covariance.",
         {
             "ratio of the RMSE of the translation, sum / likelihood": tells(
-                translation, larger, RATIO
+                translation, RATIO.larger
             ),
-            "ratio of the RMSE of the rotation, sum / likelihood": tells(rotation, larger, RATIO),
+            "ratio of the RMSE of the rotation, sum / likelihood": tells(rotation, RATIO.larger),
             "share of 200 random layouts on which the sum's RMSE is the larger": share,
             "mean ratio over the layouts, translation": mean,
         },
@@ -165,9 +151,9 @@ def overlap_initial_guess() -> Evidence:
     median, low = quantile_of(over, 0.5), quantile_of(over, 0.05)
     return Evidence(
         {
-            "it hurts the sum": is_larger(harm["sum"], SHARE),
-            "it hurts the sum more": is_larger(lead, SHARE),
-            "the likelihood stays as it was": is_same(harm["likelihood"], SHARE),
+            "it hurts the sum": SHARE.larger(harm["sum"]),
+            "it hurts the sum more": SHARE.larger(lead),
+            "the likelihood stays as it was": SHARE.same(harm["likelihood"]),
         },
         f"from zero {zero['sum']:.1%} of the sum's runs end at the truth and "
         f"{zero['likelihood']:.1%} of the likelihood's; over 200 random layouts the likelihood's "
@@ -178,8 +164,8 @@ def overlap_initial_guess() -> Evidence:
             "share of runs from the truth that end there, sum": share_of(ends["sum"][0]),
             "share of runs from zero that end at the truth, sum": zero["sum"],
             "share of runs from zero that end at the truth, likelihood": zero["likelihood"],
-            "share that a start at zero loses, sum": tells(harm["sum"], larger),
-            "share that a start at zero loses, likelihood": tells(harm["likelihood"], same),
+            "share that a start at zero loses, sum": tells(harm["sum"], SHARE.larger),
+            "share that a start at zero loses, likelihood": tells(harm["likelihood"], SHARE.same),
             "share of annealed runs from zero that end at the truth, sum": annealed["sum"],
             "share of annealed runs from zero that end at the truth, likelihood": annealed[
                 "likelihood"
@@ -208,10 +194,8 @@ def overlap_summing_pessimistic() -> Evidence:
     lead = inclination_change(found, evaluated(OVERLAPPED, LIKELIHOOD).credibility)
     return Evidence(
         {
-            "it overestimates the error": in_every(
-                is_smaller(here, DECIBELS), in_nearly_all(share)
-            ),
-            "more than the likelihood": is_smaller(lead, DECIBELS),
+            "it overestimates the error": in_every(DECIBELS.smaller(here), nearly_all(share)),
+            "more than the likelihood": DECIBELS.smaller(lead),
         },
         f"with {len(OVERLAPPED.targets)} targets the covariance is {times_off(here)} "
         f"here, and {times_off(high)} at the 95% quantile of I2 over 200 random layouts. The "
@@ -221,7 +205,7 @@ def overlap_summing_pessimistic() -> Evidence:
         "(errata).",
         {
             "ANEES": anees_of(found),
-            "I2 (dB)": tells(here, smaller, DECIBELS),
+            "I2 (dB)": tells(here, DECIBELS.smaller),
             "I2, sum - likelihood (dB)": lead,
             "share of 200 random layouts with an I2 below -0.5 dB": share,
             "95 % quantile of I2 over 200 random layouts (dB)": high,
@@ -241,20 +225,16 @@ def overlap_likelihood_credible() -> Evidence:
     anees, here = anees_of(found), inclination_of(found)
     mean = mean_of(over_layouts("overlapped", LIKELIHOOD).inclination)
     return Evidence(
-        {
-            "it is credible": in_every(
-                is_same(anees, ANEES), is_same(here, DECIBELS), is_same(mean, DECIBELS)
-            )
-        },
+        {"it is credible": in_every(ANEES.same(anees), DECIBELS.same(here, mean))},
         "the inverse Hessian of a negative log-likelihood estimates the covariance of its errors: "
         f"the ANEES is {anees:.3f} (95% region {low:.3f} to {high:.3f}), "
         f"and I2 is {here:+.2f} dB here and {mean:+.2f} dB in the mean over 200 random layouts.",
         {
-            "ANEES": tells(anees, same, ANEES),
+            "ANEES": tells(anees, ANEES.same),
             "lower bound of the 95 % region": low,
             "upper bound of the 95 % region": high,
             "NCI (dB)": nci_of(runs.errors[good], runs.covariances[good]),
-            "I2 (dB)": tells(here, same, DECIBELS),
+            "I2 (dB)": tells(here, DECIBELS.same),
             "mean of I2 over 200 random layouts (dB)": mean,
         },
         over=OVER_LAYOUTS,
@@ -277,10 +257,8 @@ def overlap_outlier_component() -> Evidence:
     before, after = inclination(OVERLAPPED, LIKELIHOOD), inclination(OVERLAPPED, ROBUST)
     return Evidence(
         {
-            "the error stays": in_every(is_same(ratio, RATIO), is_same(ratio_of_layouts, RATIO)),
-            "the covariance becomes more pessimistic": in_every(
-                is_smaller(change, DECIBELS), is_smaller(change_printed, DECIBELS)
-            ),
+            "the error stays": RATIO.same(ratio, ratio_of_layouts),
+            "the covariance becomes more pessimistic": DECIBELS.smaller(change, change_printed),
         },
         f"the RMSE becomes {ratio:.2f} times what it is without the component, and I2 changes from "
         f"{before:+.2f} dB to {after:+.2f} dB with the mixture's weights in the component and by "
@@ -289,13 +267,13 @@ def overlap_outlier_component() -> Evidence:
         "when this effect was known, and with one of 0.2 dB the component as printed would count. "
         "It takes curvature away; the thesis says that it adds curvature (errata).",
         {
-            "ratio of the RMSE with the component / without": tells(ratio, same, RATIO),
+            "ratio of the RMSE with the component / without": tells(ratio, RATIO.same),
             "mean of this ratio over 200 random layouts": ratio_of_layouts,
             "I2 without the component (dB)": before,
             "I2 with the component (dB)": after,
             "change of I2 (dB)": change,
             "change of I2 with the unweighted component (dB)": tells(
-                change_printed, smaller, DECIBELS
+                change_printed, DECIBELS.smaller
             ),
         },
         over=OVER_LAYOUTS,
