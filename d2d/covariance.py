@@ -230,9 +230,8 @@ def _checked_slope(
     """``position_slope`` (..., K, D), checked to be possible with the targets' covariances."""
     if measurement is None:
         raise ValueError("position_slope needs a measurement")
-    array = check_finite("position_slope", slope)
-    wanted = f"(..., {moving.size}, {moving.dimension})"
-    check_shape("position_slope", array, wanted, like="moving")
+    shape_of_targets = f"(..., {moving.size}, {moving.dimension})"
+    array = check_finite("position_slope", slope, shape_of_targets, like="moving")
     if broadcast_batches("position_slope and the batch", array.shape[:-2], shape) != shape:
         raise ValueError(
             f"position_slope has the batch axes {array.shape[:-2]}, which do not fit the other "

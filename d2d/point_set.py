@@ -211,8 +211,7 @@ class PointSet(Frozen):
 
     def shifted(self, translation: ArrayLike) -> "PointSet":
         """The sets moved by translations (..., D)."""
-        step = check_finite("translation", translation)
-        check_shape("translation", step, f"(..., {self.dimension})")
+        step = check_finite("translation", translation, f"(..., {self.dimension})")
         return PointSet._of(self.means + step[..., None, :], self.covariances, self.weights)
 
     def inflated(self, scale: float) -> "PointSet":

@@ -150,8 +150,7 @@ class Track(Frozen):
 
         Raises a ``ValueError`` if the track is empty.
         """
-        wanted = check_finite("times", times)
-        check_shape("times", wanted, "(m,)")
+        wanted = check_finite("times", times, "(m,)")
         before, after, weight, known = neighbours(self, wanted)
 
         def between(values: Array, weights: Array) -> Array:
@@ -187,9 +186,8 @@ class Track(Frozen):
         >>> ahead.motion[:, 0].round(1)  # at 3.1 m/s
         array([3.1, 6.2])
         """
-        begins, ends = check_finite("start", start), check_finite("end", end)
-        check_shape("start", begins, "(n,)")
-        check_shape("end", ends, str(begins.shape), like="start")
+        begins = check_finite("start", start, "(n,)")
+        ends = check_finite("end", end, str(begins.shape), like="start")
         if not (begins < ends).all():
             i = int(np.argmin(begins < ends))
             raise ValueError(
@@ -404,13 +402,10 @@ def neighbours(
 
 def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     """Chain the motions at theta (n, 3) over intervals (n,) to poses (n + 1, 3) [x, y, yaw]."""
-    velocities, times = rigid.motion("theta", theta, 2), check_finite("intervals", intervals)
-    check_shape("theta", velocities, "(n, 3)")
-    check_shape("intervals", times, f"({len(velocities)},)", like="theta")
-    twists = velocities * times[:, np.newaxis]
-    steps = rigid.exponential(twists)
-    first = rigid.motion("start", start, 2)
-    check_shape("start", first, "(3,)")
+    velocities = check_finite("theta", theta, "(n, 3)")
+    times = check_finite("intervals", intervals, f"({len(velocities)},)", like="theta")
+    steps = rigid.exponential(velocities * times[:, np.newaxis])
+    first = check_finite("start", start, "(3,)")
     yaw = first[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
     moved = np.einsum("nij,nj->ni", rigid.rotation(yaw[:-1]), steps[:, :2])
     position = first[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(moved, axis=0)])

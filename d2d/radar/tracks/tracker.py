@@ -9,9 +9,8 @@ from typing import TextIO, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_count, check_flag, check_instance
+from d2d._checks import check_count, check_finite, check_flag, check_instance
 from d2d._types import Array
-from d2d.radar.motion.estimate import check_velocity
 from d2d.radar.motion.model import EstimationOptions, split_options
 from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
@@ -297,7 +296,7 @@ def _follower(
     if budget is not None:
         check_instance("budget", budget, ErrorBudget)
     model, scales = split_options(options)
-    velocity = None if initial is None else check_velocity(initial)
+    velocity = None if initial is None else check_finite("initial", initial, "(3,)")
     if limits is not None:
         limits = limits.for_doppler(model.doppler)
     return Follower(model, scales, velocity, budget, limits, sensors)
