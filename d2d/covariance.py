@@ -22,8 +22,7 @@ from d2d.cost import RegistrationCost
 from d2d.frame import Frame, is_far
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-from d2d.problem import Bound, CrossDerivatives, Problem, flat_index
-from d2d.registration import Estimate
+from d2d.problem import Bound, CrossDerivatives, Estimate, Problem, flat_index
 
 _SAME = 1e-6  # relative; only rounding makes a cost differ from itself
 _TARGETS_AT_ONCE = 50_000  # of both sets: about 20 MB of intermediate arrays

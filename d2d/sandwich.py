@@ -19,8 +19,7 @@ from d2d.covariance import check_estimate, fisher_covariance, select
 from d2d.frame import Frame, is_far
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-from d2d.problem import Bound, Problem
-from d2d.registration import Estimate
+from d2d.problem import Bound, Estimate, Problem
 
 # A target whose neighbourhood holds nearly all the information about a direction cannot be left
 # out; the step is then taken to be at most ten times that of the first order.

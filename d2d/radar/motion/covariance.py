@@ -28,7 +28,7 @@ from d2d._kernel.errors import (
 from d2d._types import Array
 from d2d.covariance import check_estimate, propagated
 from d2d.point_set import PointSet
-from d2d.problem import Problem
+from d2d.problem import Estimate, Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
 from d2d.radar.motion.pairs import (
     ScanPair,
@@ -40,7 +40,6 @@ from d2d.radar.motion.pairs import (
 )
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, cross_range
-from d2d.registration import Estimate
 
 
 def propagate_ego_motion(

@@ -8,12 +8,12 @@ from numpy.typing import ArrayLike
 from d2d import rigid
 from d2d._checks import check_finite
 from d2d._types import Array
-from d2d.problem import Problem
+from d2d.problem import Estimate, Problem
 from d2d.radar.motion.doppler import doppler_starts
 from d2d.radar.motion.model import EgoMotionModel, EstimationOptions, ModelOptions, split_options
 from d2d.radar.motion.pairs import problem_of, scan_pairs
 from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.registration import Estimate, anneal, best_of
+from d2d.registration import anneal, best_of
 
 
 def estimate_ego_motion(

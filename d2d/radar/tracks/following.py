@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from d2d._types import Array
-from d2d.problem import Problem
+from d2d.problem import Estimate, Problem
 from d2d.radar.motion.covariance import Budgeted, apply_budget
 from d2d.radar.motion.doppler import (
     Acceleration,
@@ -25,7 +25,6 @@ from d2d.radar.tracks.filter_input import FilterInput
 from d2d.radar.tracks.lateness import Lateness
 from d2d.radar.tracks.limits import State, VehicleLimits
 from d2d.radar.tracks.rounds import Round
-from d2d.registration import Estimate
 
 # The wide outlier component has a separate optimum, far from where the scans overlap: all
 # targets are outliers there, and the Hessian is positive definite.  An optimum at which the mean

@@ -5,7 +5,7 @@ import numpy as np
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.registration import Estimate
+from d2d.problem import Estimate
 from d2d.study.plane.scenarios import Scenario
 
 STEP = 1e-3  # of the differences, in standard deviations

@@ -9,7 +9,8 @@ from d2d import rigid
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.registration import Estimate, register, start_grid
+from d2d.problem import Estimate
+from d2d.registration import register, start_grid
 from d2d.study.plane.evaluation import at_truth
 from d2d.study.plane.scenarios import Scenario
 from d2d.study.point_sets.convergence import start_plane
