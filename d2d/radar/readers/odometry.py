@@ -8,7 +8,7 @@ import numpy as np
 from d2d._bounds import FINITE
 from d2d._checks import check_path
 from d2d._types import Array
-from d2d.radar.readers.csv_log import decoded, number, read_header, read_rows
+from d2d.radar.readers.csv_log import decoded, number, read_table
 from d2d.radar.readers.shared import yaw_of
 from d2d.radar.scans.reference import Reference
 
@@ -43,10 +43,10 @@ def load_reference(path: str | os.PathLike[str]) -> Reference:
 def _odometry(source: Path, text: str) -> Reference:
     rate = _IN_DEGREES if _IN_DEGREES in text.lower() else "yaw_rate"
     names = ("time", "speed", rate)
-    file, header = read_header(source, text, names)
-    places = [header.names.index(name) for name in names]
+    columns, rows = read_table(source, text, names)
+    places = [columns.index(name) for name in names]
     table = []
-    for line, row in read_rows(source, file, header):
+    for line, row in rows:
         try:
             values = [number(name, row[place]) for name, place in zip(names, places, strict=True)]
             if rate == _IN_DEGREES:

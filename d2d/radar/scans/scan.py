@@ -44,7 +44,8 @@ BOUNDS = {
     "sigma_doppler": POSITIVE,
     "extent": NOT_NEGATIVE,
 }
-_MEASURED = ("range", "azimuth", "doppler")  # of each target; one of the others may stand for all
+MEASURED = ("range", "azimuth", "doppler")  # of each target; one of the others may stand for all
+SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class RadarScan(Frozen):
         shape = arrays["range"].shape
         check_shape("range", arrays["range"], "(K,)")
         for name, array in arrays.items():
-            once = name not in _MEASURED and array.shape in ((), (1,))
+            once = name not in MEASURED and array.shape in ((), (1,))
             if not once:
                 check_shape(name, array, str(shape), like="range")
             self._keep(name, np.full(shape, array) if once else array)

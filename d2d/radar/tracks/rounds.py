@@ -13,7 +13,7 @@ from d2d._bounds import SECONDS
 from d2d._checks import check_count, check_instance, check_members, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.motion.pairs import ScanPair
-from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.scans.scan import MEASURED, Mounting, RadarScan
 from d2d.radar.tracks.finding import Finding, warn_of
 
 # Times between two scans, and horizons, that are longer than this are taken to be in another unit.
@@ -106,8 +106,7 @@ def check_distinct(sensors: Mapping[str, Iterable[RadarScan]]) -> None:
     owners: dict[tuple[object, ...], str] = {}
     for name, scans in sensors.items():
         for scan in scans:
-            measured = (scan.range, scan.azimuth, scan.doppler)
-            key = (scan.time, *(array.tobytes() for array in measured))
+            key = (scan.time, *(getattr(scan, name).tobytes() for name in MEASURED))
             owner = owners.setdefault(key, name)
             if owner != name and scan.size > 1:  # one target may be seen alike by chance
                 raise ValueError(
@@ -168,9 +167,8 @@ def repeats(previous: RadarScan, current: RadarScan) -> bool:
     """
     if not current.size:
         return False
-    measured = ("range", "azimuth", "doppler")
     return (
-        all(np.array_equal(getattr(previous, name), getattr(current, name)) for name in measured)
+        all(np.array_equal(getattr(previous, name), getattr(current, name)) for name in MEASURED)
         and float(np.median(np.abs(current.doppler))) > _MOVING
     )
 
@@ -232,9 +230,11 @@ class Rounds:
 
     def ended_by(self, sensor: int, time: float) -> list[Round]:
         """The open round, if a sensor's next scan at this time is not part of it."""
-        if self.open and (sensor in self.open or self._is_over(time)):
-            return self.finish()
-        return []
+        if not self.open:
+            return []
+        cycle = min(self._histories[known].cycle for known in self.open)
+        over = abs(time - self._start) > _ROUND * cycle
+        return self.finish() if over or sensor in self.open else []
 
     def finish(self) -> list[Round]:
         """The open round, if there is one, and not the first: that has nothing to pair with."""
@@ -255,10 +255,6 @@ class Rounds:
         if len(fresh) < len(scans):
             reason = _REPEATED
         return [Round(time, interval, scans, pairs, reason)]
-
-    def _is_over(self, time: float) -> bool:
-        cycle = min(self._histories[sensor].cycle for sensor in self.open)
-        return abs(time - self._start) > _ROUND * cycle
 
 
 class _History:
@@ -293,10 +289,21 @@ class _History:
             longest = max(_LONGER * usual, _GAP * self.cycle)
             while scans and scan.time - scans[0].time > longest:
                 scans.popleft()
-        previous = scan_before(scans, scan.time, self._baseline, self._horizon)
+        previous = self._before(scan.time)
         scans.append(scan)
         self._forget()
         return None if previous is None else ScanPair(previous, scan, self._mounting)
+
+    def _before(self, time: float) -> RadarScan | None:
+        """The scan to register with: ``baseline`` or ``horizon`` before, or the first; if any."""
+        scans = self._scans
+        if not scans:
+            return None
+        if self._horizon is None:
+            return scans[max(len(scans) - self._baseline, 0)]
+        wanted = time - self._horizon
+        # rounding must not decide between two scans that are equally near: the later one wins
+        return min(reversed(scans), key=lambda scan: round(abs(scan.time - wanted), 6))
 
     def _forget(self) -> None:
         """Drop the scans that no later one will be paired with."""
@@ -307,22 +314,6 @@ class _History:
         else:
             while len(scans) > 1 and scans[1].time <= scans[-1].time - horizon:
                 scans.popleft()
-
-
-def scan_before(
-    scans: Sequence[RadarScan], time: float, baseline: int, horizon: float | None
-) -> RadarScan | None:
-    """Of earlier scans, the one to register with: ``baseline`` or ``horizon`` s before ``time``.
-
-    The first scan if there are not that many, None if there is none.
-    """
-    if not scans:
-        return None
-    if horizon is None:
-        return scans[max(len(scans) - baseline, 0)]
-    wanted = time - horizon
-    # rounding of times must not decide between two scans that are equally near: the later one wins
-    return min(reversed(scans), key=lambda scan: round(abs(scan.time - wanted), 6))
 
 
 def in_time_order(
