@@ -70,8 +70,7 @@ def register(
     -----
     ``converged`` means that ``theta`` is an optimum near the start, not that it is the right one: a
     cost has several.  If the start is far off, use ``scales=ANNEALED`` or `multi_start`, and if
-    targets may lack a counterpart, an outlier model.  Then check the
-    `RegistrationCost.inlier_probabilities` of the optimum: if nearly all are low, it is wrong.
+    targets may lack a counterpart, an outlier model; low ``inliers`` then reveal a wrong optimum.
 
     A set whose mean is a thousand times as far from the origin as its targets lie apart, as in map
     coordinates, is shifted to its mean for the computation, unless there is a measurement.  All

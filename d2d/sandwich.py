@@ -1,9 +1,4 @@
-"""A second opinion on an estimate's covariance: from the scatter of the targets' scores.
-
-A target's score is the gradient of its part of the cost (Huber 1967, Godambe 1960).  At an optimum
-the scores add up to zero, and their scatter shows how uncertain the optimum is, whatever the
-reason: the covariances of the targets are not needed, and their errors may be correlated.
-"""
+"""A second opinion on an estimate's covariance: from the scatter of the targets' scores."""
 
 from typing import Any
 
@@ -62,14 +57,10 @@ def sandwich_covariance(
 
     Notes
     -----
-    Scores add up to zero at the optimum.  The scores of a few targets, or groups, therefore scatter
-    too little, and the shape of their scatter is random.  So each score is replaced by the shift of
-    the optimum when its group is left out (CR3, Bell & McCaffrey 2002), and the deviation from the
-    inverse Hessian is reduced by twice what chance explains (James & Stein 1961); a smaller
-    deviation is dropped.  `godambe` has the formulas.
-
-    Only errors that differ between targets, or groups, show in the scores.  What all targets share,
-    such as a bias of the sensor, does not.
+    Scores add up to zero at the optimum.  Those of a few targets, or groups, therefore scatter too
+    little, and the shape of their scatter is random: `godambe` says what is done about both.  Only
+    errors that differ between targets, or groups, show in the scores.  What all targets share, such
+    as a bias of the sensor, does not.
     """
     cost = RegistrationCost() if cost is None else cost
     check_instance("cost", cost, RegistrationCost)

@@ -1,13 +1,9 @@
 """The covariance of an ego-motion estimate, propagated from the sensor's errors.
 
 By the implicit function theorem (Censi 2007) an optimum moves by -H^-1 f_theta,z per unit of a
-measured value z.  A scan that is in several pairs, with several baselines or as the current scan of
-one pair and the previous scan of another, moves it by the sum over these pairs.  So the effects of
-one target are added up first and squared afterwards.
-
-Errors that targets share are sums of these influences: an azimuth bias b of a sensor moves the
-estimate by b times the sum of ``azimuth`` over the targets of its scans, a Doppler scale error s by
-s times the sum of ``doppler`` times the Doppler velocities.
+measured value z.  A scan that is in several pairs moves it by the sum over these pairs.  So the
+effects of one target are added up first and squared afterwards.  Errors that targets share are sums
+of these influences.
 """
 
 from collections.abc import Iterable, Sequence
@@ -76,10 +72,8 @@ def propagate_ego_motion(
     -----
     A shared azimuth error correlates the errors of the sensor's transverse velocity and of omega.
     This matters if the Doppler error caused by the azimuth, ``sigma_azimuth |dV / d azimuth|``, is
-    not small compared with sigma_doppler.  Half of omega's error comes from the previous scan,
-    which shares nothing, so the effect is bounded at any speed.  It changes the shape of the
-    covariance more than its size: it hardly affects the average NEES, but it does affect the
-    noncredibility index.
+    not small compared with sigma_doppler; it changes the shape of the covariance more than its
+    size.
     """
     check_instance("estimate", estimate, Estimate)
     if np.shape(estimate.theta) != (3,):

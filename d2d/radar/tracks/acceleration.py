@@ -18,10 +18,6 @@ once a log is complete, from all others.  Its error is then independent of e, an
 after the carry is that of e plus D A D' with the covariance A of the acceleration.  Velocities that
 the filter itself gives would be smoother, but each would contain the errors of many rounds, and a
 vehicle that drives evenly would have far smaller errors than stated.
-
-For a vehicle that never accelerates, the ANEES of the first, an inner and the last estimate of one
-radar is 0.9 to 1.1 at 4 to 20 Hz, causal or smooth.  At 1 Hz it is 0.9 to 1.1 for the inner and the
-last one, and 0.7 to 0.8 for the first: until much has been seen, it might have done more.
 """
 
 from typing import NamedTuple

@@ -8,9 +8,7 @@ from d2d import rigid
 from d2d._types import Array
 
 # s, over which errors that all targets share stay about the same: those of v_x on a RadarScenes
-# drive correlate by 0.54 after 7.5 s.  With it, the mean NEES of displacements, over 3, is 0.4 to
-# 2.9 on two RadarScenes drives over 1 to 30 s and 0.06 to 1.9 on five nuScenes scenes over 1 to
-# 10 s, where independent errors would give 5 to 63.
+# drive correlate by 0.54 after 7.5 s
 PERSISTENCE = 15.0
 _GAP, _CYCLES = 1.0, 2.5  # s, and usual intervals, without an accepted estimate: a gap
 

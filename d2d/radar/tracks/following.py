@@ -76,7 +76,7 @@ class Follower:
     last: State | None = None
     acceleration: AccelerationFilter = field(default_factory=AccelerationFilter)
     steps: list[tuple[FilterInput, Step]] | None = None  # of the accepted rounds, for a smoother
-    lateness: Lateness | None = None  # which learns from the accepted rounds
+    lateness: Lateness = field(default_factory=lambda: Lateness({}))  # learns from accepted rounds
 
     def follow(self, current: Round) -> VelocityEstimate:
         """The velocity at the time of a round."""
@@ -105,7 +105,7 @@ class Follower:
         if reason:
             return self._held(current, reason, *seen)
         self.last, self.velocity = state, estimate.theta
-        if self.lateness is not None and self.model.doppler:
+        if self.model.doppler:
             self.lateness.add(current.time, theta, pairs)
         if raw is not None and by is not None:
             step = self.acceleration.update(current.time, raw.velocity, raw.delay, raw.white, by)

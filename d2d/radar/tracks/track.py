@@ -250,24 +250,11 @@ class Track(Frozen):
 
         Lines that begin with # are the header, which ends with the columns' names and units, and
         the end.  All others hold numbers, with all their digits and a space between them;
-        ``numpy.loadtxt`` reads them too:
-
-        ========== ================================================ =====================
-        number     what                                             unit
-        ========== ================================================ =====================
-        1          time of the estimate                             s
-        2          interval, the time since the scan before         s
-        3, 4, 5    v_x, v_y, omega                                  m/s, m/s, rad/s
-        6          1 if the estimate was accepted, otherwise 0
-        7, 8, 9    (co)variances of v_x with v_x, v_y, omega        m^2/s^2, m rad/s^2
-        10, 11     (co)variances of v_y with v_y, omega             m^2/s^2, m rad/s^2
-        12         variance of omega                                rad^2/s^2
-        13 to 30   the same six of each of the ``parts``, if known   as 7 to 12
-        ========== ================================================ =====================
-
-        The parts are noise, dependence and systematic; the header says how long each stays.
-        Where an estimate was not accepted, the (co)variances are ``nan`` and the velocity is the
-        last one that was.  The path is as for `save`.
+        ``numpy.loadtxt`` reads them too.  They are the time and interval (s), v_x, v_y, omega (m/s,
+        m/s, rad/s), 1 if the estimate was accepted or else 0, and the upper triangle of the
+        covariance, row by row; then, if known, that of each of the ``parts``: noise, dependence and
+        systematic.  Where an estimate was not accepted, the (co)variances are ``nan`` and the
+        velocity is the last one that was.  The path is as for `save`.
         """
         write_velocity_table(check_path("path", path), vars(self))
 

@@ -85,8 +85,7 @@ def fit_budget(
     simplest model of this adds the same three variances to every covariance, whatever the number of
     targets and sensors: that is fitted by default.  With ``effects`` it is the standard deviations
     of causes, such as an azimuth bias, each of which changes every estimate in its own way.
-
-    Neither holds where few targets are left, `benchmarks/protocol.py` says by how much.
+    Neither holds where few targets are left.
 
     Raises a ``ValueError`` that names the argument unless shapes match, there are more errors than
     numbers, all is finite, the covariances are symmetric and positive definite, and each effect has
