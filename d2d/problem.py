@@ -308,10 +308,9 @@ class Problem:
     def widening_slopes(self, bound: Bound) -> Array:
         """Derivatives (..., K) of each log q_k in a variance added to all targets, of either set.
 
-        With variances v added along each axis, S = S_0 + 2 v I for every pair of targets.  By the
-        heat equation dN / dS = N_dd / 2, so that dN / dv is the Laplacian of N in the translation:
-        the slope is the inlier component's share times the Laplacian of the density of the position
-        over itself.  The factor of the measurement does not depend on v.
+        With variances v added along each axis, S = S_0 + 2 v I for every pair of targets: by the
+        heat equation, the slope is the inlier component's share times the Laplacian of the density
+        of the position over itself.  The factor of the measurement does not depend on v.
         """
         outlier, pairs = self.form.outlier.copy(), bound.batch.pairs.copy()
         outlier[layout.KIND] = layout.NO_OUTLIER

@@ -241,8 +241,11 @@ def apply_budget(
                 add_dependence(each.position, covariances, means, order, length, memory, dependence)
         shared[0] = turned.sum(axis=0)
         share = -pair.interval * _of_displacement(now, turned[1])
-        twist, mean = pair.interval * estimate.theta, _mean_over(estimate.theta, pair.interval)
-        delayed += share @ following(twist) @ ((given.middle - time) * np.eye(3) + mean)
+        # [theta, a] of a constant acceleration a moves a vehicle that turns (Magnus 1954): by
+        # exp(tau (theta + tau^2 / 12 [theta, a])), with theta in the middle of the interval
+        mean = pair.interval**2 / 12.0 * bracket(estimate.theta)
+        late = (given.middle - time) * np.eye(3) + mean
+        delayed += share @ following(pair.interval * estimate.theta) @ late
         led -= (given.middle - common) * share @ following(pair.interval * near)
         if pair.measurement is not None:
             add_shared(now.doppler, now.prediction, now.scan.doppler, shared)
@@ -263,15 +266,6 @@ def apply_budget(
     parts = CovarianceParts(*propagated(estimate.covariance, gradients))
     parts = parts._replace(systematic=parts.systematic + budget.constant)
     return Budgeted(parts, gain @ slow.T, gain @ delayed, gain @ led)
-
-
-def _mean_over(theta: Array, interval: float) -> Array:
-    """By how much (3, 3), in s, a mean velocity differs from that in the middle of an interval.
-
-    Times the acceleration of a vehicle that turns: with [., .] the bracket of SE(2), a constant
-    acceleration a moves it by exp(tau (theta + tau^2 / 12 [theta, a])) (Magnus 1954).
-    """
-    return interval**2 / 12.0 * bracket(theta)
 
 
 def _of_displacement(now: Influence, turned: Array) -> Array:

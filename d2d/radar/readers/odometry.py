@@ -7,7 +7,6 @@ import numpy as np
 
 from d2d._bounds import FINITE
 from d2d._checks import check_path
-from d2d._types import Array
 from d2d.radar.readers.csv_log import decoded, number, read_table
 from d2d.radar.readers.shared import yaw_of
 from d2d.radar.scans.reference import Reference
@@ -74,12 +73,8 @@ def _poses(source: Path, text: str) -> Reference:
         except ValueError as error:
             raise ValueError(f"{source}, line {line}: {error}") from None
     time, *place, _, x, y, z, w = np.array(rows).T
-    return _moving(time, np.column_stack([*place, yaw_of(w, x, y, z)]))
-
-
-def _moving(time: Array, poses: Array) -> Reference:
-    """The reference at those of its times at which the poses show velocities."""
+    poses = np.column_stack([*place, yaw_of(w, x, y, z)])
     reach = max(_REACH, _INTERVALS * float(np.median(np.diff(time)))) if len(time) > 1 else _REACH
     found = Reference.from_poses(time, poses, time, half_width=reach)
-    known = np.isfinite(found.theta).all(axis=1)
+    known = np.isfinite(found.theta).all(axis=1)  # where the poses show velocities
     return Reference(time[known], found.theta[known], found.poses[known])

@@ -65,7 +65,12 @@ class Intake:
 
         Raises a ValueError if it is not the next one.
         """
-        return [self._checked(sensor, each) for each in self._timed(sensor, scan)]
+        used = []
+        for each in self._timed(sensor, scan):
+            self._look_for_repetition(sensor, each)
+            self._latest[sensor] = each
+            used.append(self._without_twins(sensor, each))
+        return used
 
     def waits(self, span: float) -> bool:
         """Whether scans that cover this time in s are to wait for the next one of a sensor.
@@ -107,7 +112,8 @@ class Intake:
                 f"{self._names[sensor]} must be in strictly increasing time, but a scan is at "
                 f"{scan.time:.6f} s after {scan.time if twice else latest - offset:.6f} s"
             )
-        goes_on = latest is None or latest < time <= latest + self._reach(sensor)
+        reach = self._gap(sensor) if intervals else math.inf  # while there is only one scan
+        goes_on = latest is None or latest < time <= latest + reach
         if held is not None and (goes_on or scan.time < held.scans[-1].time):
             self._tell_stamp(sensor, held)
             held = None
@@ -179,10 +185,6 @@ class Intake:
         """The usual time between two scans of a sensor, in s; zero while there is only one."""
         return median(self._intervals[sensor] or [0.0])
 
-    def _reach(self, sensor: int) -> float:
-        """How long after a scan the next one may come, in s; any time while there is only one."""
-        return self._gap(sensor) if self._intervals[sensor] else math.inf
-
     def _gap(self, sensor: int) -> float:
         """A time in s over which no pair of scans reaches."""
         return max(_FRESH * self._cycle(sensor), _JUMP)
@@ -225,12 +227,6 @@ class Intake:
             f"{name} has one scan at {stamp:.3f} s, {abs(held.jump):.3f} s {what}, which is left "
             "out; is its time stamp wrong?",
         )
-
-    def _checked(self, sensor: int, scan: RadarScan) -> RadarScan:
-        """A scan without targets that are there twice; says if it repeats the one before."""
-        self._look_for_repetition(sensor, scan)
-        self._latest[sensor] = scan
-        return self._without_twins(sensor, scan)
 
     def _look_for_repetition(self, sensor: int, scan: RadarScan) -> None:
         name, before = self._names[sensor], self._latest.get(sensor)

@@ -74,14 +74,11 @@ def track(
     others, there are fewer than two rounds, ``horizon`` is given beside ``baseline``, or another
     argument is invalid.
 
-    Warns if a clock jumps (back by more than 1 s, or ahead by more than ``max_interval``), a single
-    time stamp does, so that its scan is left out, a sensor pauses for five of its cycles while
+    Warns if a clock or a single time stamp jumps, a sensor pauses for five of its cycles while
     others go on, targets are there twice, a sensor repeats its scan, the times of a sensor hardly
-    overlap with those of the others, or its Doppler velocities are theirs of another time.
-
-    Warns if in most intervals the positions alone fit another velocity clearly better than the one
-    that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower (km/h),
-    or a faster one (velocities already compensated for the ego-motion).
+    overlap with those of the others, or its Doppler velocities are theirs of another time; and if
+    in most intervals the positions alone fit another velocity clearly better than the Doppler
+    velocities do: a wrong sign, km/h, or velocities compensated for the ego-motion.
 
     Parameters
     ----------

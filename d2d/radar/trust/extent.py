@@ -163,10 +163,7 @@ def _profile(pairs: Sequence[_Started], extent: float) -> Array:
 def widened(problem: Problem, extent: float) -> Problem:
     """The problem with the variance extent^2 added along each axis to all targets of both sets."""
     pairs = [
-        pair._replace(
-            fixed=pair.fixed.widened(np.full(pair.fixed.size, extent)),
-            moving=pair.moving.widened(np.full(pair.moving.size, extent)),
-        )
+        pair._replace(fixed=pair.fixed.widened(extent), moving=pair.moving.widened(extent))
         for pair in problem.pairs
     ]
     return replace(problem, pairs=pairs)
