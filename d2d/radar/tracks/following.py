@@ -83,9 +83,7 @@ class Follower:
         pairs = current.pairs
         if not pairs:
             return self._held(current, current.reason)
-        by = None if self.budget is None else self.acceleration.predict(current.time)
-        if self.budget is not None and by is None:  # nothing is known yet of the acceleration
-            by = doppler_acceleration(pairs if self.model.doppler else (), UNKNOWN)
+        by = None if self.budget is None else self._acceleration(current)
         near = np.zeros(3) if self.velocity is None else self.velocity
         problem = problem_of(pairs, self.model, None if by is None else by.value, near)
         estimate = self._estimate(problem, _views(pairs, by))
@@ -127,6 +125,13 @@ class Follower:
         if (constant := np.sqrt(self.budget.constant)).any():
             slow = np.column_stack([slow, constant])
         return FilterInput(velocity, found.parts, found.delay, slow, self.budget.lag)
+
+    def _acceleration(self, current: Round) -> Acceleration:
+        """The acceleration before a round: of the estimates before, or at first by Doppler."""
+        known = self.acceleration.predict(current.time)
+        if known is None:
+            known = doppler_acceleration(current.pairs if self.model.doppler else (), UNKNOWN)
+        return known
 
     def _held(
         self, current: Round, reason: str, targets: int = 0, inliers: float = np.nan
