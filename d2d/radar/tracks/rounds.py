@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from statistics import median
 from typing import Any, NamedTuple, Protocol
@@ -217,24 +217,39 @@ class Rounds:
         self.open: dict[int, RadarScan] = {}  # the scans of the round that has not ended
         self._start = math.nan  # time of the open round's first scan
         self.last = math.nan  # s, time of the last round
+        self.late: list[tuple[int, RadarScan, float]] = []  # scans left out, with that time
+
+    def take(self, scans: Sequence[Sequence[RadarScan]]) -> list[Round]:
+        """The rounds that the next scans of each sensor end, in the order of their times.
+
+        Of equal times, those of sensors that the open round already holds come first: they end it,
+        so that scans of the same time stay together whichever sensor is named first.
+        """
+        order = sorted(
+            (scan.time, s, i) for s, own in enumerate(scans) for i, scan in enumerate(own)
+        )
+        ended = []
+        for _, entries in groupby(order, key=lambda entry: entry[0]):
+            for _, s, i in sorted(entries, key=lambda entry: entry[1] not in self.open):
+                ended += self.add(s, scans[s][i])
+        return ended
 
     def add(self, sensor: int, scan: RadarScan) -> list[Round]:
         """The rounds that a sensor's next scan ends: often none, seldom two."""
-        ended = self.ended_by(sensor, scan.time)
+        ended = []
+        if self.open:
+            cycle = min(self._histories[known].cycle for known in self.open)
+            if sensor in self.open or abs(scan.time - self._start) > _ROUND * cycle:
+                ended = self.finish()
+        if scan.time <= self.last:
+            self.late.append((sensor, scan, self.last))
+            return ended
         if not self.open:
             self._start = scan.time
         self.open[sensor] = scan
         if len(self.open) == len(self._histories):
             ended += self.finish()
         return ended
-
-    def ended_by(self, sensor: int, time: float) -> list[Round]:
-        """The open round, if a sensor's next scan at this time is not part of it."""
-        if not self.open:
-            return []
-        cycle = min(self._histories[known].cycle for known in self.open)
-        over = abs(time - self._start) > _ROUND * cycle
-        return self.finish() if over or sensor in self.open else []
 
     def finish(self) -> list[Round]:
         """The open round, if there is one, and not the first: that has nothing to pair with."""
@@ -316,27 +331,9 @@ class _History:
                 scans.popleft()
 
 
-def in_time_order(
-    scans: Sequence[Sequence[RadarScan]], rounds: Rounds
-) -> Iterator[tuple[int, RadarScan]]:
-    """Each sensor and scan in the order in which a vehicle gets them, for ``rounds`` to take.
-
-    Of equal times, those of sensors that the open round already holds come first: they end it, so
-    that scans of the same time stay together whichever sensor is named first.
-    """
-    order = sorted((scan.time, s, i) for s, own in enumerate(scans) for i, scan in enumerate(own))
-    for _, entries in groupby(order, key=lambda entry: entry[0]):
-        together = list(entries)
-        together.sort(key=lambda entry: entry[1] not in rounds.open)
-        yield from ((s, scans[s][i]) for _, s, i in together)
-
-
 def rounds_of(
     sensors: Sequence[SensorScans], baseline: int = 1, horizon: float | None = None
 ) -> list[Round]:
     """All rounds of a whole log but the first, as `Rounds` gives them one by one."""
     rounds = Rounds([mounting for _, mounting in sensors], baseline, horizon)
-    found = []
-    for sensor, scan in in_time_order([scans for scans, _ in sensors], rounds):
-        found += rounds.add(sensor, scan)
-    return found + rounds.finish()
+    return rounds.take([scans for scans, _ in sensors]) + rounds.finish()

@@ -30,7 +30,6 @@ from d2d.radar.tracks.rounds import (
     check_distinct,
     check_mountings,
     check_overlap,
-    in_time_order,
     rounds_of,
 )
 from d2d.radar.tracks.track import Track
@@ -252,13 +251,9 @@ class Tracker:
     def _in_order(self) -> list[VelocityEstimate]:
         """The estimates that the scans which were waiting complete."""
         waiting, self._waiting = self._waiting, [[] for _ in self._waiting]
-        rounds = []
-        for number, scan in in_time_order(waiting, self._rounds):
-            rounds += self._rounds.ended_by(number, scan.time)
-            if scan.time <= self._rounds.last:
-                self._intake.leave_out(number, scan, self._rounds.last)
-            else:
-                rounds += self._rounds.add(number, scan)
+        rounds = self._rounds.take(waiting)
+        while self._rounds.late:
+            self._intake.leave_out(*self._rounds.late.pop(0))
         return self._followed(rounds)
 
     def _followed(self, rounds: Iterable[Round]) -> list[VelocityEstimate]:
