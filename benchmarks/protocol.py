@@ -72,7 +72,7 @@ from benchmarks.covariances import (
 from benchmarks.report import table
 from benchmarks.run import in_one_thread
 from d2d import block_bootstrap, log_score
-from d2d.problem import Problem
+from d2d.problem import Estimate, Problem
 from d2d.radar import Comparison, ErrorBudget, RadarScan, Recording, VehicleLimits
 from d2d.radar.motion.covariance import apply_budget
 from d2d.radar.motion.doppler import Acceleration
@@ -81,7 +81,6 @@ from d2d.radar.readers.nuscenes import NUSCENES_BUDGET
 from d2d.radar.readers.radarscenes import RADARSCENES_BUDGET
 from d2d.radar.tracks.following import Follower
 from d2d.radar.tracks.rounds import Round, rounds_of
-from d2d.registration import Estimate
 from d2d.study.book.grammar import BLACK, GREY, PURPLE, SKY
 from d2d.study.book.style import letter_panels, use_style
 from d2d.study.recordings.road import scenes, sequences

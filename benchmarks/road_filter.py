@@ -31,7 +31,6 @@ from benchmarks.run import in_one_thread
 from d2d.radar import ErrorBudget, Tracker, VelocityEstimate
 from d2d.radar.tracks.acceleration import JERK, UNKNOWN
 from d2d.radar.tracks.displacement import PERSISTENCE
-from d2d.radar.tracks.rounds import Rounds, in_time_order
 from d2d.scores import normalised_squares
 from d2d.study.drives.fusion import GATE, REGION, SETTLED, Filter, Motion, slow_errors, take
 from d2d.study.recordings.road import scenes, sequences
@@ -74,9 +73,9 @@ def estimates(drive: Drive, budget: ErrorBudget | None) -> list[VelocityEstimate
     """What a tracker gives for all scans of a drive in time order."""
     mountings = {str(s): own.mounting for s, own in enumerate(drive.recordings)}
     tracker = Tracker(mountings, horizon=HORIZON, budget=budget)
-    scans = [list(own.scans) for own in drive.recordings]
-    order = in_time_order(scans, Rounds(list(mountings.values())))
-    found = [each for s, scan in order for each in tracker.add(str(s), scan)]
+    scans = [(str(s), scan) for s, own in enumerate(drive.recordings) for scan in own.scans]
+    scans.sort(key=lambda entry: entry[1].time)
+    found = [each for entry in scans for each in tracker.add(*entry)]
     return found + tracker.finish()
 
 

@@ -10,7 +10,8 @@ from d2d.covariance import fisher_covariance, propagate_covariance
 from d2d.credibility import Credibility, credibility
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-from d2d.registration import ANNEALED, Estimate, multi_start, register, start_grid
+from d2d.problem import Estimate
+from d2d.registration import ANNEALED, multi_start, register, start_grid
 from d2d.sandwich import sandwich_covariance
 from d2d.scores import Whitened, coverage, crps, log_score, whiten
 

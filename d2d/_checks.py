@@ -14,8 +14,8 @@ from d2d._types import Array
 
 T = TypeVar("T")
 
-# Float64 copies of arrays, and numbers, as they are checked most often.
-check_finite, check_scalar = FINITE.array, FINITE.number
+# A float64 copy of an array, and numbers, as they are checked most often.
+check_scalar = FINITE.number
 check_positive, check_positive_scalar = POSITIVE.array, POSITIVE.number
 check_fraction = Bounds(least=0.0, most=1.0).number
 
@@ -104,6 +104,16 @@ def check_tail(confidence: float) -> float:
     return tail
 
 
+def check_finite(
+    name: str, value: ArrayLike, *shapes: str, like: str = "", empty: bool = True
+) -> Array:
+    """A float64 copy of finite numbers, of one of the shapes if any are given: `check_shape`."""
+    array = FINITE.array(name, value)
+    if shapes:
+        check_shape(name, array, *shapes, like=like, empty=empty)
+    return array
+
+
 def check_shape(
     name: str, array: NDArray[Any], *shapes: str, like: str = "", empty: bool = True
 ) -> None:
@@ -133,8 +143,7 @@ def _has_shape(shape: tuple[int, ...], wanted: str) -> bool:
 
 def check_covariances(name: str, value: ArrayLike) -> Array:
     """Finite, symmetric, positive definite matrices (..., D, D) with D = 1, 2 or more."""
-    array = check_finite(name, value)
-    check_shape(name, array, "(..., D, D)")
+    array = check_finite(name, value, "(..., D, D)")
     symmetrise(name, array)
     if not is_positive_definite(array):
         raise ValueError(f"{name} must be positive definite")

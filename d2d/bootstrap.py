@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_count, check_finite, check_instance, check_shape, check_tail
+from d2d._checks import check_count, check_finite, check_instance, check_tail
 from d2d._types import Array
 
 _DRAWN = 500_000  # values of an array that are drawn at a time, which limits the memory
@@ -134,8 +134,7 @@ def block_length(series: ArrayLike) -> int:
 
     A first-order autoregression with coefficient a has G / S = 2 a / (1 - a^2).
     """
-    values = check_finite("series", series)
-    check_shape("series", values, "(N,)", "(N, n)", empty=False)
+    values = check_finite("series", series, "(N,)", "(N, n)", empty=False)
     rows = len(values)
     longest = max(1, min(math.ceil(3.0 * math.sqrt(rows)), rows // 3))
     lengths = [_block_length(column) for column in values.reshape(rows, -1).T]

@@ -22,8 +22,7 @@ from d2d.cost import RegistrationCost
 from d2d.frame import Frame, is_far
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-from d2d.problem import Bound, CrossDerivatives, Problem, flat_index
-from d2d.registration import Estimate
+from d2d.problem import Bound, CrossDerivatives, Estimate, Problem, flat_index
 
 _SAME = 1e-6  # relative; only rounding makes a cost differ from itself
 _TARGETS_AT_ONCE = 50_000  # of both sets: about 20 MB of intermediate arrays
@@ -94,13 +93,10 @@ def propagate_covariance(
     Unlike the inverse Hessian, this does not assume that f is a negative log-likelihood: it holds
     for any cost with an optimum, and does not change when f is multiplied by a constant.
 
-    For targets measured in polar coordinates, the covariances J Sigma J' of `PointSet.from_polar`
-    give, to first order, the same result as propagation from range and azimuth.  The covariances
-    are taken as known, although those of polar measurements depend on the measured point; the
-    book's appendix C measures the effect of this and that of the first-order approximation itself.
-
-    The estimate itself treats positions and measurement as independent (thesis eq. 7.14), and so
-    does the inverse Hessian, with or without ``position_slope``.
+    The covariances are taken as known, although those of polar measurements depend on the measured
+    point; the book's appendix C measures the effect of this and that of the first order.  The
+    estimate itself treats positions and measurement as independent (thesis eq. 7.14), and so does
+    the inverse Hessian, with or without ``position_slope``.
     """
     cost = RegistrationCost() if cost is None else cost
     check_instance("cost", cost, RegistrationCost)
@@ -230,9 +226,8 @@ def _checked_slope(
     """``position_slope`` (..., K, D), checked to be possible with the targets' covariances."""
     if measurement is None:
         raise ValueError("position_slope needs a measurement")
-    array = check_finite("position_slope", slope)
-    wanted = f"(..., {moving.size}, {moving.dimension})"
-    check_shape("position_slope", array, wanted, like="moving")
+    shape_of_targets = f"(..., {moving.size}, {moving.dimension})"
+    array = check_finite("position_slope", slope, shape_of_targets, like="moving")
     if broadcast_batches("position_slope and the batch", array.shape[:-2], shape) != shape:
         raise ValueError(
             f"position_slope has the batch axes {array.shape[:-2]}, which do not fit the other "

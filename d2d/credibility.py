@@ -57,8 +57,7 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     Notes
     -----
     The NEES and its region follow Bar-Shalom, Li & Kirubarajan (2001), NCI and I^2 Li & Zhao
-    (2006).  The thesis (sec. 6.2) prints Sigma instead of Sigma^-1 in the NEES, and the quantiles
-    of a 90 % region.
+    (2006); the thesis (sec. 6.2) prints Sigma instead of Sigma^-1 in the NEES.
 
     Examples
     --------

@@ -76,8 +76,12 @@ class PointSet(Frozen):
             )
         ):
             check_finite("means", means)
-            covariances = _checked_covariances(covariances, count, dimension)
-            _check_weights(given, count)
+            covariances = _VARIANCE.array("covariances", covariances)
+            covariances = check_covariances("covariances", covariances)
+            shape = f"(..., {count}, {dimension}, {dimension})"
+            check_shape("covariances", covariances, shape, like="means", empty=False)
+            _WEIGHT.array("weights", given)
+            check_shape("weights", given, f"(..., {count})", like="means", empty=False)
         self._fill(means, covariances, given)
 
     def _fill(self, means: Array, covariances: Array, weights: Array) -> None:
@@ -211,8 +215,7 @@ class PointSet(Frozen):
 
     def shifted(self, translation: ArrayLike) -> "PointSet":
         """The sets moved by translations (..., D)."""
-        step = check_finite("translation", translation)
-        check_shape("translation", step, f"(..., {self.dimension})")
+        step = check_finite("translation", translation, f"(..., {self.dimension})")
         return PointSet._of(self.means + step[..., None, :], self.covariances, self.weights)
 
     def inflated(self, scale: float) -> "PointSet":
@@ -222,9 +225,9 @@ class PointSet(Frozen):
         inflated.__dict__["_fields"] = self._fields  # which do not depend on the covariances
         return inflated
 
-    def widened(self, sigma: Array) -> "PointSet":
-        """The set with the variances ``sigma`` (N,) squared added along each axis."""
-        added = sigma[:, None, None] ** 2 * np.eye(self.dimension)
+    def widened(self, sigma: float) -> "PointSet":
+        """The set with the variance ``sigma`` squared added along each axis of all targets."""
+        added = sigma * sigma * np.eye(self.dimension)
         return PointSet._of(self.means, self.covariances + added, self.weights)
 
     @cached_property
@@ -271,16 +274,3 @@ class PointSet(Frozen):
     def _any_far(self) -> bool:
         """Whether one of the sets is far from the origin."""
         return bool(self._layout.far.any())
-
-
-def _checked_covariances(covariances: Array, count: int, dimension: int) -> Array:
-    """Covariances of that many targets, made exactly symmetric."""
-    checked = check_covariances("covariances", _VARIANCE.array("covariances", covariances))
-    shape = f"(..., {count}, {dimension}, {dimension})"
-    check_shape("covariances", checked, shape, like="means", empty=False)
-    return checked
-
-
-def _check_weights(weights: Array, count: int) -> None:
-    _WEIGHT.array("weights", weights)
-    check_shape("weights", weights, f"(..., {count})", like="means", empty=False)

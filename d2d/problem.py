@@ -66,16 +66,37 @@ class Bound(NamedTuple):
         return self.batch._replace(first=self.batch.first[first : last + 1])
 
 
-class Minima(NamedTuple):
-    """The optimum of each bound problem; covariances are nan where not converged."""
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The optimum of a registration cost, or a batch of optima.
 
-    value: Array  # (B,)
-    gradient: Array  # (B, 3)
-    hessian: Array  # (B, 3, 3)
-    covariance: Array  # (B, 3, 3)
-    converged: NDArray[np.bool_]  # (B,)
-    iterations: NDArray[np.int64]  # (B,)
-    inliers: Array  # (B,) mean share of the inlier component
+    Attributes
+    ----------
+    theta : (..., P) array
+        Motion parameters: [t_x] or [t_x, t_y, phi_z] in m, m, rad.
+    covariance : (..., P, P) array
+        Inverse Hessian; nan where not ``converged``.
+    value, gradient, hessian : (...), (..., P), (..., P, P) arrays
+        The cost and its derivatives at ``theta``.
+    converged : (...) array of bool
+        Whether ``theta`` is a local optimum, where the Hessian is positive definite and the Newton
+        step vanishes.  It may be the wrong optimum; see `register`.
+    iterations : (...) array of int
+        Number of Newton steps tried, over all scales.
+    inliers : (...) array
+        Mean inlier probability of the moving targets at ``theta``, see
+        `RegistrationCost.inlier_probabilities`; 1 without an outlier model, nan where unknown.  A
+        low one reveals a wrong optimum.
+    """
+
+    theta: Array
+    covariance: Array
+    value: Array
+    gradient: Array
+    hessian: Array
+    converged: NDArray[np.bool_]
+    iterations: NDArray[np.int64]
+    inliers: Array = field(default_factory=lambda: np.array(np.nan))
 
 
 class CrossDerivatives(NamedTuple):
@@ -209,22 +230,19 @@ class Problem:
         )
 
     def minimise(
-        self, bound: Bound, max_iterations: int = MAX_ITERATIONS, threads: int = 1
-    ) -> Minima:
+        self, bound: Bound, threads: int = 1, max_iterations: int = MAX_ITERATIONS
+    ) -> Estimate:
         """The optimum of each bound problem near its parameters, which become the optimum's."""
-        thetas, count = bound.thetas, len(bound.thetas)
-        found = Minima(
-            np.empty(count),
-            np.empty((count, 3)),
-            np.empty((count, 3, 3)),
-            np.empty((count, 3, 3)),
-            np.empty(count, dtype=np.bool_),
-            np.empty(count, dtype=np.int64),
-            np.empty(count),
-        )
+        thetas, count, p, shape = bound.thetas, len(bound.thetas), self.parameters, bound.shape
+        value, inliers = np.empty((2, count))
+        gradient, hessian = np.empty((count, 3)), np.empty((count, 3, 3))
+        covariance = np.empty((count, 3, 3))
+        converged, iterations = np.empty(count, np.bool_), np.empty(count, np.int64)
+        found = (value, gradient, hessian, covariance, converged, iterations, inliers)
 
         def run(first: int, last: int) -> None:
-            part, begin, own = bound.batch, thetas, tuple(found)
+            part, begin = bound.batch, thetas
+            own: tuple[NDArray[Any], ...] = found
             if last - first < count:
                 part, begin = bound.part(first, last), thetas[first:last]
                 own = tuple(array[first:last] for array in found)
@@ -233,17 +251,22 @@ class Problem:
 
         run_in_slices(run, count, self.size, threads)
         if self.form.outlier[layout.KIND] == layout.NO_OUTLIER:
-            found.inliers[:] = 1.0
-        return found
+            inliers[:] = 1.0
+        return Estimate(
+            theta=thetas[:, :p].reshape(*shape, p),
+            covariance=covariance[:, :p, :p].reshape(*shape, p, p),
+            value=value.reshape(shape),
+            gradient=gradient[:, :p].reshape(*shape, p),
+            hessian=hessian[:, :p, :p].reshape(*shape, p, p),
+            converged=converged.reshape(shape),
+            iterations=iterations.reshape(shape),
+            inliers=inliers.reshape(shape),
+        )
 
     def derivatives(self, bound: Bound) -> tuple[Array, Array, Array]:
         """Value (...), gradient (..., P) and Hessian (..., P, P) of each bound problem."""
-        found, p, shape = self.minimise(bound, max_iterations=0), self.parameters, bound.shape
-        return (
-            found.value.reshape(shape),
-            found.gradient[:, :p].reshape(*shape, p),
-            found.hessian[:, :p, :p].reshape(*shape, p, p),
-        )
+        found = self.minimise(bound, max_iterations=0)
+        return found.value, found.gradient, found.hessian
 
     def cross_derivatives(self, bound: Bound, begin: int, end: int) -> CrossDerivatives:
         """Derivatives of the gradients of some bound problems in all that is measured.
@@ -285,10 +308,9 @@ class Problem:
     def widening_slopes(self, bound: Bound) -> Array:
         """Derivatives (..., K) of each log q_k in a variance added to all targets, of either set.
 
-        With variances v added along each axis, S = S_0 + 2 v I for every pair of targets.  By the
-        heat equation dN / dS = N_dd / 2, so that dN / dv is the Laplacian of N in the translation:
-        the slope is the inlier component's share times the Laplacian of the density of the position
-        over itself.  The factor of the measurement does not depend on v.
+        With variances v added along each axis, S = S_0 + 2 v I for every pair of targets: by the
+        heat equation, the slope is the inlier component's share times the Laplacian of the density
+        of the position over itself.  The factor of the measurement does not depend on v.
         """
         outlier, pairs = self.form.outlier.copy(), bound.batch.pairs.copy()
         outlier[layout.KIND] = layout.NO_OUTLIER

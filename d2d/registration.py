@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from d2d import rigid
 from d2d._bounds import ANGLE
@@ -21,46 +21,13 @@ from d2d.cost import RegistrationCost
 from d2d.frame import Frame, is_far
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-from d2d.problem import Bound, Problem, check_pair
+from d2d.problem import Bound, Estimate, Problem, check_pair
 
 _MAX_STARTS = 10_000_000  # in a grid: 240 MB
 
 # Standard deviations are first inflated tenfold, then reduced in steps.  A start at zero then finds
 # the truth in nearly all of the study's scenes.
 ANNEALED = (10.0, 5.5, 3.2, 1.7, 1.0)
-
-
-@dataclass(frozen=True, eq=False)
-class Estimate:
-    """The optimum of a registration cost, or a batch of optima.
-
-    Attributes
-    ----------
-    theta : (..., P) array
-        Motion parameters: [t_x] or [t_x, t_y, phi_z] in m, m, rad.
-    covariance : (..., P, P) array
-        Inverse Hessian; nan where not ``converged``.
-    value, gradient, hessian : (...), (..., P), (..., P, P) arrays
-        The cost and its derivatives at ``theta``.
-    converged : (...) array of bool
-        Whether ``theta`` is a local optimum, where the Hessian is positive definite and the Newton
-        step vanishes.  It may be the wrong optimum; see `register`.
-    iterations : (...) array of int
-        Number of Newton steps tried, over all scales.
-    inliers : (...) array
-        Mean inlier probability of the moving targets at ``theta``, see
-        `RegistrationCost.inlier_probabilities`; 1 without an outlier model, nan where unknown.  A
-        low one reveals a wrong optimum.
-    """
-
-    theta: Array
-    covariance: Array
-    value: Array
-    gradient: Array
-    hessian: Array
-    converged: NDArray[np.bool_]
-    iterations: NDArray[np.int64]
-    inliers: Array = field(default_factory=lambda: np.array(np.nan))
 
 
 def register(
@@ -103,8 +70,7 @@ def register(
     -----
     ``converged`` means that ``theta`` is an optimum near the start, not that it is the right one: a
     cost has several.  If the start is far off, use ``scales=ANNEALED`` or `multi_start`, and if
-    targets may lack a counterpart, an outlier model.  Then check the
-    `RegistrationCost.inlier_probabilities` of the optimum: if nearly all are low, it is wrong.
+    targets may lack a counterpart, an outlier model; low ``inliers`` then reveal a wrong optimum.
 
     A set whose mean is a thousand times as far from the origin as its targets lie apart, as in map
     coordinates, is shifted to its mean for the computation, unless there is a measurement.  All
@@ -206,30 +172,14 @@ def anneal(
     """
     if len(scales) == 1:
         problem = problem.inflated(scales[0])
-        return minimise(problem, problem.bind(start, "initial"), threads)
+        return problem.minimise(problem.bind(start, "initial"), threads)
     theta, iterations = start, np.zeros((), dtype=np.int64)
     for scale in scales:
         inflated = problem.inflated(scale)
-        optimum = minimise(inflated, inflated.bind(theta, "initial"), threads)
+        optimum = inflated.minimise(inflated.bind(theta, "initial"), threads)
         theta, iterations = optimum.theta, np.asarray(iterations + optimum.iterations)
     optimum = replace(optimum, iterations=iterations)
     return _no_worse_than_start(optimum, inflated, inflated.bind(start, "initial"), threads)
-
-
-def minimise(problem: Problem, bound: Bound, threads: int = 1) -> Estimate:
-    """The optimum of each bound problem near its parameters."""
-    found = problem.minimise(bound, threads=threads)
-    p, shape = problem.parameters, bound.shape
-    return Estimate(
-        theta=bound.thetas[:, :p].reshape(*shape, p),
-        covariance=found.covariance[:, :p, :p].reshape(*shape, p, p),
-        value=found.value.reshape(shape),
-        gradient=found.gradient[:, :p].reshape(*shape, p),
-        hessian=found.hessian[:, :p, :p].reshape(*shape, p, p),
-        converged=found.converged.reshape(shape),
-        iterations=found.iterations.reshape(shape),
-        inliers=found.inliers.reshape(shape),
-    )
 
 
 def _outward(frame: Frame, inner: Estimate) -> Estimate:
@@ -264,7 +214,7 @@ def _no_worse_than_start(
     worse = optimum.value > problem.derivatives(bound)[0]
     if not worse.any():
         return optimum
-    direct = minimise(problem, bound, threads)
+    direct = problem.minimise(bound, threads)
     merged = {}
     for name, found in vars(direct).items():
         own = worse.reshape(worse.shape + (1,) * (found.ndim - worse.ndim))

@@ -16,15 +16,11 @@ PARAMETERS = {1: 1, 2: 3}  # number of parameters of a rigid motion, by dimensio
 
 def motion(name: str, theta: ArrayLike, dimension: int) -> Array:
     """The parameters (..., P) of a motion, checked to be finite and to match the dimension."""
-    array = check_finite(name, theta)
-    check_shape(name, array, f"(..., {PARAMETERS[dimension]})")
-    return array
+    return check_finite(name, theta, f"(..., {PARAMETERS[dimension]})")
 
 
 def _any_motion(name: str, theta: ArrayLike) -> Array:
-    array = check_finite(name, theta)
-    check_shape(name, array, "(..., 1)", "(..., 3)")
-    return array
+    return check_finite(name, theta, "(..., 1)", "(..., 3)")
 
 
 def rotation(angle: ArrayLike) -> Array:
@@ -36,8 +32,7 @@ def rotation(angle: ArrayLike) -> Array:
 
 def transform_means(theta: ArrayLike, means: ArrayLike) -> Array:
     """Move points (..., N, D) by theta (..., P): T(m) = R m + t (thesis eq. 7.2, t = v tau)."""
-    points = check_finite("means", means)
-    check_shape("means", points, "(..., N, 1)", "(..., N, 2)")
+    points = check_finite("means", means, "(..., N, 1)", "(..., N, 2)")
     parameters = motion("theta", theta, points.shape[-1])
     broadcast_batches("theta and means", parameters.shape[:-1], points.shape[:-2])
     if points.shape[-1] == 1:
@@ -48,8 +43,7 @@ def transform_means(theta: ArrayLike, means: ArrayLike) -> Array:
 
 def transform_covariances(theta: ArrayLike, covariances: ArrayLike) -> Array:
     """Rotate covariances (..., N, D, D) by theta (..., P): R Sigma R'."""
-    matrices = check_finite("covariances", covariances)
-    check_shape("covariances", matrices, "(..., N, 1, 1)", "(..., N, 2, 2)")
+    matrices = check_finite("covariances", covariances, "(..., N, 1, 1)", "(..., N, 2, 2)")
     parameters = motion("theta", theta, matrices.shape[-1])
     broadcast_batches("theta and covariances", parameters.shape[:-1], matrices.shape[:-3])
     if matrices.shape[-1] == 1:

@@ -1,9 +1,4 @@
-"""A second opinion on an estimate's covariance: from the scatter of the targets' scores.
-
-A target's score is the gradient of its part of the cost (Huber 1967, Godambe 1960).  At an optimum
-the scores add up to zero, and their scatter shows how uncertain the optimum is, whatever the
-reason: the covariances of the targets are not needed, and their errors may be correlated.
-"""
+"""A second opinion on an estimate's covariance: from the scatter of the targets' scores."""
 
 from typing import Any
 
@@ -19,8 +14,7 @@ from d2d.covariance import check_estimate, fisher_covariance, select
 from d2d.frame import Frame, is_far
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-from d2d.problem import Bound, Problem
-from d2d.registration import Estimate
+from d2d.problem import Bound, Estimate, Problem
 
 # A target whose neighbourhood holds nearly all the information about a direction cannot be left
 # out; the step is then taken to be at most ten times that of the first order.
@@ -63,14 +57,10 @@ def sandwich_covariance(
 
     Notes
     -----
-    Scores add up to zero at the optimum.  The scores of a few targets, or groups, therefore scatter
-    too little, and the shape of their scatter is random.  So each score is replaced by the shift of
-    the optimum when its group is left out (CR3, Bell & McCaffrey 2002), and the deviation from the
-    inverse Hessian is reduced by twice what chance explains (James & Stein 1961); a smaller
-    deviation is dropped.  `godambe` has the formulas.
-
-    Only errors that differ between targets, or groups, show in the scores.  What all targets share,
-    such as a bias of the sensor, does not.
+    Scores add up to zero at the optimum.  Those of a few targets, or groups, therefore scatter too
+    little, and the shape of their scatter is random: `godambe` says what is done about both.  Only
+    errors that differ between targets, or groups, show in the scores.  What all targets share, such
+    as a bias of the sensor, does not.
     """
     cost = RegistrationCost() if cost is None else cost
     check_instance("cost", cost, RegistrationCost)

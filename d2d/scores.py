@@ -160,8 +160,7 @@ def normalised_squares(errors: Array, covariances: Array) -> Array:
 
 def checked_errors(errors: ArrayLike, covariances: ArrayLike) -> tuple[Array, Array]:
     """Errors (N, n) and covariances (N, n, n), from those that a user gave."""
-    e = check_finite("errors", errors)
-    check_shape("errors", e, "(N, n)", empty=False)
+    e = check_finite("errors", errors, "(N, n)", empty=False)
     runs, n = e.shape
     sigma = check_covariances("covariances", covariances)
     check_shape("covariances", sigma, f"({runs}, {n}, {n})", f"({n}, {n})", like="errors")

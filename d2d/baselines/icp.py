@@ -164,6 +164,4 @@ def _line_step(fixed: Array, normals: Array, moved: Array) -> Array:
 
 def check_points(name: str, value: ArrayLike, dimensions: int | None = None) -> Array:
     """One or more finite points (..., N, 2); of one set only, if its array has two dimensions."""
-    array = check_finite(name, value)
-    check_shape(name, array, "(N, 2)" if dimensions == 2 else "(..., N, 2)", empty=False)
-    return array
+    return check_finite(name, value, "(N, 2)" if dimensions == 2 else "(..., N, 2)", empty=False)

@@ -16,7 +16,8 @@ from d2d.baselines.gaussian_fit import fit
 from d2d.baselines.icp import check_points
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.registration import Estimate, register
+from d2d.problem import Estimate
+from d2d.registration import register
 
 CELL_SIZE = 1.0  # m
 MIN_POINTS = 3  # needed for a covariance in the plane (Biber & Strasser 2003, sec. III)

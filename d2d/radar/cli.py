@@ -62,11 +62,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     written to the standard error.  Raises a ``SystemExit`` with status 2 if the arguments are
     wrong, with 0 after ``--help``.
     """
-    parser, of_track = _parsers()
-    arguments = parser.parse_args(argv)
-    if arguments.command == "track":
-        _check_options(of_track, arguments)
-    _check_budget(of_track, arguments)
+    arguments = _parser().parse_args(argv)
+    _check_options(arguments)
     try:
         with _warnings_told(arguments.found):
             arguments.run(arguments)
@@ -103,8 +100,7 @@ def _plain(text: object) -> str:
     return re.sub(r"sensors\['(.*?)'\]\.scans", r"\1", str(text))
 
 
-def _parsers() -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
-    """The parser of the program and that of its command ``track``."""
+def _parser() -> argparse.ArgumentParser:
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(PROGRAM, description=HELP, formatter_class=plain)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -120,7 +116,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
             formatter_class=plain,
             allow_abbrev=False,
         )
-        added.set_defaults(run=run, found=[])
+        added.set_defaults(run=run, found=[], error=added.error)
         return added
 
     about = "estimate a drive and write its path and velocities"
@@ -148,7 +144,7 @@ def _parsers() -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
     comparing.add_argument("--lag", metavar="S", type=float, default=0.0, help=about)
     example = command("example", "write a simulated log as a CSV file", _write_example)
     example.add_argument("file", metavar="FILE", help="the CSV file; an existing one is replaced")
-    return parser, of_track
+    return parser
 
 
 def _add_option(parser: Any, option: Option, **more: Any) -> None:
@@ -164,14 +160,12 @@ def _add_log_options(parser: argparse.ArgumentParser) -> None:
 def _add_sources(parser: argparse.ArgumentParser) -> None:
     which = parser.add_argument_group("what to read (one of them)")
     source = which.add_mutually_exclusive_group(required=True)
-    groups: dict[str, argparse._ArgumentGroup] = {}
     for reader in READERS.values():
         source.add_argument(f"--{reader.name}", metavar=reader.metavar, help=reader.about)
-    for reader in READERS.values():
-        if reader.heading not in groups:
-            groups[reader.heading] = parser.add_argument_group(reader.heading)
-        for option in reader.options:
-            _add_option(groups[reader.heading], option)
+    for heading, readers in itertools.groupby(READERS.values(), lambda reader: reader.heading):
+        group = parser.add_argument_group(heading)
+        for option in itertools.chain.from_iterable(reader.options for reader in readers):
+            _add_option(group, option)
 
 
 def _add_estimation(parser: argparse.ArgumentParser) -> Any:
@@ -217,24 +211,20 @@ def _flag(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def _check_options(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
+def _check_options(arguments: argparse.Namespace) -> None:
     """Leave with a message if an option is missing, or does not go with another."""
-    for reader in READERS.values():
-        chosen = getattr(arguments, reader.name) is not None
+    options, error = vars(arguments), arguments.error
+    for reader in READERS.values() if arguments.command == "track" else ():
+        chosen = options[reader.name] is not None
         for option in reader.options:
-            given = getattr(arguments, option.name) is not None
+            given = options[option.name] is not None
             if given and not chosen:
-                parser.error(f"{_flag(option.name)} belongs to --{reader.name}")
+                error(f"{_flag(option.name)} belongs to --{reader.name}")
             if chosen and option.needed and not given:
-                parser.error(
-                    f"--{reader.name} needs {_flag(option.name)}; see {PROGRAM} track --help"
-                )
-
-
-def _check_budget(parser: argparse.ArgumentParser, arguments: argparse.Namespace) -> None:
-    for name in BUDGET if getattr(arguments, "no_budget", False) else ():
-        if getattr(arguments, f"budget_{name}") is not None:
-            parser.error(f"--no-budget contradicts --budget-{name}: leave one of them out")
+                error(f"--{reader.name} needs {_flag(option.name)}; see {PROGRAM} track --help")
+    for name in BUDGET if options.get("no_budget") else ():
+        if options[f"budget_{name}"] is not None:
+            error(f"--no-budget contradicts --budget-{name}: leave one of them out")
 
 
 def _source(arguments: argparse.Namespace) -> Source:

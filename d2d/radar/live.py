@@ -9,12 +9,11 @@ import numpy as np
 
 from d2d._bounds import SECONDS
 from d2d._checks import check_finite
-from d2d.radar.scans.scan import RadarScan
+from d2d.radar.scans.scan import MEASURED, SIGMAS, RadarScan
 from d2d.radar.tracks.following import VelocityEstimate
 from d2d.radar.tracks.tracker import Tracker
 
-_MEASURED = ("time", "range", "azimuth", "doppler")
-_SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
+_COLUMNS = ("time", *MEASURED, *SIGMAS)
 _ANGLES = ("azimuth", "sigma_azimuth")
 # 3000 years since 1970, before those in ms begin; float64 still holds them to 15 us
 _TIME = SECONDS._replace(most=1e11, hint="; are these milli-, micro- or nanoseconds?")
@@ -53,9 +52,7 @@ def _scan(line: str, degrees: bool, sigmas: dict[str, float | None]) -> tuple[st
     if not isinstance(entry, dict):
         raise ValueError(f"a scan must be an object of JSON, but is {line.strip()[:40]}")
     given = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
-    missing = [
-        name for name in ("sensor", *_MEASURED, *_SIGMAS) if name not in entry and name not in given
-    ]
+    missing = [name for name in ("sensor", *_COLUMNS) if name not in entry | given]
     if missing:
         raise ValueError(f"a scan must have {', '.join(missing)}")
     turned = {
@@ -67,7 +64,7 @@ def _scan(line: str, degrees: bool, sigmas: dict[str, float | None]) -> tuple[st
         raise ValueError(f"time must be a number, but is {json.dumps(entry['time'])}")
     _TIME.number("time", entry["time"])
     values = entry | turned | given
-    return str(entry["sensor"]), RadarScan(*(values[name] for name in (*_MEASURED, *_SIGMAS)))
+    return str(entry["sensor"]), RadarScan(*(values[name] for name in _COLUMNS))
 
 
 def _line(estimate: VelocityEstimate) -> str:

@@ -20,7 +20,8 @@ from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.credibility import Credibility, credibility
 from d2d.point_set import PointSet
-from d2d.registration import Estimate, multi_start, register
+from d2d.problem import Estimate
+from d2d.registration import multi_start, register
 
 THREADS = os.cpu_count() or 1  # the kernel releases the GIL; no result depends on their number
 CHUNK = 1000  # runs in one batched call, a worker's unit of work; bounds the memory

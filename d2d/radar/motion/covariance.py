@@ -1,13 +1,9 @@
 """The covariance of an ego-motion estimate, propagated from the sensor's errors.
 
 By the implicit function theorem (Censi 2007) an optimum moves by -H^-1 f_theta,z per unit of a
-measured value z.  A scan that is in several pairs, with several baselines or as the current scan of
-one pair and the previous scan of another, moves it by the sum over these pairs.  So the effects of
-one target are added up first and squared afterwards.
-
-Errors that targets share are sums of these influences: an azimuth bias b of a sensor moves the
-estimate by b times the sum of ``azimuth`` over the targets of its scans, a Doppler scale error s by
-s times the sum of ``doppler`` times the Doppler velocities.
+measured value z.  A scan that is in several pairs moves it by the sum over these pairs.  So the
+effects of one target are added up first and squared afterwards.  Errors that targets share are sums
+of these influences.
 """
 
 from collections.abc import Iterable, Sequence
@@ -28,7 +24,7 @@ from d2d._kernel.errors import (
 from d2d._types import Array
 from d2d.covariance import check_estimate, propagated
 from d2d.point_set import PointSet
-from d2d.problem import Problem
+from d2d.problem import Estimate, Problem
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
 from d2d.radar.motion.pairs import (
     ScanPair,
@@ -40,7 +36,6 @@ from d2d.radar.motion.pairs import (
 )
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, cross_range
-from d2d.registration import Estimate
 
 
 def propagate_ego_motion(
@@ -77,10 +72,8 @@ def propagate_ego_motion(
     -----
     A shared azimuth error correlates the errors of the sensor's transverse velocity and of omega.
     This matters if the Doppler error caused by the azimuth, ``sigma_azimuth |dV / d azimuth|``, is
-    not small compared with sigma_doppler.  Half of omega's error comes from the previous scan,
-    which shares nothing, so the effect is bounded at any speed.  It changes the shape of the
-    covariance more than its size: it hardly affects the average NEES, but it does affect the
-    noncredibility index.
+    not small compared with sigma_doppler; it changes the shape of the covariance more than its
+    size.
     """
     check_instance("estimate", estimate, Estimate)
     if np.shape(estimate.theta) != (3,):
@@ -248,8 +241,11 @@ def apply_budget(
                 add_dependence(each.position, covariances, means, order, length, memory, dependence)
         shared[0] = turned.sum(axis=0)
         share = -pair.interval * _of_displacement(now, turned[1])
-        twist, mean = pair.interval * estimate.theta, _mean_over(estimate.theta, pair.interval)
-        delayed += share @ following(twist) @ ((given.middle - time) * np.eye(3) + mean)
+        # [theta, a] of a constant acceleration a moves a vehicle that turns (Magnus 1954): by
+        # exp(tau (theta + tau^2 / 12 [theta, a])), with theta in the middle of the interval
+        mean = pair.interval**2 / 12.0 * bracket(estimate.theta)
+        late = (given.middle - time) * np.eye(3) + mean
+        delayed += share @ following(pair.interval * estimate.theta) @ late
         led -= (given.middle - common) * share @ following(pair.interval * near)
         if pair.measurement is not None:
             add_shared(now.doppler, now.prediction, now.scan.doppler, shared)
@@ -270,15 +266,6 @@ def apply_budget(
     parts = CovarianceParts(*propagated(estimate.covariance, gradients))
     parts = parts._replace(systematic=parts.systematic + budget.constant)
     return Budgeted(parts, gain @ slow.T, gain @ delayed, gain @ led)
-
-
-def _mean_over(theta: Array, interval: float) -> Array:
-    """By how much (3, 3), in s, a mean velocity differs from that in the middle of an interval.
-
-    Times the acceleration of a vehicle that turns: with [., .] the bracket of SE(2), a constant
-    acceleration a moves it by exp(tau (theta + tau^2 / 12 [theta, a])) (Magnus 1954).
-    """
-    return interval**2 / 12.0 * bracket(theta)
 
 
 def _of_displacement(now: Influence, turned: Array) -> Array:

@@ -6,14 +6,14 @@ from typing import Unpack
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import check_finite, check_shape
+from d2d._checks import check_finite
 from d2d._types import Array
-from d2d.problem import Problem
+from d2d.problem import Estimate, Problem
 from d2d.radar.motion.doppler import doppler_starts
 from d2d.radar.motion.model import EgoMotionModel, EstimationOptions, ModelOptions, split_options
 from d2d.radar.motion.pairs import problem_of, scan_pairs
 from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.registration import Estimate, anneal, best_of
+from d2d.registration import anneal, best_of
 
 
 def estimate_ego_motion(
@@ -61,15 +61,8 @@ def estimate_ego_motion(
     if initial is None:
         start = doppler_starts([(pair.current, pair.mounting) for pair in pairs])
     else:
-        start = check_velocity(initial)
+        start = check_finite("initial", initial, "(3,)")
     return estimate_velocity(problem_of(pairs, model), start, scales)
-
-
-def check_velocity(initial: ArrayLike) -> Array:
-    """The start (3,) given by the user, checked."""
-    start = check_finite("initial", initial)
-    check_shape("initial", start, "(3,)")
-    return start
 
 
 def estimate_velocity(problem: Problem, start: Array, scales: Sequence[float]) -> Estimate:

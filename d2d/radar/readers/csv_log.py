@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -16,23 +16,13 @@ from d2d._checks import check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.files import written_whole
 from d2d.radar.readers.reader import Option, Reader, Source, check_once
-from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
+from d2d.radar.scans.scan import BOUNDS, MEASURED, SIGMAS, Mounting, RadarScan
 
-_MEASURED = ("time", "range", "azimuth", "doppler")
-_SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
 _RADIANS = BOUNDS["azimuth"]._replace(
     hint="; are these degrees (degrees=True, on the command line --degrees)?"
 )
 _STEP_BACK = 1.0  # s
 _DEGREES = Bounds(most=360.0, unit="in degrees, ")
-
-
-class Header(NamedTuple):
-    """The columns of a file."""
-
-    names: list[str]
-    separator: str
-    line: int  # its number
 
 
 def load_csv(
@@ -67,15 +57,15 @@ def load_csv(
     source = check_path("path", path)
     sigmas = {
         name: check_positive_scalar(name, sigma)
-        for name, sigma in zip(_SIGMAS, (sigma_range, sigma_azimuth, sigma_doppler), strict=True)
+        for name, sigma in zip(SIGMAS, (sigma_range, sigma_azimuth, sigma_doppler), strict=True)
         if sigma is not None
     }
-    file, header = read_header(source, decoded(source), _MEASURED, (*_SIGMAS, "sensor"))
-    columns = _columns(source, header, sigmas)
+    names, rows = read_table(source, decoded(source), ("time", *MEASURED), (*SIGMAS, "sensor"))
+    columns = _columns(source, names, sigmas)
     lines: list[int] = []
     values: list[list[float]] = []
     members: dict[str, dict[float, list[int]]] = {}  # which targets each scan has
-    for line, row in read_rows(source, file, header):
+    for line, row in rows:
         try:
             sensor, numbers = _target(row, columns)
         except ValueError as error:
@@ -85,8 +75,8 @@ def load_csv(
         values.append(numbers)
     if not lines:
         raise ValueError(f"{source} has no line with a target")
-    names = [name for name in columns if name != "sensor"]
-    table = dict(zip(names, np.array(values).T, strict=True))
+    numbers_of = [name for name in columns if name != "sensor"]
+    table = dict(zip(numbers_of, np.array(values).T, strict=True))
     _check(source, lines, table, degrees)
     for name in ("azimuth", "sigma_azimuth"):
         if degrees and name in table:
@@ -94,7 +84,7 @@ def load_csv(
     table |= {name: np.full(len(lines), sigma) for name, sigma in sigmas.items()}
     return {
         sensor: [
-            RadarScan(time, *(table[name][scans[time]] for name in (*_MEASURED[1:], *_SIGMAS)))
+            RadarScan(time, *(table[name][scans[time]] for name in (*MEASURED, *SIGMAS)))
             for time in _in_order(scans)
         ]
         for sensor, scans in members.items()
@@ -135,10 +125,13 @@ def _check(source: Path, lines: list[int], table: Mapping[str, Array], degrees: 
         bounds[name].number(f"{source}, line {lines[first]}: {name}", table[name][first])
 
 
-def read_header(
+def read_table(
     source: Path, text: str, needed: tuple[str, ...], known: tuple[str, ...] = ()
-) -> tuple[TextIO, Header]:
-    """The line that names the columns, perhaps behind a # as NumPy writes it, and what follows."""
+) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
+    """The names of the columns, perhaps behind a # as NumPy writes it, and the rows below them.
+
+    A row is number and words of a line that is not empty and no comment.
+    """
     file = io.StringIO(text, newline="")
     for number, line in enumerate(iter(file.readline, ""), start=1):
         separator = max(",;\t", key=line.count)
@@ -148,7 +141,8 @@ def read_header(
             twice = [name for name in (*needed, *known) if names.count(name) > 1]
             if twice:
                 raise ValueError(f"{source}, line {number}: the column {twice[0]!r} is named twice")
-            return file, Header(names, separator, number)
+            reader = csv.reader(file, delimiter=separator, strict=True)
+            return names, _rows(source, reader, number, len(names))
         if line.strip() and not line.startswith("#"):
             raise ValueError(
                 f"{source}, line {number}: the first line must name the columns "
@@ -157,35 +151,33 @@ def read_header(
     raise ValueError(f"{source} is empty: its first line must name the columns")
 
 
-def _columns(source: Path, header: Header, sigmas: Mapping[str, float]) -> dict[str, int]:
-    places = {name: place for place, name in enumerate(header.names)}
-    missing = [name for name in _SIGMAS if name not in places and name not in sigmas]
+def _columns(source: Path, names: list[str], sigmas: Mapping[str, float]) -> dict[str, int]:
+    places = {name: place for place, name in enumerate(names)}
+    missing = [name for name in SIGMAS if name not in places and name not in sigmas]
     if missing:
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
         raise ValueError(
             f"{source} has no column {', '.join(missing)}, so that what is missing must be given "
             f"for all targets, as an argument of the same name (on the command line: {flags})"
         )
-    wanted = (*_MEASURED, *(name for name in _SIGMAS if name not in sigmas), "sensor")
+    wanted = ("time", *MEASURED, *(name for name in SIGMAS if name not in sigmas), "sensor")
     return {name: places[name] for name in wanted if name in places}
 
 
-def read_rows(source: Path, file: TextIO, header: Header) -> Iterator[tuple[int, list[str]]]:
-    """Number and words of each line that is not empty and no comment."""
-    reader = csv.reader(file, delimiter=header.separator, strict=True)
+def _rows(source: Path, reader: Any, first: int, width: int) -> Iterator[tuple[int, list[str]]]:
+    """The rows below the line ``first``, of as many words."""
     try:
         for row in reader:
             if not any(word.strip() for word in row) or row[0].startswith("#"):
                 continue
-            number = header.line + reader.line_num
-            if len(row) != len(header.names):
+            if len(row) != width:
                 raise ValueError(
-                    f"{source}, line {number}: there must be {len(header.names)} values as in "
+                    f"{source}, line {first + reader.line_num}: there must be {width} values as in "
                     f"the first line, but are {len(row)}"
                 )
-            yield number, row
+            yield first + reader.line_num, row
     except csv.Error as error:
-        raise ValueError(f"{source}, line {header.line + reader.line_num}: {error}") from None
+        raise ValueError(f"{source}, line {first + reader.line_num}: {error}") from None
 
 
 def _target(row: list[str], columns: Mapping[str, int]) -> tuple[str, list[float]]:
@@ -226,9 +218,9 @@ def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[Radar
             raise ValueError(f"sensors[{name!r}] must hold one scan of each time")
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("time", "sensor", *_MEASURED[1:], *_SIGMAS))
+    writer.writerow(("time", "sensor", *MEASURED, *SIGMAS))
     for time, name, scan in scans:
-        columns = [getattr(scan, field).tolist() for field in (*_MEASURED[1:], *_SIGMAS)]
+        columns = [getattr(scan, field).tolist() for field in (*MEASURED, *SIGMAS)]
         writer.writerows((time, name, *row) for row in zip(*columns, strict=True))
     with written_whole(check_path("path", path)) as file:
         file.write(text.getvalue().encode())
@@ -264,7 +256,7 @@ def mountings_of(chosen: Mapping[str, Any]) -> dict[str, Mounting]:
 
 def sigmas_of(chosen: Mapping[str, Any]) -> dict[str, float | None]:
     """The standard deviations that the options give to all targets."""
-    sigmas = {name: chosen[name] for name in _SIGMAS}
+    sigmas = {name: chosen[name] for name in SIGMAS}
     if sigmas["sigma_azimuth"] is not None:
         sigmas["sigma_azimuth"] = math.radians(sigmas["sigma_azimuth"])
     return sigmas

@@ -43,8 +43,7 @@ _FIELDS = ("x", "y", "vx", "vy", "rcs", "invalid_state", "ambig_state")
 
 # Fitted to the errors of all five radars together in scenes 0061 and 0103, by maximum likelihood,
 # baseline 2, and then widened by a factor of 1.6: two scenes are two draws of what differs from
-# scene to scene.  As fitted, two other scenes had an ANEES of 2.4 (0916, in tight turns) and 1.0
-# (1077).
+# scene to scene.
 NUSCENES_BUDGET = ErrorBudget(
     azimuth=float(np.deg2rad(0.55)),
     doppler=0.055,
@@ -142,15 +141,11 @@ def load_nuscenes(
 
     Notes
     -----
-    The defaults come from scenes 0061 and 0103.  The Doppler velocities of the five radars fit the
-    derivative of the positions best at an offset of -0.03 s, the speed of the CAN bus at -0.13 s
-    and a factor of 1.012; what remains in v_x is 0.065 and 0.031 m/s: the positions of the
-    localisation jitter, the speed does not.  Residuals of single targets, with the rounding: 0.15 m
-    in range, 0.09 to 0.10 m/s in Doppler velocity.  The radar seems to extrapolate targets along a
-    straight line over half of its cycle of 75 ms (``prediction_time``).  In bends the speed on the
-    CAN bus exceeds that of the rear axle as that of the front axle does.  The data sheet's codes
-    ``x_rms`` and ``vx_rms`` in the files (0.6 to 1.3 m, 0.29 to 0.37 m/s) are several times the
-    residuals, and are not used.
+    The defaults fit scenes 0061 and 0103: clocks and speed by the Doppler velocities of the five
+    radars, standard deviations by the residuals of single targets.  The radar seems to extrapolate
+    targets along a straight line over half of its cycle of 75 ms (``prediction_time``).  The data
+    sheet's codes ``x_rms`` and ``vx_rms`` in the files are several times the residuals, and are not
+    used.
     """
     check_options(strongest, time_offset)
     _PREDICTION.number("prediction_time", prediction_time)

@@ -7,8 +7,7 @@ import numpy as np
 
 from d2d._bounds import FINITE
 from d2d._checks import check_path
-from d2d._types import Array
-from d2d.radar.readers.csv_log import decoded, number, read_header, read_rows
+from d2d.radar.readers.csv_log import decoded, number, read_table
 from d2d.radar.readers.shared import yaw_of
 from d2d.radar.scans.reference import Reference
 
@@ -43,10 +42,10 @@ def load_reference(path: str | os.PathLike[str]) -> Reference:
 def _odometry(source: Path, text: str) -> Reference:
     rate = _IN_DEGREES if _IN_DEGREES in text.lower() else "yaw_rate"
     names = ("time", "speed", rate)
-    file, header = read_header(source, text, names)
-    places = [header.names.index(name) for name in names]
+    columns, rows = read_table(source, text, names)
+    places = [columns.index(name) for name in names]
     table = []
-    for line, row in read_rows(source, file, header):
+    for line, row in rows:
         try:
             values = [number(name, row[place]) for name, place in zip(names, places, strict=True)]
             if rate == _IN_DEGREES:
@@ -74,12 +73,8 @@ def _poses(source: Path, text: str) -> Reference:
         except ValueError as error:
             raise ValueError(f"{source}, line {line}: {error}") from None
     time, *place, _, x, y, z, w = np.array(rows).T
-    return _moving(time, np.column_stack([*place, yaw_of(w, x, y, z)]))
-
-
-def _moving(time: Array, poses: Array) -> Reference:
-    """The reference at those of its times at which the poses show velocities."""
+    poses = np.column_stack([*place, yaw_of(w, x, y, z)])
     reach = max(_REACH, _INTERVALS * float(np.median(np.diff(time)))) if len(time) > 1 else _REACH
     found = Reference.from_poses(time, poses, time, half_width=reach)
-    known = np.isfinite(found.theta).all(axis=1)
+    known = np.isfinite(found.theta).all(axis=1)  # where the poses show velocities
     return Reference(time[known], found.theta[known], found.poses[known])

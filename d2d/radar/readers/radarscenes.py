@@ -106,9 +106,8 @@ def load_radarscenes(
 
     Notes
     -----
-    `calibrate` finds, from four sensors in the two minutes of sequence 105, a lag of 0.121 +- 0.015
-    s and, with the origin on the rear axle, a compliance of 0.0045 +- 0.0002 s^2/m.  If the place
-    of the origin is fitted too, it is -0.10 +- 0.22 m ahead of the axle.
+    `calibrate` finds, from four sensors in sequence 105, a lag of 0.121 +- 0.015 s and, with the
+    origin on the rear axle, a compliance of 0.0045 +- 0.0002 s^2/m.
     """
     check_options(strongest, time_offset)
     check_count("sensor", sensor)

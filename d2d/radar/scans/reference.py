@@ -30,7 +30,7 @@ class Reference:
     poses: Array
 
     def __post_init__(self) -> None:
-        times = _checked_times(self.times)
+        times = check_finite("times", self.times, "(n,)")
         object.__setattr__(self, "times", times)
         for name in ("theta", "poses"):
             values = check_real(name, getattr(self, name))
@@ -49,10 +49,9 @@ class Reference:
         evenly spaced).  They are nan where poses are missing before or after the time, or fewer
         than five are within reach.
         """
-        known, wanted = check_finite("stamps", stamps), _checked_times(times)
-        placed = rigid.motion("poses", poses, 2)
-        check_shape("stamps", known, "(n,)")
-        check_shape("poses", placed, f"({len(known)}, 3)", like="stamps")
+        known = check_finite("stamps", stamps, "(n,)")
+        wanted = check_finite("times", times, "(n,)")
+        placed = check_finite("poses", poses, f"({len(known)}, 3)", like="stamps")
         if not (np.diff(known) > 0).all():
             raise ValueError("stamps must be strictly increasing, but are not")
         reach = _HALF_WIDTH.number("half_width", half_width)
@@ -67,7 +66,7 @@ class Reference:
         It is nan outside the reference's time span, and in gaps longer than ``max_gap`` (s).
         Raises a ``ValueError`` if the reference's own times are out of order.
         """
-        wanted = _checked_times(times)
+        wanted = check_finite("times", times, "(n,)")
         check_positive_scalar("max_gap", max_gap)
         if not len(self.times) or (np.diff(self.times) < 0.0).any():
             raise ValueError("the reference must have times, in order, to be interpolated")
@@ -85,12 +84,6 @@ class Reference:
         known = np.isfinite(poses[:, 2])
         poses[known, 2] = np.unwrap(poses[known, 2])  # half way from pi to -pi is not zero
         return Reference(wanted, between(self.theta), between(poses))
-
-
-def _checked_times(times: ArrayLike) -> Array:
-    array = check_finite("times", times)
-    check_shape("times", array, "(n,)")
-    return array
 
 
 def _parabolas(stamps: Array, poses: Array, times: Array, half_width: float) -> tuple[Array, Array]:

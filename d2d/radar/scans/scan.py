@@ -44,7 +44,8 @@ BOUNDS = {
     "sigma_doppler": POSITIVE,
     "extent": NOT_NEGATIVE,
 }
-_MEASURED = ("range", "azimuth", "doppler")  # of each target; one of the others may stand for all
+MEASURED = ("range", "azimuth", "doppler")  # of each target; one of the others may stand for all
+SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class RadarScan(Frozen):
         shape = arrays["range"].shape
         check_shape("range", arrays["range"], "(K,)")
         for name, array in arrays.items():
-            once = name not in _MEASURED and array.shape in ((), (1,))
+            once = name not in MEASURED and array.shape in ((), (1,))
             if not once:
                 check_shape(name, array, str(shape), like="range")
             self._keep(name, np.full(shape, array) if once else array)
@@ -151,9 +152,8 @@ class RadarScan(Frozen):
         Raises a ``ValueError`` if a target is at the sensor's position, or there is no error of the
         range, the azimuth or the Doppler velocity.
         """
-        ahead, left = check_finite("x", x), check_finite("y", y)
-        check_shape("x", ahead, "(K,)")
-        check_shape("y", left, str(ahead.shape), like="x")
+        ahead = check_finite("x", x, "(K,)")
+        left = check_finite("y", y, str(ahead.shape), like="x")
         distance = np.hypot(ahead, left)
         if not (distance > 0).all():
             raise ValueError("x and y must not both be zero, but a target is at the sensor")
@@ -263,8 +263,7 @@ def _radial(doppler: ArrayLike | None, velocity: ArrayLike | None, sight: Array)
         return check_finite("doppler", doppler)
     if doppler is not None or velocity is None:
         raise ValueError("either doppler or velocity must be given, and not both")
-    vectors = check_finite("velocity", velocity)
-    check_shape("velocity", vectors, str(sight.shape), like="x")
+    vectors = check_finite("velocity", velocity, str(sight.shape), like="x")
     return np.asarray(np.einsum("ki,ki->k", vectors, sight))
 
 

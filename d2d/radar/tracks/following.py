@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from d2d._types import Array
-from d2d.problem import Problem
+from d2d.problem import Estimate, Problem
 from d2d.radar.motion.covariance import Budgeted, apply_budget
 from d2d.radar.motion.doppler import (
     Acceleration,
@@ -25,7 +25,6 @@ from d2d.radar.tracks.filter_input import FilterInput
 from d2d.radar.tracks.lateness import Lateness
 from d2d.radar.tracks.limits import State, VehicleLimits
 from d2d.radar.tracks.rounds import Round
-from d2d.registration import Estimate
 
 # The wide outlier component has a separate optimum, far from where the scans overlap: all
 # targets are outliers there, and the Hessian is positive definite.  An optimum at which the mean
@@ -77,7 +76,7 @@ class Follower:
     last: State | None = None
     acceleration: AccelerationFilter = field(default_factory=AccelerationFilter)
     steps: list[tuple[FilterInput, Step]] | None = None  # of the accepted rounds, for a smoother
-    lateness: Lateness | None = None  # which learns from the accepted rounds
+    lateness: Lateness = field(default_factory=lambda: Lateness({}))  # learns from accepted rounds
 
     def follow(self, current: Round) -> VelocityEstimate:
         """The velocity at the time of a round."""
@@ -106,7 +105,7 @@ class Follower:
         if reason:
             return self._held(current, reason, *seen)
         self.last, self.velocity = state, estimate.theta
-        if self.lateness is not None and self.model.doppler:
+        if self.model.doppler:
             self.lateness.add(current.time, theta, pairs)
         if raw is not None and by is not None:
             step = self.acceleration.update(current.time, raw.velocity, raw.delay, raw.white, by)

@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from statistics import median
 from typing import NamedTuple
@@ -12,7 +12,14 @@ import numpy as np
 from d2d._types import Array
 from d2d.radar.scans.scan import RadarScan
 from d2d.radar.tracks.finding import Finding, warn_of
-from d2d.radar.tracks.rounds import REMEMBERED, SensorScans, repeats
+from d2d.radar.tracks.rounds import (
+    MAX_INTERVAL,
+    REMEMBERED,
+    Sensors,
+    SensorScans,
+    named_sensors,
+    repeats,
+)
 
 _JUMP = 1.0  # s; a clock that steps back by less has scans in the wrong order, which is refused
 _FEW = 6  # targets, of which some may be equal by chance where a radar rounds coarsely
@@ -58,7 +65,12 @@ class Intake:
 
         Raises a ValueError if it is not the next one.
         """
-        return [self._checked(sensor, each) for each in self._timed(sensor, scan)]
+        used = []
+        for each in self._timed(sensor, scan):
+            self._look_for_repetition(sensor, each)
+            self._latest[sensor] = each
+            used.append(self._without_twins(sensor, each))
+        return used
 
     def waits(self, span: float) -> bool:
         """Whether scans that cover this time in s are to wait for the next one of a sensor.
@@ -100,7 +112,8 @@ class Intake:
                 f"{self._names[sensor]} must be in strictly increasing time, but a scan is at "
                 f"{scan.time:.6f} s after {scan.time if twice else latest - offset:.6f} s"
             )
-        goes_on = latest is None or latest < time <= latest + self._reach(sensor)
+        reach = self._gap(sensor) if intervals else math.inf  # while there is only one scan
+        goes_on = latest is None or latest < time <= latest + reach
         if held is not None and (goes_on or scan.time < held.scans[-1].time):
             self._tell_stamp(sensor, held)
             held = None
@@ -172,10 +185,6 @@ class Intake:
         """The usual time between two scans of a sensor, in s; zero while there is only one."""
         return median(self._intervals[sensor] or [0.0])
 
-    def _reach(self, sensor: int) -> float:
-        """How long after a scan the next one may come, in s; any time while there is only one."""
-        return self._gap(sensor) if self._intervals[sensor] else math.inf
-
     def _gap(self, sensor: int) -> float:
         """A time in s over which no pair of scans reaches."""
         return max(_FRESH * self._cycle(sensor), _JUMP)
@@ -219,12 +228,6 @@ class Intake:
             "out; is its time stamp wrong?",
         )
 
-    def _checked(self, sensor: int, scan: RadarScan) -> RadarScan:
-        """A scan without targets that are there twice; says if it repeats the one before."""
-        self._look_for_repetition(sensor, scan)
-        self._latest[sensor] = scan
-        return self._without_twins(sensor, scan)
-
     def _look_for_repetition(self, sensor: int, scan: RadarScan) -> None:
         name, before = self._names[sensor], self._latest.get(sensor)
         if before is not None and repeats(before, scan):
@@ -261,10 +264,14 @@ class Intake:
             warn_of(finding, text)
 
 
-def mended(sensors: Mapping[str, SensorScans], max_interval: float) -> dict[str, SensorScans]:
-    """The scans of whole logs as `Intake` gives them, and the mountings, by the sensors' names."""
-    intake, found = Intake(list(sensors), max_interval), {}
-    for number, (name, (scans, mounting)) in enumerate(sensors.items()):
+def mended(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> dict[str, SensorScans]:
+    """The scans of whole logs, checked, as `Intake` gives them, and the mountings.
+
+    By the names of the scans in messages.
+    """
+    named, found = named_sensors(sensors, max_interval), {}
+    intake = Intake(list(named), max_interval)
+    for number, (name, (scans, mounting)) in enumerate(named.items()):
         found[name] = [each for scan in scans for each in intake.taken(number, scan)], mounting
     times = [np.array([scan.time for scan in scans]) for scans, _ in found.values()]
     for number, own in enumerate(times):

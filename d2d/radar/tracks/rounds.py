@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from statistics import median
 from typing import Any, NamedTuple, Protocol
@@ -13,7 +13,7 @@ from d2d._bounds import SECONDS
 from d2d._checks import check_count, check_instance, check_members, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.motion.pairs import ScanPair
-from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.scans.scan import MEASURED, Mounting, RadarScan
 from d2d.radar.tracks.finding import Finding, warn_of
 
 # Times between two scans, and horizons, that are longer than this are taken to be in another unit.
@@ -106,8 +106,7 @@ def check_distinct(sensors: Mapping[str, Iterable[RadarScan]]) -> None:
     owners: dict[tuple[object, ...], str] = {}
     for name, scans in sensors.items():
         for scan in scans:
-            measured = (scan.range, scan.azimuth, scan.doppler)
-            key = (scan.time, *(array.tobytes() for array in measured))
+            key = (scan.time, *(getattr(scan, name).tobytes() for name in MEASURED))
             owner = owners.setdefault(key, name)
             if owner != name and scan.size > 1:  # one target may be seen alike by chance
                 raise ValueError(
@@ -168,9 +167,8 @@ def repeats(previous: RadarScan, current: RadarScan) -> bool:
     """
     if not current.size:
         return False
-    measured = ("range", "azimuth", "doppler")
     return (
-        all(np.array_equal(getattr(previous, name), getattr(current, name)) for name in measured)
+        all(np.array_equal(getattr(previous, name), getattr(current, name)) for name in MEASURED)
         and float(np.median(np.abs(current.doppler))) > _MOVING
     )
 
@@ -219,22 +217,39 @@ class Rounds:
         self.open: dict[int, RadarScan] = {}  # the scans of the round that has not ended
         self._start = math.nan  # time of the open round's first scan
         self.last = math.nan  # s, time of the last round
+        self.late: list[tuple[int, RadarScan, float]] = []  # scans left out, with that time
+
+    def take(self, scans: Sequence[Sequence[RadarScan]]) -> list[Round]:
+        """The rounds that the next scans of each sensor end, in the order of their times.
+
+        Of equal times, those of sensors that the open round already holds come first: they end it,
+        so that scans of the same time stay together whichever sensor is named first.
+        """
+        order = sorted(
+            (scan.time, s, i) for s, own in enumerate(scans) for i, scan in enumerate(own)
+        )
+        ended = []
+        for _, entries in groupby(order, key=lambda entry: entry[0]):
+            for _, s, i in sorted(entries, key=lambda entry: entry[1] not in self.open):
+                ended += self.add(s, scans[s][i])
+        return ended
 
     def add(self, sensor: int, scan: RadarScan) -> list[Round]:
         """The rounds that a sensor's next scan ends: often none, seldom two."""
-        ended = self.ended_by(sensor, scan.time)
+        ended = []
+        if self.open:
+            cycle = min(self._histories[known].cycle for known in self.open)
+            if sensor in self.open or abs(scan.time - self._start) > _ROUND * cycle:
+                ended = self.finish()
+        if scan.time <= self.last:
+            self.late.append((sensor, scan, self.last))
+            return ended
         if not self.open:
             self._start = scan.time
         self.open[sensor] = scan
         if len(self.open) == len(self._histories):
             ended += self.finish()
         return ended
-
-    def ended_by(self, sensor: int, time: float) -> list[Round]:
-        """The open round, if a sensor's next scan at this time is not part of it."""
-        if self.open and (sensor in self.open or self._is_over(time)):
-            return self.finish()
-        return []
 
     def finish(self) -> list[Round]:
         """The open round, if there is one, and not the first: that has nothing to pair with."""
@@ -255,10 +270,6 @@ class Rounds:
         if len(fresh) < len(scans):
             reason = _REPEATED
         return [Round(time, interval, scans, pairs, reason)]
-
-    def _is_over(self, time: float) -> bool:
-        cycle = min(self._histories[sensor].cycle for sensor in self.open)
-        return abs(time - self._start) > _ROUND * cycle
 
 
 class _History:
@@ -293,10 +304,21 @@ class _History:
             longest = max(_LONGER * usual, _GAP * self.cycle)
             while scans and scan.time - scans[0].time > longest:
                 scans.popleft()
-        previous = scan_before(scans, scan.time, self._baseline, self._horizon)
+        previous = self._before(scan.time)
         scans.append(scan)
         self._forget()
         return None if previous is None else ScanPair(previous, scan, self._mounting)
+
+    def _before(self, time: float) -> RadarScan | None:
+        """The scan to register with: ``baseline`` or ``horizon`` before, or the first; if any."""
+        scans = self._scans
+        if not scans:
+            return None
+        if self._horizon is None:
+            return scans[max(len(scans) - self._baseline, 0)]
+        wanted = time - self._horizon
+        # rounding must not decide between two scans that are equally near: the later one wins
+        return min(reversed(scans), key=lambda scan: round(abs(scan.time - wanted), 6))
 
     def _forget(self) -> None:
         """Drop the scans that no later one will be paired with."""
@@ -309,43 +331,9 @@ class _History:
                 scans.popleft()
 
 
-def scan_before(
-    scans: Sequence[RadarScan], time: float, baseline: int, horizon: float | None
-) -> RadarScan | None:
-    """Of earlier scans, the one to register with: ``baseline`` or ``horizon`` s before ``time``.
-
-    The first scan if there are not that many, None if there is none.
-    """
-    if not scans:
-        return None
-    if horizon is None:
-        return scans[max(len(scans) - baseline, 0)]
-    wanted = time - horizon
-    # rounding of times must not decide between two scans that are equally near: the later one wins
-    return min(reversed(scans), key=lambda scan: round(abs(scan.time - wanted), 6))
-
-
-def in_time_order(
-    scans: Sequence[Sequence[RadarScan]], rounds: Rounds
-) -> Iterator[tuple[int, RadarScan]]:
-    """Each sensor and scan in the order in which a vehicle gets them, for ``rounds`` to take.
-
-    Of equal times, those of sensors that the open round already holds come first: they end it, so
-    that scans of the same time stay together whichever sensor is named first.
-    """
-    order = sorted((scan.time, s, i) for s, own in enumerate(scans) for i, scan in enumerate(own))
-    for _, entries in groupby(order, key=lambda entry: entry[0]):
-        together = list(entries)
-        together.sort(key=lambda entry: entry[1] not in rounds.open)
-        yield from ((s, scans[s][i]) for _, s, i in together)
-
-
 def rounds_of(
     sensors: Sequence[SensorScans], baseline: int = 1, horizon: float | None = None
 ) -> list[Round]:
     """All rounds of a whole log but the first, as `Rounds` gives them one by one."""
     rounds = Rounds([mounting for _, mounting in sensors], baseline, horizon)
-    found = []
-    for sensor, scan in in_time_order([scans for scans, _ in sensors], rounds):
-        found += rounds.add(sensor, scan)
-    return found + rounds.finish()
+    return rounds.take([scans for scans, _ in sensors]) + rounds.finish()

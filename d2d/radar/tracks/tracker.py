@@ -9,9 +9,8 @@ from typing import TextIO, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_count, check_flag, check_instance
+from d2d._checks import check_count, check_finite, check_flag, check_instance
 from d2d._types import Array
-from d2d.radar.motion.estimate import check_velocity
 from d2d.radar.motion.model import EstimationOptions, split_options
 from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
@@ -31,9 +30,6 @@ from d2d.radar.tracks.rounds import (
     check_distinct,
     check_mountings,
     check_overlap,
-    check_separation,
-    in_time_order,
-    named_sensors,
     rounds_of,
 )
 from d2d.radar.tracks.track import Track
@@ -77,14 +73,11 @@ def track(
     others, there are fewer than two rounds, ``horizon`` is given beside ``baseline``, or another
     argument is invalid.
 
-    Warns if a clock jumps (back by more than 1 s, or ahead by more than ``max_interval``), a single
-    time stamp does, so that its scan is left out, a sensor pauses for five of its cycles while
+    Warns if a clock or a single time stamp jumps, a sensor pauses for five of its cycles while
     others go on, targets are there twice, a sensor repeats its scan, the times of a sensor hardly
-    overlap with those of the others, or its Doppler velocities are theirs of another time.
-
-    Warns if in most intervals the positions alone fit another velocity clearly better than the one
-    that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower (km/h),
-    or a faster one (velocities already compensated for the ego-motion).
+    overlap with those of the others, or its Doppler velocities are theirs of another time; and if
+    in most intervals the positions alone fit another velocity clearly better than the Doppler
+    velocities do: a wrong sign, km/h, or velocities compensated for the ego-motion.
 
     Parameters
     ----------
@@ -97,8 +90,7 @@ def track(
         long as the velocity is constant and the targets stay in view.
     horizon : float, s, optional
         The same as a time: each scan is registered with the one whose time is nearest to this long
-        before.  On the road the covariance was most credible at 0.3 s, or close to it, and the yaw
-        rate became more accurate up to 0.3 s or so (chapter 15).
+        before.  On most drives that were tried, 0.3 s was best (appendix F).
     initial : (3,) array, optional
         Start [v_x, v_y, omega] of the first estimate.
     max_interval : float, s
@@ -107,14 +99,11 @@ def track(
     budget : ErrorBudget, optional
         Errors that the targets of a sensor share; each sensor has its own, of the same standard
         deviations.  With a budget, also an empty one, the covariance is propagated from the
-        targets' errors, and the velocities are those at the track's times: the positions give the
-        mean velocity over their interval, which is carried to its time by the acceleration that the
-        estimates before it show.  Without one, the covariance is the inverse Hessian.
+        targets' errors, and the velocities are carried to the track's times, as `ErrorBudget` says.
+        Without one, the covariance is the inverse Hessian.
     smooth : bool
-        Whether that acceleration comes from all other estimates, also the later ones.  Without a
-        budget nothing is carried, and this changes nothing.  On RadarScenes 105 (four radars,
-        horizon 0.3 s) the yaw rate's RMSE is 0.45 deg/s causal and 0.43 smooth, ANEES 1.05 and
-        1.06; on five nuScenes scenes it is 0.3 to 0.7 and 0.2 to 0.8 deg/s.
+        Whether the acceleration that carries them comes from all other estimates, also the later
+        ones, instead of those before.  Without a budget, this changes nothing.
     limits : VehicleLimits, optional
         What the vehicle can do; None accepts any motion.
     progress : bool, optional
@@ -134,13 +123,12 @@ def track(
     >>> float(driven.poses()[-1, 0].round(1))  # m ahead
     6.2
     """
-    check_separation(baseline, horizon)
-    drives = named_sensors(sensors, max_interval)
-    follower = _follower(initial, budget, limits, len(drives), options)
+    drives = mended(sensors, max_interval)
+    follower = _follower(
+        {name: at for name, (_, at) in drives.items()}, initial, budget, limits, options
+    )
     if check_flag("smooth", smooth):
         follower.steps = []
-    follower.lateness = Lateness({at: name for name, (_, at) in drives.items()})
-    drives = mended(drives, max_interval)
     check_overlap({name: scans for name, (scans, _) in drives.items()})
     groups = rounds_of(list(drives.values()), baseline, horizon)
     if not groups:
@@ -164,9 +152,8 @@ class Tracker:
     """The motion of a vehicle scan by scan, as its sensors measure.
 
     It compiles what it needs when it is made, for up to a minute the first time on a machine and
-    for half a second later.  It keeps the scans that later ones will be registered with, some of
-    each sensor, and the estimates; a service that runs for days takes them from `add` and says with
-    ``keep`` how many are kept.
+    for half a second later.  It keeps the scans that later ones will be registered with, and the
+    estimates; a service that runs for days takes them from `add` and says how many to ``keep``.
 
     Raises a ``ValueError`` if an argument is invalid.  Warns of the same as `track`, while the
     scans come; what only a whole drive shows, `finish` says.  ``logging.captureWarnings(True)``
@@ -212,14 +199,13 @@ class Tracker:
         places = check_mountings(mountings)
         if keep is not None:
             check_count("keep", keep)
-        check_separation(baseline, horizon)
-        self._follower = _follower(initial, budget, limits, len(places), options)
+        named = {repr(name): mounting for name, mounting in places.items()}
+        self._follower = _follower(named, initial, budget, limits, options)
         self._numbers = {name: number for number, name in enumerate(places)}
-        self._intake = Intake([repr(name) for name in places], max_interval, live=True)
+        self._intake = Intake([*named], max_interval, live=True)
         self._waiting: list[list[RadarScan]] = [[] for _ in places]  # of each sensor
         self._rounds = Rounds(list(places.values()), baseline, horizon)
         self._estimates: deque[VelocityEstimate] = deque(maxlen=keep)
-        self._follower.lateness = Lateness({at: repr(name) for name, at in places.items()})
         self._sample: EvenSample[tuple[Array, list[ScanPair]]] = EvenSample()
         compile_for(self._follower)
 
@@ -248,8 +234,7 @@ class Tracker:
     def finish(self) -> list[VelocityEstimate]:
         """End the last round, and warn as `track` does of what only the whole drive shows."""
         estimates = self._in_order() + self._followed(self._rounds.finish())
-        if self._follower.lateness is not None:
-            self._follower.lateness.warn()
+        self._follower.lateness.warn()
         if self._follower.model.doppler:
             chosen = self._sample.chosen
             warn_of_contradiction(
@@ -266,13 +251,9 @@ class Tracker:
     def _in_order(self) -> list[VelocityEstimate]:
         """The estimates that the scans which were waiting complete."""
         waiting, self._waiting = self._waiting, [[] for _ in self._waiting]
-        rounds = []
-        for number, scan in in_time_order(waiting, self._rounds):
-            rounds += self._rounds.ended_by(number, scan.time)
-            if scan.time <= self._rounds.last:
-                self._intake.leave_out(number, scan, self._rounds.last)
-            else:
-                rounds += self._rounds.add(number, scan)
+        rounds = self._rounds.take(waiting)
+        while self._rounds.late:
+            self._intake.leave_out(*self._rounds.late.pop(0))
         return self._followed(rounds)
 
     def _followed(self, rounds: Iterable[Round]) -> list[VelocityEstimate]:
@@ -287,20 +268,21 @@ class Tracker:
 
 
 def _follower(
+    mountings: Mapping[str, Mounting],
     initial: ArrayLike | None,
     budget: ErrorBudget | None,
     limits: VehicleLimits | None,
-    sensors: int,
     options: EstimationOptions,
 ) -> Follower:
-    """What follows the rounds, from checked arguments."""
+    """What follows the rounds of sensors by their names in messages, from checked arguments."""
     if budget is not None:
         check_instance("budget", budget, ErrorBudget)
     model, scales = split_options(options)
-    velocity = None if initial is None else check_velocity(initial)
+    velocity = None if initial is None else check_finite("initial", initial, "(3,)")
     if limits is not None:
         limits = limits.for_doppler(model.doppler)
-    return Follower(model, scales, velocity, budget, limits, sensors)
+    lateness = Lateness({mounting: name for name, mounting in mountings.items()})
+    return Follower(model, scales, velocity, budget, limits, len(mountings), lateness=lateness)
 
 
 def _joined(estimates: Collection[VelocityEstimate], budget: ErrorBudget | None) -> Track:
@@ -354,7 +336,7 @@ def compile_for(follower: Follower) -> None:
     for mountings in ([Mounting(1.0)], [Mounting(1.0), Mounting(-1.0, 0.5, 3.0)]):
         numbers = range(len(mountings))
         tried = replace(follower, budget=budget, limits=None, velocity=None, sensors=len(mountings))
-        tried.acceleration, tried.lateness = AccelerationFilter(), None
+        tried.acceleration, tried.lateness = AccelerationFilter(), Lateness({})
         pairs = [ScanPair(first, second, mounting) for mounting in mountings]
         for time in (0.1, 0.2):
             tried.follow(Round(time, 0.1, dict.fromkeys(numbers, second), pairs, ""))

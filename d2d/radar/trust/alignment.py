@@ -205,9 +205,9 @@ def agreeing(model: Alignment, found: Fit) -> NDArray[np.bool_]:
 def covariance(model: Alignment, found: Fit, *, with_lag: bool) -> tuple[Array, float]:
     """Covariance of the free parameters, the lag first if it is one; length of its blocks in s.
 
-    The influences of all scans within a short time are added up, and their total gets the variance
-    that it has under the circular block bootstrap, times blocks / (blocks - parameters of a
-    sensor), and never less than for independent targets.  `calibrate` says why.
+    The sum of the scans' influences gets the variance that it has under the circular block
+    bootstrap, times blocks / (blocks - parameters of a sensor), and never less than for independent
+    targets.  `calibrate` says why.
     """
     predicted, derivatives, known = _where_known(model, found.lag, found.parameters)
     derivatives = derivatives[..., model.free]

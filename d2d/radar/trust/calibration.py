@@ -143,8 +143,7 @@ def calibrate(
 
     ``ahead`` and ``compliance`` can be told apart only if bends are driven at different speeds.
     ``ahead`` is held at zero if its standard deviation exceeds 0.3 m, and then ``compliance`` too
-    if its own still exceeds 0.01 s^2/m.  ``ahead`` also contains position errors along the vehicle
-    that all sensors have in common, and the effect of a factor on omega.
+    if its own still exceeds 0.01 s^2/m.
 
     Examples
     --------

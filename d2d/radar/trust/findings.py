@@ -20,14 +20,7 @@ from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.contradiction import FEW
 from d2d.radar.tracks.finding import Finding, FindingWarning
 from d2d.radar.tracks.intake import mended
-from d2d.radar.tracks.rounds import (
-    MAX_INTERVAL,
-    Round,
-    Sensors,
-    SensorScans,
-    named_sensors,
-    rounds_of,
-)
+from d2d.radar.tracks.rounds import MAX_INTERVAL, Round, Sensors, SensorScans, rounds_of
 from d2d.radar.tracks.track import Track
 from d2d.radar.tracks.tracker import track
 
@@ -150,13 +143,12 @@ def look_at_targets(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> lis
 
 def _named(sensors: Sensors, max_interval: float) -> tuple[list[str], list[SensorScans]]:
     """Names and scans of the sensors, with times and targets as `track` uses them."""
-    given: Any = sensors
-    drives = named_sensors(sensors, max_interval)
-    numbers = range(1, len(drives) + 1)
-    names = [str(name) for name in (given if isinstance(given, Mapping) else numbers)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # `track` has warned
-        return names, list(mended(drives, max_interval).values())
+        drives = list(mended(sensors, max_interval).values())
+    given: Any = sensors
+    names = given if isinstance(given, Mapping) else range(1, len(drives) + 1)
+    return [str(name) for name in names], drives
 
 
 def _evenly(members: Sequence[T]) -> Sequence[T]:

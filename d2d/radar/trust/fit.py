@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_finite, check_shape
+from d2d._checks import check_finite
 from d2d._types import Array
 from d2d.bootstrap import block_length, block_sums
 from d2d.radar.scans.budget import ErrorBudget
@@ -85,8 +85,7 @@ def fit_budget(
     simplest model of this adds the same three variances to every covariance, whatever the number of
     targets and sensors: that is fitted by default.  With ``effects`` it is the standard deviations
     of causes, such as an azimuth bias, each of which changes every estimate in its own way.
-
-    Neither holds where few targets are left, `benchmarks/protocol.py` says by how much.
+    Neither holds where few targets are left.
 
     Raises a ``ValueError`` that names the argument unless shapes match, there are more errors than
     numbers, all is finite, the covariances are symmetric and positive definite, and each effect has
@@ -175,8 +174,7 @@ def _checked_effects(effects: Mapping[str, ArrayLike], count: int) -> tuple[tupl
     for name, effect in effects.items():
         if name not in _SHOWN:
             raise ValueError(f"effects must be of {', '.join(_SHOWN)}, not {name!r}")
-        each = check_finite(f"effects[{name!r}]", effect)
-        check_shape(f"effects[{name!r}]", each, f"({count}, 3, 3)", "(3, 3)")
+        each = check_finite(f"effects[{name!r}]", effect, f"({count}, 3, 3)", "(3, 3)")
         if not each.any():
             raise ValueError(f"effects[{name!r}] is zero: the errors say nothing about it")
         if np.linalg.eigvalsh(each).min() < -_SEMIDEFINITE * np.abs(each).max():

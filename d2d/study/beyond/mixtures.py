@@ -27,7 +27,7 @@ from d2d._types import Array
 from d2d.cost import CorruptedGaussian
 from d2d.covariance import fisher_covariance
 from d2d.point_set import PointSet
-from d2d.registration import Estimate
+from d2d.problem import Estimate
 
 Mixture = Literal["max", "sum", "max-sum"]
 Residuals = Callable[[NDArray[Any]], NDArray[Any]]

@@ -10,7 +10,8 @@ import numpy as np
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
 from d2d.point_set import PointSet
-from d2d.registration import Estimate, register
+from d2d.problem import Estimate
+from d2d.registration import register
 from d2d.study.beyond.mixtures import register_mixture
 from d2d.study.beyond.symmetric import register_symmetric
 from d2d.study.plane.evaluation import ALPHA, OUTLIER_COVARIANCE, ROBUST, at_truth, same_draws

@@ -14,7 +14,7 @@ from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.covariance import fisher_covariance
 from d2d.point_set import PointSet
-from d2d.registration import Estimate
+from d2d.problem import Estimate
 
 _TOLERANCE = 1e-6  # of the gradient, in units of the cost per metre, at which SciPy stops
 # Rounding may keep the gradient above it.  Convergence is therefore judged by the Newton decrement,

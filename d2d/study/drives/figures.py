@@ -15,10 +15,10 @@ from scipy.stats import chi2
 from d2d import rigid
 from d2d._types import Array
 from d2d.point_set import PointSet
+from d2d.problem import Estimate
 from d2d.radar import Comparison, Mounting
 from d2d.radar.simulation.drive import STEPS, Sensor
 from d2d.radar.simulation.world import KINDS, World
-from d2d.registration import Estimate
 from d2d.study.book.drawing import ellipses, intervals
 from d2d.study.book.grammar import (
     BLACK,

@@ -11,7 +11,8 @@ from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
 from d2d.covariance import propagate_covariance
 from d2d.point_set import PointSet
-from d2d.registration import Estimate, register
+from d2d.problem import Estimate
+from d2d.registration import register
 from d2d.study.book.claim import DECIBELS
 from d2d.study.book.measured import Measured, anees_of, mean_of
 from d2d.study.plane import evaluation

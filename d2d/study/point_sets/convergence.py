@@ -9,7 +9,8 @@ from d2d import rigid
 from d2d._types import Array
 from d2d.baselines import icp, ndt_d2d, ndt_p2d
 from d2d.cost import CorruptedGaussian, RegistrationCost
-from d2d.registration import Estimate, register
+from d2d.problem import Estimate
+from d2d.registration import register
 from d2d.study.point_sets.room_scans import MOTION, RoomScan
 from d2d.study.runs import THREADS
 
