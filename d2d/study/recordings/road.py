@@ -40,6 +40,7 @@ FITTED_SCENES, SEEN_SCENES = ("scene-0061", "scene-0103"), ("scene-0916", "scene
 HELD_OUT_SCENE = "scene-0655"
 BASELINES = (2, 4)  # about 0.15 and 0.3 s
 LONGER = (1, 2, 3, 4, 6, 8)
+TURNS = (1, 4)  # about 0.075 and 0.3 s
 EXTENTS = (0.0, 0.1, 0.2, 0.3, 0.5)  # m
 SIDE_ERROR = np.deg2rad(15.0)  # rad/s: a yaw rate that is farther off is a gross error
 
@@ -151,8 +152,7 @@ def widths(recordings: Sequence[Recording]) -> dict[str, Any]:
 
 def horizons(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
     """Scores with the budget, and the mean time between the scans of a pair, by baseline."""
-    step = float(np.median(np.diff([scan.time for scan in recordings[0].scans])))
-    budget = recordings[0].budget
+    step, budget = cycle(recordings), recordings[0].budget
     return [
         {
             "horizon": baseline * step,
@@ -160,6 +160,25 @@ def horizons(recordings: Sequence[Recording]) -> list[dict[str, Any]]:
         }
         for baseline in LONGER
     ]
+
+
+def cycle(recordings: Sequence[Recording]) -> float:
+    """The time between two scans of a sensor, in s."""
+    return float(np.median(np.diff([scan.time for scan in recordings[0].scans])))
+
+
+def turns(recordings: Sequence[Recording]) -> dict[str, list[float]]:
+    """Mean errors (deg) of the turn of a pair by `TURNS`, with the Doppler velocities and without.
+
+    A turn is the yaw rate times the time between the scans.
+    """
+    found: dict[str, list[float]] = {}
+    for name, doppler in (("with Doppler", True), ("without Doppler", False)):
+        options = {"budget": recordings[0].budget, "doppler": doppler}
+        own = [judged(recordings, baseline=baseline, **options) for baseline in TURNS]
+        rates = [float(each.measures.mean_error[2]) for each in own]
+        found[name] = [n * cycle(recordings) * rate for n, rate in zip(TURNS, rates, strict=True)]
+    return found
 
 
 def side_radars(root: str | Path) -> list[dict[str, Any]]:
@@ -222,6 +241,7 @@ def of_radarscenes(roots: Sequence[Path]) -> dict[str, Any]:
         "extents": extents(recordings),
         "widths": widths(recordings),
         "horizons of RadarScenes": {f"sequence {FITTED_SEQUENCE}": horizons(recordings)},
+        "turns of RadarScenes": {f"sequence {name}": turns(own) for name, own in drives.items()},
         "without_reference": without_reference(recordings),
     }
 
@@ -236,6 +256,7 @@ def of_nuscenes(roots: Sequence[Path]) -> dict[str, Any]:
     return {
         "nuscenes": judge(drives),
         "horizons of nuScenes": {name: horizons(drives[name]) for name in known},
+        "turns of nuScenes": {name: turns(own) for name, own in drives.items()},
         "turning": of_turning(root),
         "side_radars": side_radars(root),
     }
