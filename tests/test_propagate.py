@@ -206,26 +206,6 @@ def test_one_pair_on_the_line_is_the_sum_of_the_variances():
             assert_allclose(covariance, [[0.75]], rtol=1e-12)
 
 
-@pytest.mark.parametrize("of_twist", [False, True])
-def test_a_measurement_joins_with_its_own_variance(of_twist):
-    """Breaks if the measured values' noise is left out."""
-    rng = np.random.default_rng(5)
-    runs = 4000
-    fixed, moving = overlapped_scene(runs, rng)
-    gain, slope = rng.standard_normal((2, 8, 3))
-    xi = d2d.rigid.logarithm(TRUTH) if of_twist else TRUTH
-    sigma = np.hypot(0.02, 0.001 * (slope @ xi))
-    value = gain @ xi + sigma * rng.standard_normal((runs, 8))
-    measured = LinearMeasurement(value, 0.02, 0.001, gain, slope, of_twist)
-    estimate = register(fixed, moving, LIKELIHOOD, TRUTH, measurement=measured)
-    covariance = propagate_covariance(estimate, fixed, moving, measurement=measured)
-    actual = np.cov((estimate.theta - TRUTH).T)
-    assert_allclose(np.diag(covariance.mean(axis=0)) / np.diag(actual), 1.0, atol=0.1)
-    alone = register(fixed, moving, LIKELIHOOD, TRUTH)
-    without = propagate_covariance(alone, fixed, moving)
-    assert not np.allclose(without, covariance, rtol=0.1)
-
-
 def measured_with_inputs(runs, rng, sigma_input):
     """The scene with speeds along targets' directions, at angles that also turn the targets.
 
