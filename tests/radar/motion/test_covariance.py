@@ -432,25 +432,6 @@ def test_neighbours_share_what_their_distance_says():
     assert found[0][1, 1] > 0.0 > found[1][1, 1]
 
 
-def test_no_part_depends_on_the_axes_of_the_vehicle_frame():
-    """Breaks if the errors of neighbours correlate along x and y more than along other axes."""
-    angle = 0.7
-    turn = np.eye(3)
-    turn[:2, :2] = rigid.rotation(-angle)
-    budget = ErrorBudget(azimuth=0.002, doppler=0.03, scale=0.002, neighbours=2.0)
-    pairs, other = two_pairs(), []
-    for previous, current, place in pairs:
-        x, y = turn[:2, :2] @ [place.x, place.y]
-        other.append(ScanPair(previous, current, Mounting(x, y, place.yaw - angle)))
-    found, of_turned = (
-        (*each.parts, each.delay, each.lead, each.slow @ each.slow.T)
-        for each in (applied(pairs, budget), applied(other, budget))
-    )
-    for own, of_other in zip(found, of_turned, strict=True):
-        size = np.abs(own).max()
-        assert_allclose(of_other, turn @ own @ turn.T, rtol=0, atol=1e-5 * size)
-
-
 def test_the_delay_is_how_far_an_accelerating_vehicle_is_ahead():
     """Breaks if an estimate is not carried from the middle of the interval to its time."""
     pairs, acceleration = two_pairs(), np.array([2.0, 0.0, 0.5])

@@ -296,17 +296,6 @@ def test_one_pair_in_a_sequence_is_that_pair():
         assert listed.value == alone.value
 
 
-def test_joint_start_comes_from_all_sensors_doppler_velocities():
-    """Breaks if the default start is zero, from where the positions find another optimum."""
-    theta = np.array([40.0, 0.2, 0.4])
-    pairs = pairs_around(np.random.default_rng(63), theta, size=40)
-    estimate = together(pairs, doppler=False)
-    assert estimate.converged
-    assert (np.abs(estimate.theta - theta) < 4.0 * np.sqrt(np.diag(estimate.covariance))).all()
-    from_zero = together(pairs, doppler=False, initial=np.zeros(3))
-    assert np.abs(from_zero.theta - theta)[0] > 1.0, "the scene is too easy to tell starts apart"
-
-
 def test_several_pairs_that_do_not_fit_are_refused_by_name():
     """Breaks if a sum over nothing is minimised, or the error does not say which pair."""
     previous, current, mounting = zip(*pairs_around(np.random.default_rng(66), THETA), strict=True)

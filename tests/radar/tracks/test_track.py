@@ -158,19 +158,6 @@ def test_between_two_estimates_a_track_is_linear():
         assert_allclose(found.covariance, sigma, rtol=1e-9)
 
 
-def test_the_covariance_between_is_a_bound_whatever_the_correlation():
-    """Breaks if the two errors are taken as independent, which says too little if they are not."""
-    driven = example()
-    weight = 0.3
-    found = driven.at(driven.times[10:11] + weight * np.diff(driven.times)[10])
-    one, two = (np.linalg.cholesky(driven.covariance[i]) for i in (10, 11))
-    for sign in (-1.0, 0.0, 1.0):
-        mixed = np.hstack([(1.0 - weight) * one, weight * two])
-        both = np.block([[np.eye(3), sign * np.eye(3)], [sign * np.eye(3), np.eye(3)]])
-        rest = found.covariance[0] - mixed @ both @ mixed.T
-        assert np.linalg.eigvalsh(rest).min() > -1e-6
-
-
 def test_outside_next_to_failures_and_in_gaps_nothing_is_known():
     """Breaks if a velocity is invented where there was none."""
     driven = example()

@@ -1,7 +1,6 @@
 """A track against a reference: what is compared, in which units, and how it is shown."""
 
 import re
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -182,13 +181,3 @@ def test_plot_draws_errors_bands_and_nees():
         assert_allclose(edge, 3.0 * found.sigmas[:, i].max())
     assert_allclose(last.lines[0].get_ydata(), found.credibility.nees, rtol=1e-6)
     plt.close(figure)
-
-
-def test_only_a_plot_needs_matplotlib(monkeypatch):
-    """Breaks if a table asks for a package that `d2d` does not require."""
-    found = compare(*example())
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert str(found)
-    assert found._repr_html_()
-    with pytest.raises(ModuleNotFoundError, match="matplotlib"):
-        found.plot()

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from d2d import CorruptedGaussian, UniformOutlier, dense, rigid
-from d2d.radar import ExtentEstimate, Mounting, RadarScan, estimate_ego_motion, estimate_extent
+from d2d.radar import Mounting, RadarScan, estimate_ego_motion, estimate_extent
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import scan_pair
 from d2d.radar.trust import extent as module
@@ -143,14 +143,6 @@ def test_pairs_are_spread_over_the_recording():
     later = scans[:5] + drive(5, 1.0, pairs=9)[5:]  # the second half scatters more
     few, all_of_them = (estimate_extent(later, MOUNTING, max_pairs=n) for n in (3, None))
     assert few.extent > 0.4 < all_of_them.extent
-
-
-def test_it_is_printed_in_a_line():
-    """Breaks if a user must guess units, or read all digits."""
-    found = ExtentEstimate(0.31234, 0.02, 7, 210)
-    assert str(found) == (
-        "ExtentEstimate(0.312 m, standard error 0.020 m, 7 pairs of scans, 210 targets)"
-    )
 
 
 def test_arguments_are_refused_by_name():
