@@ -17,7 +17,6 @@ from benchmarks.scenes import (
     scene,
     transform,
 )
-from benchmarks.timing import exponent
 from d2d import CorruptedGaussian, RegistrationCost, register, rigid
 from d2d.study.plane.scenarios import OVERLAPPED
 
@@ -89,11 +88,6 @@ def test_motions_survive_the_way_through_space():
     point = np.array([3.0, 4.0])
     moved = transform(theta) @ [*point, 0.0, 1.0]
     np.testing.assert_allclose(moved[:2], rigid.transform_means(theta, point[None])[0])
-
-
-def test_exponent_of_a_power():
-    sizes = [8, 64, 512]
-    assert exponent(sizes, [3.0 * size**1.7 for size in sizes]) == pytest.approx(1.7)
 
 
 def rows_of_times(name, cost, times):
