@@ -322,7 +322,7 @@ def test_more_scatter_of_the_positions_is_none_of_the_azimuth():
 # ---- what has no covariance, and what is refused
 
 
-def test_what_does_not_fit_gives_nothing_or_is_refused_by_name():
+def test_what_is_no_optimum_gives_nothing_and_several_are_refused():
     """Breaks if a covariance is made up where there is no optimum, or of several velocities."""
     pair = (*seen(), CORNER)
     estimate = estimate_ego_motion(*pair, initial=THETA)
@@ -333,14 +333,8 @@ def test_what_does_not_fit_gives_nothing_or_is_refused_by_name():
         theta=np.tile(estimate.theta, (3, 1)),
         covariance=np.tile(estimate.covariance, (3, 1, 1)),
     )
-    for given, said in (
-        ((estimate, pair[1], pair[0], CORNER), "current must be later"),
-        ((estimate, pair[0][:0], *pair[1:]), "previous holds no targets"),
-        ((estimate, [], [], []), "previous must hold at least one"),
-        ((three, *pair), r"estimate must be of one velocity .* has \(3, 3\)"),
-    ):
-        with pytest.raises(ValueError, match=f"^{said}"):
-            propagate_ego_motion(*given)
+    with pytest.raises(ValueError, match=r"^estimate must be of one velocity .* has \(3, 3\)"):
+        propagate_ego_motion(three, *pair)
 
 
 @pytest.mark.parametrize(
@@ -434,7 +428,7 @@ def test_neighbours_share_what_their_distance_says():
 
 def test_the_delay_is_how_far_an_accelerating_vehicle_is_ahead():
     """Breaks if an estimate is not carried from the middle of the interval to its time."""
-    pairs, acceleration = two_pairs(), np.array([2.0, 0.0, 0.5])
+    pairs, acceleration = two_pairs(), np.array([2.0, -0.4, 0.5])
     delay = applied(pairs, ErrorBudget()).delay
     # the mean velocity of the interval stays; in a bend it is not quite that in the middle
     pose, steps = np.eye(3), 2000

@@ -423,25 +423,6 @@ def changed(sensors, change, which=slice(5, 6)):
 
 
 @either_tracker
-def test_a_longer_baseline_keeps_the_rows_and_sharpens_the_yaw_rate(driven_by):
-    """Breaks if rows are lost, the interval is not that of the scans registered, or no use."""
-    sensors = surround_scans(30)
-    once = np.sqrt(driven_by(sensors).covariance[5:, 2, 2]).mean()
-    for baseline in (1, 2, 3):
-        result = driven_by(sensors, baseline=baseline)
-        assert result.converged.all()
-        assert len(result.times) == 29
-        sigmas = np.sqrt(result.covariance[:, 2, 2])
-        shorter = baseline * sigmas[5:].mean() / once
-        assert 0.8 < shorter < 1.4  # farther apart, the scans share fewer targets
-        assert (np.abs(result.theta - STRAIGHT)[:, 2] < 5.0 * sigmas).all()
-        if driven_by is front_alone:
-            scans, mounting = sensors[0]
-            alone = estimate_ego_motion(scans[8 - baseline], scans[8], mounting, initial=STRAIGHT)
-            assert_allclose(result.theta[7], alone.theta, rtol=0, atol=1e-6)
-
-
-@either_tracker
 def test_a_horizon_is_the_baseline_nearest_to_it(driven_by):
     """Breaks if another scan is taken, or if rounding decides between two that are equally near."""
     sensors = surround_scans(12)
@@ -472,7 +453,6 @@ def test_each_round_gives_an_estimate(driven_by):
     assert_allclose(result.times, expected[1:], atol=1e-12)
     assert_allclose(result.intervals, 0.1, atol=1e-12)
     assert result.converged.all()
-    assert result.converged.dtype == bool
     for i in (0, 6, 10):
         previous, current = ([scans[j] for scans, _ in used] for j in (i, i + 1))
         places = [mounting for _, mounting in used]
@@ -500,21 +480,6 @@ def test_scans_without_targets_are_marked_and_passed_over(driven_by, options):
 
 
 @either_tracker
-def test_one_target_tells_little_and_says_so(driven_by):
-    """Breaks if a motion that one target cannot show is given with a small covariance."""
-    result = driven_by(changed(surround_scans(), lambda scan: scan[:1]))
-    usual = np.sqrt(np.linalg.eigvalsh(result.covariance[2])[-1])
-    for i in (4, 5):
-        if result.converged[i]:
-            spread = np.sqrt(np.linalg.eigvalsh(result.covariance[i])[-1])
-            assert spread > 2.0 * usual
-            error = result.theta[i] - STRAIGHT
-            assert error @ np.linalg.solve(result.covariance[i], error) < 30.0
-    assert result.converged[6:].all()
-    assert np.abs(result.theta[6:] - STRAIGHT)[:, 0].max() < 0.3
-
-
-@either_tracker
 def test_a_scan_in_which_everything_moves_is_marked(driven_by):
     """Breaks if an optimum that rejects all targets is taken for the motion, and carried on."""
     rng = np.random.default_rng(71)
@@ -529,21 +494,22 @@ def test_a_scan_in_which_everything_moves_is_marked(driven_by):
     assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.5
 
 
+def bundle(scan):
+    """Six targets in one direction."""
+    near = np.argsort(np.abs(scan.azimuth - 0.1))[:6]
+    return scan[np.sort(near)]
+
+
 @either_tracker
-def test_targets_in_one_direction_leave_the_motion_across_uncertain(driven_by):
+@pytest.mark.parametrize("few", [bundle, lambda scan: scan[:1]], ids=["bundle", "one target"])
+def test_few_targets_leave_uncertain_what_they_do_not_show(driven_by, few):
     """Breaks if what is not observable is given with a small covariance, or ends the drive."""
-
-    def bundle(scan):
-        near = np.argsort(np.abs(scan.azimuth - 0.1))[:6]
-        return scan[np.sort(near)]
-
     usual = driven_by(surround_scans())
-    result = driven_by(changed(surround_scans(), bundle, slice(4, 7)))
+    result = driven_by(changed(surround_scans(), few, slice(4, 7)))
     good = np.flatnonzero(result.converged)
     assert set(range(3)) | set(range(7, 11)) <= set(good)
-    errors = result.theta[good] - STRAIGHT
-    nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(result.covariance[good]), errors)
-    assert nees.max() < 30.0
+    assert np.abs(result.theta[7:] - STRAIGHT)[:, 0].max() < 0.3
+    assert normalised_squares(result.theta[good] - STRAIGHT, result.covariance[good]).max() < 30.0
     for i in set(good) & {4, 5}:
         assert np.trace(result.covariance[i]) > 4.0 * np.trace(usual.covariance[i])
 

@@ -30,9 +30,6 @@ def test_errors_are_relative_to_the_reference_at_the_later_scan():
     assert_array_equal(found.times, driven.times)
     assert_array_equal(found.covariances, driven.covariance)
     assert found.share == found.converged == 1.0
-    for array in (found.times, found.errors, found.covariances):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0.0
 
 
 def test_a_reference_at_other_times_is_interpolated():
@@ -84,7 +81,6 @@ def test_measures_are_those_of_the_errors():
     assert_allclose(found.sigmas, sigmas * DEGREES)
     assert_allclose(m.crps, crps(e * DEGREES, sigmas * DEGREES).mean(axis=0))
     assert_allclose(m.whitened_squares, (parts.values**2).mean(axis=0))
-    assert isinstance(m.anees, float)
     assert_allclose(m.anees, credibility(e, c).anees)
     assert_allclose(m.anees, m.whitened_squares.mean())
     assert_allclose(m.log_scores, parts.log_score.mean(axis=0))

@@ -156,11 +156,8 @@ def test_arguments_are_refused_by_name():
         ({"scans": scans[:2]}, "two pairs"),
         ({"scans": scans[::-1]}, "scans"),
         ({"scans": apart, "outlier": None}, r"a likelihood that still grows at 3\.2 m"),
-        ({"baseline": 0}, "baseline"),
         ({"baseline": 3}, "baseline = 3"),
         ({"max_pairs": 1}, "max_pairs"),
-        ({"max_interval": 0.05}, "max_interval"),
-        ({"doppler_width": -1.0}, "doppler_width"),
     ):
         with pytest.raises(ValueError, match=name):
             estimate_extent(**({"scans": scans, "mounting": MOUNTING} | change))

@@ -1,12 +1,15 @@
 """A check of the scenes in the plane must be able to come out otherwise."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from d2d import rigid
+from d2d import credibility, rigid
 from d2d.study.claims import CLAIMS
 from d2d.study.plane import cluster_search
-from d2d.study.plane.claims import clusters, indices
+from d2d.study.plane.claims import clusters, indices, overlapped
+from d2d.study.plane.evaluation import evaluated
 from d2d.study.plane.measures import times_off
 from d2d.study.plane.optima import Minima
 from d2d.study.plane.scenarios import OVERLAPPED
@@ -50,6 +53,20 @@ def test_the_best_limit_of_an_index_is_found():
     assert indices.recognised(np.array([1.0, 2.0, 5.0, 6.0]), dangerous) == 1.0
     assert indices.recognised(np.ones(4), dangerous) == 0.5
     assert indices.recognised(np.array([1.0, 3.0, 2.0, 4.0]), dangerous) == 0.75
+
+
+@pytest.mark.parametrize(("wider", "verdict"), [(1.3, "confirmed"), (1.05, "wrong in part")])
+def test_the_outlier_component_is_judged_by_what_counts(monkeypatch, wider, verdict):
+    """Breaks if a change of I2 below its margin counts (0.2 dB), or one above it (1.1 dB) not."""
+
+    def widened(scenario, cost):
+        found = evaluated(scenario, cost)
+        factor = 1.0 if cost == overlapped.LIKELIHOOD else wider
+        return SimpleNamespace(credibility=credibility(found.errors, factor * found.covariances))
+
+    monkeypatch.setattr(overlapped, "evaluated", widened)
+    evidence = CLAIMS["overlap-outlier-component"].check()
+    assert evidence.verdict == verdict, str(evidence)
 
 
 def test_a_covariance_is_said_to_be_too_large_where_i2_is_negative():

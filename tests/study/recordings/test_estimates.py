@@ -7,7 +7,6 @@ slips and whose mountings are turned by known amounts.
 import json
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -279,15 +278,6 @@ def test_columns_are_what_the_header_says(tmp_path):
     )
     assert lines[1] == "a,0.1,0.1,1,1,2,3,11,12,13,22,23,33,0.7,0.8,0.9"
     assert lines[2] == "a,0.3,0.2,0,4,5,6,11,12,13,22,23,33,nan,nan,nan"
-
-
-def test_the_data_s_place_comes_from_the_environment(monkeypatch):
-    """Breaks if an unset or empty variable means the working directory."""
-    for value, expected in (("", None), ("/x/y", Path("/x/y"))):
-        monkeypatch.setenv("D2D_RADARSCENES", value)
-        assert estimates.data_root() == expected
-    monkeypatch.delenv("D2D_RADARSCENES")
-    assert estimates.data_root() is None
 
 
 def test_the_command_writes_the_results_of_what_it_is_asked_for(estimated, monkeypatch, tmp_path):
