@@ -201,16 +201,6 @@ def test_at_equal_times_nothing_is_interpolated():
     assert found.converged == 7 / 8
 
 
-def test_gaps_and_failed_estimates_are_not_bridged():
-    """Breaks if a straight line over a gap stands for the motion."""
-    times = np.arange(20) / 10.0
-    kept = np.r_[0:6, 12:20]
-    second = noisy(7, times[kept] - 0.02)
-    second = failed(second, 10)  # at 1.58 s
-    found = compare_tracks(noisy(6, times), second)
-    assert_allclose(found.times, times[[0, 1, 2, 3, 4, 12, 13, 14, 17, 18]])
-
-
 def test_tracks_that_cannot_be_compared_are_refused():
     """Breaks if the clocks of two sensors differ, or a track is empty, and nobody is told."""
     times = np.arange(20) / 10.0
