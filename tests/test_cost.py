@@ -1,4 +1,4 @@
-"""The cost's values and derivatives, against the plain formulas, and its invariances."""
+"""The cost's values and derivatives against the plain formulas: alone, in batches, in any unit."""
 
 from itertools import product
 from typing import get_args
@@ -200,7 +200,7 @@ def test_batch_axes_broadcast(outlier):
                 assert_array_equal(ours[index], theirs)
 
 
-# ---- Invariances ------------------------------------------------------------------------------
+# ---- Units ------------------------------------------------------------------------------------
 
 
 @given(

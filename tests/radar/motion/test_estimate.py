@@ -103,25 +103,6 @@ def assert_optimum_of(estimate, cost) -> None:
     assert_allclose(estimate.covariance @ estimate.hessian, np.eye(3), atol=1e-8)
 
 
-def test_inlier_probabilities_are_bayes_rule():
-    """Breaks if a share is not the inlier part of that target's naive density."""
-    previous, current = two_scans(np.random.default_rng(3), THETA, size=7)
-    changed = current.doppler + np.array([0, 0, 0.1, 0, 1.0, 0, 0])
-    current = replace(current, doppler=changed)
-    for doppler, first_order, outlier in product(EITHER, EITHER, OUTLIERS[:2]):
-        options = {"doppler": doppler, "outlier": outlier, "first_order": first_order}
-        shares = inlier_probabilities(THETA, previous, current, CORNER, **options)
-        prior = 1.0 - getattr(outlier, "fraction", 0.0)
-        for k, share in enumerate(shares):
-            rest = (THETA, previous, current[k : k + 1], CORNER)
-            inlier, both = (
-                np.exp(-naive_cost(*rest, model, doppler, first_order)) for model in (None, outlier)
-            )
-            assert share == pytest.approx(prior * inlier / both, rel=1e-9, abs=3e-16)
-        assert (shares[4] < 1e-3) == doppler
-        assert (shares[[0, 1, 3, 5, 6]] > 0.5).all()
-
-
 @pytest.mark.parametrize("doppler", EITHER, ids=["doppler", "positions"])
 @pytest.mark.parametrize("first_order", EITHER, ids=["first-order", "exact"])
 def test_the_estimate_is_the_optimum_of_the_naive_joint_cost(doppler, first_order):

@@ -1,4 +1,4 @@
-"""An error budget as plain data."""
+"""The numbers of an error budget."""
 
 import numpy as np
 import pytest

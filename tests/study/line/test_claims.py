@@ -1,4 +1,4 @@
-"""A check of the surfaces on a line must be able to come out otherwise."""
+"""What is computed once of a scene on a line is not kept for another."""
 
 from d2d.study.claims import CLAIMS
 from d2d.study.line.claims import surfaces
