@@ -26,19 +26,20 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def folder_of(data_set: str) -> Path:
+    """Folder of a data set; tests that ask for it are skipped where it is not."""
+    variable = f"D2D_{data_set.upper()}"
+    root = os.environ.get(variable)
+    if not root:
+        pytest.skip(f"set {variable} to the folder of the {data_set} data set")
+    return Path(root)
+
+
 @pytest.fixture(scope="session")
 def radarscenes() -> Path:
-    """Folder of the RadarScenes data set; tests that ask for it are skipped where it is not."""
-    root = os.environ.get("D2D_RADARSCENES")
-    if not root:
-        pytest.skip("set D2D_RADARSCENES to the folder of the RadarScenes data set")
-    return Path(root)
+    return folder_of("RadarScenes")
 
 
 @pytest.fixture(scope="session")
 def nuscenes() -> Path:
-    """Folder of the nuScenes data set; tests that ask for it are skipped where it is not."""
-    root = os.environ.get("D2D_NUSCENES")
-    if not root:
-        pytest.skip("set D2D_NUSCENES to the folder of the nuScenes data set")
-    return Path(root)
+    return folder_of("nuScenes")

@@ -296,13 +296,6 @@ def test_an_asymmetric_covariance_is_told_with_its_difference():
         PointSet(MEANS, one_wrong([[1.0, 0.5], [0.1, 1.0]]))
 
 
-def test_degrees_are_asked_about():
-    said = r"^azimuth must be in radians .* but holds 88; are these degrees"
-    with pytest.raises(ValueError, match=said):
-        PointSet.from_polar([5.0, 8.0], [0.1, 88.0], 0.1, 0.01)
-    PointSet.from_polar([5.0, 8.0], [0.1, np.float32(2.0 * np.pi)], 0.1, 0.01)
-
-
 def test_what_is_no_sequence_cannot_be_looped_over():
     """Breaks if a loop over its targets runs through none of them and says nothing."""
     with pytest.raises(TypeError, match=r"iterable|iterate"):

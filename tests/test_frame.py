@@ -85,12 +85,17 @@ def test_the_default_start_is_zero_in_the_users_frame():
 
 
 def test_a_batch_near_and_far_is_its_problems_one_by_one():
-    """Breaks if one far set moves the origin of all, or batch axes meet the wrong origins."""
+    """Breaks if one far set moves the origin of all, or batch axes meet the wrong origins.
+
+    Also if the caller's starts are overwritten.
+    """
     fixed, moving = scene(batch=(3,))
     shift = np.array([[0.0, 0.0], [4e5, 1e5], [1e7, 1e7]])[:, None]
     far = [PointSet(each.means + shift, each.covariances) for each in (fixed, moving)]
     starts = np.array([[[0.0, 0.0, 0.0]], [[0.2, 0.1, 0.0]]])
+    before = starts.copy()
     together = register(*far, COSTS[2], starts, threads=2)
+    assert_array_equal(starts, before)
     for i, j in np.ndindex(2, 3):
         one = register(far[0][j], far[1][j], COSTS[2], starts[i, 0])
         assert_array_equal(one.theta, together.theta[i, j])

@@ -12,10 +12,11 @@ from numpy.testing import assert_array_equal
 
 from d2d import CorruptedGaussian, LinearMeasurement, PointSet, UniformOutlier
 from d2d._frozen import Frozen
-from d2d.radar import EgoMotionModel, Mounting, RadarScan, World, build_world
+from d2d.radar import Comparison, EgoMotionModel, Mounting, RadarScan, Track, World, build_world
 from d2d.radar.motion.model import DEFAULT_OUTLIER
 from d2d.radar.simulation.drive import simulate_drive
 from d2d.study.mixtures.gaussian import GaussianMixture
+from tests.radar.tracks.test_track import N, example
 
 EYES = np.tile(np.eye(2), (3, 1, 1))
 SCANS = simulate_drive(np.random.default_rng(0), 0.2).scans
@@ -38,6 +39,8 @@ MAKERS = {
     "EgoMotionModel": lambda: EgoMotionModel(),
     "GaussianMixture": lambda: GaussianMixture([1.0], [[0.0, 1.0]], [np.eye(2)]),
     "World": lambda: build_world(np.random.default_rng(0)),
+    "Track": example,
+    "Comparison": lambda: Comparison.from_errors(example(), np.zeros((N, 3))),
 }
 
 WAYS = {
@@ -73,8 +76,10 @@ def test_every_copy_is_read_only_and_computes_its_own_values(kind):
             value, expected = getattr(other, field.name), getattr(original, field.name)
             if isinstance(value, np.ndarray):
                 assert_array_equal(value, expected)
-                with pytest.raises(ValueError, match="read-only"):
-                    value[...] = 7.0
+            for array in value if isinstance(value, tuple) else (value,):
+                if isinstance(array, np.ndarray):
+                    with pytest.raises(ValueError, match="read-only"):
+                        array[...] = array.flat[0]
         for name in names:
             assert joblib.hash(getattr(other, name)) == joblib.hash(getattr(original, name))
     if kind != "CorruptedGaussian-default":  # of which there is only one
@@ -84,6 +89,7 @@ def test_every_copy_is_read_only_and_computes_its_own_values(kind):
 def test_an_edit_of_the_users_array_reaches_no_container():
     one, points, gain, corners = np.ones(3), np.ones((3, 2)), np.ones((3, 3)), np.ones((1, 4, 2))
     eyes, wide, mixed = EYES.copy(), 100.0 * np.eye(2), np.full(3, 1.0 / 3.0)
+    times, spread = np.arange(3.0), np.tile(np.eye(3), (3, 1, 1))
     world = MAKERS["World"]()
     made = [
         PointSet(points, eyes, one),
@@ -92,9 +98,10 @@ def test_an_edit_of_the_users_array_reaches_no_container():
         CorruptedGaussian(0.2, wide),
         GaussianMixture(mixed, points, eyes),
         World(corners, corners, world.reflectors, world.movers),
+        Track(times, one, gain, spread, [True] * 3),
     ]
     before = copy.deepcopy(made)
-    for array in (one, points, gain, corners, eyes, wide, mixed):
+    for array in (one, points, gain, corners, eyes, wide, mixed, times, spread):
         array *= 2.0
     for thing, same in zip(made, before, strict=True):
         for field in fields(thing):

@@ -4,46 +4,10 @@ Its density and derivatives are tested in test_cost, with everything else.
 """
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.stats import norm
 
-from d2d import LinearMeasurement, RegistrationCost, rigid
-from tests.strategies import MEASURED, doppler_like, random_problem
-
-
-@pytest.mark.parametrize("outlier", ["uniform", "corrupted"])
-def test_the_outlier_component_does_not_know_it(outlier):
-    """Breaks if an impossible measurement does not turn its target into an outlier."""
-    problem = random_problem(np.random.default_rng(2), outlier=outlier, measured="motion")
-    m = problem.measurement
-    absurd = LinearMeasurement(m.value + 1e5, m.sigma, m.sigma_input, m.gain, m.slope)
-    densities = problem.with_(measurement=absurd).densities()
-    if outlier == "uniform":
-        expected = np.full(problem.moving.size, problem.cost.outlier.density)
-    else:
-        # the inliers' share, times zero, plus that of the outliers
-        model = problem.cost.outlier
-        only = RegistrationCost(outlier=type(model)(1.0, model.covariance))
-        expected = model.fraction * problem.with_(cost=only, measurement=None).densities()
-    assert_allclose(densities, expected, rtol=1e-12)
-    assert np.isfinite(problem.with_(measurement=absurd).derivatives()[2]).all()
-
-
-def test_the_twist_is_the_velocity_of_an_arc():
-    """Breaks if of_twist takes theta / tau for the body velocity while the vehicle turns."""
-    problem = random_problem(np.random.default_rng(3))
-    velocity = np.array([10.0, -1.0, 2.5])
-    template = doppler_like(np.random.default_rng(4), velocity, problem.moving.size)
-    exact = LinearMeasurement(
-        template.gain @ velocity, 1e-3, 0.0, template.gain, template.slope, of_twist=True
-    )
-    on_arc = problem.with_(theta=rigid.exponential(velocity), measurement=exact)
-    plain = on_arc.with_(measurement=None)
-    peak = norm.pdf(0.0, 0.0, 1e-3)
-    assert_allclose(on_arc.densities(), plain.densities() * peak, rtol=1e-9)
-    on_chord = on_arc.with_(theta=velocity)
-    assert (on_chord.densities() < 1e-3 * plain.with_(theta=velocity).densities()).all()
+from d2d import LinearMeasurement
+from tests.strategies import MEASURED, random_problem
 
 
 def test_arrays_broadcast():

@@ -72,7 +72,8 @@ def test_weights_are_one_over_n_unless_given_and_sigmas_are_inflated():
 
 
 def test_batches_broadcast_and_are_indexed():
-    """Breaks if an index reaches beyond the batch axes or the three arrays part ways."""
+    """Breaks if an index reaches beyond the batch axes, the three arrays part ways or a loop over
+    the batch leaves out its last set."""
     rng = np.random.default_rng(2)
     means = rng.standard_normal((5, 1, 3, 2))
     covariances = spd(rng, 4 * 3, 2).reshape(4, 3, 2, 2)
@@ -84,23 +85,13 @@ def test_batches_broadcast_and_are_indexed():
     assert_array_equal(points[2, 3].weights, weights)
     assert points[1:3].batch_shape == (2, 4)
     assert_array_equal(points[1:3].means[:, 0], means[1:3, 0])
+    assert_array_equal([each.means[0] for each in points], means[:, 0])
     assert points[np.array([0, 4])].batch_shape == (2, 4)
     assert points[np.arange(5) > 2].batch_shape == (2, 4)
     with pytest.raises(IndexError, match="no batch axes"):
         points[2, 3][0]
     with pytest.raises(IndexError, match="batch"):
         points[0, 0, 0]
-
-
-def test_a_batch_is_looped_over_along_its_first_axis():
-    """Breaks if the last set is left out, or a batch of two axes comes out flat."""
-    points = PointSet([[8.0, 1.0], [5.0, -3.0]], np.tile(np.eye(2), (2, 1, 1)))
-    batch = points.transformed(np.arange(24.0).reshape(4, 2, 3))
-    sets = list(batch)
-    assert [each.batch_shape for each in sets] == [(2,)] * 4
-    for i, each in enumerate(sets):
-        assert_array_equal(each.means, batch.means[i])
-        assert_array_equal(each.covariances, batch.covariances[i])
 
 
 @few

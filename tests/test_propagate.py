@@ -25,6 +25,7 @@ from tests.strategies import (
     all_cases,
     batch_of_one,
     case_id,
+    central_difference,
     in_unit,
     overlapped_scene,
     random_problem,
@@ -35,32 +36,29 @@ ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
 SUMMING = RegistrationCost(fusion="summing")
 
 
-def shifted(problem, which, target, axis, step):
-    """The problem with one measured coordinate moved by ``step``."""
+def shifted(problem, which, by):
+    """The problem with all measured coordinates of one kind moved by ``by``."""
     if which in ("fixed", "moving"):
         points = getattr(problem, which)
-        means = points.means.copy()
-        means[target, axis] += step
-        changed = PointSet(means, points.covariances, points.weights)
-        return problem.with_(**{which: changed})
+        means = points.means + by.reshape(points.means.shape)
+        return problem.with_(**{which: PointSet(means, points.covariances, points.weights)})
     m = problem.measurement
-    value, gain = m.value.copy(), m.gain.copy()
+    value, gain = m.value, m.gain
     if which == "measured":
-        value[target] += step
+        value = value + by
     else:  # the prediction moves by its slope, which is held with the variance
-        gain[target] += step * m.slope[target]
+        gain = gain + by[:, None] * m.slope
     changed = LinearMeasurement(value, m.sigma, m.sigma_input, gain, m.slope, m.of_twist)
     return problem.with_(measurement=changed)
 
 
-def numerical(problem, which, target, axis, step=1e-4):
-    """Fourth-order central difference of the gradient (P,) in one measured coordinate."""
-
-    def gradient(by):
-        return shifted(problem, which, target, axis, by).derivatives()[1]
-
-    near, wide = gradient(step) - gradient(-step), gradient(2 * step) - gradient(-2 * step)
-    return (8.0 * near - wide) / (12.0 * step)
+def numerical(problem, which, count):
+    """Differences (count, P) of the gradient in the measured coordinates of one kind."""
+    return central_difference(
+        lambda by: shifted(problem, which, by).derivatives()[1],
+        np.zeros(count),
+        np.full(count, 1e-4),
+    ).T
 
 
 @pytest.mark.parametrize("case", all_cases(), ids=case_id)
@@ -75,20 +73,15 @@ def test_cross_derivatives_are_those_of_the_gradient(case):
         measurement=problem.measurement,
     )
     for which in ("fixed", "moving"):
-        block = getattr(cross, which)
-        expected = np.stack(
-            [
-                np.stack([numerical(problem, which, k, d) for d in range(block.shape[-1])], -1)
-                for k in range(len(block))
-            ]
-        )
+        block = getattr(cross, which).swapaxes(1, 2)
+        expected = numerical(problem, which, block[..., 0].size).reshape(block.shape)
         assert_allclose(block, expected, rtol=1e-7, atol=1e-7 * np.abs(expected).max())
     if problem.measurement is None:
         assert_array_equal(cross.measured, 0.0)
         assert_array_equal(cross.input, 0.0)
         return
     for which in ("measured", "input"):
-        expected = [numerical(problem, which, k, 0) for k in range(problem.moving.size)]
+        expected = numerical(problem, which, problem.moving.size)
         assert_allclose(getattr(cross, which), expected, rtol=1e-7, atol=1e-6)
 
 
@@ -137,8 +130,8 @@ def test_a_component_without_weight_counts_nothing():
     for fraction in (0.0, 1.0):
         cost = RegistrationCost(outlier=CorruptedGaussian(fraction, 9.0 * np.eye(2)))
         cross = cross_derivatives(problem.theta, problem.fixed, problem.moving, cost)
-        expected = numerical(problem.with_(cost=cost), "moving", 1, 0)
-        assert_allclose(cross.moving[1, :, 0], expected, rtol=1e-7, atol=1e-9)
+        expected = numerical(problem.with_(cost=cost), "moving", 2 * problem.moving.size)
+        assert_allclose(cross.moving[1, :, 0], expected[2], rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -181,17 +174,6 @@ def test_it_is_quadratic_in_the_errors_and_in_the_unit():
             found = propagate_covariance(again, other.fixed, other.moving, other.cost)
             per = np.array([unit, unit, 1.0])
             assert_allclose(found / np.outer(per, per), plain, rtol=1e-4)
-
-
-def test_p2d_forgets_the_noise_that_propagation_remembers():
-    """Breaks if Sigma_z leaves the moving set out where the metric does."""
-    fixed, moving = overlapped_scene(2000, np.random.default_rng(2), 0.05, 0.002)
-    cost = RegistrationCost("p2d")
-    estimate = register(fixed, moving, cost, TRUTH)
-    actual = np.diag(np.cov((estimate.theta - TRUTH).T))
-    propagated = propagate_covariance(estimate, fixed, moving, cost)
-    assert_allclose(np.diag(propagated.mean(axis=0)) / actual, 1.0, atol=0.15)
-    assert (np.diag(estimate.covariance.mean(axis=0)) / actual < 0.75).all()
 
 
 def test_one_pair_on_the_line_is_the_sum_of_the_variances():

@@ -41,13 +41,6 @@ def test_each_component_is_taken_given_those_before_it():
     assert_array_equal(default.sigmas, last.sigmas)
 
 
-def test_whitened_credible_errors_are_independent_of_unit_variance():
-    """Breaks if the factor is applied from the wrong side."""
-    values = whiten(*drawn_errors(2, 20_000), (2, 1, 0)).values
-    # a covariance of 20 000 unit normals scatters by 0.7 %, a variance by 1 %
-    assert_allclose(values.T @ values / len(values), np.eye(3), atol=0.04)
-
-
 def test_crps_is_the_integral_of_squared_differences_of_distributions():
     """Breaks if a term of the closed form is off."""
     for error, sigma in [(0.0, 1.0), (0.7, 0.2), (-3.0, 2.0), (40.0, 0.5)]:
@@ -58,19 +51,10 @@ def test_crps_is_the_integral_of_squared_differences_of_distributions():
 
 
 def test_no_other_covariance_scores_better_than_the_true_one():
-    """Breaks if a score rewards covariances that are too small or too large."""
+    """Breaks if a component's score rewards covariances that are too small or too large."""
     errors, covariances = drawn_errors(8, 4000)
-    signs = np.array([1.0, -1.0, 1.0])
     right = whiten(errors, covariances, (2, 1, 0))
-    for wrong in (
-        0.6 * covariances,
-        1.6 * covariances,
-        covariances * np.outer(signs, signs),
-        np.linalg.inv(covariances),
-    ):
-        gain = log_score(errors, wrong) - log_score(errors, covariances)
-        assert gain.mean() > 3.0 * gain.std() / np.sqrt(len(gain))
-    for factor in (0.5, 2.0):  # of each component alone as well
+    for factor in (0.5, 2.0):
         other = whiten(errors, factor * covariances, (2, 1, 0))
         for gain in (other.log_score - right.log_score, other.crps - right.crps):
             assert (gain.mean(axis=0) > 3.0 * gain.std(axis=0) / np.sqrt(len(gain))).all()

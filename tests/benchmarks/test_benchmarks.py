@@ -17,7 +17,6 @@ from benchmarks.scenes import (
     scene,
     transform,
 )
-from benchmarks.timing import exponent
 from d2d import CorruptedGaussian, RegistrationCost, register, rigid
 from d2d.study.plane.scenarios import OVERLAPPED
 
@@ -91,11 +90,6 @@ def test_motions_survive_the_way_through_space():
     np.testing.assert_allclose(moved[:2], rigid.transform_means(theta, point[None])[0])
 
 
-def test_exponent_of_a_power():
-    sizes = [8, 64, 512]
-    assert exponent(sizes, [3.0 * size**1.7 for size in sizes]) == pytest.approx(1.7)
-
-
 def rows_of_times(name, cost, times):
     """Rows of one method from 0.4 m off, of times (s) by the number of targets."""
     judged = Accuracy(0.1, 0.01, 1.5, 1.0)
@@ -136,10 +130,3 @@ def test_every_way_of_one_call_finds_the_motion_of_its_own_run(start):
         for run, theta in enumerate(found):
             expected = register(draws.fixed[run], draws.moving[run], cost, initial).theta
             np.testing.assert_allclose(theta, expected, atol=1e-12)
-
-
-def test_a_start_off_the_truth_is_04_m_and_06_degrees_away():
-    theta = np.array([5.0, -1.0, 0.3])
-    shift = initial_motion(theta, "off") - theta
-    assert np.hypot(*shift[:2]) == pytest.approx(0.4)
-    assert np.rad2deg(shift[2]) == pytest.approx(0.6)

@@ -24,7 +24,7 @@ from d2d.study.recordings.turning import Residuals
 NOISE = 0.1  # m/s
 
 
-def residuals(seed: int, straight: float = 0.0) -> Residuals:
+def residuals(seed: int) -> Residuals:
     """Targets of five radars on a drive with bends to both sides at changing speed, no errors."""
     rng = np.random.default_rng(seed)
     count = 20_000
@@ -32,7 +32,7 @@ def residuals(seed: int, straight: float = 0.0) -> Residuals:
     sensor = rng.integers(len(CHANNELS), size=count)
     direction = 1.2 * sensor + rng.uniform(-0.8, 0.8, count)
     cosine, sine = np.cos(direction), np.sin(direction)
-    turning = 0.5 * np.sin(0.7 * time) + straight
+    turning = 0.5 * np.sin(0.7 * time)
     speed = 8.0 + 4.0 * np.sin(1.9 * time)
     distance = rng.uniform(3.0, 80.0, count)
     gain = np.column_stack([-cosine, -sine, 0.5 * cosine - 2.0 * sine])

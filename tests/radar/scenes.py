@@ -63,35 +63,35 @@ def two_scans(
 
 
 @cache
-def _whole_drive(seed: int) -> Drive:
+def _whole_drive() -> Drive:
     """A simulated drive of a minute, simulated once."""
-    return simulate_drive(np.random.default_rng(seed), 60.0, mounting=CORNER)
+    return simulate_drive(np.random.default_rng(0), 60.0, mounting=CORNER)
 
 
-def beginning(count: int = 40, seed: int = 0) -> Drive:
+def beginning(count: int = 40) -> Drive:
     """The first scans of a simulated drive."""
-    whole = _whole_drive(seed)
+    whole = _whole_drive()
     truth = whole.truth
     part = Reference(truth.times[:count], truth.theta[:count], truth.poses[:count])
     return replace(whole, scans=whole.scans[:count], truth=part)
 
 
-def straight_scans(count: int = 12) -> list[RadarScan]:
+def straight_scans() -> list[RadarScan]:
     """Scans of one world from a car at 12 m/s, too fast to be registered from a start at zero."""
     rng = np.random.default_rng(40)
     points = rng.uniform([-10.0, -60.0], [90.0, 60.0], (400, 2))
-    return _seen(rng, points, 0.1 * np.arange(count), STRAIGHT, CORNER)
+    return _seen(rng, points, 0.1 * np.arange(12), STRAIGHT, CORNER)
 
 
 def surround_scans(
-    count: int = 12, theta=STRAIGHT, times=None, shift: float = 0.013
+    count: int = 12, times=None, shift: float = 0.013
 ) -> list[tuple[list[RadarScan], Mounting]]:
     """Scans of one world by three sensors that do not run in step, at these times."""
-    rng, theta = np.random.default_rng(70), np.array(theta)
+    rng = np.random.default_rng(70)
     points = rng.uniform([-60.0, -60.0], [90.0, 60.0], (600, 2))
     times = 0.1 * np.arange(count) if times is None else np.asarray(times)
     return [
-        (_seen(rng, points, times + shift * s, theta, mounting), mounting)
+        (_seen(rng, points, times + shift * s, STRAIGHT, mounting), mounting)
         for s, mounting in enumerate(AROUND)
     ]
 

@@ -322,7 +322,7 @@ def test_more_scatter_of_the_positions_is_none_of_the_azimuth():
 # ---- what has no covariance, and what is refused
 
 
-def test_what_does_not_fit_gives_nothing_or_is_refused_by_name():
+def test_what_is_no_optimum_gives_nothing_and_several_are_refused():
     """Breaks if a covariance is made up where there is no optimum, or of several velocities."""
     pair = (*seen(), CORNER)
     estimate = estimate_ego_motion(*pair, initial=THETA)
@@ -333,14 +333,8 @@ def test_what_does_not_fit_gives_nothing_or_is_refused_by_name():
         theta=np.tile(estimate.theta, (3, 1)),
         covariance=np.tile(estimate.covariance, (3, 1, 1)),
     )
-    for given, said in (
-        ((estimate, pair[1], pair[0], CORNER), "current must be later"),
-        ((estimate, pair[0][:0], *pair[1:]), "previous holds no targets"),
-        ((estimate, [], [], []), "previous must hold at least one"),
-        ((three, *pair), r"estimate must be of one velocity .* has \(3, 3\)"),
-    ):
-        with pytest.raises(ValueError, match=f"^{said}"):
-            propagate_ego_motion(*given)
+    with pytest.raises(ValueError, match=r"^estimate must be of one velocity .* has \(3, 3\)"):
+        propagate_ego_motion(three, *pair)
 
 
 @pytest.mark.parametrize(
@@ -432,28 +426,9 @@ def test_neighbours_share_what_their_distance_says():
     assert found[0][1, 1] > 0.0 > found[1][1, 1]
 
 
-def test_no_part_depends_on_the_axes_of_the_vehicle_frame():
-    """Breaks if the errors of neighbours correlate along x and y more than along other axes."""
-    angle = 0.7
-    turn = np.eye(3)
-    turn[:2, :2] = rigid.rotation(-angle)
-    budget = ErrorBudget(azimuth=0.002, doppler=0.03, scale=0.002, neighbours=2.0)
-    pairs, other = two_pairs(), []
-    for previous, current, place in pairs:
-        x, y = turn[:2, :2] @ [place.x, place.y]
-        other.append(ScanPair(previous, current, Mounting(x, y, place.yaw - angle)))
-    found, of_turned = (
-        (*each.parts, each.delay, each.lead, each.slow @ each.slow.T)
-        for each in (applied(pairs, budget), applied(other, budget))
-    )
-    for own, of_other in zip(found, of_turned, strict=True):
-        size = np.abs(own).max()
-        assert_allclose(of_other, turn @ own @ turn.T, rtol=0, atol=1e-5 * size)
-
-
 def test_the_delay_is_how_far_an_accelerating_vehicle_is_ahead():
     """Breaks if an estimate is not carried from the middle of the interval to its time."""
-    pairs, acceleration = two_pairs(), np.array([2.0, 0.0, 0.5])
+    pairs, acceleration = two_pairs(), np.array([2.0, -0.4, 0.5])
     delay = applied(pairs, ErrorBudget()).delay
     # the mean velocity of the interval stays; in a bend it is not quite that in the middle
     pose, steps = np.eye(3), 2000

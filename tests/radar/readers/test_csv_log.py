@@ -178,20 +178,17 @@ def test_names_in_any_encoding_stay_apart(log):
     """Breaks if two sensors become one because their names are not in UTF-8."""
     rows = "sensor,time,range,azimuth,doppler\nv\u00f6rn,0,5,0,0\nh\u00e4rn,0,6,0,0\n"
     for encoding in ("utf-8", "utf-8-sig", "latin-1", "utf-16"):
-        path = log(rows.encode(encoding))
-        scans = load_csv(path, sigma_range=0.1, sigma_azimuth=0.1, sigma_doppler=0.1)
-        assert list(scans) == ["v\u00f6rn", "h\u00e4rn"]
+        assert list(load_csv(log(rows.encode(encoding)), **ALL)) == ["v\u00f6rn", "h\u00e4rn"]
 
 
 def test_a_clock_that_steps_back_once_keeps_its_order(log):
     """Breaks if the time after midnight is put before that of the evening, or lines in any order
     are no longer sorted."""
-    sigmas = {"sigma_range": 0.1, "sigma_azimuth": 0.1, "sigma_doppler": 0.1}
     for given, expected in (
         ([86398.0, 86399.0, 0.0, 1.0, 0.5], [86398.0, 86399.0, 0.0, 0.5, 1.0]),
         ([5.0, 1.0, 9.0, 3.0], [1.0, 3.0, 5.0, 9.0]),
         ([2.0, 1.5, 3.0], [1.5, 2.0, 3.0]),
     ):
         lines = "".join(f"{time},5,0,0\n" for time in given)
-        (scans,) = load_csv(log(f"{HEADER}\n{lines}".encode()), **sigmas).values()
+        (scans,) = load_csv(log(f"{HEADER}\n{lines}".encode()), **ALL).values()
         assert [scan.time for scan in scans] == expected

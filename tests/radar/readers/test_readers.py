@@ -4,13 +4,12 @@ A reader that is added to `READERS` is tested here without another line: the env
 its entry names the folder, and its entry a recording that even an excerpt has.
 """
 
-import os
-
 import numpy as np
 import pytest
 
 from d2d.radar import ErrorBudget, Mounting, Recording, sensor_velocity
 from d2d.radar.readers import READERS
+from tests.conftest import folder_of
 
 DATA_SETS = {name: reader for name, reader in READERS.items() if reader.trial is not None}
 
@@ -19,10 +18,7 @@ DATA_SETS = {name: reader for name, reader in READERS.items() if reader.trial is
 def recordings(request: pytest.FixtureRequest) -> list[Recording]:
     """One of each sensor of the trial."""
     reader = DATA_SETS[request.param]
-    variable = f"D2D_{reader.name.upper()}"
-    root = os.environ.get(variable)
-    if not root:
-        pytest.skip(f"set {variable} to the {reader.about}")
+    root = folder_of(reader.name)
     assert reader.trial is not None
     name, sensors = reader.trial
     return [reader.load(root, name, sensor) for sensor in sensors]

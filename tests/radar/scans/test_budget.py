@@ -1,6 +1,4 @@
-"""An error budget as plain data."""
-
-import pickle
+"""The numbers of an error budget."""
 
 import numpy as np
 import pytest
@@ -14,10 +12,3 @@ def test_a_budget_of_no_standard_deviation_is_refused():
         for value in (-0.1, np.nan, np.inf, 1e150, "a", [0.1, 0.2]):
             with pytest.raises(ValueError, match=f"^{name} must"):
                 ErrorBudget(**{name: value})
-
-
-def test_a_budget_is_plain_data():
-    """Breaks if a budget cannot be compared, hashed, or kept in a file."""
-    budget = ErrorBudget(azimuth=0.001, source="data sheet")
-    assert pickle.loads(pickle.dumps(budget)) == budget
-    assert len({budget, ErrorBudget(azimuth=0.001, source="data sheet")}) == 1

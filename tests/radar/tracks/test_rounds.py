@@ -51,8 +51,6 @@ def test_what_is_no_sensor_is_refused_by_name():
     ):
         with pytest.raises(ValueError, match=f"^{said}"):
             track(given)
-    with pytest.raises(TypeError, match="takes 1 positional argument"):
-        track(SCANS, MOUNTING)
 
 
 def test_scans_out_of_time_order_are_refused_by_name():

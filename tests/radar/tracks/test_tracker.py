@@ -24,12 +24,10 @@ from d2d.radar import (
     VehicleLimits,
     VelocityEstimate,
     estimate_ego_motion,
-    inlier_probabilities,
     simulate_drive,
     track,
 )
 from d2d.radar.tracks import tracker
-from d2d.radar.tracks.following import MIN_EXPLAINED
 from d2d.scores import normalised_squares
 from tests.radar.scenes import (
     AROUND,
@@ -69,25 +67,6 @@ def test_each_pair_starts_at_the_last_velocity():
     assert abs(lost[0] - 12.0) > 2.0, "the Doppler start is too good to tell"
 
 
-def test_options_reach_the_estimate():
-    """Breaks if track does not hand on what it does not know itself."""
-    driven = beginning(10)
-    with_it, without = (track(driven, doppler=d) for d in (True, False))
-    assert (with_it.covariance[:, 0, 0] < 0.2 * without.covariance[:, 0, 0]).all()
-    with pytest.raises(TypeError, match="dopler"):
-        track(driven, dopler=True)
-
-
-def test_empty_scans_at_the_beginning_leave_the_start_to_the_first_good_pair():
-    """Breaks if a prediction of zero is taken for an estimate to start from."""
-    driven = beginning(10)
-    scans = [driven.scans[0][:0], driven.scans[1][:0], *driven.scans[2:]]
-    result = track((scans, driven.mounting))
-    assert_array_equal(result.converged[:3], [False, False, True])
-    assert_array_equal(result.theta[:2], np.zeros((2, 3)))
-    assert np.abs(result.theta[2:, 0] - driven.truth.theta[3:, 0]).max() < 0.1
-
-
 def test_a_scan_of_another_place_does_not_lose_the_drive():
     """Breaks if an estimate that did not converge becomes the start of the next pair."""
     scans = straight_scans()
@@ -96,19 +75,6 @@ def test_a_scan_of_another_place_does_not_lose_the_drive():
     assert_array_equal(np.flatnonzero(~result.converged), [4, 5])
     assert_array_equal(result.theta[4:6], result.theta[[3, 3]])
     assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.6
-
-
-def test_an_optimum_that_rejects_everything_is_what_the_mark_is_for():
-    """Breaks if the cost has no such optimum any more, and the rule no purpose."""
-    scans = straight_scans()
-    start = [400.0, 0.0, 0.0]
-    estimate = estimate_ego_motion(scans[0], scans[1], CORNER, initial=start)
-    shares = inlier_probabilities(estimate.theta, scans[0], scans[1], CORNER)
-    assert estimate.converged
-    assert shares.mean() < MIN_EXPLAINED
-    result = track((scans, CORNER), initial=start)
-    assert result.converged.all()
-    assert np.abs(result.theta[:, 0] - 12.0).max() < 0.3
 
 
 # ---- scan by scan
@@ -457,25 +423,6 @@ def changed(sensors, change, which=slice(5, 6)):
 
 
 @either_tracker
-def test_a_longer_baseline_keeps_the_rows_and_sharpens_the_yaw_rate(driven_by):
-    """Breaks if rows are lost, the interval is not that of the scans registered, or no use."""
-    sensors = surround_scans(30)
-    once = np.sqrt(driven_by(sensors).covariance[5:, 2, 2]).mean()
-    for baseline in (1, 2, 3):
-        result = driven_by(sensors, baseline=baseline)
-        assert result.converged.all()
-        assert len(result.times) == 29
-        sigmas = np.sqrt(result.covariance[:, 2, 2])
-        shorter = baseline * sigmas[5:].mean() / once
-        assert 0.8 < shorter < 1.4  # farther apart, the scans share fewer targets
-        assert (np.abs(result.theta - STRAIGHT)[:, 2] < 5.0 * sigmas).all()
-        if driven_by is front_alone:
-            scans, mounting = sensors[0]
-            alone = estimate_ego_motion(scans[8 - baseline], scans[8], mounting, initial=STRAIGHT)
-            assert_allclose(result.theta[7], alone.theta, rtol=0, atol=1e-6)
-
-
-@either_tracker
 def test_a_horizon_is_the_baseline_nearest_to_it(driven_by):
     """Breaks if another scan is taken, or if rounding decides between two that are equally near."""
     sensors = surround_scans(12)
@@ -506,25 +453,12 @@ def test_each_round_gives_an_estimate(driven_by):
     assert_allclose(result.times, expected[1:], atol=1e-12)
     assert_allclose(result.intervals, 0.1, atol=1e-12)
     assert result.converged.all()
-    assert result.converged.dtype == bool
     for i in (0, 6, 10):
         previous, current = ([scans[j] for scans, _ in used] for j in (i, i + 1))
         places = [mounting for _, mounting in used]
         alone = estimate_ego_motion(previous, current, places, initial=STRAIGHT)
         assert_allclose(result.theta[i], alone.theta, rtol=0, atol=1e-5)
         assert_allclose(result.covariance[i], alone.covariance, rtol=1e-4)
-
-
-def test_a_sensor_that_fails_leaves_the_track_to_the_others():
-    """Breaks if one empty or missing scan loses the round, or a blind sensor the drive."""
-    sensors = surround_scans()
-    scans, mounting = sensors[1]
-    blind = [scan[:0] for scan in scans]
-    for other in (blind, scans[:3] + scans[7:], scans[:4] + blind[4:]):
-        result = track([sensors[0], (other, mounting), sensors[2]])
-        assert result.converged.all()
-        assert len(result.times) == 11
-        assert np.abs(result.theta - STRAIGHT).max() < 0.1
 
 
 @either_tracker
@@ -546,21 +480,6 @@ def test_scans_without_targets_are_marked_and_passed_over(driven_by, options):
 
 
 @either_tracker
-def test_one_target_tells_little_and_says_so(driven_by):
-    """Breaks if a motion that one target cannot show is given with a small covariance."""
-    result = driven_by(changed(surround_scans(), lambda scan: scan[:1]))
-    usual = np.sqrt(np.linalg.eigvalsh(result.covariance[2])[-1])
-    for i in (4, 5):
-        if result.converged[i]:
-            spread = np.sqrt(np.linalg.eigvalsh(result.covariance[i])[-1])
-            assert spread > 2.0 * usual
-            error = result.theta[i] - STRAIGHT
-            assert error @ np.linalg.solve(result.covariance[i], error) < 30.0
-    assert result.converged[6:].all()
-    assert np.abs(result.theta[6:] - STRAIGHT)[:, 0].max() < 0.3
-
-
-@either_tracker
 def test_a_scan_in_which_everything_moves_is_marked(driven_by):
     """Breaks if an optimum that rejects all targets is taken for the motion, and carried on."""
     rng = np.random.default_rng(71)
@@ -575,35 +494,24 @@ def test_a_scan_in_which_everything_moves_is_marked(driven_by):
     assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.5
 
 
+def bundle(scan):
+    """Six targets in one direction."""
+    near = np.argsort(np.abs(scan.azimuth - 0.1))[:6]
+    return scan[np.sort(near)]
+
+
 @either_tracker
-def test_targets_in_one_direction_leave_the_motion_across_uncertain(driven_by):
+@pytest.mark.parametrize("few", [bundle, lambda scan: scan[:1]], ids=["bundle", "one target"])
+def test_few_targets_leave_uncertain_what_they_do_not_show(driven_by, few):
     """Breaks if what is not observable is given with a small covariance, or ends the drive."""
-
-    def bundle(scan):
-        near = np.argsort(np.abs(scan.azimuth - 0.1))[:6]
-        return scan[np.sort(near)]
-
     usual = driven_by(surround_scans())
-    result = driven_by(changed(surround_scans(), bundle, slice(4, 7)))
+    result = driven_by(changed(surround_scans(), few, slice(4, 7)))
     good = np.flatnonzero(result.converged)
     assert set(range(3)) | set(range(7, 11)) <= set(good)
-    errors = result.theta[good] - STRAIGHT
-    nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(result.covariance[good]), errors)
-    assert nees.max() < 30.0
+    assert np.abs(result.theta[7:] - STRAIGHT)[:, 0].max() < 0.3
+    assert normalised_squares(result.theta[good] - STRAIGHT, result.covariance[good]).max() < 30.0
     for i in set(good) & {4, 5}:
         assert np.trace(result.covariance[i]) > 4.0 * np.trace(usual.covariance[i])
-
-
-@either_tracker
-def test_a_gap_of_two_seconds_does_not_lose_the_drive(driven_by):
-    """Breaks if the interval of the gap is taken for the usual one, or the end is not found."""
-    times = [0.0, 0.1, 0.2, 0.3, 2.3, 2.4, 2.5, 2.6]
-    result = driven_by(surround_scans(times=times))
-    assert_allclose(result.intervals[3], 2.0, atol=1e-9)
-    assert result.converged[[0, 1, 2, 4, 5, 6]].all()
-    assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.3
-    position = result.poses()[-1, :2] - arc(STRAIGHT, 2.6)[:2, 2]
-    assert np.hypot(*position) < 2.0
 
 
 @pytest.mark.parametrize("gap", [0.5, 1.0, 2.0, 3.0])
@@ -624,17 +532,6 @@ def test_what_is_accepted_after_a_gap_in_a_bend_is_as_sure_as_it_says(gap):
     assert good.sum() > 0.85 * after.sum()
     errors = (found.theta - truth(found.times))[good]
     assert normalised_squares(errors, found.covariance[good]).max() < 40.0
-
-
-@either_tracker
-def test_a_standing_vehicle_stands(driven_by):
-    """Breaks if a velocity of zero divides, or is taken for no estimate."""
-    result = driven_by(surround_scans(theta=(0.0, 0.0, 0.0)))
-    assert result.converged.all()
-    assert np.abs(result.theta).max() < 0.1
-    errors = result.theta
-    nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(result.covariance), errors)
-    assert nees.mean() < 6.0
 
 
 def test_scans_that_repeat_an_earlier_one_are_not_believed():

@@ -1,7 +1,6 @@
 """A track against a reference: what is compared, in which units, and how it is shown."""
 
 import re
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -31,9 +30,6 @@ def test_errors_are_relative_to_the_reference_at_the_later_scan():
     assert_array_equal(found.times, driven.times)
     assert_array_equal(found.covariances, driven.covariance)
     assert found.share == found.converged == 1.0
-    for array in (found.times, found.errors, found.covariances):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0.0
 
 
 def test_a_reference_at_other_times_is_interpolated():
@@ -85,7 +81,6 @@ def test_measures_are_those_of_the_errors():
     assert_allclose(found.sigmas, sigmas * DEGREES)
     assert_allclose(m.crps, crps(e * DEGREES, sigmas * DEGREES).mean(axis=0))
     assert_allclose(m.whitened_squares, (parts.values**2).mean(axis=0))
-    assert isinstance(m.anees, float)
     assert_allclose(m.anees, credibility(e, c).anees)
     assert_allclose(m.anees, m.whitened_squares.mean())
     assert_allclose(m.log_scores, parts.log_score.mean(axis=0))
@@ -182,13 +177,3 @@ def test_plot_draws_errors_bands_and_nees():
         assert_allclose(edge, 3.0 * found.sigmas[:, i].max())
     assert_allclose(last.lines[0].get_ydata(), found.credibility.nees, rtol=1e-6)
     plt.close(figure)
-
-
-def test_only_a_plot_needs_matplotlib(monkeypatch):
-    """Breaks if a table asks for a package that `d2d` does not require."""
-    found = compare(*example())
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert str(found)
-    assert found._repr_html_()
-    with pytest.raises(ModuleNotFoundError, match="matplotlib"):
-        found.plot()

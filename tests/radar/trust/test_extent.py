@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from d2d import CorruptedGaussian, UniformOutlier, dense, rigid
-from d2d.radar import ExtentEstimate, Mounting, RadarScan, estimate_ego_motion, estimate_extent
+from d2d.radar import Mounting, RadarScan, estimate_ego_motion, estimate_extent
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import scan_pair
 from d2d.radar.trust import extent as module
@@ -145,14 +145,6 @@ def test_pairs_are_spread_over_the_recording():
     assert few.extent > 0.4 < all_of_them.extent
 
 
-def test_it_is_printed_in_a_line():
-    """Breaks if a user must guess units, or read all digits."""
-    found = ExtentEstimate(0.31234, 0.02, 7, 210)
-    assert str(found) == (
-        "ExtentEstimate(0.312 m, standard error 0.020 m, 7 pairs of scans, 210 targets)"
-    )
-
-
 def test_arguments_are_refused_by_name():
     """Breaks if a mistake is found late, or the largest candidate is returned as an extent."""
     scans, rng = drive(0, 0.1, pairs=3), np.random.default_rng(6)
@@ -164,11 +156,8 @@ def test_arguments_are_refused_by_name():
         ({"scans": scans[:2]}, "two pairs"),
         ({"scans": scans[::-1]}, "scans"),
         ({"scans": apart, "outlier": None}, r"a likelihood that still grows at 3\.2 m"),
-        ({"baseline": 0}, "baseline"),
         ({"baseline": 3}, "baseline = 3"),
         ({"max_pairs": 1}, "max_pairs"),
-        ({"max_interval": 0.05}, "max_interval"),
-        ({"doppler_width": -1.0}, "doppler_width"),
     ):
         with pytest.raises(ValueError, match=name):
             estimate_extent(**({"scans": scans, "mounting": MOUNTING} | change))

@@ -91,6 +91,14 @@ def told(sensors, **options) -> dict[str, tuple[str, ...]]:
     }
 
 
+def sure_of(sensors, **options) -> dict[str, bool]:
+    """Whether each symptom that the track of a log shows is surely one."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        driven = track(sensors, **options)
+    return {each.symptom: each.sure for each in diagnose(sensors, driven, **options).findings}
+
+
 FAULTS = {
     "azimuths in radians, read as degrees": (
         lambda: changed(lambda s: replace(s, azimuth=s.azimuth * DEGREE)),
@@ -172,22 +180,13 @@ def test_positions_say_whether_a_vehicle_may_drive_backwards():
     flipped = alone(lambda s: replace(s, doppler=-s.doppler))
     behind = {"front": (beginning().scans, replace(CORNER, yaw=CORNER.yaw + np.pi))}
     for sensors, wrong in ((flipped, True), (behind, False)):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)
-            driven = track(sensors, horizon=0.3)
-        found = diagnose(sensors, driven, horizon=0.3).findings
-        sure = {each.symptom: each.sure for each in found}
-        assert sure["the vehicle drives backwards"] == wrong
+        assert sure_of(sensors, horizon=0.3)["the vehicle drives backwards"] == wrong
 
 
 def test_a_standard_deviation_that_is_too_small_is_surely_wrong_if_few_targets_fit():
     """Breaks if radians taken for degrees give files as if the rest were right."""
     wrong = alone(lambda s: replace(s, sigma_azimuth=s.sigma_azimuth * DEGREE))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        found = diagnose(wrong, track(wrong)).findings
-    sure = {each.symptom: each.sure for each in found}
-    assert sure["standard deviation of the azimuth too small"]
+    assert sure_of(wrong)["standard deviation of the azimuth too small"]
 
 
 def test_one_radar_to_the_side_is_told_that_it_needs_help():

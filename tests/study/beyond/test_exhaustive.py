@@ -121,11 +121,6 @@ def test_an_interrupted_sweep_does_only_the_rest(tmp_path: Path, monkeypatch) ->
     assert_allclose(stored, [recompute(trial).iterations for trial in wanted], rtol=1e-4)
 
 
-def test_select_filters() -> None:
-    chosen = select(read_table(), "noise", cost="robust", noise=1.0, distance_m=0.0)
-    assert [trial for trial, _ in chosen] == [Trial("noise", "robust")]
-
-
 def test_span_is_the_longest_range_without_a_gap() -> None:
     """Breaks if a value in the middle that fails is passed over."""
     rows = select(read_table(), "outliers", cost="robust", distance_m=0.0)

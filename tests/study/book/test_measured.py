@@ -5,7 +5,6 @@ import pytest
 
 from d2d import credibility
 from d2d.study.book.measured import (
-    Measured,
     anees_of,
     geometric_mean_of,
     inclination_change,
@@ -23,14 +22,6 @@ from d2d.study.book.measured import (
     share_over,
     smallest,
 )
-
-
-def test_a_measured_number_counts_as_a_number_and_keeps_its_bounds():
-    """Breaks if formatting or comparison loses the value or the interval."""
-    ratio = Measured(1.234, 1.1, 1.4)
-    assert f"{ratio:.1f}" == "1.2"
-    assert ratio == 1.234
-    assert ratio.between(".2f") == "1.10 to 1.40"
 
 
 def test_wilsons_interval_is_the_published_one():

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from d2d.radar import CovarianceParts, FilterInput, Track, VelocityEstimate
+from d2d.radar import CovarianceParts, ErrorBudget, FilterInput, VelocityEstimate
 from d2d.radar.motion.doppler import Acceleration
+from d2d.radar.tracks.tracker import _joined
 from d2d.study.drives import figures, fusion
 from d2d.study.drives.fusion import FILTERS, Measured, fuse
-
-FIELDS = ("time", "interval", "theta", "covariance", "converged")
 
 
 def synthetic(rng: np.random.Generator, count: int = 300) -> Measured:
@@ -36,13 +35,10 @@ def synthetic(rng: np.random.Generator, count: int = 300) -> Measured:
         time = 0.1 * (i + 1)
         estimates.append(VelocityEstimate(time, 0.1, theta, own.total, "", 20, 0.9, own, seen))
         truth.append(state[:3])
-    stacked = (np.array([getattr(each, name) for each in estimates]) for name in FIELDS)
-    times, intervals, thetas, covariances, converged = stacked
-    parts = CovarianceParts(*np.array([each.parts for each in estimates]).swapaxes(0, 1))
-    radar = Track(times, intervals, thetas, covariances, converged, parts=parts)
+    radar = _joined(estimates, ErrorBudget())
     bias = fusion.GYRO_BIAS * rng.standard_normal()
     gyro = np.array(truth)[:, 2] + bias + fusion.GYRO_NOISE * rng.standard_normal(count)
-    return Measured(gyro, radar, estimates, parts.noise, np.array(truth), bias)
+    return Measured(gyro, radar, estimates, radar.parts.noise, np.array(truth), bias)
 
 
 def test_the_filter_is_credible_where_its_model_is_true(monkeypatch):

@@ -13,6 +13,7 @@ from d2d.baselines.eigenvalues import raise_eigenvalues
 from d2d.study.mixtures import gaussian
 from d2d.study.mixtures.claims import random_observations
 from d2d.study.mixtures.gaussian import GaussianMixture, fit_mixture
+from tests.strategies import spd
 
 SIGMA = np.array([[2.0, -0.6], [-0.6, 0.5]])
 MIXTURE = GaussianMixture(
@@ -20,16 +21,11 @@ MIXTURE = GaussianMixture(
 )
 
 
-def random_covariances(rng, *shape):
-    factor = rng.standard_normal((*shape, shape[-1])) if shape else None
-    return factor @ np.swapaxes(factor, -1, -2) + 0.1 * np.eye(shape[-1])
-
-
 def test_log_density_is_scipys():
     rng = np.random.default_rng(1)
     for dimension in (1, 2, 3):
         x, mean = rng.standard_normal((2, 5, dimension))
-        sigma = random_covariances(rng, dimension)
+        sigma = spd(rng, 1, dimension)[0]
         pairs = zip(x, mean, strict=True)
         expected = [stats.multivariate_normal(m, sigma).logpdf(p) for p, m in pairs]
         assert_allclose(gaussian.log_density(x, mean, sigma), expected, rtol=1e-12)
@@ -69,7 +65,7 @@ def test_raised_eigenvalues_are_the_constrained_maximum():
     raised = raise_eigenvalues(empirical, floor)
     assert_allclose(raised, np.diag([3.0, 0.2]), atol=1e-15)
     for _ in range(200):
-        other = raised + 0.3 * rng.random() * random_covariances(rng, 2)
+        other = raised + 0.3 * rng.random() * spd(rng, 1, 2)[0]
         turned = raise_eigenvalues(other, floor)
         assert log_likelihood(turned) <= log_likelihood(raised) + 1e-12
 

@@ -7,6 +7,7 @@ from d2d import CorruptedGaussian, RegistrationCost
 from d2d.study import scenarios
 from d2d.study.plane.evaluation import LIKELIHOOD, ROBUST, SUMMING, evaluated, same_draws
 from d2d.study.plane.thesis_readings import bfgs_errors, plain_sum_credibility, unweighted_outlier
+from tests.strategies import central_difference
 
 
 def test_bfgs_finds_the_same_optimum_from_the_truth() -> None:
@@ -20,21 +21,13 @@ def test_hessian_of_the_plain_sum_by_differences() -> None:
     fixed, moving = same_draws(scenarios.OVERLAPPED)
     truth = scenarios.OVERLAPPED.theta
     result = evaluated(scenarios.OVERLAPPED, SUMMING)
-    step = 1e-3 * np.eye(3)
+    steps = np.full(3, 1e-3)
 
-    def density(theta: np.ndarray) -> float:
-        return float(np.exp(-SUMMING.value(theta, fixed[0], moving[0])))
+    def density(theta: np.ndarray) -> np.ndarray:
+        return np.exp(-SUMMING.value(theta, fixed[0], moving[0]))
 
     best = truth + result.errors[0]
-    hessian = [
-        [
-            -(density(best + a + b) - density(best + a - b) - density(best - a + b))
-            - density(best - a - b)
-            for b in step
-        ]
-        for a in step
-    ]
-    hessian = np.array(hessian) / 4e-6
+    hessian = -central_difference(lambda x: central_difference(density, x, steps), best, steps)
     nees = result.errors[0] @ hessian @ result.errors[0]
     assert plain_sum_credibility(scenarios.OVERLAPPED).nees[0] == pytest.approx(nees, rel=1e-3)
 
