@@ -480,16 +480,24 @@ def test_scans_without_targets_are_marked_and_passed_over(driven_by, options):
 
 
 @either_tracker
-def test_a_scan_in_which_everything_moves_is_marked(driven_by):
-    """Breaks if an optimum that rejects all targets is taken for the motion, and carried on."""
+@pytest.mark.parametrize("still", [0, 5])
+def test_a_scan_in_which_nearly_everything_moves_is_marked(driven_by, still):
+    """Breaks if an optimum that rejects nearly all targets is taken for the motion, and carried on.
+
+    Five of each sensor that stand still would be enough for an optimum at the right place.
+    """
     rng = np.random.default_rng(71)
 
     def astir(scan):
+        moves = np.arange(scan.size) >= still
         away = rng.uniform(2.0, 40.0, scan.size)
-        return replace(scan, range=scan.range + away, doppler=rng.uniform(-60.0, 60.0, scan.size))
+        doppler = np.where(moves, rng.uniform(-60.0, 60.0, scan.size), scan.doppler)
+        return replace(scan, range=scan.range + moves * away, doppler=doppler)
 
     result = driven_by(changed(surround_scans(), astir))
     assert not result.converged[4]
+    if still:
+        assert result.reasons[4].startswith("an optimum that rejects 9")
     assert result.converged[6:].all()
     assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.5
 
