@@ -106,6 +106,13 @@ def too_long(visit: Visit, book: Path) -> list[str]:
     return [f"{visit.screens:.1f} screens"] if visit.screens > MAX_SCREENS else []
 
 
+def private(visit: Visit, book: Path) -> list[str]:
+    """The folder in which the book was built, as a path in a signature would show it."""
+    home = str(book.resolve().parents[1])
+    page = book / unquote(urlsplit(visit.address).path).lstrip("/")
+    return [home] if home in page.read_text(encoding="utf-8") else []
+
+
 # What the browser itself finds, and what is made of what it tells.
 FOUND = (
     *("complaints", "formulas", "overflows", "shrunken", "pushed", "crowded", "tiny", "orphans"),
@@ -113,7 +120,9 @@ FOUND = (
 )
 CHECKS: dict[str, Check] = {
     **{name: lambda visit, book, name=name: visit.found[name] for name in FOUND},
-    **{each.__name__: each for each in (too_heavy, pictures, references, shared, too_long)},
+    **{
+        each.__name__: each for each in (too_heavy, pictures, references, shared, too_long, private)
+    },
 }
 
 

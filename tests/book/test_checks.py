@@ -75,6 +75,7 @@ FAULTS: list[tuple[str, str]] = [
     ("pale", "<figure><figcaption style='color: #999'>grey</figcaption></figure>"),
     ("unmarked", "<button style='outline: none'>no ring</button>"),
     ("unmarked", "<mjx-container tabindex='0'>x</mjx-container>"),
+    ("private", "<code>path=PosixPath('HOME/results.json')</code>"),
     ("too_long", f"<div style='height: {900 * MAX_SCREENS}px'></div>"),
     ("uncited", f"<div id='fig-a'>{PICTURE}</div>"),
     ("uncited", f"<div id='fig-a'>{PICTURE}</div><a href='#fig-a'>Figure 1</a>"),
@@ -83,6 +84,7 @@ FAULTS: list[tuple[str, str]] = [
 
 
 def look(fault: str, driver: webdriver.Chrome, folder: Path) -> browser.Visit:
+    fault = fault.replace("HOME", str(folder.resolve().parents[1]))
     (folder / "page.html").write_text(PAGE.format(picture=PICTURE, fault=fault), encoding="utf-8")
     (folder / "other.html").write_text("<p id='place'>There.</p>", encoding="utf-8")
     (folder / "_static").mkdir(exist_ok=True)
