@@ -93,10 +93,13 @@ def propagate_covariance(
     Unlike the inverse Hessian, this does not assume that f is a negative log-likelihood: it holds
     for any cost with an optimum, and does not change when f is multiplied by a constant.
 
-    The covariances are taken as known, although those of polar measurements depend on the measured
-    point; the book's appendix C measures the effect of this and that of the first order.  The
-    estimate itself treats positions and measurement as independent (thesis eq. 7.14), and so does
-    the inverse Hessian, with or without ``position_slope``.
+    For targets measured in polar coordinates, the covariances J Sigma J' of `PointSet.from_polar`
+    give, to first order, the same result as propagation from range and azimuth.  The covariances
+    are taken as known, although those of polar measurements depend on the measured point; the
+    book's appendix C measures the effect of this and that of the first-order approximation itself.
+
+    The estimate itself treats positions and measurement as independent (thesis eq. 7.14), and so
+    does the inverse Hessian, with or without ``position_slope``.
     """
     cost = RegistrationCost() if cost is None else cost
     check_instance("cost", cost, RegistrationCost)

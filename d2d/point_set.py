@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._bounds import ANGLE, SCALE, Bounds, check_real
+from d2d._bounds import ANGLE, NOT_NEGATIVE, SCALE, Bounds, check_real
 from d2d._checks import (
     broadcast_batches,
     check_covariances,
@@ -227,7 +227,7 @@ class PointSet(Frozen):
 
     def widened(self, sigma: float) -> "PointSet":
         """The set with the variance ``sigma`` squared added along each axis of all targets."""
-        added = sigma * sigma * np.eye(self.dimension)
+        added = NOT_NEGATIVE.number("sigma", sigma) ** 2 * np.eye(self.dimension)
         return PointSet._of(self.means, self.covariances + added, self.weights)
 
     @cached_property

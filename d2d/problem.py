@@ -230,11 +230,11 @@ class Problem:
         )
 
     def minimise(
-        self, bound: Bound, threads: int = 1, max_iterations: int = MAX_ITERATIONS
+        self, bound: Bound, threads: int = 1, *, max_iterations: int = MAX_ITERATIONS
     ) -> Estimate:
         """The optimum of each bound problem near its parameters, which become the optimum's."""
         thetas, count, p, shape = bound.thetas, len(bound.thetas), self.parameters, bound.shape
-        value, inliers = np.empty((2, count))
+        value, inliers = np.empty(count), np.empty(count)
         gradient, hessian = np.empty((count, 3)), np.empty((count, 3, 3))
         covariance = np.empty((count, 3, 3))
         converged, iterations = np.empty(count, np.bool_), np.empty(count, np.int64)

@@ -162,6 +162,7 @@ def _add_sources(parser: argparse.ArgumentParser) -> None:
     source = which.add_mutually_exclusive_group(required=True)
     for reader in READERS.values():
         source.add_argument(f"--{reader.name}", metavar=reader.metavar, help=reader.about)
+    # those of one heading follow each other in the table
     for heading, readers in itertools.groupby(READERS.values(), lambda reader: reader.heading):
         group = parser.add_argument_group(heading)
         for option in itertools.chain.from_iterable(reader.options for reader in readers):
@@ -214,17 +215,19 @@ def _flag(name: str) -> str:
 def _check_options(arguments: argparse.Namespace) -> None:
     """Leave with a message if an option is missing, or does not go with another."""
     options, error = vars(arguments), arguments.error
-    for reader in READERS.values() if arguments.command == "track" else ():
-        chosen = options[reader.name] is not None
-        for option in reader.options:
-            given = options[option.name] is not None
-            if given and not chosen:
-                error(f"{_flag(option.name)} belongs to --{reader.name}")
-            if chosen and option.needed and not given:
-                error(f"--{reader.name} needs {_flag(option.name)}; see {PROGRAM} track --help")
-    for name in BUDGET if options.get("no_budget") else ():
-        if options[f"budget_{name}"] is not None:
-            error(f"--no-budget contradicts --budget-{name}: leave one of them out")
+    if arguments.command == "track":
+        for reader in READERS.values():
+            chosen = options[reader.name] is not None
+            for option in reader.options:
+                given = options[option.name] is not None
+                if given and not chosen:
+                    error(f"{_flag(option.name)} belongs to --{reader.name}")
+                if chosen and option.needed and not given:
+                    error(f"--{reader.name} needs {_flag(option.name)}; see {PROGRAM} track --help")
+    if options.get("no_budget"):
+        for name in BUDGET:
+            if options[f"budget_{name}"] is not None:
+                error(f"--no-budget contradicts --budget-{name}: leave one of them out")
 
 
 def _source(arguments: argparse.Namespace) -> Source:

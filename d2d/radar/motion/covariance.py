@@ -2,8 +2,8 @@
 
 By the implicit function theorem (Censi 2007) an optimum moves by -H^-1 f_theta,z per unit of a
 measured value z.  A scan that is in several pairs moves it by the sum over these pairs.  So the
-effects of one target are added up first and squared afterwards.  Errors that targets share are sums
-of these influences.
+effects of one target are added up first and squared afterwards.  The effect of an error that
+targets share is the sum of these influences, times the error.
 """
 
 from collections.abc import Iterable, Sequence
@@ -241,8 +241,8 @@ def apply_budget(
                 add_dependence(each.position, covariances, means, order, length, memory, dependence)
         shared[0] = turned.sum(axis=0)
         share = -pair.interval * _of_displacement(now, turned[1])
-        # [theta, a] of a constant acceleration a moves a vehicle that turns (Magnus 1954): by
-        # exp(tau (theta + tau^2 / 12 [theta, a])), with theta in the middle of the interval
+        # with [., .] the bracket of SE(2), a constant acceleration a moves a vehicle that turns by
+        # exp(tau (theta + tau^2 / 12 [theta, a])), theta that in the middle (Magnus 1954)
         mean = pair.interval**2 / 12.0 * bracket(estimate.theta)
         late = (given.middle - time) * np.eye(3) + mean
         delayed += share @ following(pair.interval * estimate.theta) @ late

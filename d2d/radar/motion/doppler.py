@@ -165,9 +165,11 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
 
 
 def doppler_starts(views: Sequence[View]) -> Array:
-    """Starts (S, 3) [v_x, v_y, omega] for a registration, see `estimate_ego_motion`.
+    """Starts (S, 3) [v_x, v_y, omega] for a registration, near the Doppler velocities.
 
-    Where sensors at different places see few targets, each alone gives starts, too.
+    Sensors at different places determine the whole velocity.  If they do not, or see few targets,
+    each determines its own velocity, but not how much of it is due to rotation: one start assumes
+    no rotation and, for a sensor ahead of or behind the vehicle's origin, one no side slip.
     """
     if len({mounting for _, mounting in views}) > 1:
         motion = doppler_ego_motion(views)

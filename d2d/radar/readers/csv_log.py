@@ -75,8 +75,8 @@ def load_csv(
         values.append(numbers)
     if not lines:
         raise ValueError(f"{source} has no line with a target")
-    numbers_of = [name for name in columns if name != "sensor"]
-    table = dict(zip(numbers_of, np.array(values).T, strict=True))
+    numeric = [name for name in columns if name != "sensor"]
+    table = dict(zip(numeric, np.array(values).T, strict=True))
     _check(source, lines, table, degrees)
     for name in ("azimuth", "sigma_azimuth"):
         if degrees and name in table:
@@ -130,7 +130,7 @@ def read_table(
 ) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
     """The names of the columns, perhaps behind a # as NumPy writes it, and the rows below them.
 
-    A row is number and words of a line that is not empty and no comment.
+    A row is the number and the words of a line that is neither empty nor a comment.
     """
     file = io.StringIO(text, newline="")
     for number, line in enumerate(iter(file.readline, ""), start=1):
@@ -165,7 +165,7 @@ def _columns(source: Path, names: list[str], sigmas: Mapping[str, float]) -> dic
 
 
 def _rows(source: Path, reader: Any, first: int, width: int) -> Iterator[tuple[int, list[str]]]:
-    """The rows below the line ``first``, of as many words."""
+    """The rows below the line ``first``, each of ``width`` words."""
     try:
         for row in reader:
             if not any(word.strip() for word in row) or row[0].startswith("#"):

@@ -26,7 +26,8 @@ T = TypeVar("T")
 # of nuScenes, three simulated ones, each as it is, with the opposite sign, in km/h and with zeros.
 # Of correct recordings, at most 10 % of the intervals contradict in one direction.  Of wrong ones,
 # 52 % or more do if the radar looks ahead, and 3 to 78 % if it looks aside, so that half of them
-# must.
+# must.  With 0.5 or 10 nats instead of 3, or a margin of 0.1 or 2 m/s, radars that look ahead stay
+# at 52 % or more; with less than 3 nats, correct recordings rise to 29 %.
 _SAMPLE = 20  # intervals at most
 FEW = 5  # after which the search ends if at most one of them contradicts
 _TELLING = 3.0  # nats by which another velocity must fit the positions better

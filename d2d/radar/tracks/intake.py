@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from statistics import median
 from typing import NamedTuple
@@ -12,14 +12,7 @@ import numpy as np
 from d2d._types import Array
 from d2d.radar.scans.scan import RadarScan
 from d2d.radar.tracks.finding import Finding, warn_of
-from d2d.radar.tracks.rounds import (
-    MAX_INTERVAL,
-    REMEMBERED,
-    Sensors,
-    SensorScans,
-    named_sensors,
-    repeats,
-)
+from d2d.radar.tracks.rounds import MAX_INTERVAL, REMEMBERED, SensorScans, repeats
 
 _JUMP = 1.0  # s; a clock that steps back by less has scans in the wrong order, which is refused
 _FEW = 6  # targets, of which some may be equal by chance where a radar rounds coarsely
@@ -264,14 +257,12 @@ class Intake:
             warn_of(finding, text)
 
 
-def mended(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> dict[str, SensorScans]:
-    """The scans of whole logs, checked, as `Intake` gives them, and the mountings.
-
-    By the names of the scans in messages.
-    """
-    named, found = named_sensors(sensors, max_interval), {}
-    intake = Intake(list(named), max_interval)
-    for number, (name, (scans, mounting)) in enumerate(named.items()):
+def mended(
+    sensors: Mapping[str, SensorScans], max_interval: float = MAX_INTERVAL
+) -> dict[str, SensorScans]:
+    """The scans of whole logs as `Intake` gives them, and the mountings, by the sensors' names."""
+    intake, found = Intake(list(sensors), max_interval), {}
+    for number, (name, (scans, mounting)) in enumerate(sensors.items()):
         found[name] = [each for scan in scans for each in intake.taken(number, scan)], mounting
     times = [np.array([scan.time for scan in scans]) for scans, _ in found.values()]
     for number, own in enumerate(times):

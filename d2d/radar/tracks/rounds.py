@@ -106,7 +106,7 @@ def check_distinct(sensors: Mapping[str, Iterable[RadarScan]]) -> None:
     owners: dict[tuple[object, ...], str] = {}
     for name, scans in sensors.items():
         for scan in scans:
-            key = (scan.time, *(getattr(scan, name).tobytes() for name in MEASURED))
+            key = (scan.time, *(getattr(scan, field).tobytes() for field in MEASURED))
             owner = owners.setdefault(key, name)
             if owner != name and scan.size > 1:  # one target may be seen alike by chance
                 raise ValueError(
@@ -206,7 +206,8 @@ class Rounds:
 
     `d2d.radar.track` says when a round ends, and what is left out.  A sensor's cycle is the median
     of its last intervals, that of a round the shortest of its sensors.  No more scans are kept than
-    the pairs to come can need.
+    the pairs to come can need.  A scan that is no later than the last round is left out: ``late``
+    has its sensor, the scan and that round's time, until the caller clears it.
     """
 
     def __init__(
@@ -217,7 +218,7 @@ class Rounds:
         self.open: dict[int, RadarScan] = {}  # the scans of the round that has not ended
         self._start = math.nan  # time of the open round's first scan
         self.last = math.nan  # s, time of the last round
-        self.late: list[tuple[int, RadarScan, float]] = []  # scans left out, with that time
+        self.late: list[tuple[int, RadarScan, float]] = []
 
     def take(self, scans: Sequence[Sequence[RadarScan]]) -> list[Round]:
         """The rounds that the next scans of each sensor end, in the order of their times.

@@ -18,9 +18,8 @@ from d2d._checks import check_finite, check_path, check_shape
 from d2d._frozen import Frozen
 from d2d._types import Array
 from d2d.radar.files import written_whole
-from d2d.radar.looks import COLOR, ESTIMATE, MARKER
 from d2d.radar.scans.budget import CovarianceParts
-from d2d.radar.tracks.displacement import Displacement, Driven, symmetric_roots
+from d2d.radar.tracks.displacement import Displacement, Driven
 from d2d.radar.tracks.files import (
     OPTIONAL,
     REQUIRED,
@@ -30,6 +29,7 @@ from d2d.radar.tracks.files import (
     velocity_columns,
     write_velocity_table,
 )
+from d2d.radar.tracks.plot import draw
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,8 +44,6 @@ _ROUNDED = 1e-6  # s
 _ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 _SHOWN_REASONS = 3
 _MANY, _FEW_ACCEPTED = 20, 0.75  # estimates, and the share below which sensor or log are in doubt
-_LABELS = ("$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (°/s)")
-_FAILED = "black"
 # A number in a reason, but not the exponent of a unit such as m/s^2.
 _NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
 
@@ -199,20 +197,9 @@ class Track(Frozen):
             white, slow = self.covariance, np.zeros_like(self.covariance)
         else:
             white, slow = self.parts.noise + self.parts.dependence, self.parts.systematic
-        good, began = self.converged, self.times[:1] - self.intervals[:1]
-        driven = Driven(
-            np.concatenate([began, self.times[good]])[:-1],
-            self.times[good],
-            self.theta[good],
-            white[good],
-            symmetric_roots(slow[good]),
-            self.intervals,
-        )
-        found = [driven.between(*span) for span in zip(begins.tolist(), ends.tolist(), strict=True)]
-        return Displacement(
-            np.array([motion for motion, _ in found]).reshape(-1, 3),
-            np.array([own for _, own in found]).reshape(-1, 3, 3),
-        )
+        columns = (each[self.converged] for each in (self.times, self.theta, white, slow))
+        began = float((self.times - self.intervals)[0]) if len(self.times) else np.nan
+        return Driven.of(self.intervals, began, *columns).displacement(begins, ends)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all of the track to a file, from which `load` gives the same numbers bit by bit.
@@ -250,11 +237,24 @@ class Track(Frozen):
 
         Lines that begin with # are the header, which ends with the columns' names and units, and
         the end.  All others hold numbers, with all their digits and a space between them;
-        ``numpy.loadtxt`` reads them too.  They are the time and interval (s), v_x, v_y, omega (m/s,
-        m/s, rad/s), 1 if the estimate was accepted or else 0, and the upper triangle of the
-        covariance, row by row; then, if known, that of each of the ``parts``: noise, dependence and
-        systematic.  Where an estimate was not accepted, the (co)variances are ``nan`` and the
-        velocity is the last one that was.  The path is as for `save`.
+        ``numpy.loadtxt`` reads them too:
+
+        ========== ================================================ =====================
+        number     what                                             unit
+        ========== ================================================ =====================
+        1          time of the estimate                             s
+        2          interval, the time since the scan before         s
+        3, 4, 5    v_x, v_y, omega                                  m/s, m/s, rad/s
+        6          1 if the estimate was accepted, otherwise 0
+        7, 8, 9    (co)variances of v_x with v_x, v_y, omega        m^2/s^2, m rad/s^2
+        10, 11     (co)variances of v_y with v_y, omega             m^2/s^2, m rad/s^2
+        12         variance of omega                                rad^2/s^2
+        13 to 30   the same six of each of the ``parts``, if known   as 7 to 12
+        ========== ================================================ =====================
+
+        The parts are noise, dependence and systematic; the header says how long each stays.
+        Where an estimate was not accepted, the (co)variances are ``nan`` and the velocity is the
+        last one that was.  The path is as for `save`.
         """
         write_velocity_table(check_path("path", path), vars(self))
 
@@ -297,44 +297,8 @@ class Track(Frozen):
         probability of 95 % (`displacement`).  An inlier share that is not known is left out.
         Matplotlib must be installed.
         """
-        from matplotlib import pyplot as plt
-
-        path, times, failed = self.poses(), self.times, ~self.converged
-        rows = 3 + (self.inliers is not None)
-        figure = plt.figure(figsize=(5.0, 3.2 + 1.0 * rows), layout="constrained")
-        grid = figure.add_gridspec(1 + rows, height_ratios=(3.2, *[1.0] * rows))
-        ax = figure.add_subplot(grid[0])
-        ax.plot(path[:, 0], path[:, 1], **ESTIMATE, lw=1.5)
-        ax.plot(*path[0, :2], MARKER, color=COLOR, label="start")
-        for i, outline in enumerate(self._regions()):
-            ax.plot(*outline.T, color=COLOR, lw=0.8, label="_" if i else "95 %")
-        if failed.any():
-            ax.plot(*path[1:][failed, :2].T, "x", ms=4, color=_FAILED, label="failed")
-        ax.set(xlabel="x (m)", ylabel="y (m)")
-        ax.set_aspect("equal", adjustable="datalim")
-        ax.legend()
-        first = figure.add_subplot(grid[1])
-        axes = [first, *(figure.add_subplot(grid[i], sharex=first) for i in range(2, 1 + rows))]
-        in_units = np.array([1.0, 1.0, np.rad2deg(1.0)])
-        shown = np.where(self.converged[:, None], self.theta, np.nan) * in_units
-        spread = 3.0 * np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)) * in_units
-        band: dict[str, Any] = {"color": COLOR, "alpha": 0.3, "lw": 0.0, "label": "±3 sigma"}
-        for ax, label, value, width in zip(axes, _LABELS, shown.T, spread.T, strict=False):
-            ax.fill_between(times, value - width, value + width, **band)
-            ax.plot(times, value, **ESTIMATE, lw=1.0, label="estimate")
-            ax.set_ylabel(label)
-        if self.inliers is not None:
-            axes[3].plot(times, self.inliers, MARKER, ms=2, color=COLOR)
-            axes[3].set(ylabel="inlier share", ylim=(-0.05, 1.05))
-        for ax in axes:
-            if failed.any():
-                bottom = np.full(np.count_nonzero(failed), 0.04)  # of the axes' height
-                where = ax.get_xaxis_transform()
-                ax.plot(times[failed], bottom, "|", color=_FAILED, transform=where, label="failed")
-            ax.tick_params(labelbottom=ax is axes[-1])
-        axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False)
-        axes[-1].set_xlabel("time (s)")
-        return figure
+        estimates = (self.times, self.theta, self.covariance, self.converged, self.inliers)
+        return draw(self.poses(), *estimates, self._regions())
 
     def _regions(self) -> Array:
         """Outlines (m, 60, 2) of the ellipses along the path; none without a budget."""

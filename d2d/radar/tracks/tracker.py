@@ -30,6 +30,8 @@ from d2d.radar.tracks.rounds import (
     check_distinct,
     check_mountings,
     check_overlap,
+    check_separation,
+    named_sensors,
     rounds_of,
 )
 from d2d.radar.tracks.track import Track
@@ -73,11 +75,14 @@ def track(
     others, there are fewer than two rounds, ``horizon`` is given beside ``baseline``, or another
     argument is invalid.
 
-    Warns if a clock or a single time stamp jumps, a sensor pauses for five of its cycles while
+    Warns if a clock jumps (back by more than 1 s, or ahead by more than ``max_interval``), a single
+    time stamp does, so that its scan is left out, a sensor pauses for five of its cycles while
     others go on, targets are there twice, a sensor repeats its scan, the times of a sensor hardly
-    overlap with those of the others, or its Doppler velocities are theirs of another time; and if
-    in most intervals the positions alone fit another velocity clearly better than the Doppler
-    velocities do: a wrong sign, km/h, or velocities compensated for the ego-motion.
+    overlap with those of the others, or its Doppler velocities are theirs of another time.
+
+    Warns if in most intervals the positions alone fit another velocity clearly better than the one
+    that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower (km/h),
+    or a faster one (velocities already compensated for the ego-motion).
 
     Parameters
     ----------
@@ -90,7 +95,8 @@ def track(
         long as the velocity is constant and the targets stay in view.
     horizon : float, s, optional
         The same as a time: each scan is registered with the one whose time is nearest to this long
-        before.  On most drives that were tried, 0.3 s was best (appendix F).
+        before.  On five drives that were tried the log score was best at 0.23 to 0.45 s, on three
+        of them at 0.3 s (appendix F).
     initial : (3,) array, optional
         Start [v_x, v_y, omega] of the first estimate.
     max_interval : float, s
@@ -102,8 +108,8 @@ def track(
         targets' errors, and the velocities are carried to the track's times, as `ErrorBudget` says.
         Without one, the covariance is the inverse Hessian.
     smooth : bool
-        Whether the acceleration that carries them comes from all other estimates, also the later
-        ones, instead of those before.  Without a budget, this changes nothing.
+        Whether the acceleration that carries the velocities comes from all other estimates, also
+        the later ones, instead of those before.  Without a budget, this changes nothing.
     limits : VehicleLimits, optional
         What the vehicle can do; None accepts any motion.
     progress : bool, optional
@@ -123,12 +129,13 @@ def track(
     >>> float(driven.poses()[-1, 0].round(1))  # m ahead
     6.2
     """
-    drives = mended(sensors, max_interval)
-    follower = _follower(
-        {name: at for name, (_, at) in drives.items()}, initial, budget, limits, options
-    )
+    check_separation(baseline, horizon)
+    drives = named_sensors(sensors, max_interval)
+    mountings = {name: mounting for name, (_, mounting) in drives.items()}
+    follower = _follower(mountings, initial, budget, limits, options)
     if check_flag("smooth", smooth):
         follower.steps = []
+    drives = mended(drives, max_interval)
     check_overlap({name: scans for name, (scans, _) in drives.items()})
     groups = rounds_of(list(drives.values()), baseline, horizon)
     if not groups:

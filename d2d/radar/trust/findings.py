@@ -20,7 +20,14 @@ from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.contradiction import FEW
 from d2d.radar.tracks.finding import Finding, FindingWarning
 from d2d.radar.tracks.intake import mended
-from d2d.radar.tracks.rounds import MAX_INTERVAL, Round, Sensors, SensorScans, rounds_of
+from d2d.radar.tracks.rounds import (
+    MAX_INTERVAL,
+    Round,
+    Sensors,
+    SensorScans,
+    named_sensors,
+    rounds_of,
+)
 from d2d.radar.tracks.track import Track
 from d2d.radar.tracks.tracker import track
 
@@ -145,7 +152,7 @@ def _named(sensors: Sensors, max_interval: float) -> tuple[list[str], list[Senso
     """Names and scans of the sensors, with times and targets as `track` uses them."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # `track` has warned
-        drives = list(mended(sensors, max_interval).values())
+        drives = list(mended(named_sensors(sensors, max_interval), max_interval).values())
     given: Any = sensors
     names = given if isinstance(given, Mapping) else range(1, len(drives) + 1)
     return [str(name) for name in names], drives

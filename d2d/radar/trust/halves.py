@@ -12,7 +12,7 @@ from d2d.radar.motion.model import EstimationOptions
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import RadarScan
 from d2d.radar.tracks.intake import mended
-from d2d.radar.tracks.rounds import Sensors, rounds_of
+from d2d.radar.tracks.rounds import Sensors, named_sensors, rounds_of
 from d2d.radar.tracks.track import Track, neighbours
 from d2d.radar.tracks.tracker import track
 from d2d.radar.trust.comparison import Comparison, enough
@@ -36,10 +36,11 @@ def compare_tracks(first: Track, second: Track) -> Comparison:
     that change slowly.  Estimates at equal times are not affected.
 
     The difference contains the noise of both tracks, correlations between the targets of each, and
-    the biases of each sensor, such as an error of its mounting, which shows as a mean whitened
-    error that is not zero.  Whatever the tracks have in common cancels, such as the lag of a common
-    clock or a motion that is not constant over the interval: credible differences do not prove
-    credible estimates.  `compare_halves` separates noise from correlation, without biases.
+    the biases of each sensor, such as an error of its mounting.  A bias shows as a mean whitened
+    error that is not zero, or as one that changes slowly.  Whatever the tracks have in common
+    cancels, such as the lag of a common clock or a motion that is not constant over the interval.
+    Credible differences therefore do not prove credible estimates.  `compare_halves` separates
+    noise from correlation, without biases.
     """
     check_instance("first", first, Track)
     check_instance("second", second, Track)
@@ -68,7 +69,8 @@ def compare_halves(
     """Estimate each motion twice, from each half of the targets, and compare the two.
 
     The targets of each *later* scan are divided at random.  Each half is registered with the whole
-    scan before, so that every target keeps its counterpart.  Run it with both values of ``by``.
+    scan before, so that every target keeps its counterpart.  Run it with both values of ``by``: the
+    two ANEES distinguish standard deviations that are too small from errors that are correlated.
 
     In the comparison, ``errors`` are first half minus second, and ``covariances`` the sums of both.
     The halves start at the estimates from all targets, and ``converged`` is the share of these that
@@ -92,14 +94,17 @@ def compare_halves(
     Notes
     -----
     Errors that all targets of a sensor have in common (mounting, Doppler scale, clock), or all
-    estimates (a motion that is not constant over the interval), cancel in the difference.
+    estimates (a motion that is not constant over the interval), cancel in the difference.  What is
+    left:
 
-    **By target**, those of an object are in both halves, so that their common error counts as if
-    each had its own: it shows whether the standard deviations of single targets are right.  **By
-    object**, a common error is in one half only, and counts with its full weight: by the ratio of
-    the two ANEES, covariances are too small because of the correlation.  Objects also lie in
-    different directions, and some move, so that a bias that depends on the azimuth, and traffic
-    that is not rejected, show up too.
+    - **By target** it shows whether the standard deviations of single targets are right.  The
+      targets of an object are in both halves, so that their common error counts as if each had its
+      own.
+    - **By object**, a common error is in one half only, and counts with its full weight.  If all
+      errors are independent, both ways give the same ANEES.  If the errors of an object's
+      targets are correlated, the ANEES by object is larger: by that factor the covariances are too
+      small because of the correlation.  Objects also lie in different directions, and some move, so
+      that a bias that depends on the azimuth, and traffic that is not rejected, show up too.
 
     Targets that share a counterpart in the scan before share its error, which makes the differences
     a little smaller than the covariances say.
@@ -115,7 +120,7 @@ def compare_halves(
     check_instance("rng", rng, np.random.Generator)
     check_choice("by", by, ("target", "object"))
     reach = check_positive_scalar("distance", distance)
-    drives = list(mended(sensors).values())
+    drives = list(mended(named_sensors(sensors)).values())
     whole = track(drives, baseline=baseline, horizon=horizon, **options)
     errors, covariances = np.full_like(whole.theta, np.nan), np.full_like(whole.covariance, np.nan)
     for i, each in enumerate(rounds_of(drives, baseline, horizon)):
