@@ -231,10 +231,19 @@ def without_reference(recordings: Sequence[Recording]) -> dict[str, Any]:
     return {name: scores(each) for name, each in found.items()}
 
 
+def places(listed: Sequence[tuple[Path, str]], wanted: Sequence[str]) -> dict[str, Path]:
+    """The root of each drive that is wanted; raises a ``ValueError`` if one is missing."""
+    roots = {name: root for root, name in listed}
+    missing = [name for name in wanted if name not in roots]
+    if missing:
+        raise ValueError(f"the folders must hold {', '.join(missing)}, too")
+    return {name: roots[name] for name in wanted}
+
+
 def of_radarscenes(roots: Sequence[Path]) -> dict[str, Any]:
     """What the pages show of RadarScenes."""
-    wanted = FITTED_SEQUENCE, HELD_OUT_SEQUENCE
-    drives = {name: load_sequence(root, name) for root, name in sequences(roots) if name in wanted}
+    found = places(sequences(roots), (FITTED_SEQUENCE, HELD_OUT_SEQUENCE))
+    drives = {name: load_sequence(root, name) for name, root in found.items()}
     recordings = drives[FITTED_SEQUENCE]
     return {
         "radarscenes": judge(drives),
@@ -249,16 +258,14 @@ def of_radarscenes(roots: Sequence[Path]) -> dict[str, Any]:
 def of_nuscenes(roots: Sequence[Path]) -> dict[str, Any]:
     """What the pages show of nuScenes."""
     known = FITTED_SCENES + SEEN_SCENES
-    wanted = *known, HELD_OUT_SCENE
-    found = {name: root for root, name in scenes(roots) if name in wanted}
-    drives = {name: load_scene(found[name], name) for name in wanted}
-    root = found[FITTED_SCENES[0]]
+    found = places(scenes(roots), (*known, HELD_OUT_SCENE))
+    drives = {name: load_scene(root, name) for name, root in found.items()}
     return {
         "nuscenes": judge(drives),
         "horizons of nuScenes": {name: horizons(drives[name]) for name in known},
         "turns of nuScenes": {name: turns(own) for name, own in drives.items()},
-        "turning": of_turning(root),
-        "side_radars": side_radars(root),
+        "turning": of_turning(found[FITTED_SCENES[0]]),
+        "side_radars": side_radars(found[FITTED_SCENES[0]]),
     }
 
 

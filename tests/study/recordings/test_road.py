@@ -62,6 +62,16 @@ def test_the_page_has_its_results():
     road_figures.draw_horizons(horizons)
 
 
+def test_a_drive_that_no_folder_holds_is_named(tmp_path):
+    """Breaks if results are written that lack a drive of the pages, or are of another root."""
+    for root, number in (("a", 105), ("b", 108)):
+        (tmp_path / root / "data" / f"sequence_{number}").mkdir(parents=True)
+    listed = road.sequences([tmp_path / "a", tmp_path / "b"])
+    assert road.places(listed, ["108", "105"]) == {"108": tmp_path / "b", "105": tmp_path / "a"}
+    with pytest.raises(ValueError, match="109"):
+        road.places(listed, ["105", "109"])
+
+
 @pytest.mark.radarscenes
 def test_four_sensors_are_credible_with_their_budget(radarscenes):
     """Breaks if the covariance on the road is no longer true, or the estimates become worse."""
