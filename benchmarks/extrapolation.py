@@ -29,10 +29,10 @@ from benchmarks.report import table
 from benchmarks.road import HORIZON
 from benchmarks.run import in_one_thread
 from d2d import block_bootstrap
-from d2d.radar import RadarScan, Recording, Track, load_nuscenes, track
+from d2d.radar import Recording, Track, Tracker, compare, load_nuscenes
 from d2d.study.book.grammar import OTHERS, TRUTH
 from d2d.study.book.style import letter_panels, use_style
-from d2d.study.recordings.road import judged, scores
+from d2d.study.recordings.road import joint_reference, judged, scores
 from d2d.study.recordings.road import scenes as scenes_of
 from d2d.study.recordings.turning import (
     CHANNELS,
@@ -198,17 +198,19 @@ def powers(r: Residuals) -> Fitted:
 # ---- What it does to those who do not know it
 
 
-def with_own_yaw_rate(raw: Sequence[Recording], driven: Track) -> list[Recording]:
-    """The recordings, corrected with the yaw rate of the last estimate before each scan."""
-    times, omega = driven.times[driven.converged], driven.theta[driven.converged, 2]
+def tracked_alone(raw: Sequence[Recording]) -> Track:
+    """A track whose scans are corrected as they come, with the yaw rate that it last gave."""
     time = inspect.signature(load_nuscenes).parameters["prediction_time"].default
-
-    def corrected(scan: RadarScan) -> RadarScan:
-        before = np.searchsorted(times, scan.time) - 1
-        rate = omega[before] if before >= 0 else 0.0
-        return replace(scan, doppler=scan.doppler - time * rate**2 * scan.range)
-
-    return [replace(each, scans=[corrected(scan) for scan in each.scans]) for each in raw]
+    mountings = {str(s): recording.mounting for s, recording in enumerate(raw)}
+    tracker = Tracker(mountings, horizon=HORIZON, budget=raw[0].budget)
+    scans = [(str(s), scan) for s, recording in enumerate(raw) for scan in recording.scans]
+    rate = 0.0
+    for sensor, scan in sorted(scans, key=lambda entry: entry[1].time):
+        corrected = replace(scan, doppler=scan.doppler - time * rate**2 * scan.range)
+        for estimate in tracker.add(sensor, corrected):
+            rate = float(estimate.theta[2])
+    tracker.finish()
+    return tracker.track
 
 
 def effect(root: Path, scene: str) -> list[dict[str, Any]]:
@@ -220,9 +222,9 @@ def effect(root: Path, scene: str) -> list[dict[str, Any]]:
         [load_nuscenes(root, scene, channel, **options) for channel in CHANNELS]
         for options in ({"prediction_time": 0.0}, {})
     )
-    budget = raw[0].budget
-    alone = with_own_yaw_rate(raw, track(raw, horizon=HORIZON, budget=budget))
-    return [scores(judged(each, horizon=HORIZON, budget=budget)) for each in (raw, read, alone)]
+    found = [judged(each, horizon=HORIZON, budget=each[0].budget) for each in (raw, read)]
+    found.append(compare(tracked_alone(raw), joint_reference(raw)))
+    return [scores(each) for each in found]
 
 
 # ---- Tables

@@ -1,11 +1,14 @@
 """The fits of what radars add in turns find what was put in, and tell it from other errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from benchmarks.extrapolation import (
     CHANNELS,
+    HORIZON,
     across,
     by_radar,
     explained,
@@ -17,8 +20,10 @@ from benchmarks.extrapolation import (
     outward,
     powers,
     together,
+    tracked_alone,
     yaw_rate,
 )
+from d2d.radar import ErrorBudget, Recording, simulate_drive, track
 from d2d.study.recordings.turning import Residuals
 
 NOISE = 0.1  # m/s
@@ -101,3 +106,22 @@ def test_a_point_of_the_figure_stands_for_many_targets():
     by = np.repeat([0.5, 1.5, 2.5], [100, 99, 100])
     found = medians(by, 2.0 * by, np.arange(4.0))
     assert_allclose(found, ([0.5, 2.5], [1.0, 5.0]))
+
+
+def test_radars_correct_themselves():
+    """Breaks if the correction has another sign or size, or its yaw rate is not the radars' own."""
+    drive = simulate_drive(np.random.default_rng(0), 20.0)
+    own = Recording(drive.scans, drive.mounting, drive.truth, ErrorBudget())
+    rates = drive.truth.theta[:, 2]
+    wrong = [
+        replace(scan, doppler=scan.doppler + 0.037 * rate**2 * scan.range)
+        for scan, rate in zip(drive.scans, rates, strict=True)
+    ]
+    unknown = replace(own.reference, theta=np.full_like(own.reference.theta, np.nan))
+    raw = replace(own, scans=wrong, reference=unknown)
+    right, disturbed = (track(each, horizon=HORIZON, budget=ErrorBudget()) for each in (own, raw))
+    left, off = (
+        np.sqrt(np.mean((driven.theta - right.theta)[:, :2] ** 2, axis=0))
+        for driven in (tracked_alone([raw]), disturbed)
+    )
+    assert (left < 0.3 * off).all()

@@ -84,14 +84,14 @@ def straight_scans() -> list[RadarScan]:
 
 
 def surround_scans(
-    count: int = 12, times=None, shift: float = 0.013
+    count: int = 12, theta=STRAIGHT, times=None, shift: float = 0.013
 ) -> list[tuple[list[RadarScan], Mounting]]:
     """Scans of one world by three sensors that do not run in step, at these times."""
-    rng = np.random.default_rng(70)
+    rng, theta = np.random.default_rng(70), np.array(theta)
     points = rng.uniform([-60.0, -60.0], [90.0, 60.0], (600, 2))
     times = 0.1 * np.arange(count) if times is None else np.asarray(times)
     return [
-        (_seen(rng, points, times + shift * s, STRAIGHT, mounting), mounting)
+        (_seen(rng, points, times + shift * s, theta, mounting), mounting)
         for s, mounting in enumerate(AROUND)
     ]
 

@@ -522,6 +522,41 @@ def test_few_targets_leave_uncertain_what_they_do_not_show(driven_by, few):
         assert np.trace(result.covariance[i]) > 4.0 * np.trace(usual.covariance[i])
 
 
+def test_a_sensor_that_fails_leaves_the_track_to_the_others():
+    """Breaks if one empty or missing scan loses the round, or a blind sensor the drive."""
+    sensors = surround_scans()
+    scans, mounting = sensors[1]
+    blind = [scan[:0] for scan in scans]
+    for other in (blind, scans[:3] + scans[7:], scans[:4] + blind[4:]):
+        result = track([sensors[0], (other, mounting), sensors[2]])
+        assert result.converged.all()
+        assert len(result.times) == 11
+        assert np.abs(result.theta - STRAIGHT).max() < 0.1
+
+
+@either_tracker
+def test_a_gap_of_two_seconds_does_not_lose_the_drive(driven_by):
+    """Breaks if the interval of the gap is taken for the usual one, or the end is not found."""
+    times = [0.0, 0.1, 0.2, 0.3, 2.3, 2.4, 2.5, 2.6]
+    result = driven_by(surround_scans(times=times))
+    assert_allclose(result.intervals[3], 2.0, atol=1e-9)
+    assert result.converged[[0, 1, 2, 4, 5, 6]].all()
+    assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.3
+    position = result.poses()[-1, :2] - arc(STRAIGHT, 2.6)[:2, 2]
+    assert np.hypot(*position) < 2.0
+
+
+@either_tracker
+def test_a_standing_vehicle_stands(driven_by):
+    """Breaks if a velocity of zero divides, or is taken for no estimate."""
+    result = driven_by(surround_scans(theta=(0.0, 0.0, 0.0)))
+    assert result.converged.all()
+    assert np.abs(result.theta).max() < 0.1
+    errors = result.theta
+    nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(result.covariance), errors)
+    assert nees.mean() < 6.0
+
+
 @pytest.mark.parametrize("gap", [0.5, 1.0, 2.0, 3.0])
 def test_what_is_accepted_after_a_gap_in_a_bend_is_as_sure_as_it_says(gap):
     """Breaks if a pair or a round has scans from both sides of a gap.

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from d2d import log_score
-from d2d.radar import BudgetFit, ErrorBudget, Mounting, fit_budget, simulate_drive, track
+from d2d.radar import BudgetFit, ErrorBudget, Mounting, compare, fit_budget, simulate_drive, track
 
 TRUE = np.array([0.02, 0.04, 0.003])
 SCALE = np.array([0.01, 0.02, 0.002])  # of the noise
@@ -108,6 +108,17 @@ def test_a_track_adds_the_constants_to_the_propagated_noise():
     assert_allclose(wider.covariance - plain.covariance, np.tile(added, (len(plain), 1, 1)))
     assert_allclose(wider.parts.systematic - plain.parts.systematic, [added] * len(plain))
     assert astuple(ErrorBudget())[:5] == (0.0,) * 5
+
+
+def test_errors_put_into_a_simulated_drive_are_found():
+    """Breaks if the noise that `track` states is not what the fit takes off."""
+    drive = simulate_drive(np.random.default_rng(2), duration=20.0)
+    found = compare(track(drive, budget=ErrorBudget(), **OPTIONS), drive.truth)
+    put = np.array([0.1, 0.15, 0.02])
+    errors = found.errors + put * np.random.default_rng(3).standard_normal(found.errors.shape)
+    fit = fit_budget(errors, found.covariances)
+    assert (np.abs(fit.values - put) < 3.5 * fit.sigmas).all()
+    assert (fit.bounds[0] > 0.0).all()
 
 
 def test_causes_are_told_apart_by_what_each_does_to_an_estimate():

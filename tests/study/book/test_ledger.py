@@ -7,7 +7,9 @@ from pathlib import Path
 from d2d.study.book.claim import Claim, Evidence
 from d2d.study.book.ledger import (
     LEDGER,
+    SIGNS,
     anchor,
+    badge,
     count_verdicts,
     figures_table,
     in_words,
@@ -41,6 +43,12 @@ CLAIMS_OF_TWO = [
 def read(html: str) -> str:
     """What a reader of the HTML sees."""
     return unescape(re.sub("<[^>]*>", " ", html)).replace("−", "-")
+
+
+def test_verdicts_differ_by_sign_and_word():
+    """Breaks if two verdicts can be told apart by their colour alone."""
+    shown = {re.sub("<[^>]*>", "", badge(verdict)) for verdict in SIGNS}
+    assert len({text.split()[0] for text in shown}) == len({text.split()[1] for text in shown}) == 4
 
 
 def test_a_claim_in_words_is_wrapped_and_complete():

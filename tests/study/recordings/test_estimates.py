@@ -8,6 +8,7 @@ import csv
 import json
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -266,6 +267,15 @@ def test_what_was_written_is_read(estimated, tmp_path):
         assert float(first[name]) == pytest.approx(float(column[0]), rel=1e-4), name
     estimates.write_estimates(tmp_path / "again.csv", again)
     assert (tmp_path / "again.csv").read_bytes() == path.read_bytes()
+
+
+def test_the_data_s_place_comes_from_the_environment(monkeypatch):
+    """Breaks if an unset or empty variable means the working directory."""
+    for value, expected in (("", None), ("/x/y", Path("/x/y"))):
+        monkeypatch.setenv("D2D_RADARSCENES", value)
+        assert estimates.data_root() == expected
+    monkeypatch.delenv("D2D_RADARSCENES")
+    assert estimates.data_root() is None
 
 
 def test_the_command_writes_the_results_of_what_it_is_asked_for(estimated, monkeypatch, tmp_path):

@@ -1,5 +1,6 @@
 """Covariances on the road: their models, tables and drawings, and what they reach on real data."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -60,6 +61,16 @@ def test_the_page_has_its_results():
     assert all(len(rows) == len(road.LONGER) for rows in horizons.values())
     road_figures.draw_extents(stored["extents"])
     road_figures.draw_horizons(horizons)
+
+
+def test_a_rate_that_is_wrong_makes_a_turn_wrong_in_proportion_to_its_time(recordings):
+    """Breaks if a rate is taken for an angle, or the two baselines or the two ways are mixed up."""
+    own, wrong = recordings[0], np.deg2rad([0.0, 0.0, 3.0])
+    shifted = replace(own.reference, theta=own.reference.theta - wrong)
+    found = [road.turns([replace(own, reference=each)]) for each in (own.reference, shifted)]
+    for name in ("with Doppler", "without Doppler"):
+        assert_allclose(np.subtract(found[1][name], found[0][name]), [0.3, 1.2], atol=1e-9)
+    assert not np.allclose(found[0]["with Doppler"], found[0]["without Doppler"])
 
 
 def test_a_drive_that_no_folder_holds_is_named(tmp_path):
