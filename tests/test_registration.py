@@ -40,7 +40,16 @@ from tests.strategies import (
     spd,
 )
 
-FIELDS = ("theta", "covariance", "value", "gradient", "hessian", "converged", "iterations")
+FIELDS = (
+    "theta",
+    "covariance",
+    "value",
+    "gradient",
+    "hessian",
+    "converged",
+    "inliers",
+    "iterations",
+)
 SCHEDULE = (10.0, 5.5, 3.2, 1.7, 1.0)
 SCALES = (2.0, 1.0)
 ROBUST = RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2)))
@@ -281,6 +290,34 @@ def test_a_batch_is_its_problems_one_by_one_in_any_number_of_threads(scales):
     one = register(fixed, moving, ROBUST, scales=scales)
     for threads in (2, 3, 64):
         assert_same(register(fixed, moving, ROBUST, scales=scales, threads=threads), one)
+
+
+def test_batch_axes_of_sets_starts_and_measurements_broadcast():
+    """Breaks if the batch axes are flattened in another order than they are unfolded.
+
+    Also if one problem comes back as a batch of one, or the caller's starts are overwritten.
+    """
+    problem = scene(16, measured="motion", count=5)
+    rng = np.random.default_rng(17)
+    f, m, z = problem.fixed, problem.moving, problem.measurement
+    fixed = PointSet(f.means + 0.1 * rng.standard_normal((4, *f.means.shape)), f.covariances)
+    moving = PointSet(m.means + 0.1 * rng.standard_normal((3, 1, *m.means.shape)), m.covariances)
+    value = z.value + rng.standard_normal((2, 1, 1, z.size))
+    measurement = LinearMeasurement(value, z.sigma, z.sigma_input, z.gain, z.slope)
+    starts = problem.theta + 0.1 * rng.standard_normal((4, 3))
+    before = starts.copy()
+    cost = RegistrationCost(outlier=outlier_model("corrupted", 2))
+    batch = register(fixed, moving, cost, starts, (2.0, 1.0), measurement=measurement)
+    assert batch.theta.shape == batch.gradient.shape == (2, 3, 4, 3)
+    assert batch.covariance.shape == batch.hessian.shape == (2, 3, 4, 3, 3)
+    assert batch.value.shape == batch.converged.shape == batch.iterations.shape == (2, 3, 4)
+    for i, j, k in np.ndindex(2, 3, 4):
+        one = LinearMeasurement(value[i, 0, 0], z.sigma, z.sigma_input, z.gain, z.slope)
+        alone = register(fixed[k], moving[j, 0], cost, starts[k], (2.0, 1.0), measurement=one)
+        assert_same(batch, alone, (i, j, k))
+    shapes = {name: np.shape(getattr(alone, name)) for name in FIELDS}
+    assert [*shapes.values()] == [(3,), (3, 3), (), (3,), (3, 3), (), (), ()]
+    assert_array_equal(starts, before)
 
 
 # ---- Invariances ------------------------------------------------------------------------------
