@@ -320,6 +320,16 @@ def test_batch_axes_of_sets_starts_and_measurements_broadcast():
     assert_array_equal(starts, before)
 
 
+def test_what_does_not_converge_keeps_its_place_in_a_batch():
+    """Breaks if the flags of a batch are unfolded in another order than its motions."""
+    means = 5.0 * np.random.default_rng(18).standard_normal((2, 3, 2, 2))
+    means[1, 0, 1] = means[1, 0, 0]  # two targets at one place do not show a rotation
+    sets = PointSet(means, np.broadcast_to(0.04 * np.eye(2), (2, 2, 2)))
+    found = register(sets, sets)
+    assert_array_equal(np.argwhere(~found.converged), [[1, 0]])
+    assert_array_equal(np.isnan(found.covariance).any(axis=(2, 3)), ~found.converged)
+
+
 # ---- Invariances ------------------------------------------------------------------------------
 
 
