@@ -79,7 +79,7 @@ from d2d.radar.motion.doppler import Acceleration
 from d2d.radar.motion.model import split_options
 from d2d.radar.readers.nuscenes import NUSCENES_BUDGET
 from d2d.radar.readers.radarscenes import RADARSCENES_BUDGET
-from d2d.radar.tracks.following import Follower
+from d2d.radar.tracks.estimator import OdometryEstimator
 from d2d.radar.tracks.rounds import Round, rounds_of
 from d2d.study.book.grammar import BLACK, GREY, PURPLE, SKY
 from d2d.study.book.style import letter_panels, use_style
@@ -126,7 +126,7 @@ CELLS = {
 
 
 @dataclass
-class Keeping(Follower):
+class Keeping(OdometryEstimator):
     """A follower that keeps what its last estimate came from."""
 
     by: Acceleration = field(init=False)
@@ -156,15 +156,15 @@ def followed(rounds: Sequence[Round], budget: ErrorBudget) -> tuple[Estimates, F
     """
     model, scales = split_options({})
     sensors = 1 + max((each for current in rounds for each in current.sensors), default=0)
-    follower = Keeping(model, scales, None, ErrorBudget(), VehicleLimits(), sensors, steps=[])
+    follower = Keeping(model, scales, None, ErrorBudget(), VehicleLimits(), sensors, records=[])
     rows, accepted = [], np.zeros(len(rounds), dtype=np.bool_)
     for i, current in enumerate(rounds):
-        estimate = follower.follow(current)
+        estimate = follower.step(current)
         if not estimate.converged:
             continue
         accepted[i] = True
-        assert follower.steps
-        raw, _ = follower.steps[-1]
+        assert follower.records
+        raw, _ = follower.records[-1]
         problem, optimum, by = follower.kept
         near = optimum.theta  # on which neither parts nor slow errors depend
         parts = apply_budget(problem, optimum, current.pairs, budget, current.time, near).parts

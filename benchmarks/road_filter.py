@@ -30,7 +30,7 @@ from benchmarks.road import HORIZON, Drive, nuscenes, radarscenes
 from benchmarks.run import in_one_thread
 from d2d.radar import ErrorBudget, Tracker, VelocityEstimate
 from d2d.radar.tracks.acceleration import JERK, UNKNOWN
-from d2d.radar.tracks.displacement import PERSISTENCE
+from d2d.radar.tracks.path import PERSISTENCE
 from d2d.scores import normalised_squares
 from d2d.study.drives.fusion import GATE, REGION, SETTLED, Filter, Motion, slow_errors, take
 from d2d.study.recordings.road import scenes, sequences

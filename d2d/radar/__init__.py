@@ -16,17 +16,17 @@ from d2d.radar.scans.slip import SlipLaw
 from d2d.radar.simulation.drive import Drive, Sensor, TrueTargets, simulate_drive
 from d2d.radar.simulation.sensor_errors import SensorErrors
 from d2d.radar.simulation.world import World, build_world
-from d2d.radar.tracks.displacement import Displacement
+from d2d.radar.tracks.estimator import VelocityEstimate
 from d2d.radar.tracks.filter_input import FilterInput
-from d2d.radar.tracks.finding import Finding, FindingWarning
-from d2d.radar.tracks.following import VelocityEstimate
+from d2d.radar.tracks.intake import ScanWarning
 from d2d.radar.tracks.limits import VehicleLimits
+from d2d.radar.tracks.path import Displacement
 from d2d.radar.tracks.track import Track, Velocities
 from d2d.radar.tracks.tracker import Tracker, track
 from d2d.radar.trust.calibration import Calibration, calibrate
 from d2d.radar.trust.comparison import Comparison, Measures, compare
 from d2d.radar.trust.extent import ExtentEstimate, estimate_extent
-from d2d.radar.trust.findings import Diagnosis, diagnose
+from d2d.radar.trust.findings import Diagnosis, Finding, diagnose
 from d2d.radar.trust.fit import BudgetFit, fit_budget
 from d2d.radar.trust.halves import compare_halves, compare_tracks
 
@@ -44,12 +44,12 @@ __all__ = [
     "ExtentEstimate",
     "FilterInput",
     "Finding",
-    "FindingWarning",
     "Measures",
     "Mounting",
     "RadarScan",
     "Recording",
     "Reference",
+    "ScanWarning",
     "Sensor",
     "SensorErrors",
     "SlipLaw",

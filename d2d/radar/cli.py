@@ -27,14 +27,13 @@ from d2d.radar.readers.reader import Option, Source
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
 from d2d.radar.simulation.drive import simulate_drive
-from d2d.radar.tracks.finding import Finding, FindingWarning
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import MAX_INTERVAL, SensorScans
 from d2d.radar.tracks.track import Track
 from d2d.radar.tracks.tracker import Tracker, track
 from d2d.radar.trust.calibration import calibrate
 from d2d.radar.trust.comparison import compare
-from d2d.radar.trust.findings import diagnose, look_at_targets
+from d2d.radar.trust.findings import Finding, diagnose
 from d2d.radar.trust.halves import compare_tracks
 
 PROGRAM = "python -m d2d.radar"
@@ -65,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     _check_options(arguments)
     try:
-        with _warnings_told(arguments.found):
+        with _plain_warnings():
             arguments.run(arguments)
     except BrokenPipeError:  # whoever read the output has gone; nothing is left to flush at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -81,17 +80,15 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 @contextmanager
-def _warnings_told(found: list[Finding]) -> Iterator[None]:
-    """Inside, a warning is a line on the standard error; what it says is wrong is ``found``."""
+def _plain_warnings() -> Iterator[None]:
+    """Inside, a warning is a line on the standard error."""
 
-    def tell(message: Warning | str, *_where: object) -> None:
+    def show(message: Warning | str, *_where: object) -> None:
         print(f"{PROGRAM}: warning: {_plain(message)}", file=sys.stderr)
-        if isinstance(message, FindingWarning):
-            found.append(message.finding)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
-        warnings.showwarning = tell  # type: ignore[assignment]
+        warnings.showwarning = show  # type: ignore[assignment]
         yield
 
 
@@ -116,7 +113,7 @@ def _parser() -> argparse.ArgumentParser:
             formatter_class=plain,
             allow_abbrev=False,
         )
-        added.set_defaults(run=run, found=[], error=added.error)
+        added.set_defaults(run=run, error=added.error)
         return added
 
     about = "estimate a drive and write its path and velocities"
@@ -138,7 +135,7 @@ def _parser() -> argparse.ArgumentParser:
     calibrating.add_argument("--max-lag", metavar="S", type=float, default=0.5, help=LAG_HELP)
     _add_log_options(calibrating)
     comparing = command("compare", "compare a track with a reference", _compare)
-    comparing.add_argument("track", metavar="TRACK", help="PREFIX.npz or PREFIX_velocities.txt")
+    comparing.add_argument("track", metavar="TRACK", help="PREFIX.npz or PREFIX_velocities.csv")
     comparing.add_argument("reference", metavar="REFERENCE", help=REFERENCE_HELP)
     about = "how late the radars' clock is beside the reference's, as calibrate finds it"
     comparing.add_argument("--lag", metavar="S", type=float, default=0.0, help=about)
@@ -271,37 +268,27 @@ def _track(arguments: argparse.Namespace) -> None:
     options = _options(arguments, budget)
     count = sum(len(scans) for scans, _ in sensors.values())
     print(f"read {count} scans of {len(sensors)} sensor{'s' * (len(sensors) > 1)}", flush=True)
-    if not arguments.force:  # before a long wait
-        found = look_at_targets(sensors, arguments.max_interval)
-        _tell([each for each in found if each.sure], force=False)
     driven = track(sensors, **options, progress=False if arguments.no_progress else None)
     print(driven)
-    found = [*arguments.found, *_judged(sensors, driven, options)]
-    _tell(found, arguments.force or not driven.converged.any())
+    sure = _judge(sensors, driven, options)
     if not driven.converged.any():
         raise ValueError("no estimate was accepted, so nothing was written")
+    if sure and not arguments.force:
+        raise ValueError(
+            f"nothing was written: {sure[0].symptom}; --force writes the files all the same"
+        )
     for path in _write(driven, prefix, picture=not arguments.no_picture):
         print(f"wrote {path}")
 
 
-def _tell(found: list[Finding], force: bool) -> None:
-    """Print what was found; raises a ValueError if that is surely wrong and not forced."""
-    if found:
-        print('what looks wrong, by the rows of the page "When a path looks wrong":')
-        print("\n".join(f"  {_plain(each)}" for each in found), flush=True)
-    sure = [each.symptom for each in found if each.sure]
-    if sure and not force:
-        raise ValueError(f"nothing was written: {sure[0]}; --force writes the files all the same")
-
-
-def _judged(
+def _judge(
     sensors: dict[str, SensorScans], driven: Track, options: dict[str, Any]
 ) -> list[Finding]:
-    """Print what speaks for and against a track, and return what is probably wrong."""
+    """Print what speaks for and against a track, and return what is surely wrong."""
     spaced = {name: options[name] for name in ("baseline", "horizon", "max_interval")}
-    found = diagnose(sensors, driven, **spaced)
-    told = ", ".join(f"{name} {share:.0%}" for name, share in found.inliers.items())
-    print(f"targets that fit, median: {told.replace('nan%', 'unknown')}")
+    diagnosis = diagnose(sensors, driven, **spaced)
+    shares = ", ".join(f"{name} {share:.0%}" for name, share in diagnosis.inliers.items())
+    print(f"targets that fit, median: {shares.replace('nan%', 'unknown')}")
     alone = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
@@ -310,10 +297,13 @@ def _judged(
                 alone[name] = track(sensor, **options, progress=False)
             except ValueError:  # too few scans
                 continue
-    told = ", ".join(_agreement(*pair) for pair in itertools.combinations(alone.items(), 2))
-    if told:
-        print(f"ANEES of the differences between sensors (ideally 1): {told}")
-    return found.findings
+    anees = ", ".join(_agreement(*pair) for pair in itertools.combinations(alone.items(), 2))
+    if anees:
+        print(f"ANEES of the differences between sensors (ideally 1): {anees}")
+    if diagnosis.findings:
+        print('what looks wrong, by the rows of the page "When a path looks wrong":')
+        print("\n".join(f"  {_plain(finding)}" for finding in diagnosis.findings), flush=True)
+    return [finding for finding in diagnosis.findings if finding.sure]
 
 
 def _agreement(first: tuple[str, Track], second: tuple[str, Track]) -> str:
@@ -376,7 +366,7 @@ def _prefix(output: str) -> Path:
 
 
 def _files(prefix: Path) -> list[Path]:
-    ends = (".tum", "_velocities.txt", ".npz", ".png")
+    ends = (".tum", "_velocities.csv", ".npz", ".png")
     return [prefix.with_name(f"{prefix.name}{end}") for end in ends]
 
 
@@ -466,7 +456,7 @@ TRACK_HELP = """\
 Estimates the velocity of a vehicle from one radar or several, integrates it to a path, and writes
 
   PREFIX.tum              the path, a line "t x y z qx qy qz qw" per pose, for evo and others
-  PREFIX_velocities.txt   v_x, v_y, omega and their covariances; its header names the columns
+  PREFIX_velocities.csv   v_x, v_y, omega and their covariances, a table for pandas and others
   PREFIX.npz              everything, for d2d.radar.Track.load
   PREFIX.png              a picture (if matplotlib is installed)
 
@@ -535,7 +525,6 @@ examples:
 What is printed at the end says how many estimates were accepted, and why the others were not:
 
   a scan without targets          nothing to estimate; the path continues with the last velocity
-  a scan that repeats an ...      the sensor froze, or its message was delivered twice
   no optimum near the start       too few targets are seen in both scans: more sensors
   an optimum that rejects ...     scans do not fit each other: too small standard deviations, a
                                   wrong mounting, azimuths of the wrong sign

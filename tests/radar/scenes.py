@@ -96,6 +96,16 @@ def surround_scans(
     ]
 
 
+def named_sensors(count=30, **options) -> dict[str, tuple[list[RadarScan], Mounting]]:
+    """Three sensors by their names."""
+    return dict(zip(("left", "right", "rear"), surround_scans(count, **options), strict=True))
+
+
+def in_order(sensors):
+    """Times, names and scans as they are measured."""
+    return sorted((scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans)
+
+
 def accelerating(rates, offsets, acceleration, mountings, jitter=0.0, noise=0.0, seed=0, end=3.0):
     """Scans of static points by sensors of a vehicle with a constant acceleration."""
     rng, start, step = np.random.default_rng(seed), np.array([12.0, 0.0, 0.05]), 1e-3

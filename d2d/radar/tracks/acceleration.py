@@ -38,21 +38,21 @@ from d2d.radar.motion.doppler import Acceleration
 UNKNOWN = np.diag(np.square([1.3, 0.09, 0.12]))
 JERK = np.diag(np.square([1.0, 0.015, 0.025]))  # variances per s
 
-MANNERS = np.array([0.0, 1.0, 10.0])  # of driving: evenly, as usual, sharply; times JERK
-SHARES = np.array([0.45, 0.45, 0.1])  # of the time, where nothing is known
-_LASTING = 600.0  # s, for which a manner of driving lasts on average, as a kind of road does
-_FORGOTTEN = 2.0  # s
-_CONTRADICTING = 12.0  # standard deviations, by which no estimate of a vehicle surprises
+JERK_SCALES = np.array([0.0, 1.0, 10.0])  # of the modes: evenly, as usual, sharply; times JERK
+MODE_PRIOR = np.array([0.45, 0.45, 0.1])  # of the time, where nothing is known
+_MODE_DURATION = 600.0  # s, for which a mode lasts on average, as a kind of road does
+_MEMORY = 2.0  # s
+_IMPLAUSIBLE = 12.0  # standard deviations, by which no estimate of a vehicle surprises
 
 State = tuple[Array, Array]  # mean (..., 6) of [theta, a] and covariance (..., 6, 6)
 
 
-class Step(NamedTuple):
+class FilterRecord(NamedTuple):
     """What a smoother needs of one estimate."""
 
     begun: State | None  # where the filter began anew, with what
     passed: float  # s, since the step before
-    manner: float  # of driving: the mean, weighed by what the filter knows up to here
+    jerk_scale: float  # the mean over the modes, as the filter knows them up to here
     to: Array  # (3, 6), of the state to the estimate
     estimate: Array  # (3,)
     noise: Array  # (3, 3)
@@ -67,64 +67,67 @@ class AccelerationFilter:
 
     def __init__(self) -> None:
         self._time = 0.0
-        self._shares = SHARES  # probabilities of the manners
-        self._states: State | None = None  # one for each manner
+        self._shares = MODE_PRIOR  # probabilities of the modes
+        self._states: State | None = None  # one for each mode
 
     def predict(self, time: float) -> Acceleration | None:
         """The acceleration at a time in s, from all estimates so far; None if it begins anew."""
         if (found := self._predicted(time)) is None:
             return None
-        state, covariance = _merged(*found)
+        state, covariance = _moment_match(*found)
         return Acceleration(state[3:], covariance[3:, 3:])
 
     def update(
         self, time: float, estimate: Array, delay: Array, noise: Array, carried_by: Acceleration
-    ) -> Step:
+    ) -> FilterRecord:
         """Learn from an estimate (3,) with its delay (3, 3) in s and the covariance of its errors.
 
         Of these, only those that differ from one estimate to the next count: what all have in
         common does not change an acceleration.  Where the filter begins anew, it begins with the
-        acceleration by which the estimate was carried; where no manner of driving explains the
-        estimate, with none.
+        acceleration by which the estimate was carried; where no mode explains the estimate, with
+        none.
         """
         to, passed, begun = np.hstack([np.eye(3), delay]), time - self._time, None
         if (found := self._predicted(time)) is not None:
             shares, predicted = found
-            self._states, squares, evidence = _updated(predicted, to, estimate, noise)
-            weights = shares * np.exp(evidence - evidence.max())
+            self._states, squares, log_likelihood = _updated(predicted, to, estimate, noise)
+            weights = shares * np.exp(log_likelihood - log_likelihood.max())
             self._shares = weights / weights.sum()
-            if squares.min() > _CONTRADICTING**2:
+            if squares.min() > _IMPLAUSIBLE**2:
                 found, carried_by = None, Acceleration(np.zeros(3), UNKNOWN)
         if found is None:
             value, own = carried_by
             late = delay @ own
             covariance = np.block([[noise + late @ delay.T, -late], [-late.T, own]])
             begun = np.concatenate([estimate - delay @ value, value]), covariance
-            self._shares = SHARES
-            self._states = np.stack([begun[0]] * len(SHARES)), np.stack([begun[1]] * len(SHARES))
+            self._shares = MODE_PRIOR
+            self._states = (
+                np.stack([begun[0]] * len(MODE_PRIOR)),
+                np.stack([begun[1]] * len(MODE_PRIOR)),
+            )
         self._time = time
-        return Step(begun, passed, float(self._shares @ MANNERS), to, estimate, noise)
+        return FilterRecord(begun, passed, float(self._shares @ JERK_SCALES), to, estimate, noise)
 
     def _predicted(self, time: float) -> tuple[Array, State] | None:
-        """Shares and states of the manners at a time, if what was learnt is not forgotten.
+        """Shares and states of the modes at a time, if what was learnt is not forgotten.
 
-        The driver may have changed the manner since.
+        The driver may have changed the mode since.
         """
         passed = time - self._time
-        if self._states is None or passed > _FORGOTTEN:
+        if self._states is None or passed > _MEMORY:
             return None
-        lasts = np.exp(-passed / _LASTING)
-        changes = lasts * np.eye(len(SHARES)) + (1.0 - lasts) * SHARES  # from, to
+        lasts = np.exp(-passed / _MODE_DURATION)
+        changes = lasts * np.eye(len(MODE_PRIOR)) + (1.0 - lasts) * MODE_PRIOR  # from, to
         shares = self._shares @ changes
         origins = (self._shares[:, None] * changes / shares).T
-        mixed = _merged(origins, self._states)
-        return shares, _moved(mixed, passed, MANNERS[:, None, None] * JERK)
+        mixed = _moment_match(origins, self._states)
+        return shares, _predict(mixed, passed, JERK_SCALES[:, None, None] * JERK)
 
 
-def accelerations_of_others(steps: list[Step]) -> list[Acceleration]:
+def accelerations_of_others(steps: list[FilterRecord]) -> list[Acceleration]:
     """The acceleration at each estimate, from all others before and after it.
 
-    A filter with the mean manner at each step goes forward, and a smoother goes back (Rauch, Tung &
+    A filter with the mean jerk scale at each step goes forward, and a smoother goes back (Rauch, Tung &
     Striebel 1965); then each estimate's own contribution is taken out of the state at its time, as
     a measurement of negative covariance.
     """
@@ -134,7 +137,7 @@ def accelerations_of_others(steps: list[Step]) -> list[Acceleration]:
         if step.begun is not None:
             before = after = step.begun
         else:
-            before = _moved(updated[-1], step.passed, step.manner * JERK)
+            before = _predict(updated[-1], step.passed, step.jerk_scale * JERK)
             after, *_ = _updated(before, step.to, step.estimate, step.noise)
         predicted.append(before)
         updated.append(after)
@@ -149,10 +152,10 @@ def accelerations_of_others(steps: list[Step]) -> list[Acceleration]:
             state + gain @ (later[0] - expected),
             covariance + gain @ (later[1] - spread) @ gain.T,
         )
-    return [_of_others(*each) for each in zip(steps, predicted, smoothed, strict=True)]
+    return [_without_own(*each) for each in zip(steps, predicted, smoothed, strict=True)]
 
 
-def _of_others(step: Step, predicted: State, smoothed: State) -> Acceleration:
+def _without_own(step: FilterRecord, predicted: State, smoothed: State) -> Acceleration:
     """The acceleration of a smoothed state without what the step's own estimate says."""
     state, covariance = smoothed
     if step.begun is smoothed:  # there is no other
@@ -175,7 +178,7 @@ def _transition(passed: float) -> Array:
     return move
 
 
-def _moved(states: State, passed: float, jerk: Array) -> State:
+def _predict(states: State, passed: float, jerk: Array) -> State:
     """States (..., 6) after a time in s, in which the acceleration walks."""
     means, covariances = states
     move = _transition(passed)
@@ -183,7 +186,7 @@ def _moved(states: State, passed: float, jerk: Array) -> State:
     return means @ move.T, move @ covariances @ move.T + np.kron(walk, jerk)
 
 
-def _merged(shares: Array, states: State) -> State:
+def _moment_match(shares: Array, states: State) -> State:
     """Mean and covariance of a mixture of m states, for shares (..., m)."""
     means, covariances = states
     mean = shares @ means
@@ -204,5 +207,5 @@ def _updated(states: State, to: Array, value: Array, noise: Array) -> tuple[Stat
     kept = np.eye(6) - gain @ to
     updated = kept @ covariances @ kept.swapaxes(-1, -2) + gain @ noise @ gain.swapaxes(-1, -2)
     squares = (new * np.linalg.solve(spread, new[..., None])[..., 0]).sum(axis=-1)
-    evidence = -0.5 * (squares + np.linalg.slogdet(spread)[1])
-    return (means + (gain @ new[..., None])[..., 0], updated), squares, evidence
+    log_likelihood = -0.5 * (squares + np.linalg.slogdet(spread)[1])
+    return (means + (gain @ new[..., None])[..., 0], updated), squares, log_likelihood

@@ -1,272 +1,180 @@
-"""What is checked of each scan as it arrives, and mended: its time, and targets given twice."""
+"""Which scans are used: each once, each target once, by the time that its sensor gave it."""
 
-import math
+import sys
+import warnings
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from statistics import median
-from typing import NamedTuple
 
 import numpy as np
 
-from d2d._types import Array
-from d2d.radar.scans.scan import RadarScan
-from d2d.radar.tracks.finding import Finding, warn_of
-from d2d.radar.tracks.rounds import MAX_INTERVAL, REMEMBERED, SensorScans, repeats
+from d2d.radar.scans.scan import MEASURED, RadarScan
+from d2d.radar.tracks.rounds import REMEMBERED, SensorScans
 
-_JUMP = 1.0  # s; a clock that steps back by less has scans in the wrong order, which is refused
+# s; a scan that is less than this before another one is in the wrong order, which is refused; one
+# that is more out of step has another clock
+_STEP = 1.0
+_CYCLES = 5.0  # of a sensor that pauses before a scan is out of step: some scans may be lost
+_WAITED = 1.5  # cycles after which a sensor would have been heard, as for a round
 _FEW = 6  # targets, of which some may be equal by chance where a radar rounds coarsely
-_FRESH = 5.0  # cycles that a jump is taken to last
-_ALIKE = 1.5  # cycles by which a clock is set beside those of other sensors at least
+_MOVING = 0.5  # m/s; at a standstill a coarse radar may measure the same twice
 
 
-class _Held(NamedTuple):
-    """Scans of a sensor that wait until it is known whether its clock has jumped."""
-
-    scans: list[RadarScan]
-    jump: float  # s, from the scan before them
-    latest: dict[int, RadarScan]  # of each sensor when the first one came
-    offsets: dict[int, float]  # s, of each sensor
+class ScanWarning(UserWarning):
+    """Says which scans or targets of a log are left out, or that its clock steps back."""
 
 
-class Intake:
-    """Takes the scans of named sensors and gives them back as they are to be used.
+class ScanGate:
+    """Takes the scans of sensors as they arrive, and gives back those to be used.
 
-    A scan that is more than a second, and five cycles, after the one before, or more than a second
-    before it, waits for the next one.  If that agrees with it, the clock has jumped, or there was a
-    gap; else it was one wrong stamp, and the scan is left out.  A clock that jumps while other
-    sensors go on is set beside theirs, which is known only if the scans of all come ``live``, as
-    they are measured: it then waits until one of them measures, too.  Else one that jumps back is
-    set on, so that times go on increasing, and one that jumps ahead is left as it is.
+    No time is changed.  A scan is out of step if it is more than a second before the last one of
+    its sensor, or so long after all of them that it may be a wrong stamp (a second, and five
+    cycles).  It is held back until the next scans tell.  If any of them is in step, the stamp was
+    wrong, and the scan is left out.  If its sensor goes on from there while no other one is in
+    step, its clock has been set, or all of them paused: then a new segment begins with all scans
+    that were held back.
 
-    Where half of a scan's targets or more are there twice, one of each is dropped.  A sensor that
-    freezes repeats its scan, which `Rounds` leaves out.  A warning names the sensor, once for each
-    of these; of a gap, if it is longer than ``max_interval`` (s) or others go on meanwhile.
+    A warning names the sensor, once for each reason.
     """
 
-    def __init__(self, names: Sequence[str], max_interval: float, live: bool = False) -> None:
-        self._names, self._longest, self._live = names, max_interval, live
-        self._latest: dict[int, RadarScan] = {}
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = names
+        self._arrived: dict[int, RadarScan] = {}  # the last of each sensor
+        self._latest: dict[int, RadarScan] = {}  # the last of each that is used, in this segment
         self._intervals = {s: deque[float](maxlen=REMEMBERED) for s in range(len(names))}
-        self._held: dict[int, _Held] = {}
-        self._awaited: set[int] = set()  # of these, whose next scan the others wait for
-        self._offsets = dict.fromkeys(range(len(names)), 0.0)  # s, added to the times of a sensor
-        self._told: set[tuple[str, str]] = set()
+        self._held: dict[int, list[RadarScan]] = {}
+        self._told: set[tuple[str, int]] = set()
+        self.stepped_back = False  # whether the last call began a segment with earlier times
 
-    def taken(self, sensor: int, scan: RadarScan) -> list[RadarScan]:
-        """What is to be used after a sensor's next scan: this one, none, or also the one before.
+    def push(self, sensor: int, scan: RadarScan) -> list[tuple[int, RadarScan]]:
+        """The sensors and scans to be used now: mostly this one, seldom none or those held back.
 
-        Raises a ValueError if it is not the next one.
+        Raises a ValueError if the scan is not later than the one before of its sensor.
         """
-        used = []
-        for each in self._timed(sensor, scan):
-            self._look_for_repetition(sensor, each)
-            self._latest[sensor] = each
-            used.append(self._without_twins(sensor, each))
-        return used
-
-    def waits(self, span: float) -> bool:
-        """Whether scans that cover this time in s are to wait for the next one of a sensor.
-
-        They wait only once for a sensor that is silent.
-        """
-        self._awaited = {s for s in self._awaited & self._held.keys() if span <= self._gap(s)}
-        return bool(self._awaited)
-
-    def look_for_pause(self, sensor: int, times: Array, others: Array) -> None:
-        """Say if a sensor pauses while others go on: by a gap, or a clock that jumps ahead."""
-        cycle, longest = self._cycle(sensor), _FRESH * self._cycle(sensor)
-        if self._offsets[sensor] != 0.0:
-            longest = 1.001 * self._gap(sensor)  # left by a mended jump
-        for i in np.flatnonzero(np.diff(times) > longest):
-            start, end = times[i], times[i + 1]
-            if ((others > start + cycle) & (others < end - cycle)).any():
-                self._tell_gap(sensor, float(end - start), float(end))
-
-    def leave_out(self, sensor: int, scan: RadarScan, last: float) -> None:
-        """Say that a sensor's scan comes after the estimate at a later time."""
-        name, late = self._names[sensor], last - scan.time
-        self._tell(
-            "old",
-            Finding("the clock of a sensor is off", name, late, "s", False, "or it arrives late"),
-            f"{name} has a scan at {scan.time:.3f} s that comes after the estimate at {last:.3f} s "
-            "and is left out; do its scans arrive late?",
-        )
-
-    def _timed(self, sensor: int, scan: RadarScan) -> list[RadarScan]:
-        """The scans of a sensor whose time is now known, with this time."""
-        offset, intervals = self._offsets[sensor], self._intervals[sensor]
-        time, others = scan.time + offset, self._time_of_others(sensor)
-        latest = self._latest[sensor].time if sensor in self._latest else None
-        held, known = self._held.get(sensor), [scan]
-        twice = held is not None and held.scans[-1].time == scan.time
-        if latest is not None and (twice or latest - _JUMP < time <= latest):
+        self.stepped_back = False
+        before, latest = self._arrived.get(sensor), self._latest.get(sensor)
+        scan = self._without_twins(sensor, scan)
+        if before is not None and _repeats(before, scan):
+            self._warn("repeated", sensor, f"repeats its scan at {scan.time:.3f} s; such scans are")
+            return []
+        last = max((each.time for each in self._latest.values()), default=scan.time)
+        later = latest is None or scan.time > latest.time
+        in_step = later and scan.time <= last + self._reach()
+        back = before is not None and scan.time <= before.time
+        if before is not None and back and not in_step and scan.time > before.time - _STEP:
             raise ValueError(
                 f"{self._names[sensor]} must be in strictly increasing time, but a scan is at "
-                f"{scan.time:.6f} s after {scan.time if twice else latest - offset:.6f} s"
+                f"{scan.time:.6f} s after {before.time:.6f} s"
             )
-        reach = self._gap(sensor) if intervals else math.inf  # while there is only one scan
-        goes_on = latest is None or latest < time <= latest + reach
-        if held is not None and (goes_on or scan.time < held.scans[-1].time):
-            self._tell_stamp(sensor, held)
-            held = None
-        self._held.pop(sensor, None)
-        if latest is not None and not goes_on:
-            if held is None:
-                held = _Held([scan], time - latest, {**self._latest}, {**self._offsets})
-                self._held[sensor] = held
-                self._awaited.add(sensor)
-                return []
-            held.scans.append(scan)
-            if not self._is_known(sensor, held):
-                self._held[sensor] = held
-                return []
-            self._mend(sensor, held, time)
-            known = held.scans
-            intervals.append(scan.time - known[-2].time)
-        elif time <= others - _JUMP:
-            self._tell_jump(sensor, time - others, scan.time, others)
-            self._offsets[sensor] = self._known_offset(
-                sensor, others - scan.time, self._gap(sensor)
+        self._arrived[sensor] = scan
+        if in_step:
+            self._leave_out(self._held)
+            return [self._used(sensor, scan)]
+        if back and sensor in self._held:
+            self._leave_out([sensor])
+        self._held.setdefault(sensor, []).append(scan)
+        return self._begun(sensor, last)
+
+    def finish(self) -> None:
+        """Leave out the scans that are still held back."""
+        self._leave_out(self._held)
+
+    def leave_out_late(self, sensor: int, scan: RadarScan, last: float) -> None:
+        """Say that a scan comes after an estimate at a later time."""
+        text = f"has a scan at {scan.time:.3f} s that comes after the estimate at {last:.3f} s and"
+        self._warn("late", sensor, f"{text} is", "do its scans arrive late?")
+
+    def _begun(self, sensor: int, last: float) -> list[tuple[int, RadarScan]]:
+        """The scans with which a segment begins, once those of this sensor are enough for it."""
+        start, end = self._held[sensor][0].time, self._held[sensor][-1].time
+        others = max((self._cycle(s) for s in self._intervals if s != sensor), default=0.0)
+        if end - start <= _WAITED * others:
+            return []
+        reach = self._reach()
+        agree = [
+            (scan.time, s, scan)
+            for s, held in self._held.items()
+            for scan in held
+            if start - reach <= scan.time <= end + reach
+        ]
+        self._leave_out([s for s in self._held if all(s != other for _, other, _ in agree)])
+        self._held = {}
+        if start <= last:
+            self.stepped_back, self._latest = True, {}
+            self._say(
+                f"the clock of {self._names[sensor]} steps back from {last:.3f} s to {start:.3f} s:"
+                " a new segment begins there"
             )
-        elif latest is not None:
-            if time - latest > self._longest:
-                self._tell_gap(sensor, time - latest, scan.time)
-            intervals.append(time - latest)
-        offset = self._offsets[sensor]
-        return known if offset == 0.0 else [replace(s, time=s.time + offset) for s in known]
+        return [self._used(s, scan) for _, s, scan in sorted(agree, key=lambda entry: entry[:2])]
 
-    def _time_of_others(self, sensor: int) -> float:
-        """When another sensor has last measured, in s; minus infinity if that is not known."""
-        others = [scan.time for s, scan in self._latest.items() if s != sensor and self._live]
-        return max(others, default=-math.inf)
-
-    def _is_known(self, sensor: int, held: _Held) -> bool:
-        """Whether other sensors have shown since, or will not show, if a sensor's clock jumped."""
-        others = held.latest.keys() - {sensor}
-        waited = held.scans[-1].time - held.scans[0].time
-        alone = not others or not self._live or waited > self._gap(sensor)
-        return alone or bool(self._measured_since(held) or others & self._held.keys())
-
-    def _measured_since(self, held: _Held) -> list[int]:
-        """The sensors that have measured since a scan was held, if that is known."""
-        known = held.latest if self._live else {}
-        return [s for s, scan in known.items() if self._latest[s].time > scan.time]
-
-    def _mend(self, sensor: int, held: _Held, time: float) -> None:
-        """Set a sensor's clock after a jump, which the held scan and one at this time show."""
-        latest, gap, cycle = self._latest[sensor].time, self._gap(sensor), self._cycle(sensor)
-        stamp, since = held.scans[0].time, self._measured_since(held)
-        others = [s for s in since if self._offsets[s] == held.offsets[s]]  # that go on
-        now = max((self._latest[s].time for s in others), default=time)
-        passed = max((held.latest[s].time for s in others), default=latest) - latest
-        if cycle:
-            passed = cycle * max(1, round(passed / cycle))
-        if abs(time - now) > gap and passed > 0.0:
-            self._tell_jump(sensor, held.jump, stamp, now)
-            slack = _ALIKE * cycle
-        elif held.jump > 0.0:
-            if held.jump > self._longest:
-                self._tell_gap(sensor, held.jump, stamp)
-            return
-        else:  # how long it took is not known: no pair may reach over it
-            self._tell_jump(sensor, held.jump, stamp)
-            passed = slack = gap
-        self._offsets[sensor] = self._known_offset(sensor, latest - stamp + passed, slack)
+    def _used(self, sensor: int, scan: RadarScan) -> tuple[int, RadarScan]:
+        if sensor in self._latest:
+            self._intervals[sensor].append(scan.time - self._latest[sensor].time)
+        self._latest[sensor] = scan
+        return sensor, scan
 
     def _cycle(self, sensor: int) -> float:
-        """The usual time between two scans of a sensor, in s; zero while there is only one."""
+        """The usual time between two scans of a sensor, in s; zero while it is not known."""
         return median(self._intervals[sensor] or [0.0])
 
-    def _gap(self, sensor: int) -> float:
-        """A time in s over which no pair of scans reaches."""
-        return max(_FRESH * self._cycle(sensor), _JUMP)
+    def _reach(self) -> float:
+        """The longest time in s to the next scan that is in step."""
+        slowest = max(map(self._cycle, self._intervals))
+        return max(_STEP, _CYCLES * slowest) if slowest else np.inf
 
-    def _known_offset(self, sensor: int, guess: float, slack: float) -> float:
-        """What to add after a jump: what another sensor's clock has got, if it is near, in s."""
-        others = [self._offsets[other] for other in self._offsets if other != sensor]
-        return next((known for known in others if abs(known - guess) < slack), guess)
-
-    def _tell_jump(
-        self, sensor: int, jump: float, stamp: float, others: float | None = None
-    ) -> None:
-        name, offset = self._names[sensor], self._offsets[sensor]
-        about = "back" if jump < 0.0 else "ahead of the other sensors"
-        if others is not None:
-            where = f"another sensor is at {others - offset:.3f} s"
-        else:
-            where = f"it was at {self._latest[sensor].time - offset:.3f} s"
-        self._tell(
-            f"jump {offset}",
-            Finding("the clock jumps", name, jump, "s", False, about),
-            f"the clock of {name} jumps by {jump:.3f} s to {stamp:.3f} s, where {where}; its times "
-            "are taken as if it had gone on",
-        )
-
-    def _tell_gap(self, sensor: int, jump: float, stamp: float) -> None:
-        name = self._names[sensor]
-        self._tell(
-            "ahead",
-            Finding("the clock jumps", name, jump, "s", False, "or a gap"),
-            f"{name} has a gap, or its clock jumps, by {jump:.3f} s at {stamp:.3f} s",
-        )
-
-    def _tell_stamp(self, sensor: int, held: _Held) -> None:
-        name, what = self._names[sensor], "ahead" if held.jump > 0.0 else "back"
-        stamp = held.scans[0].time
-        self._tell(
-            "stamp",
-            Finding("the clock jumps", name, held.jump, "s", False, "for one scan"),
-            f"{name} has one scan at {stamp:.3f} s, {abs(held.jump):.3f} s {what}, which is left "
-            "out; is its time stamp wrong?",
-        )
-
-    def _look_for_repetition(self, sensor: int, scan: RadarScan) -> None:
-        name, before = self._names[sensor], self._latest.get(sensor)
-        if before is not None and repeats(before, scan):
-            told = f"first at {scan.time:.3f} s"
-            self._tell(
-                "frozen",
-                Finding("a scan is repeated", name, scan.time, "s", False, told),
-                f"{name} repeats its scan at {scan.time:.3f} s target by target while it moves; "
-                "such scans are left out",
+    def _leave_out(self, sensors: Mapping[int, object] | Sequence[int]) -> None:
+        for sensor in [*sensors]:
+            stamp = self._held.pop(sensor)[0].time
+            self._warn(
+                "stamp",
+                sensor,
+                f"has a scan at {stamp:.3f} s, out of step, which is",
+                "is its time stamp wrong?",
             )
 
     def _without_twins(self, sensor: int, scan: RadarScan) -> RadarScan:
+        """The scan with one of each two equal targets, if half of them are there twice."""
         if scan.size < _FEW:
             return scan
-        measured = np.column_stack([scan.range, scan.azimuth, scan.doppler])
+        measured = np.column_stack([getattr(scan, name) for name in MEASURED])
         order = np.lexsort(measured.T)
         same = (measured[order[1:]] == measured[order[:-1]]).all(axis=1)
         if 2 * int(same.sum()) < scan.size - 1:
             return scan
-        name, share = self._names[sensor], float(same.sum()) / scan.size
-        self._tell(
-            "twins",
-            Finding("targets are given twice", name, share, "share", False, "one is used"),
-            f"{name} has targets twice in the same scan, as at {scan.time:.3f} s; "
-            "one of each is used",
-        )
+        self._warn("twins", sensor, f"has targets twice, as at {scan.time:.3f} s; one of each is")
         kept = np.ones(scan.size, dtype=np.bool_)
         kept[order[1:][same]] = False
         return scan[kept]
 
-    def _tell(self, what: str, finding: Finding, text: str) -> None:
-        if (what, finding.sensor) not in self._told:
-            self._told.add((what, finding.sensor))
-            warn_of(finding, text)
+    def _warn(self, reason: str, sensor: int, text: str, question: str = "") -> None:
+        if (reason, sensor) not in self._told:
+            self._told.add((reason, sensor))
+            self._say(f"{self._names[sensor]} {text} left out" + f"; {question}" * bool(question))
+
+    def _say(self, text: str) -> None:
+        """Warn at the line outside of the package that led to it."""
+        frame, level = sys._getframe(), 1
+        while frame.f_back is not None and frame.f_globals["__name__"].startswith("d2d."):
+            frame, level = frame.f_back, level + 1
+        warnings.warn(ScanWarning(text), stacklevel=level)
 
 
-def mended(
-    sensors: Mapping[str, SensorScans], max_interval: float = MAX_INTERVAL
-) -> dict[str, SensorScans]:
-    """The scans of whole logs as `Intake` gives them, and the mountings, by the sensors' names."""
-    intake, found = Intake(list(sensors), max_interval), {}
-    for number, (name, (scans, mounting)) in enumerate(sensors.items()):
-        found[name] = [each for scan in scans for each in intake.taken(number, scan)], mounting
-    times = [np.array([scan.time for scan in scans]) for scans, _ in found.values()]
-    for number, own in enumerate(times):
-        intake.look_for_pause(
-            number, own, np.concatenate([*times[:number], *times[number + 1 :], []])
-        )
+def usable(sensors: Mapping[str, SensorScans]) -> dict[str, SensorScans]:
+    """The scans of whole logs that are used, and the mountings, by the sensors' names."""
+    found = {}
+    for name, (scans, mounting) in sensors.items():
+        gate = ScanGate([name])
+        found[name] = [used for scan in scans for _, used in gate.push(0, scan)], mounting
+        gate.finish()
     return found
+
+
+def _repeats(previous: RadarScan, current: RadarScan) -> bool:
+    """Whether a scan has all targets of the one before, at the same time or while it moves.
+
+    A message that is delivered twice has the same time, a frozen sensor gives a new one: its
+    positions say that the vehicle stands still.
+    """
+    alike = all(np.array_equal(getattr(previous, n), getattr(current, n)) for n in MEASURED)
+    moves = current.size and float(np.median(np.abs(current.doppler))) > _MOVING
+    return alike and (previous.time == current.time or bool(moves))

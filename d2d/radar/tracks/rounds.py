@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import groupby
+from itertools import groupby, zip_longest
 from statistics import median
 from typing import Any, NamedTuple, Protocol
 
@@ -14,17 +14,14 @@ from d2d._checks import check_count, check_instance, check_members, check_positi
 from d2d._types import Array
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import MEASURED, Mounting, RadarScan
-from d2d.radar.tracks.finding import Finding, warn_of
 
 # Times between two scans, and horizons, that are longer than this are taken to be in another unit.
 MAX_INTERVAL = 60.0  # s
 NO_TARGETS = "a scan without targets"
 AFTER_GAP = "the first scan after a gap"
-_REPEATED = "a scan that repeats an earlier one"
-_MOVING = 0.5  # m/s; at a standstill a coarse radar may measure the same twice
+AFTER_STEP = "the first scan after the clock stepped back"
 REMEMBERED = 9  # intervals of a sensor, whose median is its cycle
 _ROUND = 1.5  # cycles, after which a round is over
-_OVERLAP = 0.5  # of the shorter span of time, below which clocks are in doubt
 # A pair may be this many times as long as the horizon, or bridge a scan that is missing.
 _LONGER, _GAP = 1.5, 2.5  # times the usual interval, cycles
 
@@ -48,7 +45,7 @@ Sensors = OneSensor | Iterable[OneSensor] | Mapping[Any, OneSensor]
 def named_sensors(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> dict[str, SensorScans]:
     """The scans and the mounting of each sensor, checked, whichever way they are given.
 
-    By the names of their scans in messages.  Their order in time is not checked: a clock may jump.
+    By the names of their scans in messages.  Their order in time is not checked here.
     """
     named = {
         name: (check_members(name, scans, RadarScan), mounting)
@@ -128,49 +125,30 @@ def check_mountings(mountings: Mapping[str, Mounting]) -> dict[str, Mounting]:
     return dict(mountings)
 
 
-def check_overlap(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
-    """Check that each sensor was on at the times of another, by the times of all their scans.
-
-    Raises a ValueError if one has no time in common with any other, and warns if it has less than
-    half of its own, or of the other's if that is shorter: its clock may be another.
-    """
-    spans = {name: (own[0].time, own[-1].time) for name, own in sensors.items() if len(own) > 1}
-    for name, (start, end) in spans.items():
-        shared = [
-            (min(end, last) - max(start, first), other)
-            for other, (first, last) in spans.items()
-            if other != name
-        ]
-        if not shared:
-            return
-        common, other = max(shared)
-        first, last = spans[other]
-        said = (
-            f"{name} has times from {start:.3f} s to {end:.3f} s, and {other} from {first:.3f} s "
-            f"to {last:.3f} s"
+def check_clocks(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
+    """Raise a ValueError unless the clocks of all sensors step back together, and overlap."""
+    parts = {name: _segments(scans) for name, scans in sensors.items() if scans}
+    if len({len(segments) for segments in parts.values()}) > 1:
+        name, other = (pick(parts, key=lambda n: len(parts[n])) for pick in (max, min))
+        before, after = parts[name][-2][-1].time, parts[name][-1][0].time
+        raise ValueError(
+            f"the clock of {name} steps back from {before:.3f} s to {after:.3f} s, and that of "
+            f"{other} does not; take the log before and after it, or without one of them"
         )
-        if common < 0.0:
-            raise ValueError(f"{said}: they do not overlap; is the clock of one another?")
-        if common < _OVERLAP * min(end - start, last - first):
-            told = f"only {common:.1f} s of them overlap"
-            warn_of(
-                Finding("the clock of a sensor is off", name, common, "s", False, told),
-                f"{said}: {told}; is the clock of one another?",
+    for number in range(max(map(len, parts.values()), default=0)):
+        _check_overlap({name: own[number] for name, own in parts.items() if len(own[number]) > 1})
+
+
+def _check_overlap(sensors: Mapping[str, Sequence[RadarScan]]) -> None:
+    spans = {name: (own[0].time, own[-1].time) for name, own in sensors.items()}
+    for name, (start, end) in spans.items():
+        others = {other: span for other, span in spans.items() if other != name}
+        if others and all(end < first or last < start for first, last in others.values()):
+            other, (first, last) = next(iter(others.items()))
+            raise ValueError(
+                f"{name} has times from {start:.3f} s to {end:.3f} s, and {other} from "
+                f"{first:.3f} s to {last:.3f} s: they do not overlap; is the clock of one another?"
             )
-
-
-def repeats(previous: RadarScan, current: RadarScan) -> bool:
-    """Whether a scan has the targets of an earlier one although the sensor moves.
-
-    A frozen sensor, or a message that is delivered twice, gets a new time: its positions say that
-    the vehicle stands still.
-    """
-    if not current.size:
-        return False
-    return (
-        all(np.array_equal(getattr(previous, name), getattr(current, name)) for name in MEASURED)
-        and float(np.median(np.abs(current.doppler))) > _MOVING
-    )
 
 
 def check_separation(baseline: int, horizon: float | None) -> None:
@@ -189,7 +167,7 @@ class Round(NamedTuple):
     """Scans of about one time, at most one of each sensor, and the pairs that they are part of."""
 
     time: float  # s, the mean of the scans' times
-    interval: float  # s, since the round before
+    interval: float  # s, since the round before; nan if the clock has stepped back since
     scans: dict[int, RadarScan]  # by the number of the sensor
     pairs: list[ScanPair]
     reason: str  # why there is no pair, if there is none
@@ -215,6 +193,7 @@ class Rounds:
     ) -> None:
         check_separation(baseline, horizon)
         self._histories = [_History(mounting, baseline, horizon) for mounting in mountings]
+        self._stepped_back = False
         self.open: dict[int, RadarScan] = {}  # the scans of the round that has not ended
         self._start = math.nan  # time of the open round's first scan
         self.last = math.nan  # s, time of the last round
@@ -259,18 +238,25 @@ class Rounds:
             return []
         # neither the arrival nor the numbers of the sensors decide on the rounding of a sum
         order = sorted(scans, key=lambda s: (scans[s].time, *self._histories[s].place))
-        fresh = [s for s in order if not self._histories[s].repeats(scans[s])]
-        chosen = [self._histories[s].paired(scans[s]) for s in fresh]
+        chosen = [self._histories[s].paired(scans[s]) for s in order]
         time = float(np.mean([scans[s].time for s in order]))
         interval, self.last = time - self.last, time
-        if math.isnan(interval):
+        if math.isnan(interval) and not self._stepped_back:
             return []
         known = [pair for pair in chosen if pair is not None]
         pairs = [pair for pair in known if pair.previous.size and pair.current.size]
         reason = NO_TARGETS if known or not all(s.size for s in scans.values()) else AFTER_GAP
-        if len(fresh) < len(scans):
-            reason = _REPEATED
+        if self._stepped_back:
+            self._stepped_back, reason = False, AFTER_STEP
         return [Round(time, interval, scans, pairs, reason)]
+
+    def step_back(self) -> list[Round]:
+        """End the open round, and begin a segment whose times may lie before it."""
+        ended = self.finish()
+        for history in self._histories:
+            history.forget()
+        self._stepped_back, self.last = not math.isnan(self.last), math.nan
+        return ended
 
 
 class _History:
@@ -292,9 +278,10 @@ class _History:
         """The usual time from one scan to the next, in s; infinite while there is only one."""
         return median(self._intervals) if self._intervals else math.inf
 
-    def repeats(self, scan: RadarScan) -> bool:
-        """Whether the sensor measures the same as before, so that the scan is to be left out."""
-        return bool(self._scans) and repeats(self._scans[-1], scan)
+    def forget(self) -> None:
+        """Begin anew: nothing is paired with what came before."""
+        self._scans.clear()
+        self._intervals.clear()
 
     def paired(self, scan: RadarScan) -> ScanPair | None:
         """The next scan, paired with an earlier one; None if there is none near enough."""
@@ -307,7 +294,7 @@ class _History:
                 scans.popleft()
         previous = self._before(scan.time)
         scans.append(scan)
-        self._forget()
+        self._drop()
         return None if previous is None else ScanPair(previous, scan, self._mounting)
 
     def _before(self, time: float) -> RadarScan | None:
@@ -321,7 +308,7 @@ class _History:
         # rounding must not decide between two scans that are equally near: the later one wins
         return min(reversed(scans), key=lambda scan: round(abs(scan.time - wanted), 6))
 
-    def _forget(self) -> None:
+    def _drop(self) -> None:
         """Drop the scans that no later one will be paired with."""
         scans, horizon = self._scans, self._horizon
         if horizon is None:
@@ -337,4 +324,17 @@ def rounds_of(
 ) -> list[Round]:
     """All rounds of a whole log but the first, as `Rounds` gives them one by one."""
     rounds = Rounds([mounting for _, mounting in sensors], baseline, horizon)
-    return rounds.take([scans for scans, _ in sensors]) + rounds.finish()
+    found: list[Round] = []
+    for together in zip_longest(*(_segments(scans) for scans, _ in sensors), fillvalue=[]):
+        found += rounds.step_back() + rounds.take(together)
+    return found + rounds.finish()
+
+
+def _segments(scans: Iterable[RadarScan]) -> list[list[RadarScan]]:
+    """The scans in parts, in each of which their times increase."""
+    parts: list[list[RadarScan]] = []
+    for scan in scans:
+        if not parts or scan.time <= parts[-1][-1].time:
+            parts.append([])
+        parts[-1].append(scan)
+    return parts

@@ -17,18 +17,18 @@ from d2d._bounds import check_real
 from d2d._checks import check_finite, check_path, check_shape
 from d2d._frozen import Frozen
 from d2d._types import Array
-from d2d.radar.files import written_whole
 from d2d.radar.scans.budget import CovarianceParts
-from d2d.radar.tracks.displacement import Displacement, Driven
-from d2d.radar.tracks.files import (
+from d2d.radar.tracks.output import (
     OPTIONAL,
     REQUIRED,
     load_fields,
-    read_velocity_table,
+    read_table,
     save_fields,
-    velocity_columns,
-    write_velocity_table,
+    table_columns,
+    write_poses,
+    write_table,
 )
+from d2d.radar.tracks.path import Displacement, Driven
 from d2d.radar.tracks.plot import draw
 
 if TYPE_CHECKING:
@@ -63,16 +63,22 @@ class Velocities(NamedTuple):
 class Track(Frozen):
     """The motion along a drive, one row for each scan (or round of scans) after the first.
 
-    Its arrays are read-only; `dataclasses.replace` makes another one.  Raises a ``ValueError`` if
-    shapes or types do not match, times do not increase strictly, intervals contradict them, or
-    where converged an estimate is not finite, its covariance is not one or ``parts`` contradict it.
+    Its arrays are read-only; `dataclasses.replace` makes another one.  Where the clock of the
+    sensors steps back, the time that has passed is not known: the interval is nan, a new one of the
+    ``segments`` begins, and the path goes on from the pose before.  Only within a segment are times
+    in order; `at`, `displacement` and `write_tum` need a track of one.
+
+    Raises a ``ValueError`` if shapes or types do not match, times do not increase strictly within a
+    segment, intervals contradict them, reasons contradict ``converged``, or where converged an
+    estimate is not finite, its covariance is not one or ``parts`` contradict it.
 
     Attributes
     ----------
     times : (n,) array, s
         Time of each current scan; with several sensors, the mean time of a round of them.
     intervals : (n,) array, s
-        Time since the scan before; they add up to the differences of ``times``, to within 10 ms.
+        Time since the scan before; they add up to the differences of ``times``, to within 10 ms,
+        and are nan where the clock steps back.
     theta : (n, 3) array
         Velocity [v_x, v_y, omega] in m/s, m/s, rad/s.  Where not converged, it is the last
         converged one or, before any has converged, the initial velocity or zero.
@@ -107,8 +113,8 @@ class Track(Frozen):
         for name in (*REQUIRED, *OPTIONAL):
             if getattr(self, name) is not None:
                 self._keep(name, _rows(name, getattr(self, name), count))
-        _check_times(self.times, self.intervals)
         good, total = self.converged, None
+        _check_times(self.times, self.intervals, good)
         if self.parts is not None:
             parts = CovarianceParts(*(_rows("parts", part, count) for part in self.parts))
             self._keep("parts", parts)
@@ -117,6 +123,12 @@ class Track(Frozen):
             if not np.isfinite(getattr(self, name)[good]).all():
                 raise ValueError(f"{name} must be finite wherever converged is true")
         _check_covariances(self.covariance[good], total)
+        if self.reasons is not None and ((self.reasons == "") != good).any():
+            raise ValueError("reasons must be empty where converged is true, and only there")
+        if self.targets is not None and (self.targets < 0).any():
+            raise ValueError("targets must not be negative")
+        if self.inliers is not None and ((self.inliers < 0.0) | (self.inliers > 1.0)).any():
+            raise ValueError("inliers must be between 0 and 1, or nan")
 
     def __getitem__(self, rows: slice) -> Track:
         """The part of the track with these rows, which follow each other: ``track[100:200]``."""
@@ -131,6 +143,16 @@ class Track(Frozen):
     def __len__(self) -> int:
         """The number of estimates."""
         return len(self.times)
+
+    @property
+    def segments(self) -> list[Track]:
+        """The parts of the track between which the clock steps back; mostly one, the whole.
+
+        The rows at the steps, for which nothing can be estimated, are in none of them.
+        """
+        steps = np.flatnonzero(np.isnan(self.intervals)).tolist()
+        spans = zip([0, *(step + 1 for step in steps)], [*steps, len(self)], strict=True)
+        return [self[begin:end] for begin, end in spans if begin < end]
 
     def poses(self, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """The path driven: (n + 1, 3) poses [x, y, yaw] in m, m, rad, beginning at ``start``.
@@ -148,7 +170,7 @@ class Track(Frozen):
         interpolated error, however the errors of the two neighbours are correlated, but does not
         contain a change of the velocity between their times.
 
-        Raises a ``ValueError`` if the track is empty.
+        Raises a ``ValueError`` if the track is empty, or its clock steps back.
         """
         wanted = check_finite("times", times, "(m,)")
         before, after, weight, known = neighbours(self, wanted)
@@ -186,6 +208,7 @@ class Track(Frozen):
         >>> ahead.motion[:, 0].round(1)  # at 3.1 m/s
         array([3.1, 6.2])
         """
+        _check_one_segment(self)
         begins = check_finite("start", start, "(n,)")
         ends = check_finite("end", end, str(begins.shape), like="start")
         if not (begins < ends).all():
@@ -220,52 +243,45 @@ class Track(Frozen):
 
         `evo` and other tools read this format; t is in s, and the vehicle stays in the plane z = 0.
         ``start`` is as for `poses`, ``path`` as for `save`.  Raises a ``ValueError`` if the track
-        is empty.
+        is empty, or its clock steps back.
         """
-        x, y, yaw = self.poses(start).T
+        poses = self.poses(start)
         if not len(self.times):
             raise ValueError("the track must hold at least one estimate, but is empty")
+        _check_one_segment(self)
         first = self.times[:1] - self.intervals[:1]
-        zero = np.zeros_like(x)
-        turn = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
-        columns = [np.concatenate([first, self.times]), x, y, zero, zero, zero, *turn]
-        with written_whole(check_path("path", path)) as file:
-            np.savetxt(file, np.column_stack(columns), "%.9f")
+        write_poses(check_path("path", path), np.concatenate([first, self.times]), poses)
 
     def write_velocities(self, path: str | os.PathLike[str]) -> None:
-        """Write the velocities with their covariances as a table of text.
+        """Write all of the track as a table in a CSV file, which pandas and spreadsheets read.
 
-        Lines that begin with # are the header, which ends with the columns' names and units, and
-        the end.  All others hold numbers, with all their digits and a space between them;
-        ``numpy.loadtxt`` reads them too:
+        The first line names the columns, those of `to_dataframe`:
 
-        ========== ================================================ =====================
-        number     what                                             unit
-        ========== ================================================ =====================
-        1          time of the estimate                             s
-        2          interval, the time since the scan before         s
-        3, 4, 5    v_x, v_y, omega                                  m/s, m/s, rad/s
-        6          1 if the estimate was accepted, otherwise 0
-        7, 8, 9    (co)variances of v_x with v_x, v_y, omega        m^2/s^2, m rad/s^2
-        10, 11     (co)variances of v_y with v_y, omega             m^2/s^2, m rad/s^2
-        12         variance of omega                                rad^2/s^2
-        13 to 30   the same six of each of the ``parts``, if known   as 7 to 12
-        ========== ================================================ =====================
+        =============================== ================================= =====================
+        columns                         what                              unit
+        =============================== ================================= =====================
+        time, interval                  of the estimate                   s
+        v_x, v_y, omega                 the velocity                      m/s, m/s, rad/s
+        converged                       whether the estimate was accepted True or False
+        var_v_x, cov_v_x_v_y, ...       its covariance                    products of these
+        noise_var_v_x, ...              the same of its parts, if known
+        reasons, targets, inliers       if known
+        =============================== ================================= =====================
 
-        The parts are noise, dependence and systematic; the header says how long each stays.
-        Where an estimate was not accepted, the (co)variances are ``nan`` and the velocity is the
-        last one that was.  The path is as for `save`.
+        Where an estimate was not accepted, its (co)variances are ``nan`` and the velocity is the
+        last one that was.  To a filter, the parts noise and dependence are white: new in each
+        estimate; the systematic part stays for 10 to 20 s on the road.  The path is as for `save`.
         """
-        write_velocity_table(check_path("path", path), vars(self))
+        write_table(check_path("path", path), vars(self))
 
     @classmethod
     def read_velocities(cls, path: str | os.PathLike[str]) -> Track:
         """The track in a table of `write_velocities`, bit by bit; what the table lacks is None.
 
-        Raises a ``ValueError`` that names file and line if it is not a complete table.
+        Raises a ``ValueError`` that names file and line if it is no such table.
         """
         source = check_path("path", path)
-        return cls._from_file(source, read_velocity_table(source))
+        return cls._from_file(source, read_table(source))
 
     @classmethod
     def _from_file(cls, source: Path, fields: dict[str, Any]) -> Track:
@@ -277,9 +293,7 @@ class Track(Frozen):
     def to_dataframe(self) -> DataFrame:
         """The estimates as a pandas table, one row for each; pandas must be installed.
 
-        The columns are those of `write_velocities`, named ``time``, ``interval``, ``v_x``, ``v_y``,
-        ``omega``, ``converged``, ``var_v_x``, ``cov_v_x_v_y`` and so on and, where known,
-        ``reasons``, ``targets`` and ``inliers``.
+        `write_velocities` says what its columns are.
         """
         try:
             import pandas
@@ -287,8 +301,7 @@ class Track(Frozen):
             raise ModuleNotFoundError(
                 "to_dataframe needs pandas, which is not installed: pip install pandas"
             ) from None
-        known = {name: vars(self)[name] for name in OPTIONAL if vars(self)[name] is not None}
-        return pandas.DataFrame(velocity_columns(vars(self)) | known)
+        return pandas.DataFrame(table_columns(vars(self)))
 
     def plot(self) -> Figure:
         """Draw the path, the velocities in a band of 3 sigma, the inlier share and the failures.
@@ -348,19 +361,32 @@ def _rows(name: str, value: Any, count: int) -> NDArray[Any]:
     return array
 
 
-def _check_times(times: Array, intervals: Array) -> None:
-    if not (np.isfinite(intervals).all() and (intervals > 0.0).all()):
-        raise ValueError("intervals must be finite and positive")
-    if not (np.isfinite(times).all() and (np.diff(times) > 0.0).all()):
+def _check_times(times: Array, intervals: Array, converged: NDArray[np.bool_]) -> None:
+    step = np.isnan(intervals)
+    if not (intervals[~step] > 0.0).all() or np.isinf(intervals).any() or converged[step].any():
+        raise ValueError(
+            "intervals must be finite and positive, or nan where the clock steps back and nothing "
+            "is estimated"
+        )
+    passed = np.where(step[1:], 1.0, np.diff(times))
+    if not (np.isfinite(times).all() and (passed > 0.0).all()):
         raise ValueError("times must be finite and strictly increasing")
-    added = np.cumsum(intervals[1:])
-    passed = times[1:] - times[:1]
+    passed, added = (np.cumsum(np.where(step[1:], 0.0, each)) for each in (passed, intervals[1:]))
     wrong = np.abs(added - passed) > _STAMP + _DRIFT * passed
     if wrong.any():
         i = int(np.argmax(wrong))
         raise ValueError(
             f"intervals must add up to the differences of times, but from the first estimate to "
             f"number {i + 1} they add up to {added[i]:g} s where {passed[i]:g} s pass"
+        )
+
+
+def _check_one_segment(track: Track) -> None:
+    step = np.flatnonzero(np.isnan(track.intervals))
+    if len(step):
+        raise ValueError(
+            f"the track must have one segment, but its clock steps back to {track.times[step[0]]:g}"
+            f" s at estimate {step[0]}: take one of its segments"
         )
 
 
@@ -386,6 +412,7 @@ def neighbours(
     With these two (m,) come the weight of the second, and whether both were accepted and are not
     too far apart.  Both are the same where an estimate is at the time itself.
     """
+    _check_one_segment(track)
     if not len(track.times):
         raise ValueError("the track must hold at least one estimate, but is empty")
     last = len(track.times) - 1
@@ -403,8 +430,9 @@ def neighbours(
 def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     """Chain the motions at theta (n, 3) over intervals (n,) to poses (n + 1, 3) [x, y, yaw]."""
     velocities = check_finite("theta", theta, "(n, 3)")
-    times = check_finite("intervals", intervals, f"({len(velocities)},)", like="theta")
-    steps = rigid.exponential(velocities * times[:, np.newaxis])
+    times = check_real("intervals", intervals)  # nan where the clock steps back
+    check_shape("intervals", times, f"({len(velocities)},)", like="theta")
+    steps = rigid.exponential(velocities * np.nan_to_num(times)[:, np.newaxis])
     first = check_finite("start", start, "(3,)")
     yaw = first[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
     moved = np.einsum("nij,nj->ni", rigid.rotation(yaw[:-1]), steps[:, :2])

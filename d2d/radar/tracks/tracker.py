@@ -10,26 +10,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d._checks import check_count, check_finite, check_flag, check_instance
-from d2d._types import Array
 from d2d.radar.motion.model import EstimationOptions, split_options
-from d2d.radar.motion.pairs import ScanPair, problem_of
+from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.radar.tracks.acceleration import AccelerationFilter, Step, accelerations_of_others
-from d2d.radar.tracks.contradiction import EvenSample, warn_of_contradiction
+from d2d.radar.tracks.acceleration import (
+    AccelerationFilter,
+    FilterRecord,
+    accelerations_of_others,
+)
+from d2d.radar.tracks.estimator import OdometryEstimator, VelocityEstimate
 from d2d.radar.tracks.filter_input import FilterInput
-from d2d.radar.tracks.following import Follower, VelocityEstimate
-from d2d.radar.tracks.intake import Intake, mended
-from d2d.radar.tracks.lateness import Lateness
+from d2d.radar.tracks.intake import ScanGate, usable
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import (
     MAX_INTERVAL,
     Round,
     Rounds,
     Sensors,
+    check_clocks,
     check_distinct,
     check_mountings,
-    check_overlap,
     check_separation,
     named_sensors,
     rounds_of,
@@ -61,7 +62,13 @@ def track(
     after its first scan; scans of the same time stay together.  With one sensor, each scan is a
     round.  Each round after the first gives one estimate, at the mean time of its scans.  Pairs
     with an empty scan, and those much longer than usual, are left out: after a gap a sensor starts
-    afresh.  So is a scan that repeats the one before target by target while its sensor moves.
+    afresh.
+
+    Times are used as they come.  Left out, with a `ScanWarning`, are a scan that repeats the one
+    before target by target (at the same time, or while its sensor moves), the second of equal
+    targets if half of a scan is there twice, and a scan with one wrong time stamp, more than a
+    second before or after where it should be.  If the clocks of all sensors step back, a new
+    segment of the track begins, see `Track.segments`.
 
     An estimate fails if there is no pair left, the cost has no optimum near the start, the optimum
     rejects nearly all targets (mean inlier probability below 0.1) or turns the vehicle by more than
@@ -72,17 +79,8 @@ def track(
 
     Raises a ``ValueError`` if something is not a sensor, two have a scan in common, scans are out
     of time order or usually too far apart, the times of a sensor do not overlap with those of the
-    others, there are fewer than two rounds, ``horizon`` is given beside ``baseline``, or another
-    argument is invalid.
-
-    Warns if a clock jumps (back by more than 1 s, or ahead by more than ``max_interval``), a single
-    time stamp does, so that its scan is left out, a sensor pauses for five of its cycles while
-    others go on, targets are there twice, a sensor repeats its scan, the times of a sensor hardly
-    overlap with those of the others, or its Doppler velocities are theirs of another time.
-
-    Warns if in most intervals the positions alone fit another velocity clearly better than the one
-    that the Doppler velocities give: the opposite one (a wrong sign), one 3.6 times slower (km/h),
-    or a faster one (velocities already compensated for the ego-motion).
+    others or only its clock steps back, there are fewer than two rounds, ``horizon`` is given
+    beside ``baseline``, or another argument is invalid.
 
     Parameters
     ----------
@@ -131,27 +129,20 @@ def track(
     """
     check_separation(baseline, horizon)
     drives = named_sensors(sensors, max_interval)
-    mountings = {name: mounting for name, (_, mounting) in drives.items()}
-    follower = _follower(mountings, initial, budget, limits, options)
+    estimator = _estimator(len(drives), initial, budget, limits, options)
     if check_flag("smooth", smooth):
-        follower.steps = []
-    drives = mended(drives, max_interval)
-    check_overlap({name: scans for name, (scans, _) in drives.items()})
+        estimator.records = []
+    drives = usable(drives)
+    check_clocks({name: scans for name, (scans, _) in drives.items()})
     groups = rounds_of(list(drives.values()), baseline, horizon)
     if not groups:
         raise ValueError(
             "sensors must have at least two rounds of scans (of one sensor: two scans), but have "
             f"{int(any(scans for scans, _ in drives.values()))}"
         )
-    driven = _joined([follower.follow(groups[i]) for i in _counted(len(groups), progress)], budget)
-    follower.lateness.warn()
-    if follower.model.doppler:
-        accepted = np.flatnonzero(driven.converged).tolist()
-        warn_of_contradiction(
-            driven.theta[accepted], lambda i: problem_of(groups[accepted[i]].pairs, follower.model)
-        )
-    if follower.steps and budget is not None:
-        return _smoothed(driven, follower.steps)
+    driven = track_of([estimator.step(groups[i]) for i in _counted(len(groups), progress)], budget)
+    if estimator.records and budget is not None:
+        return _smoothed(driven, estimator.records)
     return driven
 
 
@@ -162,9 +153,8 @@ class Tracker:
     for half a second later.  It keeps the scans that later ones will be registered with, and the
     estimates; a service that runs for days takes them from `add` and says how many to ``keep``.
 
-    Raises a ``ValueError`` if an argument is invalid.  Warns of the same as `track`, while the
-    scans come; what only a whole drive shows, `finish` says.  ``logging.captureWarnings(True)``
-    sends warnings to the logger "py.warnings".
+    Raises a ``ValueError`` if an argument is invalid.  Warns of the scans that it leaves out, as
+    `track` does; ``logging.captureWarnings(True)`` sends warnings to the logger "py.warnings".
 
     Parameters
     ----------
@@ -206,22 +196,19 @@ class Tracker:
         places = check_mountings(mountings)
         if keep is not None:
             check_count("keep", keep)
-        named = {repr(name): mounting for name, mounting in places.items()}
-        self._follower = _follower(named, initial, budget, limits, options)
+        self._estimator = _estimator(len(places), initial, budget, limits, options)
         self._numbers = {name: number for number, name in enumerate(places)}
-        self._intake = Intake([*named], max_interval, live=True)
-        self._waiting: list[list[RadarScan]] = [[] for _ in places]  # of each sensor
+        self._gate = ScanGate([repr(name) for name in places])
         self._rounds = Rounds(list(places.values()), baseline, horizon)
         self._estimates: deque[VelocityEstimate] = deque(maxlen=keep)
-        self._sample: EvenSample[tuple[Array, list[ScanPair]]] = EvenSample()
-        compile_for(self._follower)
+        compile_for(self._estimator)
 
     def add(self, sensor: str, scan: RadarScan) -> list[VelocityEstimate]:
         """Take the next scan of a sensor; returns the estimates that it completes, often none.
 
         Scans may come a little out of order between sensors; one that is older than the last
-        estimate is left out, with a warning.  After a jump of a sensor's clock, or a gap, all wait
-        for its next scan, but not longer than a second, or five of its cycles.
+        estimate is left out, with a warning.  A scan whose time is out of step waits for the next
+        one, of any sensor.  If the clocks of all step back, so do the times of the estimates.
 
         Raises a ``ValueError`` if the sensor is unknown, ``scan`` is not a `RadarScan`, or not
         later than the sensor's scan before.
@@ -233,75 +220,55 @@ class Tracker:
         number, names = self._numbers[sensor], [*self._numbers]
         together = {repr(names[other]): [own] for other, own in self._rounds.open.items()}
         check_distinct({repr(sensor): [scan], **together})
-        self._waiting[number] += self._intake.taken(number, scan)
-        times = [each.time for own in self._waiting for each in own]
-        waits = self._intake.waits(max(times) - min(times) if times else 0.0)
-        return [] if waits else self._in_order()
+        scans: list[list[RadarScan]] = [[] for _ in names]
+        for used, each in self._gate.push(number, scan):
+            scans[used].append(each)
+        rounds = self._rounds.step_back() if self._gate.stepped_back else []
+        rounds += self._rounds.take(scans)
+        while self._rounds.late:
+            self._gate.leave_out_late(*self._rounds.late.pop(0))
+        return self._estimated(rounds)
 
     def finish(self) -> list[VelocityEstimate]:
-        """End the last round, and warn as `track` does of what only the whole drive shows."""
-        estimates = self._in_order() + self._followed(self._rounds.finish())
-        self._follower.lateness.warn()
-        if self._follower.model.doppler:
-            chosen = self._sample.chosen
-            warn_of_contradiction(
-                np.array([theta for theta, _ in chosen]),
-                lambda i: problem_of(chosen[i][1], self._follower.model),
-            )
-        return estimates
+        """The estimate of the last round, which then ends."""
+        self._gate.finish()
+        return self._estimated(self._rounds.finish())
 
     @property
     def track(self) -> Track:
         """The estimates so far."""
-        return _joined(self._estimates, self._follower.budget)
+        return track_of(self._estimates, self._estimator.budget)
 
-    def _in_order(self) -> list[VelocityEstimate]:
-        """The estimates that the scans which were waiting complete."""
-        waiting, self._waiting = self._waiting, [[] for _ in self._waiting]
-        rounds = self._rounds.take(waiting)
-        while self._rounds.late:
-            self._intake.leave_out(*self._rounds.late.pop(0))
-        return self._followed(rounds)
-
-    def _followed(self, rounds: Iterable[Round]) -> list[VelocityEstimate]:
-        estimates = []
-        for each in rounds:
-            estimate = self._follower.follow(each)
-            if estimate.converged:
-                self._sample.add((estimate.theta, each.pairs))
-            estimates.append(estimate)
+    def _estimated(self, rounds: Iterable[Round]) -> list[VelocityEstimate]:
+        estimates = [self._estimator.step(each) for each in rounds]
         self._estimates += estimates
         return estimates
 
 
-def _follower(
-    mountings: Mapping[str, Mounting],
+def _estimator(
+    sensors: int,
     initial: ArrayLike | None,
     budget: ErrorBudget | None,
     limits: VehicleLimits | None,
     options: EstimationOptions,
-) -> Follower:
-    """What follows the rounds of sensors by their names in messages, from checked arguments."""
+) -> OdometryEstimator:
+    """An estimator for this number of sensors, from arguments that are checked here."""
     if budget is not None:
         check_instance("budget", budget, ErrorBudget)
     model, scales = split_options(options)
     velocity = None if initial is None else check_finite("initial", initial, "(3,)")
     if limits is not None:
         limits = limits.for_doppler(model.doppler)
-    lateness = Lateness({mounting: name for name, mounting in mountings.items()})
-    return Follower(model, scales, velocity, budget, limits, len(mountings), lateness=lateness)
+    return OdometryEstimator(model, scales, velocity, budget, limits, sensors)
 
 
-def _joined(estimates: Collection[VelocityEstimate], budget: ErrorBudget | None) -> Track:
-    """The track of these estimates."""
+def track_of(estimates: Collection[VelocityEstimate], budget: ErrorBudget | None) -> Track:
+    """The estimates as the rows of a track."""
     count = len(estimates)
     times, intervals, theta, covariance, reasons, targets, inliers, parts, _ = (
         zip(*estimates, strict=True) if estimates else [()] * len(VelocityEstimate._fields)
     )
     known = np.array(reasons, dtype=np.str_)
-    each = None
-    if budget is not None:
-        each = CovarianceParts(*np.array(parts).reshape(count, 3, 3, 3).swapaxes(0, 1))
     return Track(
         np.array(times),
         np.array(intervals),
@@ -311,15 +278,17 @@ def _joined(estimates: Collection[VelocityEstimate], budget: ErrorBudget | None)
         known,
         np.array(targets, dtype=np.int64),
         np.array(inliers),
-        each,
+        None
+        if budget is None
+        else CovarianceParts(*np.array(parts).reshape(count, 3, 3, 3).swapaxes(0, 1)),
     )
 
 
-def _smoothed(driven: Track, steps: Sequence[tuple[FilterInput, Step]]) -> Track:
+def _smoothed(driven: Track, records: Sequence[tuple[FilterInput, FilterRecord]]) -> Track:
     """The track with each accepted estimate carried by the acceleration that all others show."""
     assert driven.parts is not None
-    found = accelerations_of_others([step for _, step in steps])
-    carried = [raw.carried(by) for (raw, _), by in zip(steps, found, strict=True)]
+    found = accelerations_of_others([record for _, record in records])
+    carried = [raw.carried(by) for (raw, _), by in zip(records, found, strict=True)]
     theta, good = driven.theta.copy(), driven.converged
     theta[good] = [velocity for velocity, _ in carried]
     last = np.maximum.accumulate(np.where(good, np.arange(len(good)), -1))
@@ -331,22 +300,28 @@ def _smoothed(driven: Track, steps: Sequence[tuple[FilterInput, Step]]) -> Track
     return replace(driven, theta=theta, covariance=parts.total, parts=parts)
 
 
-def compile_for(follower: Follower) -> None:
-    """Run what a follower will run on a few made-up scans, so that all of it is compiled."""
+def compile_for(estimator: OdometryEstimator) -> None:
+    """Run what an estimator will run on a few made-up scans, so that all of it is compiled."""
     angles = np.linspace(-0.6, 0.6, 12)
     distances, along = 20.0 + 3.0 * np.cos(9.0 * angles), np.cos(angles)
     first, second = (
         RadarScan(time, distances - time * along, angles, -along, 0.1, 0.01, 0.1)
         for time in (0.0, 0.1)
     )
-    budget = None if follower.budget is None else ErrorBudget(neighbours=1.0)
+    budget = None if estimator.budget is None else ErrorBudget(neighbours=1.0)
     for mountings in ([Mounting(1.0)], [Mounting(1.0), Mounting(-1.0, 0.5, 3.0)]):
         numbers = range(len(mountings))
-        tried = replace(follower, budget=budget, limits=None, velocity=None, sensors=len(mountings))
-        tried.acceleration, tried.lateness = AccelerationFilter(), Lateness({})
+        tried = replace(
+            estimator,
+            budget=budget,
+            limits=None,
+            velocity=None,
+            sensors=len(mountings),
+            acceleration=AccelerationFilter(),
+        )
         pairs = [ScanPair(first, second, mounting) for mounting in mountings]
         for time in (0.1, 0.2):
-            tried.follow(Round(time, 0.1, dict.fromkeys(numbers, second), pairs, ""))
+            tried.step(Round(time, 0.1, dict.fromkeys(numbers, second), pairs, ""))
 
 
 def _counted(count: int, progress: bool | None) -> Iterable[int]:

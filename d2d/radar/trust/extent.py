@@ -16,7 +16,7 @@ from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
 from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.radar.tracks.intake import mended
+from d2d.radar.tracks.intake import usable
 from d2d.radar.tracks.rounds import MAX_INTERVAL, named_sensors
 from d2d.radar.trust.fit import errors_of_roots
 
@@ -111,7 +111,7 @@ def estimate_extent(
     """
     check_instance("mounting", mounting, Mounting)
     named = named_sensors((scans, mounting), max_interval)
-    ((scans, _),) = mended(named, max_interval).values()
+    ((scans, _),) = usable(named).values()
     check_count("baseline", baseline)
     if max_pairs is not None:
         check_count("max_pairs", max_pairs, minimum=2)

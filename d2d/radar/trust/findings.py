@@ -17,9 +17,7 @@ from d2d._types import Array
 from d2d.radar.motion.doppler import sensor_velocity
 from d2d.radar.motion.estimate import inlier_probabilities
 from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.radar.tracks.contradiction import FEW
-from d2d.radar.tracks.finding import Finding, FindingWarning
-from d2d.radar.tracks.intake import mended
+from d2d.radar.tracks.intake import usable
 from d2d.radar.tracks.rounds import (
     MAX_INTERVAL,
     Round,
@@ -29,7 +27,6 @@ from d2d.radar.tracks.rounds import (
     rounds_of,
 )
 from d2d.radar.tracks.track import Track
-from d2d.radar.tracks.tracker import track
 
 _NARROW = 3.5  # deg, beyond which some radar sees: azimuths in rad reach 1 or more
 _FAR = 500.0  # m, beyond which hardly a radar sees; real logs have a median range below 50 m
@@ -60,6 +57,21 @@ _SLIPPING = 0.05  # m/s, standard deviation of v_y, below which a slip law holds
 _JUMP, _STEADY, _FOLDED = 1.6, 0.2, 0.05
 
 T = TypeVar("T")
+
+
+class Finding(NamedTuple):
+    """What is probably wrong, and the number that shows it."""
+
+    symptom: str  # its row in the page "When a path looks wrong"
+    sensor: str  # its name; empty if it is about all
+    number: float
+    unit: str
+    sure: bool  # whether the estimates are surely of no use
+    about: str  # the same in words, with what to look at
+
+    def __str__(self) -> str:
+        whose = f"{self.sensor}: " if self.sensor else ""
+        return f"{whose}{self.symptom} ({self.about})"
 
 
 class Diagnosis(NamedTuple):
@@ -112,7 +124,6 @@ def diagnose(
     """
     check_instance("driven", driven, Track)
     names, drives = _named(sensors, max_interval)
-    spaced = {"baseline": baseline, "horizon": horizon, "max_interval": max_interval}
     rounds = rounds_of(drives, baseline, horizon)
     if len(rounds) != len(driven):
         raise ValueError(
@@ -128,8 +139,6 @@ def diagnose(
     if _usual_share(shown) < _FEW:
         found = [each._replace(sure=each.sure or each.symptom == _TOO_SMALL) for each in found]
     if not any(each.sure for each in found):  # what is wrong with targets explains the rest
-        if driven.converged.sum() < FEW:
-            found += _without_limits(drives, spaced)
         found += _of_mountings(shown)
     return Diagnosis(
         [*found, *_of_track(shown, driven)],
@@ -152,7 +161,7 @@ def _named(sensors: Sensors, max_interval: float) -> tuple[list[str], list[Senso
     """Names and scans of the sensors, with times and targets as `track` uses them."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # `track` has warned
-        drives = list(mended(named_sensors(sensors, max_interval), max_interval).values())
+        drives = list(usable(named_sensors(sensors, max_interval)).values())
     given: Any = sensors
     names = given if isinstance(given, Mapping) else range(1, len(drives) + 1)
     return [str(name) for name in names], drives
@@ -170,15 +179,6 @@ def _inliers(count: int, rounds: Sequence[Round], driven: Track) -> list[float]:
             found = inlier_probabilities(driven.theta[i], *pair)
             shares[sensor].append(float(found.mean()))
     return [float(np.median(each)) if each else np.nan for each in shares]
-
-
-def _without_limits(drives: list[SensorScans], spaced: dict[str, Any]) -> list[Finding]:
-    """What `track` says of positions and Doppler velocities where any motion is accepted."""
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always", UserWarning)
-        track(drives, **spaced, limits=None, progress=False)
-    found = [each.message.finding for each in said if isinstance(each.message, FindingWarning)]
-    return [each for each in found if each.sure]
 
 
 def _heading(scans: Sequence[RadarScan], mounting: Mounting, driven: Track) -> tuple[float, float]:

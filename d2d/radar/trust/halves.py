@@ -11,7 +11,7 @@ from d2d.radar.motion.estimate import estimate_ego_motion
 from d2d.radar.motion.model import EstimationOptions
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import RadarScan
-from d2d.radar.tracks.intake import mended
+from d2d.radar.tracks.intake import usable
 from d2d.radar.tracks.rounds import Sensors, named_sensors, rounds_of
 from d2d.radar.tracks.track import Track, neighbours
 from d2d.radar.tracks.tracker import track
@@ -120,7 +120,7 @@ def compare_halves(
     check_instance("rng", rng, np.random.Generator)
     check_choice("by", by, ("target", "object"))
     reach = check_positive_scalar("distance", distance)
-    drives = list(mended(named_sensors(sensors)).values())
+    drives = list(usable(named_sensors(sensors)).values())
     whole = track(drives, baseline=baseline, horizon=horizon, **options)
     errors, covariances = np.full_like(whole.theta, np.nan), np.full_like(whole.covariance, np.nan)
     for i, each in enumerate(rounds_of(drives, baseline, horizon)):

@@ -6,7 +6,7 @@ import pytest
 from d2d import rigid
 from d2d.radar import Track
 from d2d.radar.scans.budget import CovarianceParts
-from d2d.radar.tracks.displacement import PERSISTENCE
+from d2d.radar.tracks.path import PERSISTENCE
 from d2d.radar.tracks.track import integrate
 
 STEP, COUNT = 0.1, 400

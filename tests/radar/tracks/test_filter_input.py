@@ -17,7 +17,8 @@ from d2d.radar.motion.doppler import doppler_acceleration
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, _motion
 from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter
-from tests.radar.tracks.test_tracker import fed, named_sensors
+from tests.radar.scenes import named_sensors
+from tests.radar.tracks.test_tracker import fed
 
 BUDGET = ErrorBudget(azimuth=0.004, doppler=0.03, scale=0.004, lag=0.03)
 SENSOR = Sensor(quantised=False, clutter=0.0)

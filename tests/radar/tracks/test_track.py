@@ -59,6 +59,11 @@ def test_what_is_no_track_is_refused():
         ({"times": np.zeros(N)}, "times must be finite and strictly increasing"),
         ({"times": np.append(np.arange(N - 1.0), np.nan)}, "times must be finite"),
         ({"intervals": -driven.intervals}, "intervals must be finite and positive"),
+        ({"intervals": np.full(N, np.nan)}, "intervals must be finite and positive, or nan"),
+        ({"reasons": np.full(N, "")}, "reasons must be empty where converged is true, and only"),
+        ({"reasons": np.full(N, "lost")}, "reasons must be empty where converged is true"),
+        ({"targets": np.full(N, -1)}, "targets must not be negative"),
+        ({"inliers": np.full(N, 7.5)}, "inliers must be between 0 and 1, or nan"),
         ({"intervals": np.full(N, 50.0)}, "intervals must add up to the diff"),
         ({"converged": np.ones(N, dtype=bool)}, "covariance must be finite wherever converged"),
         ({"theta": np.full((N, 3), np.nan)}, "theta must be finite wherever converged"),
@@ -212,18 +217,26 @@ def test_a_track_in_a_few_words():
     assert str(example(known=False)) == repr(example(known=False))
 
 
+def failed(count: int) -> Track:
+    """A track whose first estimates failed."""
+    bad = np.arange(N) < count
+    covariance = np.where(bad[:, None, None], np.nan, np.eye(3))
+    reasons = np.where(bad, "a speed of 98.0 m/s", "").astype("<U60")
+    return replace(example(), covariance=covariance, converged=~bad, reasons=reasons, parts=None)
+
+
 def test_rare_reasons_are_counted_together():
     """Breaks if failures are left out, a unit's exponent is taken for a number, or a number's sign
     makes two reasons of one."""
-    driven = example()
+    driven = failed(9)
     reasons = driven.reasons.copy()
     reasons[:9] = 3 * ["an acceleration of 31.5 m/s^2 along x"] + 2 * ["a"] + ["b", "b", "c", "d"]
     words = str(replace(driven, reasons=reasons)).splitlines()
     assert words[1] == "  3 failed: an acceleration of ... m/s^2 along x"
-    assert words[-1] == "  4 failed otherwise"
-    assert sum(int(line.split()[0]) for line in words[1:]) == 11
+    assert words[-1] == "  2 failed otherwise"
+    assert sum(int(line.split()[0]) for line in words[1:]) == 9
     reasons = np.array(["a side slip of -1.20 m/s", "a side slip of 0.90 m/s", *(N - 2) * [""]])
-    words = str(replace(driven, reasons=reasons)).splitlines()
+    words = str(replace(failed(2), reasons=reasons)).splitlines()
     assert words[1:] == ["  2 failed: a side slip of ... m/s"]
 
 

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import textwrap
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,6 +35,8 @@ from tests.radar.scenes import (
     accelerating,
     arc,
     beginning,
+    in_order,
+    named_sensors,
     observe,
     straight_scans,
     surround_scans,
@@ -80,26 +81,14 @@ def test_a_scan_of_another_place_does_not_lose_the_drive():
 # ---- scan by scan
 
 
-NAMES = ("left", "right", "rear")
-
-
 def fed(tracker: Tracker, sensors) -> list[VelocityEstimate]:
     """What a tracker gives for the scans of named sensors in time order."""
     return added(tracker, in_order(sensors)) + tracker.finish()
 
 
-def in_order(sensors):
-    """Times, names and scans as they are measured."""
-    return sorted((scan.time, name, scan) for name, (scans, _) in sensors.items() for scan in scans)
-
-
 def added(tracker: Tracker, order) -> list[VelocityEstimate]:
     """The same for scans in a given order, without the end."""
     return [each for _, name, scan in order for each in tracker.add(name, scan)]
-
-
-def named_sensors(count=30):
-    return dict(zip(NAMES, surround_scans(count), strict=True))
 
 
 @pytest.mark.parametrize(
@@ -146,139 +135,15 @@ def test_neither_sensors_nor_targets_depend_on_their_order():
         assert_allclose(shuffled.theta, whole.theta, rtol=0, atol=1e-6)
 
 
-def test_scans_may_come_a_little_out_of_order():
-    """Breaks if a scan that is late runs time backwards, which no track can hold."""
-    sensors = named_sensors(20)
-    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
-    order = in_order(sensors)
-    order[30], order[31] = order[31], order[30]  # of one round
-    late = order.pop(32)
-    del order[34]  # the next one of that sensor is lost
-    order.insert(36, late)
-    with pytest.warns(UserWarning, match=r"^'rear' has a scan at 1\.026 s .* left out") as said:
-        added(tracker, order)
-    assert len(said) == 1
-    found = tracker.track
-    assert found.converged.all()
-    assert (np.diff(found.times) > 0.0).all()
-    assert np.abs(found.theta - STRAIGHT).max() < 0.3
-
-
-@pytest.mark.parametrize("seconds", [50.0, 1.5, -3.0])
-@pytest.mark.parametrize("last", [13, 20, 30])
-def test_one_wrong_clock_does_not_lose_the_others(last, seconds):
-    """Breaks if the scans of all other sensors are late after one stamp, or for ever, or if the
-    sensors whose clocks go on are blamed."""
-    sensors = named_sensors(30)
-    scans, _ = sensors["left"]
-    jumped = [replace(scan, time=scan.time + seconds) for scan in scans[12:last]]
-    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
-    order = in_order(sensors)
-    for right, wrong in zip(scans[12:last], jumped, strict=True):
-        order[order.index((right.time, "left", right))] = (right.time, "left", wrong)
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        added(tracker, order)
-    what = "'left' has one scan at" if last == 13 else "the clock of 'left' jumps by"
-    assert all(str(each.message).startswith(what) for each in said)
-    assert len(said) == (2 if last == 20 else 1)  # back again
-    assert tracker.track.times[-1] < 3.0
-    late = tracker.track[15:]
-    assert late.converged.all()
-    assert np.median(late.targets) > 2.5 * np.mean([scan.size for scan in scans])
-    assert np.abs(late.theta - STRAIGHT).max() < 0.3
-
-
-def test_a_clock_that_jumps_at_once_does_not_lose_the_others():
-    """Breaks if a sensor must have shown its cycle before its clock may be set."""
-    sensors = named_sensors(20)
-    scans, _ = sensors["left"]
-    jumped = [scans[0], *(replace(scan, time=scan.time - 5.0) for scan in scans[1:])]
-    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
-    wrong = {id(scan): other for scan, other in zip(scans, jumped, strict=True)}
-    order = [(time, name, wrong.get(id(scan), scan)) for time, name, scan in in_order(sensors)]
-    with pytest.warns(UserWarning, match=r"^the clock of 'left' jumps by -4\.9") as said:
-        added(tracker, order)
-    assert len(said) == 1
-    assert np.median(tracker.track.targets[5:]) > 2.5 * np.mean([scan.size for scan in scans])
-    assert np.abs(tracker.track.theta[5:] - STRAIGHT).max() < 0.3
-
-
-@pytest.mark.filterwarnings("ignore::d2d.radar.FindingWarning")
-def test_a_sensor_that_is_silent_after_a_wrong_stamp_is_not_waited_for():
-    """Breaks if all others wait for its next scan again and again."""
-    sensors = named_sensors(40)
-    scans, at = sensors["left"]
-    last = replace(scans[10], time=scans[10].time - 50.0)
-    sensors["left"] = [*scans[:10], last], at
-    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
-    delays = []
-    for time, name, scan in sorted(in_order(sensors), key=lambda each: each[0] % 50.0):
-        delays += [time - estimate.time for estimate in tracker.add(name, scan)]
-    assert max(delays[-10:]) < 0.2
-
-
-def with_common_gap() -> dict:
-    """All sensors pause for three seconds."""
-    times = np.concatenate([0.1 * np.arange(12), 4.0 + 0.1 * np.arange(12)])
-    return dict(zip(NAMES, surround_scans(times=times), strict=True))
-
-
-def over_midnight() -> dict:
-    """All clocks jump back by a day."""
-    return {
-        name: ([replace(s, time=(s.time + 86398.95) % 86400.0) for s in own], at)
-        for name, (own, at) in named_sensors(24).items()
-    }
-
-
-def with_wrong_stamp() -> dict:
-    """One scan of one sensor has the time of a minute later."""
-    sensors = named_sensors(24)
-    scans = sensors["rear"][0]
-    scans[12] = replace(scans[12], time=scans[12].time + 60.0)
-    return sensors
-
-
-def test_one_clock_that_jumps_ahead_in_a_log_is_told():
-    """Breaks if a sensor that pauses while others go on is passed over, or a gap of all is told."""
-    sensors = named_sensors(40)
-    scans, at = sensors["rear"]
-    for seconds, told in ((2.0, r"2\.1"), (0.5, r"0\.6")):
-        jumped = [*scans[:20], *(replace(scan, time=scan.time + seconds) for scan in scans[20:])]
-        with pytest.warns(UserWarning, match=rf"'rear'.* or its clock jumps, by {told}\d* s at"):
-            track(sensors | {"rear": (jumped, at)}, horizon=0.3)
-    for quiet in (sensors, with_common_gap()):
-        track(quiet, horizon=0.3)  # warnings are errors
-
-
-@pytest.mark.parametrize("trouble", [with_common_gap, over_midnight, with_wrong_stamp])
-@pytest.mark.filterwarnings("ignore::d2d.radar.FindingWarning")
-def test_scan_by_scan_gives_the_same_bits_whatever_the_clocks_do(trouble):
-    """Breaks if a scan whose time waits for the next one comes too late for its round."""
-    sensors, measured = trouble(), named_sensors(24)
-    if trouble is with_common_gap:
-        measured = sensors
-    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
-    arrival = sorted(
-        (scan.time, name, i) for name, (own, _) in measured.items() for i, scan in enumerate(own)
-    )
-    for _, name, i in arrival:
-        tracker.add(name, sensors[name][0][i])
-    tracker.finish()
-    assert tracker.track.converged.mean() > 0.9
-    assert_same(tracker.track, track(sensors, horizon=0.3))
-
-
 def test_scans_of_one_time_may_arrive_in_any_order():
     """Breaks if a network decides on the numbers."""
     rng = np.random.default_rng(4)
-    sensors = dict(zip(NAMES, surround_scans(8, shift=0.0), strict=True))
+    sensors = named_sensors(8, shift=0.0)
     found = []
     for _ in range(3):
         tracker = Tracker({name: at for name, (_, at) in sensors.items()}, budget=ErrorBudget())
         for i in range(8):
-            for name in rng.permutation(NAMES).tolist():
+            for name in rng.permutation([*sensors]).tolist():
                 tracker.add(name, sensors[name][0][i])
         found.append(tracker.track)
     assert_same(found[1], found[0])
@@ -314,7 +179,8 @@ def test_no_scan_waits_for_a_compiler():
     script = textwrap.dedent(
         """
         from d2d.radar import ErrorBudget, Tracker
-        from tests.radar.tracks.test_tracker import fed, named_sensors, signatures
+        from tests.radar.scenes import named_sensors
+        from tests.radar.tracks.test_tracker import fed, signatures
         sensors = named_sensors(8)
         scans, at = sensors["rear"]
         sensors["rear"] = [scan[: 3 * i] for i, scan in enumerate(scans)], at
@@ -371,15 +237,6 @@ def test_a_tracker_refuses_one_sensor_under_two_names():
     tracker.add("front", scans[0])
     with pytest.raises(ValueError, match=r"^'also' and 'front' must be different"):
         tracker.add("also", replace(scans[0]))
-
-
-def test_a_tracker_says_what_a_whole_drive_contradicts():
-    """Breaks if only a log is looked at for a wrong sign of the Doppler velocities."""
-    drive = beginning(40)
-    wrong = [replace(scan, doppler=-scan.doppler) for scan in drive.scans]
-    tracker = Tracker({"front": drive.mounting})
-    with pytest.warns(UserWarning, match="contradict each other"):
-        fed(tracker, {"front": (wrong, drive.mounting)})
 
 
 # ---- one sensor or several
@@ -575,42 +432,6 @@ def test_what_is_accepted_after_a_gap_in_a_bend_is_as_sure_as_it_says(gap):
     assert good.sum() > 0.85 * after.sum()
     errors = (found.theta - truth(found.times))[good]
     assert normalised_squares(errors, found.covariance[good]).max() < 40.0
-
-
-def test_scans_that_repeat_an_earlier_one_are_not_believed():
-    """Breaks if a frozen sensor, or a message that comes twice, gives a velocity."""
-    drive = simulate_drive(np.random.default_rng(3), duration=1.5)
-    scans = list(drive.scans)
-    scans[7] = replace(scans[6], time=scans[7].time)
-    with pytest.warns(UserWarning, match=r"^scans repeats its scan at 0\.700 s"):
-        reasons = track((scans, drive.mounting)).reasons
-    assert np.flatnonzero(reasons == "a scan that repeats an earlier one").tolist() == [6]
-    frozen = [replace(scans[0], time=scan.time) for scan in scans]
-    with pytest.warns(UserWarning, match="repeats its scan"):
-        assert not track((frozen, drive.mounting)).converged.any()
-    still = [replace(scan, doppler=0.0 * scan.doppler) for scan in frozen]  # of a coarse radar
-    standing = track((still, drive.mounting))
-    assert standing.converged.all()
-    assert_allclose(standing.theta, 0.0, atol=1e-3)
-
-
-@pytest.mark.parametrize("horizon", [None, 0.3])
-def test_a_frozen_sensor_is_named_and_the_others_go_on(horizon):
-    """Breaks if one sensor discards the rounds of all, or what it repeats counts as measured."""
-    sensors = named_sensors(20)
-    scans, at = sensors["right"]
-    sensors["right"] = [*scans[:8], *(replace(scans[7], time=s.time) for s in scans[8:])], at
-    with pytest.warns(UserWarning, match="repeats its scan") as said:
-        found = track(sensors, horizon=horizon)
-    assert [str(each.message).split()[0] for each in said] == ["sensors['right'].scans"]
-    assert found.converged.all()
-    size = [sum(own[k].size for own in (sensors["left"][0], sensors["rear"][0])) for k in (10, 19)]
-    assert_array_equal(found.targets[[9, 18]], size)
-    assert np.abs(found.theta - STRAIGHT).max() < 0.3
-    tracker = Tracker({name: at for name, (_, at) in sensors.items()}, horizon=horizon)
-    with pytest.warns(UserWarning, match=r"^'right' repeats its scan at 0\.813 s"):
-        fed(tracker, sensors)
-    assert_same(tracker.track, found)
 
 
 # ---- budget and limits

@@ -1,5 +1,6 @@
 """Ego-motion of one round after the other, each started at the last accepted velocity."""
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -20,16 +21,15 @@ from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import ScanPair, middle_of, problem_of
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import doppler_gradients
-from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter, Step
+from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter, FilterRecord
 from d2d.radar.tracks.filter_input import FilterInput
-from d2d.radar.tracks.lateness import Lateness
 from d2d.radar.tracks.limits import State, VehicleLimits
 from d2d.radar.tracks.rounds import Round
 
 # The wide outlier component has a separate optimum, far from where the scans overlap: all
 # targets are outliers there, and the Hessian is positive definite.  An optimum at which the mean
 # inlier probability of the targets is below this is not accepted as the vehicle's motion.
-MIN_EXPLAINED = 0.1
+MIN_INLIER_SHARE = 0.1
 # A velocity has three components.  An optimum that rests on hardly more targets is accidental,
 # however large a share of the scan they are.
 _MIN_AGREEING = 4.0  # sum of the inlier probabilities
@@ -38,14 +38,14 @@ _MIN_AGREEING = 4.0  # sum of the inlier probabilities
 _MAX_TURN = float(np.pi)
 # A wrong optimum rarely explains more than half of the targets (chapter 16).  One that explains at
 # least this fraction is accepted without looking for another.
-_WELL_EXPLAINED = 0.6
+_GOOD_INLIER_SHARE = 0.6
 
 
 class VelocityEstimate(NamedTuple):
     """The velocity of a vehicle at the time of one round of scans: a row of a `Track`."""
 
     time: float  # s, the mean of the scans' times
-    interval: float  # s, since the round before
+    interval: float  # s, since the round before; nan if the clock has stepped back since
     theta: Array  # (3,) in m/s, m/s, rad/s; the last accepted one if this one is not
     covariance: Array  # (3, 3); nan if not accepted
     reason: str  # why it is not accepted; empty if it is
@@ -61,7 +61,7 @@ class VelocityEstimate(NamedTuple):
 
 
 @dataclass
-class Follower:
+class OdometryEstimator:
     """Estimates the velocity of one round after the other, and remembers the last accepted one.
 
     Nothing that it needs is later than the round, so that rounds can come as they are measured.
@@ -75,22 +75,24 @@ class Follower:
     sensors: int  # how many
     last: State | None = None
     acceleration: AccelerationFilter = field(default_factory=AccelerationFilter)
-    steps: list[tuple[FilterInput, Step]] | None = None  # of the accepted rounds, for a smoother
-    lateness: Lateness = field(default_factory=lambda: Lateness({}))  # learns from accepted rounds
+    # of the accepted rounds, for a smoother
+    records: list[tuple[FilterInput, FilterRecord]] | None = None
 
-    def follow(self, current: Round) -> VelocityEstimate:
-        """The velocity at the time of a round."""
+    def step(self, current: Round) -> VelocityEstimate:
+        """Estimate the velocity at the time of a round."""
         pairs = current.pairs
+        if math.isnan(current.interval):  # its clock is another
+            self.last, self.acceleration = None, AccelerationFilter()
         if not pairs:
-            return self._held(current, current.reason)
+            return self._rejected(current, current.reason)
         by = None if self.budget is None else self._acceleration(current)
         near = np.zeros(3) if self.velocity is None else self.velocity
         problem = problem_of(pairs, self.model, None if by is None else by.value, near)
-        estimate = self._estimate(problem, _views(pairs, by))
+        estimate = self._estimate(problem, _time_aligned_scans(pairs, by))
         seen = sum(pair.current.size for pair in pairs), float(estimate.inliers)
-        reason = _doubt(estimate, pairs)
+        reason = _objection(estimate, pairs)
         if reason:
-            return self._held(current, reason, *seen)
+            return self._rejected(current, reason, *seen)
         theta, covariance, parts, raw = estimate.theta, estimate.covariance, None, None
         if self.budget is not None and by is not None:
             found = apply_budget(problem, estimate, pairs, self.budget, current.time, near)
@@ -103,14 +105,12 @@ class Follower:
         elif self.limits is not None:
             reason = self.limits.exceeded(state, self.last)
         if reason:
-            return self._held(current, reason, *seen)
+            return self._rejected(current, reason, *seen)
         self.last, self.velocity = state, estimate.theta
-        if self.model.doppler:
-            self.lateness.add(current.time, theta, pairs)
         if raw is not None and by is not None:
-            step = self.acceleration.update(current.time, raw.velocity, raw.delay, raw.white, by)
-            if self.steps is not None:
-                self.steps.append((raw, step))
+            record = self.acceleration.update(current.time, raw.velocity, raw.delay, raw.white, by)
+            if self.records is not None:
+                self.records.append((raw, record))
         return VelocityEstimate(
             current.time, current.interval, theta, covariance, "", *seen, parts, raw
         )
@@ -133,7 +133,7 @@ class Follower:
             known = doppler_acceleration(current.pairs if self.model.doppler else (), UNKNOWN)
         return known
 
-    def _held(
+    def _rejected(
         self, current: Round, reason: str, targets: int = 0, inliers: float = np.nan
     ) -> VelocityEstimate:
         """The row of a round that gives no estimate."""
@@ -152,7 +152,7 @@ class Follower:
         near = None
         if self.velocity is not None:
             near = estimate_velocity(problem, self.velocity, self.scales)
-            if near.converged and float(near.inliers) >= _WELL_EXPLAINED:
+            if near.converged and float(near.inliers) >= _GOOD_INLIER_SHARE:
                 return near
         anew = estimate_velocity(problem, doppler_starts([*views]), self.scales)
         if near is None:
@@ -160,7 +160,7 @@ class Follower:
         return min(near, anew, key=lambda each: (not _is_good(each), float(each.value)))
 
 
-def _views(pairs: Sequence[ScanPair], by: Acceleration | None) -> Iterator[View]:
+def _time_aligned_scans(pairs: Sequence[ScanPair], by: Acceleration | None) -> Iterator[View]:
     """The later scans with the Doppler velocities that they would have at the time of `problem_of`.
 
     Sensors that measure at different times show different velocities while the vehicle accelerates.
@@ -176,10 +176,10 @@ def _views(pairs: Sequence[ScanPair], by: Acceleration | None) -> Iterator[View]
 
 def _is_good(estimate: Estimate) -> bool:
     """Whether an estimate is an optimum that does not reject nearly all targets."""
-    return bool(estimate.converged) and float(estimate.inliers) >= MIN_EXPLAINED
+    return bool(estimate.converged) and float(estimate.inliers) >= MIN_INLIER_SHARE
 
 
-def _doubt(estimate: Estimate, pairs: Sequence[ScanPair]) -> str:
+def _objection(estimate: Estimate, pairs: Sequence[ScanPair]) -> str:
     """Why an estimate is not accepted, whatever its covariance; empty if nothing is against it."""
     if not estimate.converged:
         return "no optimum near the start"
