@@ -62,7 +62,7 @@ def test_from_a_log_file_to_a_path_as_the_readme_says(
     commands = [shlex.split(line) for line in shell.splitlines() if line.startswith("python")]
     assert [words[:3] for words in commands] == [["python", "-m", "d2d.radar"]] * 2
     assert [main(words[3:]) for words in commands] == [0, 0]
-    written = {"log.csv", "drive.tum", "drive_velocities.txt", "drive.npz", "drive.png"}
+    written = {"log.csv", "drive.tum", "drive_velocities.csv", "drive.npz", "drive.png"}
     assert set(os.listdir()) == written
     for name in written - {"log.csv"}:
         os.unlink(name)

@@ -127,9 +127,9 @@ class AccelerationFilter:
 def accelerations_of_others(steps: list[FilterRecord]) -> list[Acceleration]:
     """The acceleration at each estimate, from all others before and after it.
 
-    A filter with the mean jerk scale at each step goes forward, and a smoother goes back (Rauch, Tung &
-    Striebel 1965); then each estimate's own contribution is taken out of the state at its time, as
-    a measurement of negative covariance.
+    A filter with the mean jerk scale at each step goes forward, and a smoother goes back (Rauch,
+    Tung & Striebel 1965); then each estimate's own contribution is taken out of the state at its
+    time, as a measurement of negative covariance.
     """
     predicted: list[State] = []
     updated: list[State] = []

@@ -6,12 +6,12 @@ import pytest
 from d2d import rigid
 from d2d.radar import Track
 from d2d.radar.scans.budget import CovarianceParts
-from d2d.radar.tracks.path import PERSISTENCE
 from d2d.radar.tracks.track import integrate
 
 STEP, COUNT = 0.1, 400
 TIMES = STEP * np.arange(1, COUNT + 1)
 NOISE = np.diag([0.05, 0.08, 0.01]) ** 2
+STAYS = 15.0  # s, as long as the errors of v_x do on RadarScenes
 SLOW = np.array([[9e-4, 0.0, 0.0], [0.0, 4e-4, 3e-5], [0.0, 3e-5, 9e-6]])
 
 
@@ -68,7 +68,7 @@ def test_the_errors_are_as_large_as_stated(seconds):
     """Breaks if noise adds up like slow errors, or slow errors average out like noise."""
     rng = np.random.default_rng(1)
     true = np.tile([6.0, 0.0, 0.15], (COUNT, 1))
-    kept = np.exp(-STEP / PERSISTENCE)
+    kept = np.exp(-STEP / STAYS)
     values, vectors = np.linalg.eigh(SLOW)
     root, nees = vectors * np.sqrt(values) @ vectors.T, []
     for _ in range(150):
@@ -81,6 +81,20 @@ def test_the_errors_are_as_large_as_stated(seconds):
         error = found.motion[0] - rigid.exponential(seconds * true[0])
         nees.append(error @ np.linalg.solve(found.covariance[0], error))
     assert 2.4 < np.mean(nees) < 3.6  # 3, known to 0.2
+
+
+def test_slow_errors_grow_like_an_integrated_process_of_15_s():
+    """Breaks if they are taken to last for much longer or shorter than errors on the road."""
+    times = np.array([1.0, 5.0, 15.0, 35.0])
+    sigma = np.sqrt(
+        driven(np.tile([6.0, 0.0, 0.0], (COUNT, 1)))
+        .displacement(np.full(4, 1.0), 1.0 + times)
+        .covariance[:, 0, 0]
+    )
+    ratio = times / STAYS
+    slow = SLOW[0, 0] * 2.0 * STAYS**2 * (ratio - 1.0 + np.exp(-ratio))
+    expected = np.sqrt(slow + NOISE[0, 0] * STEP * times)
+    np.testing.assert_allclose(sigma, expected, rtol=0.03)
 
 
 def test_without_parts_all_errors_average_out():
