@@ -90,14 +90,7 @@ class ScanGate:
         others = max((self._cycle(s) for s in self._intervals if s != sensor), default=0.0)
         if end - start <= _WAITED * others:
             return []
-        reach = self._reach()
-        agree = [
-            (scan.time, s, scan)
-            for s, held in self._held.items()
-            for scan in held
-            if start - reach <= scan.time <= end + reach
-        ]
-        self._leave_out([s for s in self._held if all(s != other for _, other, _ in agree)])
+        held = [(scan.time, s, scan) for s, scans in self._held.items() for scan in scans]
         self._held = {}
         if start <= last:
             self.stepped_back, self._latest = True, {}
@@ -105,7 +98,7 @@ class ScanGate:
                 f"the clock of {self._names[sensor]} steps back from {last:.3f} s to {start:.3f} s:"
                 " a new segment begins there"
             )
-        return [self._used(s, scan) for _, s, scan in sorted(agree, key=lambda entry: entry[:2])]
+        return [self._used(s, scan) for _, s, scan in sorted(held, key=lambda entry: entry[:2])]
 
     def _used(self, sensor: int, scan: RadarScan) -> tuple[int, RadarScan]:
         if sensor in self._latest:
