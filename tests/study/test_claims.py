@@ -41,7 +41,7 @@ def test_a_claim_is_filled_in():
         assert claim.text.endswith("."), id
         assert re.fullmatch(r"\d+([,–] ?\d+)*", claim.lines), id
         assert claim.figure in figures, id
-        assert 1 <= len(evidence.telling) <= 2, id
+        assert 1 <= len(evidence.headlines) <= 2, id
         for name, number in evidence.numbers.items():
             if isinstance(number, Measured):
                 assert number.low <= number <= number.high, (id, name)

@@ -33,10 +33,10 @@ evidence says so where a verdict would change with another margin.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from types import ModuleType
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -45,90 +45,86 @@ from d2d.study.book.thesis_figures import page_of
 
 Verdict = Literal["confirmed", "conditional", "wrong in part", "refuted"]
 Finding = Literal["holds", "holds if", "open", "fails"]
+Number = TypeVar("Number", bound=float)
 
 
-def shown(
-    *, holds: bool | np.bool_, contrary: bool | np.bool_, within: bool | np.bool_ = False
+def decide(
+    *, supported: bool | np.bool_, opposed: bool | np.bool_, conditional: bool | np.bool_ = False
 ) -> Finding:
-    """What is shown of a part: that it holds, that it does within a condition, or its contrary."""
-    if holds:
+    """Decide whether a part holds, holds under a condition, fails, or is open."""
+    if supported:
         return "holds"
-    if within:
+    if conditional:
         return "holds if"
-    return "fails" if contrary else "open"
+    return "fails" if opposed else "open"
 
 
 def in_every(*findings: Finding) -> Finding:
-    """Of a part that speaks of several scenes, methods or measures at once."""
-    return shown(
-        holds=set(findings) == {"holds"},
-        within=not {"holds", "holds if"}.isdisjoint(findings),
-        contrary="fails" in findings,
+    """Judge a part that speaks of several scenes, methods or measures at once."""
+    return decide(
+        supported=set(findings) == {"holds"},
+        conditional=not {"holds", "holds if"}.isdisjoint(findings),
+        opposed="fails" in findings,
     )
 
 
 class Rule(NamedTuple):
-    """What is shown of a part that says the same of one number or of several.
+    """The rule by which a number judges a part.
 
-    On the axis of what counts, a number that speaks for the claim has a ``place`` above 0.
+    ``margin_units`` takes a value to the axis of the ledger, where values above 0 support the part.
     """
 
-    of_one: Callable[[Measured], Finding]
-    place: Callable[[float], float]
+    judge: Callable[[Measured], Finding]
+    margin_units: Callable[[float], float]
 
-    def __call__(self, *numbers: Measured, under: Measured | None = None) -> Finding:
-        """Judge the numbers; ``under`` is one that meets a condition, and must pass as well."""
-        found = in_every(*map(self.of_one, numbers))
-        if under is not None and found != "holds" and self.of_one(under) == "holds":
+    def __call__(self, number: Measured, *, under: Measured | None = None) -> Finding:
+        """Judge a number; ``under`` is the same number under a condition."""
+        finding = self.judge(number)
+        if under is not None and finding != "holds" and self.judge(under) == "holds":
             return "holds if"
-        return found
+        return finding
 
 
 class Margin(NamedTuple):
-    """What is too close to no effect to count, between two bounds; the rules that use it."""
+    """Effects between two bounds, which are too small to count; the rules that use the bounds."""
 
     low: float
     high: float
 
-    def sizes(self, value: float) -> float:
-        """A value in units of the margin; that of a ratio on a logarithmic scale."""
+    def units(self, value: float) -> float:
+        """Return a value in units of the margin; a ratio on a logarithmic scale."""
         if self.low > 0.0:
             return math.log(max(value, 1e-9)) / math.log(self.high)
         return value / self.high
 
     @property
     def larger(self) -> Rule:
-        """Of a part that says that a number is larger by what counts."""
-        return Rule(
-            lambda number: shown(holds=number.low > self.high, contrary=number.high <= self.high),
-            lambda value: self.sizes(value) - 1.0,
-        )
+        """The rule of a part that says that a number is larger by what counts."""
+        return self._between(1.0, math.inf)
 
     @property
     def smaller(self) -> Rule:
-        """Of a part that says that a number is smaller by what counts."""
-        return Rule(
-            lambda number: shown(holds=number.high < self.low, contrary=number.low >= self.low),
-            lambda value: -self.sizes(value) - 1.0,
-        )
+        """The rule of a part that says that a number is smaller by what counts."""
+        return self._between(-math.inf, -1.0)
 
     @property
     def same(self) -> Rule:
-        """Of a part that says that nothing changes by what counts."""
-        return Rule(
-            lambda number: shown(
-                holds=self.low < number.low and number.high < self.high,
-                contrary=number.low > self.high or number.high < self.low,
-            ),
-            lambda value: 1.0 - abs(self.sizes(value)),
-        )
+        """The rule of a part that says that nothing changes by what counts."""
+        return self._between(-1.0, 1.0)
 
     @property
     def no_larger(self) -> Rule:
-        """Of a part that says that a number is the same or smaller."""
+        """The rule of a part that says that a number is the same or smaller."""
+        return self._between(-math.inf, 1.0)
+
+    def _between(self, lower: float, upper: float) -> Rule:
+        """Return the rule of a part that says that a number lies between these margins."""
         return Rule(
-            lambda number: shown(holds=number.high < self.high, contrary=number.low > self.high),
-            lambda value: 1.0 - self.sizes(value),
+            lambda number: decide(
+                supported=lower < self.units(number.low) and self.units(number.high) < upper,
+                opposed=self.units(number.high) <= lower or upper <= self.units(number.low),
+            ),
+            lambda value: min(self.units(value) - lower, upper - self.units(value)),
         )
 
 
@@ -145,19 +141,19 @@ def most(share: Measured) -> bool:
 
 
 nearly_all = Rule(
-    lambda share: shown(
-        holds=share.low > 1.0 - SHARE.high, within=most(share), contrary=share.high < 0.5
+    lambda share: decide(
+        supported=share.low > 1.0 - SHARE.high, conditional=most(share), opposed=share.high < 0.5
     ),
     lambda share: (share - 1.0) / SHARE.high + 1.0,
 )
-"""Of a part that speaks of every draw."""
+"""The rule of a part that speaks of every draw."""
 
 in_some = SHARE.larger
-"""Of a part that says that something occurs, in a share of the draws."""
+"""The rule of a part that says that something occurs, in a share of the draws."""
 
 
 def judge(parts: Iterable[Finding]) -> Verdict:
-    """The verdict on a claim of these parts."""
+    """Return the verdict on a claim of these parts."""
     all_of = set(parts)
     if all_of == {"holds"}:
         return "confirmed"
@@ -166,48 +162,89 @@ def judge(parts: Iterable[Finding]) -> Verdict:
     return "wrong in part" if "fails" in all_of else "conditional"
 
 
-def tells(number: Measured, rule: Rule | None = None) -> Measured:
-    """The number, marked as one of the two or so that tell most.
-
-    Given the rule that judges it, it has a place on the axis of what counts: to the right of 0 it
-    speaks for the claim, to the left against it, in units of the margin.
-    """
-    return number.told(rule.place if rule else None)
-
-
-@dataclass(frozen=True)
+@dataclass
 class Evidence:
     """What a check measured, and what follows from it.
 
-    The ``numbers`` have names with units.  What was measured has its 95 % interval; a plain float
-    is exact, a count or the value of a formula.  The one or two that tell most are marked with
-    `tells`.
+    The check adds parts and numbers and ends with `conclude`.  The names of ``numbers`` have units.
+    What was measured has its 95 % interval; a plain float is exact, a count or the value of a
+    formula.  One or two numbers are headlines: the ledger shows them beside the verdict.
     """
 
-    parts: Mapping[str, Finding]  # what is shown of each part of the claim, named in a few words
-    because: str  # one sentence that gives the reason, composed from the numbers
-    numbers: Mapping[str, float]
+    parts: dict[str, Finding] = field(default_factory=dict)  # named in a few words
+    because: str = ""  # one sentence that gives the reason, composed from the numbers
+    numbers: dict[str, float] = field(default_factory=dict)
     holds: str = ""  # the condition; used if a part holds under one
     over: str = ""  # the draws, layouts or drives that were measured
 
+    def part(self, words: str, rule: Rule) -> "Part":
+        """Add a part of the claim: open, until a number judges it."""
+        self.parts[words] = "open"
+        return Part(self, words, rule)
+
+    def __call__(self, name: str, value: Number) -> Number:
+        """Add a number and return it."""
+        self.numbers[name] = value
+        return value
+
+    def headline(self, name: str, number: Measured, rule: Rule | None = None) -> Measured:
+        """Add a headline and return it; a rule gives it a place on the axis of the ledger."""
+        self.numbers[name] = number.as_headline(rule.margin_units if rule else None)
+        return number
+
+    def conclude(self, because: str, *, over: str, holds: str = "") -> None:
+        """Add the sentences."""
+        self.because, self.over, self.holds = because, over, holds
+
     @property
     def verdict(self) -> Verdict:
-        """What the rule makes of the parts."""
+        """The verdict that follows from the parts."""
         return judge(self.parts.values())
 
     @property
-    def telling(self) -> dict[str, Measured]:
-        """The numbers that tell most: the ledger shows these, and a card shows them first."""
+    def headlines(self) -> dict[str, Measured]:
+        """The numbers that the ledger shows beside the verdict."""
         return {
             name: value
             for name, value in self.numbers.items()
-            if isinstance(value, Measured) and value.telling
+            if isinstance(value, Measured) and value.headline
         }
 
     @property
     def is_conditional(self) -> bool:
-        """Whether it is said when a part holds."""
+        """Whether a part holds under a condition."""
         return "holds if" in self.parts.values()
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a claim, which holds if all of its numbers say so."""
+
+    evidence: Evidence
+    words: str
+    rule: Rule  # of its numbers, where they are not given another
+    findings: list[Finding] = field(default_factory=list)
+
+    def judge(
+        self, number: Measured, rule: Rule | None = None, *, under: Measured | None = None
+    ) -> None:
+        """Judge the part by one more number, which is not shown."""
+        self.findings.append((rule or self.rule)(number, under=under))
+        self.evidence.parts[self.words] = in_every(*self.findings)
+
+    def __call__(
+        self, name: str, number: Measured, rule: Rule | None = None, under: Measured | None = None
+    ) -> Measured:
+        """Judge the part by a number, add it to the evidence, and return it."""
+        self.judge(number, rule, under=under)
+        return self.evidence(name, number)
+
+    def headline(
+        self, name: str, number: Measured, rule: Rule | None = None, under: Measured | None = None
+    ) -> Measured:
+        """Judge the part by a number, add it as a headline, and return it."""
+        self.judge(number, rule, under=under)
+        return self.evidence.headline(name, number, rule or self.rule)
 
 
 @dataclass(frozen=True)
@@ -230,17 +267,22 @@ class Claim:
 
 def claim(
     id: str, *, section: str, lines: str, figure: str
-) -> Callable[[Callable[[], Evidence]], Claim]:
-    """Turn the decorated check into a claim, with the check's docstring as its text."""
+) -> Callable[[Callable[[Evidence], None]], Claim]:
+    """Turn a function that fills evidence into a claim, with its docstring as the claim's text."""
 
-    def decorate(check: Callable[[], Evidence]) -> Claim:
-        text = " ".join((check.__doc__ or "").split())
+    def decorate(fill: Callable[[Evidence], None]) -> Claim:
+        def check() -> Evidence:
+            evidence = Evidence()
+            fill(evidence)
+            return evidence
+
+        text = " ".join((fill.__doc__ or "").split())
         return Claim(id, section, lines, text, figure, check)
 
     return decorate
 
 
 def claims_of(modules: Iterable[ModuleType]) -> dict[str, Claim]:
-    """The claims that the modules define, by id, in the order of their definition."""
+    """Return the claims that the modules define, by id, in the order of their definition."""
     values = (value for module in modules for value in vars(module).values())
     return {value.id: value for value in values if isinstance(value, Claim)}

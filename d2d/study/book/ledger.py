@@ -7,6 +7,7 @@ none.
 
 import math
 import textwrap
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -25,13 +26,13 @@ SIGNS: dict[Verdict, str] = {
 }
 """The sign beside the word of each verdict, so that no verdict is marked by its colour alone."""
 
-MARKS: dict[Finding, str] = {"holds": "✓", "holds if": "≈", "open": "?", "fails": "✗"}
-WORDS: dict[Finding, str] = {
-    "holds": "holds",
-    "holds if": "holds under a condition",
-    "open": "is not decided",
-    "fails": "fails",
+FINDINGS: dict[Finding, tuple[str, str]] = {
+    "holds": ("✓", "holds"),
+    "holds if": ("≈", "holds under a condition"),
+    "open": ("?", "is not decided"),
+    "fails": ("✗", "fails"),
 }
+"""The sign and the words of each finding."""
 
 LEDGER = "claims.html"
 """Beside the page that links to it, because all pages with claims are chapters."""
@@ -40,7 +41,7 @@ WIDTH = 88
 
 
 def badge(verdict: Verdict) -> str:
-    """A verdict as HTML; ``_static/ledger.css`` colours it."""
+    """Return a verdict as HTML; ``_static/ledger.css`` colours it."""
     return f'<span class="verdict {_style(verdict)}">{SIGNS[verdict]} {verdict}</span>'
 
 
@@ -49,23 +50,17 @@ def _style(verdict: Verdict) -> str:
 
 
 def anchor(id: str) -> str:
-    """The place of a claim's row in the ledger."""
+    """Return the HTML id of a claim's row in the ledger."""
     return f"claim-{id}"
-
-
-def ledger_link(id: str) -> str:
-    """A link, as HTML, from any chapter to a claim's row in the ledger."""
-    return f'<a href="{LEDGER}#{anchor(id)}"><code>{id}</code></a>'
-
-
-def with_interval(value: float) -> str:
-    """A number with its 95 % interval, or the word that it needs none."""
-    return f"{significant(value)} [{', '.join(_bounds(value))}]"
 
 
 def _bounds(value: float) -> list[str]:
     bounds = (value.low, value.high) if isinstance(value, Measured) else ()
     return [significant(bound) for bound in bounds] or ["exact"]  # say, a count
+
+
+def _with_interval(value: float) -> str:
+    return f"{significant(value)} [{', '.join(_bounds(value))}]"
 
 
 def _where(claim: Claim) -> str:
@@ -74,53 +69,18 @@ def _where(claim: Claim) -> str:
 
 
 def in_words(claim: Claim, evidence: Evidence) -> str:
-    """A claim with its verdict, the reason and all numbers, as text."""
+    """Return a claim with its verdict, the reason and all numbers, as text."""
     sentences = [f"[{claim.id}] {claim.text} (thesis, {_where(claim)})"]
     if len(evidence.parts) > 1:
-        parts = (f"{part}: {WORDS[finding]}" for part, finding in evidence.parts.items())
+        parts = (f"{part}: {FINDINGS[finding][1]}" for part, finding in evidence.parts.items())
         sentences.append("; ".join(parts))
     if evidence.is_conditional:
         sentences.append(f"holds: {evidence.holds}")
     sentences.append(f"{evidence.verdict}: {evidence.because}")
     if evidence.over:
         sentences.append(f"measured over {evidence.over}")
-    numbers = [f"  {name}: {with_interval(value)}" for name, value in evidence.numbers.items()]
+    numbers = [f"  {name}: {_with_interval(value)}" for name, value in evidence.numbers.items()]
     return "\n".join([*(textwrap.fill(sentence, WIDTH) for sentence in sentences), *numbers])
-
-
-def _details(evidence: Evidence) -> list[str]:
-    """What is shown of each part, when it holds and why, and the numbers, as HTML."""
-    lines = []
-    if len(evidence.parts) > 1:
-        parts = (
-            f'<li><b class="finding-{finding.split()[-1]}">{MARKS[finding]}</b> {typeset(part)}: '
-            f"{WORDS[finding]}</li>"
-            for part, finding in evidence.parts.items()
-        )
-        lines.append(f'<ul class="claim-parts">{"".join(parts)}</ul>')
-    if evidence.is_conditional:
-        lines.append(f'<p class="claim-holds"><b>Holds:</b> {typeset(evidence.holds)}</p>')
-    why = evidence.because[:1].upper() + evidence.because[1:]
-    lines.append(f'<p class="claim-why">{typeset(why)}</p>')
-    telling = evidence.telling
-    lines.append(_numbers(telling))
-    if evidence.over:
-        lines.append(f'<p class="claim-over">Measured over {typeset(evidence.over)}</p>')
-    others = {name: value for name, value in evidence.numbers.items() if name not in telling}
-    if others:
-        summary = "The other number" if len(others) == 1 else f"The other {len(others)} numbers"
-        lines.append(f"<details><summary>{summary}</summary>\n{_numbers(others)}\n</details>")
-    return lines
-
-
-def _numbers(numbers: Mapping[str, float]) -> str:
-    rows = "\n".join(
-        f"<div><dt>{typeset(name)} "
-        f'<span class="interval">{" to ".join(map(typeset, _bounds(value)))}</span></dt>'
-        f"<dd>{typeset(significant(value))}</dd></div>"
-        for name, value in numbers.items()
-    )
-    return f'<dl class="claim-numbers">\n{rows}\n</dl>'
 
 
 @dataclass(frozen=True)
@@ -137,29 +97,37 @@ class PageClaims:
     __repr__ = __str__
 
     def _repr_markdown_(self) -> str:
+        def link(id: str) -> str:
+            return f'<a href="{LEDGER}#{anchor(id)}"><code>{id}</code></a>'
+
         listed = "; ".join(
-            f"{len(ids)} {badge(verdict)}: {', '.join(map(ledger_link, ids))}"
+            f"{len(ids)} {badge(verdict)}: {', '.join(map(link, ids))}"
             for verdict, ids in self.verdicts.items()
         )
         return f"**What the thesis claims of this, and what came out:** {listed}."
 
 
 def page_claims(page: str, claims: Iterable[Claim], record: Mapping[str, Evidence]) -> PageClaims:
-    """The claims of a page, named as its file, by verdict."""
+    """Return the claims of a page, named as its file, by verdict."""
     own = [claim.id for claim in claims if claim.page == page]
     ids = {verdict: [id for id in own if record[id].verdict == verdict] for verdict in SIGNS}
     return PageClaims({verdict: listed for verdict, listed in ids.items() if listed})
 
 
 def count_verdicts(record: Mapping[str, Evidence]) -> str:
-    """How many claims there are, and how many of each verdict, in one line."""
-    counts = _counts(record.values())
-    listed = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
+    """Say how many claims there are, and how many of each verdict, in one line."""
+    counts = zip(_counts(record.values()), SIGNS, strict=True)
+    listed = ", ".join(f"{number} {verdict}" for number, verdict in counts)
     return f"{len(record)} claims: {listed}"
 
 
+def _counts(evidence: Iterable[Evidence]) -> list[int]:
+    counts = Counter(item.verdict for item in evidence)
+    return [counts[verdict] for verdict in SIGNS]
+
+
 def verdicts_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> str:
-    """A table of the number of claims with each verdict, by page, with a last row for all pages."""
+    """Count the claims with each verdict, by page, with a last row for all pages."""
     by_page: dict[str, list[Evidence]] = {}
     for claim in claims:
         by_page.setdefault(claim.page, []).append(record[claim.id])
@@ -169,8 +137,28 @@ def verdicts_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> s
     rows["all"] = list(record.values())
     return _markdown_table(
         ["chapter", "claims", *SIGNS],
-        [[name, len(evidence), *_counts(evidence).values()] for name, evidence in rows.items()],
+        [[name, len(evidence), *_counts(evidence)] for name, evidence in rows.items()],
     )
+
+
+def figures_table(figures: Iterable[ThesisFigure]) -> str:
+    """List the thesis's figures: the number of each, what it shows, and where ours is."""
+    rows = []
+    for figure in figures:
+        kind = "" if figure.number.startswith("Table") else "Figure "
+        ours = f"[chapter {_chapter(figure.page)}, {figure.id}](#fig-{figure.id})"
+        rows.append([f"{kind}{figure.number}", figure.shows, ours])
+    return _markdown_table(["thesis", "what it shows", "ours"], rows)
+
+
+def _markdown_table(header: Sequence[str], rows: Iterable[Sequence[str | int]]) -> str:
+    lines = [f"| {' | '.join(map(str, row))} |" for row in (header, *rows)]
+    lines.insert(1, "|" + " --- |" * len(header))
+    return "\n".join(lines)
+
+
+def _chapter(page: str) -> str:
+    return page.split("_")[0].lstrip("0")  # 4 for ``04_...``
 
 
 @dataclass(frozen=True)
@@ -182,9 +170,8 @@ class Ledger:
     def __str__(self) -> str:
         lines = []
         for claim, evidence in self.shown:
-            numbers = "; ".join(
-                f"{name} {with_interval(value)}" for name, value in evidence.telling.items()
-            )
+            headlines = evidence.headlines.items()
+            numbers = "; ".join(f"{name} {_with_interval(value)}" for name, value in headlines)
             lines.append(f"{evidence.verdict:13} {claim.id} ({claim.section}): {numbers}")
         return "\n".join(lines)
 
@@ -201,12 +188,12 @@ class Ledger:
 
 
 def ledger(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> Ledger:
-    """The ledger of claims.  Raises ``KeyError`` with the id if one is not on record."""
+    """Return the ledger of claims.  Raises ``KeyError`` with the id if one is not on record."""
     return Ledger(tuple((claim, record[claim.id]) for claim in claims))
 
 
 def _map(shown: Sequence[tuple[Claim, Evidence]]) -> str:
-    """The verdicts by chapter, each a link to its line."""
+    """Return the verdicts by chapter, each a link to its line."""
     chapters: dict[str, list[str]] = {}
     for claim, evidence in sorted(shown, key=lambda pair: pair[0].page):
         words = f"{claim.id}: {evidence.verdict}"
@@ -221,82 +208,82 @@ def _map(shown: Sequence[tuple[Claim, Evidence]]) -> str:
 
 
 def _row(claim: Claim, evidence: Evidence) -> str:
-    chapter = _chapter(claim.page)
+    """Return a line with the verdict and the headlines, which unfolds to all that was found."""
+    verdict, chapter, headlines = evidence.verdict, _chapter(claim.page), evidence.headlines
+    elsewhere = page_of(claim.section, claim.figure)  # the page of a figure need not be the claim's
+    figure_page = next((each.page for each in FIGURES if each.id == claim.figure), elsewhere)
     told = "".join(
         f'<span class="told" title="{escape(name)}">{_axis(value)}<b>'
-        f'{typeset(significant(value))}</b> <span class="interval">'
-        f"{' to '.join(map(typeset, _bounds(value)))}</span></span>"
-        for name, value in evidence.telling.items()
+        f"{typeset(significant(value))}</b> {_interval(value)}</span>"
+        for name, value in headlines.items()
     )
-    links = (
+    lines = [
+        f'<details class="ledger-row {_style(verdict)}" id="{anchor(claim.id)}" '
+        f'data-verdict="{verdict}" data-chapter="{chapter}">',
+        f"<summary>{badge(verdict)}<span>{typeset(claim.text)}</span>"
+        f'<span class="tellings">{told}</span></summary>',
+        '<div class="ledger-body">',
+        f'<p class="claim-source">Thesis, {_where(claim)} · '
         f'<a href="{claim.page}.html">Chapter {chapter}</a>, '
-        f'<a href="{_figure_page(claim)}.html#fig-{claim.figure}">its figure</a>'
-    )
-    return "\n".join(
-        [
-            f'<details class="ledger-row {_style(evidence.verdict)}" id="{anchor(claim.id)}" '
-            f'data-verdict="{evidence.verdict}" data-chapter="{chapter}">',
-            f"<summary>{badge(evidence.verdict)}<span>{typeset(claim.text)}</span>"
-            f'<span class="tellings">{told}</span></summary>',
-            '<div class="ledger-body">',
-            f'<p class="claim-source">Thesis, {_where(claim)} · {links} · '
-            f"<code>{claim.id}</code></p>",
-            *_details(evidence),
-            "</div></details>",
-        ]
-    )
+        f'<a href="{figure_page}.html#fig-{claim.figure}">its figure</a> · '
+        f"<code>{claim.id}</code></p>",
+    ]
+    if len(evidence.parts) > 1:
+        parts = "".join(
+            f'<li><b class="finding-{finding.split()[-1]}">{FINDINGS[finding][0]}</b> '
+            f"{typeset(part)}: {FINDINGS[finding][1]}</li>"
+            for part, finding in evidence.parts.items()
+        )
+        lines.append(f'<ul class="claim-parts">{parts}</ul>')
+    if evidence.is_conditional:
+        lines.append(f'<p class="claim-holds"><b>Holds:</b> {typeset(evidence.holds)}</p>')
+    why = evidence.because[:1].upper() + evidence.because[1:]
+    lines += [f'<p class="claim-why">{typeset(why)}</p>', _numbers(headlines)]
+    if evidence.over:
+        lines.append(f'<p class="claim-over">Measured over {typeset(evidence.over)}</p>')
+    others = {name: value for name, value in evidence.numbers.items() if name not in headlines}
+    if others:
+        summary = "The other number" if len(others) == 1 else f"The other {len(others)} numbers"
+        lines.append(f"<details><summary>{summary}</summary>\n{_numbers(others)}\n</details>")
+    return "\n".join([*lines, "</div></details>"])
 
 
-def _figure_page(claim: Claim) -> str:
-    """The page that shows the claim's figure, which need not be the claim's own."""
-    elsewhere = page_of(claim.section, claim.figure)
-    return next((each.page for each in FIGURES if each.id == claim.figure), elsewhere)
+def _numbers(numbers: Mapping[str, float]) -> str:
+    rows = "\n".join(
+        f"<div><dt>{typeset(name)} {_interval(value)}</dt>"
+        f"<dd>{typeset(significant(value))}</dd></div>"
+        for name, value in numbers.items()
+    )
+    return f'<dl class="claim-numbers">\n{rows}\n</dl>'
+
+
+def _interval(value: float) -> str:
+    return f'<span class="interval">{" to ".join(map(typeset, _bounds(value)))}</span>'
 
 
 _WIDTH, _HEIGHT, _FARTHEST = 110, 14, 20.0  # of an axis in px, and its ends in margins
 
 
-def _at(place: float) -> float:
-    """Where a place on the axis of what counts is drawn: logarithmic to either side of 0."""
-    size = math.log1p(min(abs(place), _FARTHEST)) / math.log1p(_FARTHEST)
-    return 0.5 * _WIDTH + math.copysign((0.5 * _WIDTH - 4) * size, place)
-
-
 def _axis(number: Measured) -> str:
-    """The interval of a number on the axis of what counts; empty if it has no place there."""
-    if not number.place:
-        return f'<svg class="axis" width="{_WIDTH}" height="{_HEIGHT}" aria-hidden="true"></svg>'
-    low, at, high = map(_at, number.place)
-    side = "for" if number.place[0] > 0.0 else "against" if number.place[2] < 0.0 else "open"
+    """Draw the interval of a number on the axis of what counts, if it has a place there.
+
+    The axis is logarithmic to either side of 0.
+    """
     middle, centre = 0.5 * _WIDTH, 0.5 * _HEIGHT
-    return (
-        f'<svg class="axis axis-{side}" width="{_WIDTH}" height="{_HEIGHT}" aria-hidden="true">'
-        f'<path class="scale" d="M2 {centre:g}H{_WIDTH - 2}M{middle:g} 0V{_HEIGHT}"/>'
-        f'<path class="range" d="M{low:.1f} {centre:g}H{max(high, low + 1):.1f}"/>'
-        f'<circle cx="{at:.1f}" cy="{centre:g}" r="3.2"/></svg>'
-    )
 
+    def at(margins: float) -> float:
+        size = math.log1p(min(abs(margins), _FARTHEST)) / math.log1p(_FARTHEST)
+        return middle + math.copysign((middle - 4) * size, margins)
 
-def figures_table(figures: Iterable[ThesisFigure]) -> str:
-    """A table with one row per figure of the thesis: its number, what it shows, where ours is."""
-    rows = []
-    for figure in figures:
-        kind = "" if figure.number.startswith("Table") else "Figure "
-        ours = f"[chapter {_chapter(figure.page)}, {figure.id}](#fig-{figure.id})"
-        rows.append([f"{kind}{figure.number}", figure.shows, ours])
-    return _markdown_table(["thesis", "what it shows", "ours"], rows)
-
-
-def _markdown_table(header: Sequence[str], rows: Iterable[Sequence[str | int]]) -> str:
-    lines = [f"| {' | '.join(map(str, row))} |" for row in (header, *rows)]
-    lines.insert(1, "|" + " --- |" * len(header))
-    return "\n".join(lines)
-
-
-def _counts(evidence: Iterable[Evidence]) -> dict[Verdict, int]:
-    verdicts = [item.verdict for item in evidence]
-    return {verdict: verdicts.count(verdict) for verdict in SIGNS}
-
-
-def _chapter(page: str) -> str:
-    return page.split("_")[0].lstrip("0")  # 4 for ``04_...``
+    side, drawing = "", ""
+    if number.margin_units:
+        lowest, value, highest = number.margin_units
+        side = " axis-for" if lowest > 0.0 else " axis-against" if highest < 0.0 else " axis-open"
+        drawing = (
+            f'<path class="scale" d="M2 {centre:g}H{_WIDTH - 2}M{middle:g} 0V{_HEIGHT}"/>'
+            f'<path class="range" d="M{at(lowest):.1f} {centre:g}'
+            f'H{max(at(highest), at(lowest) + 1):.1f}"/>'
+            f'<circle cx="{at(value):.1f}" cy="{centre:g}" r="3.2"/>'
+        )
+    size = f'width="{_WIDTH}" height="{_HEIGHT}"'
+    return f'<svg class="axis{side}" {size} aria-hidden="true">{drawing}</svg>'

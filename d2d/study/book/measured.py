@@ -1,10 +1,10 @@
 """Measured numbers with their 95 % intervals."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import scipy
+import scipy.stats
 from numpy.typing import ArrayLike, NDArray
 
 from d2d._types import Array
@@ -18,73 +18,75 @@ RESAMPLES = 500
 class Measured(float):
     """A number, which counts and prints as a float, with the bounds of its 95 % interval.
 
-    The ledger shows those that are ``telling``, at their ``place`` (low, value, high) on the axis
-    of what counts, if they have one.
+    The ledger shows a headline at ``margin_units``: its low, value and high on the axis of what
+    counts.
     """
 
     low: float
     high: float
-    telling: bool
-    place: tuple[float, ...]
+    headline: bool
+    margin_units: tuple[float, ...]
 
     def __new__(
         cls,
         value: float,
         low: float,
         high: float,
-        telling: bool = False,
-        place: tuple[float, ...] = (),
+        headline: bool = False,
+        margin_units: tuple[float, ...] = (),
     ) -> "Measured":
         """Attach bounds to a value."""
         self = super().__new__(cls, value)
-        self.low, self.high, self.telling, self.place = float(low), float(high), telling, place
+        self.low, self.high = float(low), float(high)
+        self.headline, self.margin_units = headline, margin_units
         return self
 
-    def told(self, place: Callable[[float], float] | None = None) -> "Measured":
-        """The number, marked as telling; ``place`` takes a value to the axis of what counts."""
-        if place is None:
-            return Measured(self, self.low, self.high, True)
-        ends = place(self.low), place(self.high)
-        at = place(float(self))
-        return Measured(self, self.low, self.high, True, (min(*ends, at), at, max(*ends, at)))
+    def as_headline(self, to_units: Callable[[float], float] | None = None) -> "Measured":
+        """Return the number as a headline, with a place on the axis if ``to_units`` gives one."""
+        places = [to_units(value) for value in (self, self.low, self.high)] if to_units else []
+        on_axis = (min(places), places[0], max(places)) if places else ()
+        return Measured(self, self.low, self.high, True, on_axis)
 
     def between(self, spec: str) -> str:
-        """Both bounds in that format: "1.32 to 1.43", say."""
+        """Return both bounds in that format: "1.32 to 1.43", say."""
         return f"{self.low:{spec}} to {self.high:{spec}}"
 
 
 def complement(share: Measured) -> Measured:
-    """The share of all other cases."""
+    """Return the share of all other cases."""
     return Measured(1.0 - share, 1.0 - share.high, 1.0 - share.low)
 
 
 def largest(measure: Callable[..., Measured], *conditions: tuple[Any, ...]) -> Measured:
-    """The largest of a measure over conditions, each the measure's arguments.
+    """Return the largest of a measure over conditions, each the measure's arguments.
 
     Its interval knows that it was picked (Bonferroni): each condition has an interval that misses
     its number with probability 0.05 / conditions, so that all hold theirs at once in 95 % of the
     cases, and then the largest lies between the largest lower and the largest upper bound.
     """
-    each = [measure(*condition, among=len(conditions)) for condition in conditions]
-    return Measured(*(max(bounds) for bounds in zip(*map(_bounds, each), strict=True)))
+    return _picked(max, measure, conditions)
 
 
 def smallest(measure: Callable[..., Measured], *conditions: tuple[Any, ...]) -> Measured:
-    """The smallest of a measure over conditions, with an interval as that of `largest`."""
-    each = [measure(*condition, among=len(conditions)) for condition in conditions]
-    return Measured(*(min(bounds) for bounds in zip(*map(_bounds, each), strict=True)))
+    """Return the smallest of a measure over conditions, with an interval as in `largest`."""
+    return _picked(min, measure, conditions)
 
 
-def _bounds(number: Measured) -> tuple[float, float, float]:
-    return number, number.low, number.high
+def _picked(
+    pick: Callable[..., Any], measure: Callable[..., Measured], conditions: Sequence[Any]
+) -> Measured:
+    numbers = [measure(*condition, comparisons=len(conditions)) for condition in conditions]
+    return Measured(
+        pick(numbers), pick(each.low for each in numbers), pick(each.high for each in numbers)
+    )
 
 
-def _upper(among: int) -> float:
+def _upper(comparisons: int) -> float:
     """Probability below the upper bound of one of several intervals that hold at once."""
-    return 1.0 - 0.5 * (1.0 - CONFIDENCE) / among
+    return 1.0 - 0.5 * (1.0 - CONFIDENCE) / comparisons
 
 
-def share_of(condition: ArrayLike, *, among: int = 1) -> Measured:
+def share_of(condition: ArrayLike, *, comparisons: int = 1) -> Measured:
     """Share of independent cases (N,) in which a condition is met, with Wilson's interval.
 
     It has a width even at 0 and 1, where resampling gives none: after N cases without an exception,
@@ -93,7 +95,7 @@ def share_of(condition: ArrayLike, *, among: int = 1) -> Measured:
     met = np.asarray(condition, dtype=np.float64).ravel()
     if not met.size:
         return Measured(0.5, 0.0, 1.0)
-    return share_counted(float(met.mean()), len(met), among=among)
+    return share_counted(float(met.mean()), len(met), comparisons=comparisons)
 
 
 def share_over(shares: ArrayLike, cases: float) -> Measured:
@@ -109,19 +111,19 @@ def share_over(shares: ArrayLike, cases: float) -> Measured:
     return share_counted(share, float(np.clip(effective, groups, groups * cases)))
 
 
-def share_counted(share: float, cases: float, *, among: int = 1) -> Measured:
+def share_counted(share: float, cases: float, *, comparisons: int = 1) -> Measured:
     """A share of so many independent cases, with Wilson's interval.
 
     The N rows of a series that are correlated over ``block`` rows count as N / block cases.
     """
-    z2 = float(scipy.special.ndtri(_upper(among))) ** 2 / cases
+    z2 = scipy.stats.norm.ppf(_upper(comparisons)) ** 2 / cases
     middle = (share + 0.5 * z2) / (1.0 + z2)
     half = np.sqrt(z2 * (share * (1.0 - share) + 0.25 * z2)) / (1.0 + z2)
     low, high = max(middle - half, 0.0), min(middle + half, 1.0)
     return Measured(share, min(low, share), max(high, share))
 
 
-def share_difference(of: ArrayLike, minus: ArrayLike, *, among: int = 1) -> Measured:
+def share_difference(of: ArrayLike, minus: ArrayLike, *, comparisons: int = 1) -> Measured:
     """Difference of the shares of the same independent cases (N,) that meet two conditions.
 
     The interval of Bonett & Price (2012), which like Wilson's has a width if no case differs: one
@@ -132,17 +134,16 @@ def share_difference(of: ArrayLike, minus: ArrayLike, *, among: int = 1) -> Meas
     gained = (np.sum(differences > 0.0) + 1) / count
     lost = (np.sum(differences < 0.0) + 1) / count
     variance = (gained + lost - (gained - lost) ** 2) / count
-    half = scipy.special.ndtri(_upper(among)) * np.sqrt(variance)
+    half = scipy.stats.norm.ppf(_upper(comparisons)) * np.sqrt(variance)
     low, high = max(gained - lost - half, -1.0), min(gained - lost + half, 1.0)
     return Measured(float(differences.mean()), low, high)
 
 
-def mean_of(values: ArrayLike, *, among: int = 1) -> Measured:
+def mean_of(values: ArrayLike, *, comparisons: int = 1) -> Measured:
     """Mean of independent values (N,), with Student's interval."""
     each = np.asarray(values, dtype=np.float64).ravel()
-    half = scipy.special.stdtrit(len(each) - 1, _upper(among)) * each.std(ddof=1)
-    half /= np.sqrt(len(each))
     mean = float(each.mean())
+    half = scipy.stats.t.ppf(_upper(comparisons), len(each) - 1) * scipy.stats.sem(each)
     return Measured(mean, mean - half, mean + half)
 
 
@@ -157,7 +158,7 @@ def bootstrapped(
     *arrays: Array | NDArray[np.bool_],
     block: int = 1,
     vectorized: bool = False,
-    among: int = 1,
+    comparisons: int = 1,
 ) -> Measured:
     """A statistic of cases (N, ...), with the interval of `d2d.block_bootstrap`.
 
@@ -170,8 +171,8 @@ def bootstrapped(
         arrays,
         block,
         rng,
-        confidence=1.0 - (1.0 - CONFIDENCE) / among,
-        resamples=RESAMPLES * among,
+        confidence=1.0 - (1.0 - CONFIDENCE) / comparisons,
+        resamples=RESAMPLES * comparisons,
         vectorized=vectorized,
     )
     whole = statistic(*arrays, axis=0) if vectorized else statistic(*arrays)
@@ -183,29 +184,32 @@ def _all_of(drawn: Array, axis: int) -> Array:
     return drawn.reshape(*drawn.shape[:axis], -1)
 
 
-def quantile_of(values: Array, fraction: float, *, among: int = 1) -> Measured:
+def quantile_of(values: Array, fraction: float, *, comparisons: int = 1) -> Measured:
     """Quantile of independent values (N,), say one for each layout, or of all in rows (N, n)."""
     return bootstrapped(
         lambda drawn, axis: np.quantile(_all_of(drawn, axis), fraction, axis=-1),
         values,
         vectorized=True,
-        among=among,
+        comparisons=comparisons,
     )
 
 
-def median_of(values: Array, *, among: int = 1) -> Measured:
+def median_of(values: Array, *, comparisons: int = 1) -> Measured:
     """Median of independent values (N,), or of all values in independent rows (N, n)."""
-    return quantile_of(values, 0.5, among=among)
+    return quantile_of(values, 0.5, comparisons=comparisons)
 
 
-def rms_of(errors: Array, *, among: int = 1) -> Measured:
+def rms_of(errors: Array, *, comparisons: int = 1) -> Measured:
     """Root mean square of independent errors (N,)."""
     return bootstrapped(
-        lambda squares, axis: np.sqrt(squares.mean(axis)), errors**2, vectorized=True, among=among
+        lambda squares, axis: np.sqrt(squares.mean(axis)),
+        errors**2,
+        vectorized=True,
+        comparisons=comparisons,
     )
 
 
-def rms_ratio(over: Array, under: Array, block: int = 1, *, among: int = 1) -> Measured:
+def rms_ratio(over: Array, under: Array, block: int = 1, *, comparisons: int = 1) -> Measured:
     """Ratio of the root mean squares of two series (N,), or rows (N, n), from the same draws."""
     return bootstrapped(
         lambda a, b, axis: np.sqrt(_all_of(a, axis).mean(-1) / _all_of(b, axis).mean(-1)),
@@ -213,7 +217,7 @@ def rms_ratio(over: Array, under: Array, block: int = 1, *, among: int = 1) -> M
         under**2,
         block=block,
         vectorized=True,
-        among=among,
+        comparisons=comparisons,
     )
 
 

@@ -27,7 +27,7 @@ def record_path() -> Path:
 def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
     """Write the evidence, with its numbers rounded to four significant digits.
 
-    A number with an interval becomes a list of itself and the two bounds; if it is telling, also of
+    A number with an interval becomes a list of itself and the two bounds; a headline, also of
     "telling" and its place on the axis of what counts.
     """
     stored = {
@@ -42,8 +42,8 @@ def write_record(path: Path, evidence: Mapping[str, Evidence]) -> None:
 def _stored(value: float) -> float | list[Any]:
     if not isinstance(value, Measured):
         return float(value)
-    told = ["telling", *value.place] if value.telling else []
-    return [*_parts(value), *told]
+    mark = ["telling", *value.margin_units] if value.headline else []
+    return [*_parts(value), *mark]
 
 
 def read_record(path: Path | None = None) -> dict[str, Evidence]:
@@ -70,23 +70,23 @@ def differences(fresh: Evidence, recorded: Evidence) -> list[str]:
     """
     if fresh.numbers.keys() != recorded.numbers.keys():
         return [f"unmatched numbers: {sorted(fresh.numbers.keys() ^ recorded.numbers.keys())}"]
-    differing = [
-        f"{name}: {value:.4g}, on record {stored:.4g}"
+    pairs = {
+        f"{name}: {value:.4g}": f"{stored:.4g}"
         for name in fresh.numbers
         for value, stored in zip_longest(
             _parts(fresh.numbers[name]), _parts(recorded.numbers[name]), fillvalue=math.nan
         )
         if not math.isclose(value, stored, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
-    ]
-    if list(fresh.telling) != list(recorded.telling):
-        differing.append(f"telling: {list(fresh.telling)}, on record {list(recorded.telling)}")
+    }
+    if list(fresh.headlines) != list(recorded.headlines):
+        pairs[f"headlines: {list(fresh.headlines)}"] = f"{list(recorded.headlines)}"
     if fresh.parts != recorded.parts:
-        differing.append(f"{fresh.parts}, on record {recorded.parts}")
+        pairs[f"{fresh.parts}"] = f"{recorded.parts}"
     for field in ("because", "holds", "over"):
         sentence, written = getattr(fresh, field), getattr(recorded, field)
         if _NUMBER.sub("#", sentence) != _NUMBER.sub("#", written):
-            differing.append(f"{sentence!r}, on record {written!r}")
-    return differing
+            pairs[repr(sentence)] = repr(written)
+    return [f"{found}, on record {written}" for found, written in pairs.items()]
 
 
 def _parts(value: float) -> tuple[float, ...]:

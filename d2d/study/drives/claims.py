@@ -10,17 +10,7 @@ from d2d._types import Array
 from d2d.bootstrap import block_length
 from d2d.radar import Track, compare, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, Drive
-from d2d.study.book.claim import (
-    ANEES,
-    RATIO,
-    SHARE,
-    Evidence,
-    Finding,
-    Margin,
-    claim,
-    nearly_all,
-    tells,
-)
+from d2d.study.book.claim import ANEES, RATIO, SHARE, Evidence, Margin, Part, claim, nearly_all
 from d2d.study.book.measured import (
     Measured,
     geometric_mean_of,
@@ -41,12 +31,13 @@ FASTEST = 4.0, 4.0, np.deg2rad(45.0)  # m/s, m/s, rad/s: random starts lie withi
 OVER = f"{DRIVES} drives of the robot of {DURATION:g} s"
 
 
-def _ratios(what: str, ratio: list[Measured], shown: Sequence[str]) -> dict[str, float]:
-    """A ratio of v_x, v_y and omega as three numbers, of which some are telling."""
-    return {
-        f"{what} of {name}, without / with": tells(each, RATIO.larger) if name in shown else each
-        for name, each in zip(NAMES, ratio, strict=True)
-    }
+def _add_ratios(
+    part: Part, what: str, ratios: Sequence[Measured], headlines: Sequence[str]
+) -> None:
+    """Judge a part by the ratios of v_x, v_y and omega, of which some are headlines."""
+    for name, ratio in zip(NAMES, ratios, strict=True):
+        add = part.headline if name in headlines else part
+        add(what.format(name), ratio)
 
 
 def _by_component(values: Sequence[float], spec: str = ".1f") -> str:
@@ -71,7 +62,7 @@ def robot_drives() -> list[tuple[Drive, dict[bool, Track]]]:
 
 
 @claim("doppler-rejects-moving", section="7.1", lines="1597", figure="moving-targets")
-def doppler_rejects_moving() -> Evidence:
+def doppler_rejects_moving(ev: Evidence) -> None:
     """The Doppler velocities suppress targets that move, because their calculated velocity should
     not match the measured one.
     """
@@ -96,24 +87,20 @@ def doppler_rejects_moving() -> Evidence:
     still = share_over(seen[:, 2], number_fixed)
     along, across = (share_over(each, 1) for each in np.transpose(walking))
     gain = mean_of(seen[:, 1] - seen[:, 0])
-    return Evidence(
-        {
-            "Doppler suppresses what moves": nearly_all(with_doppler, along, across),
-            "without it less is suppressed": SHARE.larger(gain),
-        },
+    suppresses = ev.part("Doppler suppresses what moves", nearly_all)
+    less_without = ev.part("without it less is suppressed", SHARE.larger)
+    ev("share of moving targets rejected without Doppler", without)
+    suppresses.headline("share of moving targets rejected with Doppler", with_doppler)
+    less_without("difference of these shares", gain)
+    ev("share of targets that stand still rejected with Doppler", still)
+    suppresses("share rejected with Doppler, walking along the line of sight", along)
+    suppresses.headline("share rejected with Doppler, walking across it", across)
+    ev.conclude(
         f"with Doppler {with_doppler:.0%} of the moving targets are rejected, without it "
         f"{without:.0%}. Of walkers along the line of sight, who miss the Doppler velocity of a "
         f"target that stands still by many standard deviations, {along:.0%} are rejected; of those "
         "at a right angle to it, who have that very velocity and move too little between two scans "
         f"to miss their place, {across:.1%}.",
-        {
-            "share of moving targets rejected without Doppler": without,
-            "share of moving targets rejected with Doppler": tells(with_doppler, nearly_all),
-            "difference of these shares": gain,
-            "share of targets that stand still rejected with Doppler": still,
-            "share rejected with Doppler, walking along the line of sight": along,
-            "share rejected with Doppler, walking across it": tells(across, nearly_all),
-        },
         holds="For targets that move along the line of sight, as most traffic in a street does: "
         f"{along:.0%} of those that walk along it are rejected, {across:.1%} of those that walk "
         "across it.",
@@ -123,7 +110,7 @@ def doppler_rejects_moving() -> Evidence:
 
 
 @claim("doppler-reduces-error", section="7.3", lines="1716", figure="ego-error")
-def doppler_reduces_error() -> Evidence:
+def doppler_reduces_error(ev: Evidence) -> None:
     """Without the Doppler velocities the estimation error is "much bigger"."""
     # only pairs of scans for which both estimates are accepted, one drive after the other
     errors: dict[bool, list[Array]] = {False: [], True: []}
@@ -135,17 +122,17 @@ def doppler_reduces_error() -> Evidence:
     block = max(block_length(np.square(without)), block_length(np.square(with_doppler)))
     pairs = zip(without.T, with_doppler.T, strict=True)
     ratio = [rms_ratio(over, under, block) for over, under in pairs]
-    return Evidence(
-        {"they reduce the error": RATIO.larger(*ratio)},
+    reduce = ev.part("they reduce the error", RATIO.larger)
+    _add_ratios(reduce, "ratio of the RMSE of {}, without / with", ratio, ("v_x", "omega"))
+    ev.conclude(
         f"the RMSE without Doppler over that with it is {_by_component(ratio)}. The Doppler "
         "velocities measure the sensor's velocity directly; the rotation is seen by the positions.",
-        _ratios("ratio of the RMSE", ratio, ("v_x", "omega")),
         over=OVER,
     )
 
 
 @claim("doppler-more-certain", section="7.3", lines="1716, 1733", figure="ego-covariance")
-def doppler_more_certain() -> Evidence:
+def doppler_more_certain(ev: Evidence) -> None:
     """The Doppler velocities make the estimate more certain."""
     drives = {
         name: [compare(tracks[doppler], drive.truth) for drive, tracks in robot_drives()]
@@ -159,26 +146,22 @@ def doppler_more_certain() -> Evidence:
     anees = {
         name: mean_of([each.credibility.anees for each in found]) for name, found in drives.items()
     }
-    return Evidence(
-        {"it becomes more certain": RATIO.larger(*ratio)},
+    more_certain = ev.part("it becomes more certain", RATIO.larger)
+    _add_ratios(more_certain, "ratio of the median sigma of {}, without / with", ratio, ("v_x",))
+    ev("mean ANEES without Doppler", anees["without"])
+    ev.headline("mean ANEES with Doppler", anees["with"], ANEES.same)
+    ev.conclude(
         f"the median sigma without Doppler over that with it is {_by_component(ratio)}, and the "
         f"mean ANEES is {anees['without']:.2f} without and {anees['with']:.2f} with it. Another "
         "factor adds curvature to the negative logarithm, so that its inverse shrinks; the thesis "
         "has it the other way round when it says that the curvature becomes less (errata).",
-        _ratios("ratio of the median sigma", ratio, ("v_x",))
-        | {
-            "mean ANEES without Doppler": anees["without"],
-            "mean ANEES with Doppler": tells(anees["with"], ANEES.same),
-        },
         over=OVER,
     )
 
 
 @claim("trajectory-drifts", section="7.3", lines="1716", figure="ego-trajectory")
-def trajectory_drifts() -> Evidence:
+def trajectory_drifts(ev: Evidence) -> None:
     """The integrated trajectory accumulates error, with and without Doppler."""
-    numbers: dict[str, float] = {}
-    growing: dict[str, Finding] = {}
     said = []
     for name, doppler in DOPPLER.items():
         offsets = []
@@ -189,48 +172,39 @@ def trajectory_drifts() -> Evidence:
         quarter, end = np.transpose(offsets)  # of each drive, in m
         growth = mean_of(end - quarter)
         counts = (RATIO.high - 1.0) * float(quarter.mean())
-        growing[f"{name} Doppler"] = Margin(-counts, counts).larger(growth)
+        grows = ev.part(f"{name} Doppler", Margin(-counts, counts).larger)
+        ev(f"mean position error after a quarter, {name} Doppler (m)", mean_of(quarter))
+        ev(f"mean position error at the end, {name} Doppler (m)", mean_of(end))
+        grows.headline(f"mean growth, {name} Doppler (m)", growth)
         said.append(f"{quarter.mean():.2f} m and {end.mean():.2f} m {name} Doppler")
-        numbers |= {
-            f"mean position error after a quarter, {name} Doppler (m)": mean_of(quarter),
-            f"mean position error at the end, {name} Doppler (m)": mean_of(end),
-            f"mean growth, {name} Doppler (m)": tells(growth, Margin(-counts, counts).larger),
-        }
-    return Evidence(
-        growing,
+    ev.conclude(
         "after a quarter of the drive and at its end the mean position error is "
         f"{said[0]}, {said[1]}. Each pair's error is added to all later poses; the Doppler "
         "velocities change the size of a pair's error, not that errors add up.",
-        numbers,
         over=OVER,
     )
 
 
 @claim("annealing-no-gain", section="7.3", lines="1718", figure="ego-error")
-def annealing_no_gain() -> Evidence:
+def annealing_no_gain(ev: Evidence) -> None:
     """On that data set, inflated covariances and a random start make "no big difference compared to
     the normal constant velocity model".
     """
-    numbers: dict[str, float] = {}
-    parts: dict[str, Finding] = {}
     said = []
     for name, doppler in DOPPLER.items():
         nearer, farther, ratios = _annealed_at_random(doppler)
         what = f"{name} Doppler"
-        parts[f"no difference {what}"] = RATIO.same(*ratios)
-        for component, ratio in zip(NAMES, ratios, strict=True):
-            numbers[f"ratio of the RMSE of {component}, annealed / plain, {what}"] = (
-                tells(ratio, RATIO.same) if component == "v_x" else ratio
-            )
-        numbers[f"share of pairs that annealing brings nearer to v_x, {what}"] = nearer
-        numbers[f"share of pairs that it takes farther from it, {what}"] = farther
+        same = ev.part(f"no difference {what}", RATIO.same)
+        ratio = f"ratio of the RMSE of {{}}, annealed / plain, {what}"
+        _add_ratios(same, ratio, ratios, ("v_x",))
+        ev(f"share of pairs that annealing brings nearer to v_x, {what}", nearer)
+        ev(f"share of pairs that it takes farther from it, {what}", farther)
         said.append(
             f"{what} {_by_component(ratios, '.2f')}, with {farther:.2%} of the "
             f"pairs farther from the true v_x and {nearer:.2%} nearer to it"
         )
     speed, turn = FASTEST[0], np.rad2deg(FASTEST[2])
-    return Evidence(
-        parts,
+    ev.conclude(
         "each pair is estimated with annealing from a random start, and plainly from the last "
         f"velocity. Random are velocities within {speed:g} m/s and {turn:.0f} deg/s, little more "
         "than the robot's own. The RMSE with annealing over the plain one is "
@@ -238,7 +212,6 @@ def annealing_no_gain() -> Evidence:
         "annealing gains nothing and can lose: a random start misses the Doppler velocities by "
         "many standard deviations, even inflated ones. The thesis expects more of annealing "
         "elsewhere; chapter 16 measures where.",
-        numbers,
         over=f"{DRIVES} drives of the robot of {DURATION:g} s, each pair estimated on its own",
     )
 

@@ -9,15 +9,7 @@ from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
 from d2d.radar import compare, simulate_drive, track
-from d2d.study.book.claim import (
-    ANEES,
-    DECIBELS,
-    Evidence,
-    claim,
-    in_every,
-    nearly_all,
-    tells,
-)
+from d2d.study.book.claim import ANEES, DECIBELS, Evidence, claim, decide, nearly_all
 from d2d.study.book.measured import Measured, anees_of, inclination_of, mean_of, median_of, share_of
 from d2d.study.estimation.covariance_trials import (
     COSTS,
@@ -47,7 +39,7 @@ AREA_STEP = 0.1  # m
 
 
 @claim("second-order-faster", section="5.1", lines="964", figure="optimizer-paths")
-def second_order_faster() -> Evidence:
+def second_order_faster(ev: Evidence) -> None:
     """The main difference between gradient descent and Newton, Gauss-Newton and Levenberg-Marquardt
     is how fast they reach the minimum and converge.
     """
@@ -62,16 +54,24 @@ def second_order_faster() -> Evidence:
     failed = ~np.all([arrived[name] for name in ends if name != FIRST_ORDER], axis=0)
     rescued = int(arrived[FIRST_ORDER][failed].sum())
     shares = {name: share_of(each) for name, each in arrived.items()}
-    faster = {unit: share_of(each.iterations > slowest) for unit, each in slow.items()}
     steps = {f"{FIRST_ORDER}, unit of length {unit}": each for unit, each in slow.items()}
     steps |= {name: each for name, each in ends.items() if name != FIRST_ORDER}
-    medians = {name: median_of(each.iterations.astype(float)) for name, each in steps.items()}
-    in_metres, in_units, *others = medians.values()
-    return Evidence(
-        {
-            "they reach the minimum": nearly_all(*shares.values()),
-            "gradient descent needs more steps": nearly_all(*faster.values()),
-        },
+    reach = ev.part("they reach the minimum", nearly_all)
+    needs_more = ev.part("gradient descent needs more steps", nearly_all)
+    faster = {unit: share_of(each.iterations > slowest) for unit, each in slow.items()}
+    for unit, share in faster.items():
+        add = needs_more.headline if unit == "25 m" else needs_more
+        add(f"share of starts in which gradient descent needs more steps, unit {unit}", share)
+    in_metres, in_units, *others = (
+        ev(f"median iterations, {name}", median_of(each.iterations.astype(float)))
+        for name, each in steps.items()
+    )
+    for name, share in shares.items():
+        add = reach.headline if name == "Newton" else reach
+        add(f"share that reaches the minimum, {name}", share)
+    ev("starts from which one of the three does not reach it", float(failed.sum()))
+    ev("of these, starts from which gradient descent does", float(rescued))
+    ev.conclude(
         f"gradient descent needs more iterations than the slowest of the others from "
         f"{faster['m']:.0%} of the starts: a median of {in_metres:.0f}, or {in_units:.0f} with "
         "lengths in units of 25 m, which makes shifts and angles weigh alike, and the others "
@@ -82,23 +82,6 @@ def second_order_faster() -> Evidence:
         f"Levenberg-Marquardt from {shares['Levenberg-Marquardt']:.1%}. Newton's method without a "
         "safeguard accepts any stationary point; gradient descent reaches the minimum from "
         f"{rescued} of the {failed.sum()} starts from which that happens.",
-        {
-            f"share of starts in which gradient descent needs more steps, unit {unit}": (
-                tells(share, nearly_all) if unit == "25 m" else share
-            )
-            for unit, share in faster.items()
-        }
-        | {f"median iterations, {name}": value for name, value in medians.items()}
-        | {
-            f"share that reaches the minimum, {name}": (
-                tells(value, nearly_all) if name == "Newton" else value
-            )
-            for name, value in shares.items()
-        }
-        | {
-            "starts from which one of the three does not reach it": float(failed.sum()),
-            "of these, starts from which gradient descent does": float(rescued),
-        },
         over=f"{STARTS} draws of the noise with a start each",
     )
 
@@ -114,43 +97,36 @@ def _descents_in(length: float, problems: Sequence[PairedTargets], starts: Array
 
 
 @claim("fisher-suffices", section="5.2", lines="1166", figure="covariance-credibility")
-def fisher_suffices() -> Evidence:
+def fisher_suffices(ev: Evidence) -> None:
     """As long as the input noise is in the cost function, the inverse Hessian is "enough", and
     there is "no need" for error propagation.
     """
-    numbers: dict[str, float] = {}
-    inverse, propagated, anees = {}, {}, {}
+    enough = ev.part("for the likelihood of separate targets", DECIBELS.same)
+    for_sum = ev.part("for the sum, which has the noise in its cost too", DECIBELS.same)
+    for_radar = ev.part("for the scans of a radar", ANEES.same)
+    judged = {"likelihood": enough, "robust likelihood": enough, "sum": for_sum}
+    inverse, propagated = {}, {}
     for name in COSTS:
         study = covariance_study(name)
         hessian, spread = map(study.credibility, ("inverse Hessian", "propagated"))
         inverse[name], propagated[name] = inclination_of(hessian), inclination_of(spread)
-        anees[name] = anees_of(hessian)
-        numbers |= {
-            f"I2 of the inverse Hessian, {name} (dB)": inverse[name],
-            f"ANEES of the inverse Hessian, {name}": (
-                tells(anees[name], ANEES.same) if name == "likelihood" else anees[name]
-            ),
-            f"I2 of the propagated covariance, {name} (dB)": propagated[name],
-            f"ANEES of the propagated covariance, {name}": anees_of(spread),
-        }
+        judged.get(name, ev)(f"I2 of the inverse Hessian, {name} (dB)", inverse[name])
+        anees, anees_name = anees_of(hessian), f"ANEES of the inverse Hessian, {name}"
+        if name == "likelihood":
+            ev.headline(anees_name, anees, ANEES.same)
+        elif name == "sum":
+            for_sum(anees_name, anees, ANEES.same)
+        else:
+            ev(anees_name, anees)
+        ev(f"I2 of the propagated covariance, {name} (dB)", propagated[name])
+        ev(f"ANEES of the propagated covariance, {name}", anees_of(spread))
     layouts = over_layouts("likelihood")
-    mean = mean_of(layouts)
-    numbers["mean ANEES of the inverse Hessian on random layouts, likelihood"] = mean
-    road = anees_of_drives()
-    numbers["mean ANEES of the inverse Hessian on simulated drives, with Doppler"] = tells(
-        road, ANEES.same
+    on_layouts = "mean ANEES of the inverse Hessian on random layouts, likelihood"
+    enough(on_layouts, mean_of(layouts), ANEES.same)
+    road = for_radar.headline(
+        "mean ANEES of the inverse Hessian on simulated drives, with Doppler", anees_of_drives()
     )
-    likely = [inverse["likelihood"], inverse["robust likelihood"]]
-    return Evidence(
-        {
-            "for the likelihood of separate targets": in_every(
-                DECIBELS.same(*likely), ANEES.same(mean)
-            ),
-            "for the sum, which has the noise in its cost too": in_every(
-                DECIBELS.same(inverse["sum"]), ANEES.same(anees["sum"])
-            ),
-            "for the scans of a radar": ANEES.same(road),
-        },
+    ev.conclude(
         "for the D2D likelihood of targets that stand apart I2 is "
         f"{inverse['likelihood']:+.2f} dB with the inverse Hessian and "
         f"{propagated['likelihood']:+.2f} dB with the propagated covariance, for the robust one "
@@ -160,7 +136,6 @@ def fisher_suffices() -> Evidence:
         f"the ANEES is {road:.2f}, and on the road it is higher still (chapter 15). P2D, whose "
         f"cost has the noise of one set only, is {times_off(inverse['P2D likelihood'])}, and "
         f"propagation brings I2 to {propagated['P2D likelihood']:+.2f} dB.",
-        numbers,
         over=f"{RUNS} draws of the noise of the overlapped scene, and 1000 on each of "
         f"{len(layouts)} random layouts, all started at the truth; {DRIVES} drives of "
         f"{DURATION:g} s",
@@ -175,32 +150,32 @@ def anees_of_drives() -> Measured:
 
 
 @claim("summing-not-gaussian", section="5.2", lines="831, 1166", figure="covariance-credibility")
-def summing_not_gaussian() -> Evidence:
+def summing_not_gaussian(ev: Evidence) -> None:
     """The likelihood does not violate "any Gaussian assumption like the summing one": by
     section 4.4, "the area under the curve" is one.
     """
     areas = {name: _areas(COSTS[name]) for name in ("likelihood", "sum")}
-    is_one = {name: abs(each[max(each)] - 1.0) < 1e-3 for name, each in areas.items()}
-    numbers: dict[str, float] = {
-        f"area of two targets' density over squares of {side:g} m, {name}": area
-        for name, each in areas.items()
-        for side, area in each.items()
-    }
+    last = {name: each[max(each)] for name, each in areas.items()}
+    is_one = {name: abs(area - 1.0) < 1e-3 for name, area in last.items()}
+    ev.parts["the area of the likelihood is one"] = decide(
+        supported=is_one["likelihood"], opposed=not is_one["likelihood"]
+    )
+    ev.parts["that of the sum is not"] = decide(supported=not is_one["sum"], opposed=is_one["sum"])
+    for name, each in areas.items():
+        for side, area in each.items():
+            ev(f"area of two targets' density over squares of {side:g} m, {name}", area)
     kurtosis: dict[str, Measured] = {}
     quadratic: dict[str, Measured] = {}
     for name in areas:
-        found = kurtosis[name] = kurtosis_of(covariance_study(name).errors)
-        quadratic[name] = median_of(quadratic_ratios(name, 2.0))
-        numbers |= {
-            f"Mardia's kurtosis of the errors over that of a Gaussian, {name}": tells(found),
-            f"cost at 2 stated deviations over its quadratic model, {name}": quadratic[name],
-        }
-    last = {name: each[max(each)] for name, each in areas.items()}
-    return Evidence(
-        {
-            "the area of the likelihood is one": "holds" if is_one["likelihood"] else "fails",
-            "that of the sum is not": "fails" if is_one["sum"] else "holds",
-        },
+        kurtosis[name] = ev.headline(
+            f"Mardia's kurtosis of the errors over that of a Gaussian, {name}",
+            kurtosis_of(covariance_study(name).errors),
+        )
+        quadratic[name] = ev(
+            f"cost at 2 stated deviations over its quadratic model, {name}",
+            median_of(quadratic_ratios(name, 2.0)),
+        )
+    ev.conclude(
         "as densities of the targets' places, which is what the assumption can mean: the product "
         f"has an area of {last['likelihood']:.3f} over all places of two targets, and the sum one "
         f"that grows with the side of the square, to {last['sum']:.3g}. As functions of the motion "
@@ -209,7 +184,6 @@ def summing_not_gaussian() -> Evidence:
         f"and {kurtosis['sum']:.2f} times with the sum, and at two stated standard "
         "deviations from the optimum the negative logarithm is "
         f"{quadratic['likelihood']:.2f} and {quadratic['sum']:.2f} times its quadratic model.",
-        numbers,
         over=f"one draw of the scene on a line for the areas, {RUNS} draws of the noise of the "
         "overlapped scene, started at the truth, for the errors, 500 for the cost",
     )

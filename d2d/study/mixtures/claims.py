@@ -3,7 +3,7 @@
 import numpy as np
 
 from d2d._types import Array
-from d2d.study.book.claim import Evidence, claim, in_every, most, nearly_all, tells
+from d2d.study.book.claim import Evidence, claim, most, nearly_all
 from d2d.study.book.measured import Measured, median_of, share_of, smallest
 from d2d.study.mixtures.gaussian import GaussianMixture, MixtureFit, fit_mixture
 
@@ -40,31 +40,33 @@ def _gain_of_two(
 
 
 @claim("gmm-better", section="2.3", lines="251, 264", figure="gmm")
-def gmm_better() -> Evidence:
+def gmm_better(ev: Evidence) -> None:
     """In some situations, such as data with two humps, one Gaussian is "not optimal" and two
     represent the observations better.
     """
     rng = np.random.default_rng(23)
-    numbers: dict[str, float] = {}
+    two_better = ev.part("two represent two humps better", nearly_all)
     better: dict[float, Measured] = {}  # share of draws, by the stricter of the two criteria
     by_bic: dict[float, Measured] = {}
     for separation in SEPARATIONS:
         gains = np.array([_gain_of_two(separation, OBSERVATIONS, rng) for _ in range(DRAWS)])
         held_out, by_bic[separation] = map(share_of, (gains > 0).T)
         better[separation] = smallest(share_of, *zip((gains > 0).T))
+        if separation > TWO_HUMPS:
+            two_better.judge(better[separation])
         apart = f"humps {separation:g} sigma apart"
-        numbers[f"share of draws with two better on held-out data, {apart}"] = held_out
-        told = separation in (3.0, 3.5)
-        numbers[f"share of draws with two better by BIC, {apart}"] = (
-            tells(by_bic[separation], nearly_all) if told else by_bic[separation]
-        )
+        ev(f"share of draws with two better on held-out data, {apart}", held_out)
+        name = f"share of draws with two better by BIC, {apart}"
+        if separation in (3.0, 3.5):
+            ev.headline(name, by_bic[separation], nearly_all)
+        else:
+            ev(name, by_bic[separation])
     gains = np.array([_gain_of_two(NEAR_HUMPS, MANY, rng) for _ in range(DRAWS // 2)])
-    by_bic_of_many = share_of(gains[:, 1] > 0)
-    numbers[
+    by_bic_of_many = ev(
         f"share of draws with two better by BIC, humps {NEAR_HUMPS:g} sigma apart, "
-        f"{MANY} observations"
-    ] = by_bic_of_many
-    humped = [nearly_all(share) for at, share in better.items() if at > TWO_HUMPS]
+        f"{MANY} observations",
+        share_of(gains[:, 1] > 0),
+    )
     mostly_better = [
         separation
         for separation in SEPARATIONS
@@ -75,14 +77,12 @@ def gmm_better() -> Evidence:
         if mostly_better
         else f"at no separation up to {SEPARATIONS[-1]:g} standard deviations"
     )
-    return Evidence(
-        {"two represent two humps better": in_every(*humped)},
+    ev.conclude(
         f"with {OBSERVATIONS} observations, two components are better on held-out data and by BIC "
         f"in most draws {mostly}. At {NEAR_HUMPS:g} standard "
         "deviations BIC, which charges them for six more parameters, prefers them in "
         f"{by_bic[NEAR_HUMPS]:.0%} of the draws with {OBSERVATIONS} observations and in "
         f"{by_bic_of_many:.0%} with {MANY}.",
-        numbers,
         holds="The humps are far enough apart for the number of observations: with "
         f"{OBSERVATIONS} of them two components are better in most draws {mostly}, and with {MANY} "
         f"BIC prefers two in {by_bic_of_many:.0%} of the draws at a separation of {NEAR_HUMPS:g}.",
@@ -120,7 +120,7 @@ def _count_falls(fit: MixtureFit) -> int:
 
 
 @claim("em-monotone", section="2.3", lines="268, 294", figure="em-starts")
-def em_monotone() -> Evidence:
+def em_monotone(ev: Evidence) -> None:
     """EM, in the thesis without weights of the components, iterates between its two steps "until it
     is converged".
     """
@@ -147,25 +147,23 @@ def em_monotone() -> Evidence:
     falls, falls_if_equal = (sum(map(_count_falls, kind)) for kind in zip(*fits, strict=True))
     steps = np.array([[len(fit.log_likelihoods) - 1 for fit in pair] for pair in fits])
     poorer = _share_of_poorer_maxima(np.random.default_rng(31))
-    return Evidence(
-        {"it converges": nearly_all(equal)},
+    converges = ev.part("it converges", nearly_all)
+    ev("number of sets", float(SETS))
+    converges.headline("share of sets converged, as printed", equal)
+    ev("share of sets converged, with weights", weighted)
+    ev("median number of steps, as printed", median_of(steps[:, 1]))
+    ev("number of steps of all sets, as printed", float(steps[:, 1].sum()))
+    ev("number of them that lower the log-likelihood beyond rounding", float(falls_if_equal))
+    ev("number of steps of all sets, with weights", float(steps[:, 0].sum()))
+    ev("number of these that lower it beyond rounding", float(falls))
+    ev("share of starts that end in a poorer maximum, three humps", poorer)
+    ev.conclude(
         f"as the thesis prints it, EM converges on {equal:.0%} of {SETS} random sets, a fifth of "
         f"them degenerate, and with weights of the components on {weighted:.0%}. "
         f"{falls_if_equal} and {falls} of the {steps[:, 1].sum()} and {steps[:, 0].sum()} steps "
         "lower the likelihood by more than rounding. EM ends in a local maximum, which depends on "
         f"the start: on data with three humps, {poorer:.0%} of the starts end in a poorer one than "
         "the best found.",
-        {
-            "number of sets": float(SETS),
-            "share of sets converged, as printed": tells(equal, nearly_all),
-            "share of sets converged, with weights": weighted,
-            "median number of steps, as printed": median_of(steps[:, 1]),
-            "number of steps of all sets, as printed": float(steps[:, 1].sum()),
-            "number of them that lower the log-likelihood beyond rounding": float(falls_if_equal),
-            "number of steps of all sets, with weights": float(steps[:, 0].sum()),
-            "number of these that lower it beyond rounding": float(falls),
-            "share of starts that end in a poorer maximum, three humps": poorer,
-        },
         over=f"{SETS} random sets of observations, every fifth degenerate, and {STARTS} starts on "
         "one set with three humps",
     )

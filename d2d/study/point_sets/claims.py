@@ -7,13 +7,7 @@ import numpy as np
 
 from d2d._types import Array
 from d2d.baselines import ndt_d2d, ndt_p2d
-from d2d.study.book.claim import (
-    SHARE,
-    Evidence,
-    claim,
-    nearly_all,
-    tells,
-)
+from d2d.study.book.claim import SHARE, Evidence, claim, nearly_all
 from d2d.study.book.measured import Measured, mean_of, share_over, smallest
 from d2d.study.point_sets.convergence import (
     CELL_SIZES,
@@ -122,62 +116,49 @@ def _far_range(*methods: str) -> str:
 
 
 @claim("icp-feeble", section="3.1", lines="336, 352", figure="icp-convergence")
-def icp_feeble() -> Evidence:
+def icp_feeble(ev: Evidence) -> None:
     """Standard ICP is a local method, which "depends on a good initial guess": its convergence
     properties are "feeble".
     """
-    numbers: dict[str, float] = {}
+    needs_a_guess = ev.part("it needs a good guess", SHARE.larger)
     for scene in SCENES:
-        near, loss = _near(scene, ICP), _loss_with_distance(scene, ICP)
-        numbers[f"{scene}: share from near starts, {ICP}"] = near
-        numbers[f"{scene}: loss of this share from far starts, {ICP}"] = (
-            tells(loss, SHARE.larger) if scene == FULL_VIEW else loss
-        )
+        ev(f"{scene}: share from near starts, {ICP}", _near(scene, ICP))
+        add = needs_a_guess.headline if scene == FULL_VIEW else needs_a_guess
+        add(f"{scene}: loss of this share from far starts, {ICP}", _loss_with_distance(scene, ICP))
         for method in (*COMPARED, *COARSE):
-            numbers[f"{scene}: share from far starts, {method}"] = _far(scene, method)
-    numbers["smallest lead of ICP over an NDT with cells of 1 m"] = lead = _smallest_lead(NDT)
-    numbers["smallest lead of ICP over an NDT with coarse to fine cells"] = _smallest_lead(COARSE)
+            ev(f"{scene}: share from far starts, {method}", _far(scene, method))
+    lead = ev("smallest lead of ICP over an NDT with cells of 1 m", _smallest_lead(NDT))
+    ev("smallest lead of ICP over an NDT with coarse to fine cells", _smallest_lead(COARSE))
     worst = min(_near(scene, ICP) for scene in SCENES)
-    losses = (_loss_with_distance(scene, ICP) for scene in SCENES)
-    return Evidence(
-        {"it needs a good guess": SHARE.larger(*losses)},
+    ev.conclude(
         f"in its worst scene ICP succeeds from {worst:.0%} of the near starts ({NEAR}), "
         f"and from {_far_range(ICP)} of the far starts ({FAR}), depending on the scene. That is "
         f"feeble, but the NDTs, which the thesis turns to next, need a better guess: with cells of "
         f"1 m they succeed from {_far_range(*NDT)} of the far starts, at least {100 * lead:.0f} "
         f"percentage points fewer than ICP, and with coarse to fine cells from "
         f"{_far_range(*COARSE)}.",
-        numbers,
         over=OVER,
     )
 
 
 @claim("ndt-registers", section="3.2", lines="336, 397", figure="ndt-d2d")
-def ndt_registers() -> Evidence:
+def ndt_registers(ev: Evidence) -> None:
     """Point-to-distribution and distribution-to-distribution NDT both register the scans,
     from a good initial guess as local methods do.
     """
     near = _near_of_ndt()
-    numbers: dict[str, float] = {}
+    registers = {method: ev.part(f"{method} registers the scans", nearly_all) for method in NDT}
     for (scene, method), share in near.items():
-        told = scene == FULL_VIEW
-        numbers |= {
-            f"{scene}: share from near starts, {method}": (
-                tells(share, nearly_all) if told else share
-            ),
-            f"{scene}: share from far starts, {method}": _far(scene, method),
-        }
+        part = registers[method]
+        add = part.headline if scene == FULL_VIEW else part
+        add(f"{scene}: share from near starts, {method}", share)
+        ev(f"{scene}: share from far starts, {method}", _far(scene, method))
     lowest = {method: min(near[scene, method] for scene in SCENES) for method in NDT}
     p2d, d2d = NDT
-    return Evidence(
-        {
-            f"{method} registers the scans": nearly_all(*(near[scene, method] for scene in SCENES))
-            for method in NDT
-        },
+    ev.conclude(
         f"in its worst scene P2D succeeds from {lowest[p2d]:.1%} of the near starts ({NEAR}) "
         f"and D2D from {lowest[d2d]:.0%}. From the far starts ({FAR}) P2D succeeds in "
         f"{_far_range(p2d)} of the cases, depending on the scene, and D2D in {_far_range(d2d)}.",
-        numbers,
         holds=f"In most of the draws: P2D succeeds from {lowest[p2d]:.1%} of the near starts or "
         f"more, D2D from {lowest[d2d]:.1%}.",
         over=f"{NDT_STARTS} near starts in each of {NDT_ROOMS} random rooms in each of "

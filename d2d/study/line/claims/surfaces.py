@@ -9,17 +9,7 @@ from numpy.typing import NDArray
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
-from d2d.study.book.claim import (
-    MEAN,
-    RATIO,
-    Evidence,
-    claim,
-    in_every,
-    most,
-    nearly_all,
-    shown,
-    tells,
-)
+from d2d.study.book.claim import MEAN, RATIO, Evidence, claim, decide, in_every, nearly_all
 from d2d.study.book.measured import complement, mean_of, median_of, share_of
 from d2d.study.line.outlier_study import RIGHT
 from d2d.study.line.scene import SIGMA, TRUTH, line_scene
@@ -68,7 +58,7 @@ def is_right(found: Survey) -> NDArray[np.bool_]:
 
 
 @claim("b-three-peaks", section="4.2", lines="599", figure="target-b")
-def b_three_peaks() -> Evidence:
+def b_three_peaks(ev: Evidence) -> None:
     """The cost surface of target B includes three possibilities: it peaks where B matches B, A and
     C of the previous scan, at t_x = 2, 10 and 12.2 m.
     """
@@ -80,30 +70,25 @@ def b_three_peaks() -> Evidence:
     peaks_of_b = np.sort(of_b.positions[has_three, : matches.shape[1]], axis=-1)
     off[has_three] = np.abs(peaks_of_b - matches[has_three]).max(axis=-1)
     share, in_place = share_of(of_b.number == 3), share_of(off < MEAN.high * SIGMA)
-    mean = [mean_of(column) for column in matches.T]
-    return Evidence(
-        {
-            "it has three peaks": nearly_all(share),
-            "they are where B matches": nearly_all(in_place),
-        },
+    three = ev.part("it has three peaks", nearly_all)
+    where = ev.part("they are where B matches", nearly_all)
+    three.headline("share of draws with exactly three peaks", share)
+    where.headline("share of draws with each of them where B meets a target", in_place)
+    mean = [
+        ev(f"mean distance from B to target {number + 1} of F (m)", mean_of(column))
+        for number, column in enumerate(matches.T)
+    ]
+    ev.conclude(
         f"{share:.0%} of the draws have exactly three peaks, and in {in_place:.0%} each of them is "
         "where B meets a target of F, to a third of a standard deviation. That these places are "
         f"on average {', '.join(f'{each:.2f}' for each in mean)} m is no test: the scene was laid "
         "out by the three numbers of the thesis.",
-        {
-            "share of draws with exactly three peaks": tells(share, nearly_all),
-            "share of draws with each of them where B meets a target": tells(in_place, nearly_all),
-        }
-        | {
-            f"mean distance from B to target {number + 1} of F (m)": each
-            for number, each in enumerate(mean)
-        },
         over=OVER,
     )
 
 
 @claim("d2d-lower", section="4.2", lines="617, 635", figure="targets-p2d-d2d")
-def d2d_lower() -> Evidence:
+def d2d_lower(ev: Evidence) -> None:
     """The cost values of D2D are lower than those of P2D."""
     p2d, d2d = _surfaces(P2D), _surfaces(D2D)
     highest = np.exp(d2d.max(axis=-1) - p2d.max(axis=-1))
@@ -113,19 +98,19 @@ def d2d_lower() -> Evidence:
     ratio, ratio_of_b = median_of(highest), median_of(np.exp(d2d_of_b - p2d_of_b))
     at_peaks = in_every(nearly_all(peak_is_lower), RATIO.smaller(ratio)) == "holds"
     everywhere = at_peaks and nearly_all(along) == "holds"
-    return Evidence(
-        {"its values are lower": shown(holds=everywhere, within=at_peaks, contrary=not at_peaks)},
+    ev.parts["its values are lower"] = decide(
+        supported=everywhere, conditional=at_peaks, opposed=not at_peaks
+    )
+    ev("share of draws in which D2D's highest value is lower", peak_is_lower)
+    ev.headline("median ratio of the highest values, D2D / P2D", ratio, RATIO.smaller)
+    ev("median ratio of the highest values, target B alone", ratio_of_b)
+    ev.headline("share of the t_x axis on which D2D is lower", along, nearly_all)
+    ev.conclude(
         f"D2D's highest value is lower in {peak_is_lower:.0%} of the draws, since adding equal "
         "covariances divides the height of each term by sqrt(2); the median ratio is "
         f"{ratio_of_b:.2f} for target B alone and {ratio:.2f} for the sum of three targets, where "
         "noise also moves the terms apart, at the expense of P2D's narrower ones. The area stays "
         f"the same, so D2D must be higher elsewhere: it is lower on {along:.0%} of the t_x axis.",
-        {
-            "share of draws in which D2D's highest value is lower": peak_is_lower,
-            "median ratio of the highest values, D2D / P2D": tells(ratio, RATIO.smaller),
-            "median ratio of the highest values, target B alone": ratio_of_b,
-            "share of the t_x axis on which D2D is lower": tells(along, nearly_all),
-        },
         holds=f"At the peaks, of which the highest is lower in {peak_is_lower:.0%} of the draws; "
         f"along the t_x axis D2D is lower on {along:.0%}.",
         over=OVER,
@@ -133,7 +118,7 @@ def d2d_lower() -> Evidence:
 
 
 @claim("equal-sigma-same", section="4.2", lines="639, 649", figure="overall-p2d-d2d")
-def equal_sigma_same() -> Evidence:
+def equal_sigma_same(ev: Evidence) -> None:
     """As long as all points have the same standard deviation, the surfaces of P2D and D2D "behave
     the same": one global peak at the correct alignment, and local peaks.
     """
@@ -142,28 +127,24 @@ def equal_sigma_same() -> Evidence:
     local_p2d, local_d2d = (share_of(each.optima > 1) for each in (p2d, d2d))
     alike = share_of(p2d.optima == d2d.optima)
     number_p2d, number_d2d = mean_of(p2d.optima), mean_of(d2d.optima)
-    return Evidence(
-        {
-            "the global peak is right": nearly_all(right_p2d, right_d2d),
-            "both have local peaks": nearly_all(local_p2d, local_d2d),
-            "they behave the same": nearly_all(alike),
-        },
+    peak_is_right = ev.part("the global peak is right", nearly_all)
+    has_local = ev.part("both have local peaks", nearly_all)
+    behave_alike = ev.part("they behave the same", nearly_all)
+    peak_is_right("share of draws with P2D's highest peak at the true alignment", right_p2d)
+    peak_is_right.headline(
+        "share of draws with D2D's highest peak at the true alignment", right_d2d
+    )
+    has_local("share of draws with local peaks besides, P2D", local_p2d)
+    has_local("share of draws with local peaks besides, D2D", local_d2d)
+    behave_alike.headline("share of draws with as many peaks in both", alike)
+    ev("mean number of peaks, P2D", number_p2d)
+    ev("mean number of peaks, D2D", number_d2d)
+    ev.conclude(
         f"the highest peak is at the true alignment in {right_p2d:.0%} of the draws with P2D and "
         f"in {right_d2d:.0%} with D2D, with local ones besides in {local_p2d:.0%} and "
         f"{local_d2d:.0%}; the number of peaks is the same in {alike:.0%}. P2D's terms have the "
         "width of one point's noise and are scattered by that of two, so its peaks can split: it "
         f"has {number_p2d:.2f} on average, D2D {number_d2d:.2f}.",
-        {
-            "share of draws with P2D's highest peak at the true alignment": right_p2d,
-            "share of draws with D2D's highest peak at the true alignment": tells(
-                right_d2d, nearly_all
-            ),
-            "share of draws with local peaks besides, P2D": local_p2d,
-            "share of draws with local peaks besides, D2D": local_d2d,
-            "share of draws with as many peaks in both": tells(alike, nearly_all),
-            "mean number of peaks, P2D": number_p2d,
-            "mean number of peaks, D2D": number_d2d,
-        },
         holds="For the place of the highest peak and the presence of local ones; the number of "
         f"peaks is the same in {alike:.0%} of the draws.",
         over=OVER,
@@ -171,7 +152,7 @@ def equal_sigma_same() -> Evidence:
 
 
 @claim("noisy-p2d-fails", section="4.2", lines="649–650", figure="overall-noisy")
-def noisy_p2d_fails() -> Evidence:
+def noisy_p2d_fails(ev: Evidence) -> None:
     """If the current set has the larger standard deviation, the surface of P2D "does not include a
     global peak", and that of D2D has only one global maximum.
     """
@@ -181,81 +162,64 @@ def noisy_p2d_fails() -> Evidence:
         share_of(is_right(each) & (each.rival < OUTSTANDING)) for each in (p2d, d2d)
     )
     without = complement(clear_p2d)
-    return Evidence(
-        {
-            "P2D has no global peak": nearly_all(without),
-            "D2D has one": nearly_all(clear_d2d),
-        },
+    has_none = ev.part("P2D has no global peak", nearly_all)
+    has_one = ev.part("D2D has one", nearly_all)
+    has_none.headline("share of draws without an outstanding peak at the truth, P2D", without)
+    has_one.headline("share of draws with one, D2D", clear_d2d)
+    surveys = {"P2D": p2d, "D2D": d2d}
+    for name, each in surveys.items():
+        right = share_of(is_right(each))
+        ev(f"share of draws with {name}'s highest peak at the true alignment", right)
+    for name, each in surveys.items():
+        ev(f"mean number of peaks, {name}", mean_of(each.optima))
+    ev.conclude(
         f"with {NOISE_RATIO:g} times the noise in M, P2D still has a peak at the true alignment "
         f"that stands out, with all others below {OUTSTANDING:.0%} of it, in {clear_p2d:.0%} of "
         f"the draws; D2D has one in {clear_d2d:.0%}. P2D expects less scatter than there is, so "
         "the common peak of its targets splits in some draws.",
-        {
-            "share of draws without an outstanding peak at the truth, P2D": tells(
-                without, nearly_all
-            ),
-            "share of draws with one, D2D": tells(clear_d2d, nearly_all),
-            "share of draws with P2D's highest peak at the true alignment": share_of(is_right(p2d)),
-            "share of draws with D2D's highest peak at the true alignment": share_of(is_right(d2d)),
-            "mean number of peaks, P2D": mean_of(p2d.optima),
-            "mean number of peaks, D2D": mean_of(d2d.optima),
-        },
         holds=f"D2D has a global peak in {clear_d2d:.0%} of the draws.",
         over=OVER,
     )
 
 
 @claim("summing-local-peaks", section="4.3", lines="688", figure="summing-likelihood")
-def summing_local_peaks() -> Evidence:
+def summing_local_peaks(ev: Evidence) -> None:
     """The surface of the sum has one global maximum and many local maxima."""
     survey_of_sum = _survey(D2D)
     right = share_of(is_right(survey_of_sum))
     many = share_of(survey_of_sum.optima >= 3)
     number = mean_of(survey_of_sum.optima)
-    return Evidence(
-        {
-            "the global maximum is right": nearly_all(right),
-            "there are many local ones": nearly_all(many),
-        },
+    maximum_is_right = ev.part("the global maximum is right", nearly_all)
+    local = ev.part("there are many local ones", nearly_all)
+    maximum_is_right.headline("share of draws with the highest peak at the true alignment", right)
+    local.headline("share of draws with three peaks or more", many)
+    ev("mean number of peaks", number)
+    ev.conclude(
         "every pair of targets that meet adds a peak, at the scene's seven different distances: "
         f"the sum has {number:.1f} peaks on average, and the highest is at the true "
         f"alignment in {right:.0%} of the draws.",
-        {
-            "share of draws with the highest peak at the true alignment": tells(right, nearly_all),
-            "share of draws with three peaks or more": tells(many, nearly_all),
-            "mean number of peaks": number,
-        },
         over=OVER,
     )
 
 
 @claim("likelihood-one-peak", section="4.3", lines="706, 713", figure="summing-likelihood")
-def likelihood_one_peak() -> Evidence:
+def likelihood_one_peak(ev: Evidence) -> None:
     """The surface of the likelihood has only one maximum, at the correct translation."""
     survey_of_product = _survey(LIKELIHOOD)
     right = share_of(is_right(survey_of_product))
     one_visible = share_of(survey_of_product.rival < VISIBLE)
     one = share_of(survey_of_product.optima == 1)
-    return Evidence(
-        {
-            "there is only one": shown(
-                holds=nearly_all(one) == "holds",
-                within=nearly_all(one_visible) == "holds" or most(one),
-                contrary=one_visible.high < 0.5,
-            ),
-            "it is at the truth": nearly_all(right),
-        },
+    only_one = ev.part("there is only one", nearly_all)
+    at_truth = ev.part("it is at the truth", nearly_all)
+    at_truth("share of draws with the highest peak at the true alignment", right)
+    visible = "share of draws with one visible peak (above 1 % of the highest)"
+    ev.headline(visible, one_visible, nearly_all)
+    only_one.headline("share of draws with one peak in the logarithm", one, under=one_visible)
+    ev.conclude(
         f"the density has a single visible peak (one above {VISIBLE:.0%} of the highest) "
         f"in {one_visible:.0%} of the draws, and the highest is at the true alignment in "
         f"{right:.0%}. The logarithm, which an optimiser follows, keeps the local optima that the "
         f"product makes too small to see: it has a single maximum in {one:.0%}.",
-        {
-            "share of draws with the highest peak at the true alignment": right,
-            "share of draws with one visible peak (above 1 % of the highest)": tells(
-                one_visible, nearly_all
-            ),
-            "share of draws with one peak in the logarithm": tells(one, nearly_all),
-        },
         holds=f"For the density as plotted, with one visible peak in {one_visible:.0%} of the "
         f"draws; the logarithm has a single maximum in {one:.0%}.",
         over=OVER,
@@ -263,7 +227,7 @@ def likelihood_one_peak() -> Evidence:
 
 
 @claim("summing-smoother", section="4.3", lines="719, 721", figure="summing-likelihood")
-def summing_smoother() -> Evidence:
+def summing_smoother(ev: Evidence) -> None:
     """The surface of the sum is smoother at its global maximum than that of the likelihood (though
     it has many local peaks).
     """
@@ -274,19 +238,16 @@ def summing_smoother() -> Evidence:
     wider = share_of(width_of_sum > width_of_product)
     ratio = median_of(width_of_sum / width_of_product)
     peaks_of_sum, peaks_of_product = (mean_of(_survey(cost).optima) for cost in (D2D, LIKELIHOOD))
-    return Evidence(
-        {"its peak is wider": in_every(nearly_all(wider), RATIO.larger(ratio))},
+    is_wider = ev.part("its peak is wider", nearly_all)
+    is_wider.headline("share of draws in which the sum's half-height width is larger", wider)
+    widths = "median ratio of the half-height widths, sum / likelihood"
+    is_wider.headline(widths, ratio, RATIO.larger)
+    ev("mean number of peaks of the sum", peaks_of_sum)
+    ev("mean number of peaks of the log-likelihood", peaks_of_product)
+    ev.conclude(
         f"the sum is wider at half height in {wider:.0%} of the draws, by a median factor of "
         f"{ratio:.2f}: a product of three Gaussians is narrower than each of them by sqrt(3), and "
         "noise additionally spreads the terms of the sum. As the thesis says, it also has more "
         f"peaks, {peaks_of_sum:.2f} on average, the log-likelihood {peaks_of_product:.2f}.",
-        {
-            "share of draws in which the sum's half-height width is larger": tells(
-                wider, nearly_all
-            ),
-            "median ratio of the half-height widths, sum / likelihood": tells(ratio, RATIO.larger),
-            "mean number of peaks of the sum": peaks_of_sum,
-            "mean number of peaks of the log-likelihood": peaks_of_product,
-        },
         over=OVER,
     )

@@ -2,14 +2,7 @@
 
 import numpy as np
 
-from d2d.study.book.claim import (
-    DECIBELS,
-    RATIO,
-    Evidence,
-    claim,
-    nearly_all,
-    tells,
-)
+from d2d.study.book.claim import DECIBELS, RATIO, Evidence, claim, nearly_all
 from d2d.study.book.measured import (
     anees_of,
     complement,
@@ -39,7 +32,7 @@ SCENES, FRESH = 8, 40  # random scenes of each kind in the search, and of what i
 
 
 @claim("cluster-summing-wrong", section="6.3", lines="1425, 1428", figure="cluster-cost")
-def cluster_summing_wrong() -> Evidence:
+def cluster_summing_wrong(ev: Evidence) -> None:
     """Clusters: the sum's global minimum is "completely wrong, even if the optimization starts from
     the ground truth".
     """
@@ -58,13 +51,27 @@ def cluster_summing_wrong() -> Evidence:
     wrong, wrong_of_eight = (
         share_over(shares_wrong(each, FRESH, first=1000), DRAWS) for each in (kind, eight)
     )
-    return Evidence(
-        {
-            "the global minimum is wrong": nearly_all(wrong_here, wrong_on_layouts),
-            "descents from the truth leave it": nearly_all(
-                complement(stays), complement(stays_on_layouts)
-            ),
-        },
+    is_wrong = ev.part("the global minimum is wrong", nearly_all)
+    leaves = ev.part("descents from the truth leave it", nearly_all)
+    is_wrong.headline("share of draws with a wrong global minimum, this scene", wrong_here)
+    is_wrong("the same on random layouts", wrong_on_layouts)
+    for name in BOTH:
+        wrong_of_both = complement(share_of(found[f"with outliers, {name}"].right))
+        ev(f"the same, with outliers, {name}", wrong_of_both)
+    ev(
+        "median density of the next optimum over that at the truth, this scene",
+        median_of(rivals(found["this scene"])),
+    )
+    ev("the same on the layouts", median_of(np.concatenate([rivals(each) for each in layouts])))
+    ev("share of descents from the truth that end there", stays)
+    ev("the same on 200 random layouts", stays_on_layouts)
+    leaves.judge(complement(stays))
+    leaves.judge(complement(stays_on_layouts))
+    ev("share of wrong global minima, worst kind of cluster searched for", wrong)
+    ev("share of wrong global minima, worst kind with eight targets", wrong_of_eight)
+    kinds_wrong = float(sum(share > 0.5 for share in searched.values()))
+    ev("kinds of layout in the search with more than half of the minima wrong", kinds_wrong)
+    ev.conclude(
         "with two clusters of five the lowest minimum that descents from 847 starts find is "
         f"elsewhere in {wrong_here:.0%} of the draws of this scene and in {wrong_on_layouts:.0%} "
         f"of those on {SEARCHED} random layouts, and {stays:.0%} of the descents from the truth "
@@ -72,28 +79,6 @@ def cluster_summing_wrong() -> Evidence:
         f"{len(searched)} kinds of layout finds one in which it is elsewhere in {wrong:.0%} of the "
         f"draws, {kind}. A cluster that outnumbers the rest leaves the rotation to the few others; "
         f"with the thesis's eight targets the worst is {eight}, with {wrong_of_eight:.0%}.",
-        {
-            "share of draws with a wrong global minimum, this scene": tells(wrong_here, nearly_all),
-            "the same on random layouts": tells(wrong_on_layouts, nearly_all),
-        }
-        | {
-            f"the same, {name}": complement(share_of(minima.right))
-            for name, minima in found.items()
-            if name != "this scene"
-        }
-        | {
-            "median density of the next optimum over that at the truth, this scene": median_of(
-                rivals(found["this scene"])
-            ),
-            "the same on the layouts": median_of(np.concatenate([rivals(d) for d in layouts])),
-            "share of descents from the truth that end there": stays,
-            "the same on 200 random layouts": stays_on_layouts,
-            "share of wrong global minima, worst kind of cluster searched for": wrong,
-            "share of wrong global minima, worst kind with eight targets": wrong_of_eight,
-            "kinds of layout in the search with more than half of the minima wrong": float(
-                sum(share > 0.5 for share in searched.values())
-            ),
-        },
         over=f"{SEARCHED} draws of the noise of each of three scenes, one on each of {SEARCHED} "
         f"random layouts; the search {DRAWS} on {SCENES} random scenes of {len(searched)} kinds, "
         f"its result {DRAWS} on {FRESH} further scenes",
@@ -101,7 +86,7 @@ def cluster_summing_wrong() -> Evidence:
 
 
 @claim("cluster-likelihood-same", section="6.3", lines="1401, 1428", figure="cluster-cost")
-def cluster_likelihood_same() -> Evidence:
+def cluster_likelihood_same(ev: Evidence) -> None:
     """Clusters: the likelihood "behaves almost the same" as in the overlapped scene; expected are
     results that are "the same or even better".
     """
@@ -114,38 +99,33 @@ def cluster_likelihood_same() -> Evidence:
     ratio_of_layouts = geometric_mean_of(error_ratio_of_layouts(*conditions))
     here = inclination(CLUSTERS, LIKELIHOOD)
     on_layouts = mean_of(over_layouts("clusters", LIKELIHOOD).inclination)
-    return Evidence(
-        {
-            "one optimum can be seen, at the truth": nearly_all(one_visible, share_right),
-            "the error is the same or smaller": RATIO.no_larger(ratio, ratio_of_layouts),
-            "the covariance is as true": DECIBELS.same(here, on_layouts),
-        },
+    seen = ev.part("one optimum can be seen, at the truth", nearly_all)
+    no_larger = ev.part("the error is the same or smaller", RATIO.no_larger)
+    as_true = ev.part("the covariance is as true", DECIBELS.same)
+    seen("share of draws with the highest optimum at the truth", share_right)
+    seen("share of draws with one optimum above 1 % of the highest density", one_visible)
+    near = "mean number of minima within 10 m and 45 deg of the truth, clusters"
+    ev(near, mean_of(found.near))
+    ev("mean number of minima there, overlapped", mean_of(without.near))
+    ev("log10 of the second density over the first", lower)
+    ev("log10 of the second density over the first, overlapped", lower_without)
+    no_larger.headline("ratio of the RMSE, clusters / overlapped", ratio)
+    no_larger("mean of this ratio over 200 random layouts", ratio_of_layouts)
+    ev("ANEES", anees_of(evaluated(CLUSTERS, LIKELIHOOD).credibility))
+    as_true.headline("I2 (dB)", here)
+    as_true("mean of I2 over 200 random layouts (dB)", on_layouts)
+    ev.conclude(
         f"in {share_right:.0%} of {SEARCHED} draws the highest optimum is at the truth, and the "
         f"density of the second is 10^{lower:.0f} of it (without clusters "
         f"10^{lower_without:.0f}). The RMSE is {ratio:.2f} times that without "
         f"clusters, in the mean over 200 random layouts {ratio_of_layouts:.2f} times, for the "
         f"clusters add targets, and I2 is {here:+.2f} dB.",
-        {
-            "share of draws with the highest optimum at the truth": share_right,
-            "share of draws with one optimum above 1 % of the highest density": one_visible,
-            "mean number of minima within 10 m and 45 deg of the truth, clusters": mean_of(
-                found.near
-            ),
-            "mean number of minima there, overlapped": mean_of(without.near),
-            "log10 of the second density over the first": lower,
-            "log10 of the second density over the first, overlapped": lower_without,
-            "ratio of the RMSE, clusters / overlapped": tells(ratio, RATIO.no_larger),
-            "mean of this ratio over 200 random layouts": ratio_of_layouts,
-            "ANEES": anees_of(evaluated(CLUSTERS, LIKELIHOOD).credibility),
-            "I2 (dB)": tells(here, DECIBELS.same),
-            "mean of I2 over 200 random layouts (dB)": on_layouts,
-        },
         over=f"{SEARCHED} draws for the optima; {OVER_LAYOUTS}",
     )
 
 
 @claim("cluster-error", section="6.3", lines="1428", figure="cluster-error")
-def cluster_error() -> Evidence:
+def cluster_error(ev: Evidence) -> None:
     """Clusters: the sum's error is higher than in the overlapped scene, and higher than the
     likelihood's.
     """
@@ -159,22 +139,18 @@ def cluster_error() -> Evidence:
     without, with_clusters = (
         median_of(over_layouts(kind, SUMMING).rmse) for kind in ("overlapped", "clusters")
     )
-    return Evidence(
-        {
-            "it grows against the overlapped scene": RATIO.larger(growth, growth_of_layouts),
-            "it exceeds the likelihood's": RATIO.larger(excess, excess_of_layouts),
-        },
+    grows = ev.part("it grows against the overlapped scene", RATIO.larger)
+    exceeds = ev.part("it exceeds the likelihood's", RATIO.larger)
+    grows("ratio of the sum's RMSE, clusters / overlapped", growth)
+    grows.headline("mean of this ratio over 200 random layouts", growth_of_layouts)
+    ev("median RMSE over 200 random layouts, overlapped (m)", without)
+    ev("median RMSE over 200 random layouts, clusters (m)", with_clusters)
+    exceeds.headline("ratio of the RMSE in clusters, sum / likelihood", excess)
+    exceeds("mean of this ratio over the layouts", excess_of_layouts)
+    ev.conclude(
         f"the sum's RMSE is {excess:.2f} times the likelihood's. It is {growth:.2f} times that in "
         f"the overlapped scene, and {growth_of_layouts:.2f} times in the mean over 200 random "
         f"layouts, where its median is {with_clusters:.2f} m with clusters and {without:.2f} m "
         "without: the clusters add targets, which help the sum as well.",
-        {
-            "ratio of the sum's RMSE, clusters / overlapped": growth,
-            "mean of this ratio over 200 random layouts": tells(growth_of_layouts, RATIO.larger),
-            "median RMSE over 200 random layouts, overlapped (m)": without,
-            "median RMSE over 200 random layouts, clusters (m)": with_clusters,
-            "ratio of the RMSE in clusters, sum / likelihood": tells(excess, RATIO.larger),
-            "mean of this ratio over the layouts": excess_of_layouts,
-        },
         over=OVER_LAYOUTS,
     )

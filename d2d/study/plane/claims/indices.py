@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d._types import Array
-from d2d.study.book.claim import SHARE, Evidence, claim, tells
+from d2d.study.book.claim import SHARE, Evidence, claim
 from d2d.study.book.measured import bootstrapped, complement
 from d2d.study.plane.evaluation import COSTS, LayoutStudy, over_layouts
 from d2d.study.plane.scenarios import LAYOUTS
@@ -35,7 +35,7 @@ def recognised(index: Array, dangerous: NDArray[np.bool_]) -> float:
 
 
 @claim("nci-not-enough", section="6.4", lines="1467", figure="overlap-credibility")
-def nci_not_enough() -> Evidence:
+def nci_not_enough(ev: Evidence) -> None:
     """The NCI is not enough to evaluate the estimation, especially if the true covariance is
     unknown.
     """
@@ -56,24 +56,20 @@ def nci_not_enough() -> Evidence:
     product = np.array([name != "summing" for _ in LAYOUTS for name in COSTS])
     of_product = bootstrapped(best, nci[:, product], dangerous[:, product])
     missed, missed_of_product = map(complement, (by_nci, of_product))
-    return Evidence(
-        {"it does not recognise all": SHARE.larger(missed, missed_of_product)},
+    misses = ev.part("it does not recognise all", SHARE.larger)
+    misses.headline("share not recognised by the NCI", missed)
+    misses.headline("share not recognised by the NCI, without the sum", missed_of_product)
+    ev("share recognised by I2", by_inclination)
+    ev("share of conditions that are dangerous", bootstrapped(np.mean, dangerous))
+    ev("median NCI of the dangerous (dB)", bootstrapped(median_where, nci, dangerous))
+    ev("median NCI of the others (dB)", bootstrapped(median_where, nci, ~dangerous))
+    ev.conclude(
         f"of {dangerous.size} conditions, {dangerous.mean():.0%} are dangerous: their 95% regions "
         f"contain less than {REGION - SHARE.high:.0%} of the errors. The best limit on the NCI "
         f"sorts {by_nci:.0%} of both kinds rightly (guessing {0.5:.0%}), the best on I2 "
         f"{by_inclination:.0%}: the NCI has no sign, and the sum's harmless regions, too large, "
         "have one as high as regions that are too small. Without the sum, a third of the "
         f"conditions, the NCI sorts {of_product:.0%} rightly. Either index needs the true errors.",
-        {
-            "share not recognised by the NCI": tells(missed, SHARE.larger),
-            "share not recognised by the NCI, without the sum": tells(
-                missed_of_product, SHARE.larger
-            ),
-            "share recognised by I2": by_inclination,
-            "share of conditions that are dangerous": bootstrapped(np.mean, dangerous),
-            "median NCI of the dangerous (dB)": bootstrapped(median_where, nci, dangerous),
-            "median NCI of the others (dB)": bootstrapped(median_where, nci, ~dangerous),
-        },
         holds="Where covariances occur that are too large, as the sum's are, beside such that are "
         f"too small; without the sum the NCI sorts {of_product:.0%} rightly.",
         over=f"{len(found)} conditions, three costs in four kinds of scene, each on "

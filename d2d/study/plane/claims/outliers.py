@@ -7,16 +7,7 @@ from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._types import Array
-from d2d.study.book.claim import (
-    DECIBELS,
-    RATIO,
-    Evidence,
-    claim,
-    in_every,
-    in_some,
-    nearly_all,
-    tells,
-)
+from d2d.study.book.claim import DECIBELS, RATIO, Evidence, claim, in_some, nearly_all
 from d2d.study.book.measured import (
     anees_of,
     geometric_mean_of,
@@ -77,7 +68,7 @@ def _loss(scenario: Scenario, draws: int) -> _Loss:
 
 
 @claim("outlier-likelihood-vanishes", section="6.3", lines="1372, 1378", figure="outlier-cost")
-def outlier_likelihood_vanishes() -> Evidence:
+def outlier_likelihood_vanishes(ev: Evidence) -> None:
     """Outliers: the surface of the plain likelihood gets zero."""
     here = _loss(OUTLIERS, 1000)
     others = [_loss(random_layout("outliers", seed), 10) for seed in range(LAYOUTS)]
@@ -85,24 +76,29 @@ def outlier_likelihood_vanishes() -> Evidence:
         local_minima(scenario, LIKELIHOOD, SEARCHED).highest / np.log(10.0)
         for scenario in (OVERLAPPED, OUTLIERS)
     )
-    vanished = share_of(here.decades > VANISHED)
-    if_far = share_of(here.decades[here.far] > VANISHED)
-    on_layouts = share_over([(each.decades > VANISHED).mean() for each in others], 10)
     on_layouts_if_far = share_over(
         [(each.decades > VANISHED)[each.far].mean() for each in others if each.far.any()], 10
     )
+    vanished = share_of(here.decades > VANISHED)
+    if_far = share_of(here.decades[here.far] > VANISHED)
+    on_layouts = share_over([(each.decades > VANISHED).mean() for each in others], 10)
     everywhere = share_of(np.median(highest_before) - highest > VANISHED)
     ratio = error_ratio((OUTLIERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD))
-    tilt = inclination(OUTLIERS, LIKELIHOOD)
+    tilt, cost = inclination(OUTLIERS, LIKELIHOOD), median_of(here.decades)
     stays = share_ending_at_truth(OUTLIERS, LIKELIHOOD)
-    cost = median_of(here.decades)
-    return Evidence(
-        {
-            "it vanishes at the truth": in_every(
-                nearly_all(vanished, under=if_far),
-                nearly_all(on_layouts, under=on_layouts_if_far),
-            ),
-        },
+    dropped = "share of draws with a drop by more than 16 decades"
+    vanishes = ev.part("it vanishes at the truth", nearly_all)
+    ev("median number of decades that the outliers cost at the truth", cost)
+    vanishes.headline(f"{dropped} at the truth", vanished, under=if_far)
+    vanishes.headline(f"the same on {LAYOUTS} random layouts", on_layouts, under=on_layouts_if_far)
+    ev("the same on layouts where an outlier is far from every component", on_layouts_if_far)
+    ev(f"{dropped} everywhere", everywhere)
+    ev("median log10 of the highest likelihood, overlapped", median_of(highest_before))
+    ev("median log10 of the highest likelihood, with outliers", median_of(highest))
+    ev("share within 1.5 m and 6 deg of the truth, started there", stays)
+    ev("ratio of the RMSE, with outliers / overlapped", ratio)
+    ev("I2 (dB)", tilt)
+    ev.conclude(
         f"at the true motion the outliers of the current set cost the likelihood {cost:.0f} "
         f"decades (median), more than {VANISHED:.0f} in {vanished:.0%} of the draws and on "
         f"{LAYOUTS} random layouts in {on_layouts:.1%}; in the others an outlier happens to meet "
@@ -111,20 +107,6 @@ def outlier_likelihood_vanishes() -> Evidence:
         f"The logarithm keeps an optimum near the truth, from which {stays:.0%} of the descents do "
         f"not stray by 1.5 m or 6 degrees, but with {ratio:.1f} times the RMSE and with a "
         f"covariance that is {times_off(tilt)}.",
-        {
-            "median number of decades that the outliers cost at the truth": cost,
-            "share of draws with a drop by more than 16 decades at the truth": tells(
-                vanished, nearly_all
-            ),
-            f"the same on {LAYOUTS} random layouts": tells(on_layouts, nearly_all),
-            "the same on layouts where an outlier is far from every component": on_layouts_if_far,
-            "share of draws with a drop by more than 16 decades everywhere": everywhere,
-            "median log10 of the highest likelihood, overlapped": median_of(highest_before),
-            "median log10 of the highest likelihood, with outliers": median_of(highest),
-            "share within 1.5 m and 6 deg of the truth, started there": stays,
-            "ratio of the RMSE, with outliers / overlapped": ratio,
-            "I2 (dB)": tilt,
-        },
         holds=f"An outlier of the current set stands more than {FAR:g} standard deviations of a "
         f"difference from every component; the likelihood vanishes in {on_layouts_if_far:.0%} of "
         f"such draws on random layouts, and in {on_layouts:.1%} of all.",
@@ -134,71 +116,62 @@ def outlier_likelihood_vanishes() -> Evidence:
 
 
 @claim("outlier-robust-minimum", section="6.3", lines="1372, 1378", figure="outlier-cost")
-def outlier_robust_minimum() -> Evidence:
+def outlier_robust_minimum(ev: Evidence) -> None:
     """Outliers: with the outlier component the likelihood has only one global minimum, at the
     truth.
     """
-    found = local_minima(OUTLIERS, ROBUST, SEARCHED)
+    minima = local_minima(OUTLIERS, ROBUST, SEARCHED)
     others = [local_minima(random_layout("outliers", seed), ROBUST, 1) for seed in range(SEARCHED)]
-    right, single = share_of(found.right), share_of(found.visible == 1)
+    right, single = share_of(minima.right), share_of(minima.visible == 1)
     right_of_layouts = share_over([each.right for each in others], 1)
     single_of_layouts = share_over([each.visible == 1 for each in others], 1)
-    near = mean_of(found.near)
-    return Evidence(
-        {
-            "it is at the truth": nearly_all(right, right_of_layouts),
-            "it is the only one": nearly_all(single, single_of_layouts),
-        },
+    at_truth = ev.part("it is at the truth", nearly_all)
+    only_one = ev.part("it is the only one", nearly_all)
+    at_truth.headline("share of draws with the global minimum at the truth", right)
+    only_one.headline("share of draws with no other above 1 % of its density", single)
+    draws = "share of draws on random layouts"
+    at_truth(f"{draws} with the global minimum at the truth", right_of_layouts)
+    only_one(f"{draws} with no other above 1 %", single_of_layouts)
+    near = ev("mean number of minima within 10 m and 45 deg of the truth", mean_of(minima.near))
+    ev("log10 of the second density over the first", decades_to_second(minima))
+    ev.conclude(
         f"in {right:.0%} of {SEARCHED} draws of this scene and {right_of_layouts:.1%} of one on "
         f"each of {SEARCHED} random layouts the global minimum is at the truth, and in "
         f"{single:.0%} and {single_of_layouts:.1%} no other has more than 1% of its density; the "
         f"negative logarithm has a mean of {near:.0f} local minima near the truth.",
-        {
-            "share of draws with the global minimum at the truth": tells(right, nearly_all),
-            "share of draws with no other above 1 % of its density": tells(single, nearly_all),
-            "share of draws on random layouts with the global minimum at the truth": (
-                right_of_layouts
-            ),
-            "share of draws on random layouts with no other above 1 %": single_of_layouts,
-            "mean number of minima within 10 m and 45 deg of the truth": near,
-            "log10 of the second density over the first": decades_to_second(found),
-        },
         over=f"{SEARCHED} draws of the noise of this scene and one on each of {SEARCHED} random "
         "layouts, 847 descents in each",
     )
 
 
 @claim("outlier-error", section="6.3", lines="1378", figure="outlier-error")
-def outlier_error() -> Evidence:
+def outlier_error(ev: Evidence) -> None:
     """Outliers: the sum's error is greater than that of the likelihood with the outlier
     component.
     """
     conditions = (OUTLIERS, SUMMING), (OUTLIERS, ROBUST)
     ratio, ratios = error_ratio(*conditions), error_ratio_of_layouts(*conditions)
-    share, mean = share_of(ratios > 1.0), geometric_mean_of(ratios)
+    share = share_of(ratios > 1.0)
     grown = error_ratio((OUTLIERS, SUMMING), (OVERLAPPED, SUMMING))
     grown_robust = error_ratio((OUTLIERS, ROBUST), (OVERLAPPED, LIKELIHOOD))
-    return Evidence(
-        {"the sum's error is greater": in_every(RATIO.larger(ratio, mean), nearly_all(share))},
+    greater = ev.part("the sum's error is greater", RATIO.larger)
+    greater.headline("ratio of the RMSE, sum / robust", ratio)
+    larger = "share of 200 random layouts on which the sum's RMSE is the larger"
+    greater.headline(larger, share, nearly_all)
+    greater("mean ratio over the layouts", geometric_mean_of(ratios))
+    ev("ratio of the sum's RMSE, with outliers / overlapped", grown)
+    ev("ratio of the robust RMSE, with outliers / overlapped likelihood", grown_robust)
+    ev.conclude(
         f"the ratio of the two RMSEs is {ratio:.2f} (95% interval {ratio.between('.2f')}) and "
         f"exceeds one on {share:.1%} of 200 random layouts. With the outliers the sum's RMSE is "
         f"{grown:.2f} times that in the overlapped scene, and the robust likelihood's "
         f"{grown_robust:.2f} times that of the plain likelihood there.",
-        {
-            "ratio of the RMSE, sum / robust": tells(ratio, RATIO.larger),
-            "share of 200 random layouts on which the sum's RMSE is the larger": tells(
-                share, nearly_all
-            ),
-            "mean ratio over the layouts": mean,
-            "ratio of the sum's RMSE, with outliers / overlapped": grown,
-            "ratio of the robust RMSE, with outliers / overlapped likelihood": grown_robust,
-        },
         over=OVER_LAYOUTS,
     )
 
 
 @claim("outlier-credibility", section="6.3", lines="1380", figure="outlier-credibility")
-def outlier_credibility() -> Evidence:
+def outlier_credibility(ev: Evidence) -> None:
     """Outliers: the sum's credibility, pessimistic, is almost the same as in the overlapped scene;
     the likelihood with the outlier component has a pessimistic and an optimistic part.
     """
@@ -213,33 +186,28 @@ def outlier_credibility() -> Evidence:
     over = over_layouts("outliers", ROBUST, layouts=50, runs=500)
     mean_below, mean_above = mean_of(over.pessimistic), mean_of(over.optimistic)
     low, high = (quantile_of(over.inclination, fraction) for fraction in (0.05, 0.95))
-    return Evidence(
-        {
-            "the sum is pessimistic": DECIBELS.smaller(summing),
-            "it is so as without outliers": DECIBELS.same(change),
-            "the likelihood has a pessimistic part": in_some(below, mean_below),
-            "it has an optimistic part": in_some(above, mean_above),
-        },
+    ev.part("the sum is pessimistic", DECIBELS.smaller).headline("I2 of the sum (dB)", summing)
+    stays = ev.part("it is so as without outliers", DECIBELS.same)
+    pessimistic = ev.part("the likelihood has a pessimistic part", in_some)
+    optimistic = ev.part("it has an optimistic part", in_some)
+    stays("change of the sum's I2, outliers - overlapped (dB)", change)
+    ev("I2 of the robust likelihood (dB)", inclination(OUTLIERS, ROBUST))
+    ev("ANEES of the robust likelihood", anees_of(evaluated(OUTLIERS, ROBUST).credibility))
+    pessimistic("share of its runs below -0.3 dB", below)
+    optimistic.headline("share of its runs above +0.3 dB", above)
+    ev("share below -0.3 dB, overlapped likelihood", plain_below)
+    ev("share above +0.3 dB, overlapped likelihood", plain_above)
+    pessimistic("mean share below -0.3 dB over 50 random layouts", mean_below)
+    optimistic("mean share above +0.3 dB over 50 random layouts", mean_above)
+    ev("5 % quantile of I2 over these layouts (dB)", low)
+    ev("95 % quantile of I2 over these layouts (dB)", high)
+    ev.conclude(
         f"the sum's I2 is {summing:+.1f} dB, {change:+.2f} dB from that without outliers. Of the "
         f"robust likelihood's runs {below:.1%} lie below -{NOTICEABLE:g} dB and {above:.1%} above "
         f"+{NOTICEABLE:g} dB, without outliers {plain_below:.1%} and {plain_above:.1%} of the "
         f"plain likelihood's; in the mean over 50 random layouts {mean_below:.1%} and "
         f"{mean_above:.1%} do, with an I2 from {low:+.1f} dB to {high:+.1f} dB (5% and 95% "
         "quantiles).",
-        {
-            "I2 of the sum (dB)": tells(summing, DECIBELS.smaller),
-            "change of the sum's I2, outliers - overlapped (dB)": change,
-            "I2 of the robust likelihood (dB)": inclination(OUTLIERS, ROBUST),
-            "ANEES of the robust likelihood": anees_of(evaluated(OUTLIERS, ROBUST).credibility),
-            "share of its runs below -0.3 dB": below,
-            "share of its runs above +0.3 dB": tells(above, in_some),
-            "share below -0.3 dB, overlapped likelihood": plain_below,
-            "share above +0.3 dB, overlapped likelihood": plain_above,
-            "mean share below -0.3 dB over 50 random layouts": mean_below,
-            "mean share above +0.3 dB over 50 random layouts": mean_above,
-            "5 % quantile of I2 over these layouts (dB)": low,
-            "95 % quantile of I2 over these layouts (dB)": high,
-        },
         holds=f"The robust likelihood has both parts "
         f"over random layouts ({mean_below:.0%} and {mean_above:.0%} of the runs), not in this "
         f"scene, and an I2 of {low:+.1f} dB to {high:+.1f} dB; some of both is seen without "
