@@ -54,7 +54,7 @@ def cluster_summing_wrong(ev: Evidence) -> None:
     is_wrong = ev.part("the global minimum is wrong", nearly_all)
     leaves = ev.part("descents from the truth leave it", nearly_all)
     is_wrong.headline("share of draws with a wrong global minimum, this scene", wrong_here)
-    is_wrong("the same on random layouts", wrong_on_layouts)
+    is_wrong.headline("the same on random layouts", wrong_on_layouts)
     for name in BOTH:
         wrong_of_both = complement(share_of(found[f"with outliers, {name}"].right))
         ev(f"the same, with outliers, {name}", wrong_of_both)
