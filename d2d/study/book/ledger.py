@@ -212,7 +212,7 @@ def _row(claim: Claim, evidence: Evidence) -> str:
     verdict, chapter, headlines = evidence.verdict, _chapter(claim.page), evidence.headlines
     elsewhere = page_of(claim.section, claim.figure)  # the page of a figure need not be the claim's
     figure_page = next((each.page for each in FIGURES if each.id == claim.figure), elsewhere)
-    told = "".join(
+    shown = "".join(
         f'<span class="told" title="{escape(name)}">{_axis(value)}<b>'
         f"{typeset(significant(value))}</b> {_interval(value)}</span>"
         for name, value in headlines.items()
@@ -221,7 +221,7 @@ def _row(claim: Claim, evidence: Evidence) -> str:
         f'<details class="ledger-row {_style(verdict)}" id="{anchor(claim.id)}" '
         f'data-verdict="{verdict}" data-chapter="{chapter}">',
         f"<summary>{badge(verdict)}<span>{typeset(claim.text)}</span>"
-        f'<span class="tellings">{told}</span></summary>',
+        f'<span class="tellings">{shown}</span></summary>',
         '<div class="ledger-body">',
         f'<p class="claim-source">Thesis, {_where(claim)} · '
         f'<a href="{claim.page}.html">Chapter {chapter}</a>, '

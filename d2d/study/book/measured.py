@@ -221,9 +221,9 @@ def rms_ratio(over: Array, under: Array, block: int = 1, *, comparisons: int = 1
     )
 
 
-def anees_of(found: Credibility) -> Measured:
+def anees_of(runs: Credibility) -> Measured:
     """ANEES of independent runs."""
-    return mean_of(found.nees * (found.anees / found.nees.mean()))
+    return mean_of(runs.nees * (runs.anees / runs.nees.mean()))
 
 
 def nci_of(errors: Array, covariances: Array) -> Measured:
@@ -231,9 +231,9 @@ def nci_of(errors: Array, covariances: Array) -> Measured:
     return bootstrapped(lambda e, c: credibility(e, c).nci, errors, covariances)
 
 
-def inclination_of(found: Credibility) -> Measured:
+def inclination_of(runs: Credibility) -> Measured:
     """I^2 of independent runs, in dB."""
-    return mean_of(_inclinations(found))
+    return mean_of(_inclinations(runs))
 
 
 def inclination_change(after: Credibility, before: Credibility) -> Measured:
@@ -241,13 +241,13 @@ def inclination_change(after: Credibility, before: Credibility) -> Measured:
     return mean_of(_inclinations(after) - _inclinations(before))
 
 
-def _inclinations(found: Credibility) -> Array:
+def _inclinations(runs: Credibility) -> Array:
     """One term (N,) in dB for each run, whose mean is I^2 and whose scatter is that of I^2.
 
     The actual covariance in the credibility ratio is estimated from the same runs.  To first order,
     and for errors whose shape is that of a Gaussian, this adds credible NEES / dimension - 1, whose
     mean is 0, to the logarithm of each run's ratio.
     """
-    credible = found.credible_nees
-    terms = np.log(found.ratio) + credible / credible.mean() - 1.0
+    credible = runs.credible_nees
+    terms = np.log(runs.ratio) + credible / credible.mean() - 1.0
     return np.asarray(10.0 / np.log(10.0) * terms)

@@ -86,12 +86,11 @@ def doppler_rejects_moving(ev: Evidence) -> None:
     without, with_doppler = (share_over(each, number_moving) for each in seen.T[:2])
     still = share_over(seen[:, 2], number_fixed)
     along, across = (share_over(each, 1) for each in np.transpose(walking))
-    gain = mean_of(seen[:, 1] - seen[:, 0])
     suppresses = ev.part("Doppler suppresses what moves", nearly_all)
     less_without = ev.part("without it less is suppressed", SHARE.larger)
     ev("share of moving targets rejected without Doppler", without)
     suppresses.headline("share of moving targets rejected with Doppler", with_doppler)
-    less_without("difference of these shares", gain)
+    less_without("difference of these shares", mean_of(seen[:, 1] - seen[:, 0]))
     ev("share of targets that stand still rejected with Doppler", still)
     suppresses("share rejected with Doppler, walking along the line of sight", along)
     suppresses.headline("share rejected with Doppler, walking across it", across)
@@ -139,12 +138,13 @@ def doppler_more_certain(ev: Evidence) -> None:
         for name, doppler in DOPPLER.items()
     }
     sigmas = {
-        name: np.array([np.median(each.sigmas, axis=0) for each in found])
-        for name, found in drives.items()
+        name: np.array([np.median(each.sigmas, axis=0) for each in comparisons])
+        for name, comparisons in drives.items()
     }
     ratio = [geometric_mean_of(each) for each in (sigmas["without"] / sigmas["with"]).T]
     anees = {
-        name: mean_of([each.credibility.anees for each in found]) for name, found in drives.items()
+        name: mean_of([each.credibility.anees for each in comparisons])
+        for name, comparisons in drives.items()
     }
     more_certain = ev.part("it becomes more certain", RATIO.larger)
     _add_ratios(more_certain, "ratio of the median sigma of {}, without / with", ratio, ("v_x",))
@@ -222,7 +222,7 @@ def _annealed_at_random(doppler: bool) -> tuple[Measured, Measured, list[Measure
     Returns the shares of the pairs that it brings nearer to v_x and farther from it, and the ratios
     of the RMSEs of v_x, v_y and omega, annealed / plain.
     """
-    found = []
+    errors = []
     for seed, (drive, _) in enumerate(robot_drives()):
         rng = np.random.default_rng([seed, 1])
         starts = rng.uniform(-1.0, 1.0, (len(drive.scans) - 1, 3)) * FASTEST
@@ -230,8 +230,8 @@ def _annealed_at_random(doppler: bool) -> tuple[Measured, Measured, list[Measure
             followed(drive, starts, scales=ANNEALED, doppler=doppler),
             followed(drive, doppler=doppler),
         )
-        found.append([np.abs(theta - drive.truth.theta[1:]) for theta in each])
-    annealed, plain = (np.concatenate(each) for each in zip(*found, strict=True))
+        errors.append([np.abs(theta - drive.truth.theta[1:]) for theta in each])
+    annealed, plain = (np.concatenate(each) for each in zip(*errors, strict=True))
     block = max(block_length(plain**2), block_length(annealed**2))
     nearer, farther = (
         share_counted(float(each.mean()), len(each) / block_length(each))

@@ -139,8 +139,7 @@ def loose_cluster_summing(ev: Evidence) -> None:
     ev(f"{what}, spacing 2 sigma", several[2.0])
     gets_peaks.headline(f"{what}, minimum over {APART}", if_loose, under=if_apart)
     ev.headline(f"{what}, minimum over spacings of 4 to 6 sigma", if_apart, nearly_all)
-    number = mean_of(_maxima(SUMMING, 5.0))
-    ev(f"mean number of maxima within {NEAR:g} m, spacing 5 sigma", number)
+    ev(f"mean number of maxima within {NEAR:g} m, spacing 5 sigma", mean_of(_maxima(SUMMING, 5.0)))
     ev.conclude(
         "neighbours that meet each other's partners add peaks one and two spacings away, which "
         "without noise separate at a spacing of 3.7 sigma. Several maxima lie within "

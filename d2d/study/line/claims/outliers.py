@@ -65,7 +65,6 @@ def outlier_fixed_summing(ev: Evidence) -> None:
     apart = np.abs(outlier - targets).min(axis=-1) > SEPARATE * SIGMA
     four, four_if_apart = share_of(has_four), share_of(has_four[apart])
     more, more_if_apart = share_of(gains), share_of(gains[apart])
-    number, number_before = mean_of(after.optima), mean_of(before.optima)
     possibility = ev.part("each target gets a fourth possibility", nearly_all)
     gets_more = ev.part("the sum gets more local peaks", nearly_all)
     peaks_of_b = "share of draws in which target B's surface has four peaks"
@@ -73,8 +72,8 @@ def outlier_fixed_summing(ev: Evidence) -> None:
     maxima = "share of draws with more local maxima"
     gets_more.headline(f"{maxima} of the sum than without the outlier", more, under=more_if_apart)
     ev.headline(f"{maxima}, outlier apart from all targets", more_if_apart, nearly_all)
-    ev("mean number of maxima without the outlier", number_before)
-    ev("mean number of maxima with it", number)
+    number_before = ev("mean number of maxima without the outlier", mean_of(before.optima))
+    number = ev("mean number of maxima with it", mean_of(after.optima))
     ev.conclude(
         "the outlier adds three pairs and up to three bumps: target B's surface has four peaks in "
         f"{four:.0%} of the draws, and the sum has more maxima than without the outlier in "
@@ -211,20 +210,20 @@ def uniform_restores(ev: Evidence) -> None:
     """With a uniform outlier component the likelihood has one global peak at the correct
     translation, and no local peak is comparable to it.
     """
-    found = survey_scene(UNIFORM, "moving")
-    right, comparable = share_of(is_right(found)), share_of(found.rival > COMPARABLE)
+    draws = survey_scene(UNIFORM, "moving")
+    right, comparable = share_of(is_right(draws)), share_of(draws.rival > COMPARABLE)
     at_truth = ev.part("the global peak is right", nearly_all)
     none_comparable = ev.part("no other is comparable", nearly_all)
     at_truth.headline("share of draws with the highest peak at the true alignment", right)
     rivals = "share of draws with all others up to"
     none_comparable.headline(f"{rivals} half the highest", complement(comparable))
-    ev(f"{rivals} 1 % of the highest", share_of(found.rival <= TINY))
+    ev(f"{rivals} 1 % of the highest", share_of(draws.rival <= TINY))
     ev.conclude(
         f"as a density, with c = {UNIFORM_DENSITY:g} per metre, it is highest at the true "
         f"alignment in {right:.0%} of the draws, and a rival exceeds half of that in "
-        f"{comparable:.1%}. Its logarithm has {found.optima.mean():.1f} maxima on average, for the "
+        f"{comparable:.1%}. Its logarithm has {draws.optima.mean():.1f} maxima on average, for the "
         "ten distances at which targets meet, and the median basin around the truth is "
-        f"{np.median(found.basin_width):.1f} m wide: the price of a robust cost is that it needs a "
+        f"{np.median(draws.basin_width):.1f} m wide: the price of a robust cost is that it needs a "
         "good start.",
         over=OVER,
     )
@@ -279,10 +278,10 @@ def _credibility_with_outlier() -> list[Credibility]:
 
     The uniform component comes first.
     """
-    found = [register(*scene("moving", 4000), cost, [TRUTH]) for cost in (UNIFORM, ROBUST)]
-    right = [each.converged & (np.abs(each.theta[:, 0] - TRUTH) < RIGHT) for each in found]
+    estimates = [register(*scene("moving", 4000), cost, [TRUTH]) for cost in (UNIFORM, ROBUST)]
+    right = [each.converged & (np.abs(each.theta[:, 0] - TRUTH) < RIGHT) for each in estimates]
     kept = np.all(right, axis=0)
-    return [credibility(each.theta[kept] - TRUTH, each.covariance[kept]) for each in found]
+    return [credibility(each.theta[kept] - TRUTH, each.covariance[kept]) for each in estimates]
 
 
 @claim("corrupted-restores", section="4.4", lines="827", figure="corrupted-gaussian")
@@ -290,18 +289,18 @@ def corrupted_restores(ev: Evidence) -> None:
     """With the corrupted Gaussian all local peaks of the likelihood are tiny compared to the global
     peak.
     """
-    found, uniform = survey_scene(ROBUST, "moving"), survey_scene(UNIFORM, "moving")
-    right, tiny = share_of(is_right(found)), share_of(found.rival < TINY)
+    corrupted, uniform = survey_scene(ROBUST, "moving"), survey_scene(UNIFORM, "moving")
+    right, tiny = share_of(is_right(corrupted)), share_of(corrupted.rival < TINY)
     at_truth = ev.part("the global peak is right", nearly_all)
     all_tiny = ev.part("all others are tiny", nearly_all)
     at_truth.headline("share of draws with the highest peak at the true alignment", right)
     rivals = "share of draws with all others up to"
-    ev(f"{rivals} half the highest", share_of(found.rival <= COMPARABLE))
+    ev(f"{rivals} half the highest", share_of(corrupted.rival <= COMPARABLE))
     all_tiny.headline(f"{rivals} 1 % of the highest", tiny)
     ev.conclude(
         f"the highest peak is at the true alignment in {right:.0%} of the draws, and all others "
         f"are below {TINY:.0%} of it in {tiny:.0%}; a higher one is where the outlier supports a "
-        f"meeting of two other targets. The logarithm has {found.optima.mean():.1f} maxima on "
+        f"meeting of two other targets. The logarithm has {corrupted.optima.mean():.1f} maxima on "
         f"average, with the uniform component {uniform.optima.mean():.1f}.",
         holds=f"In most draws: all other peaks are below {TINY:.0%} of the highest in {tiny:.0%}.",
         over=OVER,

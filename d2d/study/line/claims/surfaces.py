@@ -52,9 +52,9 @@ def _survey(cost: RegistrationCost, sigma_moving: float = SIGMA) -> Survey:
     return survey(TRANSLATIONS, _surfaces(cost, sigma_moving), TRUTH)
 
 
-def is_right(found: Survey) -> NDArray[np.bool_]:
+def is_right(survey_of_draws: Survey) -> NDArray[np.bool_]:
     """Whether the highest peak of each draw is that of the true alignment."""
-    return found.right(TRUTH, RIGHT)
+    return survey_of_draws.right(TRUTH, RIGHT)
 
 
 @claim("b-three-peaks", section="4.2", lines="599", figure="target-b")
@@ -126,7 +126,6 @@ def equal_sigma_same(ev: Evidence) -> None:
     right_p2d, right_d2d = (share_of(is_right(each)) for each in (p2d, d2d))
     local_p2d, local_d2d = (share_of(each.optima > 1) for each in (p2d, d2d))
     alike = share_of(p2d.optima == d2d.optima)
-    number_p2d, number_d2d = mean_of(p2d.optima), mean_of(d2d.optima)
     peak_is_right = ev.part("the global peak is right", nearly_all)
     has_local = ev.part("both have local peaks", nearly_all)
     behave_alike = ev.part("they behave the same", nearly_all)
@@ -137,8 +136,8 @@ def equal_sigma_same(ev: Evidence) -> None:
     has_local("share of draws with local peaks besides, P2D", local_p2d)
     has_local("share of draws with local peaks besides, D2D", local_d2d)
     behave_alike.headline("share of draws with as many peaks in both", alike)
-    ev("mean number of peaks, P2D", number_p2d)
-    ev("mean number of peaks, D2D", number_d2d)
+    number_p2d = ev("mean number of peaks, P2D", mean_of(p2d.optima))
+    number_d2d = ev("mean number of peaks, D2D", mean_of(d2d.optima))
     ev.conclude(
         f"the highest peak is at the true alignment in {right_p2d:.0%} of the draws with P2D and "
         f"in {right_d2d:.0%} with D2D, with local ones besides in {local_p2d:.0%} and "
@@ -187,13 +186,11 @@ def summing_local_peaks(ev: Evidence) -> None:
     """The surface of the sum has one global maximum and many local maxima."""
     survey_of_sum = _survey(D2D)
     right = share_of(is_right(survey_of_sum))
-    many = share_of(survey_of_sum.optima >= 3)
-    number = mean_of(survey_of_sum.optima)
     maximum_is_right = ev.part("the global maximum is right", nearly_all)
     local = ev.part("there are many local ones", nearly_all)
     maximum_is_right.headline("share of draws with the highest peak at the true alignment", right)
-    local.headline("share of draws with three peaks or more", many)
-    ev("mean number of peaks", number)
+    local.headline("share of draws with three peaks or more", share_of(survey_of_sum.optima >= 3))
+    number = ev("mean number of peaks", mean_of(survey_of_sum.optima))
     ev.conclude(
         "every pair of targets that meet adds a peak, at the scene's seven different distances: "
         f"the sum has {number:.1f} peaks on average, and the highest is at the true "

@@ -37,11 +37,11 @@ def cluster_summing_wrong(ev: Evidence) -> None:
     the ground truth".
     """
     scenes = {"this scene": CLUSTERS} | {f"with outliers, {name}": s for name, s in BOTH.items()}
-    found = {name: local_minima(each, SUMMING, SEARCHED) for name, each in scenes.items()}
+    minima = {name: local_minima(each, SUMMING, SEARCHED) for name, each in scenes.items()}
     layouts = [
         local_minima(random_layout("clusters", seed), SUMMING, 1) for seed in range(SEARCHED)
     ]
-    wrong_here = complement(share_of(found["this scene"].right))
+    wrong_here = complement(share_of(minima["this scene"].right))
     wrong_on_layouts = complement(share_over([each.right for each in layouts], 1))
     stays = share_ending_at_truth(CLUSTERS, SUMMING)
     stays_on_layouts = share_over(over_layouts("clusters", SUMMING).share, 100)
@@ -56,11 +56,11 @@ def cluster_summing_wrong(ev: Evidence) -> None:
     is_wrong.headline("share of draws with a wrong global minimum, this scene", wrong_here)
     is_wrong.headline("the same on random layouts", wrong_on_layouts)
     for name in BOTH:
-        wrong_of_both = complement(share_of(found[f"with outliers, {name}"].right))
+        wrong_of_both = complement(share_of(minima[f"with outliers, {name}"].right))
         ev(f"the same, with outliers, {name}", wrong_of_both)
     ev(
         "median density of the next optimum over that at the truth, this scene",
-        median_of(rivals(found["this scene"])),
+        median_of(rivals(minima["this scene"])),
     )
     ev("the same on the layouts", median_of(np.concatenate([rivals(each) for each in layouts])))
     ev("share of descents from the truth that end there", stays)
@@ -90,14 +90,12 @@ def cluster_likelihood_same(ev: Evidence) -> None:
     """Clusters: the likelihood "behaves almost the same" as in the overlapped scene; expected are
     results that are "the same or even better".
     """
-    found, without = (local_minima(s, LIKELIHOOD, SEARCHED) for s in (CLUSTERS, OVERLAPPED))
-    share_right = share_of(found.right)
-    lower, lower_without = decades_to_second(found), decades_to_second(without)
-    one_visible = share_of(found.visible == 1)
+    clustered, without = (local_minima(s, LIKELIHOOD, SEARCHED) for s in (CLUSTERS, OVERLAPPED))
+    share_right = share_of(clustered.right)
+    lower, lower_without = decades_to_second(clustered), decades_to_second(without)
+    one_visible = share_of(clustered.visible == 1)
     conditions = (CLUSTERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD)
-    ratio = error_ratio(*conditions)
     ratio_of_layouts = geometric_mean_of(error_ratio_of_layouts(*conditions))
-    here = inclination(CLUSTERS, LIKELIHOOD)
     on_layouts = mean_of(over_layouts("clusters", LIKELIHOOD).inclination)
     seen = ev.part("one optimum can be seen, at the truth", nearly_all)
     no_larger = ev.part("the error is the same or smaller", RATIO.no_larger)
@@ -105,14 +103,14 @@ def cluster_likelihood_same(ev: Evidence) -> None:
     seen("share of draws with the highest optimum at the truth", share_right)
     seen("share of draws with one optimum above 1 % of the highest density", one_visible)
     near = "mean number of minima within 10 m and 45 deg of the truth, clusters"
-    ev(near, mean_of(found.near))
+    ev(near, mean_of(clustered.near))
     ev("mean number of minima there, overlapped", mean_of(without.near))
     ev("log10 of the second density over the first", lower)
     ev("log10 of the second density over the first, overlapped", lower_without)
-    no_larger.headline("ratio of the RMSE, clusters / overlapped", ratio)
+    ratio = no_larger.headline("ratio of the RMSE, clusters / overlapped", error_ratio(*conditions))
     no_larger("mean of this ratio over 200 random layouts", ratio_of_layouts)
     ev("ANEES", anees_of(evaluated(CLUSTERS, LIKELIHOOD).credibility))
-    as_true.headline("I2 (dB)", here)
+    here = as_true.headline("I2 (dB)", inclination(CLUSTERS, LIKELIHOOD))
     as_true("mean of I2 over 200 random layouts (dB)", on_layouts)
     ev.conclude(
         f"in {share_right:.0%} of {SEARCHED} draws the highest optimum is at the truth, and the "

@@ -39,9 +39,9 @@ def nci_not_enough(ev: Evidence) -> None:
     """The NCI is not enough to evaluate the estimation, especially if the true covariance is
     unknown.
     """
-    found = conditions()
+    studies = conditions()
     nci, inclination, coverage = (
-        np.stack([getattr(each, name) for each in found], axis=-1)
+        np.stack([getattr(each, name) for each in studies], axis=-1)
         for name in ("nci", "inclination", "coverage")
     )
     dangerous = coverage < REGION - SHARE.high
@@ -72,6 +72,6 @@ def nci_not_enough(ev: Evidence) -> None:
         f"conditions, the NCI sorts {of_product:.0%} rightly. Either index needs the true errors.",
         holds="Where covariances occur that are too large, as the sum's are, beside such that are "
         f"too small; without the sum the NCI sorts {of_product:.0%} rightly.",
-        over=f"{len(found)} conditions, three costs in four kinds of scene, each on "
+        over=f"{len(studies)} conditions, three costs in four kinds of scene, each on "
         f"{LAYOUTS_OF_A_KIND} random layouts with {RUNS} draws",
     )

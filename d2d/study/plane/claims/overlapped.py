@@ -152,14 +152,13 @@ def overlap_summing_pessimistic(ev: Evidence) -> None:
     likelihood's.
     """
     summing = evaluated(OVERLAPPED, SUMMING).credibility
-    here = inclination_of(summing)
     lead = inclination_change(summing, evaluated(OVERLAPPED, LIKELIHOOD).credibility)
     over = over_layouts("overlapped", SUMMING).inclination
     high, share = quantile_of(over, 0.95), share_of(over < DECIBELS.low)
     overestimates = ev.part("it overestimates the error", DECIBELS.smaller)
     more = ev.part("more than the likelihood", DECIBELS.smaller)
     ev("ANEES", anees_of(summing))
-    overestimates.headline("I2 (dB)", here)
+    here = overestimates.headline("I2 (dB)", inclination_of(summing))
     more("I2, sum - likelihood (dB)", lead)
     overestimates("share of 200 random layouts with an I2 below -0.5 dB", share, nearly_all)
     ev("95 % quantile of I2 over 200 random layouts (dB)", high)
