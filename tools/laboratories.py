@@ -3,14 +3,17 @@
 A page has a laboratory where its text has ``<div class="lab" data-lab="name">``; the scripts are
 ``engine.js``, ``kit.js`` and ``name.js`` in ``_static/labs``, and those that it builds on.  Jupyter
 Book by itself would load every script of ``_static`` on every page.  Every page is told which pages
-have a laboratory, for the marks in its sidebar.
+have a laboratory, for the marks in its sidebar.  The example log of the command line is written as
+a script as well: a book that is opened from a folder can load no CSV file.
 """
 
 from __future__ import annotations
 
 import json
 import re
+import tempfile
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from docutils import nodes
@@ -18,11 +21,13 @@ from sphinx.application import Sphinx
 from sphinx.config import Config
 from sphinx.environment import BuildEnvironment
 
+from d2d.radar import cli
+
 FOLDER = "labs/"
 LABORATORY = re.compile(r'<div class="lab"[^>]* data-lab="([a-z]+)"')
 SHARED = ("engine", "kit")
 NEEDED = {  # by single laboratories, before their own script
-    "log": ("tracker", "findings"),
+    "log": ("tracker",),
     "replay": ("replay_data",),
 }
 
@@ -60,8 +65,24 @@ def load(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree
         app.add_js_file(f"{FOLDER}{name}.js", loading_method="defer")
 
 
+def example_script() -> str:
+    """The log of ``python -m d2d.radar example`` as a script."""
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "log.csv"
+        cli.main(["example", str(log)])
+        return f"globalThis.exampleLog = {json.dumps(log.read_text(encoding='utf-8'))};\n"
+
+
+def write_example(app: Sphinx, error: Exception | None) -> None:
+    """Write the example beside the laboratories' scripts."""
+    folder = Path(app.outdir) / "_static" / FOLDER
+    if error is None and folder.is_dir():
+        (folder / "example.js").write_text(example_script(), encoding="utf-8")
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("config-inited", leave_out)
     app.connect("html-page-context", tell)
     app.connect("html-page-context", load)
+    app.connect("build-finished", write_example)
     return {"parallel_read_safe": True}

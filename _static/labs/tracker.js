@@ -1,5 +1,5 @@
-// The track of a log in the browser: what `python -m d2d.radar track` computes, step for step.  Each section names the
-// module of d2d that it mirrors; tests/book/test_tracker.py compares the results with the command line's, to 1e-6.
+// The track of a standard log in the browser: the plain path of `python -m d2d.radar track`, with the same rounds, filter and
+// budget.  Each section names the module of d2d that it mirrors; tests/book/test_tracker.py compares the results with d2d's.
 //
 // A classic script like engine.js, on which it builds; it defines one name, `tracker`.
 //
@@ -35,22 +35,6 @@ globalThis.tracker = (function radarTracker() {
     const ordered = [...values].sort((a, b) => a - b),
       half = Math.floor(ordered.length / 2);
     return ordered.length % 2 ? ordered[half] : (ordered[half - 1] + ordered[half]) / 2;
-  }
-
-  /** The matrix X with A X = B, by Gaussian elimination. */
-  function solve(a, b) {
-    const rows = a.map((row, i) => [...row, ...b[i]]),
-      n = a.length;
-    for (let j = 0; j < n; j++) {
-      let pivot = j;
-      for (let i = j + 1; i < n; i++) if (Math.abs(rows[i][j]) > Math.abs(rows[pivot][j])) pivot = i;
-      [rows[j], rows[pivot]] = [rows[pivot], rows[j]];
-      for (let i = 0; i < n; i++) {
-        const factor = rows[i][j] / rows[j][j];
-        if (i !== j) for (let k = j; k < rows[i].length; k++) rows[i][k] -= factor * rows[j][k];
-      }
-    }
-    return rows.map((row, i) => row.slice(n).map((each) => each / row[i]));
   }
 
   /** Eigenvalues of a symmetric matrix, and its eigenvectors as rows: Jacobi's rotations. */
@@ -99,192 +83,141 @@ globalThis.tracker = (function radarTracker() {
     return { solution: apply(inverse, right), rank };
   }
 
-  /** As Python's format {:g}. */
-  const short = (value) => String(Number(value.toPrecision(6)));
-  const seconds = (value, decimals = 3) => `${value.toFixed(decimals)} s`;
+  const inverse = (a) => pseudoInverse(a, 0).inverse; // of a positive definite matrix
   const percent = (share) => `${(100 * share).toFixed(0)}%`;
 
-  // ---- d2d/radar/readers/csv_log.py ----------------------------------------------------------------------------------------
+  // ---- d2d/radar/readers/csv_log.py, for a log in the standard columns and units ---------------------------------------------
 
   const MEASURED = ["time", "range", "azimuth", "doppler"],
     SIGMAS = ["sigma_range", "sigma_azimuth", "sigma_doppler"],
-    STEP_BACK = 1; // s
+    MAX_INTERVAL = 60; // s
   const BOUNDS = {
-    time: {},
     range: { above: 0, most: 1e4, unit: "in m, ", hint: "; are these millimetres or centimetres?" },
-    azimuth: {
-      most: 2 * Math.PI * (1 + 1e-6),
-      unit: "in radians (rad), ",
-      hint: "; are these degrees? Then say so in the settings",
-    },
-    degrees: { most: 360, unit: "in degrees, " },
-    doppler: {},
-    sigma: { above: 0 },
+    azimuth: { most: 2 * Math.PI * (1 + 1e-6), unit: "in radians (rad), ", hint: "; are these degrees? The command line takes --degrees" },
+    sigma_range: { above: 0 },
+    sigma_azimuth: { above: 0 },
+    sigma_doppler: { above: 0 },
   };
 
-  /** The text of a file in UTF-8, in UTF-16 with its mark, or otherwise in Latin-1. */
-  function decoded(bytes) {
-    const [first, second] = new Uint8Array(bytes.slice(0, 2));
-    if (first === 0xff && second === 0xfe) return new TextDecoder("utf-16le").decode(bytes);
-    if (first === 0xfe && second === 0xff) return new TextDecoder("utf-16be").decode(bytes);
-    try {
-      return new TextDecoder("utf-8", { fatal: true }).decode(bytes);
-    } catch {
-      return new TextDecoder("latin1").decode(bytes);
+  /** As Python's format {:g}. */
+  const short = (value) => String(Number(value.toPrecision(6)));
+
+  /** The number in a cell; an Error says what it must be. */
+  function number(name, text) {
+    const value = /^\s*$/.test(text) ? NaN : Number(text),
+      { above = -Infinity, most = Infinity, unit = "", hint = "" } = BOUNDS[name] ?? {};
+    if (Number.isNaN(value) && !/^\s*[+-]?nan\s*$/i.test(text)) {
+      throw new Error(`${name} must be a number, with a decimal point, but is '${text}'`);
     }
+    if (!Number.isFinite(value)) throw new Error(`${name} must be finite, but holds nan or inf`);
+    if (value <= above) throw new Error(`${name} must be positive, but is ${short(value)}`);
+    if (Math.abs(value) > most) throw new Error(`${name} must be ${unit}at most ${short(most)}, but is ${short(value)}${hint}`);
+    return value;
   }
 
-  /** The line that names the columns, perhaps behind a #: {names, separator, line}, its number counted from 0. */
+  /** The cells of a line; a name may stand in quotation marks. */
+  const cellsOf = (line, separator) => line.split(separator).map((cell) => cell.trim().replace(/^"(.*)"$/, "$1"));
+
+  /** The first line that is no comment, perhaps behind a #, names the columns: {names, separator, line}. */
   function readHeader(lines, source) {
     for (const [line, text] of lines.entries()) {
       const count = (mark) => text.split(mark).length,
-        separator = [",", ";", "\t"].reduce((best, mark) => (count(mark) > count(best) ? mark : best));
-      const names = text
-        .replace(/^[# ]+/, "")
-        .split(separator)
-        .map((word) =>
-          word
-            .trim()
-            .replace(/^"+|"+$/g, "")
-            .toLowerCase(),
-        );
-      if (MEASURED.every((name) => names.includes(name))) {
-        const twice = [...MEASURED, ...SIGMAS, "sensor"].find((name) => names.indexOf(name) !== names.lastIndexOf(name));
-        if (twice) throw new Error(`${source}, line ${line + 1}: the column '${twice}' is named twice`);
-        return { names, separator, line };
-      }
+        separator = [",", ";", "\t"].reduce((best, mark) => (count(mark) > count(best) ? mark : best)),
+        names = cellsOf(text.replace(/^[# ]+/, ""), separator).map((name) => name.toLowerCase());
+      if (MEASURED.every((name) => names.includes(name))) return { names, separator, line };
       if (text.trim() && !text.startsWith("#")) {
-        const found = names.map((name) => `'${name}'`).join(", ");
         throw new Error(
-          `${source}, line ${line + 1}: the first line must name the columns ${MEASURED.join(", ")}, but names ${found}`,
+          `${source}, line ${line + 1}: the first line must name the columns ${MEASURED.join(", ")}, but names ` +
+            `${names.map((name) => `'${name}'`).join(", ")}; the command line takes other names (--columns)`,
         );
       }
     }
     throw new Error(`${source} is empty: its first line must name the columns`);
   }
 
-  /** The words of a line; a quoted one may hold separators, but no line break. */
-  function wordsOf(text, separator) {
-    if (!text.includes('"')) return text.split(separator);
-    const words = [];
-    let rest = text;
-    for (;;) {
-      const quoted = /^"((?:[^"]|"")*)"/.exec(rest),
-        plain = quoted ? quoted[0].length : (rest + separator).indexOf(separator);
-      if (rest.startsWith('"') && (!quoted || ![separator, ""].includes(rest.charAt(plain)))) {
-        throw new Error("a quotation mark must be followed by another at the end of its value, on the same line");
-      }
-      words.push(quoted ? quoted[1].replaceAll('""', '"') : rest.slice(0, plain));
-      if (plain === rest.length) return words;
-      rest = rest.slice(plain + 1);
-    }
-  }
-
-  /** The number that a text is to Python. */
-  function number(name, text) {
-    const word = text.trim();
-    if (/^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(word)) return Number(word);
-    if (/^[+-]?(inf|infinity|nan)$/i.test(word)) return NaN; // a number to Python, which is then refused as not finite
-    throw new Error(`${name} must be a number, but is '${text}'`);
-  }
-
-  /** What is wrong with a number; nothing if it is within bounds. */
-  function complaint(value, { above = -Infinity, most = Infinity, unit = "", hint = "" }) {
-    if (!Number.isFinite(value)) return "must be finite, but holds nan or inf";
-    if (value <= above) return `must be ${above === 0 ? "positive" : `above ${above}`}, but is ${short(value)}`;
-    if (Math.abs(value) > most) return `must be ${unit}at most ${short(most)}, but is ${short(value)}${hint}`;
-    return "";
-  }
-
-  /** A log as its rows: {columns, rows}, each row {line, sensor, values}.  The settings decide on what they mean. */
-  function readRows(bytes, source) {
-    const lines = decoded(bytes).split(/\r\n|\n|\r/),
-      header = readHeader(lines, source),
-      columns = [...MEASURED, ...SIGMAS].filter((name) => header.names.includes(name)),
-      places = columns.map((name) => header.names.indexOf(name)),
-      sensorAt = header.names.indexOf("sensor");
-    const rows = [];
-    for (let i = header.line + 1; i < lines.length; i++) {
+  /** A log {source, columns, targets, sensors}; each sensor {name, scans} in the order of the lines, which must be that of time. */
+  function readLog(text, source) {
+    const lines = text.split(/\r\n|\n|\r/),
+      { names, separator, line: first } = readHeader(lines, source),
+      columns = [...MEASURED, ...SIGMAS].filter((name) => names.includes(name)),
+      sensors = new Map();
+    let targets = 0;
+    for (let i = first + 1; i < lines.length; i++) {
+      if (!lines[i].trim() || lines[i].startsWith("#")) continue;
       try {
-        const words = wordsOf(lines[i], header.separator);
-        if (!words.some((word) => word.trim()) || words[0].startsWith("#")) continue;
-        if (words.length !== header.names.length) {
-          throw new Error(
-            `there must be ${header.names.length} values as in the first line, but are ${words.length}`,
-          );
-        }
-        const sensor = sensorAt < 0 ? "radar" : words[sensorAt].trim();
-        if (!sensor) throw new Error("sensor must be a name or a number, but is empty");
-        rows.push({ line: i + 1, sensor, words: places.map((place) => words[place]) });
+        addTarget(sensors, lines[i], { names, separator, columns });
       } catch (error) {
         throw new Error(`${source}, line ${i + 1}: ${error.message}`);
       }
+      targets += 1;
     }
-    if (!rows.length) throw new Error(`${source} has no line with a target`);
-    return { source, columns, rows, sensors: [...new Set(rows.map((row) => row.sensor))] };
+    if (!targets) throw new Error(`${source} has no line with a target`);
+    for (const [name, scans] of sensors) checkIntervals(name, scans);
+    return { source, columns, targets, sensors: [...sensors].map(([name, scans]) => ({ name, scans })) };
   }
 
-  /** The scans of each sensor by its name; `sigmas` by the columns' names stand for all targets, in m, rad and m/s. */
-  function loadCsv({ source, columns, rows }, { degrees = false, sigmas = {} }) {
-    const missing = SIGMAS.filter((name) => !columns.includes(name) && sigmas[name] === undefined);
+  /** Add the target of a line to the latest scan of its sensor, or to a new one. */
+  function addTarget(sensors, text, { names, separator, columns }) {
+    const cells = cellsOf(text, separator);
+    if (cells.length !== names.length) {
+      throw new Error(`there must be ${names.length} values as in the first line, but are ${cells.length}`);
+    }
+    const sensor = names.includes("sensor") ? cells[names.indexOf("sensor")] : "radar";
+    if (!sensor) throw new Error("sensor must be a name or a number, but is empty");
+    const values = Object.fromEntries(columns.map((name) => [name, number(name, cells[names.indexOf(name)])])),
+      { time, range, azimuth, doppler } = values,
+      scans = sensors.get(sensor) ?? [],
+      latest = scans.at(-1);
+    sensors.set(sensor, scans);
+    if (latest && time < latest.time) {
+      throw new Error(
+        `the time of ${sensor} steps back from ${latest.time} s to ${time} s; this page takes times as they come. ` +
+          "Sort the lines, or use the command line, which begins a new segment there",
+      );
+    }
+    if (time !== latest?.time) scans.push({ time, targets: [] });
+    const [sigmaRange, sigmaAzimuth, sigmaDoppler] = SIGMAS.map((name) => values[name]);
+    scans.at(-1).targets.push({ range, azimuth, doppler, sigmaRange, sigmaAzimuth, sigmaDoppler });
+  }
+
+  /** Refuse times that are usually farther apart than a minute. */
+  function checkIntervals(name, scans) {
+    const intervals = scans.slice(1).map((scan, i) => scan.time - scans[i].time);
+    if (intervals.length && median(intervals) > MAX_INTERVAL) {
+      throw new Error(
+        `${name} must have times in seconds (s), at most ${MAX_INTERVAL} apart, but ${scans[1].time} comes after ` +
+          `${scans[0].time}; are these milli- or microseconds?`,
+      );
+    }
+  }
+
+  /** The sensors of a log with their mountings and, where the file has no column, the standard deviations of all targets. */
+  function sensorsOf({ source, columns, sensors }, { mountings, sigmas }) {
+    const missing = SIGMAS.filter((name) => !columns.includes(name) && !(sigmas[name] > 0));
     if (missing.length) throw new Error(`${source} has no column ${missing.join(", ")}: give it for all targets`);
-    const bounds = { ...BOUNDS, azimuth: degrees ? BOUNDS.degrees : BOUNDS.azimuth },
-      radians = degrees ? DEGREE : 1;
-    const used = columns.map((name, i) => [name, i]).filter(([name]) => sigmas[name] === undefined);
-    const table = rows.map(({ line, words }) => {
-      try {
-        return { ...sigmas, ...Object.fromEntries(used.map(([name, i]) => [name, number(name, words[i])])) };
-      } catch (error) {
-        throw new Error(`${source}, line ${line}: ${error.message}`);
-      }
+    const given = {
+      ...(!columns.includes("sigma_range") && { sigmaRange: sigmas.sigma_range }),
+      ...(!columns.includes("sigma_azimuth") && { sigmaAzimuth: sigmas.sigma_azimuth * DEGREE }),
+      ...(!columns.includes("sigma_doppler") && { sigmaDoppler: sigmas.sigma_doppler }),
+    };
+    return sensors.map(({ name, scans }) => {
+      const { x, y, yaw } = mountings[name];
+      return {
+        name,
+        mounting: { x, y, yaw: yaw * DEGREE },
+        scans: scans.map(({ time, targets }) => ({ time, targets: targets.map((target) => ({ ...target, ...given })) })),
+      };
     });
-    table.forEach((values, k) => {
-      for (const [name] of used) {
-        const wrong = complaint(values[name], bounds[name] ?? bounds.sigma);
-        if (wrong) throw new Error(`${source}, line ${rows[k].line}: ${name} ${wrong}`);
-      }
-    });
-    const members = new Map(); // by the sensors' names, by the times
-    rows.forEach(({ sensor }, k) => {
-      const { time, range, azimuth, doppler, sigma_range, sigma_azimuth, sigma_doppler } = table[k];
-      if (!members.has(sensor)) members.set(sensor, new Map());
-      if (!members.get(sensor).has(time)) members.get(sensor).set(time, []);
-      members.get(sensor).get(time).push({
-        range,
-        azimuth: radians * azimuth,
-        doppler,
-        sigmaRange: sigma_range,
-        sigmaAzimuth: sigmas.sigma_azimuth ?? radians * sigma_azimuth,
-        sigmaDoppler: sigma_doppler,
-      });
-    });
-    return [...members].map(([name, scans]) => ({
-      name,
-      scans: inOrder([...scans.keys()]).map((time) => ({ time, targets: scans.get(time) })),
-    }));
-  }
-
-  /** Times in the order of lines if a clock steps back once, as at midnight; otherwise sorted. */
-  function inOrder(times) {
-    const back = times.flatMap((time, i) => (i && time < times[i - 1] - STEP_BACK ? [i] : [])),
-      cut = back.length === 1 ? back[0] : 0;
-    const sorted = (part) => part.sort((a, b) => a - b);
-    return [...sorted(times.slice(0, cut)), ...sorted(times.slice(cut))];
   }
 
   // ---- d2d/radar/scans/scan.py ---------------------------------------------------------------------------------------------
 
-  /** The targets as Gaussians in the vehicle frame; the variance of the `extent` (m) is added along each axis. */
-  function placed({ targets }, mounting, extent) {
-    return targets.map(({ range, azimuth, sigmaRange, sigmaAzimuth }) => {
+  /** The targets as Gaussians in the vehicle frame. */
+  const placed = ({ targets }, mounting) =>
+    targets.map(({ range, azimuth, sigmaRange, sigmaAzimuth }) => {
       const point = d2d.fromPolar(range, azimuth + mounting.yaw, sigmaRange, sigmaAzimuth);
-      point.x += mounting.x;
-      point.y += mounting.y;
-      point.xx += extent ** 2;
-      point.yy += extent ** 2;
-      return point;
+      return { ...point, x: point.x + mounting.x, y: point.y + mounting.y };
     });
-  }
 
   /** Derivative of each target's position in its azimuth, m/rad. */
   const crossRange = ({ targets }, { x, y, yaw }) =>
@@ -365,7 +298,6 @@ globalThis.tracker = (function radarTracker() {
 
   /** The velocity of a sensor along the vehicle's axes, and the derivatives over sigma of what it rests on. */
   function sensorFit(scan, mounting) {
-    if (!scan.targets.length) return { velocity: [0, 0], seen: [] };
     const sight = directions(scan, mounting),
       inlying = agreeing(scan, sight),
       chosen = scan.targets.filter((_, k) => inlying[k]),
@@ -398,19 +330,12 @@ globalThis.tracker = (function radarTracker() {
       const spreads = [first, second].map(({ seen }) => pseudoInverse(product(transposed(seen), seen), 1e-6).inverse);
       const crossed = product(to, covariance),
         expected = sum(product(crossed, transposed(to)), scaled(sum(...spreads), 1 / interval ** 2)),
-        gain = transposed(solve(expected, crossed));
+        gain = product(transposed(crossed), inverse(expected));
       const difference = minus(
         minus(second.velocity, first.velocity).map((each) => each / interval),
         apply(to, value),
       );
-      const away = dot(
-        difference,
-        solve(
-          expected,
-          difference.map((each) => [each]),
-        ).flat(),
-      );
-      if (away < CONTRADICTING ** 2) {
+      if (d2d.nees(difference, expected) < CONTRADICTING ** 2) {
         value = value.map((each, i) => each + dot(gain[i], difference));
         covariance = symmetric(sum(covariance, scaled(product(gain, crossed), -1)));
       }
@@ -459,7 +384,7 @@ globalThis.tracker = (function radarTracker() {
 
   /** Starts for a registration, near the Doppler velocities. */
   function dopplerStarts(views) {
-    const alone = () => views.filter(({ scan }) => scan.targets.length).flatMap(startsAlone);
+    const alone = () => views.flatMap(startsAlone);
     const places = new Set(views.map(({ mounting: { x, y, yaw } }) => [x, y, yaw].join()));
     if (places.size > 1) {
       const { theta, determined } = dopplerEgoMotion(views),
@@ -492,33 +417,31 @@ globalThis.tracker = (function radarTracker() {
   const middleOf = (pairs) => mean(pairs.map((pair) => pair.middle));
 
   /** One pair as the engine reads it, without the velocities gained since the common time. */
-  function pairProblem({ previous, current, mounting, interval }, [byMiddle, byScan], extent) {
+  function pairProblem({ previous, current, mounting, interval }, [byMiddle, byScan]) {
     const [vx, vy, turn] = byMiddle.map((each) => interval * each),
       [cosine, sine] = [Math.cos(turn), Math.sin(turn)];
     const ahead = ({ x, y }) => ({
       x: cosine * x - sine * y + vx - 0.5 * turn * vy,
       y: sine * x + cosine * y + vy + 0.5 * turn * vx,
     });
-    const moving = placed(current, mounting, extent).map((point, k) => {
+    const moving = placed(current, mounting).map((point, k) => {
       const { doppler, azimuth, sigmaDoppler, sigmaAzimuth } = current.targets[k],
         measured = d2d.dopplerMeasurement(doppler, azimuth, sigmaDoppler, sigmaAzimuth, mounting);
       measured.value -= dot(measured.gain, byScan);
       return { ...point, ...ahead(point), doppler: measured };
     });
-    const fixed = placed(previous, mounting, extent);
-    return { fixed, moving, outlier: OUTLIER, interval, dopplerWidth: DOPPLER_WIDTH };
+    return { fixed: placed(previous, mounting), moving, outlier: OUTLIER, interval, dopplerWidth: DOPPLER_WIDTH };
   }
 
   /** The cost of the velocity that pairs of scans share; with an acceleration, of that at the middle of the pairs. */
-  function problemOf(pairs, { prior, extent }, acceleration = [0, 0, 0], near = [0, 0, 0]) {
+  function problemOf(pairs, acceleration, near) {
     const time = middleOf(pairs),
       gained = (passed) => acceleration.map((each) => passed * each);
     return {
       pairs: pairs.map((pair) => {
         const byMiddle = apply(following(near, pair.interval), gained(pair.middle - time));
-        return pairProblem(pair, [byMiddle, gained(pair.current.time - time)], extent);
+        return pairProblem(pair, [byMiddle, gained(pair.current.time - time)]);
       }),
-      prior,
     };
   }
 
@@ -790,7 +713,6 @@ globalThis.tracker = (function radarTracker() {
       );
     });
     addTo(systematic, outer(relative, relative), budget.scale ** 2);
-    addTo(systematic, diagonal(problem.prior));
     const parts = Object.fromEntries(
       Object.entries({ noise, dependence, systematic }).map(([name, own]) => [name, propagated(covariance, own)]),
     );
@@ -798,207 +720,14 @@ globalThis.tracker = (function radarTracker() {
     return { parts, delay: product(gain, delayed), lead: product(gain, led) };
   }
 
-  // ---- d2d/radar/tracks/intake.py ------------------------------------------------------------------------------------------
-
-  const JUMP = 1, // s
-    FEW = 6, // targets
-    FRESH = 5; // cycles
-
-  /** What is probably wrong, see `Finding`. */
-  const finding = (symptom, sensor, number_, unit, sure, about) => ({
-    symptom,
-    sensor,
-    number: number_,
-    unit,
-    sure,
-    about,
-  });
-
-  /**
-   * Takes the scans of sensors as they are to be used: clocks that jump are set on, one wrong stamp and targets given twice are
-   * left out.  A scan that comes too early or too late waits for the next one, which shows whether the clock has jumped.
-   */
-  class Intake {
-    constructor(names, maxInterval) {
-      Object.assign(this, { names, maxInterval, found: [], told: new Set() });
-      Object.assign(this, { latest: [], held: [], intervals: names.map(() => []), offsets: names.map(() => 0) });
-    }
-
-    /** What is to be used after a sensor's next scan: this one, none, or also the one before. */
-    taken(sensor, scan) {
-      return this.timed(sensor, scan).map((each) => {
-        this.lookForRepetition(sensor, each);
-        this.latest[sensor] = each;
-        return this.withoutTwins(sensor, each);
-      });
-    }
-
-    /** The scans of a sensor whose time is now known, with this time. */
-    timed(sensor, scan) {
-      const name = this.names[sensor],
-        intervals = this.intervals[sensor],
-        latest = this.latest[sensor]?.time,
-        time = scan.time + this.offsets[sensor];
-      let held = this.held[sensor];
-      const twice = held && held.scan.time === scan.time;
-      if (latest !== undefined && (twice || (latest - JUMP < time && time <= latest))) {
-        const before = seconds(twice ? scan.time : latest - this.offsets[sensor], 6);
-        throw new Error(
-          `${name} must be in strictly increasing time, but a scan is at ${seconds(scan.time, 6)} after ${before}`,
-        );
-      }
-      const longest = intervals.length ? this.gap(sensor) : Infinity,
-        goesOn = latest === undefined || (latest < time && time <= latest + longest);
-      delete this.held[sensor];
-      if (held && (goesOn || scan.time < held.scan.time)) {
-        this.tell("stamp", "the clock jumps", name, held.jump, "s", "for one scan");
-        held = undefined;
-      }
-      if (!goesOn && !held) {
-        this.held[sensor] = { scan, jump: time - latest };
-        return [];
-      }
-      if (!goesOn) this.mend(sensor, held);
-      else if (time - latest > this.maxInterval) this.tellGap(name, time - latest);
-      if (latest !== undefined) intervals.push(goesOn ? time - latest : scan.time - held.scan.time);
-      if (intervals.length > REMEMBERED) intervals.shift();
-      return (held ? [held.scan, scan] : [scan]).map((each) => ({ ...each, time: each.time + this.offsets[sensor] }));
-    }
-
-    /** Set a sensor's clock after a jump; one ahead may be a gap. */
-    mend(sensor, { scan, jump }) {
-      const name = this.names[sensor];
-      if (jump > this.maxInterval) this.tellGap(name, jump);
-      else if (jump < 0) {
-        this.tell(`jump ${this.offsets[sensor]}`, "the clock jumps", name, jump, "s", "back");
-        this.offsets[sensor] = this.offsetAfter(sensor, this.latest[sensor].time - scan.time);
-      }
-    }
-
-    /** A time over which no pair of scans reaches. */
-    gap(sensor) {
-      const intervals = this.intervals[sensor];
-      return Math.max(FRESH * (intervals.length ? median(intervals) : 0), JUMP);
-    }
-
-    /** What to add after a jump: what another sensor's clock has just got, if it fits. */
-    offsetAfter(sensor, back) {
-      const guess = back + this.gap(sensor),
-        others = this.offsets.filter((_, other) => other !== sensor);
-      return others.find((known) => Math.abs(known - guess) < this.gap(sensor)) ?? guess;
-    }
-
-    tellGap(name, jump) {
-      this.tell("ahead", "the clock jumps", name, jump, "s", "or a gap");
-    }
-
-    /** Say if a sensor pauses while others go on: by a gap, or a clock that jumps ahead. */
-    lookForPause(sensor, times, others) {
-      const intervals = this.intervals[sensor],
-        cycle = intervals.length ? median(intervals) : 0,
-        longest = this.offsets[sensor] === 0 ? FRESH * cycle : 1.001 * this.gap(sensor); // left by a mended jump
-      for (let i = 1; i < times.length; i++) {
-        const [start, end] = [times[i - 1], times[i]];
-        const goOn = () => others.some((time) => time > start + cycle && time < end - cycle);
-        if (end - start > longest && goOn()) this.tellGap(this.names[sensor], end - start);
-      }
-    }
-
-    lookForRepetition(sensor, scan) {
-      const before = this.latest[sensor];
-      if (before && repeats(before, scan)) {
-        this.tell("frozen", "a scan is repeated", this.names[sensor], scan.time, "s", `first at ${seconds(scan.time)}`);
-      }
-    }
-
-    withoutTwins(sensor, scan) {
-      const { targets } = scan;
-      if (targets.length < FEW) return scan;
-      const seen = new Set(),
-        once = targets.filter(({ range, azimuth, doppler }) => {
-          const key = `${range} ${azimuth} ${doppler}`,
-            first = !seen.has(key);
-          seen.add(key);
-          return first;
-        });
-      const same = targets.length - once.length;
-      if (2 * same < targets.length - 1) return scan;
-      this.tell("twins", "targets are given twice", this.names[sensor], same / targets.length, "share", "one is used");
-      return { ...scan, targets: once };
-    }
-
-    tell(what, symptom, name, value, unit, about) {
-      if (!this.told.has(`${what} ${name}`)) this.found.push(finding(symptom, name, value, unit, false, about));
-      this.told.add(`${what} ${name}`);
-    }
-  }
-
   // ---- d2d/radar/tracks/rounds.py ------------------------------------------------------------------------------------------
 
-  const MAX_INTERVAL = 60, // s
-    NO_TARGETS = "a scan without targets",
-    AFTER_GAP = "the first scan after a gap",
+  const AFTER_GAP = "the first scan after a gap",
     REPEATED = "a scan that repeats an earlier one",
     MOVING = 0.5, // m/s
     REMEMBERED = 9, // intervals
     ROUND = 1.5, // cycles
-    OVERLAP = 0.5, // of the shorter span of time
-    LONGER = 1.5, // times the usual interval
     PAIR_GAP = 2.5; // cycles
-
-  /** Refuse times that are usually farther apart than `longest` s. */
-  function checkIntervals({ name, scans }, longest) {
-    const intervals = scans.slice(1).map((scan, i) => scan.time - scans[i].time);
-    if (intervals.length && median(intervals) > longest) {
-      const [first, second] = scans.map((scan) => scan.time.toFixed(6));
-      throw new Error(
-        `${name} must have times in seconds (s), at most ${short(longest)} apart, but ${second} comes after ${first}; ` +
-          "are these milli- or microseconds?",
-      );
-    }
-  }
-
-  /** Refuse two sensors that have a scan in common: it would count twice. */
-  function checkDistinct(sensors) {
-    if (sensors.length < 2) return;
-    const owners = new Map();
-    for (const { name, scans } of sensors) {
-      for (const { time, targets } of scans) {
-        const key = [time, ...targets.flatMap(({ range, azimuth, doppler }) => [range, azimuth, doppler])].join(),
-          owner = owners.get(key) ?? name;
-        owners.set(key, owner);
-        if (owner !== name && targets.length > 1) {
-          throw new Error(
-            `${owner} and ${name} must be different, but have the same scan at ${seconds(time, 6)}; ` +
-              "is one sensor given twice?",
-          );
-        }
-      }
-    }
-  }
-
-  /** Refuse a sensor that has no time in common with any other; findings of those that have little. */
-  function checkOverlap(sensors) {
-    const spans = sensors
-      .filter(({ scans }) => scans.length > 1)
-      .map(({ name, scans }) => ({ name, start: scans[0].time, end: scans.at(-1).time }));
-    return spans.flatMap((own) => {
-      const shared = spans
-        .filter((other) => other !== own)
-        .map((other) => ({ other, common: Math.min(own.end, other.end) - Math.max(own.start, other.start) }));
-      if (!shared.length) return [];
-      const { other, common } = shared.reduce((a, b) =>
-        b.common > a.common || (b.common === a.common && b.other.name > a.other.name) ? b : a,
-      );
-      const from = ({ name, start, end }) => `${name} has times from ${seconds(start)} to ${seconds(end)}`;
-      if (common < 0) {
-        throw new Error(`${from(own)}, and ${from(other)}: they do not overlap; is the clock of one another?`);
-      }
-      if (common >= OVERLAP * Math.min(own.end - own.start, other.end - other.start)) return [];
-      const told = `only ${common.toFixed(1)} s of them overlap`;
-      return [finding("the clock of a sensor is off", own.name, common, "s", false, told)];
-    });
-  }
 
   /** Whether a scan has the targets of an earlier one although the sensor moves. */
   function repeats(previous, current) {
@@ -1007,13 +736,13 @@ globalThis.tracker = (function radarTracker() {
     const alike =
       first.length === second.length &&
       second.every((target, k) => ["range", "azimuth", "doppler"].every((name) => target[name] === first[k][name]));
-    return second.length > 0 && alike && median(second.map((target) => Math.abs(target.doppler))) > MOVING;
+    return alike && median(second.map((target) => Math.abs(target.doppler))) > MOVING;
   }
 
-  /** The latest scans of one sensor. */
+  /** The latest scan of one sensor, and the time that it usually takes to the next. */
   class History {
-    constructor(mounting, baseline, horizon) {
-      Object.assign(this, { mounting, baseline, horizon, scans: [], intervals: [] });
+    constructor(mounting) {
+      Object.assign(this, { mounting, latest: null, intervals: [] });
     }
 
     /** The usual time from one scan to the next; infinite while there is only one. */
@@ -1023,39 +752,24 @@ globalThis.tracker = (function radarTracker() {
 
     /** Whether the sensor measures the same as before, so that the scan is to be left out. */
     repeats(scan) {
-      return this.scans.length > 0 && repeats(this.scans.at(-1), scan);
+      return this.latest !== null && repeats(this.latest, scan);
     }
 
-    /** The next scan, paired with an earlier one; null if there is none near enough. */
+    /** The next scan, paired with the one before; null if there is none, or a gap between them. */
     paired(scan) {
-      const { scans, intervals, baseline, horizon } = this;
-      if (scans.length) {
-        intervals.push(scan.time - scans.at(-1).time);
-        if (intervals.length > REMEMBERED) intervals.shift();
-        const usual = horizon ?? baseline * this.cycle,
-          longest = Math.max(LONGER * usual, PAIR_GAP * this.cycle);
-        while (scans.length && scan.time - scans[0].time > longest) scans.shift();
-      }
-      const previous = this.before(scan.time);
-      scans.push(scan);
-      if (horizon === null) while (scans.length > baseline) scans.shift();
-      else while (scans.length > 1 && scans[1].time <= scan.time - horizon) scans.shift();
-      return previous ? pairOf(previous, scan, this.mounting) : null;
-    }
-
-    /** Of the earlier scans, the one to register with. */
-    before(time) {
-      const { scans, baseline, horizon } = this;
-      if (!scans.length || horizon === null) return scans[Math.max(scans.length - baseline, 0)];
-      const away = (scan) => Number(Math.abs(scan.time - (time - horizon)).toFixed(6));
-      return scans.reduce((best, scan) => (away(scan) <= away(best) ? scan : best));
+      const previous = this.latest;
+      this.latest = scan;
+      if (!previous) return null;
+      this.intervals.push(scan.time - previous.time);
+      if (this.intervals.length > REMEMBERED) this.intervals.shift();
+      return scan.time - previous.time <= PAIR_GAP * this.cycle ? pairOf(previous, scan, this.mounting) : null;
     }
   }
 
   /** All rounds but the first: {time, interval, pairs, reason}, see `Rounds`. */
-  function roundsOf(sensors, baseline, horizon) {
-    const histories = sensors.map(({ mounting }) => new History(mounting, baseline, horizon)),
-      found = [];
+  function roundsOf(sensors) {
+    const histories = sensors.map(({ mounting }) => new History(mounting)),
+      rounds = [];
     let open = new Map(),
       start = NaN,
       last = NaN;
@@ -1063,23 +777,16 @@ globalThis.tracker = (function radarTracker() {
       const scans = open;
       open = new Map();
       if (!scans.size) return;
-      const place = (s) => [scans.get(s).time, histories[s].mounting.x, histories[s].mounting.y, histories[s].mounting.yaw];
-      const order = [...scans.keys()].sort((a, b) => place(a).reduce((by, each, i) => by || each - place(b)[i], 0)),
+      const key = (s) => [scans.get(s).time, histories[s].mounting.x, histories[s].mounting.y, histories[s].mounting.yaw];
+      const order = [...scans.keys()].sort((a, b) => key(a).reduce((by, each, i) => by || each - key(b)[i], 0)),
         fresh = order.filter((s) => !histories[s].repeats(scans.get(s))),
-        chosen = fresh.map((s) => ({ sensor: s, pair: histories[s].paired(scans.get(s)) })),
+        pairs = fresh.map((s) => histories[s].paired(scans.get(s))).filter(Boolean),
         time = mean(order.map((s) => scans.get(s).time)),
         interval = time - last;
       last = time;
-      if (Number.isNaN(interval)) return;
-      const known = chosen.filter(({ pair }) => pair),
-        full = known.filter(({ pair }) => pair.previous.targets.length && pair.current.targets.length),
-        seen = order.every((s) => scans.get(s).targets.length);
-      found.push({
-        time,
-        interval,
-        pairs: full.map(({ sensor, pair }) => ({ ...pair, sensor })),
-        reason: fresh.length < order.length ? REPEATED : known.length || !seen ? NO_TARGETS : AFTER_GAP,
-      });
+      if (!Number.isNaN(interval)) {
+        rounds.push({ time, interval, pairs, reason: fresh.length < order.length ? REPEATED : AFTER_GAP });
+      }
     };
     const isOver = (time) =>
       Math.abs(time - start) > ROUND * Math.min(...[...open.keys()].map((sensor) => histories[sensor].cycle));
@@ -1089,7 +796,7 @@ globalThis.tracker = (function radarTracker() {
     for (let i = 0; i < waiting.length; ) {
       let end = i + 1;
       while (end < waiting.length && waiting[end].scan.time === waiting[i].scan.time) end += 1;
-      // of equal times, those of sensors that the open round already holds come first: they end it
+      // of equal times, sensors that the open round already holds come first: they end it
       const ending = new Set(open.keys()),
         together = waiting.slice(i, end).sort((a, b) => ending.has(b.s) - ending.has(a.s));
       for (const { s, scan } of together) {
@@ -1101,7 +808,7 @@ globalThis.tracker = (function radarTracker() {
       i = end;
     }
     finish();
-    return found;
+    return rounds;
   }
 
   // ---- d2d/radar/tracks/limits.py ------------------------------------------------------------------------------------------
@@ -1109,28 +816,28 @@ globalThis.tracker = (function radarTracker() {
   const HARD = 0.5, // s
     BEYOND = 3; // standard deviations
   const LIMITS = {
-    speed: 100,
-    yawRate: 3,
-    acceleration: 12,
-    yawAcceleration: 1.5,
-    uncertainty: 0.12,
-    speedUncertainty: 0.4,
-    yawRateOfSlip: 0.15,
+    speed: 100, // m/s
+    yawRate: 3, // rad/s
+    acceleration: 12, // m/s^2
+    yawAcceleration: 1.5, // rad/s^2
+    uncertainty: 0.12, // rad/s
+    speedUncertainty: 0.4, // m/s
+    yawRateOfSlip: 0.15, // rad/s
   };
 
   const sigmasOf = (covariance) => covariance.map((row, i) => Math.sqrt(row[i]));
 
   /** What a state {time, theta, covariance} exceeds, in words; empty if it is plausible after the last one. */
-  function exceeded(limits, { time, theta, covariance }, last) {
+  function exceeded({ time, theta, covariance }, last) {
     const sigmas = sigmasOf(covariance),
       speed = Math.hypot(theta[0], theta[1]),
       turn = Math.abs(theta[2]),
       widest = Math.max(sigmas[0], sigmas[1]);
-    if (speed > limits.speed + BEYOND * Math.hypot(sigmas[0], sigmas[1])) return `a speed of ${speed.toFixed(1)} m/s`;
-    if (turn > limits.yawRate + BEYOND * sigmas[2]) return `a yaw rate of ${(turn / DEGREE).toFixed(1)} deg/s`;
-    if (sigmas[2] > limits.uncertainty) return `a yaw rate with a sigma of ${(sigmas[2] / DEGREE).toFixed(1)} deg/s`;
-    if (widest > limits.speedUncertainty) return `a velocity with a sigma of ${widest.toFixed(1)} m/s`;
-    if (Math.abs((theta[1] * covariance[1][2]) / covariance[1][1]) > limits.yawRateOfSlip) {
+    if (speed > LIMITS.speed + BEYOND * Math.hypot(sigmas[0], sigmas[1])) return `a speed of ${speed.toFixed(1)} m/s`;
+    if (turn > LIMITS.yawRate + BEYOND * sigmas[2]) return `a yaw rate of ${(turn / DEGREE).toFixed(1)} deg/s`;
+    if (sigmas[2] > LIMITS.uncertainty) return `a yaw rate with a sigma of ${(sigmas[2] / DEGREE).toFixed(1)} deg/s`;
+    if (widest > LIMITS.speedUncertainty) return `a velocity with a sigma of ${widest.toFixed(1)} m/s`;
+    if (Math.abs((theta[1] * covariance[1][2]) / covariance[1][1]) > LIMITS.yawRateOfSlip) {
       return `a side slip of ${theta[1].toFixed(2)} m/s`;
     }
     if (!last) return "";
@@ -1138,9 +845,9 @@ globalThis.tracker = (function radarTracker() {
       enough = Math.min(interval, Math.sqrt(interval * HARD)),
       before = sigmasOf(last.covariance);
     const axes = [
-      [limits.acceleration, "an acceleration", "m/s^2 along x"],
-      [limits.acceleration, "an acceleration", "m/s^2 along y"],
-      [limits.yawAcceleration, "a yaw acceleration", "rad/s^2"],
+      [LIMITS.acceleration, "an acceleration", "m/s^2 along x"],
+      [LIMITS.acceleration, "an acceleration", "m/s^2 along y"],
+      [LIMITS.yawAcceleration, "a yaw acceleration", "rad/s^2"],
     ];
     for (const [axis, [limit, kind, unit]] of axes.entries()) {
       const change = Math.abs(theta[axis] - last.theta[axis]),
@@ -1241,10 +948,10 @@ globalThis.tracker = (function radarTracker() {
     const to = identity(3).map((row, i) => [...row, ...delay[i]]),
       crossed = product(to, covariance),
       spread = sum(product(crossed, transposed(to)), noise),
-      gain = transposed(solve(spread, crossed)),
+      gain = product(transposed(crossed), inverse(spread)),
       kept = sum(identity(6), scaled(product(gain, to), -1)),
       rest = minus(estimate, apply(to, value)),
-      squares = dot(rest, solve(spread, rest.map((each) => [each])).map(([each]) => each));
+      squares = d2d.nees(rest, spread);
     return {
       state: {
         value: value.map((each, i) => each + dot(gain[i], rest)),
@@ -1285,15 +992,10 @@ globalThis.tracker = (function radarTracker() {
     };
   }
 
-  const STEADY = { value: [0, 0, 0] }; // an acceleration
-
-  /**
-   * Estimates the velocity of one round after the other, and remembers the last accepted one.  Without a budget it accepts
-   * any motion, and gives no covariances.
-   */
+  /** Estimates the velocity of one round after the other, and remembers the last accepted one. */
   class Follower {
-    constructor(model, budget, limits) {
-      Object.assign(this, { model, budget, limits, velocity: null, last: null });
+    constructor(budget) {
+      Object.assign(this, { budget, velocity: null, last: null });
       this.acceleration = new AccelerationFilter();
     }
 
@@ -1301,37 +1003,30 @@ globalThis.tracker = (function radarTracker() {
     follow(round) {
       const { pairs, time } = round;
       if (!pairs.length) return this.held(round, round.reason);
-      const by = this.budget ? (this.acceleration.predict(time) ?? dopplerAcceleration(pairs, UNKNOWN)) : STEADY,
+      const by = this.acceleration.predict(time) ?? dopplerAcceleration(pairs, UNKNOWN),
         near = this.velocity ?? [0, 0, 0],
-        problem = problemOf(pairs, this.model, by.value, near),
+        problem = problemOf(pairs, by.value, near),
         estimate = this.estimate(problem, pairs, by.value),
         seen = { targets: sizeOf(pairs), inliers: estimate.inliers };
       let reason = doubt(estimate, pairs);
       if (reason) return this.held(round, reason, seen);
-      if (!this.budget) {
-        this.velocity = estimate.theta;
-        return { time, theta: estimate.theta, interval: round.interval, reason, ...seen };
-      }
       const { parts: raw, delay, lead } = applyBudget(problem, estimate, pairs, this.budget, time, near),
         uncarried = { theta: minus(estimate.theta, apply(lead, by.value)), parts: raw, delay },
         { theta, parts } = carried(uncarried, by, this.budget.lag),
         state = { time, theta, covariance: sum(parts.noise, parts.dependence, parts.systematic) };
       reason = isFinite(state.covariance)
-        ? exceeded(this.limits, state, this.last)
+        ? exceeded(state, this.last)
         : "a covariance that is not finite";
       if (reason) return this.held(round, reason, seen);
       this.last = state;
       this.velocity = estimate.theta;
       this.acceleration.update(time, uncarried.theta, delay, sum(raw.noise, raw.dependence), by);
-      return { ...state, interval: round.interval, reason: "", ...seen, parts };
+      return { ...state, interval: round.interval, reason: "", ...seen };
     }
 
     /** The row of a round that gives no estimate. */
     held({ time, interval }, reason, seen = { targets: 0, inliers: NaN }) {
-      const unknown = filled(3, 3, NaN),
-        parts = { noise: unknown, dependence: unknown, systematic: unknown };
-      const theta = this.last?.theta ?? this.velocity ?? [0, 0, 0];
-      return { time, interval, theta, covariance: unknown, reason, ...seen, parts };
+      return { time, interval, theta: this.last?.theta ?? [0, 0, 0], covariance: filled(3, 3, NaN), reason, ...seen };
     }
 
     /** The optimum near the last velocity; where it is doubtful, the better of two. */
@@ -1357,99 +1052,72 @@ globalThis.tracker = (function radarTracker() {
     });
   }
 
-  // ---- d2d/radar/tracks/tracker.py and the options of d2d/radar/cli.py -----------------------------------------------------
+  // ---- What the text of a log shows; all else is d2d.radar.diagnose's ------------------------------------------------------
 
-  const NO_SIDE_SLIP = 1e-3; // m/s
+  const FAR = 500, // m
+    PRECISE = 0.03, // deg
+    COARSE = 10, // deg
+    SEEN = 5, // targets of a scan, and scans
+    FAST = 3, // m/s
+    ASKEW = 20, // deg
+    BACKWARDS = 150; // deg
 
-  // In the units of the command line, which they have as options of the same names.
+  /** Sentences on what is probably wrong with a sensor: units, stamps, and signs that its Doppler velocities contradict. */
+  function doubtsOf({ scans, mounting }) {
+    const targets = scans.flatMap((scan) => scan.targets),
+      distance = median(targets.map(({ range }) => range)),
+      sigma = median(targets.map(({ sigmaAzimuth }) => sigmaAzimuth)) / DEGREE,
+      single = mean(scans.map((scan) => (scan.targets.length <= 1 ? 1 : 0))),
+      doubts = [];
+    if (distance > FAR) doubts.push(`half of its targets are beyond ${distance.toFixed(0)} m: are the ranges in centimetres?`);
+    if (sigma < PRECISE) doubts.push(`its azimuths have a standard deviation of ${short(sigma)}°: is it in radians?`);
+    if (sigma > COARSE) doubts.push(`its azimuths have a standard deviation of ${sigma.toFixed(0)}°: is it in degrees?`);
+    if (single > 0.9) doubts.push("its scans have one target: all targets of a scan need the same time.");
+    const headings = scans
+      .filter((scan) => scan.targets.length >= SEEN)
+      .map((scan) => sensorFit(scan, mounting).velocity)
+      .filter((velocity) => Math.hypot(...velocity) > FAST)
+      .map(([x, y]) => [x / Math.hypot(x, y), y / Math.hypot(x, y)]);
+    if (headings.length < SEEN) return doubts;
+    const [ahead, left] = [0, 1].map((axis) => median(headings.map((unit) => unit[axis]))),
+      heading = Math.atan2(left, ahead) / DEGREE;
+    if (Math.abs(heading) > BACKWARDS) {
+      doubts.push("its Doppler velocities show a drive backwards: is their sign positive for targets that move away?");
+    } else if (Math.abs(heading) > ASKEW) {
+      doubts.push(
+        `its Doppler velocities show a drive at ${heading.toFixed(0)}° from straight ahead: is its yaw right, and do its ` +
+          "azimuths count counter-clockwise?",
+      );
+    }
+    return doubts;
+  }
+
+  // ---- d2d/radar/tracks/tracker.py -----------------------------------------------------------------------------------------
+
+  // In the units of the command line, which has them as options of the same names.
   const DEFAULTS = {
     mountings: {}, // by the sensors' names, {x, y, yaw} in m, m, degrees
-    degrees: false,
-    sigmas: { range: null, azimuth: null, doppler: null }, // m, degrees, m/s; null: as in the columns
-    baseline: 1,
-    horizon: null, // s
-    maxInterval: MAX_INTERVAL, // s
-    sideSlip: null, // m/s; null: unknown
-    maxAcceleration: LIMITS.acceleration, // m/s^2
-    extent: 0, // m
+    sigmas: {}, // of all targets, by the names of columns that the file lacks, in m, degrees, m/s
     budget: { azimuth: 0, doppler: 0, scale: 0, lag: 0, neighbours: 0 }, // degrees, m/s, share, s, m
   };
 
-  /** The same in m, rad and s, as the functions here take it. */
-  function inRadians(given) {
-    const { sigmas, budget, sideSlip } = given,
-      slip = sideSlip === 0 ? NO_SIDE_SLIP : (sideSlip ?? Infinity);
-    const known = Object.entries({ ...sigmas, azimuth: sigmas.azimuth === null ? null : sigmas.azimuth * DEGREE });
-    return {
-      ...given,
-      mountings: Object.fromEntries(
-        Object.entries(given.mountings).map(([name, { x, y, yaw }]) => [name, { x, y, yaw: yaw * DEGREE }]),
-      ),
-      sigmas: Object.fromEntries(
-        known.filter(([, sigma]) => sigma !== null).map(([name, sigma]) => [`sigma_${name}`, sigma]),
-      ),
-      model: { prior: [0, 1 / slip ** 2, 0], extent: given.extent },
-      limits: { ...LIMITS, acceleration: given.maxAcceleration },
-      budget: { ...budget, azimuth: budget.azimuth * DEGREE },
-    };
-  }
-
   /**
-   * The track of a log of `readRows` with all options of DEFAULTS: {rows, rounds, sensors, found, model, alone}.  If there are
-   * several sensors, `alone` has {name, rows} of each by itself, unless it has too few scans.  A generator that yields the
-   * share that is done, so that whoever runs it can show it, or stop.
+   * The track of a log of `readLog` with the settings of DEFAULTS: {rows, doubts}, a row {time, interval, theta, covariance,
+   * reason, targets, inliers} for each round.  A generator that yields the share that is done, so that whoever runs it can
+   * show it, or stop.
    */
-  function* track(log, given) {
-    if (given.horizon !== null && given.baseline !== 1) {
-      throw new Error("horizon and baseline must not both be given: leave the baseline at 1, or the horizon empty");
-    }
-    const options = inRadians(given),
-      drives = loadCsv(log, options).map((sensor) => ({ ...sensor, mounting: options.mountings[sensor.name] })),
-      several = drives.length > 1,
-      joint = yield* shared(0, several ? 0.5 : 1, trackOf(drives, options)),
-      alone = [];
-    for (const [s, drive] of several ? drives.entries() : []) {
-      const share = 0.5 / drives.length;
-      try {
-        const { rows } = yield* shared(0.5 + s * share, share, trackOf([drive], options));
-        alone.push({ name: drive.name, rows });
-      } catch {
-        continue; // too few scans
-      }
-    }
-    return { ...joint, alone };
-  }
-
-  /** What a generator returns, whose shares are a `part` of the whole, after `before`. */
-  function* shared(before, part, steps) {
-    for (;;) {
-      const { done, value } = steps.next();
-      if (done) return value;
-      yield before + part * value;
-    }
-  }
-
-  /** The track of sensors with their scans. */
-  function* trackOf(drives, options) {
-    for (const drive of drives) checkIntervals(drive, options.maxInterval);
-    checkDistinct(drives);
-    const intake = new Intake(
-      drives.map(({ name }) => name),
-      options.maxInterval,
-    );
-    const sensors = drives.map((drive, s) => ({ ...drive, scans: drive.scans.flatMap((scan) => intake.taken(s, scan)) })),
-      timesOf = (some) => some.flatMap(({ scans }) => scans.map(({ time }) => time));
-    sensors.forEach((own, s) => intake.lookForPause(s, timesOf([own]), timesOf(sensors.toSpliced(s, 1))));
-    const found = [...intake.found, ...checkOverlap(sensors)];
-    const rounds = roundsOf(sensors, options.baseline, options.horizon);
-    if (!rounds.length) throw new Error("there must be at least two rounds of scans (of one sensor: two scans), but is one");
-    const follower = new Follower(options.model, options.budget, options.limits),
+  function* track(log, settings) {
+    const sensors = sensorsOf(log, settings),
+      rounds = roundsOf(sensors),
+      follower = new Follower({ ...settings.budget, azimuth: settings.budget.azimuth * DEGREE }),
       rows = [];
+    if (!rounds.length) throw new Error("there must be at least two rounds of scans (of one sensor: two scans), but is one");
     for (const round of rounds) {
       rows.push(follower.follow(round));
       yield rows.length / rounds.length;
     }
-    return { rows, rounds, sensors, found, model: options.model };
+    const doubts = sensors.flatMap((sensor) => doubtsOf(sensor).map((doubt) => `${sensor.name}: ${doubt}`));
+    return { rows, doubts };
   }
 
   // ---- d2d/radar/tracks/track.py and files.py ------------------------------------------------------------------------------
@@ -1477,64 +1145,33 @@ globalThis.tracker = (function radarTracker() {
   }
 
   const ENTRIES = {
-    var_v_x: [0, 0, "m^2/s^2"],
-    cov_v_x_v_y: [0, 1, "m^2/s^2"],
-    cov_v_x_omega: [0, 2, "m*rad/s^2"],
-    var_v_y: [1, 1, "m^2/s^2"],
-    cov_v_y_omega: [1, 2, "m*rad/s^2"],
-    var_omega: [2, 2, "rad^2/s^2"],
+    var_v_x: [0, 0],
+    cov_v_x_v_y: [0, 1],
+    cov_v_x_omega: [0, 2],
+    var_v_y: [1, 1],
+    cov_v_y_omega: [1, 2],
+    var_omega: [2, 2],
   };
-  const TABLE_HEAD = [
-    "# Velocities of a vehicle and their covariances, written by d2d, format 2",
-    "# v_x forward and v_y left of the vehicle frame's origin, omega counter-clockwise. Where",
-    "# converged is 0, the covariance is nan and the velocity is the last one that was accepted.",
-    "# The covariance is the sum of three parts. To a filter, noise and dependence are white: new",
-    "# in each estimate. The systematic part stays for 10 to 20 s on the road: it belongs in the",
-    "# filter's state, as a random walk or a decaying error of that length.",
-  ];
 
-  /** A number with all its digits, as Python writes it. */
-  function repr(value) {
-    if (Number.isNaN(value)) return "nan";
-    const [digits, exponent] = value.toExponential().split("e").map(String),
-      power = Number(exponent);
-    if (power < -4 || power >= 16) {
-      return `${digits}e${power < 0 ? "-" : "+"}${String(Math.abs(power)).padStart(2, "0")}`;
-    }
-    return Number.isInteger(value) ? value.toFixed(1) : String(value);
-  }
-
-  /** The velocities with their covariances as a table of text. */
-  function tableOf(rows) {
-    const parts = ["noise", "dependence", "systematic"],
-      own = "time[s] interval[s] v_x[m/s] v_y[m/s] omega[rad/s] converged[0/1]";
-    const named = (prefix) => Object.entries(ENTRIES).map(([name, [, , unit]]) => `${prefix}${name}[${unit}]`),
-      entries = (matrix) => Object.values(ENTRIES).map(([i, j]) => repr(matrix[i][j]));
-    const columns = [own, ...named(""), ...parts.flatMap((part) => named(`${part}_`))];
+  /** The velocities with their covariances as CSV, in the columns of `Track.to_dataframe`; nan where not accepted. */
+  function csvOf(rows) {
+    const head = ["time", "interval", "v_x", "v_y", "omega", "converged", ...Object.keys(ENTRIES)].join(),
+      entries = (matrix) => Object.values(ENTRIES).map(([i, j]) => matrix[i][j]);
     const lines = rows.map((row) =>
-      [
-        ...[row.time, row.interval, ...row.theta].map(repr),
-        row.reason ? 0 : 1,
-        ...entries(row.covariance),
-        ...parts.flatMap((part) => entries(row.parts[part])),
-      ].join(" "),
+      [row.time, row.interval, ...row.theta, row.reason ? 0 : 1, ...entries(row.covariance)]
+        .map((value) => String(value).toLowerCase())
+        .join(),
     );
-    return [...TABLE_HEAD, `# ${columns.join(" ")}`, ...lines, `# end of ${rows.length} estimates`, ""].join("\n");
+    return [head, ...lines, ""].join("\n");
   }
 
   return {
     DEFAULTS,
-    Follower,
-    readRows,
+    readLog,
     track,
     posesOf,
     tumOf,
-    tableOf,
-    finding,
-    median,
-    mean,
-    problemOf,
-    sensorFit,
-    source: String(radarTracker), // as that of engine.js
+    csvOf,
+    source: String(radarTracker), // as engine.js's
   };
 })();
