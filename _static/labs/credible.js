@@ -13,6 +13,7 @@ labs.define(
   (lab) => {
     const { svg, html, fixed: number, range, clamp, bar, panel, formOf, COSTS, SCENE } = labs;
     const { theta: TRUTH, sigmaRange: SIGMA_RANGE, sigmaAzimuth: SIGMA_AZIMUTH } = SCENE,
+      { mean } = d2d,
       MOST = 1000;
     const inPolar = ({ x, y }) => ({ azimuth: Math.atan2(y, x), distance: Math.hypot(x, y) });
     const FIXED = labs.SCENE_TARGETS.map(inPolar);
@@ -105,8 +106,6 @@ labs.define(
       tell({ nees: own, covariances }, judged);
     }
 
-    const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
-
     function drawScatter(errors, covariances, own, judged) {
       // wide enough for the stated ellipse, in steps, so that the axes do not move with every run
       const widest = 2.45 * Math.sqrt(Math.max(0, ...covariances.map((each) => Math.max(each[0][0], each[1][1]))));
@@ -141,18 +140,7 @@ labs.define(
       for (const each of own) bars[clamp(Math.floor(each / WIDTH), 0, TOP - 1)] += 1 / Math.max(1, own.length);
       histogram.extent([0, TOP], [0, Math.max(0.3, ...bars) * 1.06]);
       histogram.clear();
-      bars.forEach((share, i) =>
-        histogram.add(
-          svg("rect", {
-            class: `lab-fill-${lab.state.cost}`,
-            "fill-opacity": 0.6,
-            x: histogram.X(i * WIDTH) + 0.5,
-            width: histogram.X(WIDTH) - histogram.X(0) - 1,
-            y: histogram.Y(share),
-            height: Math.max(0, histogram.Y(0) - histogram.Y(share)),
-          }),
-        ),
-      );
+      histogram.bars(bars, WIDTH, `lab-fill-${lab.state.cost}`);
       const density = (x) => Math.sqrt(x / (2 * Math.PI)) * Math.exp(-x / 2); // chi-square with 3 degrees of freedom
       histogram.line(
         range(0, TOP, 200).map((x) => [x, density(x) * WIDTH]),

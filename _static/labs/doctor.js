@@ -6,7 +6,8 @@ labs.define(
     example: "scale", // empty: a table of the reader's own
   }),
   (lab) => {
-    const { svg, html, fixed: number, range, clamp, bar, panel } = labs;
+    const { html, fixed: number, range, clamp, bar, panel } = labs,
+      { mean, median } = d2d;
     const MOST = 6; // errors in a row
     const SLOW = 0.2; // lag-one autocorrelation from which errors are called slow
     const WILD = (count) => 2 + 6 / Math.sqrt(count); // mean over typical square from which a few errors spoil the mean
@@ -15,14 +16,8 @@ labs.define(
 
     const indices = (count) => Array.from({ length: count }, (_, i) => i);
     const sum = (values) => values.reduce((a, b) => a + b, 0);
-    const mean = (values) => sum(values) / values.length;
     const most = (values) => values.reduce((a, b) => Math.max(a, b), -Infinity);
     const least = (values) => values.reduce((a, b) => Math.min(a, b), Infinity);
-    function median(values) {
-      const sorted = [...values].sort((a, b) => a - b),
-        half = sorted.length >> 1;
-      return sorted.length % 2 ? sorted[half] : 0.5 * (sorted[half - 1] + sorted[half]);
-    }
 
     // ---- Reading a table ------------------------------------------------------------------------------------------------------
 
@@ -36,37 +31,6 @@ labs.define(
 
     const unknown = (cell) => /^[-+]?(na|nan|inf|infinity)?$/i.test(cell);
     const numeric = (cell) => unknown(cell) || Number.isFinite(Number(cell));
-
-    const TRACK = "# Velocities of a vehicle"; // the beginning of what Track.write_velocities writes
-
-    /** The rows of such a file. */
-    function trackOf(text) {
-      const lines = text.split(/\r?\n/).filter((line) => line && !line.startsWith("#"));
-      return lines.map((line) => {
-        const [time, interval, vx, vy, omega, converged, xx, xy, xo, yy, yo, oo] = line.split(" ").map(Number);
-        const theta = [vx, vy, omega],
-          covariance = [[xx, xy, xo], [xy, yy, yo], [xo, yo, oo]];
-        return { time, interval, theta, covariance, reason: converged ? "" : "not accepted" };
-      });
-    }
-
-    /** A table of the differences between two tracks, as `compare_tracks` takes them. */
-    function tableOfTracks(texts) {
-      const { errors, covariances } = d2d.differences(...texts.map(trackOf));
-      if (errors.length < 4) throw new Error("The two tracks have fewer than four accepted estimates at common times.");
-      const rows = errors.map((error, k) => [...error, ...covariances[k].flat()].join(", "));
-      return ["v_x, v_y, omega, xx, xy, xo, yx, yy, yo, ox, oy, oo", ...rows].join("\n");
-    }
-
-    /** The table in one file, or that of the two tracks in two. */
-    function tableIn(texts) {
-      if (texts.every((text) => text.startsWith(TRACK))) {
-        if (texts.length === 2) return tableOfTracks(texts);
-        throw new Error("Choose the velocities of two tracks at once: their differences are judged.");
-      }
-      if (texts.length > 1) throw new Error("Choose one table, or the velocities of two tracks.");
-      return texts[0];
-    }
 
     /** {heads, rows} of a table: rows of {at, values}, `at` being the line; an Error says what is wrong with it. */
     function rowsOf(text) {
@@ -327,18 +291,7 @@ labs.define(
       const expected = range(0.02 * top, top, 200).map((x) => [x, width * d2d.chiSquareDensity(x, n)]);
       histogram.extent([0, top], [0, 1.06 * Math.max(0.2, ...bars)]);
       histogram.clear();
-      bars.forEach((share, i) =>
-        histogram.add(
-          svg("rect", {
-            class: "lab-fill-target",
-            "fill-opacity": 0.6,
-            x: histogram.X(i * width) + 0.5,
-            width: histogram.X(width) - histogram.X(0) - 1,
-            y: histogram.Y(share),
-            height: histogram.Y(0) - histogram.Y(share),
-          }),
-        ),
-      );
+      histogram.bars(bars, width, "lab-fill-target");
       histogram.line(expected, "lab-truth");
       histogram.text(top - 0.01 * top, histogram.y[1] * 0.06, `≥ ${number(top - width, 0)}`, { "text-anchor": "end" });
     }
@@ -361,7 +314,7 @@ labs.define(
             y = strips.Y(clamp(each, -1.1 * reach, 1.1 * reach));
           return `M${x.toFixed(1)},${y.toFixed(1)}h0`;
         });
-        strips.add(svg("path", { class: "lab-dots", d: dots.join("") }));
+        strips.add(labs.svg("path", { class: "lab-dots", d: dots.join("") }));
         if (i) strips.rule("x", i, "lab-zero");
         strips.text(i + 0.5, 1.02 * reach, shortened(names[i], strips.w / n), { "text-anchor": "middle" });
       });
@@ -415,7 +368,6 @@ labs.define(
       { class: "lab-hint", id: `${lab.id}-hint` },
       "In each row first the errors (estimate minus truth), one to six of them, then their covariance: all of it, or the upper " +
         "triangle row by row. Commas, semicolons, tabs or blanks separate; the first line may name the columns. " +
-        "Of two tracks, as Track.write_velocities writes them, the differences are judged: choose both files at once. " +
         "All stays in your browser.",
     );
     const box = html("textarea", {
@@ -427,7 +379,7 @@ labs.define(
       autocomplete: "off",
       wrap: "off",
     });
-    const file = html("input", { type: "file", id: `${lab.id}-file`, accept: ".csv,.tsv,.txt,text/*", multiple: "" });
+    const file = html("input", { type: "file", id: `${lab.id}-file`, accept: ".csv,.tsv,.txt,text/*" });
 
     let filled = ""; // the example that the box holds
 
@@ -436,21 +388,14 @@ labs.define(
       lab.touched("table");
     }
 
-    async function open(files) {
-      const texts = await Promise.all([...files].map((each) => each.text()));
-      try {
-        box.value = tableIn(texts);
-      } catch (error) {
-        box.value = judgedText = "";
-        lab.result = { error: error.message };
-      }
+    async function open([chosen]) {
+      if (!chosen) return;
+      box.value = await chosen.text();
       own();
     }
 
     box.addEventListener("input", own);
-    file.addEventListener("change", () => {
-      if (file.files.length) open(file.files);
-    });
+    file.addEventListener("change", () => open(file.files));
     box.addEventListener("dragover", (event) => event.preventDefault());
     box.addEventListener("drop", (event) => {
       const { files } = event.dataTransfer;
@@ -481,7 +426,7 @@ labs.define(
         html("p", { class: "lab-title" }, html("label", { for: box.id }, "Errors and covariances")),
         box,
         hint,
-        bar(html("label", { for: file.id }, "or open a file, or two tracks, or drop them above"), file),
+        bar(html("label", { for: file.id }, "or open a file, or drop it above"), file),
         html(
           "div",
           { class: "lab-row" },

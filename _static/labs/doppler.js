@@ -64,6 +64,7 @@ labs.define(
       equal: true,
     });
 
+    const along = (length, angle) => [length * Math.cos(angle), length * Math.sin(angle)];
     const steered = () => [lab.state.vx, lab.state.vy, lab.state.w * DEGREE];
 
     /** The velocity that the scans were made at: not shown until asked for. */
@@ -77,7 +78,7 @@ labs.define(
       const { px, py, speed, heading, drive } = lab.state,
         velocity = truth(),
         noise = d2d.normals(drive);
-      const own = [speed * Math.cos(heading * DEGREE), speed * Math.sin(heading * DEGREE)];
+      const own = along(speed, heading * DEGREE);
       const { motion } = d2d.exponential(...velocity.map((each) => each * INTERVAL));
       const seen = ({ x, y }) => {
         const distance = Math.hypot(x - MOUNTING.x, y - MOUNTING.y) + SIGMA_RANGE * noise();
@@ -154,13 +155,7 @@ labs.define(
       now.forEach((each, k) => {
         const x = each.azimuth / DEGREE,
           expected = predicted(steered(), each.azimuth);
-        fan.line(
-          [
-            [x, each.measured],
-            [x, expected],
-          ],
-          "lab-residual",
-        );
+        fan.segment(x, each.measured, x, expected, "lab-residual");
         fan.target("moving", x, each.measured, 4, look(each));
         if (k < now.length - 1) return;
         fan.target("outlier", x, each.measured, 9);
@@ -180,44 +175,20 @@ labs.define(
       ];
       top.line(box, "lab-outline");
       now.forEach((target, k) => {
-        const cosine = Math.cos(target.azimuth),
-          sine = Math.sin(target.azimuth),
-          good = agrees(target, steered());
-        top.line(
-          [
-            [MOUNTING.x, MOUNTING.y],
-            [target.x, target.y],
-          ],
-          "lab-ray",
-        );
+        const good = agrees(target, steered()),
+          [dx, dy] = along(0.5 * target.measured, target.azimuth);
+        top.segment(MOUNTING.x, MOUNTING.y, target.x, target.y, "lab-ray");
         // the Doppler velocity along the line of sight: 1 m/s is 0.5 m
-        top.line(
-          [
-            [target.x, target.y],
-            [target.x + 0.5 * target.measured * cosine, target.y + 0.5 * target.measured * sine],
-          ],
-          good ? "lab-line lab-robust lab-strong" : "lab-line",
-        );
+        top.segment(target.x, target.y, target.x + dx, target.y + dy, good ? "lab-robust lab-strong" : "");
         if (k < now.length - 1) top.target("moving", target.x, target.y, 4, look(target));
       });
       const [vx, vy, w] = steered(),
         sensor = [vx - w * MOUNTING.y, vy + w * MOUNTING.x];
-      top.line(
-        [
-          [MOUNTING.x, 0],
-          [MOUNTING.x + sensor[0], sensor[1]],
-        ],
-        "lab-velocity",
-      );
+      top.segment(MOUNTING.x, 0, MOUNTING.x + sensor[0], sensor[1], "lab-velocity");
       top.mark("square", MOUNTING.x, 0, 4, "lab-fill-target");
-      const { px, py, speed, heading } = lab.state;
-      top.line(
-        [
-          [px, py],
-          [px + speed * Math.cos(heading * DEGREE), py + speed * Math.sin(heading * DEGREE)],
-        ],
-        "lab-velocity",
-      );
+      const { px, py, speed, heading } = lab.state,
+        [dx, dy] = along(speed, heading * DEGREE);
+      top.segment(px, py, px + dx, py + dy, "lab-velocity");
     }
 
     // ---- What came out ---------------------------------------------------------------------------------------------------------------

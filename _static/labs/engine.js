@@ -16,8 +16,7 @@
 //    dopplerWidth: 4,             // m/s: an outlier's Doppler velocity is uniform over this width
 //    line: false}                 // true: targets on a line, of which only x and xx count
 // A moving target may have `doppler`, see `dopplerMeasurement`; a target with `count` stands for so many equal ones.
-// Several sensors share one velocity: {pairs, prior} is the sum of such problems and, if given, of a Gaussian prior of the
-// velocity about zero, of which `prior` has the three precisions.
+// Several sensors share one velocity: {pairs} is the sum of such problems.
 globalThis.d2d = (function engine() {
   "use strict";
 
@@ -328,14 +327,14 @@ globalThis.d2d = (function engine() {
     return problem.pairs ? evaluateTogether(problem, theta) : evaluatePair(problem, theta);
   }
 
-  /** The same of several pairs: all but the prior is added up. */
-  function evaluateTogether({ pairs, prior = [0, 0, 0] }, theta) {
+  /** The sum of the costs of several pairs. */
+  function evaluateTogether({ pairs }, theta) {
     const parts = pairs.map((pair) => evaluatePair(pair, theta)),
       sum = (of) => parts.reduce((total, part) => total + of(part), 0);
     return {
-      value: sum((part) => part.value) + 0.5 * theta.reduce((total, each, i) => total + prior[i] * each * each, 0),
-      gradient: theta.map((each, i) => sum((part) => part.gradient[i]) + prior[i] * each),
-      hessian: prior.map((own, i) => prior.map((_, j) => sum((part) => part.hessian[i][j]) + (i === j ? own : 0))),
+      value: sum((part) => part.value),
+      gradient: theta.map((_, i) => sum((part) => part.gradient[i])),
+      hessian: theta.map((_, i) => theta.map((_, j) => sum((part) => part.hessian[i][j]))),
       logs: parts.flatMap((part) => part.logs),
       shares: parts.flatMap((part) => part.shares),
     };
@@ -695,6 +694,16 @@ globalThis.d2d = (function engine() {
     };
   }
 
+  // ---- Means and medians ---------------------------------------------------------------------------------------------------
+
+  const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
+
+  function median(values) {
+    const ordered = [...values].sort((a, b) => a - b),
+      half = ordered.length >> 1;
+    return ordered.length % 2 ? ordered[half] : 0.5 * (ordered[half - 1] + ordered[half]);
+  }
+
   // ---- The chi-square distribution -------------------------------------------------------------------------------------------
 
   /** log Gamma(z) of z > 0: Stirling's series where the next term is below 1e-13, after the recurrence has led there. */
@@ -752,8 +761,6 @@ globalThis.d2d = (function engine() {
 
   const LEVELS = [0.5, 0.95, 0.99];
   const TAIL = 0.025; // on either side of the region of the ANEES
-
-  const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
 
   /** The factor L of a symmetric matrix L L'; null unless it is positive definite by more than rounding. */
   function cholesky(matrix) {
@@ -845,47 +852,6 @@ globalThis.d2d = (function engine() {
     };
   }
 
-  // ---- Tracks: d2d/radar/tracks/track.py and d2d/radar/trust/halves.py ---------------------------------------------------
-
-  /** Twice the usual interval of a track's rows: estimates farther apart are not interpolated. */
-  function longestGap(rows) {
-    const sorted = rows.map((row) => row.interval).sort((a, b) => a - b),
-      half = sorted.length >> 1;
-    return (sorted.length % 2 ? 2 * sorted[half] : sorted[half - 1] + sorted[half]) + 1e-6;
-  }
-
-  /** The estimates before and after a time, {earlier, later, weight}; null outside, next to failures and in gaps. */
-  function neighbours(rows, time, longest) {
-    let low = 0,
-      high = rows.length;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (rows[middle].time < time) low = middle + 1;
-      else high = middle;
-    }
-    const later = rows[low],
-      earlier = later?.time === time ? later : rows[low - 1];
-    if (!later || !earlier || earlier.reason || later.reason || later.time - earlier.time > longest) return null;
-    return { earlier, later, weight: earlier === later ? 0 : (time - earlier.time) / (later.time - earlier.time) };
-  }
-
-  /** {errors, covariances} of one track minus another, at the times of the first, see `compare_tracks`. */
-  function differences(first, second) {
-    const longest = longestGap(second),
-      found = { errors: [], covariances: [] };
-    for (const { time, theta, covariance, reason } of first) {
-      const between = reason ? null : neighbours(second, time, longest);
-      if (!between) continue;
-      const { earlier, later, weight } = between,
-        mixed = (of, power) => (1 - weight) ** power * of(earlier) + weight ** power * of(later);
-      found.errors.push(theta.map((each, i) => each - mixed((row) => row.theta[i], 1)));
-      found.covariances.push(
-        covariance.map((line, i) => line.map((each, j) => each + mixed((row) => row.covariance[i][j], 2))),
-      );
-    }
-    return found;
-  }
-
   return {
     evaluate,
     surface,
@@ -900,6 +866,8 @@ globalThis.d2d = (function engine() {
     ellipse,
     dopplerGradients,
     dopplerMeasurement,
+    mean,
+    median,
     lowerGamma,
     chiSquareQuantile,
     chiSquareDensity,
@@ -908,9 +876,6 @@ globalThis.d2d = (function engine() {
     coverage,
     credibility,
     normals,
-    longestGap,
-    neighbours,
-    differences,
     ANNEALED: [10, 5.5, 3.2, 1.7, 1],
     source: String(engine), // a worker of a page that was opened from a folder can load no file
   };

@@ -99,13 +99,7 @@ labs.define(
         plot.mark("circle", mx + x, my + y, 2, within ? "lab-inside" : "lab-outside");
       });
       plot.ellipse(mx, my, covariance(), EDGE, "lab-line lab-likelihood lab-strong");
-      plot.line(
-        [
-          [mx, my],
-          [px, py],
-        ],
-        "lab-truth",
-      );
+      plot.segment(mx, my, px, py, "lab-truth");
       tell(inside);
     }
 

@@ -243,17 +243,26 @@ globalThis.labs = (() => {
       this.add(svg("path", { d, class: `lab-line ${name}`, ...attributes }));
     }
 
+    /** A line from one point to another. */
+    segment(x1, y1, x2, y2, name) {
+      this.line([x1, x2].map((x, i) => [x, [y1, y2][i]]), name);
+    }
+
     /** A line across the whole plot at one x or one y. */
     rule(axis, value, name) {
-      const [x, y] = axis === "x" ? [[value, value], this.y] : [this.x, [value, value]];
-      if (value >= this[axis][0] && value <= this[axis][1])
-        this.line(
-          [
-            [x[0], y[0]],
-            [x[1], y[1]],
-          ],
-          name,
-        );
+      if (value < this[axis][0] || value > this[axis][1]) return;
+      if (axis === "x") this.segment(value, this.y[0], value, this.y[1], name);
+      else this.segment(this.x[0], value, this.x[1], value, name);
+    }
+
+    /** A bar of each value, side by side from zero on. */
+    bars(values, wide, name) {
+      values.forEach((value, i) => {
+        const x = this.X(i * wide) + 0.5,
+          width = this.X(wide) - this.X(0) - 1,
+          height = Math.max(0, this.Y(0) - this.Y(value));
+        this.add(svg("rect", { class: name, "fill-opacity": 0.6, x, width, y: this.Y(value), height }));
+      });
     }
 
     mark(kind, x, y, r, name) {
@@ -598,7 +607,7 @@ globalThis.labs = (() => {
     tell(...content) {
       this.told.replaceChildren(...content);
       clearTimeout(this.speaking);
-      this.speaking = setTimeout(() => (this.spoken.textContent = sentences(this.told)), 700);
+      this.speaking = setTimeout(() => (this.spoken.textContent = this.told.innerText), 700);
     }
 
     /** A table of numbers: the first cell of each row is its heading. */
@@ -643,6 +652,21 @@ globalThis.labs = (() => {
         else done();
       };
       this.running = requestAnimationFrame(next);
+    }
+
+    /** Animate along the points of a path: `frame` gets each point between them. */
+    follow(path, seconds, frame, done) {
+      this.animate(
+        Math.min(seconds, 0.3 * path.length),
+        (share) => {
+          const at = share * (path.length - 1),
+            i = Math.floor(at),
+            next = path[Math.min(i + 1, path.length - 1)];
+          frame(path[i].map((value, j) => value + (at - i) * (next[j] - value)));
+          this.update();
+        },
+        done,
+      );
     }
 
     stop() {
@@ -731,16 +755,6 @@ globalThis.labs = (() => {
     const ranges = list(targets.map(({ x, y }) => Math.hypot(x, y))),
       azimuths = list(targets.map(({ x, y }) => Math.atan2(y, x)));
     return `PointSet.from_polar(\n    ${ranges},\n    ${azimuths},\n    ${sigmas.join(", ")},\n)`;
-  }
-
-  /** What an element says aloud: its paragraphs, and each row of its tables as a sentence. */
-  function sentences(told) {
-    const row = (tr) => {
-      const heads = tr.closest("table").tHead.rows[0].cells;
-      return `${[...tr.cells].map((cell, i) => `${i ? `${heads[i].textContent} ` : ""}${cell.textContent.trim()}`).join(", ")}.`;
-    };
-    const said = [...told.querySelectorAll("p, tbody tr")];
-    return said.map((each) => (each.cells ? row(each) : each.textContent.trim())).join(" ");
   }
 
   /** How far an optimum is from the true motion, and what its covariance says of that. */

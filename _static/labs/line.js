@@ -212,17 +212,12 @@ labs.define(
     }
 
     function roll() {
-      const path = d2d.register(problem(), [lab.state.t, 0, 0]).path.map(([t]) => t);
-      trail = path;
-      lab.animate(
-        Math.min(2, 0.25 * path.length),
-        (share) => {
-          const at = share * (path.length - 1),
-            i = Math.min(Math.floor(at), path.length - 1),
-            next = path[Math.min(i + 1, path.length - 1)];
-          lab.state.t = path[i] + (at - i) * (next - path[i]);
-          lab.update();
-        },
+      const { path } = d2d.register(problem(), [lab.state.t, 0, 0]);
+      trail = path.map(([t]) => t);
+      lab.follow(
+        path,
+        2,
+        ([t]) => (lab.state.t = t),
         () => lab.touched(),
       );
     }

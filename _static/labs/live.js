@@ -126,13 +126,7 @@ labs.define(
         scene.target("fixed", each.x, each.y, 3);
       }
       const [x, y, phi] = pose();
-      scene.line(
-        [
-          [x, y],
-          [x + reach() * Math.cos(phi), y + reach() * Math.sin(phi)],
-        ],
-        "lab-ray",
-      );
+      scene.segment(x, y, x + reach() * Math.cos(phi), y + reach() * Math.sin(phi), "lab-ray");
       body.replaceChildren();
       seen().forEach((each, k) => {
         const there = d2d.move(each, pose());
@@ -220,16 +214,10 @@ labs.define(
 
     function slide() {
       const { path } = lab.result.found;
-      lab.animate(
-        Math.min(2.5, 0.3 * path.length),
-        (share) => {
-          const at = share * (path.length - 1),
-            i = Math.floor(at),
-            next = path[Math.min(i + 1, path.length - 1)];
-          const [x, y, phi] = path[i].map((each, j) => each + (at - i) * (next[j] - each));
-          Object.assign(lab.state, { x, y, turn: phi / DEGREE });
-          lab.update();
-        },
+      lab.follow(
+        path,
+        2.5,
+        ([x, y, phi]) => Object.assign(lab.state, { x, y, turn: phi / DEGREE }),
         () => lab.touched(),
       );
     }

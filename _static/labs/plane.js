@@ -256,15 +256,10 @@ labs.define(
 
     function watch() {
       const { path } = lab.result.found;
-      lab.animate(
-        Math.min(3, 0.3 * path.length),
-        (share) => {
-          const at = share * (path.length - 1),
-            i = Math.floor(at),
-            next = path[Math.min(i + 1, path.length - 1)];
-          shownAt = path[i].map((each, j) => each + (at - i) * (next[j] - each));
-          lab.update();
-        },
+      lab.follow(
+        path,
+        3,
+        (theta) => (shownAt = theta),
         () =>
           setTimeout(() => {
             shownAt = null;

@@ -9,7 +9,8 @@
 globalThis.tracker = (function radarTracker() {
   "use strict";
 
-  const DEGREE = Math.PI / 180;
+  const { mean, median } = d2d,
+    DEGREE = Math.PI / 180;
 
   // ---- Matrices and numbers ----------------------------------------------------------------------------------------------
 
@@ -29,13 +30,6 @@ globalThis.tracker = (function radarTracker() {
   const identity = (n) => diagonal(new Array(n).fill(1));
   const minus = (a, b) => a.map((each, i) => each - b[i]);
   const isFinite = (a) => a.every((row) => row.every(Number.isFinite));
-  const mean = (values) => values.reduce((a, b) => a + b, 0) / values.length;
-
-  function median(values) {
-    const ordered = [...values].sort((a, b) => a - b),
-      half = Math.floor(ordered.length / 2);
-    return ordered.length % 2 ? ordered[half] : (ordered[half - 1] + ordered[half]) / 2;
-  }
 
   /** Eigenvalues of a symmetric matrix, and its eigenvectors as rows: Jacobi's rotations. */
   function eigen(a) {
