@@ -97,7 +97,7 @@ test-book: $(VENV)/.book-test _build/html/index.html ## Test the built book in a
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadgroup tests/book
 
 test-engine: $(VENV)/.book-test ## Compare the engine of the laboratories with d2d, in a real browser
-	$(BIN)/python -m pytest tests/book/test_engine.py tests/book/test_tracker.py tests/book/test_doctor.py tests/book/test_replay.py
+	$(BIN)/python -m pytest tests/book/test_engine.py tests/book/test_tracker.py
 
 $(VENV)/.book-test: $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'd2d[book-test]'
