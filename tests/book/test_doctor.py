@@ -252,4 +252,5 @@ def test_a_table_stays_in_the_page(hand: Hand):
     assert "777" not in hand.driver.current_url
     asked = "performance.getEntriesByType('resource').filter(e => e.startTime > arguments[0])"
     assert hand.driver.execute_script(f"return {asked}", begun) == []
-    assert hand.driver.execute_script("return localStorage.length + sessionStorage.length") == 0
+    stored = "return JSON.stringify(localStorage) + JSON.stringify(sessionStorage)"
+    assert "777" not in hand.driver.execute_script(stored)
