@@ -9,9 +9,11 @@ a script as well: a book that is opened from a folder can load no CSV file.
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import tempfile
+from contextlib import redirect_stdout
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -67,7 +69,7 @@ def load(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree
 
 def example_script() -> str:
     """The log of ``python -m d2d.radar example`` as a script."""
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
         log = Path(folder) / "log.csv"
         cli.main(["example", str(log)])
         return f"globalThis.exampleLog = {json.dumps(log.read_text(encoding='utf-8'))};\n"
