@@ -361,7 +361,7 @@
         html(
           "div",
           { class: "lab-row" },
-          html("div", {}, panel("The path from the square to the circle; crosses: refused", path), report),
+          html("div", {}, panel("The path from the square; crosses: refused", path), report),
           html("div", {}, ...curves.map(({ title, plot }) => panel(title, plot))),
         ),
       );
