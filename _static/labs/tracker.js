@@ -714,24 +714,44 @@ globalThis.tracker = (function radarTracker() {
     return { parts, delay: product(gain, delayed), lead: product(gain, led) };
   }
 
+  // ---- d2d/radar/tracks/intake.py: each scan once, each target once ----------------------------------------------------------
+
+  const FEW = 6, // targets, of which some may be equal by chance where a radar rounds coarsely
+    MOVING = 0.5; // m/s; at a standstill a coarse radar may measure the same twice
+
+  const measured = ({ range, azimuth, doppler }) => `${range} ${azimuth} ${doppler}`;
+
+  /** The scan with one of each two equal targets, if half of them are there twice. */
+  function withoutTwins(scan) {
+    const once = [...new Map(scan.targets.map((target) => [measured(target), target])).values()],
+      twins = scan.targets.length - once.length;
+    return scan.targets.length < FEW || 2 * twins < scan.targets.length - 1 ? scan : { ...scan, targets: once };
+  }
+
+  /** Whether a scan has all targets of the one before while the sensor moves. */
+  const repeats = (previous, { targets }) =>
+    previous.targets.map(measured).join() === targets.map(measured).join() &&
+    median(targets.map(({ doppler }) => Math.abs(doppler))) > MOVING;
+
+  /** A sensor with the scans that are used, and in `leftOut` what is not, in words. */
+  function usable({ scans, ...sensor }) {
+    const used = [],
+      leftOut = new Set();
+    for (const given of scans) {
+      const scan = withoutTwins(given);
+      if (scan !== given) leftOut.add("it gives targets twice; one of each is left out.");
+      if (used.length && repeats(used.at(-1), scan)) leftOut.add("it repeats scans while it moves; they are left out.");
+      else used.push(scan);
+    }
+    return { ...sensor, scans: used, leftOut: [...leftOut] };
+  }
+
   // ---- d2d/radar/tracks/rounds.py ------------------------------------------------------------------------------------------
 
   const AFTER_GAP = "the first scan after a gap",
-    REPEATED = "a scan that repeats an earlier one",
-    MOVING = 0.5, // m/s
     REMEMBERED = 9, // intervals
     ROUND = 1.5, // cycles
     PAIR_GAP = 2.5; // cycles
-
-  /** Whether a scan has the targets of an earlier one although the sensor moves. */
-  function repeats(previous, current) {
-    const first = previous.targets,
-      second = current.targets;
-    const alike =
-      first.length === second.length &&
-      second.every((target, k) => ["range", "azimuth", "doppler"].every((name) => target[name] === first[k][name]));
-    return alike && median(second.map((target) => Math.abs(target.doppler))) > MOVING;
-  }
 
   /** The latest scan of one sensor, and the time that it usually takes to the next. */
   class History {
@@ -742,11 +762,6 @@ globalThis.tracker = (function radarTracker() {
     /** The usual time from one scan to the next; infinite while there is only one. */
     get cycle() {
       return this.intervals.length ? median(this.intervals) : Infinity;
-    }
-
-    /** Whether the sensor measures the same as before, so that the scan is to be left out. */
-    repeats(scan) {
-      return this.latest !== null && repeats(this.latest, scan);
     }
 
     /** The next scan, paired with the one before; null if there is none, or a gap between them. */
@@ -773,14 +788,11 @@ globalThis.tracker = (function radarTracker() {
       if (!scans.size) return;
       const key = (s) => [scans.get(s).time, histories[s].mounting.x, histories[s].mounting.y, histories[s].mounting.yaw];
       const order = [...scans.keys()].sort((a, b) => key(a).reduce((by, each, i) => by || each - key(b)[i], 0)),
-        fresh = order.filter((s) => !histories[s].repeats(scans.get(s))),
-        pairs = fresh.map((s) => histories[s].paired(scans.get(s))).filter(Boolean),
+        pairs = order.map((s) => histories[s].paired(scans.get(s))).filter(Boolean),
         time = mean(order.map((s) => scans.get(s).time)),
         interval = time - last;
       last = time;
-      if (!Number.isNaN(interval)) {
-        rounds.push({ time, interval, pairs, reason: fresh.length < order.length ? REPEATED : AFTER_GAP });
-      }
+      if (!Number.isNaN(interval)) rounds.push({ time, interval, pairs, reason: AFTER_GAP });
     };
     const isOver = (time) =>
       Math.abs(time - start) > ROUND * Math.min(...[...open.keys()].map((sensor) => histories[sensor].cycle));
@@ -1057,12 +1069,12 @@ globalThis.tracker = (function radarTracker() {
     BACKWARDS = 150; // deg
 
   /** Sentences on what is probably wrong with a sensor: units, stamps, and signs that its Doppler velocities contradict. */
-  function doubtsOf({ scans, mounting }) {
+  function doubtsOf({ scans, mounting, leftOut }) {
     const targets = scans.flatMap((scan) => scan.targets),
       distance = median(targets.map(({ range }) => range)),
       sigma = median(targets.map(({ sigmaAzimuth }) => sigmaAzimuth)) / DEGREE,
       single = mean(scans.map((scan) => (scan.targets.length <= 1 ? 1 : 0))),
-      doubts = [];
+      doubts = [...leftOut];
     if (distance > FAR) doubts.push(`half of its targets are beyond ${distance.toFixed(0)} m: are the ranges in centimetres?`);
     if (sigma < PRECISE) doubts.push(`its azimuths have a standard deviation of ${short(sigma)}°: is it in radians?`);
     if (sigma > COARSE) doubts.push(`its azimuths have a standard deviation of ${sigma.toFixed(0)}°: is it in degrees?`);
@@ -1101,7 +1113,7 @@ globalThis.tracker = (function radarTracker() {
    * show it, or stop.
    */
   function* track(log, settings) {
-    const sensors = sensorsOf(log, settings),
+    const sensors = sensorsOf(log, settings).map(usable),
       rounds = roundsOf(sensors),
       follower = new Follower({ ...settings.budget, azimuth: settings.budget.azimuth * DEGREE }),
       rows = [];
