@@ -723,7 +723,8 @@ globalThis.tracker = (function radarTracker() {
 
   /** The scan with one of each two equal targets, if half of them are there twice. */
   function withoutTwins(scan) {
-    const once = [...new Map(scan.targets.map((target) => [measured(target), target])).values()],
+    const seen = new Set(),
+      once = scan.targets.filter((target) => !seen.has(measured(target)) && seen.add(measured(target))),
       twins = scan.targets.length - once.length;
     return scan.targets.length < FEW || 2 * twins < scan.targets.length - 1 ? scan : { ...scan, targets: once };
   }
