@@ -107,9 +107,10 @@ labs.define(
     }
 
     function drawScatter(errors, covariances, own, judged) {
-      // wide enough for the stated ellipse, in steps, so that the axes do not move with every run
-      const widest = 2.45 * Math.sqrt(Math.max(0, ...covariances.map((each) => Math.max(each[0][0], each[1][1]))));
-      const size = [1.5, 3, 6].find((each) => each > 0.9 * widest) ?? 12;
+      // wide enough for both ellipses, in steps, so that the axes do not move with every run
+      const matrices = judged ? [...covariances, judged.actual] : covariances,
+        widest = 2.45 * Math.sqrt(Math.max(0, ...matrices.map((each) => Math.max(each[0][0], each[1][1]))));
+      const size = [0.4, 0.75, 1.5, 3, 6].find((each) => each > 0.9 * widest) ?? 12;
       scatter.extent([-size, size], [-size, size]);
       scatter.clear();
       for (const axis of ["x", "y"]) scatter.rule(axis, 0, "lab-zero");

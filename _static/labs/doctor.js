@@ -427,6 +427,7 @@ labs.define(
         box,
         hint,
         bar(html("label", { for: file.id }, "or open a file, or drop it above"), file),
+        lab.told,
         html(
           "div",
           { class: "lab-row" },

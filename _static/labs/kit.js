@@ -558,7 +558,8 @@ globalThis.labs = (() => {
     build(parts, draw) {
       this.drawing = draw;
       const printed = html("div", { class: "lab-printed" }, ...this.element.childNodes);
-      this.element.replaceChildren(...parts, this.told, this.spoken, printed);
+      if (!parts.includes(this.told)) parts.push(this.told);
+      this.element.replaceChildren(...parts, this.spoken, printed);
       this.element.classList.add("lab-live");
       addEventListener("hashchange", () => {
         if (!this.read()) return;

@@ -127,12 +127,14 @@ labs.define(
       }
       const [x, y, phi] = pose();
       scene.segment(x, y, x + reach() * Math.cos(phi), y + reach() * Math.sin(phi), "lab-ray");
-      body.replaceChildren();
+      const scan = svg("path", { class: "lab-reach", d: "M0,0" }); // the whole of it can be dragged
+      body.replaceChildren(scan);
       seen().forEach((each, k) => {
         const there = d2d.move(each, pose());
         scene.ellipse(there.x, there.y, there, 3, "lab-line lab-moving");
         if (k === PLACES.length) return; // it has a handle of its own
         const [cx, cy] = [scene.X(there.x) - scene.X(x), scene.Y(there.y) - scene.Y(y)];
+        scan.setAttribute("d", `${scan.getAttribute("d")}L${cx},${cy}`);
         body.append(
           svg("circle", { class: "lab-reach", r: 16, cx, cy }),
           svg("g", { transform: `translate(${cx} ${cy})` }, targetMark("moving", 5)),

@@ -81,7 +81,7 @@
     "log",
     () => ({}),
     (lab) => {
-      const { html, svg, bar, panel } = labs;
+      const { html, svg, fixed, bar, panel } = labs;
       const DEGREE = Math.PI / 180;
       let log = null, // as tracker.readLog gives it
         stop = () => {},
@@ -124,12 +124,12 @@
           ...log.sensors.map(({ name }) => {
             mountings[name] = {};
             const bounds = (key) => ({ min: -most(key), max: most(key) });
-            return fields(`Where ${name} sits`, mountings[name], MOUNTING, bounds, mounting);
+            return fields(`Where the sensor “${name}” sits`, mountings[name], MOUNTING, bounds, mounting);
           }),
           ...(lacking.length ? [fields("Standard deviations of all targets", sigmas, labels, () => ({ min: 1e-9 }))] : []),
         );
         const names = log.sensors.map(({ name }) => name).join(", ");
-        status.textContent = `${log.source}: ${log.targets.toLocaleString("en")} targets of ${names}.`;
+        status.textContent = `${log.source}: targets of ${names}, ${log.targets.toLocaleString("en")} in all.`;
         form.hidden = false;
       }
 
@@ -170,6 +170,7 @@
         try {
           log = tracker.readLog(await textOf(), name);
           ask(mounting);
+          if (mounting) estimate(); // nothing is left to ask
         } catch (error) {
           end("", error.message);
         }
@@ -190,7 +191,7 @@
             show({ ...result, settings: task.settings });
           } else {
             progress.value = share;
-            status.textContent = `Estimating: ${(100 * share).toFixed(0)}% done`;
+            status.textContent = `Estimating: ${fixed(100 * share, 0)}\u00a0% done`;
           }
         });
       }
@@ -199,9 +200,9 @@
 
       const path = lab.plot({ label: "The path", xlabel: "x (m)", ylabel: "y (m)", shape: 1, equal: true });
       const curves = [
-        ["v_x forward", "m/s", 1],
-        ["v_y to the left", "m/s", 1],
-        ["yaw rate ω", "°/s", 1 / DEGREE],
+        ["velocity ahead", "m/s", 1],
+        ["velocity to the left", "m/s", 1],
+        ["yaw rate", "°/s", 1 / DEGREE],
       ].map(([name, unit, factor], axis) => {
         const plot = lab.plot({ label: name, xlabel: "time (s)", ylabel: unit, shape: 0.65 });
         return { title: `${name} (${unit}) with ±3σ`, plot, factor, axis };
@@ -225,16 +226,14 @@
           failed = rows.filter((row) => row.reason),
           share = 1 - failed.length / rows.length,
           looks = share >= 0.75 && !shown.doubts.length ? "good" : share >= 0.4 ? "fair" : "bad",
-          alike = new Map();
-        for (const { reason } of failed) {
-          const kind = reason.replace(/(?<![\^\w.])-?\d+(\.\d+)?/g, "…");
-          alike.set(kind, (alike.get(kind) ?? 0) + 1);
-        }
-        const reasons = [...alike].sort((a, b) => b[1] - a[1]).map(([reason, count]) => `${count} × ${reason}`);
+          kinds = Map.groupBy(failed, ({ reason }) => reason.replace(/-?\d.*/, "")),
+          reasons = [...kinds.values()]
+            .sort((a, b) => b.length - a.length)
+            .map((alike) => `${alike.length} (${alike.length > 1 ? "first: " : ""}${alike[0].reason})`);
         return html(
           "p",
           { class: `lab-verdict lab-${looks}` },
-          html("strong", {}, `${(100 * share).toFixed(1)}% of ${rows.length} estimates accepted`),
+          html("strong", {}, `${fixed(100 * share, 1)}\u00a0% of ${rows.length} estimates accepted`),
           reasons.length ? `; refused: ${reasons.join(", ")}.` : ".",
         );
       }
@@ -308,6 +307,7 @@
             run.map(({ x, y }) => [x, y]),
             "lab-robust",
           );
+          if (run.length === 1) plot.mark("circle", run[0].x, run[0].y, 2, "lab-fill-robust");
         }
       }
 

@@ -121,6 +121,7 @@ labs.define(
     lab.build(
       [
         bar(button, lab.choice("covariance", "Covariance", NAMES)),
+        lab.told, // beside the button, in the first screen also of a phone
         html(
           "div",
           { class: "lab-row" },
@@ -148,6 +149,5 @@ labs.define(
         tell(shown, count);
       },
     );
-    lab.element.firstChild.after(lab.told); // beside the button, in the first screen also of a phone
   },
 );

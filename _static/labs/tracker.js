@@ -1160,13 +1160,13 @@ globalThis.tracker = (function radarTracker() {
     var_omega: [2, 2],
   };
 
-  /** The velocities with their covariances as CSV, in the columns of `Track.to_dataframe`; nan where not accepted. */
+  /** The velocities with their covariances as CSV, in the columns of `Track.write_velocities`, without the parts. */
   function csvOf(rows) {
     const head = ["time", "interval", "v_x", "v_y", "omega", "converged", ...Object.keys(ENTRIES)].join(),
       entries = (matrix) => Object.values(ENTRIES).map(([i, j]) => matrix[i][j]);
     const lines = rows.map((row) =>
-      [row.time, row.interval, ...row.theta, row.reason ? 0 : 1, ...entries(row.covariance)]
-        .map((value) => String(value).toLowerCase())
+      [row.time, row.interval, ...row.theta, row.reason ? "False" : "True", ...entries(row.covariance)]
+        .map((value) => (Number.isNaN(value) ? "nan" : value))
         .join(),
     );
     return [head, ...lines, ""].join("\n");

@@ -387,8 +387,7 @@ def test_the_example_is_that_of_the_command_line(hand: Hand, folder: Path, place
     if place == "folder":
         hand.open((folder / "page.html").as_uri())
     hand.press("Load the example")
-    hand.wait("!lab.element.querySelector('form').hidden")
-    hand.estimate()
+    hand.wait("Boolean(lab.result)")
     assert main(["example", str(hand.folder / "example.csv")]) == 0
     assert_saved_as_the_command_says(hand)
     complaints, *_ = browser.traffic(hand.driver, hand.driver.current_url)
