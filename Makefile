@@ -144,7 +144,7 @@ format: $(STAMP) ## Mend style and format where that can be done by machine
 
 bench: $(PEERS)/.installed ## Measure speed and accuracy beside other libraries, and renew the book's page on it
 	$(PEERS)/bin/python -m benchmarks.run
-	$(PEERS)/bin/python -m benchmarks.road --radarscenes $(D2D_RADARSCENES) --nuscenes $(D2D_NUSCENES)
+	$(PEERS)/bin/python -m benchmarks.road $(D2D_RADARSCENES) $(D2D_NUSCENES)
 
 $(PEERS)/.installed: requirements.txt pyproject.toml benchmarks/install.py
 	@$(MAKE) --no-print-directory $(STAMP)
@@ -166,15 +166,15 @@ radarscenes: $(STAMP) ## Recompute chapters/results from the data set: D2D_RADAR
 	if [ ! -d "$$D2D_RADARSCENES" ]; then \
 	  echo "D2D_RADARSCENES is not a folder: $$D2D_RADARSCENES" >&2; exit 2; \
 	fi
-	$(BIN)/python -m d2d.study.recordings.estimates "$$D2D_RADARSCENES"
-	$(BIN)/python -m d2d.study.recordings.road --radarscenes "$$D2D_RADARSCENES"
-	$(BIN)/python -m d2d.study.recordings.scan_profile "$$D2D_RADARSCENES"
+	$(BIN)/python -m d2d.study.road estimates "$$D2D_RADARSCENES"
+	$(BIN)/python -m d2d.study.road scores "$$D2D_RADARSCENES"
+	$(BIN)/python -m d2d.study.road profile "$$D2D_RADARSCENES"
 
 nuscenes: $(STAMP) ## Recompute chapters/results from the data set: D2D_NUSCENES=<root>
 	@if [ ! -d "$$D2D_NUSCENES" ]; then \
 	  echo "Say where the nuScenes data set is: make nuscenes D2D_NUSCENES=/path/to/nuscenes" >&2; exit 2; \
 	fi
-	$(BIN)/python -m d2d.study.recordings.road --nuscenes "$$D2D_NUSCENES"
+	$(BIN)/python -m d2d.study.road scores "$$D2D_NUSCENES"
 
 clean: ## Remove what was built, but keep .venv
 	rm -rf _build build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage htmlcov

@@ -17,6 +17,7 @@ from benchmarks.timing import exponent
 from d2d.study.book.grammar import COSTS, OTHERS, cost_line
 from d2d.study.book.style import letter_panels, use_style
 from d2d.study.results import results_path
+from d2d.study.road.markdown import markdown
 
 STARTS = {"truth": "the truth", "off": "0.4 m and 0.6° off", "zero": "zero"}
 # The sizes of the table of growth, and its methods with a name for each.
@@ -97,21 +98,6 @@ def find(rows: Sequence[Row], size: int, start: str, cost: str, name: str) -> Ro
     return None
 
 
-def table(header: Sequence[str], lines: Sequence[Sequence[str]], left: int) -> str:
-    """A Markdown table with the first ``left`` columns aligned left and the others right."""
-    widths = [max(map(len, column)) for column in zip(header, *lines, strict=True)]
-
-    def line(cells: Sequence[str]) -> str:
-        padded = (
-            cell.ljust(width) if i < left else cell.rjust(width)
-            for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
-        )
-        return f"| {' | '.join(padded)} |"
-
-    rule = ["-" * width if i < left else "-" * (width - 1) + ":" for i, width in enumerate(widths)]
-    return "\n".join([line(header), line(rule), *map(line, lines)])
-
-
 def number(value: float, digits: int = 3) -> str:
     """A value rounded to that many significant digits, without an exponent."""
     if not np.isfinite(value):
@@ -157,7 +143,7 @@ def main_tables(rows: Sequence[Row]) -> str:
                 )
             )
         parts.append(f"### {size} × {size} targets, started at {STARTS[start]}")
-        parts.append(f":::{{container}} methods\n\n{table(header, lines, 2)}\n\n:::")
+        parts.append(f":::{{container}} methods\n\n{markdown(header, lines, 2)}\n\n:::")
     return "\n\n".join(parts)
 
 
@@ -183,7 +169,7 @@ def growth_table(rows: Sequence[Row], start: str) -> str:
                 number(accuracy),
             )
         )
-    return table(header, lines, 1)
+    return markdown(header, lines, 1)
 
 
 def _at_least(what: str, value: float | None, aim: float, unit: str = "×") -> Bar:
@@ -272,7 +258,7 @@ def bars_table(m: Measured) -> str:
     """The bars as a table."""
     words = {True: "yes", False: "no", None: "–"}
     lines = [(bar.what, bar.aim, bar.measured, words[bar.met]) for bar in bars(m)]
-    return table(("what", "aim", "measured", "met"), lines, 1)
+    return markdown(("what", "aim", "measured", "met"), lines, 1)
 
 
 def others_table(m: Measured) -> str:
@@ -302,7 +288,7 @@ def others_table(m: Measured) -> str:
             ),
             ("of it reading", f"{100.0 * d.reading / d.total:.0f} %"),
         ]
-    return table(("what", "measured"), lines, 1)
+    return markdown(("what", "measured"), lines, 1)
 
 
 def disturbance(rows: Sequence[Row]) -> str:

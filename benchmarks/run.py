@@ -20,7 +20,7 @@ from benchmarks.methods import Effort, initial_motion, one_per_call, others
 from benchmarks.scenes import accuracy, draw, known_correspondences, scene
 from benchmarks.timing import exp_nanoseconds, interleaved
 from d2d import register
-from d2d.study.recordings.estimates import data_root
+from d2d.study.road.estimates import data_root
 
 ONE_THREAD = {
     name: "1"

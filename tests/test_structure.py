@@ -15,7 +15,7 @@ MODULES = {
 # What a part may not import. A subject of the study may import those that come before it.
 SUBJECTS = (
     *("book", "mixtures", "point_sets", "line", "plane", "estimation"),
-    *("drives", "recordings", "beyond", "guides"),
+    *("drives", "road", "beyond", "guides"),
 )
 OPTIONAL = ("evo", "joblib", "matplotlib", "pandas", "tqdm")  # of the extras `study` and `track`
 

@@ -17,8 +17,8 @@ from d2d.study.book import drawing, grammar, style
 from d2d.study.book.ledger import SIGNS
 from d2d.study.book.record import read_record
 from d2d.study.plane.evaluation import COSTS, at_truth
-from d2d.study.recordings.estimates import estimates_path, read_estimates
-from d2d.study.recordings.road import read_road
+from d2d.study.road.estimates import estimates_path, read_estimates
+from d2d.study.road.scores import read_scores
 
 DPI = 110  # as in the chapters; 5 inches fit a phone
 TILE = (2.6, 2.0)  # inches: three beside each other on the first pages
@@ -119,7 +119,7 @@ def road() -> Figure:
 
 def _shares_inside(ax: Axes) -> None:
     """The share of the errors of four radars on RadarScenes that lie in the 95 % region."""
-    found = read_road()["radarscenes"]["baseline 4"]["105"]  # 0.3 s between the scans of a pair
+    found = read_scores()["radarscenes"]["baseline 4"]["105"]  # 0.3 s between the scans of a pair
     names = ("inverse Hessian", "noise and budget")
     shares = [found[name]["inside"] for name in names]
     colors = [grammar.COVARIANCES[name].color for name in names]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from d2d.radar import Mounting
 from d2d.radar.readers.radarscenes import RADARSCENES_BUDGET
 from d2d.radar.tracks.track import integrate
-from d2d.study.recordings.estimates import estimates_path, read_estimates
+from d2d.study.road.estimates import estimates_path, read_estimates
 
 SCRIPT = Path(__file__).parents[1] / "_static" / "labs" / "replay_data.js"
 RUN = "sensor 3, baseline 2"

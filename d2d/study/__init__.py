@@ -10,7 +10,7 @@ Each subpackage covers one subject:
 - ``estimation`` (chapters 6 and 9): optimisers, and the covariance of what they find.
 - ``plane`` (chapters 10 and 11): the thesis's scenes in the plane and their evaluation.
 - ``drives`` (chapters 12 and 13): simulated drives.
-- ``recordings`` (chapters 14 and 15): recorded drives.
+- ``road`` (chapters 14 and 15, appendices F to H): recorded drives.
 - ``beyond`` (chapter 16): what the thesis left to future work.
 - ``guides``: the pages on one's own radar.
 

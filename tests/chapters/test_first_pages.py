@@ -11,7 +11,7 @@ from matplotlib import pyplot as plt
 from d2d.radar.cli import main
 from d2d.study.book.ledger import SIGNS
 from d2d.study.book.record import read_record
-from d2d.study.recordings.road import read_road
+from d2d.study.road.scores import read_scores
 
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
@@ -37,7 +37,7 @@ def test_the_first_pages_count_the_verdicts_on_record() -> None:
 def test_the_first_pages_state_the_road_as_chapter_15_does(page: str) -> None:
     """Breaks if the drives are judged anew and a first page keeps the old shares and ANEES."""
     text = (ROOT / page).read_text(encoding="utf-8")
-    road = read_road()  # baseline 4: 0.3 s between the scans of a pair, as in chapter 15
+    road = read_scores()  # baseline 4: 0.3 s between the scans of a pair, as in chapter 15
     drive = road["radarscenes"]["baseline 4"]["105"]
     before, after = (drive[name] for name in ("inverse Hessian", "noise and budget"))
     shares = re.search(r"(\d+) (?:%|percent)[^|\n]+ inverse Hessian, (?:and )?(\d+) ", text)

@@ -8,7 +8,7 @@ from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose
 
 from d2d.radar import Comparison, Recording, Track, simulate_drive
-from d2d.study.recordings.suspects import (
+from d2d.study.road.suspects import (
     beside_changed_reference,
     draw_choices,
     draw_parts,

@@ -1,4 +1,4 @@
-"""What may be stated of the errors of estimates: every model of a covariance, and how it is fitted.
+"""Models of the covariance of estimates, and how each is fitted.
 
 A model is fitted to the estimates of training drives by the smallest mean log score, and then
 states the covariances of other estimates from what is known while driving.  All models see the same
@@ -13,10 +13,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from d2d._types import Array
 from d2d.radar import fit_budget
 from d2d.scores import log_score
 
-Array = NDArray[np.float64]
 Parameters = dict[str, Array]
 
 WINDOW = 2.0  # s, over which the adaptive model looks back
@@ -49,7 +49,7 @@ class Estimates(NamedTuple):
 
 
 class Model(NamedTuple):
-    """How parameters are found from training drives, and what they say of other estimates."""
+    """Finds parameters from training drives, and states covariances of other estimates."""
 
     fit: Callable[[Sequence[Estimates]], Parameters]
     covariances: Callable[[Parameters, Estimates], Array]  # (n, 3, 3)
@@ -61,7 +61,7 @@ def joined(drives: Sequence[Estimates]) -> Estimates:
 
 
 def as_it_is(stated: Callable[[Estimates], Array]) -> Model:
-    """Nothing is fitted."""
+    """A covariance to which nothing is fitted."""
     return Model(lambda drives: {}, lambda parameters, own: stated(own))
 
 
@@ -76,23 +76,33 @@ def likeliest(score: Callable[[Array], float], start: Array) -> Array:
     return np.asarray(np.exp(best.x))
 
 
-def scaled(stated: Callable[[Estimates], Array], count: int) -> Model:
+def scaled(stated: Callable[[Estimates], Array], count: int, constants: bool = False) -> Model:
     """D C D and the carry, with a factor on C for all directions, or one for each.
 
-    The factors are those of the covariance: D holds their roots.
+    The factors are those of the covariance: D holds their roots.  There may be three variances
+    beside them.
     """
 
     def covariances(parameters: Parameters, own: Estimates) -> Array:
         root = np.sqrt(np.broadcast_to(parameters["factors"], 3))
-        return np.asarray(stated(own) * np.outer(root, root) + own.carry)
+        added = np.diag(parameters.get("constants", np.zeros(3)) ** 2)
+        return np.asarray(stated(own) * np.outer(root, root) + own.carry + added)
+
+    def named(values: Array) -> Parameters:
+        factors: Parameters = {"factors": values[:count]}
+        return factors | {"constants": values[count:]} if constants else factors
 
     def fit(drives: Sequence[Estimates]) -> Parameters:
         own = joined(drives)
 
-        def score(factors: Array) -> float:
-            return float(log_score(own.errors, covariances({"factors": factors}, own)).mean())
+        def score(values: Array) -> float:
+            return float(log_score(own.errors, covariances(named(values), own)).mean())
 
-        return {"factors": likeliest(score, np.full(count, 3.0))}
+        starts = [np.full(count, 3.0)]
+        if constants:
+            usual = np.sqrt(np.mean(own.errors**2, axis=0))
+            starts = [np.array([*[factor] * count, *share * usual]) for factor, share in STARTS]
+        return named(min((likeliest(score, start) for start in starts), key=score))
 
     return Model(fit, covariances)
 
@@ -132,29 +142,7 @@ def budgeted(without: str = "") -> Model:
 
     def covariances(parameters: Parameters, own: Estimates) -> Array:
         added = np.einsum("p,npij->nij", parameters["causes"] ** 2, own.effects[:, places])
-        return rest(own) + added
-
-    return Model(fit, covariances)
-
-
-def scaled_with_constants(stated: Callable[[Estimates], Array]) -> Model:
-    """f C, the carry, and three variances."""
-
-    def covariances(parameters: Parameters, own: Estimates) -> Array:
-        added = np.diag(parameters["constants"] ** 2)
-        return np.asarray(parameters["factor"] * stated(own) + own.carry + added)
-
-    def fit(drives: Sequence[Estimates]) -> Parameters:
-        own = joined(drives)
-
-        def score(given: Array) -> float:
-            parameters = {"factor": given[0], "constants": given[1:]}
-            return float(log_score(own.errors, covariances(parameters, own)).mean())
-
-        usual = np.sqrt(np.mean(own.errors**2, axis=0))
-        starts = [np.concatenate([[factor], share * usual]) for factor, share in STARTS]
-        found = min((likeliest(score, start) for start in starts), key=score)
-        return {"factor": found[0], "constants": found[1:]}
+        return np.asarray(rest(own) + added)
 
     return Model(fit, covariances)
 
@@ -230,13 +218,13 @@ MODELS = {
     "inverse Hessian × 1 factor": scaled(lambda own: own.hessian, 1),
     "inverse Hessian × 3 factors": scaled(lambda own: own.hessian, 3),
     "inverse Hessian + 3 constants": with_constants(lambda own: own.hessian),
-    "inverse Hessian × 1 factor + 3 constants": scaled_with_constants(lambda own: own.hessian),
+    "inverse Hessian × 1 factor + 3 constants": scaled(lambda own: own.hessian, 1, constants=True),
     "constant matrix": constant(),
     "adaptive matrix": adaptive(),
     "propagated noise": as_it_is(lambda own: own.noise + own.carry),
     "noise × 3 factors": scaled(lambda own: own.noise, 3),
     CONSTANTS: with_constants(lambda own: own.noise),
-    "noise × 1 factor + 3 constants": scaled_with_constants(lambda own: own.noise),
+    "noise × 1 factor + 3 constants": scaled(lambda own: own.noise, 1, constants=True),
     BUDGET: budgeted(),
     "stored budget": as_it_is(lambda own: own.budget),
 }

@@ -8,7 +8,7 @@ import pytest
 
 from d2d.radar import Mounting, RadarScan
 from d2d.study.book.grammar import MOVING, OUTLIER, PINK
-from d2d.study.recordings.scan_animation import WeighedScan, animate_scans
+from d2d.study.road.scan_animation import WeighedScan, animate_scans
 
 AHEAD = Mounting(3.0, 0.0, 0.0)
 

@@ -2,10 +2,8 @@
 
 The measurements of RadarScenes are not part of this project; how many targets a scan has, and how
 they spread over range, azimuth and Doppler velocity, may be drawn beside a simulated sensor's.
-Computed from the data set by ``python -m d2d.study.recordings.scan_profile ROOT``.
 """
 
-import argparse
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,8 +14,9 @@ from d2d._types import Array
 from d2d.radar import RadarScan, load_radarscenes
 from d2d.study.book.grammar import GREY, PURPLE
 from d2d.study.results import read_json, results_path, write_json
+from d2d.study.road.drive import Source
 
-SEQUENCE, SENSOR = 105, 3
+SENSOR = 3
 RESULTS = results_path("radarscenes_scans.json")
 EDGES: dict[str, Array] = {
     "range (m)": np.arange(0.0, 101.0, 10.0),
@@ -55,15 +54,7 @@ def profile_panels(axes: Sequence[Axes], profiles: Mapping[str, Mapping[str, Any
         ax.set(xlabel=name, ylabel="targets in a scan")
 
 
-def main() -> None:
+def write(source: Source) -> None:
     """Summarise the scans of one sensor of a sequence, and store the result."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("root", help="folder of the data set")
-    arguments = parser.parse_args()
-    profile = scan_profile(load_radarscenes(arguments.root, SEQUENCE, SENSOR).scans)
-    write_json(RESULTS, profile)
-    print(f"written to {RESULTS}")
-
-
-if __name__ == "__main__":
-    main()
+    recording = load_radarscenes(source.root, source.name, SENSOR)
+    write_json(RESULTS, scan_profile(recording.scans))

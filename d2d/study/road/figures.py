@@ -13,7 +13,7 @@ from d2d.study.book.grammar import BLACK, COVARIANCES, OTHERS, TRUTH
 from d2d.study.book.style import PAGE
 from d2d.study.book.table import Column, Table, table
 from d2d.study.drives.errors import NAMES, UNITS
-from d2d.study.recordings.road import protocol_table
+from d2d.study.road.protocol_tables import read_table
 
 _MARKS = "oDs^v"
 
@@ -46,7 +46,7 @@ def rivals_table(names: Sequence[str], caption: str = "") -> Table:
     Of RadarScenes there is a column for each of two drives, of nuScenes one for the mean.
     """
     tables = [
-        protocol_table(f"{data_set}: {measure}")
+        read_table(f"{data_set}: {measure}")
         for measure, data_set in product(("ANEES", "mean log score"), ("RadarScenes", "nuScenes"))
     ]
     rows = {}

@@ -4,8 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from d2d.radar import RadarScan
-from d2d.study.recordings import scan_profile
-from d2d.study.recordings.scan_profile import EDGES
+from d2d.study.road import scan_profile
+from d2d.study.road.scan_profile import EDGES
 
 
 def scan(time, ranges, azimuth, doppler) -> RadarScan:

@@ -1,8 +1,4 @@
-"""A Kalman filter fed by radars on real drives: is it as certain as it may be?
-
-python -m benchmarks.road_filter [--radarscenes ROOT ...] [--nuscenes ROOT ...]
-
-writes a table into the book's results; without roots it does nothing.
+"""A Kalman filter fed by radars on real drives, and whether it is as certain as it may be.
 
 The filter has a vehicle's velocity, its acceleration and the slow errors of the budget as states,
 and no other sensor.  It gets each estimate of a `Tracker` in one of three ways: the inverse
@@ -16,30 +12,31 @@ innovations are beyond the 99.9 % that a filter might reject: where a vehicle tu
 its model allows, a gate would shut the radar out.
 """
 
-import argparse
-import warnings
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks.report import table
-from benchmarks.road import HORIZON, Drive, nuscenes, radarscenes
-from benchmarks.run import in_one_thread
+from d2d._types import Array
 from d2d.radar import ErrorBudget, Tracker, VelocityEstimate
 from d2d.radar.tracks.acceleration import JERK, UNKNOWN
 from d2d.radar.tracks.path import PERSISTENCE
 from d2d.scores import normalised_squares
-from d2d.study.drives.fusion import GATE, REGION, SETTLED, Filter, Motion, slow_errors, take
-from d2d.study.recordings.road import scenes, sequences
-from d2d.study.results import results_path
+from d2d.study.drives.fusion import (
+    FILTERS,
+    GATE,
+    REGION,
+    SETTLED,
+    Filter,
+    Motion,
+    slow_errors,
+    take,
+)
+from d2d.study.road.drive import HORIZON, Drive, Source
+from d2d.study.road.markdown import markdown, write_page
 
-Array = NDArray[np.float64]
 # The vehicle of `track`: of random walks, whose accelerations are as usual after a long time.
 CAR = Motion(np.sqrt(np.diag(UNKNOWN)), 2.0 * np.diag(UNKNOWN) / np.diag(JERK))
-WAYS = ("inverse Hessian", "budget as white noise", "budget, slow errors as states")
 HEAD = (
     *("drive", "filter", "NIS", "beyond", "NEES", "inside"),
     *("v_x, m/s", "v_y, m/s", "ω, °/s"),
@@ -70,12 +67,10 @@ class Filtered(NamedTuple):
 
 
 def estimates(drive: Drive, budget: ErrorBudget | None) -> list[VelocityEstimate]:
-    """What a tracker gives for all scans of a drive in time order."""
+    """The estimates of a tracker that is given all scans of a drive in time order."""
     mountings = {str(s): own.mounting for s, own in enumerate(drive.recordings)}
     tracker = Tracker(mountings, horizon=HORIZON, budget=budget)
-    scans = [(str(s), scan) for s, own in enumerate(drive.recordings) for scan in own.scans]
-    scans.sort(key=lambda entry: entry[1].time)
-    found = [each for entry in scans for each in tracker.add(*entry)]
+    found = [each for entry in drive.in_time_order() for each in tracker.add(*entry)]
     return found + tracker.finish()
 
 
@@ -95,39 +90,21 @@ def filtered(drive: Drive, given: Sequence[VelocityEstimate], as_states: bool) -
         elif not as_states and each.converged:
             nis = own.update(each.theta - own.state[:3], np.eye(3), each.covariance)
         rows.append((nis, own.state[:3], own.covariance[:3, :3]))
-    nis, states, covariances = (np.array(column) for column in zip(*rows, strict=True))
+    squares, states, covariances = (np.array(column) for column in zip(*rows, strict=True))
     late = np.array([each.time for each in given]) > given[0].time + SETTLED
-    return Filtered(nis[late], (states - truth)[late], covariances[late])
+    return Filtered(squares[late], (states - truth)[late], covariances[late])
 
 
 def lines(drive: Drive) -> Iterator[tuple[str, ...]]:
     """The lines of the table of a drive."""
-    plain = estimates(drive, None)
-    budgeted = estimates(drive, drive.recordings[0].budget)
-    for name, given, as_states in zip(
-        WAYS, (plain, budgeted, budgeted), (False, False, True), strict=True
-    ):
-        cells = (drive.name, name, *filtered(drive, given, as_states).cells())
-        print(*cells, sep=" | ", flush=True)
-        yield cells
+    plain, budgeted = (estimates(drive, budget) for budget in (None, drive.budget))
+    for name, given in zip(FILTERS, (plain, budgeted, budgeted), strict=True):
+        as_states = name == FILTERS[-1]
+        yield drive.title, name, *filtered(drive, given, as_states).cells()
 
 
-def main() -> None:
+def write(sources: Mapping[str, Sequence[Source]]) -> None:
     """Filter the drives at hand and write the table into the book's results."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    for name in ("radarscenes", "nuscenes"):
-        parser.add_argument(f"--{name}", type=Path, nargs="*", default=[])
-    arguments = parser.parse_args()
-    in_one_thread()
-    warnings.simplefilter("ignore")
-    drives = [radarscenes(*at) for at in sequences(arguments.radarscenes)]
-    drives += [nuscenes(*at) for at in scenes(arguments.nuscenes)]
-    if drives:
-        rows = [cells for drive in drives for cells in lines(drive)]
-        head = "<!-- Written by `python -m benchmarks.road_filter`. -->"
-        text = f"{head}\n\n{table(HEAD, rows, 2)}\n"
-        results_path("road_filter.md").write_text(text, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+    listed = [source for drives in sources.values() for source in drives]
+    rows = [cells for source in listed for cells in lines(source.load())]
+    write_page("road_filter.md", "d2d.study.road fusion", [markdown(HEAD, rows, 2)])

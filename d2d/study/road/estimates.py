@@ -1,15 +1,10 @@
 """Estimates for a RadarScenes sequence, stored in small files that hold no measurements.
 
-    python -m d2d.study.recordings.estimates <root> [--sequence 105]
-
-writes two files, so that the book can be built without the data set.
-``chapters/results/radarscenes_<sequence>.csv`` holds our estimates with their covariances and
-errors, ``radarscenes_<sequence>.json`` what was found about clock, slip, mountings and noise, and
-the computing times.
+The book can so be built without the data set.  ``chapters/results/radarscenes_<sequence>.csv``
+holds our estimates with their covariances and errors, ``radarscenes_<sequence>.json`` the lag, the
+slip, the mountings and the noise that were found, and the computing times.
 """
 
-import argparse
-import csv
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -19,28 +14,29 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from d2d._types import Array
 from d2d.radar import Comparison, Recording, Track, doppler_ego_motion, load_radarscenes, track
 from d2d.radar.tracks.rounds import rounds_of
 from d2d.radar.trust.alignment import scan_velocities
-from d2d.study.recordings.residuals import (
+from d2d.study.results import read_json, results_path, write_json
+from d2d.study.road.drive import SENSORS, Source, with_extent
+from d2d.study.road.residuals import (
     Correction,
     fit_correction,
     residual_rms,
     residual_sigmas,
     some_of,
 )
-from d2d.study.recordings.suspects import judge_halves
-from d2d.study.results import read_json, results_path, write_csv, write_json
+from d2d.study.road.suspects import judge_halves
 
-SENSORS = (1, 2, 3, 4)
 FORWARD = 3  # the sensor that is shown alone
 SECTORS = (0, 15, 30, 45, 60)  # deg, edges of |azimuth|
 STATED = (0.11, -0.05)  # s, time offset and side slip of most sequences, as chapter 14 states them
 OFFSETS = np.arange(0.0, 0.2501, 0.01)  # s
 COLUMNS = (
-    *("run", "time_s", "interval_s", "converged", "vx", "vy", "omega"),
+    *("time_s", "interval_s", "converged", "vx", "vy", "omega"),
     *("cov_xx", "cov_xy", "cov_xw", "cov_yy", "cov_yw", "cov_ww"),
     *("error_vx", "error_vy", "error_omega"),
 )
@@ -177,11 +173,6 @@ def drive(run: Run, recordings: Sequence[Recording]) -> Track:
     return _doppler_track(recordings)
 
 
-def with_extent(recording: Recording, extent: float) -> Recording:
-    """The recording with another position scatter ``extent`` (m) of its targets."""
-    return replace(recording, scans=[scan.with_extent(extent) for scan in recording.scans])
-
-
 def _doppler_track(recordings: Sequence[Recording]) -> Track:
     """Least squares on each round's Doppler velocities; with one sensor, v_y is taken as zero."""
     groups = rounds_of([(r.scans, r.mounting) for r in recordings])
@@ -243,39 +234,32 @@ def recording_facts(raw: Sequence[Recording], duration: float) -> tuple[dict[str
 
 def write_estimates(path: Path, results: dict[str, Result]) -> None:
     """Write all runs as one comma-separated table in SI units, to five significant digits."""
-    rows: list[list[Any]] = []
+    tables = {}
     for name, (driven, errors) in results.items():
-        numbers = np.column_stack(
-            [
-                driven.times,
-                driven.intervals,
-                driven.converged,
-                driven.theta,
-                driven.covariance[:, _UPPER[0], _UPPER[1]],
-                errors,
-            ]
-        )
-        rows += ([name, *row] for row in numbers)
-    write_csv(path, COLUMNS, rows)
+        covariance = driven.covariance[:, *_UPPER]
+        columns = [driven.times, driven.intervals, driven.converged]
+        numbers = np.column_stack([*columns, driven.theta, covariance, errors])
+        tables[name] = pd.DataFrame(numbers, columns=COLUMNS)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    table = pd.concat(tables, names=["run"]).droplevel(1)
+    table.to_csv(path, float_format="%.5g", na_rep="nan", lineterminator="\n")
 
 
 def read_estimates(path: Path) -> dict[str, Result]:
-    """Read what `write_estimates` wrote."""
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.reader(file))[1:]
+    """Read the runs that `write_estimates` wrote."""
+    table = pd.read_csv(path, index_col="run")
     results = {}
-    for name in dict.fromkeys(row[0] for row in rows):
-        table = np.array([row[1:] for row in rows if row[0] == name], dtype=np.float64)
-        covariance = np.empty((len(table), 3, 3))
-        covariance[:, _UPPER[0], _UPPER[1]] = table[:, 6:12]
-        covariance[:, _UPPER[1], _UPPER[0]] = table[:, 6:12]
-        driven = Track(table[:, 0], table[:, 1], table[:, 3:6], covariance, table[:, 2] > 0)
-        results[name] = Result(driven, table[:, 12:15])
+    for name, rows in table.groupby(level="run", sort=False):
+        times, intervals, converged, *numbers = rows.to_numpy(dtype=np.float64).T
+        theta, upper, errors = np.split(np.transpose(numbers), [3, 9], axis=1)
+        covariance = np.empty((len(rows), 3, 3))
+        covariance[:, *_UPPER] = covariance[:, *_UPPER[::-1]] = upper
+        results[name] = Result(Track(times, intervals, theta, covariance, converged > 0), errors)
     return results
 
 
 def read_facts(path: Path) -> dict[str, Any]:
-    """The facts about the recording that belong to the results at ``path``."""
+    """Read the facts about the recording that belong to the results at ``path``."""
     return read_json(path.with_suffix(".json"))
 
 
@@ -290,18 +274,9 @@ def data_root() -> Path | None:
     return Path(root) if root else None
 
 
-def main() -> None:
+def write(source: Source) -> None:
     """Estimate one sequence and write its results."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("root", help="folder of the data set")
-    parser.add_argument("--sequence", default="105")
-    arguments = parser.parse_args()
-    results, facts = compute(arguments.root, arguments.sequence, report=print)
-    path = estimates_path(arguments.sequence)
+    results, facts = compute(source.root, source.name, report=print)
+    path = estimates_path(source.name)
     write_estimates(path, results)
     write_json(path.with_suffix(".json"), facts)
-    print(f"written to {path}")
-
-
-if __name__ == "__main__":
-    main()

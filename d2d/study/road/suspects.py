@@ -1,6 +1,6 @@
 """Why the errors on the road are larger than their covariances state: one experiment per suspect.
 
-All of them need only what `d2d.study.recordings.estimates` stores: tracks and their errors.
+All of them need only what `d2d.study.road.estimates` stores: tracks and their errors.
 """
 
 from collections.abc import Mapping, Sequence

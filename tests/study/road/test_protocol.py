@@ -3,11 +3,13 @@
 from itertools import product
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from benchmarks import protocol as module
-from benchmarks.covariances import (
+from d2d.radar import ErrorBudget, Mounting, Recording, simulate_drive, track
+from d2d.study.road.drive import Drive
+from d2d.study.road.models import (
     ABLATIONS,
     BUDGET,
     CAUSES,
@@ -18,30 +20,29 @@ from benchmarks.covariances import (
     Estimates,
     spread,
 )
-from benchmarks.protocol import (
+from d2d.study.road.protocol import (
     ALL,
     CELLS,
+    LEVELS,
     PERIOD,
     QUIET,
     Cell,
     Found,
     changed,
     estimated,
-    fitted,
+    fit_others,
     followed,
     is_quiet,
-    judged,
+    measure,
     protocol,
-    section,
 )
-from benchmarks.road import Drive
-from d2d.radar import ErrorBudget, Mounting, Recording, simulate_drive, track
-from d2d.radar.tracks.rounds import rounds_of
+from d2d.study.road.protocol_tables import chart, section
 
 SCALE = np.array([0.01, 0.02, 0.002])
 AS_THEY_ARE = "inverse Hessian", "propagated noise", "stored budget"
 FITTED = [name for name in MODELS if name not in AS_THEY_ARE]
 MOUNTINGS = Mounting(3.5, 0.6, 0.4), Mounting(3.5, -0.6, -0.4)
+ALONE = {"front": 0, "side": 1}
 STATED = ErrorBudget(azimuth=0.002, doppler=0.02, scale=0.001, lag=0.02)
 
 
@@ -68,7 +69,7 @@ def made_up(seed: int, truth: str = CONSTANTS, count: int = 400, **parameters) -
     own = Estimates(
         times, theta, np.zeros((count, 3)), hessian, noise, carry, budget, dependence, effects
     )
-    given = {"constants": 3.0 * SCALE} | parameters
+    given = parameters or {"constants": 3.0 * SCALE}
     stated = MODELS[truth].covariances(given, own)
     return own._replace(errors=errors_of(rng, stated))
 
@@ -79,7 +80,7 @@ def simulated(duration: float = 6.0) -> Drive:
         simulate_drive(np.random.default_rng(3), duration=duration, mounting=at) for at in MOUNTINGS
     ]
     own = [Recording(drive.scans, drive.mounting, drive.truth, STATED) for drive in drives]
-    return Drive.of("simulated", own)
+    return Drive("simulated", own)
 
 
 def flat(parameters: dict[str, np.ndarray]) -> np.ndarray:
@@ -92,11 +93,11 @@ def flat(parameters: dict[str, np.ndarray]) -> np.ndarray:
 def test_the_drive_that_is_judged_takes_no_part_in_the_fit():
     """Breaks if a parameter knows anything of the drive that it is judged on."""
     drives = {name: made_up(seed, count=150) for seed, name in enumerate("abc")}
-    before = fitted(drives)
+    before = fit_others(drives)
     for seed, name in enumerate("abc"):
         other = made_up(100 + seed, count=150)
         columns = {key: 5.0 * value for key, value in other._asdict().items() if key != "times"}
-        after = fitted(drives | {name: other._replace(**columns)})
+        after = fit_others(drives | {name: other._replace(**columns)})
         for model, drive in product(FITTED, drives):
             was, now = (flat(found[drive][model]) for found in (before, after))
             assert np.array_equal(was, now) == (drive == name), model
@@ -109,27 +110,26 @@ def test_nothing_is_fitted_in_another_cell():
         ALL: {name: Found(made_up(seed), 1.0) for seed, name in enumerate("ab")},
         "front": {name: Found(made_up(seed + 5), 0.9) for seed, name in enumerate("ab")},
     }
-    before = protocol(cells, bounds=False)
+    before, was = protocol(cells)
     worse = {
         name: found._replace(
             estimates=found.estimates._replace(errors=4.0 * found.estimates.errors)
         )
         for name, found in cells["front"].items()
     }
-    after = protocol(cells | {"front": worse}, bounds=False)
-    for name in "ab":
-        for model in FITTED:
-            was, now = (flat(found["fitted"][name][model]) for found in (before, after))
-            assert_array_equal(was, now)
-            was, now = (
-                found["cells"]["front"][name]["models"][model]["ANEES"] for found in (before, after)
-            )
-            assert_allclose(now, 16.0 * was)
+    after, now = protocol(cells | {"front": worse})
+    assert all(
+        np.array_equal(flat(before[name][model]), flat(after[name][model]))
+        for name in "ab"
+        for model in FITTED
+    )
+    own = (was["cell"] == "front") & was["model"].isin(FITTED)
+    assert_allclose(now.loc[own, "ANEES"], 16.0 * was.loc[own, "ANEES"])
 
 
 def test_what_is_stated_does_not_depend_on_errors_nor_on_later_estimates():
     """Breaks if a model looks at the reference, or at what comes later, while driving."""
-    parameters = fitted({name: made_up(seed) for seed, name in enumerate("ab")})["a"]
+    parameters = fit_others({name: made_up(seed) for seed, name in enumerate("ab")})["a"]
     own = made_up(7)
     later = own._replace(
         errors=own.errors[::-1],
@@ -156,9 +156,9 @@ def test_what_is_stated_does_not_depend_on_errors_nor_on_later_estimates():
         (CONSTANTS, {"constants": 4.0 * SCALE}),
         (
             "inverse Hessian × 1 factor + 3 constants",
-            {"factor": np.array(6.0), "constants": 2.0 * SCALE},
+            {"factors": np.array([6.0]), "constants": 2.0 * SCALE},
         ),
-        ("noise × 1 factor + 3 constants", {"factor": np.array(2.0), "constants": 3.0 * SCALE}),
+        ("noise × 1 factor + 3 constants", {"factors": np.array([2.0]), "constants": 3.0 * SCALE}),
         (BUDGET, {"causes": np.array([0.003, 0.002, 0.004, 0.001])}),
     ],
 )
@@ -169,11 +169,10 @@ def test_a_model_finds_what_errors_were_made_with(name, parameters):
     for key, value in parameters.items():
         assert_allclose(found[name][key], value, rtol=0.15, atol=0.05 * np.abs(value).max())
     own = made_up(2, name, 1000, **parameters)
-    measures = judged(Found(own, 1.0), found, bounds=False)
-    assert_allclose(measures["models"][name]["ANEES"], 1.0, atol=0.1)
-    assert_allclose(measures["models"][name]["coverage"], [0.5, 0.95, 0.99], atol=0.04)
-    scores = {other: row["log score"] for other, row in measures["models"].items()}
-    assert scores[name] <= min(scores.values()) + 0.02
+    rows = pd.DataFrame(measure(Found(own, 1.0), found, bounds=False)).set_index("model")
+    assert rows.loc[name, "ANEES"] == pytest.approx(1.0, abs=0.1)
+    assert_allclose(rows.loc[name, [*LEVELS]].to_numpy(float), [0.5, 0.95, 0.99], atol=0.04)
+    assert rows.loc[name, "log score"] <= rows["log score"].min() + 0.02
 
 
 def test_the_covariances_are_what_their_names_say():
@@ -201,7 +200,7 @@ def test_the_covariances_are_what_their_names_say():
         ("inverse Hessian × 1 factor + 3 constants", hessian),
         ("noise × 1 factor + 3 constants", noise),
     ):
-        given = {"factor": np.array(7.0), "constants": np.array([0.1, 0.2, 0.3])}
+        given = {"factors": np.array([7.0]), "constants": np.array([0.1, 0.2, 0.3])}
         assert_allclose(stated(name, **given), 7.0 * base + carry + added)
     assert_allclose(stated("stored budget"), own.budget)
     causes = np.array([0.1, 0.0, 0.2, 0.0])
@@ -254,8 +253,7 @@ def test_the_spread_after_a_gap_is_the_usual_one():
 def test_the_estimates_are_those_of_the_public_track():
     """Breaks if the models are given other estimates than a user gets, or at another time."""
     drive = simulated(3.0)
-    rounds = rounds_of([(own.scans, own.mounting) for own in drive.recordings], 1, 0.3)
-    own, accepted = followed(rounds, STATED)
+    own, accepted = followed(drive.rounds, STATED)
     options = {"horizon": 0.3, "progress": False}
     empty, stored = (track(drive.recordings, budget=b, **options) for b in (ErrorBudget(), STATED))
     plain = track(drive.recordings, **options)
@@ -271,32 +269,32 @@ def test_the_estimates_are_those_of_the_public_track():
 
 
 def test_errors_are_those_against_the_reference():
-    found = estimated(simulated(), Cell(), "nuScenes")
-    measures = judged(found, fitted(dict.fromkeys("ab", found.estimates))["a"], bounds=False)
+    found = estimated(simulated(), Cell(), ALONE)
+    parameters = fit_others(dict.fromkeys("ab", found.estimates))["a"]
+    rows = pd.DataFrame(measure(found, parameters, bounds=False)).set_index("model")
     assert found.share == 1.0
-    assert measures["estimates"] == len(found.estimates.times)
-    assert 0.5 < measures["models"]["propagated noise"]["ANEES"] < 1.6
+    assert (rows["estimates"] == len(found.estimates.times)).all()
+    assert 0.5 < rows.loc["propagated noise", "ANEES"] < 1.6
 
 
-def test_a_cell_has_the_sensors_and_targets_that_it_says(monkeypatch):
+def test_a_cell_has_the_sensors_and_targets_that_it_says():
     """Breaks if a cell is judged with what it should do without."""
     drive = simulated(12.0)
-    monkeypatch.setitem(module.ALONE, "nuScenes", {"front": 0, "side": 1})
-    for name, place in (("front", 0), ("side", 1)):
-        (only,) = changed(drive, CELLS[name], "nuScenes")
+    for name, place in ALONE.items():
+        (only,) = changed(drive, CELLS[name], ALONE).recordings
         assert only.mounting == MOUNTINGS[place]
-    for own, few in zip(drive.recordings, changed(drive, CELLS["15 targets"], "x"), strict=True):
+    thinned = changed(drive, CELLS["15 targets"], ALONE).recordings
+    for own, few in zip(drive.recordings, thinned, strict=True):
         assert [len(scan) for scan in few.scans] == [min(15, len(scan)) for scan in own.scans]
         for whole, part in zip(own.scans, few.scans, strict=True):
             assert np.isin(part.range, whole.range).all()
     start = drive.rounds[0].time
-    for s, (own, less) in enumerate(
-        zip(drive.recordings, changed(drive, CELLS["silence"], "x"), strict=True)
-    ):
+    quiet = changed(drive, CELLS["silence"], ALONE).recordings
+    for s, (own, less) in enumerate(zip(drive.recordings, quiet, strict=True)):
         gone = {scan.time for scan in own.scans} - {scan.time for scan in less.scans}
         assert gone
         assert is_quiet(np.array(sorted(gone)), start, s, 2).all()
-    judged_ones = estimated(drive, CELLS["silence"], "x").estimates.times - start
+    judged_ones = estimated(drive, CELLS["silence"], ALONE).estimates.times - start
     assert ((judged_ones % PERIOD) >= PERIOD - QUIET).all()
 
 
@@ -320,8 +318,7 @@ def test_the_tables_hold_every_model_in_every_cell(count):
         cell: {name: Found(made_up(i, count=60), 1.0) for i, name in enumerate(names)}
         for cell in (ALL, "front", "side")
     }
-    results = protocol(cells, bounds=count == 2)
-    text = section("A data set", results, STATED)
+    text = section("A data set", *protocol(cells), STATED)
     assert "nan" not in text
     for name in (*MODELS, *ABLATIONS, *cells, *names):
         assert name in text
@@ -335,8 +332,8 @@ def test_a_drive_with_hardly_an_estimate_is_left_out():
         ALL: {name: Found(made_up(i), 1.0) for i, name in enumerate("ab")},
         "side": {"a": Found(made_up(0, count=5), 0.1), "b": Found(made_up(1), 1.0)},
     }
-    results = protocol(cells, bounds=False)
-    assert list(results["cells"]["side"]) == ["b"]
+    _, rows = protocol(cells)
+    assert set(rows.loc[rows["cell"] == "side", "drive"]) == {"b"}
 
 
 def test_the_chart_shows_every_drive_or_their_mean(tmp_path):
@@ -344,6 +341,6 @@ def test_the_chart_shows_every_drive_or_their_mean(tmp_path):
     found = {}
     for data_set, count in (("two", 2), ("three", 3)):
         drives = {f"drive {i}": Found(made_up(i, count=60), 1.0) for i in range(count)}
-        found[data_set] = protocol(dict.fromkeys(CELLS, drives), bounds=False)
-    module.chart(found, tmp_path / "chart.png")
+        _, found[data_set] = protocol(dict.fromkeys(CELLS, drives))
+    chart(found, tmp_path / "chart.png")
     assert (tmp_path / "chart.png").stat().st_size > 10_000

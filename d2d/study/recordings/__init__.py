@@ -1,1 +1,0 @@
-"""Recorded drives (chapters 14 and 15)."""

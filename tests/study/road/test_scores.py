@@ -1,0 +1,134 @@
+"""Covariances on the road: their models, tables and drawings, and what they reach on real data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from d2d import log_score
+from d2d.radar import ErrorBudget, Recording, compare, simulate_drive, track
+from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
+from d2d.study.book import grammar
+from d2d.study.road import figures, scores
+from d2d.study.road.drive import Drive, Source
+from d2d.study.road.protocol_tables import read_table
+
+
+@pytest.fixture(scope="module")
+def drives() -> list[Drive]:
+    """Two cars with one sensor each on the same street."""
+    made = []
+    for seed in (0, 1):
+        drive = simulate_drive(np.random.default_rng(seed), 4.0, CAR_SPEED, mounting=CAR_MOUNTING)
+        budget = ErrorBudget(azimuth=0.002, doppler=0.02)
+        made.append(Drive("", [Recording(drive.scans, drive.mounting, drive.truth, budget)]))
+    return made
+
+
+def test_each_covariance_is_that_of_its_budget(drives):
+    """Breaks if a covariance is judged under the name of another, or two drives are mixed up."""
+    by_model = scores.models(drives[0], 2)
+    assert list(by_model) == list(grammar.COVARIANCES)
+    plain, noise, budget = (found.covariances for found in by_model.values())
+    (own,) = drives[0].recordings
+    assert_allclose(plain, compare(track(own, baseline=2), own.reference).covariances)
+    assert (np.linalg.eigvalsh(budget - noise) > -1e-12).all()
+    found = scores.by_baseline(dict(zip("ab", drives, strict=True)))
+    found = found[f"baseline {scores.BASELINES[0]}"]
+    assert found["a"]["propagated noise"] == scores.scores(by_model["propagated noise"])
+    assert found["b"]["propagated noise"] != found["a"]["propagated noise"]
+
+
+def test_tables_and_drawings_show_the_scores(drives):
+    """Breaks if a model is missing, or the numbers are not those of the comparison."""
+    found = {n: scores.scores(each) for n, each in scores.models(drives[0], 2).items()}
+    table = str(figures.score_table({"drive": found}))
+    assert all(name in table for name in grammar.COVARIANCES)
+    assert f"{found['noise and budget']['anees']:.2f}" in table
+    errors = str(figures.error_table({"drive": found}))
+    assert f"{found['noise and budget']['rmse'][0]:.3f}" in errors
+    assert len(figures.draw_scores({"drive": found}).axes) == 2
+
+
+def test_the_page_has_its_results():
+    stored = scores.read_scores()
+    for baseline in scores.BASELINES:
+        key = f"baseline {baseline}"
+        assert set(stored["radarscenes"][key]) == {
+            scores.FITTED_SEQUENCE,
+            scores.HELD_OUT_SEQUENCE,
+        }
+        scenes = {*scores.FITTED_SCENES, *scores.SEEN_SCENES, scores.HELD_OUT_SCENE}
+        assert set(stored["nuscenes"][key]) == scenes
+    assert [row["extent"] for row in stored["extents"]] == list(scores.EXTENTS)
+    horizons = stored["horizons of RadarScenes"] | stored["horizons of nuScenes"]
+    assert all(len(rows) == len(scores.LONGER) for rows in horizons.values())
+    figures.draw_extents(stored["extents"])
+    figures.draw_horizons(horizons)
+
+
+def test_a_rate_that_is_wrong_makes_a_turn_wrong_in_proportion_to_its_time(drives):
+    """Breaks if a rate is taken for an angle, or the two baselines or the two ways are mixed up."""
+    (own,), wrong = drives[0].recordings, np.deg2rad([0.0, 0.0, 3.0])
+    shifted = replace(own.reference, theta=own.reference.theta - wrong)
+    found = [
+        scores.turns(Drive("", [replace(own, reference=each)])) for each in (own.reference, shifted)
+    ]
+    for name in ("with Doppler", "without Doppler"):
+        assert_allclose(np.subtract(found[1][name], found[0][name]), [0.3, 1.2], atol=1e-9)
+    assert not np.allclose(found[0]["with Doppler"], found[0]["without Doppler"])
+
+
+@pytest.mark.radarscenes
+def test_four_sensors_are_credible_with_their_budget(radarscenes):
+    """Breaks if the covariance on the road is no longer true, or the estimates become worse."""
+    found = scores.models(Source("RadarScenes", radarscenes, "105").load(), 2)
+    measures = found["noise and budget"].measures
+    plain = found["inverse Hessian"]
+    assert plain.measures.anees > 5.0
+    assert 0.4 < measures.anees < 1.4
+    assert measures.coverage[1] > 0.9
+    assert (measures.rmse < [0.035, 0.065, 0.65]).all()
+    one_factor = plain.covariances * plain.measures.anees
+    assert measures.log_score < log_score(plain.errors, one_factor).mean()
+
+
+@pytest.mark.nuscenes
+def test_five_radars_are_credible_with_their_budget(nuscenes):
+    """Breaks if the covariance is no longer true on the training scenes, or on two others over a
+    horizon of 0.3 s."""
+    for scene in scores.FITTED_SCENES + scores.SEEN_SCENES:
+        drive = Source("nuScenes", nuscenes, scene).load()
+        fitted = scene in scores.FITTED_SCENES
+        options = {"baseline": 2} if fitted else {"horizon": 0.3}
+        measures = drive.compare(budget=drive.budget, **options).measures
+        assert 0.5 < measures.anees < (1.5 if fitted else 2.0)
+        assert measures.coverage[1] > (0.9 if fitted else 0.85)
+        assert (measures.rmse < [0.09, 0.11, 0.7]).all()
+        if fitted:
+            assert drive.compare(baseline=2).measures.anees > 5.0
+
+
+@pytest.mark.nuscenes
+@pytest.mark.parametrize("baseline", [1, 2])
+def test_side_radars_rarely_end_far_off(nuscenes, baseline):
+    """Breaks if an estimate of a lone side radar is grossly wrong and said to be good."""
+    scenes = scores.FITTED_SCENES + scores.SEEN_SCENES
+    sources = [Source("nuScenes", nuscenes, scene) for scene in scenes]
+    errors, accepted = scores.side_errors(sources, baseline=baseline)
+    assert (np.abs(errors[accepted]) > scores.SIDE_ERROR).mean() <= 0.01
+    assert accepted.mean() >= 0.6
+
+
+def test_tables_of_the_protocol_are_read_by_their_headings():
+    """Breaks if a table is taken for another, or a row for that of another model or drive."""
+    whitened = read_table("RadarScenes: all sensors: mean squares")
+    noise = [float(cell.split(" / ")[0]) for cell in whitened["propagated noise"][:3]]
+    stored = scores.read_scores()["radarscenes"]["baseline 4"][scores.FITTED_SEQUENCE]
+    assert_allclose(noise, stored["propagated noise"]["whitened"], atol=0.005)
+    row = figures.rivals_table(["stored budget"]).rows[0]
+    nuscenes = read_table("nuScenes: ANEES")["stored budget"][0]
+    assert nuscenes.startswith(row[3])
+    found = stored["noise and budget"]
+    assert [row[1], row[4]] == [f"{found['anees']:.2f}", f"{found['log_score']:.2f}"]
