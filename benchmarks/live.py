@@ -8,53 +8,44 @@ from dataclasses import replace
 
 import numpy as np
 
-from d2d import rigid
-from d2d.radar import ErrorBudget, Mounting, RadarScan, Tracker, doppler_velocity, simulate_drive
+from d2d.radar import ErrorBudget, Mounting, RadarScan, Sensor, Tracker, simulate_drive
+from d2d.radar.simulation.drive import CAR_SPEED
+from d2d.radar.simulation.world import Movers, Reflectors, World
 
 CORNERS = [Mounting(x, y, yaw) for x, y, yaw in (
     (3.7, 0.8, 0.7), (3.7, -0.8, -0.7), (-0.8, 0.8, 2.4), (-0.8, -0.8, -2.4)
 )]  # fmt: skip
 BUDGET = ErrorBudget(azimuth=0.002, doppler=0.04, lag=0.01, neighbours=1.0)
-THETA = np.array([12.0, 0.0, 0.05])
-SIGMAS = (0.1, 0.005, 0.06)  # m, rad, m/s
-NEAR, FAR, ASIDE = 8.0, 70.0, 0.9  # m, m, rad: where a radar sees
-MISSED = 0.1  # share of the targets
 DURATION = 10.0  # s, of the drive whose rounds are timed
+DENSITY = 0.7  # points per m^2: a scan never has fewer targets than it may have
 
 
-def scan_of(
-    points: np.ndarray, when: float, at: Mounting, targets: int, rng: np.random.Generator
-) -> RadarScan:
-    """What a radar sees of points (n, 2) in the world."""
-    pose = rigid.compose(rigid.exponential(when * THETA), [at.x, at.y, at.yaw])
-    x, y = rigid.transform_means(rigid.inverse(pose), points).T
-    distance, azimuth = np.hypot(x, y), np.arctan2(y, x)
-    seen = (distance > NEAR) & (distance < FAR) & (np.abs(azimuth) < ASIDE)
-    seen = np.flatnonzero(seen & (rng.random(len(points)) > MISSED))[:targets]
-    true = distance[seen], azimuth[seen], doppler_velocity(THETA, azimuth[seen], at)
-    measured = [
-        value + sigma * rng.standard_normal(len(seen))
-        for value, sigma in zip(true, SIGMAS, strict=True)
-    ]
-    return RadarScan(when, *measured, *SIGMAS)
+def crowded_world(rng: np.random.Generator) -> World:
+    """A plain full of strong points around the lap, with nothing that hides them."""
+    points = rng.uniform(-60.0, 160.0, (round(DENSITY * 220.0**2), 2))
+    strong = np.full(len(points), 1e3)
+    none = np.empty((0, 4, 2))
+    movers = Movers(np.empty(0), np.empty(0), np.empty((0, 2)), np.empty(0))
+    return World(none, none, Reflectors(points, strong, np.full(len(points), "pole")), movers)
 
 
-def bend(sensors: int, rate: float, targets: int) -> Iterator[tuple[str, RadarScan]]:
+def crowded_drive(sensors: int, rate: float, targets: int) -> Iterator[tuple[str, RadarScan]]:
     """The scans of a car's radars in time order."""
-    rng = np.random.default_rng(1)
-    low, high = np.array([-FAR, -FAR]), np.array([12.0 * DURATION + FAR, 30.0 + FAR])
-    each = 0.6 * ASIDE * (FAR**2 - NEAR**2)  # m^2 that hold the targets of a scan, and some more
-    points = rng.uniform(low, high, (int(targets * np.prod(high - low) / each), 2))
-    for k in range(round(DURATION * rate)):
-        for s, at in enumerate(CORNERS[:sensors]):
-            yield str(s), scan_of(points, k / rate + 0.013 * s, at, targets, rng)
+    rng, sensor = np.random.default_rng(1), Sensor(rate=rate, max_targets=targets, clutter=0.0)
+    world = crowded_world(rng)
+    drives = [
+        simulate_drive(rng, DURATION, CAR_SPEED, mounting=at, sensor=sensor, world=world).scans
+        for at in CORNERS[:sensors]
+    ]
+    for scans in zip(*drives, strict=True):
+        yield from ((str(s), scan) for s, scan in enumerate(scans))
 
 
 def latency(sensors: int, rate: float, targets: int) -> str:
     """CPU time from the last scan of a round to its estimate."""
     own = Tracker({str(s): at for s, at in enumerate(CORNERS[:sensors])}, budget=BUDGET)
     spent, sizes = [], []
-    for name, scan in bend(sensors, rate, targets):
+    for name, scan in crowded_drive(sensors, rate, targets):
         start = time.process_time()
         estimates = own.add(name, scan)
         passed = time.process_time() - start

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from benchmarks import numpy_cost, peers
 from benchmarks.scenes import Draws
-from benchmarks.timing import Method, one_by_one, stacked
+from benchmarks.timing import Method, one_by_one
 from d2d import (
     ANNEALED,
     CorruptedGaussian,
@@ -51,6 +52,16 @@ class Effort:
     slow_runs: int
     slow_timed: int
     pilot: int
+
+    @property
+    def fast(self) -> tuple[int, int]:
+        """The numbers of a fast method."""
+        return self.runs, self.timed
+
+    @property
+    def slow(self) -> tuple[int, int]:
+        """The numbers of a slow method."""
+        return self.slow_runs, self.slow_timed
 
 
 def initial_motion(theta: Array, start: str) -> Array:
@@ -103,15 +114,7 @@ def _single(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterato
         if start != "zero":
             ways[ONE_ARRAYS] = anew
         for name, solve in ways.items():
-            yield Method(
-                name,
-                start,
-                cost_name,
-                one_by_one(solve),
-                stacked(lambda result: result.theta),
-                effort.runs,
-                effort.timed,
-            )
+            yield one_by_one(name, start, cost_name, solve, lambda found: found.theta, effort.fast)
 
 
 def _batches(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterator[Method]:
@@ -167,15 +170,9 @@ def _peers(
         setting = peers.best_setting(peer, library, trial, initial)
         label = "default" if setting is None else f"{setting:g}"
         solve, read = peer.adapter(library, draws, initial, setting)
-        yield Method(
-            f"{peer.name} ({peer.unit}: {label})",
-            start,
-            "its own",
-            one_by_one(solve),
-            stacked(read),
-            effort.runs if peer.fast else effort.slow_runs,
-            effort.timed if peer.fast else effort.slow_timed,
-        )
+        name = f"{peer.name} ({peer.unit}: {label})"
+        own = effort.fast if peer.fast else effort.slow
+        yield one_by_one(name, start, "its own", solve, read, own)
         if peer.from_arrays and start != "zero":
             singles = [draws[i : i + 1] for i in range(effort.runs)]
 
@@ -185,48 +182,24 @@ def _peers(
                 module, value, scans = bound
                 return adapter(module, scans[run], initial, value)[0](0)
 
-            yield Method(
-                f"{peer.name}, from arrays",
-                start,
-                "its own",
-                one_by_one(anew),
-                stacked(read),
-                effort.runs,
-                effort.timed,
-            )
+            name = f"{peer.name}, from arrays"
+            yield one_by_one(name, start, "its own", anew, read, effort.fast)
 
 
 def _scipy(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterator[Method]:
+    pairs = [(draws.fixed[i], draws.moving[i]) for i in range(effort.slow_runs)]
+
+    def minimised(name: str, cost: str, costs: Any, method: str, gradient: bool) -> Method:
+        def solve(run: int) -> Array:
+            return numpy_cost.minimise(costs[run], initial, method, gradient)
+
+        return one_by_one(name, start, cost, solve, np.asarray, effort.slow)
+
     if start == "truth":
-        matrices = [
-            numpy_cost.MatrixCost(draws.fixed[i], draws.moving[i]) for i in range(effort.slow_runs)
-        ]
-        yield Method(
-            MATRICES,
-            start,
-            "likelihood",
-            one_by_one(lambda run: numpy_cost.minimise(matrices[run], initial, "BFGS", False)),
-            stacked(),
-            effort.slow_runs,
-            effort.slow_timed,
-        )
+        matrices = [numpy_cost.MatrixCost(*pair) for pair in pairs]
+        yield minimised(MATRICES, "likelihood", matrices, "BFGS", False)
     for cost_name, outlier in COSTS.items():
-        costs = [
-            numpy_cost.NumpyCost(draws.fixed[i], draws.moving[i], outlier)
-            for i in range(effort.slow_runs)
-        ]
-        for method in ("BFGS", "L-BFGS-B"):
-            for gradient in (False, True):
-
-                def solve(run: int, c: Any = costs, m: str = method, g: bool = gradient) -> Array:
-                    return numpy_cost.minimise(c[run], initial, m, g)
-
-                yield Method(
-                    f"NumPy, {method}" + (", exact gradient" if gradient else ""),
-                    start,
-                    cost_name,
-                    one_by_one(solve),
-                    stacked(),
-                    effort.slow_runs,
-                    effort.slow_timed,
-                )
+        costs = [numpy_cost.NumpyCost(*pair, outlier) for pair in pairs]
+        for method, gradient in product(("BFGS", "L-BFGS-B"), (False, True)):
+            name = f"NumPy, {method}" + (", exact gradient" if gradient else "")
+            yield minimised(name, cost_name, costs, method, gradient)

@@ -3,6 +3,7 @@
 import importlib.metadata
 import os
 import platform
+import resource
 import subprocess
 import sys
 import tempfile
@@ -20,55 +21,51 @@ d2d.register(targets, targets)
 print(time.perf_counter() - t)
 """
 
-# On Linux a child inherits ru_maxrss from its parent; there the peak is read from /proc instead.
-_MONTE_CARLO = """
-import pathlib
-import resource
-import sys
-import d2d
-from d2d.study.runs import monte_carlo
-from d2d.study.plane.scenarios import OVERLAPPED
-monte_carlo(OVERLAPPED, d2d.RegistrationCost(), runs=int(sys.argv[1]))
-status = pathlib.Path("/proc/self/status")
-lines = status.read_text().splitlines() if status.exists() else []
-peak = [int(line.split()[1]) for line in lines if line.startswith("VmHWM")]
-print(peak[0] if peak else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
-"""
-
-# A set of 64 targets has compiled and loaded all functions before, and needs 1 % of the memory.
-_CALL = """
-import pathlib
-import resource
-import sys
-import d2d
-from benchmarks.methods import OUTLIER, initial_motion
-from benchmarks.scenes import draw, scene
-
-
-def resident():
-    status = pathlib.Path("/proc/self/status")
-    lines = status.read_text().splitlines() if status.exists() else []
-    now = [int(line.split()[1]) for line in lines if line.startswith("VmRSS")]
-    return now[0] if now else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-
-
-for size in (64, int(sys.argv[1])):
-    draws = draw(scene(size), 1, seed=1)
-    fixed, moving, cost = draws.fixed[0], draws.moving[0], d2d.RegistrationCost(outlier=OUTLIER)
-    before = resident()
-    estimate = d2d.register(fixed, moving, cost, initial_motion(draws.theta, "off"))
-    d2d.propagate_covariance(estimate, fixed, moving, cost)
-print(resident() - before)
-"""
-
 # macOS counts in bytes, others in KiB.
 _MEGABYTES = 1e-6 if sys.platform == "darwin" else 1024e-6
 
 
-def printed(code: str, *arguments: str, **environment: str) -> float:
+def used_memory(field: str) -> float:
+    """Memory of this process in MB: VmHWM is the peak, VmRSS what it has now.
+
+    On Linux a child inherits ru_maxrss from its parent, so it is read from /proc there.
+    """
+    status = Path("/proc/self/status")
+    lines = status.read_text().splitlines() if status.exists() else []
+    found = [int(line.split()[1]) for line in lines if line.startswith(field)]
+    return _MEGABYTES * (found[0] if found else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+
+
+def monte_carlo_peak(runs: int) -> float:
+    """Peak memory of this process after a Monte Carlo evaluation on the eight targets."""
+    from d2d import RegistrationCost
+    from d2d.study.plane.scenarios import OVERLAPPED
+    from d2d.study.runs import monte_carlo
+
+    monte_carlo(OVERLAPPED, RegistrationCost(), runs=runs)
+    return used_memory("VmHWM")
+
+
+def call_memory(size: int) -> float:
+    """Memory that the first robust call with so many targets, covariance propagated, adds."""
+    from benchmarks.methods import OUTLIER, initial_motion
+    from benchmarks.scenes import draw, scene
+    from d2d import RegistrationCost, propagate_covariance, register
+
+    # a set of 64 targets compiles and loads all functions before, and needs 1 % of the memory
+    for targets in (64, size):
+        draws = draw(scene(targets), 1, seed=1)
+        fixed, moving, cost = draws.fixed[0], draws.moving[0], RegistrationCost(outlier=OUTLIER)
+        before = used_memory("VmRSS")
+        estimate = register(fixed, moving, cost, initial_motion(draws.theta, "off"))
+        propagate_covariance(estimate, fixed, moving, cost)
+    return used_memory("VmRSS") - before
+
+
+def printed(code: str, **environment: str) -> float:
     """The number that a fresh interpreter prints."""
     done = subprocess.run(
-        [sys.executable, "-c", code, *arguments],
+        [sys.executable, "-c", code],
         env=os.environ | environment,
         capture_output=True,
         text=True,
@@ -89,14 +86,9 @@ def first_call_seconds() -> tuple[float, float]:
         return compiled, min(printed(_FIRST_CALL, NUMBA_CACHE_DIR=folder) for _ in range(3))
 
 
-def peak_megabytes(runs: int) -> float:
-    """Peak resident memory of a Monte Carlo evaluation on the eight targets."""
-    return printed(_MONTE_CARLO, str(runs)) * _MEGABYTES
-
-
-def call_megabytes(size: int) -> float:
-    """What the first robust call with so many targets, covariance propagated, adds to memory."""
-    return printed(_CALL, str(size)) * _MEGABYTES
+def in_fresh_process(function: str, argument: int) -> float:
+    """The result of a function of this module in a process of its own."""
+    return printed(f"from benchmarks import processes; print(processes.{function}({argument}))")
 
 
 def machine() -> str:

@@ -1,16 +1,15 @@
-"""The tables and the chart that a run writes into the book, and the bars that it has to clear."""
+"""The tables and the chart that a run writes into the book, and the aims that it should meet."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 
 from benchmarks import methods
-from benchmarks.drive import Throughput
 from benchmarks.peers import PEERS
 from benchmarks.scenes import Accuracy
 from benchmarks.timing import exponent
@@ -63,14 +62,19 @@ class Row:
     share: float = float("nan")
 
 
-@dataclass(frozen=True)
-class Bar:
-    """One bar of the benchmark: what was aimed at, what was measured, and whether it was met."""
+class Throughput(NamedTuple):
+    """Scans, targets in each, seconds driven; seconds in all, and of these to read."""
 
-    what: str
-    aim: str
-    measured: str
-    met: bool | None  # None where there is nothing to compare with
+    scans: int
+    targets: float
+    driven: float
+    total: float
+    reading: float
+
+    @property
+    def times_real_time(self) -> float:
+        """Seconds driven per second of computing."""
+        return self.driven / self.total
 
 
 @dataclass(frozen=True)
@@ -172,93 +176,83 @@ def growth_table(rows: Sequence[Row], start: str) -> str:
     return markdown(header, lines, 1)
 
 
-def _at_least(what: str, value: float | None, aim: float, unit: str = "×") -> Bar:
-    bar = _unbroken(f"≥ {aim:g} {unit}")
-    if value is None:
-        return Bar(what, bar, "not measured", None)
-    return Bar(what, bar, _unbroken(f"{number(value, 4)} {unit}"), value >= aim)
+Line = tuple[str, str, str, str]  # what, the aim, what was measured, whether it was met
 
 
-def _at_most(what: str, value: float | None, aim: float, unit: str) -> Bar:
-    bar = _unbroken(f"≤ {aim:g} {unit}")
-    if value is None:
-        return Bar(what, bar, "not measured", None)
-    return Bar(what, bar, _unbroken(f"{number(value, 4)} {unit}"), value <= aim)
-
-
-def _unbroken(text: str) -> str:
+def unbroken(text: str) -> str:
     """A number with its sign and unit, which a narrow screen does not set on several lines."""
     return "\N{NO-BREAK SPACE}".join(text.split(" ", 2))
 
 
-def bars(m: Measured) -> list[Bar]:
-    """All bars, with what this run measured."""
+def aim(what: str, sign: str, bound: float, value: float | None, unit: str = "×") -> Line:
+    """An aim, at least (≥) or at most (≤) a bound, and whether a value meets it."""
+    wanted = unbroken(f"{sign} {bound:g} {unit}")
+    if value is None:
+        return what, wanted, "not measured", "–"
+    met = value >= bound if sign == "≥" else value <= bound
+    return what, wanted, unbroken(f"{number(value, 4)} {unit}"), "yes" if met else "no"
+
+
+def stated(what: str, measured: str) -> Line:
+    """A measurement without an aim."""
+    return what, "stated", measured, "–"
+
+
+def aims_table(m: Measured) -> str:
+    """All aims, and the results of this run."""
 
     def slower(size: int, cost: str, name: str, base: str = methods.BATCH) -> float | None:
         row = find(m.rows, size, "truth", cost, name)
         batch = find(m.rows, size, "truth", "likelihood", base)
         return row.best / batch.best if row and batch else None
 
-    def accuracy_of(size: int, start: str, cost: str, name: str) -> Accuracy | None:
-        row = find(m.rows, size, start, cost, name)
-        return row.accuracy if row else None
-
-    result = []
-    arrays = methods.BATCH_ARRAYS
+    lines = []
     for size, icp in ((8, 10.0), (48, 1.0)):
         where = f"{size} × {size}"
-        bfgs = slower(size, "likelihood", methods.BFGS)
-        result.append(_at_least(f"{where}: NumPy in BFGS over the batch", bfgs, 1000.0))
-        bfgs = slower(size, "likelihood", f"{methods.BFGS}, exact gradient")
-        result.append(_at_least(f"{where}: the same with the exact gradient", bfgs, 1000.0))
-        bfgs = slower(size, "likelihood", methods.MATRICES)
-        result.append(_at_least(f"{where}: NumPy with np.linalg in BFGS", bfgs, 1000.0))
+        for name, what in (
+            (methods.BFGS, "NumPy in BFGS over the batch"),
+            (f"{methods.BFGS}, exact gradient", "the same with the exact gradient"),
+            (methods.MATRICES, "NumPy with np.linalg in BFGS"),
+        ):
+            lines.append(aim(f"{where}: {what}", "≥", 1000.0, slower(size, "likelihood", name)))
         for name in ("open3d ICP", "small_gicp ICP") if size == 8 else ("small_gicp ICP",):
             ratio = slower(size, "its own", name)
-            result.append(_at_least(f"{where}: {name} over the batch", ratio, icp))
-            ratio = slower(size, "its own", f"{name}, from arrays", arrays)
-            result.append(_at_least(f"{where}: the same, both from arrays", ratio, icp))
+            lines.append(aim(f"{where}: {name} over the batch", "≥", icp, ratio))
+            ratio = slower(size, "its own", f"{name}, from arrays", methods.BATCH_ARRAYS)
+            lines.append(aim(f"{where}: the same, both from arrays", "≥", icp, ratio))
     for start in ("truth", "off"):
         for size in (MANY, MORE):
             robust = find(m.rows, size, start, "robust", methods.ONE)
-            icp = find(m.rows, size, start, "its own", "small_gicp ICP")
+            peer = find(m.rows, size, start, "its own", "small_gicp ICP")
             what = f"{size} × {size} from {STARTS[start]}: small_gicp ICP over robust, one per call"
-            ratio = icp.best / robust.best if icp and robust else None
-            result.append(_at_least(what, ratio, 1.0))
-        ratio = (MORE / MANY) ** growth(m.rows, "robust", methods.ONE, start)
+            lines.append(aim(what, "≥", 1.0, peer.best / robust.best if peer and robust else None))
+        grown = (MORE / MANY) ** growth(m.rows, "robust", methods.ONE, start)
         what = f"{MORE} over {MANY} targets from {STARTS[start]}: robust, one per call"
-        result.append(_at_most(what, ratio, 8.0, "×"))
+        lines.append(aim(what, "≤", 8.0, grown))
     for size, limit in ((8, 40.0), (48, 150.0)):
         row = find(m.rows, size, "truth", "likelihood", methods.ONE)
         what = f"{size} × {size}: one per call, where exp takes {m.exp['compiled loop']:.1f} ns"
-        result.append(_at_most(what, row.best * 1e6 if row else None, limit, "µs"))
+        lines.append(aim(what, "≤", limit, row.best * 1e6 if row else None, "µs"))
     for size, limit in ((8, 1.01), (48, 1.08)):
-        judged = accuracy_of(size, "truth", "likelihood", methods.BATCH)
+        row = find(m.rows, size, "truth", "likelihood", methods.BATCH)
+        over_floor = row.accuracy.over_floor if row and row.accuracy else None
         what = f"{size} × {size}: translation RMSE over the floor"
-        result.append(_at_most(what, judged.over_floor if judged else None, limit, "×"))
+        lines.append(aim(what, "≤", limit, over_floor))
     for size in (8, 48):
         for name in (methods.BATCH, methods.SCHEDULE, methods.STARTS):
-            judged = accuracy_of(size, "zero", "robust", name)
-            share = 100.0 * judged.at_truth if judged else None
-            what = f"{size} × {size} from zero, robust: {name}, at the truth"
-            bar = _at_least(what, share, 99.9, "%")
-            if name == methods.BATCH:
-                bar = Bar(what, "stated", bar.measured, None)
-            result.append(bar)
+            row = find(m.rows, size, "zero", "robust", name)
+            share = 100.0 * row.accuracy.at_truth if row and row.accuracy else None
+            line = aim(
+                f"{size} × {size} from zero, robust: {name}, at the truth", "≥", 99.9, share, "%"
+            )
+            lines.append(stated(line[0], line[2]) if name == methods.BATCH else line)
     speed = m.drive.times_real_time if m.drive else None
-    result.append(_at_least("RadarScenes, one sensor, one core", speed, 25.0, "× real time"))
+    lines.append(aim("RadarScenes, one sensor, one core", "≥", 25.0, speed, "× real time"))
     runs, peak = max(m.peaks.items())
-    result.append(Bar(f"peak memory of {runs} Monte Carlo runs", "stated", f"{peak:.0f} MB", None))
-    result.append(_at_most("import d2d", m.import_seconds, 1.0, "s"))
-    result.append(_at_most("first call, compiling", m.first_call[0], 15.0, "s"))
-    return result
-
-
-def bars_table(m: Measured) -> str:
-    """The bars as a table."""
-    words = {True: "yes", False: "no", None: "–"}
-    lines = [(bar.what, bar.aim, bar.measured, words[bar.met]) for bar in bars(m)]
-    return markdown(("what", "aim", "measured", "met"), lines, 1)
+    lines.append(stated(f"peak memory of {runs} Monte Carlo runs", f"{peak:.0f} MB"))
+    lines.append(aim("import d2d", "≤", 1.0, m.import_seconds, "s"))
+    lines.append(aim("first call, compiling", "≤", 15.0, m.first_call[0], "s"))
+    return markdown(("what", "aim", "measured", "met"), lines)
 
 
 def others_table(m: Measured) -> str:
@@ -308,7 +302,7 @@ def page(m: Measured) -> str:
             + disturbance(m.rows),
             *(["\n".join(missing)] if missing else []),
             "### In short",
-            bars_table(m),
+            aims_table(m),
             f"### {MANY} and {MORE} targets",
             growth_table(m.rows, "truth"),
             growth_table(m.rows, "off"),

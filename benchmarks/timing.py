@@ -39,14 +39,23 @@ class Method:
     timed: int
 
 
-def one_by_one(register: Callable[[int], Any]) -> Callable[[int], list[Any]]:
-    """Register run after run, each in a call of its own."""
-    return lambda runs: [register(run) for run in range(runs)]
-
-
-def stacked(motion: Callable[[Any], Array] = np.asarray) -> Callable[[Sequence[Any]], Array]:
-    """Gather what `one_by_one` returned."""
-    return lambda results: np.array([motion(result) for result in results])
+def one_by_one(
+    name: str,
+    start: str,
+    cost: str,
+    register: Callable[[int], Any],
+    read: Callable[[Any], Array],
+    effort: tuple[int, int],
+) -> Method:
+    """A method that registers run after run, each in a call of its own, and reads each motion."""
+    return Method(
+        name,
+        start,
+        cost,
+        lambda runs: [register(run) for run in range(runs)],
+        lambda results: np.array([read(result) for result in results]),
+        *effort,
+    )
 
 
 def once(method: Method) -> tuple[float, float]:
