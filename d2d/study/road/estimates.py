@@ -7,7 +7,7 @@ slip, the mountings and the noise that were found, and the computing times.
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -98,14 +98,12 @@ def compute(
     root: str | os.PathLike[str],
     sequence: int | str,
     runs: dict[str, Run] = RUNS,
-    report: Callable[[str], object] = lambda line: None,
 ) -> tuple[dict[str, Result], dict[str, Any]]:
     """Compute all runs on one sequence, and the facts about the recording.
 
     Errors are relative to the odometry, corrected by the time offset and side slip that the
     recording's first half suggests.  The facts include the RMSE relative to the odometry with the
     stated time offset and side slip.  Times count from the first scan of the first sensor.
-    ``report`` is called with one line for each run.
     """
 
     @cache
@@ -130,15 +128,10 @@ def compute(
         against_stated = driven.theta - stated.at(driven.times).theta
         facts["stated_rmse"][name] = Comparison.from_errors(driven, against_stated).rmse.tolist()
         results[name] = Result(replace(driven, times=driven.times - start), errors)
-        report(
-            "{}: v_x {:.3f} m/s, v_y {:.3f} m/s, omega {:.2f} deg/s".format(
-                name, *results[name].judged.rmse
-            )
-        )
     for s in SENSORS:
         if f"sensor {s}" in results:
-            sigmas = residual_sigmas(load(s, None), results[f"sensor {s}"].track, SECTORS)
-            facts["sigmas"][f"sensor {s}"] = [sigma._asdict() for sigma in sigmas]
+            driven = results[f"sensor {s}"].track
+            facts["sigmas"][f"sensor {s}"] = residual_sigmas(load(s, None), driven, SECTORS)
     facts["halves"] = judge_halves(load(FORWARD, None))
     return results, facts
 
@@ -276,7 +269,7 @@ def data_root() -> Path | None:
 
 def write(source: Source) -> None:
     """Estimate one sequence and write its results."""
-    results, facts = compute(source.root, source.name, report=print)
+    results, facts = compute(source.root, source.name)
     path = estimates_path(source.name)
     write_estimates(path, results)
     write_json(path.with_suffix(".json"), facts)

@@ -1,42 +1,6 @@
 """Which covariance holds on the road: all models fitted and judged alike, leave one drive out.
 
-The protocol, written down before it was run:
-
-*Estimates.*  Causal, of all sensors that a cell has, horizon 0.3 s, default options.  Each is
-carried to its time by the acceleration that the estimates before it show (`track` with an empty
-budget).  Every model is given the same estimates, and those that `track` does not accept are left
-out for all.  The inverse Hessian is that at the same optimum.  The carry has an error of its own,
-D A D' with the delay D and the covariance A of the acceleration: it is added to the inverse Hessian
-and to the propagated noise alike, and no factor multiplies it.
-
-*Fit.*  The drives of a data set have the same sensors.  For each drive of it, the models are
-fitted to all other drives, all sensors, all accepted estimates, with the same weight for each: two
-RadarScenes drives, each fitted on the other; five nuScenes scenes, each fitted on the other four.
-The criterion is the mean log score for all models.  Nothing is fitted in another cell, and nothing
-of the drive that is judged takes part.  The two models with one factor and constants, and the
-budget fitted like all others, with what it loses without one of its parts, were added after the
-first run had been seen.  The length of the
-dependence between neighbours is that of the stored budgets, 1 m: it is stated, not fitted.
-
-Exceptions, which cannot be mended here: the stored budgets were fitted beforehand, on RadarScenes
-105 and on nuScenes 0061 and 0103, and that of nuScenes was then widened by looking at 0916 and
-1077; the readers' clocks, slip laws and corrections come from the same drives.  v_y of RadarScenes
-is judged by a slip law that was fitted with these radars.  The references are odometries, whose
-errors count as errors of the estimates.
-
-*Cells.*  All sensors; the front radar alone (RadarScenes 3, RADAR_FRONT); a side radar alone
-(RadarScenes 1, RADAR_FRONT_LEFT); 40 and 15 targets of each scan, drawn at random; a silence: in
-the last three of every five seconds one sensor is off, each in turn, and only these times are
-judged.  A side radar alone beside traffic sometimes follows the traffic, as an estimate from 15
-targets may.  No covariance is meant for that; judged without errors beyond 1 m/s or 15 deg/s, both
-cells were the same to a tenth (that is not part of the protocol any more).  A drive with fewer than
-20 estimates in a cell is left out of it.
-
-*Measures.*  Log score (m/s, m/s, rad/s); ANEES, mean NEES / 3; mean squares of the whitened errors
-of omega, v_y given omega, v_x given both; coverage of the 50, 95 and 99 % ellipsoids; the log score
-less that of noise + 3 constants.  On RadarScenes both drives are given, with 95 % intervals by the
-block bootstrap; two drives have no interval.  On nuScenes it is the mean of the five drives with
-the 95 % interval of Student's t.
+Page G states the protocol, which was written down before it was run.
 """
 
 from collections.abc import Mapping, Sequence

@@ -8,9 +8,10 @@ deviations; the residuals after registration give those of the measurements.
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
@@ -61,24 +62,17 @@ def _model(velocities: ScanVelocities, odometry: Reference) -> Alignment:
     return Alignment.of(velocities, [odometry] * velocities.sensors, (1,))
 
 
-class Sigmas(NamedTuple):
-    """Standard deviations in one sector of azimuth, from residuals."""
-
-    sector: tuple[float, float]  # |azimuth|, deg
-    range: float  # m
-    azimuth: float  # rad, across the line of sight
-    doppler: float  # m/s, including the effect of the azimuth error
-    pairs: int
-
-
-def residual_sigmas(recording: Recording, track: Track, edges: Sequence[float]) -> list[Sigmas]:
+def residual_sigmas(
+    recording: Recording, track: Track, edges: Sequence[float]
+) -> list[dict[str, Any]]:
     """Standard deviations of the measurements, from the residuals after registration.
 
     Each target with an inlier probability above one half is moved by the estimate and compared with
     the nearest target of the previous scan, if each is the other's nearest.  The deviations along
-    and across the line of sight are divided by sqrt(2), because both targets have errors.  They are
-    median absolute deviations, so that wrong matches count little.  The nearest target tends to be
-    a little too near, so the true standard deviations are, if anything, larger.  ``track`` has one
+    (m) and across (rad) the line of sight are divided by sqrt(2), because both targets have errors;
+    that of the Doppler velocity (m/s) contains the effect of the azimuth error.  They are median
+    absolute deviations, so that wrong matches count little.  The nearest target tends to be a
+    little too near, so the true standard deviations are, if anything, larger.  ``track`` has one
     row for each pair of successive scans; ``edges`` (deg) divide ``|azimuth|`` into sectors.
     """
     residuals = [
@@ -86,16 +80,12 @@ def residual_sigmas(recording: Recording, track: Track, edges: Sequence[float]) 
         for (previous, current), theta in zip(pairwise(recording.scans), track.theta, strict=True)
         if previous.size and current.size
     ]
-    azimuth, *deviations = np.concatenate(residuals, axis=1)
-    degrees = np.rad2deg(np.abs(azimuth))
-    sigmas = []
-    for low, high in pairwise(edges):
-        inside = (degrees >= low) & (degrees < high)
-        medians = [np.median(np.abs(values[inside])) for values in deviations]
-        along, across, doppler = NORMAL * np.array(medians) / np.sqrt([2.0, 2.0, 1.0])
-        pairs = int(inside.sum())
-        sigmas.append(Sigmas((low, high), float(along), float(across), float(doppler), pairs))
-    return sigmas
+    azimuth, *deviations = np.abs(np.concatenate(residuals, axis=1))
+    table = pd.DataFrame(dict(zip(("range", "azimuth", "doppler"), deviations, strict=True)))
+    groups = table.groupby(pd.cut(np.rad2deg(azimuth), edges, right=False), observed=False)
+    sigmas = NORMAL * groups.median() / np.sqrt([2.0, 2.0, 1.0])
+    sectors = zip(pairwise(edges), sigmas.to_dict("records"), groups.size(), strict=True)
+    return [{"sector": sector, **row, "pairs": int(pairs)} for sector, row, pairs in sectors]
 
 
 def _matched_residuals(
