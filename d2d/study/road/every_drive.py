@@ -16,6 +16,8 @@ from d2d.radar import compare
 from d2d.study.road.drive import HORIZON, Source
 from d2d.study.road.scores import scores
 
+PARTS = {3: ("v_x", "v_y", "omega"), 2: ("low", "high")}  # of a score, by their number
+
 
 def row_of(source: Source) -> dict[str, Any]:
     """The row of a drive: its length in s, and the scores of its estimates."""
@@ -28,9 +30,11 @@ def row_of(source: Source) -> dict[str, Any]:
         return row | {"reason": " ".join(f"{type(error).__name__}: {error}".split())}
     row |= {"radars": len(drive.recordings), "rounds": len(driven.times)}
     row |= {"seconds": float(driven.times[-1] - driven.times[0]), "converged": found.converged}
-    for name, value in scores(found).items():  # of v_x, v_y, omega, or the ends of an interval
-        values = value if isinstance(value, list) else [value]
-        row |= {f"{name} {k}" if len(values) > 1 else name: v for k, v in enumerate(values)}
+    for name, value in scores(found).items():
+        if isinstance(value, list):
+            row |= {f"{name} {k}": v for k, v in zip(PARTS[len(value)], value, strict=True)}
+        else:
+            row[name] = value
     return row
 
 

@@ -84,7 +84,9 @@ def test_each_drive_has_a_row_with_its_errors_or_the_reason(drive, tmp_path, mon
     assert (row.reason, row.radars) == ("", 2)
     judged = drive.compare(horizon=0.3, budget=BUDGET)
     assert row.anees == judged.measures.anees
-    assert_allclose(table.loc[1, ["rmse 0", "rmse 1", "rmse 2"]].to_numpy(float), judged.rmse)
+    assert_allclose(
+        table.loc[1, ["rmse v_x", "rmse v_y", "rmse omega"]].to_numpy(float), judged.rmse
+    )
 
 
 # ---- A filter fed by radars
