@@ -8,11 +8,8 @@ libraries work in three dimensions; the targets lie in the plane z = 0.
 """
 
 import importlib
-import json
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -189,9 +186,7 @@ def load(module: str) -> tuple[Any, str]:
     try:
         return importlib.import_module(module), ""
     except ImportError as error:
-        record = Path(sys.prefix) / "peers.json"
-        reasons = json.loads(record.read_text()) if record.exists() else {}
-        return None, reasons.get(module.replace("_", "-")) or str(error)
+        return None, str(error)
 
 
 def best_setting(peer: Peer, library: Any, pilot: Draws, start: Array) -> Any:
