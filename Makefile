@@ -151,7 +151,7 @@ $(PEERS)/.installed: requirements.txt pyproject.toml
 	@$(MAKE) --no-print-directory $(STAMP)
 	$(BIN)/python -m venv --clear $(PEERS)
 	@echo '*' > $(PEERS)/.gitignore
-	@grep -oE '^[^ #]+==[^ ]+' requirements.txt > $(PEERS)/constraints.txt
+	@grep '^[^#]*==' requirements.txt > $(PEERS)/constraints.txt
 	@for package in '-e .[study]' $$(sed -nE 's/^bench = \[(.*)\]/\1/p' pyproject.toml | tr -d '",'); do \
 	  echo "Installing $$package"; \
 	  $(PEERS)/bin/python -m pip install --quiet --disable-pip-version-check \
