@@ -13,13 +13,11 @@ from laboratories import LABORATORY
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-Numbers = dict[str, tuple[int, ...]]
 _FRAME = re.compile(r"<svg.*?</svg>", re.DOTALL)
-_LETTERING = re.compile(r"<text.*?</text>", re.DOTALL)
 
 
 class gallery(nodes.General, nodes.Element):
-    """Where the gallery goes once all pages are read."""
+    """The gallery's place, filled once all pages are read."""
 
 
 class Gallery(SphinxDirective):
@@ -31,71 +29,57 @@ class Gallery(SphinxDirective):
 
 
 def laboratories(document: nodes.document, address: str) -> list[nodes.Node]:
-    """A link to each laboratory of a page, by the heading that it stands under."""
-    found: list[nodes.Node] = []
+    """A link to each laboratory of a page, by the heading above it."""
+    links: list[nodes.Node] = []
     for raw in document.findall(nodes.raw):
-        if not LABORATORY.search(raw.astext()):
-            continue
-        section = raw
-        while not isinstance(section, nodes.section):
-            section = section.parent
-        title = section.next_node(nodes.title).astext().removeprefix("Laboratory: ")
-        where = "at the top" if section.parent is document else title
-        link = entry(f"Laboratory: {where}", f"{address}#{section['ids'][0]}")
-        found.append(nodes.paragraph("", "", link, classes=["gallery-laboratory"]))
-    return found
+        if LABORATORY.search(raw.astext()):
+            section = raw
+            while not isinstance(section, nodes.section):
+                section = section.parent
+            title = section.next_node(nodes.title).astext().removeprefix("Laboratory: ")
+            links.append(entry(f"Laboratory: {title}", f"{address}#{section['ids'][0]}"))
+    return links
 
 
-def figures(document: nodes.document, address: str, numbers: Numbers) -> list[nodes.Node]:
-    """Each figure of a page, with its number and what its caption says before the first stop."""
-    found: list[nodes.Node] = []
+def figures(document: nodes.document, address: str) -> list[nodes.Node]:
+    """A link to each figure of a page: its picture, and its caption up to the first stop."""
+    links: list[nodes.Node] = []
     for figure in document.findall(nodes.figure):
-        number = next((numbers[name] for name in figure["ids"] if name in numbers), None)
         image, caption = figure.next_node(nodes.image), figure.next_node(nodes.caption)
-        if number is None or caption is None:
+        if caption is None or not figure["ids"]:
             continue
-        shown: list[nodes.Node] = [nodes.emphasis("", f"Fig. {number[0]} ")]
+        picture: list[nodes.Node] = []
         if image is not None:
             small = nodes.image(uri=image["uri"], candidates=image["candidates"], alt=image["alt"])
-            small["classes"], small["loading"] = image["classes"], "lazy"
-            shown.insert(0, small)
-        elif first := _FRAME.search(figure.astext()):  # of an animation
-            drawn = _LETTERING.sub("", first[0])  # which nobody could read
-            shown.insert(0, nodes.raw("", drawn, format="html"))
-        link = entry(beginning(caption), f"{address}#{figure['ids'][0]}", *shown)
-        found.append(nodes.paragraph("", "", link, classes=["gallery-figure"]))
-    return found
+            picture = [small]
+        elif frame := _FRAME.search(figure.astext()):  # of an animation
+            picture = [nodes.raw("", frame[0], format="html")]
+        words = itertools.takewhile(lambda part: not isinstance(part, nodes.math), caption)
+        title = re.split(r"[.:;](?: |$)", "".join(part.astext() for part in words))[0]
+        links.append(entry(title, f"{address}#{figure['ids'][0]}", *picture))
+    return links
 
 
-def beginning(caption: nodes.caption) -> str:
-    """What a caption says before its first stop or formula."""
-    words = itertools.takewhile(lambda part: not isinstance(part, nodes.math), caption.children)
-    said = re.sub(r"^\(a\) ", "", "".join(part.astext() for part in words))
-    # without (a), (dots), and what a formula cuts off
-    said = re.sub(r"\s\([^()]*(?:\)|$)", "", said)
-    return re.sub(r"( of| by| over)?[ .,]*$", "", re.split(r"[.:;] ", said)[0])
-
-
-def entry(text: str, address: str, *before: nodes.Node) -> nodes.reference:
-    """A link with what stands before its text."""
-    return nodes.reference("", "", *before, nodes.Text(text), internal=True, refuri=address)
+def entry(text: str, address: str, *picture: nodes.Node) -> nodes.paragraph:
+    """A link with the picture above its text."""
+    link = nodes.reference("", "", *picture, nodes.Text(text), internal=True, refuri=address)
+    return nodes.paragraph("", "", link, classes=["gallery-figure" if picture else ""])
 
 
 def fill(app: Sphinx, document: nodes.document, here: str) -> None:
     """Fill the page that has the directive."""
     env, root = app.env, app.config.root_doc
     for place in list(document.findall(gallery)):
-        filled: list[nodes.Node] = []
+        sections: list[nodes.Node] = []
         for page in (root, *env.toctree_includes[root]):
             read, address = env.get_doctree(page), app.builder.get_relative_uri(here, page)
-            numbers = env.toc_fignumbers.get(page, {}).get("figure", {})
-            found = [*laboratories(read, address), *figures(read, address, numbers)]
-            if found:
-                title = "The first page" if page == root else env.titles[page].astext()
-                shown = nodes.container("", *found, classes=["gallery"])
+            links = [*laboratories(read, address), *figures(read, address)]
+            if links:
+                title = nodes.title("", env.titles[page].astext())
+                pictures = nodes.container("", *links, classes=["gallery"])
                 ids = [nodes.make_id(f"of {page}")]
-                filled.append(nodes.section("", nodes.title("", title), shown, ids=ids))
-        place.replace_self(filled)
+                sections.append(nodes.section("", title, pictures, ids=ids))
+        place.replace_self(sections)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

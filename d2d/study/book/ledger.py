@@ -16,7 +16,6 @@ from d2d.study.book.claim import Claim, Evidence, Finding, Verdict
 from d2d.study.book.measured import Measured
 from d2d.study.book.table import significant
 from d2d.study.book.thesis_figures import FIGURES, ThesisFigure, page_of
-from d2d.study.book.typography import typeset
 
 SIGNS: dict[Verdict, str] = {
     "confirmed": "✓",
@@ -214,13 +213,13 @@ def _row(claim: Claim, evidence: Evidence) -> str:
     figure_page = next((each.page for each in FIGURES if each.id == claim.figure), elsewhere)
     shown = "".join(
         f'<span class="told" title="{escape(name)}">{_axis(value)}<b>'
-        f"{typeset(significant(value))}</b> {_interval(value)}</span>"
+        f"{significant(value)}</b> {_interval(value)}</span>"
         for name, value in headlines.items()
     )
     lines = [
         f'<details class="ledger-row {_style(verdict)}" id="{anchor(claim.id)}" '
         f'data-verdict="{verdict}" data-chapter="{chapter}">',
-        f"<summary>{badge(verdict)}<span>{typeset(claim.text)}</span>"
+        f"<summary>{badge(verdict)}<span>{escape(claim.text)}</span>"
         f'<span class="tellings">{shown}</span></summary>',
         '<div class="ledger-body">',
         f'<p class="claim-source">Thesis, {_where(claim)} · '
@@ -231,16 +230,16 @@ def _row(claim: Claim, evidence: Evidence) -> str:
     if len(evidence.parts) > 1:
         parts = "".join(
             f'<li><b class="finding-{finding.split()[-1]}">{FINDINGS[finding][0]}</b> '
-            f"{typeset(part)}: {FINDINGS[finding][1]}</li>"
+            f"{escape(part)}: {FINDINGS[finding][1]}</li>"
             for part, finding in evidence.parts.items()
         )
         lines.append(f'<ul class="claim-parts">{parts}</ul>')
     if evidence.is_conditional:
-        lines.append(f'<p class="claim-holds"><b>Holds:</b> {typeset(evidence.holds)}</p>')
+        lines.append(f'<p class="claim-holds"><b>Holds:</b> {escape(evidence.holds)}</p>')
     why = evidence.because[:1].upper() + evidence.because[1:]
-    lines += [f'<p class="claim-why">{typeset(why)}</p>', _numbers(headlines)]
+    lines += [f'<p class="claim-why">{escape(why)}</p>', _numbers(headlines)]
     if evidence.over:
-        lines.append(f'<p class="claim-over">Measured over {typeset(evidence.over)}</p>')
+        lines.append(f'<p class="claim-over">Measured over {escape(evidence.over)}</p>')
     others = {name: value for name, value in evidence.numbers.items() if name not in headlines}
     if others:
         summary = "The other number" if len(others) == 1 else f"The other {len(others)} numbers"
@@ -250,15 +249,15 @@ def _row(claim: Claim, evidence: Evidence) -> str:
 
 def _numbers(numbers: Mapping[str, float]) -> str:
     rows = "\n".join(
-        f"<div><dt>{typeset(name)} {_interval(value)}</dt>"
-        f"<dd>{typeset(significant(value))}</dd></div>"
+        f"<div><dt>{escape(name)} {_interval(value)}</dt>"
+        f"<dd>{significant(value)}</dd></div>"
         for name, value in numbers.items()
     )
     return f'<dl class="claim-numbers">\n{rows}\n</dl>'
 
 
 def _interval(value: float) -> str:
-    return f'<span class="interval">{" to ".join(map(typeset, _bounds(value)))}</span>'
+    return f'<span class="interval">{" to ".join(_bounds(value))}</span>'
 
 
 _WIDTH, _HEIGHT, _FARTHEST = 110, 14, 20.0  # of an axis in px, and its ends in margins

@@ -1,8 +1,7 @@
 """Animations that need no server: all frames in one piece of HTML, with a slider."""
 
 from collections.abc import Sequence
-
-from d2d.study.book.typography import typeset
+from html import escape
 
 _SCRIPT = """
 (function () {{
@@ -37,7 +36,7 @@ def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
     last = len(frames) - 1
     shown = "\n".join(
         f'<div data-frame="{i}"{" hidden" if i else ""}>{frame}'
-        f'<div style="text-align:center;min-height:3em">{typeset(caption)}</div></div>'
+        f'<div style="text-align:center;min-height:3em">{escape(caption)}</div></div>'
         for i, (frame, caption) in enumerate(zip(frames, captions, strict=True))
     )
     return f"""<div id="{name}" style="background:#fff;color:#111;max-width:520px;margin:auto">

@@ -7,11 +7,10 @@ A cell ends with ``table(rows, columns)`` or ``quantities(...)``.  The book show
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import numpy as np
-
-from d2d.study.book.typography import typeset
 
 Column = str | tuple[str, ...]
 """A heading, or a heading with a unit ("" for none) and the format of its numbers."""
@@ -86,14 +85,14 @@ class Table:
         """
         few = len(self.rows) == 1 or len(self.rows) * len(self.rows[0]) <= FEW
         if few and not self.groups:
-            before = f"{typeset(self.caption)} " if self.caption else ""
+            before = f"{escape(self.caption)} " if self.caption else ""
             line = "; ".join(map(self._html_line, self.rows))
             if line[:2].isalpha() and not self.caption.endswith(":"):  # not a symbol
                 line = line[0].upper() + line[1:]
             return f'<p class="measured">{before}{line}</p>'
         parts = ['<figure class="measured">']
         if self.caption:
-            parts.append(f"<figcaption>{typeset(self.caption)}</figcaption>")
+            parts.append(f"<figcaption>{escape(self.caption)}</figcaption>")
         parts.append('<div class="measured-scroll"><table>\n')
         if self.header:
             parts.append(f"<thead>{self._html_groups()}<tr>{self._html_header()}</tr></thead>\n")
@@ -107,11 +106,11 @@ class Table:
             " ".join(filter(None, (name, text, unit)))
             for (name, unit), text in zip(header[1:], row[1:], strict=True)
         )
-        return f"{typeset(row[0])}: <b>{typeset(', '.join(numbers))}</b>"
+        return f"{escape(row[0])}: <b>{escape(', '.join(numbers))}</b>"
 
     def _html_groups(self) -> str:
         cells = [
-            f'<th scope="colgroup" colspan="{span}">{typeset(title)}</th>'
+            f'<th scope="colgroup" colspan="{span}">{escape(title)}</th>'
             if title
             else f'<td colspan="{span}"></td>'
             for title, span in self.groups
@@ -121,12 +120,12 @@ class Table:
     def _html_header(self) -> str:
         cells = []
         for (name, unit), right in zip(self.header, self.numeric, strict=True):
-            of_unit = f' <span class="unit">{typeset(unit)}</span>' if unit else ""
-            cells.append(f'<th scope="col"{NUMBER if right else ""}>{typeset(name)}{of_unit}</th>')
+            of_unit = f' <span class="unit">{escape(unit)}</span>' if unit else ""
+            cells.append(f'<th scope="col"{NUMBER if right else ""}>{escape(name)}{of_unit}</th>')
         return "".join(cells)
 
     def _html_row(self, row: Sequence[str]) -> str:
-        first, *others = map(typeset, row)
+        first, *others = map(escape, row)
         cells = [
             f"<td{NUMBER if right else ''}>{text}</td>"
             for text, right in zip(others, self.numeric[1:], strict=True)
