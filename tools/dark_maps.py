@@ -8,6 +8,7 @@ viridis or cividis.
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from matplotlib import colormaps
 from PIL import Image
 from scipy import ndimage
 from scipy.spatial import KDTree
+from shrink_pictures import shrink
 
 STYLES = "dark-maps.css"
 SUFFIX = ".dark.png"
@@ -40,10 +42,11 @@ RULE = """html[data-theme="dark"] body .bd-content article img[src$="/{name}"] {
 
 def maps(picture: np.ndarray) -> np.ndarray:
     """Which pixels of a picture (height, width, 3) belong to a map."""
-    colors, inverse = np.unique(picture.reshape(-1, 3), axis=0, return_inverse=True)
+    codes, inverse = np.unique(picture.astype(int) @ [65536, 256, 1], return_inverse=True)
+    colors = codes[:, None] // [65536, 256, 1] % 256
     off, shade = SCALES.query(colors, p=np.inf)
-    shades = np.where(off <= NEAR, shade, -1)[inverse].reshape(picture.shape[:2])
-    vivid = (np.ptp(colors, axis=1) > GREY)[inverse].reshape(picture.shape[:2])
+    shades = np.where(off <= NEAR, shade, -1)[inverse]
+    vivid = (np.ptp(colors, axis=1) > GREY)[inverse]
     areas = ndimage.grey_opening(ndimage.grey_closing(shades >= 0, THIN), THIN)
     labels, _ = ndimage.label(ndimage.grey_closing(areas, GAP))
     found = np.zeros(labels.shape, dtype=bool)
@@ -73,8 +76,11 @@ def write(app: Any, exception: Exception | None) -> None:
             picture = np.asarray(image.convert("RGB"))
         kept = maps(picture)
         if kept.any():
-            dark = path.with_suffix(SUFFIX)
-            Image.fromarray(np.where(kept[..., None], picture, inverted(picture))).save(dark)
+            dark, written = path.with_suffix(SUFFIX), io.BytesIO()
+            Image.fromarray(np.where(kept[..., None], picture, inverted(picture))).save(
+                written, "PNG"
+            )
+            dark.write_bytes(shrink(written.getvalue()))
             rules.append(RULE.format(name=path.name, dark=dark.name))
     (Path(app.outdir) / "_static" / STYLES).write_text("".join(rules), encoding="utf-8")
 

@@ -11,11 +11,9 @@ from matplotlib.figure import Figure
 from scipy.stats import chi2
 
 from d2d import ANNEALED, CorruptedGaussian, PointSet, RegistrationCost, rigid
-from d2d.radar import Drive, simulate_drive, track
+from d2d.radar import simulate_drive, track
 from d2d.study import monte_carlo, scenarios
 from d2d.study.book import drawing, grammar, style
-from d2d.study.book.ledger import SIGNS
-from d2d.study.book.record import read_record
 from d2d.study.plane.evaluation import COSTS, at_truth
 from d2d.study.road.estimates import estimates_path, read_estimates
 from d2d.study.road.scores import read_scores
@@ -49,17 +47,12 @@ def overview() -> Figure:
     bar.set_ticks([150, 250, 350])
     style.label_planar_axes(axes[1], "cost of a translation")
     axes[1].set(xlabel="$t_x$ (m)", ylabel="$t_y$ (m)")
-    draw_both_paths(axes[2], drive)
+    poses = track(drive).poses(drive.truth.poses[0])
+    axes[2].plot(*poses[:, :2].T, **grammar.cost_line("robust", label="estimate"))
+    axes[2].plot(*drive.truth.poses[:, :2].T, **grammar.TRUTH, label="truth")
     style.label_planar_axes(axes[2], "the path")
     axes[2].legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
     return figure
-
-
-def draw_both_paths(ax: Axes, drive: Drive) -> None:
-    """The path of a drive, estimated and true."""
-    poses = track(drive).poses(drive.truth.poses[0])
-    ax.plot(*poses[:, :2].T, **grammar.cost_line("robust", label="estimate"))
-    ax.plot(*drive.truth.poses[:, :2].T, **grammar.TRUTH, label="truth")
 
 
 def start() -> Figure:
@@ -183,45 +176,6 @@ def road_tile() -> Figure:
     return figure
 
 
-def learn_tile() -> Figure:
-    """The cost of the eight targets over the translation, as it is seen from chapter 3 on."""
-    scene = scenarios.OVERLAPPED
-    fixed, moving = (each[0] for each in scene.sample(1, np.random.default_rng(0)))
-    offset = np.linspace(-8.0, 8.0, 161)
-    grid = scene.theta + np.stack([*np.meshgrid(offset, offset), np.zeros((161, 161))], axis=-1)
-    figure, ax = plt.subplots(figsize=TILE)
-    ax.contourf(
-        grid[0, :, 0], grid[:, 0, 1], ROBUST.value(grid, fixed, moving), 24, cmap=grammar.COST_MAP
-    )
-    grammar.mark_truth(ax, *scene.theta[:2])
-    ax.set(xlabel="$t_x$ (m)", ylabel="$t_y$ (m)")
-    return figure
-
-
-def path_tile() -> Figure:
-    """The path of a simulated drive, estimated and true."""
-    drive = simulate_drive(np.random.default_rng(7), duration=130.0)
-    figure, ax = plt.subplots(figsize=TILE)
-    draw_both_paths(ax, drive)
-    ax.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
-    return figure
-
-
-VERDICTS = (grammar.SKY, grammar.YELLOW, grammar.PURPLE, grammar.GREY)
-
-
-def check_tile() -> Figure:
-    """How many claims have each verdict."""
-    verdicts = [evidence.verdict for evidence in read_record().values()]
-    counts = [verdicts.count(verdict) for verdict in SIGNS]
-    figure, ax = plt.subplots(figsize=TILE)
-    bars = ax.barh(list(SIGNS), counts, 0.6, color=VERDICTS)
-    ax.bar_label(bars, padding=3)
-    ax.invert_yaxis()
-    ax.set(xlabel="claims", xlim=(0, 1.15 * max(counts)))
-    return figure
-
-
 def main() -> None:
     """Draw all pictures and save them."""
     style.use_style()
@@ -233,9 +187,6 @@ def main() -> None:
         ("tile-start", start_tile, 3 * DPI // 2),
         ("tile-sum", sum_tile, 3 * DPI // 2),
         ("tile-road", road_tile, 3 * DPI // 2),
-        ("tile-learn", learn_tile, 3 * DPI // 2),
-        ("tile-path", path_tile, 3 * DPI // 2),
-        ("tile-check", check_tile, 3 * DPI // 2),
         ("figure-key", grammar.key, DPI),
     ):
         figure = draw()

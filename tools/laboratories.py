@@ -2,9 +2,9 @@
 
 A page has a laboratory where its text has ``<div class="lab" data-lab="name">``; the scripts are
 ``engine.js``, ``kit.js`` and ``name.js`` in ``_static/labs``, and those that it builds on.  Jupyter
-Book by itself would load every script of ``_static`` on every page.  Every page is told which pages
-have a laboratory, for the marks in its sidebar.  The example log of the command line is written as
-a script as well: a book that is opened from a folder can load no CSV file.
+Book by itself would load every script of ``_static`` on every page.  The example
+log of the command line is written as a script as well: a book that is opened from a folder can load
+no CSV file.
 """
 
 from __future__ import annotations
@@ -14,14 +14,11 @@ import json
 import re
 import tempfile
 from contextlib import redirect_stdout
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.config import Config
-from sphinx.environment import BuildEnvironment
 
 from d2d.radar import cli
 
@@ -39,21 +36,6 @@ def leave_out(app: Sphinx, config: Config) -> None:
     for name in ("html_js_files", "html_css_files"):
         kept = [file for file in getattr(config, name) if not str(file).startswith(FOLDER)]
         setattr(config, name, kept)
-
-
-@cache
-def pages_with_one(env: BuildEnvironment) -> list[str]:
-    """The pages that have a laboratory."""
-    return [
-        page
-        for page in sorted(env.found_docs)
-        if any(LABORATORY.search(raw.astext()) for raw in env.get_doctree(page).findall(nodes.raw))
-    ]
-
-
-def tell(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
-    """Tell a page which pages have a laboratory."""
-    app.add_js_file(None, body=f"const LABORATORIES = {json.dumps(pages_with_one(app.env))};")
 
 
 def load(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any) -> None:
@@ -84,7 +66,6 @@ def write_example(app: Sphinx, error: Exception | None) -> None:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("config-inited", leave_out)
-    app.connect("html-page-context", tell)
     app.connect("html-page-context", load)
     app.connect("build-finished", write_example)
     return {"parallel_read_safe": True}

@@ -6,10 +6,10 @@ By default every notebook of chapters/ is executed in place; with --into the exe
 written to that folder, and those of chapters/ stay as they are.
 
 Each notebook runs in a fresh kernel and in its own folder. What would differ between two runs or
-two machines is not stored: times, widget state, the patch version of Python. A notebook that raises
-or writes to stderr (a warning, a progress bar) is reported with its cell and left as it was. Stored
-outputs never hold measurements of a data set: D2D_RADARSCENES and D2D_NUSCENES are not passed on to
-the kernels.
+two machines is not stored: times, widget state, the patch version of Python. Pictures are stored
+with a palette. A notebook that raises or writes to stderr (a warning, a progress bar) is reported
+with its cell and left as it was. Stored outputs never hold measurements of a data set:
+D2D_RADARSCENES and D2D_NUSCENES are not passed on to the kernels.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -27,6 +26,7 @@ import nbformat
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError, CellTimeoutError, DeadKernelError
 from nbformat import NotebookNode
+from shrink_pictures import shrink_outputs
 
 CHAPTERS = Path(__file__).resolve().parents[1] / "chapters"
 CELL_METADATA = ("mystnb", "tags")
@@ -59,20 +59,6 @@ def kernel_environment() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in UNSET_FOR_KERNELS}
 
 
-def set_stable_ids(notebook: NotebookNode) -> None:
-    """Keep the cells' ids; a missing or repeated id is replaced by one made from the position."""
-    seen: set[str] = set()
-    taken = {cell["id"] for cell in notebook.cells if cell.get("id")}
-    for position, cell in enumerate(notebook.cells, start=1):
-        if not cell.get("id") or cell["id"] in seen:
-            new = f"cell-{position:02d}"
-            while new in taken:
-                new += "x"
-            cell["id"] = new
-            taken.add(new)
-        seen.add(cell["id"])
-
-
 def set_stable_metadata(notebook: NotebookNode) -> None:
     """Drop what editors and kernels leave behind in the metadata."""
     notebook.metadata.kernelspec = dict(KERNELSPEC)
@@ -85,25 +71,6 @@ def set_stable_metadata(notebook: NotebookNode) -> None:
         )
         if cell.cell_type == "code" and not cell.source.strip():
             cell.outputs, cell.execution_count = [], None
-
-
-def read(path: Path) -> NotebookNode:
-    """Read a notebook as nbformat 4.5, where cells have ids, without inventing random ones."""
-    raw = nbformat.reader.reads(path.read_text(encoding="utf-8"))
-    set_stable_ids(raw)
-    raw.nbformat_minor = 5
-    nbformat.validate(raw)
-    return raw
-
-
-def stderr_of(notebook: NotebookNode) -> Iterator[tuple[int, str]]:
-    """Yield the position and text of each cell's stderr output."""
-    for position, cell in enumerate(notebook.cells, start=1):
-        text = "".join(
-            output.text for output in cell.get("outputs", ()) if output.get("name") == "stderr"
-        )
-        if text:
-            yield position, text
 
 
 def execute(notebook: NotebookNode, folder: Path, timeout: int) -> None:
@@ -122,15 +89,18 @@ def execute(notebook: NotebookNode, folder: Path, timeout: int) -> None:
         client.execute(env=kernel_environment())
     except (CellExecutionError, CellTimeoutError, DeadKernelError) as error:
         raise NotebookError(str(error)) from error
-    for position, text in stderr_of(notebook):
-        raise NotebookError(f"cell {position} wrote to stderr:\n{text}")
+    for position, cell in enumerate(notebook.cells, start=1):
+        for output in cell.get("outputs", ()):
+            if output.get("name") == "stderr":
+                raise NotebookError(f"cell {position} wrote to stderr:\n{output.text}")
 
 
 def run(path: Path, target: Path, timeout: int) -> bool:
     """Execute one notebook, write it to ``target``, and say whether its bytes changed."""
-    notebook = read(path)
+    notebook = nbformat.read(path, as_version=4)
     execute(notebook, path.parent, timeout)
     set_stable_metadata(notebook)
+    shrink_outputs(notebook)
     nbformat.validate(notebook)
     before = path.read_bytes()
     after = nbformat.writes(notebook).rstrip("\n").encode() + b"\n"

@@ -1,11 +1,10 @@
-"""A headless Chromium that sees only this machine, and what it finds out about a page."""
+"""A headless Chromium that sees only this machine, and what it says about a page."""
 
 import json
 import shutil
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -34,17 +33,12 @@ FLAGS = (
     "--hide-scrollbars",  # as on a phone, where they take no width
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE localhost",
 )
-WIDE, TABLET, NARROW = 1400, 1100, 400  # px: a desk, a tablet and a phone
+WIDE, NARROW = 1400, 400  # px: a desk and a phone
 THEMES = ("light", "dark")
-# Of the size in which labels of 9 pt were drawn: 9 px on a phone, 12 px where there is room.
-LEGIBLE = {WIDE: 0.87, TABLET: 0.87, NARROW: 0.655}
-FEW = 7  # columns of a table that a phone shows whole
-SMALLEST = 11  # px of a word in a drawing, on a phone
-CONTRAST = 4.5  # WCAG 2.1, level AA
 
 
 def missing() -> list[str]:
-    """What a machine lacks to run these tests."""
+    """Programs that this machine lacks to run these tests."""
     absent = [] if any(map(shutil.which, BROWSERS)) else [" or ".join(BROWSERS)]
     return absent + ([] if shutil.which(DRIVER) else [DRIVER])
 
@@ -102,81 +96,6 @@ def chromium(profile: Path) -> Iterator[webdriver.Chrome]:
         driver.quit()
 
 
-@dataclass(frozen=True)
-class Visit:
-    """One page as the browser saw it."""
-
-    address: str
-    found: dict[str, list[str]]
-    """What is wrong, by the name of the function of inspect.js that describes it; by complaints,
-    errors on the console and requests that failed or left this machine."""
-    bytes: int
-    """Of the page itself and its pictures: what is in _static serves the whole book."""
-    shared_bytes: int
-    """Of what is in _static and needed here, as a first visitor loads it."""
-    images: list[dict[str, Any]]
-    """Each with its source, its alternative text and the variation of its pixels."""
-    figures: list[str]
-    """Labels of the pictures and tables that have one."""
-    formulas: int
-    links: list[dict[str, str]]
-    """Each as written, as resolved by the browser, and its label."""
-    unresolved: list[str]
-    """References that are no links."""
-    next: str
-    """The address behind the button "next"; empty on the last page."""
-    screens: float
-    """The length of the page in windows of 1400 by 900 px, as it opens."""
-
-
-def visit(driver: webdriver.Chrome, address: str) -> Visit:
-    """Load a page once and find out everything about it."""
-    drain(driver)
-    resize(driver, WIDE)
-    driver.get(address)
-    wait(driver, "return document.readyState === 'complete'")
-    driver.execute_script(INSPECT)
-    formulas = ask(driver, "await inspectBook.formulas()")
-    links = ask(driver, "inspectBook.links()")
-    complaints, size, shared = traffic(driver, address)
-    images = ask(driver, "await inspectBook.images()")  # also those that load when scrolled to
-    screens = ask(driver, "inspectBook.screens()")
-    found: dict[str, list[str]] = {"complaints": complaints, "formulas": formulas["found"]}
-
-    def look(call: str, where: str = "") -> None:
-        places = ask(driver, f"inspectBook.{call}")
-        found.setdefault(call.split("(")[0], []).extend(where + place for place in places)
-
-    look("uncited()")
-    look("cut()")
-    ask(driver, "inspectBook.settle()")
-    look("unmarked()")
-    for width in (WIDE, TABLET, NARROW):
-        resize(driver, width)
-        look("overflows()", f"{width} px: ")
-        look(f"shrunken({LEGIBLE[width]})", f"{width} px: ")
-    for call in ("pushed()", f"crowded({FEW})", f"tiny({SMALLEST})"):
-        look(call)
-    look("orphans()")
-    for theme in THEMES:
-        driver.execute_script("document.documentElement.dataset.theme = arguments[0]", theme)
-        look(f"faint({CONTRAST})", f"{theme}: ")
-        look(f"pale({CONTRAST})", f"{theme}: ")
-    return Visit(
-        address,
-        found,
-        size,
-        shared,
-        images,
-        ask(driver, "inspectBook.figures()"),
-        formulas["count"],
-        links["targets"],
-        links["unresolved"],
-        links["next"],
-        screens,
-    )
-
-
 def ask(driver: webdriver.Chrome, expression: str) -> Any:
     """The value of an expression in the page, awaited."""
     answer = driver.execute_async_script(ASK % expression)
@@ -208,15 +127,19 @@ def drain(driver: webdriver.Chrome) -> None:
         driver.get_log(log)
 
 
-def traffic(driver: webdriver.Chrome, address: str) -> tuple[list[str], int, int]:
-    """Complaints, the page's own and its shared bytes since the logs were drained."""
+def traffic(driver: webdriver.Chrome, address: str) -> tuple[list[str], int]:
+    """Complaints, and the bytes of the page and its pictures, since the logs were drained.
+
+    A complaint is an error on the console, or a request that failed or left this machine.  The
+    files in _static serve the whole book and are not counted.
+    """
     complaints = [
         f"console: {entry['message']}"
         for entry in driver.get_log("browser")
         if entry["level"] == "SEVERE"
     ]
     addresses: dict[str, str] = {}
-    own = shared = 0
+    size = 0
     for entry in driver.get_log("performance"):
         event = json.loads(entry["message"])["message"]
         parameters = event["params"]
@@ -234,8 +157,6 @@ def traffic(driver: webdriver.Chrome, address: str) -> tuple[list[str], int, int
                 complaints.append(f"{parameters['errorText']}: {failed}")
             # what was asked for before the logs were drained is not the page's
             case "Network.loadingFinished" if parameters["requestId"] in addresses:
-                if "/_static/" in addresses[parameters["requestId"]]:
-                    shared += int(parameters["encodedDataLength"])
-                else:
-                    own += int(parameters["encodedDataLength"])
-    return complaints, own, shared
+                if "/_static/" not in addresses[parameters["requestId"]]:
+                    size += int(parameters["encodedDataLength"])
+    return complaints, size

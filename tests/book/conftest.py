@@ -1,7 +1,7 @@
 """The built book, a server for it, and one browser for all tests of a worker."""
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -30,20 +30,15 @@ def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chrom
         yield chromium
 
 
+@pytest.fixture
+def resized(driver: webdriver.Chrome) -> Iterator[webdriver.Chrome]:
+    """The browser, whose window and colours are put back afterwards."""
+    yield driver
+    browser.resize(driver, browser.WIDE)
+    browser.prefer(driver, "")
+
+
 @pytest.fixture(scope="session")
 def address(book: Path) -> Iterator[str]:
     with browser.serve(book) as served:
         yield served
-
-
-@pytest.fixture(scope="session")
-def visit(driver: webdriver.Chrome, address: str) -> Callable[[str], browser.Visit]:
-    """Visit a page of the table of contents; each is loaded once."""
-    seen: dict[str, browser.Visit] = {}
-
-    def once(page: str) -> browser.Visit:
-        if page not in seen:
-            seen[page] = browser.visit(driver, f"{address}{page}.html")
-        return seen[page]
-
-    return once
