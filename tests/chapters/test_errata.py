@@ -4,7 +4,6 @@ Equation numbers are the thesis's. A test breaks if the correction is not one, t
 printed does as well.
 """
 
-import ast
 import re
 from pathlib import Path
 
@@ -43,46 +42,18 @@ def pair():
     return fixed, moving, theta, register(fixed, moving, LIKELIHOOD, initial=theta)
 
 
-# ---- the page
-
-
-def test_every_test_that_the_page_names_exists():
-    """Breaks if a test is renamed and an erratum loses its evidence."""
-    named = re.findall(r"`((?:\w+/)*test_\w+)::(test_\w+)`", PAGE.read_text(encoding="utf-8"))
-    assert len(named) >= 20
-    for module, test in named:
-        source = (ROOT / "tests" / f"{module}.py").read_text(encoding="utf-8")
-        tree = ast.parse(source)
-        assert test in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, test
-
-
 def test_every_erratum_has_its_evidence():
-    """Breaks if a row is stated without a check, or the README counts other rows."""
-    rows = [
-        line
-        for line in PAGE.read_text(encoding="utf-8").splitlines()
-        if line.startswith("|") and not re.match(r"\| (---|where)", line)
-    ]
-    assert f"gathered in {len(rows)} rows" in (ROOT / "README.md").read_text(encoding="utf-8")
-    for row in rows:
+    """Breaks if a row is stated without a check, or names a test or a claim that does not exist."""
+    page = PAGE.read_text(encoding="utf-8")
+    for row in re.findall(r"^\| (?!---|where).*", page, re.M):
         evidence = row.strip("|").split("|")[-1]
-        for id in re.findall(r"claims? `([a-z-]+)`", row):
-            assert id in CLAIMS, id
         kinds = r"`(\w+/)*test_\w+::test_|\{(doc|eq|numref)\}|caption|\{cite"
         assert re.search(kinds, evidence), row
-
-
-def test_the_review_is_not_the_book():
-    """Breaks if our bibliography repeats the thesis's citation of a review as Bishop's book."""
-    entries = (ROOT / "references.bib").read_text(encoding="utf-8").split("\n@")
-    (review,) = (each for each in entries if "{nasrabadi2007pattern," in each)
-    (book,) = (each for each in entries if "{bishop2006pattern," in each)
-    assert review.startswith("article")
-    assert "Review" in review
-    assert book.startswith("book")
-
-
-# ---- chapters 1 to 3
+        for id in re.findall(r"claims? `([a-z-]+)`", row):
+            assert id in CLAIMS, id
+        for module, test in re.findall(r"`((?:\w+/)*test_\w+)::(test_\w+)`", row):
+            source = (ROOT / "tests" / f"{module}.py").read_text(encoding="utf-8")
+            assert f"\ndef {test}(" in source, test
 
 
 def test_the_sum_approximates_a_likelihood_only_under_a_dominating_outlier_component(pair):
@@ -126,9 +97,6 @@ def test_the_mahalanobis_distance_is_another_order_than_the_density():
     assert densities[0] < densities[1]
 
 
-# ---- chapter 4
-
-
 def test_the_moving_set_is_not_the_moved_fixed_one():
     """Section 4.1 has M = T(F); the peaks that it names, 2, 10 and 12.2 m, need F = T(M)."""
     reported = [2.0, 10.0, 12.2]
@@ -137,16 +105,6 @@ def test_the_moving_set_is_not_the_moved_fixed_one():
         (FIXED_POSITIONS[0] - TRUTH, True),
     ):
         assert np.allclose(FIXED_POSITIONS - moving_b, reported) == agrees
-
-
-def test_the_m_estimator_is_hubers():
-    """L. 769 credits Zisserman with the M-estimator, whose book came 39 years after Huber's."""
-    entries = (ROOT / "references.bib").read_text(encoding="utf-8").split("\n@")
-    years = {}
-    for key in ("huber1964robust", "hartley2003multiple"):
-        (entry,) = (each for each in entries if f"{{{key}," in each)
-        years[key] = int(re.search(r"year\s*=\s*\{(\d+)", entry)[1])
-    assert years == {"huber1964robust": 1964, "hartley2003multiple": 2003}
 
 
 def test_the_inner_product_is_no_distance():
@@ -183,9 +141,6 @@ def test_alpha_changes_its_meaning_between_the_chapters(pair):
     assert (chapter_6 > 2.0 * chapter_4).any()
 
 
-# ---- chapter 5
-
-
 def test_a_density_is_maximised(pair):
     """Eq. 5.1, 6.5 and 7.9 have arg min of the density; its inverse Hessian is negative too."""
     fixed, moving, theta, estimate = pair
@@ -201,8 +156,8 @@ def test_a_density_is_maximised(pair):
     assert (np.linalg.eigvalsh(estimate.covariance) > 0.0).all()
 
 
-def test_least_squares_has_its_transposes_the_other_way_round():
-    """Eq. 5.3 and 5.9: f f' is a matrix, and A A' x = A' b does not fit in size."""
+def test_transposes_are_the_other_way_round():
+    """Eq. 5.3, 5.9, below 5.21: f f' is a matrix; A A' x = A' b and G S G do not fit."""
     a, b = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]]), np.array([1.0, 2.0, 2.5])
     x = np.linalg.solve(a.T @ a, a.T @ b)
     assert_allclose(x, np.linalg.lstsq(a, b, rcond=None)[0])
@@ -211,6 +166,10 @@ def test_least_squares_has_its_transposes_the_other_way_round():
     assert (0.5 * f.T @ f).shape == (1, 1)
     with pytest.raises(ValueError, match="matmul"):
         (a @ a.T) @ x
+    mixed, sigma = np.ones((3, 32)), np.eye(32)
+    assert (mixed @ sigma @ mixed.T).shape == (3, 3)
+    with pytest.raises(ValueError, match="matmul"):
+        mixed @ sigma @ mixed
 
 
 def test_newtons_curvature_needs_a_hessian_for_each_residual():
@@ -258,22 +217,11 @@ def test_an_implicit_function_needs_an_invertible_derivative():
         assert_allclose(phi(1.0, y), 0.0, atol=1e-15)
 
 
-def test_the_sandwich_needs_its_transposition():
-    """Below eq. 5.21: (3, 3) (3, n) (n, n) and then (3, n) again does not multiply."""
-    hessian, mixed, sigma = np.eye(3), np.ones((3, 32)), np.eye(32)
-    with pytest.raises(ValueError, match="matmul"):
-        np.linalg.inv(hessian) @ mixed @ sigma @ mixed @ np.linalg.inv(hessian)
-    assert (np.linalg.inv(hessian) @ mixed @ sigma @ mixed.T).shape == (3, 3)
-
-
 def test_an_inverse_hessian_is_a_covariance_only_of_a_log_likelihood(pair):
     """Section 5.2.2 asks for a quadratic cost only: half the cost has the same optimum."""
     fixed, moving, _, estimate = pair
     _, _, hessian = LIKELIHOOD.derivatives(estimate.theta, fixed, moving)
     assert_allclose(np.linalg.inv(0.5 * hessian), 2.0 * estimate.covariance, rtol=1e-6)
-
-
-# ---- chapter 6
 
 
 def test_the_nees_weighs_by_the_inverse():
@@ -356,9 +304,6 @@ def test_the_motion_is_no_motion_of_a_vehicle():
     assert speed == pytest.approx(25.0)
     assert np.rad2deg(rate) == pytest.approx(75.0)
     assert speed * rate / 9.81 == pytest.approx(3.34, abs=0.01)
-
-
-# ---- chapter 7
 
 
 def test_another_factor_adds_curvature(pair):
