@@ -23,9 +23,6 @@ unexport MPLBACKEND PYTHONPATH PYTHONWARNINGS
 unexport PYTHONDONTWRITEBYTECODE
 # The matrices are tiny: threads of the linear algebra library only get in each other's way.
 export OPENBLAS_NUM_THREADS := 1
-# Kernels draw a figure once, keep no history, and do not warn on every start that they talk on this machine without
-# encryption.
-IPYKERNEL_CONFIG := c.InlineBackend.print_figure_kwargs = {"bbox_inches": None}\nc.HistoryManager.enabled = False\nc.IPKernelApp.log_level = 40\n
 
 SHELL := /bin/sh
 .DEFAULT_GOAL := help
@@ -62,7 +59,7 @@ $(STAMP): requirements.txt pyproject.toml
 	fi
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
 	@mkdir -p $(VENV)/ipython/profile_default
-	@printf '$(IPYKERNEL_CONFIG)' > $(VENV)/ipython/profile_default/ipython_kernel_config.py
+	@cp tools/ipython_kernel_config.py $(VENV)/ipython/profile_default/
 	@touch $@
 
 # The pages are built from a copy of the sources in which nothing is left to execute: the notebooks have been executed
@@ -75,7 +72,6 @@ define copy_sources
 endef
 define build_pages
 	$(BIN)/jupyter-book build $(SOURCE) --path-output . -W -n --keep-going
-	$(BIN)/python tools/shrink_pictures.py _build/html/_images
 	@echo
 	@echo "The book: file://$(CURDIR)/_build/html/index.html"
 endef
