@@ -13,7 +13,7 @@ from laboratories import LABORATORY
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-_FRAME = re.compile(r"<svg.*?</svg>", re.DOTALL)
+_FRAME = re.compile(r"<svg.*?</svg>|<img .*?>", re.DOTALL)
 
 
 class gallery(nodes.General, nodes.Element):

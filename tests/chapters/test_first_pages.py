@@ -54,9 +54,9 @@ def test_from_a_log_file_to_a_path_as_the_readme_says(
     section = text.split("## From a log file to a path\n")[1].split("\n## ")[0]
     shell, program = re.findall(r"```(?:python)?\n(.*?)```", section, re.S)
     monkeypatch.chdir(tmp_path)
-    commands = [shlex.split(line) for line in shell.splitlines() if line.startswith("python")]
-    assert [words[:3] for words in commands] == [["python", "-m", "d2d.radar"]] * 2
-    assert [main(words[3:]) for words in commands] == [0, 0]
+    commands = [shlex.split(line) for line in shell.splitlines() if line.startswith("d2d")]
+    assert [words[0] for words in commands] == ["d2d-radar"] * 2
+    assert [main(words[1:]) for words in commands] == [0, 0]
     written = {"log.csv", "drive.tum", "drive_velocities.csv", "drive.npz", "drive.png"}
     assert set(os.listdir()) == written
     for name in written - {"log.csv"}:
