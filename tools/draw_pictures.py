@@ -1,12 +1,10 @@
 """Draw the pictures of the README and the book's first pages: `python tools/draw_pictures.py`."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.container import BarContainer
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
@@ -117,24 +115,10 @@ def _shares_inside(ax: Axes) -> None:
     shares = [found[name]["inside"] for name in names]
     colors = [grammar.COVARIANCES[name].color for name in names]
     bars = ax.bar(["inverse\nHessian", "with error\nbudget"], shares, 0.6, color=colors)
-    _label_shares(ax, bars, shares)
+    ax.bar_label(bars, [f"{share:.0%}" for share in shares], padding=3)
     ax.axhline(0.95, **grammar.TRUTH)
-    ax.set(ylim=(0.0, 1.05), yticks=[0.0, 0.5, 0.95], yticklabels=["0", "50 %", "95 %"])
+    ax.set(ylim=(0.0, 1.15), yticks=[0.0, 0.5, 0.95], yticklabels=["0", "50 %", "95 %"])
     ax.set_ylabel("in the 95 % region")
-
-
-def _label_shares(ax: Axes, bars: BarContainer, shares: Sequence[float]) -> None:
-    """Write each share above its bar or, if the bar is high, into it."""
-    for bar, share in zip(bars, shares, strict=True):
-        inside = share > 0.5
-        ax.annotate(
-            f"{share:.0%}".replace("%", " %"),
-            (bar.get_x() + 0.5 * bar.get_width(), share),
-            (0, -14 if inside else 3),
-            textcoords="offset points",
-            ha="center",
-            color="white" if inside else grammar.BLACK,
-        )
 
 
 def start_tile() -> Figure:
@@ -147,8 +131,9 @@ def start_tile() -> Figure:
     shares = [float(at_truth(each.errors).mean()) for each in runs]
     figure, ax = plt.subplots(figsize=TILE)
     colors = [grammar.GREY, grammar.COSTS["robust"].color]
-    _label_shares(ax, ax.bar(list(schedules), shares, 0.6, color=colors), shares)
-    ax.set(ylim=(0.0, 1.05), yticks=[0.0, 0.5, 1.0], yticklabels=["0", "50 %", "100 %"])
+    bars = ax.bar(list(schedules), shares, 0.6, color=colors)
+    ax.bar_label(bars, [f"{share:.0%}" for share in shares], padding=3)
+    ax.set(ylim=(0.0, 1.15), yticks=[0.0, 0.5, 1.0], yticklabels=["0", "50 %", "100 %"])
     ax.set_ylabel("runs at the truth")
     return figure
 

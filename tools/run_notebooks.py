@@ -47,6 +47,7 @@ FIGURES = [
 ]
 """Two pixels for each of the page, and no second drawing to find out what could be cut off."""
 
+TIMEOUT = 300  # s for one cell
 UNSET_FOR_KERNELS = ("D2D_RADARSCENES", "D2D_NUSCENES", "MPLBACKEND", "PYTHONWARNINGS")
 
 
@@ -73,13 +74,13 @@ def set_stable_metadata(notebook: NotebookNode) -> None:
             cell.outputs, cell.execution_count = [], None
 
 
-def execute(notebook: NotebookNode, folder: Path, timeout: int) -> None:
+def execute(notebook: NotebookNode, folder: Path) -> None:
     """Execute all cells in a fresh kernel that runs in `folder`."""
     client = NotebookClient(
         notebook,
         kernel_name=KERNELSPEC["name"],
         extra_arguments=FIGURES,
-        timeout=timeout,
+        timeout=TIMEOUT,
         allow_errors=False,
         record_timing=False,
         coalesce_streams=True,
@@ -95,25 +96,24 @@ def execute(notebook: NotebookNode, folder: Path, timeout: int) -> None:
                 raise NotebookError(f"cell {position} wrote to stderr:\n{output.text}")
 
 
-def run(path: Path, target: Path, timeout: int) -> bool:
+def run(path: Path, target: Path) -> bool:
     """Execute one notebook, write it to ``target``, and say whether its bytes changed."""
     notebook = nbformat.read(path, as_version=4)
-    execute(notebook, path.parent, timeout)
+    execute(notebook, path.parent)
     set_stable_metadata(notebook)
     shrink_outputs(notebook)
     nbformat.validate(notebook)
     before = path.read_bytes()
     after = nbformat.writes(notebook).rstrip("\n").encode() + b"\n"
-    if target != path or after != before:
-        target.write_bytes(after)
+    target.write_bytes(after)
     return after != before
 
 
-def report(path: Path, folder: Path | None, timeout: int) -> bool:
+def report(path: Path, folder: Path | None) -> bool:
     """Run one notebook, print the outcome, and say whether it ran cleanly."""
     start = time.perf_counter()
     try:
-        changed = run(path, folder / path.name if folder else path, timeout)
+        changed = run(path, folder / path.name if folder else path)
         result, clean = "changed" if changed else "unchanged", True
     except NotebookError as error:
         result, clean = f"FAILED\n{error}", False
@@ -127,18 +127,14 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("notebooks", nargs="*", type=Path, help="default: all of chapters/")
     parser.add_argument("--into", type=Path, help="folder for the executed notebooks")
     parser.add_argument("--jobs", type=int, default=1, help="notebooks executed at a time")
-    parser.add_argument("--timeout", type=int, default=300, help="seconds for one cell")
     options = parser.parse_args(arguments)
     paths = [path.resolve() for path in options.notebooks] or sorted(CHAPTERS.glob("*.ipynb"))
-    if not paths:
-        print(f"no notebooks in {CHAPTERS}", file=sys.stderr)
-        return 1
     if options.into:
         options.into.mkdir(parents=True, exist_ok=True)
     # the longest first, so that no core waits for the last one: large outputs take long to compute
     paths.sort(key=lambda path: -path.stat().st_size)
     with ThreadPoolExecutor(options.jobs) as pool:
-        clean = list(pool.map(partial(report, folder=options.into, timeout=options.timeout), paths))
+        clean = list(pool.map(partial(report, folder=options.into), paths))
     return 0 if all(clean) else 1
 
 
