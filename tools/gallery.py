@@ -51,6 +51,7 @@ def figures(document: nodes.document, address: str) -> list[nodes.Node]:
         picture: list[nodes.Node] = []
         if image is not None:
             small = nodes.image(uri=image["uri"], candidates=image["candidates"], alt=image["alt"])
+            small["loading"] = "lazy"
             picture = [small]
         elif frame := _FRAME.search(figure.astext()):  # of an animation
             picture = [nodes.raw("", frame[0], format="html")]

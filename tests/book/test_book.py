@@ -42,12 +42,12 @@ def faults(driver: webdriver.Chrome, address: str, page: str, book: Path) -> dic
     browser.resize(driver, browser.WIDE)
     driver.get(f"{address}{page}.html")
     driver.execute_script(browser.INSPECT)
-    found: dict[str, object] = {
-        call: browser.ask(driver, f"await inspectBook.{call}()")
-        for call in ("formulas", "pictures", "unresolved")
-    }
-    found["complaints"], size = browser.traffic(driver, address)
-    found["bytes"] = [size] if size > MAX_BYTES else []
+    formulas = browser.ask(driver, "await inspectBook.formulas()")
+    complaints, size = browser.traffic(driver, address)
+    found: dict[str, object] = {"formulas": formulas, "complaints": complaints}
+    found["bytes"] = [size] if size > MAX_BYTES else []  # without pictures out of view
+    found["pictures"] = browser.ask(driver, "await inspectBook.pictures()")
+    found["unresolved"] = browser.ask(driver, "inspectBook.unresolved()")
     found["links"] = links.dead(browser.ask(driver, "inspectBook.links()"), address, book)
     browser.ask(driver, "inspectBook.unfold()")
     for width in (browser.WIDE, browser.NARROW):
@@ -152,9 +152,7 @@ def test_in_the_dark_figures_are_light_and_maps_stay(resized: webdriver.Chrome, 
 def test_one_form_of_a_wide_figure_is_shown(resized: webdriver.Chrome, address: str):
     """Breaks if a phone shows the wide form, whose labels nobody can read there, or both."""
     page = f"{address}chapters/10_credibility_2d.html"
-    forms = (
-        "return [...document.querySelectorAll('figure > img.page')].map(i => i.checkVisibility())"
-    )
+    forms = "[...document.querySelectorAll('figure > img.page')].map(i => i.checkVisibility())"
     for width, shown in ((browser.WIDE, [False, True]), (browser.NARROW, [True, False])):
         browser.resize(resized, width)
         resized.get(page)
@@ -165,5 +163,5 @@ def test_one_form_of_a_wide_figure_is_shown(resized: webdriver.Chrome, address: 
 
 def test_the_gallery_leads_to_every_figure_of_a_page(book: Path):
     gallery = (book / "chapters" / "gallery.html").read_text(encoding="utf-8")
-    for figure in FIGURES:
+    for figure in (each for each in FIGURES if not each.number.startswith("Table")):
         assert f'href="{figure.page}.html#fig-{figure.id}"' in gallery
