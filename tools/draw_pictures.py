@@ -115,7 +115,7 @@ def _shares_inside(ax: Axes) -> None:
     shares = [found[name]["inside"] for name in names]
     colors = [grammar.COVARIANCES[name].color for name in names]
     bars = ax.bar(["inverse\nHessian", "with error\nbudget"], shares, 0.6, color=colors)
-    ax.bar_label(bars, [f"{share:.0%}" for share in shares], padding=3)
+    ax.bar_label(bars, [f"{100 * share:.0f} %" for share in shares], padding=6)
     ax.axhline(0.95, **grammar.TRUTH)
     ax.set(ylim=(0.0, 1.15), yticks=[0.0, 0.5, 0.95], yticklabels=["0", "50 %", "95 %"])
     ax.set_ylabel("in the 95 % region")
@@ -132,7 +132,7 @@ def start_tile() -> Figure:
     figure, ax = plt.subplots(figsize=TILE)
     colors = [grammar.GREY, grammar.COSTS["robust"].color]
     bars = ax.bar(list(schedules), shares, 0.6, color=colors)
-    ax.bar_label(bars, [f"{share:.0%}" for share in shares], padding=3)
+    ax.bar_label(bars, [f"{100 * share:.0f} %" for share in shares], padding=3)
     ax.set(ylim=(0.0, 1.15), yticks=[0.0, 0.5, 1.0], yticklabels=["0", "50 %", "100 %"])
     ax.set_ylabel("runs at the truth")
     return figure
