@@ -1,6 +1,7 @@
 """Imports run one way: chapters, study, radar and baselines, core, kernel."""
 
 import ast
+import re
 import subprocess
 import sys
 from functools import cache
@@ -17,6 +18,8 @@ SUBJECTS = (
     *("book", "mixtures", "point_sets", "line", "plane", "estimation"),
     *("drives", "road", "beyond", "guides"),
 )
+# Clauses and pronouns that a reader cannot search for; `Whether` names a truth value.
+NO_NOUN = re.compile(r"(What|Those|The same|It|This|These|They|That|Which|With|Of)\b")
 OPTIONAL = ("evo", "joblib", "matplotlib", "pandas", "tqdm")  # of the extras `study` and `track`
 
 
@@ -98,3 +101,14 @@ sys.modules.update(dict.fromkeys({OPTIONAL!r}))
 import d2d, d2d.radar, d2d.baselines
 """
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_a_docstring_begins_with_a_verb_or_a_noun():
+    """Breaks if a first line says "what is", "those of" or "the same" instead of naming it."""
+    repository = PACKAGE.parent
+    scripts = [path for room in ("benchmarks", "tools") for path in (repository / room).glob("*.py")]
+    for path in (*MODULES.values(), *scripts):
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                first = (ast.get_docstring(node) or "").split("\n")[0]
+                assert not NO_NOUN.match(first), f"{path}: {first}"

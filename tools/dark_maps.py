@@ -41,7 +41,7 @@ RULE = """html[data-theme="dark"] body .bd-content article img[src$="/{name}"] {
 
 
 def maps(picture: np.ndarray) -> np.ndarray:
-    """Which pixels of a picture (height, width, 3) belong to a map."""
+    """Mask of the pixels of a picture (height, width, 3) that belong to a map."""
     codes, inverse = np.unique(picture.astype(int) @ [65536, 256, 1], return_inverse=True)
     colors = codes[:, None] // [65536, 256, 1] % 256
     off, shade = SCALES.query(colors, p=np.inf)
