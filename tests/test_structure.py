@@ -105,9 +105,8 @@ import d2d, d2d.radar, d2d.baselines
 
 def test_a_docstring_begins_with_a_verb_or_a_noun():
     """Breaks if a first line says "what is", "those of" or "the same" instead of naming it."""
-    repository = PACKAGE.parent
-    scripts = [path for room in ("benchmarks", "tools") for path in (repository / room).glob("*.py")]
-    for path in (*MODULES.values(), *scripts):
+    rooms = (PACKAGE, PACKAGE.parent / "benchmarks", PACKAGE.parent / "tools")
+    for path in (path for room in rooms for path in room.rglob("*.py")):
         for node in ast.walk(tree(path)):
             if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
                 first = (ast.get_docstring(node) or "").split("\n")[0]

@@ -249,8 +249,7 @@ def _row(claim: Claim, evidence: Evidence) -> str:
 
 def _numbers(numbers: Mapping[str, float]) -> str:
     rows = "\n".join(
-        f"<div><dt>{escape(name)} {_interval(value)}</dt>"
-        f"<dd>{significant(value)}</dd></div>"
+        f"<div><dt>{escape(name)} {_interval(value)}</dt><dd>{significant(value)}</dd></div>"
         for name, value in numbers.items()
     )
     return f'<dl class="claim-numbers">\n{rows}\n</dl>'
