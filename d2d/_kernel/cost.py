@@ -64,7 +64,7 @@ MOST = 2.0
 
 
 @inlined
-def setting_of(pair, theta, gate, nearby):
+def setting_of(pair, theta, gate):
     """A motion with the numbers of a pair, and how exact a target's density has to be."""
     return Setting(
         theta[0],
@@ -75,7 +75,6 @@ def setting_of(pair, theta, gate, nearby):
         pair.d2d,
         pair.planar,
         gate,
-        nearby,
     )
 
 
@@ -119,7 +118,7 @@ def evaluate_block(memory, pair, setting, first, margin, place):
     load_block(w, pair.moving, order, setting, first)
     if factors.shape[0] > 0:
         measurement_jets(w, factors, order, setting.chart, first)
-    outlier_jet(w, fixed, setting, outlier, pair.tiles, pair.grid, place)
+    outlier_jet(w, fixed, setting, outlier, pair.tiles, pair.grid)
     known, measured = False, False
     if place[LENGTH] != NOT_FOUND:
         distance = moved(w, place, setting)
@@ -166,24 +165,17 @@ def align_tops(w):
 
 
 @merged
-def evaluate_pair(pair, theta, fusion, reach, work, places):
-    """Cost of one pair of sets at the motion theta; its derivatives to ``work``.
-
-    Of more than ``most`` blocks of targets, every second or n-th stands for the others.
-    """
-    gate, margin, most, nearby = reach
-    setting = setting_of(pair, theta, gate, nearby)
+def evaluate_pair(pair, theta, fusion, accuracy, work, places):
+    """Cost of one pair of sets at the motion theta; its derivatives to ``work``."""
+    setting = setting_of(pair, theta, accuracy.gate)
     memory, g, h = work.memory, work.gradient, work.hessian
     w = memory.scratch
     for k in range(10 * LANES):
         w[TOTAL + k] = 0.0
     for k in range(LANES):
         w[TOP + k] = -np.inf
-    targets, counted = pair.moving.shape[1], 0
-    every = max(1, (targets + LANES - 1) // LANES // most)
-    for first in range(0, targets, every * LANES):
-        counted += min(LANES, targets - first)
-        evaluate_block(memory, pair, setting, first, margin, places[first // LANES])
+    for first in range(0, pair.moving.shape[1], LANES):
+        evaluate_block(memory, pair, setting, first, accuracy.margin, places[first // LANES])
         if fusion == LIKELIHOOD:
             fuse_likelihood(w)
         else:
@@ -203,13 +195,12 @@ def evaluate_pair(pair, theta, fusion, reach, work, places):
         # on a line there is no t_y and phi: unit curvature keeps the Newton step along them at zero
         g1 = g2 = a01 = a02 = a12 = 0.0
         a11 = a22 = -1.0
-    weight = targets / counted
-    g[0], g[1], g[2] = -weight * g0, -weight * g1, -weight * g2
-    h[0, 0], h[1, 1], h[2, 2] = -weight * a00, -weight * a11, -weight * a22
-    h[0, 1] = h[1, 0] = -weight * a01
-    h[0, 2] = h[2, 0] = -weight * a02
-    h[1, 2] = h[2, 1] = -weight * a12
-    return weight * value
+    g[0], g[1], g[2] = -g0, -g1, -g2
+    h[0, 0], h[1, 1], h[2, 2] = -a00, -a11, -a22
+    h[0, 1] = h[1, 0] = -a01
+    h[0, 2] = h[2, 0] = -a02
+    h[1, 2] = h[2, 1] = -a12
+    return value
 
 
 @compiled
@@ -269,7 +260,7 @@ def add_derivatives(work, chart, interval, g, h):
 
 
 @merged
-def evaluate(batch, problem, pair, theta, reach, work, g, h):
+def evaluate(batch, problem, pair, theta, accuracy, work, g, h):
     """Cost of a problem at theta, and the sum of its targets' inlier shares.
 
     The cost is the sum over the problem's pairs, of which ``pair`` is the first, and the prior's;
@@ -288,7 +279,7 @@ def evaluate(batch, problem, pair, theta, reach, work, g, h):
         chart = motion_chart(batch, number, theta)
         motion[0], motion[1], motion[2] = chart.x, chart.y, chart.phi
         places = work.memory.places[block:]
-        value += evaluate_pair(pair, motion, batch.fusion, reach, work, places)
+        value += evaluate_pair(pair, motion, batch.fusion, accuracy, work, places)
         block += (pair.moving.shape[1] + LANES - 1) // LANES
         add_derivatives(work, chart, batch.intervals[number], g, h)
     for j in range(3):

@@ -22,16 +22,11 @@ from d2d._kernel.layout import (
     ABOVE,
     CORRUPTED,
     FACTOR,
-    FIELD,
-    FIELD_X,
-    FIELD_Y,
     G0,
     G1,
     G2,
     GAIN,
-    GATE,
     INPUT_VARIANCE,
-    IS_KEPT,
     IS_TILED,
     KIND,
     LANES,
@@ -58,7 +53,6 @@ from d2d._kernel.layout import (
 )
 from d2d._kernel.tiles import interpolate, root_of
 
-KEPT = (0, G0, G1, A00, A01, A11)  # rows
 VANISHING = 1e-180  # outlier sums below it are computed again, relative to the nearest component
 
 
@@ -158,62 +152,12 @@ def over_value(w):
             w[OUTLIER + row + k] *= inverse
 
 
-@vectorised
-def keep_field(w, setting, place):
-    """Keep a block's corrupted Gaussian's component for later steps."""
-    place[IS_KEPT] = 1.0
-    for k in range(lane_count(w)):
-        place[FIELD_X + k], place[FIELD_Y + k] = w[MX + k] + setting.x, w[MY + k] + setting.y
-        for n in range(6):
-            place[FIELD + n * LANES + k] = w[OUTLIER + KEPT[n] + k]
-
-
-@vectorised
-def since_kept(w, k, setting, place):
-    """How far a target has moved since its block's component was kept."""
-    return w[MX + k] + setting.x - place[FIELD_X + k], w[MY + k] + setting.y - place[FIELD_Y + k]
-
-
-@vectorised
-def is_near_kept(w, setting, outlier, place):
-    """Whether a block's component is kept, and all targets are near where they were then."""
-    farthest = 0.0
-    for k in range(lane_count(w)):
-        dx, dy = since_kept(w, k, setting, place)
-        square = outlier[PRECISION_XX] * dx * dx + outlier[PRECISION_YY] * dy * dy
-        farthest = max(farthest, square + 2.0 * outlier[PRECISION_XY] * dx * dy)
-    return place[IS_KEPT] > 0.0 and farthest <= setting.nearby * setting.nearby
-
-
-@vectorised
-def expand_field(w, setting, place):
-    """A block's component by its Taylor series, to second order, about where it was kept."""
-    for k in range(lane_count(w)):
-        dx, dy = since_kept(w, k, setting, place)
-        f = FIELD + k
-        a00, a01, a11 = place[f + 3 * LANES], place[f + 4 * LANES], place[f + 5 * LANES]
-        h0, h1 = a00 * dx + a01 * dy, a01 * dx + a11 * dy
-        g0, g1 = place[f + LANES], place[f + 2 * LANES]
-        ratio = 1.0 + (g0 + 0.5 * h0) * dx + (g1 + 0.5 * h1) * dy
-        inverse = 1.0 / ratio
-        w[OUTLIER + k] = place[f] + log(ratio)
-        w[OUTLIER + G0 + k], w[OUTLIER + G1 + k] = (g0 + h0) * inverse, (g1 + h1) * inverse
-        w[OUTLIER + A00 + k] = a00 * inverse
-        w[OUTLIER + A01 + k] = a01 * inverse
-        w[OUTLIER + A11 + k] = a11 * inverse
-    turn_outliers(w)
-
-
 @compiled
-def corrupted_jet(w, fixed, setting, outlier, tiles, grid, place):
+def corrupted_jet(w, fixed, setting, outlier, tiles, grid):
     """The corrupted Gaussian's component: sum_i w_i N(0 | d_i, S_o), one covariance for all pairs.
 
-    From the tiles of a large set, or as the plain sum; IS_TILED tells which.  In rough steps it is
-    kept, and may be expanded.
+    From the tiles of a large set, or as the plain sum; IS_TILED tells which.
     """
-    if setting.nearby > 0.0 and is_near_kept(w, setting, outlier, place):
-        expand_field(w, setting, place)
-        return
     w[IS_TILED] = 0.0
     if tiles.shape[0] > 0 and interpolate(w, tiles, grid, root_of(outlier), setting):
         w[IS_TILED] = 1.0
@@ -223,8 +167,6 @@ def corrupted_jet(w, fixed, setting, outlier, tiles, grid, place):
         sum_outliers(w, fixed, setting, precision)
     to_logarithm(w, outlier[LOG_OUTLIER_WEIGHT])
     turn_outliers(w)
-    if setting.gate < GATE:
-        keep_field(w, setting, place)
 
 
 @inlined
@@ -237,11 +179,11 @@ def uniform_jet(w, log_density):
 
 
 @inlined
-def outlier_jet(w, fixed, setting, outlier, tiles, grid, place):
+def outlier_jet(w, fixed, setting, outlier, tiles, grid):
     """The outlier component of any kind but none."""
     kind = outlier[KIND]
     if kind == CORRUPTED:
-        corrupted_jet(w, fixed, setting, outlier, tiles, grid, place)
+        corrupted_jet(w, fixed, setting, outlier, tiles, grid)
     elif kind == UNIFORM:
         uniform_jet(w, outlier[LOG_OUTLIER_WEIGHT])
     elif kind != NO_OUTLIER:

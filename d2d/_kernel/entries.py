@@ -137,7 +137,7 @@ def target_batch(batch, thetas, rows, memory, values):
         for number in range(batch.first[b], batch.first[b + 1]):
             pair = pair_at(batch, number)
             chart = motion_chart(batch, number, thetas[b])
-            setting = setting_of(pair, (chart.x, chart.y, chart.phi), GATE, 0.0)
+            setting = setting_of(pair, (chart.x, chart.y, chart.phi), GATE)
             targets = pair.moving.shape[1]
             for first in range(0, targets, LANES):
                 place[LENGTH] = NOT_FOUND

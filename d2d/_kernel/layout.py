@@ -70,12 +70,11 @@ SCRATCH = 134 * LANES
 
 # The neighbours of a block of targets: where they were when their lists were made, how far they may
 # move from there, and down to where their outlier component may sink; the lists' common length.
-# FIELD is the logarithm of that component with its derivatives along x and y, as it was last
-# computed, at FIELD_X, FIELD_Y; IS_KEPT tells whether it was.  Then follow copies of the
-# components, STEP numbers for one of each target: the six of a packed set, and its INDEX.
+# Then follow copies of the components, STEP numbers for one of each target: the six of a packed set,
+# and its INDEX.
 AT_X, AT_Y, AT_COSINE, AT_SINE, REACH, SLACK, FLOOR, LEAST_SUM = range(0, 8 * LANES, LANES)
-LENGTH, MEASURED, MARGIN, IS_KEPT = range(8 * LANES, 8 * LANES + 4)
-FIELD_X, FIELD_Y, FIELD, PLACE = 9 * LANES, 10 * LANES, 11 * LANES, 17 * LANES
+LENGTH, MEASURED, MARGIN = range(8 * LANES, 8 * LANES + 3)
+PLACE = 9 * LANES
 DENSE, NOT_FOUND = -1, -2  # lengths of lists: all components, and none found yet
 INDEX = 6
 STEP = 7 * LANES
@@ -128,7 +127,13 @@ class Setting(NamedTuple):
     d2d: float
     planar: float
     gate: float  # what is below exp(-gate) of a target's density is left out of it
-    nearby: float  # how far an outlier component is expanded, in its standard deviations
+
+
+class Accuracy(NamedTuple):
+    """How exact the steps of a descent are."""
+
+    gate: float  # what is below exp(-gate) of a target's density is left out of it
+    margin: float  # standard deviations by which targets may move before lists are found again
 
 
 class Batch(NamedTuple):

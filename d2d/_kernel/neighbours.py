@@ -36,7 +36,6 @@ from d2d._kernel.layout import (
     DETERMINANT,
     FLOOR,
     INDEX,
-    IS_KEPT,
     LANES,
     LARGEST,
     LEAST_ROOT,
@@ -81,9 +80,9 @@ TURNED = 0.25  # more than a rotation within the margin changes the logarithm of
 
 @inlined
 def forget_neighbours(near):
-    """Mark all lists as not found yet, and all fields as not kept."""
+    """Mark all lists as not found yet."""
     for block in range(near.shape[0]):
-        near[block, LENGTH], near[block, MEASURED], near[block, IS_KEPT] = NOT_FOUND, 0.0, 0.0
+        near[block, LENGTH], near[block, MEASURED] = NOT_FOUND, 0.0
 
 
 @vectorised

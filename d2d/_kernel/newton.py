@@ -6,7 +6,7 @@ import numpy as np
 
 from d2d._kernel.compile import compiled, inlined, merged
 from d2d._kernel.cost import evaluate, pair_at
-from d2d._kernel.layout import GATE, LANES, LIKELIHOOD, MOTION, MOVING_SIZE, XX, YY, X, Y
+from d2d._kernel.layout import GATE, LIKELIHOOD, MOTION, MOVING_SIZE, XX, YY, Accuracy, X, Y
 from d2d._kernel.neighbours import forget_neighbours
 
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
@@ -15,26 +15,15 @@ SINGULAR = 1e-8
 ROUNDING = 2e-15  # error of a cost, relative to its size plus the number of targets
 RESOLVED = 1e-8  # Newton decrement: 1e-4 standard deviations from the optimum
 
-# With a large fixed set the first steps are rough: less of a target's density counts, so that it
-# has half the neighbours.  They end where a step would gain less than NEAR of the cost, about 0.1
+# With more components than FEW the first steps are rough: less of a target's density counts, so that
+# it has half the neighbours.  They end where a step would gain less than NEAR of the cost, about 0.1
 # standard deviations from the optimum, or after MOST_ROUGH.  The sum, which is flat along valleys
 # that little can turn, has none; nor has a problem with measurements, which is steep along them,
 # so that a few steps are enough and no time is saved.
-FEW = 64  # components, up to which no step is rough
-NEAR, MOST_ROUGH = 1e-2, 8
-# Of a large moving set, some SAMPLE blocks of targets, spread over all of it, are enough to begin
-# with: they find the well, and its bottom as well as 160 targets can.  A start that is as near to
-# their own optimum as the truth would be, which NEAR_SAMPLE a block left out allows for, is kept.
-SAMPLE, NEAR_SAMPLE = 20, 6.0
-# How exact a step is.  What is below exp(-gate) of a target's density does not count: 1e-13 in the
-# last steps of a large set, whose lists would be a tenth longer otherwise.  How far targets may
-# move before their neighbours are looked for again, in standard deviations of their narrowest
-# pairs: they hardly move any more in the steps that follow rough ones.  How many blocks count.  Up
-# to how many of its standard deviations an outlier component is expanded instead of computed anew,
-# which errs by some 1e-5 of it: a step that would gain less than BEND is too short for that.
-ALL, BEND = 1 << 30, 1.0
-SAMPLED, FAR, ROUGH = (6.0, 1.0, SAMPLE, 0.1), (6.0, 1.0, ALL, 0.1), (6.0, 1.0, ALL, 0.0)
-EXACT, LAST = (GATE, 1.0, ALL, 0.0), (30.0, 0.2, ALL, 0.0)
+FEW, NEAR, MOST_ROUGH = 64, 1e-2, 8
+# Targets hardly move any more in the steps that follow rough ones.  1e-13 of a density is enough
+# there: the lists would be a tenth longer otherwise.
+ROUGH, EXACT, LAST = Accuracy(6.0, 1.0), Accuracy(GATE, 1.0), Accuracy(30.0, 0.2)
 
 
 @compiled
@@ -247,21 +236,17 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
         trial[j] = theta[j]
     forget_neighbours(work.memory.places)
     plain = batch.fusion == LIKELIHOOD and pair.factors.shape[0] == 0
-    reach, near = EXACT, 0.0  # a step that gains less ends the rough ones
-    if plain and pair.fixed.shape[1] > FEW and max_iterations > MOST_ROUGH + 1:
-        reach, near = ROUGH, NEAR
-        blocks = (pair.moving.shape[1] + LANES - 1) // LANES
-        if blocks >= 2 * SAMPLE:
-            reach, near = SAMPLED, NEAR_SAMPLE * (blocks // SAMPLE)
+    rough = plain and pair.fixed.shape[1] > FEW and max_iterations > MOST_ROUGH + 1
+    accuracy = ROUGH if rough else EXACT
     # the start is the first trial: a second call of `evaluate` would be compiled a second time
     value, shares, decrement, decrease, norm = np.inf, 0.0, np.inf, np.inf, np.inf
     for tried in range(max_iterations + 1):
         trial_value, trial_shares = evaluate(
-            batch, problem, pair, trial, reach, work, work.trial_gradient, work.trial_hessian
+            batch, problem, pair, trial, accuracy, work, work.trial_gradient, work.trial_hessian
         )
         gain = value - trial_value
         better = gain > 0.0 or tried == 0
-        if not better and near == 0.0 and decrease <= ROUNDING * (abs(value) + targets):
+        if not better and not rough and decrease <= ROUNDING * (abs(value) + targets):
             after = newton_decrement(work, work.trial_gradient, work.trial_hessian)
             nearer = after < 0.25 * decrement < np.inf
             if decrement <= RESOLVED or not nearer:
@@ -281,7 +266,7 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
         if not math.isfinite(value):
             return value, False, tried, shares / targets
         decrement = newton_decrement(work, g, h)
-        if decrement <= tolerance and near == 0.0:
+        if decrement <= tolerance and not rough:
             return value, True, tried, shares / targets
         if tried == max_iterations:
             break
@@ -291,17 +276,10 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
         else:
             decrease = trust_region_step(h, g, scale, radius, batch.planar, work.vectors, step)
             norm = math.sqrt(inner_product(step, step, scale))
-        ends = near > 0.0 and (decrease <= near or tried >= MOST_ROUGH)
-        stays = ends and near > NEAR and tried == 0
         for j in range(3):
-            trial[j] = theta[j] if stays else theta[j] + step[j]
-        if near == NEAR:
-            reach = FAR if decrease > BEND else ROUGH
-        if ends:
+            trial[j] = theta[j] + step[j]
+        if rough and (decrease <= NEAR or tried >= MOST_ROUGH):
             value = np.inf  # the next cost is not to be compared with rough ones
-            if near > NEAR:
-                reach, near = ROUGH, NEAR
-            else:
-                reach, near = LAST, 0.0
-                forget_neighbours(work.memory.places)
+            rough, accuracy = False, LAST
+            forget_neighbours(work.memory.places)
     return value, False, max_iterations, shares / targets

@@ -402,7 +402,7 @@ def cross_batch(batch, thetas, begin, memory, cross, fields, derivatives):
         for number in range(batch.first[b], batch.first[b + 1]):
             pair = pair_at(batch, number)
             chart = motion_chart(batch, number, thetas[b])
-            setting = setting_of(pair, (chart.x, chart.y, chart.phi), GATE, 0.0)
+            setting = setting_of(pair, (chart.x, chart.y, chart.phi), GATE)
             n, m = pair.fixed.shape[1], pair.moving.shape[1]
             own_fixed = by_fixed[c, fixed_done : fixed_done + n]
             own_moving = by_moving[c, moving_done : moving_done + m]
