@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._checks import broadcast_batches, check_instance
-from d2d._kernel import entries, layout, propagate, tiles
+from d2d._kernel import entries, layout, propagate, rows, tiles
 from d2d._slices import run_in_slices
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
@@ -168,7 +168,7 @@ class Problem:
         fixed, _, measurement, _ = self.pairs[0]
         factors = [pair.measurement._packed for pair in self.pairs if pair.measurement is not None]
         sizes = tuple((pair.fixed.size, pair.moving.size) for pair in self.pairs)
-        rows, first = _table(sizes, bool(factors))
+        pairs, first = _table(sizes, bool(factors))
         batch = layout.Batch(
             _joined([pair.fixed._layout.packed for pair in self.pairs], 0),
             _joined([pair.moving._layout.packed for pair in self.pairs], 0),
@@ -177,7 +177,7 @@ class Problem:
             _joined(factors, 0) if factors else np.empty((0, 9)),
             self.form.outlier,
             *self._tiles(),
-            rows,
+            pairs,
             np.array([pair.interval for pair in self.pairs]),
             first,
             float(self.form.d2d),
@@ -203,7 +203,7 @@ class Problem:
 
     def _memory(self) -> layout.Memory:
         """The memory of this thread, for a problem of this size."""
-        blocks = sum(-(-pair.moving.size // layout.LANES) for pair in self.pairs)
+        blocks = sum(-(-pair.moving.size // rows.LANES) for pair in self.pairs)
         return layout.own_memory(blocks, max(pair.fixed.size for pair in self.pairs))
 
     def _repeated(
@@ -283,13 +283,13 @@ class Problem:
             np.empty((count, self.targets, 3)),
         )
         terms = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)
-        columns, rows = (int(bound.batch.grids[:, axis].max()) for axis in range(2))
-        most = max(pair.moving.size for pair in self.pairs) if columns else 0
+        width, height = (int(bound.batch.grids[:, axis].max()) for axis in range(2))
+        most = max(pair.moving.size for pair in self.pairs) if width else 0
         fields = (
             np.empty((2, most)),
             np.empty((propagate.FIELDS, most)),
-            tiles.memory_for(columns, rows),
-            np.empty((propagate.FIELDS * columns * rows, tiles.TILE)),
+            tiles.memory_for(width, height),
+            np.empty((propagate.FIELDS * width * height, tiles.TILE)),
         )
         memory = self._memory()
         propagate.cross_batch(bound.batch, bound.thetas, begin, memory, terms, fields, tuple(cross))
@@ -297,13 +297,13 @@ class Problem:
 
     def log_densities(self, bound: Bound) -> Array:
         """log q_k (..., K) of every target of every pair, one pair after the other."""
-        return self.of_targets(bound, (layout.LOG_DENSITY,))[..., 0, :]
+        return self.of_targets(bound, (rows.LOG_DENSITY,))[..., 0, :]
 
     def inlier_shares(self, bound: Bound) -> Array:
         """Share (..., K) of the inlier component in each target's density."""
         if self.form.outlier[layout.KIND] == layout.NO_OUTLIER:
             return np.ones((*bound.shape, self.targets))
-        return self.of_targets(bound, (layout.SHARE,))[..., 0, :]
+        return self.of_targets(bound, (rows.SHARE,))[..., 0, :]
 
     def widening_slopes(self, bound: Bound) -> Array:
         """Derivatives (..., K) of each log q_k in a variance added to all targets, of either set.
@@ -316,20 +316,20 @@ class Problem:
         outlier[layout.KIND] = layout.NO_OUTLIER
         pairs[:, layout.FACTOR_START] = -1  # no measurements
         positions = bound._replace(batch=bound.batch._replace(outlier=outlier, pairs=pairs))
-        second = self.of_targets(positions, (layout.CURVATURE[0], layout.CURVATURE[4]))
+        second = self.of_targets(positions, (rows.CURVATURE[0], rows.CURVATURE[4]))
         return np.asarray(self.inlier_shares(bound) * second.sum(axis=-2))
 
-    def of_targets(self, bound: Bound, rows: tuple[int, ...]) -> Array:
+    def of_targets(self, bound: Bound, wanted: tuple[int, ...]) -> Array:
         """Rows of the kernel's scratch array for each target (..., rows, K)."""
-        values = np.empty((len(bound.thetas), len(rows), self.targets))
-        numbers = np.array(rows)
+        values = np.empty((len(bound.thetas), len(wanted), self.targets))
+        numbers = np.array(wanted)
 
         def run(first: int, last: int) -> None:
             thetas, own = bound.thetas[first:last], values[first:last]
             entries.target_batch(bound.part(first, last), thetas, numbers, self._memory(), own)
 
         run_in_slices(run, len(values), self.size)
-        return values.reshape(*bound.shape, len(rows), self.targets)
+        return values.reshape(*bound.shape, len(wanted), self.targets)
 
 
 @lru_cache(maxsize=64)
@@ -340,12 +340,12 @@ def _table(
 
     It is kept: scans of one radar often have the same number of targets.  Nobody writes to it.
     """
-    rows, fixed_start, moving_start = [], 0, 0
+    pairs, fixed_start, moving_start = [], 0, 0
     for number, (fixed, moving) in enumerate(sizes):
         factor_start = moving_start if measured else -1
-        rows.append((fixed_start, fixed, number, moving_start, moving, factor_start))
+        pairs.append((fixed_start, fixed, number, moving_start, moving, factor_start))
         fixed_start, moving_start = fixed_start + fixed, moving_start + moving
-    return np.array(rows), np.array([0, len(rows)])
+    return np.array(pairs), np.array([0, len(pairs)])
 
 
 def flat_index(own: tuple[int, ...], shape: tuple[int, ...]) -> NDArray[np.int64]:

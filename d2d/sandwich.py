@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
 from d2d._checks import check_instance, check_shape
-from d2d._kernel import layout
+from d2d._kernel import layout, rows
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.covariance import check_estimate, fisher_covariance, select
@@ -101,8 +101,8 @@ def _from_scores(
 
 def target_scores(problem: Problem, bound: Bound) -> tuple[Array, Array]:
     """What each target adds to the gradient (B, K, P) and Hessian (B, K, P, P) of the cost."""
-    rows = (layout.LOG_DENSITY, *layout.GRADIENT, *layout.CURVATURE)
-    terms = np.swapaxes(problem.of_targets(bound, rows), -2, -1)
+    wanted = (rows.LOG_DENSITY, *rows.GRADIENT, *rows.CURVATURE)
+    terms = np.swapaxes(problem.of_targets(bound, wanted), -2, -1)
     terms = terms.reshape(-1, *terms.shape[-2:])
     g, second = terms[..., 1:4], terms[..., 4:].reshape(*terms.shape[:2], 3, 3)
     outer = g[..., :, None] * g[..., None, :]

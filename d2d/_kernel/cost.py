@@ -8,54 +8,16 @@ import math
 
 import numpy as np
 
+from d2d._kernel import layout, rows
 from d2d._kernel.charts import exponential_chart, identity_chart, logarithm_chart
 from d2d._kernel.compile import compiled, inlined, merged, vectorised
 from d2d._kernel.densities import measurement_jets, outlier_jet
 from d2d._kernel.elementary import log
 from d2d._kernel.jets import fuse_likelihood, fuse_summing, mix, multiply, through_chart
-from d2d._kernel.layout import (
-    A00,
-    A01,
-    A02,
-    A11,
-    A12,
-    A22,
-    ARC,
-    COUNTS,
-    FACTOR_START,
-    FIXED_SET,
-    FIXED_SIZE,
-    FIXED_START,
-    G0,
-    G1,
-    G2,
-    KIND,
-    LANES,
-    LENGTH,
-    LIKELIHOOD,
-    LIMIT,
-    LOG_2PI,
-    LOG_INLIER_WEIGHT,
-    MARGIN,
-    MEASURED,
-    MOVING_SIZE,
-    MOVING_START,
-    NO_OUTLIER,
-    NOT_FOUND,
-    OUTLIER,
-    OUTLIER_FLOOR,
-    PEAK,
-    SHARES,
-    SUMMING,
-    TOP,
-    TOTAL,
-    VARIANCE,
-    Pair,
-    Setting,
-    lane_count,
-)
-from d2d._kernel.neighbours import bound_pairs, find_neighbours, moved
+from d2d._kernel.layout import Pair, Setting
+from d2d._kernel.neighbours import bound_pairs, find_neighbours, largest_shift
 from d2d._kernel.pairs import finish_inliers, load_block, sum_inliers
+from d2d._kernel.rows import LANES, lane_count
 from d2d._kernel.tiles import COLUMNS, FIRST_TILE, ROWS
 
 # How far the targets may move before their neighbours are looked for again: at most, as a multiple
@@ -87,25 +49,25 @@ def limit_pairs(w, outlier, factors, order, gate, first):
     """
     lanes, last = lane_count(w), order.shape[0] - 1
     for k in range(LANES):
-        w[LIMIT + k], w[OUTLIER_FLOOR + k] = np.inf, -np.inf
-    if outlier[KIND] != NO_OUTLIER:
-        largest = gate + outlier[LOG_INLIER_WEIGHT] - LOG_2PI + 1.0
+        w[rows.LIMIT + k], w[rows.OUTLIER_FLOOR + k] = np.inf, -np.inf
+    if outlier[layout.KIND] != layout.NO_OUTLIER:
+        largest = gate + outlier[layout.LOG_INLIER_WEIGHT] - layout.LOG_2PI + 1.0
         for k in range(lanes):
-            w[OUTLIER_FLOOR + k] = w[OUTLIER + k] - 1.0
-            w[LIMIT + k] = largest + log(w[PEAK + k]) - w[OUTLIER + k]
+            w[rows.OUTLIER_FLOOR + k] = w[rows.OUTLIER + k] - 1.0
+            w[rows.LIMIT + k] = largest + log(w[rows.PEAK + k]) - w[rows.OUTLIER + k]
         if factors.shape[0] > 0:
             for k in range(LANES):
-                variance = factors[order[min(first + k, last)], VARIANCE]
-                w[LIMIT + k] -= 0.5 * (math.log(variance) + LOG_2PI)
+                variance = factors[order[min(first + k, last)], layout.VARIANCE]
+                w[rows.LIMIT + k] -= 0.5 * (math.log(variance) + layout.LOG_2PI)
     for k in range(lanes):
-        w[LIMIT + k] = w[LIMIT + k] if w[COUNTS + k] > 0.0 else -np.inf
+        w[rows.LIMIT + k] = w[rows.LIMIT + k] if w[rows.COUNTS + k] > 0.0 else -np.inf
 
 
 @merged
-def evaluate_block(memory, pair, setting, first, margin, place):
+def evaluate_block(memory, pair, setting, first, margin, lists):
     """log q_k, its gradient and q_k's second derivatives over q_k, of a block of targets.
 
-    They are left in the rows of INLIER.  The block's neighbours at its ``place`` are found again if
+    They are left in the rows of INLIER.  The block's neighbours at its ``lists`` are found again if
     they are not known, or if it has moved; they then hold within a ``margin``.
     """
     w, fixed, order, factors, outlier = (
@@ -120,26 +82,26 @@ def evaluate_block(memory, pair, setting, first, margin, place):
         measurement_jets(w, factors, order, setting.chart, first)
     outlier_jet(w, fixed, setting, outlier, pair.tiles, pair.grid)
     known, measured = False, False
-    if place[LENGTH] != NOT_FOUND:
-        distance = moved(w, place, setting)
-        known, measured = distance <= 1.0, place[MEASURED] > 0.0
+    if lists[rows.LENGTH] != rows.NOT_FOUND:
+        distance = largest_shift(w, lists, setting)
+        known, measured = distance <= 1.0, lists[rows.MEASURED] > 0.0
         # the next step of a descent is likely to be shorter by half
-        margin = min(max(0.5 * distance * place[MARGIN], margin), MOST * margin)
+        margin = min(max(0.5 * distance * lists[rows.MARGIN], margin), MOST * margin)
     while True:
         if not known:
             bound_pairs(w, pair.extremes)
             limit_pairs(w, outlier, factors, order, setting.gate, first)
             find_neighbours(
-                w, fixed, pair.extremes, setting, margin, measured, memory.chosen, place
+                w, fixed, pair.extremes, setting, margin, measured, memory.candidates, lists
             )
-        if sum_inliers(w, fixed, setting, place):
+        if sum_inliers(w, fixed, setting, lists):
             break
         known, measured = False, True
     finish_inliers(w)
     if factors.shape[0] > 0:
         multiply(w)
-    if outlier[KIND] != NO_OUTLIER:
-        mix(w, outlier[LOG_INLIER_WEIGHT])
+    if outlier[layout.KIND] != layout.NO_OUTLIER:
+        mix(w, outlier[layout.LOG_INLIER_WEIGHT])
 
 
 @inlined
@@ -147,7 +109,7 @@ def total(w, row):
     """Sum of a row of totals over the lanes."""
     added = 0.0
     for k in range(LANES):
-        added += w[TOTAL + row + k]
+        added += w[rows.TOTAL + row + k]
     return added
 
 
@@ -156,36 +118,36 @@ def align_tops(w):
     """Make the totals of all lanes relative to the largest density; return its logarithm."""
     top = -np.inf
     for k in range(LANES):
-        top = max(top, w[TOP + k])
+        top = max(top, w[rows.TOP + k])
     for k in range(LANES):
-        keep = math.exp(w[TOP + k] - top)
+        keep = math.exp(w[rows.TOP + k] - top)
         for row in range(0, 10 * LANES, LANES):
-            w[TOTAL + row + k] *= keep
+            w[rows.TOTAL + row + k] *= keep
     return top
 
 
 @merged
-def evaluate_pair(pair, theta, fusion, accuracy, work, places):
+def evaluate_pair(pair, theta, fusion, accuracy, work, lists):
     """Cost of one pair of sets at the motion theta; its derivatives to ``work``."""
     setting = setting_of(pair, theta, accuracy.gate)
     memory, g, h = work.memory, work.gradient, work.hessian
     w = memory.scratch
     for k in range(10 * LANES):
-        w[TOTAL + k] = 0.0
+        w[rows.TOTAL + k] = 0.0
     for k in range(LANES):
-        w[TOP + k] = -np.inf
+        w[rows.TOP + k] = -np.inf
     for first in range(0, pair.moving.shape[1], LANES):
-        evaluate_block(memory, pair, setting, first, accuracy.margin, places[first // LANES])
-        if fusion == LIKELIHOOD:
+        evaluate_block(memory, pair, setting, first, accuracy.margin, lists[first // LANES])
+        if fusion == layout.LIKELIHOOD:
             fuse_likelihood(w)
         else:
             fuse_summing(w)
-    top = align_tops(w) if fusion == SUMMING else 0.0
+    top = align_tops(w) if fusion == layout.SUMMING else 0.0
     value = -total(w, 0)
-    g0, g1, g2 = total(w, G0), total(w, G1), total(w, G2)
-    a00, a01, a11 = total(w, A00), total(w, A01), total(w, A11)
-    a02, a12, a22 = total(w, A02), total(w, A12), total(w, A22)
-    if fusion == SUMMING:
+    g0, g1, g2 = total(w, rows.G0), total(w, rows.G1), total(w, rows.G2)
+    a00, a01, a11 = total(w, rows.A00), total(w, rows.A01), total(w, rows.A11)
+    a02, a12, a22 = total(w, rows.A02), total(w, rows.A12), total(w, rows.A22)
+    if fusion == layout.SUMMING:
         r = -1.0 / value
         value = -(top + math.log(-value))
         g0, g1, g2 = g0 * r, g1 * r, g2 * r
@@ -207,13 +169,16 @@ def evaluate_pair(pair, theta, fusion, accuracy, work, places):
 def pair_at(batch, number):
     """One pair of the batch, bound."""
     row = batch.pairs[number]
-    start, stop = row[MOVING_START], row[MOVING_START] + row[MOVING_SIZE]
-    begin, size = 6 * row[FIXED_START], row[FIXED_SIZE]
+    start, stop = row[layout.MOVING_START], row[layout.MOVING_START] + row[layout.MOVING_SIZE]
+    begin, size = 6 * row[layout.FIXED_START], row[layout.FIXED_SIZE]
     fixed = batch.fixed[begin : begin + 6 * size].reshape(6, size)
     moving = batch.moving[6 * start : 6 * stop].reshape(6, stop - start)
-    at, measured = row[FACTOR_START], row[MOVING_SIZE] if row[FACTOR_START] >= 0 else 0
+    at, measured = (
+        row[layout.FACTOR_START],
+        row[layout.MOVING_SIZE] if row[layout.FACTOR_START] >= 0 else 0,
+    )
     factors = batch.factors[at : at + measured]
-    grid = batch.grids[row[FIXED_SET]]
+    grid = batch.grids[row[layout.FIXED_SET]]
     tile, tiles = int(grid[FIRST_TILE]), int(grid[COLUMNS] * grid[ROWS])
     return Pair(
         fixed,
@@ -226,7 +191,7 @@ def pair_at(batch, number):
         batch.tiles[tile : tile + tiles],
         grid,
         batch.in_twist,
-        batch.extremes[row[FIXED_SET]],
+        batch.extremes[row[layout.FIXED_SET]],
     )
 
 
@@ -235,7 +200,7 @@ def motion_chart(batch, number, theta):
     """The motion of a pair at theta; if theta is a velocity, the exponential of its twist."""
     interval = batch.intervals[number]
     x, y, w = interval * theta[0], interval * theta[1], interval * theta[2]
-    if batch.kind == ARC:
+    if batch.kind == layout.ARC:
         return exponential_chart(x, y, w)
     return identity_chart((x, y, w))
 
@@ -268,7 +233,7 @@ def evaluate(batch, problem, pair, theta, accuracy, work, g, h):
     """
     w, motion = work.memory.scratch, work.motion
     for k in range(LANES):
-        w[SHARES + k] = 0.0
+        w[rows.SHARES + k] = 0.0
     for j in range(3):
         g[j] = h[0, j] = h[1, j] = h[2, j] = 0.0
     value, shares, block = 0.0, 0.0, 0
@@ -278,8 +243,8 @@ def evaluate(batch, problem, pair, theta, accuracy, work, g, h):
             pair = pair_at(batch, number)
         chart = motion_chart(batch, number, theta)
         motion[0], motion[1], motion[2] = chart.x, chart.y, chart.phi
-        places = work.memory.places[block:]
-        value += evaluate_pair(pair, motion, batch.fusion, accuracy, work, places)
+        lists = work.memory.lists[block:]
+        value += evaluate_pair(pair, motion, batch.fusion, accuracy, work, lists)
         block += (pair.moving.shape[1] + LANES - 1) // LANES
         add_derivatives(work, chart, batch.intervals[number], g, h)
     for j in range(3):
@@ -288,5 +253,5 @@ def evaluate(batch, problem, pair, theta, accuracy, work, g, h):
         g[j] += weighted
         h[j, j] += batch.prior[j]
     for k in range(LANES):
-        shares += w[SHARES + k]
+        shares += w[rows.SHARES + k]
     return value, shares

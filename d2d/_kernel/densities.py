@@ -9,48 +9,12 @@ import math
 
 import numpy as np
 
+from d2d._kernel import layout, rows
 from d2d._kernel.compile import compiled, inlined, vectorised
 from d2d._kernel.elementary import exp, log
 from d2d._kernel.jets import through_chart
-from d2d._kernel.layout import (
-    A00,
-    A01,
-    A02,
-    A11,
-    A12,
-    A22,
-    ABOVE,
-    CORRUPTED,
-    FACTOR,
-    G0,
-    G1,
-    G2,
-    GAIN,
-    INPUT_VARIANCE,
-    IS_TILED,
-    KIND,
-    LANES,
-    LOG_2PI,
-    LOG_OUTLIER_WEIGHT,
-    MAX_EXPONENT,
-    MX,
-    MY,
-    NO_OUTLIER,
-    OUTLIER,
-    OUTLIER_OFFSET,
-    OUTLIER_TO_SHARE,
-    PRECISION_XX,
-    PRECISION_XY,
-    PRECISION_YY,
-    SLOPE,
-    UNIFORM,
-    VALUE,
-    VARIANCE,
-    WEIGHT,
-    X,
-    Y,
-    lane_count,
-)
+from d2d._kernel.layout import WEIGHT, X, Y
+from d2d._kernel.rows import LANES, lane_count
 from d2d._kernel.tiles import interpolate, root_of
 
 VANISHING = 1e-180  # outlier sums below it are computed again, relative to the nearest component
@@ -60,7 +24,7 @@ VANISHING = 1e-180  # outlier sums below it are computed again, relative to the 
 def half_square(w, k, mean, precision):
     """d, and half of d' B d, of a target and a component's mean less the translation."""
     bxx, bxy, byy = precision
-    dx, dy = w[MX + k] - mean[0], w[MY + k] - mean[1]
+    dx, dy = w[rows.MX + k] - mean[0], w[rows.MY + k] - mean[1]
     return dx, dy, 0.5 * (bxx * dx * dx + 2.0 * bxy * dx * dy + byy * dy * dy)
 
 
@@ -69,18 +33,18 @@ def add_moments(w, fixed, setting, precision):
     """Sum the six moments, of 1, d and d d', of the weights of the pairs."""
     lanes = lane_count(w)
     for k in range(6 * LANES):
-        w[OUTLIER + k] = 0.0
+        w[rows.OUTLIER + k] = 0.0
     for i in range(fixed.shape[1]):
         mean, own = (fixed[X, i] - setting.x, fixed[Y, i] - setting.y), fixed[WEIGHT, i]
         for k in range(lanes):
             dx, dy, half = half_square(w, k, mean, precision)
-            v = own * exp(min(w[OUTLIER_OFFSET + k] - half, MAX_EXPONENT))
-            w[OUTLIER + k] += v
-            w[OUTLIER + G0 + k] += v * dx
-            w[OUTLIER + G1 + k] += v * dy
-            w[OUTLIER + G2 + k] += v * dx * dx
-            w[OUTLIER + A00 + k] += v * dx * dy
-            w[OUTLIER + A01 + k] += v * dy * dy
+            v = own * exp(min(w[rows.OUTLIER_OFFSET + k] - half, layout.MAX_EXPONENT))
+            w[rows.OUTLIER + k] += v
+            w[rows.OUTLIER + rows.G0 + k] += v * dx
+            w[rows.OUTLIER + rows.G1 + k] += v * dy
+            w[rows.OUTLIER + rows.G2 + k] += v * dx * dx
+            w[rows.OUTLIER + rows.A00 + k] += v * dx * dy
+            w[rows.OUTLIER + rows.A01 + k] += v * dy * dy
 
 
 @vectorised
@@ -91,65 +55,77 @@ def sum_outliers(w, fixed, setting, precision):
     """
     lanes = lane_count(w)
     for k in range(LANES):
-        w[OUTLIER_OFFSET + k] = 0.0
+        w[rows.OUTLIER_OFFSET + k] = 0.0
     for again in range(2):
         add_moments(w, fixed, setting, precision)
         vanishing = False
         for k in range(lanes):
-            vanishing |= w[OUTLIER + k] < VANISHING
+            vanishing |= w[rows.OUTLIER + k] < VANISHING
         if again or not vanishing:
             break
         for k in range(LANES):
-            w[OUTLIER_OFFSET + k] = np.inf
+            w[rows.OUTLIER_OFFSET + k] = np.inf
         for i in range(fixed.shape[1]):
             mean = fixed[X, i] - setting.x, fixed[Y, i] - setting.y
             for k in range(lanes):
                 _, _, half = half_square(w, k, mean, precision)
-                w[OUTLIER_OFFSET + k] = min(w[OUTLIER_OFFSET + k], ABOVE * half)
+                w[rows.OUTLIER_OFFSET + k] = min(w[rows.OUTLIER_OFFSET + k], layout.ABOVE * half)
     bxx, bxy, byy = precision
     for k in range(lanes):
-        r = 1.0 / w[OUTLIER + k]
-        sx, sy = w[OUTLIER + G0 + k] * r, w[OUTLIER + G1 + k] * r
-        sxx, sxy = w[OUTLIER + G2 + k] * r, w[OUTLIER + A00 + k] * r
-        syy = w[OUTLIER + A01 + k] * r
+        r = 1.0 / w[rows.OUTLIER + k]
+        sx, sy = w[rows.OUTLIER + rows.G0 + k] * r, w[rows.OUTLIER + rows.G1 + k] * r
+        sxx, sxy = w[rows.OUTLIER + rows.G2 + k] * r, w[rows.OUTLIER + rows.A00 + k] * r
+        syy = w[rows.OUTLIER + rows.A01 + k] * r
         # E[u] and E[u u'] with u = B d
-        w[OUTLIER + G0 + k] = -(bxx * sx + bxy * sy)
-        w[OUTLIER + G1 + k] = -(bxy * sx + byy * sy)
-        w[OUTLIER + A00 + k] = bxx * (bxx * sxx + bxy * sxy) + bxy * (bxx * sxy + bxy * syy) - bxx
-        w[OUTLIER + A01 + k] = bxx * (bxy * sxx + byy * sxy) + bxy * (bxy * sxy + byy * syy) - bxy
-        w[OUTLIER + A11 + k] = bxy * (bxy * sxx + byy * sxy) + byy * (bxy * sxy + byy * syy) - byy
+        w[rows.OUTLIER + rows.G0 + k] = -(bxx * sx + bxy * sy)
+        w[rows.OUTLIER + rows.G1 + k] = -(bxy * sx + byy * sy)
+        w[rows.OUTLIER + rows.A00 + k] = (
+            bxx * (bxx * sxx + bxy * sxy) + bxy * (bxx * sxy + bxy * syy) - bxx
+        )
+        w[rows.OUTLIER + rows.A01 + k] = (
+            bxx * (bxy * sxx + byy * sxy) + bxy * (bxy * sxy + byy * syy) - bxy
+        )
+        w[rows.OUTLIER + rows.A11 + k] = (
+            bxy * (bxy * sxx + byy * sxy) + byy * (bxy * sxy + byy * syy) - byy
+        )
 
 
 @vectorised
 def to_logarithm(w, log_weight):
     """From a sum over the components to the logarithm of the density."""
     for k in range(lane_count(w)):
-        s = w[OUTLIER + k]
-        w[OUTLIER_TO_SHARE + k] = 1.0 / s
-        w[OUTLIER + k] = log_weight - w[OUTLIER_OFFSET + k] + log(s)
+        s = w[rows.OUTLIER + k]
+        w[rows.OUTLIER_TO_SHARE + k] = 1.0 / s
+        w[rows.OUTLIER + k] = log_weight - w[rows.OUTLIER_OFFSET + k] + log(s)
 
 
 @vectorised
 def turn_outliers(w):
     """The derivatives along the rotation, d_phi = (-y, x)."""
     for k in range(lane_count(w)):
-        x, y = w[MX + k], w[MY + k]
-        g0, g1 = w[OUTLIER + G0 + k], w[OUTLIER + G1 + k]
-        a00, a01, a11 = w[OUTLIER + A00 + k], w[OUTLIER + A01 + k], w[OUTLIER + A11 + k]
-        w[OUTLIER + G2 + k] = x * g1 - y * g0
-        w[OUTLIER + A02 + k] = x * a01 - y * a00
-        w[OUTLIER + A12 + k] = x * a11 - y * a01
-        w[OUTLIER + A22 + k] = y * y * a00 - 2.0 * x * y * a01 + x * x * a11 - x * g0 - y * g1
+        x, y = w[rows.MX + k], w[rows.MY + k]
+        g0, g1 = w[rows.OUTLIER + rows.G0 + k], w[rows.OUTLIER + rows.G1 + k]
+        a00, a01, a11 = (
+            w[rows.OUTLIER + rows.A00 + k],
+            w[rows.OUTLIER + rows.A01 + k],
+            w[rows.OUTLIER + rows.A11 + k],
+        )
+        w[rows.OUTLIER + rows.G2 + k] = x * g1 - y * g0
+        w[rows.OUTLIER + rows.A02 + k] = x * a01 - y * a00
+        w[rows.OUTLIER + rows.A12 + k] = x * a11 - y * a01
+        w[rows.OUTLIER + rows.A22 + k] = (
+            y * y * a00 - 2.0 * x * y * a01 + x * x * a11 - x * g0 - y * g1
+        )
 
 
 @vectorised
 def over_value(w):
     """From a field's derivatives to those over its value."""
     for k in range(lane_count(w)):
-        inverse = 1.0 / w[OUTLIER + k]
-        w[OUTLIER_OFFSET + k] = 0.0
-        for row in (G0, G1, A00, A01, A11):
-            w[OUTLIER + row + k] *= inverse
+        inverse = 1.0 / w[rows.OUTLIER + k]
+        w[rows.OUTLIER_OFFSET + k] = 0.0
+        for row in (rows.G0, rows.G1, rows.A00, rows.A01, rows.A11):
+            w[rows.OUTLIER + row + k] *= inverse
 
 
 @compiled
@@ -158,14 +134,18 @@ def corrupted_jet(w, fixed, setting, outlier, tiles, grid):
 
     From the tiles of a large set, or as the plain sum; IS_TILED tells which.
     """
-    w[IS_TILED] = 0.0
+    w[rows.IS_TILED] = 0.0
     if tiles.shape[0] > 0 and interpolate(w, tiles, grid, root_of(outlier), setting):
-        w[IS_TILED] = 1.0
+        w[rows.IS_TILED] = 1.0
         over_value(w)
     else:
-        precision = outlier[PRECISION_XX], outlier[PRECISION_XY], outlier[PRECISION_YY]
+        precision = (
+            outlier[layout.PRECISION_XX],
+            outlier[layout.PRECISION_XY],
+            outlier[layout.PRECISION_YY],
+        )
         sum_outliers(w, fixed, setting, precision)
-    to_logarithm(w, outlier[LOG_OUTLIER_WEIGHT])
+    to_logarithm(w, outlier[layout.LOG_OUTLIER_WEIGHT])
     turn_outliers(w)
 
 
@@ -173,41 +153,41 @@ def corrupted_jet(w, fixed, setting, outlier, tiles, grid):
 def uniform_jet(w, log_density):
     """A constant density, without derivatives."""
     for k in range(10 * LANES):
-        w[OUTLIER + k] = 0.0
+        w[rows.OUTLIER + k] = 0.0
     for k in range(LANES):
-        w[OUTLIER + k] = log_density
+        w[rows.OUTLIER + k] = log_density
 
 
 @inlined
 def outlier_jet(w, fixed, setting, outlier, tiles, grid):
     """The outlier component of any kind but none."""
-    kind = outlier[KIND]
-    if kind == CORRUPTED:
+    kind = outlier[layout.KIND]
+    if kind == layout.CORRUPTED:
         corrupted_jet(w, fixed, setting, outlier, tiles, grid)
-    elif kind == UNIFORM:
-        uniform_jet(w, outlier[LOG_OUTLIER_WEIGHT])
-    elif kind != NO_OUTLIER:
+    elif kind == layout.UNIFORM:
+        uniform_jet(w, outlier[layout.LOG_OUTLIER_WEIGHT])
+    elif kind != layout.NO_OUTLIER:
         raise ValueError("the kernel does not know this kind of outlier component")
 
 
 @inlined
 def measurement_jet(factor, xi):
     """The jet of N(z | h' xi, sigma^2 + q^2 (s' xi)^2), one target's measurement, in xi."""
-    h0, h1, h2 = factor[GAIN], factor[GAIN + 1], factor[GAIN + 2]
-    s0, s1, s2 = factor[SLOPE], factor[SLOPE + 1], factor[SLOPE + 2]
-    residual = factor[VALUE] - h0 * xi[0] - h1 * xi[1] - h2 * xi[2]
+    h0, h1, h2 = factor[layout.GAIN], factor[layout.GAIN + 1], factor[layout.GAIN + 2]
+    s0, s1, s2 = factor[layout.SLOPE], factor[layout.SLOPE + 1], factor[layout.SLOPE + 2]
+    residual = factor[layout.VALUE] - h0 * xi[0] - h1 * xi[1] - h2 * xi[2]
     slope = s0 * xi[0] + s1 * xi[1] + s2 * xi[2]
-    variance = factor[VARIANCE] + factor[INPUT_VARIANCE] * slope * slope
+    variance = factor[layout.VARIANCE] + factor[layout.INPUT_VARIANCE] * slope * slope
     e = residual / variance
-    dv = 2.0 * factor[INPUT_VARIANCE] * slope  # d variance / d xi = dv s
+    dv = 2.0 * factor[layout.INPUT_VARIANCE] * slope  # d variance / d xi = dv s
     first = 0.5 * (e * e - 1.0 / variance)
     # second derivatives of the logarithm along h h', h s' + s h' and s s'
     hh = -1.0 / variance
     hs = -e / variance * dv
-    ss = first * 2.0 * factor[INPUT_VARIANCE] - (e * e - 0.5 / variance) / variance * dv * dv
+    ss = first * 2.0 * factor[layout.INPUT_VARIANCE] - (e * e - 0.5 / variance) / variance * dv * dv
     g0, g1, g2 = e * h0 + first * dv * s0, e * h1 + first * dv * s1, e * h2 + first * dv * s2
     return (
-        -0.5 * (residual * e + math.log(variance) + LOG_2PI),
+        -0.5 * (residual * e + math.log(variance) + layout.LOG_2PI),
         g0,
         g1,
         g2,
@@ -228,4 +208,4 @@ def measurement_jets(w, factors, order, chart, first):
     for k in range(lane_count(w)):
         jet = through_chart(measurement_jet(factors[order[min(first + k, last)]], xi), chart)
         for row in range(10):
-            w[FACTOR + row * LANES + k] = jet[row]
+            w[rows.FACTOR + row * LANES + k] = jet[row]

@@ -2,28 +2,14 @@
 
 import math
 
+from d2d._kernel import layout, rows
 from d2d._kernel.charts import exponential_chart, logarithm_chart, write_chart
 from d2d._kernel.compile import entry
 from d2d._kernel.cost import evaluate_block, motion_chart, pair_at, setting_of
-from d2d._kernel.layout import (
-    GATE,
-    LANES,
-    LENGTH,
-    MAX_VARIANCE,
-    MAX_WEIGHT,
-    MIN_WEIGHT,
-    NOT_FOUND,
-    UNIT_DENSITY_VARIANCE,
-    WEIGHT,
-    XX,
-    XY,
-    YY,
-    X,
-    Y,
-    work_in,
-)
+from d2d._kernel.layout import WEIGHT, XX, XY, YY, X, Y, work_in
 from d2d._kernel.newton import invert, minimise
 from d2d._kernel.pairs import find_extremes, is_far
+from d2d._kernel.rows import LANES
 
 
 @entry
@@ -33,12 +19,12 @@ def are_good_targets(means, covariances, weights):
     """
     d = means.shape[1]
     for k in range(means.shape[0]):
-        good = math.isfinite(means[k, 0]) and MIN_WEIGHT <= weights[k] <= MAX_WEIGHT
+        good = math.isfinite(means[k, 0]) and layout.MIN_WEIGHT <= weights[k] <= layout.MAX_WEIGHT
         xx = covariances[k, 0, 0]
-        good = good and 0.0 < xx <= MAX_VARIANCE
+        good = good and 0.0 < xx <= layout.MAX_VARIANCE
         if d == 2:
             xy, yy = covariances[k, 0, 1], covariances[k, 1, 1]
-            good = good and math.isfinite(means[k, 1]) and 0.0 < yy <= MAX_VARIANCE
+            good = good and math.isfinite(means[k, 1]) and 0.0 < yy <= layout.MAX_VARIANCE
             good = good and xy == covariances[k, 1, 0] and 0.0 < xx * yy - xy * xy < math.inf
         if not good:
             return False
@@ -86,7 +72,7 @@ def pack_targets(means, covariances, weights, packed, extremes, far):
                 points[XY, k], points[YY, k] = covariances[b, k, 0, 1], covariances[b, k, 1, 1]
             else:
                 points[Y, k] = points[XY, k] = 0.0
-                points[YY, k] = UNIT_DENSITY_VARIANCE
+                points[YY, k] = layout.UNIT_DENSITY_VARIANCE
         find_extremes(points, extremes[b])
         far[b] = is_far(points, 1.0 if planar else 0.0)
 
@@ -100,7 +86,7 @@ def order_targets(packed, counts, orders):
     """
     size = orders.shape[1]
     strips = 1 + int(math.sqrt(size / (2 * LANES)))
-    rows = (size + 7) // strips
+    cells = (size + 7) // strips
     for b in range(orders.shape[0]):
         x, y, order = packed[b, X], packed[b, Y], orders[b]
         left, right, bottom, top = math.inf, -math.inf, math.inf, -math.inf
@@ -108,43 +94,43 @@ def order_targets(packed, counts, orders):
             left, right = min(left, x[k]), max(right, x[k])
             bottom, top = min(bottom, y[k]), max(top, y[k])
         across = strips * (1.0 - 1e-9) / max(right - left, 1e-300)
-        along = rows * (1.0 - 1e-9) / max(top - bottom, 1e-300)
+        along = cells * (1.0 - 1e-9) / max(top - bottom, 1e-300)
         counts[:] = 0
         for turn in range(2):
             for k in range(size):
                 strip, row = int((x[k] - left) * across), int((y[k] - bottom) * along)
-                cell = strip * rows + (row if strip % 2 == 0 else rows - 1 - row)
+                cell = strip * cells + (row if strip % 2 == 0 else cells - 1 - row)
                 if turn == 0:
                     counts[cell + 1] += 1
                 else:
                     order[counts[cell]] = k
                     counts[cell] += 1
             if turn == 0:
-                for cell in range(strips * rows):
+                for cell in range(strips * cells):
                     counts[cell + 1] += counts[cell]
 
 
 @entry
-def target_batch(batch, thetas, rows, memory, values):
+def target_batch(batch, thetas, wanted, memory, values):
     """Rows of the scratch array for every target of every problem (B, rows, targets), at its theta.
 
     LOG_DENSITY holds log q_k, GRADIENT its gradient in the motion, CURVATURE the second derivatives
     of q_k over q_k, and SHARE the inlier component's share in q_k.
     """
-    w, place = memory.scratch, memory.places[0]
+    w, lists = memory.scratch, memory.lists[0]
     for b in range(thetas.shape[0]):
         done = 0
         for number in range(batch.first[b], batch.first[b + 1]):
             pair = pair_at(batch, number)
             chart = motion_chart(batch, number, thetas[b])
-            setting = setting_of(pair, (chart.x, chart.y, chart.phi), GATE)
+            setting = setting_of(pair, (chart.x, chart.y, chart.phi), layout.GATE)
             targets = pair.moving.shape[1]
             for first in range(0, targets, LANES):
-                place[LENGTH] = NOT_FOUND
-                evaluate_block(memory, pair, setting, first, 0.0, place)
+                lists[rows.LENGTH] = rows.NOT_FOUND
+                evaluate_block(memory, pair, setting, first, 0.0, lists)
                 for k in range(min(LANES, targets - first)):
-                    for r in range(rows.shape[0]):
-                        values[b, r, done + pair.order[first + k]] = w[rows[r] + k]
+                    for r in range(wanted.shape[0]):
+                        values[b, r, done + pair.order[first + k]] = w[wanted[r] + k]
             done += targets
 
 

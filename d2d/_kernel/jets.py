@@ -5,24 +5,10 @@ over q itself.  A product of densities, a mixture of them and a change of the pa
 again.  The tables of the scratch array hold a jet in every vector lane (see ``layout.py``).
 """
 
+from d2d._kernel import layout, rows
 from d2d._kernel.compile import inlined, vectorised
 from d2d._kernel.elementary import exp, log
-from d2d._kernel.layout import (
-    A22,
-    COUNTS,
-    FACTOR,
-    G0,
-    GATE,
-    INLIER,
-    LANES,
-    OUTLIER,
-    SECOND,
-    SHARE,
-    SHARES,
-    TOP,
-    TOTAL,
-    lane_count,
-)
+from d2d._kernel.rows import LANES, lane_count
 
 
 @vectorised
@@ -32,14 +18,14 @@ def multiply(w):
     (p f)'' / (p f) = p'' / p + p' f' / (p f) + f' p' / (p f) + f'' / f.
     """
     lanes = lane_count(w)
-    for row, i, j in SECOND:
+    for row, i, j in rows.SECOND:
         for k in range(lanes):
-            fi, fj = w[FACTOR + i + k], w[FACTOR + j + k]
-            gi, gj = w[INLIER + i + k], w[INLIER + j + k]
-            w[INLIER + row + k] += gi * fj + gj * fi + w[FACTOR + row + k]
+            fi, fj = w[rows.FACTOR + i + k], w[rows.FACTOR + j + k]
+            gi, gj = w[rows.INLIER + i + k], w[rows.INLIER + j + k]
+            w[rows.INLIER + row + k] += gi * fj + gj * fi + w[rows.FACTOR + row + k]
     for row in range(0, 4 * LANES, LANES):
         for k in range(lanes):
-            w[INLIER + row + k] += w[FACTOR + row + k]
+            w[rows.INLIER + row + k] += w[rows.FACTOR + row + k]
 
 
 @vectorised
@@ -52,31 +38,33 @@ def mix(w, log_inlier_weight):
     """
     lanes = lane_count(w)
     for k in range(lanes):
-        inlier, other = log_inlier_weight + w[INLIER + k], w[OUTLIER + k]
+        inlier, other = log_inlier_weight + w[rows.INLIER + k], w[rows.OUTLIER + k]
         gap = other - inlier
         ratio = exp(-abs(gap))  # of the smaller over the larger
-        ratio = 0.0 if abs(gap) > GATE else ratio
+        ratio = 0.0 if abs(gap) > layout.GATE else ratio
         larger = 1.0 / (1.0 + ratio)
-        w[SHARE + k] = ratio * larger if gap > 0.0 else larger
-        w[SHARES + k] += w[COUNTS + k] * w[SHARE + k]
-        w[INLIER + k] = max(inlier, other) + log(1.0 + ratio)
-    for row in range(G0, A22 + LANES, LANES):
+        w[rows.SHARE + k] = ratio * larger if gap > 0.0 else larger
+        w[rows.SHARES + k] += w[rows.COUNTS + k] * w[rows.SHARE + k]
+        w[rows.INLIER + k] = max(inlier, other) + log(1.0 + ratio)
+    for row in range(rows.G0, rows.A22 + LANES, LANES):
         for k in range(lanes):
-            share = w[SHARE + k]
-            w[INLIER + row + k] = share * w[INLIER + row + k] + (1.0 - share) * w[OUTLIER + row + k]
+            share = w[rows.SHARE + k]
+            w[rows.INLIER + row + k] = (
+                share * w[rows.INLIER + row + k] + (1.0 - share) * w[rows.OUTLIER + row + k]
+            )
 
 
 @vectorised
 def fuse_likelihood(w):
     """Product over the targets: add log q_k and its derivatives to the totals."""
     lanes = lane_count(w)
-    for row, i, j in SECOND:
+    for row, i, j in rows.SECOND:
         for k in range(lanes):
-            curved = w[INLIER + row + k] - w[INLIER + i + k] * w[INLIER + j + k]
-            w[TOTAL + row + k] += w[COUNTS + k] * curved
+            curved = w[rows.INLIER + row + k] - w[rows.INLIER + i + k] * w[rows.INLIER + j + k]
+            w[rows.TOTAL + row + k] += w[rows.COUNTS + k] * curved
     for row in range(0, 4 * LANES, LANES):
         for k in range(lanes):
-            w[TOTAL + row + k] += w[COUNTS + k] * w[INLIER + row + k]
+            w[rows.TOTAL + row + k] += w[rows.COUNTS + k] * w[rows.INLIER + row + k]
 
 
 @vectorised
@@ -84,13 +72,15 @@ def fuse_summing(w):
     """Sum over the targets: add q_k exp(-TOP) and its derivatives, TOP rising with the largest."""
     lanes = lane_count(w)
     for k in range(lanes):
-        top = max(w[TOP + k], w[INLIER + k])
-        keep = exp(w[TOP + k] - top)
-        own = w[COUNTS + k] * exp(w[INLIER + k] - top)
-        w[TOP + k] = top
-        w[TOTAL + k] = keep * w[TOTAL + k] + own
-        for row in range(G0, A22 + LANES, LANES):
-            w[TOTAL + row + k] = keep * w[TOTAL + row + k] + own * w[INLIER + row + k]
+        top = max(w[rows.TOP + k], w[rows.INLIER + k])
+        keep = exp(w[rows.TOP + k] - top)
+        own = w[rows.COUNTS + k] * exp(w[rows.INLIER + k] - top)
+        w[rows.TOP + k] = top
+        w[rows.TOTAL + k] = keep * w[rows.TOTAL + k] + own
+        for row in range(rows.G0, rows.A22 + LANES, LANES):
+            w[rows.TOTAL + row + k] = (
+                keep * w[rows.TOTAL + row + k] + own * w[rows.INLIER + row + k]
+            )
 
 
 @inlined

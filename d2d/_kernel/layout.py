@@ -1,4 +1,4 @@
-"""The layout of what the kernel works on: constants, rows of the scratch array, pairs."""
+"""The layout of what the kernel works on: constants, and what is passed from Python."""
 
 import math
 import threading
@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._kernel.compile import inlined, merged
+from d2d._kernel import rows
+from d2d._kernel.compile import merged
+from d2d._kernel.rows import LANES
 
 X, Y, XX, XY, YY, WEIGHT = range(6)  # rows of a packed point set
 VALUE, VARIANCE, INPUT_VARIANCE, GAIN, SLOPE = 0, 1, 2, 3, 6  # columns of a packed measurement
@@ -36,68 +38,6 @@ GATE = 36.0  # what is below exp(-GATE) = 2e-16 of something does not count besi
 # larger than it, and exponents above MAX_EXPONENT are cut off.
 ABOVE, MAX_EXPONENT = 1.0 + 1e-14, 200.0
 LOG_2PI = math.log(2.0 * math.pi)
-
-# The scratch array of a block of targets, one target to a vector lane.  Each row has LANES numbers,
-# and a row's name is where it begins.  Four tables begin at INLIER, OUTLIER, FACTOR and TOTAL; each
-# holds the logarithm of a density and its derivatives: the gradient G0, G1, G2 and the second
-# derivatives A00 to A22, along t_x, t_y and phi.
-LANES = 8
-G0, G1, G2, A00, A01, A11, A02, A12, A22 = range(LANES, 10 * LANES, LANES)
-INLIER, OUTLIER, FACTOR, TOTAL = range(0, 40 * LANES, 10 * LANES)
-# In the end, with the measurement and the outliers in it: log q_k and its derivatives.
-LOG_DENSITY = INLIER
-GRADIENT = (INLIER + G0, INLIER + G1, INLIER + G2)
-CURVATURE = tuple(
-    INLIER + row for row in (A00, A01, A02, A01, A11, A12, A02, A12, A22)
-)  # a full matrix, row by row
-# The rotated mean and covariance of each target, whether it counts (the last block may be filled
-# up), a maximum of logarithms, and the inlier component's share, with its sum over the blocks.
-MX, MY, CXX, CXY, CYY, COUNTS, TOP, SHARE, SHARES = range(40 * LANES, 49 * LANES, LANES)
-# What the search for its neighbours needs to know of a target (see neighbours.py).
-CUT_OFF, LIMIT, SQUARE, DETERMINANT, NEAREST, WITHIN, NUMBER = range(49 * LANES, 56 * LANES, LANES)
-PEAK, LARGEST, SMALLEST, OUTLIER_FLOOR = range(56 * LANES, 60 * LANES, LANES)
-# The logarithm by which the weights of a sum over the components are raised, and the inverse of
-# that sum, which makes shares of them: of the inlier density and of the outlier component.
-OFFSET, TO_SHARE, OUTLIER_OFFSET, OUTLIER_TO_SHARE = range(60 * LANES, 64 * LANES, LANES)
-# What the second pass of the propagation adds up for each target (see propagate.py).
-SCALE, OUTLIER_SCALE, GAMMA = range(64 * LANES, 67 * LANES, LANES)
-MEAN, CENTRED, MOVED = 67 * LANES, 70 * LANES, 73 * LANES
-ONE_STEP = 79 * LANES  # a component that all targets of a block are paired with
-POLYNOMIAL = 85 * LANES  # of one coordinate for each target, with its derivatives (see tiles.py)
-TERMS = POLYNOMIAL  # of a step of the propagation
-IS_TILED = 133 * LANES  # whether a block's outlier component is interpolated
-SCRATCH = 134 * LANES
-
-# The neighbours of a block of targets: where they were when their lists were made, how far they may
-# move from there, and down to where their outlier component may sink; the lists' common length.
-# Then follow copies of the components, STEP numbers for one of each target: the six of a packed set,
-# and its INDEX.
-AT_X, AT_Y, AT_COSINE, AT_SINE, REACH, SLACK, FLOOR, LEAST_SUM = range(0, 8 * LANES, LANES)
-LENGTH, MEASURED, MARGIN = range(8 * LANES, 8 * LANES + 3)
-PLACE = 9 * LANES
-DENSE, NOT_FOUND = -1, -2  # lengths of lists: all components, and none found yet
-INDEX = 6
-STEP = 7 * LANES
-CHUNK = 48  # components are marked in chunks, one bit each: a double holds 53 bits exactly
-
-# Row of each second derivative with the two gradient rows that belong to it.
-SECOND = (
-    (A00, G0, G0),
-    (A01, G0, G1),
-    (A11, G1, G1),
-    (A02, G0, G2),
-    (A12, G1, G2),
-    (A22, G2, G2),
-)
-
-
-@inlined
-def lane_count(w):
-    """LANES as a value that is known only at run time.
-
-    The compiler unrolls loops whose length it knows, and vectorises the others.
-    """
-    return w.shape[0] // (SCRATCH // LANES)
 
 
 class Pair(NamedTuple):
@@ -165,10 +105,10 @@ class Batch(NamedTuple):
 class Memory(NamedTuple):
     """The memory that one thread needs, see `own_memory`."""
 
-    scratch: Any  # rows of the passes over the targets, see above
-    places: Any  # (blocks, PLACE and more) the neighbours of each block of a problem's targets
-    chosen: Any  # (2, targets of a fixed set) of int, for the search of neighbours
-    rows: Any  # (17, 3) of the descent, see `work_in`
+    scratch: Any  # of the passes over the targets, see `rows`
+    lists: Any  # (blocks, PLACE and more) the neighbours of each block of a problem's targets
+    candidates: Any  # (2, targets of a fixed set) of int, for the search of neighbours
+    descent: Any  # (17, 3) of the descent, see `work_in`
 
 
 class Work(NamedTuple):
@@ -192,21 +132,8 @@ def work_in(memory):
 
     One array takes less time on the way from Python than nine.
     """
-    rows = memory.rows
-    step, scale, trial, trial_gradient = rows[0], rows[1], rows[2], rows[3]
-    motion, gradient = rows[4], rows[5]
-    return Work(
-        memory,
-        step,
-        scale,
-        trial,
-        trial_gradient,
-        rows[6:9],
-        motion,
-        gradient,
-        rows[9:12],
-        rows[12:17],
-    )
+    d = memory.descent
+    return Work(memory, d[0], d[1], d[2], d[3], d[6:9], d[4], d[5], d[9:12], d[12:17])
 
 
 _OF_THREAD = threading.local()
@@ -222,15 +149,15 @@ def own_memory(blocks: int, targets: int) -> Memory:
     if getattr(_OF_THREAD, "size", None) == (blocks, targets):
         memory = _OF_THREAD.memory
         return memory
-    row = PLACE + min(targets, 64 + targets // 8) * STEP
+    row = rows.PLACE + min(targets, 64 + targets // 8) * rows.STEP
     whole = getattr(_OF_THREAD, "whole", None)
-    if whole is None or whole.places.size < blocks * row or whole.chosen.size < 2 * targets:
-        chosen = np.empty(2 * targets, dtype=np.int64)
-        places, scratch = _aligned(blocks * row), _aligned(SCRATCH)
-        whole = _OF_THREAD.whole = Memory(scratch, places, chosen, np.empty((17, 3)))
-    places = whole.places[: blocks * row].reshape(blocks, row)
-    chosen = whole.chosen[: 2 * targets].reshape(2, targets)
-    memory = _OF_THREAD.memory = whole._replace(places=places, chosen=chosen)
+    if whole is None or whole.lists.size < blocks * row or whole.candidates.size < 2 * targets:
+        candidates = np.empty(2 * targets, dtype=np.int64)
+        lists, scratch = _aligned(blocks * row), _aligned(rows.SCRATCH)
+        whole = _OF_THREAD.whole = Memory(scratch, lists, candidates, np.empty((17, 3)))
+    lists = whole.lists[: blocks * row].reshape(blocks, row)
+    candidates = whole.candidates[: 2 * targets].reshape(2, targets)
+    memory = _OF_THREAD.memory = whole._replace(lists=lists, candidates=candidates)
     _OF_THREAD.size = blocks, targets
     return memory
 

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 
+from d2d._kernel import layout
 from d2d._kernel.compile import compiled, inlined, merged
 from d2d._kernel.cost import evaluate, pair_at
-from d2d._kernel.layout import GATE, LIKELIHOOD, MOTION, MOVING_SIZE, XX, YY, Accuracy, X, Y
+from d2d._kernel.layout import XX, YY, Accuracy, X, Y
 from d2d._kernel.neighbours import forget_neighbours
 
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
@@ -15,15 +16,15 @@ SINGULAR = 1e-8
 ROUNDING = 2e-15  # error of a cost, relative to its size plus the number of targets
 RESOLVED = 1e-8  # Newton decrement: 1e-4 standard deviations from the optimum
 
-# With more components than FEW the first steps are rough: less of a target's density counts, so that
-# it has half the neighbours.  They end where a step would gain less than NEAR of the cost, about 0.1
-# standard deviations from the optimum, or after MOST_ROUGH.  The sum, which is flat along valleys
-# that little can turn, has none; nor has a problem with measurements, which is steep along them,
-# so that a few steps are enough and no time is saved.
+# With more than FEW components the first steps are rough: less of a target's density counts, so
+# that it has half the neighbours.  They end where a step would lower the cost by less than NEAR,
+# about 0.1 standard deviations from the optimum, or after MOST_ROUGH.  The sum, which is flat along
+# valleys that little can turn, has none; nor has a problem with measurements, which is steep along
+# them, so that a few steps are enough and no time is saved.
 FEW, NEAR, MOST_ROUGH = 64, 1e-2, 8
 # Targets hardly move any more in the steps that follow rough ones.  1e-13 of a density is enough
 # there: the lists would be a tenth longer otherwise.
-ROUGH, EXACT, LAST = Accuracy(6.0, 1.0), Accuracy(GATE, 1.0), Accuracy(30.0, 0.2)
+ROUGH, EXACT, LAST = Accuracy(6.0, 1.0), Accuracy(layout.GATE, 1.0), Accuracy(30.0, 0.2)
 
 
 @compiled
@@ -227,15 +228,15 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     pair = pair_at(batch, batch.first[problem])
     step, scale, trial = work.step, work.scale, work.trial
     radius = first_radius(pair, scale)
-    if batch.kind != MOTION:
+    if batch.kind != layout.MOTION:
         radius /= batch.intervals[batch.first[problem]]
     targets = 0
     for number in range(batch.first[problem], batch.first[problem + 1]):
-        targets += batch.pairs[number, MOVING_SIZE]
+        targets += batch.pairs[number, layout.MOVING_SIZE]
     for j in range(3):
         trial[j] = theta[j]
-    forget_neighbours(work.memory.places)
-    plain = batch.fusion == LIKELIHOOD and pair.factors.shape[0] == 0
+    forget_neighbours(work.memory.lists)
+    plain = batch.fusion == layout.LIKELIHOOD and pair.factors.shape[0] == 0
     rough = plain and pair.fixed.shape[1] > FEW and max_iterations > MOST_ROUGH + 1
     accuracy = ROUGH if rough else EXACT
     # the start is the first trial: a second call of `evaluate` would be compiled a second time
@@ -281,5 +282,5 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
         if rough and (decrease <= NEAR or tried >= MOST_ROUGH):
             value = np.inf  # the next cost is not to be compared with rough ones
             rough, accuracy = False, LAST
-            forget_neighbours(work.memory.places)
+            forget_neighbours(work.memory.lists)
     return value, False, max_iterations, shares / targets

@@ -13,49 +13,12 @@ Each target is paired only with the components near it, see ``neighbours.py``.
 
 import math
 
+from d2d._kernel import layout, rows
 from d2d._kernel.compile import compiled, inlined, vectorised
 from d2d._kernel.elementary import exp, log
-from d2d._kernel.layout import (
-    A00,
-    A01,
-    A02,
-    A11,
-    A12,
-    A22,
-    COUNTS,
-    CXX,
-    CXY,
-    CYY,
-    DENSE,
-    G0,
-    G1,
-    G2,
-    INLIER,
-    LANES,
-    LEAST_ROOT,
-    LEAST_SUM,
-    LEAST_VARIANCE,
-    LENGTH,
-    LOG_2PI,
-    MAX_EXPONENT,
-    MEAN_ROOT,
-    MX,
-    MY,
-    OFFSET,
-    ONE_STEP,
-    PLACE,
-    STEP,
-    TO_SHARE,
-    TOTAL_WEIGHT,
-    WEIGHT,
-    XX,
-    XY,
-    YY,
-    X,
-    Y,
-    lane_count,
-)
+from d2d._kernel.layout import WEIGHT, XX, XY, YY, X, Y
 from d2d._kernel.neighbours import difference
+from d2d._kernel.rows import LANES, lane_count
 
 FAR = 1000.0  # times its own size away, a set is registered about its mean
 TINY = 1e-300  # where each sum begins, so that the logarithm of an empty one is finite
@@ -71,15 +34,15 @@ def load_block(w, moving, order, setting, first):
     for k in range(lanes):
         j = order[min(first + k, last)]
         x, y = moving[X, j], moving[Y, j]
-        w[MX + k] = cosine * x - sine * y
-        w[MY + k] = sine * x + cosine * y
-        w[OFFSET + k] = 0.0
-        w[COUNTS + k] = 1.0 if first + k <= last else 0.0
+        w[rows.MX + k] = cosine * x - sine * y
+        w[rows.MY + k] = sine * x + cosine * y
+        w[rows.OFFSET + k] = 0.0
+        w[rows.COUNTS + k] = 1.0 if first + k <= last else 0.0
         sxx, sxy = moving[XX, j] * d2d, moving[XY, j] * d2d
         syy = moving[YY, j] * (d2d * setting.planar)
-        w[CXX + k] = cc * sxx - 2.0 * cs * sxy + ss * syy
-        w[CXY + k] = cs * (sxx - syy) + (cc - ss) * sxy
-        w[CYY + k] = ss * sxx + 2.0 * cs * sxy + cc * syy
+        w[rows.CXX + k] = cc * sxx - 2.0 * cs * sxy + ss * syy
+        w[rows.CXY + k] = cs * (sxx - syy) + (cc - ss) * sxy
+        w[rows.CYY + k] = ss * sxx + 2.0 * cs * sxy + cc * syy
 
 
 @vectorised
@@ -111,26 +74,26 @@ def add_step(w, step, setting):
         dx, dy, sxx, sxy, syy, square, determinant = difference(
             w, k, component_at(step, k, setting)
         )
-        a, h = w[CXY + k], 0.5 * (w[CXX + k] - w[CYY + k])
+        a, h = w[rows.CXY + k], 0.5 * (w[rows.CXX + k] - w[rows.CYY + k])
         inverse = 1.0 / determinant
         half = 0.5 * square * inverse
         bxx, bxy, byy = syy * inverse, -sxy * inverse, sxx * inverse
         ux, uy = bxx * dx + bxy * dy, bxy * dx + byy * dy
         weight = step[WEIGHT * LANES + k] * math.sqrt(inverse)
-        weight *= exp(min(w[OFFSET + k] - half, MAX_EXPONENT))
+        weight *= exp(min(w[rows.OFFSET + k] - half, layout.MAX_EXPONENT))
         mx, my = h * uy - a * ux, h * ux + a * uy  # M u
         trace = a * (byy - bxx) + 2.0 * h * bxy  # tr(M B)
         turned = ux * mx + uy * my - trace  # K
         bmx, bmy = bxx * mx + bxy * my, bxy * mx + byy * my  # B M u
-        w[INLIER + k] += weight
-        w[INLIER + G0 + k] -= weight * ux
-        w[INLIER + G1 + k] -= weight * uy
-        w[INLIER + A00 + k] += weight * (ux * ux - bxx)
-        w[INLIER + A01 + k] += weight * (ux * uy - bxy)
-        w[INLIER + A11 + k] += weight * (uy * uy - byy)
-        w[INLIER + A02 + k] += weight * (2.0 * bmx - ux * turned)
-        w[INLIER + A12 + k] += weight * (2.0 * bmy - uy * turned)
-        w[INLIER + A22 + k] += weight * (
+        w[rows.INLIER + k] += weight
+        w[rows.INLIER + rows.G0 + k] -= weight * ux
+        w[rows.INLIER + rows.G1 + k] -= weight * uy
+        w[rows.INLIER + rows.A00 + k] += weight * (ux * ux - bxx)
+        w[rows.INLIER + rows.A01 + k] += weight * (ux * uy - bxy)
+        w[rows.INLIER + rows.A11 + k] += weight * (uy * uy - byy)
+        w[rows.INLIER + rows.A02 + k] += weight * (2.0 * bmx - ux * turned)
+        w[rows.INLIER + rows.A12 + k] += weight * (2.0 * bmy - uy * turned)
+        w[rows.INLIER + rows.A22 + k] += weight * (
             turned * turned
             - 4.0 * (mx * bmx + my * bmy)
             + 2.0 * (trace * trace + 2.0 * (a * a + h * h) * inverse)
@@ -148,27 +111,27 @@ def repeat(step, fixed, i):
 @vectorised
 def add_all(w, fixed, setting):
     """Sum over all components, see `add_step`."""
-    step = w[ONE_STEP : ONE_STEP + 6 * LANES]
+    step = w[rows.ONE_STEP : rows.ONE_STEP + 6 * LANES]
     for i in range(fixed.shape[1]):
         repeat(step, fixed, i)
         add_step(w, step, setting)
 
 
 @compiled
-def sum_inliers(w, fixed, setting, place):
-    """Sum over the neighbours at a block's ``place``; whether these were enough."""
+def sum_inliers(w, fixed, setting, lists):
+    """Sum over the neighbours at a block's ``lists``; whether these were enough."""
     for k in range(10 * LANES):
-        w[INLIER + k] = 0.0
+        w[rows.INLIER + k] = 0.0
     for k in range(LANES):
-        w[INLIER + k] = TINY
-    length = int(place[LENGTH])
-    if length == DENSE:
+        w[rows.INLIER + k] = TINY
+    length = int(lists[rows.LENGTH])
+    if length == rows.DENSE:
         add_all(w, fixed, setting)
-    for at in range(PLACE, PLACE + length * STEP, STEP):
-        add_step(w, place[at : at + STEP], setting)
+    for at in range(rows.PLACE, rows.PLACE + length * rows.STEP, rows.STEP):
+        add_step(w, lists[at : at + rows.STEP], setting)
     complete = True
     for k in range(lane_count(w)):
-        complete &= w[INLIER + k] >= place[LEAST_SUM + k]
+        complete &= w[rows.INLIER + k] >= lists[rows.LEAST_SUM + k]
     return complete
 
 
@@ -183,26 +146,35 @@ def finish_inliers(w):
     """
     lanes = lane_count(w)
     for k in range(lanes):
-        x, y, a, h = w[MX + k], w[MY + k], w[CXY + k], 0.5 * (w[CXX + k] - w[CYY + k])
-        r = w[TO_SHARE + k] = 1.0 / w[INLIER + k]
-        g0, g1 = r * w[INLIER + G0 + k], r * w[INLIER + G1 + k]
-        a00, a01, a11 = r * w[INLIER + A00 + k], r * w[INLIER + A01 + k], r * w[INLIER + A11 + k]
-        k0, k1 = r * w[INLIER + A02 + k], r * w[INLIER + A12 + k]
-        w[INLIER + k] = log(w[INLIER + k]) - w[OFFSET + k] - LOG_2PI
-        w[INLIER + G0 + k] = g0
-        w[INLIER + G1 + k] = g1
-        w[INLIER + G2 + k] = x * g1 - y * g0 + a * (a11 - a00) + 2.0 * h * a01
-        w[INLIER + A00 + k] = a00
-        w[INLIER + A01 + k] = a01
-        w[INLIER + A11 + k] = a11
-        w[INLIER + A02 + k] = x * a01 - y * a00 + k0
-        w[INLIER + A12 + k] = x * a11 - y * a01 + k1
-        w[INLIER + A22 + k] = (
+        x, y, a, h = (
+            w[rows.MX + k],
+            w[rows.MY + k],
+            w[rows.CXY + k],
+            0.5 * (w[rows.CXX + k] - w[rows.CYY + k]),
+        )
+        r = w[rows.TO_SHARE + k] = 1.0 / w[rows.INLIER + k]
+        g0, g1 = r * w[rows.INLIER + rows.G0 + k], r * w[rows.INLIER + rows.G1 + k]
+        a00, a01, a11 = (
+            r * w[rows.INLIER + rows.A00 + k],
+            r * w[rows.INLIER + rows.A01 + k],
+            r * w[rows.INLIER + rows.A11 + k],
+        )
+        k0, k1 = r * w[rows.INLIER + rows.A02 + k], r * w[rows.INLIER + rows.A12 + k]
+        w[rows.INLIER + k] = log(w[rows.INLIER + k]) - w[rows.OFFSET + k] - layout.LOG_2PI
+        w[rows.INLIER + rows.G0 + k] = g0
+        w[rows.INLIER + rows.G1 + k] = g1
+        w[rows.INLIER + rows.G2 + k] = x * g1 - y * g0 + a * (a11 - a00) + 2.0 * h * a01
+        w[rows.INLIER + rows.A00 + k] = a00
+        w[rows.INLIER + rows.A01 + k] = a01
+        w[rows.INLIER + rows.A11 + k] = a11
+        w[rows.INLIER + rows.A02 + k] = x * a01 - y * a00 + k0
+        w[rows.INLIER + rows.A12 + k] = x * a11 - y * a01 + k1
+        w[rows.INLIER + rows.A22 + k] = (
             y * y * a00
             - 2.0 * x * y * a01
             + x * x * a11
             + 2.0 * (x * k1 - y * k0)
-            + r * w[INLIER + A22 + k]
+            + r * w[rows.INLIER + rows.A22 + k]
             - x * g0
             - y * g1
             + 2.0 * h * (a11 - a00)
@@ -222,8 +194,8 @@ def find_extremes(points, extremes):
         mean += root / count
         least = min(least, root)
         variance = min(variance, determinant / (0.5 * (xx + yy) + math.sqrt(half * half + xy * xy)))
-    extremes[TOTAL_WEIGHT], extremes[MEAN_ROOT] = total, mean
-    extremes[LEAST_ROOT], extremes[LEAST_VARIANCE] = least, variance
+    extremes[layout.TOTAL_WEIGHT], extremes[layout.MEAN_ROOT] = total, mean
+    extremes[layout.LEAST_ROOT], extremes[layout.LEAST_VARIANCE] = least, variance
 
 
 @compiled

@@ -21,30 +21,11 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from d2d._kernel import layout
+from d2d._kernel import layout, rows
 from d2d._kernel.compile import compiled, entry, inlined, vectorised
 from d2d._kernel.elementary import exp
-from d2d._kernel.layout import (
-    A00,
-    A01,
-    A11,
-    G0,
-    G1,
-    LANES,
-    MX,
-    MY,
-    NUMBER,
-    OUTLIER,
-    POLYNOMIAL,
-    PRECISION_XX,
-    PRECISION_XY,
-    PRECISION_YY,
-    WEIGHT,
-    WITHIN,
-    X,
-    Y,
-    lane_count,
-)
+from d2d._kernel.layout import WEIGHT, X, Y
+from d2d._kernel.rows import LANES, lane_count
 
 NODES = 16
 ACCURACY = 1e-9
@@ -74,9 +55,9 @@ _TRANSPOSED = np.ascontiguousarray(_COEFFICIENTS.T)
 @inlined
 def root_of(outlier):
     """The upper triangular U with the precision U' U: xx, xy, yy."""
-    xx = math.sqrt(outlier[PRECISION_XX])
-    xy = outlier[PRECISION_XY] / xx
-    return xx, xy, math.sqrt(outlier[PRECISION_YY] - xy * xy)
+    xx = math.sqrt(outlier[layout.PRECISION_XX])
+    xy = outlier[layout.PRECISION_XY] / xx
+    return xx, xy, math.sqrt(outlier[layout.PRECISION_YY] - xy * xy)
 
 
 @vectorised
@@ -140,17 +121,17 @@ def fill(places, weights, grid, factors, work, tiles):
     field, ``factors`` and ``work`` memory, and ``tiles`` (C * rows * columns, TILE).
     """
     across, along, weighted = factors
-    columns, rows = int(grid[COLUMNS]), int(grid[ROWS])
+    width, height = int(grid[COLUMNS]), int(grid[ROWS])
     nodes, between = 2 * lane_count(work), work[: NODES * NODES]
     tiles[:] = 0.0
     for first in range(0, places.shape[1], SOURCES):
-        place_sources(first, places[0], grid[LEFT], across[:columns], nodes)
-        place_sources(first, places[1], grid[BOTTOM], along[:rows], nodes)
+        place_sources(first, places[0], grid[LEFT], across[:width], nodes)
+        place_sources(first, places[1], grid[BOTTOM], along[:height], nodes)
         for channel in range(weights.shape[0]):
-            for r in range(rows):
+            for r in range(height):
                 weigh_sources(first, weights[channel], along[r], weighted, nodes)
-                for c in range(columns):
-                    tile = tiles[(channel * rows + r) * columns + c]
+                for c in range(width):
+                    tile = tiles[(channel * height + r) * width + c]
                     add_sources(tile, across[c], weighted, nodes)
     for t in range(tiles.shape[0]):
         fit(tiles[t], between, nodes)
@@ -163,7 +144,7 @@ def fill_tiles(places, weights, grid, factors, work, tiles):
 
 
 @vectorised
-def sum_rows(rows, tile, v, nodes):
+def sum_rows(powers, tile, v, nodes):
     """The polynomial of each power of u, at v, with first and half the second derivative."""
     for j in range(nodes):
         value = first = second = 0.0
@@ -171,9 +152,9 @@ def sum_rows(rows, tile, v, nodes):
             second = second * v + first
             first = first * v + value
             value = value * v + tile[n * NODES + j]
-        rows[j] = value
-        rows[NODES + j] = first
-        rows[2 * NODES + j] = second
+        powers[j] = value
+        powers[NODES + j] = first
+        powers[2 * NODES + j] = second
 
 
 @vectorised
@@ -181,7 +162,7 @@ def sum_columns(w, root):
     """A field's value and derivatives at a block's positions, from what `sum_rows` leaves."""
     xx, xy, yy = root
     for k in range(lane_count(w)):
-        at, u = POLYNOMIAL + 3 * NODES * k, w[WITHIN + k]
+        at, u = rows.POLYNOMIAL + 3 * NODES * k, w[rows.WITHIN + k]
         f = fu = fuu = fv = fuv = fvv = 0.0
         for j in range(NODES - 1, -1, -1):
             fuu = fuu * u + fu
@@ -191,12 +172,12 @@ def sum_columns(w, root):
             fv = fv * u + w[at + NODES + j]
             fvv = fvv * u + w[at + 2 * NODES + j]
         fuu, fvv = 2.0 * fuu, 2.0 * fvv
-        w[OUTLIER + k] = f
-        w[OUTLIER + G0 + k] = xx * fu
-        w[OUTLIER + G1 + k] = xy * fu + yy * fv
-        w[OUTLIER + A00 + k] = xx * xx * fuu
-        w[OUTLIER + A01 + k] = xx * (xy * fuu + yy * fuv)
-        w[OUTLIER + A11 + k] = xy * (xy * fuu + 2.0 * yy * fuv) + yy * yy * fvv
+        w[rows.OUTLIER + k] = f
+        w[rows.OUTLIER + rows.G0 + k] = xx * fu
+        w[rows.OUTLIER + rows.G1 + k] = xy * fu + yy * fv
+        w[rows.OUTLIER + rows.A00 + k] = xx * xx * fuu
+        w[rows.OUTLIER + rows.A01 + k] = xx * (xy * fuu + yy * fuv)
+        w[rows.OUTLIER + rows.A11 + k] = xy * (xy * fuu + 2.0 * yy * fuv) + yy * yy * fvv
 
 
 @inlined
@@ -206,29 +187,29 @@ def interpolate(w, tiles, grid, root, setting):
     Returns whether all lie on the tiles, and are so large that the error does not matter.
     """
     xx, xy, yy = root
-    columns, rows = int(grid[COLUMNS]), int(grid[ROWS])
+    width, height = int(grid[COLUMNS]), int(grid[ROWS])
     for k in range(LANES):
-        x, y = w[MX + k] + setting.x, w[MY + k] + setting.y
+        x, y = w[rows.MX + k] + setting.x, w[rows.MY + k] + setting.y
         u, v = 0.5 * (xx * x + xy * y - grid[LEFT]), 0.5 * (yy * y - grid[BOTTOM])
-        if not (0.0 <= u < columns and 0.0 <= v < rows):
+        if not (0.0 <= u < width and 0.0 <= v < height):
             return False
         c, r = int(u), int(v)
-        tile = tiles[r * columns + c]
-        w[WITHIN + k], w[NUMBER + k] = 2.0 * (u - c) - 1.0, tile[BOUND]
-        begin = POLYNOMIAL + 3 * NODES * k
+        tile = tiles[r * width + c]
+        w[rows.WITHIN + k], w[rows.NUMBER + k] = 2.0 * (u - c) - 1.0, tile[BOUND]
+        begin = rows.POLYNOMIAL + 3 * NODES * k
         sum_rows(w[begin : begin + 3 * NODES], tile, 2.0 * (v - r) - 1.0, 2 * lane_count(w))
     sum_columns(w, root)
     enough = True
     for k in range(LANES):
-        enough &= w[OUTLIER + k] >= w[NUMBER + k]
+        enough &= w[rows.OUTLIER + k] >= w[rows.NUMBER + k]
     return enough
 
 
-def memory_for(columns: int, rows: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+def memory_for(width: int, height: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """The factors that `fill` needs for so many columns and rows of tiles."""
     return (
-        np.empty((columns, SOURCES, NODES)),
-        np.empty((rows, SOURCES, NODES)),
+        np.empty((width, SOURCES, NODES)),
+        np.empty((height, SOURCES, NODES)),
         np.empty((SOURCES, NODES)),
     )
 
@@ -251,16 +232,16 @@ def tiles_of(sets: NDArray[Any], outlier: NDArray[Any]) -> tuple[NDArray[Any], N
     shape = np.ceil(0.5 * (high - low) + BORDER)
     corner = 0.5 * (low + high) - shape
     for b in np.flatnonzero(shape.prod(axis=-1) <= size):
-        columns, rows = shape[b].astype(int)
+        width, height = shape[b].astype(int)
         grids[b] = *shape[b], *corner[b], sum(map(len, filled))
-        weights, tiles = sets[b, WEIGHT : WEIGHT + 1], np.empty((columns * rows, TILE))
+        weights, tiles = sets[b, WEIGHT : WEIGHT + 1], np.empty((width * height, TILE))
         scratch = layout.own_memory(1, 1).scratch
-        fill_tiles(places[b], weights, grids[b], memory_for(columns, rows), scratch, tiles)
+        fill_tiles(places[b], weights, grids[b], memory_for(width, height), scratch, tiles)
         near = [
             np.exp(-0.25 * np.clip(np.abs(line[:, None] - own) - 1.0, 0.0, None) ** 2)
             for line, own in (
-                (corner[b, 0] + 1.0 + 2.0 * np.arange(columns), places[b, 0]),
-                (corner[b, 1] + 1.0 + 2.0 * np.arange(rows), places[b, 1]),
+                (corner[b, 0] + 1.0 + 2.0 * np.arange(width), places[b, 0]),
+                (corner[b, 1] + 1.0 + 2.0 * np.arange(height), places[b, 1]),
             )
         ]
         tiles[:, BOUND] = _ERROR / ACCURACY * ((near[1] * weights) @ near[0].T).ravel()
