@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._bounds import check_real
 from d2d._checks import (
     broadcast_batches,
     check_finite,
     check_instance,
+    check_real,
     check_shape,
     symmetrise,
 )
@@ -19,7 +19,6 @@ from d2d._kernel.errors import add_measurements, add_positions
 from d2d._kernel.newton import SINGULAR
 from d2d._types import Array
 from d2d.cost import RegistrationCost
-from d2d.frame import Frame, is_far
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 from d2d.problem import Bound, CrossDerivatives, Estimate, Problem, flat_index
@@ -109,15 +108,19 @@ def propagate_covariance(
     bound, slope = problem.bind(theta), None
     if position_slope is not None:
         slope = _checked_slope(position_slope, moving, measurement, bound.shape)
-    if not is_far(fixed, moving, measurement):
-        check_estimate(estimate, problem, bound)
+    check_estimate(estimate, problem, bound)
+    if measurement is not None:
         return _definite(estimate.covariance, _noise(problem, bound, slope))
-    frame = Frame.of_far_sets(fixed, moving)
-    problem = cost.problem(*frame.shifted(fixed, moving))
-    bound = problem.bind(frame.inward(theta))
-    check_estimate(estimate, problem, bound, hessians=False)  # that of the estimate is not shifted
-    inverse = frame.covariance_inward(theta, estimate.covariance)
-    return frame.covariance_outward(theta, _definite(inverse, _noise(problem, bound, None)))
+    bound, inward = problem.about_centres(bound)
+    inverse = in_coordinates(inward, estimate.covariance)
+    outward = 2.0 * np.eye(problem.parameters) - inward
+    return in_coordinates(outward, _definite(inverse, _noise(problem, bound, None)))
+
+
+def in_coordinates(slope: Array, covariance: Array) -> Array:
+    """J C J' (..., P, P), exactly symmetric, with the derivative J of other coordinates."""
+    moved = slope @ covariance @ np.swapaxes(slope, -1, -2)
+    return np.asarray(0.5 * (moved + np.swapaxes(moved, -1, -2)))
 
 
 def propagated(inverse: Array, noise: Array) -> Array:
@@ -186,19 +189,16 @@ def _measurement_errors(
     return (read_only(whole, *shape), read_only(none[..., 0], *shape)), read_only(none, *none.shape)
 
 
-def check_estimate(
-    estimate: Estimate, problem: Problem, bound: Bound, *, hessians: bool = True
-) -> None:
-    """Raise a ValueError if an estimate that converged is one of another cost, or of other sets.
+def check_estimate(estimate: Estimate, problem: Problem, bound: Bound) -> None:
+    """Raise a ValueError if the estimate is not an optimum of this cost for these sets.
 
-    Its cost and Hessian are then not those of the problem at its parameters.
+    Its cost and Hessian are then not the problem's at its parameters.
     """
     value, _, hessian = problem.derivatives(bound)
     off = np.abs(value - estimate.value) > _SAME * (1.0 + np.abs(value))
-    if hessians:
-        root = np.sqrt(np.abs(np.diagonal(hessian, axis1=-2, axis2=-1)))
-        bent = np.abs(hessian - estimate.hessian) > _SAME * root[..., :, None] * root[..., None, :]
-        off = off | bent.any(axis=(-2, -1))
+    root = np.sqrt(np.abs(np.diagonal(hessian, axis1=-2, axis2=-1)))
+    bent = np.abs(hessian - estimate.hessian) > _SAME * root[..., :, None] * root[..., None, :]
+    off = off | bent.any(axis=(-2, -1))
     off = off & np.isfinite(estimate.covariance).all(axis=(-2, -1))
     if off.any():
         raise ValueError(

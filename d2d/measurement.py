@@ -6,8 +6,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._bounds import NOT_NEGATIVE, SCALE
-from d2d._checks import broadcast_batches, check_finite, check_positive, check_shape
+from d2d._checks import (
+    NOT_NEGATIVE,
+    SCALE,
+    broadcast_batches,
+    check_finite,
+    check_positive,
+    check_shape,
+)
 from d2d._frozen import Frozen
 from d2d._kernel import layout
 from d2d._types import Array

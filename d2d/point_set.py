@@ -10,12 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._bounds import ANGLE, NOT_NEGATIVE, SCALE, Bounds, check_real
 from d2d._checks import (
+    ANGLE,
+    NOT_NEGATIVE,
+    SCALE,
+    Bounds,
     broadcast_batches,
     check_covariances,
     check_finite,
     check_positive,
+    check_real,
     check_shape,
 )
 from d2d._frozen import Frozen
@@ -33,7 +37,7 @@ class _Layout(NamedTuple):
 
     packed: Array  # one set after the other, each with a row a quantity
     extremes: Array  # (B, 4) bounds, see `d2d._kernel.pairs.find_extremes`
-    far: NDArray[np.bool_]  # (...), which sets are far from the origin, see `d2d.frame`
+    centres: Array  # (B, 2) the sets' middle targets, about which they are packed
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,9 +243,9 @@ class PointSet(Frozen):
         count = len(means)
         packed = np.empty((count, 6, size))
         extremes = np.empty((count, 4))
-        far = np.empty(count, dtype=np.bool_)
-        entries.pack_targets(means, covariances, weights, packed, extremes, far)
-        return _Layout(packed.ravel(), extremes, far.reshape(self.batch_shape))
+        centres = np.empty((count, 2))
+        entries.pack_targets(means, covariances, weights, packed, extremes, centres)
+        return _Layout(packed.ravel(), extremes, centres)
 
     def _tiles(self, outlier: Array) -> tuple[Array, Array]:
         """Tiles and grids of a corrupted Gaussian's component, see `d2d._kernel.tiles`.
@@ -269,8 +273,3 @@ class PointSet(Frozen):
         order = np.empty((len(sets), self.size), dtype=np.int64)
         entries.order_targets(sets, np.empty(self.size + 8, dtype=np.int64), order)
         return order.ravel()
-
-    @cached_property
-    def _any_far(self) -> bool:
-        """Whether one of the sets is far from the origin."""
-        return bool(self._layout.far.any())

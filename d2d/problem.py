@@ -172,6 +172,8 @@ class Problem:
         batch = layout.Batch(
             _joined([pair.fixed._layout.packed for pair in self.pairs], 0),
             _joined([pair.moving._layout.packed for pair in self.pairs], 0),
+            _joined([pair.fixed._layout.centres for pair in self.pairs], 0),
+            _joined([pair.moving._layout.centres for pair in self.pairs], 0),
             _joined([pair.moving._order for pair in self.pairs], 0),
             _joined([pair.fixed._layout.extremes for pair in self.pairs], 0),
             _joined(factors, 0) if factors else np.empty((0, 9)),
@@ -215,19 +217,39 @@ class Problem:
         """The layout of a batch of problems, each with its own sets of a single pair's batches."""
         count = math.prod(shape)
         pairs = np.tile(batch.pairs, (count, 1))
-        starts = layout.FIXED_START, layout.MOVING_START, layout.FACTOR_START
-        sizes = layout.FIXED_SIZE, layout.MOVING_SIZE, layout.MOVING_SIZE
-        for start, size, own in zip(starts, sizes, batches, strict=True):
+        columns = (
+            (layout.FIXED_START, layout.FIXED_SIZE, layout.FIXED_SET),
+            (layout.MOVING_START, layout.MOVING_SIZE, layout.MOVING_SET),
+            (layout.FACTOR_START, layout.MOVING_SIZE, layout.FACTOR_START),
+        )
+        for (start, size, number), own in zip(columns, batches, strict=True):
             if own:
-                which = flat_index(own, shape)
+                pairs[:, number] = which = flat_index(own, shape)
                 pairs[:, start] = which * pairs[0, size]
-                if start == layout.FIXED_START:
-                    pairs[:, layout.FIXED_SET] = which
         return batch._replace(
             pairs=pairs,
             intervals=np.tile(batch.intervals, count),
             first=len(self.pairs) * np.arange(count + 1),
         )
+
+    def about_centres(self, bound: Bound) -> tuple[Bound, Array]:
+        """The motions between the sets about their centres, which must not be measured.
+
+        With the derivative (..., P, P) of these motions in the given ones.
+        """
+        pairs, p = bound.batch.pairs, self.parameters
+        a = bound.batch.fixed_centres[pairs[:, layout.FIXED_SET]]
+        b = bound.batch.moving_centres[pairs[:, layout.MOVING_SET]]
+        turned = (rigid.rotation(bound.thetas[:, 2]) @ b[..., None])[..., 0]
+        thetas = bound.thetas.copy()
+        thetas[:, :2] += turned - a
+        slope = np.tile(np.eye(3), (len(thetas), 1, 1))
+        slope[:, 0, 2], slope[:, 1, 2] = -turned[:, 1], turned[:, 0]
+        batch = bound.batch._replace(
+            fixed_centres=np.zeros_like(bound.batch.fixed_centres),
+            moving_centres=np.zeros_like(bound.batch.moving_centres),
+        )
+        return Bound(thetas, batch, bound.shape), slope[:, :p, :p].reshape(*bound.shape, p, p)
 
     def minimise(
         self, bound: Bound, threads: int = 1, *, max_iterations: int = MAX_ITERATIONS
@@ -343,7 +365,7 @@ def _table(
     pairs, fixed_start, moving_start = [], 0, 0
     for number, (fixed, moving) in enumerate(sizes):
         factor_start = moving_start if measured else -1
-        pairs.append((fixed_start, fixed, number, moving_start, moving, factor_start))
+        pairs.append((fixed_start, fixed, number, moving_start, moving, number, factor_start))
         fixed_start, moving_start = fixed_start + fixed, moving_start + moving
     return np.array(pairs), np.array([0, len(pairs)])
 

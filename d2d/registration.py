@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._bounds import ANGLE
 from d2d._checks import (
+    ANGLE,
     check_count,
     check_instance,
     check_positive_scalar,
@@ -18,7 +18,6 @@ from d2d._checks import (
 )
 from d2d._types import Array
 from d2d.cost import RegistrationCost
-from d2d.frame import Frame, is_far
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 from d2d.problem import Bound, Estimate, Problem, check_pair
@@ -45,8 +44,8 @@ def register(
     Newton's method with exact derivatives in a trust region (Moré & Sorensen 1983) solves a single
     problem or a whole batch in one call.
 
-    The result's cost is never higher than that of ``initial`` at the last scale; with more than 320
-    moving targets, of which a part takes the first steps, hardly ever.
+    The result's cost is never higher than that of ``initial`` at the last scale; with more than 64
+    fixed targets, where the first steps are rough, hardly ever.
 
     Parameters
     ----------
@@ -72,9 +71,9 @@ def register(
     cost has several.  If the start is far off, use ``scales=ANNEALED`` or `multi_start`, and if
     targets may lack a counterpart, an outlier model; low ``inliers`` then reveal a wrong optimum.
 
-    A set whose mean is a thousand times as far from the origin as its targets lie apart, as in map
-    coordinates, is shifted to its mean for the computation, unless there is a measurement.  All
-    arguments and results are in the coordinates of the sets.
+    The computation takes both sets about their means, so that they may be far from the origin, as
+    in map coordinates; with a measurement it stays at the origin, where the measurement was made.
+    All arguments and results are in the coordinates of the sets.
 
     Examples
     --------
@@ -96,11 +95,7 @@ def register(
     start = np.zeros(problem.parameters)
     if initial is not None:
         start = rigid.motion("initial", initial, fixed.dimension)
-    if not is_far(fixed, moving, measurement):
-        return anneal(problem, start, steps, threads)
-    frame = Frame.of_far_sets(fixed, moving)
-    problem = cost.problem(*frame.shifted(fixed, moving))
-    return _outward(frame, anneal(problem, frame.inward(start), steps, threads))
+    return anneal(problem, start, steps, threads)
 
 
 def multi_start(
@@ -180,31 +175,6 @@ def anneal(
         theta, iterations = optimum.theta, np.asarray(iterations + optimum.iterations)
     optimum = replace(optimum, iterations=iterations)
     return _no_worse_than_start(optimum, inflated, inflated.bind(start, "initial"), threads)
-
-
-def _outward(frame: Frame, inner: Estimate) -> Estimate:
-    """The estimate between the sets as they were given, by the chain rule.
-
-    An estimate whose covariance is singular in double precision counts as not converged.
-    """
-    theta = frame.outward(inner.theta)
-    covariance = frame.covariance_outward(theta, inner.covariance)
-    size = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    unit = covariance / (size[..., :, None] * size[..., None, :])
-    unit = np.where(inner.converged[..., None, None], unit, np.eye(3))
-    converged = inner.converged & (np.linalg.eigvalsh(unit)[..., 0] > 0.0)
-    slope = frame.slope(theta)
-    across = np.swapaxes(slope, -1, -2)
-    hessian = across @ inner.hessian @ slope
-    hessian[..., 2, 2] -= (frame.turned(theta) * inner.gradient[..., :2]).sum(axis=-1)
-    return replace(
-        inner,
-        theta=theta,
-        covariance=np.where(converged[..., None, None], covariance, np.nan),
-        gradient=(across @ inner.gradient[..., None])[..., 0],
-        hessian=hessian,
-        converged=converged,
-    )
 
 
 def _no_worse_than_start(

@@ -10,8 +10,7 @@ from d2d._checks import check_instance, check_shape
 from d2d._kernel import layout, rows
 from d2d._types import Array
 from d2d.cost import RegistrationCost
-from d2d.covariance import check_estimate, fisher_covariance, select
-from d2d.frame import Frame, is_far
+from d2d.covariance import check_estimate, fisher_covariance, in_coordinates, select
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 from d2d.problem import Bound, Estimate, Problem
@@ -68,18 +67,17 @@ def sandwich_covariance(
     problem = cost.problem(fixed, moving, measurement)
     theta = rigid.motion("estimate", estimate.theta, fixed.dimension)
     bound = problem.bind(theta)
-    check_estimate(estimate, problem, bound, hessians=not is_far(fixed, moving, measurement))
+    check_estimate(estimate, problem, bound)
     known = np.isfinite(estimate.covariance).all(axis=(-2, -1))
     known = np.broadcast_to(known, bound.shape).ravel()
     labels = _labels(moving, bound, groups)
-    if measurement is not None or fixed.dimension == 1:
+    if measurement is not None:
         return _from_scores(problem, bound, known, labels)
     # Nothing measured of the motion itself: the origin is arbitrary, but the effect of leaving out
     # a target is computed to first order and depends on it.
-    frame = Frame(fixed.means.mean(axis=-2), moving.means.mean(axis=-2))
-    problem = cost.problem(*frame.shifted(fixed, moving))
-    found = _from_scores(problem, problem.bind(frame.inward(theta)), known, labels)
-    return frame.covariance_outward(theta, found)
+    bound, inward = problem.about_centres(bound)
+    outward = 2.0 * np.eye(problem.parameters) - inward
+    return in_coordinates(outward, _from_scores(problem, bound, known, labels))
 
 
 def _from_scores(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from d2d._bounds import ANGLE, FINITE, METRES, NOT_NEGATIVE, POSITIVE, Bounds
+from d2d._checks import ANGLE, FINITE, METRES, NOT_NEGATIVE, POSITIVE, Bounds
 
 VALUES = np.array([-np.inf, -400.0, -6.3, -1.0, 0.0, 1e-300, 1.0, 6.3, 400.0, np.inf, np.nan])
 

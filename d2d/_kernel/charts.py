@@ -43,6 +43,16 @@ def identity_chart(theta):
 
 
 @inlined
+def centred_chart(theta, a, b):
+    """The motion between two sets taken about their centres a and b: [t + R b - a, phi]."""
+    cosine, sine = math.cos(theta[2]), math.sin(theta[2])
+    x, y = cosine * b[0] - sine * b[1], sine * b[0] + cosine * b[1]
+    return Chart(
+        theta[0] + (x - a[0]), theta[1] + (y - a[1]), theta[2], 1.0, 0.0, -y, x, 0.0, 0.0, -x, -y
+    )
+
+
+@inlined
 def logarithm_chart(theta):
     """The twist of a motion: (a x + b y, a y - b x, phi) with b = phi / 2 and a = b cot b."""
     x, y, phi = theta[0], theta[1], theta[2]

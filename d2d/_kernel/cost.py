@@ -29,10 +29,12 @@ MOST = 2.0
 def setting_of(pair, theta, gate):
     """A motion with the numbers of a pair, and how exact a target's density has to be."""
     return Setting(
-        theta[0],
-        theta[1],
+        theta[0] - pair.fixed_centre[0],
+        theta[1] - pair.fixed_centre[1],
         math.cos(theta[2]),
         math.sin(theta[2]),
+        pair.moving_centre[0],
+        pair.moving_centre[1],
         logarithm_chart(theta) if pair.in_twist else identity_chart(theta),
         pair.d2d,
         pair.planar,
@@ -166,9 +168,12 @@ def evaluate_pair(pair, theta, fusion, accuracy, work, lists):
 
 
 @compiled
-def pair_at(batch, number):
-    """One pair of the batch, bound."""
+def pair_at(batch, number, centred):
+    """One pair of the batch, bound; ``centred`` if its motion is one about the sets' centres."""
     row = batch.pairs[number]
+    fixed_centre = batch.fixed_centres[row[layout.FIXED_SET]]
+    moving_centre = batch.moving_centres[row[layout.MOVING_SET]]
+    kept = 0.0 if centred else 1.0
     start, stop = row[layout.MOVING_START], row[layout.MOVING_START] + row[layout.MOVING_SIZE]
     begin, size = 6 * row[layout.FIXED_START], row[layout.FIXED_SIZE]
     fixed = batch.fixed[begin : begin + 6 * size].reshape(6, size)
@@ -192,6 +197,8 @@ def pair_at(batch, number):
         grid,
         batch.in_twist,
         batch.extremes[row[layout.FIXED_SET]],
+        (kept * fixed_centre[0], kept * fixed_centre[1]),
+        (kept * moving_centre[0], kept * moving_centre[1]),
     )
 
 
@@ -240,7 +247,7 @@ def evaluate(batch, problem, pair, theta, accuracy, work, g, h):
     first = batch.first[problem]
     for number in range(first, batch.first[problem + 1]):
         if number > first:
-            pair = pair_at(batch, number)
+            pair = pair_at(batch, number, False)
         chart = motion_chart(batch, number, theta)
         motion[0], motion[1], motion[2] = chart.x, chart.y, chart.phi
         lists = work.memory.lists[block:]

@@ -3,12 +3,13 @@
 import math
 
 from d2d._kernel import layout, rows
-from d2d._kernel.charts import exponential_chart, logarithm_chart, write_chart
-from d2d._kernel.compile import entry
+from d2d._kernel.charts import centred_chart, exponential_chart, logarithm_chart, write_chart
+from d2d._kernel.compile import compiled, entry, inlined
 from d2d._kernel.cost import evaluate_block, motion_chart, pair_at, setting_of
+from d2d._kernel.jets import through_chart
 from d2d._kernel.layout import WEIGHT, XX, XY, YY, X, Y, work_in
 from d2d._kernel.newton import invert, minimise
-from d2d._kernel.pairs import find_extremes, is_far
+from d2d._kernel.pairs import find_extremes
 from d2d._kernel.rows import LANES
 
 
@@ -55,26 +56,44 @@ def place_polar_targets(polar, direction, extent, origin, means, covariances):
     return good
 
 
-@entry
-def pack_targets(means, covariances, weights, packed, extremes, far):
-    """Pack sets (B, N, D), (B, N, D, D), (B, N) into (B, 6, N).
+@compiled
+def middle_of(means):
+    """The mean of the target (2,) that is nearest to the mean of all (N, D).
 
-    Fills also their bounds (B, 4), see `find_extremes`, and which sets are far (B,), see `is_far`.
+    Seen from there, a single target far away does not round the others.
+    """
+    size, last = means.shape[0], means.shape[1] - 1
+    x = y = 0.0
+    for k in range(size):
+        x, y = x + means[k, 0] / size, y + means[k, last] / size
+    middle, least = 0, math.inf
+    for k in range(size):
+        dx, dy = means[k, 0] - x, means[k, last] - y
+        if dx * dx + dy * dy < least:
+            middle, least = k, dx * dx + dy * dy
+    return means[middle, 0], last * means[middle, last]
+
+
+@entry
+def pack_targets(means, covariances, weights, packed, extremes, centres):
+    """Pack sets (B, N, D), (B, N, D, D), (B, N) into (B, 6, N), with their means about centres.
+
+    Fills also their bounds (B, 4), see `find_extremes`, and the centres (B, 2).
     """
     size, planar = means.shape[1], means.shape[2] == 2
     for b in range(means.shape[0]):
         points = packed[b]
+        x, y = centres[b] = middle_of(means[b])
         for k in range(size):
-            points[X, k], points[XX, k] = means[b, k, 0], covariances[b, k, 0, 0]
+            points[X, k], points[XX, k] = means[b, k, 0] - x, covariances[b, k, 0, 0]
             points[WEIGHT, k] = weights[b, k]
             if planar:
-                points[Y, k] = means[b, k, 1]
+                points[Y, k] = means[b, k, 1] - y
                 points[XY, k], points[YY, k] = covariances[b, k, 0, 1], covariances[b, k, 1, 1]
             else:
                 points[Y, k] = points[XY, k] = 0.0
                 points[YY, k] = layout.UNIT_DENSITY_VARIANCE
         find_extremes(points, extremes[b])
-        far[b] = is_far(points, 1.0 if planar else 0.0)
 
 
 @entry
@@ -121,7 +140,7 @@ def target_batch(batch, thetas, wanted, memory, values):
     for b in range(thetas.shape[0]):
         done = 0
         for number in range(batch.first[b], batch.first[b + 1]):
-            pair = pair_at(batch, number)
+            pair = pair_at(batch, number, False)
             chart = motion_chart(batch, number, thetas[b])
             setting = setting_of(pair, (chart.x, chart.y, chart.phi), layout.GATE)
             targets = pair.moving.shape[1]
@@ -134,23 +153,66 @@ def target_batch(batch, thetas, wanted, memory, values):
             done += targets
 
 
+@inlined
+def centres_of(batch, number):
+    """The centres of a pair's fixed and moving set."""
+    row = batch.pairs[number]
+    return (
+        batch.fixed_centres[row[layout.FIXED_SET]],
+        batch.moving_centres[row[layout.MOVING_SET]],
+    )
+
+
+@compiled
+def bring_back(theta, a, b, g, h, covariance):
+    """Bring a motion about the centres a and b back, with its derivatives and covariance."""
+    back = centred_chart((0.0, 0.0, theta[2]), a, b)
+    theta[0] -= back.x
+    theta[1] -= back.y
+    jet = (0.0, g[0], g[1], g[2], h[0, 0], h[0, 1], h[1, 1], h[0, 2], h[1, 2], h[2, 2])
+    _, g[0], g[1], g[2], h00, h01, h11, h02, h12, h22 = through_chart(jet, back)
+    h[0, 0], h[1, 1], h[2, 2] = h00, h11, h22
+    h[0, 1] = h[1, 0] = h01
+    h[0, 2] = h[2, 0] = h02
+    h[1, 2] = h[2, 1] = h12
+    for i in range(3):  # K C K' with the inverse Jacobian K = [[1, 0, -c], [0, 1, -d], [0, 0, 1]]
+        covariance[0, i] -= back.c * covariance[2, i]
+        covariance[1, i] -= back.d * covariance[2, i]
+    for i in range(3):
+        covariance[i, 0] -= back.c * covariance[i, 2]
+        covariance[i, 1] -= back.d * covariance[i, 2]
+    covariance[1, 0] = covariance[0, 1]
+
+
 @entry
 def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
     """Minimise every problem separately; ``thetas`` holds the starts, then the optima.
 
     Without an iteration, the results are the cost and its derivatives at the starts.
+
+    A motion is sought between the sets about their centres: about an origin far away a rotation
+    moves all targets alike, and no step can tell it from a translation.  The results are then
+    brought back by the chain rule.  A measurement of the motion is linear in the motion as given,
+    or in its twist, and a velocity has no other origin than the vehicle's; both stay there.
     """
     value, gradient, hessian, covariance, converged, iterations, shares = results
     work = work_in(memory)
+    centred = batch.kind == layout.MOTION and batch.factors.shape[0] == 0
     for b in range(thetas.shape[0]):
+        a, c = centres_of(batch, batch.first[b])
+        if centred:
+            chart = centred_chart(thetas[b], a, c)
+            thetas[b, 0], thetas[b, 1] = chart.x, chart.y
         value[b], converged[b], iterations[b], shares[b] = minimise(
-            batch, b, thetas[b], tolerance, max_iterations, work, gradient[b], hessian[b]
+            batch, b, centred, thetas[b], tolerance, max_iterations, work, gradient[b], hessian[b]
         )
         if converged[b]:
             invert(hessian[b], work.step, work.trial, covariance[b])
         else:
             for j in range(3):
                 covariance[b, j, 0] = covariance[b, j, 1] = covariance[b, j, 2] = math.nan
+        if centred:
+            bring_back(thetas[b], a, c, gradient[b], hessian[b], covariance[b])
 
 
 @entry

@@ -23,7 +23,7 @@ LIKELIHOOD, SUMMING = range(2)
 MOTION, ARC, CHORD = range(3)
 
 # Columns of the table of a batch's pairs; FACTOR_START is -1 without a measurement.
-FIXED_START, FIXED_SIZE, FIXED_SET, MOVING_START, MOVING_SIZE, FACTOR_START = range(6)
+FIXED_START, FIXED_SIZE, FIXED_SET, MOVING_START, MOVING_SIZE, MOVING_SET, FACTOR_START = range(7)
 
 MIN_WEIGHT, MAX_WEIGHT = 1e-100, 1e100  # of a component, so that no sum over- or underflows
 MAX_VARIANCE = 1e150  # m^2, so that no determinant of a sum of two covariances overflows
@@ -54,15 +54,19 @@ class Pair(NamedTuple):
     grid: Any  # (5,) of the tiles
     in_twist: bool  # whether the measurements are linear in the twist
     extremes: Any  # (4,) bounds of the fixed set, see `find_extremes`
+    fixed_centre: Any  # (2,) from which the fixed means are counted; zero where the motion is, too
+    moving_centre: Any  # (2,)
 
 
 class Setting(NamedTuple):
     """The motion, and the numbers of a pair, as the passes over its targets need them."""
 
-    x: float
+    x: float  # translation, to the centre of the fixed set
     y: float
     cosine: float
     sine: float
+    lever_x: float  # centre of the moving set, from the origin about which it turns
+    lever_y: float
     chart: Any
     d2d: float
     planar: float
@@ -83,15 +87,17 @@ class Batch(NamedTuple):
     parameters: a motion, or a velocity that causes each pair's motion over its own interval.
     """
 
-    fixed: Any  # (6 targets,) all fixed sets, one after the other, each (6, N)
-    moving: Any  # (6 targets,) all moving sets
+    fixed: Any  # (6 targets,) all fixed sets, one after the other, each (6, N), about their centres
+    moving: Any  # (6 targets,) all moving sets, about their centres
+    fixed_centres: Any  # (sets, 2)
+    moving_centres: Any  # (sets, 2)
     orders: Any  # (targets,) of all moving sets, each counted from its own first
     extremes: Any  # (sets, 4) of the fixed sets, see `find_extremes`
     factors: Any  # (targets, 9) of all measurements, (0, 9) if there is none
     outlier: Any  # (6,)
     tiles: Any  # (tiles, TILE) of the outlier component of large fixed sets, see ``tiles.py``
     grids: Any  # (sets, 5): the first tile of each fixed set and its grid; no columns without tiles
-    pairs: Any  # (pairs, 6) of int, see FIXED_START
+    pairs: Any  # (pairs, 7) of int, see FIXED_START
     intervals: Any  # (pairs,) s
     first: Any  # (problems + 1,) of int
     d2d: float

@@ -32,16 +32,14 @@ def shifted_solve(h, g, shift, scale, step):
     """Solve (H + shift diag(scale)) step = -g by L D L'.
 
     Returns whether the matrix is positive definite, and -1/2 d(|step|^2)/d(shift) in the scaled
-    norm, which the search for the shift needs.
+    norm, which the search for the shift needs.  A rotation of targets on one spot has a curvature
+    of rounding errors only; so it must show beside that of the displacement which it causes.
     """
     d0 = h[0, 0] + shift * scale[0]
     d1 = h[1, 1] + shift * scale[1]
     d2 = h[2, 2] + shift * scale[2]
-    floor0, floor1, floor2 = (
-        SINGULAR * abs(h[0, 0]),
-        SINGULAR * abs(h[1, 1]),
-        SINGULAR * abs(h[2, 2]),
-    )
+    floor0, floor1 = SINGULAR * abs(h[0, 0]), SINGULAR * abs(h[1, 1])
+    floor2 = SINGULAR * max(abs(h[2, 2]), scale[2] * max(abs(h[0, 0]), abs(h[1, 1])))
     if not d0 > floor0:
         return False, 0.0
     l10, l20 = h[1, 0] / d0, h[2, 0] / d0
@@ -190,9 +188,10 @@ def first_radius(pair, scale):
         variance += (fixed[XX, i] + planar * fixed[YY, i]) / fixed.shape[1]
     for k in range(moving.shape[1]):
         variance += pair.d2d * (moving[XX, k] + planar * moving[YY, k]) / moving.shape[1]
-        lever += (moving[X, k] ** 2 + moving[Y, k] ** 2) / moving.shape[1]
+        x, y = moving[X, k] + pair.moving_centre[0], moving[Y, k] + pair.moving_centre[1]
+        lever += (x * x + y * y) / moving.shape[1]
     scale[0] = scale[1] = 1.0
-    scale[2] = lever if planar and lever > 0.0 else 1.0
+    scale[2] = max(lever, variance) if planar else 1.0
     return 3.0 * math.sqrt(variance)
 
 
@@ -215,7 +214,7 @@ def newton_decrement(work, g, h):
 
 
 @merged
-def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
+def minimise(batch, problem, centred, theta, tolerance, max_iterations, work, g, h):
     """Newton's method in a trust region, in place; (value, converged, iterations, mean share).
 
     A step is accepted only if it lowers the cost; only the one after rough steps always is.
@@ -225,7 +224,7 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     Where the cost is large, its rounding exceeds what a step gains and cannot tell whether the step
     was good.  Then a step is accepted if it lowers the decrement, and one below RESOLVED is enough.
     """
-    pair = pair_at(batch, batch.first[problem])
+    pair = pair_at(batch, batch.first[problem], centred)
     step, scale, trial = work.step, work.scale, work.trial
     radius = first_radius(pair, scale)
     if batch.kind != layout.MOTION:

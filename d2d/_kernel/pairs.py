@@ -20,7 +20,6 @@ from d2d._kernel.layout import WEIGHT, XX, XY, YY, X, Y
 from d2d._kernel.neighbours import difference
 from d2d._kernel.rows import LANES, lane_count
 
-FAR = 1000.0  # times its own size away, a set is registered about its mean
 TINY = 1e-300  # where each sum begins, so that the logarithm of an empty one is finite
 
 
@@ -33,7 +32,7 @@ def load_block(w, moving, order, setting, first):
     last = order.shape[0] - 1
     for k in range(lanes):
         j = order[min(first + k, last)]
-        x, y = moving[X, j], moving[Y, j]
+        x, y = moving[X, j] + setting.lever_x, moving[Y, j] + setting.lever_y
         w[rows.MX + k] = cosine * x - sine * y
         w[rows.MY + k] = sine * x + cosine * y
         w[rows.OFFSET + k] = 0.0
@@ -196,19 +195,3 @@ def find_extremes(points, extremes):
         variance = min(variance, determinant / (0.5 * (xx + yy) + math.sqrt(half * half + xy * xy)))
     extremes[layout.TOTAL_WEIGHT], extremes[layout.MEAN_ROOT] = total, mean
     extremes[layout.LEAST_ROOT], extremes[layout.LEAST_VARIANCE] = least, variance
-
-
-@compiled
-def is_far(points, planar):
-    """Whether a set's mean is more than FAR times its own size away from the origin.
-
-    The size is the root mean square distance of its targets from their mean, errors included.
-    """
-    x, y, square, count = 0.0, 0.0, 0.0, points.shape[1]
-    for i in range(count):
-        x += points[X, i] / count
-        y += points[Y, i] / count
-    for i in range(count):
-        dx, dy = points[X, i] - x, points[Y, i] - y
-        square += (dx * dx + dy * dy + points[XX, i] + planar * points[YY, i]) / count
-    return x * x + y * y > FAR * FAR * square

@@ -370,7 +370,7 @@ def cross_batch(batch, thetas, begin, memory, cross, fields, derivatives):
     for c in range(by_fixed.shape[0]):
         b, fixed_done, moving_done = begin + c, 0, 0
         for number in range(batch.first[b], batch.first[b + 1]):
-            pair = pair_at(batch, number)
+            pair = pair_at(batch, number, False)
             chart = motion_chart(batch, number, thetas[b])
             setting = setting_of(pair, (chart.x, chart.y, chart.phi), layout.GATE)
             n, m = pair.fixed.shape[1], pair.moving.shape[1]

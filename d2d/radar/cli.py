@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from d2d._bounds import Bounds
-from d2d._checks import check_path
+from d2d._checks import Bounds, check_path
 from d2d.radar.live import estimates_of
 from d2d.radar.readers import READERS
 from d2d.radar.readers.csv_log import mountings_of, sigmas_of, write_csv

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from d2d._bounds import SECONDS
-from d2d._checks import check_finite
+from d2d._checks import SECONDS, check_finite
 from d2d.radar.scans.scan import MEASURED, SIGMAS, RadarScan
 from d2d.radar.tracks.estimator import VelocityEstimate
 from d2d.radar.tracks.tracker import Tracker

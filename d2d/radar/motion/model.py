@@ -8,8 +8,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from d2d._bounds import Bounds
-from d2d._checks import check_flag, check_positive_scalar, check_schedule
+from d2d._checks import Bounds, check_flag, check_positive_scalar, check_schedule
 from d2d._frozen import Frozen
 from d2d._kernel import layout
 from d2d.cost import CorruptedGaussian, OutlierModel, RegistrationCost

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from d2d._bounds import FINITE, Bounds
-from d2d._checks import check_path, check_positive_scalar
+from d2d._checks import FINITE, Bounds, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.files import written_whole
 from d2d.radar.readers.reader import Option, Reader, Source, check_once

@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._bounds import SECONDS
-from d2d._checks import check_choice, check_path, check_positive_scalar
+from d2d._checks import SECONDS, check_choice, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.readers.pcd import read_pcd
 from d2d.radar.readers.reader import Option, data_set

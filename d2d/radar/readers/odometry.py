@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from d2d._bounds import FINITE
-from d2d._checks import check_path
+from d2d._checks import FINITE, check_path
 from d2d.radar.readers.csv_log import decoded, number, read_table
 from d2d.radar.readers.shared import yaw_of
 from d2d.radar.scans.reference import Reference

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._bounds import SECONDS
-from d2d._checks import check_count
+from d2d._checks import SECONDS, check_count
 from d2d._types import Array
 
 MICROSECOND = 1e-6  # s

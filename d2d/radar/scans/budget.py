@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from d2d._bounds import ANGLE, NOT_NEGATIVE, Bounded, number
+from d2d._checks import ANGLE, NOT_NEGATIVE, Bounded, number
 from d2d._types import Array
 
 # Beyond it a covariance, in whatever unit, holds nothing but the budget, or overflows.

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._bounds import SECONDS, check_real
-from d2d._checks import check_finite, check_positive_scalar, check_shape
+from d2d._checks import SECONDS, check_finite, check_positive_scalar, check_real, check_shape
 from d2d._types import Array
 
 _HALF_WIDTH = SECONDS._replace(above=0.0, most=60.0)  # s

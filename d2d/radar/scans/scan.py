@@ -8,22 +8,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._bounds import (
+from d2d._checks import (
     ANGLE,
     FINITE,
     METRES,
     NOT_NEGATIVE,
     POSITIVE,
     Bounded,
-    number,
-)
-from d2d._checks import (
     broadcast_batches,
     check_covariances,
     check_finite,
     check_positive_scalar,
     check_scalar,
     check_shape,
+    number,
 )
 from d2d._frozen import Frozen
 from d2d._kernel.compile import read_only

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._bounds import Bounded, number
+from d2d._checks import Bounded, number
 from d2d._types import Array
 
 

@@ -8,8 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d import rigid
-from d2d._bounds import ANGLE, NOT_NEGATIVE, POSITIVE, Bounded, number
-from d2d._checks import check_count, check_instance, check_positive_scalar
+from d2d._checks import (
+    ANGLE,
+    NOT_NEGATIVE,
+    POSITIVE,
+    Bounded,
+    check_count,
+    check_instance,
+    check_positive_scalar,
+    number,
+)
 from d2d._types import Array, Selection
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from d2d._bounds import ANGLE, NOT_NEGATIVE, POSITIVE, Bounded, Bounds, number
+from d2d._checks import ANGLE, NOT_NEGATIVE, POSITIVE, Bounded, Bounds, number
 from d2d._types import Array
 
 _RIDGE = 1e-9  # relative variance that keeps points at the same place from a singular covariance

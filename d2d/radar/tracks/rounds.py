@@ -9,8 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from d2d._bounds import SECONDS
-from d2d._checks import check_count, check_instance, check_members, check_positive_scalar
+from d2d._checks import SECONDS, check_count, check_instance, check_members, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import MEASURED, Mounting, RadarScan

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._bounds import check_real
-from d2d._checks import check_finite, check_path, check_shape
+from d2d._checks import check_finite, check_path, check_real, check_shape
 from d2d._frozen import Frozen
 from d2d._types import Array
 from d2d.radar.scans.budget import CovarianceParts

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._bounds import SECONDS
-from d2d._checks import check_instance, check_members, check_rows, check_scalar
+from d2d._checks import SECONDS, check_instance, check_members, check_rows, check_scalar
 from d2d._types import Array
 from d2d.radar.scans.recording import Recording
 from d2d.radar.scans.reference import Reference
