@@ -28,6 +28,7 @@ from d2d import (
     start_grid,
     whiten,
 )
+from d2d._checks import ANGLE, FINITE, METRES, NOT_NEGATIVE, POSITIVE, Bounds
 
 NAN, INF, EYE = np.nan, np.inf, np.eye(2)
 MEANS = np.array([[8.0, 1.0], [5.0, -3.0], [6.0, 4.0]])
@@ -256,7 +257,10 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
             "rng": [0],
             "confidence": [0.0],
             "resamples": [0],
-            "statistic": [lambda *_: NAN],
+            "statistic": [
+                lambda *_: NAN,
+                {"statistic": lambda x, axis: np.mean(x), "vectorized": True},
+            ],
         },
     ),
     "block_length": (
@@ -265,6 +269,8 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
         {"series": [[], np.ones((2, 2, 2)), [NAN], 3.0]},
     ),
 }
+
+VALUES = np.array([-INF, -400.0, -6.3, -1.0, 0.0, 1e-300, 1.0, 6.3, 400.0, INF, NAN])
 
 
 @pytest.mark.parametrize("called", MISTAKES)
@@ -295,6 +301,34 @@ def test_an_asymmetric_covariance_is_told_with_its_difference():
     said = r"^covariances must be symmetric, but entry \(0, 1\) .* 4"
     with pytest.raises(ValueError, match=said):
         PointSet(MEANS, one_wrong([[1.0, 0.5], [0.1, 1.0]]))
+
+
+def test_what_is_held_is_what_is_not_refused():
+    """Breaks if a reader leaves out other targets than a scan refuses."""
+    for bounds, held in (
+        (FINITE, VALUES[1:9]),
+        (POSITIVE, VALUES[5:9]),
+        (NOT_NEGATIVE, VALUES[4:9]),
+        (ANGLE, VALUES[3:7]),
+        (METRES._replace(above=0.0, most=10.0), VALUES[5:8]),
+        (Bounds(above=-1.0, least=0.5), VALUES[6:9]),
+    ):
+        assert VALUES[bounds.hold(VALUES)].tolist() == held.tolist()
+        assert bounds.array("these", held).tolist() == held.tolist()
+        for value in VALUES[~bounds.hold(VALUES)]:
+            with pytest.raises(ValueError, match=r"^this must be (?!.*holds -?\d)"):
+                bounds.number("this", value)
+            with pytest.raises(ValueError, match=r"^these must be .*holds"):
+                bounds.array("these", [*held, value])
+
+
+def test_a_unit_is_asked_for_only_if_a_number_is_too_large():
+    """Breaks if a range of zero is said to be in millimetres."""
+    bounds = METRES._replace(above=0.0, most=10.0)
+    with pytest.raises(ValueError, match=r"^x must be in m, at most 10, but is 11; are these mi"):
+        bounds.number("x", 11)
+    with pytest.raises(ValueError, match=r"^x must be positive, but is 0$"):
+        bounds.number("x", 0)
 
 
 def test_what_is_no_sequence_cannot_be_looped_over():

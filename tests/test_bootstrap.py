@@ -1,7 +1,6 @@
 """The block bootstrap, against independent draws of whole series."""
 
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.signal import lfilter
 
@@ -137,10 +136,3 @@ def test_the_slowest_column_counts_and_a_trend_is_bounded():
     assert block_length(np.arange(30.0)) <= 10
     for constant in ([1.0], [1.0, 1.0], np.ones(50)):
         assert block_length(constant) == 1
-
-
-def test_a_vectorized_statistic_that_forgets_the_axis_is_refused():
-    """Breaks if one number for all data sets is taken for an interval without width."""
-    rng = np.random.default_rng(0)
-    with pytest.raises(ValueError, match="statistic must give one value for each of"):
-        block_bootstrap(lambda x, axis: np.mean(x), [np.arange(10.0)], 1, rng, vectorized=True)

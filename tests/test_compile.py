@@ -1,19 +1,12 @@
 """How the kernel is compiled and kept on disk, or not; the package works either way."""
 
-import gc
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from numba import njit
-from numpy.testing import assert_allclose
-
-from d2d._kernel import compile as compiling
-from d2d._kernel import newton
 
 ROOT = Path(__file__).resolve().parents[1]
 MAKE_A_SET = """
@@ -81,21 +74,6 @@ def test_without_a_writable_folder_it_starts_and_says_what_helps(folder: Path) -
     assert list(kept.rglob("*.nbc"))
 
 
-def test_a_folder_that_is_lost_after_the_import_costs_no_result(folder: Path) -> None:
-    """Breaks if a full disk, or a folder that was removed, ends a registration."""
-    kept = str(folder / "kept")
-    lose = f"import shutil, d2d\nshutil.rmtree({kept!r})\nopen({kept!r}, 'w').close()"
-    printed, errors = run(lose + MAKE_A_SET, folder, NUMBA_CACHE_DIR=kept)
-    assert printed[-1] == "1"
-    assert len(errors) == 1, errors
-    assert "NUMBA_CACHE_DIR" in errors[0]
-
-
-def edit(path: Path) -> None:
-    with path.open("a", encoding="utf-8") as file:
-        file.write("# an edit\n")
-
-
 def test_what_is_compiled_is_kept_until_a_module_changes(folder: Path) -> None:
     """Breaks if a cached function calls a stale one, or gives other bits than one just compiled.
 
@@ -110,57 +88,16 @@ def test_what_is_compiled_is_kept_until_a_module_changes(folder: Path) -> None:
     (hits, compiled), (hits_later, loaded) = weighed(), weighed()
     assert (hits, hits_later) == ("0", "1")
     assert compiled == loaded
-    for ending in ("nbi", "nbc"):  # the index, and the code
-        for file in kept.rglob(f"*add_dependence*.{ending}"):
-            file.write_bytes(file.read_bytes()[:-7])
-        assert weighed()[0] == "0"
-        assert weighed()[0] == "1"
-    edit(folder / "d2d" / "_kernel" / "pairs.py")
+    for file in kept.rglob("*add_dependence*.nbc"):
+        file.write_bytes(file.read_bytes()[:-7])
     assert weighed()[0] == "0"
-
-
-def test_an_edit_of_any_module_of_the_kernel_is_noticed(folder: Path) -> None:
-    """Breaks if a module does not count in what the cache depends on."""
-    kernel = folder / "d2d" / "_kernel"
-    stamps = [compiling.source_stamp(kernel)]
-    assert stamps == [compiling._STAMP]
-    for module in sorted(kernel.glob("*.py")):
-        edit(module)
-        stamps.append(compiling.source_stamp(kernel))
-    assert len(set(stamps)) == len(stamps) > 5
+    assert weighed()[0] == "1"
+    with (folder / "d2d" / "_kernel" / "pairs.py").open("a", encoding="utf-8") as file:
+        file.write("# an edit\n")
+    assert weighed()[0] == "0"
 
 
 def test_the_kernel_runs_as_python() -> None:
     """Breaks if NUMBA_DISABLE_JIT=1, with which a debugger steps through it, is an error."""
     compiled, stepped = (run(ESTIMATE, ROOT, NUMBA_DISABLE_JIT=disabled) for disabled in "01")
     assert compiled[0] == stepped[0]
-
-
-def test_a_part_without_a_wrapper_may_be_called_from_python() -> None:
-    """Breaks if Python jumps to the address 0: a part is compiled for compiled callers alone."""
-    rng = np.random.default_rng(3)
-    h, g, step = rng.standard_normal((3, 3)), *rng.standard_normal((2, 3))
-    expected = -(g @ step + 0.5 * step @ h @ step)
-    calls_it = njit(lambda h, g, step: newton.decrease(h, g, step))
-    for function in (newton.decrease, calls_it, newton.decrease):
-        assert_allclose(function(h, g, step), expected)
-
-
-@pytest.mark.parametrize("collecting", [True, False])
-def test_compiling_leaves_the_collector_as_it_was(collecting: bool) -> None:
-    """Breaks if what is switched off while compiling stays off, or is switched on."""
-    seen = []
-
-    def fails() -> None:
-        seen.append(gc.isenabled())
-        raise ValueError("it fails")
-
-    was = gc.isenabled()
-    try:
-        (gc.enable if collecting else gc.disable)()
-        with pytest.raises(ValueError, match="it fails"):
-            compiling.unhindered(fails)()
-        assert seen == [False]
-        assert gc.isenabled() == collecting
-    finally:
-        (gc.enable if was else gc.disable)()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import d2d
-from d2d import CorruptedGaussian, LinearMeasurement, PointSet, RegistrationCost
+from d2d import CorruptedGaussian, RegistrationCost
 from d2d.cost import OutlierModel
 from tests.strategies import (
     FUSIONS,
@@ -23,14 +23,12 @@ from tests.strategies import (
     dense_gradient,
     dense_hessian,
     dense_value,
-    doppler_like,
     in_unit,
     naive_log_densities,
     outlier_model,
     random_problem,
     reals,
     seeds,
-    spd,
     steps_of,
 )
 
@@ -143,61 +141,6 @@ def test_inlier_probabilities_at_the_ends_of_alpha():
     for alpha, expected in ((0.0, 1.0), (1.0, 0.0)):
         ends = RegistrationCost(outlier=CorruptedGaussian(alpha, np.eye(2)))
         assert_array_equal(problem.with_(cost=ends).inlier_probabilities(), expected)
-
-
-# ---- Batches ----------------------------------------------------------------------------------
-
-BATCHES = (  # of theta, of the fixed set, of the moving set, of the measurement
-    ((5, 1), (4,), (), ()),
-    ((), (3,), (2, 1), (3,)),
-    ((2, 1, 1), (3, 1), (4,), (2, 3, 4)),
-    ((1,), (), (1, 1), (6, 1)),
-    ((), (), (), (3,)),
-)
-
-
-@pytest.mark.parametrize("outlier", OUTLIERS)
-def test_batch_axes_broadcast(outlier):
-    """Breaks if a problem of a batch is given another one's sets, start or measurement."""
-    rng, count = np.random.default_rng(12), 4
-    cost = RegistrationCost(outlier=outlier_model(outlier, 2))
-    z = doppler_like(rng, np.array([0.4, -0.3, 0.25]), count)
-
-    def point_set(batch):
-        size = int(np.prod(batch, dtype=int)) * count
-        covariances = spd(rng, size, 2).reshape(*batch, count, 2, 2)
-        weights = rng.uniform(0.5, 2.0, (*batch, count))
-        return PointSet(rng.uniform(-3, 3, (*batch, count, 2)), covariances, weights)
-
-    for batches in BATCHES:
-        shape = np.broadcast_shapes(*batches)
-        fixed, moving = point_set(batches[1]), point_set(batches[2])
-        theta = 0.3 * rng.standard_normal((*batches[0], 3))
-        value = z.value + rng.standard_normal((*batches[3], count))
-
-        def measured(value):
-            return LinearMeasurement(value, z.sigma, z.sigma_input, z.gain, z.slope)
-
-        parts = theta, fixed, moving, value
-        whole = Problem(cost, *parts[:3], measured(value))
-        found = (*whole.derivatives(), whole.densities(), whole.value())
-        assert [each.shape for each in found] == [
-            shape,
-            (*shape, 3),
-            (*shape, 3, 3),
-            (*shape, count),
-            shape,
-        ]
-        for index in np.ndindex(shape):
-            own = []
-            for part, batch in zip(parts, batches, strict=True):
-                last = index[len(shape) - len(batch) :]  # axes of length 1 are stretched
-                place = tuple(i if size > 1 else 0 for i, size in zip(last, batch, strict=True))
-                own.append(part[place] if place else part)
-            one = Problem(cost, *own[:3], measured(own[3]))
-            alone = (*one.derivatives(), one.densities(), one.value())
-            for ours, theirs in zip(found, alone, strict=True):
-                assert_array_equal(ours[index], theirs)
 
 
 # ---- Units ------------------------------------------------------------------------------------

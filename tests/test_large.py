@@ -13,12 +13,10 @@ from d2d import (
     register,
     rigid,
 )
-from d2d._kernel import tiles
 from tests.strategies import FUSIONS, METRICS, Problem, dense_gradient, dense_value, steps_of
 
 THETA = np.array([0.4, -0.3, 0.02])
 START = THETA + np.array([0.2, 0.1, 0.005])
-FARTHER = THETA + np.array([0.5, -0.2, 0.01])
 WIDE = CorruptedGaussian(0.2, [[100.0, 20.0], [20.0, 60.0]])
 
 
@@ -102,6 +100,23 @@ def test_value_and_gradient_are_those_of_the_plain_sums(layout, outlier):
             assert (np.abs(gradient - expected) <= 1e-9 * (np.abs(expected) + natural)).all()
 
 
+def test_a_tile_that_errs_is_not_used():
+    """Breaks if tiles are used where their error is more than a billionth of the density.
+
+    Between two groups of targets, seven standard deviations from both, an interpolated density errs
+    by a millionth.
+    """
+    outlier = CorruptedGaussian(1.0, 100.0 * np.eye(2))
+    rng = np.random.default_rng(0)
+    places = rng.uniform(-3.0, 3.0, (100, 2)) + np.array([140.0, 0.0]) * np.arange(100)[:, None] % 2
+    fixed = PointSet(places, np.tile(np.eye(2), (100, 1, 1)))
+    for x in np.linspace(0.0, 140.0, 57):
+        moving = PointSet([[x, 0.0]], [np.eye(2)])
+        problem = Problem(RegistrationCost(outlier=outlier), np.zeros(3), fixed, moving)
+        value = problem.derivatives()[0]
+        assert_allclose(value, dense_value(problem), rtol=0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("outlier", OUTLIERS.values(), ids=OUTLIERS)
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_estimates_are_those_of_the_plain_sums(layout, outlier, monkeypatch):
@@ -116,7 +131,7 @@ def test_estimates_are_those_of_the_plain_sums(layout, outlier, monkeypatch):
             fixed, moving = scene(layout, 150, 1)
             plain = register(fixed, moving, cost, START)
             assert_array_equal(found.converged, plain.converged)
-            if not found.converged:
+            if not found.converged or plain.covariance[2, 2] > 1.0:  # hardly determined
                 continue
             away = found.theta - plain.theta
             assert away @ np.linalg.solve(plain.covariance, away) <= 1e-12
@@ -142,42 +157,6 @@ def test_lists_that_are_kept_miss_nothing():
             value, _, hessian = cost.derivatives(found.theta, fixed, moving)
             assert_allclose(found.value, value, rtol=1e-13)
             assert_allclose(found.hessian, hessian, rtol=1e-9, atol=1e-10 * np.abs(hessian).max())
-
-
-@pytest.mark.parametrize("layout", [uniform, on_a_line, two_towns])
-def test_a_sample_of_the_targets_leads_to_the_optimum_of_all(layout):
-    """Breaks if a descent ends with the sample, whose optimum is not that of all."""
-    fixed, moving = scene(layout, 400, 2)
-    for cost in (RegistrationCost(outlier=WIDE), RegistrationCost("p2d", outlier=WIDE)):
-        near = register(fixed, moving, cost, THETA)
-        far = register(fixed, moving, cost, FARTHER)
-        value, gradient, hessian = cost.derivatives(far.theta, fixed, moving)
-        assert far.converged
-        assert gradient @ np.linalg.solve(hessian, gradient) <= 1e-12
-        assert_allclose([far.value, near.value], value, rtol=1e-12)
-        assert near.iterations < far.iterations <= 15
-
-
-def test_rough_steps_go_where_exact_ones_would():
-    """Breaks if an outlier component that is expanded, not computed anew, turns the steps away."""
-    for seed in range(10):
-        fixed, moving = scene(uniform, 200, seed)
-        found = register(fixed, moving, RegistrationCost(outlier=WIDE), FARTHER)
-        assert found.converged
-        assert found.iterations <= 9
-
-
-def test_small_sets_and_sparse_ones_have_no_tiles():
-    """Breaks if tiles are laid where the plain sum is faster, or kept for one covariance only."""
-    outlier = OUTLIERS["round"]._packed
-    assert len(scene(uniform, 63)[0]._tiles(outlier)[0]) == 0
-    assert len(scene(lonely, 150)[0]._tiles(OUTLIERS["small"]._packed)[0]) == 0
-    fixed = scene(uniform, 64)[0]
-    found = fixed._tiles(outlier)
-    assert found[0].shape[1] == tiles.TILE
-    assert fixed._tiles(outlier)[0] is found[0]
-    assert fixed.inflated(3.0)._tiles(outlier)[0] is found[0]
-    assert fixed._tiles(WIDE._packed)[0] is not found[0]
 
 
 def test_a_batch_has_tiles_for_each_set():

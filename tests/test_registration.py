@@ -210,20 +210,6 @@ def test_an_optimum_stays_where_it_is():
     assert (np.abs(again.theta - first.theta) < 1e-6 * sigma).all()
 
 
-# ---- Scales -----------------------------------------------------------------------------------
-
-
-def test_each_scale_starts_the_next():
-    """Breaks if a scale starts from the beginning again, or steps are not counted over all."""
-    problem = scene(11, outlier="corrupted")
-    first = run(problem, scales=(4.0,))
-    second = run(problem, first.theta)
-    both = run(problem, scales=(4.0, 1.0))
-    assert_array_equal(both.theta, second.theta)
-    assert_array_equal(both.value, second.value)
-    assert both.iterations == first.iterations + second.iterations
-
-
 # ---- Several starts ---------------------------------------------------------------------------
 
 

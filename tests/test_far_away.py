@@ -73,17 +73,6 @@ def test_far_from_the_origin_is_as_near_it(cost, origins):
     assert_allclose(again[2], estimate.hessian, rtol=1e-6)
 
 
-def test_the_default_start_is_zero_in_the_users_frame():
-    """Breaks if the start is zero about the means: then sets a mile apart would be registered."""
-    sets = at(np.full((2, 2), 1e6), scene())
-    by_default = register(*sets, COSTS[2])
-    assert by_default.converged
-    assert_array_equal(by_default.theta, register(*sets, COSTS[2], np.zeros(3)).theta)
-    assert_allclose(by_default.theta[2], TRUTH[2], atol=0.05)
-    apart = at(np.array([[1e6, 1e6], [1e6, 1.0016e6]]), scene())
-    assert register(*apart, COSTS[2]).inliers < 0.5 < by_default.inliers
-
-
 def test_a_batch_near_and_far_is_its_problems_one_by_one():
     """Breaks if one far set moves the origin of all, or batch axes meet the wrong origins.
 
