@@ -305,16 +305,8 @@ class Problem:
             np.empty((count, self.targets, 3)),
         )
         terms = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)
-        width, height = (int(bound.batch.grids[:, axis].max()) for axis in range(2))
-        most = max(pair.moving.size for pair in self.pairs) if width else 0
-        fields = (
-            np.empty((2, most)),
-            np.empty((propagate.FIELDS, most)),
-            tiles.memory_for(width, height),
-            np.empty((propagate.FIELDS * width * height, tiles.TILE)),
-        )
         memory = self._memory()
-        propagate.cross_batch(bound.batch, bound.thetas, begin, memory, terms, fields, tuple(cross))
+        propagate.cross_batch(bound.batch, bound.thetas, begin, memory, terms, tuple(cross))
         return cross
 
     def log_densities(self, bound: Bound) -> Array:

@@ -132,11 +132,9 @@ def over_value(w):
 def corrupted_jet(w, fixed, setting, outlier, tiles, grid):
     """The corrupted Gaussian's component: sum_i w_i N(0 | d_i, S_o), one covariance for all pairs.
 
-    From the tiles of a large set, or as the plain sum; IS_TILED tells which.
+    From the tiles of a large set, or as the plain sum.
     """
-    w[rows.IS_TILED] = 0.0
     if tiles.shape[0] > 0 and interpolate(w, tiles, grid, root_of(outlier), setting):
-        w[rows.IS_TILED] = 1.0
         over_value(w)
     else:
         precision = (

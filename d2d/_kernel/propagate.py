@@ -24,11 +24,8 @@ from d2d._kernel.layout import WEIGHT, X, Y
 from d2d._kernel.neighbours import difference
 from d2d._kernel.pairs import component_at, repeat
 from d2d._kernel.rows import LANES, lane_count
-from d2d._kernel.tiles import fill, interpolate, root_of
 
 ROWS = 6 * LANES  # of one component's cross derivatives, lane by lane
-FIELDS = 6  # see `add_fields`
-FEWEST_A_TILE = 50.0  # components, for which the fields take less time than the plain sum
 
 
 @vectorised
@@ -160,72 +157,6 @@ def add_corrupted(w, fixed, setting, outlier, cross):
 
 
 @inlined
-def collect_outliers(w, root, setting, first, places, weights):
-    """Note a block's targets as components of the fields of `add_fields`."""
-    xx, xy, yy = root
-    for k in range(min(LANES, places.shape[1] - first)):
-        x, y = w[rows.MX + k] + setting.x, w[rows.MY + k] + setting.y
-        places[0, first + k], places[1, first + k] = xx * x + xy * y, yy * y
-        scale = w[rows.OUTLIER_SCALE + k] if w[rows.IS_TILED] > 0.0 else 0.0
-        weights[0, first + k] = scale
-        for row in range(3):
-            weights[1 + row, first + k] = scale * w[rows.MEAN + row * LANES + k]
-        weights[4, first + k], weights[5, first + k] = (
-            scale * w[rows.MX + k],
-            scale * w[rows.MY + k],
-        )
-
-
-@compiled
-def add_fields(w, pair, setting, fields, by_fixed):
-    """Add what the pairs of the corrupted Gaussian mean for the components of a large set.
-
-    Summed over the targets, the terms of a component are derivatives of fields at its lists, in
-    which the targets are the components: F with their scales s_k as weights, M_j with s_k times
-    the mean gradient, and P_x, P_y with s_k times the position.  With H the second derivatives::
-
-        sum_k terms = -H F - grad M_j (j = 0, 1),  row x of H P_y - row y of H P_x - grad M_2
-    """
-    places, weights, factors, tiles = fields
-    fixed, root = pair.fixed, root_of(pair.outlier)
-    count = pair.tiles.shape[0]
-    fill(places, weights, pair.grid, factors, w, tiles[: FIELDS * count])
-    for first in range(0, fixed.shape[1], LANES):
-        last = fixed.shape[1] - 1
-        for k in range(LANES):
-            i = min(first + k, last)
-            w[rows.MX + k], w[rows.MY + k] = fixed[X, i] - setting.x, fixed[Y, i] - setting.y
-        for field in range(FIELDS):
-            own = tiles[field * count : (field + 1) * count]
-            interpolate(w, own, pair.grid, root, setting)
-            for k in range(min(LANES, fixed.shape[1] - first)):
-                weight, total = fixed[WEIGHT, first + k], by_fixed[first + k]
-                gx, gy = (
-                    weight * w[rows.OUTLIER + rows.G0 + k],
-                    weight * w[rows.OUTLIER + rows.G1 + k],
-                )
-                hxx, hxy = (
-                    weight * w[rows.OUTLIER + rows.A00 + k],
-                    weight * w[rows.OUTLIER + rows.A01 + k],
-                )
-                hyy = weight * w[rows.OUTLIER + rows.A11 + k]
-                if field == 0:
-                    total[0, 0] += hxx
-                    total[0, 1] += hxy
-                    total[1, 0] += hxy
-                    total[1, 1] += hyy
-                elif field < 4:
-                    total[field - 1, 0] += gx
-                    total[field - 1, 1] += gy
-                elif field == 4:
-                    total[2, 0] += hxy
-                    total[2, 1] += hyy
-                else:
-                    total[2, 0] -= hxx
-                    total[2, 1] -= hxy
-
-
-@inlined
 def depends_on_components(outlier):
     """Whether the outlier component depends on single components; an unknown kind raises."""
     kind = outlier[layout.KIND]
@@ -282,7 +213,7 @@ def measurement_slopes(factor, chart):
 
 
 @merged
-def cross_pair(pair, setting, fusion, memory, cross, fields, own):
+def cross_pair(pair, setting, fusion, memory, cross, own):
     """Cross derivatives of one pair of sets, of the gradient in the motion.
 
     With the sum, all targets share one density and one mean gradient, which a first round finds.
@@ -293,9 +224,6 @@ def cross_pair(pair, setting, fusion, memory, cross, fields, own):
     factors, outlier = pair.factors, pair.outlier
     measured, top = factors.shape[0] > 0, 0.0
     corrupted = depends_on_components(outlier)
-    fields_pay = fixed.shape[1] > FEWEST_A_TILE * pair.tiles.shape[0] > 0
-    # of a larger pair of the same problem there may be more in memory
-    places, weights = fields[0][:, : moving.shape[1]], fields[1][:, : moving.shape[1]]
     cross = cross[: fixed.shape[1] * ROWS]
     cross[:] = 0.0
     for k in range(10 * LANES):
@@ -322,10 +250,7 @@ def cross_pair(pair, setting, fusion, memory, cross, fields, own):
         add_inliers(w, fixed, setting, lists, cross)
         if corrupted:
             move_outliers(w)
-            if not fields_pay or w[rows.IS_TILED] == 0.0:
-                add_corrupted(w, fixed, setting, outlier, cross)
-            if fields_pay:
-                collect_outliers(w, root_of(outlier), setting, first, places, weights)
+            add_corrupted(w, fixed, setting, outlier, cross)
         for k in range(min(LANES, moving.shape[1] - first)):
             j = order[first + k]
             for i in range(3):
@@ -346,8 +271,6 @@ def cross_pair(pair, setting, fusion, memory, cross, fields, own):
             for k in range(LANES):
                 added += cross[i * ROWS + row * LANES + k]
             by_fixed[i, row // 2, row % 2] = added
-    if corrupted and fields_pay:
-        add_fields(w, pair, setting, (places, weights, fields[2], fields[3]), by_fixed)
 
 
 @compiled
@@ -358,13 +281,12 @@ def scale_rows(by_motion, chart, interval):
 
 
 @entry
-def cross_batch(batch, thetas, begin, memory, cross, fields, derivatives):
+def cross_batch(batch, thetas, begin, memory, cross, derivatives):
     """Derivatives of the gradients of some problems, from ``begin`` on, in all that is measured.
 
     In the fixed and moving means (C, targets, 3, 2), in the measurements' values (C, targets, 3)
     and, through their predictions only, in their inputs (C, targets, 3); the targets of a problem's
-    pairs one pair after the other.
-    ``cross`` is memory, ROWS for each target of a fixed set, ``fields`` that of `add_fields`.
+    pairs one pair after the other.  ``cross`` is memory, ROWS for each target of a fixed set.
     """
     by_fixed, by_moving, by_value, by_input = derivatives
     for c in range(by_fixed.shape[0]):
@@ -379,7 +301,7 @@ def cross_batch(batch, thetas, begin, memory, cross, fields, derivatives):
             own_value = by_value[c, moving_done : moving_done + m]
             own_input = by_input[c, moving_done : moving_done + m]
             own = own_fixed, own_moving, own_value, own_input
-            cross_pair(pair, setting, batch.fusion, memory, cross, fields, own)
+            cross_pair(pair, setting, batch.fusion, memory, cross, own)
             interval = batch.intervals[number]
             for i in range(n):
                 scale_rows(own_fixed[i, :, 0], chart, interval)

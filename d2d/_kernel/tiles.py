@@ -22,8 +22,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from d2d._kernel import layout, rows
-from d2d._kernel.compile import compiled, entry, inlined, vectorised
-from d2d._kernel.elementary import exp
+from d2d._kernel.compile import inlined, vectorised
 from d2d._kernel.layout import WEIGHT, X, Y
 from d2d._kernel.rows import LANES, lane_count
 
@@ -32,7 +31,6 @@ ACCURACY = 1e-9
 _ERROR = 3.73 * 1.09 / (math.sqrt(math.factorial(NODES)) * 2.0 ** (NODES - 1))
 BOUND = NODES * NODES  # behind a tile's coefficients: the least value for which they are used
 TILE = BOUND + LANES
-SOURCES = 8  # components that are added to a tile together
 
 BORDER = 0.1  # at least, by which the tiles reach beyond a set, in tiles
 # Columns of a grid of tiles: number of tiles along both coordinates, and where the first begins.
@@ -49,7 +47,6 @@ _POWERS = np.array(
     ]
 )
 _COEFFICIENTS = _POWERS.T @ _FIT
-_TRANSPOSED = np.ascontiguousarray(_COEFFICIENTS.T)
 
 
 @inlined
@@ -58,89 +55,6 @@ def root_of(outlier):
     xx = math.sqrt(outlier[layout.PRECISION_XX])
     xy = outlier[layout.PRECISION_XY] / xx
     return xx, xy, math.sqrt(outlier[layout.PRECISION_YY] - xy * xy)
-
-
-@vectorised
-def place_sources(first, at, corner, factors, nodes):
-    """The factors of SOURCES components at the nodes of all tiles along one coordinate.
-
-    They go to ``factors`` (tiles, SOURCES, NODES).  ``nodes`` is NODES as a value that is known
-    only at run time, see `lane_count`.
-    """
-    for t in range(factors.shape[0]):
-        for s in range(SOURCES):
-            i = min(first + s, at.shape[0] - 1)
-            centre = corner + 2.0 * t + 1.0 - at[i]
-            for n in range(nodes):
-                d = centre + _AT[n]
-                factors[t, s, n] = exp(-0.5 * d * d)
-
-
-@vectorised
-def weigh_sources(first, weights, factors, weighted, nodes):
-    """The factors (SOURCES, NODES) times the weights of their components."""
-    for s in range(SOURCES):
-        weight = weights[first + s] if first + s < weights.shape[0] else 0.0
-        for n in range(nodes):
-            weighted[s, n] = weight * factors[s, n]
-
-
-@vectorised
-def add_sources(tile, across, along, nodes):
-    """Add SOURCES components to a tile's values at its nodes, from their factors along both."""
-    for b in range(nodes):
-        for a in range(nodes):
-            added = tile[b * NODES + a]
-            for s in range(SOURCES):
-                added += along[s, b] * across[s, a]
-            tile[b * NODES + a] = added
-
-
-@vectorised
-def fit(tile, between, nodes):
-    """From values at the nodes to coefficients of the powers of both coordinates."""
-    for b in range(nodes):
-        for a in range(nodes):
-            total = 0.0
-            for n in range(NODES):
-                total += _COEFFICIENTS[b, n] * tile[n * NODES + a]
-            between[b * NODES + a] = total
-    for b in range(nodes):
-        for a in range(nodes):
-            total = 0.0
-            for n in range(NODES):
-                total += between[b * NODES + n] * _TRANSPOSED[n, a]
-            tile[b * NODES + a] = total
-
-
-@compiled
-def fill(places, weights, grid, factors, work, tiles):
-    """Fill the tiles of several fields with the same components, one field after the other.
-
-    ``places`` (2, N) are the coordinates of the components, ``weights`` (C, N) theirs in each
-    field, ``factors`` and ``work`` memory, and ``tiles`` (C * rows * columns, TILE).
-    """
-    across, along, weighted = factors
-    width, height = int(grid[COLUMNS]), int(grid[ROWS])
-    nodes, between = 2 * lane_count(work), work[: NODES * NODES]
-    tiles[:] = 0.0
-    for first in range(0, places.shape[1], SOURCES):
-        place_sources(first, places[0], grid[LEFT], across[:width], nodes)
-        place_sources(first, places[1], grid[BOTTOM], along[:height], nodes)
-        for channel in range(weights.shape[0]):
-            for r in range(height):
-                weigh_sources(first, weights[channel], along[r], weighted, nodes)
-                for c in range(width):
-                    tile = tiles[(channel * height + r) * width + c]
-                    add_sources(tile, across[c], weighted, nodes)
-    for t in range(tiles.shape[0]):
-        fit(tiles[t], between, nodes)
-
-
-@entry
-def fill_tiles(places, weights, grid, factors, work, tiles):
-    """`fill`, called from Python."""
-    fill(places, weights, grid, factors, work, tiles)
 
 
 @vectorised
@@ -205,15 +119,6 @@ def interpolate(w, tiles, grid, root, setting):
     return enough
 
 
-def memory_for(width: int, height: int) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """The factors that `fill` needs for so many columns and rows of tiles."""
-    return (
-        np.empty((width, SOURCES, NODES)),
-        np.empty((height, SOURCES, NODES)),
-        np.empty((SOURCES, NODES)),
-    )
-
-
 @cache
 def none_for(sets: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """No tiles (0, TILE) for so many sets, and their empty grids (B, 5)."""
@@ -232,18 +137,23 @@ def tiles_of(sets: NDArray[Any], outlier: NDArray[Any]) -> tuple[NDArray[Any], N
     shape = np.ceil(0.5 * (high - low) + BORDER)
     corner = 0.5 * (low + high) - shape
     for b in np.flatnonzero(shape.prod(axis=-1) <= size):
-        width, height = shape[b].astype(int)
         grids[b] = *shape[b], *corner[b], sum(map(len, filled))
-        weights, tiles = sets[b, WEIGHT : WEIGHT + 1], np.empty((width * height, TILE))
-        scratch = layout.own_memory(1, 1).scratch
-        fill_tiles(places[b], weights, grids[b], memory_for(width, height), scratch, tiles)
-        near = [
-            np.exp(-0.25 * np.clip(np.abs(line[:, None] - own) - 1.0, 0.0, None) ** 2)
-            for line, own in (
-                (corner[b, 0] + 1.0 + 2.0 * np.arange(width), places[b, 0]),
-                (corner[b, 1] + 1.0 + 2.0 * np.arange(height), places[b, 1]),
-            )
-        ]
-        tiles[:, BOUND] = _ERROR / ACCURACY * ((near[1] * weights) @ near[0].T).ravel()
-        filled.append(tiles)
+        filled.append(_filled(places[b], sets[b, WEIGHT], shape[b].astype(int), corner[b]))
     return np.concatenate(filled), grids
+
+
+def _filled(
+    places: NDArray[Any], weights: NDArray[Any], shape: NDArray[Any], corner: NDArray[Any]
+) -> NDArray[Any]:
+    """The tiles (T, TILE) of one set with components at ``places`` (2, N), row by row."""
+    factors, bounds = [], []
+    for line, count, begin in zip(places, shape, corner, strict=True):
+        away = begin + 1.0 + 2.0 * np.arange(count)[:, None] - line  # of the tiles' centres
+        factors.append(np.exp(-0.5 * (away[:, None] + _AT[:, None]) ** 2))
+        bounds.append(np.exp(-0.25 * np.clip(np.abs(away) - 1.0, 0.0, None) ** 2))
+    across, along = (_COEFFICIENTS @ each for each in factors)  # (tiles, NODES, N)
+    tiles = np.empty((int(shape.prod()), TILE))
+    values = (along * weights)[:, None] @ np.swapaxes(across, 1, 2)
+    tiles[:, :BOUND] = values.reshape(-1, BOUND)
+    tiles[:, BOUND] = _ERROR / ACCURACY * ((bounds[1] * weights) @ bounds[0].T).ravel()
+    return tiles
