@@ -1,9 +1,8 @@
 """The cost written like its formulas, in NumPy: every pair of a target and a component at once.
 
-The compiled kernel computes the same without writing the pairs down.  Here they are arrays, with a
-batch axis in front: (B, K, N) for B problems, K moving targets and N fixed components.  `value` is
-the cost itself, `cross_derivatives` is what propagation of errors needs.  Both are for readers and
-for tests.
+The compiled kernel computes it without writing the pairs down.  Here they are arrays, with a batch
+axis in front: (B, K, N) for B problems, K moving targets and N fixed components.  It is for readers
+and for tests.
 """
 
 import math
@@ -21,15 +20,13 @@ TURN = np.array([[0.0, -1.0], [1.0, 0.0]])  # E: d R / d phi = E R
 
 
 class Pairs(NamedTuple):
-    """log N(0 | d, S) of every pair of moving target and component, and parts of its derivatives.
+    """log N(0 | d, S) of every pair of a moving target and a component, with its gradient.
 
     With the rotated mean p and covariance C of the target: d = p + t - mu_i, B = S^-1, u = B d.
     """
 
     log: Array  # (B, K, N), the mixture's weight included
     gradient: Array  # (B, K, N, P): [-u, L_phi]
-    by_mean: Array  # (B, K, N, D): u = d L / d mu_i
-    cross: Array  # (B, K, N, P, D): [B, (B v)'] = d2L / d theta d mu_i, v = E p - C_phi u
 
 
 def pair_up(shifted: Array, turned: Array, spread: Array, slope: Array, fixed: PointSet) -> Pairs:
@@ -43,19 +40,13 @@ def pair_up(shifted: Array, turned: Array, spread: Array, slope: Array, fixed: P
     log_det = np.linalg.slogdet(2.0 * math.pi * spread)[1]
     log = np.log(fixed.weights)[:, None] - 0.5 * ((d * u).sum(axis=-1) + log_det)
     if d.shape[-1] == 1:
-        return Pairs(log, -u, u, b)
+        return Pairs(log, -u)
     lever = (turned @ TURN.T)[:, :, None]
     bent = (slope[:, :, None] @ u[..., None])[..., 0]  # C_phi u
     by_angle = (u * (0.5 * bent - lever)).sum(axis=-1) - 0.5 * np.einsum(
         "bkixy,bkyx->bki", b, slope
     )
-    turning = np.swapaxes(b @ (lever - bent)[..., None], -1, -2)
-    return Pairs(
-        log,
-        np.concatenate([-u, by_angle[..., None]], axis=-1),
-        u,
-        np.concatenate([b, turning], axis=-2),
-    )
+    return Pairs(log, np.concatenate([-u, by_angle[..., None]], axis=-1))
 
 
 def components(
@@ -147,14 +138,10 @@ class Factor(NamedTuple):
 
     log: Array  # (..., K)
     gradient: Array  # (..., K, P)
-    cross: Array  # (..., K, P): derivative of the gradient in z
-    by_value: Array  # (..., K): derivative of log in z
-    cross_input: Array  # (..., K, P): derivative of the gradient in the input of h, where dh = s
-    by_input: Array  # (..., K): derivative of log in the input
 
 
 def factor_of(measurement: LinearMeasurement, theta: Array) -> Factor:
-    """The measurement's factor at theta (..., P), with its derivatives."""
+    """The measurement's factor at theta (..., P), with its gradient."""
     xi = rigid.logarithm(theta) if measurement.of_twist else theta
     slope = (measurement.slope @ xi[..., None])[..., 0]
     variance = measurement.sigma**2 + (measurement.sigma_input * slope) ** 2
@@ -164,59 +151,6 @@ def factor_of(measurement: LinearMeasurement, theta: Array) -> Factor:
     gradient = (
         e[..., None] * measurement.gain + 0.5 * (e * e - 1.0 / variance)[..., None] * variance_by_xi
     )
-    cross = measurement.gain / variance[..., None] + (e / variance)[..., None] * variance_by_xi
-    cross_input = e[..., None] * measurement.slope - slope[..., None] * cross
     if measurement.of_twist:
-        jacobian = rigid.logarithm_jacobian(theta)
-        gradient, cross, cross_input = (each @ jacobian for each in (gradient, cross, cross_input))
-    log = -0.5 * (residual * e + np.log(2.0 * math.pi * variance))
-    return Factor(log, gradient, cross, -e, cross_input, slope * e)
-
-
-def cross_derivatives(
-    theta: Array,
-    fixed: PointSet,
-    moving: PointSet,
-    cost: RegistrationCost,
-    measurement: LinearMeasurement | None = None,
-) -> tuple[Array, Array, Array, Array]:
-    """d2f / d theta d z: derivatives of the gradient in each measured quantity (Censi 2007).
-
-    In the fixed means (B, N, P, D), the moving means (B, K, P, D), the measurement's values
-    (B, K, P) and, through its predictions only, its inputs (B, K, P).  The covariances and the
-    measurement's variance are held constant.
-
-    Every cost has the gradient f_theta = -sum_ki gamma_ki L_theta,ki with responsibilities gamma
-    that sum to one over a target's components (likelihood) or over all pairs (summing).  With the
-    mean gradient g over the same pairs,
-
-        f_theta,z = -sum_ki gamma_ki (L_theta,z + (L_theta - g) L_z').
-    """
-    factor = None if measurement is None else factor_of(measurement, theta)
-    parts = components(theta, fixed, moving, cost, factor)
-    gammas = responsibilities(parts, cost)
-    mean = np.zeros((len(theta), moving.size, 1, theta.shape[-1]))
-    for gamma, each in zip(gammas, parts, strict=True):
-        mean += gamma[..., None, :] @ each.gradient
-    if cost.fusion == "summing":
-        mean = mean.sum(axis=1, keepdims=True)
-
-    by_fixed = np.zeros((len(theta), fixed.size, theta.shape[-1], fixed.dimension))
-    by_moved = np.zeros((len(theta), moving.size, theta.shape[-1], fixed.dimension))
-    for gamma, each in zip(gammas, parts, strict=True):
-        centred = (each.gradient - mean)[..., :, None] * each.by_mean[..., None, :]
-        block = gamma[..., None, None] * (each.cross + centred)
-        by_fixed -= block.sum(axis=1)
-        by_moved += block.sum(axis=2)
-        if fixed.dimension == 2:  # d_phi = E p depends on the target's position
-            by_moved[:, :, 2] += (gamma[..., None] * each.by_mean).sum(axis=2) @ TURN
-    if fixed.dimension == 2:
-        by_moved = by_moved @ rigid.rotation(theta[:, 2])[:, None]
-
-    by_value, by_input = np.zeros((2, len(theta), moving.size, theta.shape[-1]))
-    if factor is not None:
-        share = gammas[0].sum(axis=2)[..., None]
-        centred = (gammas[0][..., None] * (parts[0].gradient - mean)).sum(axis=2)
-        by_value -= share * factor.cross + centred * factor.by_value[..., None]
-        by_input -= share * factor.cross_input + centred * factor.by_input[..., None]
-    return by_fixed, by_moved, by_value, by_input
+        gradient = gradient @ rigid.logarithm_jacobian(theta)
+    return Factor(-0.5 * (residual * e + np.log(2.0 * math.pi * variance)), gradient)

@@ -6,8 +6,8 @@ mean gradient g over the same pairs::
 
     f_theta,z = -sum_ki gamma_ki (L_theta,z + (L_theta - g) L_z')
 
-`d2d.dense.cross_derivatives` has it in NumPy.  The cost's own pass leaves g and the factors that
-turn weights into responsibilities; a second pass over the pairs adds up f_theta,z.
+The cost's own pass leaves g and the factors that turn weights into responsibilities; a second pass
+over the pairs adds up f_theta,z.
 """
 
 import math
