@@ -156,15 +156,21 @@ def evaluate_pair(pair, theta, fusion, accuracy, work, lists):
         a00, a01, a11 = a00 * r - g0 * g0, a01 * r - g0 * g1, a11 * r - g1 * g1
         a02, a12, a22 = a02 * r - g0 * g2, a12 * r - g1 * g2, a22 * r - g2 * g2
     if not pair.planar:
-        # on a line there is no t_y and phi: unit curvature keeps the Newton step along them at zero
+        # on a line there is no t_y and phi: no slope keeps the Newton step along them at zero
         g1 = g2 = a01 = a02 = a12 = 0.0
-        a11 = a22 = -1.0
+        a11 = a22 = a00
     g[0], g[1], g[2] = -g0, -g1, -g2
     h[0, 0], h[1, 1], h[2, 2] = -a00, -a11, -a22
     h[0, 1] = h[1, 0] = -a01
     h[0, 2] = h[2, 0] = -a02
     h[1, 2] = h[2, 1] = -a12
     return value
+
+
+@inlined
+def is_centred(batch):
+    """Whether the descent is about the centres of the sets, see `entries.minimise_batch`."""
+    return batch.kind == layout.MOTION and batch.factors.shape[0] == 0
 
 
 @compiled

@@ -5,12 +5,14 @@ import math
 from d2d._kernel import layout, rows
 from d2d._kernel.charts import centred_chart, exponential_chart, logarithm_chart, write_chart
 from d2d._kernel.compile import compiled, entry, inlined
-from d2d._kernel.cost import evaluate_block, motion_chart, pair_at, setting_of
+from d2d._kernel.cost import evaluate_block, is_centred, motion_chart, pair_at, setting_of
 from d2d._kernel.jets import through_chart
 from d2d._kernel.layout import WEIGHT, XX, XY, YY, X, Y, work_in
 from d2d._kernel.newton import invert, minimise
 from d2d._kernel.pairs import find_extremes
 from d2d._kernel.rows import LANES
+
+ROUNDED = 1e-14  # part of a variance that may be rounding
 
 
 @entry
@@ -184,6 +186,14 @@ def bring_back(theta, a, b, g, h, covariance):
     covariance[1, 0] = covariance[0, 1]
 
 
+@compiled
+def is_regular(c):
+    """Whether double precision can tell a covariance (3, 3) from a singular one."""
+    by_x, by_y = c[0, 2] / c[2, 2], c[1, 2] / c[2, 2]
+    x, y, xy = c[0, 0] - by_x * c[0, 2], c[1, 1] - by_y * c[1, 2], c[0, 1] - by_x * c[1, 2]
+    return x > ROUNDED * c[0, 0] and y > ROUNDED * c[1, 1] and y - xy * xy / x > ROUNDED * c[1, 1]
+
+
 @entry
 def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
     """Minimise every problem separately; ``thetas`` holds the starts, then the optima.
@@ -197,22 +207,23 @@ def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
     """
     value, gradient, hessian, covariance, converged, iterations, shares = results
     work = work_in(memory)
-    centred = batch.kind == layout.MOTION and batch.factors.shape[0] == 0
+    centred = is_centred(batch)
     for b in range(thetas.shape[0]):
         a, c = centres_of(batch, batch.first[b])
         if centred:
             chart = centred_chart(thetas[b], a, c)
             thetas[b, 0], thetas[b, 1] = chart.x, chart.y
         value[b], converged[b], iterations[b], shares[b] = minimise(
-            batch, b, centred, thetas[b], tolerance, max_iterations, work, gradient[b], hessian[b]
+            batch, b, thetas[b], tolerance, max_iterations, work, gradient[b], hessian[b]
         )
         if converged[b]:
             invert(hessian[b], work.step, work.trial, covariance[b])
-        else:
-            for j in range(3):
-                covariance[b, j, 0] = covariance[b, j, 1] = covariance[b, j, 2] = math.nan
         if centred:
             bring_back(thetas[b], a, c, gradient[b], hessian[b], covariance[b])
+            regular = batch.planar == 0.0 or is_regular(covariance[b])
+            converged[b] = converged[b] and regular
+        if not converged[b]:
+            covariance[b, :, :] = math.nan
 
 
 @entry
