@@ -45,11 +45,12 @@ def cluster_summing_wrong(ev: Evidence) -> None:
     wrong_on_layouts = complement(share_over([each.right for each in layouts], 1))
     stays = share_ending_at_truth(CLUSTERS, SUMMING)
     stays_on_layouts = share_over(over_layouts("clusters", SUMMING).share, 100)
-    kind, searched = worst(KINDS, SCENES)
-    eight, _ = worst([each for each in KINDS if each.targets == 8], SCENES)
+    worst_kind, searched = worst(KINDS, SCENES)
+    worst_of_eight, _ = worst([kind for kind in KINDS if kind.targets == 8], SCENES)
     # the search picks the worst of many: what it found is measured on scenes it has not seen
     wrong, wrong_of_eight = (
-        share_over(shares_wrong(each, FRESH, first=1000), DRAWS) for each in (kind, eight)
+        share_over(shares_wrong(kind, FRESH, first=1000), DRAWS)
+        for kind in (worst_kind, worst_of_eight)
     )
     is_wrong = ev.part("the global minimum is wrong", nearly_all)
     leaves = ev.part("descents from the truth leave it", nearly_all)
@@ -77,8 +78,9 @@ def cluster_summing_wrong(ev: Evidence) -> None:
         f"of those on {SEARCHED} random layouts, and {stays:.0%} of the descents from the truth "
         "stay there. Outside the thesis's conditions, beside the verdict: a search over "
         f"{len(searched)} kinds of layout finds one in which it is elsewhere in {wrong:.0%} of the "
-        f"draws, {kind}. A cluster that outnumbers the rest leaves the rotation to the few others; "
-        f"with the thesis's eight targets the worst is {eight}, with {wrong_of_eight:.0%}.",
+        f"draws, {worst_kind}. A cluster that outnumbers the rest leaves the rotation to the few "
+        f"others; with the thesis's eight targets the worst is {worst_of_eight}, with "
+        f"{wrong_of_eight:.0%}.",
         over=f"{SEARCHED} draws of the noise of each of three scenes, one on each of {SEARCHED} "
         f"random layouts; the search {DRAWS} on {SCENES} random scenes of {len(searched)} kinds, "
         f"its result {DRAWS} on {FRESH} further scenes",
