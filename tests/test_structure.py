@@ -109,5 +109,7 @@ def test_a_docstring_begins_with_a_verb_or_a_noun():
     for path in (path for room in rooms for path in room.rglob("*.py")):
         for node in ast.walk(tree(path)):
             if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                if "claim(" in "".join(map(ast.unparse, getattr(node, "decorator_list", []))):
+                    continue  # a sentence of the thesis
                 first = (ast.get_docstring(node) or "").split("\n")[0]
                 assert not NO_NOUN.match(first), f"{path}: {first}"

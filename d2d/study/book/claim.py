@@ -164,7 +164,7 @@ def judge(parts: Iterable[Finding]) -> Verdict:
 
 @dataclass
 class Evidence:
-    """What a check measured, and what follows from it.
+    """Measurements of a check, and what follows from them.
 
     The check adds parts and numbers and ends with `conclude`.  The names of ``numbers`` have units.
     What was measured has its 95 % interval; a plain float is exact, a count or the value of a

@@ -103,7 +103,7 @@ def _loss_with_distance(scene: str, method: str) -> Measured:
 
 
 def _smallest_lead(others: Iterable[str]) -> Measured:
-    """Of ICP over other methods in any scene: the difference of their shares from far starts."""
+    """Return ICP's smallest lead over other methods: the difference of shares from far starts."""
     shares = _success_shares()
     pairs = [(shares[scene, ICP], shares[scene, other]) for scene in SCENES for other in others]
     return smallest(mean_of, *((own[:, 0] - other[:, 0],) for own, other in pairs))

@@ -68,7 +68,7 @@ def tight_cluster_certain(ev: Evidence) -> None:
 
 
 class _Effect(NamedTuple):
-    """What a tight cluster does to one cost: the maxima over its spacings, in sigma and as ratios.
+    """Effect of a tight cluster on one cost: maxima over its spacings, in sigma and as ratios.
 
     Each ratio is that to the three targets without a cluster.
     """
@@ -101,7 +101,7 @@ def _ratio_of_medians(over: Array, under: Array, *, comparisons: int = 1) -> Mea
 
 
 def _paired(over: Spread, under: Spread, field: str) -> tuple[Array, Array]:
-    """That field of both, cut to the same number of draws; the draws are independent."""
+    """Return a field of both, cut to the same number of draws; the draws are independent."""
     first, second = getattr(over, field), getattr(under, field)
     count = min(len(first), len(second))
     return first[:count], second[:count]

@@ -49,7 +49,7 @@ LAYOUTS = 200  # random layouts on which it is only evaluated, 10 draws on each
 
 
 class _Loss(NamedTuple):
-    """What the outliers of M cost the likelihood at the truth, in each draw."""
+    """Cost of the outliers of M to the likelihood at the truth, in each draw."""
 
     decades: Array
     far: NDArray[np.bool_]  # whether one is far from every component
