@@ -1,4 +1,4 @@
-"""What only a fresh process can show: start-up, compilation, peak memory; and the machine."""
+"""Measurements in a fresh process: start-up, compilation, peak memory; and the machine."""
 
 import importlib.metadata
 import os

@@ -19,7 +19,7 @@ SUBJECTS = (
     *("drives", "road", "beyond", "guides"),
 )
 # Clauses and pronouns that a reader cannot search for; `Whether` names a truth value.
-NO_NOUN = re.compile(r"(What|Those|The same|It|This|These|They|That|Which|With|Of)\b")
+NO_NOUN = re.compile(r"(What|Those|The same|It|This|These|They|That|Which)\b")
 OPTIONAL = ("evo", "joblib", "matplotlib", "pandas", "tqdm")  # of the extras `study` and `track`
 
 

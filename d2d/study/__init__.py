@@ -1,4 +1,4 @@
-"""What the chapters of the book share: scenes, experiments, figures, and the claims they judge.
+"""Scenes, experiments, figures and claims of the book's chapters.
 
 Each subpackage covers one subject:
 

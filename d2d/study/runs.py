@@ -28,7 +28,7 @@ CHUNK = 1000  # runs in one batched call, a worker's unit of work; bounds the me
 
 
 class Scene(Protocol):
-    """What `monte_carlo` can run: a true motion, and noisy scans before and after it."""
+    """A true motion and noisy scans before and after it, for `monte_carlo`."""
 
     @property
     def theta(self) -> Array:

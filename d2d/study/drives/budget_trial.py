@@ -33,7 +33,7 @@ COVARIANCES = ("inverse Hessian", "propagated noise", "noise and budget")
 
 
 class Ingredient(NamedTuple):
-    """What is wrong in a drive: shared errors, with the standard deviations of a budget, and more.
+    """Errors put into a drive: shared ones with the standard deviations of a budget, and others.
 
     ``stated`` says whether the estimator knows the extent and the rounding, which each target has
     for itself.  It always knows the targets' own noise.

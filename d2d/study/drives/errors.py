@@ -17,7 +17,7 @@ UNITS = ("m/s", "m/s", "°/s")  # of IN_UNITS, as figures and tables print them
 
 
 def errors_table(found: Mapping[str, Comparison], caption: str) -> Table:
-    """What the chapters print of each comparison: errors, usable estimates and credibility.
+    """Table of each comparison: errors, usable estimates and credibility.
 
     The ANEES stands with its 95 % interval by a block bootstrap, since errors along a drive are
     correlated; it is credible if 1 lies inside.  NCI and I^2 compare with the mean square error of

@@ -163,7 +163,7 @@ def street(ax: Axes, world: World) -> None:
 
 
 def camera_view(ax: Axes, world: World, frame: Array, time: float, view: float) -> None:
-    """What a camera at ``frame`` [x, y, yaw] sees, ``view`` rad to either side.
+    """Draw the view of a camera at ``frame`` [x, y, yaw], ``view`` rad to either side.
 
     Houses, cars, bushes, poles and movers, the farthest drawn first.
     """

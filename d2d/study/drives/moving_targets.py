@@ -1,4 +1,4 @@
-"""Which targets of a drive are rejected, and what they are."""
+"""Rejected targets of a drive, by the object that they belong to."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -96,7 +96,7 @@ def shared_azimuth(
 def on_a_drive(
     drive: Drive, driven: Track, pairs: Iterable[int], *, doppler: bool = True
 ) -> StatedCovariances:
-    """The same three covariances on these pairs of scans of a drive, started at its track.
+    """Three covariances on these pairs of scans of a drive, started at its track.
 
     The truth is the velocity at the second scan.  Pairs without a covariance are left out.
     """

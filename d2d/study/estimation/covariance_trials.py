@@ -108,7 +108,7 @@ def quadratic_ratios(name: str, distance: float) -> Array:
 
 
 class SharedPartner(NamedTuple):
-    """What sharing does to the D2D likelihood: actual over stated mean square error (ANEES)."""
+    """ANEES of the D2D likelihood where targets share a partner."""
 
     fisher: Measured
     propagated: Measured

@@ -14,7 +14,7 @@ from d2d.study.line.scene import TRUTH as TRUE_TRANSLATION
 
 
 class Terms(NamedTuple):
-    """What the robust D2D likelihood and its derivatives are made of, over translations (T,)."""
+    """Terms of the robust D2D likelihood and its derivatives, over translations (T,)."""
 
     value: Array  # the cost
     inliers: Array  # (1/m) the inlier components' part of the gradient

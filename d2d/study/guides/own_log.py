@@ -33,7 +33,7 @@ _ERRORS = SensorErrors(extent=0.2, neighbours=1.0)
 
 
 class OwnDrive(NamedTuple):
-    """What is known of the drive apart from its log."""
+    """Facts about the drive that its log does not hold."""
 
     truth: Reference  # at the times of the front radar's scans
     odometry: Reference  # speed and yaw rate as the car's bus reports them, on a clock of its own

@@ -101,7 +101,7 @@ Case = tuple[PointSet, PointSet, RegistrationCost, ArrayLike, NDArray[np.int_]]
 
 @cache
 def halves_of_each_reason() -> list[tuple[str, float, float]]:
-    """What the halves of the moving set reveal of each reason, in the scenes of chapter 10.
+    """ANEES of whole sets and of halves for each reason, in the scenes of chapter 10.
 
     Its name, the ANEES of whole sets against the truth, and that of the difference of halves, drawn
     by target; where targets are repeated, by copy or by target.
@@ -183,7 +183,7 @@ def draw_bias(ax: Axes, rows: Sequence[BiasRow]) -> None:
 
 
 class Reason(NamedTuple):
-    """What is wrong in a drive: unknown errors, and standard deviations stated off by a factor.
+    """Faults of a drive: unknown errors, and standard deviations stated off by a factor.
 
     Each radar is turned by ``turned`` times `BIAS`.
     """

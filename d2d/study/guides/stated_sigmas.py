@@ -1,4 +1,4 @@
-"""What happens to estimates if the stated standard deviations are too small or too large."""
+"""Estimates whose stated standard deviations are too small or too large."""
 
 from collections.abc import Sequence
 from dataclasses import replace

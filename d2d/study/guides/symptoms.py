@@ -1,4 +1,4 @@
-"""What a track looks like if the log or the mounting is wrong in one of the usual ways."""
+"""Tracks of a log or a mounting that is wrong in one of the usual ways."""
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +23,7 @@ _NYQUIST = 8.0  # m/s: a sensor that folds its velocities into this, to either s
 
 
 class Symptom(NamedTuple):
-    """What a track shows if one thing is wrong.
+    """Signs in a track of one fault.
 
     ``forward`` and ``turning`` are the slopes of the accepted v_x and omega over the true ones;
     ``message`` is an error or a warning, empty if there is none.

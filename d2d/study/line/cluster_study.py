@@ -1,4 +1,4 @@
-"""What a cluster does to the cost surfaces of the scene on a line, and to its estimate."""
+"""Effect of a cluster on the cost surfaces of the scene on a line, and on its estimate."""
 
 from functools import cache
 from typing import NamedTuple
@@ -20,7 +20,7 @@ SPACINGS = (0.0, 0.5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # standard devia
 
 
 class Spread(NamedTuple):
-    """What a cost states on a line, and how far it errs, of every converged draw."""
+    """Stated and actual errors of a cost on a line, of every converged draw."""
 
     stated: Array  # (n,) standard deviations in units of sigma
     errors: Array  # (n,) in units of sigma

@@ -1,4 +1,4 @@
-"""What an outlier does to the cost surfaces of the scene on a line."""
+"""Effect of an outlier on the cost surfaces of the scene on a line."""
 
 from functools import cache
 

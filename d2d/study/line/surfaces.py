@@ -104,7 +104,7 @@ def _after_previous(condition: NDArray[np.bool_], end: NDArray[np.int64]) -> NDA
 
 
 class Survey(NamedTuple):
-    """What the surfaces of many draws look like, one entry (draws,) for each."""
+    """Optima and basins of the surfaces of many draws, one entry (draws,) for each."""
 
     optima: Array  # local maxima of the logarithm
     highest: Array  # m, where the highest is

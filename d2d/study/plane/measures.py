@@ -1,4 +1,4 @@
-"""What the claims on scenes in the plane measure: optima, shares of runs, errors, decibels."""
+"""Measures for the claims on scenes in the plane: optima, shares of runs, errors, decibels."""
 
 import numpy as np
 
@@ -55,7 +55,7 @@ def error_ratio(over: Condition, under: Condition) -> Measured:
 
 
 def error_ratio_of_layouts(over: Condition, under: Condition) -> Array:
-    """The same ratio on each of 200 random layouts, each with the targets of such a scene."""
+    """Ratio of RMS errors on each of 200 random layouts with the targets of such a scene."""
     above, below = (over_layouts(scenario.name, cost).rmse for scenario, cost in (over, under))
     return above / below
 

@@ -187,7 +187,7 @@ def _doppler_track(recordings: Sequence[Recording]) -> Track:
 
 
 def recording_facts(raw: Sequence[Recording], duration: float) -> tuple[dict[str, Any], Correction]:
-    """What the Doppler velocities say about clock, slip and mountings, and the correction to use.
+    """Clock, slip and mountings by the Doppler velocities, and the correction to use.
 
     ``raw`` holds the recordings of all sensors, read without a time offset or side slip.  The
     correction is fitted to all sensors in the first half of the recording, so that the second half

@@ -44,7 +44,7 @@ HEAD = (
 
 
 class Filtered(NamedTuple):
-    """What a filter says at the n times of a drive, and the errors (n, 3), nan where unknown."""
+    """Output of a filter at the n times of a drive, and its errors (n, 3), nan where unknown."""
 
     nis: Array  # (n,), nan without an estimate
     errors: Array

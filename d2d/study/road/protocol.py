@@ -1,4 +1,4 @@
-"""Which covariance holds on the road: all models fitted and judged alike, leave one drive out.
+"""Covariances on the road: all models fitted and judged alike, leaving one drive out.
 
 Page G states the protocol, which was written down before it was run.
 """
@@ -119,7 +119,7 @@ def followed(rounds: Sequence[Round], budget: ErrorBudget) -> tuple[Estimates, F
 
 
 def effects_of(slow: Array, acceleration: Array) -> Array:
-    """What a standard deviation of one of each cause adds to a covariance: (4, 3, 3)."""
+    """Covariances (4, 3, 3) that a standard deviation of one of each cause adds."""
     pairs = slow.shape[1] // 2 - 1  # each with an azimuth and a Doppler error; the slip is last
     each = slow[:, :pairs], slow[:, pairs : 2 * pairs], slow[:, 2 * pairs : -1]
     return np.array([columns @ columns.T for columns in (*each, acceleration[:, None])])

@@ -1,4 +1,4 @@
-"""What residuals reveal about a recording: its clock, side slip, mountings and noise.
+"""Clock, side slip, mountings and noise of a recording, from its residuals.
 
 RadarScenes states no time offset, side slip or standard deviations.  The Doppler velocities of
 static targets give the time offset, the side slip and the errors of the mounting angles, as in
@@ -36,7 +36,7 @@ class Correction(NamedTuple):
 
 
 def some_of(velocities: ScanVelocities, chosen: NDArray[np.bool_]) -> ScanVelocities:
-    """Those of the chosen scans (n,), with their sensors numbered anew from 0."""
+    """Velocities of the chosen scans (n,), with their sensors numbered anew from 0."""
     kept = {name: column[chosen] for name, column in velocities._asdict().items()}
     kept["sensor"] = np.unique(kept["sensor"], return_inverse=True)[1]
     return ScanVelocities(**kept)

@@ -1,4 +1,4 @@
-"""What the radars of nuScenes report in turns, and how wrong the stated mounting angles are.
+"""Errors of the radars of nuScenes in turns, and of their stated mounting angles.
 
 A static target of a sensor that turns with omega moves across its line of sight with omega r.
 Extrapolated along the direction of its motion for a time t, it would be farther away and recede by
