@@ -20,6 +20,7 @@ DPI = 110  # as in the chapters; 5 inches fit a phone
 TILE = (2.6, 2.0)  # inches: three beside each other on the first pages
 STATIC = Path(__file__).resolve().parents[1] / "_static"
 ROBUST = COSTS["robust"]
+SCENES = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
 
 
 def overview() -> Figure:
@@ -53,20 +54,22 @@ def overview() -> Figure:
     return figure
 
 
+def share_from_zero(scene: scenarios.Scenario, scales: tuple[float, ...]) -> float:
+    """Share of the runs with the robust likelihood that reach the truth from zero."""
+    runs = monte_carlo(scene, ROBUST, initial="zero", scales=scales)
+    return float(at_truth(runs.errors).mean())
+
+
 def start() -> Figure:
     """Share of runs that find the truth from zero, without a schedule and with two schedules."""
     schedules = {"plain": (1.0,), "scales 4, 2, 1": (4.0, 2.0, 1.0), "scales 10 … 1": ANNEALED}
     figure, ax = plt.subplots(figsize=(5.0, 3.0))
     for i, (name, scales) in enumerate(schedules.items()):
-        shares = [
-            at_truth(monte_carlo(scene, ROBUST, initial="zero", scales=scales).errors).mean()
-            for scene in scenarios.ALL
-        ]
+        shares = [share_from_zero(scene, scales) for scene in scenarios.ALL]
         color = (grammar.GREY, grammar.YELLOW, grammar.COSTS["robust"].color)[i]
         bars = ax.bar(np.arange(5) + 0.28 * (i - 1), shares, 0.26, color=color, label=name)
         ax.bar_label(bars, [f"{100 * share:.0f}" for share in shares], fontsize=9)
-    names = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
-    ax.set_xticks(np.arange(5), names)
+    ax.set_xticks(np.arange(5), SCENES)
     ax.set_ylabel("share at the truth")
     ax.set_ylim(0, 1.1)
     figure.legend(loc="outside upper center", ncols=3)
@@ -83,8 +86,7 @@ def summing() -> Figure:
         errors = [np.sqrt(np.mean(np.sum(run.errors[:, :2] ** 2, axis=1))) for run in results]
         axes[0].plot(errors, heights, **marks)
         axes[1].plot([run.credibility.anees for run in results], heights, **marks)
-    names = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
-    axes[0].set_yticks(rows, names)
+    axes[0].set_yticks(rows, SCENES)
     axes[0].set_xlabel("RMSE (m)")
     axes[0].set_xlim(0, None)
     axes[1].axvline(1.0, **grammar.TRUTH)
@@ -124,11 +126,7 @@ def _shares_inside(ax: Axes) -> None:
 def start_tile() -> Figure:
     """How many runs from zero find the truth, plain and annealed, in the scene with outliers."""
     schedules = {"plain": (1.0,), "blurred first,\nthen sharpened": ANNEALED}
-    runs = [
-        monte_carlo(scenarios.OUTLIERS, ROBUST, initial="zero", scales=scales)
-        for scales in schedules.values()
-    ]
-    shares = [float(at_truth(each.errors).mean()) for each in runs]
+    shares = [share_from_zero(scenarios.OUTLIERS, scales) for scales in schedules.values()]
     figure, ax = plt.subplots(figsize=TILE)
     colors = [grammar.GREY, grammar.COSTS["robust"].color]
     bars = ax.bar(list(schedules), shares, 0.6, color=colors)

@@ -64,7 +64,7 @@ def figures(document: nodes.document, address: str) -> list[nodes.Node]:
 def entry(text: str, address: str, *picture: nodes.Node) -> nodes.paragraph:
     """A link with the picture above its text."""
     link = nodes.reference("", "", *picture, nodes.Text(text), internal=True, refuri=address)
-    return nodes.paragraph("", "", link, classes=["gallery-figure" if picture else ""])
+    return nodes.paragraph("", "", link, classes=["gallery-figure"] if picture else [])
 
 
 def fill(app: Sphinx, document: nodes.document, here: str) -> None:
