@@ -2,12 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
 from d2d._types import Array
-from d2d.study.book import svg
 from d2d.study.book.grammar import BLACK, COSTS, OCHRE, PURPLE, SKY, TRUTH
 from d2d.study.book.style import write_out_ticks
 from d2d.study.estimation.descent import PairedTargets, profile
@@ -20,68 +18,25 @@ COLOURS = {
     "Gauss-Newton": BLACK,
     "Levenberg-Marquardt": SKY,
 }
-WIDTH, HEIGHT, MARGIN = svg.PHONE, 340.0, 14.0  # of a frame, in SVG units
-KEY, AXES = 92.0, 58.0  # of HEIGHT, above and below the picture
 
 
-def draw_paths(ax: Axes, problem: PairedTargets, paths: Mapping[str, Path]) -> None:
-    """The paths over the profiled cost in the plane of t_y and phi."""
-    t_y, angle = _window(paths)
-    cost, levels = _surface(problem, t_y, angle)
-    ax.contour(t_y, np.rad2deg(angle), cost, levels, colors="0.7", linewidths=0.7)
-    for name, path in paths.items():
-        plotted = path.points[:, 1], np.rad2deg(path.points[:, 2])
-        ax.plot(*plotted, ".-", color=COLOURS[name], label=name, ms=5, lw=1.2)
-    ax.set(xlabel="$t_y$ (m)", ylabel="$φ$ (°)")
-
-
-def descent_frame(problem: PairedTargets, paths: Mapping[str, Path], iteration: int) -> str:
-    """SVG of the paths up to an iteration, over contours of the profiled cost."""
-    t_y, angle = _window(paths)
-
-    def place(points: Array) -> Array:
-        x = (points[:, 0] - t_y[0]) / (t_y[-1] - t_y[0])
-        y = (points[:, 1] - angle[0]) / (angle[-1] - angle[0])
-        return np.stack(
-            [MARGIN + x * (WIDTH - 2 * MARGIN), HEIGHT - AXES - y * (HEIGHT - AXES - KEY)], -1
-        )
-
-    parts = [svg.polyline(place(line), "#999", 1.0) for line in _contours(problem, t_y, angle)]
-    for row, (name, path) in enumerate(paths.items()):
-        points, colour = place(path.points[: iteration + 1, 1:]), COLOURS[name]
-        arrived = " (arrived)" if path.converged and iteration >= len(path.points) - 1 else ""
-        parts += [
-            svg.polyline(points, colour, 2.2),
-            svg.circle(points[-1, 0], points[-1, 1], 7.0 - row, colour),
-            svg.circle(MARGIN + 8.0, 14.0 + 21.0 * row, 6.0, colour),
-            svg.text(MARGIN + 22.0, 20.0 + 21.0 * row, name + arrived),
-        ]
-    across = f"across: translation from {t_y[0]:.1f} to {t_y[-1]:.1f} m"
-    upwards = "upwards: rotation from {:.1f}° to {:.1f}°".format(*np.rad2deg(angle[[0, -1]]))
-    for row, axis in enumerate((across, upwards)):
-        words, y = axis.replace("-", "−"), HEIGHT - AXES + 26.0 + 22.0 * row
-        parts.append(svg.text(0.5 * WIDTH, y, words, text_anchor="middle"))
-    return svg.picture(WIDTH, HEIGHT, f"Optimiser paths after {iteration} iterations", parts)
-
-
-def _window(paths: Mapping[str, Path]) -> tuple[Array, Array]:
+def draw_paths(
+    ax: Axes, problem: PairedTargets, paths: Mapping[str, Path], iteration: int | None = None
+) -> None:
+    """Draw the paths, up to an iteration, over the profiled cost in the plane of t_y and phi."""
     ends = np.concatenate([path.points[:, 1:] for path in paths.values()])
-    low, high = ends.min(axis=0), ends.max(axis=0)
-    low, high = low - 0.15 * (high - low), high + 0.15 * (high - low)
-    return np.linspace(low[0], high[0], 81), np.linspace(low[1], high[1], 81)
-
-
-def _surface(problem: PairedTargets, t_y: Array, angle: Array) -> tuple[Array, Array]:
-    """The profiled cost, and the levels of its contours."""
+    margin = 0.15 * np.ptp(ends, axis=0)
+    t_y, angle = np.linspace(ends.min(axis=0) - margin, ends.max(axis=0) + margin, 81).T
     cost = profile(problem, t_y, angle)
-    return cost, cost.min() + np.geomspace(1.0, float(np.ptp(cost)), 14)
-
-
-def _contours(problem: PairedTargets, t_y: Array, angle: Array) -> list[Array]:
-    figure, ax = plt.subplots()
-    lines = ax.contour(t_y, angle, *_surface(problem, t_y, angle)).allsegs
-    plt.close(figure)
-    return [line[::2] for level in lines for line in level if len(line) > 4]
+    levels = cost.min() + np.geomspace(1.0, float(np.ptp(cost)), 14)
+    ax.contour(t_y, np.rad2deg(angle), cost, levels, colors="0.7", linewidths=0.7)
+    for number, (name, path) in enumerate(paths.items()):
+        points = path.points[: None if iteration is None else iteration + 1]
+        drawn = points[:, 1], np.rad2deg(points[:, 2])
+        ax.plot(*drawn, ".-", color=COLOURS[name], label=name, ms=5, lw=1.2)
+        if iteration is not None:
+            ax.plot(drawn[0][-1], drawn[1][-1], "o", color=COLOURS[name], ms=9 - 1.5 * number)
+    ax.set(xlabel="$t_y$ (m)", ylabel="$φ$ (°)")
 
 
 def propagation_panel(

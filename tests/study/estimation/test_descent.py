@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.study.estimation import descent, figures
+from d2d.study.estimation import descent
 from d2d.study.estimation.optimisers import cost
 from d2d.study.plane.scenarios import OVERLAPPED
 
@@ -55,11 +55,3 @@ def test_the_profile_is_the_least_over_the_third_parameter():
         for b, y in enumerate(t_y):
             costs = [cost(pairs, np.array([x, y, phi])) for x in t_x]
             assert_allclose(surface[a, b], min(costs), rtol=1e-5)
-
-
-def test_a_frame_is_drawn_with_numbers():
-    """Breaks if a path that has ended, or the contours, leave the frame."""
-    (pairs,) = problems(1)
-    frame = figures.descent_frame(pairs, descent.run_all(pairs, np.zeros(3)), 3)
-    assert frame.startswith("<svg")
-    assert "nan" not in frame
