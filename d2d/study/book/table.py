@@ -8,17 +8,16 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import groupby
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 Column = str | tuple[str, ...]
 """A heading, or a heading with a unit ("" for none) and the format of its numbers."""
 
-GAP = "  "
 ABSENT = "–"
-NUMBER = ' class="number"'
-FEW = 8  # cells that need no table
 
 
 def significant(value: float) -> str:
@@ -40,101 +39,74 @@ def cell(value: Any, specification: str = "") -> str:
         return value
     if isinstance(value, bool | np.bool_):
         return "yes" if value else "no"
-    if not np.isfinite(value):
-        return significant(float(value))
-    return format(value, specification) if specification else significant(float(value))
+    if specification and np.isfinite(value):
+        return format(value, specification)
+    return significant(float(value))
 
 
 @dataclass(frozen=True)
 class Table:
     """A table of finished cells, which shows itself; `table` makes one."""
 
-    header: tuple[tuple[str, str], ...]  # heading and unit of each column; may be empty
+    header: tuple[tuple[str, str, str], ...]  # group, heading and unit of each column; may be empty
     rows: tuple[tuple[str, ...], ...]  # the first cell of each names the row
     numeric: tuple[bool, ...]  # which columns hold numbers, and so are set flush right
     caption: str = ""
-    groups: tuple[tuple[str, int], ...] = ()  # headings with their columns, from the first one on
 
     def __str__(self) -> str:
-        heads = [f"{name} ({unit})" if unit else name for name, unit in self.header]
-        lines = [tuple(heads), *self.rows] if heads else list(self.rows)
+        heads = [
+            (f"{group}: " if group else "") + (f"{name} ({unit})" if unit else name)
+            for group, name, unit in self.header
+        ]
+        lines = [*([heads] if heads else []), *self.rows]
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        over, first = [], 0
-        for title, span in self.groups:
-            last = first + span - 1
-            width = sum(widths[first : last + 1]) + len(GAP) * (span - 1)
-            widths[last] += max(len(title) - width, 0)
-            over.append(title.center(width, "-" if title else " "))
-            first = last + 1
         aligned = [
-            GAP.join(
+            "  ".join(
                 text.rjust(width) if right else text.ljust(width)
                 for text, width, right in zip(line, widths, self.numeric, strict=True)
             ).rstrip()
             for line in lines
         ]
-        above = [self.caption] if self.caption else []
-        return "\n".join([*above, *([GAP.join(over)] if over else []), *aligned])
+        return "\n".join([self.caption, *aligned] if self.caption else aligned)
 
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        """A table in a box of its own that scrolls where it is wider than the page.
-
-        A few numbers stand in a line: "After one second: **0.16 °/s**".
-        """
-        few = len(self.rows) == 1 or len(self.rows) * len(self.rows[0]) <= FEW
-        if few and not self.groups:
-            before = f"{escape(self.caption)} " if self.caption else ""
-            line = "; ".join(map(self._html_line, self.rows))
-            if line[:2].isalpha() and not self.caption.endswith(":"):  # not a symbol
-                line = line[0].upper() + line[1:]
-            return f'<p class="measured">{before}{line}</p>'
-        parts = ['<figure class="measured">']
-        if self.caption:
-            parts.append(f"<figcaption>{escape(self.caption)}</figcaption>")
-        parts.append('<div class="measured-scroll"><table>\n')
-        if self.header:
-            parts.append(f"<thead>{self._html_groups()}<tr>{self._html_header()}</tr></thead>\n")
-        body = "\n".join(f"<tr>{self._html_row(row)}</tr>" for row in self.rows)
-        parts.append(f"<tbody>\n{body}\n</tbody></table></div></figure>")
-        return "".join(parts)
-
-    def _html_line(self, row: Sequence[str]) -> str:
-        header = self.header or [("", "")] * len(row)
-        numbers = (
-            " ".join(filter(None, (name, text, unit)))
-            for (name, unit), text in zip(header[1:], row[1:], strict=True)
+        """A table in a box of its own that scrolls where it is wider than the page."""
+        caption = f"<figcaption>{escape(self.caption)}</figcaption>" if self.caption else ""
+        numbers = [' class="number"' if right else "" for right in self.numeric]
+        body = "\n".join(
+            f'<tr><th scope="row">{escape(name)}</th>'
+            + "".join(
+                f"<td{number}>{escape(text)}</td>"
+                for text, number in zip(row, numbers[1:], strict=True)
+            )
+            + "</tr>"
+            for name, *row in self.rows
         )
-        return f"{escape(row[0])}: <b>{escape(', '.join(numbers))}</b>"
+        return (
+            f'<figure class="measured">{caption}<div class="measured-scroll"><table>\n'
+            f"<thead>{self._html_heads(numbers)}</thead>\n"
+            f"<tbody>\n{body}\n</tbody></table></div></figure>"
+        )
 
-    def _html_groups(self) -> str:
-        cells = [
-            f'<th scope="colgroup" colspan="{span}">{escape(title)}</th>'
-            if title
-            else f'<td colspan="{span}"></td>'
-            for title, span in self.groups
-        ]
-        return f"<tr>{''.join(cells)}</tr>" if cells else ""
-
-    def _html_header(self) -> str:
-        cells = []
-        for (name, unit), right in zip(self.header, self.numeric, strict=True):
-            of_unit = f' <span class="unit">{escape(unit)}</span>' if unit else ""
-            cells.append(f'<th scope="col"{NUMBER if right else ""}>{escape(name)}{of_unit}</th>')
-        return "".join(cells)
-
-    def _html_row(self, row: Sequence[str]) -> str:
-        first, *others = map(escape, row)
-        cells = [
-            f"<td{NUMBER if right else ''}>{text}</td>"
-            for text, right in zip(others, self.numeric[1:], strict=True)
-        ]
-        return "".join([f'<th scope="row">{first}</th>', *cells])
+    def _html_heads(self, numbers: Sequence[str]) -> str:
+        heads = "".join(
+            f'<th scope="col"{number}>{escape(name)}'
+            + (f' <span class="unit">{escape(unit)}</span></th>' if unit else "</th>")
+            for (_, name, unit), number in zip(self.header, numbers, strict=False)
+        )
+        groups = [(group, len([*run])) for group, run in groupby(head[0] for head in self.header)]
+        if len(groups) < 2:
+            return f"<tr>{heads}</tr>" if heads else ""
+        over = "".join(
+            f'<th scope="colgroup" colspan="{span}">{escape(group)}</th>' for group, span in groups
+        )
+        return f"<tr>{over}</tr><tr>{heads}</tr>"
 
 
 def table(
-    rows: Mapping[Any, Any] | Iterable[Sequence[Any]],
+    rows: Mapping[Any, Any] | Iterable[Sequence[Any]] | pd.DataFrame,
     columns: Sequence[Column],
     caption: str = "",
     *,
@@ -143,10 +115,10 @@ def table(
     """Set values as a table; end a cell with it.
 
     The first cell of each of the ``rows`` is its name.  Of a mapping, the keys name the rows, and a
-    value is the rest of a row: a sequence or array, a mapping by heading, or a single value.  Each
-    of the ``columns`` has a heading, or (heading, unit), or (heading, unit, format); without a
-    format, numbers have three significant digits.  ``groups`` are headings over several columns,
-    with how many columns each; together the last ones.
+    value is the rest of a row: a sequence or array, or a single value.  Each of the ``columns`` has
+    a heading, or (heading, unit), or (heading, unit, format); without a format, numbers have three
+    significant digits.  ``groups`` are headings over several columns, with how many columns each;
+    together the last ones.
 
     Examples
     --------
@@ -154,22 +126,24 @@ def table(
     method  translation (mm)  rotation (deg)
     ICP                   15            0.46
     """
-    specified = [_padded((column,) if isinstance(column, str) else column) for column in columns]
-    headings = [name for name, _, _ in specified]
-    if isinstance(rows, Mapping):
-        listed = [(name, *_rest(value, headings[1:])) for name, value in rows.items()]
+    padded = [((column,) if isinstance(column, str) else column) + ("", "") for column in columns]
+    if isinstance(rows, pd.DataFrame):
+        listed = list(rows.itertuples(index=False, name=None))
+    elif isinstance(rows, Mapping):
+        listed = [(name, *np.atleast_1d(np.array(rest, object))) for name, rest in rows.items()]
     else:
         listed = [tuple(row) for row in rows]
     cells = tuple(
-        tuple(cell(value, form) for value, (_, _, form) in zip(row, specified, strict=True))
+        tuple(cell(value, spec[2]) for value, spec in zip(row, padded, strict=True))
         for row in listed
     )
     numeric = [
         not any(isinstance(value, str) for value in column) for column in zip(*listed, strict=True)
     ]
-    header = tuple((name, unit) for name, unit, _ in specified)
-    over = (("", len(header) - sum(groups.values())), *groups.items()) if groups else ()
-    return Table(header, cells, (False, *numeric[1:]), caption, over)
+    over = [group for group, span in (groups or {}).items() for _ in range(span)]
+    over = [""] * (len(padded) - len(over)) + over
+    header = tuple((group, spec[0], spec[1]) for group, spec in zip(over, padded, strict=True))
+    return Table(header, cells, (False, *numeric[1:]), caption)
 
 
 def quantities(*named: tuple[Any, ...], caption: str = "") -> Table:
@@ -183,21 +157,8 @@ def quantities(*named: tuple[Any, ...], caption: str = "") -> Table:
     points            180
     true motion, x  0.5 m
     """
-    rows = []
-    for quantity in named:
-        name, value, unit, form = (*quantity, "", "")[:4]
-        rows.append((str(name), f"{cell(value, form)} {unit}".rstrip()))
-    return Table((), tuple(rows), (False, True), caption)
-
-
-def _padded(column: Sequence[str]) -> tuple[str, str, str]:
-    name, unit, form = (*column, "", "")[:3]
-    return name, unit, form
-
-
-def _rest(value: Any, headings: Sequence[str]) -> tuple[Any, ...]:
-    if isinstance(value, Mapping):
-        return tuple(value.get(heading) for heading in headings)
-    if isinstance(value, str) or np.ndim(value) == 0:
-        return (value,)
-    return tuple(value)
+    padded = [(*quantity, "", "")[:4] for quantity in named]
+    rows = tuple(
+        (str(name), f"{cell(value, form)} {unit}".rstrip()) for name, value, unit, form in padded
+    )
+    return Table((), rows, (False, True), caption)
