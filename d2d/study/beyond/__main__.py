@@ -8,7 +8,7 @@ import argparse
 import joblib
 from tqdm import tqdm
 
-from d2d.study.beyond.exhaustive import recompute, table_path, trials, write_table
+from d2d.study.beyond.exhaustive import recompute, table_of, table_path, trials, write_table
 
 
 def main() -> None:
@@ -21,10 +21,9 @@ def main() -> None:
     kept = joblib.Memory(arguments.folder, verbose=0).cache(recompute)
     parallel = joblib.Parallel(arguments.jobs, return_as="generator")
     outcomes = parallel(joblib.delayed(kept)(trial) for trial in wanted)
-    rows = list(zip(wanted, tqdm(outcomes, total=len(wanted), disable=None), strict=True))
+    rows = table_of(wanted, list(tqdm(outcomes, total=len(wanted), disable=None)))
     write_table(table_path(), rows)
-    total = sum(outcome.runs for _, outcome in rows)
-    print(f"{total} registrations in {len(rows)} conditions, written to {table_path()}")
+    print(f"{rows.runs.sum()} registrations in {len(rows)} conditions, written to {table_path()}")
 
 
 if __name__ == "__main__":

@@ -4,15 +4,15 @@
 computes it, and `recompute` any single condition.
 """
 
-import csv
 import zlib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
@@ -23,7 +23,7 @@ from d2d.registration import ANNEALED, register, start_grid
 from d2d.study.beyond.random_scenes import RandomScenes
 from d2d.study.plane.evaluation import at_truth, distance_and_rotation, rms
 from d2d.study.plane.scenarios import OVERLAPPED
-from d2d.study.results import results_path, write_csv
+from d2d.study.results import results_path
 from d2d.study.runs import MonteCarlo, monte_carlo
 
 _TURNS = np.deg2rad([-20.0, 0.0, 20.0])
@@ -102,44 +102,32 @@ class Trial:
         return RegistrationCost(fusion="summing" if self.cost == "sum" else "likelihood")
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """The outcome of the runs of one trial."""
+def outcome(result: MonteCarlo) -> dict[str, float]:
+    """Summarise the runs of one trial; a row of the table is a trial and its outcome.
 
-    runs: int
-    converged: int
-    at_truth: int  # runs that ended within 1.5 m and 6 degrees of the truth
-    covered: int  # converged runs whose 95 % region contains the truth
-    # root mean square errors of the runs at the truth; nan if there are none
-    rmse_m: float
-    rmse_deg: float
-    # credibility of the converged runs
-    anees: float
-    nci_db: float
-    inclination_db: float
-    iterations: float  # mean Newton iterations of a run, over all its scales and starts
-
-    @classmethod
-    def of(cls, result: MonteCarlo) -> "Outcome":
-        """Summarise the runs."""
-        good = result.converged
-        near = good & at_truth(result.errors)
-        distance, turn = distance_and_rotation(result.errors[near])
-        errors = result.errors[good].copy()
-        errors[:, 2] = np.angle(np.exp(1j * errors[:, 2]))
-        judged = credibility(errors, result.covariances[good])
-        return cls(
-            runs=len(good),
-            converged=int(good.sum()),
-            at_truth=int(near.sum()),
-            covered=int((judged.nees < scipy.special.chdtri(3, 0.05)).sum()),
-            rmse_m=rms(distance) if near.any() else np.nan,
-            rmse_deg=float(np.rad2deg(rms(turn))) if near.any() else np.nan,
-            anees=judged.anees,
-            nci_db=judged.nci,
-            inclination_db=judged.inclination,
-            iterations=float(result.iterations.mean()),
-        )
+    ``at_truth`` counts runs that ended within 1.5 m and 6 degrees of the truth, ``covered`` the
+    converged runs whose 95 % region contains it.  The root mean square errors are those of the runs
+    at the truth, nan if there are none; the indices those of the converged runs; the iterations the
+    mean of a run over all its scales and starts.
+    """
+    converged = result.converged
+    right = converged & at_truth(result.errors)
+    distance, turn = distance_and_rotation(result.errors[right])
+    errors = result.errors[converged].copy()
+    errors[:, 2] = np.angle(np.exp(1j * errors[:, 2]))
+    indices = credibility(errors, result.covariances[converged])
+    return {
+        "runs": len(converged),
+        "converged": int(converged.sum()),
+        "at_truth": int(right.sum()),
+        "covered": int((indices.nees < scipy.special.chdtri(3, 0.05)).sum()),
+        "rmse_m": rms(distance) if right.any() else np.nan,
+        "rmse_deg": float(np.rad2deg(rms(turn))) if right.any() else np.nan,
+        "anees": indices.anees,
+        "nci_db": indices.nci,
+        "inclination_db": indices.inclination,
+        "iterations": float(result.iterations.mean()),
+    }
 
 
 ANNEALING = " ".join(f"{scale:g}" for scale in ANNEALED)
@@ -229,9 +217,9 @@ def simulate(trial: Trial) -> MonteCarlo:
     return monte_carlo(**trial.arguments)
 
 
-def recompute(trial: Trial) -> Outcome:
+def recompute(trial: Trial) -> dict[str, float]:
     """Recompute the outcome of one trial from its seed."""
-    return Outcome.of(simulate(trial))
+    return outcome(simulate(trial))
 
 
 def inlier_shares(trial: Trial) -> tuple[Array, NDArray[np.bool_]]:
@@ -247,25 +235,30 @@ def inlier_shares(trial: Trial) -> tuple[Array, NDArray[np.bool_]]:
     return inliers.mean(axis=-1), at_truth(theta - scene.theta)
 
 
-Rows = list[tuple[Trial, Outcome]]
+def table_of(trials: Sequence[Trial], outcomes: Sequence[dict[str, float]]) -> pd.DataFrame:
+    """Return a row for each trial: its parameters, with their units in the names, and outcome.
+
+    ``success`` is the share of the runs that ended at the truth, ``coverage`` that of the converged
+    runs whose 95 % region contains the truth.
+    """
+    pairs = zip(trials, outcomes, strict=True)
+    return _with_shares(pd.DataFrame([vars(trial) | found for trial, found in pairs]))
 
 
-def write_table(path: Path, rows: Rows) -> None:
-    """Write one comma-separated line for each trial; the column names carry the units."""
-    columns = [f.name for kind in (Trial, Outcome) for f in fields(kind)]
-    write_csv(
-        path, columns, ([*vars(trial).values(), *vars(outcome).values()] for trial, outcome in rows)
-    )
+def _with_shares(rows: pd.DataFrame) -> pd.DataFrame:
+    success, coverage = rows.at_truth / rows.runs, rows.covered / rows.converged
+    return rows.assign(success=success, coverage=coverage)
 
 
-def read_table(path: Path | None = None) -> Rows:
+def write_table(path: Path, rows: pd.DataFrame) -> None:
+    """Write the rows as comma-separated values, floats with five significant digits."""
+    stored = rows.drop(columns=["success", "coverage"])
+    stored.to_csv(path, index=False, float_format="%.5g", na_rep="nan", lineterminator="\n")
+
+
+def read_table(path: Path | None = None) -> pd.DataFrame:
     """Read what `write_table` wrote; by default the book's table."""
-    with (path or table_path()).open(newline="", encoding="utf-8") as file:
-        return [(_parsed(Trial, row), _parsed(Outcome, row)) for row in csv.DictReader(file)]
-
-
-def _parsed(kind: type, row: dict[str, str]) -> Any:
-    return kind(**{name: cast(row[name]) for name, cast in get_type_hints(kind).items()})
+    return _with_shares(pd.read_csv(path or table_path(), dtype={"scales": str}))
 
 
 def table_path() -> Path:
@@ -273,32 +266,20 @@ def table_path() -> Path:
     return results_path("exhaustive.csv")
 
 
-def select(rows: Rows, factor: str, **wanted: Any) -> Rows:
-    """The rows of a factor whose trials have the ``wanted`` values, in the order of the table."""
-    return [
-        (trial, outcome)
-        for trial, outcome in rows
-        if trial.factor == factor
-        and all(getattr(trial, name) == value for name, value in wanted.items())
-    ]
+def select(rows: pd.DataFrame, factor: str, **wanted: Any) -> pd.DataFrame:
+    """Return the rows of a factor whose parameters have the ``wanted`` values, in order."""
+    chosen = rows.factor == factor
+    for name, value in wanted.items():
+        chosen &= rows[name] == value
+    return rows[chosen]
 
 
-def success(outcome: Outcome) -> float:
-    """Share of the runs that ended at the truth."""
-    return outcome.at_truth / outcome.runs
-
-
-def coverage(outcome: Outcome) -> float:
-    """Share of the converged runs whose 95 % region contains the truth."""
-    return outcome.covered / outcome.converged
-
-
-def span(rows: Rows, parameter: str, holds: Callable[[Outcome], bool]) -> str:
-    """The longest range of neighbouring values of a parameter for which a condition holds."""
+def span(values: Sequence[float], holds: Sequence[bool]) -> str:
+    """The longest range of neighbouring values for which a condition holds, in words."""
     ranges: list[list[float]] = [[]]
-    for trial, outcome in rows:
-        if holds(outcome):
-            ranges[-1].append(getattr(trial, parameter))
+    for value, met in zip(values, holds, strict=True):
+        if met:
+            ranges[-1].append(value)
         elif ranges[-1]:
             ranges.append([])
     longest = max(ranges, key=len)

@@ -1,13 +1,11 @@
 """The figures of the exhaustive evaluation."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
-
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from d2d.study.beyond.exhaustive import ANNEALING, Outcome, Rows, Trial, select, success
+from d2d.study.beyond.exhaustive import ANNEALING, select
 from d2d.study.book.grammar import (
     BLACK,
     COSTS,
@@ -39,83 +37,69 @@ FACTORS: dict[str, tuple[str, str, bool]] = {
 # The costs as the stored results name them, and their keys in the grammar.
 STORED = {"sum": "summing", "likelihood": "likelihood", "robust": "robust"}
 
-Measure = Callable[[Outcome], float]
-
 
 def factor_panels(
-    axes: NDArray[np.object_], rows: Rows, measure: Measure, *, annealed: bool
+    axes: NDArray[np.object_], rows: pd.DataFrame, measure: str, *, annealed: bool
 ) -> None:
-    """A measure over each factor, started at the truth; the last panel holds the legend.
+    """Draw a column of the table over each factor, started at the truth; a legend at the end.
 
     With ``annealed``, also that of the annealed robust likelihood, started 5 m and 15 degrees off.
     """
     panels = axes.ravel()
     for ax, (factor, (parameter, label, logarithmic)) in zip(panels, FACTORS.items(), strict=False):
+        size = {"ms": 4, "lw": 1.2}
         for cost, key in STORED.items():
             chosen = select(rows, factor, cost=cost, distance_m=0.0)
-            style = cost_line(key) | {"marker": COSTS[key].marker}
-            _line(ax, chosen, parameter, measure, **style)
+            style = cost_line(key) | size | {"marker": COSTS[key].marker}
+            ax.plot(chosen[parameter], chosen[measure], **style)
+        values = list(chosen[parameter])
         if annealed:
             chosen = select(rows, factor, cost="robust", scales=ANNEALING)
-            style = cost_line("robust", label="robust, annealed,\nfrom afar")
-            _line(ax, chosen, parameter, measure, **style, marker="x", zorder=3)
+            style = cost_line("robust", label="robust, annealed,\nfrom afar") | size
+            ax.plot(chosen[parameter], chosen[measure], **style, marker="x", zorder=3)
         ax.set(xlabel=label, ylim=(-0.03, 1.03))
-        if logarithmic:
+        if logarithmic:  # ticks at both ends and at one value between, if possible 1
+            middle = 1.0 if min(values) < 1.0 < max(values) else values[len(values) // 2]
             ax.set_xscale("log")
-            _plain_ticks(ax, [getattr(trial, parameter) for trial, _ in chosen])
+            write_out_ticks(ax.xaxis, (min(values), middle, max(values)))
     for empty in panels[len(FACTORS) :]:
         empty.axis("off")
         empty.legend(*panels[0].get_legend_handles_labels(), loc="center")
 
 
-def _line(ax: Axes, rows: Rows, parameter: str, measure: Measure, **style: Any) -> None:
-    values = [getattr(trial, parameter) for trial, _ in rows]
-    ax.plot(values, [measure(outcome) for _, outcome in rows], ms=4, lw=1.2, **style)
-
-
-def _plain_ticks(ax: Axes, values: Sequence[float]) -> None:
-    """Ticks at the lowest and the highest value and at one between, if possible 1, written out."""
-    middle = 1.0 if min(values) < 1.0 < max(values) else values[len(values) // 2]
-    write_out_ticks(ax.xaxis, (min(values), middle, max(values)))
-
-
-def start_map(ax: Axes, rows: Rows, cost: str, scales: str, title: str) -> None:
-    """Success in percent over the start's distance and rotation, averaged over the directions."""
+def start_map(ax: Axes, rows: pd.DataFrame, cost: str, scales: str, title: str) -> None:
+    """Draw success in percent over the start's distance and rotation, mean of the directions."""
     chosen = select(rows, "start", cost=cost, scales=scales)
-    distances = sorted({trial.distance_m for trial, _ in chosen})
-    turns = sorted({trial.turn_deg for trial, _ in chosen})
-    shares = np.empty((len(turns), len(distances)))
-    for place in np.ndindex(shares.shape):
-        turn, distance = turns[place[0]], distances[place[1]]
-        here = select(chosen, "start", distance_m=distance, turn_deg=turn)
-        shares[place] = np.mean([success(outcome) for _, outcome in here])
+    shares = chosen.pivot_table("success", "turn_deg", "distance_m")
     ax.imshow(shares, vmin=0.0, vmax=1.0, aspect="auto", origin="lower", cmap=SHARE_MAP)
     ax.grid(False)
-    ax.set_xticks(range(len(distances)), [f"{value:g}" for value in distances])
-    ax.set_yticks(range(len(turns)), [f"{value:g}" for value in turns])
+    ax.set_xticks(range(len(shares.columns)), [f"{value:g}" for value in shares.columns])
+    ax.set_yticks(range(len(shares.index)), [f"{value:g}" for value in shares.index])
     ax.set(xlabel="start off by (m)", ylabel="start off by (°)", title=title)
-    for (row, column), value in np.ndenumerate(shares):
+    for (row, column), value in np.ndenumerate(shares.to_numpy()):
         color = BLACK if value > 0.6 else "white"
         ax.text(column, row, f"{100 * value:.0f}", ha="center", va="center", color=color, size=7)
 
 
-def cross_range_sigma(trial: Trial) -> float:
-    """Standard deviation across the line of sight at the mean range, in m."""
-    return trial.noise * OVERLAPPED.sigma_azimuth * float(np.mean(RANGES))
+def first_scales(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of the factor "first scale" with the columns ``first`` and ``ratio``.
+
+    The ratio is that of the first scale's standard deviation, across the line of sight at the mean
+    range, to the distance of the start.
+    """
+    chosen = select(rows, "first scale")
+    first = chosen.scales.str.split().str[0].astype(float)
+    cross_range = OVERLAPPED.sigma_azimuth * float(np.mean(RANGES))  # m
+    return chosen.assign(first=first, ratio=first * chosen.noise * cross_range / chosen.distance_m)
 
 
-def first_scale_panel(ax: Axes, rows: Rows) -> None:
-    """Success over the standard deviation at the first scale, in units of the start's distance."""
-    noises = sorted({trial.noise for trial, _ in select(rows, "first scale")})
-    marks = zip(noises, (BLACK, YELLOW, PINK, SKY, PURPLE), "Pvx^*", strict=True)
-    for noise, color, marker in marks:
-        chosen = select(rows, "first scale", noise=noise)
-        ratio = [
-            float(trial.scales.split()[0]) * cross_range_sigma(trial) / trial.distance_m
-            for trial, _ in chosen
-        ]
-        shares = [success(outcome) for _, outcome in chosen]
-        ax.plot(ratio, shares, marker, color=color, ms=5, label=f"noise {noise:g}")
+def first_scale_panel(ax: Axes, rows: pd.DataFrame) -> None:
+    """Draw success over the first scale's deviation in units of the start's distance."""
+    by_noise = first_scales(rows).groupby("noise")
+    marks = zip(by_noise, (BLACK, YELLOW, PINK, SKY, PURPLE), "Pvx^*", strict=True)
+    for (noise, chosen), color, marker in marks:
+        label = f"noise {noise:g}"
+        ax.plot(chosen.ratio, chosen.success, marker, color=color, ms=5, label=label)
     ax.axvline(1.0, color=GREY, lw=0.9)
     ax.set_xscale("log")
     ax.set(xlabel="first scale · σ / start error", ylabel="share at the truth", ylim=(-0.03, 1.03))

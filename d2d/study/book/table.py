@@ -100,7 +100,10 @@ class Table:
         if len(groups) < 2:
             return f"<tr>{heads}</tr>" if heads else ""
         over = "".join(
-            f'<th scope="colgroup" colspan="{span}">{escape(group)}</th>' for group, span in groups
+            f'<th scope="colgroup" colspan="{span}">{escape(group)}</th>'
+            if group
+            else f'<td colspan="{span}"></td>'
+            for group, span in groups
         )
         return f"<tr>{over}</tr><tr>{heads}</tr>"
 
