@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pandas as pd
@@ -258,7 +258,7 @@ def write_table(path: Path, rows: pd.DataFrame) -> None:
 
 def read_table(path: Path | None = None) -> pd.DataFrame:
     """Read what `write_table` wrote; by default the book's table."""
-    return _with_shares(pd.read_csv(path or table_path(), dtype={"scales": str}))
+    return _with_shares(pd.read_csv(path or table_path(), dtype=get_type_hints(Trial)))
 
 
 def table_path() -> Path:
