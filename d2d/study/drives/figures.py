@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Arc, Rectangle, Wedge
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2
 
 from d2d import rigid
@@ -46,66 +46,57 @@ COLOURS = dict(zip(KINDS, (BLACK, "#2B83BA", PINK, "#6B8E23", PURPLE, YELLOW), s
 WALL, CAR = "0.85", SKY
 ROBUST = COSTS["robust"].color  # every estimate of a drive is the robust likelihood's
 
-# Heights of the camera and of what it sees, in m.
-_EYE, _HOUSE, _CAR, _POLE, _BUSH = 1.2, 7.0, 1.5, 4.0, 0.9
-_NEAR = 0.5  # m: nothing nearer is drawn
 
+def coordinate_frames(ax: Axes, mounting: Mounting, labels: Mapping[str, str]) -> None:
+    """Draw the frames of vehicle and sensor, and range, azimuth and Doppler velocity of a target.
 
-def coordinate_frames(ax: Axes) -> None:
-    """Vehicle and sensor frames, the mounting's offsets and the measured values of a target."""
-    x, y, yaw, distance, azimuth = 2.3, 1.0, np.deg2rad(22.0), 4.0, np.deg2rad(24.0)
-    sensor, sight = np.array([x, y]), yaw + azimuth
-    target = sensor + distance * np.array([np.cos(sight), np.sin(sight)])
-    ax.add_patch(Rectangle((-1.0, -1.2), 3.5, 2.4, facecolor="0.94", edgecolor="0.6"))
-    for origin, angle, lengths, color, name in (
-        ((0.0, 0.0), 0.0, (1.3, 1.9), BLACK, "vehicle"),
-        ((x, y), yaw, (2.9, 1.9), PURPLE, "sensor"),
-    ):
-        for turn, length, axis in ((0.0, lengths[0], "x"), (0.5 * np.pi, lengths[1], "y")):
-            end = np.array(origin) + length * np.array([np.cos(angle + turn), np.sin(angle + turn)])
-            _arrow(ax, origin, end, color)
-            shift = (2, 4) if axis == "y" else (4, -10) if name == "sensor" else (-34, 5)
-            _label(ax, end, f"${axis}$ {name}", color, shift)
-    ax.plot([0, x, x], [0, 0, y], ":", color="0.3", lw=1.2)
-    _label(ax, (0.72 * x, 0.0), "$x_s$", BLACK, (0, -14))
-    _label(ax, (x, 0.45 * y), "$y_s$", BLACK, (-17, -2))
-    ax.plot([x, x + 2.6], [y, y], ":", color="0.3", lw=1.2)
-    for low, high, size, name, color in (
-        (0.0, yaw, 4.0, r"$\alpha_s$", BLACK),
-        (yaw, sight, 3.0, r"$\phi_k$", OCHRE),
-    ):
-        ax.add_patch(Arc((x, y), size, size, theta1=np.rad2deg(low), theta2=np.rad2deg(high)))
-        middle = 0.5 * (low + high)
-        where = sensor + (0.5 * size + 0.2) * np.array([np.cos(middle), np.sin(middle)])
-        _label(ax, where, name, color, (0, -4))
+    ``labels`` has the words for ``x``, ``y``, ``omega``, ``sensor x``, ``yaw``, ``range``,
+    ``azimuth``, ``doppler``, ``offset x`` and ``offset y``.
+    """
+    sensor, azimuth, distance = mounting.pose[:2], np.deg2rad(35.0), 4.2
+    sight = _towards(mounting.yaw + azimuth)
+    target, end = sensor + distance * sight, sensor + 3.0 * _towards(mounting.yaw)
+    ax.add_patch(Rectangle((-1.0, -0.9), 4.7, 1.8, facecolor="0.94", edgecolor="0.6"))
+    ax.plot([0.0, mounting.x, mounting.x], [0.0, 0.0, mounting.y], ":", color="0.3", lw=1.2)
+    ax.plot([mounting.x, mounting.x + 2.4], [mounting.y] * 2, ":", color="0.3", lw=1.2)
     ax.plot(*np.stack([sensor, target]).T, color=OCHRE, lw=1.2)
-    _label(ax, 0.45 * sensor + 0.55 * target, "$r_k$", OCHRE, (-16, 6))
-    _arrow(ax, target, target + 1.2 * (sensor - target) / distance, OCHRE, ls="--", lw=2.0)
-    _label(ax, target - 0.6 * (target - sensor) / distance, "$v_k$", OCHRE, (8, -12))
-    ax.plot(*target, "^", color=OCHRE, ms=10)
-    _label(ax, target, "target $k$", OCHRE, (8, 2))
-    ax.add_patch(Arc((0, 0), 1.5, 1.5, theta1=200, theta2=340, color=GREY, lw=1.6))
-    _arrow(ax, (0.66, -0.36), (0.72, -0.2), GREY)
-    _label(ax, (0.0, -0.75), "ω", GREY, (-4, -14))
-    ax.plot(0, 0, "o", color=BLACK, ms=4)
-    ax.set(xlim=(-1.4, 6.6), ylim=(-1.6, 4.6))
-    ax.set_aspect("equal")
-    ax.axis("off")
+    for start, tip, color, name, shift in (
+        (np.zeros(2), (2.0, 0.0), BLACK, "x", (-20, 6)),
+        (np.zeros(2), (0.0, 2.0), BLACK, "y", (6, -4)),
+        (sensor, end, PURPLE, "sensor x", (5, -4)),
+        (target, target + 1.2 * sight, GREY, "doppler", (6, -6)),
+    ):
+        _arrow(ax, start, tip, color, lw=1.5)
+        _label(ax, tip, labels[name], color, shift)
+    for centre, size, low, high, color, name, shift in (
+        (sensor, 2.8, 0.0, mounting.yaw, PURPLE, "yaw", (4, -4)),
+        (sensor, 4.0, mounting.yaw, mounting.yaw + azimuth, OCHRE, "azimuth", (3, 5)),
+        (np.zeros(2), 1.5, 0.3, 1.3, BLACK, "omega", (4, 2)),
+    ):
+        angles = {"theta1": np.rad2deg(low), "theta2": np.rad2deg(high)}
+        ax.add_patch(Arc(centre, size, size, color=color, **angles))
+        _label(ax, centre + 0.5 * size * _towards(0.5 * (low + high)), labels[name], color, shift)
+    _arrow(ax, 0.75 * _towards(1.1), 0.75 * _towards(1.35), BLACK)
+    _label(ax, 0.45 * sensor + 0.55 * target, labels["range"], OCHRE, (-34, 4))
+    _label(ax, (0.5 * mounting.x, 0.0), labels["offset x"], PURPLE, (0, -15))
+    _label(ax, (mounting.x, 0.5 * mounting.y), labels["offset y"], PURPLE, (5, -5))
+    for place, marker, color in ((target, "^", OCHRE), (sensor, "s", PURPLE), ((0, 0), "o", BLACK)):
+        ax.plot(*place, marker, color=color, ms=8)
+    ax.set(xlim=(-1.4, 8.2), ylim=(-1.6, 6.9), xlabel="x (m)", ylabel="y (m)", aspect="equal")
+
+
+def _towards(angle: float) -> Array:
+    return np.array([math.cos(angle), math.sin(angle)])
 
 
 def _arrow(ax: Axes, start: Any, end: Any, color: str, **style: Any) -> None:
-    ax.annotate(
-        "",
-        end,
-        start,
-        arrowprops={"arrowstyle": "-|>", "color": color, "shrinkA": 0, "shrinkB": 0, **style},
-    )
+    arrow = {"arrowstyle": "-|>", "color": color, "shrinkA": 0, "shrinkB": 0, **style}
+    ax.annotate("", end, start, arrowprops=arrow)
 
 
 def _label(ax: Axes, where: Any, text: str, color: str, shift: tuple[float, float]) -> None:
-    ax.annotate(
-        text, where, shift, textcoords="offset points", color=color, fontsize=12, clip_on=False
-    )
+    style: dict[str, Any] = {"textcoords": "offset points", "fontsize": 9.5, "clip_on": False}
+    ax.annotate(text, where, shift, color=color, **style)
 
 
 def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
@@ -116,11 +107,8 @@ def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
             corner = (wheel - 0.13, side - 0.06)
             ax.add_patch(Rectangle(corner, 0.26, 0.12, facecolor="0.35", edgecolor="none"))
     ax.add_patch(Rectangle((-0.5, -0.27), 0.9, 0.54, facecolor="0.9", edgecolor="0.4"))
-    middle, half = np.rad2deg(mounting.yaw), np.rad2deg(sensor.field_of_view)
-    place = (mounting.x, mounting.y)
-    ax.add_patch(
-        Wedge(place, view_length, middle - half, middle + half, facecolor=SKY, alpha=0.35, lw=0)
-    )
+    half, place = np.rad2deg(sensor.field_of_view), (mounting.x, mounting.y)
+    _field_of_view(ax, mounting, sensor, length=view_length, alpha=0.35)
     ax.plot(*place, "s", color=PURPLE, ms=8)
     _label(ax, place, "radar", PURPLE, (9, -4))
     _label(ax, (mounting.x + 0.55 * view_length, 0.0), f"±{half:.0f}°", PURPLE, (-14, -4))
@@ -151,74 +139,33 @@ def specification(sensor: Sensor) -> tuple[tuple[str, str, str], ...]:
     )
 
 
-def street(ax: Axes, world: World) -> None:
-    """Houses, parked cars and the reflection points of everything that stands still."""
-    ax.add_collection(PolyCollection(list(world.buildings), facecolor=WALL, edgecolor="0.4"))
-    ax.add_collection(PolyCollection(list(world.cars), facecolor=CAR, edgecolor="none"))
+def street(ax: Axes, world: World, pose: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+    """Draw houses, parked cars and the reflection points of what stands still, seen from a pose."""
+    to_frame = rigid.inverse(pose)
+    for outlines, face, edge in ((world.buildings, WALL, "0.4"), (world.cars, CAR, "none")):
+        corners = rigid.transform_means(to_frame, outlines.reshape(-1, 2)).reshape(outlines.shape)
+        ax.add_collection(PolyCollection(list(corners), facecolor=face, edgecolor=edge))
     still = world.reflectors
     for kind, size in (("wall", 1.0), ("car", 1.5), ("vegetation", 1.5), ("pole", 4.0)):
-        chosen = still.positions[still.kind == kind]
+        points = rigid.transform_means(to_frame, still.positions[still.kind == kind])
         label = kind if kind != "car" else "parked car"
-        ax.plot(*chosen.T, ".", color=COLOURS[kind], ms=size, label=label)
+        ax.plot(*points.T, ".", color=COLOURS[kind], ms=size, label=label)
 
 
-def camera_view(ax: Axes, world: World, frame: Array, time: float, view: float) -> None:
-    """Draw the view of a camera at ``frame`` [x, y, yaw], ``view`` rad to either side.
-
-    Houses, cars, bushes, poles and movers, the farthest drawn first.
-    """
-    faces: list[tuple[float, Array, str, str]] = []
-    for outlines, height, shades in (
-        (world.buildings, _HOUSE, ("0.80", "0.70")),
-        (world.cars, _CAR, (SKY, "#2B83BA")),
-    ):
-        for outline in rigid.transform_means(rigid.inverse(frame), outlines.reshape(-1, 2)).reshape(
-            -1, 4, 2
-        ):
-            for k in range(4):
-                shade = shades[k % 2]
-                faces += _face(outline[k], outline[(k + 1) % 4], height, shade, "0.35")
-    still = world.reflectors
-    moving, _ = world.movers.at(np.asarray(time))
-    for points, kind, width, height in (
-        (still.positions[still.kind == "vegetation"], "vegetation", 0.5, _BUSH),
-        (still.positions[still.kind == "pole"], "pole", 0.15, _POLE),
-        (moving, "moving", 0.5, _CAR),
-    ):
-        for place in rigid.transform_means(rigid.inverse(frame), points):
-            half = np.array([0.0, 0.5 * width])
-            faces += _face(place - half, place + half, height, COLOURS[kind], "none")
-    faces.sort(key=lambda face: -face[0])
-    edge = float(np.tan(view))
-    ax.axhspan(-1.0, 0.0, color="0.93", lw=0)
-    ax.add_collection(
-        PolyCollection(
-            [face[1] for face in faces],
-            facecolors=[face[2] for face in faces],
-            edgecolors=[face[3] for face in faces],
-            linewidths=0.4,
-        )
-    )
-    ticks = np.deg2rad([40, 20, 0, -20, -40])
-    ax.set(xlim=(-edge, edge), ylim=(-0.32, 0.55), yticks=[], xlabel="azimuth (°)")
-    ax.set_xticks(-np.tan(ticks), [f"{t:.0f}".replace("-", "−") for t in np.rad2deg(ticks)])
-    ax.grid(False)
+def surroundings(ax: Axes, world: World, pose: ArrayLike, time: float, mounting: Mounting) -> None:
+    """Draw the street and its movers at a time in the vehicle frame, and what the sensor sees."""
+    street(ax, world, pose)
+    movers = rigid.transform_means(rigid.inverse(pose), world.movers.at(np.asarray(time))[0])
+    ax.plot(*movers.T, "o", color=COLOURS["moving"], ms=3, label="moving")
+    _field_of_view(ax, mounting, Sensor(), length=Sensor().max_range, alpha=0.2)
 
 
-def _face(
-    start: Array, end: Array, height: float, shade: str, edge: str
-) -> list[tuple[float, Array, str, str]]:
-    """An upright rectangle as the camera sees it, with its distance; empty if it is behind."""
-    if max(start[0], end[0]) <= _NEAR:
-        return []
-    for a, b in ((start, end), (end, start)):
-        if a[0] < _NEAR:  # cut off the part that is nearer
-            cut = a + (b - a) * (_NEAR - a[0]) / (b[0] - a[0])
-            start, end = (cut, end) if a is start else (start, cut)
-            break
-    corners = [(*start, -_EYE), (*end, -_EYE), (*end, height - _EYE), (*start, height - _EYE)]
-    picture = np.array([(-y / x, z / x) for x, y, z in corners])
-    return [(float(np.hypot(*(0.5 * (start + end)))), picture, shade, edge)]
+def _field_of_view(
+    ax: Axes, mounting: Mounting, sensor: Sensor, length: float, alpha: float
+) -> None:
+    middle, half = np.rad2deg(mounting.yaw), np.rad2deg(sensor.field_of_view)
+    place, angles = (mounting.x, mounting.y), (middle - half, middle + half)
+    ax.add_patch(Wedge(place, length, *angles, facecolor=SKY, alpha=alpha, lw=0))
 
 
 def error_columns(
