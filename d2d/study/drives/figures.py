@@ -68,20 +68,22 @@ def coordinate_frames(ax: Axes, mounting: Mounting, labels: Mapping[str, str]) -
     ):
         _arrow(ax, start, tip, color, lw=1.5)
         _label(ax, tip, labels[name], color, shift)
+    origin, place = (0.0, 0.0), (mounting.x, mounting.y)
     for centre, size, low, high, color, name, shift in (
-        (sensor, 2.8, 0.0, mounting.yaw, PURPLE, "yaw", (4, -4)),
-        (sensor, 4.0, mounting.yaw, mounting.yaw + azimuth, OCHRE, "azimuth", (3, 5)),
-        (np.zeros(2), 1.5, 0.3, 1.3, BLACK, "omega", (4, 2)),
+        (place, 2.8, 0.0, mounting.yaw, PURPLE, "yaw", (4, -4)),
+        (place, 4.0, mounting.yaw, mounting.yaw + azimuth, OCHRE, "azimuth", (3, 5)),
+        (origin, 1.5, 0.3, 1.3, BLACK, "omega", (4, 2)),
     ):
         angles = {"theta1": np.rad2deg(low), "theta2": np.rad2deg(high)}
         ax.add_patch(Arc(centre, size, size, color=color, **angles))
-        _label(ax, centre + 0.5 * size * _towards(0.5 * (low + high)), labels[name], color, shift)
+        middle = np.add(centre, 0.5 * size * _towards(0.5 * (low + high)))
+        _label(ax, middle, labels[name], color, shift)
     _arrow(ax, 0.75 * _towards(1.1), 0.75 * _towards(1.35), BLACK)
     _label(ax, 0.45 * sensor + 0.55 * target, labels["range"], OCHRE, (-34, 4))
     _label(ax, (0.5 * mounting.x, 0.0), labels["offset x"], PURPLE, (0, -15))
     _label(ax, (mounting.x, 0.5 * mounting.y), labels["offset y"], PURPLE, (5, -5))
-    for place, marker, color in ((target, "^", OCHRE), (sensor, "s", PURPLE), ((0, 0), "o", BLACK)):
-        ax.plot(*place, marker, color=color, ms=8)
+    for point, marker, color in ((target, "^", OCHRE), (place, "s", PURPLE), (origin, "o", BLACK)):
+        ax.plot(*point, marker, color=color, ms=8)
     ax.set(xlim=(-1.4, 8.2), ylim=(-1.6, 6.9), xlabel="x (m)", ylabel="y (m)", aspect="equal")
 
 

@@ -38,47 +38,47 @@ STANDING_WAYS: Ways = {"as it is": {}, "baseline 3": {"baseline": 3}}
 @cache
 def few_targets() -> list[Row]:
     """One radar that reports six targets per scan, and three of them together."""
-    world = build_world(np.random.default_rng(5))
-    places = (CAR_MOUNTING, *CORNERS)
     sensor = Sensor(rate=RATE, max_targets=FEW, clutter=0.5, quantised=False)
+    world = build_world(np.random.default_rng(5))
     drives = [
-        simulate_drive(
-            np.random.default_rng(6 + number),
-            40.0,
-            CAR_SPEED,
-            mounting=place,
-            sensor=sensor,
-            world=world,
-        )
-        for number, place in enumerate(places)
+        _drive(6 + number, mounting, sensor, world=world)
+        for number, mounting in enumerate((CAR_MOUNTING, *CORNERS))
     ]
-    sensors = [(drive.scans, drive.mounting) for drive in drives]
-    truth = drives[0].truth
-    return [
-        *(row(f"one: {way}", track(sensors[0], **o), truth) for way, o in FEW_WAYS.items()),
-        *(
-            row(f"three: {way}", track(sensors, **FEW_WAYS[way]), truth)
-            for way in ("as it is", "no side slip, limits")
-        ),
+    sensors, truth = [(drive.scans, drive.mounting) for drive in drives], drives[0].truth
+    together = [
+        row(f"three: {way}", track(sensors, **FEW_WAYS[way]), truth)
+        for way in ("as it is", "no side slip, limits")
     ]
-
-
-def _tried(drive: Drive, ways: Ways) -> list[Row]:
-    return [row(way, track(drive, **options), drive.truth) for way, options in ways.items()]
+    return [*_rows(drives[0], FEW_WAYS, "one: "), *together]
 
 
 @cache
 def side_radar() -> list[Row]:
     """A single radar that looks to the left, with 16 targets per scan."""
     sensor = Sensor(rate=RATE, max_targets=16, quantised=False)
-    rng = np.random.default_rng(5)
-    return _tried(simulate_drive(rng, 40.0, CAR_SPEED, mounting=SIDE, sensor=sensor), SIDE_WAYS)
+    return _rows(_drive(5, SIDE, sensor), SIDE_WAYS)
 
 
 @cache
 def standing() -> list[Row]:
     """The car stands for ten seconds."""
-    rng, sensor = np.random.default_rng(1), Sensor(rate=RATE, quantised=False)
-    return _tried(
-        simulate_drive(rng, 10.0, 1e-6, mounting=CAR_MOUNTING, sensor=sensor), STANDING_WAYS
-    )
+    sensor = Sensor(rate=RATE, quantised=False)
+    return _rows(_drive(1, CAR_MOUNTING, sensor, 10.0, 1e-6), STANDING_WAYS)
+
+
+def _drive(
+    seed: int,
+    mounting: Mounting,
+    sensor: Sensor,
+    duration: float = 40.0,
+    speed: float = CAR_SPEED,
+    **options: Any,
+) -> Drive:
+    rng = np.random.default_rng(seed)
+    return simulate_drive(rng, duration, speed, mounting=mounting, sensor=sensor, **options)
+
+
+def _rows(drive: Drive, ways: Ways, prefix: str = "") -> list[Row]:
+    return [
+        row(prefix + way, track(drive, **options), drive.truth) for way, options in ways.items()
+    ]

@@ -1,16 +1,17 @@
 """Why a covariance is too small, and which tests can tell without a reference."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import Credibility, PointSet, RegistrationCost, credibility, register, rigid
 from d2d._types import Array
+from d2d.problem import Estimate
 from d2d.radar import (
     Drive,
     ErrorBudget,
@@ -26,6 +27,7 @@ from d2d.radar import (
 )
 from d2d.radar.simulation.drive import CAR_SPEED
 from d2d.study.book.grammar import GREY, OCHRE, PURPLE
+from d2d.study.book.style import write_out_ticks
 from d2d.study.guides.stated_sigmas import scaled
 from d2d.study.plane.evaluation import LIKELIHOOD, ROBUST, SUMMING
 from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED
@@ -83,16 +85,15 @@ def halves(
     drawn = np.random.default_rng(0).permuted(np.tile(names, (runs, 1)), axis=1)
     chosen = drawn[:, : len(names) // 2]
     first = (labels[None, :, None] == chosen[:, None, :]).any(axis=-1)
-    one, two = (register(fixed, _only(moving, own), cost, initial) for own in (first, ~first))
+
+    def half(mask: NDArray[np.bool_]) -> Estimate:
+        means, covariances = moving.means[mask], moving.covariances[mask]
+        chosen = PointSet(means.reshape(runs, -1, 2), covariances.reshape(runs, -1, 2, 2))
+        return register(fixed, chosen, cost, initial)
+
+    one, two = half(first), half(~first)
     both = one.converged & two.converged
     return credibility((one.theta - two.theta)[both], (one.covariance + two.covariance)[both])
-
-
-def _only(points: PointSet, chosen: NDArray[np.bool_]) -> PointSet:
-    """The chosen targets (N, K) of each set (N, K), the same number from each."""
-    shape = len(chosen), int(chosen[0].sum())
-    means, covariances = points.means[chosen], points.covariances[chosen]
-    return PointSet(means.reshape(*shape, 2), covariances.reshape(*shape, 2, 2))
 
 
 # Fixed and moving sets, cost, start, and which of the moving targets (K,) stay together.
@@ -106,14 +107,11 @@ def halves_of_each_reason() -> list[tuple[str, float, float]]:
     Its name, the ANEES of whole sets against the truth, and that of the difference of halves, drawn
     by target; where targets are repeated, by copy or by target.
     """
-    return [
-        (
-            name,
-            float(judged(register(*case[:4]), OVERLAPPED.theta).anees),
-            float(halves(*case).anees),
-        )
-        for name, case in _cases().items()
-    ]
+    rows = []
+    for name, case in _cases().items():
+        whole = judged(register(*case[:4]), OVERLAPPED.theta)
+        rows.append((name, float(whole.anees), float(halves(*case).anees)))
+    return rows
 
 
 def _cases() -> dict[str, Case]:
@@ -141,44 +139,32 @@ def _cases() -> dict[str, Case]:
 # ---- Drives
 
 
-class BiasRow(NamedTuple):
-    """Lateral velocities of drives whose sensors' azimuths are all off by the same angle."""
-
-    targets: float  # of a scan on average
-    rmse: float  # m/s
-    stated: float  # m/s, inverse Hessian
-    budgeted: float  # m/s, with the bias in the budget
-
-
 @cache
-def bias_against_targets() -> list[BiasRow]:
-    """The lateral velocity of a front radar turned by `BIAS`, with more and more targets."""
+def bias_against_targets() -> pd.DataFrame:
+    """Track a front radar turned by `BIAS`, with more and more targets: its lateral velocity.
+
+    Mean number of ``targets`` in a scan, RMSE and standard deviations in m/s: ``stated`` by the
+    inverse Hessian and ``budgeted``, with the bias in the budget.
+    """
     rows = []
     for count in COUNTS:
         sensor = Sensor(max_targets=count, half_range=60.0, max_range=80.0, quantised=False)
         drive = _driven(_PLACES[0], sensor, SensorErrors(azimuth=BIAS), 11)
         plain = compare(track(drive), drive.truth)
-        budget = ErrorBudget(azimuth=BIAS)
-        wide = compare(track(drive, budget=budget), drive.truth)
-        rows.append(
-            BiasRow(
-                float(np.mean([len(scan) for scan in drive.scans])),
-                float(plain.rmse[1]),
-                *(float(np.sqrt(np.mean(each.sigmas[:, 1] ** 2))) for each in (plain, wide)),
-            )
-        )
-    return rows
+        wide = compare(track(drive, budget=ErrorBudget(azimuth=BIAS)), drive.truth)
+        targets = np.mean([len(scan) for scan in drive.scans])
+        sigmas = (np.sqrt(np.mean(each.sigmas[:, 1] ** 2)) for each in (plain, wide))
+        rows.append((targets, plain.rmse[1], *sigmas))
+    return pd.DataFrame(rows, columns=["targets", "rmse", "stated", "budgeted"])
 
 
-def draw_bias(ax: Axes, rows: Sequence[BiasRow]) -> None:
+def draw_bias(ax: Axes, rows: pd.DataFrame) -> None:
     """Error and standard deviations against the number of targets."""
-    count = [each.targets for each in rows]
-    ax.plot(count, [each.rmse for each in rows], "o-", color=OCHRE, label="error (RMSE)")
-    ax.plot(count, [each.stated for each in rows], "s--", color=GREY, label="inverse Hessian")
-    ax.plot(count, [each.budgeted for each in rows], "^:", color=PURPLE, label="with a budget")
+    ax.plot(rows.targets, rows.rmse, "o-", color=OCHRE, label="error (RMSE)")
+    ax.plot(rows.targets, rows.stated, "s--", color=GREY, label="inverse Hessian")
+    ax.plot(rows.targets, rows.budgeted, "^:", color=PURPLE, label="with a budget")
     ax.set(xscale="log", xlabel="targets in a scan", ylabel="$v_y$ (m/s)", ylim=(0.0, None))
-    ax.set_xticks(count, [f"{each:.0f}" for each in count])
-    ax.minorticks_off()
+    write_out_ticks(ax.xaxis, rows.targets.round())
     ax.legend()
 
 
@@ -205,10 +191,9 @@ REASONS = {
 
 @cache
 def without_truth() -> dict[str, list[float]]:
-    """Judge the inverse Hessian of drives of two front radars in which one thing is wrong.
+    """ANEES of one of two front radars against the truth, and by three tests without it.
 
-    The ANEES of one radar against the truth, and what three tests without it find: halves by target
-    and by object, two sensors.
+    The tests are halves by target and by object, and two sensors; in each drive one thing is wrong.
     """
     return {name: _judged(reason) for name, reason in REASONS.items()}
 
@@ -220,13 +205,13 @@ def _judged(reason: Reason) -> list[float]:
         for number, (place, turned) in enumerate(zip(_PLACES, reason.turned, strict=True))
     ]
     scans = [[scaled(scan, reason.factor) for scan in drive.scans] for drive in drives]
-    tracks = [track((own, place)) for own, place in zip(scans, _PLACES, strict=True)]
-    by = [
-        compare_halves([(scans[0], _PLACES[0])], np.random.default_rng(1), by=each)
-        for each in ("target", "object")
+    first, second = (track(sensor) for sensor in zip(scans, _PLACES, strict=True))
+    halves = [
+        compare_halves([(scans[0], _PLACES[0])], np.random.default_rng(1), by=unit)
+        for unit in ("target", "object")
     ]
-    found = [compare(tracks[0], drives[0].truth), *by, compare_tracks(*tracks)]
-    return [float(each.credibility.anees) for each in found]
+    tests = compare(first, drives[0].truth), *halves, compare_tracks(first, second)
+    return [float(test.credibility.anees) for test in tests]
 
 
 def _driven(place: Mounting, sensor: Sensor, errors: SensorErrors, seed: int) -> Drive:

@@ -15,7 +15,6 @@ from d2d.study.guides.rows import Row, row
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 MEASURED = ("range", "azimuth", "doppler")
 _IN_WORDS = {"doppler": "Doppler"}
-_FRACTIONS = {0.25: "¼", 0.5: "½"}
 _LOOKS = {"range": (GREY, "^"), "azimuth": (PURPLE, "o"), "doppler": (OCHRE, "s")}
 _DURATION = 40.0  # s, a lap
 
@@ -33,17 +32,14 @@ def stated_sigmas() -> dict[str, list[Row]]:
 
     The limits of the vehicle are the default ones.  The errors themselves do not change.
     """
-    drive, found = front_drive(), {}
-    for name in MEASURED:
-        found[name] = [
-            row(
-                f"{_IN_WORDS.get(name, name)} x {factor:g}",
-                track(([scaled(s, factor, (name,)) for s in drive.scans], drive.mounting)),
-                drive.truth,
-            )
-            for factor in FACTORS
-        ]
-    return found
+    drive = front_drive()
+
+    def tracked(name: str, factor: float) -> Row:
+        scans = [scaled(scan, factor, (name,)) for scan in drive.scans]
+        driven = track((scans, drive.mounting))
+        return row(f"{_IN_WORDS.get(name, name)} x {factor:g}", driven, drive.truth)
+
+    return {name: [tracked(name, factor) for factor in FACTORS] for name in MEASURED}
 
 
 def scaled(scan: RadarScan, factor: float, measured: Sequence[str] = MEASURED) -> RadarScan:
@@ -64,22 +60,18 @@ def rounded(scans: Sequence[RadarScan], step: float, added: float = 0.0) -> list
     ]
 
 
-def draw_stated_sigmas(axes: Sequence[Axes], found: dict[str, list[Row]]) -> None:
+def draw_stated_sigmas(axes: Sequence[Axes], rows: dict[str, list[Row]]) -> None:
     """Errors of v_x and omega over those with the true values, and the ANEES."""
-    for name, rows in found.items():
+    for name, of_name in rows.items():
         color, marker = _LOOKS[name]
-        right = rows[FACTORS.index(1.0)]
-        curves = (
-            [each.rmse[0] / right.rmse[0] for each in rows],
-            [each.rmse[2] / right.rmse[2] for each in rows],
-            [each.anees for each in rows],
-        )
-        for ax, values in zip(axes, curves, strict=True):
+        right = of_name[FACTORS.index(1.0)]
+        curves = np.array([(r.v_x / right.v_x, r.omega / right.omega, r.anees) for r in of_name])
+        for ax, values in zip(axes, curves.T, strict=True):
             ax.plot(FACTORS, values, marker=marker, color=color, label=_IN_WORDS.get(name, name))
     for ax, label in zip(axes, ("error of $v_x$", r"error of $\omega$", "ANEES"), strict=True):
         ax.axhline(1.0, color=BLACK, lw=0.8, ls=":")
         ax.set(xscale="log", xlabel="stated over true", title=label)
-        ax.set_xticks(FACTORS, [_FRACTIONS.get(factor, f"{factor:g}") for factor in FACTORS])
+        ax.set_xticks(FACTORS, ["¼", "½", "1", "2", "4"])
         ax.minorticks_off()
     axes[2].set_yscale("log")
     axes[0].set_ylabel("relative to the true values")

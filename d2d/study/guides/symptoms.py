@@ -14,7 +14,7 @@ from d2d.radar import Mounting, RadarScan, Reference, Track, doppler_velocity, t
 from d2d.study.book.grammar import BLACK, PINK, TRUTH, cost_line
 from d2d.study.book.style import label_planar_axes
 from d2d.study.book.table import Table, table
-from d2d.study.guides.rows import row
+from d2d.study.guides.rows import NAN, Row, row
 from d2d.study.guides.stated_sigmas import front_drive, scaled
 
 Scans = list[RadarScan]
@@ -29,12 +29,9 @@ class Symptom(NamedTuple):
     ``message`` is an error or a warning, empty if there is none.
     """
 
-    fault: str
-    accepted: float
+    row: Row
     forward: float
     turning: float
-    anees: float
-    reason: str
     message: str
 
 
@@ -103,55 +100,37 @@ def symptoms() -> list[Symptom]:
 
 
 def _tried(name: str, scans: Scans, mounting: Mounting, truth: Reference) -> Symptom:
-    nan = float("nan")
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         try:
             driven = track(FAULTS[name](scans, mounting, truth))
         except ValueError as error:
-            return Symptom(name, nan, nan, nan, nan, "", f"ValueError: {error}")
-    message = str(said[0].message) if said else ""
-    judged = row(name, driven, truth)
-    forward, turning = (_slope(driven, truth, which) for which in (0, 2))
-    return Symptom(name, judged.accepted, forward, turning, judged.anees, judged.reason, message)
+            nothing = Row(name, NAN, NAN, NAN, NAN, NAN, "")
+            return Symptom(nothing, NAN, NAN, f"ValueError: {error}")
+    message = str(caught[0].message) if caught else ""
+    forward, turning = (_slope(driven, truth, component) for component in (0, 2))
+    return Symptom(row(name, driven, truth), forward, turning, message)
 
 
-def _slope(driven: Track, truth: Reference, which: int) -> float:
+def _slope(driven: Track, truth: Reference, component: int) -> float:
     """Estimated over true velocity, by least squares through the origin; nan without estimates."""
     if not driven.converged.any():
-        return float("nan")
-    true = truth.at(driven.times).theta[driven.converged, which]
-    return float(driven.theta[driven.converged, which] @ true / (true @ true))
+        return NAN
+    true = truth.at(driven.times).theta[driven.converged, component]
+    return float(driven.theta[driven.converged, component] @ true / (true @ true))
 
 
-def _said(symptom: Symptom) -> str:
-    """The reason of most failures without its number, or what an error asks at its end."""
-    if symptom.reason:
-        return symptom.reason.split(" of ...")[0]
-    return symptom.message and f"error: {symptom.message.split('are these ')[-1]}"
-
-
-def symptom_table(found: Sequence[Symptom], caption: str = "") -> Table:
+def symptom_table(symptoms: Sequence[Symptom], caption: str = "") -> Table:
     """A row for each fault, with the reason of most failures or the end of the error's message."""
-    return table(
-        [
-            (
-                *(each.fault, each.accepted, each.forward, each.turning),
-                float(f"{each.anees:.2g}"),
-                _said(each) or "–",
-            )
-            for each in found
-        ],
-        [
-            "what is wrong",
-            ("accepted", "", ".1%"),
-            ("v_x", "", ".1f"),
-            ("omega", "", ".1f"),
-            "ANEES",
-            "most failures",
-        ],
-        caption,
-    )
+    rows = []
+    for fault, forward, turning, message in symptoms:
+        # the reason without its number, or what an error asks at its end
+        asked = f"error: {message.split('are these ')[-1]}" if message else None
+        reason = fault.reason.split(" of ...")[0] or asked
+        anees = float(f"{fault.anees:.2g}")
+        rows.append((fault.name, fault.accepted, forward, turning, anees, reason))
+    columns = [("accepted", "", ".1%"), ("v_x", "", ".1f"), ("omega", "", ".1f")]
+    return table(rows, ["what is wrong", *columns, "ANEES", "most failures"], caption)
 
 
 def draw_wrong_paths(axes: Sequence[Axes], faults: Mapping[str, str]) -> None:

@@ -1,6 +1,5 @@
 """Six reasons for a covariance that is too small: each is as large as it is by construction."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -58,12 +57,8 @@ def test_halves_are_of_different_targets():
 def test_a_bias_does_not_average_out():
     """Breaks if the error falls with the number of targets as the inverse Hessian does."""
     rows = small.bias_against_targets()
-    first, last = rows[0], rows[-1]
+    first, last = rows.iloc[0], rows.iloc[-1]
     assert last.targets > 4.0 * first.targets
     assert last.stated < 0.5 * first.stated
     assert last.rmse > 2.0 * last.stated
-    for each in rows:
-        assert 0.7 < each.budgeted / each.rmse < 1.1
-    _, ax = plt.subplots()
-    small.draw_bias(ax, rows)
-    assert len(ax.lines) == 3
+    assert (rows.budgeted / rows.rmse).between(0.7, 1.1).all()
