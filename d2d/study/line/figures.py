@@ -31,18 +31,18 @@ TARGETS = (
     ("0.25", DOTTED),
     ("0.45", DASH_DOTTED),
 )
-_LETTER = 0.07  # inches: the width of a letter
-_FULL = 0.6  # share of an axis above which there is no room for more letters
+_LETTER = 0.016  # width of a letter over that of a figure
+_MOST = 14  # letters that an axis has room for
 _VISIBLE = 0.03  # of the highest maximum: a lower one lies on the axis
 LOWEST = 1e-60  # 1/m to the number of targets: the lower end of a logarithmic axis
 
 
 def line_targets(
-    ax: Axes, points: PointSet, true: Array, names: Sequence[str], own: str = "fixed"
+    ax: Axes, points: PointSet, true: Array, names: Sequence[str], marks: str = "fixed"
 ) -> None:
-    """Targets of a 1D set: density (curve), true place (hollow) and observed place (filled).
+    """Draw targets of a 1D set: density (curve), true place (hollow) and observed place (filled).
 
-    The marks are those of the set (``own``).
+    The marks are those of the set ``marks``.
     """
     low, high = true.min() - 2.0, true.max() + 2.0
     x = np.linspace(low, high, 1201)
@@ -51,15 +51,12 @@ def line_targets(
         mean, variance = points.means[k, 0], points.covariances[k, 0, 0]
         density = np.exp(-0.5 * (x - mean) ** 2 / variance) / np.sqrt(2.0 * np.pi * variance)
         ax.plot(x, density, **_target_line(k, name))
-        ax.plot(true[k], -0.07 * peak, **set_marks(own) | {"mfc": "none"})
-        ax.plot(mean, -0.17 * peak, **set_marks(own))
+        ax.plot(true[k], -0.07 * peak, **set_marks(marks) | {"mfc": "none"})
+        ax.plot(mean, -0.17 * peak, **set_marks(marks))
         if name == "O":
             ax.plot(mean, -0.17 * peak, **set_marks("outlier"))
-    places = [(float(mean), peak, name) for (mean,), name in zip(points.means, names, strict=True)]
-    _write_letters(ax, places, high - low)
-    ax.set_xlabel("x (m)")
-    ax.set_ylabel("density (1/m)")
-    ax.set_ylim(-0.25 * peak, 1.15 * peak)
+    _write_letters(ax, [(float(m), peak, k) for (m,), k in zip(points.means, names, strict=True)])
+    ax.set(xlabel="x (m)", ylabel="density (1/m)", ylim=(-0.25 * peak, 1.15 * peak))
     ax.set_yticks([tick for tick in ax.get_yticks() if 0.0 <= tick <= 1.15 * peak])
 
 
@@ -71,41 +68,25 @@ def _target_line(k: int, name: str) -> dict[str, Any]:
     return {"color": color, "ls": line, "lw": 1.2}
 
 
-def _write_letters(ax: Axes, places: Sequence[tuple[float, float, str]], span: float) -> None:
-    """Letters above places (x, height, letter); where they would overprint, they form one word.
+def _write_letters(ax: Axes, peaks: Sequence[tuple[float, float, str]]) -> None:
+    """Write a letter above each peak (x, height, letter); near ones form one word.
 
-    Where the letters would fill the line, none is written: nobody could tell which is whose.
+    Where there are too many, none is written: nobody could tell which is whose.
     """
-    figure = ax.get_figure(root=True)
-    width = 5.0 if figure is None else float(figure.get_figwidth())  # inches
-    letter_width = _LETTER * span / (ax.get_position().width * width)
-    if len(places) * letter_width > _FULL * span:
+    if len(peaks) > _MOST:
         return
-    groups = [[place] for place in sorted(places)]
-    i = 0
-    while i + 1 < len(groups):
-        (x, _, word), (next_x, _, next_word) = map(_word, groups[i : i + 2])
-        if next_x - x < 0.5 * (len(word) + len(next_word) + 0.5) * letter_width:
-            groups[i : i + 2] = [groups[i] + groups[i + 1]]
-            i = max(i - 1, 0)  # the longer word may touch the one before
+    width = _LETTER * float(np.ptp(ax.get_xlim())) / ax.get_position().width
+    words: list[tuple[float, float, str]] = []
+    for x, height, letter in sorted(peaks):
+        if words and x - words[-1][0] < 0.5 * width * (len(words[-1][2]) + 2.0):
+            before, highest, word = words.pop()
+            word += letter if letter not in word else ""
+            words.append((0.5 * (before + x), max(highest, height), word))
         else:
-            i += 1
-    for x, height, word in map(_word, groups):
-        ax.annotate(
-            word,
-            (x, height),
-            (0, 2),
-            textcoords="offset points",
-            ha="center",
-            color="0.25",
-            fontsize=9,
-        )
-
-
-def _word(group: Sequence[tuple[float, float, str]]) -> tuple[float, float, str]:
-    """Mean place, height and letters, each once, of neighbours (x, height, letter)."""
-    x, height = np.mean([x for x, *_ in group]), max(height for _, height, _ in group)
-    return float(x), height, "".join(dict.fromkeys(letter for *_, letter in group))
+            words.append((x, height, letter))
+    style: dict[str, Any] = {"textcoords": "offset points", "ha": "center", "fontsize": 9}
+    for x, height, word in words:
+        ax.annotate(word, (x, height), (0, 2), color="0.25", **style)
 
 
 def surface(
@@ -116,10 +97,9 @@ def surface(
     ylabel: str = "density (1/m)",
     **style: Any,
 ) -> None:
-    """A cost surface over t_x."""
+    """Draw a cost surface over t_x."""
     ax.plot(translations, values, **({"color": BLACK} | style))
-    ax.set_xlabel("$t_x$ (m)")
-    ax.set_ylabel(ylabel)
+    ax.set(xlabel="$t_x$ (m)", ylabel=ylabel)
     ax.margins(x=0.0)
 
 
@@ -129,12 +109,11 @@ def both_sets(
     true: tuple[Array, Array],
     names: tuple[Sequence[str], Sequence[str]],
 ) -> None:
-    """The previous set in the first panel, the current one in the second."""
-    titles = ("previous set F", "current set M")
-    for ax, points, positions, name, title, own in zip(
-        axes, sets, true, names, titles, ("fixed", "moving"), strict=False
-    ):
-        line_targets(ax, points, positions, name, own)
+    """Draw the previous set in the first panel, the current one in the second."""
+    titles = {"fixed": "previous set F", "moving": "current set M"}
+    panels = zip(axes, sets, true, names, titles.items(), strict=False)
+    for ax, points, positions, letters, (marks, title) in panels:
+        line_targets(ax, points, positions, letters, marks)
         ax.set_title(title)
 
 
@@ -147,7 +126,7 @@ def every_target(
     *,
     negative_log: bool = False,
 ) -> None:
-    """The surface of each moving target, as a density or as a cost.
+    """Draw the surface of each moving target, as a density or as a cost.
 
     A letter above each maximum of a density names the target, unless it is too low to be seen or
     there is no room for all of them.
@@ -163,8 +142,7 @@ def every_target(
         places += [(float(translations[i]), float(values[i]), name) for i in top]
     if not negative_log:
         highest = max(height for _, height, _ in places)
-        seen = [place for place in places if place[1] > _VISIBLE * highest]
-        _write_letters(ax, seen, float(np.ptp(translations)))
+        _write_letters(ax, [place for place in places if place[1] > _VISIBLE * highest])
         ax.margins(y=0.1)
     ax.axvline(scene.TRUTH, **TRUTH)
     ax.set_title("targets")
@@ -177,10 +155,7 @@ def fused(
     sets: tuple[PointSet, PointSet],
     title: str,
 ) -> Peaks:
-    """The fused surface, as a density in the first panel and as a cost in the second.
-
-    Returns its peaks.
-    """
+    """Draw the fused surface, as a density and as a cost, and return its peaks."""
     values = log_surface(cost, translations, *sets)
     style = cost_line(cost_key(cost), cost.metric)
     surface(axes[0], translations, np.exp(values), ylabel="density", **style)
@@ -198,7 +173,7 @@ def log_axis(
     sets: tuple[PointSet, PointSet],
     **style: Any,
 ) -> None:
-    """The fused density on a logarithmic axis, which shows how small it is where it seems zero."""
+    """Draw the fused density on a logarithmic axis, to show how small it is."""
     values = np.exp(np.maximum(log_surface(cost, translations, *sets), np.log(0.1 * LOWEST)))
     surface(ax, translations, values, ylabel="density", **style)
     ax.set_yscale("log")
