@@ -1,9 +1,7 @@
 """The thesis's evaluation (thesis sec. 6.3): its costs, its measures, its table, other layouts."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -12,9 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
-from d2d.credibility import Credibility
 from d2d.point_set import PointSet
-from d2d.study.book.measured import Measured, rms_of
 from d2d.study.plane.scenarios import LAYOUTS, Layout, Scenario, random_scene
 from d2d.study.runs import MonteCarlo, monte_carlo
 
@@ -71,35 +67,6 @@ def rms(values: Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
-    """One scenario with one cost, started at the truth unless a field says otherwise."""
-
-    scenario: str
-    cost: str
-    from_truth: float  # share of runs that end at the truth
-    from_zero: float  # the same, started at zero
-    rmse: Measured  # m, of the translation over all runs
-    credibility: Credibility
-
-
-def summary(scenarios: Iterable[Scenario]) -> list[Row]:
-    """A row for each scenario and cost, 1000 runs each from the truth and from zero."""
-    rows = []
-    for scenario, (name, cost) in product(scenarios, COSTS.items()):
-        good, zero = (evaluated(scenario, cost, start) for start in ("truth", "zero"))
-        row = Row(
-            scenario=scenario.name,
-            cost=name,
-            from_truth=float(at_truth(good.errors).mean()),
-            from_zero=float(at_truth(zero.errors).mean()),
-            rmse=rms_of(distance_and_rotation(good.errors)[0]),
-            credibility=good.credibility,
-        )
-        rows.append(row)
-    return rows
-
-
-@dataclass(frozen=True, eq=False)
 class LayoutStudy:
     """One measure of each kind per random layout, arrays (layouts,)."""
 
@@ -126,19 +93,17 @@ def over_layouts(
     the seed s.
     """
 
-    def one(seed: int) -> tuple[float, ...]:
-        scenario = random_layout(kind, seed)
-        result = monte_carlo(scenario, cost, runs, seed, initial)
-        distance, _ = distance_and_rotation(result.errors)
-        share = float(at_truth(result.errors).mean())
-        credible = result.credibility
-        ratio = 10.0 * np.log10(credible.ratio)
-        parts = float((ratio < -NOTICEABLE).mean()), float((ratio > NOTICEABLE).mean())
-        covered = float((credible.nees < scipy.special.chdtri(result.errors.shape[1], 0.05)).mean())
-        return share, rms(distance), credible.inclination, *parts, credible.nci, covered
+    def study(seed: int) -> tuple[float, ...]:
+        result = monte_carlo(random_layout(kind, seed), cost, runs, seed, initial)
+        share = at_truth(result.errors).mean()
+        rmse = rms(distance_and_rotation(result.errors)[0])
+        indices = result.credibility
+        ratio = 10.0 * np.log10(indices.ratio)
+        parts = (ratio < -NOTICEABLE).mean(), (ratio > NOTICEABLE).mean()
+        covered = (indices.nees < scipy.special.chdtri(result.errors.shape[1], 0.05)).mean()
+        return share, rmse, indices.inclination, *parts, indices.nci, covered
 
-    columns = np.array([one(seed) for seed in range(layouts)]).T
-    return LayoutStudy(*columns)
+    return LayoutStudy(*np.array([study(seed) for seed in range(layouts)]).T)
 
 
 @cache

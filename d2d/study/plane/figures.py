@@ -7,7 +7,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import scipy
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, QuadMesh
 from numpy.typing import NDArray
 
 from d2d._types import Array
@@ -28,7 +28,7 @@ from d2d.study.book.grammar import (
 )
 from d2d.study.book.grammar import COSTS as LOOKS
 from d2d.study.book.style import PAGE, label_planar_axes, letter_panels
-from d2d.study.plane.evaluation import COSTS, distance_and_rotation, evaluated
+from d2d.study.plane.evaluation import COSTS, Start, distance_and_rotation, evaluated
 from d2d.study.plane.optima import rotation_profile, translation_surface
 from d2d.study.plane.scenarios import Scenario
 
@@ -81,20 +81,14 @@ def cost_columns(
 
 
 def error_panels(
-    scenario: Scenario, names: Sequence[str], starts: Sequence[str] = ("truth", "zero")
+    scenario: Scenario, names: Sequence[str], starts: Sequence[Start] = ("truth", "zero")
 ) -> None:
-    """Share of the runs below each error, one row of panels a start."""
+    """Draw the share of the runs below each error, one row of panels a start."""
     size = (5.0, 0.6 + 2.0 * len(starts))
     figure, axes = plt.subplots(len(starts), 2, sharey=True, squeeze=False, figsize=size)
     for row, start in zip(axes, starts, strict=True):
-        errors = {
-            name: distance_and_rotation(evaluated(scenario, COSTS[name], start).errors)
-            for name in names
-        }
-        metres = {name: distance for name, (distance, _) in errors.items()}
-        error_shares(row[0], metres, "m", f"from {start}")
-        degrees = {name: np.rad2deg(turn) for name, (_, turn) in errors.items()}
-        error_shares(row[1], degrees, "°", f"from {start}")
+        errors = {name: evaluated(scenario, COSTS[name], start).errors for name in names}
+        error_shares(row, errors, (f"from {start}",) * 2)
     handles = axes[0, 0].get_legend_handles_labels()
     figure.legend(*handles, loc="outside upper center", ncols=3)
     letter_panels(axes)
@@ -111,7 +105,7 @@ def bounds_columns(scenario: Scenario, names: Sequence[str]) -> None:
     ]
     limits = 4.5 * np.max([np.nanmedian(s, axis=0) for s in sigmas], axis=0)
     for size in ((5.0, 5.2), (PAGE, 4.2)):
-        _, axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=size)
+        axes = plt.subplots(3, len(names), sharex=True, sharey="row", figsize=size)[1]
         for column, result, sigma in zip(axes.T, results, sigmas, strict=True):
             errors = result.errors[:200] * IN_LABEL_UNITS
             for k, ax in enumerate(column):
@@ -177,75 +171,69 @@ def planar_scene(ax: Axes, scenario: Scenario, fixed: PointSet, moving: PointSet
 
 
 def density_map(ax: Axes, offsets: Array, log_values: Array, near: Array) -> None:
-    """A fused density over t_x and t_y around the truth (cross), relative to its maximum.
+    """Draw a fused density over t_x and t_y around the truth (cross), relative to its maximum.
 
     The inset enlarges what is within 1 m of the truth: ``near`` holds the logarithms there, on the
     grid of `NEAR_OFFSETS`.
     """
     highest = max(log_values.max(), near.max())
     inset = ax.inset_axes((0.58, 0.58, 0.42, 0.42))
-    for panel, grid, values in ((ax, offsets, log_values), (inset, NEAR_OFFSETS, near)):
-        relative = np.exp(values - highest)
-        picture = panel.pcolormesh(
-            grid, grid, relative, vmin=0.0, vmax=1.0, cmap=DENSITY_MAP, rasterized=True
-        )
-        panel.grid(False)
+    density, enlarged = np.exp(log_values - highest), np.exp(near - highest)
+    mesh = _map(ax, offsets, density, "density / its highest", DENSITY_MAP)
     ax.plot([-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1], color=BLACK, lw=0.7)
-    inset.set_aspect("equal")
-    inset.set(xticks=[], yticks=[])
+    inset.pcolormesh(NEAR_OFFSETS, NEAR_OFFSETS, enlarged, cmap=DENSITY_MAP, rasterized=True)
+    for drawn in (mesh, *inset.collections):
+        drawn.set_clim(0.0, 1.0)
+    inset.grid(False)
+    inset.set(xticks=[], yticks=[], aspect="equal")
     for spine in inset.spines.values():
         spine.set(visible=True, linewidth=0.7)
-    _map_axes(ax)
     mark_truth(inset, size=5.0)
-    _map_bar(ax, picture, "density / its highest")
 
 
 def cost_map(ax: Axes, offsets: Array, log_values: Array, title: str = "") -> None:
-    """A cost over t_x and t_y around the truth (cross), above its minimum.
+    """Draw a cost over t_x and t_y around the truth (cross), above its minimum.
 
     Contours enclose the regions where the density is above 50 %, 10 % and 1 % of its maximum.
     """
     above = log_values.max() - log_values
-    picture = ax.pcolormesh(offsets, offsets, above, cmap=COST_MAP, rasterized=True)
+    _map(ax, offsets, above, "−log density", COST_MAP)
     levels = -np.log([0.5, 0.1, 0.01])
     ax.contour(offsets, offsets, above, levels, colors="white", linewidths=0.5)
-    _map_axes(ax, title)
+    ax.set_title(title)
     mark_truth(ax)
-    _map_bar(ax, picture, "−log density")
 
 
-def _map_bar(ax: Axes, picture: Any, label: str) -> None:
-    bar = ax.figure.colorbar(picture, ax=ax, location="bottom", shrink=0.9, pad=0.02)
+def _map(ax: Axes, offsets: Array, values: Array, label: str, cmap: str) -> QuadMesh:
+    mesh = ax.pcolormesh(offsets, offsets, values, cmap=cmap, rasterized=True)
+    bar = ax.figure.colorbar(mesh, ax=ax, location="bottom", shrink=0.9, pad=0.02)
     bar.set_label(label, fontsize=9)
     bar.ax.tick_params(labelsize=9)
-
-
-def _map_axes(ax: Axes, title: str = "") -> None:
     ax.grid(False)
-    ax.set_aspect("equal")
-    ax.set(xlabel="$t_x$ − truth (m)", ylabel="$t_y$ − truth (m)", title=title)
+    ax.set(xlabel="$t_x$ − truth (m)", ylabel="$t_y$ − truth (m)", aspect="equal")
     ax.set(xticks=[-5, 0, 5], yticks=[-5, 0, 5])
+    return mesh
 
 
 def error_shares(
-    ax: Axes,
+    axes: Sequence[Axes],
     errors: Mapping[str, Array],
-    unit: str,
-    title: str = "",
+    titles: Sequence[str] = ("translation", "rotation"),
     styles: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> None:
-    """Share of the runs below each error, for the array of errors (N,) of each cost.
+    """Draw the share of the runs below each error of the translation and of the rotation.
 
-    ``unit`` is m or °.  ``styles`` draws an entry that is not named after a cost.
+    ``errors`` are those (N, 3) of each cost; ``styles`` draws an entry not named after a cost.
     """
-    for name, values in errors.items():
-        ordered = np.sort(values)
-        share = np.arange(1, len(ordered) + 1) / len(ordered)
-        style = styles[name] if styles and name in styles else cost_line(name)
-        ax.step(ordered, share, where="post", **style)
-    ax.set_xscale("log")
-    ax.set(xlabel=f"error ({unit})", ylabel="share of runs", title=title, ylim=(0.0, 1.02))
-    ax.set_xlim(*ERROR_LIMITS[unit])
+    for name, of_runs in errors.items():
+        distance, turn = distance_and_rotation(of_runs)
+        share = np.arange(1, len(of_runs) + 1) / len(of_runs)
+        style = (styles or {}).get(name) or cost_line(name)
+        for ax, values in zip(axes, (distance, np.rad2deg(turn)), strict=True):
+            ax.step(np.sort(values), share, where="post", **style)
+    for ax, title, (unit, limits) in zip(axes, titles, ERROR_LIMITS.items(), strict=True):
+        ax.set(xscale="log", xlabel=f"error ({unit})", title=title, xlim=limits)
+        ax.set(ylabel="share of runs", ylim=(0.0, 1.02))
 
 
 def arrival_map(ax: Axes, distances: Array, turns: Array, shares: Array, title: str = "") -> Any:
