@@ -175,24 +175,22 @@ def error_columns(
     errors: Mapping[str, Comparison],
     limits: Sequence[Sequence[float]],
 ) -> None:
-    """Errors over time, a column (3 axes) for each track.
+    """Draw errors over time, a column (3 axes) for each track.
 
     Errors beyond the ``limits`` of each component are drawn as crosses at the edge.
     """
-    for column, (name, of_track) in enumerate(errors.items()):
-        for row, ax in enumerate(axes[:, column]):
-            values = of_track.errors[:, row] * IN_UNITS[row]
-            limit = limits[column][row]
-            outside = np.abs(values) > limit
-            ax.plot(of_track.times, values, ".", ms=1.5, color=ROBUST)
-            edge = np.sign(values[outside]) * 0.97 * limit
-            ax.plot(of_track.times[outside], edge, "x", ms=3, color=BLACK)
+    for column, (name, comparison) in enumerate(errors.items()):
+        for row, (ax, limit) in enumerate(zip(axes[:, column], limits[column], strict=True)):
+            values = comparison.errors[:, row] * IN_UNITS[row]
+            edge = np.where(np.abs(values) > limit, np.sign(values) * 0.97 * limit, np.nan)
+            ax.plot(comparison.times, values, ".", ms=1.5, color=ROBUST)
+            ax.plot(comparison.times, edge, "x", ms=3, color=BLACK)
             ax.axhline(0.0, **TRUTH)
             ax.set_ylim(-limit, limit)
-            if column == 0:
-                ax.set_ylabel(f"{SYMBOLS[row]} ({UNITS[row]})")
         axes[0, column].set_title(f"({'abc'[column]}) {name}", loc="center")
         axes[-1, column].set_xlabel("time (s)")
+    for ax, symbol, unit in zip(axes[:, 0], SYMBOLS, UNITS, strict=True):
+        ax.set_ylabel(f"{symbol} ({unit})")
 
 
 def velocity_ellipses(ax: Axes, estimates: Mapping[str, Estimate], theta: Array) -> None:
@@ -240,23 +238,25 @@ def track_lines(ax: Axes, poses: Array, true: Array) -> None:
 
 
 def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> None:
-    """ANEES (first axes) and RMSE of omega (second) against the objects' half width, per model.
+    """Draw ANEES (first axes) and RMSE of omega (second) against the objects' half width.
 
     Objects whose points stay where they are, without an extent, are drawn for comparison.
     """
-    redrawn = [study for study in studies if study.redrawn]
-    still = [study for study in studies if not study.redrawn]
-    groups = [(redrawn, model, model) for model in MODELS]
-    groups.append((still, MODELS[0], "points that stay"))
-    for (chosen, model, name), colour in zip(groups, (YELLOW, PURPLE, SKY, BLACK), strict=True):
+    lines = dict(zip(extended.COVARIANCES, ("P-", "^:"), strict=True))
+    redrawn, still = ([s for s in studies if s.redrawn == drawn] for drawn in (True, False))
+    groups = [
+        *((redrawn, model, model) for model in MODELS),
+        (still, MODELS[0], "points that stay"),
+    ]
+    for (chosen, model, name), color in zip(groups, (YELLOW, PURPLE, SKY, BLACK), strict=True):
         widths = [study.half_width for study in chosen]
-        for covariance, line in zip(extended.COVARIANCES, ("P-", "^:"), strict=True):
+        for covariance, line in lines.items():
             anees = [study.judged[model].credibility(covariance).anees for study in chosen]
-            axes[0].plot(widths, anees, line, color=colour)
+            axes[0].plot(widths, anees, line, color=color)
         rmse = [study.rmse(model)[2] for study in chosen]
-        axes[1].plot(widths, rmse, ".-", color=colour, label=name)
+        axes[1].plot(widths, rmse, ".-", color=color, label=name)
     axes[0].axhline(1.0, **TRUTH)
-    for covariance, line in zip(extended.COVARIANCES, ("P-", "^:"), strict=True):
+    for covariance, line in lines.items():
         axes[0].plot([], [], line, color=GREY, label=covariance)
     axes[0].set(yscale="log", ylabel="ANEES")
     axes[1].set(ylabel="RMSE of ω (°/s)")
@@ -285,14 +285,15 @@ def ingredients(ax: Axes, trial: Mapping[str, Judged]) -> None:
 
 
 def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
-    """A column (3 axes) for each filter: NIS, error of v_x, error of the gyro's bias.
+    """Draw a column (3 axes) for each filter: NIS, error of v_x, error of the gyro's bias.
 
     Crosses are innovations beyond the gate, bands are two of the filter's standard deviations.
     """
     for column, (name, result) in enumerate(fused.items()):
         top, *below = axes[:, column]
-        top.semilogy(result.times[result.used], result.nis[result.used], ".", ms=2.5, color=GREY)
-        top.semilogy(result.times[~result.used], result.nis[~result.used], "x", ms=4, color=PURPLE)
+        for used, marks in ((result.used, (".", 2.5, GREY)), (~result.used, ("x", 4, PURPLE))):
+            marker, size, color = marks
+            top.semilogy(result.times[used], result.nis[used], marker, ms=size, color=color)
         for limit in (REGION, GATE):
             top.axhline(limit, color=BLACK, lw=0.8, ls="--")
         top.set(ylim=(0.05, 200.0))
@@ -303,11 +304,9 @@ def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
             ax.plot(result.times, result.errors[:, entry] * unit, color=PURPLE, lw=1.0)
             ax.axhline(0.0, **TRUTH)
         below[-1].set_xlabel("time (s)")
-    # beside the last panel, off its points
-    for limit, label, side in ((REGION, "95 %", "top"), (GATE, "gate", "bottom")):
-        place, coordinates = (1.03, limit), ("axes fraction", "data")
-        axes[0, -1].annotate(label, place, xycoords=coordinates, va=side, fontsize=9)
-    for ax, label in zip(
-        axes[:, 0], ("NIS", "error of $v_x$ (m/s)", "error of the\ngyro bias (°/s)"), strict=True
-    ):
+    for limit, words, side in ((REGION, "95 %", "top"), (GATE, "gate", "bottom")):
+        beside = {"xycoords": ("axes fraction", "data"), "va": side, "fontsize": 9}
+        axes[0, -1].annotate(words, (1.03, limit), **beside)
+    names = ("NIS", "error of $v_x$ (m/s)", "error of the\ngyro bias (°/s)")
+    for ax, label in zip(axes[:, 0], names, strict=True):
         ax.set_ylabel(label)

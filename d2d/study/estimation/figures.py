@@ -1,6 +1,7 @@
 """The figures of estimation: optimiser paths, also as frames of an animation; error propagation."""
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -58,24 +59,17 @@ def propagation_panel(
     ax.plot(x, y, color=BLACK)
     size_x, size_y = 0.18 * float(np.ptp(y)), 0.22 * (high - low)
     bottom, left = float(y.min()) - 0.25 * float(np.ptp(y)), low - 0.3 * (high - low)
+    units = np.linspace(-4.0, 4.0, 200)
+    bell = np.exp(-0.5 * units**2)
     for color, x0 in zip((OCHRE, PURPLE), centres, strict=False):
         y0, spread = float(function(np.array(x0))), abs(slope(x0)) * sigma
-        near = x0 + sigma * np.linspace(-4.0, 4.0, 200)
-        ax.fill_between(
-            near,
-            bottom,
-            bottom + size_x * np.exp(-0.5 * ((near - x0) / sigma) ** 2),
-            color=color,
-            alpha=0.4,
-            lw=0,
-        )
-        ax.plot(near, y0 + slope(x0) * (near - x0), "--", color=color)
+        inputs, density = x0 + sigma * units, bottom + size_x * bell
+        ax.fill_between(inputs, bottom, density, color=color, alpha=0.4, lw=0)
+        ax.plot(inputs, y0 + slope(x0) * (inputs - x0), "--", color=color)
         counts, edges = np.histogram(function(rng.normal(x0, sigma, 20_000)), 60, density=True)
         scale = size_y * spread * np.sqrt(2.0 * np.pi)
         ax.barh(edges[:-1], scale * counts, np.diff(edges), left, align="edge", color="0.8")
-        outputs = y0 + spread * np.linspace(-4.0, 4.0, 200)
-        density = np.exp(-0.5 * ((outputs - y0) / spread) ** 2)
-        ax.plot(left + size_y * density, outputs, color=color)
+        ax.plot(left + size_y * bell, y0 + spread * units, color=color)
         ax.plot(x0, y0, "o", color=color)
         ax.plot([x0, x0, left], [bottom, y0, y0], ":", color=color, lw=0.8)
     ax.set(xlabel="x", ylabel="y", xlim=(left, high), ylim=(bottom, None))
@@ -93,24 +87,14 @@ def stated_over_actual(
     for row, (name, (key, study)) in enumerate(studies.items()):
         stated = np.diagonal(study.covariances[kind], axis1=1, axis2=2)
         line = {"color": COSTS[key].color, "ls": ":" if "P2D" in name else "-"}
+        parts = dict.fromkeys(("boxprops", "whiskerprops", "capprops", "medianprops"), line)
         places = row + np.array([-0.25, 0.0, 0.25])
-        ax.boxplot(
-            np.sqrt(stated / study.errors.var(axis=0)),
-            positions=places,
-            widths=0.18,
-            whis=(5, 95),
-            showfliers=False,
-            manage_ticks=False,
-            boxprops=line,
-            whiskerprops=line,
-            capprops=line,
-            medianprops=line,
-        )
+        box: dict[str, Any] = {"widths": 0.18, "whis": (5, 95), "showfliers": False, **parts}
+        ratios = np.sqrt(stated / study.errors.var(axis=0))
+        ax.boxplot(ratios, positions=places, manage_ticks=False, **box)
         for place, component in zip(places, ("$t_x$", "$t_y$", "φ"), strict=True):
             ax.annotate(component, (place, 0.42), ha="center", fontsize=9)
     ax.axhline(1.0, **TRUTH)
-    ax.set_yscale("log")
-    ax.set_ylim(0.38, 6.0)
+    ax.set(yscale="log", ylim=(0.38, 6.0), ylabel="stated σ / actual σ")
     write_out_ticks(ax.yaxis, (0.5, 1, 2, 4))
-    ax.set_ylabel("stated σ / actual σ")
     ax.set_xticks(range(len(studies)), list(studies))

@@ -48,37 +48,33 @@ def line_terms(
 
 
 def draw_terms(axes: Sequence[Axes], translations: Array, terms: Terms) -> None:
-    """The cost, the parts of its gradient and the terms of its Hessian, a panel each."""
+    """Draw the cost, the parts of its gradient and the terms of its Hessian, a panel each."""
     gradient, hessian = terms.inliers + terms.outliers, terms.curvature - terms.spread
-    curves = (
-        ((terms.value, cost_line("robust")),),
-        (
-            (gradient, {"color": BLACK, "label": "gradient"}),
-            (terms.inliers, {"color": PURPLE, "ls": DASHED, "label": "inliers' part"}),
-            (terms.outliers, {"color": GREY, "ls": DOTTED, "label": "outliers' part"}),
-        ),
-        (
-            (hessian, {"color": BLACK, "label": "Hessian"}),
-            (terms.curvature, {"color": PURPLE, "ls": DASHED, "label": "mean curvature"}),
-            (-terms.spread, {"color": GREY, "ls": DOTTED, "label": "−spread of pulls"}),
-        ),
-    )
-    names = ("cost", "gradient (1/m)", "Hessian (1/m²)")
-    for ax, name, panel in zip(axes, names, curves, strict=True):
-        for values, look in panel:
+    panels = {
+        "cost": {"": terms.value},
+        "gradient (1/m)": {
+            "gradient": gradient,
+            "inliers' part": terms.inliers,
+            "outliers' part": terms.outliers,
+        },
+        "Hessian (1/m²)": {
+            "Hessian": hessian,
+            "mean curvature": terms.curvature,
+            "−spread of pulls": -terms.spread,
+        },
+    }
+    for ax, (name, curves) in zip(axes, panels.items(), strict=True):
+        looks = zip((BLACK, PURPLE, GREY), ("-", DASHED, DOTTED), strict=True)
+        for (label, values), (color, line) in zip(curves.items(), looks, strict=False):
+            look = {"color": color, "ls": line, "label": label} if label else cost_line("robust")
             ax.plot(translations, values, **look)
+        if len(curves) > 1:
+            short: dict[str, float] = {"columnspacing": 1.0, "handlelength": 1.5}
+            above = (1.0, 1.0)
+            ax.legend(loc="lower right", bbox_to_anchor=above, borderaxespad=0.0, ncols=3, **short)
         ax.axvline(TRUE_TRANSLATION, **TRUTH)
         ax.set_ylabel(name)
         ax.margins(x=0.0)
-    for ax in axes[1:]:
-        ax.legend(
-            loc="lower right",
-            bbox_to_anchor=(1.0, 1.0),
-            ncols=3,
-            borderaxespad=0.0,
-            columnspacing=1.0,
-            handlelength=1.5,
-        )
     axes[-1].set_xlabel("$t_x$ (m)")
 
 
@@ -109,13 +105,11 @@ def kernels(residuals: Array, ratio: float) -> dict[str, Kernel]:
 
 
 def draw_kernels(axes: Sequence[Axes], residuals: Array, ratio: float) -> None:
-    """Loss, influence and weight of the three kernels, a panel each."""
+    """Draw loss, influence and weight of the three kernels, a panel each."""
+    panels = {"loss ρ": (0.0, 8.0), "influence ρ′": (-4.0, 4.0), "weight ρ′/r": (0.0, 1.08)}
     for key, kernel in kernels(residuals, ratio).items():
         for ax, values in zip(axes, kernel, strict=True):
             ax.plot(residuals, values, **cost_line(key))
-    limits = ((0.0, 8.0), (-4.0, 4.0), (0.0, 1.08))
-    for ax, name, limit in zip(
-        axes, ("loss ρ", "influence ρ′", "weight ρ′/r"), limits, strict=True
-    ):
-        ax.set(xlabel="residual r", title=name, ylim=limit)
+    for ax, (name, limits) in zip(axes, panels.items(), strict=True):
+        ax.set(xlabel="residual r", title=name, ylim=limits)
         ax.margins(x=0.0)
