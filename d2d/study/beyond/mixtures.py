@@ -37,6 +37,14 @@ _STEP = 1e-30  # of complex-step derivatives, which do not suffer from cancellat
 _MIN_SQUARE = 1e-10  # smallest argument of a square root, whose slope at zero is infinite
 
 
+class _Components(NamedTuple):
+    """The components j of every moving target's mixture: s_j exp(-(x_j^2 + y_j^2) / 2)."""
+
+    x: NDArray[Any]  # (..., K, J), whitened distance
+    y: NDArray[Any]  # (..., K, J)
+    log_scale: NDArray[Any]  # (..., K, J): log s_j
+
+
 def mixture_residuals(
     fixed: PointSet,
     moving: PointSet,
@@ -49,11 +57,10 @@ def mixture_residuals(
     derivatives, and have the shape (..., M).  ``sum(r**2) / 2 - sum(constants)`` is the negative
     logarithm of the mixture.
     """
-    pairs = _Pairs(fixed, moving, outlier)
-    constants = pairs.constants(mixture)
+    constants = _log_bounds(fixed, moving, mixture, outlier)
 
     def residuals(theta: NDArray[Any]) -> NDArray[Any]:
-        parts = pairs.at(theta)
+        parts = _components(theta, fixed, moving, outlier)
         logs = parts.log_scale - 0.5 * (parts.x**2 + parts.y**2)
         if mixture != "max":
             top = logs.real.max(axis=-1, keepdims=True)
@@ -61,7 +68,7 @@ def mixture_residuals(
         if mixture == "sum":
             return _root(constants - whole)
         best = np.argmax(logs.real, axis=-1)[..., np.newaxis]
-        x, y, log_scale = (np.take_along_axis(each, best, axis=-1)[..., 0] for each in parts)
+        x, y, log_scale = (np.take_along_axis(part, best, axis=-1)[..., 0] for part in parts)
         rest = constants - (log_scale if mixture == "max" else whole + 0.5 * (x**2 + y**2))
         return np.concatenate([x, y, _root(rest)], axis=-1)
 
@@ -87,82 +94,73 @@ def register_mixture(
     def jacobian(theta: Array) -> Array:
         return np.asarray(residuals(theta + 1j * _STEP * np.eye(3)).imag.T / _STEP)
 
-    found = scipy.optimize.least_squares(residuals, start, jacobian, method="lm", x_scale="jac")
-    hessian = found.jac.T @ found.jac
+    optimum = scipy.optimize.least_squares(residuals, start, jacobian, method="lm", x_scale="jac")
+    hessian = optimum.jac.T @ optimum.jac
     covariance = fisher_covariance(hessian)
-    converged = bool(found.success and np.isfinite(covariance).all())
+    converged = bool(optimum.success and np.isfinite(covariance).all())
     return Estimate(
-        theta=found.x,
+        theta=optimum.x,
         covariance=covariance if converged else np.full((3, 3), np.nan),
-        value=np.asarray(found.cost - constants.sum()),
-        gradient=found.grad,
+        value=np.asarray(optimum.cost - constants.sum()),
+        gradient=optimum.grad,
         hessian=hessian,
         converged=np.asarray(converged),
-        iterations=np.asarray(found.nfev),
+        iterations=np.asarray(optimum.nfev),
     )
 
 
-class _Components(NamedTuple):
-    """The components j of every moving target's mixture: s_j exp(-(x_j^2 + y_j^2) / 2)."""
-
-    x: NDArray[Any]  # (..., K, J), whitened distance
-    y: NDArray[Any]  # (..., K, J)
-    log_scale: NDArray[Any]  # (..., K, J): log s_j
-
-
-class _Pairs:
-    """The pairs of a moving target and a component of its mixture, at any motion."""
-
-    def __init__(
-        self, fixed: PointSet, moving: PointSet, outlier: CorruptedGaussian | None
-    ) -> None:
-        self.fixed, self.moving, self.outlier = fixed, moving, outlier
-        self.log_weight = np.log(fixed.weights) - math.log(2.0 * math.pi)
-        # Minkowski: det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)
-        own, other = (np.sqrt(np.linalg.det(each.covariances)) for each in (moving, fixed))
-        self.log_bound = self.log_weight - np.log(own[:, None] + other)  # (K, J): of log s_j
-        if outlier is not None:
-            with np.errstate(divide="ignore"):  # a fraction of 0 or 1: one has zero weight
-                share_in, share_out = np.log1p(-outlier.fraction), np.log(outlier.fraction)
-            widths = np.diagonal(np.linalg.cholesky(outlier.covariance))
-            wide = share_out + self.log_weight - np.log(widths).sum()
-            self.log_wide = np.broadcast_to(wide, self.log_bound.shape)
-            self.log_weight = self.log_weight + share_in
-            self.log_bound = np.concatenate([self.log_bound + share_in, self.log_wide], axis=-1)
-
-    def constants(self, mixture: Mixture) -> Array:
-        """For each target (K,), a bound on the logarithm of its mixture, for any motion."""
-        best = self.log_bound.max(axis=-1)
-        if mixture == "max":
-            return np.asarray(best)
-        if mixture == "sum":
-            return np.asarray(np.log(np.exp(self.log_bound).sum(axis=-1)))
-        return np.asarray(np.log(self.log_bound.shape[-1] * np.exp(best) + DAMPING))
-
-    def at(self, theta: NDArray[Any]) -> _Components:
-        """The components at motions (..., 3), which may be complex."""
-        (t_x, t_y), angle = np.moveaxis(theta[..., np.newaxis, :2], -1, 0), theta[..., 2:]
-        c, s = np.cos(angle), np.sin(angle)
-        x, y = self.moving.means.T
-        d_x = (c * x - s * y + t_x)[..., np.newaxis] - self.fixed.means[:, 0]
-        d_y = (s * x + c * y + t_y)[..., np.newaxis] - self.fixed.means[:, 1]
-        (a, b), (_, d) = np.moveaxis(self.moving.covariances, 0, -1)
-        xx = (c * c * a - 2.0 * c * s * b + s * s * d)[..., np.newaxis]
-        xy = (c * s * (a - d) + (c * c - s * s) * b)[..., np.newaxis]
-        yy = (s * s * a + 2.0 * c * s * b + c * c * d)[..., np.newaxis]
-        (f_xx, f_xy), (_, f_yy) = np.moveaxis(self.fixed.covariances, 0, -1)
-        inlier = _whitened(d_x, d_y, xx + f_xx, xy + f_xy, yy + f_yy)
-        inlier = inlier._replace(log_scale=inlier.log_scale + self.log_weight)
-        if self.outlier is None:
-            return inlier
-        (xx, xy), (_, yy) = self.outlier.covariance
-        log_wide = np.broadcast_to(self.log_wide, d_x.shape)
-        wide = _whitened(d_x, d_y, xx, xy, yy)._replace(log_scale=log_wide)
-        return _Components(*(np.concatenate(both, -1) for both in zip(inlier, wide, strict=True)))
+def _log_weights(fixed: PointSet, outlier: CorruptedGaussian | None) -> tuple[Array, Array]:
+    """Logarithms (J,) of w_j / 2 pi times the share of inliers and of outliers."""
+    share = 0.0 if outlier is None else outlier.fraction
+    with np.errstate(divide="ignore"):  # a fraction of 0 or 1: one has zero weight
+        log_weights = np.log(fixed.weights) - math.log(2.0 * math.pi)
+        return log_weights + np.log1p(-share), log_weights + np.log(share)
 
 
-def _whitened(x: Any, y: Any, xx: Any, xy: Any, yy: Any) -> _Components:
-    """Distances divided by the Cholesky factor of their covariances, and -log of its determinant.
+def _log_bounds(
+    fixed: PointSet, moving: PointSet, mixture: Mixture, outlier: CorruptedGaussian | None
+) -> Array:
+    """For each target (K,), a bound on the logarithm of its mixture, for any motion."""
+    log_inlier, log_outlier = _log_weights(fixed, outlier)
+    # Minkowski: det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)
+    roots = (np.sqrt(np.linalg.det(points.covariances)) for points in (moving, fixed))
+    bounds = log_inlier - np.log(np.add.outer(*roots))
+    if outlier is not None:
+        wide = log_outlier - 0.5 * np.linalg.slogdet(outlier.covariance)[1]
+        bounds = np.concatenate([bounds, np.broadcast_to(wide, bounds.shape)], axis=-1)
+    best = bounds.max(axis=-1)
+    if mixture == "max":
+        return np.asarray(best)
+    if mixture == "sum":
+        return np.asarray(np.log(np.exp(bounds).sum(axis=-1)))
+    return np.asarray(np.log(bounds.shape[-1] * np.exp(best) + DAMPING))
+
+
+def _components(
+    theta: NDArray[Any], fixed: PointSet, moving: PointSet, outlier: CorruptedGaussian | None
+) -> _Components:
+    """The components at motions (..., 3), which may be complex."""
+    (t_x, t_y), angle = np.moveaxis(theta[..., np.newaxis, :2], -1, 0), theta[..., 2:]
+    c, s = np.cos(angle), np.sin(angle)
+    x, y = moving.means.T
+    d_x = (c * x - s * y + t_x)[..., np.newaxis] - fixed.means[:, 0]
+    d_y = (s * x + c * y + t_y)[..., np.newaxis] - fixed.means[:, 1]
+    (a, b), (_, d) = np.moveaxis(moving.covariances, 0, -1)
+    xx = (c * c * a - 2.0 * c * s * b + s * s * d)[..., np.newaxis]
+    xy = (c * s * (a - d) + (c * c - s * s) * b)[..., np.newaxis]
+    yy = (s * s * a + 2.0 * c * s * b + c * c * d)[..., np.newaxis]
+    (f_xx, f_xy), (_, f_yy) = np.moveaxis(fixed.covariances, 0, -1)
+    log_inlier, log_outlier = _log_weights(fixed, outlier)
+    inlier = _whitened(d_x, d_y, xx + f_xx, xy + f_xy, yy + f_yy, log_inlier)
+    if outlier is None:
+        return inlier
+    (xx, xy), (_, yy) = outlier.covariance
+    wide = _whitened(d_x, d_y, xx, xy, yy, log_outlier)
+    return _Components(*(np.concatenate(both, -1) for both in zip(inlier, wide, strict=True)))
+
+
+def _whitened(x: Any, y: Any, xx: Any, xy: Any, yy: Any, log_weights: Array) -> _Components:
+    """Components of these distances and covariances, whitened by their Cholesky factor.
 
     In closed form, because NumPy's factorisation does not support the complex symmetric matrices
     that a complex motion gives.
@@ -171,7 +169,8 @@ def _whitened(x: Any, y: Any, xx: Any, xy: Any, yy: Any) -> _Components:
     low = xy / first
     second = np.sqrt(yy - low * low)
     whitened = x / first
-    return _Components(whitened, (y - low * whitened) / second, -np.log(first * second))
+    log_scale = np.broadcast_to(log_weights - np.log(first * second), x.shape)
+    return _Components(whitened, (y - low * whitened) / second, log_scale)
 
 
 def _root(half_squares: NDArray[Any]) -> NDArray[Any]:

@@ -6,7 +6,6 @@ from numpy.testing import assert_allclose
 
 from d2d import rigid
 from d2d.study.beyond.random_scenes import RandomScenes
-from d2d.study.plane.scenarios import RANGES
 
 NOISE_FREE = {"sigma_range": 1e-6, "sigma_azimuth": 1e-7}
 
@@ -39,17 +38,6 @@ def test_what_lies_outside_the_overlap_lies_at_the_sides() -> None:
     rightmost = np.argsort(azimuth, axis=1)[:, :10]
     assert np.take_along_axis(lone, rightmost, axis=1).all()
     assert lone.sum() == 50 * 10
-
-
-def test_layouts_differ_from_run_to_run_and_stay_in_the_field() -> None:
-    """Breaks if all runs share a layout: the sweep would speak of one scene."""
-    scene = RandomScenes(view=0.3, spacing=0.5, **NOISE_FREE)
-    fixed, _ = scene.sample(200, np.random.default_rng(2))
-    distance = np.hypot(fixed.means[..., 0], fixed.means[..., 1])
-    assert fixed.means.std(axis=0).min() > 1.0
-    assert np.abs(np.arctan2(fixed.means[..., 1], fixed.means[..., 0])).max() < 0.3 + 1e-5
-    assert distance.min() > RANGES[0] - 1e-4
-    assert distance.max() < RANGES[1] + 1e-4
 
 
 def test_reported_noise_is_a_multiple_of_the_actual() -> None:

@@ -2,12 +2,11 @@
 
 from functools import cache
 
-import matplotlib.pyplot as plt
 import numpy as np
 from numpy.testing import assert_allclose
 
 from d2d.radar import estimate_extent
-from d2d.study.drives import extended, figures
+from d2d.study.drives import extended
 from d2d.study.drives.extended import (
     COVARIANCES,
     MODELS,
@@ -45,17 +44,3 @@ def test_of_single_targets_the_scatter_is_found_of_several_less(monkeypatch):
     assert_allclose(single.extent, scatter, rtol=0.1)
     assert 0.4 < found.extent / scatter < 0.75
     assert found.sigma < 0.02
-
-
-def test_figures_show_what_was_computed():
-    _, axes = plt.subplots(1, 2)
-    found = study(1.0)
-    still = study(2.0, redrawn=False)
-    figures.anees_and_error(axes, [found, still])
-    drawn = [float(each.get_ydata()[0]) for each in axes[0].lines[:8]]
-    expected = [found.judged[m].credibility(c).anees for m in MODELS for c in COVARIANCES]
-    assert drawn[:6] == expected
-    assert drawn[6] == still.judged[NONE].credibility(INVERSE).anees
-    labels = [*MODELS, "points that stay"]
-    assert [each.get_label() for each in axes[1].lines] == labels
-    assert axes[1].lines[1].get_ydata() == [found.rmse(LIKELIEST)[2]]

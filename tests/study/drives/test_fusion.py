@@ -1,16 +1,12 @@
 """A gyro and a radar in one filter: the filter itself, its verdicts."""
 
-from types import SimpleNamespace
-
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
 from d2d.radar import CovarianceParts, ErrorBudget, FilterInput, VelocityEstimate
 from d2d.radar.motion.doppler import Acceleration
-from d2d.radar.tracks.tracker import track_of
-from d2d.study.drives import figures, fusion
+from d2d.radar.tracks.tracker import _joined
+from d2d.study.drives import fusion
 from d2d.study.drives.fusion import FILTERS, Measured, fuse
 
 
@@ -35,7 +31,7 @@ def synthetic(rng: np.random.Generator, count: int = 300) -> Measured:
         time = 0.1 * (i + 1)
         estimates.append(VelocityEstimate(time, 0.1, theta, own.total, "", 20, 0.9, own, seen))
         truth.append(state[:3])
-    radar = track_of(estimates, ErrorBudget())
+    radar = _joined(estimates, ErrorBudget())
     bias = fusion.GYRO_BIAS * rng.standard_normal()
     gyro = np.array(truth)[:, 2] + bias + fusion.GYRO_NOISE * rng.standard_normal(count)
     return Measured(gyro, radar, estimates, radar.parts.noise, np.array(truth), bias)
@@ -69,24 +65,3 @@ def test_nothing_is_used_where_the_radar_has_no_estimate():
         assert not result.used[30:40].any()
         assert np.isfinite(result.errors).all()
         assert result.covariances[39, 0, 0] > 4.0 * whole.covariances[39, 0, 0]
-
-
-def test_the_figures_show_every_ingredient_and_what_the_gate_rejects(monkeypatch):
-    """Breaks if rows are left out, or an innovation beyond the gate is drawn as one that counts."""
-    _, axes = plt.subplots(3, 3)
-    monkeypatch.setattr(fusion, "GATE", fusion.REGION)  # so that some are rejected
-    measured = synthetic(np.random.default_rng(2))
-    fused = {name: fuse(measured, name) for name in FILTERS}
-    assert not fused[FILTERS[0]].used.all()
-    figures.filters(axes, fused)
-    for column, result in enumerate(fused.values()):
-        used, rejected = axes[0, column].lines[:2]
-        assert len(used.get_xdata()) == result.used.sum()
-        assert (rejected.get_ydata() > fusion.GATE).all()
-    _, ax = plt.subplots()
-    anees = np.array([[3.0, 2.0, 1.0], [5.0, 4.0, 1.1]])
-    intervals = np.stack([anees - 0.1, anees + 0.1], axis=1)
-    judged = (SimpleNamespace(anees=a, interval=i) for a, i in zip(anees, intervals, strict=True))
-    figures.ingredients(ax, dict(zip("ab", judged, strict=True)))
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["a", "b"]
-    assert_allclose(ax.containers[2].lines[0].get_xdata(), anees[:, 2])

@@ -31,10 +31,3 @@ def test_the_covariances_are_those_of_each_pair(drive):
             assert_allclose(found.credibility(name).nees[number], nees, err_msg=name)
     _, apart, shared = found.covariances.values()
     assert not np.allclose(shared, apart, rtol=1e-3)
-
-
-def test_without_doppler_there_is_no_azimuth_to_share(drive):
-    """Breaks if Doppler velocities are used unasked."""
-    driven = track(drive, doppler=False)
-    _, apart, shared = on_a_drive(drive, driven, [0, 2, 4], doppler=False).covariances.values()
-    assert_allclose(shared, apart)

@@ -39,12 +39,6 @@ def test_many_descents_are_those_of_one_at_a_time(monkeypatch):
     assert_allclose(together.cost, alone.cost, rtol=1e-9)
 
 
-def test_a_descent_that_leaves_the_numbers_has_not_converged():
-    """Breaks if a comparison with nan counts as a short step."""
-    start = np.array([[np.nan, 0.0, 0.0], OVERLAPPED.theta])
-    assert descent.gradient_descents(problems(2), start).converged.tolist() == [False, True]
-
-
 def test_the_profile_is_the_least_over_the_third_parameter():
     """Breaks if the surface under the paths is not that of the problem."""
     (pairs,) = problems(1)

@@ -75,24 +75,6 @@ def test_peaks_of_a_batch_are_those_of_each_surface_plateaus_included():
         assert_peaks_of_each_row(peaks(GRID, rows), GRID, rows)
 
 
-def test_the_second_peak_of_a_batch():
-    """Breaks if a surface with fewer peaks than others shows the padding."""
-    rows = np.array([[0.0, 5.0, 0.0, 3.0, 0.0], [0.0, 0.0, 2.0, 0.0, 0.0], [0.0] * 5])
-    found = peaks(np.arange(5.0), rows)
-    assert_array_equal(found.number, [2, 1, 0])
-    assert_array_equal(found.second_log_height, [-2.0, -np.inf, -np.inf])
-    assert peaks(np.arange(5.0), rows[1]).second_log_height == -np.inf
-    assert peaks(np.arange(5.0), rows[:0]).number.shape == (0,)
-
-
-def test_a_basin_reaches_from_valley_to_valley():
-    """Breaks if an edge is missed: cos has maxima at 0 and 2 pi, and minima half way."""
-    top, left, right = basin_of_attraction(WIDE, np.cos(WIDE), 1.0)
-    assert_allclose([top, left, right], [0.0, -np.pi, np.pi], atol=0.011)
-    top, left, right = basin_of_attraction(WIDE, np.cos(WIDE), 4.0)
-    assert_allclose([top, left, right], [2 * np.pi, np.pi, 3 * np.pi], atol=0.011)
-
-
 def walked_basin(values, start):
     """Sample by sample: up from a start to the top, and from there down on either side."""
     top = start
@@ -127,15 +109,3 @@ def test_a_survey_counts_what_one_sees():
     assert_allclose(found.ascent, [0.0, 3.0], atol=0.011)
     assert_array_equal(found.right(0.0, 1.0), [True, False])
     assert_allclose(found.basin_width[1], 20.0)
-
-
-def test_without_noise_neighbours_part_at_two_root_two_sigma():
-    """Breaks if the sum's bumps do not part where two equal Gaussians do."""
-    sigma, cost = 0.15, RegistrationCost(fusion="summing")
-    window = np.arange(-1.0, 1.0, 0.001)
-    for spacing, expected in ((2.7, 1), (2.95, 2)):
-        fixed, moving = line_scene(np.random.default_rng(4), positions=[0.0, spacing * sigma])
-        fixed = type(fixed)([[0.0], [spacing * sigma]], fixed.covariances)
-        moving = type(moving)([[0.0]], moving.covariances[:1])
-        found = peaks(window, log_surface(cost, window, fixed, moving))
-        assert len(found.positions) == expected

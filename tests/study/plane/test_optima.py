@@ -10,7 +10,6 @@ from d2d.study.plane.optima import (
     TURNS,
     arrival_shares,
     local_minima,
-    nearest,
     rotation_profile,
     translation_surface,
 )
@@ -47,9 +46,3 @@ def test_surfaces_are_the_cost() -> None:
     assert surface[1, 0] == -SUMMING.value(theta + np.array([-1.0, 0.5, 0.0]), fixed, moving)
     profile = rotation_profile(SUMMING, fixed, moving, theta, offsets)
     assert profile[1] == -SUMMING.value(theta + np.array([0.0, 0.0, 0.5]), fixed, moving)
-
-
-def test_nearest_by_hand() -> None:
-    fixed, moving = np.array([[0.0, 0.0], [10.0, 0.0]]), np.array([[1.0, 0.0], [0.0, -9.0]])
-    quarter = np.array([0.0, 0.0, np.pi / 2.0])
-    np.testing.assert_allclose(nearest(fixed, moving, quarter), [1.0, 1.0])

@@ -7,32 +7,11 @@ from d2d.baselines import ndt_p2d
 from d2d.study.point_sets.convergence import (
     CELL_SIZES,
     METHODS,
-    draw_offsets,
     is_registered,
     motion_errors,
     ndt_coarse_to_fine,
-    start_plane,
 )
 from d2d.study.point_sets.room_scans import MOTION, room_pair
-
-
-def test_the_plane_has_the_distances_and_rotations_asked_for():
-    distances, rotations = np.array([0.0, 1.0, 2.0]), np.array([-0.5, 0.5])
-    offsets = start_plane(distances, rotations, directions=4)
-    assert offsets.shape == (2, 3, 4, 3)
-    lengths = np.hypot(offsets[..., 0], offsets[..., 1])
-    np.testing.assert_allclose(lengths, np.broadcast_to(distances[:, None], (2, 3, 4)), atol=1e-12)
-    np.testing.assert_array_equal(
-        offsets[..., 2], np.broadcast_to(rotations[:, None, None], (2, 3, 4))
-    )
-    np.testing.assert_allclose(offsets[..., :2].sum(axis=2), 0.0, atol=1e-12)
-
-
-def test_drawn_offsets_stay_within_their_limits():
-    offsets = draw_offsets(np.random.default_rng(0), 1000, 2.0, 0.3)
-    lengths = np.hypot(offsets[:, 0], offsets[:, 1])
-    assert 1.9 < lengths.max() <= 2.0
-    assert 0.29 < np.abs(offsets[:, 2]).max() <= 0.3
 
 
 def test_success_is_judged_in_the_frame_of_the_motion_and_modulo_full_turns():
