@@ -2,8 +2,8 @@
 
 Each subpackage covers one subject:
 
-- ``book``: what all pages share: style and grammar of figures, drawing, flow charts, animations,
-  the ledger of claims.
+- ``book``: what all pages share: style and grammar of figures, drawing, tables, animations, the
+  ledger of claims.
 - ``mixtures`` (chapter 2): Gaussian mixtures and expectation maximisation.
 - ``point_sets`` (chapter 7): registration of range scans with ICP and the NDT.
 - ``line`` (chapters 3 and 4): scenes on a line, where a cost surface can be seen whole.
