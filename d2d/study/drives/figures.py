@@ -71,7 +71,7 @@ def coordinate_frames(ax: Axes, mounting: Mounting, labels: Mapping[str, str]) -
     origin, place = (0.0, 0.0), (mounting.x, mounting.y)
     for centre, size, low, high, color, name, shift in (
         (place, 2.8, 0.0, mounting.yaw, PURPLE, "yaw", (4, -4)),
-        (place, 4.0, mounting.yaw, mounting.yaw + azimuth, OCHRE, "azimuth", (3, 5)),
+        (place, 5.4, mounting.yaw, mounting.yaw + azimuth, OCHRE, "azimuth", (3, 4)),
         (origin, 1.5, 0.3, 1.3, BLACK, "omega", (4, 2)),
     ):
         angles = {"theta1": np.rad2deg(low), "theta2": np.rad2deg(high)}
