@@ -5,7 +5,7 @@ import pytest
 
 from d2d.radar import CovarianceParts, ErrorBudget, FilterInput, VelocityEstimate
 from d2d.radar.motion.doppler import Acceleration
-from d2d.radar.tracks.tracker import _joined
+from d2d.radar.tracks.tracker import track_of
 from d2d.study.drives import fusion
 from d2d.study.drives.fusion import FILTERS, Measured, fuse
 
@@ -31,7 +31,7 @@ def synthetic(rng: np.random.Generator, count: int = 300) -> Measured:
         time = 0.1 * (i + 1)
         estimates.append(VelocityEstimate(time, 0.1, theta, own.total, "", 20, 0.9, own, seen))
         truth.append(state[:3])
-    radar = _joined(estimates, ErrorBudget())
+    radar = track_of(estimates, ErrorBudget())
     bias = fusion.GYRO_BIAS * rng.standard_normal()
     gyro = np.array(truth)[:, 2] + bias + fusion.GYRO_NOISE * rng.standard_normal(count)
     return Measured(gyro, radar, estimates, radar.parts.noise, np.array(truth), bias)
