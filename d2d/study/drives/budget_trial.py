@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -64,7 +64,7 @@ INGREDIENTS = {
 }
 
 
-class Judged(NamedTuple):
+class TrialErrors(NamedTuple):
     """Errors of the estimates of several drives, and each of `COVARIANCES` for them."""
 
     errors: Array  # (n, 3) in m/s, m/s, rad/s
@@ -94,37 +94,40 @@ class Judged(NamedTuple):
         return np.array([within(self.errors, c, [0.95]).mean() for c in self.covariances])
 
 
-def budget_trial(names: Iterable[str] = INGREDIENTS) -> dict[str, Judged]:
+def budget_trial(names: Iterable[str] = INGREDIENTS) -> dict[str, TrialErrors]:
     """Switch on each ingredient alone, and judge the covariances of many short drives.
 
     All ingredients are tried on the same drives of the car, with the same worlds, detections and
     noise; the drives start at places all over the lap.  The last covariance has the budget of
     exactly the standard deviations that the errors were drawn from.
 
-    Notes
-    -----
-    Without any error, the propagated noise still has an average NEES somewhat above 1.  Half of the
-    excess comes from bends, where the velocity is not constant over an interval; half from targets
-    that fade, so that neighbours half a metre away are mistaken for them: an extent of 0.1 m
-    removes this half.  A sensor that rounds also rounds the standard deviations that it reports,
-    more often down than up, which adds another 0.1.
-
-    A budget's ``neighbours`` correlates all errors of the positions, the simulator only the extent.
-    Where the noise is not small compared with the extent, the covariance is therefore a little too
-    large: an ANEES of 0.85 with an extent of 0.1 m and a length of 3 m, 1.04 with 1 m and 3 m.
+    Without any error, the propagated noise has an average NEES somewhat above 1: in bends the
+    velocity is not constant over an interval, and of targets that fade, neighbours half a metre
+    away are mistaken for them.  A budget's ``neighbours`` correlates all errors of the positions,
+    the simulator only the extent, so a small extent among neighbours is overestimated.
     """
-    return {name: judge(INGREDIENTS[name]) for name in names}
+    return {name: trial_errors(INGREDIENTS[name]) for name in names}
 
 
-def judge(ingredient: Ingredient, drives: int = DRIVES, duration: float = DURATION) -> Judged:
-    """Errors and covariances with one ingredient; see `budget_trial`."""
-    driven = _simulated(ingredient._replace(stated=True), drives, duration)
-    parts = [_judged(drive, ingredient, number) for number, drive in enumerate(driven)]
-    return Judged(
-        np.concatenate([part.errors for part in parts]),
-        np.concatenate([part.covariances for part in parts], axis=1),
-        np.concatenate([part.drive for part in parts]),
-    )
+def trial_errors(
+    ingredient: Ingredient, drives: int = DRIVES, duration: float = DURATION
+) -> TrialErrors:
+    """Track drives with one ingredient from where they truly start; failures are left out."""
+    errors, covariances, numbers = [], [], []
+    for number, drive in enumerate(_simulated(ingredient._replace(stated=True), drives, duration)):
+        truth = drive.truth.theta
+        scans = [with_known_errors(scan, ingredient) for scan in drive.scans]
+        options: dict[str, Any] = {"initial": truth[0], "limits": None, "smooth": True}
+        plain = track((scans, drive.mounting), **options)
+        full = track((scans, drive.mounting), budget=ingredient.budget, **options)
+        assert full.parts is not None
+        good = full.converged
+        kinds = np.stack([plain.covariance, full.parts.noise, full.covariance])
+        errors.append((full.theta - truth[1:])[good])
+        covariances.append(kinds[:, good])
+        numbers.append(np.full(good.sum(), number))
+    stacked = np.concatenate(covariances, axis=1)
+    return TrialErrors(np.concatenate(errors), stacked, np.concatenate(numbers))
 
 
 @lru_cache(maxsize=1)  # the next ingredient may be the same, but with ``stated``
@@ -155,41 +158,17 @@ def drawn_errors(
     Over the drives, an error takes one value from each of as many equally probable parts of its
     distribution (stratified sampling), so that even a few drives have the intended variance.
     """
-    budget = ingredient.budget
+    budget, rounding = ingredient.budget, ingredient.rounding or 1.0
     sigmas = budget.azimuth, budget.doppler, budget.scale, budget.lag
     drawn = np.stack([sigma * _stratified(rng, drives) for sigma in sigmas], axis=-1)
-    return [
-        SensorErrors(
-            azimuth,
-            doppler,
-            scale,
-            lag,
-            extent=ingredient.extent,
-            neighbours=budget.neighbours,
-            rounding=ingredient.rounding or 1.0,
-        )
-        for azimuth, doppler, scale, lag in drawn.tolist()
-    ]
+    own = {"extent": ingredient.extent, "neighbours": budget.neighbours, "rounding": rounding}
+    return [SensorErrors(*errors, **own) for errors in drawn.tolist()]
 
 
 def _stratified(rng: np.random.Generator, drives: int) -> Array:
     """Standard normal numbers (drives,), one from each of equal parts."""
     parts = rng.permuted(np.arange(drives))
     return np.asarray(scipy.special.ndtri((parts + rng.random(drives)) / drives))
-
-
-def _judged(drive: Drive, ingredient: Ingredient, number: int) -> Judged:
-    """One drive, tracked from where it truly starts; estimates that failed are left out."""
-    truth = drive.truth.theta
-    scans = [with_known_errors(scan, ingredient) for scan in drive.scans]
-    plain, full = (
-        track((scans, drive.mounting), initial=truth[0], budget=budget, limits=None, smooth=True)
-        for budget in (None, ingredient.budget)
-    )
-    assert full.parts is not None
-    good = full.converged
-    covariances = np.stack([plain.covariance, full.parts.noise, full.covariance])
-    return Judged((full.theta - truth[1:])[good], covariances[:, good], np.full(good.sum(), number))
 
 
 def with_known_errors(scan: RadarScan, ingredient: Ingredient) -> RadarScan:

@@ -35,7 +35,7 @@ from d2d.study.book.grammar import (
 )
 from d2d.study.book.style import write_out_ticks
 from d2d.study.drives import budget_trial, extended
-from d2d.study.drives.budget_trial import Judged
+from d2d.study.drives.budget_trial import TrialErrors
 from d2d.study.drives.errors import IN_UNITS, UNITS
 from d2d.study.drives.extended import MODELS, ExtendedStudy
 from d2d.study.drives.fusion import GATE, REGION, Fused
@@ -266,11 +266,11 @@ def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> N
         ax.legend()
 
 
-def ingredients(ax: Axes, trial: Mapping[str, Judged]) -> None:
+def ingredients(ax: Axes, trial: Mapping[str, TrialErrors]) -> None:
     """ANEES of each covariance, a row for each ingredient; a bar is a 95 % interval."""
     rows = np.arange(len(trial))
-    anees = np.array([judged.anees for judged in trial.values()])
-    bounds = np.array([judged.interval for judged in trial.values()])
+    anees = np.array([errors.anees for errors in trial.values()])
+    bounds = np.array([errors.interval for errors in trial.values()])
     for k, name in enumerate(budget_trial.COVARIANCES):
         places = rows + 0.22 * (k - 1)
         marks = COVARIANCES[name].marks

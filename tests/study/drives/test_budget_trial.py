@@ -52,7 +52,7 @@ def test_what_is_known_is_each_targets_own_error():
 @pytest.mark.parametrize("name", ["azimuth bias", "shared Doppler error", "scale", "lag", "all"])
 def test_with_its_budget_the_covariance_is_credible(name):
     """Breaks if simulator and budget do not mean the same by an error."""
-    found = trial.judge(INGREDIENTS[name], drives=16, duration=1.5)
+    found = trial.trial_errors(INGREDIENTS[name], drives=16, duration=1.5)
     inverse, noise, full = found.anees
     assert inverse > 2.0
     assert noise > 2.0
@@ -64,7 +64,7 @@ def test_with_its_budget_the_covariance_is_credible(name):
 def test_neighbours_that_move_alike_need_their_dependence():
     """Breaks if the scatter is not told, or the budget's length is not the simulator's."""
     alone, alike, unknown = (
-        trial.judge(INGREDIENTS[name], drives=16, duration=1.5)
+        trial.trial_errors(INGREDIENTS[name], drives=16, duration=1.5)
         for name in ("extent", "extent, neighbours correlated", "extent, not stated")
     )
     assert 0.85 < alone.anees[1] < 1.2
