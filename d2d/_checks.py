@@ -243,7 +243,8 @@ def symmetrise(name: str, array: Array) -> None:
         for j in range(i):
             above, below = array[..., j, i], array[..., i, j]
             gap = np.abs(above - below)
-            size = np.sqrt(np.abs(array[..., i, i] * array[..., j, j])) + np.abs(below)
+            deviations = np.sqrt(np.abs(array[..., i, i])), np.sqrt(np.abs(array[..., j, j]))
+            size = deviations[0] * deviations[1] + np.abs(below)
             if not (gap <= _ASYMMETRY * size).all():
                 worst = np.unravel_index(np.argmax(gap - _ASYMMETRY * size), gap.shape)
                 raise ValueError(

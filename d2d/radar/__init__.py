@@ -1,5 +1,11 @@
 """Ego-motion of a vehicle from automotive Doppler radar."""
 
+from d2d.radar.evaluation.calibrate import Calibration, calibrate
+from d2d.radar.evaluation.compare import Comparison, Measures, compare
+from d2d.radar.evaluation.diagnose import Finding, diagnose
+from d2d.radar.evaluation.extent import ExtentEstimate, estimate_extent
+from d2d.radar.evaluation.fit import BudgetFit, fit_budget
+from d2d.radar.evaluation.halves import compare_halves, compare_tracks
 from d2d.radar.motion.covariance import propagate_ego_motion
 from d2d.radar.motion.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
 from d2d.radar.motion.estimate import estimate_ego_motion, inlier_probabilities
@@ -23,19 +29,12 @@ from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.path import Displacement
 from d2d.radar.tracks.track import Track, Velocities
 from d2d.radar.tracks.tracker import Tracker, track
-from d2d.radar.trust.calibration import Calibration, calibrate
-from d2d.radar.trust.comparison import Comparison, Measures, compare
-from d2d.radar.trust.extent import ExtentEstimate, estimate_extent
-from d2d.radar.trust.findings import Diagnosis, Finding, diagnose
-from d2d.radar.trust.fit import BudgetFit, fit_budget
-from d2d.radar.trust.halves import compare_halves, compare_tracks
 
 __all__ = [
     "BudgetFit",
     "Calibration",
     "Comparison",
     "CovarianceParts",
-    "Diagnosis",
     "Displacement",
     "DopplerMotion",
     "Drive",

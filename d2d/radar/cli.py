@@ -18,6 +18,10 @@ from typing import Any
 import numpy as np
 
 from d2d._checks import Bounds, check_path
+from d2d.radar.evaluation.calibrate import calibrate
+from d2d.radar.evaluation.compare import compare
+from d2d.radar.evaluation.diagnose import Finding, diagnose
+from d2d.radar.evaluation.halves import compare_tracks
 from d2d.radar.live import estimates_of
 from d2d.radar.readers import READERS
 from d2d.radar.readers.csv_log import mountings_of, sigmas_of, write_csv
@@ -30,10 +34,6 @@ from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import MAX_INTERVAL, SensorScans
 from d2d.radar.tracks.track import Track
 from d2d.radar.tracks.tracker import Tracker, track
-from d2d.radar.trust.calibration import calibrate
-from d2d.radar.trust.comparison import compare
-from d2d.radar.trust.findings import Finding, diagnose
-from d2d.radar.trust.halves import compare_tracks
 
 PROGRAM = "python -m d2d.radar"
 
@@ -284,10 +284,6 @@ def _judge(
     sensors: dict[str, SensorScans], driven: Track, options: dict[str, Any]
 ) -> list[Finding]:
     """Print what speaks for and against a track, and return what is surely wrong."""
-    spaced = {name: options[name] for name in ("baseline", "horizon", "max_interval")}
-    diagnosis = diagnose(sensors, driven, **spaced)
-    shares = ", ".join(f"{name} {share:.0%}" for name, share in diagnosis.inliers.items())
-    print(f"targets that fit, median: {shares.replace('nan%', 'unknown')}")
     alone = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
@@ -299,10 +295,11 @@ def _judge(
     anees = ", ".join(_agreement(*pair) for pair in itertools.combinations(alone.items(), 2))
     if anees:
         print(f"ANEES of the differences between sensors (ideally 1): {anees}")
-    if diagnosis.findings:
+    found = diagnose(sensors, driven)
+    if found:
         print('what looks wrong, by the rows of the page "When a path looks wrong":')
-        print("\n".join(f"  {_plain(finding)}" for finding in diagnosis.findings), flush=True)
-    return [finding for finding in diagnosis.findings if finding.sure]
+        print("\n".join(f"  {_plain(finding)}" for finding in found), flush=True)
+    return [finding for finding in found if finding.sure]
 
 
 def _agreement(first: tuple[str, Track], second: tuple[str, Track]) -> str:

@@ -149,7 +149,7 @@ def _added(first: Array, second: Array) -> Array:
 def _slopes(
     problem: Problem, estimate: Estimate, pairs: Sequence[ScanPair]
 ) -> list[tuple[Influence, Influence]]:
-    """The same derivatives of the gradient, of the previous and the current scan of each pair."""
+    """Derivatives of the gradient, of the previous and the current scan of each pair."""
     cross = problem.cross_derivatives(problem.bind(estimate.theta), 0, 1)
     none = np.empty((0, 3))
     slopes, fixed, moving = [], 0, 0
@@ -195,7 +195,7 @@ def _add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
 
 
 class Budgeted(NamedTuple):
-    """What a budget says of a velocity from P pairs of scans, without the lag.
+    """Covariance contributions of a budget to a velocity from P pairs of scans, without the lag.
 
     The delay, times the acceleration, is how far the estimate is from the velocity at a common
     time: the positions of each pair give the mean velocity over its interval, and its Doppler
@@ -220,7 +220,7 @@ def apply_budget(
     time: float,
     near: Array,
 ) -> Budgeted:
-    """What a budget says of a velocity, whose delay is that to ``time``.
+    """Apply a budget to a velocity, whose delay is that to ``time``.
 
     ``pairs`` and ``near`` are those of the problem; no scan is in two of the pairs, and no two of
     them are of one sensor.

@@ -196,7 +196,7 @@ def _directions(scan: RadarScan, mounting: Mounting) -> Array:
 
 
 def _agreeing(scan: RadarScan, sight: Array) -> NDArray[np.bool_]:
-    """Which targets (K,) agree with the best-supported hypothesis; all if none do."""
+    """Mask (K,) of the targets that agree with the best-supported hypothesis; all if none do."""
     agree = np.ones(scan.size, dtype=np.bool_)
     if scan.size <= 2:
         return agree
@@ -211,7 +211,7 @@ def _agreeing(scan: RadarScan, sight: Array) -> NDArray[np.bool_]:
 
 @lru_cache(maxsize=256)
 def _hypotheses(size: int) -> NDArray[np.int64]:
-    """Which two (2, H) of ``size`` targets give each hypothesis, spread evenly over all twos."""
+    """Pairs (2, H) of ``size`` targets, one for each hypothesis, spread evenly over all pairs."""
     ends = np.cumsum(np.arange(size - 1, 0, -1))  # of the pairs of each first target
     chosen = np.linspace(0, ends[-1] - 1, min(_MAX_HYPOTHESES, ends[-1])).astype(np.int64)
     first = np.searchsorted(ends, chosen, side="right")

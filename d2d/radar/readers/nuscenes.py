@@ -284,7 +284,7 @@ def _parsed(path: Path, keys: tuple[str, ...], *_changed: int) -> list[tuple[Any
 
 
 class _Drive(NamedTuple):
-    """What the tables say of one radar in one scene."""
+    """Files, mounting and poses of one radar in one scene, from the tables."""
 
     files: list[tuple[float, str]]  # time in s and name, in time order
     mounting: Mounting

@@ -1,4 +1,4 @@
-"""What a reader tells the command line, the docs and the tests: an entry of `READERS`."""
+"""Registry entry of a reader, for the command line, the docs and the tests."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from d2d.radar.scans.scan import Mounting, RadarScan
 
 
 class Source(NamedTuple):
-    """What is tracked: the scans and mounting of each sensor, and the errors that targets share."""
+    """Input of a track: the scans and mounting of each sensor, and the errors that targets share."""
 
     sensors: dict[str, tuple[list[RadarScan], Mounting]]
     budget: ErrorBudget = ErrorBudget()

@@ -1,4 +1,4 @@
-"""What the loaders of data sets share: options, targets that are kept, files that are not right."""
+"""Options of loaders, selection of targets, and errors that name a file."""
 
 import json
 import os
@@ -26,7 +26,7 @@ class Noise(NamedTuple):
     extent: float
 
     def at(self, azimuth: Array) -> dict[str, Any]:
-        """Of targets at these azimuths (K,), as a scan takes them."""
+        """Arguments of a scan whose targets are at these azimuths (K,)."""
         sigma = self.sigma_azimuth
         return self._asdict() | {"sigma_azimuth": sigma(azimuth) if callable(sigma) else sigma}
 
@@ -63,7 +63,7 @@ def existing(folder: Path, name: str, what: str) -> Path:
 
 
 def content_of(path: Path) -> Any:
-    """What a JSON file holds."""
+    """Read a JSON file."""
     return json.loads(path.read_text(encoding="utf-8"))
 
 

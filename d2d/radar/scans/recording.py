@@ -1,4 +1,4 @@
-"""What a reader of a data set returns: the scans of one sensor, its mounting, the true motion."""
+"""Recording of one sensor, as readers of data sets return it: scans, mounting, true motion."""
 
 from dataclasses import dataclass
 

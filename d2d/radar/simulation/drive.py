@@ -213,7 +213,7 @@ def _detected(
 def _true_targets(
     scene: _Scene, point: NDArray[np.int_], at: Array, theta: Array, mounting: Mounting
 ) -> TrueTargets:
-    """What an exact sensor measures of points that are seen at the places (K, 2)."""
+    """Measurements of an exact sensor, of points that are seen at the places (K, 2)."""
     distance, azimuth = np.hypot(*at.T), np.arctan2(at[:, 1], at[:, 0])
     away = (scene.velocities[point] * (at / distance[:, None])).sum(axis=1)
     doppler = doppler_velocity(theta, azimuth, mounting) + away

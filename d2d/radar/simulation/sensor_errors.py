@@ -1,4 +1,4 @@
-"""What can be wrong with a simulated radar apart from the noise of its single targets."""
+"""Errors of a simulated radar, apart from the noise of its single targets."""
 
 from dataclasses import dataclass
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from d2d import rigid
 from d2d.radar import Comparison
-from d2d.radar.trust.comparison import IN_UNITS, NAMES
+from d2d.radar.evaluation.compare import IN_UNITS, NAMES
 from d2d.study.book.table import Column, Table, table
 
 __all__ = ["IN_UNITS", "NAMES", "UNITS", "Drift", "errors_table"]

@@ -10,7 +10,15 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from d2d._types import Array
-from d2d.radar import Mounting, RadarScan, Reference, Track, doppler_velocity, track
+from d2d.radar import (
+    Mounting,
+    RadarScan,
+    Reference,
+    Track,
+    diagnose,
+    doppler_velocity,
+    track,
+)
 from d2d.study.book.grammar import BLACK, PINK, TRUTH, cost_line
 from d2d.study.book.style import label_planar_axes
 from d2d.study.book.table import Table, table
@@ -26,7 +34,7 @@ class Symptom(NamedTuple):
     """Signs in a track of one fault.
 
     ``forward`` and ``turning`` are the slopes of the accepted v_x and omega over the true ones;
-    ``message`` is an error or a warning, empty if there is none.
+    ``message`` is an error or what `diagnose` finds, empty if there is nothing.
     """
 
     row: Row
@@ -100,14 +108,15 @@ def symptoms() -> list[Symptom]:
 
 
 def _tried(name: str, scans: Scans, mounting: Mounting, truth: Reference) -> Symptom:
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", UserWarning)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
         try:
-            driven = track(FAULTS[name](scans, mounting, truth))
+            log = FAULTS[name](scans, mounting, truth)
+            driven = track(log)
         except ValueError as error:
             nothing = Row(name, NAN, NAN, NAN, NAN, NAN, "")
             return Symptom(nothing, NAN, NAN, f"ValueError: {error}")
-    message = str(caught[0].message) if caught else ""
+    message = "; ".join(map(str, diagnose(log, driven)))
     forward, turning = (_slope(driven, truth, component) for component in (0, 2))
     return Symptom(row(name, driven, truth), forward, turning, message)
 

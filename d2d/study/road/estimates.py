@@ -18,8 +18,8 @@ import pandas as pd
 
 from d2d._types import Array
 from d2d.radar import Comparison, Recording, Track, doppler_ego_motion, load_radarscenes, track
+from d2d.radar.evaluation.calibration_model import scan_velocities
 from d2d.radar.tracks.rounds import rounds_of
-from d2d.radar.trust.alignment import scan_velocities
 from d2d.study.results import read_json, results_path, write_json
 from d2d.study.road.drive import SENSORS, Source, with_extent
 from d2d.study.road.residuals import (

@@ -18,8 +18,13 @@ from numpy.typing import NDArray
 from d2d import rigid
 from d2d._types import Array
 from d2d.radar import Recording, Reference, Track, inlier_probabilities
+from d2d.radar.evaluation.calibration_model import (
+    CalibrationModel,
+    ScanVelocities,
+    fit,
+    fit_at,
+)
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
-from d2d.radar.trust.alignment import Alignment, ScanVelocities, fit, fit_at
 
 MAX_OFFSET = 0.25  # s, the largest time offset considered
 NORMAL = 1.4826  # standard deviation of a normal variable over its median absolute deviation
@@ -57,9 +62,9 @@ def fit_correction(velocities: ScanVelocities, odometry: Reference) -> Correctio
     return Correction(found.lag, slip, speed, tuple(yaw), float(np.sqrt(found.mean_square)))
 
 
-def _model(velocities: ScanVelocities, odometry: Reference) -> Alignment:
+def _model(velocities: ScanVelocities, odometry: Reference) -> CalibrationModel:
     """The model of all sensors with one odometry and a side slip proportional to v_x omega."""
-    return Alignment.of(velocities, [odometry] * velocities.sensors, (1,))
+    return CalibrationModel.of(velocities, [odometry] * velocities.sensors, (1,))
 
 
 def residual_sigmas(

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from d2d._types import Array
 from d2d.radar import Comparison, Recording, Track, compare_halves
-from d2d.radar.trust.comparison import NAMES
+from d2d.radar.evaluation.compare import NAMES
 from d2d.study.book.grammar import BLACK, GREY, OCHRE, TRUTH
 from d2d.study.book.style import write_out_ticks
 from d2d.study.book.table import Table, table

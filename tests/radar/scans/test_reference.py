@@ -90,12 +90,6 @@ def test_bad_input_is_refused_by_name():
             without_order.at([0.5])
 
 
-def test_lists_and_unknown_rows_are_a_reference():
-    """Breaks if nan, which says that a velocity is not known, is refused."""
-    found = Reference([0.0, 1.0], [[1.0, 0.0, 0.0], [np.nan] * 3], [[0.0] * 3] * 2).at([0.0])
-    assert_array_equal(found.theta, [[1.0, 0.0, 0.0]])
-
-
 def test_a_yaw_that_wraps_is_interpolated_the_short_way():
     """Breaks if a vehicle that drives west faces east half way between two poses."""
     yaw = np.array([3.1, -3.1, np.nan, -3.0, 3.12])

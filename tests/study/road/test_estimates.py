@@ -23,8 +23,8 @@ from d2d.radar import (
     estimate_ego_motion,
     track,
 )
+from d2d.radar.evaluation.calibration_model import scan_velocities
 from d2d.radar.tracks.track import integrate
-from d2d.radar.trust.alignment import scan_velocities
 from d2d.study.road import estimates
 from d2d.study.road.estimates import SENSORS, Result, Run
 from d2d.study.road.residuals import fit_correction, residual_rms, residual_sigmas

@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 
 from d2d import CorruptedGaussian, UniformOutlier, dense, rigid
 from d2d.radar import Mounting, RadarScan, estimate_ego_motion, estimate_extent
+from d2d.radar.evaluation.extent import CANDIDATES, widened
+from d2d.radar.evaluation.sandwich import covariance_of_sum
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import scan_pair
-from d2d.radar.trust import extent as module
-from d2d.radar.trust.extent import CANDIDATES, widened
 from tests.radar.scenes import arc, observe
 
 THETA, STILL = np.array([6.0, 0.2, 0.1]), np.zeros(3)
@@ -121,7 +121,9 @@ def test_slopes_that_stay_the_same_for_a_while_widen_the_standard_error():
     rng = np.random.default_rng(0)
     short = rng.standard_normal(60)
     series = np.repeat(short, 8)
-    apart, together = map(module._variance_of_sum, (rng.permutation(series), series))
+    (((apart,),), _), (((together,),), _) = (
+        covariance_of_sum(each[:, None], 4) for each in (rng.permutation(series), series)
+    )
     assert_allclose(apart, 480.0, rtol=0.4)
     assert 4.0 < together / apart < 14.0
 

@@ -20,7 +20,10 @@ from d2d.radar.tracks.track import Track
 from d2d.scores import LEVELS, Whitened, crps, whiten, within
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 NAMES = ("v_x", "v_y", "omega")
 UNITS = ("m/s", "m/s", "deg/s")
@@ -61,10 +64,10 @@ class Measures(NamedTuple):
 class Comparison(Frozen):
     """The errors of a track's velocities and how well its covariances describe them.
 
-    It prints as a table, also in a notebook.  The estimates that are compared are at ``times`` (n,)
-    in s.  ``errors`` (n, 3) are those of [v_x, v_y, omega] in m/s, m/s, rad/s, and ``covariances``
-    (n, 3, 3) what is stated of them.  ``share`` and ``converged`` are the shares of the track's
-    estimates that are compared, and that converged.
+    It prints as a `table`, also in a notebook.  The estimates that are compared are at ``times``
+    (n,) in s.  ``errors`` (n, 3) are those of [v_x, v_y, omega] in m/s, m/s, rad/s, with the stated
+    ``covariances`` (n, 3, 3).  ``share`` and ``converged`` are the shares of the track's estimates
+    that are compared, and that converged.
     """
 
     times: Array
@@ -164,30 +167,25 @@ class Comparison(Frozen):
             ]
         )
 
-    @cached_property
-    def _rows(self) -> list[tuple[str, list[str]]]:
-        """The table: a label, and a cell for each direction and for all together."""
-        both = self.measures, self.intervals()
-        rows: list[tuple[str, list[str]]] = []
-
-        def add(label: str, form: str, found: list[Array]) -> None:
-            """A row of three or four values, and below it a row of their intervals."""
-            values, bounds = found
-            ranges = [f"[{form}, {form}]".format(low, high) for low, high in bounds.T]
-            gap = [""] * (4 - len(values))
-            rows.extend([(label, [*map(form.format, values), *gap]), ("", ranges + gap)])
-
-        add("RMSE", "{:.3f}", [m.rmse for m in both])
-        add("mean error", "{:+.3f}", [m.mean_error for m in both])
+    @property
+    def table(self) -> DataFrame:
+        """All measures as text, with their 95 % intervals below them, as a data frame of pandas."""
+        try:
+            import pandas as pd
+        except ModuleNotFoundError:
+            raise ModuleNotFoundError(
+                "a comparison prints by pandas, which is not installed: pip install pandas"
+            ) from None
+        intervals = self.intervals()
+        rows: list[tuple[str, ...]] = []
+        for label, form, pick in _ROWS:
+            values, bounds = pick(self.measures), pick(intervals)
+            ranges = [f"[{form}, {form}]".format(*pair) for pair in bounds.T]
+            gap = [""] * (len(HEAD) - len(values))
+            rows += [(label, *map(form.format, values), *gap), ("", *ranges, *gap)]
         stated = np.sqrt(np.mean(self.sigmas**2, axis=0))
-        rows.append(("stated sigma", [*map("{:.3f}".format, stated), ""]))
-        add("CRPS", "{:.3f}", [m.crps for m in both])
-        add("whitened square", "{:.2f}", [_append(m.whitened_squares, m.anees) for m in both])
-        add("-log density", "{:.2f}", [_append(m.log_scores, m.log_score) for m in both])
-        for i, level in enumerate(LEVELS):
-            shares = [_append(m.coverages[..., i], m.coverage[..., i]) for m in both]
-            add(f"within {level:.0%}", "{:.1%}", shares)
-        return rows
+        rows.insert(4, ("stated sigma", *map("{:.3f}".format, stated), ""))
+        return pd.DataFrame([row[1:] for row in rows], [row[0] for row in rows], HEAD)
 
     def _notes(self) -> list[str]:
         judged = self.credibility
@@ -207,27 +205,12 @@ class Comparison(Frozen):
         )
 
     def __str__(self) -> str:
-        rows = [("", HEAD), *self._rows]
-        first = max(len(label) for label, _ in rows)
-        widths = [max(len(cells[i]) for _, cells in rows) for i in range(4)]
-        lines = [
-            "  ".join([label.ljust(first), *map(str.rjust, cells, widths)]).rstrip()
-            for label, cells in rows
-        ]
-        return "\n".join([self._title(), "", *lines, "", *self._notes()])
+        rows = [row.rstrip() for row in self.table.to_string().splitlines()]
+        return "\n".join([self._title(), "", *rows, "", *self._notes()])
 
     def _repr_html_(self) -> str:
-        # no text of the table needs to be escaped
-        head = "".join(f"<th>{name}</th>" for name in ("", *HEAD))
-        body = "".join(
-            f"<tr><th>{label}</th>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
-            for label, cells in self._rows
-        )
-        return (
-            f"<table><caption>{self._title()}</caption>"
-            f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-            f"<p>{'<br>'.join(self._notes())}</p>"
-        )
+        notes = "<br>".join(self._notes())
+        return f"<p>{self._title()}</p>{self.table.to_html(border=0)}<p>{notes}</p>"
 
     def plot(self) -> Figure:
         """Draw the errors over time in a band of 3 sigma to either side, and below them the NEES.
@@ -275,9 +258,22 @@ def _measures(columns: Array) -> Measures:
     )
 
 
-def _append(each: Array, together: Array) -> Array:
+def _append(directions: Array, together: Array) -> Array:
     """Values (..., 3) of the three directions and (...) of all together, as (..., 4)."""
-    return np.concatenate([each, np.expand_dims(together, -1)], axis=-1)
+    return np.concatenate([directions, np.expand_dims(together, -1)], axis=-1)
+
+
+# The rows of the table: a label, the form of its numbers, and what they are.
+_ROWS: list[tuple[str, str, Callable[[Measures], Array]]] = [
+    ("RMSE", "{:.3f}", lambda m: m.rmse),
+    ("mean error", "{:+.3f}", lambda m: m.mean_error),
+    ("CRPS", "{:.3f}", lambda m: m.crps),
+    ("whitened square", "{:.2f}", lambda m: _append(m.whitened_squares, m.anees)),
+    ("-log density", "{:.2f}", lambda m: _append(m.log_scores, m.log_score)),
+    ("within 50%", "{:.1%}", lambda m: _append(m.coverages[..., 0], m.coverage[..., 0])),
+    ("within 95%", "{:.1%}", lambda m: _append(m.coverages[..., 1], m.coverage[..., 1])),
+    ("within 99%", "{:.1%}", lambda m: _append(m.coverages[..., 2], m.coverage[..., 2])),
+]
 
 
 def compare(track: Track, reference: Reference) -> Comparison:

@@ -1,5 +1,6 @@
 """Numbers of an error budget by maximum likelihood: recovered, at the bound, refused."""
 
+import re
 from dataclasses import astuple
 
 import numpy as np
@@ -181,7 +182,8 @@ def test_arguments_are_refused_by_name():
             fit_budget(*given)
     whole = np.tile(np.eye(3), (10, 1, 1))
     for effects, name in (
-        ({}, "effects must name at least one"),
+        ([whole], "effects must be a mapping"),
+        ({}, "effects must be a mapping with at least one"),
         ({"neighbours": whole}, "effects must be of v_x, .*, not 'neighbours'"),
         ({"lag": whole[:4]}, r"effects\['lag'\] must have the shape \(10, 3, 3\)"),
         ({"lag": 0.0 * whole}, r"effects\['lag'\] is zero"),
@@ -193,3 +195,39 @@ def test_arguments_are_refused_by_name():
     ):
         with pytest.raises(ValueError, match=f"^{name}"):
             fit_budget(errors, noise, effects)
+
+
+def scaled(seed: int, least: float, most: float):
+    """Errors with noise, of which some covariances are larger or smaller by orders of magnitude."""
+    errors, noise = drawn(seed, count=200)
+    rng = np.random.default_rng(seed)
+    rows = rng.choice(len(errors), rng.integers(1, 60), replace=False)
+    noise[rows] *= 10.0 ** rng.uniform(least, most)
+    return errors, noise, rows
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_huge_covariances_tell_nothing(seed):
+    """Breaks if one of them decides where the search begins, or hides what the others say."""
+    errors, noise, rows = scaled(seed, 6.0, 200.0)
+    left = np.delete(np.arange(len(errors)), rows)
+    expected = fit_budget(errors[left], noise[left])
+    assert_allclose(fit_budget(errors, noise).values, expected.values, rtol=1e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_tiny_covariances_give_the_best_score_or_a_refusal(seed):
+    """Breaks if numbers come out that others beat, or an error names no argument."""
+    errors, noise, _ = scaled(seed, -300.0, -4.0)
+    try:
+        fit = fit_budget(errors, noise)
+    except ValueError as error:
+        said = str(error)
+    else:
+        said = ""
+    if said:
+        assert re.match("(errors and )?covariances must", said)
+        return
+    others = fit.values * 10.0 ** np.random.default_rng(seed).normal(0.0, 0.5, (50, 3))
+    scores = [log_score(errors, noise + np.diag(other**2)).mean() for other in others]
+    assert min(scores) >= fit.log_score - 1e-9

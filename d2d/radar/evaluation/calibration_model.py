@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from d2d._types import Array
-from d2d.bootstrap import block_length, block_sums
+from d2d.radar.evaluation.sandwich import covariance_of_sum
 from d2d.radar.motion.doppler import doppler_ego_motion
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
@@ -28,7 +28,7 @@ _GATE = 5.0  # times the median deviation of a sensor's scans
 
 
 class ScanVelocities(NamedTuple):
-    """What the static targets of n scans say about the velocities of their sensors.
+    """Velocities of the sensors at n scans, by their static targets.
 
     If the sensor moves with u (m/s, along the vehicle's axes) and is mounted as stated, the squares
     of the scan's Doppler residuals over their standard deviations add up to
@@ -74,7 +74,7 @@ def _quadratic(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array, float
 
 
 @dataclass(frozen=True, eq=False)
-class Alignment:
+class CalibrationModel:
     """A model of sensors that move as a corrected reference says.
 
     The parameters are [speed, coefficients c_j, yaw of each sensor]: the vehicle moves with
@@ -92,7 +92,7 @@ class Alignment:
     @classmethod
     def of(
         cls, velocities: ScanVelocities, references: Sequence[Reference], powers: tuple[int, ...]
-    ) -> "Alignment":
+    ) -> "CalibrationModel":
         """The model of all scans with all parameters free, started at zero."""
         count = 1 + len(powers) + velocities.sensors
         scans = np.ones(len(velocities.time), dtype=np.bool_)
@@ -141,12 +141,12 @@ class Fit(NamedTuple):
     """The parameters that fit best, at a given lag or at the best one."""
 
     lag: float  # s
-    parameters: Array  # (P,), see `Alignment`
+    parameters: Array  # (P,), see `CalibrationModel`
     mean_square: float  # of the static targets' residuals over their standard deviations
     known: NDArray[np.bool_]  # (n,): scans that count and have a reference
 
 
-def fit_at(model: Alignment, lag: float) -> Fit:
+def fit_at(model: CalibrationModel, lag: float) -> Fit:
     """The best parameters at one lag, by Gauss-Newton steps."""
     parameters = model.start.copy()
     for _ in range(_MAX_ITERATIONS):
@@ -167,7 +167,7 @@ def fit_at(model: Alignment, lag: float) -> Fit:
     return Fit(lag, parameters, float(squares.sum() / count), known)
 
 
-def fit(model: Alignment, low: float, high: float) -> Fit:
+def fit(model: CalibrationModel, low: float, high: float) -> Fit:
     """The best parameters at the best lag from ``low`` to ``high`` (s), the bounds included."""
     if low == high:
         return fit_at(model, low)
@@ -184,8 +184,8 @@ def fit(model: Alignment, low: float, high: float) -> Fit:
     return finer if finer.mean_square < coarse[best].mean_square else coarse[best]
 
 
-def agreeing(model: Alignment, found: Fit) -> NDArray[np.bool_]:
-    """Which scans (n,) are not grossly off, see `calibrate`.
+def agreeing(model: CalibrationModel, found: Fit) -> NDArray[np.bool_]:
+    """Mask (n,) of scans whose residual passes the gate, see `calibrate`.
 
     They are compared with the median of their sensor, because errors of the reference add to all.
     """
@@ -202,7 +202,7 @@ def agreeing(model: Alignment, found: Fit) -> NDArray[np.bool_]:
     return agree
 
 
-def covariance(model: Alignment, found: Fit, *, with_lag: bool) -> tuple[Array, float]:
+def covariance(model: CalibrationModel, found: Fit, *, with_lag: bool) -> tuple[Array, float]:
     """Covariance of the free parameters, the lag first if it is one; length of its blocks in s.
 
     The sum of the scans' influences gets the variance that it has under the circular block
@@ -224,19 +224,14 @@ def covariance(model: Alignment, found: Fit, *, with_lag: bool) -> tuple[Array, 
     ridge = _RIDGE * np.eye(len(scale))
     inverse = np.linalg.inv(information / np.outer(scale, scale) + ridge) / np.outer(scale, scale)
     series, interval = _in_time(model.velocities, known, gradients[known] @ inverse)
-    series -= series.mean(axis=0)
-    block = block_length(series)
-    sums = block_sums(series, block)
-    # the fit uses up these degrees of freedom of each sensor's residuals
-    own = len(scale) - (model.velocities.sensors - 1)
-    blocks = len(series) / block
-    sandwich = sums.T @ sums / block * blocks / max(blocks - own, 1.0)
+    of_each_sensor = len(scale) - (model.velocities.sensors - 1)
+    sandwich, block = covariance_of_sum(series, parameters=of_each_sensor)
     least = found.mean_square * np.diag(inverse)
     return sandwich + np.diag(np.maximum(least - np.diag(sandwich), 0.0)), block * interval
 
 
 def _where_known(
-    model: Alignment, lag: float, parameters: Array
+    model: CalibrationModel, lag: float, parameters: Array
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Predictions and derivatives, zero for scans that do not count or have no reference."""
     predicted, derivatives = model.predicted(lag, parameters)
@@ -251,7 +246,7 @@ def _where_known(
 
 
 def _normal_equations(
-    model: Alignment, predicted: Array, derivatives: Array
+    model: CalibrationModel, predicted: Array, derivatives: Array
 ) -> tuple[Array, Array]:
     """The gradient (n, P) of each scan's log-likelihood and the information (P, P) of all."""
     data = model.velocities
@@ -262,7 +257,7 @@ def _normal_equations(
 
 
 def _scale(information: Array) -> Array:
-    """Square roots of the diagonal, 1 where it is zero."""
+    """Column scales: square roots of the diagonal, 1 for empty columns."""
     scale = np.sqrt(np.diag(information))
     return np.where(scale > 0.0, scale, 1.0)
 

@@ -9,8 +9,8 @@ import scipy
 
 from d2d._checks import check_count, check_instance
 from d2d._types import Array
-from d2d.bootstrap import block_length, block_sums
 from d2d.problem import Problem
+from d2d.radar.evaluation.sandwich import covariance_of_sum, sqrt_standard_errors
 from d2d.radar.motion.doppler import doppler_starts
 from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel, ModelOptions
@@ -18,7 +18,6 @@ from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.intake import usable
 from d2d.radar.tracks.rounds import MAX_INTERVAL, named_sensors
-from d2d.radar.trust.fit import errors_of_roots
 
 CANDIDATES = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])  # m
 _MIDDLE = 0.4  # m; the search at every extent starts at the velocity found with this one
@@ -151,8 +150,11 @@ def _most_likely(pairs: Sequence[_Started], targets: int) -> ExtentEstimate:
     else:
         slope = profiles[0, 1]
         curvature = (slope - _profile(pairs, _SMALL)[1]).sum() / _SMALL**2
-    of_square = np.sqrt(_variance_of_sum(slope)) / curvature if curvature > 0.0 else np.nan
-    sigma = float(errors_of_roots(np.array(extent), np.array(of_square)))
+    # successive pairs may share a scan, which a few slopes do not show
+    shortest = max(min(_SHORTEST_BLOCK, len(pairs) // 3), 1)
+    ((variance,),), _ = covariance_of_sum(slope[:, None], shortest)
+    of_square = np.sqrt(variance) / curvature if curvature > 0.0 else np.nan
+    sigma = float(sqrt_standard_errors(extent, of_square))
     return ExtentEstimate(extent, sigma, len(pairs), targets)
 
 
@@ -199,15 +201,3 @@ def _maximum(pairs: Sequence[_Started], curve: Array, slopes: Array) -> float:
             rtol=1e-6,
         )
     )
-
-
-def _variance_of_sum(slopes: Array) -> float:
-    """Variance of the sum of slopes (n,) in time order, from overlapping blocks.
-
-    Successive pairs may share a scan, which a few slopes do not show: blocks have at least four.
-    """
-    count = len(slopes)
-    centred = slopes - slopes.mean()
-    block = max(block_length(centred), min(_SHORTEST_BLOCK, count // 3), 1)
-    variance = float((block_sums(centred, block) ** 2).sum() / block)
-    return variance / (1.0 - block / count)  # the mean is that of the same slopes

@@ -22,7 +22,13 @@ from d2d.radar import (
     load_nuscenes,
     load_radarscenes,
 )
-from d2d.radar.trust.alignment import Alignment, ScanVelocities, covariance, fit, scan_velocities
+from d2d.radar.evaluation.calibration_model import (
+    CalibrationModel,
+    ScanVelocities,
+    covariance,
+    fit,
+    scan_velocities,
+)
 
 MOUNTINGS = (Mounting(3.8, 0.7, 0.5), Mounting(3.6, -0.9, -1.5))
 YAW = np.deg2rad([0.8, -0.5])
@@ -138,7 +144,7 @@ def test_the_standard_deviations_are_those_of_the_errors():
     for seed in range(25):
         reference = drive(seed, jitter=0.06, duration=40.0, scans=False)[0].reference
         velocities = measured(np.random.default_rng(seed), 0.1, 40.0)
-        model = Alignment.of(velocities, [reference] * 2, (0, 2))
+        model = CalibrationModel.of(velocities, [reference] * 2, (0, 2))
         found = fit(model, 0.06, 0.14)
         spread, block = covariance(model, found, with_lag=True)
         truth = [0.1, FACTOR - 1.0, LAW.ahead, -LAW.compliance * FACTOR**2, *YAW]
@@ -240,7 +246,7 @@ def test_the_prediction_is_the_doppler_model_s_and_its_derivatives_are_exact():
     """Breaks if a mounting is turned the wrong way, or a derivative is wrong."""
     sensors = drive(11)
     kept = scan_velocities((r.scans[:20], r.mounting) for r in sensors)
-    model = Alignment.of(kept, [r.reference for r in sensors], (0, 2))
+    model = CalibrationModel.of(kept, [r.reference for r in sensors], (0, 2))
     parameters = np.array([0.02, 0.4, -0.005, *YAW])
     predicted, derivatives = model.predicted(0.13, parameters)
     azimuth = np.linspace(-1.0, 1.0, 5)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -9,13 +10,15 @@ from numpy.typing import ArrayLike
 
 from d2d._checks import check_finite
 from d2d._types import Array
-from d2d.bootstrap import block_length, block_sums
+from d2d.radar.evaluation.sandwich import covariance_of_sum, sqrt_standard_errors
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.scores import checked_errors, log_score
 
 _SEMIDEFINITE, _DISTINCT = 1e-9, 1e-8  # relative eigenvalues of an effect, and of all of them
-_STARTS = (0.01, 1.0)  # constants' variances, relative to the errors' mean squares
+_STARTS = (0.01, 1.0)  # constants' variances, relative to the usual errors' squares
+_SPREAD = (0.1, 0.9)  # quantiles of the errors' squares, at which the search starts besides
 _TOLERANCE = 1e-8  # of the mean log score's gradient, per relative change of a variance
+_LEVEL = 1e-4  # that it may have where rounding ends the search
 _QUANTILE = 1.96  # of a normal distribution, for intervals of 95 %
 _CONSTANTS = dict(
     zip(("v_x", "v_y", "omega"), np.eye(3)[:, :, None] * np.eye(3)[:, None], strict=True)
@@ -68,12 +71,12 @@ class BudgetFit:
     def __repr__(self) -> str:
         """The numbers with their intervals."""
         rows = zip(self.names, self.values, *self.bounds, strict=True)
-        told = []
+        parts = []
         for name, *numbers in rows:
             unit, symbol = _SHOWN[name]
             value, low, high = (unit * number for number in numbers)
-            told.append(f"{name} {value:.3f} [{low:.3f}, {high:.3f}] {symbol}")
-        return f"BudgetFit({', '.join(told)}; {self.estimates} estimates)"
+            parts.append(f"{name} {value:.3f} [{low:.3f}, {high:.3f}] {symbol}")
+        return f"BudgetFit({', '.join(parts)}; {self.estimates} estimates)"
 
 
 def fit_budget(
@@ -145,31 +148,32 @@ def fit_budget(
         raise ValueError(
             f"errors must have the shape (n, 3) with n at least {len(names) + 1}, but has {e.shape}"
         )
-    variances = _most_likely(e, noise, causes)
-    of_squares = _standard_errors(e, noise, causes, variances, names)
-    values = np.sqrt(variances)
-    margin = _QUANTILE * of_squares
+    try:
+        with np.errstate(all="ignore"):  # what is not finite is refused
+            model = _Model.of(e, noise, causes)
+            relative = _most_likely(model)
+            variances = model.scale * relative
+            of_squares = model.scale * _standard_errors(model, relative, names)
+            score = float(log_score(e, noise + np.einsum("p,pnij->nij", variances, causes)).mean())
+    except np.linalg.LinAlgError:
+        score = np.nan
+    if not (np.isfinite(score) and np.isfinite([variances, of_squares]).all()):
+        raise ValueError(
+            "covariances must be of sizes that can be compared, but what is to be added to them "
+            "cannot be told beside all of them"
+        )
+    values, margin = np.sqrt(variances), _QUANTILE * of_squares
     bounds = np.sqrt([np.maximum(variances - margin, 0.0), variances + margin])
-    score = float(log_score(e, noise + _added(variances, causes)).mean())
     fitted = dict(zip(names, values.tolist(), strict=True))
     budget = ErrorBudget(**fitted, source=f"fitted to {len(e)} errors")
-    return BudgetFit(budget, names, errors_of_roots(values, of_squares), bounds, score, len(e))
-
-
-def errors_of_roots(values: Array, of_squares: Array) -> Array:
-    """Standard errors of values (...) from those of their squares, by the derivative.
-
-    Close to zero it is how far one standard error of the square reaches from there.
-    """
-    near = np.sqrt(of_squares)
-    steep = 2.0 * values > near
-    return np.where(steep, of_squares / np.where(steep, 2.0 * values, 1.0), near)
+    return BudgetFit(budget, names, sqrt_standard_errors(values, of_squares), bounds, score, len(e))
 
 
 def _checked_effects(effects: Mapping[str, ArrayLike], count: int) -> tuple[tuple[str, ...], Array]:
     """The names of p effects, and the effects (p, n, 3, 3)."""
-    if not effects:
-        raise ValueError("effects must name at least one number of the budget")
+    given: object = effects
+    if not isinstance(given, Mapping) or not given:
+        raise ValueError("effects must be a mapping with at least one number of the budget")
     arrays = []
     for name, effect in effects.items():
         if name not in _SHOWN:
@@ -183,62 +187,77 @@ def _checked_effects(effects: Mapping[str, ArrayLike], count: int) -> tuple[tupl
     return tuple(effects), np.array(arrays)
 
 
-def _added(variances: Array, effects: Array) -> Array:
-    """What the variances (p,) add to each covariance: (n, 3, 3)."""
-    return np.asarray(np.einsum("p,pnij->nij", variances, effects))
+class _Model(NamedTuple):
+    """Errors whose covariances are I + sum_j u_j scale_j E_j, after whitening by their noise."""
+
+    errors: Array  # (n, 3)
+    effects: Array  # (p, n, 3, 3), the scaled E
+    scale: Array  # (p,): with u = 1, an effect alone explains a direction of the usual error
+    starts: Array  # (S, p), of u
+
+    @classmethod
+    def of(cls, errors: Array, noise: Array, effects: Array) -> "_Model":
+        """The model, whatever the scales of the covariances, which may differ."""
+        roots = np.linalg.cholesky(noise)
+        errors = np.linalg.solve(roots, errors[..., None])[..., 0]
+        half = np.linalg.solve(roots, effects)
+        effects = np.linalg.solve(roots, np.swapaxes(half, -1, -2))
+        shares = np.diagonal(effects, axis1=-2, axis2=-1) / (1.0 + errors**2)
+        seen = [share[share > 0.0] for share in shares.max(axis=-1)]
+        if not all(len(share) and np.isfinite(share).all() for share in seen):
+            raise ValueError("covariances must not be so small or large that their effect is lost")
+        scale = np.array([1.0 / np.median(share) for share in seen])
+        spread = [1.0 / (scale * [np.quantile(own, q) for own in seen]) for q in _SPREAD]
+        starts = np.array([*np.multiply.outer(_STARTS, np.ones(len(scale))), *spread])
+        return cls(errors, scale[:, None, None, None] * effects, scale, starts)
+
+    def at(self, relative: Array) -> tuple[Array, Array]:
+        """The inverses P (n, 3, 3) of the covariances with these u (p,), and P e (n, 3)."""
+        covariances = np.eye(3) + np.einsum("p,pnij->nij", relative, self.effects)
+        precisions = np.asarray(np.linalg.inv(covariances), np.float64)
+        return precisions, np.asarray(np.einsum("nij,nj->ni", precisions, self.errors))
+
+    def slopes(self, precisions: Array, weighted: Array) -> Array:
+        """Derivatives (n, p) of each error's log score in u."""
+        squares = weighted[:, :, None] * weighted[:, None, :]
+        return np.asarray(0.5 * np.einsum("nij,pnij->np", precisions - squares, self.effects))
 
 
-def _most_likely(errors: Array, noise: Array, effects: Array) -> Array:
-    """The variances (p,) of smallest mean log score, none of them negative."""
-    usual = np.mean(errors**2, axis=0) + np.diagonal(noise, axis1=1, axis2=2).mean(axis=0)
-    each = np.diagonal(effects, axis1=2, axis2=3).mean(axis=1)
-    scale = 1.0 / np.max(each / usual, axis=1)  # an effect alone would explain one direction
+def _most_likely(model: _Model) -> Array:
+    """The u (p,) of smallest mean log score, none of them negative."""
 
     def score(relative: Array) -> tuple[float, Array]:
-        precisions, weighted = _weighted(errors, noise + _added(scale * relative, effects))
-        value = np.einsum("ni,ni->n", errors, weighted) - np.linalg.slogdet(precisions)[1]
-        slopes = _slopes(precisions, weighted, effects)
-        return 0.5 * float(value.mean()), scale * slopes.mean(axis=0)
+        precisions, weighted = model.at(relative)
+        value = np.einsum("ni,ni->n", model.errors, weighted) - np.linalg.slogdet(precisions)[1]
+        return 0.5 * float(value.mean()), model.slopes(precisions, weighted).mean(axis=0)
 
-    found = [
+    optima = [
         scipy.optimize.minimize(
             score,
-            np.full(len(scale), start),
+            start,
             jac=True,
-            bounds=[(0.0, None)] * len(scale),
+            bounds=[(0.0, None)] * len(start),
             method="L-BFGS-B",
             options={"gtol": _TOLERANCE, "ftol": 0.0},
         )
-        for start in _STARTS
+        for start in model.starts
     ]
-    return np.asarray(scale * min(found, key=lambda each: float(each.fun)).x)
+    best = np.asarray(min(optima, key=lambda optimum: float(optimum.fun)).x)
+    slope = score(best)[1]
+    if not (np.abs(np.where(best > 0.0, slope * best, np.minimum(slope, 0.0))) < _LEVEL).all():
+        raise ValueError("errors and covariances must have a most likely budget, but none is found")
+    return best
 
 
-def _weighted(errors: Array, covariances: Array) -> tuple[Array, Array]:
-    """The inverses P of the covariances, and P e (n, 3)."""
-    precisions = np.asarray(np.linalg.inv(covariances), np.float64)
-    return precisions, np.asarray(np.einsum("nij,nj->ni", precisions, errors))
-
-
-def _slopes(precisions: Array, weighted: Array, effects: Array) -> Array:
-    """Derivatives (n, p) of each error's log score in the variances."""
-    squares = weighted[:, :, None] * weighted[:, None, :]
-    return np.asarray(0.5 * np.einsum("nij,pnij->np", precisions - squares, effects))
-
-
-def _standard_errors(
-    errors: Array, noise: Array, effects: Array, variances: Array, names: Sequence[str]
-) -> Array:
-    """Those (p,) of the variances."""
-    precisions, weighted = _weighted(errors, noise + _added(variances, effects))
-    slopes = _slopes(precisions, weighted, effects)
-    centred = slopes - slopes.mean(axis=0)
-    block = block_length(centred)
-    sums = block_sums(centred, block)
-    spread = sums.T @ sums / block / (1.0 - block / len(errors))
-    relative = precisions @ effects
-    information = 0.5 * np.einsum("pnij,qnji->pq", relative, relative)
+def _standard_errors(model: _Model, relative: Array, names: Sequence[str]) -> Array:
+    """Standard errors (p,) of the fitted u."""
+    precisions, weighted = model.at(relative)
+    spread, _ = covariance_of_sum(model.slopes(precisions, weighted))
+    shares = precisions @ model.effects
+    information = 0.5 * np.einsum("pnij,qnji->pq", shares, shares)
     scale = np.sqrt(np.diagonal(information))
+    if not (np.isfinite(information).all() and scale.all()):
+        return np.full(len(scale), np.nan)
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     if values[0] < _DISTINCT:
         alike = [name for name, part in zip(names, vectors[:, 0], strict=True) if abs(part) > 0.1]
@@ -246,5 +265,5 @@ def _standard_errors(
             f"effects must differ between the estimates, but {' and '.join(alike)} have the same "
             "in all of them: leave one out"
         )
-    inverse = np.linalg.inv(information)
+    inverse = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
     return np.asarray(np.sqrt(np.diagonal(inverse @ spread @ inverse)))

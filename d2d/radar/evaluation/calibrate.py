@@ -9,12 +9,19 @@ from numpy.typing import NDArray
 
 from d2d._checks import SECONDS, check_instance, check_members, check_rows, check_scalar
 from d2d._types import Array
+from d2d.radar.evaluation.calibration_model import (
+    CalibrationModel,
+    Fit,
+    agreeing,
+    covariance,
+    fit,
+    scan_velocities,
+)
 from d2d.radar.scans.recording import Recording
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.scans.slip import SlipLaw
 from d2d.radar.tracks.rounds import check_distinct
-from d2d.radar.trust.alignment import Alignment, Fit, agreeing, covariance, fit, scan_velocities
 
 _POWERS = (0, 2)  # of v_x in the slip law
 _LAG, _AHEAD, _COMPLIANCE = 0, 2, 3  # places among the parameters
@@ -63,7 +70,7 @@ class Calibration:
         return np.sqrt(np.diag(self.covariance))
 
     def reference(self, reference: Reference) -> Reference:
-        """The reference as the radars see it, at the same times: nan where the lag leads beyond it.
+        """The reference as the radars see it, at its times; nan where shifted times leave it.
 
         Lag and speed factor are applied, and v_y is given by the slip law.  The poses are shifted
         by the lag.
@@ -157,7 +164,7 @@ def calibrate(
     logs = _logs(recordings)
     bound = _SEARCHED.number("max_lag", max_lag)
     velocities = scan_velocities((scans, mounting) for scans, mounting, _ in logs)
-    model = Alignment.of(velocities, [reference for *_, reference in logs], _POWERS)
+    model = CalibrationModel.of(velocities, [reference for *_, reference in logs], _POWERS)
     if ahead is not None:
         model.start[_AHEAD - 1] = check_scalar("ahead", ahead)
         model.free[_AHEAD - 1] = False
@@ -231,8 +238,8 @@ def _logs(recordings: Recording | Iterable[Recording | SensorLog]) -> list[Senso
     return logs
 
 
-def _selected(model: Alignment, low: float, high: float) -> tuple[Alignment, Fit]:
-    """The model of only those scans that agree with its best fit, and that fit."""
+def _selected(model: CalibrationModel, low: float, high: float) -> tuple[CalibrationModel, Fit]:
+    """Alternate fitting and gating until the set of scans is stable."""
     found = fit(model, low, high)
     for _ in range(_MAX_SELECTIONS):
         used = agreeing(model, found)

@@ -1,5 +1,6 @@
 """Covariances judged without a reference, by two independent estimates of the same motion."""
 
+import warnings
 from typing import Unpack
 
 import numpy as np
@@ -7,15 +8,15 @@ import scipy
 from numpy.typing import NDArray
 
 from d2d._checks import check_choice, check_instance, check_positive_scalar
+from d2d.radar.evaluation.compare import Comparison, enough
 from d2d.radar.motion.estimate import estimate_ego_motion
 from d2d.radar.motion.model import EstimationOptions
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.scan import RadarScan
-from d2d.radar.tracks.intake import usable
+from d2d.radar.tracks.intake import ScanWarning, usable
 from d2d.radar.tracks.rounds import Sensors, named_sensors, rounds_of
 from d2d.radar.tracks.track import Track, neighbours
 from d2d.radar.tracks.tracker import track
-from d2d.radar.trust.comparison import Comparison, enough
 
 
 def compare_tracks(first: Track, second: Track) -> Comparison:
@@ -121,7 +122,9 @@ def compare_halves(
     check_choice("by", by, ("target", "object"))
     reach = check_positive_scalar("distance", distance)
     drives = list(usable(named_sensors(sensors)).values())
-    whole = track(drives, baseline=baseline, horizon=horizon, **options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ScanWarning)  # the same once more
+        whole = track(drives, baseline=baseline, horizon=horizon, **options)
     errors, covariances = np.full_like(whole.theta, np.nan), np.full_like(whole.covariance, np.nan)
     for i, each in enumerate(rounds_of(drives, baseline, horizon)):
         if not whole.converged[i]:
@@ -156,7 +159,7 @@ def _clusters(scan: RadarScan, distance: float) -> NDArray[np.int_]:
 
 
 def _half(rng: np.random.Generator, labels: NDArray[np.int_]) -> NDArray[np.bool_]:
-    """Which targets (K,) belong to the first half; targets with the same label stay together."""
+    """Mask (K,) of the first half's targets; targets with the same label stay together."""
     names, cluster, sizes = np.unique(labels, return_inverse=True, return_counts=True)
     first = np.zeros(len(names), dtype=np.bool_)
     lead = 0  # how many more targets the first half has than the second
