@@ -10,7 +10,7 @@ from d2d.radar.scans.scan import Mounting, RadarScan
 
 
 class Source(NamedTuple):
-    """Input of a track: the scans and mounting of each sensor, and the errors that targets share."""
+    """Input of a track: scans and mounting of each sensor, and the errors that targets share."""
 
     sensors: dict[str, tuple[list[RadarScan], Mounting]]
     budget: ErrorBudget = ErrorBudget()
