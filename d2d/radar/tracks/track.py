@@ -27,7 +27,7 @@ from d2d.radar.tracks.output import (
     write_poses,
     write_table,
 )
-from d2d.radar.tracks.path import Displacement, Driven
+from d2d.radar.tracks.path import Displacement, Knots, chain, roots
 from d2d.radar.tracks.plot import draw
 
 if TYPE_CHECKING:
@@ -149,16 +149,27 @@ class Track(Frozen):
 
         The rows at the steps, for which nothing can be estimated, are in none of them.
         """
+        return [self[rows] for rows in self._segments()]
+
+    def _segments(self) -> list[slice]:
         steps = np.flatnonzero(np.isnan(self.intervals)).tolist()
         spans = zip([0, *(step + 1 for step in steps)], [*steps, len(self)], strict=True)
-        return [self[begin:end] for begin, end in spans if begin < end]
+        return [slice(*span) for span in spans if span[0] < span[1]]
 
     def poses(self, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """The path driven: (n + 1, 3) poses [x, y, yaw] in m, m, rad, beginning at ``start``.
 
-        Pose i + 1 is pose i followed by the motion of pair i, exp(tau theta).
+        The first pose is an interval before the first estimate, the others are at ``times``.  The
+        velocity is linear between accepted estimates, also over those that were not, and in the
+        first interval; after the last one it is constant.
         """
-        return integrate(self.theta, self.intervals, start)
+        first = check_finite("start", start, "(3,)")
+        twists = np.zeros((len(self), 3))
+        for rows in self._segments():
+            times, intervals = self.times[rows], self.intervals[rows]
+            knots = Knots.of(times, intervals, self.theta[rows], self.converged[rows])
+            twists[rows] = knots.motions(np.append(times[0] - intervals[0], times))
+        return chain(rigid.exponential(twists), first)
 
     def at(self, times: ArrayLike) -> Velocities:
         """The velocities at other times (m,) in s, by linear interpolation.
@@ -215,13 +226,16 @@ class Track(Frozen):
             raise ValueError(
                 f"end must be after start, but number {i} is {ends[i]:g} s and {begins[i]:g} s"
             )
-        if self.parts is None:
-            white, slow = self.covariance, np.zeros_like(self.covariance)
-        else:
-            white, slow = self.parts.noise + self.parts.dependence, self.parts.systematic
-        columns = (each[self.converged] for each in (self.times, self.theta, white, slow))
-        began = float((self.times - self.intervals)[0]) if len(self.times) else np.nan
-        return Driven.of(self.intervals, began, *columns).displacement(begins, ends)
+        if not len(self):
+            unknown = np.full((len(begins), 3, 3), np.nan)
+            return Displacement(unknown[:, 0], unknown)
+        parts = self.parts or CovarianceParts(self.covariance, *np.zeros((2, len(self), 3, 3)))
+        good = self.converged
+        white, slow = (parts.noise + parts.dependence)[good], roots(parts.systematic[good])
+        knots = Knots.of(self.times, self.intervals, self.theta, good)
+        each = [knots.displacement(*span, white, slow) for span in zip(begins, ends, strict=True)]
+        motion, covariance = zip(*each, strict=True) if each else ([], [])
+        return Displacement(np.array(motion).reshape(-1, 3), np.array(covariance).reshape(-1, 3, 3))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all of the track to a file, from which `load` gives the same numbers bit by bit.
@@ -424,16 +438,3 @@ def neighbours(
     near = gap <= 2.0 * np.median(track.intervals) + _ROUNDED  # times since 1970 are rounded
     good = track.converged[before] & track.converged[after]
     return before, after, weight, inside & near & good
-
-
-def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-    """Chain the motions at theta (n, 3) over intervals (n,) to poses (n + 1, 3) [x, y, yaw]."""
-    velocities = check_finite("theta", theta, "(n, 3)")
-    times = check_real("intervals", intervals)  # nan where the clock steps back
-    check_shape("intervals", times, f"({len(velocities)},)", like="theta")
-    steps = rigid.exponential(velocities * np.nan_to_num(times)[:, np.newaxis])
-    first = check_finite("start", start, "(3,)")
-    yaw = first[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
-    moved = np.einsum("nij,nj->ni", rigid.rotation(yaw[:-1]), steps[:, :2])
-    position = first[:2] + np.concatenate([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
-    return np.column_stack([position, yaw])

@@ -24,7 +24,7 @@ from d2d.radar import (
     track,
 )
 from d2d.radar.evaluation.calibration_model import scan_velocities
-from d2d.radar.tracks.track import integrate
+from d2d.radar.tracks.path import integrate
 from d2d.study.road import estimates
 from d2d.study.road.estimates import SENSORS, Result, Run
 from d2d.study.road.residuals import fit_correction, residual_rms, residual_sigmas
