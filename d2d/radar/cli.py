@@ -31,7 +31,7 @@ from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
 from d2d.radar.simulation.drive import simulate_drive
 from d2d.radar.tracks.limits import VehicleLimits
-from d2d.radar.tracks.rounds import MAX_INTERVAL, SensorScans
+from d2d.radar.tracks.rounds import HORIZON, MAX_INTERVAL, SensorScans
 from d2d.radar.tracks.track import Track
 from d2d.radar.tracks.tracker import Tracker, track
 
@@ -120,6 +120,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_sources(of_track)
     how = _add_estimation(of_track)
     how.add_argument("--extent", metavar="M", type=float, help=ABOUT["--extent"])
+    about = ABOUT["--max-interval"]
+    how.add_argument("--max-interval", metavar="S", type=float, default=MAX_INTERVAL, help=about)
     _add_output(of_track)
     _add_budget(of_track)
     about = "estimate while scans arrive: lines of JSON in, lines of JSON out"
@@ -171,11 +173,10 @@ def _add_estimation(parser: argparse.ArgumentParser) -> Any:
     def add(name: str, metavar: str, kind: type = float, default: object = None) -> None:
         how.add_argument(name, type=kind, default=default, metavar=metavar, help=ABOUT[name])
 
-    add("--baseline", "N", int, 1)
     add("--horizon", "S")
+    add("--baseline", "N", int)
     add("--side-slip", "M/S")
     add("--max-acceleration", "M/S^2", default=_MAX_ACCELERATION)
-    add("--max-interval", "S", default=MAX_INTERVAL)
     return how
 
 
@@ -199,8 +200,7 @@ def _add_budget(parser: argparse.ArgumentParser) -> None:
     shared.add_argument(
         "--no-budget",
         action="store_true",
-        help="use the inverse Hessian of the cost as the covariance, which does not contain shared "
-        "errors; not together with the options above",
+        help="state none of these errors; not together with the options above",
     )
 
 
@@ -251,8 +251,7 @@ def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, An
     return {
         "baseline": arguments.baseline,
         "horizon": arguments.horizon,
-        "max_interval": arguments.max_interval,
-        "budget": None if arguments.no_budget else replace(budget, **known),
+        "budget": ErrorBudget() if arguments.no_budget else replace(budget, **known),
         "side_slip": True if slip is None else slip or False,
         "limits": VehicleLimits(acceleration=arguments.max_acceleration),
     }
@@ -264,7 +263,7 @@ def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, An
 def _track(arguments: argparse.Namespace) -> None:
     sensors, budget = _source(arguments)
     prefix = _prefix(arguments.output)
-    options = _options(arguments, budget)
+    options = {**_options(arguments, budget), "max_interval": arguments.max_interval}
     count = sum(len(scans) for scans, _ in sensors.values())
     print(f"read {count} scans of {len(sensors)} sensor{'s' * (len(sensors) > 1)}", flush=True)
     driven = track(sensors, **options, progress=False if arguments.no_progress else None)
@@ -311,8 +310,6 @@ def _agreement(first: tuple[str, Track], second: tuple[str, Track]) -> str:
 
 
 def _live(arguments: argparse.Namespace) -> None:
-    if arguments.horizon is None and arguments.baseline == 1:
-        arguments.horizon = 0.3  # as `Tracker`
     if sys.stdin is None:
         raise ValueError("live reads scans from the standard input, which is closed")
     tracker = Tracker(mountings_of(vars(arguments)), keep=1, **_options(arguments, ErrorBudget()))
@@ -463,10 +460,9 @@ ABOUT = {
     "--output": "beginning of the files' names (default: track); if it is a folder or ends with /, "
     "the files are called track.* in it",
     "--force": "write the files even if the estimates are surely of no use",
-    "--baseline": "register each scan with the Nth before (default: 1); 2 or 3 make the yaw rate "
-    "more accurate where the motion is smooth",
-    "--horizon": "instead of --baseline: register each scan with the one nearest to S seconds "
-    "before; 0.3 is a good choice on the road, and what live does by default",
+    "--horizon": "register each scan with the one nearest to S seconds before (default: "
+    f"{HORIZON:g})",
+    "--baseline": "register each scan with the Nth before, instead of --horizon",
     "--extent": "how far reflections wander on objects from scan to scan, as a standard deviation "
     "(default: the data set's own, or 0 for a log)",
     "--side-slip": "standard deviation of the sideways velocity of the vehicle's origin about "
@@ -508,9 +504,9 @@ examples:
     {PROGRAM} track --csv log.csv --degrees --mounting radar 3.7 0 0 \\
         --sigma-range 0.15 --sigma-azimuth 0.5 --sigma-doppler 0.06
 
-  two corner radars together, each scan with the one 0.3 s before, errors that targets share:
+  two corner radars together, with errors that targets share:
     {PROGRAM} track --csv log.csv --mounting left 3.6 0.8 45 --mounting right 3.6 -0.8 -45 \\
-        --horizon 0.3 --budget-azimuth 0.2 --budget-doppler 0.04 --output results/drive
+        --budget-azimuth 0.2 --budget-doppler 0.04 --output results/drive
 
   a single side radar of a car that does not slip sideways:
     {PROGRAM} track --csv log.csv --mounting left 3.6 0.8 90 --side-slip 0.05
@@ -525,7 +521,7 @@ What is printed at the end says how many estimates were accepted, and why the ot
   an optimum that rejects ...     scans do not fit each other: too small standard deviations, a
                                   wrong mounting, azimuths of the wrong sign
   an optimum that rests on ...    too few targets agree: --side-slip, more sensors
-  a yaw rate with a sigma of ...  the targets tell too little: --horizon 0.3, --side-slip
+  a yaw rate with a sigma of ...  the targets tell too little: more sensors, --side-slip
   a velocity with a sigma of ...  few targets agree, or they move: more sensors
   the first scan after a gap      nothing near enough to register it with
   a turn of ... between scans     times in another unit than s, or a much too long --horizon

@@ -124,7 +124,7 @@ def compare_halves(
     drives = list(usable(named_sensors(sensors)).values())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ScanWarning)  # the same once more
-        whole = track(drives, baseline=baseline, horizon=horizon, **options)
+        whole = track(drives, baseline=baseline, horizon=horizon, carry=False, **options)
     errors, covariances = np.full_like(whole.theta, np.nan), np.full_like(whole.covariance, np.nan)
     for i, each in enumerate(rounds_of(drives, baseline, horizon)):
         if not whole.converged[i]:

@@ -17,13 +17,11 @@ class ErrorBudget(Bounded):
     """Standard deviations of the errors that many targets share, or that no target explains.
 
     The inverse Hessian takes the errors of all targets as independent, so it becomes ever smaller
-    with their number.  Errors that they share do not average out.  With a budget, the covariance of
-    a track is the propagated noise of the single targets plus the effect of these other errors.
-    Raises a ``ValueError`` if a number is negative or above 1000, or the azimuth's above 2 pi.
+    with their number.  Errors that they share do not average out.  The covariance of a track is
+    the propagated noise of the single targets plus the effect of these other errors.  What is
+    estimated does not depend on them.
 
-    With a budget, even an empty one, a track's estimates are the velocities at its times: positions
-    give the mean velocity over their interval; when the vehicle accelerates, this lags by half an
-    interval, which is corrected with the acceleration that other estimates of the track show.
+    Raises a ``ValueError`` if a number is negative or above 1000, or the azimuth's above 2 pi.
 
     Attributes
     ----------

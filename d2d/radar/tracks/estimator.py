@@ -51,8 +51,8 @@ class VelocityEstimate(NamedTuple):
     reason: str  # why it is not accepted; empty if it is
     targets: int  # of the round's scans
     inliers: float  # mean inlier probability of the targets, nan if there was nothing to estimate
-    parts: CovarianceParts | None  # of the covariance, if there is a budget
-    filter_input: FilterInput | None  # if it is accepted and there is a budget
+    parts: CovarianceParts | None  # of the covariance, if it is carried
+    filter_input: FilterInput | None  # if it is accepted and carried
 
     @property
     def converged(self) -> bool:
@@ -70,7 +70,7 @@ class OdometryEstimator:
     model: EgoMotionModel
     scales: Sequence[float]
     velocity: Array | None  # at which the next search starts, if it is known
-    budget: ErrorBudget | None
+    budget: ErrorBudget | None  # without one, the estimates are not carried
     limits: VehicleLimits | None
     sensors: int  # how many
     last: State | None = None

@@ -44,8 +44,9 @@ _BAR_DELAY = 2.0  # s, so that short tracks show no progress bar
 def track(
     sensors: Sensors,
     *,
-    baseline: int = 1,
     horizon: float | None = None,
+    baseline: int | None = None,
+    carry: bool = True,
     initial: ArrayLike | None = None,
     max_interval: float = MAX_INTERVAL,
     budget: ErrorBudget | None = None,
@@ -87,14 +88,20 @@ def track(
     sensors : Recording, (scans, Mounting), or a sequence or mapping of them
         The sensor or sensors of the vehicle, each with its scans in strictly increasing time; a
         simulated `Drive` will do, too.  Error messages use the names of a mapping.
-    baseline : int
-        Each scan is registered with the one of its sensor this many scans before, or with the first
-        one.  Over a longer interval, the same position error causes a smaller velocity error, as
-        long as the velocity is constant and the targets stay in view.
     horizon : float, s, optional
-        The same as a time: each scan is registered with the one whose time is nearest to this long
-        before.  On five drives that were tried the log score was best at 0.23 to 0.45 s, on three
-        of them at 0.3 s (appendix F).
+        Each scan is registered with the one of its sensor whose time is nearest to this long
+        before, by default 0.3 s; or with the first one.  Over a longer interval, the same position
+        error causes a smaller velocity error, as long as the velocity changes evenly and the
+        targets stay in view.
+    baseline : int, optional
+        The same as a number of scans, instead of a horizon.
+    carry : bool
+        Whether estimates are carried to the track's times.  The positions of a pair give the mean
+        velocity over its interval, which lags behind while the vehicle accelerates; the
+        acceleration that other estimates show corrects it.  Their covariance is propagated from the
+        targets' errors, and contains that of the acceleration.  False gives the bare pairs: the
+        velocity with which the scans fit best if it is constant, and the inverse Hessian, as
+        `estimate_ego_motion`; neither ``budget`` nor ``smooth`` go with it.
     initial : (3,) array, optional
         Start [v_x, v_y, omega] of the first estimate.
     max_interval : float, s
@@ -102,12 +109,10 @@ def track(
         it.
     budget : ErrorBudget, optional
         Errors that the targets of a sensor share; each sensor has its own, of the same standard
-        deviations.  With a budget, also an empty one, the covariance is propagated from the
-        targets' errors, and the velocities are carried to the track's times, as `ErrorBudget` says.
-        Without one, the covariance is the inverse Hessian.
+        deviations.  None states none.  It does not change what is estimated.
     smooth : bool
         Whether the acceleration that carries the velocities comes from all other estimates, also
-        the later ones, instead of those before.  Without a budget, this changes nothing.
+        the later ones, instead of those before.
     limits : VehicleLimits, optional
         What the vehicle can do; None accepts any motion.
     progress : bool, optional
@@ -129,8 +134,10 @@ def track(
     """
     check_separation(baseline, horizon)
     drives = named_sensors(sensors, max_interval)
-    estimator = _estimator(len(drives), initial, budget, limits, options)
+    estimator = _estimator(len(drives), carry, initial, budget, limits, options)
     if check_flag("smooth", smooth):
+        if not carry:
+            raise ValueError("smooth must be False without carry, which it improves")
         estimator.records = []
     drives = usable(drives)
     check_clocks({name: scans for name, (scans, _) in drives.items()})
@@ -140,10 +147,8 @@ def track(
             "sensors must have at least two rounds of scans (of one sensor: two scans), but have "
             f"{int(any(scans for scans, _ in drives.values()))}"
         )
-    driven = track_of([estimator.step(groups[i]) for i in _counted(len(groups), progress)], budget)
-    if estimator.records and budget is not None:
-        return _smoothed(driven, estimator.records)
-    return driven
+    driven = track_of([estimator.step(groups[i]) for i in _counted(len(groups), progress)], carry)
+    return _smoothed(driven, estimator.records) if estimator.records else driven
 
 
 class Tracker:
@@ -160,11 +165,9 @@ class Tracker:
     ----------
     mountings : mapping of str to Mounting
         The sensors of the vehicle by name.
-    horizon : float, s, optional
-        As for `track`; None registers each scan with the one ``baseline`` scans before.
     keep : int, optional
         How many of the latest estimates ``track`` holds; by default all, about 2 kB each.
-    baseline, initial, max_interval, budget, limits, **options
+    horizon, baseline, carry, initial, budget, limits, **options
         As for `track`, which gives the same numbers bit for bit for the same scans in time order.
 
     Examples
@@ -184,10 +187,10 @@ class Tracker:
         self,
         mountings: Mapping[str, Mounting],
         *,
-        horizon: float | None = 0.3,
-        baseline: int = 1,
+        horizon: float | None = None,
+        baseline: int | None = None,
+        carry: bool = True,
         initial: ArrayLike | None = None,
-        max_interval: float = MAX_INTERVAL,
         budget: ErrorBudget | None = None,
         limits: VehicleLimits | None = DEFAULT_LIMITS,
         keep: int | None = None,
@@ -196,7 +199,7 @@ class Tracker:
         places = check_mountings(mountings)
         if keep is not None:
             check_count("keep", keep)
-        self._estimator = _estimator(len(places), initial, budget, limits, options)
+        self._estimator = _estimator(len(places), carry, initial, budget, limits, options)
         self._numbers = {name: number for number, name in enumerate(places)}
         self._gate = ScanGate([repr(name) for name in places])
         self._rounds = Rounds(list(places.values()), baseline, horizon)
@@ -237,7 +240,7 @@ class Tracker:
     @property
     def track(self) -> Track:
         """The estimates so far."""
-        return track_of(self._estimates, self._estimator.budget)
+        return track_of(self._estimates, self._estimator.budget is not None)
 
     def _estimated(self, rounds: Iterable[Round]) -> list[VelocityEstimate]:
         estimates = [self._estimator.step(each) for each in rounds]
@@ -247,6 +250,7 @@ class Tracker:
 
 def _estimator(
     sensors: int,
+    carry: bool,
     initial: ArrayLike | None,
     budget: ErrorBudget | None,
     limits: VehicleLimits | None,
@@ -255,15 +259,18 @@ def _estimator(
     """An estimator for this number of sensors, from arguments that are checked here."""
     if budget is not None:
         check_instance("budget", budget, ErrorBudget)
+    if not check_flag("carry", carry) and budget is not None:
+        raise ValueError("budget must be None without carry: bare pairs have the inverse Hessian")
     model, scales = split_options(options)
     velocity = None if initial is None else check_finite("initial", initial, "(3,)")
     if limits is not None:
         limits = limits.for_doppler(model.doppler)
-    return OdometryEstimator(model, scales, velocity, budget, limits, sensors)
+    stated = budget or ErrorBudget() if carry else None
+    return OdometryEstimator(model, scales, velocity, stated, limits, sensors)
 
 
-def track_of(estimates: Collection[VelocityEstimate], budget: ErrorBudget | None) -> Track:
-    """The estimates as the rows of a track."""
+def track_of(estimates: Collection[VelocityEstimate], carried: bool = True) -> Track:
+    """The estimates as the rows of a track, with the parts of their covariances if carried."""
     count = len(estimates)
     times, intervals, theta, covariance, reasons, targets, inliers, parts, _ = (
         zip(*estimates, strict=True) if estimates else [()] * len(VelocityEstimate._fields)
@@ -278,9 +285,9 @@ def track_of(estimates: Collection[VelocityEstimate], budget: ErrorBudget | None
         known,
         np.array(targets, dtype=np.int64),
         np.array(inliers),
-        None
-        if budget is None
-        else CovarianceParts(*np.array(parts).reshape(count, 3, 3, 3).swapaxes(0, 1)),
+        CovarianceParts(*np.array(parts).reshape(count, 3, 3, 3).swapaxes(0, 1))
+        if carried
+        else None,
     )
 
 

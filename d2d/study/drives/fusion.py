@@ -176,9 +176,9 @@ def _measured(rng: np.random.Generator, errors: SensorErrors) -> Measured:
     )
     scans = [with_known_errors(scan, wrong) for scan in drive.scans]
     start = drive.truth.theta[0]
-    plain = track((scans, CAR_MOUNTING), initial=start, limits=None)
+    plain = track((scans, CAR_MOUNTING), baseline=1, carry=False, initial=start, limits=None)
     tracker = Tracker(
-        {"radar": CAR_MOUNTING}, horizon=None, initial=start, budget=wrong.budget, limits=None
+        {"radar": CAR_MOUNTING}, baseline=1, initial=start, budget=wrong.budget, limits=None
     )
     estimates = [each for scan in scans for each in tracker.add("radar", scan)]
     truth = drive.truth.theta[1:]

@@ -112,7 +112,7 @@ def _tried(name: str, scans: Scans, mounting: Mounting, truth: Reference) -> Sym
         warnings.simplefilter("ignore", UserWarning)
         try:
             log = FAULTS[name](scans, mounting, truth)
-            driven = track(log)
+            driven = track(log, baseline=1, carry=False)
         except ValueError as error:
             nothing = Row(name, NAN, NAN, NAN, NAN, NAN, "")
             return Symptom(nothing, NAN, NAN, f"ValueError: {error}")
@@ -149,7 +149,9 @@ def draw_wrong_paths(axes: Sequence[Axes], faults: Mapping[str, str]) -> None:
     for ax, (fault, words) in zip(axes, faults.items(), strict=True):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # the picture shows what they say
-            driven = track(FAULTS[fault](drive.scans, drive.mounting, truth))
+            driven = track(
+                FAULTS[fault](drive.scans, drive.mounting, truth), baseline=1, carry=False
+            )
         ax.plot(*truth.poses[:, :2].T, **TRUTH)
         poses = driven.poses(truth.poses[0])
         ax.plot(*poses[:, :2].T, **cost_line("robust"))

@@ -156,7 +156,7 @@ def drive(run: Run, recordings: Sequence[Recording]) -> Track:
     """Estimate a drive from the recordings of the run's sensors, with the run's options."""
     recordings = whole_rounds(recordings)
     if run.method == "registration":
-        return track(recordings, baseline=run.baseline, doppler=run.doppler)
+        return track(recordings, baseline=run.baseline, doppler=run.doppler, carry=False)
     if run.method == "Doppler only, equal weights":
         # azimuth errors then count neither in the weights nor in the gate
         recordings = [

@@ -26,7 +26,7 @@ SENSOR = Sensor(quantised=False, clutter=0.0)
 
 def estimated(drive, mounting=CAR_MOUNTING, budget=BUDGET, **options) -> list[VelocityEstimate]:
     """The estimates of a drive with one radar, each scan registered with the one before."""
-    tracker = Tracker({"radar": mounting}, horizon=None, budget=budget, limits=None, **options)
+    tracker = Tracker({"radar": mounting}, baseline=1, budget=budget, limits=None, **options)
     return [each for scan in drive.scans for each in tracker.add("radar", scan)]
 
 
