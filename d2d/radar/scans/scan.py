@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from d2d import rigid
 from d2d._checks import (
     ANGLE,
-    FINITE,
     METRES,
     NOT_NEGATIVE,
     POSITIVE,
     Bounded,
+    Bounds,
     broadcast_batches,
     check_covariances,
     check_finite,
@@ -32,15 +32,19 @@ from d2d.point_set import PointSet
 _LEVER = METRES._replace(most=100.0)  # m, from the vehicle's origin
 _STEP = POSITIVE._replace(most=1e50)  # its square is finite
 
+_SPEED = Bounds(most=1e4, unit="in m/s, ", hint="; are these millimetres per second?")
+_LEAST = 1e-9  # of standard deviations, whose squares the cost can hold beside others
+_LONGEST = 1e9  # ratio of the axes of a target's covariance, beyond which it is singular in float64
+
 # What a scan's columns hold; a radar of a vehicle sees no target beyond 10 km.
 BOUNDS = {
     "range": METRES._replace(above=0.0, most=1e4, hint="; are these millimetres or centimetres?"),
     "azimuth": ANGLE,
-    "doppler": FINITE,
-    "sigma_range": POSITIVE,
-    "sigma_azimuth": POSITIVE,
-    "sigma_doppler": POSITIVE,
-    "extent": NOT_NEGATIVE,
+    "doppler": _SPEED,
+    "sigma_range": METRES._replace(above=0.0, least=_LEAST, most=1e4),
+    "sigma_azimuth": ANGLE._replace(above=0.0, least=_LEAST),
+    "sigma_doppler": _SPEED._replace(above=0.0, least=_LEAST),
+    "extent": NOT_NEGATIVE._replace(most=1e4),
 }
 MEASURED = ("range", "azimuth", "doppler")  # of each target; one of the others may stand for all
 SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
@@ -76,8 +80,8 @@ class RadarScan(Frozen):
     that the other scans see, because each scan sees different points of an object.  It is zero for
     point targets; see `estimate_extent`.
 
-    Raises a ``ValueError`` if a range or standard deviation is not positive, a range beyond 10 km
-    or an azimuth beyond 2 pi.
+    Raises a ``ValueError`` if a range or standard deviation is not positive or so large or small
+    that no covariance can hold it, a range beyond 10 km or an azimuth beyond 2 pi.
     """
 
     time: float
@@ -113,6 +117,15 @@ class RadarScan(Frozen):
             if not once:
                 check_shape(name, array, str(shape), like="range")
             self._keep(name, np.full(shape, array) if once else array)
+        across = np.hypot(self.range * self.sigma_azimuth, self.extent)
+        along = np.hypot(self.sigma_range, self.extent)
+        longest = np.maximum(across, along) > _LONGEST * np.minimum(across, along)
+        if longest.any():
+            i = int(np.argmax(longest))
+            raise ValueError(
+                "sigma_range and range * sigma_azimuth must not differ by more than a factor of "
+                f"{_LONGEST:g}, but are {along[i]:g} m and {across[i]:g} m at target {i}"
+            )
 
     @classmethod
     def from_cartesian(

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -79,12 +80,21 @@ class OdometryEstimator:
     records: list[tuple[FilterInput, FilterRecord]] | None = None
 
     def step(self, current: Round) -> VelocityEstimate:
-        """Estimate the velocity at the time of a round."""
-        pairs = current.pairs
+        """Estimate the velocity at the time of a round; a failure leaves all else as it was."""
         if math.isnan(current.interval):  # its clock is another
             self.last, self.acceleration = None, AccelerationFilter()
-        if not pairs:
+        if not current.pairs:
             return self._rejected(current, current.reason)
+        before = copy(self.acceleration)
+        try:
+            return self._accepted(current)
+        except (ValueError, ArithmeticError):  # numbers for which there is no float64
+            self.acceleration = before
+            return self._rejected(current, "a scan that cannot be used")
+
+    def _accepted(self, current: Round) -> VelocityEstimate:
+        """The estimate of a round with pairs, or the reason for which it is not accepted."""
+        pairs = current.pairs
         by = None if self.budget is None else self._acceleration(current)
         near = np.zeros(3) if self.velocity is None else self.velocity
         problem = problem_of(pairs, self.model, None if by is None else by.value, near)
@@ -106,11 +116,11 @@ class OdometryEstimator:
             reason = self.limits.exceeded(state, self.last)
         if reason:
             return self._rejected(current, reason, *seen)
-        self.last, self.velocity = state, estimate.theta
         if raw is not None and by is not None:
             record = self.acceleration.update(current.time, raw.velocity, raw.delay, raw.white, by)
             if self.records is not None:
                 self.records.append((raw, record))
+        self.last, self.velocity = state, estimate.theta
         return VelocityEstimate(
             current.time, current.interval, theta, covariance, "", *seen, parts, raw
         )

@@ -251,9 +251,8 @@ class Rounds:
         interval, self.last = time - self.last, time
         if math.isnan(interval) and not self._stepped_back:
             return []
-        known = [pair for pair in chosen if pair is not None]
-        pairs = [pair for pair in known if pair.previous.size and pair.current.size]
-        reason = NO_TARGETS if known or not all(s.size for s in scans.values()) else AFTER_GAP
+        pairs = [pair for pair in chosen if pair is not None]
+        reason = AFTER_GAP if all(scan.size for scan in scans.values()) else NO_TARGETS
         if self._stepped_back:
             self._stepped_back, reason = False, AFTER_STEP
         return [Round(time, interval, scans, pairs, reason)]
@@ -292,7 +291,12 @@ class _History:
         self._intervals.clear()
 
     def paired(self, scan: RadarScan) -> ScanPair | None:
-        """The next scan, paired with an earlier one; None if there is none near enough."""
+        """The next scan, paired with an earlier one; None if there is none near enough.
+
+        One without targets is passed over, as if it had not been taken.
+        """
+        if not scan.size:
+            return None
         scans = self._scans
         if scans:
             self._intervals.append(scan.time - scans[-1].time)

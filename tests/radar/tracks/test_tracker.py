@@ -47,7 +47,8 @@ ROOT = Path(__file__).parents[3]
 def test_a_fast_drive_is_not_lost():
     """Breaks if the last velocity is the only start: 2 pairs in 100 then end elsewhere."""
     drive = simulate_drive(np.random.default_rng(0), 10.0, 20.0)
-    found = track(drive, limits=None)  # around the bends of a yard, faster than any car
+    # around the bends of a yard, faster than any car
+    found = track(drive, baseline=1, limits=None)
     assert found.converged.all()
     assert (np.abs(found.theta - drive.truth.theta[1:])[:, 0] < 0.5).all()
 
@@ -70,7 +71,7 @@ def test_a_scan_of_another_place_does_not_lose_the_drive():
     """Breaks if an estimate that did not converge becomes the start of the next pair."""
     scans = straight_scans()
     scans[5] = replace(scans[5], range=scans[5].range + 5000.0)
-    result = track((scans, CORNER), doppler=False, outlier=UniformOutlier(1e-3))
+    result = track((scans, CORNER), baseline=1, doppler=False, outlier=UniformOutlier(1e-3))
     assert_array_equal(np.flatnonzero(~result.converged), [4, 5])
     assert_array_equal(result.theta[4:6], result.theta[[3, 3]])
     assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.6
@@ -277,7 +278,7 @@ def test_a_full_turn_between_two_scans_is_no_motion():
 def test_each_round_gives_an_estimate(driven_by):
     """Breaks if pairs of a round are lost, or its time is not the mean of its scans' times."""
     sensors = surround_scans()
-    result = driven_by(sensors)
+    result = driven_by(sensors, baseline=1, carry=False)
     used = sensors[:1] if driven_by is front_alone else sensors
     expected = np.mean([[scan.time for scan in scans] for scans, _ in used], axis=0)
     assert_allclose(result.times, expected[1:], atol=1e-12)
@@ -292,20 +293,17 @@ def test_each_round_gives_an_estimate(driven_by):
 
 
 @either_tracker
-@pytest.mark.parametrize("options", [{}, {"doppler": False}, {"budget": ErrorBudget(azimuth=0.01)}])
+@pytest.mark.parametrize("options", [{}, {"doppler": False}, {"baseline": 1, "carry": False}])
 def test_scans_without_targets_are_marked_and_passed_over(driven_by, options):
     """Breaks if the drive ends there, or a prediction looks like an estimate."""
     result = driven_by(changed(surround_scans(), lambda scan: scan[:0]), **options)
-    assert_array_equal(np.flatnonzero(~result.converged), [4, 5])
-    assert set(result.reasons[4:6]) == {"a scan without targets"}
-    assert np.isnan(result.covariance[4:6]).all()
-    assert np.isnan(result.inliers[4:6]).all()
-    if "budget" in options:
-        assert np.isnan(result.parts.systematic[4:6]).all()
-    assert_array_equal(result.theta[4:6], result.theta[[3, 3]])
-    whole = driven_by(surround_scans(), **options)
-    if "budget" not in options:  # whose acceleration is known less well after a gap
-        assert_allclose(result.theta[6:], whole.theta[6:], rtol=0, atol=1e-4)
+    assert_array_equal(np.flatnonzero(~result.converged), [4])
+    assert result.reasons[4] == "a scan without targets"
+    assert np.isnan(result.covariance[4]).all()
+    assert np.isnan(result.inliers[4])
+    assert result.parts is None or np.isnan(result.parts.systematic[4]).all()
+    assert_array_equal(result.theta[4], result.theta[3])
+    assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.5
     assert np.isfinite(result.poses()).all()
 
 
@@ -324,7 +322,7 @@ def test_a_scan_in_which_nearly_everything_moves_is_marked(driven_by, still):
         doppler = np.where(moves, rng.uniform(-60.0, 60.0, scan.size), scan.doppler)
         return replace(scan, range=scan.range + moves * away, doppler=doppler)
 
-    result = driven_by(changed(surround_scans(), astir))
+    result = driven_by(changed(surround_scans(), astir), baseline=1)
     assert not result.converged[4]
     if still:
         assert result.reasons[4].startswith("an optimum that rejects 9")
@@ -342,8 +340,8 @@ def bundle(scan):
 @pytest.mark.parametrize("few", [bundle, lambda scan: scan[:1]], ids=["bundle", "one target"])
 def test_few_targets_leave_uncertain_what_they_do_not_show(driven_by, few):
     """Breaks if what is not observable is given with a small covariance, or ends the drive."""
-    usual = driven_by(surround_scans())
-    result = driven_by(changed(surround_scans(), few, slice(4, 7)))
+    usual = driven_by(surround_scans(), baseline=1)
+    result = driven_by(changed(surround_scans(), few, slice(4, 7)), baseline=1)
     good = np.flatnonzero(result.converged)
     assert set(range(3)) | set(range(7, 11)) <= set(good)
     assert np.abs(result.theta[7:] - STRAIGHT)[:, 0].max() < 0.3
@@ -409,12 +407,15 @@ def test_what_is_accepted_after_a_gap_in_a_bend_is_as_sure_as_it_says(gap):
 
 
 def test_a_track_contains_its_budget():
-    """Breaks if the covariance is not the sum of the parts, or the lag is not in it."""
+    """Breaks if a budget changes what is estimated, or a covariance is not the sum of its parts."""
     drive = simulate_drive(np.random.default_rng(1), duration=3.0)
     plain = track(drive)
-    budget = ErrorBudget(azimuth=0.002, doppler=0.02, scale=0.001, neighbours=1.0)
+    assert_same(track(drive, budget=ErrorBudget()), plain)
+    stated = ErrorBudget(azimuth=0.002, doppler=0.02, scale=0.001, lag=0.01)
+    assert_array_equal(track(drive, budget=stated).theta, plain.theta)
+    budget = replace(stated, lag=0.0, neighbours=1.0)
     found = track(drive, budget=budget)
-    assert plain.parts is None
+    assert plain.parts is not None
     assert found.parts is not None
     assert_array_equal(found.covariance, found.parts.total)
     assert_array_equal(found.converged, plain.converged)
@@ -451,20 +452,6 @@ def test_a_failure_shows_no_acceleration():
             for i in np.flatnonzero(~good):
                 before = np.flatnonzero(good[:i])
                 assert_array_equal(found.theta[i], found.theta[before[-1]] if before.size else 0.0)
-
-
-@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
-def test_a_covariance_that_overflows_is_no_estimate():
-    """Breaks if nan, which exceeds no limit, passes for plausible."""
-    drive = simulate_drive(np.random.default_rng(1), duration=0.3)
-    scans = [
-        replace(scan, sigma_doppler=np.append(scan.sigma_doppler[1:], 1e160))
-        for scan in drive.scans
-    ]
-    for limits in (None, VehicleLimits()):
-        found = track((scans, drive.mounting), budget=ErrorBudget(), limits=limits)
-        assert set(found.reasons) == {"a covariance that is not finite"}
-        assert np.isnan(found.covariance).all()
 
 
 def test_a_jump_is_refused_until_the_vehicle_could_have_made_it():

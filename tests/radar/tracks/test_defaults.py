@@ -1,0 +1,135 @@
+"""The defaults: the same numbers through every door, at their times, as certain as they say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from d2d.radar import (
+    ErrorBudget,
+    Mounting,
+    Sensor,
+    Track,
+    Tracker,
+    estimate_ego_motion,
+    simulate_drive,
+    track,
+    write_csv,
+)
+from d2d.radar.cli import main
+from d2d.radar.simulation.drive import CAR_SPEED, ROAD_SPEED, _motion
+from d2d.radar.simulation.world import build_world
+from d2d.scores import normalised_squares
+from tests.radar.scenes import AROUND, accelerating, named_sensors
+from tests.radar.tracks.test_files import assert_same
+from tests.radar.tracks.test_tracker import fed
+
+CORNERS = (
+    Mounting(3.6, 0.7, 0.5),
+    Mounting(3.6, -0.7, -0.5),
+    Mounting(-0.9, 0.8, 2.5),
+    Mounting(-0.9, -0.8, -2.5),
+)
+FRONT = (Mounting(3.6),)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_every_door_gives_the_same_numbers(tmp_path, count):
+    """Breaks if the command line, `track` and `Tracker` have defaults of their own."""
+    sensors = {
+        name: ([replace(s, time=round(s.time, 6)) for s in scans], at)
+        for name, (scans, at) in list(named_sensors(12).items())[:count]
+    }
+    whole = track(sensors)
+    tracker = Tracker({name: at for name, (_, at) in sensors.items()})
+    fed(tracker, sensors)
+    assert_same(tracker.track, whole)
+    for same in ({"horizon": 0.3}, {"budget": ErrorBudget()}, {"carry": True}):
+        assert_same(track(sensors, **same), whole)
+    log, words = str(tmp_path / "log.csv"), []
+    write_csv(log, {name: scans for name, (scans, _) in sensors.items()})
+    for name, (_, at) in sensors.items():
+        words += ["--mounting", name, *map(repr, (at.x, at.y, float(np.rad2deg(at.yaw))))]
+    assert main(["track", "--csv", log, *words, "--output", f"{tmp_path}/d", "--no-picture"]) == 0
+    written = Track.load(tmp_path / "d.npz")
+    assert_allclose(written.theta, whole.theta, rtol=1e-9, atol=1e-12)  # degrees are rounded
+    assert_allclose(written.covariance, whole.covariance, rtol=1e-6, atol=1e-15)
+
+
+def test_bare_pairs_are_asked_for():
+    """Breaks if there is no way to the velocity that registers two scans, or it takes options that
+    it does not use."""
+    drive = simulate_drive(np.random.default_rng(0), duration=1.0)
+    bare = track(drive, baseline=1, carry=False)
+    assert bare.parts is None
+    for i, pair in enumerate(zip(drive.scans, drive.scans[1:], strict=False)):
+        alone = estimate_ego_motion(*pair, drive.mounting, initial=bare.theta[max(i - 1, 0)])
+        assert_allclose(bare.theta[i], alone.theta, atol=1e-5)
+        assert_allclose(bare.covariance[i], alone.covariance, rtol=1e-4)
+    for options, said in (
+        ({"carry": False, "budget": ErrorBudget()}, "budget must be None without carry"),
+        ({"carry": False, "smooth": True}, "smooth must be False without carry"),
+        ({"carry": 1}, "carry must be True or False"),
+    ):
+        with pytest.raises(ValueError, match=f"^{said}"):
+            track(drive, **options)
+
+
+@pytest.mark.parametrize("options", [{}, {"baseline": 1}, {"baseline": 4}, {"horizon": 0.45}])
+def test_velocities_belong_to_their_times(options):
+    """Breaks if an estimate lags behind while the vehicle accelerates, whatever the pairs."""
+    sensors, truth = accelerating(
+        [10.0] * 3, [0.01, 0.03, 0.06], np.array([2.0, 0.0, 0.04]), AROUND, noise=1.0
+    )
+    found = track(sensors, **options)
+    late = found.times > 0.8
+    errors = (found.theta - truth(found.times))[late]
+    sigmas = np.sqrt(np.diagonal(found.covariance[late], axis1=1, axis2=2))
+    assert (np.abs(errors.mean(axis=0)) < 0.6 * sigmas.mean(axis=0)).all()
+
+
+def town(seed, speed, rate, mountings, seconds):
+    """Radars that are not in step, on one car, and its true velocity."""
+    rng, start, sensors = np.random.default_rng(seed), 17.0 * seed, {}
+    world = build_world(rng)
+    for i, at in enumerate(mountings):
+        late = 0.3 * i / len(mountings) / rate
+        drive = simulate_drive(
+            rng, seconds, speed, start=start + late, mounting=at, world=world, sensor=Sensor(rate)
+        )
+        sensors[f"radar {i}"] = [replace(s, time=s.time + late) for s in drive.scans], at
+    return sensors, lambda times: _motion(times, start, speed).theta
+
+
+def anees(speed, rate, mountings, seconds, **options):
+    """ANEES of the estimates of two drives, and the share that is accepted."""
+    squares, accepted = [], []
+    for seed in (0, 1):
+        sensors, truth = town(seed, speed, rate, mountings, seconds)
+        found = track(sensors, **options)
+        good = found.converged
+        errors = (found.theta - truth(found.times))[good]
+        squares.append(normalised_squares(errors, found.covariance[good]))
+        accepted.append(good.mean())
+    return np.concatenate(squares).mean() / 3.0, np.mean(accepted)
+
+
+@pytest.mark.parametrize("mountings", [FRONT, CORNERS], ids=["one radar", "four"])
+@pytest.mark.parametrize(("rate", "seconds"), [(4.0, 40.0), (10.0, 20.0), (20.0, 12.0)])
+def test_covariances_are_credible_on_a_road(mountings, rate, seconds):
+    """Breaks if the acceleration is known worse than stated, or without a budget not contained.
+
+    Causal, with no option at all.  The vehicle accelerates as recorded ones do, see `ROAD_SPEED`.
+    """
+    found, accepted = anees(ROAD_SPEED, rate, mountings, seconds)
+    assert 0.8 < found < 1.3
+    assert accepted > 0.98
+
+
+def test_a_hard_drive_is_overconfident_by_a_factor_that_is_known():
+    """Breaks if what the documentation says of a car that takes corners at 8 m/s is wrong."""
+    causal, _ = anees(CAR_SPEED, 10.0, CORNERS, 12.0)
+    smooth, _ = anees(CAR_SPEED, 10.0, CORNERS, 12.0, smooth=True)
+    assert 1.8 < causal < 3.5
+    assert 0.9 < smooth < 2.5
