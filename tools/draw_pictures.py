@@ -46,7 +46,7 @@ def overview() -> Figure:
     bar.set_ticks([150, 250, 350])
     style.label_planar_axes(axes[1], "cost of a translation")
     axes[1].set(xlabel="$t_x$ (m)", ylabel="$t_y$ (m)")
-    poses = track(drive).poses(drive.truth.poses[0])
+    poses = track(drive, baseline=1, carry=False).poses(drive.truth.poses[0])
     axes[2].plot(*poses[:, :2].T, **grammar.cost_line("robust", label="estimate"))
     axes[2].plot(*drive.truth.poses[:, :2].T, **grammar.TRUTH, label="truth")
     style.label_planar_axes(axes[2], "the path")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from d2d.radar import Mounting
 from d2d.radar.readers.radarscenes import RADARSCENES_BUDGET
-from d2d.radar.tracks.track import integrate
+from d2d.radar.tracks.path import integrate
 from d2d.study.road.estimates import estimates_path, read_estimates
 
 SCRIPT = Path(__file__).parents[1] / "_static" / "labs" / "replay_data.js"

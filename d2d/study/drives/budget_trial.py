@@ -117,9 +117,9 @@ def trial_errors(
     for number, drive in enumerate(_simulated(ingredient._replace(stated=True), drives, duration)):
         truth = drive.truth.theta
         scans = [with_known_errors(scan, ingredient) for scan in drive.scans]
-        options: dict[str, Any] = {"initial": truth[0], "limits": None, "smooth": True}
-        plain = track((scans, drive.mounting), **options)
-        full = track((scans, drive.mounting), budget=ingredient.budget, **options)
+        options: dict[str, Any] = {"baseline": 1, "initial": truth[0], "limits": None}
+        plain = track((scans, drive.mounting), carry=False, **options)
+        full = track((scans, drive.mounting), budget=ingredient.budget, smooth=True, **options)
         assert full.parts is not None
         good = full.converged
         kinds = np.stack([plain.covariance, full.parts.noise, full.covariance])

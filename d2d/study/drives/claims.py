@@ -53,7 +53,7 @@ def tracked_drive(seed: int, by_car: bool) -> tuple[Drive, dict[bool, Track]]:
         drive = simulate_drive(rng, DURATION, CAR_SPEED, mounting=CAR_MOUNTING)
     else:
         drive = simulate_drive(rng, DURATION)
-    return drive, {d: track(drive, doppler=d) for d in (False, True)}
+    return drive, {d: track(drive, doppler=d, baseline=1, carry=False) for d in (False, True)}
 
 
 def robot_drives() -> list[tuple[Drive, dict[bool, Track]]]:
@@ -167,7 +167,8 @@ def trajectory_drifts(ev: Evidence) -> None:
         offsets = []
         for drive, tracks in robot_drives():
             true = drive.truth.poses
-            off = tracks[doppler].poses(true[0]) - true
+            driven = tracks[doppler]
+            off = integrate(driven.theta, driven.intervals, true[0]) - true
             offsets.append(np.linalg.norm(off[[len(true) // 4, -1], :2], axis=-1))
         quarter, end = np.transpose(offsets)  # of each drive, in m
         growth = mean_of(end - quarter)

@@ -19,7 +19,8 @@ CORNERS = (
 )
 CAR_LIMITS = VehicleLimits(acceleration=8.0)  # of a car in town
 
-Ways = Mapping[str, Mapping[str, Any]]
+Ways = Mapping[str, dict[str, Any]]
+BARE: dict[str, Any] = {"baseline": 1, "carry": False}  # pairs of successive scans
 FEW_WAYS: Ways = {
     "as it is": {},
     "limits of this car": {"limits": CAR_LIMITS},
@@ -46,7 +47,7 @@ def few_targets() -> list[Row]:
     ]
     sensors, truth = [(drive.scans, drive.mounting) for drive in drives], drives[0].truth
     together = [
-        row(f"three: {way}", track(sensors, **FEW_WAYS[way]), truth)
+        row(f"three: {way}", track(sensors, **BARE | FEW_WAYS[way]), truth)
         for way in ("as it is", "no side slip, limits")
     ]
     return [*_rows(drives[0], FEW_WAYS, "one: "), *together]
@@ -80,5 +81,6 @@ def _drive(
 
 def _rows(drive: Drive, ways: Ways, prefix: str = "") -> list[Row]:
     return [
-        row(prefix + way, track(drive, **options), drive.truth) for way, options in ways.items()
+        row(prefix + way, track(drive, **BARE | options), drive.truth)
+        for way, options in ways.items()
     ]

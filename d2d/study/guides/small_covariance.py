@@ -150,8 +150,9 @@ def bias_against_targets() -> pd.DataFrame:
     for count in COUNTS:
         sensor = Sensor(max_targets=count, half_range=60.0, max_range=80.0, quantised=False)
         drive = _driven(_PLACES[0], sensor, SensorErrors(azimuth=BIAS), 11)
-        plain = compare(track(drive), drive.truth)
-        wide = compare(track(drive, budget=ErrorBudget(azimuth=BIAS)), drive.truth)
+        plain = compare(track(drive, baseline=1, carry=False), drive.truth)
+        stated = track(drive, baseline=1, budget=ErrorBudget(azimuth=BIAS))
+        wide = compare(stated, drive.truth)
         targets = np.mean([len(scan) for scan in drive.scans])
         sigmas = (np.sqrt(np.mean(each.sigmas[:, 1] ** 2)) for each in (plain, wide))
         rows.append((targets, plain.rmse[1], *sigmas))
@@ -205,7 +206,9 @@ def _judged(reason: Reason) -> list[float]:
         for number, (place, turned) in enumerate(zip(_PLACES, reason.turned, strict=True))
     ]
     scans = [[scaled(scan, reason.factor) for scan in drive.scans] for drive in drives]
-    first, second = (track(sensor) for sensor in zip(scans, _PLACES, strict=True))
+    first, second = (
+        track(sensor, baseline=1, carry=False) for sensor in zip(scans, _PLACES, strict=True)
+    )
     halves = [
         compare_halves([(scans[0], _PLACES[0])], np.random.default_rng(1), by=unit)
         for unit in ("target", "object")

@@ -8,7 +8,7 @@ from scipy.special import chdtri
 from d2d import credibility, rigid
 from d2d._types import Array
 from d2d.radar import Reference, Track
-from d2d.radar.tracks.track import integrate
+from d2d.radar.tracks.path import integrate
 from d2d.study.road.drive import HORIZON, Drive, Source
 from d2d.study.road.markdown import markdown, write_page
 

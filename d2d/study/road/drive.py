@@ -65,8 +65,12 @@ class Drive:
         return float(np.median(np.diff([scan.time for scan in self.recordings[0].scans])))
 
     def track(self, **options: Any) -> Track:
-        """Track all sensors together; options of `d2d.radar.track`."""
-        return track(self.recordings, **options)
+        """Track all sensors together; options of `d2d.radar.track`.
+
+        Without a budget, the bare pairs of scans.
+        """
+        carry = options.get("budget") is not None
+        return track(self.recordings, carry=carry, **options)
 
     def compare(self, **options: Any) -> Comparison:
         """Compare the track of all sensors, with these options, with the reference."""

@@ -140,7 +140,7 @@ def side_errors(sources: Sequence[Source], **options: Any) -> tuple[Any, Any]:
     errors, accepted = [], []
     for source, channel in product(sources, SIDE_CHANNELS):
         own = load_nuscenes(source.root, source.name, channel)
-        driven = track(own, **options)
+        driven = track(own, baseline=1, carry=False, **options)
         error = driven.theta - own.reference.at(driven.times).theta
         known = np.isfinite(error).all(axis=1)
         errors.append(error[known, 2])
@@ -158,7 +158,8 @@ def without_reference(drive: Drive) -> dict[str, Any]:
         for by in ("target", "object")
     }
     for name, budget in (("inverse Hessian", None), ("noise and budget", third.budget)):
-        pair = [track(r, baseline=2, budget=budget) for r in (third, second)]
+        carry = budget is not None
+        pair = [track(r, baseline=2, carry=carry, budget=budget) for r in (third, second)]
         found[f"sensor 3 against sensor 2, {name}"] = compare_tracks(*pair)
     return {name: scores(each) for name, each in found.items()}
 

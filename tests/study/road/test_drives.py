@@ -15,7 +15,7 @@ from d2d.radar import (
     load_radarscenes,
     simulate_drive,
 )
-from d2d.radar.tracks.track import integrate
+from d2d.radar.tracks.path import integrate
 from d2d.study.road import every_drive
 from d2d.study.road.displacements import LENGTH, by_drive, drift, span_errors
 from d2d.study.road.drive import DATA_SETS, Drive, find_drives, pick
