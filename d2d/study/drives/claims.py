@@ -10,6 +10,7 @@ from d2d._types import Array
 from d2d.bootstrap import block_length
 from d2d.radar import Track, compare, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, Drive
+from d2d.radar.tracks.path import integrate
 from d2d.study.book.claim import ANEES, RATIO, SHARE, Evidence, Margin, Part, claim, nearly_all
 from d2d.study.book.measured import (
     Measured,
