@@ -126,6 +126,16 @@ def test_block_length_without_correlation_is_short():
     assert np.median(lengths) == 1
 
 
+def test_block_length_sees_a_slow_part_behind_noise():
+    """Breaks if correlations of 0.14 count as chance in 2000 rows: they sum up to a long block."""
+    lengths = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        slow = autoregression(rng, 0.95, 2000)
+        lengths.append(block_length(0.4 * slow / slow.std() + rng.standard_normal(2000)))
+    assert np.median(lengths) > 20
+
+
 def test_the_slowest_column_counts_and_a_trend_is_bounded():
     """Breaks if columns are averaged, or one block holds the whole series."""
     rng = np.random.default_rng(7)

@@ -157,15 +157,15 @@ def test_it_is_quadratic_in_the_errors_and_in_the_unit():
 
 @pytest.mark.parametrize("of_twist", [False, True])
 def test_a_measurement_joins_with_its_own_variance(of_twist):
-    """Breaks if the measured values' noise is left out."""
+    """Breaks if the measured values' noise, or that of their inputs, is left out."""
     rng = np.random.default_rng(5)
     runs = 4000
     fixed, moving = overlapped_scene(runs, rng)
     gain, slope = rng.standard_normal((2, 8, 3))
     xi = d2d.rigid.logarithm(TRUTH) if of_twist else TRUTH
-    sigma = np.hypot(0.02, 0.001 * (slope @ xi))
+    sigma = np.hypot(0.02, 0.02 * (slope @ xi))
     value = gain @ xi + sigma * rng.standard_normal((runs, 8))
-    measured = LinearMeasurement(value, 0.02, 0.001, gain, slope, of_twist)
+    measured = LinearMeasurement(value, 0.02, 0.02, gain, slope, of_twist)
     estimate = register(fixed, moving, LIKELIHOOD, TRUTH, measurement=measured)
     covariance = propagate_covariance(estimate, fixed, moving, measurement=measured)
     actual = np.cov((estimate.theta - TRUTH).T)

@@ -1,5 +1,6 @@
 """register: the optimum, its covariance, and what it says when there is none."""
 
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -22,6 +23,7 @@ from d2d import (
     rigid,
     start_grid,
 )
+from d2d.registration import best_of
 from tests.strategies import (
     FUSIONS,
     METRICS,
@@ -244,6 +246,18 @@ def test_multi_start_is_the_best_of_its_starts_for_every_problem():
             for name in FIELDS[:-1]:
                 assert_array_equal(getattr(best, name), getattr(each, name)[winner], name)
             assert best.iterations == each.iterations.sum()
+
+
+def test_a_start_that_did_not_converge_does_not_win():
+    """Breaks if its cost counts, which may be lower where the cost ends in nan or on a slope."""
+    problem = scene(35, outlier="corrupted")
+    each = run(problem, starts_around(problem, 4, 37))
+    lowest = np.argmin(each.value)
+    best = best_of(replace(each, converged=np.arange(4) != lowest))
+    others = np.delete(each.value, lowest)
+    assert others.min() > each.value[lowest]
+    assert best.converged
+    assert best.value == others.min()
 
 
 def test_start_grid_reaches_its_edges_in_steps_no_longer_than_asked():

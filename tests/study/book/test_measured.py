@@ -73,6 +73,8 @@ def test_difference_not_seen_may_still_be_there():
     same = share_difference(np.ones(1000), np.ones(1000))
     assert same.low == pytest.approx(-same.high)
     assert 0.002 < same.high < 0.004
+    few = share_difference(np.ones(10), np.ones(10))
+    assert few.high == pytest.approx(1.96 * np.sqrt(2.0 / 12.0 / 12.0), abs=1e-4)
     lost = share_difference(np.zeros(1000), np.ones(1000))
     assert (lost, lost.low) == (-1.0, -1.0)
     assert -0.998 < lost.high < -0.99
