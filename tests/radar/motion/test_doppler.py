@@ -200,10 +200,27 @@ def test_an_acceleration_is_seen_by_two_scans_of_each_sensor():
         error = (found.value - acceleration) / np.sqrt(np.diag(found.covariance))
         assert np.abs(error).max() < limit
         assert found.covariance[0, 0] < 0.2 * before[0, 0]
-    nothing = doppler_acceleration([(a[:2], b[:2], at) for a, b, at in changes], before)
-    assert_array_equal(nothing.value, np.zeros(3))
     other = [(a, replace(b, doppler=b.doppler - 20.0), at) for a, b, at in changes]
     assert_array_equal(doppler_acceleration(other, before).value, np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("targets", "sigmas", "believed"),
+    [(6, 1.0, True), (4, 1.0, False), (9, 3.5, True), (9, 5.0, False)],
+)
+def test_a_change_of_velocity_is_believed_within_limits(targets, sigmas, believed):
+    """Breaks if fewer than five targets show it, or it is off by four standard deviations."""
+    before, interval = np.diag(np.square([3.0, 0.3, 0.2])), 0.2
+    faster = np.array([12.0 + 3.0 * sigmas * interval, 0.0, 0.0])
+    changes = [
+        (replace(scan[:targets], time=0.0), replace(later[:targets], time=interval), at)
+        for (scan, at), (later, _) in zip(
+            views_of(np.random.default_rng(4), [12.0, 0.0, 0.0], noise=0.0),
+            views_of(np.random.default_rng(4), faster, noise=0.0),
+            strict=True,
+        )
+    ]
+    assert doppler_acceleration(changes, before).value.any() == believed
 
 
 def test_one_sensor_does_not_show_rotation_unless_the_vehicle_does_not_slip():
