@@ -34,7 +34,7 @@ def write_json(path: Path, results: dict[str, Any], digits: int | None = None) -
 
 def _rounded(value: Any, digits: int) -> Any:
     if isinstance(value, dict):
-        return {key: _rounded(each, digits) for key, each in value.items()}
+        return {key: _rounded(item, digits) for key, item in value.items()}
     if isinstance(value, list):
-        return [_rounded(each, digits) for each in value]
+        return [_rounded(item, digits) for item in value]
     return float(f"{value:.{digits}g}") if isinstance(value, float) else value

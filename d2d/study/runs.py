@@ -85,7 +85,7 @@ class StatedCovariances(NamedTuple):
 def stacked(estimates: Sequence[Estimate]) -> Estimate:
     """Single estimates (N) as a batch (N,)."""
     return Estimate(
-        *(np.array([getattr(each, f.name) for each in estimates]) for f in fields(Estimate))
+        *(np.array([getattr(estimate, f.name) for estimate in estimates]) for f in fields(Estimate))
     )
 
 

@@ -242,7 +242,7 @@ def table_of(trials: Sequence[Trial], outcomes: Sequence[dict[str, float]]) -> p
     runs whose 95 % region contains the truth.
     """
     pairs = zip(trials, outcomes, strict=True)
-    return _with_shares(pd.DataFrame([vars(trial) | found for trial, found in pairs]))
+    return _with_shares(pd.DataFrame([vars(trial) | result for trial, result in pairs]))
 
 
 def _with_shares(rows: pd.DataFrame) -> pd.DataFrame:

@@ -60,8 +60,8 @@ class RandomScenes:
         ordered = np.take_along_axis(rest, order[..., np.newaxis], axis=1)
         length = self.shared + self.beyond
         fixed = np.concatenate([ordered[:, :length], scattered[:, : self.outliers]], axis=1)
-        seen = np.concatenate([ordered[:, self.beyond :], scattered[:, self.outliers :]], axis=1)
-        moving = rigid.transform_means(rigid.inverse(self.theta), seen)
+        second = np.concatenate([ordered[:, self.beyond :], scattered[:, self.outliers :]], axis=1)
+        moving = rigid.transform_means(rigid.inverse(self.theta), second)
         return self._measured(fixed, rng), self._measured(moving, rng)
 
     def _places(self, runs: int, count: int, rng: np.random.Generator) -> Array:

@@ -83,7 +83,7 @@ def register_symmetric(
             symmetric_derivatives(x * unit, fixed, moving, cost)[2] * np.outer(unit, unit)
         )
 
-    found = scipy.optimize.minimize(
+    optimum = scipy.optimize.minimize(
         objective,
         start / unit,
         jac=True,
@@ -91,7 +91,7 @@ def register_symmetric(
         method="trust-exact",
         options={"gtol": _TOLERANCE},
     )
-    theta = found.x * unit
+    theta = optimum.x * unit
     value, gradient, hessian = symmetric_derivatives(theta, fixed, moving, cost)
     covariance = fisher_covariance(hessian)
     converged = bool(gradient @ covariance @ gradient <= _DECREMENT)  # False where it is nan
@@ -102,5 +102,5 @@ def register_symmetric(
         gradient=gradient,
         hessian=hessian,
         converged=np.asarray(converged),
-        iterations=np.asarray(found.nfev),
+        iterations=np.asarray(optimum.nfev),
     )

@@ -161,8 +161,8 @@ def drawn_errors(
     budget, rounding = ingredient.budget, ingredient.rounding or 1.0
     sigmas = budget.azimuth, budget.doppler, budget.scale, budget.lag
     drawn = np.stack([sigma * _stratified(rng, drives) for sigma in sigmas], axis=-1)
-    own = {"extent": ingredient.extent, "neighbours": budget.neighbours, "rounding": rounding}
-    return [SensorErrors(*errors, **own) for errors in drawn.tolist()]
+    shared = {"extent": ingredient.extent, "neighbours": budget.neighbours, "rounding": rounding}
+    return [SensorErrors(*errors, **shared) for errors in drawn.tolist()]
 
 
 def _stratified(rng: np.random.Generator, drives: int) -> Array:

@@ -16,7 +16,7 @@ __all__ = ["IN_UNITS", "NAMES", "UNITS", "Drift", "errors_table"]
 UNITS = ("m/s", "m/s", "°/s")  # of IN_UNITS, as figures and tables print them
 
 
-def errors_table(found: Mapping[str, Comparison], caption: str) -> Table:
+def errors_table(comparisons: Mapping[str, Comparison], caption: str) -> Table:
     """Table of each comparison: errors, usable estimates and credibility.
 
     The ANEES stands with its 95 % interval by a block bootstrap, since errors along a drive are
@@ -25,12 +25,12 @@ def errors_table(found: Mapping[str, Comparison], caption: str) -> Table:
     """
     rows = {
         name: (
-            *each.rmse,
-            each.share,
-            each.measures.anees,
-            "{:.2f} to {:.2f}".format(*each.intervals().anees),
+            *comparison.rmse,
+            comparison.share,
+            comparison.measures.anees,
+            "{:.2f} to {:.2f}".format(*comparison.intervals().anees),
         )
-        for name, each in found.items()
+        for name, comparison in comparisons.items()
     }
     columns: list[Column] = [
         "",

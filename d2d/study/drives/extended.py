@@ -62,8 +62,8 @@ def extended_drive(
         to_sensor = rigid.inverse(rigid.compose(pose, MOUNTING.pose))
         x, y = rigid.transform_means(to_sensor, points).T
         distance, azimuth = np.hypot(x, y), np.arctan2(y, x)
-        seen = (distance > NEAREST) & (distance < FARTHEST) & (np.abs(azimuth) < WIDEST)
-        distance, azimuth = distance[seen], azimuth[seen]
+        in_view = (distance > NEAREST) & (distance < FARTHEST) & (np.abs(azimuth) < WIDEST)
+        distance, azimuth = distance[in_view], azimuth[in_view]
         doppler = doppler_velocity(THETA, azimuth, MOUNTING)
         sigmas = SIGMA_RANGE, azimuth_sigma(azimuth), SIGMA_DOPPLER
         noise = rng.standard_normal((3, len(distance)))
@@ -93,7 +93,7 @@ class ExtendedStudy(NamedTuple):
 
     half_width: float  # m, of the objects
     redrawn: bool  # whether each scan shows other points of them
-    found: ExtentEstimate  # the extent at which the scans are most likely
+    estimate: ExtentEstimate  # the extent at which the scans are most likely
     judged: dict[str, StatedCovariances]  # in m/s, m/s, rad/s, `COVARIANCES` of each of `MODELS`
 
     def rmse(self, model: str) -> Array:
@@ -109,13 +109,13 @@ def extended_study(
     See `extended_drive` for the arguments.  Every estimate starts at the true velocity.
     """
     scans = extended_drive(rng, half_width, redrawn=redrawn)
-    found = estimate_extent(scans, MOUNTING, max_pairs=25)
+    estimate = estimate_extent(scans, MOUNTING, max_pairs=25)
     true = half_width / math.sqrt(3.0) if redrawn else 0.0
     judged = {
         model: _estimates([scan.with_extent(extent) for scan in scans])
-        for model, extent in zip(MODELS, (0.0, found.extent, true), strict=True)
+        for model, extent in zip(MODELS, (0.0, estimate.extent, true), strict=True)
     }
-    return ExtendedStudy(half_width, redrawn, found, judged)
+    return ExtendedStudy(half_width, redrawn, estimate, judged)
 
 
 def _estimates(scans: Sequence[RadarScan]) -> StatedCovariances:

@@ -109,10 +109,10 @@ def platform(ax: Axes, mounting: Mounting, sensor: Sensor) -> None:
             corner = (wheel - 0.13, side - 0.06)
             ax.add_patch(Rectangle(corner, 0.26, 0.12, facecolor="0.35", edgecolor="none"))
     ax.add_patch(Rectangle((-0.5, -0.27), 0.9, 0.54, facecolor="0.9", edgecolor="0.4"))
-    half, place = np.rad2deg(sensor.field_of_view), (mounting.x, mounting.y)
+    half, sensor_position = np.rad2deg(sensor.field_of_view), (mounting.x, mounting.y)
     _field_of_view(ax, mounting, sensor, length=view_length, alpha=0.35)
-    ax.plot(*place, "s", color=PURPLE, ms=8)
-    _label(ax, place, "radar", PURPLE, (9, -4))
+    ax.plot(*sensor_position, "s", color=PURPLE, ms=8)
+    _label(ax, sensor_position, "radar", PURPLE, (9, -4))
     _label(ax, (mounting.x + 0.55 * view_length, 0.0), f"±{half:.0f}°", PURPLE, (-14, -4))
     _arrow(ax, (0, 0), (0.3, 0), BLACK)
     _arrow(ax, (0, 0), (0, 0.3), BLACK)
@@ -195,10 +195,10 @@ def error_columns(
 
 def velocity_ellipses(ax: Axes, estimates: Mapping[str, Estimate], theta: Array) -> None:
     """95 % ellipses of estimated velocities without and with Doppler, and the true ``theta``."""
-    for name, found in estimates.items():
+    for name, estimate in estimates.items():
         color = GREY if name == "without Doppler" else ROBUST
-        of_velocity = PointSet(found.theta[None, :2], found.covariance[None, :2, :2])
-        ax.plot(*found.theta[:2], "o", ms=3, color=color, label=name)
+        of_velocity = PointSet(estimate.theta[None, :2], estimate.covariance[None, :2, :2])
+        ax.plot(*estimate.theta[:2], "o", ms=3, color=color, label=name)
         ellipses(ax, of_velocity, math.sqrt(chi2.ppf(0.95, 2)), edgecolor=color, linewidth=1.5)
     ax.plot(*theta[:2], "+", color=BLACK, ms=9, label="truth")
     ax.set(xlabel="$v_x$ (m/s)", ylabel="$v_y$ (m/s)", aspect="equal")

@@ -53,8 +53,8 @@ class Motion(NamedTuple):
         step[3:, 3:] = np.diag(kept)
         moved = self.constant**2 * (2.0 * passed - 4.0 * (1.0 - kept) + 1.0 - kept**2)
         both = np.diag(self.sigma**2 * self.constant * (1.0 - kept) ** 2)
-        own = np.diag(self.sigma**2 * (1.0 - kept**2))
-        return step, np.block([[np.diag(self.sigma**2 * moved), both], [both, own]])
+        acceleration = np.diag(self.sigma**2 * (1.0 - kept**2))
+        return step, np.block([[np.diag(self.sigma**2 * moved), both], [both, acceleration]])
 
 
 # Of the simulated car over a lap, forward and about z: standard deviation, and the time after which
@@ -85,19 +85,21 @@ class Filter:
         step[:6, :6], added[:6, :6] = self._motion.over(interval)
         self.state, self.covariance = step @ self.state, step @ self.covariance @ step.T + added
 
-    def update(self, innovation: Array, to: Array, noise: Array, gate: float = np.inf) -> float:
+    def update(
+        self, innovation: Array, jacobian: Array, noise: Array, gate: float = np.inf
+    ) -> float:
         """Take a measurement unless its NIS, which is returned, exceeds the gate.
 
-        ``to`` are its derivatives in the state; those beyond its columns are zero.
+        ``jacobian`` holds its derivatives in the state; those beyond its columns are zero.
         """
-        to = np.pad(to, [(0, 0), (0, len(self.state) - to.shape[1])])
-        expected = to @ self.covariance @ to.T + noise
+        jacobian = np.pad(jacobian, [(0, 0), (0, len(self.state) - jacobian.shape[1])])
+        expected = jacobian @ self.covariance @ jacobian.T + noise
         nis = float(innovation @ np.linalg.solve(expected, innovation))
         if nis < gate:
-            gain = np.linalg.solve(expected, to @ self.covariance).T
-            kept = np.eye(len(self.state)) - gain @ to
+            gain = np.linalg.solve(expected, jacobian @ self.covariance).T
+            reduced = np.eye(len(self.state)) - gain @ jacobian
             self.state = self.state + gain @ innovation
-            self.covariance = kept @ self.covariance @ kept.T + gain @ noise @ gain.T
+            self.covariance = reduced @ self.covariance @ reduced.T + gain @ noise @ gain.T
         return nis
 
 
@@ -142,23 +144,23 @@ class FusionTrial(NamedTuple):
 
 def fusion_trial(drives: Sequence[Measured]) -> dict[str, FusionTrial]:
     """Filter all drives with each of `FILTERS`."""
-    found = {}
+    trials = {}
     for name in FILTERS:
         fused = [fuse(measured, name) for measured in drives]
-        late = np.concatenate([each.times > SETTLED for each in fused])
+        late = np.concatenate([result.times > SETTLED for result in fused])
         nis, used, errors, nees = (
-            np.concatenate([getattr(each, field) for each in fused])[late]
+            np.concatenate([getattr(result, field) for result in fused])[late]
             for field in ("nis", "used", "errors", "nees")
         )
         known = np.isfinite(nis)
-        found[name] = FusionTrial(
+        trials[name] = FusionTrial(
             float(nis[known].mean() / 3.0),
             float(np.mean(~used[known])),
             float(nees.mean() / 3.0),
             float(np.mean(nees < REGION)),
             np.sqrt(np.mean(errors**2, axis=0)) * [1.0, 1.0, *np.rad2deg([1.0, 1.0])],
         )
-    return found
+    return trials
 
 
 @cache
@@ -180,7 +182,7 @@ def _measured(rng: np.random.Generator, errors: SensorErrors) -> Measured:
     tracker = Tracker(
         {"radar": CAR_MOUNTING}, baseline=1, initial=start, budget=wrong.budget, limits=None
     )
-    estimates = [each for scan in scans for each in tracker.add("radar", scan)]
+    estimates = [estimate for scan in scans for estimate in tracker.add("radar", scan)]
     truth = drive.truth.theta[1:]
     bias = GYRO_BIAS * float(rng.standard_normal())
     gyro = truth[:, 2] + bias + GYRO_NOISE * rng.standard_normal(len(truth))
@@ -195,38 +197,38 @@ def fuse(measured: Measured, name: str) -> Fused:
     """
     parts = measured.radar.parts
     assert parts is not None
-    carried = {FILTERS[0]: measured.inverse_hessian, FILTERS[1]: parts.total}.get(name)
-    slow = 0 if carried is not None else slow_errors(measured.estimates)
+    stated = {FILTERS[0]: measured.inverse_hessian, FILTERS[1]: parts.total}.get(name)
+    slow = 0 if stated is not None else slow_errors(measured.estimates)
     filtered = Filter(float(measured.radar.theta[0, 0]), SIMULATED, slow + 1)
-    to_gyro = np.eye(7 + slow)[[_W]] + GYRO_BIAS * np.eye(7 + slow)[[-1]]
-    shown = np.eye(7 + slow)[[0, 1, 2, -1]] * [[1.0], [1.0], [1.0], [GYRO_BIAS]]
+    gyro_jacobian = np.eye(7 + slow)[[_W]] + GYRO_BIAS * np.eye(7 + slow)[[-1]]
+    output = np.eye(7 + slow)[[0, 1, 2, -1]] * [[1.0], [1.0], [1.0], [GYRO_BIAS]]
     results = []
     for i, estimate in enumerate(measured.estimates):
         filtered.predict(estimate.interval)
-        told = measured.gyro[i] - to_gyro @ filtered.state
-        filtered.update(told, to_gyro, np.array([[GYRO_NOISE**2]]))
+        innovation = measured.gyro[i] - gyro_jacobian @ filtered.state
+        filtered.update(innovation, gyro_jacobian, np.array([[GYRO_NOISE**2]]))
         nis = np.nan
-        if carried is not None and estimate.converged:
+        if stated is not None and estimate.converged:
             off = estimate.theta - filtered.state[:3]
-            nis = filtered.update(off, np.eye(3), carried[i], GATE)
+            nis = filtered.update(off, np.eye(3), stated[i], GATE)
         elif estimate.filter_input is not None:
             nis = take(filtered, estimate.filter_input, GATE)
         results.append(
-            (nis, nis < GATE, shown @ filtered.state, shown @ filtered.covariance @ shown.T)
+            (nis, nis < GATE, output @ filtered.state, output @ filtered.covariance @ output.T)
         )
-    squares, used, states, covariances = (np.array(each) for each in zip(*results, strict=True))
+    squares, used, states, covariances = (np.array(column) for column in zip(*results, strict=True))
     true = np.column_stack([measured.truth, np.full(len(squares), measured.bias)])
     return Fused(measured.radar.times, squares, used, states - true, covariances)
 
 
-def take(filtered: Filter, seen: FilterInput, gate: float = np.inf) -> float:
+def take(filtered: Filter, radar: FilterInput, gate: float = np.inf) -> float:
     """Give an estimate of a radar to a filter with its slow errors; returns the NIS."""
-    slow = filtered.state[6 : 6 + seen.slow.shape[1] + 1]
-    expected, to = seen.expected(filtered.state[:3], filtered.state[3:6], slow)
-    return filtered.update(seen.velocity - expected, to, seen.white, gate)
+    slow = filtered.state[6 : 6 + radar.slow.shape[1] + 1]
+    expected, jacobian = radar.expected(filtered.state[:3], filtered.state[3:6], slow)
+    return filtered.update(radar.velocity - expected, jacobian, radar.white, gate)
 
 
 def slow_errors(estimates: Iterable[VelocityEstimate]) -> int:
     """How many slow errors the estimates have, the lag among them."""
-    seen = (each.filter_input for each in estimates)
-    return next(len(each.slow.T) + 1 for each in seen if each is not None)
+    inputs = (item.filter_input for item in estimates)
+    return next(len(item.slow.T) + 1 for item in inputs if item is not None)

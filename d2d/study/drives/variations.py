@@ -29,14 +29,16 @@ def track_from(drive: Drive, start: ArrayLike, **options: Any) -> Track:
 
     ``options`` are those of `d2d.radar.estimate_ego_motion`.
     """
-    found = stacked(
+    estimates = stacked(
         [
             estimate_ego_motion(*pair, drive.mounting, initial=start, **options)
             for pair in pairwise(drive.scans)
         ]
     )
     times = drive.truth.times
-    return Track(times[1:], np.diff(times), found.theta, found.covariance, found.converged)
+    return Track(
+        times[1:], np.diff(times), estimates.theta, estimates.covariance, estimates.converged
+    )
 
 
 def followed(drive: Drive, starts: ArrayLike | None = None, **options: Any) -> Array:
@@ -47,9 +49,9 @@ def followed(drive: Drive, starts: ArrayLike | None = None, **options: Any) -> A
     (n, 3), each pair starts there instead.  ``options`` are those of
     `d2d.radar.estimate_ego_motion`.
     """
-    found = [drive.truth.theta[0]]
+    velocities = [drive.truth.theta[0]]
     for i, pair in enumerate(pairwise(drive.scans)):
-        start = found[-1] if starts is None else np.asarray(starts)[i]
+        start = velocities[-1] if starts is None else np.asarray(starts)[i]
         estimate = estimate_ego_motion(*pair, drive.mounting, initial=start, **options)
-        found.append(estimate.theta if estimate.converged else found[-1])
-    return np.array(found[1:])
+        velocities.append(estimate.theta if estimate.converged else velocities[-1])
+    return np.array(velocities[1:])

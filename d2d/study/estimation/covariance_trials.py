@@ -57,16 +57,16 @@ def both_covariances(
         "propagated": propagate_covariance(estimates, fixed, moving, cost),
     }
     good = estimates.converged
-    kept = {kind: each[good] for kind, each in stated.items()}
-    return StatedCovariances((estimates.theta - theta)[good], kept)
+    converged = {kind: covariances[good] for kind, covariances in stated.items()}
+    return StatedCovariances((estimates.theta - theta)[good], converged)
 
 
 @cache
 def covariance_study(name: str, width: float = 1.0) -> StatedCovariances:
     """Both covariances of a cost of `COSTS` and the scatter, each scaled to the actual noise."""
-    found = both_covariances(*overlapped_sets(width), COSTS[name], OVERLAPPED.theta)
-    actual = {kind: each / width**2 for kind, each in found.covariances.items()}
-    return found._replace(covariances=actual)
+    study = both_covariances(*overlapped_sets(width), COSTS[name], OVERLAPPED.theta)
+    actual = {kind: covariances / width**2 for kind, covariances in study.covariances.items()}
+    return study._replace(covariances=actual)
 
 
 def variance_ratio(study: StatedCovariances, kind: str) -> Array:
@@ -128,10 +128,10 @@ def shared_partner(count: int) -> SharedPartner:
     others = [moving]
     for seed in range(1, count):
         others.append(OVERLAPPED.sample(runs, np.random.default_rng([SEED, seed]))[1])
-    means = np.concatenate([each.means for each in others], axis=-2)
-    together = PointSet(means, np.concatenate([each.covariances for each in others], axis=-3))
-    found = both_covariances(fixed, together, COSTS["likelihood"], OVERLAPPED.theta)
-    fisher, propagated = (anees_of(found.credibility(kind)) for kind in found.covariances)
+    means = np.concatenate([points.means for points in others], axis=-2)
+    together = PointSet(means, np.concatenate([points.covariances for points in others], axis=-3))
+    study = both_covariances(fixed, together, COSTS["likelihood"], OVERLAPPED.theta)
+    fisher, propagated = (anees_of(study.credibility(kind)) for kind in study.covariances)
     return SharedPartner(fisher, propagated, 0.5 * (count + 1))
 
 

@@ -53,11 +53,11 @@ class PairedTargets:
     def quadratic(self) -> Array:
         """Q (5, 5): the cost is z'Q z / 2 with z = [cos phi, sin phi, t_x, t_y, 1]."""
         differences = np.zeros((self.moving.size, 2, 5))  # R mu + t - mu' as linear in z
-        (x, y), own = self.moving.means.T, self.fixed.means
+        (x, y), there = self.moving.means.T, self.fixed.means
         differences[:, 0, 0], differences[:, 0, 1] = x, -y
         differences[:, 1, 0], differences[:, 1, 1] = y, x
         differences[:, 0, 2] = differences[:, 1, 3] = 1.0
-        differences[..., 4] = -own
+        differences[..., 4] = -there
         rows = (self.roots @ differences).reshape(-1, 5)
         return np.asarray(rows.T @ rows)
 

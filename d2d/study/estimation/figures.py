@@ -88,12 +88,12 @@ def stated_over_actual(
         stated = np.diagonal(study.covariances[kind], axis1=1, axis2=2)
         line = {"color": COSTS[key].color, "ls": ":" if "P2D" in name else "-"}
         parts = dict.fromkeys(("boxprops", "whiskerprops", "capprops", "medianprops"), line)
-        places = row + np.array([-0.25, 0.0, 0.25])
+        positions = row + np.array([-0.25, 0.0, 0.25])
         box: dict[str, Any] = {"widths": 0.18, "whis": (5, 95), "showfliers": False, **parts}
         ratios = np.sqrt(stated / study.errors.var(axis=0))
-        ax.boxplot(ratios, positions=places, manage_ticks=False, **box)
-        for place, component in zip(places, ("$t_x$", "$t_y$", "φ"), strict=True):
-            ax.annotate(component, (place, 0.42), ha="center", fontsize=9)
+        ax.boxplot(ratios, positions=positions, manage_ticks=False, **box)
+        for position, component in zip(positions, ("$t_x$", "$t_y$", "φ"), strict=True):
+            ax.annotate(component, (position, 0.42), ha="center", fontsize=9)
     ax.axhline(1.0, **TRUTH)
     ax.set(yscale="log", ylim=(0.38, 6.0), ylabel="stated σ / actual σ")
     write_out_ticks(ax.yaxis, (0.5, 1, 2, 4))

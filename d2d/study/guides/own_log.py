@@ -45,9 +45,9 @@ def _simulated() -> dict[str, Drive]:
     world = build_world(rng)
     return {
         name: simulate_drive(
-            rng, DURATION, CAR_SPEED, mounting=place, sensor=_SENSOR, world=world, errors=_ERRORS
+            rng, DURATION, CAR_SPEED, mounting=mounting, sensor=_SENSOR, world=world, errors=_ERRORS
         )
-        for name, place in TRUE.items()
+        for name, mounting in TRUE.items()
     }
 
 

@@ -120,8 +120,8 @@ def _cases() -> dict[str, Case]:
         scene.sample(1000, np.random.default_rng(0)) for scene in (OVERLAPPED, OUTLIERS)
     )
     eight, ten, copies = (np.arange(count) for count in (8, 10, 8 * COPIES))
-    fixed, moving = (repeated(each, COPIES) for each in whole)
-    narrow_fixed, narrow_moving = (each.inflated(0.5) for each in whole)
+    fixed, moving = (repeated(points, COPIES) for points in whole)
+    narrow_fixed, narrow_moving = (points.inflated(0.5) for points in whole)
     turned = whole[1].transformed([0.0, 0.0, TURN])
     return {
         "nothing wrong": (*whole, LIKELIHOOD, theta, eight),
@@ -154,7 +154,7 @@ def bias_against_targets() -> pd.DataFrame:
         stated = track(drive, baseline=1, budget=ErrorBudget(azimuth=BIAS))
         wide = compare(stated, drive.truth)
         targets = np.mean([len(scan) for scan in drive.scans])
-        sigmas = (np.sqrt(np.mean(each.sigmas[:, 1] ** 2)) for each in (plain, wide))
+        sigmas = (np.sqrt(np.mean(comparison.sigmas[:, 1] ** 2)) for comparison in (plain, wide))
         rows.append((targets, plain.rmse[1], *sigmas))
     return pd.DataFrame(rows, columns=["targets", "rmse", "stated", "budgeted"])
 
@@ -202,8 +202,8 @@ def without_truth() -> dict[str, list[float]]:
 def _judged(reason: Reason) -> list[float]:
     sensor = Sensor(quantised=False)
     drives = [
-        _driven(place, sensor, replace(reason.errors, azimuth=turned * BIAS), 21 + number)
-        for number, (place, turned) in enumerate(zip(_PLACES, reason.turned, strict=True))
+        _driven(mounting, sensor, replace(reason.errors, azimuth=turned * BIAS), 21 + number)
+        for number, (mounting, turned) in enumerate(zip(_PLACES, reason.turned, strict=True))
     ]
     scans = [[scaled(scan, reason.factor) for scan in drive.scans] for drive in drives]
     first, second = (
@@ -217,10 +217,10 @@ def _judged(reason: Reason) -> list[float]:
     return [float(test.credibility.anees) for test in tests]
 
 
-def _driven(place: Mounting, sensor: Sensor, errors: SensorErrors, seed: int) -> Drive:
+def _driven(mounting: Mounting, sensor: Sensor, errors: SensorErrors, seed: int) -> Drive:
     """A drive of 20 s, always through the same world."""
     world = build_world(np.random.default_rng(5))
     rng = np.random.default_rng(seed)
     return simulate_drive(
-        rng, _DURATION, CAR_SPEED, mounting=place, sensor=sensor, world=world, errors=errors
+        rng, _DURATION, CAR_SPEED, mounting=mounting, sensor=sensor, world=world, errors=errors
     )

@@ -80,8 +80,8 @@ def over_ground_undone(
     They must be the velocities with which the sensor compensated its own motion.
     """
     return [
-        replace(scan, doppler=scan.doppler + doppler_velocity(own, scan.azimuth, mounting))
-        for scan, own in zip(scans, theta, strict=True)
+        replace(scan, doppler=scan.doppler + doppler_velocity(velocity, scan.azimuth, mounting))
+        for scan, velocity in zip(scans, theta, strict=True)
     ]
 
 
@@ -92,12 +92,12 @@ def unfolded(
 
     Velocities (n, 3) of the vehicle need not be exact: to within ``limit`` is enough.
     """
-    found = []
-    for scan, own in zip(scans, theta, strict=True):
-        gap = doppler_velocity(own, scan.azimuth, mounting) - scan.doppler
+    cured = []
+    for scan, velocity in zip(scans, theta, strict=True):
+        gap = doppler_velocity(velocity, scan.azimuth, mounting) - scan.doppler
         turns = np.round(gap / (2.0 * limit))
-        found.append(replace(scan, doppler=scan.doppler + 2.0 * limit * turns))
-    return found
+        cured.append(replace(scan, doppler=scan.doppler + 2.0 * limit * turns))
+    return cured
 
 
 @cache

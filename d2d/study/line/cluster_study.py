@@ -36,9 +36,9 @@ def spread(cost: RegistrationCost, spacing: float | None) -> Spread:
         sets = line_scene(rng, draws=draws)
     else:
         sets = clustered(rng, spacing * SIGMA, draws)
-    found = register(*sets, cost, [TRUTH])
-    good = found.converged
-    errors, covariances = found.theta[good] - TRUTH, found.covariance[good]
+    estimate = register(*sets, cost, [TRUTH])
+    good = estimate.converged
+    errors, covariances = estimate.theta[good] - TRUTH, estimate.covariance[good]
     return Spread(
         np.sqrt(covariances[:, 0, 0]) / SIGMA,
         errors[:, 0] / SIGMA,
@@ -60,17 +60,17 @@ class ClusterSweep(NamedTuple):
     @property
     def stated(self) -> Array:
         """Median stated standard deviation, in units of sigma."""
-        return np.array([np.median(found.stated) for found in self.spreads])
+        return np.array([np.median(spread.stated) for spread in self.spreads])
 
     @property
     def actual(self) -> Array:
         """Root mean square error in units of sigma."""
-        return np.array([np.sqrt(np.mean(found.errors**2)) for found in self.spreads])
+        return np.array([np.sqrt(np.mean(spread.errors**2)) for spread in self.spreads])
 
     @property
     def anees(self) -> Array:
         """ANEES; a single parameter is estimated."""
-        return np.array([found.nees.mean() for found in self.spreads])
+        return np.array([spread.nees.mean() for spread in self.spreads])
 
 
 @cache

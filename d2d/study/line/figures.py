@@ -142,7 +142,7 @@ def every_target(
         places += [(float(translations[i]), float(values[i]), name) for i in top]
     if not negative_log:
         highest = max(height for _, height, _ in places)
-        _write_letters(ax, [place for place in places if place[1] > _VISIBLE * highest])
+        _write_letters(ax, [peak for peak in places if peak[1] > _VISIBLE * highest])
         ax.margins(y=0.1)
     ax.axvline(scene.TRUTH, **TRUTH)
     ax.set_title("targets")

@@ -59,11 +59,11 @@ def outlier_map() -> tuple[Array, Array, Array]:
     table = np.empty((3, len(FRACTIONS), len(WIDTHS)))
     for i, fraction in enumerate(FRACTIONS):
         for j, width in enumerate(WIDTHS):
-            found = survey_corrupted(fraction, width, MAP_DRAWS)
+            surveys = survey_corrupted(fraction, width, MAP_DRAWS)
             table[:, i, j] = (
-                found.right(TRUTH, RIGHT).mean(),
-                np.mean(found.rival > COMPARABLE),
-                np.median(found.basin_width),
+                surveys.right(TRUTH, RIGHT).mean(),
+                np.mean(surveys.rival > COMPARABLE),
+                np.median(surveys.basin_width),
             )
     return table[0], table[1], table[2]
 

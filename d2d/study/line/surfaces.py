@@ -58,7 +58,7 @@ def peaks(translations: Array, log_values: Array) -> Peaks:
     # one search through all rows, with a wall after each so that its ends are no maxima
     walled = np.pad(rows, ((0, 0), (0, 1)), constant_values=np.inf)
     row, column = np.divmod(scipy.signal.find_peaks(walled.ravel())[0], walled.shape[1])
-    row, column = (each[column < len(translations)] for each in (row, column))
+    row, column = (index[column < len(translations)] for index in (row, column))
 
     order = np.lexsort((-rows[row, column], row))
     row, column = row[order], column[order]
@@ -119,7 +119,9 @@ class Survey(NamedTuple):
 
 def survey(translations: Array, log_values: Array, truth: float) -> Survey:
     """Measure every surface (draws, T), given by its logarithm on a grid (T,)."""
-    found = peaks(translations, log_values)
+    maxima = peaks(translations, log_values)
     top, left, right = basin_of_attraction(translations, log_values, truth)
-    optima = found.number.astype(np.float64)
-    return Survey(optima, found.positions[:, 0], np.exp(found.second_log_height), top, right - left)
+    optima = maxima.number.astype(np.float64)
+    return Survey(
+        optima, maxima.positions[:, 0], np.exp(maxima.second_log_height), top, right - left
+    )

@@ -67,9 +67,9 @@ def _share_wrong(kind: ClusterKind, seed: int) -> float:
     centre = scenario.targets[kind.targets : kind.targets + kind.companions].mean(axis=0)
     fixed, moving = scenario.sample(DRAWS, rng)
     starts = turned_about(scenario, centre, TURNS)[:, np.newaxis]
-    found = register(fixed, moving, SUMMING, starts)
-    lowest = np.where(found.converged, found.value, np.inf).argmin(axis=0)
-    errors = found.theta[lowest, np.arange(DRAWS)] - scenario.theta
+    estimates = register(fixed, moving, SUMMING, starts)
+    lowest = np.where(estimates.converged, estimates.value, np.inf).argmin(axis=0)
+    errors = estimates.theta[lowest, np.arange(DRAWS)] - scenario.theta
     return float(1.0 - at_truth(errors).mean())
 
 

@@ -57,8 +57,8 @@ def distance_and_rotation(errors: ArrayLike) -> tuple[Array, Array]:
 def at_truth(errors: ArrayLike) -> NDArray[np.bool_]:
     """Whether each error (..., 3) is within 1.5 m and 6 degrees."""
     distance, turn = distance_and_rotation(errors)
-    near: NDArray[np.bool_] = (distance < NEAR_DISTANCE) & (turn < NEAR_ROTATION)
-    return near
+    right: NDArray[np.bool_] = (distance < NEAR_DISTANCE) & (turn < NEAR_ROTATION)
+    return right
 
 
 def rms(values: Array) -> float:

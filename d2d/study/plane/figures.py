@@ -60,11 +60,11 @@ def cost_columns(
     rows = plt.subplots(count, 4, figsize=(PAGE, 1.9 * count), squeeze=False)[1]
     for *panels, (name, cost) in zip(columns.T, rows, costs.items(), strict=True):
         surface = translation_surface(cost, *sets, scenario.theta, OFFSETS)
-        near = translation_surface(cost, *sets, scenario.theta, NEAR_OFFSETS)
+        enlarged = translation_surface(cost, *sets, scenario.theta, NEAR_OFFSETS)
         profile = rotation_profile(cost, *sets, scenario.theta, ROTATIONS)
         above = profile.max() - profile
         for density, negative, *profiles in panels:
-            density_map(density, OFFSETS, surface, near)
+            density_map(density, OFFSETS, surface, enlarged)
             cost_map(negative, OFFSETS, surface)
             for ax, values, label in zip(
                 profiles, (np.exp(-above), above), ("density", "−log density"), strict=True

@@ -36,17 +36,17 @@ class Minima(NamedTuple):
     def near(self) -> NDArray[np.int64]:
         """Number (draws,) of minima within 10 m and 45 degrees of the truth."""
         limits = (SEARCH_DISTANCE, SEARCH_DISTANCE, SEARCH_ROTATION)
-        return np.array([(np.abs(each) <= limits).all(axis=-1).sum() for each in self.errors])
+        return np.array([(np.abs(errors) <= limits).all(axis=-1).sum() for errors in self.errors])
 
     @property
     def visible(self) -> NDArray[np.int64]:
         """Number (draws,) of all minima found whose density is above 1 % of the highest."""
-        return np.array([np.sum(each > VISIBLE) for each in self.log_heights])
+        return np.array([np.sum(heights > VISIBLE) for heights in self.log_heights])
 
     @property
     def right(self) -> NDArray[np.bool_]:
         """Whether the lowest minimum found is at the truth (draws,)."""
-        return at_truth([each[0] for each in self.errors])
+        return at_truth([errors[0] for errors in self.errors])
 
 
 @cache
@@ -59,12 +59,12 @@ def local_minima(scenario: Scenario, cost: RegistrationCost, draws: int = 5) -> 
     fixed, moving = scenario.sample(draws, np.random.default_rng(5))
     angles = np.linspace(-SEARCH_ROTATION, SEARCH_ROTATION, ROTATIONS)
     starts = scenario.theta + start_grid(SEARCH_DISTANCE, SPACING, angles)
-    found = register(fixed, moving, cost, starts[:, np.newaxis], threads=THREADS)
-    errors = found.theta - scenario.theta
+    estimates = register(fixed, moving, cost, starts[:, np.newaxis], threads=THREADS)
+    errors = estimates.theta - scenario.theta
     errors[..., 2] = np.angle(np.exp(1j * errors[..., 2]))
     distinct = []
-    for draw, reached in enumerate(found.converged.T):
-        chosen, values = errors[reached, draw], found.value[reached, draw]
+    for draw, converged in enumerate(estimates.converged.T):
+        chosen, values = errors[converged, draw], estimates.value[converged, draw]
         kept = _distinct(chosen, values)
         distinct.append((chosen[kept], values[kept[0]] - values[kept], -values[kept[0]]))
     own_errors, log_heights, highest = zip(*distinct, strict=True)
@@ -102,8 +102,8 @@ def arrival_shares(
     """
     fixed, moving = scenario.sample(8, np.random.default_rng(0))
     starts = scenario.theta + start_plane(DISTANCES, TURNS, 8)[..., np.newaxis, :]
-    found = register(fixed, moving, cost, starts, scales, threads=THREADS)
-    return np.asarray(at_truth(found.theta - scenario.theta).mean(axis=(-2, -1)))
+    estimates = register(fixed, moving, cost, starts, scales, threads=THREADS)
+    return np.asarray(at_truth(estimates.theta - scenario.theta).mean(axis=(-2, -1)))
 
 
 def translation_surface(

@@ -49,10 +49,10 @@ def ray_ranges(pose: ArrayLike, azimuth: ArrayLike, walls: Walls = ROOM) -> Arra
     with s within [0, 1].
     Raises a ``ValueError`` if a ray meets no wall: the pose lies outside the room.
     """
-    place = rigid.motion("pose", pose, 2)
-    direction = rigid.rotation(place[2] + np.asarray(azimuth))[:, :, 0]
+    scanner = rigid.motion("pose", pose, 2)
+    direction = rigid.rotation(scanner[2] + np.asarray(azimuth))[:, :, 0]
     lines = segments(walls)
-    along, offset = lines[:, 1] - lines[:, 0], lines[:, 0] - place[:2]
+    along, offset = lines[:, 1] - lines[:, 0], lines[:, 0] - scanner[:2]
     cross = direction[:, None, 0] * along[:, 1] - direction[:, None, 1] * along[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = (offset[:, 0] * along[:, 1] - offset[:, 1] * along[:, 0]) / cross
@@ -63,7 +63,7 @@ def ray_ranges(pose: ArrayLike, azimuth: ArrayLike, walls: Walls = ROOM) -> Arra
     hit = (distance > 0) & (fraction >= -1e-9) & (fraction <= 1.0 + 1e-9)
     ranges = np.asarray(np.where(hit, distance, np.inf).min(axis=1))
     if not np.isfinite(ranges).all():
-        raise ValueError(f"pose must lie inside the room, but is {place.tolist()}")
+        raise ValueError(f"pose must lie inside the room, but is {scanner.tolist()}")
     return ranges
 
 

@@ -37,7 +37,7 @@ def test_about_forty_objects_are_in_view(monkeypatch):
 
 def test_of_single_targets_the_scatter_is_found_of_several_less(monkeypatch):
     """Breaks if the estimate has another bias than its documentation says."""
-    found = study(1.0).found
+    found = study(1.0).estimate
     monkeypatch.setattr(extended, "MOST", 1)
     single = estimate_extent(extended_drive(np.random.default_rng(4), 1.0), MOUNTING)
     scatter = 1.0 / np.sqrt(3.0)
