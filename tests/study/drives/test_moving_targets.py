@@ -12,7 +12,8 @@ from d2d.study.drives.moving_targets import TargetWeights, rejected_walkers, wal
 def test_weights_are_the_probabilities_of_all_targets_of_all_good_pairs(driven):
     """Breaks if targets and labels of different scans are put together."""
     drive, result = driven
-    bad = replace(result, converged=np.arange(60) != 3)
+    good = np.arange(60) != 3
+    bad = replace(result, converged=good, reasons=np.where(good, "", "lost"))
     weights = TargetWeights.of(drive, bad)
     kept = [i for i in range(60) if i != 3]
     assert_array_equal(weights.kind, np.concatenate([drive.targets[i + 1].kind for i in kept]))
