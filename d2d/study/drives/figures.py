@@ -220,14 +220,6 @@ def rejected_kinds(ax: Axes, shares: Mapping[str, Mapping[str, float]]) -> None:
     ax.grid(axis="y", visible=False)
 
 
-def rejected_directions(ax: Axes, angles: Array, shares: Mapping[str, Array]) -> None:
-    """Rejected share over the direction (A,) in rad in which a target walks."""
-    for color, (name, share) in zip((GREY, ROBUST), shares.items(), strict=False):
-        ax.plot(np.rad2deg(angles), share, "o-", ms=3, color=color, label=name)
-    ax.set(xlabel="direction to the line of sight (°)", ylabel="share rejected", ylim=(0.0, 1.03))
-    ax.set_xticks([0, 30, 60, 90])
-
-
 def track_lines(ax: Axes, poses: Array, true: Array) -> None:
     """The integrated path over the true one, with lines that join poses of the same time."""
     links = np.stack([poses[::100, :2], true[::100, :2]], axis=1)

@@ -24,12 +24,6 @@ TARGETS, RUNS = 30, 1000
 COVARIANCES = ("inverse Hessian", "propagated, errors apart", "propagated, error shared")
 
 
-def variance_ratios(errors: Array, covariances: Array) -> Array:
-    """Actual over reported variance along the two matrices' common axes, ascending (3,)."""
-    root = np.linalg.cholesky(covariances.mean(axis=0))
-    return np.asarray(np.linalg.eigvalsh(np.cov(np.linalg.solve(root, errors.T))))
-
-
 def shared_azimuth(
     rng: np.random.Generator,
     theta: Array,

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import Credibility, PointSet, RegistrationCost, credibility, register, rigid
@@ -26,8 +25,6 @@ from d2d.radar import (
     track,
 )
 from d2d.radar.simulation.drive import CAR_SPEED
-from d2d.study.book.grammar import GREY, OCHRE, PURPLE
-from d2d.study.book.style import write_out_ticks
 from d2d.study.guides.stated_sigmas import scaled
 from d2d.study.plane.evaluation import LIKELIHOOD, ROBUST, SUMMING
 from d2d.study.plane.scenarios import OUTLIERS, OVERLAPPED
@@ -44,11 +41,6 @@ _PLACES = (Mounting(3.7, 0.5, 0.0), Mounting(3.7, -0.5, 0.0))  # two radars that
 
 
 # ---- Point sets
-
-
-def unit_weights(points: PointSet) -> PointSet:
-    """The points with variances of 1 m^2, as if nothing were known of their errors."""
-    return PointSet(points.means, np.broadcast_to(np.eye(2), points.covariances.shape))
 
 
 def residual_variance(theta: Array, fixed: PointSet, moving: PointSet) -> Array:
@@ -157,16 +149,6 @@ def bias_against_targets() -> pd.DataFrame:
         sigmas = (np.sqrt(np.mean(comparison.sigmas[:, 1] ** 2)) for comparison in (plain, wide))
         rows.append((targets, plain.rmse[1], *sigmas))
     return pd.DataFrame(rows, columns=["targets", "rmse", "stated", "budgeted"])
-
-
-def draw_bias(ax: Axes, rows: pd.DataFrame) -> None:
-    """Error and standard deviations against the number of targets."""
-    ax.plot(rows.targets, rows.rmse, "o-", color=OCHRE, label="error (RMSE)")
-    ax.plot(rows.targets, rows.stated, "s--", color=GREY, label="inverse Hessian")
-    ax.plot(rows.targets, rows.budgeted, "^:", color=PURPLE, label="with a budget")
-    ax.set(xscale="log", xlabel="targets in a scan", ylabel="$v_y$ (m/s)", ylim=(0.0, None))
-    write_out_ticks(ax.xaxis, rows.targets.round())
-    ax.legend()
 
 
 class Reason(NamedTuple):

@@ -20,7 +20,6 @@ from d2d.study.book.grammar import (
     DENSITY_MAP,
     GREY,
     SETS,
-    SHARE_MAP,
     TRUTH,
     cost_line,
     mark_truth,
@@ -234,12 +233,3 @@ def error_shares(
     for ax, title, (unit, limits) in zip(axes, titles, ERROR_LIMITS.items(), strict=True):
         ax.set(xscale="log", xlabel=f"error ({unit})", title=title, xlim=limits)
         ax.set(ylabel="share of runs", ylim=(0.0, 1.02))
-
-
-def arrival_map(ax: Axes, distances: Array, turns: Array, shares: Array, title: str = "") -> Any:
-    """Share of starts (turns, distances) that end at the truth; returns the coloured mesh."""
-    settings: dict[str, Any] = {"vmin": 0.0, "vmax": 1.0, "cmap": SHARE_MAP, "shading": "nearest"}
-    picture = ax.pcolormesh(distances, np.rad2deg(turns), shares, rasterized=True, **settings)
-    ax.grid(False)
-    ax.set(xlabel="start off by (m)", ylabel="start off by (°)", title=title)
-    return picture
