@@ -5,6 +5,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 import scipy
 from numpy.typing import NDArray
 
@@ -129,22 +130,13 @@ class Fused(NamedTuple):
         return normalised_squares(self.errors[:, :3], self.covariances[:, :3, :3])
 
 
-class FusionTrial(NamedTuple):
-    """The verdict on one of `FILTERS`, over all drives after `SETTLED` seconds.
+def fusion_trial(drives: Sequence[Measured]) -> pd.DataFrame:
+    """Filter all drives with each of `FILTERS`; a row for each, of what follows `SETTLED` seconds.
 
-    A credible filter has the means 1 and the share 0.95.
+    ``nis`` and ``nees`` are means per dimension, 1 for a credible filter; ``rejected`` is the share
+    beyond the gate and ``inside`` the share in the 95 % region.  The RMSE are in m/s, m/s, °/s.
     """
-
-    nis: float  # mean per dimension
-    rejected: float  # share beyond the gate
-    nees: float  # mean per dimension, of the filtered velocity
-    nees_within: float  # share in the 95 % region
-    rmse: Array  # (4,) of v_x, v_y, omega and the gyro's bias in m/s, m/s, °/s, °/s
-
-
-def fusion_trial(drives: Sequence[Measured]) -> dict[str, FusionTrial]:
-    """Filter all drives with each of `FILTERS`."""
-    trials = {}
+    rows = {}
     for name in FILTERS:
         fused = [fuse(measured, name) for measured in drives]
         late = np.concatenate([result.times > SETTLED for result in fused])
@@ -153,14 +145,11 @@ def fusion_trial(drives: Sequence[Measured]) -> dict[str, FusionTrial]:
             for field in ("nis", "used", "errors", "nees")
         )
         known = np.isfinite(nis)
-        trials[name] = FusionTrial(
-            float(nis[known].mean() / 3.0),
-            float(np.mean(~used[known])),
-            float(nees.mean() / 3.0),
-            float(np.mean(nees < REGION)),
-            np.sqrt(np.mean(errors**2, axis=0)) * [1.0, 1.0, *np.rad2deg([1.0, 1.0])],
-        )
-    return trials
+        rmse = np.sqrt(np.mean(errors[:, :3] ** 2, axis=0)) * [1.0, 1.0, np.rad2deg(1.0)]
+        shares = np.mean(~used[known]), nees.mean() / 3.0, np.mean(nees < REGION)
+        rows[name] = (nis[known].mean() / 3.0, *shares, *rmse)
+    columns = ["nis", "rejected", "nees", "inside", "v_x", "v_y", "omega"]
+    return pd.DataFrame.from_dict(rows, orient="index", columns=columns)
 
 
 @cache

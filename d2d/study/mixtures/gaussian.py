@@ -180,13 +180,6 @@ def initial_mixture(
     )
 
 
-def expect(x: ArrayLike, mixture: GaussianMixture) -> tuple[Array, float]:
-    """The E step: responsibilities (N, K) for the observations x (N, D), and log-likelihood."""
-    logs = mixture.log_components(x)
-    totals = np.logaddexp.reduce(logs, axis=-1, keepdims=True)
-    return np.exp(logs - totals), float(totals.sum())
-
-
 def maximise(
     x: ArrayLike,
     responsibilities: ArrayLike,
@@ -236,12 +229,12 @@ def fit_mixture(
     least_gain = tolerance * len(points)
     steps, history = [initial_mixture(points, components, rng, floor=floor)], []
     while True:
-        responsibilities, log_likelihood = expect(points, steps[-1])
-        history.append(log_likelihood)
+        logs = steps[-1].log_components(points)  # the E step
+        totals = np.logaddexp.reduce(logs, axis=-1, keepdims=True)
+        history.append(float(totals.sum()))
         gain = history[-1] - history[-2] if len(history) > 1 else np.inf
         converged = gain <= least_gain
         if converged or len(history) > max_iterations:
             return MixtureFit(steps[-1], np.array(history), converged, tuple(steps))
-        steps.append(
-            maximise(points, responsibilities, steps[-1], floor=floor, equal_weights=equal_weights)
-        )
+        z = np.exp(logs - totals)
+        steps.append(maximise(points, z, steps[-1], floor=floor, equal_weights=equal_weights))
