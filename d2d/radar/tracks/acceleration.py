@@ -48,7 +48,7 @@ State = tuple[Array, Array]  # mean (..., 6) of [theta, a] and covariance (..., 
 
 
 class FilterRecord(NamedTuple):
-    """What a smoother needs of one estimate."""
+    """Record of one estimate for the smoother."""
 
     begun: State | None  # where the filter began anew, with what
     passed: float  # s, since the step before

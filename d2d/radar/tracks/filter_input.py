@@ -1,4 +1,4 @@
-"""What a Kalman filter needs of an estimate: its white noise, and its slow errors as states."""
+"""Estimates as input of a Kalman filter: white noise, and slow errors as states."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from d2d.radar.scans.budget import CovarianceParts
 
 
 class FilterInput(NamedTuple):
-    """What a Kalman filter needs of one estimate: a measurement of its state with white noise.
+    """Estimate as input of a Kalman filter: a measurement of its state with white noise.
 
     `VelocityEstimate.theta` is carried to its time by an acceleration that other estimates have
     shown, and its covariance contains errors that stay for many seconds.  A filter that takes all
@@ -79,7 +79,7 @@ class FilterInput(NamedTuple):
     def expected(
         self, velocity: ArrayLike, acceleration: ArrayLike, slow: ArrayLike
     ) -> tuple[Array, Array]:
-        """What ``velocity`` should be to a filter, and its derivatives (3, 6 + 2 S + 3).
+        """Predicted ``velocity`` for a filter, and its derivatives (3, 6 + 2 S + 3).
 
         The filter's state is the ``velocity`` (3,) and ``acceleration`` (3,) of the vehicle at the
         estimate's time, along x and y and about z, and the ``slow`` errors (2 S + 3,).  Derivatives

@@ -1,4 +1,4 @@
-"""Which scans are used: each once, each target once, by the time that its sensor gave it."""
+"""Select the scans that are used: each once, each target once, at its sensor's own time."""
 
 import sys
 import warnings

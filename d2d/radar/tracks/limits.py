@@ -1,4 +1,4 @@
-"""What a vehicle can do, and what it cannot."""
+"""Plausibility limits on velocity and acceleration."""
 
 import math
 from dataclasses import dataclass, fields, replace
@@ -93,7 +93,7 @@ class VehicleLimits:
         return replace(self, **free)
 
     def exceeded(self, state: State, last: State | None) -> str:
-        """What the state exceeds, in words; empty if it is plausible after the last one."""
+        """Reason to reject the state, in words; empty if it is plausible after the last one."""
         sigmas, theta = state.sigmas, state.theta.tolist()
         speed, turn = math.hypot(theta[0], theta[1]), abs(theta[2])
         if speed > self.speed + _SIGMAS * math.hypot(sigmas[0], sigmas[1]):

@@ -348,7 +348,7 @@ class Track(Frozen):
         return f"Track({count} estimates{span}, {share:.1%} converged)"
 
     def __str__(self) -> str:
-        """The same, the commonest reasons of failure, and a question if there are many."""
+        """Summary with the most frequent reasons of failure, and a question if there are many."""
         if self.reasons is None:
             return repr(self)
         alike = Counter(_NUMBER.sub("...", reason) for reason in self.reasons.tolist() if reason)

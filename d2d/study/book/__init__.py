@@ -1,1 +1,1 @@
-"""What all pages of the book share: style, drawing, tables, animations, claims."""
+"""Style, drawing, tables, animations and claims for all pages of the book."""
