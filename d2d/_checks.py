@@ -30,7 +30,7 @@ def check_real(name: str, value: ArrayLike) -> Array:
 
 
 class Bounds(NamedTuple):
-    """What finite numbers must be, and what is said of those that are too large."""
+    """Bounds of finite numbers, and the hint for those that are too large."""
 
     above: float = -math.inf
     least: float = -math.inf
@@ -70,7 +70,7 @@ class Bounds(NamedTuple):
         return float(array)
 
     def hold(self, values: Array) -> NDArray[np.bool_]:
-        """Which of the values (...) are finite and within the bounds."""
+        """Mask (...) of the values that are finite and within the bounds."""
         within = (values > self.above) & (values >= self.least) & (np.abs(values) <= self.most)
         return within & np.isfinite(values)
 

@@ -215,7 +215,7 @@ def select(array: NDArray[Any], axes: int, bound: Bound, part: slice = slice(Non
 
 
 def _selected(array: Array, axes: int, bound: Bound, part: slice) -> Array:
-    """The same, as the kernel takes it."""
+    """Selected arrays, contiguous for the kernel."""
     own = select(array, axes, bound, part)
     return read_only(own, *own.shape)
 

@@ -107,7 +107,7 @@ def value(
     cost: RegistrationCost,
     measurement: LinearMeasurement | None = None,
 ) -> Array:
-    """What is minimised (B,): -sum_k log q_k, or -log sum_k q_k.
+    """Value (B,) of the objective: -sum_k log q_k, or -log sum_k q_k.
 
     The same as `RegistrationCost.value` for motions (B, P) and point sets of batch shape (B,).
     """

@@ -34,7 +34,7 @@ class Pair(NamedTuple):
 
     @property
     def batch_shapes(self) -> list[tuple[int, ...]]:
-        """Those of both sets and of the measurement."""
+        """Batch shapes of both sets and of the measurement."""
         measured = () if self.measurement is None else self.measurement.batch_shape
         return [self.fixed.batch_shape, self.moving.batch_shape, measured]
 

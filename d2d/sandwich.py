@@ -98,7 +98,7 @@ def _from_scores(
 
 
 def target_scores(problem: Problem, bound: Bound) -> tuple[Array, Array]:
-    """What each target adds to the gradient (B, K, P) and Hessian (B, K, P, P) of the cost."""
+    """Contributions of each target to the gradient (B, K, P) and the Hessian (B, K, P, P)."""
     wanted = (rows.LOG_DENSITY, *rows.GRADIENT, *rows.CURVATURE)
     terms = np.swapaxes(problem.of_targets(bound, wanted), -2, -1)
     terms = terms.reshape(-1, *terms.shape[-2:])

@@ -37,7 +37,7 @@ class Whitened:
 
     @property
     def log_score(self) -> Array:
-        """What each component contributes (N, n) to `log_score`, which is their sum."""
+        """Contributions (N, n) of the components to `log_score`, which is their sum."""
         constant = 0.5 * math.log(2.0 * math.pi)
         return np.asarray(0.5 * self.values**2 + np.log(self.sigmas) + constant)
 

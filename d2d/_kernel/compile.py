@@ -111,7 +111,7 @@ class _KernelCache(FunctionCache):  # type: ignore[misc]
         self._cache_file._source_stamp = _STAMP
 
     def load_overload(self, *which: Any) -> Any:
-        """What was compiled before, or None if there is nothing that can be read."""
+        """Load the compiled function that was stored, or None if there is none that can be read."""
         try:
             return super().load_overload(*which)
         except OSError:

@@ -1,4 +1,4 @@
-"""What the errors of the targets of one set do to the gradient, added up."""
+"""Effect of the errors of the targets of one set on the gradient, added up."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Which components are near each target: lists that hold while the targets hardly move.
+"""Lists of the components near each target, which hold while the targets hardly move.
 
 A component is left out if it is certainly below ``exp(-gate)`` of the target's sum: ``det(A +
 B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)`` (Minkowski) bounds what all pairs of a target can add up

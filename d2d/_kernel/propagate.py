@@ -194,7 +194,7 @@ def prepare_targets(w, outlier, fusion, measured, top):
 
 @compiled
 def measurement_slopes(factor, chart):
-    """What the two errors of a measurement change: the logarithm of its density and the gradient.
+    """Slopes of a measurement's log density and gradient by its two errors.
 
     By the measured value, and by the input through the prediction alone.
     """
