@@ -39,7 +39,7 @@ def shifted_solve(h, g, shift, scale, step):
     d1 = h[1, 1] + shift * scale[1]
     d2 = h[2, 2] + shift * scale[2]
     floor0, floor1 = SINGULAR * abs(h[0, 0]), SINGULAR * abs(h[1, 1])
-    floor2 = SINGULAR * max(abs(h[2, 2]), scale[2] * max(abs(h[0, 0]), abs(h[1, 1])))
+    floor2 = SINGULAR * (abs(h[2, 2]) + scale[2] * abs(h[0, 0] + h[1, 1]))
     if not d0 > floor0:
         return False, 0.0
     l10, l20 = h[1, 0] / d0, h[2, 0] / d0
