@@ -79,7 +79,7 @@ def test_targets_that_err_together_are_told_by_object_only():
     assert 1.5 < low < 3.0 < high
     # and that is what the errors themselves say, which need a reference
     scans = drive(0, 0.5)
-    driven = track((scans, MOUNTING), doppler=False)
+    driven = track((scans, MOUNTING), baseline=1, carry=False, doppler=False)
     still = np.tile(THETA, (len(driven.times), 1))
     true = compare(driven, Reference(driven.times, still, np.zeros_like(still)))
     assert low < true.measures.anees < high
@@ -100,31 +100,31 @@ def test_halves_of_several_sensors_are_compared_in_rounds():
 def test_a_scan_that_cannot_be_halved_is_left_out():
     """Breaks if one bad scan loses a drive, or an empty half is an estimate."""
     scans = drive(2, 0.0, scans=9)
-    scans[3] = scans[3][:0]  # of two pairs
+    scans[3] = scans[3][:0]
     labels = _clusters(scans[6], 3.0)
     scans[6] = scans[6][labels == np.argmax(np.bincount(labels))]  # a single object
     sensors = [(scans, MOUNTING)]
     found = compare_halves(
         sensors, np.random.default_rng(3), by="object", distance=3.0, doppler=False
     )
-    gone = [scans[i].time for i in (3, 4, 6)]
+    gone = [scans[i].time for i in (3, 6)]
     assert not np.isin(found.times, gone).any()
     assert len(found.times) >= 4
-    assert found.share < found.converged <= 6 / 8  # all targets of scan 6 do give an estimate
+    assert found.share < found.converged <= 7 / 8  # all targets of scan 6 do give an estimate
 
 
-def test_halves_of_a_log_whose_clock_jumps_are_those_of_its_track():
+def test_halves_of_a_log_with_a_gap_are_those_of_its_track():
     """Breaks if the halves are divided in other rounds than the track's, or targets count twice."""
     scans = drive(3, 0.0, scans=30)
     doubled = scans[20][np.repeat(np.arange(scans[20].size), 2)]
     found = []
-    for seconds, twin in ((0.9, scans[20]), (-50.0, doubled)):
-        later = [replace(scan, time=scan.time + seconds) for scan in (*scans[15:20], twin)]
+    for twin in (scans[20], doubled):
+        later = [replace(scan, time=scan.time + 0.9) for scan in (*scans[15:20], twin)]
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             log = [([*scans[:15], *later], MOUNTING)]
             found.append(compare_halves(log, np.random.default_rng(4), doppler=False))
-        assert [each.filename for each in said] == [__file__] * (2 if seconds < 0.0 else 0)
+        assert [each.filename for each in said] == [__file__] * (twin is doubled)
     gap, jump = found
     assert len(jump.times) == 19
     assert_allclose(jump.errors, gap.errors, atol=1e-6)
