@@ -1,5 +1,6 @@
 """Whether an estimator's covariances are credible: NEES, noncredibility index, inclination."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,16 +76,18 @@ def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0
     if not n < runs:
         raise ValueError(f"errors must hold more runs than dimensions, but has the shape {e.shape}")
     tail = check_tail(confidence)
+    scale = np.abs(e).max(axis=0)  # the axes may have different units, and squares must be finite
+    e = e / np.where(scale > 0.0, scale, 1.0)
     actual = e.T @ e / runs
-    scale = np.sqrt(np.diagonal(actual))  # the axes may have different units
-    if (
-        not scale.all()
-        or np.linalg.matrix_rank(actual / np.outer(scale, scale), hermitian=True) < n
-    ):
+    if not scale.all() or np.linalg.matrix_rank(actual, hermitian=True) < n:
         raise ValueError("errors must span all dimensions: their mean square matrix is singular")
 
-    nees = normalised_squares(e, sigma)
     credible = normalised_squares(e, actual)
+    nees = np.full(runs, np.nan)
+    with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):  # which are refused
+        nees = normalised_squares(e, sigma / scale[:, None] / scale)
+    if not (np.isfinite(nees) & ((nees > 0.0) | (credible == 0.0))).all():
+        raise ValueError("errors and covariances must be of sizes whose ratio can be told")
     # an error of exactly zero is perfectly credible: 0 / 0 counts as 1
     ratio = np.divide(nees, credible, out=np.ones_like(nees), where=credible > 0)
     decibel = 10.0 * np.log10(ratio)

@@ -1,6 +1,7 @@
 """Credibility indices, against drawn errors of known covariance and SciPy's quantiles."""
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import chi2
 
@@ -90,3 +91,16 @@ def test_an_error_of_exactly_zero_counts_as_credible():
     result = credibility(errors, np.eye(3))
     assert result.ratio[4] == 1.0
     assert np.isfinite([result.nci, result.inclination]).all()
+
+
+@pytest.mark.parametrize("power", [-155, -120, 0, 120, 153])
+def test_scales_do_not_matter(power):
+    """Breaks if squares of small or large errors leave the range of floating point numbers."""
+    errors = np.random.default_rng(0).standard_normal((50, 3))
+    expected = credibility(errors, np.eye(3))
+    found = credibility(10.0**power * errors, np.eye(3) * 10.0**power * 10.0**power)
+    assert found.nci == pytest.approx(expected.nci)
+    with pytest.raises(ValueError, match=r"^(errors|covariances) "):
+        credibility(1e160 * errors, 1e-160 * np.eye(3))
+    with pytest.raises(ValueError, match=r"^(errors|covariances) "):
+        credibility(1e-160 * errors, 1e160 * np.eye(3))

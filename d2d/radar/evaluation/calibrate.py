@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import SECONDS, check_instance, check_members, check_rows, check_scalar
+from d2d._checks import METRES, SCALE, SECONDS, check_instance, check_members, check_rows
 from d2d._types import Array
 from d2d.radar.evaluation.calibration_model import (
     CalibrationModel,
@@ -31,6 +31,10 @@ _SEARCHED = SECONDS._replace(least=1e-6, most=1e4)
 _AT_BOUND = 1e-3  # s
 _MAX_SELECTIONS = 10  # of scans that are not grossly off
 _MIN_SPEED = 0.5  # m/s
+_AHEAD_BOUND = METRES._replace(most=100.0)  # m
+# Standard deviations that residuals may have.  They have 0.9 on RadarScenes, and with sigmas far
+# too small 6 and more, where two targets of each scan are left, which fit anything.
+_UNEXPLAINED = 5.0
 
 SensorLog = tuple[Iterable[RadarScan], Mounting, Reference]
 
@@ -121,7 +125,8 @@ def calibrate(
     registration is needed.
 
     Raises a ``ValueError`` if two sensors have a scan in common, a sensor has fewer than two scans
-    with targets, the vehicle stands still, the references cover no scan, or an argument is invalid.
+    with targets, all its Doppler velocities are zero, or residuals are more than five standard
+    deviations, the vehicle stands still, the references cover no scan, or an argument is invalid.
     Warns if the best lag is at a bound of the search, or the drive has too little acceleration to
     determine it (standard deviation above 0.1 s), so that it is held at zero.
 
@@ -166,7 +171,7 @@ def calibrate(
     velocities = scan_velocities((scans, mounting) for scans, mounting, _ in logs)
     model = CalibrationModel.of(velocities, [reference for *_, reference in logs], _POWERS)
     if ahead is not None:
-        model.start[_AHEAD - 1] = check_scalar("ahead", ahead)
+        model.start[_AHEAD - 1] = _AHEAD_BOUND.number("ahead", ahead)
         model.free[_AHEAD - 1] = False
     free = np.concatenate([[True], model.free])
     model, found = _selected(model, -bound, bound)
@@ -190,6 +195,13 @@ def calibrate(
             "off by more (max_lag), or the reference belong to another drive",
             stacklevel=2,
         )
+    rms = float(np.sqrt(found.mean_square))
+    if not rms < _UNEXPLAINED:
+        raise ValueError(
+            f"recordings must have Doppler velocities that their sigmas explain, but residuals are "
+            f"{rms:.1f} standard deviations; are sigma_doppler and sigma_azimuth too small, or is "
+            "the reference that of another drive?"
+        )
     speed, offset, square, *yaw = found.parameters
     speed_factor = 1.0 + float(speed)
     unit = np.ones(len(free))
@@ -204,7 +216,7 @@ def calibrate(
             Mounting(mounting.x, mounting.y, float(np.fmod(mounting.yaw + angle, 2.0 * np.pi)))
             for (_, mounting, _), angle in zip(logs, yaw, strict=True)
         ],
-        rms=float(np.sqrt(found.mean_square)),
+        rms=rms,
         share=float(found.known.mean()),
         scans=len(velocities.time),
         duration=float(np.ptp(velocities.time)),
@@ -227,6 +239,10 @@ def _logs(recordings: Recording | Iterable[Recording | SensorLog]) -> list[Senso
         listed = check_members(f"the scans of {name}", scans, RadarScan)
         if len({scan.time for scan in listed if scan.size}) < 2:
             raise ValueError(f"{name} must have at least two scans with targets")
+        for scan in listed:
+            SCALE.array(f"sigma_doppler of {name}", scan.sigma_doppler)
+        if not any(scan.doppler.any() for scan in listed):
+            raise ValueError(f"{name} must have Doppler velocities, but all of them are zero")
         if len(reference.times) < 2 or not (np.diff(reference.times) > 0).all():
             raise ValueError(f"{name} must have a reference with at least two times, increasing")
         if not (np.abs(reference.theta[:, 0]) > _MIN_SPEED).any():

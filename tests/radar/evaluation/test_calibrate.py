@@ -4,6 +4,8 @@ The drives are made up: static targets in random directions, seen by sensors who
 turned, on a vehicle whose axle slips, beside an odometry that is late or early, too slow or fast.
 """
 
+import re
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -290,6 +292,7 @@ def test_what_cannot_be_calibrated_is_refused_by_name():
     (first, _) = drive(14, duration=2.0)
     scans, mounting, reference = first.scans, first.mounting, first.reference
     entry, empty = (scans, mounting, reference), [scan[:0] for scan in scans]
+    silent = [replace(scan, doppler=0.0 * scan.doppler) for scan in scans]
     still = replace(reference, theta=0.0 * reference.theta)
     late = replace(reference, times=reference.times + 100.0)
     back = replace(reference, times=reference.times[::-1])
@@ -302,7 +305,9 @@ def test_what_cannot_be_calibrated_is_refused_by_name():
         ([(*entry[:2], late)], {}, "^the references of recordings must cover the times"),
         ([(*entry[:2], back)], {}, r"^recordings\[0\] must have a reference .* increasing"),
         ([entry, (scans[:5], MOUNTINGS[1], reference)], {}, "is one sensor given twice"),
+        ([(silent, *entry[1:])], {}, "all of them are zero"),
         ([entry], {"max_lag": 0.0}, "^max_lag must"),
+        ([entry], {"ahead": 1e300}, "^ahead must be in m, at most 100"),
         ([entry], {"ahead": np.nan}, "^ahead must be"),
         ([entry], {"max_lag": 5.0}, r"at a lag of -5.000 s; is max_lag longer than the drive"),
     ):
@@ -311,6 +316,28 @@ def test_what_cannot_be_calibrated_is_refused_by_name():
     for name in ("ahead", "compliance"):
         with pytest.raises(ValueError, match=f"^{name} must be"):
             SlipLaw(**{name: np.nan})
+
+
+@pytest.mark.parametrize("power", [-200, -100, -20, -5, -2, -1.31, 0, 1])
+def test_sigmas_of_any_size_give_a_lag_within_its_error_or_a_refusal(power):
+    """Breaks if sigmas that are far too small leave two targets of each scan, which fit anything,
+    or the limit of the residuals doubles."""
+    sensors = [
+        replace(each, scans=[replace(s, sigma_doppler=10.0**power) for s in each.scans])
+        for each in drive(3, 0.1)
+    ]
+    said = ""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # what cannot be told is held
+            found = calibrate(sensors)
+    except ValueError as error:
+        said = str(error)
+    if said:
+        assert re.match("recordings must have|sigma_doppler of recordings", said)
+        assert power < -1.5
+    else:
+        assert not abs(found.lag - 0.1) > 4.0 * found.sigmas[0]
 
 
 @pytest.mark.radarscenes
