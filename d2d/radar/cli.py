@@ -10,7 +10,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from d2d.radar.evaluation.calibrate import calibrate
 from d2d.radar.evaluation.compare import compare
 from d2d.radar.evaluation.diagnose import Finding, diagnose
 from d2d.radar.evaluation.halves import compare_tracks
+from d2d.radar.files import write_together
 from d2d.radar.live import estimates_of
 from d2d.radar.readers import READERS
 from d2d.radar.readers.csv_log import mountings_of, sigmas_of, write_csv
@@ -69,11 +70,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (ValueError, OSError) as error:
-        print(f"{PROGRAM}: error: {_plain(error)}", file=sys.stderr)
+        _complain(f"error: {error}")
         return 1
     except KeyboardInterrupt:
         rest = ", nothing was written" if arguments.command == "track" else ""
-        print(f"{PROGRAM}: interrupted{rest}", file=sys.stderr)
+        _complain(f"interrupted{rest}")
         return 130  # as shells report it
     return 0
 
@@ -83,12 +84,19 @@ def _plain_warnings() -> Iterator[None]:
     """Inside, a warning is a line on the standard error."""
 
     def show(message: Warning | str, *_where: object) -> None:
-        print(f"{PROGRAM}: warning: {_plain(message)}", file=sys.stderr)
+        _complain(f"warning: {message}")
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = show  # type: ignore[assignment]
         yield
+
+
+def _complain(text: str) -> None:
+    """Write a line to the standard error; drop it if that cannot be written to."""
+    if sys.stderr is not None:
+        with suppress(OSError, ValueError):
+            print(f"{PROGRAM}: {_plain(text)}", file=sys.stderr, flush=True)
 
 
 def _plain(text: object) -> str:
@@ -312,17 +320,16 @@ def _agreement(first: tuple[str, Track], second: tuple[str, Track]) -> str:
 def _live(arguments: argparse.Namespace) -> None:
     if sys.stdin is None:
         raise ValueError("live reads scans from the standard input, which is closed")
+    if sys.stdout is None:
+        raise ValueError("live writes estimates to the standard output, which is closed")
     tracker = Tracker(mountings_of(vars(arguments)), keep=1, **_options(arguments, ErrorBudget()))
     if isinstance(sys.stdin, io.TextIOWrapper):
         # JSON is UTF-8, which may begin with a mark; a wrong byte is one wrong line
         sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")
 
-    def complain(text: str) -> None:
-        print(f"{PROGRAM}: {text}", file=sys.stderr, flush=True)
-
     sigmas = sigmas_of(vars(arguments))
     degrees = bool(arguments.degrees)
-    for line in estimates_of(sys.stdin, tracker, complain, degrees=degrees, **sigmas):
+    for line in estimates_of(sys.stdin, tracker, _complain, degrees=degrees, **sigmas):
         print(line, flush=True)
 
 
@@ -359,27 +366,27 @@ def _prefix(output: str) -> Path:
 
 
 def _files(prefix: Path) -> list[Path]:
-    ends = (".tum", "_velocities.csv", ".npz", ".png")
+    ends = (".png", ".tum", "_velocities.csv", ".npz")  # the whole track comes last
     return [prefix.with_name(f"{prefix.name}{end}") for end in ends]
 
 
 def _write(driven: Track, prefix: Path, *, picture: bool) -> list[Path]:
-    """Write all files aside, and move them to their places only when all are complete."""
+    """Write all files elsewhere, and put them in their places only when all are complete."""
     prefix.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".", suffix=".part", dir=prefix.parent) as folder:
+    with tempfile.TemporaryDirectory() as folder:
         aside = _files(Path(folder) / prefix.name)
-        tum, velocities, everything, drawn = aside
+        drawn, tum, velocities, everything = aside
         driven.write_tum(tum)
         driven.write_velocities(velocities)
         driven.save(everything)
         if picture:
             _draw(driven, drawn)
-        pairs = [pair for pair in zip(aside, _files(prefix), strict=True) if pair[0].exists()]
-        for part, path in pairs:
-            os.replace(part, path)
-    for path in {*_files(prefix)} - {path for _, path in pairs}:
-        path.unlink(missing_ok=True)  # a picture of another track
-    return [path for _, path in pairs]
+        contents = {
+            path: part.read_bytes() if part.exists() else None
+            for path, part in zip(_files(prefix), aside, strict=True)
+        }
+    write_together(contents)
+    return [path for path, content in contents.items() if content is not None]
 
 
 def _draw(driven: Track, path: Path) -> None:
@@ -453,7 +460,8 @@ Estimates the velocity of a vehicle from one radar or several, integrates it to 
   PREFIX.npz              everything, for d2d.radar.Track.load
   PREFIX.png              a picture (if matplotlib is installed)
 
-Either all of them are written at the end or none. The first run compiles for up to a minute.
+Either all of them are written at the end or none: PREFIX.npz is there only beside the others. The
+first run compiles for up to a minute.
 """
 
 ABOUT = {

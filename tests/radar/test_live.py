@@ -2,6 +2,10 @@
 
 import io
 import json
+import shlex
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -100,6 +104,36 @@ def test_a_closed_input_is_named(monkeypatch, capsys):
         "error: live reads scans from the standard input, which is closed"
         in capsys.readouterr().err
     )
+
+
+PROGRAM = [sys.executable, "-m", "d2d.radar", *CALL]
+FULL = Path("/dev/full")  # every write to it fails
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="there is no device that is full")
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_complaint_that_cannot_be_written_is_dropped(closed):
+    """Breaks if a service ends with the log that it complains to, or its complaints are taken for
+    estimates."""
+    good = lines()
+    given = "\n".join([good[0], "{", "null", *good[1:]])
+    command = shlex.join(PROGRAM) + (" 2>&-" if closed else f" 2>{FULL}")
+    done = subprocess.run(command, shell=True, input=given, capture_output=True, text=True)
+    assert done.returncode == 0
+    assert [json.loads(line)["theta"] for line in done.stdout.splitlines()] == [
+        each.theta.tolist() for each in expected()
+    ]
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="there is no device that is full")
+@pytest.mark.parametrize("output", [">&-", f">{FULL}", "| head -c 0"])
+def test_an_output_that_cannot_be_written_ends_the_program(output):
+    """Breaks if a service goes on without anybody who hears it, and says that all is well."""
+    command = f"{shlex.join(PROGRAM)} {output}; exit ${{PIPESTATUS[0]}}"
+    given = "\n".join(lines())
+    done = subprocess.run(["bash", "-c", command], input=given, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
 
 
 def test_odd_lines_are_named_and_the_next_one_is_read(run):

@@ -13,7 +13,7 @@ import numpy as np
 
 from d2d._checks import FINITE, Bounds, check_path, check_positive_scalar
 from d2d._types import Array
-from d2d.radar.files import written_whole
+from d2d.radar.files import atomic_write
 from d2d.radar.readers.reader import Option, Reader, Source, check_once
 from d2d.radar.scans.scan import BOUNDS, MEASURED, SIGMAS, Mounting, RadarScan
 
@@ -221,7 +221,7 @@ def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[Radar
     for time, name, scan in scans:
         columns = [getattr(scan, field).tolist() for field in (*MEASURED, *SIGMAS)]
         writer.writerows((time, name, *row) for row in zip(*columns, strict=True))
-    with written_whole(check_path("path", path)) as file:
+    with atomic_write(check_path("path", path)) as file:
         file.write(text.getvalue().encode())
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from d2d._types import Array
-from d2d.radar.files import written_whole
+from d2d.radar.files import atomic_write
 from d2d.radar.scans.budget import CovarianceParts
 
 Arrays = dict[str, NDArray[Any]]
@@ -34,7 +34,7 @@ def save_fields(path: Path, fields: Mapping[str, Any]) -> None:
     arrays |= {n: fields[n] for n in (*REQUIRED, *OPTIONAL) if fields[n] is not None}
     if fields["parts"] is not None:
         arrays |= zip(_PARTS, fields["parts"], strict=True)
-    with written_whole(path) as file:
+    with atomic_write(path) as file:
         np.savez_compressed(file, **arrays)
 
 
@@ -85,7 +85,7 @@ def table_columns(fields: Mapping[str, Any]) -> Arrays:
 def write_table(path: Path, fields: Mapping[str, Any]) -> None:
     """Write the columns as CSV, each number with all its digits."""
     columns = table_columns(fields)
-    with written_whole(path) as raw:
+    with atomic_write(path) as raw:
         file = io.TextIOWrapper(raw, encoding="utf-8", newline="")
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
@@ -152,5 +152,5 @@ def write_poses(path: Path, times: Array, poses: Array) -> None:
     x, y, yaw = poses.T
     zero = np.zeros_like(x)
     columns = [times, x, y, zero, zero, zero, np.sin(0.5 * yaw), np.cos(0.5 * yaw)]
-    with written_whole(path) as file:
+    with atomic_write(path) as file:
         np.savetxt(file, np.column_stack(columns), "%.9f")
