@@ -15,6 +15,7 @@ from d2d._checks import FINITE, Bounds, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.files import atomic_write
 from d2d.radar.readers.reader import Option, Reader, Source, check_once
+from d2d.radar.readers.shared import brief, bytes_of
 from d2d.radar.scans.scan import BOUNDS, MEASURED, SIGMAS, Mounting, RadarScan
 
 _RADIANS = BOUNDS["azimuth"]._replace(
@@ -101,7 +102,7 @@ def _in_order(times: Iterable[float]) -> list[float]:
 
 def decoded(path: Path) -> str:
     """The text of a file in UTF-8, in UTF-16 with its mark, or otherwise in Latin-1."""
-    raw = path.read_bytes()
+    raw = bytes_of(path)
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return raw.decode("utf-16", errors="replace")
     try:
@@ -145,7 +146,7 @@ def read_table(
         if line.strip() and not line.startswith("#"):
             raise ValueError(
                 f"{source}, line {number}: the first line must name the columns "
-                f"{', '.join(needed)}, but names {', '.join(map(repr, names))}"
+                f"{', '.join(needed)}, but names {brief(', '.join(map(repr, names)))}"
             )
     raise ValueError(f"{source} is empty: its first line must name the columns")
 
@@ -196,7 +197,7 @@ def number(name: str, text: str) -> float:
             raise ValueError
         return float(text)
     except ValueError:
-        raise ValueError(f"{name} must be a number, but is {text!r}") from None
+        raise ValueError(f"{name} must be a number, but is {brief(repr(text))}") from None
 
 
 def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[RadarScan]]) -> None:
@@ -234,7 +235,7 @@ def _read(path: str, chosen: Mapping[str, Any]) -> Source:
     scans = load_csv(path, degrees=bool(chosen["degrees"]), **sigmas_of(chosen))
     if scans.keys() != mountings.keys():
         raise ValueError(
-            f"the sensors of {path} are {', '.join(sorted(scans))}, but --mounting names "
+            f"the sensors of {path} are {brief(', '.join(sorted(scans)))}, but --mounting names "
             f"{', '.join(sorted(mountings))}; each needs one --mounting NAME X Y YAW"
         )
     return Source({name: (own, mountings[name]) for name, own in scans.items()})

@@ -13,18 +13,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import SECONDS, check_choice, check_path, check_positive_scalar
+from d2d._checks import SECONDS, check_choice, check_instance, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.readers.pcd import read_pcd
 from d2d.radar.readers.reader import Option, data_set
 from d2d.radar.readers.shared import (
     MICROSECOND,
     Noise,
+    brief,
     check_options,
     content_of,
     existing,
     kept,
     reading,
+    real_numbers,
+    whole_number,
     yaw_of,
 )
 from d2d.radar.scans.budget import ErrorBudget
@@ -39,6 +42,7 @@ STEP = 0.25  # m/s, to which vx and vy are rounded
 _VALID = (0, 4, 8, 9, 10, 11, 12, 15, 16, 17)
 _UNAMBIGUOUS = 3
 _FIELDS = ("x", "y", "vx", "vy", "rcs", "invalid_state", "ambig_state")
+_NUMBERS = {"translation": 3, "rotation": 4}  # how many an entry of a table has
 
 # Fitted to the errors of all five radars together in scenes 0061 and 0103, by maximum likelihood,
 # baseline 2, and then widened by a factor of 1.6: two scenes are two draws of what differs from
@@ -211,12 +215,25 @@ def _motion(root: Path, tables: Path, scene: str, drive: "_Drive") -> _Motion:
     with reading(path, "a file of the vehicle's poses"):
         rows = content_of(path)
         if on_bus:
-            found = [(r["utime"], *r["pos"][:2], *r["orientation"], r["vel"][0]) for r in rows]
+            found = [
+                (
+                    whole_number("utime", row["utime"]),
+                    *real_numbers("pos", row["pos"], 3)[:2],
+                    *real_numbers("orientation", row["orientation"], 4),
+                    real_numbers("vel", row["vel"], 3)[0],
+                )
+                for row in rows
+            ]
         else:
             found = [
-                (row["timestamp"], *row["translation"][:2], *row["rotation"], 0.0)
+                (
+                    _value("timestamp", row["timestamp"]),
+                    *_value("translation", row["translation"])[:2],
+                    *_value("rotation", row["rotation"]),
+                    0.0,
+                )
                 for row in rows
-                if row["token"] in drive.poses
+                if _value("token", row["token"]) in drive.poses
             ]
         columns = np.array(found, dtype=np.float64).reshape(-1, 8)
         if not len(columns):
@@ -258,6 +275,7 @@ def _filled(values: Array) -> Array:
 
 def _tables(root: Path, version: str | None) -> Path:
     if version is not None:
+        check_instance("version", version, str)
         return existing(root, version, "the folder of the tables of that version")
     found = sorted(path.name for path in root.glob("v1.0-*") if path.is_dir())
     if not found:
@@ -280,7 +298,18 @@ def _rows(folder: Path, name: str, *keys: str) -> list[tuple[Any, ...]]:
 @lru_cache(maxsize=5)
 def _parsed(path: Path, keys: tuple[str, ...], *_changed: int) -> list[tuple[Any, ...]]:
     with reading(path, "a table of nuScenes"):
-        return [tuple(row[key] for key in keys) for row in content_of(path)]
+        return [tuple(_value(key, row[key]) for key in keys) for row in content_of(path)]
+
+
+def _value(key: str, value: Any) -> Any:
+    """An entry of a table: a text, a time in us, or numbers."""
+    if key in _NUMBERS:
+        return real_numbers(key, value, _NUMBERS[key])
+    if key == "timestamp":
+        return whole_number(key, value)
+    if not isinstance(value, str):
+        raise ValueError(f"{key} must be a text, but is {brief(repr(value))}")
+    return value
 
 
 class _Drive(NamedTuple):
@@ -314,8 +343,8 @@ def _drive(folder: Path, scene: str, channel: str) -> _Drive:
         raise ValueError(f"{folder / 'sample_data.json'} has {found} of {channel} in {scene}")
     with reading(folder / "sample_data.json", "a table of nuScenes"):
         times = np.array([row[3] for row in own], dtype=np.float64) * MICROSECOND
-        if not np.isfinite(times).all():
-            raise ValueError("a time stamp is not finite")
+        if len(np.unique(times)) < len(times):
+            raise ValueError("two scans have the same time stamp")
     with reading(folder / "calibrated_sensor.json", "a table of nuScenes"):
         (x, y, _), rotation = mountings[used.pop()]
         mounting = Mounting(x, y, float(yaw_of(*rotation)))

@@ -34,14 +34,18 @@ def load_reference(path: str | os.PathLike[str]) -> Reference:
     first = next((line for line in text.splitlines() if line.strip() and line[0] != "#"), "")
     found = _poses(source, text) if len(first.split()) == _POSES else _odometry(source, text)
     if len(found.times) < 2 or not (np.diff(found.times) > 0.0).all():
-        raise ValueError(f"{source} must have two lines or more, in strictly increasing time")
+        raise ValueError(
+            f"{source} must have two lines or more, poses six, in strictly increasing time"
+        )
     return found
 
 
 def _odometry(source: Path, text: str) -> Reference:
-    rate = _IN_DEGREES if _IN_DEGREES in text.lower() else "yaw_rate"
+    columns, rows = read_table(source, text, ("time", "speed"), ("yaw_rate", _IN_DEGREES))
+    rate = _IN_DEGREES if _IN_DEGREES in columns and "yaw_rate" not in columns else "yaw_rate"
+    if rate not in columns:
+        raise ValueError(f"{source} must name the columns time, speed, yaw_rate or {_IN_DEGREES}")
     names = ("time", "speed", rate)
-    columns, rows = read_table(source, text, names)
     places = [columns.index(name) for name in names]
     table = []
     for line, row in rows:

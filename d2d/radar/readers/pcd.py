@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d.radar.readers.shared import reading
+from d2d.radar.readers.shared import bytes_of, reading
 
 # Version 0.7: a text header of lines "KEY value ...", which DATA ends, then the rows.
 _END = re.compile(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", re.MULTILINE)
@@ -21,7 +21,7 @@ def read_pcd(path: Path, fields: Iterable[str]) -> dict[str, NDArray[Any]]:
     column.
     """
     with reading(path, "a binary PCD file of a radar"):
-        rows = _rows(path.read_bytes())
+        rows = _rows(bytes_of(path))
         for field in fields:
             if field not in (rows.dtype.names or ()):
                 raise ValueError(f"it has no field {field!r}")
@@ -39,9 +39,11 @@ def _rows(content: bytes) -> NDArray[Any]:
         key, *values = line.split() or [""]
         header[key] = values
     layout = _layout(header)
+    if not header["POINTS"][0].isdigit():
+        raise ValueError(f"its header announces {header['POINTS'][0]} points")
     count = int(header["POINTS"][0])
     held = len(content) - end.end()
-    if count < 0 or held < count * layout.itemsize:
+    if held < count * layout.itemsize:
         raise ValueError(
             f"its header announces {count} points of {layout.itemsize} bytes, but {held} bytes "
             "follow"

@@ -18,11 +18,13 @@ from d2d.radar.readers.reader import Option, data_set
 from d2d.radar.readers.shared import (
     MICROSECOND,
     Noise,
+    brief,
     check_options,
     content_of,
     existing,
     kept,
     reading,
+    whole_number,
 )
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.recording import Recording
@@ -45,6 +47,7 @@ RADARSCENES_BUDGET = ErrorBudget(
 Table = dict[str, NDArray[Any]]
 
 _TARGET_FIELDS = ("timestamp", "sensor_id", "range_sc", "azimuth_sc", "rcs", "vr")
+_COMPRESSION = 100  # times the size of a file that its tables may have; the original's have 3
 _ODOMETRY_FIELDS = ("timestamp", "x_seq", "y_seq", "yaw_seq", "vx", "yaw_rate")
 
 
@@ -153,13 +156,25 @@ def _listed(path: Path, sensor: int) -> list[tuple[int, int, int]]:
     """Time stamp in us and half-open target indices of the sensor's scans, in time order."""
     with reading(path, "a RadarScenes scene list"):
         listed = sorted(
-            (int(stamp), int(scene["radar_indices"][0]), int(scene["radar_indices"][1]))
+            (_stamp(stamp), *_indices(scene["radar_indices"]))
             for stamp, scene in content_of(path)["scenes"].items()
-            if scene["sensor_id"] == sensor
+            if whole_number("sensor_id", scene["sensor_id"]) == sensor
         )
     if not listed:
         raise ValueError(f"{path} has no scan of sensor {sensor}")
     return listed
+
+
+def _stamp(text: str) -> int:
+    """The time stamp that a key of the scene list is, written in one way only."""
+    if not (text.isascii() and text.isdigit()) or (text[0] == "0" and text != "0"):
+        raise ValueError(f"a time stamp must be a whole number of us, but is {brief(repr(text))}")
+    return whole_number("a time stamp", int(text[:20]))
+
+
+def _indices(values: list[object]) -> tuple[int, int]:
+    first, last = (whole_number("radar_indices", value) for value in values)
+    return first, last
 
 
 def _tables(path: Path) -> tuple[Table, Table]:
@@ -177,9 +192,15 @@ def _tables(path: Path) -> tuple[Table, Table]:
 
 
 def _table(file: h5py.File, name: str, fields: tuple[str, ...]) -> Table:
-    if name not in file:
+    outside = isinstance(file.get(name, getlink=True), h5py.ExternalLink)
+    if not outside and name not in file:
         raise ValueError(f"it has no table {name!r}")
-    rows = file[name][:]
+    if outside or file[name].is_virtual or file[name].external:
+        raise ValueError(f"the table {name!r} must be in the file, not in another one")
+    dataset = file[name]
+    if dataset.nbytes > _COMPRESSION * os.path.getsize(file.filename):
+        raise ValueError(f"the table {name!r} claims {dataset.nbytes} bytes, too many for its file")
+    rows = dataset[:]
     missing = [field for field in fields if field not in (rows.dtype.names or ())]
     if missing:
         raise ValueError(f"the table {name!r} has no column {missing[0]!r}")

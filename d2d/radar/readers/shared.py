@@ -2,6 +2,7 @@
 
 import json
 import os
+import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,11 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import SECONDS, check_count
+from d2d._checks import FINITE, SECONDS, check_count
 from d2d._types import Array
 
 MICROSECOND = 1e-6  # s
 _OFFSET = SECONDS._replace(most=10.0)  # s, of a radar's clock
+_LONGEST = 300  # characters of a message that come from a file
+_LARGEST = 2**53  # that float64 holds exactly: 285 years in microseconds
 
 
 class Noise(NamedTuple):
@@ -50,29 +53,82 @@ def kept(
 
 
 def yaw_of(w: Array, x: Array, y: Array, z: Array) -> Array:
-    """Direction (...) of the x axis in the plane, of quaternions that need not be normalised."""
+    """Direction (...) of the x axis in the plane, of quaternions that need not be normalised.
+
+    Raises a ``ValueError`` if one is zero.
+    """
+    size = np.abs([w, x, y, z]).max(axis=0)
+    if not np.all(size > 0.0):
+        raise ValueError("a quaternion must not be zero")
+    w, x, y, z = (part / size for part in (w, x, y, z))
     return np.asarray(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
 
 
 def existing(folder: Path, name: str, what: str) -> Path:
-    """The path of a file or folder; raises a FileNotFoundError that says ``what`` it should be."""
+    """The path of a file or folder; raises a FileNotFoundError that says ``what`` it should be.
+
+    Raises a ValueError if the name, which a file may have given, leads out of the folder.
+    """
+    if os.path.isabs(name) or ".." in Path(name).parts or "\0" in name:
+        raise ValueError(f"{brief(name)} must be {what}, but is not a name inside {folder}")
     path = folder / name
     if not os.path.exists(path):  # Path.exists() raises an error if the name is too long
-        raise FileNotFoundError(f"{path} does not exist; it should be {what}")
+        raise FileNotFoundError(f"{brief(path)} does not exist; it should be {what}")
     return path
 
 
 def content_of(path: Path) -> Any:
     """Read a JSON file."""
-    return json.loads(path.read_text(encoding="utf-8"))
+    return json.loads(bytes_of(path).decode("utf-8"))
+
+
+def bytes_of(path: Path) -> bytes:
+    """The content of a file or a pipe; a ValueError names what is neither, or cannot be read."""
+    mode = os.stat(path).st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISFIFO(mode)):  # a device may never end
+        raise ValueError(f"{path} is a folder or a device, but must be a file")
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read: {error.strerror}") from None
+
+
+def brief(text: object) -> str:
+    """A text in one line, the middle of which is left out if it is long."""
+    line = " ".join(str(text).splitlines())
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 40]} ... {line[-35:]}"
+
+
+def whole_number(name: str, value: object) -> int:
+    """A whole number of a JSON file; raises a ValueError if it is something else."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise ValueError(f"{name} must be a whole number, but is {brief(repr(value))}")
+    if abs(value) > _LARGEST:
+        raise ValueError(f"{name} must be at most {_LARGEST}, but is larger")
+    return value
+
+
+def real_numbers(name: str, values: object, count: int) -> list[float]:
+    """A list of so many real numbers of a JSON file; raises a ValueError if it is another."""
+    if not isinstance(values, list) or len(values) != count:
+        raise ValueError(f"{name} must be {count} numbers, but is {brief(repr(values))}")
+    return [FINITE.number(name, _real(name, value)) for value in values]
+
+
+def _real(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{name} must be a number, but is {brief(repr(value))}")
+    return float(value)
 
 
 @contextmanager
 def reading(path: Path, what: str) -> Iterator[None]:
-    """Whatever goes wrong inside becomes a ValueError that says which file is not ``what``."""
+    """Re-raise whatever goes wrong inside as a ValueError that says which file is not ``what``."""
     try:
         yield
     except (OSError, ValueError) as error:
-        raise ValueError(f"{path} is not {what}: {error}") from None
-    except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError) as error:
-        raise ValueError(f"{path} is not {what} ({error!r})") from None
+        raise ValueError(f"{path} is not {what}: {brief(error)}") from None
+    except (
+        *(ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError),
+    ) as error:
+        raise ValueError(f"{path} is not {what} ({brief(repr(error))})") from None
