@@ -174,9 +174,11 @@ globalThis.tracker = (function radarTracker() {
     scans.at(-1).targets.push({ range, azimuth, doppler, sigmaRange, sigmaAzimuth, sigmaDoppler });
   }
 
+  const intervalsOf = (scans) => scans.slice(1).map((scan, i) => scan.time - scans[i].time);
+
   /** Refuse times that are usually farther apart than a minute. */
   function checkIntervals(name, scans) {
-    const intervals = scans.slice(1).map((scan, i) => scan.time - scans[i].time);
+    const intervals = intervalsOf(scans);
     if (intervals.length && median(intervals) > MAX_INTERVAL) {
       throw new Error(
         `${name} must have times in seconds (s), at most ${MAX_INTERVAL} apart, but ${scans[1].time} comes after ` +
@@ -716,7 +718,9 @@ globalThis.tracker = (function radarTracker() {
 
   // ---- d2d/radar/tracks/intake.py: each scan once, each target once ----------------------------------------------------------
 
-  const FEW = 6, // targets, of which some may be equal by chance where a radar rounds coarsely
+  const STEP = 1, // s
+    STEP_CYCLES = 5, // of a pause after which one scan alone may have a wrong stamp
+    FEW = 6, // targets, of which some may be equal by chance where a radar rounds coarsely
     MOVING = 0.5; // m/s; at a standstill a coarse radar may measure the same twice
 
   const measured = ({ range, azimuth, doppler }) => `${range} ${azimuth} ${doppler}`;
@@ -734,30 +738,42 @@ globalThis.tracker = (function radarTracker() {
     previous.targets.map(measured).join() === targets.map(measured).join() &&
     median(targets.map(({ doppler }) => Math.abs(doppler))) > MOVING;
 
+  /** The longest time to the next scan that is in step. */
+  const reachOf = (scans) => Math.max(STEP, STEP_CYCLES * median(intervalsOf(scans.slice(-REMEMBERED - 1))));
+
   /** A sensor with the scans that are used, and in `leftOut` what is not, in words. */
   function usable({ scans, ...sensor }) {
     const used = [],
       leftOut = new Set();
+    let held = null; // a scan that comes so late that its stamp may be wrong
     for (const given of scans) {
-      const scan = withoutTwins(given);
+      const scan = withoutTwins(given),
+        before = held ?? used.at(-1);
       if (scan !== given) leftOut.add("it gives targets twice; one of each is left out.");
-      if (used.length && repeats(used.at(-1), scan)) leftOut.add("it repeats scans while it moves; they are left out.");
-      else used.push(scan);
+      if (before && repeats(before, scan)) leftOut.add("it repeats scans while it moves; they are left out.");
+      else if (!held && used.length > 1 && scan.time > before.time + reachOf(used)) held = scan;
+      else {
+        used.push(...(held ? [held] : []), scan);
+        held = null;
+      }
     }
+    if (held) leftOut.add(`its last scan, at ${held.time} s, comes alone after a gap and is left out: is its time stamp wrong?`);
     return { ...sensor, scans: used, leftOut: [...leftOut] };
   }
 
   // ---- d2d/radar/tracks/rounds.py ------------------------------------------------------------------------------------------
 
   const AFTER_GAP = "the first scan after a gap",
+    HORIZON = 0.3, // s
     REMEMBERED = 9, // intervals
     ROUND = 1.5, // cycles
-    PAIR_GAP = 2.5; // cycles
+    PAIR_GAP = 2.5, // cycles
+    LONGER = 1.5; // horizons
 
-  /** The latest scan of one sensor, and the time that it usually takes to the next. */
+  /** The latest scans of one sensor, and the time that it usually takes from one to the next. */
   class History {
     constructor(mounting) {
-      Object.assign(this, { mounting, latest: null, intervals: [] });
+      Object.assign(this, { mounting, scans: [], intervals: [] });
     }
 
     /** The usual time from one scan to the next; infinite while there is only one. */
@@ -765,14 +781,22 @@ globalThis.tracker = (function radarTracker() {
       return this.intervals.length ? median(this.intervals) : Infinity;
     }
 
-    /** The next scan, paired with the one before; null if there is none, or a gap between them. */
+    /** The next scan, paired with that nearest to the horizon before, or the first; null if none is near enough. */
     paired(scan) {
-      const previous = this.latest;
-      this.latest = scan;
-      if (!previous) return null;
-      this.intervals.push(scan.time - previous.time);
-      if (this.intervals.length > REMEMBERED) this.intervals.shift();
-      return scan.time - previous.time <= PAIR_GAP * this.cycle ? pairOf(previous, scan, this.mounting) : null;
+      const { scans, intervals } = this,
+        passed = ({ time }) => scan.time - time,
+        wanted = scan.time - HORIZON,
+        off = ({ time }) => Math.round(1e6 * Math.abs(time - wanted)); // rounding must not decide
+      if (scans.length) {
+        intervals.push(passed(scans.at(-1)));
+        if (intervals.length > REMEMBERED) intervals.shift();
+        const longest = Math.max(LONGER * HORIZON, PAIR_GAP * this.cycle);
+        while (scans.length && passed(scans[0]) > longest) scans.shift();
+      }
+      const previous = scans.length && scans.reduceRight((best, each) => (off(each) < off(best) ? each : best));
+      scans.push(scan);
+      while (scans.length > 1 && scans[1].time <= wanted) scans.shift();
+      return previous ? pairOf(previous, scan, this.mounting) : null;
     }
   }
 
@@ -1129,13 +1153,44 @@ globalThis.tracker = (function radarTracker() {
 
   // ---- d2d/radar/tracks/track.py and files.py ------------------------------------------------------------------------------
 
-  /** The path driven: poses [x, y, yaw], one more than rows. */
+  const GAP = 1, // s without an accepted estimate
+    GAP_CYCLES = 2.5;
+
+  /** The accepted velocities, with one extrapolated to where the track begins, or at most a gap before the first. */
+  function knotsOf(rows) {
+    const known = rows.filter(({ reason }) => !reason),
+      [first] = known,
+      began = rows[0].time - rows[0].interval;
+    if (!first) return [{ time: began, theta: rows[0].theta }];
+    const gap = Math.max(GAP, GAP_CYCLES * median(rows.map(({ interval }) => interval))),
+      time = Math.max(began, first.time - gap),
+      reach = first.time - time,
+      later = known.find((each) => each.time >= first.time + reach) ?? known.at(-1),
+      ratio = later === first ? 0 : reach / (later.time - first.time);
+    return [{ time, theta: first.theta.map((each, i) => each - ratio * (later.theta[i] - each)) }, ...known];
+  }
+
+  /** The path driven: poses [x, y, yaw], one more than rows, by velocities that are linear between the accepted ones. */
   function posesOf(rows) {
-    const poses = [[0, 0, 0]];
-    for (const { theta, interval } of rows) {
-      const [x, y, yaw] = poses.at(-1),
-        [dx, dy, turn] = d2d.exponential(...theta.map((each) => interval * each)).motion;
-      const cosine = Math.cos(yaw),
+    const knots = knotsOf(rows),
+      poses = [[0, 0, 0]];
+    let next = 1;
+    const at = (time) => {
+      while (next < knots.length - 1 && knots[next].time < time) next += 1;
+      const [before, after] = [knots[next - 1], knots[next] ?? knots[0]],
+        share = Math.min(Math.max((time - before.time) / (after.time - before.time || 1), 0), 1);
+      return before.theta.map((each, i) => each + share * (after.theta[i] - each));
+    };
+    let velocity = at(rows[0].time - rows[0].interval);
+    for (const { time, interval } of rows) {
+      const before = velocity;
+      velocity = at(time);
+      // two terms of the Magnus expansion
+      const turned = apply(bracket(before), velocity),
+        twist = turned.map((each, i) => (interval / 2) * (before[i] + velocity[i]) + (interval ** 2 / 12) * each),
+        [dx, dy, turn] = d2d.exponential(...twist).motion,
+        [x, y, yaw] = poses.at(-1),
+        cosine = Math.cos(yaw),
         sine = Math.sin(yaw);
       poses.push([x + cosine * dx - sine * dy, y + sine * dx + cosine * dy, yaw + turn]);
     }

@@ -94,9 +94,23 @@ def changed(number: int, change: Callable[[RadarScan], RadarScan]) -> Sensors:
     return {"radar": (own, mounting)}
 
 
-def with_gap() -> Sensors:
+def with_gaps() -> Sensors:
+    """Scans are lost for 0.4 s, over which the next is paired, for 0.6 s, and for 1.6 s."""
     ((scans, mounting),) = one(6.0).values()
-    return {"radar": ([*scans[:20], *scans[35:]], mounting)}
+    return {"radar": ([*scans[:15], *scans[18:25], *scans[30:35], *scans[50:]], mounting)}
+
+
+def with_lone_scan() -> Sensors:
+    """A log whose last scan comes alone, after a gap."""
+    ((scans, mounting),) = one(6.0).values()
+    return {"radar": ([*scans[:40], scans[-1]], mounting)}
+
+
+def refused_at_first() -> Sensors:
+    """A radar that sees little in its first scans, and in some later ones."""
+    ((scans, mounting),) = one(6.0).values()
+    few = [*range(14), 24, 25, 26, 40]
+    return {"radar": ([s[:3] if k in few else s for k, s in enumerate(scans)], mounting)}
 
 
 def repeated() -> Sensors:
@@ -130,7 +144,12 @@ LOGS: dict[str, Callable[[], Log]] = {
     "one radar with a budget": lambda: Log(one(), BUDGET),
     "four radars": lambda: Log(four()),
     "four radars with a budget": lambda: Log(four(), BUDGET),
-    "a gap": lambda: Log(with_gap()),
+    "gaps": lambda: Log(with_gaps()),
+    "a gap before one scan": lambda: Log(with_lone_scan()),
+    "refused at first": lambda: Log(refused_at_first()),
+    "refused in all": lambda: Log(
+        {name: ([s[:3] for s in scans], at) for name, (scans, at) in one(1.0).items()}
+    ),
     "a repeated scan": lambda: Log(repeated()),
     "targets twice": lambda: Log(changed(15, lambda scan: scan[[*range(scan.size)] * 2])),
     "a scan with three targets": lambda: Log(changed(15, lambda scan: scan[:3])),
@@ -146,7 +165,7 @@ LOGS: dict[str, Callable[[], Log]] = {
 }
 
 
-LEFT_OUT = ("a repeated scan", "targets twice")
+LEFT_OUT = ("a gap before one scan", "a repeated scan", "targets twice")
 
 
 # ---- The numbers --------------------------------------------------------------------------------
