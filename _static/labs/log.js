@@ -67,14 +67,14 @@
     neighbours: "correlation length of neighbours (m)",
   };
 
-  /** The command that computes the same. */
+  /** The words of the command that computes the same, which belong together. */
   function commandOf(file, { mountings, sigmas, budget }) {
     const quoted = (word) => (/^[\w.+-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`),
-      words = ["python -m d2d.radar track --csv", quoted(file)];
-    for (const [name, { x, y, yaw }] of Object.entries(mountings)) words.push("--mounting", quoted(name), x, y, yaw);
-    for (const [name, sigma] of Object.entries(sigmas)) words.push(SIGMAS[name][0], sigma);
-    for (const [name, value] of Object.entries(budget)) if (value) words.push(`--budget-${name}`, value);
-    return words.join(" ");
+      words = ["python -m d2d.radar track", `--csv ${quoted(file)}`];
+    for (const [name, { x, y, yaw }] of Object.entries(mountings)) words.push(`--mounting ${quoted(name)} ${x} ${y} ${yaw}`);
+    for (const [name, sigma] of Object.entries(sigmas)) words.push(`${SIGMAS[name][0]} ${sigma}`);
+    for (const [name, value] of Object.entries(budget)) if (value) words.push(`--budget-${name} ${value}`);
+    return words;
   }
 
   labs.define(
@@ -200,14 +200,14 @@
 
       const path = lab.plot({ label: "The path", xlabel: "x (m)", ylabel: "y (m)", shape: 1, equal: true });
       const curves = [
-        ["velocity ahead", "m/s", 1],
-        ["velocity to the left", "m/s", 1],
-        ["yaw rate", "°/s", 1 / DEGREE],
+        ["Velocity ahead", "m/s", 1],
+        ["Velocity to the left", "m/s", 1],
+        ["Yaw rate", "°/s", 1 / DEGREE],
       ].map(([name, unit, factor], axis) => {
         const plot = lab.plot({ label: name, xlabel: "time (s)", ylabel: unit, shape: 0.65 });
         return { title: `${name} (${unit}) with ±3σ`, plot, factor, axis };
       });
-      const results = html("div", { hidden: "" }),
+      const results = html("div", { class: "lab-results", hidden: "" }),
         report = html("div", { class: "lab-report" });
 
       function show(result) {
@@ -258,7 +258,11 @@
       /** How to get the same from the command line, and what else it does. */
       const command = () => [
         html("p", {}, "The same numbers by the command line:"),
-        html("pre", { class: "lab-command", tabindex: "0" }, commandOf(log.source, shown.settings)),
+        html(
+          "pre",
+          { class: "lab-command", tabindex: "0" },
+          ...commandOf(log.source, shown.settings).flatMap((words) => [html("span", {}, words), " "]),
+        ),
         html(
           "p",
           {},
@@ -335,9 +339,11 @@
       const drop = html(
         "div",
         { class: "lab-drop" },
-        html("label", { for: file.id }, "Choose a log in CSV, or drop it here:"),
-        file,
-        lab.button("Load the example", () => open(EXAMPLE.name, exampleText, EXAMPLE.mounting)),
+        bar(
+          html("label", { for: file.id }, "Choose a log in CSV, or drop it here:"),
+          file,
+          lab.button("Load the example", () => open(EXAMPLE.name, exampleText, EXAMPLE.mounting)),
+        ),
         html("p", {}, "A line for each target, in seconds, metres, radians and metres per second; its first line names the columns:"),
         html("pre", { class: "lab-command" }, "time,sensor,range,azimuth,doppler\n0.1,front,23.4,-0.12,-8.31"),
         html("p", {}, "The file stays on your machine: this page computes in your browser and sends nothing."),
