@@ -1,7 +1,7 @@
 """Confidence intervals of statistics of a time series, by the circular block bootstrap."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -72,6 +72,10 @@ def block_bootstrap(
     0.12
     0.37
     """
+    if not callable(statistic):
+        raise ValueError(f"statistic must be callable, but is a {type(statistic).__name__}")
+    if not isinstance(arrays, Iterable):
+        raise ValueError(f"arrays must be a sequence of arrays, but is a {type(arrays).__name__}")
     data = [np.asarray(array) for array in arrays]
     if not data or any(array.ndim < 1 for array in data) or not len(data[0]):
         raise ValueError("arrays must be a sequence of arrays (N, ...) with at least one row")
@@ -145,6 +149,7 @@ def _block_length(series: Array) -> int:
     """The rule of `block_length` for one series (N,), without its upper bound."""
     rows = len(series)
     centred = series - series.mean()
+    centred /= np.abs(centred).max() or 1.0
     run = max(5, math.ceil(math.sqrt(math.log10(rows))))
     lags = min(math.ceil(math.sqrt(rows)) + run, rows - 1)
     covariance = np.array([centred[: rows - k] @ centred[k:] for k in range(lags + 1)]) / rows

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from d2d import rigid
 from d2d._checks import (
+    Bounds,
     check_choice,
     check_covariances,
     check_finite,
@@ -30,6 +31,7 @@ Fusion = Literal["likelihood", "summing"]
 # An outlier model as the kernel reads it: its kind, the logarithms of the weights of the inliers
 # and of the outlier component (normalisation included), and that component's precision xx, xy, yy.
 _NO_OUTLIER = np.array([layout.NO_OUTLIER, 0.0, -np.inf, 0.0, 0.0, 0.0])
+_VARIANCE = Bounds(least=layout.MIN_VARIANCE, most=layout.MAX_VARIANCE)
 _FUSIONS = {"likelihood": layout.LIKELIHOOD, "summing": layout.SUMMING}
 
 
@@ -72,6 +74,7 @@ class CorruptedGaussian(Frozen):
             "covariance", np.atleast_2d(check_finite("covariance", covariance))
         )
         check_shape("covariance", matrix, "(1, 1)", "(2, 2)")
+        _VARIANCE.array("covariance", np.diagonal(matrix))
         self._keep("covariance", matrix)
 
     @property

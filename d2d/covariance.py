@@ -1,5 +1,6 @@
 """The covariance of an estimate: Fisher information and propagation of the measurement errors."""
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from d2d._checks import (
     check_shape,
     symmetrise,
 )
+from d2d._kernel import layout
 from d2d._kernel.compile import read_only
 from d2d._kernel.errors import add_measurements, add_positions
 from d2d._kernel.newton import SINGULAR
@@ -23,6 +25,9 @@ from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
 from d2d.problem import Bound, CrossDerivatives, Estimate, Problem, flat_index
 
+# Length over width of a target, above which a standard deviation of the rotation turns it by more
+# than its width: at 175 the mean NEES is twice too large, at 90 it is right.
+LONG = 150.0
 _SAME = 1e-6  # relative; only rounding makes a cost differ from itself
 _TARGETS_AT_ONCE = 50_000  # of both sets: about 20 MB of intermediate arrays
 
@@ -67,7 +72,8 @@ def propagate_covariance(
         Sigma_theta = H^-1 (d2f / d theta d z) Sigma_z (d2f / d theta d z)' H^-1
 
     The covariance (..., P, P) of ``theta`` is nan where the estimate did not converge.  Raises a
-    ``ValueError`` if the cost that the estimate states is not that of the other arguments.
+    ``ValueError`` if the cost that the estimate states is not that of the other arguments, and
+    warns of covariances that are more than 150 times as long as wide.
 
     Parameters
     ----------
@@ -109,12 +115,28 @@ def propagate_covariance(
     if position_slope is not None:
         slope = _checked_slope(position_slope, moving, measurement, bound.shape)
     check_estimate(estimate, problem, bound)
+    _warn_of_long_targets(fixed, moving)
     if measurement is not None:
         return _definite(estimate.covariance, _noise(problem, bound, slope))
     bound, inward = problem.about_centres(bound)
-    inverse = in_coordinates(inward, estimate.covariance)
+    known = np.isfinite(estimate.covariance).all(axis=(-2, -1), keepdims=True)
+    inverse = in_coordinates(inward, np.where(known, estimate.covariance, np.nan))
     outward = 2.0 * np.eye(problem.parameters) - inward
     return in_coordinates(outward, _definite(inverse, _noise(problem, bound, None)))
+
+
+def _warn_of_long_targets(fixed: PointSet, moving: PointSet) -> None:
+    """Warn where targets are so long that the cost is not quadratic over a standard deviation."""
+    aspect = max(
+        float(points._layout.extremes[:, layout.LARGEST_ASPECT].max()) for points in (fixed, moving)
+    )
+    if fixed.dimension == 2 and aspect > LONG:
+        warnings.warn(
+            f"covariances up to {aspect:.0f} times as long as wide, above {LONG:.0f}, make the "
+            "stated rotation too certain: their orientation is taken for exact",
+            RuntimeWarning,
+            stacklevel=3,
+        )
 
 
 def in_coordinates(slope: Array, covariance: Array) -> Array:

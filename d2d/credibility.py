@@ -12,7 +12,7 @@ from d2d._types import Array
 from d2d.scores import checked_errors, normalised_squares
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Credibility:
     """How N errors compare with the covariances that were estimated for them.
 
@@ -45,6 +45,14 @@ class Credibility:
     ratio: Array
     nci: float
     inclination: float
+
+    def __repr__(self) -> str:
+        low, high = self.bounds.tolist()
+        found = "consistent" if self.consistent else "not consistent"
+        return (
+            f"Credibility({len(self.nees)} errors, ANEES {self.anees:.3g}, {found} with "
+            f"[{low:.3g}, {high:.3g}], NCI {self.nci:.2g} dB, I^2 {self.inclination:+.2g} dB)"
+        )
 
 
 def credibility(errors: ArrayLike, covariances: ArrayLike, confidence: float = 0.95) -> Credibility:

@@ -17,7 +17,6 @@ from d2d._checks import (
     Bounds,
     broadcast_batches,
     check_covariances,
-    check_finite,
     check_positive,
     check_real,
     check_shape,
@@ -29,6 +28,8 @@ from d2d._types import Array, Index
 
 _TILED = 64  # targets, from which on the tiles of a corrupted Gaussian pay
 _VARIANCE = Bounds(most=layout.MAX_VARIANCE, unit="in m^2, ")
+_LEAST_VARIANCE = Bounds(least=layout.MIN_VARIANCE)
+_POSITION = Bounds(most=layout.MAX_LENGTH, unit="in m, ")
 _WEIGHT = Bounds(above=0.0, least=layout.MIN_WEIGHT, most=layout.MAX_WEIGHT)
 
 
@@ -36,11 +37,11 @@ class _Layout(NamedTuple):
     """Sets as the kernel reads them, and what it needs to know of them before it begins."""
 
     packed: Array  # one set after the other, each with a row a quantity
-    extremes: Array  # (B, 4) bounds, see `d2d._kernel.pairs.find_extremes`
-    centres: Array  # (B, 2) the sets' middle targets, about which they are packed
+    extremes: Array  # (B, 5) bounds, see `d2d._kernel.pairs.find_extremes`
+    centres: Array  # (B, 2) the middles of the sets, about which they are packed
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PointSet(Frozen):
     """Gaussian targets N(mu_k, Sigma_k) with mixture weights, or a batch of such sets.
 
@@ -49,9 +50,9 @@ class PointSet(Frozen):
     Parameters
     ----------
     means : (..., N, D) array, m
-        Positions; D is 1 or 2 and N at least 1.
+        Positions, at most 1e40 m; D is 1 or 2 and N at least 1.
     covariances : (..., N, D, D) array, m^2
-        Symmetric positive definite, at most 1e150 m^2.
+        Symmetric positive definite, variances between 1e-80 and 1e80 m^2; or (D, D) for all.
     weights : (..., N) array, optional
         Mixture weights between 1e-100 and 1e100; 1/N each by default.  Only those of the fixed set
         are used, without normalisation.
@@ -68,6 +69,8 @@ class PointSet(Frozen):
         check_shape("means", means, "(..., N, 1)", "(..., N, 2)", empty=False)
         count, dimension = means.shape[-2:]
         covariances = check_real("covariances", covariances)
+        if covariances.shape == (dimension, dimension):
+            covariances = np.tile(covariances, (*means.shape[:-1], 1, 1))
         given = np.full(count, 1.0 / count) if weights is None else check_real("weights", weights)
         # one compiled pass checks everything; the single checks only find what failed there
         if not (
@@ -79,11 +82,12 @@ class PointSet(Frozen):
                 given if means.ndim == 2 else np.tile(given, means.size // (count * dimension)),
             )
         ):
-            check_finite("means", means)
+            _POSITION.array("means", means)
             covariances = _VARIANCE.array("covariances", covariances)
             covariances = check_covariances("covariances", covariances)
             shape = f"(..., {count}, {dimension}, {dimension})"
             check_shape("covariances", covariances, shape, like="means", empty=False)
+            _LEAST_VARIANCE.array("covariances", np.diagonal(covariances, axis1=-2, axis2=-1))
             _WEIGHT.array("weights", given)
             check_shape("weights", given, f"(..., {count})", like="means", empty=False)
         self._fill(means, covariances, given)
@@ -165,7 +169,7 @@ class PointSet(Frozen):
         ):
             raise ValueError(
                 "sigma_range and range * sigma_azimuth differ so much that the covariance is "
-                "singular in floating point"
+                "singular in floating point, or are out of its range"
             )
         return cls._of(means, covariances, np.full(shape[-1], 1.0 / shape[-1]))
 
@@ -209,8 +213,21 @@ class PointSet(Frozen):
             raise TypeError("this point set has no batch axes to iterate over")
         return map(self.__getitem__, range(self.batch_shape[0]))
 
+    def __repr__(self) -> str:
+        batch = f"batch of {self.batch_shape}, " if self.batch_shape else ""
+        low, high = (
+            bound(self.means.reshape(-1, self.dimension), axis=0) for bound in (np.min, np.max)
+        )
+        within = " x ".join(f"[{a:.4g}, {b:.4g}]" for a, b in zip(low, high, strict=True))
+        sigmas = np.sqrt(np.diagonal(self.covariances, axis1=-2, axis2=-1))
+        return (
+            f"PointSet({batch}{self.size} targets within {within} m, "
+            f"sigma {sigmas.min():.3g} to {sigmas.max():.3g} m)"
+        )
+
     def transformed(self, theta: ArrayLike) -> "PointSet":
         """The set moved by theta (..., P): R mu_k + t and R Sigma_k R'."""
+        theta = rigid.start("theta", theta, self.dimension)
         return PointSet._of(
             rigid.transform_means(theta, self.means),
             rigid.transform_covariances(theta, self.covariances),
@@ -219,7 +236,8 @@ class PointSet(Frozen):
 
     def shifted(self, translation: ArrayLike) -> "PointSet":
         """The sets moved by translations (..., D)."""
-        step = check_finite("translation", translation, f"(..., {self.dimension})")
+        step = _POSITION.array("translation", translation)
+        check_shape("translation", step, f"(..., {self.dimension})")
         return PointSet._of(self.means + step[..., None, :], self.covariances, self.weights)
 
     def inflated(self, scale: float) -> "PointSet":
@@ -242,7 +260,7 @@ class PointSet(Frozen):
         weights = read_only(self.weights, -1, size)
         count = len(means)
         packed = np.empty((count, 6, size))
-        extremes = np.empty((count, 4))
+        extremes = np.empty((count, 5))
         centres = np.empty((count, 2))
         entries.pack_targets(means, covariances, weights, packed, extremes, centres)
         return _Layout(packed.ravel(), extremes, centres)

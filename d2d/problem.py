@@ -7,11 +7,13 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from d2d import rigid
 from d2d._checks import broadcast_batches, check_instance
 from d2d._kernel import entries, layout, propagate, rows, tiles
+from d2d._kernel.newton import FLAT
 from d2d._slices import run_in_slices
 from d2d._types import Array
 from d2d.measurement import LinearMeasurement
@@ -66,7 +68,7 @@ class Bound(NamedTuple):
         return self.batch._replace(first=self.batch.first[first : last + 1])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Estimate:
     """The optimum of a registration cost, or a batch of optima.
 
@@ -75,7 +77,7 @@ class Estimate:
     theta : (..., P) array
         Motion parameters: [t_x] or [t_x, t_y, phi_z] in m, m, rad.
     covariance : (..., P, P) array
-        Inverse Hessian; nan where not ``converged``.
+        Inverse Hessian; nan where not ``converged``, but for what is ``undetermined``.
     value, gradient, hessian : (...), (..., P), (..., P, P) arrays
         The cost and its derivatives at ``theta``.
     converged : (...) array of bool
@@ -85,8 +87,21 @@ class Estimate:
         Number of Newton steps tried, over all scales.
     inliers : (...) array
         Mean inlier probability of the moving targets at ``theta``, see
-        `RegistrationCost.inlier_probabilities`; 1 without an outlier model, nan where unknown.  A
-        low one reveals a wrong optimum.
+        `RegistrationCost.inlier_probabilities`; nan without an outlier model, which is needed to
+        tell.  A low one reveals a wrong optimum, but a high one does not show that it is right:
+        walls that slide along each other, or a row that is one post off, match nearly as well.
+    fit : (...) array
+        Mean squared distance of the inliers from the components that they match, in the standard
+        deviations that the sets state, over its expectation: about 1 where the D2D likelihood
+        holds, above `fit_region` where targets have no counterpart, the optimum is wrong or the
+        standard deviations are too small, below it where they are too large or components overlap.
+    freedom : (...) array
+        Degrees of freedom of ``fit``.
+    undetermined : (...) array of bool
+        Whether the targets leave a direction of the motion undetermined, such as the one along a
+        corridor or the rotation of a ring.  ``theta`` is then at an optimum across it, as near the
+        start as possible along it, and not ``converged``; ``covariance`` is infinite along it and
+        states the variances across it.
     """
 
     theta: Array
@@ -97,6 +112,31 @@ class Estimate:
     converged: NDArray[np.bool_]
     iterations: NDArray[np.int64]
     inliers: Array = field(default_factory=lambda: np.array(np.nan))
+    fit: Array = field(default_factory=lambda: np.array(np.nan))
+    freedom: Array = field(default_factory=lambda: np.array(np.nan))
+    undetermined: NDArray[np.bool_] = field(default_factory=lambda: np.array(False))
+
+    @property
+    def fit_region(self) -> Array:
+        """Bounds (..., 2) of ``fit``, within which it lies with 95 % if the model is right."""
+        tails = scipy.special.chdtri(np.asarray(self.freedom)[..., None], np.array([0.975, 0.025]))
+        return np.asarray(tails / np.asarray(self.freedom)[..., None])
+
+    def __repr__(self) -> str:
+        shape = self.theta.shape[:-1]
+        if shape:
+            share = f"{np.count_nonzero(self.converged)} of {self.converged.size} converged"
+            return f"Estimate(batch of {shape}, {share})"
+        sigmas = np.sqrt(np.abs(np.diagonal(self.covariance)))
+        given = ", ".join(
+            f"{x:.6g} ± {s:.2g}" for x, s in zip(self.theta.tolist(), sigmas.tolist(), strict=True)
+        )
+        state = "converged" if self.converged else "not converged"
+        state += ", undetermined" if self.undetermined else ""
+        return (
+            f"Estimate(theta = [{given}], {state} in {self.iterations} iterations, "
+            f"value {self.value:.6g}, inliers {self.inliers:.2g}, fit {self.fit:.3g})"
+        )
 
 
 class CrossDerivatives(NamedTuple):
@@ -203,10 +243,11 @@ class Problem:
         grids[1:, tiles.FIRST_TILE] += np.cumsum([len(own) for own, _ in parts[:-1]])
         return np.concatenate([own for own, _ in parts]), grids
 
-    def _memory(self) -> layout.Memory:
+    def _memory(self, stop: Array) -> layout.Memory:
         """The memory of this thread, for a problem of this size."""
         blocks = sum(-(-pair.moving.size // rows.LANES) for pair in self.pairs)
-        return layout.own_memory(blocks, max(pair.fixed.size for pair in self.pairs))
+        memory = layout.own_memory(blocks, max(pair.fixed.size for pair in self.pairs))
+        return memory if stop is layout.NEVER else memory._replace(stop=stop)
 
     def _repeated(
         self,
@@ -256,24 +297,32 @@ class Problem:
     ) -> Estimate:
         """The optimum of each bound problem near its parameters, which become the optimum's."""
         thetas, count, p, shape = bound.thetas, len(bound.thetas), self.parameters, bound.shape
-        value, inliers = np.empty(count), np.empty(count)
+        value, inliers, fit, freedom = np.empty((4, count))
         gradient, hessian = np.empty((count, 3)), np.empty((count, 3, 3))
         covariance = np.empty((count, 3, 3))
         converged, iterations = np.empty(count, np.bool_), np.empty(count, np.int64)
-        found = (value, gradient, hessian, covariance, converged, iterations, inliers)
+        undetermined = np.empty(count, np.bool_)
+        found = (
+            *(value, gradient, hessian, covariance, converged, iterations, inliers),
+            *(fit, freedom, undetermined),
+        )
 
-        def run(first: int, last: int) -> None:
+        any_flat = False
+
+        def run(first: int, last: int, stop: Array) -> None:
+            nonlocal any_flat
             part, begin = bound.batch, thetas
             own: tuple[NDArray[Any], ...] = found
             if last - first < count:
                 part, begin = bound.part(first, last), thetas[first:last]
                 own = tuple(array[first:last] for array in found)
-            memory = self._memory()
-            entries.minimise_batch(part, begin, TOLERANCE, max_iterations, memory, own)
+            memory = self._memory(stop)
+            if entries.minimise_batch(part, begin, TOLERANCE, max_iterations, memory, own):
+                any_flat = True
 
         run_in_slices(run, count, self.size, threads)
-        if self.form.outlier[layout.KIND] == layout.NO_OUTLIER:
-            inliers[:] = 1.0
+        if any_flat and max_iterations and self.kind == layout.MOTION:
+            covariance[undetermined] = self._across(bound)[undetermined]
         return Estimate(
             theta=thetas[:, :p].reshape(*shape, p),
             covariance=covariance[:, :p, :p].reshape(*shape, p, p),
@@ -283,7 +332,36 @@ class Problem:
             converged=converged.reshape(shape),
             iterations=iterations.reshape(shape),
             inliers=inliers.reshape(shape),
+            fit=fit.reshape(shape),
+            freedom=freedom.reshape(shape),
+            undetermined=undetermined.reshape(shape),
         )
+
+    def _across(self, bound: Bound) -> Array:
+        """Covariances (B, 3, 3) of optima, infinite along what the targets do not determine.
+
+        That is every direction in which the curvature is below FLAT of the largest, once a rotation
+        counts by the displacement that it causes.
+        """
+        moving = self.pairs[0].moving._layout.packed.reshape(-1, 6, self.targets)
+        x, y, xx, _, yy, _ = np.moveaxis(moving, 1, 0)
+        lever = (x * x + y * y + xx + yy).mean(axis=-1)[bound.batch.pairs[:, layout.MOVING_SET]]
+        outward = np.eye(3)
+        if self.pairs[0].measurement is None:
+            bound, inward = self.about_centres(bound)
+            outward = 2.0 * outward - inward.reshape(-1, 3, 3)
+        hessian = self.minimise(bound, max_iterations=0).hessian.reshape(-1, 3, 3)
+        unit = np.ones((len(lever), 3))
+        unit[:, 2] = 1.0 / np.sqrt(lever)
+        values, axes = np.linalg.eigh(hessian * unit[:, :, None] * unit[:, None, :])
+        known = values > FLAT * values[:, -1:]
+        axes = outward @ (unit[:, :, None] * axes)
+        weights = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
+        across = (axes * weights[:, None]) @ np.swapaxes(axes, 1, 2)
+        along = np.where(known[:, None], 0.0, axes / unit[:, :, None])
+        along[np.abs(along) < 1e-6 * np.abs(along).max(axis=1, keepdims=True)] = 0.0
+        free = along @ np.swapaxes(along, 1, 2)
+        return np.asarray(np.where(free == 0.0, across, np.copysign(np.inf, free)))
 
     def derivatives(self, bound: Bound) -> tuple[Array, Array, Array]:
         """Value (...), gradient (..., P) and Hessian (..., P, P) of each bound problem."""
@@ -305,7 +383,7 @@ class Problem:
             np.empty((count, self.targets, 3)),
         )
         terms = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)
-        memory = self._memory()
+        memory = self._memory(layout.NEVER)
         propagate.cross_batch(bound.batch, bound.thetas, begin, memory, terms, tuple(cross))
         return cross
 
@@ -338,9 +416,9 @@ class Problem:
         values = np.empty((len(bound.thetas), len(wanted), self.targets))
         numbers = np.array(wanted)
 
-        def run(first: int, last: int) -> None:
-            thetas, own = bound.thetas[first:last], values[first:last]
-            entries.target_batch(bound.part(first, last), thetas, numbers, self._memory(), own)
+        def run(first: int, last: int, stop: Array) -> None:
+            thetas, own, memory = bound.thetas[first:last], values[first:last], self._memory(stop)
+            entries.target_batch(bound.part(first, last), thetas, numbers, memory, own)
 
         run_in_slices(run, len(values), self.size)
         return values.reshape(*bound.shape, len(wanted), self.targets)

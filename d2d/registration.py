@@ -23,6 +23,7 @@ from d2d.point_set import PointSet
 from d2d.problem import Bound, Estimate, Problem, check_pair
 
 _MAX_STARTS = 10_000_000  # in a grid: 240 MB
+_TURNS = np.deg2rad(np.arange(-150.0, 181.0, 30.0))
 
 # Standard deviations are first inflated tenfold, then reduced in steps.  A start at zero then finds
 # the truth in nearly all of the study's scenes.
@@ -54,7 +55,7 @@ def register(
     cost : RegistrationCost, optional
         By default, the D2D likelihood without an outlier component.
     initial : (..., P) array, optional
-        Where to start; zeros by default.
+        Start or starts, with angles in rad within -2 pi and 2 pi; zeros by default.
     scales : sequence of positive numbers
         All standard deviations are multiplied by each scale in turn, and each optimum is the start
         of the next (Jian & Vemuri 2011).  The last scale, usually 1, is that of the result.  Use
@@ -69,7 +70,12 @@ def register(
     -----
     ``converged`` means that ``theta`` is an optimum near the start, not that it is the right one: a
     cost has several.  If the start is far off, use ``scales=ANNEALED`` or `multi_start`, and if
-    targets may lack a counterpart, an outlier model; low ``inliers`` then reveal a wrong optimum.
+    targets may lack a counterpart, an outlier model; low ``inliers`` and a ``fit`` above its region
+    then reveal a wrong optimum.  Where less than half of the targets have a counterpart, as where
+    two views overlap in part, `UniformOutlier` leaves an optimum the wider basin.
+
+    All covariances take both sets for measurements of *the same physical points*.  Points of a wall
+    that are sampled anew in each view are not: along it the errors are far larger than stated.
 
     The computation takes both sets about their means, so that they may be far from the origin, as
     in map coordinates; with a measurement it stays at the origin, where the measurement was made.
@@ -94,15 +100,29 @@ def register(
     problem = cost.problem(fixed, moving, measurement)
     start = np.zeros(problem.parameters)
     if initial is not None:
-        start = rigid.motion("initial", initial, fixed.dimension)
+        start = rigid.start("initial", initial, fixed.dimension)
+        if not any(problem.pairs[0].batch_shapes) and _is_matrix(start):
+            raise ValueError(
+                "initial must be parameters [t_x, t_y, phi_z] in m, m, rad, but is the matrix of a "
+                "motion, which would be taken for three starts"
+            )
     return anneal(problem, start, steps, threads)
+
+
+def _is_matrix(start: Array) -> bool:
+    """Whether three starts are the homogeneous matrix of a motion of the plane."""
+    return (
+        start.shape == (3, 3)
+        and np.array_equal(start[2], [0.0, 0.0, 1.0])
+        and np.allclose(start[:2, :2] @ start[:2, :2].T, np.eye(2))
+    )
 
 
 def multi_start(
     fixed: PointSet,
     moving: PointSet,
-    cost: RegistrationCost | None,
-    starts: ArrayLike,
+    cost: RegistrationCost | None = None,
+    starts: ArrayLike | None = None,
     scales: Sequence[float] = (1.0,),
     *,
     measurement: LinearMeasurement | None = None,
@@ -110,16 +130,23 @@ def multi_start(
 ) -> Estimate:
     """The best of the optima found from several starts, all in one batch.
 
-    For each problem of the batch, the ``starts`` (S, P) are tried, see `start_grid`; the other
-    arguments are those of `register`.  The result is the converged optimum of lowest cost;
-    ``iterations`` counts those of all starts.  If no start converged, it is that of the first
-    start, not converged.
+    For each problem of the batch, the ``starts`` (S, P) are tried, see `start_grid`: each turns the
+    moving set about its middle, the mean of its targets, then shifts it.  By default, 108 starts
+    turn it by every 30 degrees and shift it by up to a quarter of its size.  The other arguments
+    are those of `register`.  The result is the converged optimum of lowest cost; ``iterations``
+    counts those of all starts.  If no start converged, it is that of the first start, not
+    converged.
     """
     pair = check_pair(fixed, moving, measurement)
-    tried = rigid.motion("starts", starts, fixed.dimension)
+    if starts is None:
+        reach = 0.25 * float(np.ptp(moving.means, axis=-2).max()) or 1.0
+        starts = start_grid(reach, reach, _TURNS)[:, : rigid.PARAMETERS[fixed.dimension]]
+    tried = rigid.start("starts", starts, fixed.dimension)
     check_shape("starts", tried, "(S, P)", empty=False)
     axes = max(map(len, pair.batch_shapes))
     spread = tried.reshape(len(tried), *(1,) * axes, tried.shape[-1])
+    if fixed.dimension == 2:
+        spread = rigid.about(moving.means.mean(axis=-2), spread)
     found = register(fixed, moving, cost, spread, scales, measurement=measurement, threads=threads)
     return best_of(found)
 
@@ -135,8 +162,8 @@ def best_of(found: Estimate) -> Estimate:
     return Estimate(**picked | {"iterations": np.asarray(found.iterations.sum(axis=0))})
 
 
-def start_grid(reach: float, spacing: float, angles: ArrayLike) -> Array:
-    """Starts (S, 3) on a square grid of translations, each combined with every rotation.
+def start_grid(reach: float, spacing: float, angles: ArrayLike = (0.0,)) -> Array:
+    """Starts (S, 3) for `multi_start`: a square grid of translations, each with every rotation.
 
     The grid extends from -reach to reach along x and y, in steps of at most ``spacing``, both in m;
     the ``angles`` (A,) in rad are within -2 pi and 2 pi.  Raises a ``ValueError`` if there would be

@@ -7,16 +7,33 @@ in 2D, with ``T(m) = R(phi_z) m + t``.  All functions broadcast over leading bat
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import broadcast_batches, check_finite, check_shape
-from d2d._kernel import entries
+from d2d._checks import ANGLE, Bounds, broadcast_batches, check_finite, check_shape
+from d2d._kernel import entries, layout
 from d2d._types import Array
 
+_BOUNDS = Bounds(most=layout.MAX_LENGTH)  # in m; no angle is near
 PARAMETERS = {1: 1, 2: 3}  # number of parameters of a rigid motion, by dimension
 
 
 def motion(name: str, theta: ArrayLike, dimension: int) -> Array:
     """The parameters (..., P) of a motion, checked to be finite and to match the dimension."""
-    return check_finite(name, theta, f"(..., {PARAMETERS[dimension]})")
+    parameters = _BOUNDS.array(name, theta)
+    check_shape(name, parameters, f"(..., {PARAMETERS[dimension]})")
+    return parameters
+
+
+def start(name: str, theta: ArrayLike, dimension: int) -> Array:
+    """The parameters (..., P) of a `motion` whose angle is in rad, within -2 pi and 2 pi."""
+    parameters = motion(name, theta, dimension)
+    if dimension == 2:
+        ANGLE.array(name, parameters[..., 2])
+    return parameters
+
+
+def about(point: Array, theta: Array) -> Array:
+    """Motions (..., 3) that turn about a point (..., 2) and then shift, as motions of the plane."""
+    kept = theta[..., :2] + point - (rotation(theta[..., 2]) @ point[..., None])[..., 0]
+    return np.concatenate([kept, np.broadcast_to(theta[..., 2:], (*kept.shape[:-1], 1))], axis=-1)
 
 
 def _any_motion(name: str, theta: ArrayLike) -> Array:

@@ -120,6 +120,9 @@ def _labels(moving: PointSet, bound: Bound, groups: ArrayLike | None) -> NDArray
     """The labels (B, K) of the targets of each problem of a batch."""
     labels = np.arange(moving.size) if groups is None else np.asarray(groups)
     check_shape("groups", labels, f"(..., {moving.size})", like="moving")
+    kinds = {type(label) for label in labels.ravel().tolist()} if labels.dtype == object else set()
+    if np.ma.is_masked(groups) or labels.dtype.kind not in "biufUSO" or not kinds <= {str}:
+        raise ValueError("groups must be numbers or strings, without masked or missing ones")
     if (labels != labels).any():
         raise ValueError("groups must not hold nan; give each such target a label of its own")
     return select(np.broadcast_to(labels, (*bound.shape, moving.size)), 1, bound)

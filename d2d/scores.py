@@ -13,10 +13,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_covariances, check_finite, check_positive, check_shape
+from d2d._checks import Bounds, check_covariances, check_finite, check_positive, check_shape
 from d2d._types import Array
 
 LEVELS = (0.5, 0.95, 0.99)
+# Bounds within which the squares of products are finite, in any unit.
+_ERROR, _VARIANCE = Bounds(most=1e70), Bounds(least=1e-140, most=1e140)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,10 +162,12 @@ def normalised_squares(errors: Array, covariances: Array) -> Array:
 
 def checked_errors(errors: ArrayLike, covariances: ArrayLike) -> tuple[Array, Array]:
     """Errors (N, n) and covariances (N, n, n), from those that a user gave."""
-    e = check_finite("errors", errors, "(N, n)", empty=False)
+    e = _ERROR.array("errors", errors)
+    check_shape("errors", e, "(N, n)", empty=False)
     runs, n = e.shape
     sigma = check_covariances("covariances", covariances)
     check_shape("covariances", sigma, f"({runs}, {n}, {n})", f"({n}, {n})", like="errors")
+    _VARIANCE.array("covariances", np.diagonal(sigma, axis1=-2, axis2=-1))
     return e, np.broadcast_to(sigma, (runs, n, n))
 
 

@@ -13,7 +13,14 @@ from d2d._kernel.charts import exponential_chart, identity_chart, logarithm_char
 from d2d._kernel.compile import compiled, inlined, merged, vectorised
 from d2d._kernel.densities import measurement_jets, outlier_jet
 from d2d._kernel.elementary import log
-from d2d._kernel.jets import fuse_likelihood, fuse_summing, mix, multiply, through_chart
+from d2d._kernel.jets import (
+    add_shares,
+    fuse_likelihood,
+    fuse_summing,
+    mix,
+    multiply,
+    through_chart,
+)
 from d2d._kernel.layout import Pair, Setting
 from d2d._kernel.neighbours import bound_pairs, find_neighbours, largest_shift
 from d2d._kernel.pairs import finish_inliers, load_block, sum_inliers
@@ -89,7 +96,7 @@ def evaluate_block(memory, pair, setting, first, margin, lists):
         known, measured = distance <= 1.0, lists[rows.MEASURED] > 0.0
         # the next step of a descent is likely to be shorter by half
         margin = min(max(0.5 * distance * lists[rows.MARGIN], margin), MOST * margin)
-    while True:
+    for _ in range(3):  # with lists as they are, by what is expected, by what is measured
         if not known:
             bound_pairs(w, pair.extremes)
             limit_pairs(w, outlier, factors, order, setting.gate, first)
@@ -104,6 +111,9 @@ def evaluate_block(memory, pair, setting, first, margin, lists):
         multiply(w)
     if outlier[layout.KIND] != layout.NO_OUTLIER:
         mix(w, outlier[layout.LOG_INLIER_WEIGHT])
+    else:
+        for k in range(LANES):
+            w[rows.SHARE + k] = 1.0
 
 
 @inlined
@@ -129,8 +139,11 @@ def align_tops(w):
 
 
 @merged
-def evaluate_pair(pair, theta, fusion, accuracy, work, lists):
-    """Cost of one pair of sets at the motion theta; its derivatives to ``work``."""
+def evaluate_pair(pair, theta, fusion, accuracy, work, block):
+    """Cost of one pair of sets at the motion theta; its derivatives to ``work``.
+
+    The lists of its first block of targets have the number ``block``.
+    """
     setting = setting_of(pair, theta, accuracy.gate)
     memory, g, h = work.memory, work.gradient, work.hessian
     w = memory.scratch
@@ -138,8 +151,16 @@ def evaluate_pair(pair, theta, fusion, accuracy, work, lists):
         w[rows.TOTAL + k] = 0.0
     for k in range(LANES):
         w[rows.TOP + k] = -np.inf
+    last = memory.lists.shape[0] - 1
     for first in range(0, pair.moving.shape[1], LANES):
-        evaluate_block(memory, pair, setting, first, accuracy.margin, lists[first // LANES])
+        lists = memory.lists[min(block, last)]
+        if block > last:  # they are those of another block
+            lists[rows.LENGTH] = rows.NOT_FOUND
+        block += 1
+        evaluate_block(memory, pair, setting, first, accuracy.margin, lists)
+        add_shares(w)
+        if memory.stop[0] != 0.0:
+            return np.nan
         if fusion == layout.LIKELIHOOD:
             fuse_likelihood(w)
         else:
@@ -239,25 +260,24 @@ def add_derivatives(work, chart, interval, g, h):
 
 @merged
 def evaluate(batch, problem, pair, theta, accuracy, work, g, h):
-    """Cost of a problem at theta, and the sum of its targets' inlier shares.
+    """Cost of a problem at theta, and the sums of its targets' inlier shares and distances.
 
     The cost is the sum over the problem's pairs, of which ``pair`` is the first, and the prior's;
     its gradient goes to g (3), its Hessian to h (3, 3).
     """
     w, motion = work.memory.scratch, work.motion
     for k in range(LANES):
-        w[rows.SHARES + k] = 0.0
+        w[rows.SHARES + k] = w[rows.DISTANCES + k] = 0.0
     for j in range(3):
         g[j] = h[0, j] = h[1, j] = h[2, j] = 0.0
-    value, shares, block = 0.0, 0.0, 0
+    value, shares, distances, block = 0.0, 0.0, 0.0, 0
     first = batch.first[problem]
     for number in range(first, batch.first[problem + 1]):
         if number > first:
             pair = pair_at(batch, number, False)
         chart = motion_chart(batch, number, theta)
         motion[0], motion[1], motion[2] = chart.x, chart.y, chart.phi
-        lists = work.memory.lists[block:]
-        value += evaluate_pair(pair, motion, batch.fusion, accuracy, work, lists)
+        value += evaluate_pair(pair, motion, batch.fusion, accuracy, work, block)
         block += (pair.moving.shape[1] + LANES - 1) // LANES
         add_derivatives(work, chart, batch.intervals[number], g, h)
     for j in range(3):
@@ -267,4 +287,5 @@ def evaluate(batch, problem, pair, theta, accuracy, work, g, h):
         h[j, j] += batch.prior[j]
     for k in range(LANES):
         shares += w[rows.SHARES + k]
-    return value, shares
+        distances += w[rows.DISTANCES + k]
+    return value, shares, distances

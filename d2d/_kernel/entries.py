@@ -8,11 +8,12 @@ from d2d._kernel.compile import compiled, entry, inlined
 from d2d._kernel.cost import evaluate_block, is_centred, motion_chart, pair_at, setting_of
 from d2d._kernel.jets import through_chart
 from d2d._kernel.layout import WEIGHT, XX, XY, YY, X, Y, work_in
-from d2d._kernel.newton import invert, minimise
+from d2d._kernel.newton import invert, minimise, moving_targets
 from d2d._kernel.pairs import find_extremes
 from d2d._kernel.rows import LANES
 
 ROUNDED = 1e-14  # part of a variance that may be rounding
+REMOTE = 1e8
 
 
 @entry
@@ -22,12 +23,14 @@ def are_good_targets(means, covariances, weights):
     """
     d = means.shape[1]
     for k in range(means.shape[0]):
-        good = math.isfinite(means[k, 0]) and layout.MIN_WEIGHT <= weights[k] <= layout.MAX_WEIGHT
+        good = abs(means[k, 0]) <= layout.MAX_LENGTH
+        good = good and layout.MIN_WEIGHT <= weights[k] <= layout.MAX_WEIGHT
         xx = covariances[k, 0, 0]
-        good = good and 0.0 < xx <= layout.MAX_VARIANCE
+        good = good and layout.MIN_VARIANCE <= xx <= layout.MAX_VARIANCE
         if d == 2:
             xy, yy = covariances[k, 0, 1], covariances[k, 1, 1]
-            good = good and math.isfinite(means[k, 1]) and 0.0 < yy <= layout.MAX_VARIANCE
+            good = good and abs(means[k, 1]) <= layout.MAX_LENGTH
+            good = good and layout.MIN_VARIANCE <= yy <= layout.MAX_VARIANCE
             good = good and xy == covariances[k, 1, 0] and 0.0 < xx * yy - xy * xy < math.inf
         if not good:
             return False
@@ -51,7 +54,8 @@ def place_polar_targets(polar, direction, extent, origin, means, covariances):
         xx = radial * (c * c) + across * (s * s)
         xy = (radial - across) * c * s
         yy = radial * (s * s) + across * (c * c)
-        good = good and xx > 0.0 and yy > 0.0 and xx * yy - xy * xy > 0.0
+        good = good and min(xx, yy) >= layout.MIN_VARIANCE and xx * yy - xy * xy > 0.0
+        good = good and max(xx, yy) <= layout.MAX_VARIANCE and r[k] <= layout.MAX_LENGTH
         means[k, 0], means[k, 1] = r[k] * c + origin[0], r[k] * s + origin[1]
         covariances[k, 0, 0], covariances[k, 1, 1] = xx + added, yy + added
         covariances[k, 0, 1] = covariances[k, 1, 0] = xy
@@ -59,21 +63,28 @@ def place_polar_targets(polar, direction, extent, origin, means, covariances):
 
 
 @compiled
-def middle_of(means):
-    """The mean of the target (2,) that is nearest to the mean of all (N, D).
+def middle_of(means, covariances):
+    """The mean (2,) of the targets (N, D), without those that would round the others.
 
-    Seen from there, a single target far away does not round the others.
+    These are more than REMOTE standard deviations away from the target nearest to the mean of all.
     """
     size, last = means.shape[0], means.shape[1] - 1
-    x = y = 0.0
+    x = y = variance = 0.0
     for k in range(size):
         x, y = x + means[k, 0] / size, y + means[k, last] / size
-    middle, least = 0, math.inf
+        variance += (covariances[k, 0, 0] + covariances[k, last, last]) / size
+    nearest, least = 0, math.inf
     for k in range(size):
-        dx, dy = means[k, 0] - x, means[k, last] - y
-        if dx * dx + dy * dy < least:
-            middle, least = k, dx * dx + dy * dy
-    return means[middle, 0], last * means[middle, last]
+        square = (means[k, 0] - x) ** 2 + (means[k, last] - y) ** 2
+        if square < least:
+            nearest, least = k, square
+    at_x, at_y = means[nearest, 0], means[nearest, last]
+    x = y = count = 0.0
+    for k in range(size):
+        dx, dy = means[k, 0] - at_x, means[k, last] - at_y
+        if dx * dx + dy * dy <= REMOTE * REMOTE * variance:
+            x, y, count = x + dx, y + dy, count + 1.0
+    return at_x + x / count, last * (at_y + y / count)
 
 
 @entry
@@ -85,7 +96,7 @@ def pack_targets(means, covariances, weights, packed, extremes, centres):
     size, planar = means.shape[1], means.shape[2] == 2
     for b in range(means.shape[0]):
         points = packed[b]
-        x, y = centres[b] = middle_of(means[b])
+        x, y = centres[b] = middle_of(means[b], covariances[b])
         for k in range(size):
             points[X, k], points[XX, k] = means[b, k, 0] - x, covariances[b, k, 0, 0]
             points[WEIGHT, k] = weights[b, k]
@@ -155,6 +166,17 @@ def target_batch(batch, thetas, wanted, memory, values):
             done += targets
 
 
+@compiled
+def wrap(theta):
+    """Bring a rotation into (-pi, pi]; whether it was outside."""
+    angle = theta[2]
+    if -math.pi < angle <= math.pi or not math.isfinite(angle):
+        return False
+    theta[2] = angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))
+    theta[2] = min(max(theta[2], -math.pi * (1.0 - 1e-16)), math.pi)
+    return True
+
+
 @inlined
 def centres_of(batch, number):
     """The centres of a pair's fixed and moving set."""
@@ -198,32 +220,49 @@ def is_regular(c):
 def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
     """Minimise every problem separately; ``thetas`` holds the starts, then the optima.
 
-    Without an iteration, the results are the cost and its derivatives at the starts.
+    Without an iteration, the results are the cost and its derivatives at the starts.  Returns
+    whether a problem leaves a direction undetermined.
 
     A motion is sought between the sets about their centres: about an origin far away a rotation
     moves all targets alike, and no step can tell it from a translation.  The results are then
     brought back by the chain rule.  A measurement of the motion is linear in the motion as given,
     or in its twist, and a velocity has no other origin than the vehicle's; both stay there.
     """
-    value, gradient, hessian, covariance, converged, iterations, shares = results
+    value, gradient, hessian, covariance, converged, iterations, inliers = results[:7]
+    fit, freedom, undetermined = results[7:]
+    any_flat = False
     work = work_in(memory)
-    centred = is_centred(batch)
+    centred, known = is_centred(batch), batch.outlier[layout.KIND] != layout.NO_OUTLIER
     for b in range(thetas.shape[0]):
         a, c = centres_of(batch, batch.first[b])
         if centred:
             chart = centred_chart(thetas[b], a, c)
             thetas[b, 0], thetas[b, 1] = chart.x, chart.y
-        value[b], converged[b], iterations[b], shares[b] = minimise(
-            batch, b, thetas[b], tolerance, max_iterations, work, gradient[b], hessian[b]
-        )
+        most = max_iterations
+        for attempt in range(3):
+            value[b], converged[b], tried, shares, distances, undetermined[b] = minimise(
+                batch, b, thetas[b], tolerance, most, work, gradient[b], hessian[b]
+            )
+            iterations[b] = tried if attempt == 0 else iterations[b] + tried
+            if max_iterations == 0 or batch.kind != layout.MOTION or not wrap(thetas[b]) or centred:
+                break
+            # another turn is another motion to a measurement: from the turn that is meant once
+            # more, and if need be without a step
+            most = max_iterations if attempt == 0 else 0
         if converged[b]:
             invert(hessian[b], work.step, work.trial, covariance[b])
+        targets = moving_targets(batch, b)
+        inliers[b] = shares / targets if known else math.nan
+        freedom[b] = (1.0 + batch.planar) * shares - (1.0 + 2.0 * batch.planar)
+        fit[b] = 2.0 * distances / freedom[b] if freedom[b] > 0.0 else math.nan
         if centred:
             bring_back(thetas[b], a, c, gradient[b], hessian[b], covariance[b])
             regular = batch.planar == 0.0 or is_regular(covariance[b])
             converged[b] = converged[b] and regular
         if not converged[b]:
             covariance[b, :, :] = math.nan
+        any_flat = any_flat or undetermined[b]
+    return any_flat
 
 
 @entry

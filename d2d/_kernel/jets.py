@@ -44,7 +44,6 @@ def mix(w, log_inlier_weight):
         ratio = 0.0 if abs(gap) > layout.GATE else ratio
         larger = 1.0 / (1.0 + ratio)
         w[rows.SHARE + k] = ratio * larger if gap > 0.0 else larger
-        w[rows.SHARES + k] += w[rows.COUNTS + k] * w[rows.SHARE + k]
         w[rows.INLIER + k] = max(inlier, other) + log(1.0 + ratio)
     for row in range(rows.G0, rows.A22 + LANES, LANES):
         for k in range(lanes):
@@ -52,6 +51,15 @@ def mix(w, log_inlier_weight):
             w[rows.INLIER + row + k] = (
                 share * w[rows.INLIER + row + k] + (1.0 - share) * w[rows.OUTLIER + row + k]
             )
+
+
+@vectorised
+def add_shares(w):
+    """Add the inliers' shares of a block, and how far its targets are from their components."""
+    for k in range(lane_count(w)):
+        share = w[rows.COUNTS + k] * w[rows.SHARE + k]
+        w[rows.SHARES + k] += share
+        w[rows.DISTANCES + k] += share * w[rows.DISTANCE + k]
 
 
 @vectorised

@@ -26,12 +26,13 @@ MOTION, ARC, CHORD = range(3)
 FIXED_START, FIXED_SIZE, FIXED_SET, MOVING_START, MOVING_SIZE, MOVING_SET, FACTOR_START = range(7)
 
 MIN_WEIGHT, MAX_WEIGHT = 1e-100, 1e100  # of a component, so that no sum over- or underflows
-MAX_VARIANCE = 1e150  # m^2, so that no determinant of a sum of two covariances overflows
+# Beyond these bounds squares and products of a cost's terms over- or underflow.
+MAX_LENGTH, MIN_VARIANCE, MAX_VARIANCE = 1e40, 1e-80, 1e80  # m, m^2
 # A one-dimensional set is stored as a planar one with y = 0 and this variance along y, so that the
 # density along y is exactly 1.
 UNIT_DENSITY_VARIANCE = 1.0 / (2.0 * math.pi)
 # Columns of the bounds of a fixed set, see `pairs.find_extremes`.
-TOTAL_WEIGHT, MEAN_ROOT, LEAST_ROOT, LEAST_VARIANCE = range(4)
+TOTAL_WEIGHT, MEAN_ROOT, LEAST_ROOT, LEAST_VARIANCE, LARGEST_ASPECT = range(5)
 GATE = 36.0  # what is below exp(-GATE) = 2e-16 of something does not count beside it
 # A sum that is computed relative to its nearest component must not lose that component to rounding,
 # however far away it is.  So all passes compute the distance by one formula, the offset is a little
@@ -53,7 +54,7 @@ class Pair(NamedTuple):
     tiles: Any  # of the outlier component, see ``tiles.py``; none where the plain sum is as fast
     grid: Any  # (5,) of the tiles
     in_twist: bool  # whether the measurements are linear in the twist
-    extremes: Any  # (4,) bounds of the fixed set, see `find_extremes`
+    extremes: Any  # (5,) bounds of the fixed set, see `find_extremes`
     fixed_centre: Any  # (2,) from which the fixed means are counted; zero where the motion is, too
     moving_centre: Any  # (2,)
 
@@ -92,7 +93,7 @@ class Batch(NamedTuple):
     fixed_centres: Any  # (sets, 2)
     moving_centres: Any  # (sets, 2)
     orders: Any  # (targets,) of all moving sets, each counted from its own first
-    extremes: Any  # (sets, 4) of the fixed sets, see `find_extremes`
+    extremes: Any  # (sets, 5) of the fixed sets, see `find_extremes`
     factors: Any  # (targets, 9) of all measurements, (0, 9) if there is none
     outlier: Any  # (6,)
     tiles: Any  # (tiles, TILE) of the outlier component of large fixed sets, see ``tiles.py``
@@ -115,6 +116,7 @@ class Memory(NamedTuple):
     lists: Any  # (blocks, PLACE and more) the neighbours of each block of a problem's targets
     candidates: Any  # (2, targets of a fixed set) of int, for the search of neighbours
     descent: Any  # (17, 3) of the descent, see `work_in`
+    stop: Any  # (1,) not zero once a caller has been interrupted: evaluations end, with nan
 
 
 class Work(NamedTuple):
@@ -142,6 +144,9 @@ def work_in(memory):
     return Work(memory, d[0], d[1], d[2], d[3], d[6:9], d[4], d[5], d[9:12], d[12:17])
 
 
+LONGEST = 1000  # targets in a list
+MOST_LISTS = 16_000_000  # numbers: 128 MB
+NEVER = np.zeros(1)  # a call that is not interrupted
 _OF_THREAD = threading.local()
 
 
@@ -149,18 +154,21 @@ def own_memory(blocks: int, targets: int) -> Memory:
     """The memory of the thread that calls, for so many blocks and targets of a fixed set.
 
     A list has room for all targets of a small set, and for every eighth of a large one; a longer
-    list would not be faster than the sum over all.
+    list would not be faster than the sum over all.  All lists together take at most MOST_LISTS:
+    blocks beyond share the last ones, which are found anew in each step.
     """
     memory: Memory
     if getattr(_OF_THREAD, "size", None) == (blocks, targets):
         memory = _OF_THREAD.memory
         return memory
-    row = rows.PLACE + min(targets, 64 + targets // 8) * rows.STEP
+    row = rows.PLACE + min(targets, 64 + targets // 8, LONGEST) * rows.STEP
+    blocks = max(1, min(blocks, MOST_LISTS // row))
     whole = getattr(_OF_THREAD, "whole", None)
     if whole is None or whole.lists.size < blocks * row or whole.candidates.size < 2 * targets:
         candidates = np.empty(2 * targets, dtype=np.int64)
         lists, scratch = _aligned(blocks * row), _aligned(rows.SCRATCH)
-        whole = _OF_THREAD.whole = Memory(scratch, lists, candidates, np.empty((17, 3)))
+        whole = Memory(scratch, lists, candidates, np.empty((17, 3)), NEVER)
+        _OF_THREAD.whole = whole
     lists = whole.lists[: blocks * row].reshape(blocks, row)
     candidates = whole.candidates[: 2 * targets].reshape(2, targets)
     memory = _OF_THREAD.memory = whole._replace(lists=lists, candidates=candidates)

@@ -13,6 +13,10 @@ from d2d._kernel.neighbours import forget_neighbours
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
 # do not determine leaves pivots of rounding errors and of the residual gradient there.
 SINGULAR = 1e-8
+# A direction with a curvature below this part of the largest is not determined, if no other has a
+# negative one.
+FLAT = 1e-6
+NOISE = 1e-13  # error of a curvature, relative to the largest
 ROUNDING = 2e-15  # error of a cost, relative to its size plus the number of targets
 RESOLVED = 1e-8  # Newton decrement: 1e-4 standard deviations from the optimum
 
@@ -38,7 +42,8 @@ def shifted_solve(h, g, shift, scale, step):
     d0 = h[0, 0] + shift * scale[0]
     d1 = h[1, 1] + shift * scale[1]
     d2 = h[2, 2] + shift * scale[2]
-    floor0, floor1 = SINGULAR * abs(h[0, 0]), SINGULAR * abs(h[1, 1])
+    floor0 = SINGULAR * abs(h[0, 0]) + NOISE * abs(h[1, 1])
+    floor1 = SINGULAR * abs(h[1, 1]) + NOISE * abs(h[0, 0])
     floor2 = SINGULAR * (abs(h[2, 2]) + scale[2] * abs(h[0, 0] + h[1, 1]))
     if not d0 > floor0:
         return False, 0.0
@@ -207,15 +212,36 @@ def accept_trial(work, theta, g, h):
 
 @inlined
 def newton_decrement(work, g, h):
-    """The Newton step, to ``work.step``, and g' H^-1 g; infinite unless H is positive definite."""
-    step = work.step
-    definite, _ = shifted_solve(h, g, 0.0, work.scale, step)
-    return -(g[0] * step[0] + g[1] * step[1] + g[2] * step[2]) if definite else np.inf
+    """The Newton step, to ``work.step``, g' H^-1 g, and whether a direction is not determined.
+
+    Then the step is the smallest: a shift that others hardly feel keeps it at zero along such a
+    direction.  The decrement is infinite where a curvature is negative.
+    """
+    step, scale = work.step, work.scale
+    definite, _ = shifted_solve(h, g, 0.0, scale, step)
+    flat = False
+    if not definite:
+        shift = FLAT * max(max(h[0, 0], h[1, 1]), h[2, 2] / scale[2])
+        flat, _ = shifted_solve(h, g, shift, scale, step)
+    decrement = -(g[0] * step[0] + g[1] * step[1] + g[2] * step[2])
+    return (decrement if definite or flat else np.inf), flat
+
+
+@inlined
+def moving_targets(batch, problem):
+    """Number of moving targets in all pairs of a problem."""
+    targets = 0
+    for number in range(batch.first[problem], batch.first[problem + 1]):
+        targets += batch.pairs[number, layout.MOVING_SIZE]
+    return targets
 
 
 @merged
 def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
-    """Newton's method in a trust region, in place; (value, converged, iterations, mean share).
+    """Newton's method in a trust region, in place.
+
+    Returns value, whether it converged, iterations, sums of shares and distances, and whether a
+    direction is not determined.
 
     A step is accepted only if it lowers the cost; only the one after rough steps always is.
     Converged means that the Hessian is positive definite and the Newton decrement g' H^-1 g, the
@@ -229,9 +255,7 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     radius = first_radius(pair, scale)
     if batch.kind != layout.MOTION:
         radius /= batch.intervals[batch.first[problem]]
-    targets = 0
-    for number in range(batch.first[problem], batch.first[problem + 1]):
-        targets += batch.pairs[number, layout.MOVING_SIZE]
+    targets = moving_targets(batch, problem)
     for j in range(3):
         trial[j] = theta[j]
     forget_neighbours(work.memory.lists)
@@ -239,18 +263,20 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     rough = plain and pair.fixed.shape[1] > FEW and max_iterations > MOST_ROUGH + 1
     accuracy = ROUGH if rough else EXACT
     # the start is the first trial: a second call of `evaluate` would be compiled a second time
-    value, shares, decrement, decrease, norm = np.inf, 0.0, np.inf, np.inf, np.inf
+    value, shares, distances, flat = np.inf, 0.0, 0.0, False
+    decrement, decrease, norm = np.inf, np.inf, np.inf
     for tried in range(max_iterations + 1):
-        trial_value, trial_shares = evaluate(
+        trial_value, trial_shares, trial_distances = evaluate(
             batch, problem, pair, trial, accuracy, work, work.trial_gradient, work.trial_hessian
         )
         gain = value - trial_value
         better = gain > 0.0 or tried == 0
         if not better and not rough and decrease <= ROUNDING * (abs(value) + targets):
-            after = newton_decrement(work, work.trial_gradient, work.trial_hessian)
+            after, _ = newton_decrement(work, work.trial_gradient, work.trial_hessian)
             nearer = after < 0.25 * decrement < np.inf
             if decrement <= RESOLVED or not nearer:
-                return value, decrement <= RESOLVED, tried, shares / targets
+                found = decrement <= RESOLVED
+                return value, found and not flat, tried, shares, distances, found and flat
             better = True
         elif tried > 0:
             ratio = gain / decrease if decrease > 0.0 else -1.0
@@ -259,15 +285,15 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
             elif ratio > 0.75 and norm > 0.8 * radius:
                 radius *= 2.0
         if better:
-            value, shares = trial_value, trial_shares
+            value, shares, distances = trial_value, trial_shares, trial_distances
             accept_trial(work, theta, g, h)
         elif norm == 0.0:
-            return value, False, tried, shares / targets
+            return value, False, tried, shares, distances, False
         if not math.isfinite(value):
-            return value, False, tried, shares / targets
-        decrement = newton_decrement(work, g, h)
+            return value, False, tried, shares, distances, False
+        decrement, flat = newton_decrement(work, g, h)
         if decrement <= tolerance and not rough:
-            return value, True, tried, shares / targets
+            return value, not flat, tried, shares, distances, flat
         if tried == max_iterations:
             break
         norm = math.sqrt(inner_product(step, step, scale))
@@ -282,4 +308,4 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
             value = np.inf  # the next cost is not to be compared with rough ones
             rough, accuracy = False, LAST
             forget_neighbours(work.memory.lists)
-    return value, False, max_iterations, shares / targets
+    return value, False, max_iterations, shares, distances, False

@@ -85,6 +85,7 @@ def add_step(w, step, setting):
         turned = ux * mx + uy * my - trace  # K
         bmx, bmy = bxx * mx + bxy * my, bxy * mx + byy * my  # B M u
         w[rows.INLIER + k] += weight
+        w[rows.DISTANCE + k] += weight * half
         w[rows.INLIER + rows.G0 + k] -= weight * ux
         w[rows.INLIER + rows.G1 + k] -= weight * uy
         w[rows.INLIER + rows.A00 + k] += weight * (ux * ux - bxx)
@@ -122,7 +123,7 @@ def sum_inliers(w, fixed, setting, lists):
     for k in range(10 * LANES):
         w[rows.INLIER + k] = 0.0
     for k in range(LANES):
-        w[rows.INLIER + k] = TINY
+        w[rows.INLIER + k], w[rows.DISTANCE + k] = TINY, 0.0
     length = int(lists[rows.LENGTH])
     if length == rows.DENSE:
         add_all(w, fixed, setting)
@@ -152,6 +153,7 @@ def finish_inliers(w):
             0.5 * (w[rows.CXX + k] - w[rows.CYY + k]),
         )
         r = w[rows.TO_SHARE + k] = 1.0 / w[rows.INLIER + k]
+        w[rows.DISTANCE + k] *= r
         g0, g1 = r * w[rows.INLIER + rows.G0 + k], r * w[rows.INLIER + rows.G1 + k]
         a00, a01, a11 = (
             r * w[rows.INLIER + rows.A00 + k],
@@ -183,8 +185,9 @@ def finish_inliers(w):
 
 @compiled
 def find_extremes(points, extremes):
-    """Sum of the weights, mean and least det(Sigma_i)^(1/2), and least variance."""
+    """Sum of the weights, mean and least det(Sigma_i)^(1/2), least variance, largest aspect."""
     total, mean, least, variance, count = 0.0, 0.0, math.inf, math.inf, points.shape[1]
+    aspect = 1.0
     for i in range(count):
         xx, xy, yy = points[XX, i], points[XY, i], points[YY, i]
         determinant, half = xx * yy - xy * xy, 0.5 * (xx - yy)
@@ -192,6 +195,8 @@ def find_extremes(points, extremes):
         total += points[WEIGHT, i]
         mean += root / count
         least = min(least, root)
-        variance = min(variance, determinant / (0.5 * (xx + yy) + math.sqrt(half * half + xy * xy)))
+        largest = 0.5 * (xx + yy) + math.sqrt(half * half + xy * xy)
+        variance, aspect = min(variance, determinant / largest), max(aspect, largest / root)
     extremes[layout.TOTAL_WEIGHT], extremes[layout.MEAN_ROOT] = total, mean
     extremes[layout.LEAST_ROOT], extremes[layout.LEAST_VARIANCE] = least, variance
+    extremes[layout.LARGEST_ASPECT] = aspect

@@ -29,7 +29,10 @@ MEAN, CENTRED, MOVED = 67 * LANES, 70 * LANES, 73 * LANES
 ONE_STEP = 79 * LANES  # a component that all targets of a block are paired with
 POLYNOMIAL = 85 * LANES  # of one coordinate for each target, with its derivatives (see tiles.py)
 TERMS = POLYNOMIAL  # of a step of the propagation
-SCRATCH = 133 * LANES
+# The mean half squared distance of each target from its components, in their standard deviations,
+# and its sum over the blocks, weighted by the shares.
+DISTANCE, DISTANCES = 133 * LANES, 134 * LANES
+SCRATCH = 135 * LANES
 
 # The neighbours of a block of targets: where they were when their lists were made, how far they may
 # move from there, and down to where their outlier component may sink; the lists' common length.

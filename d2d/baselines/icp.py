@@ -8,7 +8,13 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import check_choice, check_count, check_finite, check_shape
+from d2d._checks import (
+    check_choice,
+    check_count,
+    check_finite,
+    check_positive_scalar,
+    check_shape,
+)
 from d2d._types import Array
 
 Metric = Literal["point", "line"]
@@ -97,6 +103,8 @@ def icp(
     target = check_points("fixed", fixed, dimensions=2)
     source = check_points("moving", moving, dimensions=2)
     check_choice("metric", metric, ("point", "line"))
+    check_positive_scalar("tolerance", tolerance)
+    check_count("max_iterations", max_iterations, 0)
     start = np.zeros(3) if initial is None else rigid.motion("initial", initial, 2)
     normals = line_normals(target, neighbours) if metric == "line" else None
     tree = scipy.spatial.cKDTree(target)
@@ -148,18 +156,23 @@ def _pair(
 
 
 def _line_step(fixed: Array, normals: Array, moved: Array) -> Array:
-    """The motion (B, 3) that minimises sum (n . (m + phi E m + t - f))^2 over t and phi.
+    """The motion (B, 3) that minimises sum (n . (m + phi E m' + t - f))^2 over t and phi.
 
-    E m = (-m_y, m_x) is the derivative of the rotation at zero.  Where the lines leave a direction
-    undetermined (a corridor), the solution has the smallest norm.
+    m' is m about the mean of all, and E m' = (-m'_y, m'_x) the derivative of the rotation at zero.
+    Where the lines leave a direction undetermined (a corridor), the solution has the smallest norm;
+    a rotation counts by the displacement that it causes.
     """
-    across = normals[..., 1] * moved[..., 0] - normals[..., 0] * moved[..., 1]
-    jacobian = np.concatenate([normals, across[..., None]], axis=-1)
+    middle = moved.mean(axis=-2, keepdims=True)
+    about = moved - middle
+    lever = np.sqrt((about**2).sum(axis=-1).mean(axis=-1))[:, None, None] + 1e-300
+    across = (normals[..., 1] * about[..., 0] - normals[..., 0] * about[..., 1])[..., None] / lever
+    jacobian = np.concatenate([normals, across], axis=-1)
     residual = np.einsum("bmi,bmi->bm", normals, fixed - moved)
     normal_matrix = np.swapaxes(jacobian, -1, -2) @ jacobian
     right_side = np.einsum("bmp,bm->bp", jacobian, residual)
     solved = np.linalg.pinv(normal_matrix, hermitian=True) @ right_side[..., None]
-    return np.asarray(solved[..., 0])
+    solved[:, 2:] /= lever
+    return rigid.about(middle[:, 0], solved[..., 0])
 
 
 def check_points(name: str, value: ArrayLike, dimensions: int | None = None) -> Array:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import check_positive_scalar
+from d2d._checks import check_count, check_finite, check_fraction, check_positive_scalar
 from d2d._types import Array
 from d2d.baselines.eigenvalues import raise_eigenvalues
 from d2d.baselines.gaussian_fit import fit
@@ -130,7 +130,14 @@ def _cells(
 ) -> tuple[Array, Array]:
     """Means and covariances of the points in each cell, without the cells that have too few."""
     side = check_positive_scalar("size", size)
-    place = np.floor(points / side - np.asarray(shift)).astype(np.int64)
+    check_count("min_points", min_points)
+    check_fraction("smallest_ratio", smallest_ratio)
+    place = np.floor(points / side - check_finite("shift", shift, "(2,)"))
+    if np.abs(place).max() > 2.0**62:
+        raise ValueError(
+            f"size must be larger: points up to {np.abs(points).max():g} m have no cell"
+        )
+    place = place.astype(np.int64)
     _, cell, counts = np.unique(place, axis=0, return_inverse=True, return_counts=True)
     means, covariances = [], []
     for number in np.flatnonzero(counts >= min_points):

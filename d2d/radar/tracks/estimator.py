@@ -162,7 +162,7 @@ class OdometryEstimator:
         near = None
         if self.velocity is not None:
             near = estimate_velocity(problem, self.velocity, self.scales)
-            if near.converged and float(near.inliers) >= _GOOD_INLIER_SHARE:
+            if near.converged and not float(near.inliers) < _GOOD_INLIER_SHARE:
                 return near
         anew = estimate_velocity(problem, doppler_starts([*views]), self.scales)
         if near is None:
@@ -186,7 +186,7 @@ def _time_aligned_scans(pairs: Sequence[ScanPair], by: Acceleration | None) -> I
 
 def _is_good(estimate: Estimate) -> bool:
     """Whether an estimate is an optimum that does not reject nearly all targets."""
-    return bool(estimate.converged) and float(estimate.inliers) >= MIN_INLIER_SHARE
+    return bool(estimate.converged) and not float(estimate.inliers) < MIN_INLIER_SHARE
 
 
 def _objection(estimate: Estimate, pairs: Sequence[ScanPair]) -> str:
