@@ -152,7 +152,7 @@ def track(
 
 
 class Tracker:
-    """The motion of a vehicle scan by scan, as its sensors measure.
+    """The motion of a vehicle scan by scan, as its sensors measure.  One is for one thread.
 
     It compiles what it needs when it is made, for up to a minute the first time on a machine and
     for half a second later.  It keeps the scans that later ones will be registered with, and the
