@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from d2d._checks import SECONDS, check_choice, check_instance, check_path, check_positive_scalar
+from d2d._checks import SECONDS, check_instance, check_path, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.readers.pcd import read_pcd
 from d2d.radar.readers.reader import Option, data_set
@@ -353,7 +353,9 @@ def _drive(folder: Path, scene: str, channel: str) -> _Drive:
 
 
 def _chosen(name: str, value: str, choices: dict[str, str]) -> str:
-    check_choice(name, value, sorted(choices))
+    if value not in choices:
+        known = brief(", ".join(sorted(choices)))
+        raise ValueError(f"{name} must be one of {known}, but is {brief(repr(value))}")
     return choices[value]
 
 

@@ -349,38 +349,6 @@ def test_a_column_that_is_missing_or_of_another_type_is_named(root):
                 assert f"the column {column!r} of the table {name!r}" in refused(root, H5)
 
 
-def test_lists_of_scans_and_mountings_that_are_none_are_refused(root):
-    """Breaks if a KeyError, TypeError or IndexError gets through, a scan is left out, or a sensor
-    at the origin stands in for one that is not described."""
-
-    def first(**changes: Any) -> dict[str, Any]:
-        scene = {"sensor_id": 3, "radar_indices": [0, 3]} | changes
-        return {"scenes": {"1000000": {k: v for k, v in scene.items() if v != "gone"}}}
-
-    described = SENSORS["radar_3"]
-    lists = (
-        *([], 3, {}, {"scenes": []}),
-        *(first(radar_indices=bad) for bad in ([], [0], ["a", "b"], [np.inf, 1], None, "gone")),
-        first(sensor_id="gone"),
-        *({"scenes": {key: first()["scenes"]["1000000"]}} for key in ("", "noon", "1.5")),
-    )
-    mountings = (
-        *(b"", b"\xff\xfe\x00", b"[1, 2", b"3"),
-        *({"radar_3": bad} for bad in (None, {"x": 1.0, "y": 2.0})),
-        *({"radar_3": described | {"yaw": bad}} for bad in (None, "a", [1.0], np.nan, 90.0)),
-    )
-    for file, contents, what in (
-        (MOUNTINGS, mountings, "a list of mountings with x, y and yaw"),
-        (SCENES, lists, "a RadarScenes scene list"),
-    ):
-        whole = (root / file).read_bytes()
-        for content in contents:
-            raw = content if isinstance(content, bytes) else json.dumps(content).encode()
-            (root / file).write_bytes(raw)
-            assert f"is not {what}" in refused(root, file)
-        (root / file).write_bytes(whole)
-
-
 def test_indices_that_do_not_fit_the_targets_are_refused(root):
     """Breaks if a slice is quietly cut, or another sensor's targets are read."""
     for indices, says in (
