@@ -28,6 +28,7 @@ from d2d.radar.readers import READERS
 from d2d.radar.readers.csv_log import mountings_of, sigmas_of, write_csv
 from d2d.radar.readers.odometry import load_reference
 from d2d.radar.readers.reader import Option, Source
+from d2d.radar.readers.shared import brief
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
 from d2d.radar.simulation.drive import simulate_drive
@@ -96,7 +97,7 @@ def _complain(text: str) -> None:
     """Write a line to the standard error; drop it if that cannot be written to."""
     if sys.stderr is not None:
         with suppress(OSError, ValueError):
-            print(f"{PROGRAM}: {_plain(text)}", file=sys.stderr, flush=True)
+            print(f"{PROGRAM}: {brief(_plain(text), 1000)}", file=sys.stderr, flush=True)
 
 
 def _plain(text: object) -> str:

@@ -153,10 +153,12 @@ def test_odd_lines_are_named_and_the_next_one_is_read(run):
         good[0].replace('"time": ', '"time": -1e300, "was": '): "time must be in seconds (s), at",
         good[0].replace('"range": [', '"range": ["a", '): "range must be an array of real numbers",
         "[" * 100_000: "",
+        good[0].replace('"front"', f'"{"long" * 100_000}"'): "sensor must be one of 'front', but",
     }
     found, said = run([good[0], "", *odd, *good[1:]])
     assert [each["theta"] for each in found] == [each.theta.tolist() for each in expected()]
     assert len(said) == len(odd)
+    assert max(map(len, said)) < 1100
     for number, (line, words) in enumerate(zip(said, odd.values(), strict=True), start=3):
         assert line.startswith(f"python -m d2d.radar: line {number}: {words}"), line
 

@@ -16,7 +16,6 @@ from d2d._types import Array
 
 MICROSECOND = 1e-6  # s
 _OFFSET = SECONDS._replace(most=10.0)  # s, of a radar's clock
-_LONGEST = 300  # characters of a message that come from a file
 _LARGEST = 2**53  # that float64 holds exactly: 285 years in microseconds
 
 
@@ -93,10 +92,10 @@ def bytes_of(path: Path) -> bytes:
         raise ValueError(f"{path} cannot be read: {error.strerror}") from None
 
 
-def brief(text: object) -> str:
-    """A text in one line, the middle of which is left out if it is long."""
+def brief(text: object, most: int = 300) -> str:
+    """A text in one line, of which a part is left out if it has more than ``most`` characters."""
     line = " ".join(str(text).splitlines())
-    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 40]} ... {line[-35:]}"
+    return line if len(line) <= most else f"{line[: most - 40]} ... {line[-35:]}"
 
 
 def whole_number(name: str, value: object) -> int:

@@ -365,6 +365,18 @@ def test_indices_that_do_not_fit_the_targets_are_refused(root):
         assert says in said
 
 
+@pytest.mark.parametrize(
+    ("stamp", "indices"),
+    [("01000000", [0, 3]), ("1_000_000", [0, 3]), ("+1000000", [0, 3]), ("1000000", [0.0, 3.9])],
+)
+def test_stamps_and_indices_are_written_in_one_way(root, stamp, indices):
+    """Breaks if a scan comes twice under two stamps, or an index is rounded."""
+    content = scenes()
+    content["scenes"][stamp] = {"sensor_id": 3, "radar_indices": indices}
+    (root / SCENES).write_text(json.dumps(content))
+    assert "must be a whole number" in refused(root, SCENES)
+
+
 def test_arguments_out_of_range_are_refused_by_name(root):
     """Breaks if nothing is kept of every scan, or nan gets into the reference."""
     good = {"root": root, "sequence": 7, "sensor": 3}
