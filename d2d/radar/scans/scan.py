@@ -1,5 +1,7 @@
 """A scan of a Doppler radar, and the mounting of the sensor on the vehicle."""
 
+from __future__ import annotations  # so that help() shows ArrayLike, not all that it is
+
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -82,6 +84,15 @@ class RadarScan(Frozen):
 
     Raises a ``ValueError`` if a range or standard deviation is not positive or so large or small
     that no covariance can hold it, a range beyond 10 km or an azimuth beyond 2 pi.
+
+    Examples
+    --------
+    >>> from d2d.radar import RadarScan
+    >>> scan = RadarScan(12.05, [14.2, 31.0], [-0.31, 0.02], [-8.92, -9.3], 0.15, 0.009, 0.06)
+    >>> scan
+    RadarScan(time=12.050000 s, 2 targets)
+    >>> scan[scan.range < 20.0].doppler
+    array([-8.92])
     """
 
     time: float
@@ -143,7 +154,7 @@ class RadarScan(Frozen):
         sigma_doppler: ArrayLike = 0.0,
         step: float | None = None,
         extent: ArrayLike = 0.0,
-    ) -> "RadarScan":
+    ) -> RadarScan:
         """The scan of a radar that reports positions, such as a list of objects or clusters.
 
         The targets have the positions x along the boresight and y to the left, (K,) arrays in m in
@@ -196,7 +207,7 @@ class RadarScan(Frozen):
     def __repr__(self) -> str:
         return f"RadarScan(time={self.time:.6f} s, {len(self)} targets)"
 
-    def __getitem__(self, index: Selection) -> "RadarScan":
+    def __getitem__(self, index: Selection) -> RadarScan:
         """The scan with only those targets that a slice, a mask or a list of indices selects."""
         which: Any = index  # NumPy's own types do not take so many kinds at once
         if np.ndim(self.range[which]) != 1:
@@ -204,7 +215,7 @@ class RadarScan(Frozen):
         columns = (np.ascontiguousarray(getattr(self, name)[which]) for name in BOUNDS)
         return RadarScan._made(self.time, *columns)
 
-    def with_extent(self, extent: ArrayLike) -> "RadarScan":
+    def with_extent(self, extent: ArrayLike) -> RadarScan:
         """The scan with another ``extent``, a number or (K,) array in m."""
         return replace(self, extent=extent)  # type: ignore[arg-type] # what __init__ takes
 

@@ -5,6 +5,7 @@ point seen from a sensor that really moves, covariances against draws.
 """
 
 import cmath
+import pydoc
 from itertools import product
 
 import numpy as np
@@ -160,6 +161,12 @@ def test_a_scan_names_what_it_refuses():
         named = "azimuth" if name == "range" and np.shape(bad) == (4,) else name
         with pytest.raises(ValueError, match=f"^{named} must .*{says}"):
             RadarScan(**{**good_arguments(), name: bad})
+
+
+def test_help_can_be_read():
+    """Breaks if an argument is shown as all types that NumPy takes for an array."""
+    text = pydoc.render_doc(RadarScan, renderer=pydoc.plaintext)
+    assert max(map(len, text.splitlines())) < 500
 
 
 def test_a_mounting_names_what_it_refuses():
