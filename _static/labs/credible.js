@@ -230,15 +230,11 @@ labs.define(
     lab.build(
       [
         bar(lab.costs()),
-        html(
-          "div",
-          { class: "lab-row" },
+        labs.row(
           panel("Errors of the registrations", scatter),
           panel("Errors in units of what was stated", histogram),
         ),
-        html(
-          "p",
-          { class: "lab-key" },
+        labs.legend(
           stated,
           key("lab-truth", "95 % ellipse of the errors; expected histogram"),
           html("span", {}, "● inside its own 95 % region, ○ outside"),

@@ -428,15 +428,8 @@ labs.define(
         hint,
         bar(html("label", { for: file.id }, "or open a file, or drop it above"), file),
         lab.told,
-        html(
-          "div",
-          { class: "lab-row" },
-          panel("NEES of all rows", histogram),
-          panel("Errors over their stated σ", strips),
-        ),
-        html(
-          "p",
-          { class: "lab-key" },
+        labs.row(panel("NEES of all rows", histogram), panel("Errors over their stated σ", strips)),
+        labs.legend(
           html("span", {}, "dashed: the chi-square density, and the lines between which 95\u00a0% should lie"),
         ),
       ],

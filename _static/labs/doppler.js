@@ -292,10 +292,8 @@ labs.define(
           }),
           lab.slider("w", { label: "yaw rate ω", min: -50, max: 50, step: 0.5, show: (v) => `${number(v, 1)} °/s` }),
         ),
-        html("div", { class: "lab-row" }, fan.box, top.box),
-        html(
-          "p",
-          { class: "lab-key" },
+        labs.row(fan.box, top.box),
+        labs.legend(
           ...labs.setKey("moving", "outlier"),
           html("span", {}, "hollow: does not agree"),
         ),

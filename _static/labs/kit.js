@@ -122,21 +122,9 @@ globalThis.labs = (() => {
 
   /** Axes in an SVG that fills its box. `shape` is height over width, on a phone `narrow`; `equal` makes a metre a metre. */
   class Plot {
-    constructor(
-      lab,
-      {
-        label,
-        xlabel,
-        ylabel = "",
-        shape = 0.6,
-        narrow = shape,
-        equal = false,
-        heat = false,
-        xTicks = true,
-        yTicks = true,
-      },
-    ) {
-      Object.assign(this, { lab, xlabel, ylabel, shape, narrow, equal, xTicks, yTicks });
+    constructor(lab, { label, heat = false, ...options }) {
+      Object.assign(this, { lab, ylabel: "", shape: 0.6, equal: false, xTicks: true, yTicks: true, ...options });
+      this.narrow ??= this.shape;
       this.box = html("div", { class: "lab-plot" });
       if (heat) this.box.append((this.canvas = html("canvas", { "aria-hidden": "true" })));
       this.svg = svg("svg", { role: "group", "aria-label": label });
@@ -794,8 +782,10 @@ globalThis.labs = (() => {
     list.replaceWith(bar(...answers), reveal);
   }
 
-  /** A row of controls. */
-  const bar = (...parts) => html("div", { class: "lab-bar" }, ...parts);
+  /** A row of controls, one of pictures side by side, and a line that says what their marks mean. */
+  const bar = (...parts) => html("div", { class: "lab-bar" }, ...parts),
+    row = (...parts) => html("div", { class: "lab-row" }, ...parts),
+    legend = (...parts) => html("p", { class: "lab-key" }, ...parts);
 
   /** A plot under a title. */
   const panel = (title, plot) => html("div", {}, html("p", { class: "lab-title" }, title), plot.box);
@@ -828,6 +818,8 @@ globalThis.labs = (() => {
     letter,
     verdict,
     bar,
+    row,
+    legend,
     panel,
     corrupted,
     formOf,

@@ -237,9 +237,7 @@ labs.define(
     lab.build(
       [
         bar(lab.costs()),
-        html(
-          "div",
-          { class: "lab-row" },
+        labs.row(
           panel("Drag the purple scan, turn it by the ring", scene),
           html(
             "div",
@@ -248,9 +246,7 @@ labs.define(
             panel("Its error, and 3σ", error),
           ),
         ),
-        html(
-          "p",
-          { class: "lab-key" },
+        labs.legend(
           ...labs.setKey("fixed", "moving"),
           html("span", {}, "▷ ▶ the radar at each"),
           html("span", {}, "small ellipse: where the registration puts ▶"),

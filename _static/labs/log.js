@@ -364,9 +364,7 @@
       form.addEventListener("invalid", ({ target }) => more.contains(target) && (more.open = true), true);
 
       results.append(
-        html(
-          "div",
-          { class: "lab-row" },
+        labs.row(
           html("div", {}, panel("The path from the square; crosses: refused", path), report),
           html("div", {}, ...curves.map(({ title, plot }) => panel(title, plot))),
         ),

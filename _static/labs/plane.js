@@ -326,9 +326,7 @@ labs.define(
     lab.build(
       [
         bar(lab.costs()),
-        html(
-          "div",
-          { class: "lab-row" },
+        labs.row(
           panel(html("span", { class: "lab-key" }, ...labs.setKey("fixed", "moving")), scene),
           panel("Cost, low is dark; start: white ring", map),
         ),

@@ -122,13 +122,11 @@ labs.define(
       [
         bar(button, lab.choice("covariance", "Covariance", NAMES)),
         lab.told, // beside the button, in the first screen also of a phone
-        html(
-          "div",
-          { class: "lab-row" },
+        labs.row(
           panel("The path, from the radar alone", map),
           panel("Errors of the velocity", scatter),
         ),
-        html("p", { class: "lab-key" }, ...LEGEND.map((each) => html("span", {}, each))),
+        labs.legend(...LEGEND.map((each) => html("span", {}, each))),
         bar(
           lab.slider("shown", {
             label: "time",

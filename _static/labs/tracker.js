@@ -463,9 +463,6 @@ globalThis.tracker = (function radarTracker() {
 
   // ---- d2d/dense.py: how the gradient changes with each measured value -----------------------------------------------------
 
-  // Of each near term of a target: its component, whether it is the outlier's, gamma, u, B, the gradient less the mean, v.
-  const TERM = 13;
-
   /**
    * Of one pair, in the velocity: {fixed, moving} (3 x 2 of each target), {value, input} (3 of each moving target).  All is
    * added up in the motion's parameters, in which a pair's gradient is [-u, by angle], and turned into the velocity's last.
@@ -482,9 +479,7 @@ globalThis.tracker = (function radarTracker() {
     };
     const positionsInVelocity = (rows) => transposed(transposed(rows).map(inVelocity));
     const byFixed = fixed.map(() => filled(3, 2)),
-      cross = { moving: [], value: [], input: [] },
-      logs = new Float64Array(2 * fixed.length),
-      terms = new Float64Array(2 * fixed.length * TERM);
+      cross = { moving: [], value: [], input: [] };
     for (const target of moving) {
       const p = d2d.move(target, [0, 0, phi]),
         factor = dopplerFactor(target.doppler, theta),
@@ -492,24 +487,8 @@ globalThis.tracker = (function radarTracker() {
       const inlying = Math.log1p(-OUTLIER.fraction) + factor.log,
         outlying = Math.log(OUTLIER.fraction / DOPPLER_WIDTH);
       const spread = ({ xx, xy, yy }, wide) => (wide ? OUTLIER : { xx: xx + p.xx, xy: xy + p.xy, yy: yy + p.yy });
-      let top = -Infinity;
-      for (let n = 0; n < logs.length; n++) {
-        const component = fixed[n >> 1],
-          { xx, xy, yy } = spread(component, n & 1),
-          dx = p.x + tx - component.x,
-          dy = p.y + ty - component.y,
-          determinant = xx * yy - xy * xy,
-          square = (yy * dx * dx - 2 * xy * dx * dy + xx * dy * dy) / determinant;
-        logs[n] = (n & 1 ? outlying : inlying) - 0.5 * (square + Math.log(determinant)) - Math.log(2 * Math.PI);
-        if (logs[n] > top) top = logs[n];
-      }
-      let end = 0,
-        total = 0,
-        m0 = 0,
-        m1 = 0,
-        m2 = 0;
-      for (let n = 0; n < logs.length; n++) {
-        if (logs[n] < top - 40) continue; // such a term changes nothing
+      const all = [];
+      for (let n = 0; n < 2 * fixed.length; n++) {
         const component = fixed[n >> 1],
           { xx, xy, yy } = spread(component, n & 1),
           determinant = xx * yy - xy * xy,
@@ -519,40 +498,30 @@ globalThis.tracker = (function radarTracker() {
           dx = p.x + tx - component.x,
           dy = p.y + ty - component.y,
           ux = bxx * dx + bxy * dy,
-          uy = bxy * dx + byy * dy;
+          uy = bxy * dx + byy * dy,
+          log = (n & 1 ? outlying : inlying) - 0.5 * (dx * ux + dy * uy + Math.log(determinant));
         const own = n & 1 ? 0 : 1, // S turns with the target: C_phi = [[e, h], [h, -e]]
           e = own * -2 * p.xy,
           h = own * (p.xx - p.yy),
           bentX = e * ux + h * uy,
           bentY = h * ux - e * uy;
         const byAngle = ux * (0.5 * bentX + p.y) + uy * (0.5 * bentY - p.x) - 0.5 * (e * (bxx - byy) + 2 * h * bxy);
-        const gamma = Math.exp(logs[n] - top),
-          g0 = own * slope[0] - ux,
+        const g0 = own * slope[0] - ux,
           g1 = own * slope[1] - uy,
           g2 = own * slope[2] + byAngle;
-        total += gamma;
-        m0 += gamma * g0;
-        m1 += gamma * g1;
-        m2 += gamma * g2;
-        terms.set([n >> 1, own, gamma, ux, uy, bxx, bxy, byy, g0, g1, g2, -p.y - bentX, p.x - bentY], end);
-        end += TERM;
+        all.push({ component: byFixed[n >> 1], log, own, ux, uy, bxx, bxy, byy, g0, g1, g2, vx: -p.y - bentX, vy: p.x - bentY });
       }
+      const top = all.reduce((most, { log }) => Math.max(most, log), -Infinity),
+        terms = all.filter(({ log }) => log >= top - 40), // others change nothing
+        weights = terms.map(({ log }) => Math.exp(log - top)),
+        total = weights.reduce((a, b) => a + b),
+        [m0, m1, m2] = ["g0", "g1", "g2"].map((g) => weights.reduce((sum, weight, i) => sum + weight * terms[i][g], 0) / total);
       const moved = filled(3, 2),
         centred = [0, 0, 0];
       let share = 0;
-      for (let at = 0; at < end; at += TERM) {
-        const own = terms[at + 1],
-          gamma = terms[at + 2] / total,
-          ux = terms[at + 3],
-          uy = terms[at + 4],
-          bxx = terms[at + 5],
-          bxy = terms[at + 6],
-          byy = terms[at + 7],
-          g0 = terms[at + 8] - m0 / total,
-          g1 = terms[at + 9] - m1 / total,
-          g2 = terms[at + 10] - m2 / total,
-          vx = terms[at + 11],
-          vy = terms[at + 12];
+      terms.forEach(({ component, own, ux, uy, bxx, bxy, byy, vx, vy, ...term }, i) => {
+        const gamma = weights[i] / total,
+          [g0, g1, g2] = [term.g0 - m0, term.g1 - m1, term.g2 - m2];
         const block = [
           gamma * (bxx + g0 * ux),
           gamma * (bxy + g0 * uy),
@@ -561,7 +530,6 @@ globalThis.tracker = (function radarTracker() {
           gamma * (bxx * vx + bxy * vy + g2 * ux),
           gamma * (bxy * vx + byy * vy + g2 * uy),
         ];
-        const component = byFixed[terms[at]];
         for (let j = 0; j < 6; j++) {
           component[j >> 1][j & 1] -= block[j];
           moved[j >> 1][j & 1] += block[j];
@@ -572,7 +540,7 @@ globalThis.tracker = (function radarTracker() {
         centred[0] += own * gamma * g0;
         centred[1] += own * gamma * g1;
         centred[2] += own * gamma * g2;
-      }
+      });
       const cosine = Math.cos(phi),
         sine = Math.sin(phi),
         rest = inVelocity(centred);
@@ -1189,10 +1157,9 @@ globalThis.tracker = (function radarTracker() {
       const turned = apply(bracket(before), velocity),
         twist = turned.map((each, i) => (interval / 2) * (before[i] + velocity[i]) + (interval ** 2 / 12) * each),
         [dx, dy, turn] = d2d.exponential(...twist).motion,
-        [x, y, yaw] = poses.at(-1),
-        cosine = Math.cos(yaw),
-        sine = Math.sin(yaw);
-      poses.push([x + cosine * dx - sine * dy, y + sine * dx + cosine * dy, yaw + turn]);
+        pose = poses.at(-1),
+        { x, y } = d2d.move({ x: dx, y: dy }, pose);
+      poses.push([x, y, pose[2] + turn]);
     }
     return poses;
   }
