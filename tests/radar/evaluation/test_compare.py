@@ -125,7 +125,7 @@ def test_errors_of_singular_covariances_have_an_rmse():
 
 
 def test_slow_errors_have_wider_intervals():
-    """Breaks if the errors' correlation in time is not taken into account."""
+    """Breaks if the correlation in time of the errors, or of their size, is not accounted for."""
     driven, reference = example()
     slow = np.repeat(np.random.default_rng(4).standard_normal((N // 20, 3)), 20, axis=0)
     found = Comparison.from_errors(driven, slow * SCALE)
@@ -134,6 +134,9 @@ def test_slow_errors_have_wider_intervals():
     if_independent = np.ptp(block_bootstrap(lambda e: e.mean(axis=0), errors, 1, rng), axis=0)
     assert (np.ptp(found.intervals().mean_error, axis=0) > 2.0 * if_independent).all()
     assert compare(driven, reference).block <= 5
+    size = np.repeat(np.tile([0.1, 3.0], N // 40), 20)[:, None]
+    calm_and_rough = size * SCALE * np.random.default_rng(0).standard_normal((N, 3))
+    assert Comparison.from_errors(driven, calm_and_rough).block > 10
 
 
 def test_the_table_holds_each_number_in_its_column():

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from d2d import log_score
 from d2d.radar import BudgetFit, ErrorBudget, Mounting, compare, fit_budget, simulate_drive, track
+from d2d.radar.evaluation.sandwich import covariance_of_sum
 
 TRUE = np.array([0.02, 0.04, 0.003])
 SCALE = np.array([0.01, 0.02, 0.002])  # of the noise
@@ -44,6 +45,21 @@ def test_what_a_simulation_put_in_is_found_within_its_standard_error(memory):
     if memory:
         apart = [fit_budget(*drawn(seed)).sigmas for seed in range(20)]
         assert np.mean([fit.sigmas for fit in fits]) > 1.3 * np.mean(apart)
+
+
+def test_intervals_are_95_percent_of_a_normal_distribution():
+    """Breaks if they are of another level: 1.96 standard errors of the squares to each side."""
+    fit = fit_budget(*drawn(0))
+    half = 0.5 * np.diff(fit.bounds**2, axis=0)[0]
+    assert_allclose(half, 1.96 * 2.0 * fit.values * fit.sigmas, rtol=1e-3)
+
+
+def test_a_sum_of_few_terms_has_the_unbiased_covariance():
+    """Breaks if the degrees of freedom that a fit uses up are forgotten."""
+    terms = np.random.default_rng(1).standard_normal((12, 2))
+    covariance, block = covariance_of_sum(terms)
+    assert block == 1
+    assert_allclose(covariance, 12 * np.cov(terms.T))
 
 
 def test_no_other_constants_score_better():

@@ -243,11 +243,15 @@ def test_a_frozen_sensor_is_named_once_and_the_others_go_on():
 
 
 def test_a_coarse_radar_of_a_standing_vehicle_may_measure_the_same_again():
-    """Breaks if a standing vehicle has no estimates."""
+    """Breaks if a standing vehicle has no estimates, or a creeping one those of a frozen sensor."""
     drive = simulate_drive(np.random.default_rng(3), duration=1.0)
     still = replace(drive.scans[0], doppler=0.0 * drive.scans[0].doppler)
     standing = track(([replace(still, time=s.time) for s in drive.scans], drive.mounting))
     assert standing.converged.all()
+    slow = [replace(s, doppler=0.01 * s.doppler - 0.7) for s in drive.scans]
+    slow[5] = replace(slow[4], time=slow[5].time)
+    with pytest.warns(ScanWarning, match="repeats its scan"):
+        track((slow, drive.mounting))
     assert_allclose(standing.theta, 0.0, atol=1e-3)
 
 

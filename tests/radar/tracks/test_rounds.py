@@ -181,6 +181,8 @@ def test_no_pair_reaches_over_a_gap(options):
         assert found[10] == [(times[10], times[11])]
     missing = np.delete(steps, 5)  # a scan that is lost is no gap
     assert all(paired([(at_times(missing), CORNER)], **options))
+    if not options:  # two that are lost are one, unless the pairs are longer anyway
+        assert paired([(at_times(np.delete(steps, [5, 6])), CORNER)])[4] == []
     slow = [(at_times(5.0 * steps), CORNER)]  # a radar of 2 Hz has no shorter pairs
     assert all(paired(slow, horizon=0.3))
 
