@@ -55,16 +55,15 @@ def newton(problem: LeastSquares, x: Array) -> Array:
     return _solve(j.T @ j + problem.curvature(x), -gradient(problem, x))
 
 
-def gauss_newton(problem: LeastSquares, x: Array) -> Array:
-    """Solve J'J step = -J'f: Newton without the curvature of the residuals."""
-    j = problem.jacobian(x)
-    return _solve(j.T @ j, -gradient(problem, x))
-
-
 def levenberg_marquardt(problem: LeastSquares, x: Array, damping: float) -> Array:
     """Solve (J'J + lambda I) step = -J'f: a short gradient-descent step for large lambda."""
     j = problem.jacobian(x)
     return _solve(j.T @ j + damping * np.eye(len(x)), -gradient(problem, x))
+
+
+def gauss_newton(problem: LeastSquares, x: Array) -> Array:
+    """Solve J'J step = -J'f: Newton without the curvature of the residuals."""
+    return levenberg_marquardt(problem, x, 0.0)
 
 
 def _solve(matrix: Array, right: Array) -> Array:
@@ -114,20 +113,18 @@ def descend_damped(problem: LeastSquares, start: ArrayLike, *, max_iterations: i
     It is 0.001 at first.  A step that raises the cost is not taken (Marquardt 1963).  The
     parameters and the result are those of `descend`.
     """
-    damping = 1e-3
+    damping, evaluations, converged = 1e-3, 0, False
     points = [np.asarray(start, dtype=np.float64)]
     costs = [cost(problem, points[0])]
-    evaluations, converged = 0, False
     while not converged and evaluations < max_iterations:
         move = levenberg_marquardt(problem, points[-1], damping)
         evaluations += 1
         trial = points[-1] + move
         value = cost(problem, trial)
         converged = bool(np.abs(move).max() < TOLERANCE)
-        if value <= costs[-1]:
+        accepted = value <= costs[-1]
+        damping = damping / 10.0 if accepted else damping * 10.0
+        if accepted:
             points.append(trial)
             costs.append(value)
-            damping /= 10.0
-        else:
-            damping *= 10.0
     return Path(np.array(points), np.array(costs), evaluations, converged)
