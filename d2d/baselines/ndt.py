@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 
 from d2d._checks import check_count, check_finite, check_fraction, check_positive_scalar
 from d2d._types import Array
-from d2d.baselines.eigenvalues import raise_eigenvalues
-from d2d.baselines.gaussian_fit import fit
+from d2d.baselines.gaussian_fit import fit, raise_eigenvalues
 from d2d.baselines.icp import check_points
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from d2d._checks import check_covariances, check_finite
 from d2d._frozen import Frozen
 from d2d._types import Array
-from d2d.baselines.eigenvalues import raise_eigenvalues
 from d2d.baselines.gaussian_fit import fit as fit
+from d2d.baselines.gaussian_fit import raise_eigenvalues
 
 # Smallest variance of a fitted component, relative to the data's.  With a smaller one, the rounding
 # of an oblique covariance lets the likelihood fall.

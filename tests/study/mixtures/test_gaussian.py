@@ -9,7 +9,7 @@ from scipy import stats
 from sklearn.mixture import GaussianMixture as SklearnMixture
 
 from d2d import rigid
-from d2d.baselines.eigenvalues import raise_eigenvalues
+from d2d.baselines.gaussian_fit import raise_eigenvalues
 from d2d.study.mixtures import gaussian
 from d2d.study.mixtures.claims import random_observations
 from d2d.study.mixtures.gaussian import GaussianMixture, fit_mixture
