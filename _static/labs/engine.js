@@ -448,8 +448,7 @@ globalThis.d2d = (function engine() {
     const e21 = h[2][1] - l20 * h[1][0],
       l21 = e21 / d1;
     const d2 = h[2][2] + shift * scale[2] - l20 * h[2][0] - l21 * e21;
-    // a rotation of targets on one spot must show beside the displacement that it causes
-    if (!(d2 > SINGULAR * (Math.abs(h[2][2]) + scale[2] * Math.abs(h[0][0] + h[1][1])))) return null;
+    if (!(d2 > SINGULAR * Math.abs(h[2][2]))) return null;
     const y0 = -g[0],
       y1 = -g[1] - l10 * y0,
       y2 = -g[2] - l20 * y0 - l21 * y1;
@@ -539,10 +538,10 @@ globalThis.d2d = (function engine() {
     const mean = (targets, of) => total(targets, (target) => number(target) * of(target)) / total(targets, number);
     const size = (target) => target.xx + planar * target.yy;
     const lever = mean(problem.moving, (target) => target.x ** 2 + target.y ** 2);
-    const variance = mean(problem.fixed, size) + own * mean(problem.moving, size);
+    const radius = 3 * Math.sqrt(mean(problem.fixed, size) + own * mean(problem.moving, size));
     return {
-      radius: (3 * Math.sqrt(variance)) / (problem.interval || 1),
-      scale: [1, 1, planar ? Math.max(lever, variance) : 1],
+      radius: problem.interval ? radius / problem.interval : radius,
+      scale: [1, 1, planar && lever > 0 ? lever : 1],
       generic: [1, 0.7 * planar, 0.4 * planar],
     };
   }
@@ -552,44 +551,8 @@ globalThis.d2d = (function engine() {
    * logs, path}.  A step is taken only if it lowers the cost.  Converged means that the Newton decrement, the squared
    * distance to the optimum in standard deviations, is below the tolerance.  The covariance is the inverse Hessian, null
    * without convergence.  `path` has every accepted point.
-   *
-   * A motion in the plane is sought between the sets about their middle targets: about an origin far away a rotation moves
-   * all targets alike.  With measurements, the origin is where they were made.
    */
   function minimise(problem, start) {
-    const { fixed, moving, line, pairs, interval } = problem;
-    if (line || pairs || interval || moving.some(({ doppler }) => doppler)) return descend(problem, start);
-    const [a, b] = [fixed, moving].map(middleOf),
-      about = (targets, { x, y }) => targets.map((target) => ({ ...target, x: target.x - x, y: target.y - y }));
-    const shifted = ([x, y, phi], sign) => {
-      const there = move(b, [-a.x, -a.y, phi]);
-      return [x + sign * there.x, y + sign * there.y, phi];
-    };
-    const found = descend({ ...problem, fixed: about(fixed, a), moving: about(moving, b) }, shifted(start, 1)),
-      path = found.path.map((each) => shifted(each, -1)),
-      theta = shifted(found.theta, -1),
-      { x, y } = move(b, [0, 0, theta[2]]);
-    const back = [
-      [1, 0, y],
-      [0, 1, -x],
-      [0, 0, 1],
-    ];
-    const half = found.covariance?.map((row) => times(back, row)), // C K' of K C K'
-      covariance = half && back.map((row) => [0, 1, 2].map((j) => dot(row, half.map((each) => each[j]))));
-    return { ...found, ...evaluate(problem, theta), theta, covariance: covariance ?? null, path };
-  }
-
-  /** The target nearest to the mean of all. */
-  function middleOf(targets) {
-    const number = targets.reduce((sum, { count = 1 }) => sum + count, 0),
-      middle = (axis) => targets.reduce((sum, target) => sum + (target.count ?? 1) * target[axis], 0) / number,
-      [x, y] = ["x", "y"].map(middle),
-      away = (target) => (target.x - x) ** 2 + (target.y - y) ** 2;
-    return targets.reduce((best, each) => (away(each) < away(best) ? each : best));
-  }
-
-  /** `minimise`, in the coordinates as they are. */
-  function descend(problem, start) {
     let { radius, scale, generic } = firstRegion(problem.pairs?.[0] ?? problem);
     let theta = [...start],
       trial = [...start],
