@@ -277,23 +277,15 @@ def test_arguments_that_do_not_fit_are_refused(capsys):
         assert said in capsys.readouterr().err
 
 
-def test_the_help_teaches(capsys):
-    """Breaks if units, conventions, files, examples or reasons of failures are missing, or a
-    reader that is added to the table cannot be used from the command line."""
+def test_the_help_names_all_readers_and_stays_readable(capsys):
+    """Breaks if a reader that is added to the table cannot be used from the command line."""
     with pytest.raises(SystemExit) as left:
         main(["track", "--help"])
     assert left.value.code == 0
     said = capsys.readouterr().out
     for name, reader in READERS.items():
         assert re.search(rf"--{name} {reader.metavar} +{reader.about}", said)
-        for option in reader.options:
-            assert f"--{option.name.replace('_', '-')} " in said
-    assert "--nuscenes ROOT --scene scene-0061 --channel RADAR_FRONT" in said
-    for word in ("PREFIX_velocities.csv", "counter-clockwise", "m/s, positive if", "examples:"):
-        assert word in said
-    reasons = ("a scan without targets", "no optimum near the start", "an optimum that rejects")
-    for reason in (*reasons, "an optimum that rests on", "a yaw rate with a sigma", "a turn of"):
-        assert reason in said  # as tracks word them, and what to do
+        assert all(f"--{option.name.replace('_', '-')} " in said for option in reader.options)
     assert max(map(len, said.splitlines())) <= 110
 
 

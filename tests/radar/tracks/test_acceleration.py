@@ -3,22 +3,19 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.stats import multivariate_normal
 
-from d2d.radar import ErrorBudget, Mounting, track
+from d2d.radar import ErrorBudget, track
 from d2d.radar.motion.doppler import Acceleration
 from d2d.radar.simulation.drive import CAR_SPEED, _motion
 from d2d.radar.tracks import acceleration
 from d2d.radar.tracks.acceleration import (
     JERK,
-    JERK_SCALES,
-    MODE_PRIOR,
     UNKNOWN,
     AccelerationFilter,
     accelerations_of_others,
 )
 from d2d.scores import normalised_squares
-from tests.radar.scenes import AROUND, CORNER, accelerating
+from tests.radar.scenes import AROUND, accelerating
 
 DELAY = np.array([[0.0, 0.0, 0.01], [0.0, 0.02, 0.3], [0.0, 0.0, -0.15]])
 NOISE = np.diag(np.square([0.02, 0.05, 0.006]))
@@ -114,50 +111,6 @@ def test_the_filter_and_the_smoother_are_least_squares():
             assert_allclose(found.covariance, covariance, rtol=1e-4, atol=1e-7)
 
 
-def test_a_mode_weighs_as_much_as_it_foretold_the_estimates(monkeypatch):
-    """Breaks if the filters are not mixed as Bayes says, here with drivers who never change.
-
-    The density of all estimates together, under each mode, says the same.
-    """
-    monkeypatch.setattr(acceleration, "_MODE_DURATION", 1e12)
-    times = np.array([0.0, 0.3, 0.7, 1.0, 1.6])
-    for seed, speed in enumerate((1.0, 3.0, CAR_SPEED)):
-        _, _, estimates = of_car(np.random.default_rng(seed), times, speed)
-        logs, values = [], []
-        for assumed in JERK_SCALES:
-            # states given that of the first estimate, which has no prior of the velocity
-            spread = np.zeros((6, 6))
-            spread[:3, :3], spread[:3, 3:] = NOISE + DELAY @ UNKNOWN @ DELAY.T, -DELAY @ UNKNOWN
-            spread[3:, :3], spread[3:, 3:] = spread[:3, 3:].T, UNKNOWN
-            means, joint = [np.concatenate([estimates[0], np.zeros(3)])], [[spread]]
-            for passed in np.diff(times):
-                move, corner = moved(passed)
-                means.append(move @ means[-1])
-                row = [move @ each for each in joint[-1]]
-                own = move @ joint[-1][-1] @ move.T + np.kron(corner, assumed * JERK)
-                joint.append([*row, own])
-            full = np.block(
-                [
-                    [joint[max(i, j)][min(i, j)].T if i < j else joint[i][j] for j in range(5)]
-                    for i in range(5)
-                ]
-            )
-            to = np.kron(np.eye(4), np.hstack([np.eye(3), DELAY]))
-            seen = to @ full[6:, 6:] @ to.T + np.kron(np.eye(4), NOISE)
-            expected, given = to @ np.concatenate(means[1:]), estimates[1:].ravel()
-            logs.append(multivariate_normal.logpdf(given, expected, seen))
-            gain = np.linalg.solve(seen, to @ full[6:, 27:]).T
-            values.append(means[-1][3:] + gain @ (given - expected))
-        weights = MODE_PRIOR * np.exp(np.array(logs) - max(logs))
-        weights /= weights.sum()
-        learnt = AccelerationFilter()
-        for time, estimate in zip(times, estimates, strict=True):
-            learnt.update(time, estimate, DELAY, NOISE, learnt.predict(time) or UNSEEN)
-        found = learnt.predict(times[-1] + 1e-9)
-        assert found is not None
-        assert_allclose(found.value, weights @ values, rtol=1e-6, atol=1e-8)
-
-
 def test_a_jump_is_no_acceleration():
     """Breaks if an estimate that is wrong makes those after it wrong, as long as it is known."""
     learnt, times = AccelerationFilter(), 0.1 * np.arange(20)
@@ -243,33 +196,3 @@ def test_a_constant_acceleration_makes_no_error(rates, offsets, jitter, smooth):
         # a target that moves into another's place in the mixture makes a small error of its own
         assert np.median(errors, axis=0).max() < 0.2
         assert np.quantile(errors, 0.9) < 0.3
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("smooth", [False, True])
-def test_the_covariance_contains_the_error_of_the_carry(smooth):
-    """Breaks if the acceleration is taken as known, at the first, an inner or the last estimate."""
-    squares = []
-    for seed in range(60):
-        sensors, truth = accelerating(
-            [10.0], [0.0], np.zeros(3), [Mounting(3.6, 0.5, 0.3)], noise=1.0, seed=seed, end=1.6
-        )
-        found = track(sensors, horizon=0.3, budget=ErrorBudget(), limits=None, smooth=smooth)
-        assert found.converged.all()
-        errors = found.theta - truth(found.times)
-        inverse = np.linalg.inv(found.covariance)
-        squares.append(np.einsum("ni,nij,nj->n", errors, inverse, errors) / 3.0)
-    mean = np.mean(squares, axis=0)
-    # 60 runs of three components: a standard deviation of 0.1; what the vehicle could have done
-    # but did not is in the covariance, too, until it has been seen
-    assert (np.abs(mean[[0, 8, -1]] - 1.0) < 0.3).all()
-    assert 0.85 < mean.mean() < 1.1
-    assert 0.9 < mean[8:].mean() < 1.1
-
-
-def test_one_estimate_alone_is_carried_by_what_is_usual():
-    """Breaks if two scans give a covariance as if the vehicle could not accelerate."""
-    sensors, _ = accelerating([10.0], [0.0], np.zeros(3), [CORNER], end=0.2)
-    found = track(sensors, budget=ErrorBudget())
-    assert len(found.times) == 1
-    assert found.converged.all()
