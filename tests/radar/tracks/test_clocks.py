@@ -200,6 +200,15 @@ def test_a_radar_that_becomes_slow_is_not_left_out():
     assert_allclose(track((scans, at)).times, times[1:])
 
 
+def test_how_far_a_wrong_stamp_is_off_depends_on_the_cycle():
+    """Breaks if a slow radar that misses some scans is out of step, or one wrong stamp is not."""
+    scans, at = surround_scans(times=0.5 * np.arange(20))[0]
+    with pytest.warns(ScanWarning, match="out of step"):
+        found = track((shifted(scans, 12, 3.0, 13), at))
+    assert_array_equal(found.times, np.delete(0.5 * np.arange(1, 20), 11))
+    assert_array_equal(track((shifted(scans, 12, 1.5), at)).times[11:], 0.5 * np.arange(15, 23))
+
+
 def test_times_of_different_days_are_refused():
     """Breaks if a clock that is off gives a track of each sensor alone, without a word."""
     sensors = three()
@@ -269,6 +278,9 @@ def test_targets_that_are_there_twice_count_once():
     assert_array_equal(found.targets, once.targets)
     assert_allclose(found.theta, once.theta, atol=1e-9)
     assert_allclose(found.covariance, once.covariance, rtol=1e-6)
+    half = [scan[np.repeat(np.arange(4), 2)] for scan in scans]
+    with pytest.warns(ScanWarning, match="has targets twice"):
+        assert_array_equal(track((half, at)).targets, 4)
     pairs = np.array([5.0, 5.0, 7.0, 8.0]), np.array([0.1, 0.1, 0.2, 0.3]), np.full(4, 0.1)
     few = [RadarScan(time, *pairs, 0.1, 0.01, 0.1) for time in (0.0, 1.0)]
     assert_array_equal(track((few, at)).targets, [4])
