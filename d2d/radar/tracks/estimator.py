@@ -195,7 +195,8 @@ def _objection(estimate: Estimate, pairs: Sequence[ScanPair]) -> str:
         return "no optimum near the start"
     if not _is_good(estimate):
         return f"an optimum that rejects {1.0 - float(estimate.inliers):.0%} of the targets"
-    agreeing = sum(pair.current.size for pair in pairs) * float(estimate.inliers)
+    share = float(estimate.inliers)  # without an outlier model, not known: all of them count
+    agreeing = sum(pair.current.size for pair in pairs) * (1.0 if math.isnan(share) else share)
     if agreeing < _MIN_AGREEING:
         return f"an optimum that rests on {agreeing:.1f} targets"
     turn = abs(float(estimate.theta[2])) * max(pair.interval for pair in pairs)
