@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d._checks import METRES, SCALE, SECONDS, check_instance, check_members, check_rows
+from d2d._checks import METRES, SECONDS, check_instance, check_members, check_rows
 from d2d._types import Array
 from d2d.radar.evaluation.calibration_model import (
     CalibrationModel,
@@ -239,8 +239,6 @@ def _logs(recordings: Recording | Iterable[Recording | SensorLog]) -> list[Senso
         listed = check_members(f"the scans of {name}", scans, RadarScan)
         if len({scan.time for scan in listed if scan.size}) < 2:
             raise ValueError(f"{name} must have at least two scans with targets")
-        for scan in listed:
-            SCALE.array(f"sigma_doppler of {name}", scan.sigma_doppler)
         if not any(scan.doppler.any() for scan in listed):
             raise ValueError(f"{name} must have Doppler velocities, but all of them are zero")
         if len(reference.times) < 2 or not (np.diff(reference.times) > 0).all():

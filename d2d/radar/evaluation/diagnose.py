@@ -22,7 +22,7 @@ from d2d.radar.motion.doppler import doppler_ego_motion, doppler_starts, sensor_
 from d2d.radar.motion.estimate import estimate_velocity, inlier_probabilities
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import ScanPair, problem_of
-from d2d.radar.scans.scan import MEASURED, Mounting, RadarScan, doppler_velocity
+from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity
 from d2d.radar.tracks.rounds import Sensors, SensorScans, named_sensors, rounds_of
 from d2d.radar.tracks.track import Track
 from d2d.registration import ANNEALED
@@ -33,7 +33,6 @@ _FAR = 500.0  # m, beyond which hardly a radar sees; real logs have a median ran
 _PRECISE, _COARSE = 0.03, 10.0  # deg
 _TOO_SMALL = "standard deviation of the azimuth too small"
 _MOVING = 3.0  # m/s, below which a heading is uncertain
-_CREEPING = 0.5  # m/s; at a standstill a coarse radar may measure the same twice
 _SEEN = 5  # targets of a scan, and scans, that show a velocity
 # Of the largest Doppler velocity: by how much neighbours along the azimuth differ where it folds
 # between them, and by how much those beside them at most.  So it is in 5 to 96 % of the scans of
@@ -125,11 +124,7 @@ def diagnose(sensors: Sensors, driven: Track) -> tuple[Finding, ...]:
     log = dict(zip(names, parts, strict=True))
     inliers = np.empty(0) if driven.inliers is None else driven.inliers[driven.converged]
     share = float(np.median(inliers)) if len(inliers) else np.nan
-    found = [
-        finding
-        for name, (scans, _) in log.items()
-        for finding in (*_of_scans(name, scans), *_of_targets(name, scans))
-    ]
+    found = [each for name, (scans, _) in log.items() for each in _of_targets(name, scans)]
     if share < _FEW:
         found = [each._replace(sure=each.sure or each.symptom == _TOO_SMALL) for each in found]
     # scans whose order is not known have no intervals, and wrong targets explain the rest
@@ -139,37 +134,7 @@ def diagnose(sensors: Sensors, driven: Track) -> tuple[Finding, ...]:
     return (*found, *_of_track(log, driven, share, epochs))
 
 
-# ---- Scans and targets without any estimate
-
-
-def _of_scans(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
-    """Findings from the order of a sensor's scans, and from what is there twice."""
-    steps = np.diff([scan.time for scan in scans])
-    if (steps < 0.0).any():
-        jump = float(steps.min())
-        about = f"by {jump:.3f} s after {scans[int(steps.argmin())].time:.3f} s"
-        yield Finding("the clock jumps", name, jump, "s", False, about)
-    pairs = itertools.pairwise(scans)
-    repeated = [scan.time for before, scan in pairs if _repeats(before, scan)]
-    if repeated:
-        about = f"{len(repeated)} scans, first at {repeated[0]:.3f} s"
-        yield Finding("a scan is repeated", name, repeated[0], "s", False, about)
-    doubled = [scan.time for scan in scans if scan.size > _SEEN and _has_twins(scan)]
-    if doubled:
-        about = f"in {len(doubled)} scans, first at {doubled[0]:.3f} s"
-        yield Finding("targets are given twice", name, doubled[0], "s", False, about)
-
-
-def _repeats(before: RadarScan, scan: RadarScan) -> bool:
-    """Whether a moving sensor measures the same as before: it froze, or a message came twice."""
-    same = (np.array_equal(getattr(before, name), getattr(scan, name)) for name in MEASURED)
-    return bool(scan.size and all(same) and np.median(np.abs(scan.doppler)) > _CREEPING)
-
-
-def _has_twins(scan: RadarScan) -> bool:
-    """Whether half of the targets or more are there twice."""
-    measured = np.column_stack([scan.range, scan.azimuth, scan.doppler])
-    return 2 * len(np.unique(measured, axis=0)) <= scan.size + 1
+# ---- Targets without any estimate
 
 
 def _of_targets(name: str, scans: Sequence[RadarScan]) -> Iterator[Finding]:
@@ -501,6 +466,10 @@ def _of_track(
                 about = f"{own:.0%} of its targets fit the motion that the others show"
                 yield Finding("few targets fit", name, own, "share", False, about)
     intervals = np.nan_to_num(driven.intervals)  # not known where the clock steps back
+    for end, begin in itertools.pairwise(driven.segments):
+        about = f"back to {begin.times[0]:.3f} s after {end.times[-1]:.3f} s"
+        step = float(begin.times[0] - end.times[-1])
+        yield Finding("the clock jumps", "", step, "s", False, about)
     longest = float(intervals.max(initial=0.0))
     if longest > max(_GAP, _CYCLES * float(np.median(intervals))):
         at = float(driven.times[intervals.argmax()])

@@ -4,7 +4,6 @@ The drives are made up: static targets in random directions, seen by sensors who
 turned, on a vehicle whose axle slips, beside an odometry that is late or early, too slow or fast.
 """
 
-import re
 import warnings
 from dataclasses import replace
 
@@ -192,16 +191,23 @@ def test_one_sensor_is_enough():
     assert found.covariance.shape == (5, 5)
 
 
-def test_scans_that_follow_traffic_are_left_out():
-    """Breaks if a column of lorries, which fills some scans, counts as the ground."""
+@pytest.mark.parametrize(
+    "traffic",
+    [{range(100, 120): 4.0}, {range(60): 40.0, range(200, 230): 3.0}],
+    ids=["lorries", "fast and slow"],
+)
+def test_scans_that_follow_traffic_are_left_out(traffic):
+    """Breaks if a column of lorries, which fills some scans, counts as the ground, or is only
+    sought once: slow traffic shows when the fast one is left out."""
     sensors = drive(5, 0.1)
-    scans = sensors[0].scans
-    faster = [
-        replace(scan, doppler=scan.doppler + 4.0 * np.cos(scan.azimuth)) if 100 <= i < 120 else scan
-        for i, scan in enumerate(scans)
-    ]
-    clean, found = calibrate(sensors), calibrate([replace(sensors[0], scans=faster), sensors[1]])
-    assert found.share == pytest.approx(clean.share - 20 / 600, abs=0.004)
+    scans = list(sensors[0].scans)
+    for rows, speed in traffic.items():
+        for i in rows:
+            faster = scans[i].doppler + speed * np.cos(scans[i].azimuth)
+            scans[i] = replace(scans[i], doppler=faster)
+    clean, found = calibrate(sensors), calibrate([replace(sensors[0], scans=scans), sensors[1]])
+    left = sum(map(len, traffic)) / 600
+    assert found.share == pytest.approx(clean.share - left, abs=0.004)
     assert (np.abs(values(found) - values(clean)) < clean.sigmas).all()
 
 
@@ -318,7 +324,7 @@ def test_what_cannot_be_calibrated_is_refused_by_name():
             SlipLaw(**{name: np.nan})
 
 
-@pytest.mark.parametrize("power", [-200, -100, -20, -5, -2, -1.31, 0, 1])
+@pytest.mark.parametrize("power", [-9, -5, -2, -1.31, 0, 1])
 def test_sigmas_of_any_size_give_a_lag_within_its_error_or_a_refusal(power):
     """Breaks if sigmas that are far too small leave two targets of each scan, which fit anything,
     or the limit of the residuals doubles."""
@@ -334,7 +340,7 @@ def test_sigmas_of_any_size_give_a_lag_within_its_error_or_a_refusal(power):
     except ValueError as error:
         said = str(error)
     if said:
-        assert re.match("recordings must have|sigma_doppler of recordings", said)
+        assert said.startswith("recordings must have Doppler velocities that their sigmas explain")
         assert power < -1.5
     else:
         assert not abs(found.lag - 0.1) > 4.0 * found.sigmas[0]

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from d2d import log_score
-from d2d.radar import BudgetFit, ErrorBudget, Mounting, compare, fit_budget, simulate_drive, track
+from d2d.radar import ErrorBudget, Mounting, compare, fit_budget, simulate_drive, track
 from d2d.radar.evaluation.sandwich import covariance_of_sum
 
 TRUE = np.array([0.02, 0.04, 0.003])
@@ -170,17 +170,6 @@ def test_the_constants_are_the_effects_of_one_each():
     other = fit_budget(errors, noise, units)
     assert_allclose(other.values, fit.values)
     assert other.budget == fit.budget
-
-
-def test_it_is_printed_in_a_line():
-    """Breaks if a user must guess units, or read all digits."""
-    bounds = np.array([[0.01, 0.0, 0.002], [0.03, 0.008, 0.005]])
-    budget, names = ErrorBudget(v_x=0.02, omega=0.003), ("v_x", "scale", "omega")
-    fit = BudgetFit(budget, names, np.full(3, 0.1), bounds, -7.0, 50)
-    assert str(fit) == (
-        "BudgetFit(v_x 0.020 [0.010, 0.030] m/s, scale 0.000 [0.000, 0.800] %, "
-        "omega 0.172 [0.115, 0.286] deg/s; 50 estimates)"
-    )
 
 
 def test_arguments_are_refused_by_name():

@@ -19,7 +19,7 @@ from d2d.radar import (
     compare_tracks,
     track,
 )
-from d2d.radar.evaluation.halves import _clusters, _half
+from d2d.radar.evaluation.halves import _clusters
 from tests.radar.evaluation.noisy_tracks import EMPTY, failed, noisy
 
 THETA = np.array([3.0, 0.0, 0.1])
@@ -144,20 +144,6 @@ def test_clusters_are_chains_of_short_steps():
         assert 1 < len(set(labels)) < 40
     for count in (0, 1):
         assert_array_equal(_clusters(scan[:count], 1.0), np.zeros(count))
-
-
-def test_halves_are_of_equal_size_and_labels_stay_together():
-    """Breaks if one half gets the larger clusters, or the same target always the same half."""
-    rng = np.random.default_rng(5)
-    labels = rng.permutation(np.repeat(np.arange(12), rng.integers(1, 6, 12)))
-    chosen = np.array([_half(rng, labels) for _ in range(400)])
-    for name in range(12):
-        assert (chosen[:, labels == name].std(axis=1) == 0.0).all()
-    assert np.abs(2 * chosen.sum(axis=1) - len(labels)).max() <= 5
-    assert_allclose(chosen.mean(axis=0), 0.5, atol=0.1)
-    single = np.array([_half(rng, np.arange(7)) for _ in range(400)])
-    assert set(single.sum(axis=1)) == {3, 4}
-    assert_allclose(single.mean(axis=0), 0.5, atol=0.1)
 
 
 def test_arguments_of_halves_are_refused_by_name():
