@@ -27,7 +27,7 @@ from benchmarks.run import in_one_thread, without_chatter
 from benchmarks.scenes import Draws
 from d2d import PointSet, credibility, rigid
 from d2d.baselines import ndt_p2d
-from d2d.radar import ErrorBudget, Mounting, RadarScan, doppler_ego_motion
+from d2d.radar import Mounting, RadarScan, Track, doppler_ego_motion
 from d2d.radar.tracks.rounds import Round
 from d2d.study.road.displacements import caption, drift
 from d2d.study.road.drive import HORIZON, Drive, find_drives
@@ -54,13 +54,15 @@ class Outcome(NamedTuple):
 
 
 def outcome(drive: Drive, thetas: Array, covariances: Array, seconds: float) -> Outcome:
-    """Compare velocities (n, 3) with a drive; where one is nan, the path holds the last one."""
-    reference = drive.reference.at([each.time for each in drive.rounds])
-    errors = thetas - reference.theta
-    known = np.isfinite(errors).all(axis=1)
-    intervals = np.array([each.interval for each in drive.rounds])
+    """Compare velocities (n, 3), nan where there is none, and their path with those of a drive."""
+    times, intervals = (
+        np.array([getattr(each, name) for each in drive.rounds]) for name in ("time", "interval")
+    )
+    errors = thetas - drive.reference.at(times).theta
+    known, good = (np.isfinite(each).all(axis=1) for each in (errors, thetas))
     held = pd.DataFrame(thetas).ffill().fillna(0.0).to_numpy()
-    drifts = drift(held, intervals, reference.poses)
+    unit = np.tile(np.eye(3), (len(times), 1, 1))  # a path needs no true covariances
+    drifts = drift(Track(times, intervals, held, unit, good), drive.reference)
     return Outcome(errors[known], covariances[known], drifts, seconds / len(drive.rounds))
 
 
@@ -177,10 +179,10 @@ def best_registrations(drive: Drive) -> Iterator[tuple[str, Method]]:
         yield f"{name}, {best}", settings[best]
 
 
-def ours(drive: Drive, budget: ErrorBudget | None) -> tuple[Array, Array, float]:
+def ours(drive: Drive, **options: Any) -> tuple[Array, Array, float]:
     """The track of all sensors; nan where an estimate is refused."""
     begin = time.process_time()
-    driven = drive.track(horizon=HORIZON, budget=budget)
+    driven = drive.track(horizon=HORIZON, **options)
     seconds = time.process_time() - begin
     good = driven.converged[:, None]
     covariances = np.where(good[..., None], driven.covariance, np.nan)
@@ -196,8 +198,9 @@ def lines(drives: Sequence[Drive]) -> Iterator[tuple[str, ...]]:
     }
     for name, method in methods.items():
         yield cells(name, [outcome(drive, *run(method, drive.rounds)) for drive in drives])
-    yield cells("d2d, inverse Hessian", [outcome(each, *ours(each, None)) for each in drives])
-    yield cells("d2d, with its budget", [outcome(d, *ours(d, d.budget)) for d in drives])
+    yield cells("d2d, bare pairs", [outcome(d, *ours(d, carry=False)) for d in drives])
+    yield cells("d2d, by default", [outcome(d, *ours(d, carry=True)) for d in drives])
+    yield cells("d2d, with its budget", [outcome(d, *ours(d, budget=d.budget)) for d in drives])
 
 
 def main() -> None:

@@ -67,10 +67,10 @@ class Drive:
     def track(self, **options: Any) -> Track:
         """Track all sensors together; options of `d2d.radar.track`.
 
-        Without a budget, the bare pairs of scans.
+        Without a budget, the bare pairs of scans, unless ``carry`` says otherwise.
         """
         carry = options.get("budget") is not None
-        return track(self.recordings, carry=carry, **options)
+        return track(self.recordings, **{"carry": carry} | options)
 
     def compare(self, **options: Any) -> Comparison:
         """Compare the track of all sensors, with these options, with the reference."""

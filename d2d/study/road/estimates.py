@@ -16,11 +16,21 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from d2d import rigid
 from d2d._types import Array
-from d2d.radar import Comparison, Recording, Track, doppler_ego_motion, load_radarscenes, track
+from d2d.radar import (
+    Comparison,
+    Recording,
+    Reference,
+    Track,
+    doppler_ego_motion,
+    load_radarscenes,
+    track,
+)
 from d2d.radar.evaluation.calibration_model import scan_velocities
 from d2d.radar.tracks.rounds import rounds_of
 from d2d.study.results import read_json, results_path, write_json
+from d2d.study.road.displacements import by_its_velocities
 from d2d.study.road.drive import SENSORS, Source, with_extent
 from d2d.study.road.residuals import (
     Correction,
@@ -92,6 +102,17 @@ class Result(NamedTuple):
     def reference(self) -> Array:
         """The reference velocities (n, 3) that the errors are relative to."""
         return np.asarray(self.track.theta - self.errors)
+
+    def paths(self) -> tuple[Array, Array]:
+        """The paths of the estimates and of the reference: poses (m, 3) at their common times.
+
+        Both begin at the first of them; the reference's velocities are integrated finely.
+        """
+        first, *_, last = np.flatnonzero(np.isfinite(self.errors).all(axis=1))
+        driven, reference = self.track[first : last + 1], self.reference[first : last + 1]
+        path = driven.poses()[1:]
+        truth = by_its_velocities(Reference(driven.times, reference, np.zeros_like(reference)))
+        return rigid.compose(rigid.inverse(path[0]), path), truth.at(driven.times).poses
 
 
 def compute(

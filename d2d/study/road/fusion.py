@@ -69,7 +69,7 @@ class Filtered(NamedTuple):
 def estimates(drive: Drive, budget: ErrorBudget | None) -> list[VelocityEstimate]:
     """The estimates of a tracker that is given all scans of a drive in time order."""
     mountings = {str(s): own.mounting for s, own in enumerate(drive.recordings)}
-    tracker = Tracker(mountings, horizon=HORIZON, budget=budget)
+    tracker = Tracker(mountings, horizon=HORIZON, carry=budget is not None, budget=budget)
     found = [each for entry in drive.in_time_order() for each in tracker.add(*entry)]
     return found + tracker.finish()
 

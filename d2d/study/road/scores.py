@@ -140,7 +140,7 @@ def side_errors(sources: Sequence[Source], **options: Any) -> tuple[Any, Any]:
     errors, accepted = [], []
     for source, channel in product(sources, SIDE_CHANNELS):
         own = load_nuscenes(source.root, source.name, channel)
-        driven = track(own, baseline=1, carry=False, **options)
+        driven = track(own, carry=False, **{"baseline": 1} | options)
         error = driven.theta - own.reference.at(driven.times).theta
         known = np.isfinite(error).all(axis=1)
         errors.append(error[known, 2])

@@ -1,23 +1,31 @@
 """Drives are found in folders of data sets, evaluated in a row each, filtered, and followed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.integrate import cumulative_trapezoid
 
-from d2d import rigid
 from d2d.radar import (
     ErrorBudget,
     Mounting,
     Recording,
+    Reference,
     Sensor,
     SensorErrors,
     Track,
     load_radarscenes,
     simulate_drive,
 )
-from d2d.radar.tracks.path import integrate
 from d2d.study.road import every_drive
-from d2d.study.road.displacements import LENGTH, by_drive, drift, span_errors
+from d2d.study.road.displacements import (
+    LENGTH,
+    by_drive,
+    by_its_velocities,
+    drift,
+    span_errors,
+)
 from d2d.study.road.drive import DATA_SETS, Drive, find_drives, pick
 from d2d.study.road.fusion import Filtered, estimates, filtered
 
@@ -115,34 +123,55 @@ def test_what_has_no_reference_is_not_judged():
 # ---- Displacements
 
 
-@pytest.mark.parametrize("bend", [0.0, 0.05])
-def test_drift_of_a_wrong_yaw_rate_and_of_a_wrong_speed(bend):
+def exact(motion, seconds: float) -> tuple[Track, Reference]:
+    """A track of exact velocities at 10 Hz, and the reference, whose path is summed finely."""
+    fine = np.arange(0.0, seconds, 1e-4)
+    theta = motion(fine)
+    yaw = cumulative_trapezoid(theta[:, 2], fine, initial=0.0)
+    velocity = theta[:, 0] * np.exp(1j * yaw)
+    path = cumulative_trapezoid(velocity, fine, initial=0.0)
+    known = slice(None, None, 200)
+    poses = np.column_stack([path.real, path.imag, yaw])[known]
+    times = np.arange(0.1, seconds, 0.1)
+    unit, good = np.tile(np.eye(3), (len(times), 1, 1)), np.ones(len(times), bool)
+    driven = Track(times, np.full(len(times), 0.1), motion(times), 1e-4 * unit, good)
+    return driven, Reference(fine[known], theta[known], poses)
+
+
+def bends(times):
+    """A car that brakes and turns to both sides."""
+    forward, turning = 12.0 + 3.0 * np.sin(1.3 * times), 0.25 * np.sin(1.7 * times)
+    return np.column_stack([forward, np.zeros_like(times), turning])
+
+
+def straight(times):
+    return np.tile([10.0, 0.0, 0.0], (len(times), 1))
+
+
+@pytest.mark.parametrize("motion", [straight, bends])
+def test_exact_velocities_do_not_drift(motion):
+    """Breaks if estimates and reference are integrated by rules that differ, or by a wrong one."""
+    driven, reference = exact(motion, 40.0)
+    assert np.abs(drift(driven, reference)).max() < 0.05
+    for truth in (reference, by_its_velocities(reference)):
+        errors, covariances = span_errors(driven, truth, 5.0)
+        assert len(errors) == len(covariances) == 14
+        assert np.abs(errors).max() < 0.03
+    own = by_its_velocities(reference).at(reference.times[:-1]).poses
+    assert_allclose(own, reference.poses[:-1], atol=0.02)  # after 480 m
+
+
+def test_errors_of_a_wrong_yaw_rate_and_of_a_wrong_speed():
     """On a straight road a yaw rate off by w turns by w s and moves the end by w s L / 2."""
-    intervals, speed = np.full(2000, 0.1), 10.0
-    true = np.tile([speed, 0.0, bend], (2000, 1))
-    poses = integrate(true, intervals)[1:]
-    assert abs(drift(true, intervals, poses)).max() < 1e-9
-    seconds = LENGTH / speed
-    turned = drift(true + np.array([0.0, 0.0, 1e-4]), intervals, poses)
-    assert_allclose(turned[:, 1], 1e-4 * seconds, rtol=2e-2)
-    if bend == 0.0:
-        assert_allclose(turned[:, 0], 1e-4 * seconds * LENGTH / 2.0, rtol=2e-2)
-        slow = drift(true * [0.99, 1.0, 1.0], intervals, poses)
-        assert_allclose(slow[:, 0], 0.01 * LENGTH, rtol=2e-2)
-
-
-def test_displacements_are_judged_against_the_path_of_the_reference():
-    """With a yaw rate off by 1e-3 rad/s, each second turns 1e-3 rad too far, and no error is lost
-    where spans begin inside an interval of the track.
-    """
-    truth = simulate_drive(np.random.default_rng(3), duration=12.0).truth
-    steps = rigid.compose(rigid.inverse(truth.poses[:-1]), truth.poses[1:])
-    intervals = np.diff(truth.times)
-    theta = rigid.logarithm(steps) / intervals[:, None] + np.array([0.0, 0.0, 1e-3])
-    covariance, good = np.tile(1e-4 * np.eye(3), (len(theta), 1, 1)), np.ones(len(theta), bool)
-    driven = Track(truth.times[1:], intervals, theta, covariance, good)
-    errors, covariances = span_errors(driven, truth, 1.0)
-    assert len(errors) == len(covariances) == 22
+    driven, reference = exact(straight, 40.0)
+    seconds, off = LENGTH / 10.0, np.array([0.0, 0.0, 1e-4])
+    turned = drift(replace(driven, theta=driven.theta + off), reference)
+    # a stretch ends at an estimate, up to a metre later
+    assert_allclose(turned[:, 1], 1e-4 * seconds, rtol=0.011)
+    assert_allclose(turned[:, 0], 1e-4 * seconds * LENGTH / 2.0, rtol=0.022)
+    slow = drift(replace(driven, theta=0.99 * driven.theta), reference)
+    assert_allclose(slow[:, 0], 0.01 * LENGTH, rtol=0.011)
+    errors, _ = span_errors(replace(driven, theta=driven.theta + 10.0 * off), reference, 1.0)
     assert_allclose(errors[:, 2], 1e-3, atol=2e-6)
 
 

@@ -19,6 +19,7 @@ from d2d.radar import (
     RadarScan,
     Recording,
     Reference,
+    Track,
     doppler_velocity,
     estimate_ego_motion,
     track,
@@ -157,10 +158,10 @@ def test_each_run_is_what_it_says(loader):
     assert (3, 20) in {row[2:] for row in loader}
 
     one = recordings(30)[2]
-    direct = track(one, baseline=2)
+    direct = track(one, baseline=2, carry=False)
     assert_allclose(results["one"].track.theta, direct.theta)
     assert_allclose(results["one"].track.times, direct.times - START)
-    blind = track(one, doppler=False)
+    blind = track(one, baseline=1, carry=False, doppler=False)
     assert_allclose(results["blind"].track.theta, blind.theta)
     sigma = {name: results[name].judged.sigmas.mean(axis=0) for name in results}
     assert (sigma["few"] > 1.2 * sigma["one"]).all()
@@ -200,6 +201,23 @@ def test_an_incomplete_last_round_is_left_out():
     last = [(r.scans[7], r.scans[8], r.mounting) for r in cut]
     alone = estimate_ego_motion(*zip(*last, strict=True), initial=result.theta[-1])
     assert_allclose(result.theta[-1], alone.theta, rtol=0, atol=1e-6)
+
+
+def test_paths_begin_together_where_the_reference_is_known():
+    """Breaks if the reference is integrated by the rule of the track, or begins elsewhere."""
+    times = 0.1 * np.arange(1, 101)
+    theta = np.column_stack([5.0 + 2.0 * times, np.zeros(100), 0.05 * times])
+    errors = np.full((100, 3), [0.1, 0.0, 0.0])
+    errors[:10] = errors[90:] = np.nan
+    covariance = np.tile(1e-4 * np.eye(3), (100, 1, 1))
+    driven = Track(times, np.full(100, 0.1), theta, covariance, np.ones(100, dtype=bool))
+    path, truth = Result(driven, errors).paths()
+    assert_array_equal([path[0], truth[0]], np.zeros((2, 3)))
+    assert len(path) == len(truth) == 80
+    assert truth[-1, 2] == pytest.approx(0.025 * (9.0**2 - 1.1**2), abs=1e-5)
+    lengths = [np.hypot(*np.diff(each[:, :2], axis=0).T).sum() for each in (path, truth)]
+    assert lengths[1] == pytest.approx(4.9 * 7.9 + 9.0**2 - 1.1**2, abs=0.02)
+    assert lengths[0] - lengths[1] == pytest.approx(0.1 * 7.9, abs=0.02)
 
 
 # ---- the files
