@@ -29,10 +29,12 @@ def drift(driven: Track, reference: Reference) -> Array:
     passed = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
     starts = np.flatnonzero(passed <= passed[-1] - LENGTH)
     ends = np.searchsorted(passed, passed[starts] + LENGTH)
+    known = np.asarray(np.isfinite(poses).all(axis=1))
+    both = known[starts] & known[ends]
+    starts, ends = starts[both], ends[both]
     ours, true = (rigid.compose(rigid.inverse(each[starts]), each[ends]) for each in (path, poses))
     off = difference(ours, true)
-    errors = np.column_stack([np.hypot(*off[:, :2].T), off[:, 2]])
-    return np.asarray(errors[np.isfinite(errors).all(axis=1)])
+    return np.column_stack([np.hypot(*off[:, :2].T), off[:, 2]])
 
 
 def difference(motions: Array, others: Array) -> Array:
