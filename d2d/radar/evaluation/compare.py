@@ -283,11 +283,8 @@ def compare(track: Track, reference: Reference) -> Comparison:
     (``drive.truth``) or the measurement of another sensor (``recording.reference``), whose own
     errors are included.  Without one, see `compare_tracks` and `compare_halves`.
 
-    It is interpolated linearly to ``track.times``, the times of the *later* scans.  Estimates that
-    did not converge, outside its time span, or where it is nan, are left out.  The Doppler
-    velocities are those at these times, but the positions give the mean velocity since the earlier
-    scan: when the vehicle accelerates, they lag by half the interval.  This lag counts as an error,
-    because users of a track take its velocities to be those at its times.
+    It is interpolated linearly to ``track.times``.  Estimates that did not converge, outside its
+    time span, or where it is nan, are left out.
 
     Raises a ``ValueError`` if fewer than four estimates can be compared, as with clocks that
     differ.
