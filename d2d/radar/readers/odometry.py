@@ -41,11 +41,13 @@ def load_reference(path: str | os.PathLike[str]) -> Reference:
 
 
 def _odometry(source: Path, text: str) -> Reference:
-    columns, rows = read_table(source, text, ("time", "speed"), ("yaw_rate", _IN_DEGREES))
-    rate = _IN_DEGREES if _IN_DEGREES in columns and "yaw_rate" not in columns else "yaw_rate"
-    if rate not in columns:
-        raise ValueError(f"{source} must name the columns time, speed, yaw_rate or {_IN_DEGREES}")
-    names = ("time", "speed", rate)
+    names = ("time", "speed", _IN_DEGREES)
+    try:
+        columns, rows = read_table(source, text, names)
+    except ValueError:
+        names = ("time", "speed", "yaw_rate")
+        columns, rows = read_table(source, text, names)
+    rate = names[-1]
     places = [columns.index(name) for name in names]
     table = []
     for line, row in rows:
