@@ -243,9 +243,9 @@ class Problem:
         grids[1:, tiles.FIRST_TILE] += np.cumsum([len(own) for own, _ in parts[:-1]])
         return np.concatenate([own for own, _ in parts]), grids
 
-    def _memory(self, stop: Array) -> layout.Memory:
-        """The memory of this thread, for a problem of this size."""
-        blocks = sum(-(-pair.moving.size // rows.LANES) for pair in self.pairs)
+    def _memory(self, stop: Array, steps: bool = False) -> layout.Memory:
+        """The memory of this thread; lists are kept if several ``steps`` are to use them."""
+        blocks = sum(-(-pair.moving.size // rows.LANES) for pair in self.pairs) if steps else 1
         memory = layout.own_memory(blocks, max(pair.fixed.size for pair in self.pairs))
         return memory if stop is layout.NEVER else memory._replace(stop=stop)
 
@@ -297,15 +297,11 @@ class Problem:
     ) -> Estimate:
         """The optimum of each bound problem near its parameters, which become the optimum's."""
         thetas, count, p, shape = bound.thetas, len(bound.thetas), self.parameters, bound.shape
-        value, inliers, fit, freedom = np.empty((4, count))
+        numbers, flags = np.empty((count, 4)), np.empty((count, 2), np.bool_)
         gradient, hessian = np.empty((count, 3)), np.empty((count, 3, 3))
         covariance = np.empty((count, 3, 3))
-        converged, iterations = np.empty(count, np.bool_), np.empty(count, np.int64)
-        undetermined = np.empty(count, np.bool_)
-        found = (
-            *(value, gradient, hessian, covariance, converged, iterations, inliers),
-            *(fit, freedom, undetermined),
-        )
+        iterations = np.empty(count, np.int64)
+        found = (numbers, gradient, hessian, covariance, iterations, flags)
 
         any_flat = False
 
@@ -316,25 +312,26 @@ class Problem:
             if last - first < count:
                 part, begin = bound.part(first, last), thetas[first:last]
                 own = tuple(array[first:last] for array in found)
-            memory = self._memory(stop)
+            memory = self._memory(stop, max_iterations > 0)
             if entries.minimise_batch(part, begin, TOLERANCE, max_iterations, memory, own):
                 any_flat = True
 
         run_in_slices(run, count, self.size, threads)
         if any_flat and max_iterations and self.kind == layout.MOTION:
-            covariance[undetermined] = self._across(bound)[undetermined]
+            covariance[flags[:, 1]] = self._across(bound)[flags[:, 1]]
+        value, inliers, fit, freedom = numbers.T
         return Estimate(
             theta=thetas[:, :p].reshape(*shape, p),
             covariance=covariance[:, :p, :p].reshape(*shape, p, p),
             value=value.reshape(shape),
             gradient=gradient[:, :p].reshape(*shape, p),
             hessian=hessian[:, :p, :p].reshape(*shape, p, p),
-            converged=converged.reshape(shape),
+            converged=flags[:, 0].reshape(shape),
             iterations=iterations.reshape(shape),
             inliers=inliers.reshape(shape),
             fit=fit.reshape(shape),
             freedom=freedom.reshape(shape),
-            undetermined=undetermined.reshape(shape),
+            undetermined=flags[:, 1].reshape(shape),
         )
 
     def _across(self, bound: Bound) -> Array:
@@ -382,9 +379,13 @@ class Problem:
             np.empty((count, self.targets, 3)),
             np.empty((count, self.targets, 3)),
         )
-        terms = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)
-        memory = self._memory(layout.NEVER)
-        propagate.cross_batch(bound.batch, bound.thetas, begin, memory, terms, tuple(cross))
+
+        def run(first: int, last: int, stop: Array) -> None:
+            terms = np.empty(max(pair.fixed.size for pair in self.pairs) * propagate.ROWS)
+            own, memory = tuple(each[first:last] for each in cross), self._memory(stop)
+            propagate.cross_batch(bound.batch, bound.thetas, begin + first, memory, terms, own)
+
+        run_in_slices(run, count, self.size)
         return cross
 
     def log_densities(self, bound: Bound) -> Array:

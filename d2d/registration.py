@@ -20,7 +20,7 @@ from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-from d2d.problem import Bound, Estimate, Problem, check_pair
+from d2d.problem import Estimate, Problem, check_pair
 
 _MAX_STARTS = 10_000_000  # in a grid: 240 MB
 _TURNS = np.deg2rad(np.arange(-150.0, 181.0, 30.0))
@@ -28,6 +28,9 @@ _TURNS = np.deg2rad(np.arange(-150.0, 181.0, 30.0))
 # Standard deviations are first inflated tenfold, then reduced in steps.  A start at zero then finds
 # the truth in nearly all of the study's scenes.
 ANNEALED = (10.0, 5.5, 3.2, 1.7, 1.0)
+# With targets more than _UNLIKE times as precise as the median, a schedule also begins that much
+# wider, in steps as long as those of `ANNEALED`.
+_UNLIKE, _STEP = 10.0, 1.8
 
 
 def register(
@@ -58,9 +61,9 @@ def register(
         Start or starts, with angles in rad within -2 pi and 2 pi; zeros by default.
     scales : sequence of positive numbers
         All standard deviations are multiplied by each scale in turn, and each optimum is the start
-        of the next (Jian & Vemuri 2011).  The last scale, usually 1, is that of the result.  Use
-        either no schedule or a long one such as `ANNEALED`: one that begins at 4, say, can fail
-        from a start that succeeds without a schedule.
+        of the next (Jian & Vemuri 2011).  The last scale, usually 1, is that of the result.  It is
+        never higher than what the last scale alone finds from the start, so that `ANNEALED` does
+        not leave a good start; no schedule takes a sixth of the time.
     measurement : LinearMeasurement, optional
         A measurement of each moving target, whose density multiplies the inlier density.
     threads : int
@@ -101,7 +104,7 @@ def register(
     start = np.zeros(problem.parameters)
     if initial is not None:
         start = rigid.start("initial", initial, fixed.dimension)
-        if not any(problem.pairs[0].batch_shapes) and _is_matrix(start):
+        if _is_matrix(start) and not any(problem.pairs[0].batch_shapes):
             raise ValueError(
                 "initial must be parameters [t_x, t_y, phi_z] in m, m, rad, but is the matrix of a "
                 "motion, which would be taken for three starts"
@@ -189,32 +192,43 @@ def anneal(
 ) -> Estimate:
     """Minimise a problem from parameters (..., P), its standard deviations inflated by each scale.
 
-    Each optimum starts the next; after several scales the result is never worse than the start at
-    the last one.
+    Each optimum starts the next.  After several scales the result is the lower of this optimum and
+    of the one that the last scale finds from the start; where some targets are far more precise
+    than others, also of the one that a schedule finds that begins as wide for the most precise.
     """
+    last = problem.inflated(scales[-1])
+    best = last.minimise(last.bind(start, "initial"), threads)
     if len(scales) == 1:
-        problem = problem.inflated(scales[0])
-        return problem.minimise(problem.bind(start, "initial"), threads)
-    theta, iterations = start, np.zeros((), dtype=np.int64)
-    for scale in scales:
-        inflated = problem.inflated(scale)
-        optimum = inflated.minimise(inflated.bind(theta, "initial"), threads)
-        theta, iterations = optimum.theta, np.asarray(iterations + optimum.iterations)
-    optimum = replace(optimum, iterations=iterations)
-    return _no_worse_than_start(optimum, inflated, inflated.bind(start, "initial"), threads)
+        return best
+    schedules, spread = [scales], _spread(problem)
+    if spread > _UNLIKE:
+        steps = np.geomspace(spread, 1.0, 1 + math.ceil(math.log(spread) / math.log(_STEP)))
+        schedules.append([*(scales[0] * steps[:-1]), *scales])
+    for schedule in schedules:
+        theta, iterations = start, np.zeros((), dtype=np.int64)
+        for scale in schedule:
+            inflated = problem.inflated(scale)
+            optimum = inflated.minimise(inflated.bind(theta, "initial"), threads)
+            theta, iterations = optimum.theta, np.asarray(iterations + optimum.iterations)
+        best = _lower(replace(optimum, iterations=iterations), best)
+    return best
 
 
-def _no_worse_than_start(
-    optimum: Estimate, problem: Problem, bound: Bound, threads: int
-) -> Estimate:
-    """If the descent over the scales ended above the cost of the start, descend from the start."""
-    worse = optimum.value > problem.derivatives(bound)[0]
-    if not worse.any():
-        return optimum
-    direct = problem.minimise(bound, threads)
+def _spread(problem: Problem) -> float:
+    """Ratio of the median standard deviation of the targets to that of the most precise one."""
+    ratios = []
+    for pair in problem.pairs:
+        for points in (pair.fixed, pair.moving):
+            sigmas = np.sqrt(np.diagonal(points.covariances, axis1=-2, axis2=-1).max(axis=-1))
+            ratios.append(float((np.median(sigmas, axis=-1) / sigmas.min(axis=-1)).max()))
+    return max(ratios)
+
+
+def _lower(one: Estimate, other: Estimate) -> Estimate:
+    """Of each problem the optimum of lower cost; the iterations are those of both."""
+    better = other.value < one.value
     merged = {}
-    for name, found in vars(direct).items():
-        own = worse.reshape(worse.shape + (1,) * (found.ndim - worse.ndim))
-        merged[name] = np.where(own, found, getattr(optimum, name))
-    iterations = optimum.iterations + np.where(worse, direct.iterations, 0)
-    return Estimate(**merged | {"iterations": iterations})
+    for name, found in vars(other).items():
+        own = better.reshape(better.shape + (1,) * (found.ndim - better.ndim))
+        merged[name] = np.where(own, found, getattr(one, name))
+    return Estimate(**merged | {"iterations": one.iterations + other.iterations})

@@ -25,7 +25,9 @@ def motion(name: str, theta: ArrayLike, dimension: int) -> Array:
 def start(name: str, theta: ArrayLike, dimension: int) -> Array:
     """The parameters (..., P) of a `motion` whose angle is in rad, within -2 pi and 2 pi."""
     parameters = motion(name, theta, dimension)
-    if dimension == 2:
+    if dimension == 2 and parameters.ndim == 1:  # the common case, in half the time
+        ANGLE.number(name, parameters.item(2))
+    elif dimension == 2:
         ANGLE.array(name, parameters[..., 2])
     return parameters
 

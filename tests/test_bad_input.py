@@ -82,11 +82,11 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
         {
             "means": [
                 *(MEANS * NAN, [[1.0, 2.0], [3.0]], None, HOLEY),
-                *(MEANS[0], MEANS[:0], np.zeros((3, 3)), np.zeros((0, 3, 2))),
+                *(MEANS[0], MEANS[:0], np.zeros((3, 3)), np.zeros((0, 3, 2)), MEANS * 1e300),
             ],
             "covariances": [
                 *map(one_wrong, NOT_COVARIANCES),
-                *(EYE, EYES[:2], np.ones((3, 1, 1)), 1e154 * EYES),
+                *(np.eye(3), EYES[:2], np.ones((3, 1, 1)), 1e154 * EYES, 1e-154 * EYES),
                 {"means": np.zeros((3, 3, 2)), "covariances": [EYES] * 4},
             ],
             "weights": [[1.0, 1.0, w] for w in (0.0, NAN, 1e101, 1e-101)] + [np.ones(2)],
@@ -157,7 +157,10 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
             **OF_THE_COST,
             "cost": ["likelihood", RegistrationCost],
             "outlier covariance": [{"cost": RegistrationCost(outlier=CorruptedGaussian(0.2, 4.0))}],
-            "initial": [*NOT_MOTIONS, {"fixed": PAIRS, "initial": np.zeros((3, 3))}],
+            "initial": [
+                *(*NOT_MOTIONS, [1e155, 0.0, 0.0], [0.0, 0.0, 28.0], np.eye(3)),
+                {"fixed": PAIRS, "initial": np.zeros((3, 3))},
+            ],
             "scales": [(), (2.0, -1.0), (NAN,), 2.0, [[2.0], [1.0]]],
             "threads": [0, 1.5, None],
         },
@@ -165,7 +168,7 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
     "multi_start": (
         multi_start,
         {**SETS, "cost": None, "starts": np.zeros((2, 3))},
-        {"starts": [np.zeros(3), np.zeros((0, 3)), np.zeros((4, 2)), [[NAN] * 3], None]},
+        {"starts": [np.zeros(3), np.zeros((0, 3)), np.zeros((4, 2)), [[NAN] * 3], [[0, 0, 28]]]},
     ),
     "start_grid": (
         start_grid,
@@ -199,7 +202,10 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
         {"estimate": ESTIMATE, **SETS},
         {
             **OF_AN_ESTIMATE,
-            "groups": [np.arange(2), np.zeros((2, 4)), [1, 2, NAN]],
+            "groups": [
+                *(np.arange(2), np.zeros((2, 4)), [1, 2, NAN], [None] * 3, [1, None, "a"]),
+                np.ma.masked_greater([1, 2, 3], 2),
+            ],
         },
     ),
     "transform_means": (
@@ -251,14 +257,14 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
             "rng": np.random.default_rng(0),
         },
         {
-            "arrays": [[], np.arange(6.0), [[]]],
+            "arrays": [[], np.arange(6.0), [[]], 3],
             r"arrays.*\[6, 5\]": [{"arrays": [np.arange(6.0), np.arange(5.0)]}],
             "block": [0, 7, 2.5],
             "rng": [0],
             "confidence": [0.0],
             "resamples": [0],
             "statistic": [
-                lambda *_: NAN,
+                *(None, lambda *_: NAN),
                 {"statistic": lambda x, axis: np.mean(x), "vectorized": True},
             ],
         },

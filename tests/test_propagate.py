@@ -1,6 +1,7 @@
 """Error propagation: exact cross derivatives, and the covariance that Monte Carlo runs show."""
 
 import tracemalloc
+import warnings
 from dataclasses import replace
 from itertools import product
 
@@ -262,3 +263,16 @@ def test_an_estimate_of_other_arguments_is_refused(opinion):
             opinion(estimate, fixed, moving.inflated(1.0001), cost)
         lost = replace(estimate, covariance=np.full((3, 3, 3), np.nan))
         assert np.isnan(opinion(lost, fixed, moving)).all()
+
+
+def test_long_targets_are_warned_of():
+    """Breaks if a rotation 25 times too certain is stated without a word, or others are doubted."""
+    rng = np.random.default_rng(3)
+    r, azimuth = rng.uniform(20.0, 80.0, 30), rng.uniform(-1.0, 1.0, 30)
+    for sigma_range, warned in ((0.003, True), (0.1, False)):
+        points = PointSet.from_polar(r, azimuth, sigma_range, np.deg2rad(2.0))
+        estimate = register(points, points)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            propagate_covariance(estimate, points, points)
+        assert [each.category for each in said] == [RuntimeWarning] * warned

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize
 
 from d2d import (
+    ANNEALED,
     CorruptedGaussian,
     LinearMeasurement,
     PointSet,
@@ -118,6 +119,10 @@ def starts_around(problem: Problem, count: int, seed: int, spread: Any = 1.0) ->
     return problem.theta + offsets
 
 
+def iso(means, sigma):
+    return PointSet(means, sigma**2 * np.eye(2))
+
+
 # ---- The optimum ------------------------------------------------------------------------------
 
 CASES = [
@@ -189,6 +194,7 @@ def test_never_worse_than_the_start(outlier):
     for dimension, fusion, scales in product((1, 2), FUSIONS, schedules):
         problem = scene(4, dimension, "d2d", fusion, outlier, "motion")
         starts = starts_around(problem, 80, 5, np.logspace(-1.0, 5.0, 80)[:, None])
+        starts[:, 2:] = np.arctan2(np.sin(starts[:, 2:]), np.cos(starts[:, 2:]))
         estimate = run(problem, starts, scales)
         last = problem.with_(
             fixed=problem.fixed.inflated(scales[-1]),
@@ -199,6 +205,37 @@ def test_never_worse_than_the_start(outlier):
         before, after = last.value(starts), last.value(estimate.theta)
         assert (estimate.value <= before).all()
         assert_allclose(after, estimate.value, rtol=1e-12)
+
+
+def test_a_schedule_never_ends_higher_than_none():
+    """Breaks if a schedule leaves the well of a good start: so did one of ten spacings' width."""
+    fixed, moving = overlapped_scene(200, np.random.default_rng(3))
+    rng = np.random.default_rng(4)
+    for spread in (0.1, 1.0, 4.0):
+        starts = TRUTH + spread * rng.standard_normal((200, 3)) * [1.0, 1.0, 0.1]
+        for cost in (ROBUST, RegistrationCost(), RegistrationCost(outlier=UniformOutlier(1e-3))):
+            plain = register(fixed, moving, cost, starts)
+            found = register(fixed, moving, cost, starts, ANNEALED)
+            assert (found.value <= plain.value).all()
+            near = np.abs(plain.theta - TRUTH).max(axis=-1) < 1.0
+            assert (np.abs(found.theta[near] - TRUTH).max(axis=-1) < 1.0).mean() > 0.95
+
+
+def test_a_schedule_reaches_the_most_precise_target():
+    """Breaks if a target that is known to a millimetre is passed by, hundreds of sigmas off."""
+    rng = np.random.default_rng(5)
+    sigmas = np.full(31, 0.1)
+    sigmas[7] = 0.001
+    covariances = sigmas[:, None, None] ** 2 * np.eye(2)
+    means = rng.uniform(-20.0, 20.0, (40, 31, 2))
+    fixed, moving = (
+        PointSet(means + sigmas[:, None] * rng.standard_normal(means.shape), covariances)
+        for _ in range(2)
+    )
+    found = register(fixed, moving, ROBUST, [0.5, -0.4, 0.02], ANNEALED)
+    assert found.converged.all()
+    at_mark = rigid.transform_means(found.theta, moving.means)[:, 7] - fixed.means[:, 7]
+    assert np.abs(at_mark).max() < 0.01
 
 
 def test_an_optimum_stays_where_it_is():
@@ -235,13 +272,13 @@ def test_multi_start_is_the_best_of_its_starts_for_every_problem():
 
     for count in (2, 3, 4):
         starts = starts_around(problem, count, 37)
-        starts[0] = 1e6
+        starts[0, :2] = 1e6
         every, _ = best_of(fixed, moving, value)
         assert every.theta.shape == (3, 2, 3)
         for i, j in np.ndindex(3, 2):
             best, one = best_of(fixed[i, 0], moving[j], value[i, j])
             assert_same(every, best, (i, j))
-            each = run(one, starts, SCALES)
+            each = run(one, rigid.about(one.moving.means.mean(axis=0), starts), SCALES)
             winner = np.argmin(np.where(each.converged, each.value, np.inf))
             for name in FIELDS[:-1]:
                 assert_array_equal(getattr(best, name), getattr(each, name)[winner], name)
@@ -258,6 +295,20 @@ def test_a_start_that_did_not_converge_does_not_win():
     assert others.min() > each.value[lowest]
     assert best.converged
     assert best.value == others.min()
+
+
+def test_starts_turn_about_the_set():
+    """Breaks if they turn about the origin: a set ten metres away leaves their grid."""
+    rng = np.random.default_rng(6)
+    grid = start_grid(2.0, 1.0, np.deg2rad(np.arange(-60.0, 61.0, 15.0)))
+    for place in ([10.0, 0.0], [3e5, -2e5]):
+        for _ in range(10):
+            means = rng.uniform(-4.0, 4.0, (20, 2)) + place
+            turned = rigid.about(np.mean(means, axis=0), np.array([1.0, 1.1, -0.6]))
+            sets = iso(means, 0.1), iso(rigid.transform_means(turned, means), 0.1)
+            for starts in (grid, None):
+                found = multi_start(*sets, ROBUST, starts, ANNEALED)
+                assert_allclose(found.theta[2], 0.6, atol=1e-3)
 
 
 def test_start_grid_reaches_its_edges_in_steps_no_longer_than_asked():
@@ -327,7 +378,8 @@ def test_what_does_not_converge_keeps_its_place_in_a_batch():
     sets = PointSet(means, np.broadcast_to(0.04 * np.eye(2), (2, 2, 2)))
     found = register(sets, sets)
     assert_array_equal(np.argwhere(~found.converged), [[1, 0]])
-    assert_array_equal(np.isnan(found.covariance).any(axis=(2, 3)), ~found.converged)
+    assert_array_equal(found.undetermined, ~found.converged)
+    assert_array_equal(np.isinf(found.covariance).any(axis=(2, 3)), ~found.converged)
 
 
 # ---- Invariances ------------------------------------------------------------------------------
@@ -364,18 +416,99 @@ def assert_refused(estimate):
     assert np.isfinite(estimate.theta).all()
 
 
-def test_one_round_target_does_not_show_the_rotation():
-    """Breaks if an unobservable motion gets a covariance, however large."""
+def test_a_round_target_does_not_show_its_rotation():
+    """Breaks if an unobservable rotation gets a variance, or hides that of the translation."""
     rng = np.random.default_rng(24)
-    round_target = np.eye(2)[None] * 0.09
-    fixed = PointSet(rng.uniform(-20.0, 20.0, (40, 1, 2)), round_target)
-    moving = PointSet(rng.uniform(-20.0, 20.0, (40, 1, 2)), round_target)
+    fixed = PointSet(rng.uniform(-20.0, 20.0, (40, 1, 2)), 0.09 * np.eye(2))
+    moving = PointSet(np.zeros((40, 1, 2)), 0.09 * np.eye(2))
     # an isotropic outlier component sees no rotation either
     models = None, UniformOutlier(1e-3), CorruptedGaussian(0.2, 9.0 * np.eye(2))
     start = np.zeros((40, 3))
-    start[:, :2] = (fixed.means - moving.means)[:, 0] + 0.1 * rng.standard_normal((40, 2))
+    start[:, :2] = fixed.means[:, 0] + 0.1 * rng.standard_normal((40, 2))
     for metric, model in product(METRICS, models):
-        assert_refused(register(fixed, moving, RegistrationCost(metric, outlier=model), start))
+        found = register(fixed, moving, RegistrationCost(metric, outlier=model), start)
+        assert found.undetermined.all()
+        assert not found.converged.any()
+        assert_allclose(found.theta[:, :2], fixed.means[:, 0], atol=1e-6)
+        assert_allclose(found.theta[:, 2], 0.0, atol=1e-6)
+        expected = 0.18 if metric == "d2d" else 0.09
+        assert_allclose(found.covariance[:, 0, 0], expected, rtol=0.1)
+        assert_array_equal(found.covariance[:, 2, 2], np.inf)
+
+
+@pytest.mark.parametrize("place", [0.0, 50.0])
+@pytest.mark.parametrize("scales", [(1.0,), SCHEDULE], ids=["plain", "scales"])
+def test_a_ring_turns_no_further_than_from_its_start(place, scales):
+    """Breaks if steps walk along a valley: rounding errors led 6 rad away."""
+    around = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
+    posts = 3.0 * np.stack([np.cos(around), np.sin(around)], axis=-1)
+    fixed = iso(posts + np.array([place, 0.0]), 0.2)
+    moving = fixed.transformed(rigid.inverse([0.1, 0.05, 0.03]))
+    found = register(fixed, moving, scales=scales)
+    assert found.undetermined
+    assert not found.converged
+    assert np.isinf(found.covariance[2, 2])
+    middle = rigid.transform_means(found.theta, moving.means).mean(axis=0)
+    assert_allclose(middle, [place, 0.0], atol=1e-4)
+    assert abs(found.theta[2]) < 0.01
+
+
+def test_a_corridor_determines_what_lies_across_it():
+    """Breaks if the covariance of a corridor is unknown in all directions, or known in all."""
+    walls = np.stack([np.tile(np.linspace(-9.0, 9.0, 20), 2), np.repeat([1.5, -1.5], 20)], axis=-1)
+    fixed = PointSet(walls, np.diag([1e12, 0.0025]))
+    moving = fixed.transformed(rigid.inverse([0.3, 0.05, 0.01]))
+    found = register(fixed, moving)
+    assert found.undetermined
+    assert_allclose(found.theta[1:], [0.05, 0.01], atol=1e-3)
+    assert_array_equal(np.isinf(np.diag(found.covariance)), [True, False, False])
+    assert_allclose(found.covariance[1, 1], 2.0 * 0.0025 / 40.0, rtol=0.05)
+
+
+@pytest.mark.parametrize("place", [0.0, 5e5])
+def test_an_angle_is_within_half_a_turn(place):
+    """Breaks if the path of a descent adds turns: in map coordinates there were 13 000."""
+    rng = np.random.default_rng(3)
+    means = rng.uniform(-20.0, 20.0, (200, 3, 2)) + place
+    fixed, moving = iso(means, 0.5), iso(rng.permuted(means, axis=1), 0.5)
+    starts = np.zeros((200, 3))
+    starts[:, 2] = rng.uniform(-6.2, 6.2, 200)
+    for scales in ((1.0,), SCHEDULE):
+        found = register(fixed, moving, initial=starts, scales=scales)
+        assert (found.theta[:, 2] > -np.pi).all()
+        assert (found.theta[:, 2] <= np.pi).all()
+        assert_allclose(
+            RegistrationCost().value(found.theta, fixed, moving), found.value, rtol=1e-5
+        )
+
+
+def test_a_measured_angle_is_within_half_a_turn():
+    """Breaks if the turn is taken off an angle that is measured, and the cost is another one."""
+    for of_twist in (False, True):
+        problem = scene(5, measured="twist" if of_twist else "motion")
+        starts = starts_around(problem, 40, 6)
+        starts[:, 2] = np.linspace(-6.2, 6.2, 40)
+        found = run(problem, starts)
+        assert (np.abs(found.theta[:, 2]) <= np.pi).all()
+        assert_allclose(problem.value(found.theta), found.value, rtol=1e-9)
+
+
+def test_the_fit_tells_what_inliers_cannot():
+    """Breaks if a quarter of the targets without counterpart, or wrong sigmas, do not show."""
+    rng = np.random.default_rng(0)
+    means = rng.uniform(-60.0, 60.0, (300, 30, 2))
+    fixed, moving = (iso(means + 0.1 * rng.standard_normal(means.shape), 0.1) for _ in range(2))
+    found = register(fixed, moving)
+    assert np.isnan(found.inliers).all()
+    assert_array_equal(found.freedom, 57.0)
+    low, high = np.moveaxis(found.fit_region, -1, 0)
+    assert 0.92 <= ((low <= found.fit) & (found.fit <= high)).mean() <= 0.98
+    strange = moving.means.copy()
+    strange[:, ::4] += 3.0
+    for other in (iso(strange, 0.1), iso(moving.means, 0.01)):
+        worse = register(fixed, other)
+        assert (worse.fit > high).mean() > 0.95
+    assert (register(fixed.inflated(3.0), moving.inflated(3.0)).fit < low).all()
 
 
 def test_a_maximum_of_the_cost_is_no_optimum():
@@ -420,6 +553,7 @@ def test_a_plateau_is_no_optimum(dimension):
     targets = np.arange(3.0 * dimension).reshape(3, dimension)
     points = PointSet(targets, np.eye(dimension)[None].repeat(3, axis=0) * 0.01)
     start = np.full((30, parameters), 1e4) * np.arange(1.0, 31.0)[:, None]
+    start[:, 2:] = 1.0
     estimate = register(points, points, RegistrationCost(outlier=UniformOutlier(0.01)), start)
     assert_refused(estimate)
     assert_array_equal(estimate.theta, start)
@@ -433,4 +567,4 @@ def test_an_estimate_tells_the_mean_inlier_probability(outlier):
     for scales in ((1.0,), (4.0, 2.0, 1.0)):
         found = register(fixed, moving, cost, [4.5, 0.3, 0.2], scales)
         expected = cost.inlier_probabilities(found.theta, fixed, moving).mean(axis=-1)
-        assert_allclose(found.inliers, expected, rtol=1e-9)
+        assert_allclose(found.inliers, expected if cost.outlier else np.nan, rtol=1e-9)

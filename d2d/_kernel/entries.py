@@ -229,7 +229,10 @@ def is_regular(c):
 def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
     """Minimise every problem separately; ``thetas`` holds the starts, then the optima.
 
-    Without an iteration, the results are the cost and its derivatives at the starts.  Returns
+    ``results`` are the value, share of inliers, fit and freedom (B, 4), gradient, Hessian,
+    covariance, iterations, and whether it converged and is undetermined (B, 2).
+
+    Without an iteration, they are the cost and its derivatives at the starts.  Returns
     whether a problem leaves a direction undetermined.
 
     A motion is sought between the sets about their centres, see `middle_of`: about an origin far
@@ -238,8 +241,7 @@ def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
     motion as given, or in its twist, and a velocity has no other origin than the vehicle's; both
     stay there.
     """
-    value, gradient, hessian, covariance, converged, iterations, inliers = results[:7]
-    fit, freedom, undetermined = results[7:]
+    numbers, gradient, hessian, covariance, iterations, flags = results
     any_flat = False
     work = work_in(memory)
     centred, known = is_centred(batch), batch.outlier[layout.KIND] != layout.NO_OUTLIER
@@ -248,30 +250,35 @@ def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
         if centred:
             chart = centred_chart(thetas[b], a, c)
             thetas[b, 0], thetas[b, 1] = chart.x, chart.y
-        most = max_iterations
-        for attempt in range(3):
-            value[b], converged[b], tried, shares, distances, undetermined[b] = minimise(
+        if max_iterations > 0 and batch.kind == layout.MOTION:
+            wrap(thetas[b])
+        x, y, angle, most = thetas[b, 0], thetas[b, 1], thetas[b, 2], max_iterations
+        for _ in range(2):
+            value, converged, tried, shares, distances, flat = minimise(
                 batch, b, thetas[b], tolerance, most, work, gradient[b], hessian[b]
             )
-            iterations[b] = tried if attempt == 0 else iterations[b] + tried
-            if max_iterations == 0 or batch.kind != layout.MOTION or not wrap(thetas[b]) or centred:
+            iterations[b] = tried if most == max_iterations else iterations[b] + tried
+            if most == 0 or batch.kind != layout.MOTION or not wrap(thetas[b]) or centred:
                 break
-            # another turn is another motion to a measurement: from the turn that is meant once
-            # more, and if need be without a step
-            most = max_iterations if attempt == 0 else 0
-        if converged[b]:
+            # To a measurement another turn is another motion: back to the start, not converged.
+            thetas[b, 0], thetas[b, 1], thetas[b, 2], most = x, y, angle, 0
+        if converged:
             invert(hessian[b], work.step, work.trial, covariance[b])
         targets = moving_targets(batch, b)
-        inliers[b] = shares / targets if known else math.nan
-        freedom[b] = (1.0 + batch.planar) * shares - (1.0 + 2.0 * batch.planar)
-        fit[b] = 2.0 * distances / freedom[b] if freedom[b] > 0.0 else math.nan
+        freedom = (1.0 + batch.planar) * shares - (1.0 + 2.0 * batch.planar)
+        numbers[b, 0], numbers[b, 1] = value, shares / targets if known else math.nan
+        numbers[b, 2], numbers[b, 3] = (
+            2.0 * distances / freedom if freedom > 0.0 else math.nan,
+            freedom,
+        )
         if centred:
             bring_back(thetas[b], a, c, gradient[b], hessian[b], covariance[b])
             regular = batch.planar == 0.0 or is_regular(covariance[b])
-            converged[b] = converged[b] and regular
-        if not converged[b]:
+            converged = converged and regular
+        if not converged:
             covariance[b, :, :] = math.nan
-        any_flat = any_flat or undetermined[b]
+        flags[b, 0], flags[b, 1] = converged, flat
+        any_flat = any_flat or flat
     return any_flat
 
 

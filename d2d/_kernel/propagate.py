@@ -235,6 +235,8 @@ def cross_pair(pair, setting, fusion, memory, cross, own):
     for visit in range(rounds * blocks):
         first = visit % blocks * LANES
         lists[rows.LENGTH] = rows.NOT_FOUND
+        if memory.stop[0] != 0.0:
+            return
         evaluate_block(memory, pair, setting, first, 0.0, lists)
         if visit < (rounds - 1) * blocks:
             fuse_summing(w)
