@@ -320,7 +320,8 @@ class Problem:
         if any_flat and max_iterations and self.kind == layout.MOTION:
             covariance[flags[:, 1]] = self._across(bound)[flags[:, 1]]
         value, inliers, fit, freedom = numbers.T
-        return Estimate(
+        estimate = object.__new__(Estimate)  # a frozen dataclass sets one attribute at a time
+        estimate.__dict__.update(
             theta=thetas[:, :p].reshape(*shape, p),
             covariance=covariance[:, :p, :p].reshape(*shape, p, p),
             value=value.reshape(shape),
@@ -333,6 +334,7 @@ class Problem:
             freedom=freedom.reshape(shape),
             undetermined=flags[:, 1].reshape(shape),
         )
+        return estimate
 
     def _across(self, bound: Bound) -> Array:
         """Covariances (B, 3, 3) of optima, infinite along what the targets do not determine.
