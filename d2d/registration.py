@@ -80,9 +80,9 @@ def register(
     All covariances take both sets for measurements of *the same physical points*.  Points of a wall
     that are sampled anew in each view are not: along it the errors are far larger than stated.
 
-    The computation takes both sets about their means, so that they may be far from the origin, as
-    in map coordinates; with a measurement it stays at the origin, where the measurement was made.
-    All arguments and results are in the coordinates of the sets.
+    A set whose mean is a thousand times as far from the origin as its targets lie apart, as in map
+    coordinates, is taken about its mean for the computation, unless there is a measurement.  All
+    arguments and results are in the coordinates of the sets.
 
     Examples
     --------
