@@ -139,6 +139,15 @@ class Estimate:
         )
 
 
+def where(chosen: NDArray[np.bool_], one: Estimate, other: Estimate) -> Estimate:
+    """The estimates of one batch where chosen (...), else those of another."""
+    merged = {}
+    for name, value in vars(one).items():
+        mask = chosen.reshape(chosen.shape + (1,) * (value.ndim - chosen.ndim))
+        merged[name] = np.where(mask, value, getattr(other, name))
+    return Estimate(**merged)
+
+
 class CrossDerivatives(NamedTuple):
     """d2f / d theta d z, one block for each measured quantity."""
 
@@ -292,10 +301,56 @@ class Problem:
         )
         return Bound(thetas, batch, bound.shape), slope[:, :p, :p].reshape(*bound.shape, p, p)
 
-    def minimise(
+    def about_means(self, bound: Bound) -> tuple["Problem", Bound, Array]:
+        """The problem of planar sets about their means, without a measurement, and its motions.
+
+        With the derivative (..., 3, 3) of these motions in the given ones.
+        """
+        (pair,), theta = self.pairs, bound.thetas.reshape(*bound.shape, 3)
+        a, b = pair.fixed.means.mean(axis=-2), pair.moving.means.mean(axis=-2)
+        shifted = pair._replace(fixed=pair.fixed.shifted(-a), moving=pair.moving.shifted(-b))
+        turned = (rigid.rotation(theta[..., 2]) @ b[..., None])[..., 0]
+        inner, slope = theta.copy(), np.zeros((*bound.shape, 3, 3)) + np.eye(3)
+        inner[..., :2] += turned - a
+        slope[..., 0, 2], slope[..., 1, 2] = -turned[..., 1], turned[..., 0]
+        problem = replace(self, pairs=[shifted])
+        return problem, problem.bind(inner), slope
+
+    def minimise(self, bound: Bound, threads: int = 1) -> Estimate:
+        """The optimum of each bound problem near its parameters, which become the optimum's.
+
+        Problems that find none are tried once more about the means of their sets: there it shows
+        which directions the targets do not determine, and the smallest step keeps to them.
+        """
+        starts = bound.thetas.copy()
+        estimate = self._descend(bound, threads)
+        measured = self.kind != layout.MOTION or self.pairs[0].measurement is not None
+        if measured or self.parameters == 1 or estimate.converged.all():
+            return estimate
+        problem, inner, _ = self.about_means(bound._replace(thetas=starts))
+        found = problem._descend(inner, threads)
+        flat = found.undetermined & ~estimate.converged
+        if not flat.any():
+            return replace(estimate, undetermined=flat)
+        turned = np.zeros(found.theta.shape)
+        turned[..., 2] = found.theta[..., 2]
+        _, shift, _ = self.about_means(self.bind(turned))
+        outer = self.bind(found.theta - shift.thetas.reshape(turned.shape) + turned)
+        at = self._descend(outer, threads, max_iterations=0)
+        valley = replace(
+            found,
+            theta=outer.thetas.reshape(turned.shape),
+            covariance=self._across(outer).reshape(found.covariance.shape),
+            value=at.value,
+            gradient=at.gradient,
+            hessian=at.hessian,
+        )
+        return where(flat, valley, replace(estimate, undetermined=flat))
+
+    def _descend(
         self, bound: Bound, threads: int = 1, *, max_iterations: int = MAX_ITERATIONS
     ) -> Estimate:
-        """The optimum of each bound problem near its parameters, which become the optimum's."""
+        """The optimum of each bound problem; without an iteration, the derivatives at its start."""
         thetas, count, p, shape = bound.thetas, len(bound.thetas), self.parameters, bound.shape
         numbers, flags = np.empty((count, 4)), np.empty((count, 2), np.bool_)
         gradient, hessian = np.empty((count, 3)), np.empty((count, 3, 3))
@@ -342,14 +397,14 @@ class Problem:
         That is every direction in which the curvature is below FLAT of the largest, once a rotation
         counts by the displacement that it causes.
         """
-        moving = self.pairs[0].moving._layout.packed.reshape(-1, 6, self.targets)
-        x, y, xx, _, yy, _ = np.moveaxis(moving, 1, 0)
-        lever = (x * x + y * y + xx + yy).mean(axis=-1)[bound.batch.pairs[:, layout.MOVING_SET]]
-        outward = np.eye(3)
+        problem, outward, which = self, np.eye(3), bound.batch.pairs[:, layout.MOVING_SET]
         if self.pairs[0].measurement is None:
-            bound, inward = self.about_centres(bound)
+            problem, bound, inward = self.about_means(bound)
             outward = 2.0 * outward - inward.reshape(-1, 3, 3)
-        hessian = self.minimise(bound, max_iterations=0).hessian.reshape(-1, 3, 3)
+        moving = problem.pairs[0].moving._layout.packed.reshape(-1, 6, self.targets)
+        x, y, xx, _, yy, _ = np.moveaxis(moving, 1, 0)
+        lever = (x * x + y * y + xx + yy).mean(axis=-1)[which]
+        hessian = problem._descend(bound, max_iterations=0).hessian.reshape(-1, 3, 3)
         unit = np.ones((len(lever), 3))
         unit[:, 2] = 1.0 / np.sqrt(lever)
         values, axes = np.linalg.eigh(hessian * unit[:, :, None] * unit[:, None, :])
@@ -364,7 +419,7 @@ class Problem:
 
     def derivatives(self, bound: Bound) -> tuple[Array, Array, Array]:
         """Value (...), gradient (..., P) and Hessian (..., P, P) of each bound problem."""
-        found = self.minimise(bound, max_iterations=0)
+        found = self._descend(bound, max_iterations=0)
         return found.value, found.gradient, found.hessian
 
     def cross_derivatives(self, bound: Bound, begin: int, end: int) -> CrossDerivatives:

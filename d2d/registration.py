@@ -20,7 +20,7 @@ from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-from d2d.problem import Estimate, Problem, check_pair
+from d2d.problem import Estimate, Problem, check_pair, where
 
 _MAX_STARTS = 10_000_000  # in a grid: 240 MB
 _TURNS = np.deg2rad(np.arange(-150.0, 181.0, 30.0))
@@ -226,9 +226,5 @@ def _spread(problem: Problem) -> float:
 
 def _lower(one: Estimate, other: Estimate) -> Estimate:
     """Of each problem the optimum of lower cost; the iterations are those of both."""
-    better = other.value < one.value
-    merged = {}
-    for name, found in vars(other).items():
-        own = better.reshape(better.shape + (1,) * (found.ndim - better.ndim))
-        merged[name] = np.where(own, found, getattr(one, name))
-    return Estimate(**merged | {"iterations": one.iterations + other.iterations})
+    lower = where(other.value < one.value, other, one)
+    return replace(lower, iterations=one.iterations + other.iterations)

@@ -71,12 +71,12 @@ def sandwich_covariance(
     known = np.isfinite(estimate.covariance).all(axis=(-2, -1))
     known = np.broadcast_to(known, bound.shape).ravel()
     labels = _labels(moving, bound, groups)
-    if measurement is not None:
+    if measurement is not None or fixed.dimension == 1:
         return _from_scores(problem, bound, known, labels)
     # Nothing measured of the motion itself: the origin is arbitrary, but the effect of leaving out
     # a target is computed to first order and depends on it.
-    bound, inward = problem.about_centres(bound)
-    outward = 2.0 * np.eye(problem.parameters) - inward
+    problem, bound, inward = problem.about_means(bound)
+    outward = 2.0 * np.eye(3) - inward
     return in_coordinates(outward, _from_scores(problem, bound, known, labels))
 
 
