@@ -137,7 +137,11 @@ def causes(fitted: Fitted, stored: ErrorBudget) -> str:
 
 
 def counts(rows: pd.DataFrame) -> str:
-    """How many estimates were judged, how many blocks they make, and what share they are."""
+    """How many estimates were judged, how many blocks they make, and what share they are.
+
+    Blocks are as long as the errors need, and the NEES of the last model.
+    """
+    one_each = rows.drop_duplicates(["cell", "drive"], keep="last")
     lines = [
         (
             cell,
@@ -146,7 +150,7 @@ def counts(rows: pd.DataFrame) -> str:
             f"{own['independent'].sum():.0f}",
             f"{100.0 * own['accepted'].mean():.1f}",
         )
-        for cell, own in rows[rows["model"] == CONSTANTS].groupby("cell", sort=False)
+        for cell, own in one_each.groupby("cell", sort=False)
     ]
     return markdown(("cell", "drives", "judged", "independent", "accepted, %"), lines)
 
