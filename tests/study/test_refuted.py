@@ -10,6 +10,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from d2d import rigid
 from d2d.radar import track
 from d2d.study import CLAIMS
 from d2d.study.book.measured import Measured
@@ -105,9 +106,12 @@ def weights(drive, driven, *, doppler):
     return SimpleNamespace(kind=np.repeat(["moving", "wall"], 400), rejected=always(share))
 
 
-def in_place(drive, *, doppler):
-    """A track that is off by as much from the first pose to the last."""
-    return SimpleNamespace(poses=always(drive.truth.poses + 1.0))
+def in_place(drive, **options):
+    """A track that is off by a metre from its first estimate to the last."""
+    true, intervals = drive.truth.poses, np.diff(drive.truth.times)
+    moves = rigid.compose(rigid.inverse(true[:-1]), true[1:])
+    moves[0, 0] += 1.0
+    return SimpleNamespace(theta=rigid.logarithm(moves) / intervals[:, None], intervals=intervals)
 
 
 def lost_where_annealed(drive, starts=None, **options):
@@ -115,9 +119,9 @@ def lost_where_annealed(drive, starts=None, **options):
     return followed(drive, **options) if starts is None else starts + 9.0
 
 
-def useless_doppler(drive, *, doppler):
+def useless_doppler(drive, *, doppler, **options):
     """A track that is better without."""
-    return track(drive, doppler=not doppler)
+    return track(drive, doppler=not doppler, **options)
 
 
 LINE, LINE_OUTLIERS, LINE_CLUSTERS = surfaces, line_outliers, line_clusters

@@ -276,7 +276,8 @@ def test_targets_that_are_there_twice_count_once():
     assert said[0].filename == __file__
     once = track((scans, at))
     assert_array_equal(found.targets, once.targets)
-    assert_allclose(found.theta, once.theta, atol=1e-9)
+    # the targets stand in another order, and optima are found to 1e-4 of a standard deviation
+    assert_allclose(found.theta, once.theta, atol=1e-7)
     assert_allclose(found.covariance, once.covariance, rtol=1e-6)
     half = [scan[np.repeat(np.arange(4), 2)] for scan in scans]
     with pytest.warns(ScanWarning, match="has targets twice"):
