@@ -15,12 +15,9 @@ from d2d.radar.readers.nuscenes import load_nuscenes
 from d2d.radar.readers.odometry import load_reference
 from d2d.radar.readers.radarscenes import load_radarscenes
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
-from d2d.radar.scans.recording import Recording
-from d2d.radar.scans.reference import Reference
+from d2d.radar.scans.reference import Recording, Reference, SlipLaw
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity, quantisation_sigma
-from d2d.radar.scans.slip import SlipLaw
-from d2d.radar.simulation.drive import Drive, Sensor, TrueTargets, simulate_drive
-from d2d.radar.simulation.sensor_errors import SensorErrors
+from d2d.radar.simulation.drive import Drive, Sensor, SensorErrors, TrueTargets, simulate_drive
 from d2d.radar.simulation.world import World, build_world
 from d2d.radar.tracks.estimator import VelocityEstimate
 from d2d.radar.tracks.filter_input import FilterInput

@@ -127,16 +127,13 @@ def _parser() -> argparse.ArgumentParser:
     about = "estimate a drive and write its path and velocities"
     of_track = command("track", about, _track, TRACK_HELP, TRACK_EPILOG)
     _add_sources(of_track)
-    how = _add_estimation(of_track)
-    how.add_argument("--extent", metavar="M", type=float, help=ABOUT["--extent"])
-    about = ABOUT["--max-interval"]
-    how.add_argument("--max-interval", metavar="S", type=float, default=MAX_INTERVAL, help=about)
+    _add_estimation(of_track, whole=True)
     _add_output(of_track)
     _add_budget(of_track)
     about = "estimate while scans arrive: lines of JSON in, lines of JSON out"
     live = command("live", about, _live, LIVE_HELP)
     _add_log_options(live)
-    _add_estimation(live)
+    _add_estimation(live, whole=False)
     _add_budget(live)
     about = "find clock, speed, slip and mounting angles by an odometry"
     calibrating = command("calibrate", about, _calibrate, CALIBRATE_HELP)
@@ -176,7 +173,8 @@ def _add_sources(parser: argparse.ArgumentParser) -> None:
             _add_option(group, option)
 
 
-def _add_estimation(parser: argparse.ArgumentParser) -> Any:
+def _add_estimation(parser: argparse.ArgumentParser, *, whole: bool) -> None:
+    """The options of an estimate, and with ``whole`` those that need a whole log."""
     how = parser.add_argument_group("how to estimate")
 
     def add(name: str, metavar: str, kind: type = float, default: object = None) -> None:
@@ -186,7 +184,9 @@ def _add_estimation(parser: argparse.ArgumentParser) -> Any:
     add("--baseline", "N", int)
     add("--side-slip", "M/S")
     add("--max-acceleration", "M/S^2", default=_MAX_ACCELERATION)
-    return how
+    if whole:
+        add("--extent", "M")
+        add("--max-interval", "S", default=MAX_INTERVAL)
 
 
 def _add_output(parser: argparse.ArgumentParser) -> None:
@@ -537,8 +537,6 @@ What is printed at the end says how many estimates were accepted, and why the ot
   a side slip, an acceleration,   no vehicle moves like that: a wrong optimum, or a wrong mounting
   a speed or a yaw rate of ...    if it is most of them
 
-If the path runs backwards, the sign of the Doppler velocities or the yaw of a mounting is wrong; if
-it bends the wrong way, the sign of the azimuths. The book's pages "Your own radar" and "When a path
-looks wrong" explain how to choose standard deviations and a budget, and how to test a
-covariance.
+The book's pages "Your own radar" and "When a path looks wrong" explain how to choose standard
+deviations and a budget, how to test a covariance, and what mistakes with a log look like.
 """

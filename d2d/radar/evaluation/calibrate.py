@@ -17,10 +17,8 @@ from d2d.radar.evaluation.calibration_model import (
     fit,
     scan_velocities,
 )
-from d2d.radar.scans.recording import Recording
-from d2d.radar.scans.reference import Reference
+from d2d.radar.scans.reference import Recording, Reference, SlipLaw
 from d2d.radar.scans.scan import Mounting, RadarScan
-from d2d.radar.scans.slip import SlipLaw
 from d2d.radar.tracks.rounds import check_distinct
 
 _POWERS = (0, 2)  # of v_x in the slip law

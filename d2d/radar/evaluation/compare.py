@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
@@ -14,8 +14,8 @@ from d2d._frozen import Frozen
 from d2d._types import Array
 from d2d.bootstrap import block_bootstrap, block_length
 from d2d.credibility import Credibility, credibility
-from d2d.radar.looks import COLOR, MARKER, REFERENCE
 from d2d.radar.scans.reference import Reference
+from d2d.radar.tracks.plot import COLOR, MARKER, REFERENCE
 from d2d.radar.tracks.track import Track
 from d2d.scores import LEVELS, Whitened, crps, whiten, within
 
@@ -137,16 +137,9 @@ class Comparison(Frozen):
         know of errors that change more slowly than the drive is long.  The seed is fixed, so that a
         comparison always prints the same.
         """
-        rng = np.random.default_rng(0)
-        return _measures(
-            block_bootstrap(
-                lambda rows: rows.mean(axis=0),
-                [self._columns],
-                self.block,
-                rng,
-                confidence=confidence,
-            )
-        )
+        rng, mean = np.random.default_rng(0), partial(np.mean, axis=0)
+        columns = [self._columns]
+        return _measures(block_bootstrap(mean, columns, self.block, rng, confidence=confidence))
 
     @cached_property
     def _columns(self) -> Array:

@@ -198,7 +198,9 @@ def _of_motion(
     def gain(mistake: _Mistake, step: int = 1) -> float:
         """Nats that a typical interval gains without the mistake, by every ``step``-th one."""
         gains = [
-            _log_likelihood(mistake.undo(epoch)) + mistake.volume * _targets(epoch) - before
+            _log_likelihood(mistake.undo(epoch))
+            + mistake.volume * sum(pair.current.size for pair in epoch.values())
+            - before
             for epoch, before in zip(epochs[::step], stated[::step], strict=True)
         ]
         return float(np.median(gains)) if gains else -math.inf
@@ -218,10 +220,6 @@ def _of_motion(
                 if value > best - _TELLING
             ]
     return [*_of_headings(headings), *_of_clocks(motions)]
-
-
-def _targets(epoch: Epoch) -> int:
-    return sum(pair.current.size for pair in epoch.values())
 
 
 def _mistakes(log: Mapping[str, SensorScans]) -> Iterator[_Mistake]:

@@ -81,13 +81,11 @@ def estimate_extent(
     density; at a pair's best velocity nothing else changes (envelope theorem).  At the maximum the
     slopes add up to zero.
 
-    The standard error allows for slopes that are not independent (sandwich).  If those of the
-    pairs, s_p, add up to a function of e^2 with the derivative -H, e^2 has the standard error
-    sqrt(var(sum s_p)) / H, where overlapping blocks of at least four successive pairs give the
-    variance, see `d2d.block_length`.  For e it is divided by 2 e.  Close to zero it is at most the
-    square root of that for e^2, which is the extent one standard error away from zero.  The
-    velocities, which are fitted to the same positions, make the extent a little too small: by 1 to
-    2 % with 40 targets.
+    The slopes may depend on each other: overlapping blocks of at least four successive pairs give
+    the variance of their sum (sandwich, see `d2d.block_length`).  Its root over the curvature is
+    the standard error of e^2, and over 2 e that of e; close to zero, at most the root of that of
+    e^2.  The velocities, which are fitted to the same positions, make the extent a little too
+    small: by 1 to 2 % with 40 targets.
 
     The extent equals the scatter of the points only if each target has one counterpart.  If an
     object returns several targets, they cover it together, and a smaller extent predicts the next

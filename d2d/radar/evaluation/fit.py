@@ -39,21 +39,11 @@ _SHOWN = {
 class BudgetFit:
     """Numbers of an error budget and how well the errors determine them.
 
-    Attributes
-    ----------
-    budget : ErrorBudget
-        The numbers that were fitted; the rest is zero.
-    names : tuple of p str
-        Which these are, in the order of ``sigmas`` and ``bounds``.
-    sigmas : (p,) array
-        Their standard errors, in their own units.
-    bounds : (2, p) array
-        Their 95 % confidence intervals.  One that begins at zero says that the errors do not tell
-        the number from none, and its end how large it may be.
-    log_score : float
-        Mean negative log density of the errors with these numbers, see `d2d.log_score`.
-    estimates : int
-        Number of errors.
+    The ``names`` of the p numbers that were fitted give the order of their standard errors
+    ``sigmas`` (p,), in their own units, and of their 95 % intervals ``bounds`` (2, p); the rest of
+    the ``budget`` is zero.  An interval that begins at zero says that the errors do not tell the
+    number from none, and its end how large it may be.  ``log_score`` is the mean negative log
+    density of the errors with these numbers, see `d2d.log_score`, and ``estimates`` their number.
     """
 
     budget: ErrorBudget

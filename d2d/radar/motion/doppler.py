@@ -167,9 +167,8 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
 def doppler_starts(views: Sequence[View]) -> Array:
     """Starts (S, 3) [v_x, v_y, omega] for a registration, near the Doppler velocities.
 
-    Sensors at different places determine the whole velocity.  If they do not, or see few targets,
-    each determines its own velocity, but not how much of it is due to rotation: one start assumes
-    no rotation and, for a sensor ahead of or behind the vehicle's origin, one no side slip.
+    If the sensors do not determine the whole velocity, or see few targets, each gives its own
+    starts, as `estimate_ego_motion` says of its ``initial``.
     """
     if len({mounting for _, mounting in views}) > 1:
         motion = doppler_ego_motion(views)

@@ -19,9 +19,8 @@ from d2d.problem import CostForm, Pair, Problem
 # on the road are larger by a few percent (chapter 15).
 DEFAULT_DOPPLER_WIDTH = 4.0
 _NO_SIDE_SLIP = 1e-3  # m/s, the standard deviation of v_y where it is stated to be zero
-_SIDE_SLIP = Bounds(
-    least=1e-6, most=1e6
-)  # m/s, whose inverse squares the cost can hold beside its other terms
+# m/s, whose inverse squares the cost can hold beside its other terms
+_SIDE_SLIP = Bounds(least=1e-6, most=1e6)
 # thesis sec. 7.3: 20 % outliers, with a standard deviation of 10 m along both axes
 DEFAULT_OUTLIER = CorruptedGaussian(0.2, 100.0 * np.eye(2))
 

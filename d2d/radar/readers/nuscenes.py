@@ -31,8 +31,7 @@ from d2d.radar.readers.shared import (
     yaw_of,
 )
 from d2d.radar.scans.budget import ErrorBudget
-from d2d.radar.scans.recording import Recording
-from d2d.radar.scans.reference import Reference
+from d2d.radar.scans.reference import Recording, Reference
 from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
 
 GRID = 0.2  # m, to which x and y are rounded
@@ -120,8 +119,6 @@ def load_nuscenes(
         Names of the scene and the radar, such as "scene-0061" and "RADAR_FRONT".
     version : str, optional
         Name of the folder with the tables, such as "v1.0-mini"; needed only if there are several.
-    strongest : int, optional
-        Keep only this many targets of each scan, those of largest radar cross-section.
     time_offset : float, s
         Delay of the radar's time stamps: a scan at t shows the motion that the poses give for
         t - time_offset.
@@ -139,8 +136,8 @@ def load_nuscenes(
     sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
         Standard deviations, to which the rounding of positions to 0.2 m and of velocities to 0.25
         m/s is added.  That of the azimuth may be a function of the azimuths (K,).
-    extent : float, m
-        Scatter of the points at which objects are seen; see `RadarScan`.
+    strongest, extent
+        As for `load_radarscenes`.
 
     Notes
     -----

@@ -27,10 +27,8 @@ from d2d.radar.readers.shared import (
     whole_number,
 )
 from d2d.radar.scans.budget import ErrorBudget
-from d2d.radar.scans.recording import Recording
-from d2d.radar.scans.reference import Reference
+from d2d.radar.scans.reference import Recording, Reference, SlipLaw
 from d2d.radar.scans.scan import BOUNDS, Mounting, RadarScan
-from d2d.radar.scans.slip import SlipLaw
 
 SLIP = SlipLaw(ahead=0.0, compliance=0.0045)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from d2d.radar.scans.budget import ErrorBudget
-from d2d.radar.scans.recording import Recording
+from d2d.radar.scans.reference import Recording
 from d2d.radar.scans.scan import Mounting, RadarScan
 
 

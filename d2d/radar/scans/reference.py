@@ -1,4 +1,4 @@
-"""The reference motion of a vehicle: its poses and velocities over time."""
+"""Reference motion of a vehicle, and recordings that hold one beside their scans."""
 
 from dataclasses import dataclass
 
@@ -6,8 +6,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from d2d import rigid
-from d2d._checks import SECONDS, check_finite, check_positive_scalar, check_real, check_shape
+from d2d._checks import (
+    SECONDS,
+    Bounded,
+    check_finite,
+    check_positive_scalar,
+    check_real,
+    check_shape,
+    number,
+)
 from d2d._types import Array
+from d2d.radar.scans.budget import ErrorBudget
+from d2d.radar.scans.scan import Mounting, RadarScan
 
 _HALF_WIDTH = SECONDS._replace(above=0.0, most=60.0)  # s
 _ROUNDING = 1e-6  # s, of times since 1970
@@ -83,6 +93,39 @@ class Reference:
         known = np.isfinite(poses[:, 2])
         poses[known, 2] = np.unwrap(poses[known, 2])  # half way from pi to -pi is not zero
         return Reference(wanted, between(self.theta), between(poses))
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One sensor's scans of a drive, its mounting, and the motion according to other sensors.
+
+    The reference is at the times of the scans, and nan outside the time span of its source and in
+    its gaps.  The budget, for ``track(..., budget=)``, is what the targets of these radars share.
+    """
+
+    scans: list[RadarScan]
+    mounting: Mounting
+    reference: Reference
+    budget: ErrorBudget | None = None
+
+
+@dataclass(frozen=True)
+class SlipLaw(Bounded):
+    """The lateral velocity in a steady bend, v_y = (ahead - compliance v_x^2) omega.
+
+    In a bend, the lateral acceleration v_x omega needs a lateral force of the rear tyres, and so a
+    slip angle -compliance v_x omega of the rear axle (linear single-track model: Riekert & Schunck
+    1940), with ``compliance`` in s^2/m.  The vehicle frame's origin, ``ahead`` metres ahead of the
+    axle, also moves sideways because of the rotation.
+    """
+
+    ahead: float = number(0.0)
+    compliance: float = number(0.0)
+
+    def lateral(self, forward: ArrayLike, yaw_rate: ArrayLike) -> Array:
+        """v_y (...) in m/s of v_x (...) in m/s and omega (...) in rad/s."""
+        v_x, omega = np.asarray(forward), np.asarray(yaw_rate)
+        return np.asarray((self.ahead - self.compliance * v_x**2) * omega)
 
 
 def _parabolas(stamps: Array, poses: Array, times: Array, half_width: float) -> tuple[Array, Array]:

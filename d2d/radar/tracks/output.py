@@ -18,6 +18,7 @@ Arrays = dict[str, NDArray[Any]]
 # The fields of a track, apart from the parts of its covariance.
 REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
 OPTIONAL = ("reasons", "targets", "inliers")
+TYPES = {"converged": np.bool_, "reasons": np.str_, "targets": np.int64}  # others are floats
 _MARK, _FORMAT = "format", "d2d.radar.Track 1"
 _PARTS = tuple(f"parts_{name}" for name in CovarianceParts._fields)
 # The entries of a covariance that are written: the upper triangle.
@@ -110,7 +111,9 @@ def read_table(path: Path) -> dict[str, Any]:
                     columns[name].append(_parsed(name, value))
             except ValueError as error:
                 raise ValueError(f"{path}, line {rows.line_num}: {error}") from None
-    arrays: Arrays = {n: np.array(values, dtype=_kind(n)) for n, values in columns.items()}
+    arrays: Arrays = {
+        n: np.array(values, dtype=TYPES.get(n, np.float64)) for n, values in columns.items()
+    }
     fields: dict[str, Any] = {
         "times": arrays["time"],
         "intervals": arrays["interval"],
@@ -122,10 +125,6 @@ def read_table(path: Path) -> dict[str, Any]:
         parts = (_matrices(arrays, f"{part}_") for part in CovarianceParts._fields)
         fields["parts"] = CovarianceParts(*parts)
     return fields | {name: arrays[name] for name in OPTIONAL if name in arrays}
-
-
-def _kind(name: str) -> type:
-    return {"converged": np.bool_, "reasons": np.str_, "targets": np.int64}.get(name, np.float64)
 
 
 def _parsed(name: str, value: str) -> object:

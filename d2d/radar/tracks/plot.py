@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from d2d._types import Array
-from d2d.radar.looks import COLOR, ESTIMATE, MARKER
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+COLOR, MARKER = "#009E73", "o"  # Okabe and Ito's bluish green, which colour-blind readers tell
+LINE = (0, (6.0, 1.2, 1.2, 1.2))  # dash-dotted
+ESTIMATE: dict[str, Any] = {"color": COLOR, "ls": LINE}
+REFERENCE: dict[str, Any] = {"color": "#000000", "ls": "--", "lw": 0.9}
 _LABELS = ("$v_x$ (m/s)", "$v_y$ (m/s)", "$ω$ (°/s)")
 _FAILED = "black"
 

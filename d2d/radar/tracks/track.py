@@ -20,6 +20,7 @@ from d2d.radar.scans.budget import CovarianceParts
 from d2d.radar.tracks.output import (
     OPTIONAL,
     REQUIRED,
+    TYPES,
     load_fields,
     read_table,
     save_fields,
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-_TYPES = {"converged": np.bool_, "reasons": np.str_, "targets": np.int64}  # others are floats
 # shapes of a row, if it is not a number
 _ROW_SHAPES: dict[str, tuple[int, ...]] = {"theta": (3,), "covariance": (3, 3), "parts": (3, 3)}
 # s, and relative to the time since the first estimate: stamps in logs are often rounded
@@ -365,7 +365,7 @@ class Track(Frozen):
 
 def _rows(name: str, value: Any, count: int) -> NDArray[Any]:
     """A copy of a field as an array of its type, with as many rows as the track has."""
-    kind = _TYPES.get(name)
+    kind = TYPES.get(name)
     array = check_real(name, value) if kind is None else np.array(value)
     if kind is not None and array.dtype.kind != np.dtype(kind).kind:
         raise ValueError(f"{name} must be an array of {kind.__name__}, but is of {array.dtype}")

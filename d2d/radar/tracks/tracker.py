@@ -338,7 +338,9 @@ def _counted(count: int, progress: bool | None) -> Iterable[int]:
     is installed.
     """
     steps = range(count)
-    if progress is False or (progress is None and not _on_terminal()):
+    stream: TextIO | None = sys.stderr  # a program without a console has none
+    watched = stream is not None and stream.isatty()
+    if progress is False or (progress is None and not watched):
         return steps
     try:
         from tqdm import tqdm
@@ -350,9 +352,3 @@ def _counted(count: int, progress: bool | None) -> Iterable[int]:
         ) from None
     bar: Iterable[int] = tqdm(steps, unit="estimate", delay=0.0 if progress else _BAR_DELAY)
     return bar
-
-
-def _on_terminal() -> bool:
-    """Whether somebody may be watching; a program without a console has no standard error."""
-    stream: TextIO | None = sys.stderr
-    return stream is not None and stream.isatty()

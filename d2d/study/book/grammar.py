@@ -22,7 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Stroke
 
 from d2d.cost import RegistrationCost
-from d2d.radar import looks
+from d2d.radar.tracks import plot as looks
 
 # Okabe & Ito's palette, which colour-blind readers can tell apart.  These three are the costs';
 # every estimate of a drive is the robust likelihood's, so that its look is that of a track.
