@@ -109,7 +109,16 @@ def register(
                 "initial must be parameters [t_x, t_y, phi_z] in m, m, rad, but is the matrix of a "
                 "motion, which would be taken for three starts"
             )
-    return anneal(problem, start, steps, threads)
+    best = anneal(problem, start, steps, threads)
+    if len(steps) == 1:
+        return best
+    best = _lower(best, anneal(problem, start, steps[-1:], threads))
+    spread = _spread(problem)
+    if spread > _UNLIKE:
+        wider = np.geomspace(spread, 1.0, 1 + math.ceil(math.log(spread) / math.log(_STEP)))
+        schedule = [*(steps[0] * wider[:-1]), *steps]
+        best = _lower(anneal(problem, start, schedule, threads), best)
+    return best
 
 
 def _is_matrix(start: Array) -> bool:
@@ -192,26 +201,24 @@ def anneal(
 ) -> Estimate:
     """Minimise a problem from parameters (..., P), its standard deviations inflated by each scale.
 
-    Each optimum starts the next.  After several scales the result is the lower of this optimum and
-    of the one that the last scale finds from the start; where some targets are far more precise
-    than others, also of the one that a schedule finds that begins as wide for the most precise.
+    Each optimum starts the next; after several scales the result is never worse than the start at
+    the last one: where it is, it is what the last scale alone finds.
     """
-    last = problem.inflated(scales[-1])
-    best = last.minimise(last.bind(start, "initial"), threads)
+    theta, iterations = start, np.zeros((), dtype=np.int64)
+    for scale in scales:
+        inflated = problem.inflated(scale)
+        optimum = inflated.minimise(inflated.bind(theta, "initial"), threads)
+        theta, iterations = optimum.theta, np.asarray(iterations + optimum.iterations)
+    optimum = replace(optimum, iterations=iterations)
     if len(scales) == 1:
-        return best
-    schedules, spread = [scales], _spread(problem)
-    if spread > _UNLIKE:
-        steps = np.geomspace(spread, 1.0, 1 + math.ceil(math.log(spread) / math.log(_STEP)))
-        schedules.append([*(scales[0] * steps[:-1]), *scales])
-    for schedule in schedules:
-        theta, iterations = start, np.zeros((), dtype=np.int64)
-        for scale in schedule:
-            inflated = problem.inflated(scale)
-            optimum = inflated.minimise(inflated.bind(theta, "initial"), threads)
-            theta, iterations = optimum.theta, np.asarray(iterations + optimum.iterations)
-        best = _lower(replace(optimum, iterations=iterations), best)
-    return best
+        return optimum
+    at_start = inflated.derivatives(inflated.bind(start, "initial"))[0]
+    worse = optimum.value > at_start
+    if not worse.any():
+        return optimum
+    direct = inflated.minimise(inflated.bind(start, "initial"), threads)
+    merged = where(worse, direct, optimum)
+    return replace(merged, iterations=iterations + np.where(worse, direct.iterations, 0))
 
 
 def _spread(problem: Problem) -> float:

@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
 from d2d import rigid
-from d2d._checks import check_count, check_shape
+from d2d._checks import check_count, check_schedule, check_shape
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.credibility import Credibility, credibility
 from d2d.point_set import PointSet
 from d2d.problem import Estimate
-from d2d.registration import multi_start, register
+from d2d.registration import anneal, multi_start
 
 THREADS = os.cpu_count() or 1  # the kernel releases the GIL; no result depends on their number
 CHUNK = 1000  # runs in one batched call, a worker's unit of work; bounds the memory
@@ -113,7 +113,7 @@ def monte_carlo(
 
     The scenario is, for example, a `d2d.study.plane.scenarios.Scenario`.  Every run starts at
     ``initial``: "truth", "zero", (P,), or several starts (S, P), of which the lowest optimum is
-    kept; ``scales`` is the inflation schedule of `d2d.register`.
+    kept; ``scales`` is an inflation schedule by itself, see `scheduled`.
 
     The ``n_jobs`` are worker processes: 1 unless given or set by ``joblib.parallel_config``, whose
     backend (for example ``"dask"``) then runs the chunks.  The same seed gives the same results,
@@ -144,6 +144,18 @@ def _starts(scenario: Scene, initial: Initial) -> Array:
     return starts
 
 
+def scheduled(
+    fixed: PointSet,
+    moving: PointSet,
+    cost: RegistrationCost,
+    initial: Array,
+    scales: Sequence[float],
+    threads: int = 1,
+) -> Estimate:
+    """Follow an inflation schedule, without the plain descent that `d2d.register` tries as well."""
+    return anneal(cost.problem(fixed, moving), initial, check_schedule("scales", scales), threads)
+
+
 def _run(
     scenario: Scene,
     cost: RegistrationCost,
@@ -153,5 +165,5 @@ def _run(
     scales: Sequence[float],
 ) -> MonteCarlo:
     fixed, moving = scenario.sample(runs, np.random.default_rng(seed))
-    solve = register if starts.ndim == 1 else multi_start
+    solve = scheduled if starts.ndim == 1 else multi_start
     return MonteCarlo.of(solve(fixed, moving, cost, starts, scales), scenario.theta)

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from d2d._types import Array
 from d2d.cost import CorruptedGaussian, RegistrationCost
 from d2d.credibility import credibility
-from d2d.registration import ANNEALED, register, start_grid
+from d2d.registration import ANNEALED, start_grid
 from d2d.study.beyond.random_scenes import RandomScenes
 from d2d.study.plane.evaluation import at_truth, distance_and_rotation, rms
 from d2d.study.plane.scenarios import OVERLAPPED
 from d2d.study.results import results_path
-from d2d.study.runs import MonteCarlo, monte_carlo
+from d2d.study.runs import MonteCarlo, monte_carlo, scheduled
 
 _TURNS = np.deg2rad([-20.0, 0.0, 20.0])
 # Offsets of the starts from the given one, on a grid 3 m apart, by the number of starts.
@@ -230,7 +230,7 @@ def inlier_shares(trial: Trial) -> tuple[Array, NDArray[np.bool_]]:
     given = trial.arguments
     scene, cost, start = given["scenario"], given["cost"], np.atleast_2d(given["initial"])[0]
     fixed, moving = scene.sample(given["runs"], np.random.default_rng([given["seed"], 1]))
-    theta = register(fixed, moving, cost, start, given["scales"]).theta
+    theta = scheduled(fixed, moving, cost, start, given["scales"]).theta
     inliers = cost.inlier_probabilities(theta, fixed, moving)
     return inliers.mean(axis=-1), at_truth(theta - scene.theta)
 

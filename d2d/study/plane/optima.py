@@ -14,7 +14,7 @@ from d2d.registration import register, start_grid
 from d2d.study.plane.evaluation import at_truth
 from d2d.study.plane.scenarios import Scenario
 from d2d.study.point_sets.convergence import start_plane
-from d2d.study.runs import THREADS
+from d2d.study.runs import THREADS, scheduled
 
 SEARCH_DISTANCE, SEARCH_ROTATION = 10.0, np.deg2rad(45.0)  # m, rad: of the search, around the truth
 SPACING, ROTATIONS = 2.0, 7
@@ -102,7 +102,7 @@ def arrival_shares(
     """
     fixed, moving = scenario.sample(8, np.random.default_rng(0))
     starts = scenario.theta + start_plane(DISTANCES, TURNS, 8)[..., np.newaxis, :]
-    estimates = register(fixed, moving, cost, starts, scales, threads=THREADS)
+    estimates = scheduled(fixed, moving, cost, starts, scales, threads=THREADS)
     return np.asarray(at_truth(estimates.theta - scenario.theta).mean(axis=(-2, -1)))
 
 

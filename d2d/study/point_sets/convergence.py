@@ -10,9 +10,8 @@ from d2d._types import Array
 from d2d.baselines import icp, ndt_d2d, ndt_p2d
 from d2d.cost import CorruptedGaussian, RegistrationCost
 from d2d.problem import Estimate
-from d2d.registration import register
 from d2d.study.point_sets.room_scans import MOTION, RoomScan
-from d2d.study.runs import THREADS
+from d2d.study.runs import THREADS, scheduled
 
 MAX_DISTANCE, MAX_ROTATION = 4.0, np.deg2rad(90.0)  # m, rad: half a room, a quarter turn
 NEAR_DISTANCE, NEAR_ROTATION = 0.25, np.deg2rad(5.0)  # a quarter of an NDT cell
@@ -29,7 +28,7 @@ Method = Callable[[RoomScan, RoomScan, Array], Array]
 def _likelihood(*scales: float) -> Method:
     def run(before: RoomScan, after: RoomScan, starts: Array) -> Array:
         fixed, moving = before.targets(), after.targets()
-        return register(fixed, moving, ROBUST, starts, scales, threads=THREADS).theta
+        return scheduled(fixed, moving, ROBUST, starts, scales, threads=THREADS).theta
 
     return run
 
