@@ -227,7 +227,6 @@ class PointSet(Frozen):
 
     def transformed(self, theta: ArrayLike) -> "PointSet":
         """The set moved by theta (..., P): R mu_k + t and R Sigma_k R'."""
-        theta = rigid.start("theta", theta, self.dimension)
         return PointSet._of(
             rigid.transform_means(theta, self.means),
             rigid.transform_covariances(theta, self.covariances),

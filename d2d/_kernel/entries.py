@@ -247,7 +247,8 @@ def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
     centred, known = is_centred(batch), batch.outlier[layout.KIND] != layout.NO_OUTLIER
     for b in range(thetas.shape[0]):
         a, c = centres_of(batch, batch.first[b])
-        if centred:
+        away = centred and (a[0] != 0.0 or a[1] != 0.0 or c[0] != 0.0 or c[1] != 0.0)
+        if away:
             chart = centred_chart(thetas[b], a, c)
             thetas[b, 0], thetas[b, 1] = chart.x, chart.y
         if max_iterations > 0 and batch.kind == layout.MOTION:
@@ -271,7 +272,7 @@ def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
             2.0 * distances / freedom if freedom > 0.0 else math.nan,
             freedom,
         )
-        if centred:
+        if away:
             bring_back(thetas[b], a, c, gradient[b], hessian[b], covariance[b])
             regular = batch.planar == 0.0 or is_regular(covariance[b])
             converged = converged and regular
