@@ -372,7 +372,8 @@ class Problem:
                 any_flat = True
 
         run_in_slices(run, count, self.size, threads)
-        if any_flat and max_iterations and self.kind == layout.MOTION:
+        measured = self.kind == layout.MOTION and self.pairs[0].measurement is not None
+        if any_flat and max_iterations and measured:  # about the means it is done by `minimise`
             covariance[flags[:, 1]] = self._across(bound)[flags[:, 1]]
         value, inliers, fit, freedom = numbers.T
         estimate = object.__new__(Estimate)  # a frozen dataclass sets one attribute at a time
