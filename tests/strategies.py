@@ -295,4 +295,4 @@ def motions(dimension: int = 2) -> st.SearchStrategy[np.ndarray]:
     shift = reals(-1e3, 1e3)
     if dimension == 1:
         return shift.map(lambda x: np.array([x]))
-    return st.tuples(shift, shift, reals(-6.0, 6.0)).map(np.array)
+    return st.tuples(shift, shift, reals(-10.0, 10.0)).map(np.array)
