@@ -269,15 +269,16 @@ def test_targets_that_are_there_twice_count_once():
     of the caller; a few equal targets may be so by chance."""
     rng = np.random.default_rng(3)
     scans, at = surround_scans(8)[0]
-    doubled = [scan[rng.permutation(np.tile(np.arange(scan.size), 2))] for scan in scans]
+    scans = [scan[:40] for scan in scans]
+    order = rng.permutation(np.tile(np.arange(40), 2))
     with pytest.warns(ScanWarning, match=r"^sensors\['front'\]\.scans has targets twice") as said:
-        found = track({"front": (doubled, at)})
+        found = track({"front": ([scan[order] for scan in scans], at)})
     assert len(said) == 1
     assert said[0].filename == __file__
-    once = track((scans, at))
+    met = list(dict.fromkeys(order.tolist()))  # on the order depend the last digits
+    once = track(([scan[met] for scan in scans], at))
     assert_array_equal(found.targets, once.targets)
-    # the targets stand in another order, and optima are found to 1e-4 of a standard deviation
-    assert_allclose(found.theta, once.theta, atol=1e-7)
+    assert_allclose(found.theta, once.theta, atol=1e-9)
     assert_allclose(found.covariance, once.covariance, rtol=1e-6)
     half = [scan[np.repeat(np.arange(4), 2)] for scan in scans]
     with pytest.warns(ScanWarning, match="has targets twice"):
