@@ -62,7 +62,7 @@ _WHEELBASE = 2.588  # m, of the Renault Zoe
 
 # What is to be added to the mounting angles (deg), by channel and by the angle that the tables
 # state: one vehicle has them from scene 0061, the other from scene 0103
-# (d2d.study.road.turning).
+# (d2d.study.road.extrapolation).
 MOUNTING_ERRORS: dict[str, dict[float, float]] = {
     "RADAR_FRONT": {0.2: -0.74, -0.26: 0.24},
     "RADAR_FRONT_LEFT": {88.36: 0.99, 90.68: -0.02},

@@ -21,7 +21,7 @@ from d2d.radar import (
 )
 from d2d.study.results import read_json, results_path, write_json
 from d2d.study.road.drive import CHANNELS, Drive, Source, pick
-from d2d.study.road.turning import fit_scenes
+from d2d.study.road.extrapolation import fit_scenes
 
 SIDE_CHANNELS = CHANNELS[1:3]
 # The budgets were fitted to the first ones, with those "seen" in view.
