@@ -58,9 +58,9 @@ BUDGET = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line with these arguments, by default those of the process.
 
-    Returns the exit status: 0 on success, 1 on failure, 130 if interrupted; what was wrong is
-    written to the standard error.  Raises a ``SystemExit`` with status 2 if the arguments are
-    wrong, with 0 after ``--help``.
+    Returns the exit status: 0 on success, 1 on failure, 3 if a path is refused, 130 if interrupted;
+    what was wrong is written to the standard error.  Raises a ``SystemExit`` with status 2 if the
+    arguments are wrong, with 0 after ``--help``.
     """
     arguments = _parser().parse_args(argv)
     _check_options(arguments)
@@ -70,6 +70,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # whoever read the output has gone; nothing is left to flush at exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except _Refused as refusal:
+        _complain(f"nothing was written: {refusal}; --force writes the files all the same")
+        return 3
     except (ValueError, OSError) as error:
         _complain(f"error: {error}")
         return 1
@@ -78,6 +81,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         _complain(f"interrupted{rest}")
         return 130  # as shells report it
     return 0
+
+
+class _Refused(Exception):
+    """A path that the log does not support."""
 
 
 @contextmanager
@@ -276,14 +283,12 @@ def _track(arguments: argparse.Namespace) -> None:
     count = sum(len(scans) for scans, _ in sensors.values())
     print(f"read {count} scans of {len(sensors)} sensor{'s' * (len(sensors) > 1)}", flush=True)
     driven = track(sensors, **options, progress=False if arguments.no_progress else None)
-    print(driven)
+    print(driven, flush=True)
     sure = _judge(sensors, driven, options)
-    if not driven.converged.any():
-        raise ValueError("no estimate was accepted, so nothing was written")
-    if sure and not arguments.force:
-        raise ValueError(
-            f"nothing was written: {sure[0].symptom}; --force writes the files all the same"
-        )
+    refused = [str(driven.support)] * (not driven.support.enough)
+    refused += [finding.symptom for finding in sure]
+    if refused and not arguments.force:
+        raise _Refused(refused[0])
     for path in _write(driven, prefix, picture=not arguments.no_picture):
         print(f"wrote {path}")
 
@@ -468,7 +473,8 @@ first run compiles for up to a minute.
 ABOUT = {
     "--output": "beginning of the files' names (default: track); if it is a folder or ends with /, "
     "the files are called track.* in it",
-    "--force": "write the files even if the estimates are surely of no use",
+    "--force": "write the files even if they are surely of no use, or too few estimates were "
+    "accepted in a row (status 3)",
     "--horizon": "register each scan with the one nearest to S seconds before (default: "
     f"{HORIZON:g})",
     "--baseline": "register each scan with the Nth before, instead of --horizon",

@@ -30,6 +30,7 @@ from d2d.radar.tracks.output import (
 )
 from d2d.radar.tracks.path import Displacement, Knots, chain, roots
 from d2d.radar.tracks.plot import draw
+from d2d.radar.tracks.support import Support, support_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,7 +43,6 @@ _STAMP, _DRIFT = 0.01, 1e-5
 _ROUNDED = 1e-6  # s
 _ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 _SHOWN_REASONS = 3
-_MANY, _FEW_ACCEPTED = 20, 0.75  # estimates, and the share below which sensor or log are in doubt
 # A number in a reason, but not the exponent of a unit such as m/s^2.
 _NUMBER = re.compile(r"(?<![\^\w.])-?\d+(\.\d+)?")
 
@@ -237,6 +237,11 @@ class Track(Frozen):
         motion, covariance = zip(*each, strict=True) if each else ([], [])
         return Displacement(np.array(motion).reshape(-1, 3), np.array(covariance).reshape(-1, 3, 3))
 
+    @property
+    def support(self) -> Support:
+        """How much of the time has estimates in a row, and where the path is guessed."""
+        return support_of(self.times, self.intervals, self.converged)
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write all of the track to a file, from which `load` gives the same numbers bit by bit.
 
@@ -348,19 +353,16 @@ class Track(Frozen):
         return f"Track({count} estimates{span}, {share:.1%} converged)"
 
     def __str__(self) -> str:
-        """Summary with the most frequent reasons of failure, and a question if there are many."""
+        """Summary with the most frequent reasons of failure, and a first word if it is a guess."""
         if self.reasons is None:
             return repr(self)
         alike = Counter(_NUMBER.sub("...", reason) for reason in self.reasons.tolist() if reason)
+        support = self.support
         lines = [f"  {n} failed: {reason}" for reason, n in alike.most_common(_SHOWN_REASONS)]
         other = sum(alike.values()) - sum(n for _, n in alike.most_common(_SHOWN_REASONS))
         lines += [f"  {other} failed otherwise"] * (other > 0)
-        if len(self) >= _MANY and np.mean(self.converged) < _FEW_ACCEPTED:
-            lines.append(
-                "  Does the radar see little but traffic, as one that looks aside may, or is its "
-                "mounting another?"
-            )
-        return "\n".join([repr(self), *lines])
+        first = [f"NOT SUPPORTED: {support}"] * (not support.enough)
+        return "\n".join([*first, repr(self), *lines])
 
 
 def _rows(name: str, value: Any, count: int) -> NDArray[Any]:
