@@ -5,13 +5,13 @@ Each subpackage covers one subject:
 - ``book``: what all pages share: style and grammar of figures, drawing, tables, animations, the
   ledger of claims.
 - ``mixtures`` (chapter 2): Gaussian mixtures and expectation maximisation.
-- ``point_sets`` (chapter 7): registration of range scans with ICP and the NDT.
-- ``line`` (chapters 3 and 4): scenes on a line, where a cost surface can be seen whole.
-- ``estimation`` (chapters 6 and 9): optimisers, and the covariance of what they find.
-- ``plane`` (chapters 10 and 11): the thesis's scenes in the plane and their evaluation.
+- ``point_sets`` (appendix B): registration of range scans with ICP and the NDT.
+- ``line`` (chapters 4 and 5): scenes on a line, where a cost surface can be seen whole.
+- ``estimation`` (chapters 6 and 8): optimisers, and the covariance of what they find.
+- ``plane`` (chapters 9 and 10): the thesis's scenes in the plane and their evaluation.
 - ``drives`` (chapters 12 and 13): simulated drives.
 - ``road`` (chapters 14 and 15, appendices F to H): recorded drives.
-- ``beyond`` (chapter 16): what the thesis left to future work.
+- ``beyond`` (chapter 11): what the thesis left to future work.
 - ``guides``: the pages on one's own radar.
 
 Within a subpackage, each scene or experiment has a module named after it, ``figures.py`` draws, and

@@ -100,7 +100,7 @@ def test_every_figure_of_the_thesis_is_on_its_page(book: Path):
 def test_a_search_finds_a_word_of_the_book(driver: webdriver.Chrome, address: str):
     driver.get(f"{address}search.html?q=credibility")
     links = "[...document.querySelectorAll('#search-results .search li a')]"
-    browser.wait(driver, f"return {links}.some(a => a.href.includes('10_credibility_2d.html'))")
+    browser.wait(driver, f"return {links}.some(a => a.href.includes('09_credibility_2d.html'))")
 
 
 def test_the_ledger_is_filtered_from_the_keyboard(driver: webdriver.Chrome, address: str):
@@ -131,7 +131,7 @@ def test_the_book_follows_the_system(resized: webdriver.Chrome, address: str, th
 def test_in_the_dark_figures_are_light_and_maps_stay(resized: webdriver.Chrome, address: str):
     """Breaks if a figure is a white plate on a dark page, or a map shows low values as high."""
     browser.prefer(resized, "dark")
-    resized.get(f"{address}chapters/04_outliers_and_clusters_1d.html")
+    resized.get(f"{address}chapters/05_outliers_and_clusters_1d.html")
     browser.wait(resized, "return document.documentElement.dataset.theme === 'dark'")
     filters = "return [...document.querySelectorAll('{}')].map(i => getComputedStyle(i).filter)"
     drawn = resized.execute_script(filters.format("figure:not(#fig-corrupted-map) > img"))
@@ -151,7 +151,7 @@ def test_in_the_dark_figures_are_light_and_maps_stay(resized: webdriver.Chrome, 
 
 def test_one_form_of_a_wide_figure_is_shown(resized: webdriver.Chrome, address: str):
     """Breaks if a phone shows the wide form, whose labels nobody can read there, or both."""
-    page = f"{address}chapters/10_credibility_2d.html"
+    page = f"{address}chapters/09_credibility_2d.html"
     forms = "[...document.querySelectorAll('figure > img.page')].map(i => i.checkVisibility())"
     for width, shown in ((browser.WIDE, [False, True]), (browser.NARROW, [True, False])):
         browser.resize(resized, width)

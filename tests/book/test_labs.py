@@ -46,13 +46,13 @@ LABS = (
     Laboratory("chapters/02_gaussian_background", "lab-gaussian", "The point", "", "Other draws"),
     Laboratory("intro", "lab-live", "The current scan: move", "", "Register from here"),
     Laboratory(
-        "chapters/03_cost_surfaces_1d", "lab-line", "Target C of the cur", "t", "Let the ball roll"
+        "chapters/04_cost_surfaces_1d", "lab-line", "Target C of the cur", "t", "Let the ball roll"
     ),
     Laboratory(
-        "chapters/04_outliers_and_clusters_1d", "lab-outlier", "Target O", "noise", "Next draw"
+        "chapters/05_outliers_and_clusters_1d", "lab-outlier", "Target O", "noise", "Next draw"
     ),
     Laboratory(
-        "chapters/11_outliers_and_clusters_2d",
+        "chapters/10_outliers_and_clusters_2d",
         "lab-plane",
         "Target F of the cur",
         "turn",
@@ -381,7 +381,7 @@ def test_one_guess_is_right(lab: Laboratory, hand: Hand, address: str):
 
 @PLANE
 def test_the_scene_is_that_of_the_study(lab: Laboratory, hand: Hand, address: str):
-    """Breaks if the laboratories of the plane leave the scene that chapter 10 evaluates."""
+    """Breaks if the laboratories of the plane leave the scene that chapter 9 evaluates."""
     hand.open(f"{address}{lab.page}.html")
     scene = hand.ask("labs.SCENE")
     assert scene["polar"] == EIGHT_TARGETS.tolist()

@@ -37,7 +37,7 @@ _MIN_AGREEING = 4.0  # sum of the inlier probabilities
 # rad; a vehicle that drives in a circle between two scans is back where it was: scans of one place
 # then fit at any speed, as they do where times are in another unit
 _MAX_TURN = float(np.pi)
-# A wrong optimum rarely explains more than half of the targets (chapter 16).  One that explains at
+# A wrong optimum rarely explains more than half of the targets (chapter 11).  One that explains at
 # least this fraction is accepted without looking for another.
 _GOOD_INLIER_SHARE = 0.6
 

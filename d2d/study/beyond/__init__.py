@@ -1,1 +1,1 @@
-"""Experiments that the thesis left to future work (chapter 16)."""
+"""Experiments that the thesis left to future work (chapter 11)."""

@@ -125,21 +125,6 @@ def _counts(evidence: Iterable[Evidence]) -> list[int]:
     return [counts[verdict] for verdict in SIGNS]
 
 
-def verdicts_table(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> str:
-    """Count the claims with each verdict, by page, with a last row for all pages."""
-    by_page: dict[str, list[Evidence]] = {}
-    for claim in claims:
-        by_page.setdefault(claim.page, []).append(record[claim.id])
-    rows = {
-        f"[{_chapter(page)}]({page}.ipynb)": evidence for page, evidence in sorted(by_page.items())
-    }
-    rows["all"] = list(record.values())
-    return _markdown_table(
-        ["chapter", "claims", *SIGNS],
-        [[name, len(evidence), *_counts(evidence)] for name, evidence in rows.items()],
-    )
-
-
 def figures_table(figures: Iterable[ThesisFigure]) -> str:
     """List the thesis's figures: the number of each, what it shows, and where ours is."""
     rows = []
@@ -157,7 +142,7 @@ def _markdown_table(header: Sequence[str], rows: Iterable[Sequence[str | int]]) 
 
 
 def _chapter(page: str) -> str:
-    return page.split("_")[0].lstrip("0")  # 4 for ``04_...``
+    return page.split("_")[0].lstrip("0").upper()  # 4 for ``04_...``, B for ``b_...``
 
 
 @dataclass(frozen=True)

@@ -6,24 +6,24 @@ from importlib.resources import files
 
 PAGES = {
     "2": "02_gaussian_background",
-    "3": "07_point_set_registration",
-    "4": "03_cost_surfaces_1d",
-    "4.4": "04_outliers_and_clusters_1d",
-    "4.5": "04_outliers_and_clusters_1d",
-    "5": "09_covariance",
+    "3": "b_icp_and_the_ndt",
+    "4": "04_cost_surfaces_1d",
+    "4.4": "05_outliers_and_clusters_1d",
+    "4.5": "05_outliers_and_clusters_1d",
+    "5": "08_covariance",
     "5.1": "06_finding_the_optimum",
-    "6": "10_credibility_2d",
-    "6.3 outlier": "11_outliers_and_clusters_2d",
-    "6.3 cluster": "11_outliers_and_clusters_2d",
-    "6.3 all": "11_outliers_and_clusters_2d",
-    "6.4": "11_outliers_and_clusters_2d",
+    "6": "09_credibility_2d",
+    "6.3 outlier": "10_outliers_and_clusters_2d",
+    "6.3 cluster": "10_outliers_and_clusters_2d",
+    "6.3 all": "10_outliers_and_clusters_2d",
+    "6.4": "10_outliers_and_clusters_2d",
     "7": "12_radar_ego_motion",
     "7.3": "13_the_whole_drive",
     **dict.fromkeys(
         ("overlap-map", "outlier-map", "cluster-map", "all-map"), "d_panels_and_readings"
     ),
-    "scene-2d": "05_what_a_radar_gives_you",
-    "cluster-sweep": "08_credibility",
+    "scene-2d": "03_what_a_radar_gives_you",
+    "cluster-sweep": "07_credibility",
     "em-starts": "a_em_in_detail",
 }
 """The page on each chapter of the thesis, or on each section where two pages share a chapter.

@@ -213,7 +213,7 @@ def annealing_no_gain(ev: Evidence) -> None:
         f"{'; '.join(said)}. Where the last velocity lies in the basin of the best optimum, "
         "annealing gains nothing and can lose: a random start misses the Doppler velocities by "
         "many standard deviations, even inflated ones. The thesis expects more of annealing "
-        "elsewhere; chapter 16 measures where.",
+        "elsewhere; chapter 11 measures where.",
         over=f"{DRIVES} drives of the robot of {DURATION:g} s, each pair estimated on its own",
     )
 

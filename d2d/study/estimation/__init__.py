@@ -1,1 +1,1 @@
-"""How an optimum is found, and how certain it is (chapters 6 and 9)."""
+"""How an optimum is found, and how certain it is (chapters 6 and 8)."""

@@ -1,1 +1,1 @@
-"""Scenes on a line, where a cost surface can be seen whole (chapters 3 and 4)."""
+"""Scenes on a line, where a cost surface can be seen whole (chapters 4 and 5)."""

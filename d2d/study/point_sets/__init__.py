@@ -1,1 +1,1 @@
-"""Registration of range scans: ICP and the NDT (chapter 7)."""
+"""Registration of range scans: ICP and the NDT (appendix B)."""

@@ -9,7 +9,7 @@ from d2d.study.plane.scenarios import OVERLAPPED, Layout, random_scene, scene
 
 
 def test_parameters_are_those_of_the_thesis() -> None:
-    """Thesis sec. 6.1, and the table of chapter 10: the one place where they are compared."""
+    """Thesis sec. 6.1, and the table of chapter 9: the one place where they are compared."""
     assert len(OVERLAPPED.targets) == 8
     for scenario in scenarios.ALL:
         np.testing.assert_allclose(scenario.theta, [5.0, 0.0, np.deg2rad(15.0)])

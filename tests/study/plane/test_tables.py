@@ -1,4 +1,4 @@
-"""The tables of chapter 10 hold the runs that they are said to hold."""
+"""The tables of chapters 9 and 10 hold the runs that they are said to hold."""
 
 import pytest
 

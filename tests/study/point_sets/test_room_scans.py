@@ -1,4 +1,4 @@
-"""The room that chapter 7 scans: rays end on its walls, and two scans agree about it."""
+"""The room that appendix B scans: rays end on its walls, and two scans agree about it."""
 
 import numpy as np
 import pytest
