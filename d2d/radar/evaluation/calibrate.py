@@ -211,7 +211,7 @@ def calibrate(
         yaw=np.array(yaw),
         covariance=_placed(spread, free) * np.outer(unit, unit),
         mountings=[
-            Mounting(mounting.x, mounting.y, float(np.fmod(mounting.yaw + angle, 2.0 * np.pi)))
+            replace(mounting, yaw=float(np.fmod(mounting.yaw + angle, 2.0 * np.pi)))
             for (_, mounting, _), angle in zip(logs, yaw, strict=True)
         ],
         rms=rms,

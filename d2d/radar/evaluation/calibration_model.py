@@ -17,7 +17,7 @@ from d2d._types import Array
 from d2d.radar.evaluation.sandwich import covariance_of_sum
 from d2d.radar.motion.doppler import doppler_ego_motion
 from d2d.radar.scans.reference import Reference
-from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients
+from d2d.radar.scans.scan import Mounting, RadarScan, doppler_gradients, level
 
 _STEP = 0.02  # s, of the search for the lag before it is refined
 _HALF_DIFFERENCE = 0.05  # s, for derivatives in the lag: references jitter from row to row
@@ -52,7 +52,7 @@ class ScanVelocities(NamedTuple):
 def scan_velocities(views: Iterable[tuple[Iterable[RadarScan], Mounting]]) -> ScanVelocities:
     """The static targets of every scan that has targets, from its own Doppler velocities alone."""
     rows = [
-        (s, (mounting.x, mounting.y), scan.time, *_quadratic(scan, mounting))
+        (s, (mounting.x, mounting.y), scan.time, *_quadratic(*level(scan, mounting)))
         for s, (scans, mounting) in enumerate(views)
         for scan in scans
         if scan.size

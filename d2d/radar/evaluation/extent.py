@@ -108,7 +108,7 @@ def estimate_extent(
     """
     check_instance("mounting", mounting, Mounting)
     named = named_sensors((scans, mounting), max_interval)
-    ((scans, _),) = usable(named).values()
+    ((scans, mounting),) = usable(named).values()
     check_count("baseline", baseline)
     if max_pairs is not None:
         check_count("max_pairs", max_pairs, minimum=2)

@@ -11,7 +11,7 @@ from d2d._checks import check_flag, check_instance, check_rows
 from d2d._kernel.compile import read_only
 from d2d._kernel.consensus import find_consensus
 from d2d._types import Array
-from d2d.radar.scans.scan import Mounting, RadarScan, directions, doppler_gradients
+from d2d.radar.scans.scan import Mounting, RadarScan, directions, doppler_gradients, level
 
 View = tuple[RadarScan, Mounting]
 
@@ -38,7 +38,7 @@ def sensor_velocity(scan: RadarScan, mounting: Mounting) -> Array:
     """
     check_instance("scan", scan, RadarScan)
     check_instance("mounting", mounting, Mounting)
-    return _sensor_fit(scan, mounting)[0]
+    return _sensor_fit(*level(scan, mounting))[0]
 
 
 def _sensor_fit(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array]:
@@ -130,6 +130,7 @@ def doppler_ego_motion(views: Iterable[View], *, side_slip: bool = True) -> Dopp
     views = check_rows("views", views, RadarScan, Mounting)
     if not views:
         raise ValueError("views must hold at least one scan with its mounting, but is empty")
+    views = [level(*view) for view in views]
     edges = np.cumsum([scan.size for scan, _ in views])[:-1]
     inliers = np.concatenate([_agreeing(scan, _directions(scan, at)) for scan, at in views])
     gains, slopes = (

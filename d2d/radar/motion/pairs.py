@@ -11,7 +11,7 @@ from d2d._types import Array
 from d2d.point_set import PointSet
 from d2d.problem import Pair, Problem
 from d2d.radar.motion.model import EgoMotionModel
-from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.scans.scan import Mounting, RadarScan, level
 
 _FIELDS: dict[str, type] = {"previous": RadarScan, "current": RadarScan, "mounting": Mounting}
 
@@ -50,7 +50,7 @@ def scan_pairs(
             check_instance(name, value, _FIELDS[name])
         pair = ScanPair(**given)
         _check_pair(pair, "")
-        return [pair]
+        return [_level(pair)]
     columns = [check_members(name, value, _FIELDS[name]) for name, value in given.items()]
     lengths = [len(column) for column in columns]
     if len(set(lengths)) > 1:
@@ -63,7 +63,13 @@ def scan_pairs(
     pairs = [ScanPair(*row) for row in zip(*columns, strict=True)]
     for number, pair in enumerate(pairs):
         _check_pair(pair, f"[{number}]")
-    return pairs
+    return [_level(pair) for pair in pairs]
+
+
+def _level(pair: ScanPair) -> ScanPair:
+    """The pair as a sensor with its axes in the plane would have seen it."""
+    earlier, place = level(pair.previous, pair.mounting)
+    return ScanPair(earlier, level(pair.current, pair.mounting)[0], place)
 
 
 def _check_pair(pair: ScanPair, place: str) -> None:

@@ -35,6 +35,7 @@ _LEVER = METRES._replace(most=100.0)  # m, from the vehicle's origin
 _STEP = POSITIVE._replace(most=1e50)  # its square is finite
 
 _SPEED = Bounds(most=1e4, unit="in m/s, ", hint="; are these millimetres per second?")
+_STEEPEST = 0.05  # cosine of the elevation beyond which a target shows no horizontal motion
 _LEAST = 1e-9  # of standard deviations, whose squares the cost can hold beside others
 _LONGEST = 1e9  # ratio of the axes of a target's covariance, beyond which it is singular in float64
 
@@ -47,27 +48,38 @@ BOUNDS = {
     "sigma_azimuth": ANGLE._replace(above=0.0, least=_LEAST),
     "sigma_doppler": _SPEED._replace(above=0.0, least=_LEAST),
     "extent": NOT_NEGATIVE._replace(most=1e4),
+    "elevation": ANGLE._replace(most=0.5 * np.pi * (1.0 + 1e-6)),
+    "sigma_elevation": ANGLE._replace(least=0.0),
 }
-MEASURED = ("range", "azimuth", "doppler")  # of each target; one of the others may stand for all
+MEASURED = ("range", "azimuth", "doppler")  # of each target
 SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
 
 
 @dataclass(frozen=True)
 class Mounting(Bounded):
-    """Pose of the sensor in the vehicle frame: x forward and y left in m, yaw in rad.
+    """Pose of the sensor in the vehicle frame: x forward and y left in m, angles in rad.
 
-    The yaw is the direction of the boresight, counter-clockwise from the x axis.  Raises a
-    ``ValueError`` if a number is not finite, x or y is beyond 100 m, or the yaw beyond 2 pi.
+    The yaw is the direction of the boresight, counter-clockwise from the x axis.  The sensor may
+    also be turned by a pitch, positive if it looks down, and before that by a roll about its
+    boresight, positive if its left side is raised (REP 103: z points up).  Raises a ``ValueError``
+    if a number is not finite, x or y is beyond 100 m, or an angle beyond 2 pi.
     """
 
     x: float = number(0.0, _LEVER)
     y: float = number(0.0, _LEVER)
     yaw: float = number(0.0, ANGLE)
+    pitch: float = number(0.0, ANGLE)
+    roll: float = number(0.0, ANGLE)
 
     @property
     def pose(self) -> Array:
         """[x, y, yaw] as a rigid motion from the sensor frame to the vehicle frame."""
         return np.array([self.x, self.y, self.yaw])
+
+    @property
+    def flat(self) -> Mounting:
+        """The mounting without pitch and roll, which belongs to scans that `level` gives."""
+        return replace(self, pitch=0.0, roll=0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +94,14 @@ class RadarScan(Frozen):
     that the other scans see, because each scan sees different points of an object.  It is zero for
     point targets; see `estimate_extent`.
 
+    A radar that measures the ``elevation``, too, (K,) in rad and positive upwards, has the range
+    and the Doppler velocity along its inclined line of sight; the flat motion is estimated from
+    their parts in the plane, see `level`.  The ``sigma_elevation``, a number or an array (K,) in
+    rad, is by default that of the azimuth.
+
     Raises a ``ValueError`` if a range or standard deviation is not positive or so large or small
-    that no covariance can hold it, a range beyond 10 km or an azimuth beyond 2 pi.
+    that no covariance can hold it, a range beyond 10 km, an azimuth beyond 2 pi or an elevation
+    beyond a right angle.
 
     Examples
     --------
@@ -103,6 +121,8 @@ class RadarScan(Frozen):
     sigma_azimuth: Array
     sigma_doppler: Array
     extent: Array
+    elevation: Array
+    sigma_elevation: Array
 
     def __init__(
         self,
@@ -114,17 +134,25 @@ class RadarScan(Frozen):
         sigma_azimuth: ArrayLike,
         sigma_doppler: ArrayLike,
         extent: ArrayLike = 0.0,
+        *,
+        elevation: ArrayLike | None = None,
+        sigma_elevation: ArrayLike | None = None,
     ) -> None:
         self._keep("time", check_scalar("time", time))
         given = (range, azimuth, doppler, sigma_range, sigma_azimuth, sigma_doppler, extent)
+        flat = elevation is None
+        upwards = (
+            np.zeros(np.shape(range)) if elevation is None else elevation,
+            (0.0 if flat else sigma_azimuth) if sigma_elevation is None else sigma_elevation,
+        )
         arrays = {
             name: bounds.array(name, values)
-            for (name, bounds), values in zip(BOUNDS.items(), given, strict=True)
+            for (name, bounds), values in zip(BOUNDS.items(), (*given, *upwards), strict=True)
         }
         shape = arrays["range"].shape
         check_shape("range", arrays["range"], "(K,)")
         for name, array in arrays.items():
-            once = name not in MEASURED and array.shape in ((), (1,))
+            once = name not in (*MEASURED, "elevation") and array.shape in ((), (1,))
             if not once:
                 check_shape(name, array, str(shape), like="range")
             self._keep(name, np.full(shape, array) if once else array)
@@ -144,6 +172,7 @@ class RadarScan(Frozen):
         time: float,
         x: ArrayLike,
         y: ArrayLike,
+        z: ArrayLike | None = None,
         *,
         doppler: ArrayLike | None = None,
         velocity: ArrayLike | None = None,
@@ -154,46 +183,58 @@ class RadarScan(Frozen):
         sigma_doppler: ArrayLike = 0.0,
         step: float | None = None,
         extent: ArrayLike = 0.0,
+        sigma_elevation: ArrayLike = 0.0,
     ) -> RadarScan:
         """The scan of a radar that reports positions, such as a list of objects or clusters.
 
-        The targets have the positions x along the boresight and y to the left, (K,) arrays in m in
-        the sensor frame.  They have either the radial velocities ``doppler``, (K,) in m/s, positive
-        for receding targets, or a ``velocity``, (K, 2) in m/s, relative to the sensor and not
-        compensated for its own motion.  This is projected onto the line of sight: a Doppler radar
-        measures nothing else.  ``time`` and ``extent`` are as for `RadarScan`.
+        The targets have the positions x along the boresight, y to the left and, of a radar that
+        measures elevations, z upwards, (K,) arrays in m in the sensor frame.  They have either the
+        radial velocities ``doppler``, (K,) in m/s, positive for receding targets, or a
+        ``velocity``, (K, 2) or with z (K, 3) in m/s, relative to the sensor and not compensated for
+        its own motion.  This is projected onto the line of sight: a Doppler radar measures nothing
+        else.  ``time`` and ``extent`` are as for `RadarScan`.
 
         The variances of all errors that are given are added: those of the standard deviations
-        ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler``, numbers or (K,) arrays in m, rad,
-        m/s; the ``covariance`` of the position, (K, 2, 2) or (2, 2) in m^2; and those of rounding.
-        ``grid`` (m) is the spacing of the values to which x and y are rounded, and ``step`` (m/s)
-        that of the Doppler velocity or each component of the velocity; see `quantisation_sigma`.
+        ``sigma_range``, ``sigma_azimuth``, ``sigma_doppler`` and ``sigma_elevation``, numbers or
+        (K,) arrays in m, rad, m/s; the ``covariance`` of the position, (K, D, D) or (D, D) in m^2;
+        and those of rounding.  ``grid`` (m) is the spacing of the values to which positions are
+        rounded, and ``step`` (m/s) that of the Doppler velocity or each component of the velocity;
+        see `quantisation_sigma`.
 
-        A scan stores one standard deviation along the line of sight and one across it, so a
-        covariance is projected onto both directions, and the correlation between them is dropped.
-        Raises a ``ValueError`` if a target is at the sensor's position, or there is no error of the
-        range, the azimuth or the Doppler velocity.
+        A scan stores one standard deviation along the line of sight and one across it in each
+        direction, so a covariance is projected onto them, and their correlations are dropped.
+        Raises a ``ValueError`` if a target is at, above or below the sensor, or there is no error
+        of the range, the azimuth or the Doppler velocity.
         """
         ahead = check_finite("x", x, "(K,)")
         left = check_finite("y", y, str(ahead.shape), like="x")
-        distance = np.hypot(ahead, left)
-        if not (distance > 0).all():
+        up = check_finite("z", z, str(ahead.shape), like="x") if z is not None else 0.0 * ahead
+        across = np.hypot(ahead, left)
+        if not (across > 0).all():
             raise ValueError("x and y must not both be zero, but a target is at the sensor")
-        size = len(distance)
-        sight = np.stack([ahead, left], axis=-1) / distance[:, None]
-        sideways = np.stack([-sight[:, 1], sight[:, 0]], axis=-1)
-        spread = _position_covariances(covariance, grid, size)
-        along, beside = (np.einsum("ki,kij,kj->k", d, spread, d) for d in (sight, sideways))
+        size, distance = len(across), np.hypot(across, up)
+        axes = 2 if z is None else 3
+        sight = np.column_stack([ahead, left, up])[:, :axes] / distance[:, None]
+        sideways = np.column_stack([-left, ahead, 0.0 * up])[:, :axes] / across[:, None]
+        rising = np.column_stack([-up * ahead, -up * left, across**2])[:, :axes]
+        rising /= (across * distance)[:, None]
+        spread = _position_covariances(covariance, grid, size, axes)
+        along, beside, above = (
+            np.einsum("ki,kij,kj->k", d, spread, d) for d in (sight, sideways, rising)
+        )
         rounding = 0.0 if step is None else quantisation_sigma(step, "step")
+        raised = np.sqrt(_variance("sigma_elevation", sigma_elevation, size) + above / distance**2)
         return cls(
             time,
             distance,
             np.arctan2(left, ahead),
             _radial(doppler, velocity, sight),
             np.sqrt(_variance("sigma_range", sigma_range, size) + along),
-            np.sqrt(_variance("sigma_azimuth", sigma_azimuth, size) + beside / distance**2),
+            np.sqrt(_variance("sigma_azimuth", sigma_azimuth, size) + beside / across**2),
             np.sqrt(_variance("sigma_doppler", sigma_doppler, size) + rounding**2),
             extent,
+            elevation=None if z is None else np.arctan2(up, across),
+            sigma_elevation=None if z is None or not raised.any() else raised,
         )
 
     @property
@@ -226,7 +267,7 @@ class RadarScan(Frozen):
 
         The variance of the extent is added.  Raises a ``ValueError`` if the scan is empty.
         """
-        return _placed(self, mounting)
+        return _placed(*level(self, mounting))
 
     def doppler_measurement(
         self,
@@ -245,11 +286,12 @@ class RadarScan(Frozen):
         mean over the interval, that is taken off.
         """
         check_positive_scalar("interval", interval)
-        gain, slope = doppler_gradients(self.azimuth, mounting)
+        scan, mounting = level(self, mounting)
+        gain, slope = doppler_gradients(scan.azimuth, mounting)
         return LinearMeasurement._made(
-            self.doppler if ahead is None else self.doppler - gain @ ahead,
-            self.sigma_doppler,
-            self.sigma_azimuth,
+            scan.doppler if ahead is None else scan.doppler - gain @ ahead,
+            scan.sigma_doppler,
+            scan.sigma_azimuth,
             gain / interval,
             slope / interval,
             of_twist,
@@ -267,15 +309,17 @@ def quantisation_sigma(step: float, name: str = "step") -> float:
     return float(_STEP.number(name, step) / np.sqrt(12.0))
 
 
-def _position_covariances(covariance: ArrayLike | None, grid: float | None, size: int) -> Array:
-    """Covariances (K, 2, 2) of positions: those given, and the rounding's."""
-    total = np.zeros((size, 2, 2))
+def _position_covariances(
+    covariance: ArrayLike | None, grid: float | None, size: int, axes: int
+) -> Array:
+    """Covariances (K, D, D) of positions: those given, and the rounding's."""
+    total = np.zeros((size, axes, axes))
     if covariance is not None:
         given = check_covariances("covariance", covariance)
-        check_shape("covariance", given, f"({size}, 2, 2)", "(2, 2)")
+        check_shape("covariance", given, f"({size}, {axes}, {axes})", f"({axes}, {axes})")
         total += given
     if grid is not None:
-        total += quantisation_sigma(grid, "grid") ** 2 * np.eye(2)
+        total += quantisation_sigma(grid, "grid") ** 2 * np.eye(axes)
     return total
 
 
@@ -295,6 +339,65 @@ def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
     if array.shape not in ((), (1,)):
         check_shape(name, array, f"({size},)", like="x")
     return array**2
+
+
+@lru_cache(maxsize=64)
+def level(scan: RadarScan, mounting: Mounting) -> tuple[RadarScan, Mounting]:
+    """The scan that a sensor with its axes in the plane would have taken, and its mounting.
+
+    With w = R_z(yaw) R_y(pitch) R_x(roll) u, the direction of a target in the vehicle frame, and
+    h = hypot(w_x, w_y), the cosine of its elevation there, a static target has V = -w' v for a
+    velocity v in the plane.  So the plane sees it at the range h r, in the direction
+    atan2(w_y, w_x), with the Doppler velocity V / h.  The errors of azimuth and elevation, which
+    both may change h, are propagated to first order.  Targets that are less than 3 deg from the
+    vertical are left out: they show nothing of such a motion.
+    """
+    if not (mounting.pitch or mounting.roll or scan.elevation.any()):
+        return scan, mounting
+    turn = _turn(1, mounting.pitch) @ _turn(0, mounting.roll)
+    sight = turn @ _sight(scan.azimuth, scan.elevation)
+    seen = np.hypot(*sight[:2]) > _STEEPEST
+    if not seen.all():
+        scan, sight = scan[seen], sight[:, seen]
+    share = np.hypot(*sight[:2])
+    ahead = sight[:2] / share
+    aside = np.stack([-ahead[1], ahead[0]])
+    # what a standard deviation of azimuth and elevation adds to the direction w
+    moved = [
+        (turn @ by)[:2] * sigma
+        for by, sigma in (
+            (np.cos(scan.elevation) * _sight(scan.azimuth + 0.5 * np.pi), scan.sigma_azimuth),
+            (_sight(scan.azimuth, scan.elevation + 0.5 * np.pi), scan.sigma_elevation),
+        )
+    ]
+    of_share, of_direction = (
+        np.hypot(*((axis * by).sum(axis=0) for by in moved)) for axis in (ahead, aside)
+    )
+    flat = RadarScan(
+        scan.time,
+        scan.range * share,
+        np.arctan2(sight[1], sight[0]),
+        scan.doppler / share,
+        np.hypot(scan.sigma_range * share, scan.range * of_share),
+        of_direction / share,
+        np.hypot(scan.sigma_doppler, scan.doppler * of_share / share) / share,
+        scan.extent,
+    )
+    return flat, mounting.flat
+
+
+def _sight(azimuth: Array, elevation: Array | float = 0.0) -> Array:
+    """Unit vectors (3, K) in the sensor frame."""
+    across = np.cos(elevation)
+    up = np.sin(elevation) * np.ones_like(azimuth)
+    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), up])
+
+
+def _turn(axis: int, angle: float) -> Array:
+    """The rotation matrix (3, 3) about one of the axes."""
+    turn, others = np.eye(3), [(axis + 1) % 3, (axis + 2) % 3]
+    turn[np.ix_(others, others)] = rigid.rotation(angle)
+    return turn
 
 
 @lru_cache(maxsize=64)

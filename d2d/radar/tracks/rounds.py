@@ -12,7 +12,7 @@ import numpy as np
 from d2d._checks import SECONDS, check_count, check_instance, check_members, check_positive_scalar
 from d2d._types import Array
 from d2d.radar.motion.pairs import ScanPair
-from d2d.radar.scans.scan import MEASURED, Mounting, RadarScan
+from d2d.radar.scans.scan import MEASURED, Mounting, RadarScan, level
 
 # Times between two scans, and horizons, that are longer than this are taken to be in another unit.
 MAX_INTERVAL = 60.0  # s
@@ -56,7 +56,10 @@ def named_sensors(sensors: Sensors, max_interval: float = MAX_INTERVAL) -> dict[
     for name, (scans, _) in named.items():
         check_intervals(name, np.array([scan.time for scan in scans]), max_interval)
     check_distinct({name: scans for name, (scans, _) in named.items()})
-    return named
+    return {
+        name: ([level(scan, mounting)[0] for scan in scans], mounting.flat)
+        for name, (scans, mounting) in named.items()
+    }
 
 
 def _named(sensors: Any) -> dict[str, tuple[Any, Mounting]]:

@@ -13,7 +13,7 @@ from d2d._checks import check_count, check_finite, check_flag, check_instance
 from d2d.radar.motion.model import EstimationOptions, split_options
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
-from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.scans.scan import Mounting, RadarScan, level
 from d2d.radar.tracks.acceleration import (
     AccelerationFilter,
     FilterRecord,
@@ -196,7 +196,8 @@ class Tracker:
         keep: int | None = None,
         **options: Unpack[EstimationOptions],
     ) -> None:
-        places = check_mountings(mountings)
+        self._places = check_mountings(mountings)
+        places = {name: place.flat for name, place in self._places.items()}
         if keep is not None:
             check_count("keep", keep)
         self._estimator = _estimator(len(places), carry, initial, budget, limits, options)
@@ -220,6 +221,7 @@ class Tracker:
             known = ", ".join(map(repr, self._numbers))
             raise ValueError(f"sensor must be one of {known}, but is {sensor!r}")
         check_instance("scan", scan, RadarScan)
+        scan, _ = level(scan, self._places[sensor])
         number, names = self._numbers[sensor], [*self._numbers]
         together = {repr(names[other]): [own] for other, own in self._rounds.open.items()}
         check_distinct({repr(sensor): [scan], **together})
