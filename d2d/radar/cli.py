@@ -9,7 +9,7 @@ import re
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -25,9 +25,9 @@ from d2d.radar.evaluation.halves import compare_tracks
 from d2d.radar.files import write_together
 from d2d.radar.live import estimates_of
 from d2d.radar.readers import READERS
-from d2d.radar.readers.csv_log import mountings_of, sigmas_of, write_csv
+from d2d.radar.readers.csv_log import write_csv
 from d2d.radar.readers.odometry import load_reference
-from d2d.radar.readers.reader import Option, Source
+from d2d.radar.readers.reader import LOG_OPTIONS, Option, Source, mountings_of, sigmas_of
 from d2d.radar.readers.shared import brief
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
@@ -53,6 +53,16 @@ BUDGET = {
         "length over which the position errors of neighbouring targets are correlated",
     ),
 }
+
+
+GATES = {
+    "range": ("M", "targets between these ranges"),
+    "azimuth": ("DEG", "targets between these azimuths in the sensor's frame"),
+    "elevation": ("DEG", "targets between these elevations in the sensor's frame"),
+}
+LIVE_OPTIONS = [o for o in LOG_OPTIONS if o.name != "min_snr"] + [
+    o for o in READERS["csv"].options if o.name == "degrees"
+]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -139,15 +149,18 @@ def _parser() -> argparse.ArgumentParser:
     _add_budget(of_track)
     about = "estimate while scans arrive: lines of JSON in, lines of JSON out"
     live = command("live", about, _live, LIVE_HELP)
-    _add_log_options(live)
+    _add_log_options(live, LIVE_OPTIONS)
+    _add_gates(live)
     _add_estimation(live, whole=False)
     _add_budget(live)
     about = "find clock, speed, slip and mounting angles by an odometry"
     calibrating = command("calibrate", about, _calibrate, CALIBRATE_HELP)
-    calibrating.add_argument("--csv", metavar="FILE", required=True, help=READERS["csv"].about)
+    log = READERS["csv"]
+    calibrating.add_argument("--csv", metavar="FILE", required=True, help=log.about, **log.parsing)
     calibrating.add_argument("--odometry", metavar="FILE", required=True, help=REFERENCE_HELP)
     calibrating.add_argument("--max-lag", metavar="S", type=float, default=0.5, help=LAG_HELP)
-    _add_log_options(calibrating)
+    _add_log_options(calibrating, log.options)
+    _add_gates(calibrating)
     comparing = command("compare", "compare a track with a reference", _compare)
     comparing.add_argument("track", metavar="TRACK", help="PREFIX.npz or PREFIX_velocities.csv")
     comparing.add_argument("reference", metavar="REFERENCE", help=REFERENCE_HELP)
@@ -162,9 +175,9 @@ def _add_option(parser: Any, option: Option, **more: Any) -> None:
     parser.add_argument(_flag(option.name), help=option.help, **option.parsing, **more)
 
 
-def _add_log_options(parser: argparse.ArgumentParser) -> None:
+def _add_log_options(parser: argparse.ArgumentParser, options: Iterable[Option]) -> None:
     """The options of a log, for a command that reads nothing else."""
-    for option in READERS["csv"].options:
+    for option in options:
         _add_option(parser, option, **({"required": True} if option.needed else {}))
 
 
@@ -172,12 +185,23 @@ def _add_sources(parser: argparse.ArgumentParser) -> None:
     which = parser.add_argument_group("what to read (one of them)")
     source = which.add_mutually_exclusive_group(required=True)
     for reader in READERS.values():
-        source.add_argument(f"--{reader.name}", metavar=reader.metavar, help=reader.about)
+        source.add_argument(
+            f"--{reader.name}", metavar=reader.metavar, help=reader.about, **reader.parsing
+        )
     # those of one heading follow each other in the table
     for heading, readers in itertools.groupby(READERS.values(), lambda reader: reader.heading):
         group = parser.add_argument_group(heading)
-        for option in itertools.chain.from_iterable(reader.options for reader in readers):
+        options = {o.name: o for reader in readers for o in reader.options}
+        for option in options.values():
             _add_option(group, option)
+    _add_gates(parser)
+
+
+def _add_gates(parser: argparse.ArgumentParser) -> None:
+    gates = parser.add_argument_group("which targets to use (default: all)")
+    for name, (unit, what) in GATES.items():
+        ends = (f"FROM_{unit}", f"TO_{unit}")
+        gates.add_argument(f"--{name}", nargs=2, type=float, metavar=ends, help=what)
 
 
 def _add_estimation(parser: argparse.ArgumentParser, *, whole: bool) -> None:
@@ -228,14 +252,14 @@ def _check_options(arguments: argparse.Namespace) -> None:
     """Leave with a message if an option is missing, or does not go with another."""
     options, error = vars(arguments), arguments.error
     if arguments.command == "track":
-        for reader in READERS.values():
-            chosen = options[reader.name] is not None
-            for option in reader.options:
-                given = options[option.name] is not None
-                if given and not chosen:
-                    error(f"{_flag(option.name)} belongs to --{reader.name}")
-                if chosen and option.needed and not given:
-                    error(f"--{reader.name} needs {_flag(option.name)}; see {PROGRAM} track --help")
+        chosen = next(each for name, each in READERS.items() if options[name] is not None)
+        for option in (option for reader in READERS.values() for option in reader.options):
+            given = options[option.name] is not None
+            if given and option not in chosen.options:
+                owners = [name for name, each in READERS.items() if option in each.options]
+                error(f"{_flag(option.name)} belongs to --{' and --'.join(owners)}")
+            if option in chosen.options and option.needed and not given:
+                error(f"--{chosen.name} needs {_flag(option.name)}; see {PROGRAM} track --help")
     if options.get("no_budget"):
         for name in BUDGET:
             if options[f"budget_{name}"] is not None:
@@ -245,14 +269,27 @@ def _check_options(arguments: argparse.Namespace) -> None:
 def _source(arguments: argparse.Namespace) -> Source:
     """The source that the arguments name, with the extent and the budget that they give."""
     options = vars(arguments)
-    reader = next(each for name, each in READERS.items() if options[name] is not None)
+    reader = next(each for name, each in READERS.items() if options.get(name) is not None)
     sensors, budget = reader.read(options[reader.name], options)
-    if arguments.extent is not None:
-        sensors = {
-            name: ([scan.with_extent(arguments.extent) for scan in scans], mounting)
-            for name, (scans, mounting) in sensors.items()
+    gates, extent = _gates(arguments), options.get("extent")
+    used = {
+        name: ([scan.within(**gates) for scan in scans], mounting)
+        for name, (scans, mounting) in sensors.items()
+    }
+    if extent is not None:
+        used = {
+            name: ([s.with_extent(extent) for s in scans], at) for name, (scans, at) in used.items()
         }
-    return Source(sensors, budget)
+    return Source(used, budget)
+
+
+def _gates(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The gates that the arguments give, in m and rad."""
+    given = {name: getattr(arguments, name) for name in GATES}
+    return {
+        name: gate if gate is None or name == "range" else np.deg2rad(gate)
+        for name, gate in given.items()
+    }
 
 
 def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, Any]:
@@ -335,20 +372,22 @@ def _live(arguments: argparse.Namespace) -> None:
 
     sigmas = sigmas_of(vars(arguments))
     degrees = bool(arguments.degrees)
-    for line in estimates_of(sys.stdin, tracker, _complain, degrees=degrees, **sigmas):
+    gates = _gates(arguments)
+    for line in estimates_of(sys.stdin, tracker, _complain, gates, degrees=degrees, **sigmas):
         print(line, flush=True)
 
 
 def _calibrate(arguments: argparse.Namespace) -> None:
-    sensors, _ = READERS["csv"].read(arguments.csv, vars(arguments))
+    sensors, _ = _source(arguments)
     odometry = load_reference(arguments.odometry)
     logs = [(scans, mounting, odometry) for scans, mounting in sensors.values()]
     found = calibrate(logs, max_lag=arguments.max_lag)
     print(found)
     print("\nThe mountings for the other commands:")
     for name, mounting in zip(sensors, found.mountings, strict=True):
-        yaw = math.degrees(mounting.yaw)
-        print(f"  --mounting {name} {mounting.x:g} {mounting.y:g} {yaw:.3f}")
+        yaw, *inclined = np.rad2deg([mounting.yaw, mounting.pitch, mounting.roll])
+        ends = "".join(f" {angle:g}" for angle in inclined) if any(inclined) else ""
+        print(f"  --mounting {name} {mounting.x:g} {mounting.y:g} {yaw:.3f}{ends}")
 
 
 def _compare(arguments: argparse.Namespace) -> None:

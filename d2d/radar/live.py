@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,8 @@ from d2d.radar.tracks.estimator import VelocityEstimate
 from d2d.radar.tracks.tracker import Tracker
 
 _COLUMNS = ("time", *MEASURED, *SIGMAS)
-_ANGLES = ("azimuth", "sigma_azimuth")
+_UPWARDS = ("elevation", "sigma_elevation")
+_ANGLES = ("azimuth", "sigma_azimuth", *_UPWARDS)
 # 3000 years since 1970, before those in ms begin; float64 still holds them to 15 us
 _TIME = SECONDS._replace(most=1e11, hint="; are these milli-, micro- or nanoseconds?")
 
@@ -22,6 +23,7 @@ def estimates_of(
     lines: Iterable[str],
     tracker: Tracker,
     complain: Callable[[str], None],
+    gates: Mapping[str, Any],
     *,
     degrees: bool = False,
     **sigmas: float | None,
@@ -29,16 +31,18 @@ def estimates_of(
     """The estimates, one line of JSON each, that lines of JSON with scans complete.
 
     A line holds ``sensor``, ``time`` and the lists ``range``, ``azimuth``, ``doppler``,
-    ``sigma_range``, ``sigma_azimuth``, ``sigma_doppler``, in the units of `RadarScan`; with
-    ``degrees``, angles are in degrees.  A standard deviation may be a number for all targets; one
-    of ``sigmas``, in m, rad and m/s, counts instead of the lines'.  What is wrong with a line goes
-    to ``complain`` with its number, and the next one is read.
+    ``sigma_range``, ``sigma_azimuth``, ``sigma_doppler``, perhaps ``elevation`` and
+    ``sigma_elevation``, in the units of `RadarScan`; with ``degrees``, angles are in degrees.  A
+    standard deviation may be a number for all targets; one of ``sigmas``, in m, rad and m/s, counts
+    instead of the lines'.  ``gates`` are arguments of `RadarScan.within`.  What is wrong with a
+    line goes to ``complain`` with its number, and the next one is read.
     """
     for count, line in enumerate(lines, start=1):
         if not line.strip():
             continue
         try:
-            found = tracker.add(*_scan(line, degrees, sigmas))
+            sensor, scan = _scan(line, degrees, sigmas)
+            found = tracker.add(sensor, scan.within(**gates))
         except (ValueError, RecursionError) as error:
             complain(f"line {count}: {error}")
             continue
@@ -63,7 +67,8 @@ def _scan(line: str, degrees: bool, sigmas: dict[str, float | None]) -> tuple[st
         raise ValueError(f"time must be a number, but is {json.dumps(entry['time'])}")
     _TIME.number("time", entry["time"])
     values = entry | turned | given
-    return str(entry["sensor"]), RadarScan(*(values[name] for name in _COLUMNS))
+    upwards = {name: values[name] for name in _UPWARDS if name in values}
+    return str(entry["sensor"]), RadarScan(*(values[name] for name in _COLUMNS), **upwards)
 
 
 def _line(estimate: VelocityEstimate) -> str:

@@ -151,6 +151,51 @@ def test_a_log_in_degrees_without_standard_deviations(tmp_path):
     assert_allclose(found.theta, expected.theta, atol=1e-6)
 
 
+RAW = ["--columns", "time=t_ns,azimuth=-angle_deg", "--scan-gap", "0.01", "--skip-invalid"]
+GATED = ["--range", "2", "30", "--azimuth", "-30", "20", "--min-snr", "5"]
+
+
+def test_a_raw_log_in_two_files_is_one_command(tmp_path, capsys):
+    """Breaks if stamps per target, slots that are empty, signs, units or gates need a script."""
+    sides = {"front": DRIVE, "side": FROM_SIDE}
+    for name, drive in sides.items():
+        rows = [
+            (f"{1e9 * scan.time + 1e5 * k:.0f}", *target, 9 - 8 * (k % 2))
+            for scan in drive.scans
+            for k, target in enumerate(
+                zip(scan.range, -np.rad2deg(scan.azimuth), scan.doppler, strict=True)
+            )
+        ]
+        lines = ["t_ns,range,angle_deg,doppler,snr", "0,0,0,81.9,0"]
+        lines += [",".join(map(str, row)) for row in rows]
+        (tmp_path / f"{name}.csv").write_text("\n".join(lines))
+    sources = [f"--csv={name}={tmp_path}/{name}.csv" for name in sides]
+    call = ["track", *sources, *BOTH, *RAW, *GATED, "--output", f"{tmp_path}/drive", "--no-picture"]
+    main(call)
+    said = capsys.readouterr().err
+    assert "1 of" in said
+    assert "usual values are taken, 0.15 m, 0.5 deg, 0.06 m/s" in said
+    sensors = []
+    for drive in sides.values():
+        scans = []
+        for scan in drive.scans:
+            strong = scan[::2].within((2.0, 30.0), (-30.0 * DEGREE, 20.0 * DEGREE))
+            time = scan.time + 1e-4 * np.median(np.arange(0, len(scan), 2))
+            scans.append(
+                replace(
+                    strong,
+                    time=time,
+                    sigma_range=0.15,
+                    sigma_azimuth=0.5 * DEGREE,
+                    sigma_doppler=0.06,
+                )
+            )
+        sensors.append((scans, drive.mounting))
+    expected = track(sensors, budget=ErrorBudget())
+    found = Track.load(tmp_path / "drive.npz")
+    assert_allclose(found.theta, expected.theta, atol=1e-6)
+
+
 # ---- Messages
 
 

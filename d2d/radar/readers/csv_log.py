@@ -1,58 +1,111 @@
-"""Logs of radar targets as comma-separated values: one line for each target."""
+"""Logs of radar targets as tables: one line for each target."""
 
 import csv
 import io
 import itertools
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping
+import warnings
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from d2d._checks import FINITE, Bounds, check_path, check_positive_scalar
+from d2d._checks import (
+    FINITE,
+    NOT_NEGATIVE,
+    Bounds,
+    check_choice,
+    check_path,
+    check_positive_scalar,
+)
 from d2d._types import Array
 from d2d.radar.files import atomic_write
-from d2d.radar.readers.reader import Option, Reader, Source, check_once
-from d2d.radar.readers.shared import brief, bytes_of
-from d2d.radar.scans.scan import BOUNDS, MEASURED, SIGMAS, Mounting, RadarScan
+from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mountings_of, sigmas_of
+from d2d.radar.readers.shared import brief
+from d2d.radar.readers.table import QUANTITIES, Column, Table, read_table
+from d2d.radar.scans.scan import BOUNDS, MEASURED, SIGMAS, RadarScan
+
+Mask = NDArray[np.bool_]
+Rows = NDArray[np.intp]
 
 _RADIANS = BOUNDS["azimuth"]._replace(
     hint="; are these degrees (degrees=True, on the command line --degrees)?"
 )
-_STEP_BACK = 1.0  # s
 _DEGREES = Bounds(most=360.0, unit="in degrees, ")
+_STEP_BACK = 1.0  # s
+_POLAR, _CARTESIAN = ("range", "azimuth"), ("x", "y")
+_UPWARDS = ("elevation", "sigma_elevation")
+_OPTIONAL = (*SIGMAS, *_UPWARDS, "z", "snr", "sensor", "frame")
+_ANGLES = ("azimuth", "sigma_azimuth", *_UPWARDS)
+_LOG_QUANTITIES = ("time", *_POLAR, *_CARTESIAN, "doppler", *_OPTIONAL)
+
+
+# Between those that RadarScenes, nuScenes and the thesis's radar have.
+TYPICAL = {"sigma_range": 0.15, "sigma_azimuth": math.radians(0.5), "sigma_doppler": 0.06}
+
+
+class _NoSigmas(ValueError):
+    """Says which standard deviations a log does not have."""
+
+    def __init__(self, names: list[str], message: str) -> None:
+        super().__init__(message)
+        self.names = names
 
 
 def load_csv(
     path: str | os.PathLike[str],
     *,
+    columns: Mapping[str, str] | None = None,
+    time_unit: str | None = None,
     degrees: bool = False,
+    scan_gap: float = 0.0,
+    skip_invalid: bool = False,
+    min_snr: float | None = None,
     sigma_range: float | None = None,
     sigma_azimuth: float | None = None,
     sigma_doppler: float | None = None,
 ) -> dict[str, list[RadarScan]]:
-    """Read the scans of one or several sensors from a CSV file with a line for each target.
+    """Read the scans of one or several sensors from a table with a line for each target.
 
-    Returns a dict with the scans of each sensor, in time order, by its name; where its clock steps
-    back once by more than a second, as at midnight, the scans after that step come last.  Lines
-    with equal time and sensor form a scan, wherever they stand.  A scan without targets has no
-    line: the one before it and the one after it are then neighbours at a longer interval.
+    Returns a dict with the scans of each sensor by its name.  Lines with equal time and sensor form
+    a scan; so do lines that are at most ``scan_gap`` (s) apart, at the median of their times, or
+    neighbouring lines with the same value in a column ``frame``.  Where the time steps back by more
+    than a second, a new segment begins: its scans follow those before, and none is merged with one
+    of them.  A scan without targets has no line.
 
     The first line names the columns, in any order: ``time`` (s), ``range`` (m), ``azimuth`` (rad,
-    counter-clockwise from the boresight), ``doppler`` (m/s, positive for receding targets), the
-    standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` in the same units,
-    and ``sensor``, a name or number; without it, there is one sensor called "radar".  Other columns
-    are ignored, and so are empty lines and those that begin with #.  The separator is a comma, a
-    semicolon or a tab; the decimal separator is a point.  With ``degrees``, the columns ``azimuth``
-    and ``sigma_azimuth`` are in degrees.
-
-    The arguments ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` are the standard
-    deviations of all targets, always in m, rad and m/s, instead of the columns or where the file
-    has none.
+    counter-clockwise from the boresight), ``doppler`` (m/s, positive for receding targets) and, if
+    the radar measures it, ``elevation`` (rad, upwards); or positions ``x``, ``y`` and ``z`` (m)
+    instead of range and angles.  Then the standard deviations ``sigma_range``, ``sigma_azimuth``,
+    ``sigma_doppler`` and ``sigma_elevation``, and ``sensor``, a name or number; without it, there
+    is one sensor called "radar".  Other usual names are recognised, and a unit at the end of a name
+    is taken (``time_ns``, ``azimuth_deg``, ``doppler_kmh``).  Times may be dates in ISO 8601.
+    Other columns are ignored.  The file is text as `d2d.radar.readers.table` says, compressed by
+    gzip or not, or Parquet.
 
     Raises a ``ValueError`` if a column is missing, and one with its number if a line is wrong.
+
+    Parameters
+    ----------
+    path : path
+    columns : mapping of str to str, optional
+        The names of columns by what they hold, with a minus sign if the sign is the other:
+        ``{"azimuth": "-track_angle_rad"}``.
+    time_unit : "s", "ms", "us" or "ns", optional
+        Of a column whose name does not say it; by default s.
+    degrees : bool
+        Whether angles are in degrees, where a column's name does not say it.
+    scan_gap : float, s
+    skip_invalid : bool
+        Whether lines are left out, with a warning that counts them, if a number is missing, nan or
+        infinite, a range is not positive, or words are missing.
+    min_snr : float, optional
+        Targets with a smaller value in the column ``snr`` are left out.
+    sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
+        Of all targets, instead of the columns or where the file has none.
     """
     source = check_path("path", path)
     sigmas = {
@@ -60,153 +113,176 @@ def load_csv(
         for name, sigma in zip(SIGMAS, (sigma_range, sigma_azimuth, sigma_doppler), strict=True)
         if sigma is not None
     }
-    names, rows = read_table(source, decoded(source), ("time", *MEASURED), (*SIGMAS, "sensor"))
-    columns = _columns(source, names, sigmas)
-    lines: list[int] = []
-    values: list[list[float]] = []
-    members: dict[str, dict[float, list[int]]] = {}  # which targets each scan has
-    for line, row in rows:
-        try:
-            sensor, numbers = _target(row, columns)
-        except ValueError as error:
-            raise ValueError(f"{source}, line {line}: {error}") from None
-        members.setdefault(sensor, {}).setdefault(numbers[0], []).append(len(lines))
-        lines.append(line)
-        values.append(numbers)
-    if not lines:
+    gap = NOT_NEGATIVE.number("scan_gap", scan_gap)
+    named = dict(columns or {})
+    for name in named:
+        check_choice("columns", name, _LOG_QUANTITIES)
+    table = read_table(source, lambda table: _lacking(table, named), torn=skip_invalid)
+    found = _columns(table, named, sigmas, time_unit, degrees)
+    if min_snr is None:
+        found.pop("snr", None)
+    elif "snr" not in found:
+        raise ValueError(f"{source} has no column snr, which min_snr needs")
+    texts = {
+        name: table.words[found.pop(name).place] for name in ("sensor", "frame") if name in found
+    }
+    values = {name: table.numbers(name, c, invalid=skip_invalid) for name, c in found.items()}
+    used = _valid(table, values, skip_invalid)
+    _check(table, found, values, used)
+    if min_snr is not None:
+        used = used & (values["snr"] >= FINITE.number("min_snr", min_snr))
+    rows = np.flatnonzero(used)
+    if not len(rows):
         raise ValueError(f"{source} has no line with a target")
-    numeric = [name for name in columns if name != "sensor"]
-    table = dict(zip(numeric, np.array(values).T, strict=True))
-    _check(source, lines, table, degrees)
-    for name in ("azimuth", "sigma_azimuth"):
-        if degrees and name in table:
-            table[name] = np.deg2rad(table[name])
-    table |= {name: np.full(len(lines), sigma) for name, sigma in sigmas.items()}
-    return {
-        sensor: [
-            RadarScan(time, *(table[name][scans[time]] for name in (*MEASURED, *SIGMAS)))
-            for time in _in_order(scans)
+    values |= {name: np.full(len(used), sigma) for name, sigma in sigmas.items()}
+    scans: dict[str, list[RadarScan]] = {}
+    for sensor, own in _by_sensor(table, texts.get("sensor"), rows).items():
+        frames = None if "frame" not in texts else np.array(texts["frame"])[own]
+        times = values["time"][own]
+        scans[sensor] = [
+            _scan(float(np.median(times[group])), values, own[group])
+            for group in _groups(source, times, frames, gap)
         ]
-        for sensor, scans in members.items()
-    }
+    return scans
 
 
-def _in_order(times: Iterable[float]) -> list[float]:
-    """Times in the order of lines if a clock steps back once, as at midnight; otherwise sorted."""
-    given = list(times)
-    steps = enumerate(itertools.pairwise(given), start=1)
-    back = [i for i, (earlier, later) in steps if later < earlier - _STEP_BACK]
-    cut = back[0] if len(back) == 1 else 0
-    return sorted(given[:cut]) + sorted(given[cut:])
+def _lacking(table: Table, named: Mapping[str, str]) -> str:
+    """The columns that a first line lacks, as the user knows them."""
+    has = {name for name in _LOG_QUANTITIES if table.column(name, named)}
+    place = _CARTESIAN if has.issuperset(_CARTESIAN) and not has.issuperset(_POLAR) else _POLAR
+    needed = ("time", *place, "doppler")
+    if has.issuperset((*needed, *named)):
+        return ""
+    return ", ".join(named.get(name, name) for name in dict.fromkeys((*needed, *named)))
 
 
-def decoded(path: Path) -> str:
-    """The text of a file in UTF-8, in UTF-16 with its mark, or otherwise in Latin-1."""
-    raw = bytes_of(path)
-    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return raw.decode("utf-16", errors="replace")
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")  # so that names that differ stay different
-
-
-def _check(source: Path, lines: list[int], table: Mapping[str, Array], degrees: bool) -> None:
-    """Raise a ValueError that names the first line with a number that is out of bounds."""
-    bounds = {"time": FINITE, **BOUNDS, "azimuth": _DEGREES if degrees else _RADIANS}
-    wrong = {
-        int(np.flatnonzero(bad)[0]): name
-        for name, column in table.items()
-        if (bad := ~bounds[name].hold(column)).any()
-    }
-    if wrong:
-        first = min(wrong)
-        name = wrong[first]
-        bounds[name].number(f"{source}, line {lines[first]}: {name}", table[name][first])
-
-
-def read_table(
-    source: Path, text: str, needed: tuple[str, ...], known: tuple[str, ...] = ()
-) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
-    """The names of the columns, perhaps behind a # as NumPy writes it, and the rows below them.
-
-    A row is the number and the words of a line that is neither empty nor a comment.
-    """
-    file = io.StringIO(text, newline="")
-    for number, line in enumerate(iter(file.readline, ""), start=1):
-        separator = max(",;\t", key=line.count)
-        names = [word.strip().strip('"').lower() for word in line.lstrip("# ").split(separator)]
-        missing = [name for name in needed if name not in names]
-        if not missing:
-            twice = [name for name in (*needed, *known) if names.count(name) > 1]
-            if twice:
-                raise ValueError(f"{source}, line {number}: the column {twice[0]!r} is named twice")
-            reader = csv.reader(file, delimiter=separator, strict=True)
-            return names, _rows(source, reader, number, len(names))
-        if line.strip() and not line.startswith("#"):
-            raise ValueError(
-                f"{source}, line {number}: the first line must name the columns "
-                f"{', '.join(needed)}, but names {brief(', '.join(map(repr, names)))}"
-            )
-    raise ValueError(f"{source} is empty: its first line must name the columns")
-
-
-def _columns(source: Path, names: list[str], sigmas: Mapping[str, float]) -> dict[str, int]:
-    places = {name: place for place, name in enumerate(names)}
-    missing = [name for name in SIGMAS if name not in places and name not in sigmas]
+def _columns(
+    table: Table,
+    named: Mapping[str, str],
+    sigmas: Mapping[str, float],
+    time_unit: str | None,
+    degrees: bool,
+) -> dict[str, Column]:
+    """The columns that are read, with factors to s, m, rad and m/s."""
+    found = {name: table.column(name, named) for name in _LOG_QUANTITIES if name not in sigmas}
+    columns = {name: column for name, column in found.items() if column is not None}
+    missing = [name for name in SIGMAS if name not in columns and name not in sigmas]
     if missing:
         flags = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
-        raise ValueError(
-            f"{source} has no column {', '.join(missing)}, so that what is missing must be given "
-            f"for all targets, as an argument of the same name (on the command line: {flags})"
+        raise _NoSigmas(
+            missing,
+            f"{table.source} has no column {', '.join(missing)}, which must then be given for all "
+            f"targets, as an argument of the same name (on the command line: {flags})",
         )
-    wanted = ("time", *MEASURED, *(name for name in SIGMAS if name not in sigmas), "sensor")
-    return {name: places[name] for name in wanted if name in places}
+    if columns.keys() >= {*_POLAR}:
+        columns = {name: c for name, c in columns.items() if name not in _CARTESIAN}
+    stated = dict.fromkeys(_ANGLES, "deg") if degrees else {}
+    if time_unit is not None:
+        check_choice("time_unit", time_unit, ("s", "ms", "us", "ns"))
+        stated["time"] = time_unit
+    for name in stated.keys() & columns.keys():
+        place, factor, unit = columns[name]
+        if unit not in ("", stated[name]):
+            raise ValueError(
+                f"{table.source}: {table.names[place]} is in {unit}, but is said to be in "
+                f"{stated[name]}"
+            )
+        factor = math.copysign(QUANTITIES[name].units[stated[name]], factor)
+        columns[name] = Column(place, factor, stated[name])
+    return columns
 
 
-def _rows(source: Path, reader: Any, first: int, width: int) -> Iterator[tuple[int, list[str]]]:
-    """The rows below the line ``first``, each of ``width`` words."""
-    try:
-        for row in reader:
-            if not any(word.strip() for word in row) or row[0].startswith("#"):
-                continue
-            if len(row) != width:
-                raise ValueError(
-                    f"{source}, line {first + reader.line_num}: there must be {width} values as in "
-                    f"the first line, but are {len(row)}"
-                )
-            yield first + reader.line_num, row
-    except csv.Error as error:
-        raise ValueError(f"{source}, line {first + reader.line_num}: {error}") from None
+def _valid(table: Table, values: Mapping[str, Array], skip: bool) -> Mask:
+    """Mask of the lines that are used; those that are not are counted in a warning."""
+    used = np.ones(len(table.lines), dtype=np.bool_)
+    if not skip:
+        return used
+    for name, column in values.items():
+        used &= np.isfinite(column) & (column > 0.0 if name == "range" else True)
+    left_out = int((~used).sum()) + table.torn
+    if left_out:
+        warnings.warn(
+            f"{table.source}: {left_out} of {len(used) + table.torn} lines are left out, because a "
+            "number is missing or not finite, or the range is not positive",
+            stacklevel=3,
+        )
+    return used
 
 
-def _target(row: list[str], columns: Mapping[str, int]) -> tuple[str, list[float]]:
-    numbers = [number(name, row[place]) for name, place in columns.items() if name != "sensor"]
-    if "sensor" not in columns:
-        return "radar", numbers
-    sensor = row[columns["sensor"]].strip()
-    if not sensor:
-        raise ValueError("sensor must be a name or a number, but is empty")
-    return sensor, numbers
+def _check(
+    table: Table, columns: Mapping[str, Column], values: Mapping[str, Array], used: Mask
+) -> None:
+    """Raise a ValueError that names the first line with a number that is out of bounds."""
+    wrong = {
+        int(np.flatnonzero(bad)[0]): name
+        for name, column in values.items()
+        if (bad := ~BOUNDS.get(name, FINITE).hold(column) & used).any()
+    }
+    if not wrong:
+        return
+    row, name = min(wrong.items())
+    value, bounds = values[name][row], BOUNDS.get(name, FINITE)
+    if name in _ANGLES:
+        in_degrees = columns[name].unit == "deg"
+        bounds = _DEGREES if in_degrees else _RADIANS
+        value = float(np.rad2deg(value)) if in_degrees else value
+    bounds.number(f"{table.where(row)}: {name}", value)
+    BOUNDS[name].number(f"{table.where(row)}: {name}", values[name][row])
 
 
-def number(name: str, text: str) -> float:
-    """The number that a text is; a ValueError names what it should be."""
-    try:
-        if "_" in text or not text.isascii():  # a typing error, but a number to Python
-            raise ValueError
-        return float(text)
-    except ValueError:
-        raise ValueError(f"{name} must be a number, but is {brief(repr(text))}") from None
+def _by_sensor(table: Table, names: Any, rows: Rows) -> dict[str, Rows]:
+    """The rows of each sensor, by its name."""
+    if names is None:
+        return {"radar": rows}
+    found: dict[str, list[int]] = {}
+    for row in rows.tolist():
+        name = names[row].strip()
+        if not name:
+            raise ValueError(f"{table.where(row)}: sensor must be a name or a number, but is empty")
+        found.setdefault(name, []).append(row)
+    return {name: np.array(own) for name, own in found.items()}
+
+
+def _groups(source: Path, times: Array, frames: Any, gap: float) -> list[Rows]:
+    """The indices of each scan's targets, in time order within each segment of the clock."""
+    segment = np.cumsum(np.diff(times, prepend=times[0]) < -_STEP_BACK)
+    if segment[-1]:
+        warnings.warn(
+            f"{source}: the time steps back {segment[-1]} time(s); a new segment begins there (if "
+            "this is one drive, sort its lines by time)",
+            stacklevel=3,
+        )
+    order = np.arange(len(times)) if frames is not None else np.lexsort((times, segment))
+    begins = np.diff(segment[order]) > 0
+    begins |= frames[1:] != frames[:-1] if frames is not None else np.diff(times[order]) > gap
+    groups = np.split(order, 1 + np.flatnonzero(begins))
+    if frames is None:
+        return groups
+    return sorted(groups, key=lambda group: (segment[group[0]], np.median(times[group])))
+
+
+def _scan(time: float, values: Mapping[str, Array], rows: Rows) -> RadarScan:
+    own = {name: column[rows] for name, column in values.items()}
+    errors: dict[str, Any] = {
+        name: own[name] for name in (*SIGMAS, "sigma_elevation") if name in own
+    }
+    if "x" in own:
+        x, y, z = own["x"], own["y"], own.get("z")
+        return RadarScan.from_cartesian(time, x, y, z, doppler=own["doppler"], **errors)
+    if "z" in own and "elevation" not in own:
+        own["elevation"] = np.arcsin(np.clip(own["z"] / own["range"], -1.0, 1.0))
+    measured = {name: own[name] for name in (*MEASURED, "elevation") if name in own}
+    return RadarScan(time, **measured, **errors)
 
 
 def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[RadarScan]]) -> None:
     """Write the scans of sensors, by their names, as a CSV file that `load_csv` reads, bit by bit.
 
-    All columns are written, in m, rad and m/s, line by line in time order.  The extent is not, and
-    a scan without targets leaves no line.  An existing file is replaced once all is written; a
-    leading ``~`` stands for the home folder.  Raises a ``ValueError`` if a name is empty or begins
-    or ends with a space, or two scans of a sensor have the same time.
+    All columns are written, in m, rad and m/s, line by line in time order; elevations only if there
+    are any.  The extent is not, and a scan without targets leaves no line.  An existing file is
+    replaced once all is written; a leading ``~`` stands for the home folder.  Raises a
+    ``ValueError`` if a name is empty or begins or ends with a space, or two scans of a sensor have
+    the same time.
     """
     for name in sensors:
         if not name or name != name.strip() or not name.isprintable():
@@ -216,11 +292,14 @@ def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[Radar
     for (time, name, _), later in itertools.pairwise(scans):
         if (time, name) == later[:2]:
             raise ValueError(f"sensors[{name!r}] must hold one scan of each time")
+    fields = [*MEASURED, *SIGMAS]
+    if any(scan.elevation.any() for *_, scan in scans):
+        fields += _UPWARDS
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("time", "sensor", *MEASURED, *SIGMAS))
+    writer.writerow(("time", "sensor", *fields))
     for time, name, scan in scans:
-        columns = [getattr(scan, field).tolist() for field in (*MEASURED, *SIGMAS)]
+        columns = [getattr(scan, field).tolist() for field in fields]
         writer.writerows((time, name, *row) for row in zip(*columns, strict=True))
     with atomic_write(check_path("path", path)) as file:
         file.write(text.getvalue().encode())
@@ -229,42 +308,61 @@ def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[Radar
 # ---- The entry of READERS
 
 
-def _read(path: str, chosen: Mapping[str, Any]) -> Source:
-    """The sensors of a log that have a mounting; angles are in degrees."""
+def _read(paths: list[str], chosen: Mapping[str, Any]) -> Source:
+    """The sensors of logs that have a mounting; files of one sensor follow each other."""
     mountings = mountings_of(chosen)
-    scans = load_csv(path, degrees=bool(chosen["degrees"]), **sigmas_of(chosen))
+    scans: dict[str, list[RadarScan]] = {}
+    options: dict[str, Any] = {
+        "columns": _pairs(chosen["columns"]),
+        "time_unit": chosen["time_unit"],
+        "degrees": bool(chosen["degrees"]),
+        "scan_gap": chosen["scan_gap"] or 0.0,
+        "skip_invalid": bool(chosen["skip_invalid"]),
+        "min_snr": chosen["min_snr"],
+        **sigmas_of(chosen),
+    }
+    for given in paths:
+        name, path = _named(given)
+        try:
+            read = load_csv(path, **options)
+        except _NoSigmas as error:
+            options |= {missing: TYPICAL[missing] for missing in error.names}
+            warnings.warn(
+                f"{path} has no column {', '.join(error.names)}: usual values are taken, 0.15 m, "
+                "0.5 deg, 0.06 m/s; --sigma-range, --sigma-azimuth and --sigma-doppler state those "
+                "of your radar, on which the covariances rest",
+                stacklevel=2,
+            )
+            read = load_csv(path, **options)
+        if name and len(read) > 1:
+            raise ValueError(f"--csv {given}: the file has several sensors, {', '.join(read)}")
+        for sensor, own in read.items():
+            scans.setdefault(name or sensor, []).extend(own)
     if scans.keys() != mountings.keys():
         raise ValueError(
-            f"the sensors of {path} are {brief(', '.join(sorted(scans)))}, but --mounting names "
-            f"{', '.join(sorted(mountings))}; each needs one --mounting NAME X Y YAW"
+            f"the sensors of {', '.join(paths)} are {brief(', '.join(sorted(scans)))}, but "
+            f"--mounting names {', '.join(sorted(mountings))}; each needs one --mounting NAME X Y "
+            "YAW"
         )
     return Source({name: (own, mountings[name]) for name, own in scans.items()})
 
 
-def mountings_of(chosen: Mapping[str, Any]) -> dict[str, Mounting]:
-    """The mountings that the options name."""
-    check_once([name for name, *_ in chosen["mounting"]])
-    mountings = {}
-    for name, *numbers in chosen["mounting"]:
-        try:
-            x, y, yaw = (number("each of X, Y and YAW", word) for word in numbers)
-            mountings[name] = Mounting(x, y, math.radians(yaw))
-        except ValueError as error:
-            raise ValueError(f"--mounting {name} {' '.join(numbers)}: {error}") from None
-    return mountings
+def _named(given: str) -> tuple[str, str]:
+    """Name and path of NAME=FILE; a path alone has no name."""
+    name, equals, path = given.partition("=")
+    return (name, path) if equals and not os.path.exists(given) else ("", given)
 
 
-def sigmas_of(chosen: Mapping[str, Any]) -> dict[str, float | None]:
-    """The standard deviations that the options give to all targets."""
-    sigmas = {name: chosen[name] for name in SIGMAS}
-    if sigmas["sigma_azimuth"] is not None:
-        sigmas["sigma_azimuth"] = math.radians(sigmas["sigma_azimuth"])
-    return sigmas
-
-
-def _sigma(name: str, unit: str) -> Option:
-    about = f"standard deviation of the {name} of all targets, instead of a column"
-    return Option(f"sigma_{name}", about, {"type": float, "metavar": unit})
+def _pairs(text: str | None) -> dict[str, str]:
+    """The columns that --columns names."""
+    pairs = [pair.partition("=") for pair in (text or "").split(",") if pair]
+    for name, _, column in pairs:
+        if not column or name not in _LOG_QUANTITIES:
+            raise ValueError(
+                f"--columns must be like time=time_ns,range=dist, with names out of "
+                f"{', '.join(_LOG_QUANTITIES)}, but has {name!r}"
+            )
+    return {name: column for name, _, column in pairs}
 
 
 READER = Reader(
@@ -272,20 +370,29 @@ READER = Reader(
     "a log with a line for each target",
     load_csv,
     (
+        *LOG_OPTIONS,
         Option(
-            "mounting",
-            "where a sensor sits, in m, m, degrees; once for each sensor",
-            {"action": "append", "nargs": 4, "metavar": ("NAME", "X", "Y", "YAW")},
-            needed=True,
+            "columns",
+            "the columns of a log by what they hold, such as time=stamp_ns,azimuth=-angle_rad",
+            {"metavar": "NAME=COLUMN,..."},
         ),
+        Option("time_unit", "of the times", {"choices": ("s", "ms", "us", "ns")}),
         Option(
             "degrees",
             "the file's azimuths and their standard deviations are in degrees",
             {"action": "store_true", "default": None},
         ),
-        _sigma("range", "M"),
-        _sigma("azimuth", "DEG"),
-        _sigma("doppler", "M/S"),
+        Option(
+            "scan_gap",
+            "lines that are at most S apart are one scan (default: those of equal time)",
+            {"type": float, "metavar": "S"},
+        ),
+        Option(
+            "skip_invalid",
+            "leave out lines with a number that is missing or not finite, or without a range",
+            {"action": "store_true", "default": None},
+        ),
     ),
     _read,
+    parsing={"action": "append"},
 )

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from d2d._checks import FINITE, check_path
-from d2d.radar.readers.csv_log import decoded, number, read_table
 from d2d.radar.readers.shared import yaw_of
+from d2d.radar.readers.table import Table, decoded, number, read_table
 from d2d.radar.scans.reference import Reference
 
-_IN_DEGREES = "yaw_rate_deg"
+_ODOMETRY = ("time", "speed", "yaw_rate")
 _POSES = 8  # numbers in a line of a TUM trajectory
 _REACH, _INTERVALS = 0.2, 2.5  # s, and intervals, to each side of a pose that give its velocity
 _FASTEST = FINITE._replace(
@@ -32,7 +32,7 @@ def load_reference(path: str | os.PathLike[str]) -> Reference:
     source = check_path("path", path)
     text = decoded(source)
     first = next((line for line in text.splitlines() if line.strip() and line[0] != "#"), "")
-    found = _poses(source, text) if len(first.split()) == _POSES else _odometry(source, text)
+    found = _poses(source, text) if len(first.split()) == _POSES else _odometry(source)
     if len(found.times) < 2 or not (np.diff(found.times) > 0.0).all():
         raise ValueError(
             f"{source} must have two lines or more, poses six, in strictly increasing time"
@@ -40,26 +40,20 @@ def load_reference(path: str | os.PathLike[str]) -> Reference:
     return found
 
 
-def _odometry(source: Path, text: str) -> Reference:
-    names = ("time", "speed", _IN_DEGREES)
-    try:
-        columns, rows = read_table(source, text, names)
-    except ValueError:
-        names = ("time", "speed", "yaw_rate")
-        columns, rows = read_table(source, text, names)
-    rate = names[-1]
-    places = [columns.index(name) for name in names]
-    table = []
-    for line, row in rows:
-        try:
-            values = [number(name, row[place]) for name, place in zip(names, places, strict=True)]
-            if rate == _IN_DEGREES:
-                values[2] = float(np.deg2rad(values[2]))
-            _FASTEST.number(rate, values[2])
-            table.append([FINITE.number(n, v) for n, v in zip(names, values, strict=True)])
-        except ValueError as error:
-            raise ValueError(f"{source}, line {line}: {error}") from None
-    time, speed, omega = np.array(table).reshape(-1, 3).T
+def _odometry(source: Path) -> Reference:
+    def lacking(table: Table) -> str:
+        found = all(table.column(name, {}) for name in _ODOMETRY)
+        return "" if found else ", ".join(_ODOMETRY)
+
+    table = read_table(source, lacking)
+    values = []
+    for name, bounds in zip(_ODOMETRY, (FINITE, FINITE, _FASTEST), strict=True):
+        column = table.column(name, {})
+        assert column is not None
+        values.append(table.numbers(name, column))
+        for row in np.flatnonzero(~bounds.hold(values[-1]))[:1]:
+            bounds.number(f"{table.where(row)}: {table.names[column.place]}", values[-1][row])
+    time, speed, omega = values
     theta = np.column_stack([speed, np.zeros_like(speed), omega])
     return Reference(time, theta, np.full_like(theta, np.nan))
 

@@ -1,12 +1,14 @@
 """Registry entry of a reader, for the command line, the docs and the tests."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from d2d.radar.readers.table import number
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Recording
-from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.scans.scan import SIGMAS, Mounting, RadarScan
 
 
 class Source(NamedTuple):
@@ -19,7 +21,7 @@ class Source(NamedTuple):
 class Option(NamedTuple):
     """An option that the command line has for one reader."""
 
-    name: str  # with _ for -; no other reader has it
+    name: str  # with _ for -; readers that share it share the entry
     help: str
     parsing: Mapping[str, Any] = {}  # further arguments of `argparse.ArgumentParser.add_argument`
     needed: bool = False
@@ -33,9 +35,10 @@ class Reader:
     about: str  # what that file or folder is
     load: Callable[..., Any]  # the function for Python
     options: tuple[Option, ...]
-    read: Callable[[str, Mapping[str, Any]], Source]  # of file or folder, and options by name
+    read: Callable[[Any, Mapping[str, Any]], Source]  # of file or folder, and options by name
     metavar: str = "FILE"
-    heading: str = "options of a CSV file"
+    heading: str = "options of a log"
+    parsing: Mapping[str, Any] = field(default_factory=dict)  # as of an option
     trial: tuple[Any, tuple[Any, ...]] | None = None  # a recording and its sensors, for tests
 
 
@@ -76,3 +79,52 @@ def check_once(names: Sequence[object]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"{name} is given twice")
+
+
+def mountings_of(chosen: Mapping[str, Any]) -> dict[str, Mounting]:
+    """The mountings that the options name."""
+    given = chosen["mounting"] or []
+    check_once([name for name, *_ in given])
+    mountings = {}
+    for name, *numbers in given:
+        try:
+            if not 3 <= len(numbers) <= 5:
+                raise ValueError("there must be NAME X Y YAW, and perhaps PITCH and ROLL")
+            x, y, *angles = (number("each of X, Y and YAW", word) for word in numbers)
+            mountings[name] = Mounting(x, y, *map(math.radians, angles))
+        except ValueError as error:
+            raise ValueError(f"--mounting {name} {' '.join(numbers)}: {error}") from None
+    return mountings
+
+
+def sigmas_of(chosen: Mapping[str, Any]) -> dict[str, float | None]:
+    """The standard deviations that the options give to all targets."""
+    sigmas = {name: chosen[name] for name in SIGMAS}
+    if sigmas["sigma_azimuth"] is not None:
+        sigmas["sigma_azimuth"] = math.radians(sigmas["sigma_azimuth"])
+    return sigmas
+
+
+def _sigma(name: str, unit: str) -> Option:
+    about = f"standard deviation of the {name} of all targets, instead of a column"
+    return Option(f"sigma_{name}", about, {"type": float, "metavar": unit})
+
+
+# Of all logs that are no data set.
+LOG_OPTIONS = (
+    Option(
+        "mounting",
+        "where a sensor sits, in m, m, degrees, and if it is inclined its pitch (down) and roll; "
+        "once for each sensor",
+        {"action": "append", "nargs": "+", "metavar": ("NAME", "X Y YAW")},
+        needed=True,
+    ),
+    _sigma("range", "M"),
+    _sigma("azimuth", "DEG"),
+    _sigma("doppler", "M/S"),
+    Option(
+        "min_snr",
+        "leave out targets with a smaller signal-to-noise ratio",
+        {"type": float, "metavar": "DB"},
+    ),
+)

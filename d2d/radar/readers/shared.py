@@ -3,6 +3,7 @@
 import json
 import os
 import stat
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -129,5 +130,6 @@ def reading(path: Path, what: str) -> Iterator[None]:
         raise ValueError(f"{path} is not {what}: {brief(error)}") from None
     except (
         *(ArithmeticError, AttributeError, LookupError, MemoryError, RuntimeError, TypeError),
+        *(EOFError, zlib.error, ImportError),
     ) as error:
         raise ValueError(f"{path} is not {what} ({brief(repr(error))})") from None

@@ -260,6 +260,23 @@ class RadarScan(Frozen):
         """The scan with another ``extent``, a number or (K,) array in m."""
         return replace(self, extent=extent)  # type: ignore[arg-type] # what __init__ takes
 
+    def within(
+        self,
+        range: tuple[float, float] | None = None,
+        azimuth: tuple[float, float] | None = None,
+        elevation: tuple[float, float] | None = None,
+    ) -> RadarScan:
+        """The scan with only the targets between two ranges (m), azimuths or elevations (rad)."""
+        kept = np.ones(len(self), dtype=np.bool_)
+        gates = {"range": range, "azimuth": azimuth, "elevation": elevation}
+        for name, gate in gates.items():
+            if gate is not None:
+                low, high = check_finite(name, gate, "(2,)")
+                if not low < high:
+                    raise ValueError(f"{name} must be a lower and a higher limit, but is {gate}")
+                kept &= (getattr(self, name) >= low) & (getattr(self, name) <= high)
+        return self if kept.all() else self[kept]
+
     __iter__ = None  # else Python would try the indices 0, 1, ... and stop at the first IndexError
 
     def point_set(self, mounting: Mounting) -> PointSet:

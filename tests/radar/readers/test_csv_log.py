@@ -1,5 +1,6 @@
 """Logs as comma-separated values: what is read, and how a bad line is named."""
 
+import gzip
 import os
 import re
 
@@ -47,21 +48,8 @@ def test_scans_are_read_as_they_were_written(tmp_path):
     assert os.listdir(tmp_path) == ["log.csv"]
 
 
-def test_columns_may_come_in_any_order_among_others(log):
-    """Breaks if places are fixed, or case and spaces of names matter."""
-    path = log(
-        "rcs, Doppler ,azimuth,SENSOR,range,time,sigma_doppler,sigma_azimuth,sigma_range\n"
-        "x,-4.5,0.25,front,12,3.5,0.0625,0.5,0.125\n"
-    )
-    (scan,) = load_csv(path)["front"]
-    expected = {"time": 3.5, "range": 12.0, "azimuth": 0.25, "doppler": -4.5}
-    expected |= {"sigma_range": 0.125, "sigma_azimuth": 0.5, "sigma_doppler": 0.0625}
-    for name, value in expected.items():
-        assert_array_equal(np.ravel(getattr(scan, name)), [value])
-
-
 def test_lines_of_a_scan_may_stand_anywhere(log):
-    """Breaks if a scan ends where another sensor's line comes between, or time goes back."""
+    """Breaks if a scan ends where another sensor's line comes between, or times are unsorted."""
     path = log(
         "time,range,azimuth,doppler,sensor\n"
         "0.1,1,0,0,a\n0.1,2,0,0,b\n0.1,3,0,0,a\n\n# a note\n0.0,4,0,0,a\n0.10,5,0,0,b\n"
@@ -74,8 +62,54 @@ def test_lines_of_a_scan_may_stand_anywhere(log):
     assert [(scan.time, scan.range.tolist()) for scan in read["b"]] == [(0.1, [2.0, 5.0])]
 
 
-def test_angles_may_be_in_degrees(log):
-    """Breaks if a standard deviation stays in degrees, or one in rad is taken for degrees."""
+# One target at 0.5 s, 5 m, 0.5 rad, -1 m/s, as programs, radars and countries write it.
+@pytest.mark.parametrize(
+    ("text", "options"),
+    [
+        ("time;range;azimuth;doppler\n0,5;5;0,5;-1\n", {}),
+        ("time\trange\tazimuth\tdoppler\r\n0.5\t5\t0.5\t-1\r\n", {}),
+        ("\ufefftime,range,azimuth,doppler\n0.5,5,0.5,-1", {}),
+        ("# time,range,azimuth,doppler\n0.5,5,0.5,-1\n", {}),
+        ('\n# by hand\n"time","range","azimuth","doppler"\n"0,5","5","0.5","-1"\n', {}),
+        ("rcs, Doppler ,azimuth,RANGE,time\nx,-1,0.5,5,0.5\n", {}),
+        ("Time [ms],Range (cm),az_deg,v_r_kmh\n500,500,28.64788975654116,-3.6\n", {}),
+        ("stamp,dist,phi,range_rate\n500,5,0.5,-1\n", {"time_unit": "ms"}),
+        ("time,range,azimuth,doppler\n0.5,5,28.64788975654116,-1\n", {"degrees": True}),
+        ("time,x,y,v\n0.5,4.387912809451864,2.397127693021015,-1\n", {"columns": {"doppler": "v"}}),
+        (
+            "a_ns,b,angle_rad,c_mps\n500000000,5,-0.5,1\n",
+            {
+                "columns": {
+                    "time": "a_ns",
+                    "range": "b",
+                    "azimuth": "-angle_rad",
+                    "doppler": "-c_mps",
+                }
+            },
+        ),
+        ("time,range,azimuth,doppler\n1970-01-01T01:00:00.5+01:00,5,0.5,-1\n", {}),
+        ("time,range,azimuth,doppler\n1970-01-01 00:00:00.500,5,0.5,-1\n", {}),
+        (gzip.compress(b"time,range,azimuth,doppler\n0.5,5,0.5,-1\n"), {}),
+        (  # empty slots, words that are missing or no numbers
+            "time,range,azimuth,doppler\n0.5,5,0.5,-1\n0.5,0,0,81.91\n0.5,,,\n0.5,1,nan,x\n0.5,1\n",
+            {"skip_invalid": True},
+        ),
+        (
+            "time,range,azimuth,doppler,snr\n0.5,5,0.5,-1,12\n0.5,6,0.5,-1,8\n",
+            {"min_snr": 10.0},
+        ),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*4 of 5 lines are left out:UserWarning")
+def test_logs_as_they_come(log, text, options):
+    """Breaks if a way of writing, a name, a sign or a unit is not known."""
+    (scan,) = load_csv(log(text), **ALL, **options)["radar"]
+    found = np.array([scan.time, *scan.range, *scan.azimuth, *scan.doppler])
+    assert_allclose(found, [0.5, 5.0, 0.5, -1.0], rtol=1e-12)
+
+
+def test_standard_deviations_have_the_units_of_their_columns(log):
+    """Breaks if one stays in degrees, or one that is given in rad is taken for degrees."""
     path = log(f"{HEADER},sigma_azimuth\n0,5,-90,0,2\n")
     rest = {name: ALL[name] for name in ("sigma_range", "sigma_doppler")}
     (scan,) = load_csv(path, degrees=True, **rest)["radar"]
@@ -84,81 +118,144 @@ def test_angles_may_be_in_degrees(log):
     assert_array_equal(scan.sigma_azimuth, [0.01])
 
 
-def test_what_programs_write_is_read(log):
-    """Breaks if a spreadsheet's or NumPy's way of writing is not known."""
+def test_targets_with_a_height(log):
+    """Breaks if a third dimension is dropped, in whichever form it comes."""
     for text in (
-        "time;range;azimuth;doppler\n0;5;0.5;-1\n",
-        "time\trange\tazimuth\tdoppler\r\n0\t5\t0.5\t-1\r\n",
-        "\ufefftime,range,azimuth,doppler\n0,5,0.5,-1",
-        "# time,range,azimuth,doppler\n0,5,0.5,-1\n",
-        '\n# made by hand\n"time","range","azimuth","doppler"\n"0","5","0.5","-1"\n',
+        "time,range,azimuth,doppler,elevation\n0,5,0,1,0.1\n",
+        f"time,range,azimuth,doppler,z\n0,5,0,1,{5 * np.sin(0.1)}\n",
+        f"time,x,y,z,doppler\n0,{5 * np.cos(0.1)},0,{5 * np.sin(0.1)},1\n",
     ):
         (scan,) = load_csv(log(text), **ALL)["radar"]
-        assert [*scan.range, *scan.azimuth, *scan.doppler] == [5.0, 0.5, -1.0]
+        assert_allclose([*scan.range, *scan.elevation], [5.0, 0.1])
 
 
-def test_a_line_that_cannot_be_read_is_named(log):
+def test_targets_of_one_cycle_are_one_scan(log):
+    """Breaks if targets with stamps of their own are scans of one target."""
+    times = np.array([0.0, 0.004, 0.008, 0.05, 0.054, 0.1])
+    lines = [f"{time},5,0,0,{frame}" for time, frame in zip(times, "aaabbc", strict=True)]
+    path = log("\n".join([f"{HEADER},cycle", *lines]))
+    for options in ({"scan_gap": 0.01}, {"columns": {"frame": "cycle"}}):
+        scans = load_csv(path, **ALL, **options)["radar"]
+        assert_allclose([scan.time for scan in scans], [0.004, 0.052, 0.1])
+        assert [len(scan) for scan in scans] == [3, 2, 1]
+    assert len(load_csv(path, **ALL)["radar"]) == 6
+
+
+@pytest.mark.filterwarnings("ignore:.*the time steps back:UserWarning")
+def test_a_step_back_in_time_begins_a_segment(log):
+    """Breaks if runs of one logger are merged where stamps are equal, or the time after midnight
+    comes before that of the evening."""
+    for given, expected in (
+        ([86398.0, 86399.0, 0.0, 1.0, 0.5], [86398.0, 86399.0, 0.0, 0.5, 1.0]),
+        ([0.0, 1.5, 0.0, 1.5, 1.5], [0.0, 1.5, 0.0, 1.5]),
+        ([2.0, 1.5, 3.0], [1.5, 2.0, 3.0]),
+    ):
+        lines = "".join(f"{time},5,0,0\n" for time in given)
+        (scans,) = load_csv(log(f"{HEADER}\n{lines}"), **ALL).values()
+        assert [scan.time for scan in scans] == expected
+    with pytest.warns(UserWarning, match=r"log.csv: the time steps back 1 time"):
+        load_csv(log(f"{HEADER}\n9,5,0,0\n0,5,0,0\n"), **ALL)
+
+
+def test_lines_that_are_left_out_are_counted(log):
+    """Breaks if data vanish without a word."""
+    path = log(f"{HEADER}\n0,5,0,0\n0,0,0,0\n0,nan,0,0\n0,5\n")
+    with pytest.warns(UserWarning, match=r"3 of 4 lines are left out"):
+        load_csv(path, **ALL, skip_invalid=True)
+
+
+LINES = (
+    ("0,abc,0,0", "range must be a number, but is 'abc'"),
+    ("0,,0,0", "range must be a number, but is ''"),
+    ("0,1_0,0,0", "range must be a number, but is '1_0'"),
+    ("0,\u0661\u0662,0,0", "range must be a number, but is '\u0661\u0662'"),
+    ("0,5,0", "there must be 4 values as in the first line, but are 3"),
+    ("0,5,0,0,", "there must be 4 values as in the first line, but are 5"),
+    ("0,-5,0,0", "range must be positive, but is -5"),
+    ("0,5,nan,0", "azimuth must be finite"),
+    ("0,5,0,inf", "doppler must be finite"),
+    ("nan,5,0,0", "time must be finite"),
+    ("0,25e3,0,1", "range must be in m, at most 10000, but is 25000; are these millimetres"),
+    ("0,5,45,0", "azimuth must be in radians (rad), at most 6.28319, but is 45; are these degrees"),
+    ('0,5,"0,0', "unexpected end of data"),
+    (b"0,5,0,\xff1", "doppler must be a number, but is '\u00ff1'"),
+)
+
+
+@pytest.mark.parametrize(("line", "said"), LINES, ids=[said[:30] for _, said in LINES])
+def test_a_line_that_cannot_be_read_is_named(log, line, said):
     """Breaks if the user must look for it among a million lines."""
-    for line, said in (
-        ("0,abc,0,0", "range must be a number, but is 'abc'"),
-        ("0,,0,0", "range must be a number, but is ''"),
-        ("0,1_0,0,0", "range must be a number, but is '1_0'"),
-        ("0,\u0661\u0662,0,0", "range must be a number, but is '\u0661\u0662'"),
-        ("0,5,0", "there must be 4 values as in the first line, but are 3"),
-        ("0,5,0,0,", "there must be 4 values as in the first line, but are 5"),
-        ("0,-5,0,0", "range must be positive, but is -5"),
-        ("0,5,nan,0", "azimuth must be finite"),
-        ("0,5,0,inf", "doppler must be finite"),
-        ("nan,5,0,0", "time must be finite"),
-        ("0,25e3,0,1", "range must be in m, at most 10000, but is 25000; are these millimetres"),
+    good = b"0,5,0,0\n"
+    bad = line if isinstance(line, bytes) else line.encode()
+    path = log(HEADER.encode() + b"\n" + good + b"\n# note\n" + good + bad)
+    with pytest.raises(ValueError, match=re.escape(f"{path}, line 6: {said}")):
+        load_csv(path, **ALL)
+
+
+SOME = {name: ALL[name] for name in ("sigma_range", "sigma_doppler")}
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "said"),
+    [
+        ("", ALL, "is empty: its first line must name the columns"),
+        (f"{HEADER}\n\n", ALL, "has no line with a target"),
         (
-            "0,5,45,0",
-            "azimuth must be in radians (rad), at most 6.28319, but is 45; are these degrees (deg",
+            "0,5,0,0\n",
+            ALL,
+            "line 1: the first line must name the columns time, range, azimuth, dop",
         ),
-        ('0,5,"0,0', "unexpected end of data"),
-        (b"0,5,0,\xff1", "doppler must be a number, but is '\u00ff1'"),
-    ):
-        good = b"0,5,0,0\n"
-        bad = line if isinstance(line, bytes) else line.encode()
-        path = log(HEADER.encode() + b"\n" + good + b"\n# note\n" + good + bad)
-        with pytest.raises(ValueError, match=f"{re.escape(f'{path}, line 6: {said}')}"):
-            load_csv(path, **ALL)
-
-
-def test_other_columns_and_the_first_of_several_bad_lines_are_named(log):
-    """Breaks if the line is another's, or an optional column is not looked at."""
-    sigmas = {"sigma_azimuth": 0.1, "sigma_doppler": 0.1}
-    for text, options, said in (
-        (f"{HEADER}\n0,5,0,0\n0,5,9,0\n0,-5,0,0", ALL, "3: azimuth must be"),
-        (f"{HEADER},sigma_range\n0,5,0,0,0", sigmas, "2: sigma_range must be positive, but is 0"),
-        (f"{HEADER}\n0,5,400,0", {"degrees": True} | ALL, "2: azimuth must be in degrees, .* 400"),
-        (f"{HEADER},sensor\n0,5,0,0, ", ALL, "2: sensor must be a name .* but is empty"),
-    ):
-        with pytest.raises(ValueError, match=f"line {said}"):
-            load_csv(log(text), **options)
-
-
-def test_a_file_that_is_no_log_is_refused(log):
-    for text, said in (
-        ("", "is empty: its first line must name the columns"),
-        (f"{HEADER}\n\n", "has no line with a target"),
-        ("0,5,0,0\n", "line 1: the first line must name the columns time, range, azimuth, doppler"),
-        ("time,range,phi,doppler\n", "doppler, but names 'time', 'range', 'phi', 'doppler'"),
-        (f"{HEADER},range\n", "line 1: the column 'range' is named twice"),
-    ):
-        with pytest.raises(ValueError, match=re.escape(said)):
-            load_csv(log(text), **ALL)
-
-
-def test_standard_deviations_must_come_from_somewhere(log):
-    """Breaks if a default stands in that the user never saw."""
-    some = {name: ALL[name] for name in ("sigma_range", "sigma_doppler")}
-    with pytest.raises(ValueError, match=r"no column sigma_azimuth,.* line: --sigma-azimuth\)"):
-        load_csv(log(f"{HEADER}\n0,5,0,0"), **some)
-    with pytest.raises(ValueError, match=r"column sigma_range, sigma_azimuth, sigma_doppler, so"):
-        load_csv(log(f"{HEADER}\n0,5,0,0"))
-    with pytest.raises(ValueError, match=r"^sigma_range must be positive"):
-        load_csv(log(f"{HEADER}\n0,5,0,0"), **(ALL | {"sigma_range": 0.0}))
+        (
+            "time,range,theta,doppler\n",
+            ALL,
+            "doppler, but names 'time', 'range', 'theta', 'doppler'",
+        ),
+        (f"{HEADER},range\n", ALL, "line 1: the column 'range' is named twice"),
+        (f"{HEADER}\n0,5,0,0\n0,5,9,0\n0,-5,0,0", ALL, "line 3: azimuth must be"),
+        (
+            f"{HEADER},sigma_range\n0,5,0,0,0",
+            ALL | {"sigma_range": None},
+            "line 2: sigma_range must",
+        ),
+        (
+            f"{HEADER}\n0,5,400,0",
+            ALL | {"degrees": True},
+            "azimuth must be in degrees, at most 360",
+        ),
+        (
+            f"{HEADER},sensor\n0,5,0,0, ",
+            ALL,
+            "line 2: sensor must be a name or a number, but is em",
+        ),
+        (f"{HEADER}\n0,5,0,0", SOME, "has no column sigma_azimuth, which"),
+        (f"{HEADER}\n0,5,0,0", {}, "no column sigma_range, sigma_azimuth, sigma_doppler, which"),
+        (f"{HEADER}\n0,5,0,0", ALL | {"sigma_range": 0.0}, "sigma_range must be positive"),
+        (
+            f"{HEADER}\n0,5,0,0",
+            ALL | {"columns": {"time": "t0"}},
+            "columns t0, range, azimuth, dop",
+        ),
+        (
+            f"{HEADER}\n0,5,0,0",
+            ALL | {"columns": {"length": "t0"}},
+            "columns must be one of time, r",
+        ),
+        (f"{HEADER}\n0,5,0,0", ALL | {"min_snr": 3.0}, "has no column snr, which min_snr needs"),
+        (f"{HEADER}\n0,5,0,0", ALL | {"scan_gap": -1.0}, "scan_gap must be at least 0"),
+        (
+            "time_ms,range,azimuth,doppler\n0,5,0,0",
+            ALL | {"time_unit": "ns"},
+            "time_ms is in ms, but is said to be in ns",
+        ),
+        (b"\x1f\x8b123", ALL, "is not a complete gzip file"),
+        (b"PAR1123", ALL, "is not a Parquet file that pandas reads"),
+    ],
+)
+def test_a_log_or_an_option_that_is_not_right_is_refused(log, text, options, said):
+    """Breaks if a wrong file is read, a default stands in that the user never saw, or the message
+    does not say what is wrong."""
+    with pytest.raises(ValueError, match=re.escape(said)):
+        load_csv(log(text), **options)
 
 
 def test_only_scans_under_names_are_written(tmp_path):
@@ -179,16 +276,3 @@ def test_names_in_any_encoding_stay_apart(log):
     rows = "sensor,time,range,azimuth,doppler\nv\u00f6rn,0,5,0,0\nh\u00e4rn,0,6,0,0\n"
     for encoding in ("utf-8", "utf-8-sig", "latin-1", "utf-16"):
         assert list(load_csv(log(rows.encode(encoding)), **ALL)) == ["v\u00f6rn", "h\u00e4rn"]
-
-
-def test_a_clock_that_steps_back_once_keeps_its_order(log):
-    """Breaks if the time after midnight is put before that of the evening, or lines in any order
-    are no longer sorted."""
-    for given, expected in (
-        ([86398.0, 86399.0, 0.0, 1.0, 0.5], [86398.0, 86399.0, 0.0, 0.5, 1.0]),
-        ([5.0, 1.0, 9.0, 3.0], [1.0, 3.0, 5.0, 9.0]),
-        ([2.0, 1.5, 3.0], [1.5, 2.0, 3.0]),
-    ):
-        lines = "".join(f"{time},5,0,0\n" for time in given)
-        (scans,) = load_csv(log(f"{HEADER}\n{lines}".encode()), **ALL).values()
-        assert [scan.time for scan in scans] == expected
