@@ -24,7 +24,7 @@ _RATES = {f"{name}{end}": one for name, one in _ANGLES.items() for end in ("_per
 
 
 class Quantity(NamedTuple):
-    """What a column may hold: the names that are recognised, and units in those of `RadarScan`."""
+    """Content of a column: names that are recognised, and units in terms of the scan's own."""
 
     names: tuple[str, ...]
     units: Mapping[str, float] = {}
