@@ -25,6 +25,7 @@ from d2d.radar.evaluation.halves import compare_tracks
 from d2d.radar.files import write_together
 from d2d.radar.live import estimates_of
 from d2d.radar.readers import READERS
+from d2d.radar.readers.bag import write_bag
 from d2d.radar.readers.csv_log import write_csv
 from d2d.radar.readers.odometry import load_reference
 from d2d.radar.readers.reader import LOG_OPTIONS, Option, Source, mountings_of, sigmas_of
@@ -158,6 +159,7 @@ def _parser() -> argparse.ArgumentParser:
     log = READERS["csv"]
     calibrating.add_argument("--csv", metavar="FILE", required=True, help=log.about, **log.parsing)
     calibrating.add_argument("--odometry", metavar="FILE", required=True, help=REFERENCE_HELP)
+    calibrating.add_argument("--topic", metavar="TOPIC", help=TOPIC_HELP)
     calibrating.add_argument("--max-lag", metavar="S", type=float, default=0.5, help=LAG_HELP)
     _add_log_options(calibrating, log.options)
     _add_gates(calibrating)
@@ -165,6 +167,7 @@ def _parser() -> argparse.ArgumentParser:
     comparing.add_argument("track", metavar="TRACK", help="PREFIX.npz or PREFIX_velocities.csv")
     comparing.add_argument("reference", metavar="REFERENCE", help=REFERENCE_HELP)
     about = "how late the radars' clock is beside the reference's, as calibrate finds it"
+    comparing.add_argument("--topic", metavar="TOPIC", help=TOPIC_HELP)
     comparing.add_argument("--lag", metavar="S", type=float, default=0.0, help=about)
     example = command("example", "write a simulated log as a CSV file", _write_example)
     example.add_argument("file", metavar="FILE", help="the CSV file; an existing one is replaced")
@@ -223,6 +226,7 @@ def _add_estimation(parser: argparse.ArgumentParser, *, whole: bool) -> None:
 def _add_output(parser: argparse.ArgumentParser) -> None:
     what = parser.add_argument_group("what to write")
     what.add_argument("--output", metavar="PREFIX", default="track", help=ABOUT["--output"])
+    what.add_argument("--output-bag", metavar="BAG", help=ABOUT["--output-bag"])
     what.add_argument("--force", action="store_true", help=ABOUT["--force"])
     what.add_argument("--no-picture", action="store_true", help="write no picture")
     what.add_argument("--no-progress", action="store_true", help="show no progress bar")
@@ -326,7 +330,11 @@ def _track(arguments: argparse.Namespace) -> None:
     refused += [finding.symptom for finding in sure]
     if refused and not arguments.force:
         raise _Refused(refused[0])
-    for path in _write(driven, prefix, picture=not arguments.no_picture):
+    written = _write(driven, prefix, picture=not arguments.no_picture)
+    if arguments.output_bag is not None:
+        write_bag(arguments.output_bag, driven)
+        written.append(arguments.output_bag)
+    for path in written:
         print(f"wrote {path}")
 
 
@@ -379,7 +387,7 @@ def _live(arguments: argparse.Namespace) -> None:
 
 def _calibrate(arguments: argparse.Namespace) -> None:
     sensors, _ = _source(arguments)
-    odometry = load_reference(arguments.odometry)
+    odometry = load_reference(arguments.odometry, arguments.topic)
     logs = [(scans, mounting, odometry) for scans, mounting in sensors.values()]
     found = calibrate(logs, max_lag=arguments.max_lag)
     print(found)
@@ -393,7 +401,7 @@ def _calibrate(arguments: argparse.Namespace) -> None:
 def _compare(arguments: argparse.Namespace) -> None:
     path = check_path("TRACK", arguments.track)
     driven = Track.load(path) if path.suffix == ".npz" else Track.read_velocities(path)
-    known = load_reference(arguments.reference)
+    known = load_reference(arguments.reference, arguments.topic)
     print(compare(driven, Reference(known.times + arguments.lag, known.theta, known.poses)))
     if np.isnan(known.poses).all():
         print("The odometry has no v_y: it is compared with zero.")
@@ -493,8 +501,9 @@ and the mountings with it.  Drive bends to both sides, and change the speed.
 
 REFERENCE_HELP = (
     "a TUM trajectory (t x y z qx qy qz qw), or a CSV file with the columns time (s), speed (m/s) "
-    "and yaw_rate (rad/s) or yaw_rate_deg (deg/s)"
+    "and yaw_rate (rad/s) or yaw_rate_deg (deg/s), or a bag with Odometry or TwistWithCovariance"
 )
+TOPIC_HELP = "of a reference that is a bag (default: its only one of these types)"
 LAG_HELP = "search the lag of the clocks from -S to S (default: 0.5)"
 
 TRACK_HELP = """\
@@ -512,6 +521,8 @@ first run compiles for up to a minute.
 ABOUT = {
     "--output": "beginning of the files' names (default: track); if it is a folder or ends with /, "
     "the files are called track.* in it",
+    "--output-bag": "also write messages Odometry and TwistWithCovarianceStamped to a bag of ROS 1 "
+    "(a file .bag) or of ROS 2 (a folder)",
     "--force": "write the files even if they are surely of no use, or too few estimates were "
     "accepted in a row (status 3)",
     "--horizon": "register each scan with the one nearest to S seconds before (default: "

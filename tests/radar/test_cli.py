@@ -174,7 +174,7 @@ def test_a_raw_log_in_two_files_is_one_command(tmp_path, capsys):
     main(call)
     said = capsys.readouterr().err
     assert "1 of" in said
-    assert "usual values are taken, 0.15 m, 0.5 deg, 0.06 m/s" in said
+    assert "usual values are taken out of 0.15 m, 0.5 deg, 0.06 m/s" in said
     sensors = []
     for drive in sides.values():
         scans = []

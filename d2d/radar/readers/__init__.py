@@ -1,8 +1,10 @@
 """Readers of logs and data sets, in one table."""
 
-from d2d.radar.readers import csv_log, nuscenes, radarscenes
+from d2d.radar.readers import bag, csv_log, nuscenes, radarscenes
 
-READERS = {each.name: each for each in (csv_log.READER, radarscenes.READER, nuscenes.READER)}
+READERS = {
+    each.name: each for each in (csv_log.READER, bag.READER, radarscenes.READER, nuscenes.READER)
+}
 
 # The table in the docs is this text.
 __doc__ = """Readers of logs and data sets.

@@ -25,7 +25,15 @@ from d2d._types import Array
 from d2d.radar.files import atomic_write
 from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mountings_of, sigmas_of
 from d2d.radar.readers.shared import brief
-from d2d.radar.readers.table import QUANTITIES, Column, Table, read_table
+from d2d.radar.readers.table import (
+    QUANTITIES,
+    TARGET,
+    Column,
+    Table,
+    read_table,
+    scan_of,
+    usual_sigmas,
+)
 from d2d.radar.scans.scan import BOUNDS, MEASURED, SIGMAS, RadarScan
 
 Mask = NDArray[np.bool_]
@@ -38,13 +46,8 @@ _DEGREES = Bounds(most=360.0, unit="in degrees, ")
 _STEP_BACK = 1.0  # s
 _POLAR, _CARTESIAN = ("range", "azimuth"), ("x", "y")
 _UPWARDS = ("elevation", "sigma_elevation")
-_OPTIONAL = (*SIGMAS, *_UPWARDS, "z", "snr", "sensor", "frame")
 _ANGLES = ("azimuth", "sigma_azimuth", *_UPWARDS)
-_LOG_QUANTITIES = ("time", *_POLAR, *_CARTESIAN, "doppler", *_OPTIONAL)
-
-
-# Between those that RadarScenes, nuScenes and the thesis's radar have.
-TYPICAL = {"sigma_range": 0.15, "sigma_azimuth": math.radians(0.5), "sigma_doppler": 0.06}
+_LOG_QUANTITIES = ("time", *TARGET, "sensor", "frame")
 
 
 class _NoSigmas(ValueError):
@@ -140,7 +143,10 @@ def load_csv(
         frames = None if "frame" not in texts else np.array(texts["frame"])[own]
         times = values["time"][own]
         scans[sensor] = [
-            _scan(float(np.median(times[group])), values, own[group])
+            scan_of(
+                float(np.median(times[group])),
+                {name: column[own[group]] for name, column in values.items()},
+            )
             for group in _groups(source, times, frames, gap)
         ]
     return scans
@@ -261,20 +267,6 @@ def _groups(source: Path, times: Array, frames: Any, gap: float) -> list[Rows]:
     return sorted(groups, key=lambda group: (segment[group[0]], np.median(times[group])))
 
 
-def _scan(time: float, values: Mapping[str, Array], rows: Rows) -> RadarScan:
-    own = {name: column[rows] for name, column in values.items()}
-    errors: dict[str, Any] = {
-        name: own[name] for name in (*SIGMAS, "sigma_elevation") if name in own
-    }
-    if "x" in own:
-        x, y, z = own["x"], own["y"], own.get("z")
-        return RadarScan.from_cartesian(time, x, y, z, doppler=own["doppler"], **errors)
-    if "z" in own and "elevation" not in own:
-        own["elevation"] = np.arcsin(np.clip(own["z"] / own["range"], -1.0, 1.0))
-    measured = {name: own[name] for name in (*MEASURED, "elevation") if name in own}
-    return RadarScan(time, **measured, **errors)
-
-
 def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[RadarScan]]) -> None:
     """Write the scans of sensors, by their names, as a CSV file that `load_csv` reads, bit by bit.
 
@@ -326,13 +318,7 @@ def _read(paths: list[str], chosen: Mapping[str, Any]) -> Source:
         try:
             read = load_csv(path, **options)
         except _NoSigmas as error:
-            options |= {missing: TYPICAL[missing] for missing in error.names}
-            warnings.warn(
-                f"{path} has no column {', '.join(error.names)}: usual values are taken, 0.15 m, "
-                "0.5 deg, 0.06 m/s; --sigma-range, --sigma-azimuth and --sigma-doppler state those "
-                "of your radar, on which the covariances rest",
-                stacklevel=2,
-            )
+            options |= usual_sigmas(path, error.names)
             read = load_csv(path, **options)
         if name and len(read) > 1:
             raise ValueError(f"--csv {given}: the file has several sensors, {', '.join(read)}")

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from d2d._checks import FINITE, check_path
+from d2d.radar.readers.bag import is_bag, load_bag_reference
 from d2d.radar.readers.shared import yaw_of
 from d2d.radar.readers.table import Table, decoded, number, read_table
 from d2d.radar.scans.reference import Reference
@@ -18,7 +19,7 @@ _FASTEST = FINITE._replace(
 )
 
 
-def load_reference(path: str | os.PathLike[str]) -> Reference:
+def load_reference(path: str | os.PathLike[str], topic: str | None = None) -> Reference:
     """Read the motion that something else than the radars measured, for `compare`, `calibrate`.
 
     A *TUM trajectory* has lines "t x y z qx qy qz qw" (s, m, quaternion) of the vehicle frame, in
@@ -26,18 +27,23 @@ def load_reference(path: str | os.PathLike[str]) -> Reference:
     a CSV file whose first line names the columns ``time`` (s), ``speed`` (m/s, negative backwards)
     and ``yaw_rate`` (rad/s, counter-clockwise) or ``yaw_rate_deg`` (deg/s).  It says nothing of
     v_y, which is taken to be zero, as it nearly is in the middle of a rear axle; its poses are nan.
+    A *bag* has a ``topic`` of Odometry, TwistWithCovarianceStamped or TwistStamped.
 
     Raises a ``ValueError`` that names file and line if it is neither, or not in time order.
     """
     source = check_path("path", path)
-    text = decoded(source)
-    first = next((line for line in text.splitlines() if line.strip() and line[0] != "#"), "")
-    found = _poses(source, text) if len(first.split()) == _POSES else _odometry(source)
+    found = load_bag_reference(source, topic) if is_bag(source) else _of_text(source)
     if len(found.times) < 2 or not (np.diff(found.times) > 0.0).all():
         raise ValueError(
             f"{source} must have two lines or more, poses six, in strictly increasing time"
         )
     return found
+
+
+def _of_text(source: Path) -> Reference:
+    text = decoded(source)
+    first = next((line for line in text.splitlines() if line.strip() and line[0] != "#"), "")
+    return _poses(source, text) if len(first.split()) == _POSES else _odometry(source)
 
 
 def _odometry(source: Path) -> Reference:

@@ -5,7 +5,8 @@ import gzip
 import io
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.radar.readers.shared import brief, bytes_of, reading
+from d2d.radar.scans.scan import MEASURED, RadarScan
 
 _TIMES = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0, "nsec": 1e-9}
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3}
@@ -39,19 +41,30 @@ QUANTITIES = {
     "y": Quantity(("y", "pos_y"), _LENGTHS),
     "z": Quantity(("z", "pos_z"), _LENGTHS),
     "doppler": Quantity(
-        ("doppler", "range_rate", "radial_velocity", "radial_speed", "v_r", "vr", "velocity"),
+        (
+            *("doppler", "doppler_velocity", "v_doppler", "range_rate", "radial_velocity"),
+            *("radial_speed", "v_r", "vr", "velocity"),
+        ),
         _SPEEDS,
     ),
     "sigma_range": Quantity(("sigma_range",), _LENGTHS),
     "sigma_azimuth": Quantity(("sigma_azimuth",), _ANGLES),
     "sigma_doppler": Quantity(("sigma_doppler",), _SPEEDS),
     "sigma_elevation": Quantity(("sigma_elevation",), _ANGLES),
-    "snr": Quantity(("snr", "snr_db", "intensity", "power", "rcs")),
+    "snr": Quantity(("snr", "snr_db", "intensity", "amplitude", "power", "rcs")),
     "sensor": Quantity(("sensor", "sensor_id")),
     "frame": Quantity(()),
     "speed": Quantity(("speed", "velocity", "v"), _SPEEDS),
     "yaw_rate": Quantity(("yaw_rate", "yawrate", "omega", "gyro_z"), _RATES | _ANGLES),
 }
+
+# Of a target; the others are of a log or of an odometry.
+TARGET = (
+    *("range", "azimuth", "elevation", "x", "y", "z", "doppler", "snr"),
+    *("sigma_range", "sigma_azimuth", "sigma_doppler", "sigma_elevation"),
+)
+# Between those that RadarScenes, nuScenes and the thesis's radar have.
+_USUAL = {"sigma_range": 0.15, "sigma_azimuth": math.radians(0.5), "sigma_doppler": 0.06}
 
 
 class Column(NamedTuple):
@@ -207,6 +220,31 @@ def seconds_of(word: str) -> float:
     """Seconds since 1970 of a date and time in ISO 8601, in UTC unless it says otherwise."""
     moment = datetime.fromisoformat(word.strip())
     return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def scan_of(time: float, columns: Mapping[str, Any]) -> RadarScan:
+    """The scan of targets that have range and azimuth, or else x and y, and perhaps a height."""
+    errors: dict[str, Any] = {n: c for n, c in columns.items() if n.startswith("sigma_")}
+    if not {"range", "azimuth"} <= columns.keys():
+        place = columns["x"], columns["y"], columns.get("z")
+        return RadarScan.from_cartesian(time, *place, doppler=columns["doppler"], **errors)
+    elevation = columns.get("elevation")
+    if elevation is None and "z" in columns:
+        elevation = np.arcsin(np.clip(columns["z"] / columns["range"], -1.0, 1.0))
+    measured = (columns[name] for name in MEASURED)
+    return RadarScan(time, *measured, **errors, elevation=elevation)
+
+
+def usual_sigmas(where: object, names: Iterable[str]) -> dict[str, float]:
+    """Standard deviations that stand in for those that a log does not state, with a warning."""
+    taken = sorted(names)
+    warnings.warn(
+        f"{where} has no {', '.join(taken)}: usual values are taken out of 0.15 m, 0.5 deg, 0.06 "
+        "m/s; --sigma-range, --sigma-azimuth and --sigma-doppler state those of your radar, on "
+        "which the covariances rest",
+        stacklevel=2,
+    )
+    return {name: _USUAL[name] for name in taken}
 
 
 def number(name: str, text: str) -> float:

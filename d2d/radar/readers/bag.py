@@ -1,0 +1,361 @@
+"""Scans, mountings and references in bags of ROS 1 and ROS 2, also MCAP; needs rosbags."""
+
+import os
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from d2d._checks import FINITE, check_path
+from d2d._types import Array
+from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mountings_of, sigmas_of
+from d2d.radar.readers.shared import brief, reading, yaw_of
+from d2d.radar.readers.table import QUANTITIES, TARGET, scan_of, usual_sigmas
+from d2d.radar.scans.reference import Reference
+from d2d.radar.scans.scan import SIGMAS, Mounting, RadarScan
+from d2d.radar.tracks.track import Track
+
+_NANOSECOND = 1e-9  # s
+_UNKNOWN, _PLANAR = 1e6, [0, 1, 5]  # variance; x, y and yaw among x, y, z, roll, pitch, yaw
+_SCANS = ("sensor_msgs/msg/PointCloud2", "radar_msgs/msg/RadarScan")
+_TYPES = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", 6: "<u4", 7: "<f4", 8: "<f8"}
+_MOTIONS: dict[str, Callable[[Any], tuple[Any, Any]]] = {
+    "nav_msgs/msg/Odometry": lambda message: (message.twist.twist, message.pose.pose),
+    "geometry_msgs/msg/TwistWithCovarianceStamped": lambda message: (message.twist.twist, None),
+    "geometry_msgs/msg/TwistStamped": lambda message: (message.twist, None),
+}
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag: a file .bag, .mcap or .db3, or a folder with a metadata.yaml."""
+    return path.suffix in (".bag", ".mcap", ".db3") or (path / "metadata.yaml").exists()
+
+
+def load_bag(
+    path: str | os.PathLike[str],
+    *topics: str,
+    base_frame: str = "base_link",
+    mountings: Mapping[str, Mounting] | None = None,
+    bag_stamps: bool = False,
+    min_snr: float | None = None,
+    **sigmas: float | None,
+) -> dict[str, tuple[list[RadarScan], Mounting]]:
+    """Read the scans and the mounting of each topic, by its name, as `track` takes them.
+
+    A topic has messages ``sensor_msgs/PointCloud2`` or ``radar_msgs/RadarScan``.  The fields of a
+    cloud are recognised by the names that a log's columns may have: range and azimuth, or x, y and
+    z, and a Doppler velocity.  Points that are not finite or without a range are left out, with a
+    warning that counts them.  The mounting is that of the messages' frame in ``base_frame``, from
+    ``/tf_static``, unless it is among the ``mountings``.  Times are those of the headers; with
+    ``bag_stamps``, or where a header has none, those at which the messages were written.
+
+    The standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` in m, rad and
+    m/s are those of all targets; without one a usual value is taken, with a warning.  Targets with
+    a smaller SNR than ``min_snr`` are left out.
+
+    Raises a ``ValueError`` if the bag cannot be read or a topic, field or mounting is missing, and
+    a ``ModuleNotFoundError`` without rosbags.
+    """
+    source = check_path("path", path)
+    given, found = dict(mountings or {}), {}
+    for topic in topics:
+        scans, frame = _scans(source, topic, bag_stamps, min_snr, sigmas)
+        mounting = given.get(topic) or _mounting(source, frame, base_frame)
+        found[topic] = scans, mounting
+    return found
+
+
+def load_bag_reference(path: Path, topic: str | None = None) -> Reference:
+    """The motion in messages Odometry, TwistWithCovarianceStamped or TwistStamped.
+
+    Velocities are those of the messages' child frame.  Without a topic, it is the only one of these
+    types.
+    """
+    with _opened(path) as bag:
+        known = [c.topic for c in bag.connections if c.msgtype in _MOTIONS]
+        if topic is None and len(set(known)) == 1:
+            topic = known[0]
+        if topic is None or topic not in known:
+            raise ValueError(
+                f"{path}: the topic of the reference must be one of {', '.join(sorted(set(known)))}"
+                f", but is {topic}"
+            )
+        rows = []
+        for message, stamp, kind in _messages(bag, topic):
+            twist, pose = _MOTIONS[kind](message)
+            row = [stamp, twist.linear.x, twist.linear.y, twist.angular.z]
+            if pose is None:
+                rows.append([*row, np.nan, np.nan, np.nan])
+            else:
+                at, turn = pose.position, pose.orientation
+                rows.append([*row, at.x, at.y, float(yaw_of(turn.w, turn.x, turn.y, turn.z))])
+    table = np.array(rows).reshape(-1, 7)
+    if not np.isfinite(table[:, :4]).all():
+        raise ValueError(f"{path}: the velocities of {topic} must be finite")
+    return Reference(table[:, 0], table[:, 1:4], table[:, 4:])
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """A bag, whose faults become ValueErrors that name it."""
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_typestore
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError("reading bags needs rosbags: pip install 'd2d[ros]'") from None
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist; it should be a bag")
+    with reading(path, "a bag of ROS"):
+        try:
+            reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
+            reader.open()
+        except AnyReaderError as error:
+            raise ValueError(str(error)) from None
+    try:
+        yield reader
+    except AnyReaderError as error:
+        raise ValueError(f"{path} is not a complete bag: {brief(error)}") from None
+    finally:
+        reader.close()
+
+
+def _messages(bag: Any, topic: str, bag_stamps: bool = False) -> Iterator[tuple[Any, float, str]]:
+    """The messages of a topic with their times in s and types."""
+    chosen = [connection for connection in bag.connections if connection.topic == topic]
+    for connection, written, raw in bag.messages(connections=chosen):
+        message = bag.deserialize(raw, connection.msgtype)
+        stamp = message.header.stamp
+        time = stamp.sec + _NANOSECOND * stamp.nanosec
+        yield (
+            message,
+            (_NANOSECOND * written if bag_stamps or not time else time),
+            connection.msgtype,
+        )
+
+
+def _scans(
+    path: Path,
+    topic: str,
+    bag_stamps: bool,
+    min_snr: float | None,
+    sigmas: Mapping[str, float | None],
+) -> tuple[list[RadarScan], str]:
+    """The scans of a topic, and the frame that their headers name."""
+    scans, frame, points, left_out = [], "", 0, 0
+    errors: dict[str, Any] = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
+    with _opened(path) as bag:
+        known = sorted({c.topic for c in bag.connections if c.msgtype in _SCANS})
+        if topic not in known:
+            raise ValueError(
+                f"{path}: the topic of a radar must be one of {', '.join(known) or 'none'}, but is "
+                f"{topic}"
+            )
+        for message, time, kind in _messages(bag, topic, bag_stamps):
+            with reading(path, f"a bag with scans of a radar on {topic}"):
+                columns = _cloud(message) if kind == _SCANS[0] else _returns(message)
+                columns = _columns(columns)
+                missing = {*SIGMAS} - errors.keys() - columns.keys()
+                if missing:
+                    errors |= usual_sigmas(f"{path}, {topic}", missing)
+                good = np.all([np.isfinite(c) for c in columns.values()], axis=0)
+                distance = [columns[name] for name in ("range", "x", "y") if name in columns]
+                good &= np.any([part != 0.0 for part in distance], axis=0)
+                points, left_out = points + len(good), left_out + int((~good).sum())
+                if min_snr is not None:
+                    if "snr" not in columns:
+                        raise ValueError("it has no field snr, which min_snr needs")
+                    good &= columns["snr"] >= FINITE.number("min_snr", min_snr)
+                used = {name: column[good] for name, column in columns.items()}
+                scans.append(scan_of(time, used | errors))
+                frame = message.header.frame_id
+    if left_out:
+        warnings.warn(
+            f"{path}: {left_out} of {points} points of {topic} are left out, because a number is "
+            "not finite or the range is zero",
+            stacklevel=3,
+        )
+    return scans, frame
+
+
+def _cloud(message: Any) -> dict[str, Array]:
+    """The fields of a PointCloud2, by their names."""
+    layout = np.dtype(
+        {
+            "names": [field.name for field in message.fields],
+            "formats": [_TYPES[field.datatype] for field in message.fields],
+            "offsets": [field.offset for field in message.fields],
+            "itemsize": message.point_step,
+        }
+    )
+    layout = layout.newbyteorder(">") if message.is_bigendian else layout
+    rows = np.asarray(message.data).tobytes()
+    if message.row_step > message.width * message.point_step:  # rows are filled up
+        rows = b"".join(
+            rows[start : start + message.width * message.point_step]
+            for start in range(0, message.height * message.row_step, message.row_step)
+        )
+    points = np.frombuffer(rows, layout, message.height * message.width)
+    return {name: points[name].astype(np.float64) for name in layout.names or ()}
+
+
+def _returns(message: Any) -> dict[str, Array]:
+    """The returns of a RadarScan; one whose elevations are all zero is flat."""
+    names = ("range", "azimuth", "elevation", "doppler_velocity", "amplitude")
+    table = np.array([[getattr(r, name) for name in names] for r in message.returns], np.float64)
+    return dict(zip(names, table.reshape(-1, len(names)).T, strict=True))
+
+
+def _columns(fields: Mapping[str, Array]) -> dict[str, Array]:
+    """The fields by what they hold, in the units of `RadarScan`."""
+    found = {}
+    for name in TARGET:
+        quantity = QUANTITIES[name]
+        ways = [(f"{n}_{u}" if u else n, u) for n in quantity.names for u in ("", *quantity.units)]
+        way = next((way for way in ways if way[0] in fields), None)
+        if way is not None:
+            found[name] = fields[way[0]] * quantity.units.get(way[1], 1.0)
+    return found
+
+
+def _mounting(path: Path, frame: str, base: str) -> Mounting:
+    """The pose of a frame in the base frame, from the static transforms of a bag."""
+    parents: dict[str, tuple[str, Any]] = {}
+    with _opened(path) as bag:
+        static = [c for c in bag.connections if c.topic.endswith("tf_static")]
+        for connection, _, raw in bag.messages(connections=static) if static else ():
+            for each in bag.deserialize(raw, connection.msgtype).transforms:
+                child, parent = (n.strip("/") for n in (each.child_frame_id, each.header.frame_id))
+                parents[child] = parent, each.transform
+    place, turn, at = np.zeros(3), Rotation.identity(), frame.strip("/")
+    for _ in range(len(parents)):
+        if at == base.strip("/"):
+            break
+        if at not in parents:
+            break
+        at, transform = parents[at]
+        step = Rotation.from_quat([getattr(transform.rotation, name) for name in "xyzw"])
+        arm = [getattr(transform.translation, name) for name in "xyz"]
+        place, turn = step.apply(place) + arm, step * turn
+    if at != base.strip("/"):
+        raise ValueError(
+            f"{path}: /tf_static must lead from {base} to {frame}, but has "
+            f"{brief(', '.join(f'{p} to {c}' for c, (p, _) in parents.items())) or 'nothing'}; "
+            "state the mounting, or another base_frame"
+        )
+    yaw, pitch, roll = turn.as_euler("ZYX")
+    return Mounting(place[0], place[1], yaw, pitch, roll)
+
+
+def write_bag(path: str | os.PathLike[str], driven: Track, frame: str = "base_link") -> None:
+    """Write a track as messages Odometry and TwistWithCovarianceStamped.
+
+    The topics are ``/d2d/odometry``, of a pose in the frame "odom", and ``/d2d/twist``.  A path
+    that ends with .bag becomes a bag of ROS 1, another one a folder of ROS 2 with an MCAP file.
+    Estimates that were not accepted have no twist, and an odometry of unknown velocity.
+    Covariances are 6 x 6 in row-major order over x, y, z, roll, pitch, yaw, in m, rad and seconds;
+    what is not known has the variance 1e6.  The track must be of one segment, and the path free.
+    """
+    target = check_path("path", path)
+    if target.exists():
+        raise FileExistsError(f"{target} exists; a bag is not written over another one")
+    try:
+        from rosbags.rosbag1 import Writer as Writer1
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError("writing bags needs rosbags: pip install 'd2d[ros]'") from None
+    first = target.suffix == ".bag"
+    store = get_typestore(Stores.ROS1_NOETIC if first else Stores.LATEST)
+    serialize = store.serialize_ros1 if first else store.serialize_cdr
+    types = {
+        name.rpartition("/")[2]: kind
+        for name, kind in store.types.items()
+        if name.startswith(("builtin_interfaces/msg/", "geometry_msgs/msg/", "nav_msgs/msg/"))
+    }
+    sequence = {"seq": 0} if first else {}
+
+    def header(time: float, of: str) -> Any:
+        seconds = int(time // 1.0)
+        stamp = types["Time"](seconds, min(round((time - seconds) / _NANOSECOND), 999_999_999))
+        return store.types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id=of)
+
+    poses, start = driven.poses()[1:], driven.times[:1] - driven.intervals[:1]
+    moved = driven.displacement(np.repeat(start, len(driven)), driven.times).covariance
+    writer: Any = (
+        Writer1(target) if first else Writer(target, version=9, storage_plugin=StoragePlugin.MCAP)
+    )
+    kinds = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistWithCovarianceStamped")
+    with writer:
+        odometry, twists = (
+            writer.add_connection(topic, kind, typestore=store)
+            for topic, kind in zip(("/d2d/odometry", "/d2d/twist"), kinds, strict=True)
+        )
+        for time, (x, y, yaw), spread, theta, covariance, good in zip(
+            *(driven.times, poses, moved, driven.theta, driven.covariance, driven.converged),
+            strict=True,
+        ):
+            at, vector = types["Point"](x, y, 0.0), types["Vector3"]
+            turn = types["Quaternion"](0.0, 0.0, np.sin(0.5 * yaw), np.cos(0.5 * yaw))
+            velocity = types["Twist"](vector(*theta[:2], 0.0), vector(0.0, 0.0, theta[2]))
+            twist = types["TwistWithCovariance"](velocity, _spatial(covariance))
+            pose = types["PoseWithCovariance"](types["Pose"](at, turn), _spatial(spread))
+            stamp = round(time / _NANOSECOND)
+            message = types["Odometry"](header(time, "odom"), frame, pose, twist)
+            writer.write(odometry, stamp, serialize(message, kinds[0]))
+            if good:
+                message = types["TwistWithCovarianceStamped"](header(time, frame), twist)
+                writer.write(twists, stamp, serialize(message, kinds[1]))
+
+
+def _spatial(covariance: Array) -> Array:
+    """A covariance (36,) in space, row by row, of one (3, 3) in the plane."""
+    spatial = _UNKNOWN * np.eye(6)
+    if np.isfinite(covariance).all():
+        spatial[np.ix_(_PLANAR, _PLANAR)] = covariance
+    return spatial.ravel()
+
+
+def _read(path: str, chosen: Mapping[str, Any]) -> Source:
+    topics: Sequence[str] = chosen["topic"]
+    return Source(
+        load_bag(
+            path,
+            *topics,
+            base_frame=chosen["base_frame"] or "base_link",
+            mountings=mountings_of(chosen),
+            bag_stamps=bool(chosen["bag_stamps"]),
+            min_snr=chosen["min_snr"],
+            **sigmas_of(chosen),
+        )
+    )
+
+
+READER = Reader(
+    "bag",
+    "a bag of ROS 1 or ROS 2, or an MCAP file",
+    load_bag,
+    (
+        Option(
+            "topic",
+            "of PointCloud2 or RadarScan, one for each sensor",
+            {"nargs": "+", "metavar": "TOPIC"},
+            needed=True,
+        ),
+        *(option._replace(needed=False) for option in LOG_OPTIONS),
+        Option(
+            "base_frame",
+            "frame of the vehicle in /tf_static (default: base_link)",
+            {"metavar": "FRAME"},
+        ),
+        Option(
+            "bag_stamps",
+            "take the times at which messages were written, not those of their headers",
+            {"action": "store_true", "default": None},
+        ),
+    ),
+    _read,
+)
