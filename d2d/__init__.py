@@ -15,6 +15,8 @@ from d2d.registration import ANNEALED, multi_start, register, start_grid
 from d2d.sandwich import sandwich_covariance
 from d2d.scores import Whitened, coverage, crps, log_score, whiten
 
+__version__ = "0.2.0"
+
 __all__ = [
     "ANNEALED",
     "CorruptedGaussian",

@@ -8,15 +8,17 @@ import os
 import re
 import sys
 import tempfile
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import d2d
 from d2d._checks import Bounds, check_path
 from d2d.radar.evaluation.calibrate import calibrate
 from d2d.radar.evaluation.compare import compare
@@ -32,6 +34,7 @@ from d2d.radar.readers.reader import LOG_OPTIONS, Option, Source, mountings_of, 
 from d2d.radar.readers.shared import brief
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
+from d2d.radar.scans.scan import Mounting
 from d2d.radar.simulation.drive import simulate_drive
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import HORIZON, MAX_INTERVAL, SensorScans
@@ -40,7 +43,6 @@ from d2d.radar.tracks.tracker import Tracker, track
 
 PROGRAM = "python -m d2d.radar"
 
-_MAX_ACCELERATION = VehicleLimits().acceleration
 _DEGREES = Bounds(least=0.0, most=360.0, unit="in degrees, ")
 
 # Of the error budget: the unit, and what each is the standard deviation of.
@@ -61,6 +63,26 @@ GATES = {
     "azimuth": ("DEG", "targets between these azimuths in the sensor's frame"),
     "elevation": ("DEG", "targets between these elevations in the sensor's frame"),
 }
+# Limits of vehicles that are not a car's.
+VEHICLES: dict[str, dict[str, float]] = {
+    "car": {},
+    "robot": {"speed": 10.0, "yaw_rate": 6.0, "yaw_acceleration": 15.0, "uncertainty": 0.3},
+    "omni": {
+        **{"speed": 30.0, "yaw_rate": 6.0, "yaw_acceleration": 15.0, "uncertainty": 0.3},
+        "yaw_rate_of_slip": math.inf,
+    },
+    "train": {"speed": 150.0, "yaw_rate": 0.3, "acceleration": 4.0, "yaw_acceleration": 0.3},
+}
+# Of the fields of `VehicleLimits`, in their order; an estimate beyond one is not accepted.
+LIMITS = {
+    "max-speed": ("M/S", "of the vehicle's origin; this and the following may be inf"),
+    "max-yaw-rate": ("DEG/S", "of the vehicle"),
+    "max-acceleration": ("M/S^2", "along and across"),
+    "max-yaw-acceleration": ("DEG/S^2", "of the vehicle"),
+    "max-yaw-rate-sigma": ("DEG/S", "of an estimate's own standard deviation"),
+    "max-speed-sigma": ("M/S", "of an estimate's own standard deviation"),
+    "max-yaw-rate-of-slip": ("DEG/S", "by which the yaw rate may change if v_y is taken as zero"),
+}
 LIVE_OPTIONS = [o for o in LOG_OPTIONS if o.name != "min_snr"] + [
     o for o in READERS["csv"].options if o.name == "degrees"
 ]
@@ -73,6 +95,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     what was wrong is written to the standard error.  Raises a ``SystemExit`` with status 2 if the
     arguments are wrong, with 0 after ``--help``.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal may know no letters beyond ASCII
+            stream.reconfigure(errors="replace")
     arguments = _parser().parse_args(argv)
     _check_options(arguments)
     try:
@@ -111,6 +136,18 @@ def _plain_warnings() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def _noted(text: str) -> Iterator[None]:
+    """Inside, say on a terminal what is done if it takes longer than a second and a half."""
+    timer = threading.Timer(1.5, _complain, [text])
+    if sys.stderr is not None and sys.stderr.isatty():
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
 def _complain(text: str) -> None:
     """Write a line to the standard error; drop it if that cannot be written to."""
     if sys.stderr is not None:
@@ -126,6 +163,7 @@ def _plain(text: object) -> str:
 def _parser() -> argparse.ArgumentParser:
     plain = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(PROGRAM, description=HELP, formatter_class=plain)
+    parser.add_argument("--version", action="version", version=f"d2d {d2d.__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(
@@ -217,7 +255,9 @@ def _add_estimation(parser: argparse.ArgumentParser, *, whole: bool) -> None:
     add("--horizon", "S")
     add("--baseline", "N", int)
     add("--side-slip", "M/S")
-    add("--max-acceleration", "M/S^2", default=_MAX_ACCELERATION)
+    how.add_argument("--vehicle", choices=VEHICLES, default="car", help=ABOUT["--vehicle"])
+    for name, (unit, what) in LIMITS.items():
+        how.add_argument(f"--{name}", type=float, metavar=unit, help=what)
     if whole:
         add("--extent", "M")
         add("--max-interval", "S", default=MAX_INTERVAL)
@@ -257,13 +297,16 @@ def _check_options(arguments: argparse.Namespace) -> None:
     options, error = vars(arguments), arguments.error
     if arguments.command == "track":
         chosen = next(each for name, each in READERS.items() if options[name] is not None)
-        for option in (option for reader in READERS.values() for option in reader.options):
-            given = options[option.name] is not None
-            if given and option not in chosen.options:
-                owners = [name for name, each in READERS.items() if option in each.options]
-                error(f"{_flag(option.name)} belongs to --{' and --'.join(owners)}")
-            if option in chosen.options and option.needed and not given:
-                error(f"--{chosen.name} needs {_flag(option.name)}; see {PROGRAM} track --help")
+        owners: dict[str, list[str]] = {}
+        for name, each in READERS.items():
+            for option in each.options:
+                owners.setdefault(option.name, []).append(f"--{name}")
+        for given, readers in owners.items():
+            if options[given] is not None and f"--{chosen.name}" not in readers:
+                error(f"{_flag(given)} belongs to {' and '.join(readers)}")
+        for needed in chosen.options:
+            if needed.needed and options[needed.name] is None:
+                error(f"--{chosen.name} needs {_flag(needed.name)}; see {PROGRAM} track --help")
     if options.get("no_budget"):
         for name in BUDGET:
             if options[f"budget_{name}"] is not None:
@@ -310,8 +353,18 @@ def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, An
         "horizon": arguments.horizon,
         "budget": ErrorBudget() if arguments.no_budget else replace(budget, **known),
         "side_slip": True if slip is None else slip or False,
-        "limits": VehicleLimits(acceleration=arguments.max_acceleration),
+        "limits": _limits(vars(arguments)),
     }
+
+
+def _limits(options: dict[str, Any]) -> VehicleLimits:
+    """The limits of the vehicle that the options name, with the numbers that they give."""
+    known = dict(VEHICLES[options["vehicle"]])
+    for (name, (unit, _)), field in zip(LIMITS.items(), fields(VehicleLimits), strict=True):
+        given = options[name.replace("-", "_")]
+        if given is not None:
+            known[field.name] = math.radians(given) if unit.startswith("DEG") else given
+    return VehicleLimits(**known)
 
 
 # ---- What the commands do
@@ -323,6 +376,8 @@ def _track(arguments: argparse.Namespace) -> None:
     options = {**_options(arguments, budget), "max_interval": arguments.max_interval}
     count = sum(len(scans) for scans, _ in sensors.values())
     print(f"read {count} scans of {len(sensors)} sensor{'s' * (len(sensors) > 1)}", flush=True)
+    with _noted("compiling, once on this machine, for up to a minute"):
+        Tracker({"": Mounting()}, **{n: options[n] for n in options if n != "max_interval"})
     driven = track(sensors, **options, progress=False if arguments.no_progress else None)
     print(driven, flush=True)
     sure = _judge(sensors, driven, options)
@@ -373,7 +428,9 @@ def _live(arguments: argparse.Namespace) -> None:
         raise ValueError("live reads scans from the standard input, which is closed")
     if sys.stdout is None:
         raise ValueError("live writes estimates to the standard output, which is closed")
-    tracker = Tracker(mountings_of(vars(arguments)), keep=1, **_options(arguments, ErrorBudget()))
+    with _noted("compiling, once on this machine, for up to a minute"):
+        options = _options(arguments, ErrorBudget())
+        tracker = Tracker(mountings_of(vars(arguments)), keep=1, **options)
     if isinstance(sys.stdin, io.TextIOWrapper):
         # JSON is UTF-8, which may begin with a mark; a wrong byte is one wrong line
         sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")
@@ -533,8 +590,8 @@ ABOUT = {
     "--side-slip": "standard deviation of the sideways velocity of the vehicle's origin about "
     "zero; 0 if it never moves sideways, as the middle of a rear axle that does not slip "
     "(default: unknown). It helps a single radar most: the yaw rate becomes more accurate",
-    "--max-acceleration": "estimates that need a larger acceleration are not accepted (default: "
-    f"{_MAX_ACCELERATION:g}, somewhat beyond a car's)",
+    "--vehicle": "what the vehicle can do, for the limits below (default: car); an omni moves "
+    "sideways, too",
     "--max-interval": f"longest usual time between two scans (default: {MAX_INTERVAL:g})",
 }
 

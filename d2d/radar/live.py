@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from d2d import rigid
 from d2d._checks import SECONDS, check_finite
+from d2d._types import Array
 from d2d.radar.scans.scan import MEASURED, SIGMAS, RadarScan
 from d2d.radar.tracks.estimator import VelocityEstimate
 from d2d.radar.tracks.tracker import Tracker
@@ -37,6 +39,7 @@ def estimates_of(
     instead of the lines'.  ``gates`` are arguments of `RadarScan.within`.  What is wrong with a
     line goes to ``complain`` with its number, and the next one is read.
     """
+    last, pose = None, np.zeros(3)
     for count, line in enumerate(lines, start=1):
         if not line.strip():
             continue
@@ -46,8 +49,26 @@ def estimates_of(
         except (ValueError, RecursionError) as error:
             complain(f"line {count}: {error}")
             continue
-        yield from map(_line, found)
-    yield from map(_line, tracker.finish())
+        for estimate in found:
+            last, pose = _moved(last, pose, estimate)
+            yield _line(estimate, pose)
+    for estimate in tracker.finish():
+        last, pose = _moved(last, pose, estimate)
+        yield _line(estimate, pose)
+
+
+def _moved(
+    last: VelocityEstimate | None, pose: Array, estimate: VelocityEstimate
+) -> tuple[VelocityEstimate, Array]:
+    """The estimate, and the pose that the mean of the last velocity and its own leads to.
+
+    Where it was not accepted, its velocity is the last one that was; a step of the clock back, over
+    which nothing is known, leaves the pose.
+    """
+    before = estimate.theta if last is None else last.theta
+    twist = 0.5 * estimate.interval * (before + estimate.theta)
+    moved = rigid.compose(pose, rigid.exponential(twist)) if np.isfinite(twist).all() else pose
+    return estimate, moved
 
 
 def _scan(line: str, degrees: bool, sigmas: dict[str, float | None]) -> tuple[str, RadarScan]:
@@ -71,7 +92,7 @@ def _scan(line: str, degrees: bool, sigmas: dict[str, float | None]) -> tuple[st
     return str(entry["sensor"]), RadarScan(*(values[name] for name in _COLUMNS), **upwards)
 
 
-def _line(estimate: VelocityEstimate) -> str:
+def _line(estimate: VelocityEstimate, pose: Array) -> str:
     """An estimate as JSON, with null for what is not known."""
     parts = estimate.parts._asdict() if estimate.parts is not None else {}
     entry = {
@@ -79,6 +100,7 @@ def _line(estimate: VelocityEstimate) -> str:
         "converged": estimate.converged,
         "reason": estimate.reason,
         "theta": estimate.theta.tolist(),
+        "pose": pose.tolist(),
         "covariance": _known(estimate.covariance),
         "targets": estimate.targets,
         "inliers": estimate.inliers if math.isfinite(estimate.inliers) else None,

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+import d2d
 from d2d.radar import (
     ErrorBudget,
     Mounting,
@@ -130,6 +131,38 @@ def test_what_the_vehicle_can_do_reaches_the_estimate(log):
     driven, limits = (scans, DRIVE.mounting), VehicleLimits(acceleration=2.0)
     assert_array_equal(found.converged, track(driven, limits=limits).converged)
     assert found.converged.sum() < track(driven).converged.sum()
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ("", VehicleLimits()),
+        ("--vehicle train", VehicleLimits(150.0, 0.3, 4.0, 0.3)),
+        ("--vehicle omni --max-speed inf", VehicleLimits(np.inf, 6, 12, 15, 0.3, 0.4, np.inf)),
+        (
+            "--max-yaw-rate 90 --max-yaw-rate-of-slip 6",
+            VehicleLimits(yaw_rate=90 * DEGREE, yaw_rate_of_slip=6 * DEGREE),
+        ),
+    ],
+)
+def test_a_vehicle_and_its_numbers_are_limits(log, monkeypatch, given, expected):
+    """Breaks if an option goes to another limit, or degrees stay degrees."""
+    seen = {}
+
+    def stop(_sensors, **options):
+        seen.update(options)
+        raise ValueError
+
+    monkeypatch.setattr("d2d.radar.cli.track", stop)
+    assert main(tracked(log, *given.split())) == 1
+    assert seen["limits"] == expected
+
+
+def test_the_version_is_that_of_the_package(capsys):
+    with pytest.raises(SystemExit) as left:
+        main(["--version"])
+    assert left.value.code == 0
+    assert capsys.readouterr().out == f"d2d {d2d.__version__}\n"
 
 
 def test_a_log_in_degrees_without_standard_deviations(tmp_path):

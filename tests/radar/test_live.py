@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d.radar import ErrorBudget, Tracker, simulate_drive
 from d2d.radar.cli import main
@@ -63,6 +63,31 @@ def test_lines_give_the_numbers_of_a_tracker(run):
         if other.converged:
             assert_array_equal(one["covariance"], other.covariance)
             assert_array_equal(one["parts"]["noise"], other.parts.noise)
+
+
+def test_the_pose_is_that_of_the_track(run):
+    """Breaks if the path of a service is another one than that of its log."""
+    found, _ = run(lines())
+    tracker = Tracker({"front": DRIVE.mounting}, budget=ErrorBudget())
+    for scan in DRIVE.scans:
+        tracker.add("front", scan)
+    wanted = tracker.track.poses()[1:]
+    assert_allclose([each["pose"] for each in found], wanted, atol=5e-3)
+
+
+def test_targets_with_a_height_and_gates(run):
+    """Breaks if a third dimension or a gate is dropped."""
+    flat, _ = run(lines(), "--azimuth", "-20", "30")
+    raised = []
+    for scan in DRIVE.scans:
+        low = scan.within(azimuth=np.deg2rad([-20.0, 30.0]))
+        entry = {name: getattr(low, name).tolist() for name in LISTS}
+        entry["range"] = (low.range / np.cos(0.3)).tolist()
+        entry["doppler"] = (low.doppler * np.cos(0.3)).tolist()
+        upwards = {"elevation": [0.3] * len(low), "sigma_elevation": 0.0}
+        raised.append(json.dumps({"sensor": "front", "time": scan.time} | entry | upwards))
+    found, _ = run(raised)
+    assert_allclose([e["theta"] for e in found], [e["theta"] for e in flat], atol=0.1)
 
 
 def test_angles_in_degrees_and_sigmas_for_all(run):

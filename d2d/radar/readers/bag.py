@@ -286,7 +286,7 @@ def write_bag(path: str | os.PathLike[str], driven: Track, frame: str = "base_li
     poses, start = driven.poses()[1:], driven.times[:1] - driven.intervals[:1]
     moved = driven.displacement(np.repeat(start, len(driven)), driven.times).covariance
     writer: Any = (
-        Writer1(target) if first else Writer(target, version=9, storage_plugin=StoragePlugin.MCAP)
+        Writer1(target) if first else Writer(target, version=8, storage_plugin=StoragePlugin.MCAP)
     )
     kinds = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/TwistWithCovarianceStamped")
     with writer:

@@ -356,13 +356,27 @@ class Track(Frozen):
         """Summary with the most frequent reasons of failure, and a first word if it is a guess."""
         if self.reasons is None:
             return repr(self)
-        alike = Counter(_NUMBER.sub("...", reason) for reason in self.reasons.tolist() if reason)
+        failed = [reason for reason in self.reasons.tolist() if reason]
+        alike = Counter(_NUMBER.sub("...", reason) for reason in failed)
         support = self.support
-        lines = [f"  {n} failed: {reason}" for reason, n in alike.most_common(_SHOWN_REASONS)]
+        lines = [
+            f"  {n} failed: {_with_ranges(kind, failed)}"
+            for kind, n in alike.most_common(_SHOWN_REASONS)
+        ]
         other = sum(alike.values()) - sum(n for _, n in alike.most_common(_SHOWN_REASONS))
         lines += [f"  {other} failed otherwise"] * (other > 0)
         first = [f"NOT SUPPORTED: {support}"] * (not support.enough)
         return "\n".join([*first, repr(self), *lines])
+
+
+def _with_ranges(kind: str, reasons: list[str]) -> str:
+    """The text of a kind of reasons, with the least and the largest of its numbers."""
+    alike = [each for each in reasons if _NUMBER.sub("...", each) == kind]
+    numbers = [[found[0] for found in _NUMBER.finditer(each)] for each in alike]
+    for column in zip(*numbers, strict=True):
+        ends = dict.fromkeys((min(column, key=float), max(column, key=float)))
+        kind = kind.replace("...", " to ".join(ends), 1)
+    return kind
 
 
 def _rows(name: str, value: Any, count: int) -> NDArray[Any]:

@@ -12,7 +12,7 @@ NAN = float("nan")
 class Row(NamedTuple):
     """How well a track agrees with the true motion; nan if nearly all estimates failed.
 
-    ``reason`` is the most frequent reason of failure, without its numbers.
+    ``reason`` is the most frequent reason of failure.
     """
 
     name: str

@@ -28,7 +28,7 @@ def test_a_row_has_the_errors_the_credibility_and_the_reason():
     assert found.accepted == 0.9
     assert_allclose((found.v_x, found.v_y, found.omega), [0.2, 0.2, np.rad2deg(0.2)])
     assert found.anees == pytest.approx(1.0)
-    assert found.reason == "a side slip of ... m/s"
+    assert found.reason == "a side slip of -0.50 m/s"
     assert row_table([found]).rows == (("mine", "90.0%", "0.200", "0.200", "11.46", "1"),)
 
 
