@@ -13,7 +13,6 @@ from d2d.point_set import PointSet
 from d2d.problem import Estimate
 from d2d.registration import register
 from d2d.study.beyond.mixtures import register_mixture
-from d2d.study.beyond.symmetric import register_symmetric
 from d2d.study.plane.evaluation import ALPHA, OUTLIER_COVARIANCE, ROBUST, at_truth, same_draws
 from d2d.study.plane.scenarios import Scenario
 from d2d.study.runs import MonteCarlo, stacked
@@ -25,7 +24,6 @@ Solver = Callable[[PointSet, PointSet, Array], Estimate]
 
 SOLVERS: dict[str, Solver] = {
     "likelihood": lambda f, m, start: register(f, m, ROBUST, start),
-    "both directions": lambda f, m, start: register_symmetric(f, m, ROBUST, start),
     "max-mixture": lambda f, m, start: register_mixture(f, m, "max", OUTLIER, start),
     "sum-mixture": lambda f, m, start: register_mixture(f, m, "sum", OUTLIER, start),
     "max-sum-mixture": lambda f, m, start: register_mixture(f, m, "max-sum", OUTLIER, start),

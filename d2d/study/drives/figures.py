@@ -34,10 +34,9 @@ from d2d.study.book.grammar import (
     cost_line,
 )
 from d2d.study.book.style import write_out_ticks
-from d2d.study.drives import budget_trial, extended
+from d2d.study.drives import budget_trial
 from d2d.study.drives.budget_trial import TrialErrors
 from d2d.study.drives.errors import IN_UNITS, UNITS
-from d2d.study.drives.extended import MODELS, ExtendedStudy
 from d2d.study.drives.fusion import GATE, REGION, Fused
 
 SYMBOLS = ("$v_x$", "$v_y$", "ω")
@@ -227,35 +226,6 @@ def track_lines(ax: Axes, poses: Array, true: Array) -> None:
     ax.plot(*poses[:, :2].T, **cost_line("robust", label="estimate"))
     ax.plot(*true[:, :2].T, **TRUTH, label="truth")
     ax.plot(*true[0, :2], "o", color=BLACK, ms=4)
-
-
-def anees_and_error(axes: Sequence[Axes], studies: Sequence[ExtendedStudy]) -> None:
-    """Draw ANEES (first axes) and RMSE of omega (second) against the objects' half width.
-
-    Objects whose points stay where they are, without an extent, are drawn for comparison.
-    """
-    lines = dict(zip(extended.COVARIANCES, ("P-", "^:"), strict=True))
-    redrawn, still = ([s for s in studies if s.redrawn == drawn] for drawn in (True, False))
-    groups = [
-        *((redrawn, model, model) for model in MODELS),
-        (still, MODELS[0], "points that stay"),
-    ]
-    for (chosen, model, name), color in zip(groups, (YELLOW, PURPLE, SKY, BLACK), strict=True):
-        widths = [study.half_width for study in chosen]
-        for covariance, line in lines.items():
-            anees = [study.judged[model].credibility(covariance).anees for study in chosen]
-            axes[0].plot(widths, anees, line, color=color)
-        rmse = [study.rmse(model)[2] for study in chosen]
-        axes[1].plot(widths, rmse, ".-", color=color, label=name)
-    axes[0].axhline(1.0, **TRUTH)
-    for covariance, line in lines.items():
-        axes[0].plot([], [], line, color=GREY, label=covariance)
-    axes[0].set(yscale="log", ylabel="ANEES")
-    axes[1].set(ylabel="RMSE of ω (°/s)")
-    for ax in axes:
-        ax.set_xlabel("half width of the objects (m)")
-        ax.margins(y=0.25)
-        ax.legend()
 
 
 def ingredients(ax: Axes, trial: Mapping[str, TrialErrors]) -> None:

@@ -95,21 +95,6 @@ def draw_scores(judged: Mapping[str, Mapping[str, Any]], wide: bool = False) -> 
     return figure
 
 
-def draw_extents(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Error of the yaw rate and ANEES of omega against the extent that the targets are given."""
-    figure, axes = plt.subplots(1, 2, figsize=(5.0, 2.7))
-    extent = [row["extent"] for row in rows]
-    axes[0].plot(extent, [row["inverse Hessian"]["rmse"][2] for row in rows], "o-", color=BLACK)
-    axes[0].set(xlabel="extent (m)", ylabel="RMSE of ω (°/s)", ylim=(0, None))
-    for entry, name in (("inverse Hessian", "inverse Hessian"), ("propagated", "propagated noise")):
-        omega = [row[entry]["whitened"][2] for row in rows]
-        axes[1].plot(extent, omega, **COVARIANCES[name].marks | {"ls": COVARIANCES[name].line})
-    axes[1].axhline(1.0, **TRUTH)
-    axes[1].set(xlabel="extent (m)", ylabel="mean square of ω's error / σ²", yscale="log")
-    axes[1].legend()
-    return figure
-
-
 def draw_horizons(drives: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
     """Error of the yaw rate, and the log score, against the time between the scans of a pair."""
     figure, axes = plt.subplots(1, 2, figsize=(5.0, 3.4), sharex=True)

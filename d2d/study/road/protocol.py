@@ -1,39 +1,35 @@
-"""Covariances on the road: all models fitted and judged alike, leaving one drive out.
+"""Covariances on the road: every model fitted and judged alike, leaving one drive out.
 
-Page G states the protocol, which was written down before it was run.
+Page G states the protocol.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import joblib
 import numpy as np
 import pandas as pd
+import scipy
 from numpy.typing import NDArray
 
 from d2d import block_bootstrap, log_score
 from d2d._types import Array
-from d2d.problem import Estimate, Problem
-from d2d.radar import Comparison, ErrorBudget, RadarScan, VehicleLimits
-from d2d.radar.motion.covariance import apply_budget
-from d2d.radar.motion.doppler import Acceleration
-from d2d.radar.motion.model import split_options
-from d2d.radar.tracks.estimator import OdometryEstimator
-from d2d.radar.tracks.rounds import Round
-from d2d.study.road.drive import DATA_SETS, Drive, Source
-from d2d.study.road.models import ABLATIONS, CAUSES, CONSTANTS, MODELS, Estimates, Parameters
-
-Flags = NDArray[np.bool_]
-Fitted = Mapping[str, Mapping[str, Parameters]]  # by drive and model
+from d2d.radar import Comparison, ErrorBudget, RadarScan, Tracker, fit_budget
+from d2d.radar.evaluation.fit import BudgetFit
+from d2d.study.road.drive import DATA_SETS, HORIZON, Drive, Source
 
 SEED = 20
 PERIOD, QUIET = 5.0, 3.0  # s: of these, the last ones are without a sensor
 FEWEST = 20  # estimates of a drive in a cell, for less it is not judged there
 ALL = "all"
-ALL_MODELS = MODELS | ABLATIONS
+CAUSES = "azimuth", "doppler", "scale", "lag"  # of an error budget
 DIRECTIONS = ("v_x", "v_y", "ω")
 LEVELS = ("50 %", "95 %", "99 %")
+BARE, EMPTY, FITTED, STORED = "bare pairs", "empty budget", "fitted budget", "stored budget"
+CONSTANT, FACTORS = "constant matrix", "3 factors"
+MODELS = (BARE, EMPTY, CONSTANT, FACTORS, FITTED, STORED)
+NOISE_ALONE = BARE, EMPTY  # judged with all sensors only: they are far too small there
 
 
 class Cell(NamedTuple):
@@ -53,76 +49,7 @@ CELLS = {
     "silence": Cell(silence=True),
 }
 
-
 # ---- Estimates
-
-
-@dataclass
-class Keeping(OdometryEstimator):
-    """An estimator that keeps what its last estimate came from."""
-
-    by: Acceleration = field(init=False)
-    kept: tuple[Problem, Estimate, Acceleration] = field(init=False)
-
-    def _acceleration(self, current: Round) -> Acceleration:
-        self.by = super()._acceleration(current)
-        return self.by
-
-    def _estimate(self, problem: Problem, views: Any) -> Estimate:
-        found = super()._estimate(problem, views)
-        self.kept = problem, found, self.by
-        return found
-
-
-class Found(NamedTuple):
-    """The estimates of a drive to be judged, and the share of the rounds that gave one."""
-
-    estimates: Estimates
-    share: float
-
-
-def followed(rounds: Sequence[Round], budget: ErrorBudget) -> tuple[Estimates, Flags]:
-    """The accepted estimates, whose errors are not known yet (nan), and which rounds they are of.
-
-    All covariances are those at the same optimum, carried by the same acceleration.
-    """
-    model, scales = split_options({})
-    sensors = 1 + max((each for current in rounds for each in current.sensors), default=0)
-    estimator = Keeping(model, scales, None, ErrorBudget(), VehicleLimits(), sensors, records=[])
-    rows, accepted = [], np.zeros(len(rounds), dtype=np.bool_)
-    for i, current in enumerate(rounds):
-        estimate = estimator.step(current)
-        if not estimate.converged:
-            continue
-        accepted[i] = True
-        assert estimator.records
-        raw, _ = estimator.records[-1]
-        problem, optimum, by = estimator.kept
-        near = optimum.theta  # on which neither parts nor slow errors depend
-        parts = apply_budget(problem, optimum, current.pairs, budget, current.time, near).parts
-        unit = replace(budget, azimuth=1.0, doppler=1.0, scale=1.0)
-        slow = apply_budget(problem, optimum, current.pairs, unit, current.time, near).slow
-        _, budgeted = raw._replace(parts=parts, lag=budget.lag).carried(by)
-        noise = raw.parts.total
-        carry = estimate.covariance - noise
-        rows.append(
-            (
-                *(current.time, estimate.theta, np.full(3, np.nan)),
-                *(optimum.covariance, noise, carry, budgeted.total, parts.dependence),
-                effects_of(slow, by.value),
-            )
-        )
-    columns = zip(*rows, strict=True) if rows else [()] * len(Estimates._fields)
-    shapes = (-1,), (-1, 3), (-1, 3), *[(-1, 3, 3)] * 5, (-1, len(CAUSES), 3, 3)
-    found = (np.array(c, float).reshape(shape) for c, shape in zip(columns, shapes, strict=True))
-    return Estimates(*found), accepted
-
-
-def effects_of(slow: Array, acceleration: Array) -> Array:
-    """Covariances (4, 3, 3) that a standard deviation of one of each cause adds."""
-    pairs = slow.shape[1] // 2 - 1  # each with an azimuth and a Doppler error; the slip is last
-    each = slow[:, :pairs], slow[:, pairs : 2 * pairs], slow[:, 2 * pairs : -1]
-    return np.array([columns @ columns.T for columns in (*each, acceleration[:, None])])
 
 
 def thinned(scans: Sequence[RadarScan], targets: int, rng: np.random.Generator) -> list[RadarScan]:
@@ -135,7 +62,7 @@ def thinned(scans: Sequence[RadarScan], targets: int, rng: np.random.Generator) 
     ]
 
 
-def is_quiet(times: Array, start: float, sensor: int, sensors: int) -> Flags:
+def is_quiet(times: Array, start: float, sensor: int, sensors: int) -> NDArray[np.bool_]:
     """Whether a sensor is off at the times (n,): each in turn, at the end of a period."""
     periods, rest = np.divmod(times - start, PERIOD)
     return np.asarray((rest >= PERIOD - QUIET) & (periods % sensors == sensor))
@@ -158,87 +85,191 @@ def changed(drive: Drive, cell: Cell, alone: Mapping[str, int]) -> Drive:
     return Drive(drive.title, found)
 
 
-def estimated(drive: Drive, cell: Cell, alone: Mapping[str, int]) -> Found:
-    """The estimates of a cell."""
+def judged(
+    drive: Drive, cell: Cell, alone: Mapping[str, int], budget: ErrorBudget | None
+) -> Comparison:
+    """The track of a cell beside the reference; without a budget, the bare pairs of scans."""
     left = changed(drive, cell, alone)
-    assert left.budget is not None
-    estimates, accepted = followed(left.rounds, left.budget)
-    times = np.array([each.time for each in left.rounds])
-    wanted: Flags = np.asarray(np.isfinite(drive.reference.at(times).theta).all(axis=1))
+    driven = left.track(horizon=HORIZON, budget=budget)
+    errors = driven.theta - drive.reference.at(driven.times).theta
+    wanted = np.isfinite(errors).all(axis=1)
     if cell.silence:
         start, count = drive.rounds[0].time, len(left.recordings)
-        wanted &= np.logical_or.reduce([is_quiet(times, start, s, count) for s in range(count)])
-    errors = estimates.theta - drive.reference.at(estimates.times).theta
-    judged = estimates._replace(errors=errors).where(wanted[accepted])
-    return Found(judged, float(accepted[wanted].mean()))
+        quiet = [is_quiet(driven.times, start, s, count) for s in range(count)]
+        wanted &= np.logical_or.reduce(quiet)
+    good = wanted & driven.converged
+    share = float(good.sum() / max(wanted.sum(), 1))
+    return Comparison(driven.times[good], errors[good], driven.covariance[good], share, share)
 
 
-def load_and_estimate(source: Source, cell: Cell) -> Found:
-    """The estimates of a cell from files."""
-    return estimated(source.load(), cell, DATA_SETS[source.data_set].alone)
+# ---- Fits
 
 
-def estimate_cells(sources: Sequence[Source]) -> dict[str, dict[str, Found]]:
-    """The estimates of all cells and drives of a data set."""
-    each = joblib.delayed(load_and_estimate)
-    found = iter(joblib.Parallel()(each(s, cell) for cell in CELLS.values() for s in sources))
-    return {cell: {source.name: next(found) for source in sources} for cell in CELLS}
+class Unfiltered(NamedTuple):
+    """The n estimates of a drive as input of a filter, beside the reference."""
+
+    errors: Array  # (n, 3), at the acceleration of the reference
+    white: Array  # (n, 3, 3)
+    effects: Array  # (4, n, 3, 3) of a standard deviation of one of each of `CAUSES`
 
 
-# ---- Fit and judgement
-
-
-def fit_others(drives: Mapping[str, Estimates]) -> Fitted:
-    """The parameters of every model for each drive, fitted to all others."""
-    found = {}
-    for held_out in drives:
-        others = [own for name, own in drives.items() if name != held_out]
-        found[held_out] = {name: model.fit(others) for name, model in ALL_MODELS.items()}
-    return found
-
-
-def measure(
-    found: Found, parameters: Mapping[str, Parameters], bounds: bool
-) -> list[dict[str, Any]]:
-    """The measures of every model on the estimates of a drive, with intervals if wanted."""
-    own = found.estimates
-    stated = {name: ALL_MODELS[name].covariances(given, own) for name, given in parameters.items()}
-    peer = log_score(own.errors, stated[CONSTANTS])
+def unfiltered(drive: Drive) -> Unfiltered:
+    """The accepted estimates of all sensors before a filter."""
+    budget, sensors = drive.budget, len(drive.recordings)
+    assert budget is not None
+    mountings = {str(s): own.mounting for s, own in enumerate(drive.recordings)}
+    tracker = Tracker(mountings, horizon=HORIZON, budget=budget)
     rows = []
-    for name, covariances in stated.items():
-        seen = Comparison(own.times, own.errors, covariances, found.share, found.share)
-        difference = log_score(own.errors, covariances) - peer
+    for estimate in [e for entry in drive.in_time_order() for e in tracker.add(*entry)]:
+        seen = estimate.filter_input
+        before, now = drive.reference.at([estimate.time - HORIZON, estimate.time]).theta
+        if seen is None or not np.isfinite([before, now]).all():
+            continue
+        acceleration = (now - before) / HORIZON
+        expected, _ = seen.expected(now, acceleration, np.zeros(seen.slow.shape[1] + 1))
+        each = np.split(seen.slow, [sensors, 2 * sensors, 2 * sensors + 1], axis=1)[:3]
+        numbers = budget.azimuth, budget.doppler, budget.scale
+        columns = [own / number for own, number in zip(each, numbers, strict=True)]
+        added = np.array([c @ c.T for c in (*columns, acceleration[:, None])])
+        rows.append((seen.velocity - expected, seen.white, added))
+    errors, white, effects = (np.array(column) for column in zip(*rows, strict=True))
+    return Unfiltered(errors, white, effects.swapaxes(0, 1))
+
+
+def load_unfiltered(source: Source) -> Unfiltered:
+    """The unfiltered estimates of a drive from files."""
+    return unfiltered(source.load())
+
+
+def fitted_budget(drives: Sequence[Unfiltered], stored: ErrorBudget) -> BudgetFit:
+    """The budget that is most likely for some drives; its length is that of a stored one."""
+    errors, white = (np.concatenate([getattr(d, n) for d in drives]) for n in ("errors", "white"))
+    effects = np.concatenate([each.effects for each in drives], axis=1)
+    found = fit_budget(errors, white, dict(zip(CAUSES, effects, strict=True)))
+    return replace(found, budget=replace(found.budget, neighbours=stored.neighbours))
+
+
+def constant_matrix(drives: Sequence[Comparison]) -> Array:
+    """The matrix (3, 3) with the best log score for all estimates: their mean square."""
+    errors = np.concatenate([own.errors for own in drives])
+    return np.asarray(errors.T @ errors / len(errors))
+
+
+def three_factors(drives: Sequence[Comparison]) -> Array:
+    """The factors (3,) on the standard deviations that have the best log score."""
+    errors, stated = (
+        np.concatenate([getattr(own, name) for own in drives]) for name in ("errors", "covariances")
+    )
+
+    def score(logarithms: Array) -> float:
+        factors = np.exp(logarithms)
+        return float(log_score(errors / factors, stated).mean() + logarithms.sum())
+
+    best = scipy.optimize.minimize(score, np.zeros(3), method="L-BFGS-B")
+    return np.asarray(np.exp(best.x))
+
+
+def others(drives: Mapping[str, Any], held_out: str) -> list[Any]:
+    """All drives but one."""
+    return [own for name, own in drives.items() if name != held_out]
+
+
+# ---- Judgement
+
+Tracks = Mapping[str, Comparison]  # for `FITTED` and `STORED`, with all sensors `NOISE_ALONE`, too
+
+
+def stated_by_models(own: Tracks, matrix: Array, factors: Array) -> dict[str, Comparison]:
+    """Every model's covariances; those without a budget of their own have the stored one's track.
+
+    ``matrix`` (3, 3) and ``factors`` (3,) are fitted to other drives.
+    """
+    stored = own[STORED]
+    wide = np.outer(factors, factors) * stored.covariances
+    alike = np.broadcast_to(matrix, stored.covariances.shape)
+    added = {CONSTANT: alike, FACTORS: wide}
+    found = {**own, **{name: replace(stored, covariances=each) for name, each in added.items()}}
+    return {name: found[name] for name in MODELS if name in found}
+
+
+def measure(models: Mapping[str, Comparison]) -> list[dict[str, Any]]:
+    """The measures of every model on a drive."""
+    stored = models[STORED]
+    rows = []
+    for name, seen in models.items():
+        measures = seen.measures
         row = {
             "model": name,
-            "log score": seen.measures.log_score,
-            "ANEES": seen.measures.anees,
-            **dict(zip(DIRECTIONS, seen.measures.whitened_squares, strict=True)),
-            **dict(zip(LEVELS, seen.measures.coverage, strict=True)),
-            "difference": difference.mean(),
-            "estimates": len(own.times),
-            "independent": len(own.times) / seen.block,
-            "accepted": found.share,
+            "log score": measures.log_score,
+            "ANEES": measures.anees,
+            **dict(zip(DIRECTIONS, measures.whitened_squares, strict=True)),
+            **dict(zip(LEVELS, measures.coverage, strict=True)),
+            **dict(zip((f"RMSE of {each}" for each in DIRECTIONS), measures.rmse, strict=True)),
+            "estimates": len(seen.times),
+            "independent": len(seen.times) / seen.block,
+            "accepted": seen.share,
+            "ANEES bounds": seen.intervals().anees,
         }
-        if bounds:
-            row["ANEES bounds"] = seen.intervals().anees
-            row["difference bounds"] = block_bootstrap(
-                np.mean, [difference], seen.block, np.random.default_rng(0), vectorized=True
-            )
+        shared = np.isin(seen.times, stored.times), np.isin(stored.times, seen.times)
+        each = [
+            log_score(own.errors[both], own.covariances[both])
+            for own, both in zip((seen, stored), shared, strict=True)
+        ]
+        difference = each[0] - each[1]
+        row["difference"] = float(difference.mean())
+        row["difference bounds"] = block_bootstrap(
+            np.mean, [difference], seen.block, np.random.default_rng(0), vectorized=True
+        )
         rows.append(row)
     return rows
 
 
-def protocol(cells: Mapping[str, Mapping[str, Found]]) -> tuple[Fitted, pd.DataFrame]:
-    """The parameters for each drive of a data set, and a row for each cell, drive and model.
+class Judged(NamedTuple):
+    """The budget that each drive of a data set is judged with, and a row for each measure."""
 
-    Two drives get intervals of their own; of more, the tables show the mean with its interval.
-    """
-    fitted = fit_others({name: found.estimates for name, found in cells[ALL].items()})
-    rows = [
-        {"cell": cell, "drive": name, **row}
-        for cell, drives in cells.items()
-        for name, found in drives.items()
-        if len(found.estimates.times) >= FEWEST
-        for row in measure(found, fitted[name], bounds=len(fitted) == 2)
-    ]
-    return fitted, pd.DataFrame(rows)
+    budgets: dict[str, BudgetFit]
+    rows: pd.DataFrame
+
+
+def load_and_judge(source: Source, cell: Cell, fitted: ErrorBudget) -> dict[str, Comparison]:
+    """The tracks of a cell from files."""
+    drive, alone = source.load(), DATA_SETS[source.data_set].alone
+    budgets = {FITTED: fitted, STORED: drive.budget}
+    if cell == CELLS[ALL]:
+        budgets = {BARE: None, EMPTY: ErrorBudget()} | budgets
+    return {name: judged(drive, cell, alone, budget) for name, budget in budgets.items()}
+
+
+def protocol(sources: Sequence[Source]) -> Judged:
+    """Judge every model in every cell on each drive of a data set, fitted to the others."""
+    stored = DATA_SETS[sources[0].data_set].budget
+    each = joblib.Parallel()(joblib.delayed(load_unfiltered)(s) for s in sources)
+    drives = dict(zip([source.name for source in sources], each, strict=True))
+    budgets = {name: fitted_budget(others(drives, name), stored) for name in drives}
+    run = joblib.delayed(load_and_judge)
+    tracks = iter(
+        joblib.Parallel()(
+            run(s, cell, budgets[s.name].budget) for cell in CELLS.values() for s in sources
+        )
+    )
+    return Judged(
+        budgets, rows_of({cell: {name: next(tracks) for name in drives} for cell in CELLS})
+    )
+
+
+def rows_of(cells: Mapping[str, Mapping[str, Tracks]]) -> pd.DataFrame:
+    """A row for each cell, drive and model; nothing is fitted in another cell than all sensors."""
+    whole = {name: own[STORED] for name, own in cells[ALL].items()}
+    fits = {
+        name: (constant_matrix(others(whole, name)), three_factors(others(whole, name)))
+        for name in whole
+    }
+    return pd.DataFrame(
+        [
+            {"cell": cell, "drive": name, **row}
+            for cell, drives in cells.items()
+            for name, own in drives.items()
+            if min(len(each.times) for each in own.values()) >= FEWEST
+            for row in measure(stated_by_models(own, *fits[name]))
+        ]
+    )

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -16,14 +15,14 @@ from d2d.study.book.style import letter_panels, use_style
 from d2d.study.results import results_path
 from d2d.study.road.drive import DATA_SETS, Source
 from d2d.study.road.markdown import markdown, write_page
-from d2d.study.road.models import ABLATIONS, BUDGET, CAUSES, CONSTANTS, MODELS
 from d2d.study.road.protocol import (
     ALL,
+    CAUSES,
     CELLS,
     DIRECTIONS,
     LEVELS,
-    Fitted,
-    estimate_cells,
+    MODELS,
+    Judged,
     protocol,
 )
 
@@ -33,7 +32,7 @@ PAGE = "road_protocol.md"
 
 
 def read_table(title: str) -> dict[str, list[str]]:
-    """The cells of a stored table, by covariance; its heading begins with the title."""
+    """The cells of a stored table, by model; its heading begins with the title."""
     text = results_path(PAGE).read_text(encoding="utf-8")
     lines = text.split(f"**{title}")[1].split("\n\n")[1].splitlines()[2:]
     rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
@@ -47,17 +46,12 @@ def mean_and_half_width(values: Array) -> tuple[Array, Array]:
     return np.mean(values, axis=0), half
 
 
-def fixed(value: Any, digits: int) -> str:
-    """A number with so many decimals, zero without a sign."""
-    return f"{np.round(value, digits) + 0.0:.{digits}f}"
-
-
 def over_drives(values: Array, digits: int) -> str:
     """Two drives one beside the other, more as their mean with its interval."""
     if len(values) < 3:
-        return " / ".join(fixed(value, digits) for value in values)
+        return " / ".join(f"{value:.{digits}f}" for value in values)
     mean, half = mean_and_half_width(values)
-    return f"{fixed(mean, digits)} (±{half:.{digits}f})"
+    return f"{mean:.{digits}f} (±{half:.{digits}f})"
 
 
 def by_drive(rows: pd.DataFrame, measure: str, cell: str = ALL) -> pd.DataFrame:
@@ -66,19 +60,25 @@ def by_drive(rows: pd.DataFrame, measure: str, cell: str = ALL) -> pd.DataFrame:
     return here.unstack("model", sort=False)
 
 
-def by_cell(rows: pd.DataFrame, models: Sequence[str], measure: str, beside: str = "") -> str:
-    """A table of one measure: models by cells, or how much it is above that of one ``beside``."""
+def table(rows: pd.DataFrame, columns: Mapping[str, tuple[str, str, float, int]]) -> str:
+    """A line for each model; of each column its cell, measure, factor and digits."""
+    lines = []
+    for model in MODELS:
+        found = []
+        for cell, measure, factor, digits in columns.values():
+            values = by_drive(rows, measure, cell)
+            known = model in values
+            found.append(over_drives(factor * values[model].to_numpy(), digits) if known else "–")
+        lines.append((model, *found))
+    return markdown(("covariance", *columns), lines)
+
+
+def by_cell(rows: pd.DataFrame, measure: str) -> str:
+    """A table of one measure: models by cells."""
+    digits = 2 if rows["drive"].nunique() == 2 else 1  # beside an interval, on a phone
     cells = rows["cell"].unique()
-    digits = 2 if rows["drive"].nunique() == 2 or beside else 1  # beside an interval, on a phone
-    found = {cell: by_drive(rows, measure, cell) for cell in cells}
-    if beside:
-        found = {cell: each.sub(each[beside], axis=0) for cell, each in found.items()}
-    lines = [
-        (model, *(over_drives(found[cell][model].to_numpy(), digits) for cell in cells))
-        for model in models
-    ]
-    heads = (cell.removesuffix(" targets") for cell in cells)  # narrow enough for a phone
-    return markdown(("covariance", *heads), lines)
+    heads = {each.removesuffix(" targets"): (each, measure, 1.0, digits) for each in cells}
+    return table(rows, heads)
 
 
 def with_bounds(rows: pd.DataFrame, model: str, measure: str) -> str:
@@ -94,41 +94,30 @@ def with_bounds(rows: pd.DataFrame, model: str, measure: str) -> str:
 
 
 def intervals(rows: pd.DataFrame) -> str:
-    """All sensors: the ANEES, and the log score beside that of the constants."""
+    """All sensors: the ANEES, and the log score beside that of the stored budget."""
     measures = ("ANEES", "difference")
     lines = [(model, *(with_bounds(rows, model, name) for name in measures)) for model in MODELS]
-    return markdown(("covariance", "ANEES", "score less that of constants"), lines)
+    return markdown(("covariance", "ANEES", "score less that of the stored budget"), lines)
 
 
 def by_direction(rows: pd.DataFrame) -> str:
     """All sensors: squares by direction, and coverage in per cent."""
-    forms = [(name, 1.0, 2) for name in DIRECTIONS] + [(name, 100.0, 0) for name in LEVELS]
-    columns = [
-        [over_drives(factor * by_drive(rows, name)[model].to_numpy(), digits) for model in MODELS]
-        for name, factor, digits in forms
-    ]
-    lines = [*zip(MODELS, *columns, strict=True)]
-    return markdown(("covariance", *DIRECTIONS, *LEVELS), lines)
+    columns = {name: (ALL, name, 1.0, 2) for name in DIRECTIONS}
+    return table(rows, columns | {name: (ALL, name, 100.0, 0) for name in LEVELS})
 
 
-def constants(fitted: Fitted) -> str:
-    """The constants beside the noise that each drive is judged with, with standard errors."""
-    unit, digits = np.array([1.0, 1.0, np.rad2deg(1.0)]), (3, 3, 2)
-    lines = []
-    for name, own in fitted.items():
-        found = own[CONSTANTS]
-        columns = zip(found["constants"] * unit, found["sigmas"] * unit, digits, strict=True)
-        lines.append((name, *(f"{value:.{d}f} ± {sigma:.{d}f}" for value, sigma, d in columns)))
-    return markdown(("fitted without", "v_x, m/s", "v_y, m/s", "ω, °/s"), lines)
+def errors(rows: pd.DataFrame) -> str:
+    """All sensors: RMS errors by direction."""
+    units = zip(DIRECTIONS, ("m/s", "m/s", "°/s"), (3, 3, 2), strict=True)
+    return table(rows, {f"{n}, {unit}": (ALL, f"RMSE of {n}", 1.0, d) for n, unit, d in units})
 
 
-def causes(fitted: Fitted, stored: ErrorBudget) -> str:
+def causes(found: Judged, stored: ErrorBudget) -> str:
     """The budget that each drive is judged with, with its 95 % intervals, and the stored one."""
     unit = np.array([np.rad2deg(1.0), 1.0, 100.0, 1.0])
     lines = []
-    for name, own in fitted.items():
-        found = own[BUDGET]
-        columns = zip(*(unit * each for each in (found["causes"], *found["bounds"])), strict=True)
+    for name, own in found.budgets.items():
+        columns = zip(*(unit * each for each in (own.values, *own.bounds)), strict=True)
         cells = (f"{value:.3f} [{low:.3f}, {high:.3f}]" for value, low, high in columns)
         lines.append((name, *cells))
     known = unit * [getattr(stored, name) for name in CAUSES]
@@ -155,24 +144,19 @@ def counts(rows: pd.DataFrame) -> str:
     return markdown(("cell", "drives", "judged", "independent", "accepted, %"), lines)
 
 
-def section(data_set: str, fitted: Fitted, rows: pd.DataFrame, stored: ErrorBudget) -> str:
+def section(data_set: str, found: Judged, stored: ErrorBudget) -> str:
     """The tables of a data set."""
-    names = list(fitted)
+    rows, names = found.rows, list(found.budgets)
     value = " / ".join(names) if len(names) < 3 else f"mean of {', '.join(names)} and its interval"
     tables = {
-        f"ANEES, mean NEES / 3 ({value}; 40, 15: targets a scan)": by_cell(
-            rows, [*MODELS], "ANEES"
-        ),
-        "mean log score, smaller is better": by_cell(rows, [*MODELS], "log score"),
+        f"ANEES, mean NEES / 3 ({value}; 40, 15: targets a scan)": by_cell(rows, "ANEES"),
+        "mean log score, smaller is better": by_cell(rows, "log score"),
         "all sensors, with 95 % intervals": intervals(rows),
         "all sensors: mean squares of whitened errors, and coverage in per cent": by_direction(
             rows
         ),
-        "constants beside the noise, ± standard error": constants(fitted),
-        "budget beside the noise, with 95 % intervals": causes(fitted, stored),
-        "fitted budget without one of its parts: log score less that of the whole": by_cell(
-            rows, [*ABLATIONS], "log score", BUDGET
-        ),
+        "all sensors: RMS errors": errors(rows),
+        "the budget, with 95 % intervals": causes(found, stored),
         "estimates": counts(rows),
     }
     folded = "\n\n".join(f"**{data_set}: {title}**\n\n{text}" for title, text in tables.items())
@@ -182,14 +166,14 @@ def section(data_set: str, fitted: Fitted, rows: pd.DataFrame, stored: ErrorBudg
 def chart(results: Mapping[str, pd.DataFrame], path: Path) -> None:
     """The ANEES of every model in every cell: both drives, or the mean with its interval."""
     use_style()
-    figure, axes = plt.subplots(3, 2, figsize=(5.0, 7.8), sharex=True, sharey=True)
+    figure, axes = plt.subplots(3, 2, figsize=(5.0, 5.6), sharex=True, sharey=True)
     heights = np.arange(len(MODELS))[::-1]
     for ax, cell in zip(axes.ravel(), CELLS, strict=True):
         ax.axvspan(*FAIR, color=GREY, alpha=0.2, lw=0)
         ax.axvline(1.0, color=BLACK, lw=0.8)
-        looks = zip(results.items(), (PURPLE, SKY), (0.2, -0.2), strict=False)
+        looks = zip(results.items(), (PURPLE, SKY), (0.15, -0.15), strict=False)
         for (name, rows), color, shift in looks:
-            values = by_drive(rows, "ANEES", cell)[[*MODELS]].to_numpy()
+            values = by_drive(rows, "ANEES", cell).reindex(columns=[*MODELS]).to_numpy()
             if len(values) > 2:
                 mean, half = mean_and_half_width(values)
                 low = np.maximum(mean - half, LOWEST)
@@ -216,8 +200,8 @@ def write(sources: Mapping[str, Sequence[Source]]) -> None:
     for data_set, drives in sources.items():
         if len(drives) < 2:
             raise ValueError(f"{data_set} must have two drives at least, to leave one out")
-        fitted, rows = protocol(estimate_cells(drives))
-        parts.append(section(data_set, fitted, rows, DATA_SETS[data_set].budget))
-        charted[data_set] = rows
+        found = protocol(drives)
+        parts.append(section(data_set, found, DATA_SETS[data_set].budget))
+        charted[data_set] = found.rows
     write_page(PAGE, "d2d.study.road protocol", parts)
     chart(charted, results_path("road_protocol.png"))

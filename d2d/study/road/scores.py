@@ -5,7 +5,6 @@ beside these by `d2d.study.road.protocol`.
 """
 
 from collections.abc import Mapping, Sequence
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,17 +12,14 @@ import numpy as np
 from d2d.radar import (
     Comparison,
     ErrorBudget,
-    VehicleLimits,
     compare_halves,
     compare_tracks,
-    load_nuscenes,
     track,
 )
 from d2d.study.results import read_json, results_path, write_json
-from d2d.study.road.drive import CHANNELS, Drive, Source, pick
+from d2d.study.road.drive import Drive, Source, pick
 from d2d.study.road.extrapolation import fit_scenes
 
-SIDE_CHANNELS = CHANNELS[1:3]
 # The budgets were fitted to the first ones, with those "seen" in view.
 FITTED_SEQUENCE, HELD_OUT_SEQUENCE = "105", "108"
 FITTED_SCENES, SEEN_SCENES = ("scene-0061", "scene-0103"), ("scene-0916", "scene-1077")
@@ -32,8 +28,6 @@ BASELINES = (2, 4)  # about 0.15 and 0.3 s
 LONGER = (1, 2, 3, 4, 6, 8)
 TURNS = (1, 4)  # about 0.075 and 0.3 s
 EXTENTS = (0.0, 0.1, 0.2, 0.3, 0.5)  # m
-WIDTHS = (1.0, 4.0, 40.0)  # m/s, of the outliers: the thesis's, ours, and wide ones
-SIDE_ERROR = np.deg2rad(15.0)  # rad/s: a yaw rate that is farther off is a gross error
 RESULTS = results_path("road.json")
 
 
@@ -111,43 +105,6 @@ def turns(drive: Drive) -> dict[str, list[float]]:
     return found
 
 
-def side_radars(sources: Mapping[str, Source]) -> list[dict[str, Any]]:
-    """How many estimates of single side radars are kept, and how many of these are grossly off."""
-    ways: dict[str, dict[str, Any]] = {
-        "thesis: width 1 m/s, no limits": {"doppler_width": 1.0, "limits": None},
-        "width 4 m/s, no limits": {"limits": None},
-        "width 40 m/s, no limits": {"doppler_width": 40.0, "limits": None},
-        "vehicle limits": {"limits": VehicleLimits()},
-        "vehicle limits, no side slip": {"side_slip": False},
-    }
-    rows = []
-    for (way, options), names in product(ways.items(), (FITTED_SCENES, SEEN_SCENES)):
-        errors, kept = side_errors([sources[name] for name in names], **options)
-        rows.append(
-            {
-                "way": way,
-                "scenes": list(names),
-                "kept": float(kept.mean()),
-                "gross": float((np.abs(errors[kept]) > SIDE_ERROR).mean()),
-                "rmse": float(np.rad2deg(np.sqrt(np.mean(errors[kept] ** 2)))),
-            }
-        )
-    return rows
-
-
-def side_errors(sources: Sequence[Source], **options: Any) -> tuple[Any, Any]:
-    """Errors (n,) of the yaw rate of each side radar alone, and which estimates are accepted."""
-    errors, accepted = [], []
-    for source, channel in product(sources, SIDE_CHANNELS):
-        own = load_nuscenes(source.root, source.name, channel)
-        driven = track(own, carry=False, **{"baseline": 1} | options)
-        error = driven.theta - own.reference.at(driven.times).theta
-        known = np.isfinite(error).all(axis=1)
-        errors.append(error[known, 2])
-        accepted.append(driven.converged[known])
-    return np.concatenate(errors), np.concatenate(accepted)
-
-
 def without_reference(drive: Drive) -> dict[str, Any]:
     """Covariances judged by halves of scans and by pairs of sensors, with and without a budget."""
     rng = np.random.default_rng(0)
@@ -172,10 +129,6 @@ def of_radarscenes(sources: Sequence[Source]) -> dict[str, Any]:
     return {
         "radarscenes": by_baseline(drives),
         "extents": by_extent(fitted),
-        "widths": {
-            f"{width:g} m/s": scores(fitted.compare(baseline=2, doppler_width=width))
-            for width in WIDTHS
-        },
         "horizons of RadarScenes": {fitted.title: by_horizon(fitted)},
         "turns of RadarScenes": {drive.title: turns(drive) for drive in drives.values()},
         "without_reference": without_reference(fitted),
@@ -192,7 +145,6 @@ def of_nuscenes(sources: Sequence[Source]) -> dict[str, Any]:
         "horizons of nuScenes": {name: by_horizon(drives[name]) for name in known},
         "turns of nuScenes": {name: turns(drive) for name, drive in drives.items()},
         "turning": fit_scenes(found),
-        "side_radars": side_radars(found),
     }
 
 

@@ -1,4 +1,4 @@
-"""Drives are found in folders of data sets, evaluated in a row each, filtered, and followed."""
+"""Drives are found in folders of data sets, evaluated in a row each, and followed."""
 
 from dataclasses import replace
 
@@ -27,7 +27,6 @@ from d2d.study.road.displacements import (
     span_errors,
 )
 from d2d.study.road.drive import DATA_SETS, Drive, find_drives, pick
-from d2d.study.road.fusion import Filtered, estimates, filtered
 
 BUDGET = ErrorBudget(azimuth=0.005, doppler=0.05)
 
@@ -95,29 +94,6 @@ def test_each_drive_has_a_row_with_its_errors_or_the_reason(drive, tmp_path, mon
     assert_allclose(
         table.loc[1, ["rmse v_x", "rmse v_y", "rmse omega"]].to_numpy(float), judged.rmse
     )
-
-
-# ---- A filter fed by radars
-
-
-def test_slow_errors_as_states_make_the_filter_credible(drive):
-    """Breaks if estimates lose their slow errors on the way, or are given as other ones."""
-    given = estimates(drive, BUDGET)
-    assert len(given) == len(drive.rounds)
-    squares = []
-    for as_states in (False, True):
-        found = filtered(drive, given, as_states)
-        inverse = np.linalg.inv(found.covariances)
-        squares.append(np.einsum("ni,nij,nj->n", found.errors, inverse, found.errors).mean() / 3.0)
-        assert 0.3 < np.nanmean(found.nis) / 3.0 < 1.3
-    assert squares[0] > 2.0 * squares[1]
-    assert 0.2 < squares[1] < 2.0
-
-
-def test_what_has_no_reference_is_not_judged():
-    errors = np.array([[np.nan] * 3, [0.2, 0.0, 0.0], [0.0, 0.0, 0.2]])
-    found = Filtered(np.array([np.nan, 3.0, 30.0]), errors, np.tile(0.04 * np.eye(3), (3, 1, 1)))
-    assert found.cells() == ("5.50", "50.0%", "0.33", "100%", "0.141", "0.000", "8.103")
 
 
 # ---- Displacements
