@@ -24,11 +24,13 @@ PERIOD, QUIET = 5.0, 3.0  # s: of these, the last ones are without a sensor
 FEWEST = 20  # estimates of a drive in a cell, for less it is not judged there
 ALL = "all"
 CAUSES = "azimuth", "doppler", "scale", "lag"  # of an error budget
+GROSS = np.array([1.0, 1.0, np.deg2rad(15.0)])  # m/s, m/s, rad/s: an error of traffic, not of noise
 DIRECTIONS = ("v_x", "v_y", "ω")
 LEVELS = ("50 %", "95 %", "99 %")
 BARE, EMPTY, FITTED, STORED = "bare pairs", "empty budget", "fitted budget", "stored budget"
 CONSTANT, FACTORS = "constant matrix", "3 factors"
 MODELS = (BARE, EMPTY, CONSTANT, FACTORS, FITTED, STORED)
+TRACKS = (BARE, EMPTY, FITTED, STORED)  # with estimates of their own
 NOISE_ALONE = BARE, EMPTY  # judged with all sensors only: they are far too small there
 
 
@@ -208,6 +210,7 @@ def measure(models: Mapping[str, Comparison]) -> list[dict[str, Any]]:
             "estimates": len(seen.times),
             "independent": len(seen.times) / seen.block,
             "accepted": seen.share,
+            "gross": (np.abs(seen.errors) > GROSS).any(axis=1).mean(),
             "ANEES bounds": seen.intervals().anees,
         }
         shared = np.isin(seen.times, stored.times), np.isin(stored.times, seen.times)

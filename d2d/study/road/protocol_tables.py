@@ -22,6 +22,7 @@ from d2d.study.road.protocol import (
     DIRECTIONS,
     LEVELS,
     MODELS,
+    TRACKS,
     Judged,
     protocol,
 )
@@ -60,10 +61,14 @@ def by_drive(rows: pd.DataFrame, measure: str, cell: str = ALL) -> pd.DataFrame:
     return here.unstack("model", sort=False)
 
 
-def table(rows: pd.DataFrame, columns: Mapping[str, tuple[str, str, float, int]]) -> str:
+def table(
+    rows: pd.DataFrame,
+    columns: Mapping[str, tuple[str, str, float, int]],
+    models: Sequence[str] = MODELS,
+) -> str:
     """A line for each model; of each column its cell, measure, factor and digits."""
     lines = []
-    for model in MODELS:
+    for model in models:
         found = []
         for cell, measure, factor, digits in columns.values():
             values = by_drive(rows, measure, cell)
@@ -109,7 +114,8 @@ def by_direction(rows: pd.DataFrame) -> str:
 def errors(rows: pd.DataFrame) -> str:
     """All sensors: RMS errors by direction."""
     units = zip(DIRECTIONS, ("m/s", "m/s", "°/s"), (3, 3, 2), strict=True)
-    return table(rows, {f"{n}, {unit}": (ALL, f"RMSE of {n}", 1.0, d) for n, unit, d in units})
+    columns = {f"{n}, {unit}": (ALL, f"RMSE of {n}", 1.0, d) for n, unit, d in units}
+    return table(rows, columns, TRACKS)
 
 
 def causes(found: Judged, stored: ErrorBudget) -> str:
@@ -128,7 +134,7 @@ def causes(found: Judged, stored: ErrorBudget) -> str:
 def counts(rows: pd.DataFrame) -> str:
     """How many estimates were judged, how many blocks they make, and what share they are.
 
-    Blocks are as long as the errors need, and the NEES of the last model.
+    Grossly off is an error beyond `GROSS`.  Blocks are as long as the errors need, and the NEES of the last model.
     """
     one_each = rows.drop_duplicates(["cell", "drive"], keep="last")
     lines = [
@@ -138,10 +144,13 @@ def counts(rows: pd.DataFrame) -> str:
             str(own["estimates"].sum()),
             f"{own['independent'].sum():.0f}",
             f"{100.0 * own['accepted'].mean():.1f}",
+            f"{100.0 * own['gross'].mean():.1f}",
         )
         for cell, own in one_each.groupby("cell", sort=False)
     ]
-    return markdown(("cell", "drives", "judged", "independent", "accepted, %"), lines)
+    return markdown(
+        ("cell", "drives", "judged", "independent", "accepted, %", "grossly off, %"), lines
+    )
 
 
 def section(data_set: str, found: Judged, stored: ErrorBudget) -> str:
