@@ -32,6 +32,7 @@ from d2d.radar.readers.csv_log import write_csv
 from d2d.radar.readers.odometry import load_reference
 from d2d.radar.readers.reader import LOG_OPTIONS, Option, Source, mountings_of, sigmas_of
 from d2d.radar.readers.shared import brief
+from d2d.radar.report import report_page
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting
@@ -266,6 +267,7 @@ def _add_estimation(parser: argparse.ArgumentParser, *, whole: bool) -> None:
 def _add_output(parser: argparse.ArgumentParser) -> None:
     what = parser.add_argument_group("what to write")
     what.add_argument("--output", metavar="PREFIX", default="track", help=ABOUT["--output"])
+    what.add_argument("--report", metavar="PAGE.html", help=ABOUT["--report"])
     what.add_argument("--output-bag", metavar="BAG", help=ABOUT["--output-bag"])
     what.add_argument("--force", action="store_true", help=ABOUT["--force"])
     what.add_argument("--no-picture", action="store_true", help="write no picture")
@@ -380,12 +382,18 @@ def _track(arguments: argparse.Namespace) -> None:
         Tracker({"": Mounting()}, **{n: options[n] for n in options if n != "max_interval"})
     driven = track(sensors, **options, progress=False if arguments.no_progress else None)
     print(driven, flush=True)
-    sure = _judge(sensors, driven, options)
+    findings = _judge(sensors, driven, options)
     refused = [str(driven.support)] * (not driven.support.enough)
-    refused += [finding.symptom for finding in sure]
+    refused += [finding.symptom for finding in findings if finding.sure]
     if refused and not arguments.force:
         raise _Refused(refused[0])
     written = _write(driven, prefix, picture=not arguments.no_picture)
+    if arguments.report is not None:
+        given = {_flag(n): v for n, v in vars(arguments).items() if v and not callable(v)}
+        named = [_plain(finding) for finding in findings]
+        page = report_page(prefix.name, sensors, driven, named, given | options)
+        check_path("report", arguments.report).write_text(page, encoding="utf-8")
+        written.append(arguments.report)
     if arguments.output_bag is not None:
         write_bag(arguments.output_bag, driven)
         written.append(arguments.output_bag)
@@ -396,7 +404,7 @@ def _track(arguments: argparse.Namespace) -> None:
 def _judge(
     sensors: dict[str, SensorScans], driven: Track, options: dict[str, Any]
 ) -> list[Finding]:
-    """Print what speaks for and against a track, and return what is surely wrong."""
+    """Print what speaks for and against a track, and return what looks wrong."""
     alone = {}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
@@ -412,7 +420,7 @@ def _judge(
     if found:
         print('what looks wrong, by the rows of the page "When a path looks wrong":')
         print("\n".join(f"  {_plain(finding)}" for finding in found), flush=True)
-    return [finding for finding in found if finding.sure]
+    return list(found)
 
 
 def _agreement(first: tuple[str, Track], second: tuple[str, Track]) -> str:
@@ -578,6 +586,7 @@ first run compiles for up to a minute.
 ABOUT = {
     "--output": "beginning of the files' names (default: track); if it is a folder or ends with /, "
     "the files are called track.* in it",
+    "--report": "also write a page with path, velocities, residuals, findings and settings",
     "--output-bag": "also write messages Odometry and TwistWithCovarianceStamped to a bag of ROS 1 "
     "(a file .bag) or of ROS 2 (a folder)",
     "--force": "write the files even if they are surely of no use, or too few estimates were "

@@ -25,6 +25,7 @@ from d2d.radar import (
 )
 from d2d.radar.cli import main
 from d2d.radar.readers import READERS
+from d2d.radar.report import residuals_of
 
 DEGREE = np.deg2rad(1.0)
 SIDE = Mounting(0.3, 0.2, 60.0 * DEGREE)
@@ -156,6 +157,30 @@ def test_a_vehicle_and_its_numbers_are_limits(log, monkeypatch, given, expected)
     monkeypatch.setattr("d2d.radar.cli.track", stop)
     assert main(tracked(log, *given.split())) == 1
     assert seen["limits"] == expected
+
+
+def test_a_report_is_one_page(log, capsys):
+    """Breaks if the page needs another file, or a finding, a figure or a setting is missing."""
+    page = log.parent / "drive.html"
+    result(
+        log, "--report", str(page), "--side-slip", "0.05", "--force", mounting=(*FRONT[:4], "25")
+    )
+    text = page.read_text(encoding="utf-8")
+    assert "a mounting is turned" in text
+    assert len(re.findall('src="data:image/png;base64', text)) == 2
+    assert "<td>--side-slip</td><td>0.05</td>" in text
+    assert not re.search(r'(src|href)="(?!data:)|<script', text)
+
+
+def test_residuals_show_where_azimuths_are_distorted():
+    """Breaks if a residual is of another target, or its sign is the other."""
+    bent = [
+        replace(scan, doppler=scan.doppler + np.where(scan.azimuth > 0.3, 0.2, 0.0))
+        for scan in DRIVE.scans
+    ]
+    azimuth, residual = residuals_of((bent, DRIVE.mounting), track(DRIVE))
+    assert np.median(residual[azimuth > 0.3]) == pytest.approx(0.2, abs=0.03)
+    assert np.median(residual[azimuth < 0.2]) == pytest.approx(0.0, abs=0.03)
 
 
 def test_the_version_is_that_of_the_package(capsys):

@@ -362,12 +362,12 @@ def _variance(name: str, sigma: ArrayLike, size: int) -> Array:
 def level(scan: RadarScan, mounting: Mounting) -> tuple[RadarScan, Mounting]:
     """The scan that a sensor with its axes in the plane would have taken, and its mounting.
 
-    With w = R_z(yaw) R_y(pitch) R_x(roll) u, the direction of a target in the vehicle frame, and
-    h = hypot(w_x, w_y), the cosine of its elevation there, a static target has V = -w' v for a
-    velocity v in the plane.  So the plane sees it at the range h r, in the direction
-    atan2(w_y, w_x), with the Doppler velocity V / h.  The errors of azimuth and elevation, which
-    both may change h, are propagated to first order.  Targets that are less than 3 deg from the
-    vertical are left out: they show nothing of such a motion.
+    With w = R_y(pitch) R_x(roll) u, the direction of a target along axes of which x and y lie in
+    the plane, and h = hypot(w_x, w_y), the cosine of its elevation there, a static target has
+    V = -w' v for a velocity v in the plane.  So the plane sees it at the range h r, in the
+    direction atan2(w_y, w_x), with the Doppler velocity V / h.  The errors of azimuth and
+    elevation, which both may change h, are propagated to first order.  Targets that are less than
+    3 deg from the vertical are left out: they show nothing of such a motion.
     """
     if not (mounting.pitch or mounting.roll or scan.elevation.any()):
         return scan, mounting

@@ -1,0 +1,113 @@
+"""A report of a drive as one page: path, velocities, residuals, findings, settings."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterable, Mapping
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from d2d._types import Array
+from d2d.radar.scans.scan import doppler_velocity, level
+from d2d.radar.tracks.rounds import SensorScans
+from d2d.radar.tracks.track import Track
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_BIN = np.deg2rad(4.0)
+_SHOWN = 5.0  # standard deviations of a residual, beyond which a target moves
+_FEW = 20  # residuals, of which a median says little
+_PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>{title}</title><style>
+body {{ font: 16px/1.5 sans-serif; max-width: 45rem; margin: 2rem auto; padding: 0 1rem }}
+img {{ max-width: 100% }} table {{ border-collapse: collapse }}
+td {{ border-top: 1px solid #ccc; padding: .2rem 1rem .2rem 0 }} pre {{ white-space: pre-wrap }}
+</style></head><body><h1>{title}</h1>
+<pre>{summary}</pre>
+<h2>What looks wrong</h2>{findings}
+<h2>Path with 95 % ellipses, velocities with 3 sigma, mean inlier probability</h2>{picture}
+<h2>Doppler residuals by azimuth</h2>
+<p>Measured less predicted, of targets that stand still: the median in steps of 4 degrees, and the
+quartiles. A slope tells of a turned mounting, a bend of distorted azimuths, which --azimuth leaves
+out; a common offset, of the Doppler velocities' own error.</p>{residuals}
+<h2>Settings</h2><table>{settings}</table></body></html>
+"""
+
+
+def report_page(
+    title: str,
+    sensors: Mapping[str, SensorScans],
+    driven: Track,
+    findings: Iterable[object],
+    settings: Mapping[str, object],
+) -> str:
+    """The text of a page that needs no other file; matplotlib must be installed."""
+    listed = "".join(f"<li>{escape(str(finding))}</li>" for finding in findings)
+    rows = "".join(
+        f"<tr><td>{escape(name)}</td><td>{escape(str(value))}</td></tr>"
+        for name, value in settings.items()
+    )
+    return _PAGE.format(
+        title=escape(title),
+        summary=escape(str(driven)),
+        findings=f"<ul>{listed}</ul>" if listed else "<p>Nothing was found.</p>",
+        picture=_image(driven.plot(), "path, velocities and inlier probabilities"),
+        residuals=_image(_drawn(sensors, driven), "Doppler residuals over the azimuth"),
+        settings=rows,
+    )
+
+
+def _drawn(sensors: Mapping[str, SensorScans], driven: Track) -> Figure:
+    """The medians and quartiles of the residuals of each sensor, over the azimuth."""
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(
+        len(sensors), figsize=(5.0, 2.2 * len(sensors)), squeeze=False, layout="constrained"
+    )
+    for ax, (name, sensor) in zip(axes[:, 0], sensors.items(), strict=True):
+        azimuth, residual = residuals_of(sensor, driven)
+        step = np.round(azimuth / _BIN)
+        for place in np.unique(step):
+            own = residual[step == place]
+            if len(own) >= _FEW:
+                low, middle, high = np.quantile(own, [0.25, 0.5, 0.75])
+                at = np.rad2deg(place * _BIN)
+                ax.errorbar(at, middle, [[middle - low], [high - middle]], fmt="o", color="#0072B2")
+        ax.axhline(0.0, color="black", lw=0.8)
+        ax.set(title=name, xlabel="azimuth (°)", ylabel="residual (m/s)")
+    return figure
+
+
+def residuals_of(sensor: SensorScans, driven: Track) -> tuple[Array, Array]:
+    """Azimuth (rad) and Doppler residual (m/s), each (n,), of the targets that stand still.
+
+    They are those within five standard deviations of the velocity that the track has at their time.
+    """
+    scans, mounting = sensor
+    found = [np.empty((2, 0))]
+    for part in driven.segments:
+        own = [s for s in scans if s.size and part.times[0] <= s.time <= part.times[-1]]
+        for scan, theta in zip(own, part.at([s.time for s in own]).theta, strict=True):
+            flat, place = level(scan, mounting)
+            if np.isfinite(theta).all():
+                residual = flat.doppler - doppler_velocity(theta, flat.azimuth, place)
+                still = np.abs(residual) < _SHOWN * flat.sigma_doppler + 0.02 * np.abs(theta[0])
+                found.append(np.stack([flat.azimuth, residual])[:, still])
+    azimuth, residual = np.concatenate(found, axis=1)
+    return azimuth, residual
+
+
+def _image(figure: Figure, text: str) -> str:
+    """A figure as an image within the page."""
+    from matplotlib import pyplot as plt
+
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=130)
+    plt.close(figure)
+    data = base64.b64encode(file.getvalue()).decode()
+    return f'<img alt="{escape(text)}" src="data:image/png;base64,{data}">'
