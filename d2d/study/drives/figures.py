@@ -1,7 +1,6 @@
-"""The figures of the simulated drives: frames, platform, street, errors, targets, fusion."""
+"""The figures of the simulated drives: frames, platform, street, errors, targets."""
 
 import math
-import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -37,7 +36,6 @@ from d2d.study.book.style import write_out_ticks
 from d2d.study.drives import budget_trial
 from d2d.study.drives.budget_trial import TrialErrors
 from d2d.study.drives.errors import IN_UNITS, UNITS
-from d2d.study.drives.fusion import GATE, REGION, Fused
 
 SYMBOLS = ("$v_x$", "$v_y$", "ω")
 # Things of the street have colours of their own: parked cars sky, vegetation olive, movers purple.
@@ -244,31 +242,3 @@ def ingredients(ax: Axes, trial: Mapping[str, TrialErrors]) -> None:
     write_out_ticks(ax.xaxis, (1, 2, 5, 10, 20, 50))
     ax.grid(axis="y", visible=False)
     ax.legend()
-
-
-def filters(axes: NDArray[np.object_], fused: Mapping[str, Fused]) -> None:
-    """Draw a column (3 axes) for each filter: NIS, error of v_x, error of the gyro's bias.
-
-    Crosses are innovations beyond the gate, bands are two of the filter's standard deviations.
-    """
-    for column, (name, result) in enumerate(fused.items()):
-        top, *below = axes[:, column]
-        for used, marks in ((result.used, (".", 2.5, GREY)), (~result.used, ("x", 4, PURPLE))):
-            marker, size, color = marks
-            top.semilogy(result.times[used], result.nis[used], marker, ms=size, color=color)
-        for limit in (REGION, GATE):
-            top.axhline(limit, color=BLACK, lw=0.8, ls="--")
-        top.set(ylim=(0.05, 200.0))
-        top.set_title(textwrap.fill(f"({'abc'[column]}) {name}", 20), loc="center")
-        for ax, entry, unit in zip(below, (0, 3), (1.0, np.rad2deg(1.0)), strict=True):
-            sigma = np.sqrt(result.covariances[:, entry, entry]) * unit
-            ax.fill_between(result.times, -2.0 * sigma, 2.0 * sigma, color=SKY, alpha=0.4, lw=0)
-            ax.plot(result.times, result.errors[:, entry] * unit, color=PURPLE, lw=1.0)
-            ax.axhline(0.0, **TRUTH)
-        below[-1].set_xlabel("time (s)")
-    for limit, words, side in ((REGION, "95 %", "top"), (GATE, "gate", "bottom")):
-        beside = {"xycoords": ("axes fraction", "data"), "va": side, "fontsize": 9}
-        axes[0, -1].annotate(words, (1.03, limit), **beside)
-    names = ("NIS", "error of $v_x$ (m/s)", "error of the\ngyro bias (°/s)")
-    for ax, label in zip(axes[:, 0], names, strict=True):
-        ax.set_ylabel(label)

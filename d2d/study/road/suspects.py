@@ -102,33 +102,20 @@ def parts_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> T
     )
 
 
-def draw_parts(ax: Axes, judged: Mapping[str, Mapping[str, Any]], groups: Sequence[int]) -> None:
-    """The three parts of each experiment's ANEES on a line; ``groups`` begin below a thin rule.
-
-    A credible covariance has all of them at one, the dashed line.
-    """
-    _draw_components(ax, {name: found["whitened"] for name, found in judged.items()}, groups)
-    ax.set(xlabel="mean squared error over stated variance")
-    write_out_ticks(ax.xaxis, (1, 3, 10, 30))
-
-
 def draw_choices(
     ax: Axes, judged: Mapping[str, Comparison], beside: str, groups: Sequence[int]
 ) -> None:
-    """The RMSE of every run over the RMSE of the run ``beside``, for each component on a line."""
-    usual = judged[beside].rmse
-    _draw_components(ax, {name: found.rmse / usual for name, found in judged.items()}, groups)
-    ax.set(xlabel=f"RMSE over the RMSE of {beside}")
-    write_out_ticks(ax.xaxis, (0.02, 0.05, 0.1, 0.2, 0.5, 1))
+    """The RMSE of every run over the RMSE of the run ``beside``, for each component on a line.
 
-
-def _draw_components(ax: Axes, values: Mapping[str, Any], groups: Sequence[int]) -> None:
-    rows = np.arange(len(values))[::-1]
-    columns = np.array(list(values.values())).T
-    for found, symbol, (marker, color, above) in zip(columns, SYMBOLS, _MARKS, strict=True):
+    ``groups`` begin below a thin rule.
+    """
+    rows = np.arange(len(judged))[::-1]
+    factors = np.array([found.rmse / judged[beside].rmse for found in judged.values()])
+    for found, symbol, (marker, color, above) in zip(factors.T, SYMBOLS, _MARKS, strict=True):
         ax.plot(found, rows + above, marker, color=color, ms=6, label=symbol)
     for first in groups:
-        ax.axhline(len(values) - first - 0.5, color="0.8", lw=0.8)
+        ax.axhline(len(judged) - first - 0.5, color="0.8", lw=0.8)
     ax.axvline(1.0, **TRUTH)
-    ax.set(xscale="log")
-    ax.set_yticks(rows, list(values))
+    ax.set(xscale="log", xlabel=f"RMSE over the RMSE of {beside}")
+    ax.set_yticks(rows, list(judged))
+    write_out_ticks(ax.xaxis, (0.02, 0.05, 0.1, 0.2, 0.5, 1))

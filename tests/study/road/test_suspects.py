@@ -11,7 +11,6 @@ from d2d.radar import Comparison, Recording, Track, simulate_drive
 from d2d.study.road.suspects import (
     beside_changed_reference,
     draw_choices,
-    draw_parts,
     judge_halves,
     parts,
     parts_table,
@@ -67,17 +66,11 @@ def test_halves_are_compared_both_ways():
     assert 0.5 < found["target"]["anees"] < 3.0
 
 
-def test_table_and_drawing_show_every_experiment():
+def test_the_table_shows_every_experiment():
     judged = {"as it came": parts(comparison(slow=0.1)), "fast part": parts(comparison())}
     shown = parts_table(judged, "Two.")
     assert [row[0] for row in shown.rows] == list(judged)
     assert shown.rows[0][3] == f"{judged['as it came']['whitened'][0]:.1f}"
-    _, ax = plt.subplots()
-    draw_parts(ax, judged, [1])
-    assert [label.get_text() for label in ax.get_yticklabels()] == list(judged)
-    drawn = [line for line in ax.lines if line.get_label() == "$v_x$"]
-    assert_allclose(drawn[0].get_xdata(), [each["whitened"][0] for each in judged.values()])
-    assert_allclose(drawn[0].get_ydata(), [1, 0])
 
 
 def test_choices_are_drawn_as_factors_of_one_of_them():
