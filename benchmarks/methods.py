@@ -40,7 +40,6 @@ ONE_PROPAGATED = f"{ONE}, covariance propagated"
 SCHEDULE = "d2d, batch, ANNEALED"
 STARTS = f"d2d, batch, best of {len(GRID)} starts"
 BFGS = "NumPy, BFGS"
-MATRICES = "NumPy with np.linalg, BFGS"
 
 
 @dataclass(frozen=True)
@@ -195,9 +194,6 @@ def _scipy(draws: Draws, start: str, initial: Array, effort: Effort) -> Iterator
 
         return one_by_one(name, start, cost, solve, np.asarray, effort.slow)
 
-    if start == "truth":
-        matrices = [numpy_cost.MatrixCost(*pair) for pair in pairs]
-        yield minimised(MATRICES, "likelihood", matrices, "BFGS", False)
     for cost_name, outlier in COSTS.items():
         costs = [numpy_cost.NumpyCost(*pair, outlier) for pair in pairs]
         for method, gradient in product(("BFGS", "L-BFGS-B"), (False, True)):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from d2d import CorruptedGaussian, PointSet, rigid
+from d2d import CorruptedGaussian, PointSet
 
 Array = NDArray[np.float64]
 
@@ -98,28 +98,7 @@ class NumpyCost:
 _ENTRIES = ((0, 0), (0, 1), (1, 1))
 
 
-class MatrixCost:
-    """The likelihood as its formula reads: matrices of shape (K, N, 2, 2) and np.linalg."""
-
-    def __init__(self, fixed: PointSet, moving: PointSet) -> None:
-        self.fixed, self.moving = fixed, moving
-
-    def value(self, theta: Array) -> float:
-        """The cost at theta (3,)."""
-        turn = rigid.rotation(theta[2])
-        means = self.moving.means @ turn.T + theta[:2]
-        covariances = turn @ self.moving.covariances @ turn.T
-        d = means[:, None] - self.fixed.means
-        s = covariances[:, None] + self.fixed.covariances
-        distance = np.einsum("kni,kni->kn", d, np.linalg.solve(s, d[..., None])[..., 0])
-        logs = np.log(self.fixed.weights) - 0.5 * (
-            distance + np.linalg.slogdet(2.0 * math.pi * s)[1]
-        )
-        return -float(log_sum_exp(logs)[0].sum())
-
-
-def minimise(cost: NumpyCost | MatrixCost, start: Array, method: str, with_gradient: bool) -> Array:
-    """The motion (3,) that scipy's ``method`` finds; only a `NumpyCost` has a gradient."""
-    with_gradient = with_gradient and isinstance(cost, NumpyCost)
+def minimise(cost: NumpyCost, start: Array, method: str, with_gradient: bool) -> Array:
+    """The motion (3,) that scipy's ``method`` finds."""
     function = cost.value_and_gradient if with_gradient else cost.value
     return np.asarray(minimize(function, start, jac=with_gradient or None, method=method).x)

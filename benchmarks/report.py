@@ -63,13 +63,12 @@ class Row:
 
 
 class Throughput(NamedTuple):
-    """Scans, targets in each, seconds driven; seconds in all, and of these to read."""
+    """Scans, targets in each, seconds driven, and seconds to read and track them."""
 
     scans: int
     targets: float
     driven: float
     total: float
-    reading: float
 
     @property
     def times_real_time(self) -> float:
@@ -84,7 +83,6 @@ class Measured:
     machine: str
     versions: str
     missing: dict[str, str]
-    exp: dict[str, float]
     rows: list[Row]
     memory: float  # MB
     import_seconds: float
@@ -212,7 +210,6 @@ def aims_table(m: Measured) -> str:
         for name, what in (
             (methods.BFGS, "NumPy in BFGS over the batch"),
             (f"{methods.BFGS}, exact gradient", "the same with the exact gradient"),
-            (methods.MATRICES, "NumPy with np.linalg in BFGS"),
         ):
             lines.append(aim(f"{where}: {what}", "≥", 1000.0, slower(size, "likelihood", name)))
         for name in ("open3d ICP", "small_gicp ICP") if size == 8 else ("small_gicp ICP",):
@@ -231,8 +228,9 @@ def aims_table(m: Measured) -> str:
         lines.append(aim(what, "≤", 8.0, grown))
     for size, limit in ((8, 40.0), (48, 150.0)):
         row = find(m.rows, size, "truth", "likelihood", methods.ONE)
-        what = f"{size} × {size}: one per call, where exp takes {m.exp['compiled loop']:.1f} ns"
-        lines.append(aim(what, "≤", limit, row.best * 1e6 if row else None, "µs"))
+        lines.append(
+            aim(f"{size} × {size}: one per call", "≤", limit, row.best * 1e6 if row else None, "µs")
+        )
     for size, limit in ((8, 1.01), (48, 1.08)):
         row = find(m.rows, size, "truth", "likelihood", methods.BATCH)
         over_floor = row.accuracy.over_floor if row and row.accuracy else None
@@ -256,9 +254,8 @@ def aims_table(m: Measured) -> str:
 
 
 def others_table(m: Measured) -> str:
-    """A table of the other measurements: exp, start-up, memory, throughput."""
+    """A table of the other measurements: start-up, memory, throughput."""
     lines = [
-        *((f"one exp, {name}", f"{value:.2f} ns") for name, value in m.exp.items()),
         ("import d2d", f"{m.import_seconds:.2f} s"),
         ("first call on a new machine, compiling", f"{m.first_call[0]:.1f} s"),
         ("first call of a later process, from the cache", f"{m.first_call[1]:.2f} s"),
@@ -280,7 +277,6 @@ def others_table(m: Measured) -> str:
                 f"RadarScenes, {d.scans} scans of {d.targets:.0f} targets, reading included",
                 f"{d.times_real_time:.1f} × real time",
             ),
-            ("of it reading", f"{100.0 * d.reading / d.total:.0f} %"),
         ]
     return markdown(("what", "measured"), lines, 1)
 

@@ -17,10 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import peers, processes, report
-from benchmarks.methods import Effort, initial_motion, one_per_call, others
+from benchmarks.methods import Effort, one_per_call, others
 from benchmarks.scenes import accuracy, draw, known_correspondences, scene
-from benchmarks.timing import exp_nanoseconds, interleaved
-from d2d import register
+from benchmarks.timing import interleaved
 from d2d.radar import load_radarscenes, track
 from d2d.study.road.estimates import data_root
 
@@ -77,9 +76,9 @@ def affordable(size: int, start: str, rows: Sequence[report.Row]) -> list[peers.
 
 
 def rows_of(
-    size: int, start: str, effort: Effort, exp: float, chosen: Sequence[peers.Peer]
+    size: int, start: str, effort: Effort, chosen: Sequence[peers.Peer]
 ) -> Iterator[report.Row]:
-    """All rows of one size and start, the floors last."""
+    """All rows of one size and start, the floor last."""
     draws = draw(scene(size), effort.runs, seed=1)
     floor = known_correspondences(draws)
     zero = start == "zero"
@@ -115,12 +114,6 @@ def rows_of(
         name = "floor: least squares, pairs known"
         nan = float("nan")
         yield report.Row(size, start, "pairs known", name, nan, nan, len(draws), known)
-    if not detailed:
-        return
-    estimate = register(draws.fixed, draws.moving, None, initial_motion(draws.theta, start))
-    bare = (1.0 + estimate.iterations.mean()) * size**2 * exp
-    name = "floor: bare exp of all pairs"
-    yield report.Row(size, start, "likelihood", name, bare, bare, 0, None)
 
 
 def measure_throughput(root: Path) -> report.Throughput:
@@ -129,12 +122,11 @@ def measure_throughput(root: Path) -> report.Throughput:
     for _ in range(3):
         begin = time.perf_counter()
         recording = load_radarscenes(root, 105, 3, strongest=200)
-        read = time.perf_counter()
         track(recording, baseline=1, carry=False)
-        found.append((time.perf_counter() - begin, read - begin))
+        found.append(time.perf_counter() - begin)
     scans = recording.scans
     targets = float(np.mean([scan.size for scan in scans]))
-    return report.Throughput(len(scans), targets, scans[-1].time - scans[0].time, *min(found))
+    return report.Throughput(len(scans), targets, scans[-1].time - scans[0].time, min(found))
 
 
 def measure(quick: bool) -> report.Measured:
@@ -155,13 +147,12 @@ def measure(quick: bool) -> report.Measured:
         runs: processes.in_fresh_process("monte_carlo_peak", runs)
         for runs in (1000, 1000 if quick else 100_000)
     }
-    exp = exp_nanoseconds()
     rows: list[report.Row] = []
     for size, effort in (QUICK if quick else EFFORT).items():
         for start in ("truth", "off", "zero") if size in DETAILED else ("truth", "off"):
             say(f"{size} × {size} targets from {start}")
             chosen = affordable(size, start, rows)
-            rows += rows_of(size, start, effort, exp["NumPy array"] * 1e-9, chosen)
+            rows += rows_of(size, start, effort, chosen)
     root = data_root()
     say("RadarScenes" if root else "RadarScenes: D2D_RADARSCENES is not set")
     throughput = measure_throughput(root) if root else None
@@ -170,7 +161,6 @@ def measure(quick: bool) -> report.Measured:
         processes.machine(),
         processes.versions(PACKAGES),
         missing,
-        exp,
         rows,
         processes.in_fresh_process("call_memory", max(EFFORT)),
         imported,

@@ -1,14 +1,12 @@
-"""Interleaved timing, and the time of a bare exp to compare with."""
+"""Interleaved timing."""
 
 import gc
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -82,30 +80,6 @@ def interleaved(methods: Sequence[Method], rounds: int) -> Array:
     finally:
         gc.enable()
     return seconds
-
-
-@njit
-def _exp_sum(x: Array) -> float:
-    total = 0.0
-    for i in range(x.size):
-        total += math.exp(x[i])
-    return total
-
-
-def exp_nanoseconds() -> dict[str, float]:
-    """Nanoseconds of one exp in cache: called in a compiled loop, and by NumPy on an array."""
-    x = np.linspace(-30.0, 0.0, 2000)
-    out = np.empty_like(x)
-    ways = {"compiled loop": lambda: _exp_sum(x), "NumPy array": lambda: np.exp(x, out=out)}
-    best = dict.fromkeys(ways, math.inf)
-    for _ in range(20):
-        for name, way in ways.items():
-            way()
-            begin = time.perf_counter()
-            for _ in range(50):
-                way()
-            best[name] = min(best[name], (time.perf_counter() - begin) / (50 * x.size) * 1e9)
-    return best
 
 
 def exponent(sizes: Sequence[int], seconds: Sequence[float]) -> float:
