@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,18 +10,13 @@ import numpy as np
 from d2d._types import Array
 from d2d.problem import Estimate, Problem
 from d2d.radar.motion.covariance import Budgeted, apply_budget
-from d2d.radar.motion.doppler import (
-    Acceleration,
-    View,
-    doppler_acceleration,
-    doppler_starts,
-)
+from d2d.radar.motion.doppler import View, doppler_acceleration, doppler_starts
 from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import ScanPair, middle_of, problem_of
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import doppler_gradients
-from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter, FilterRecord
+from d2d.radar.tracks.filter import UNKNOWN, Belief, Mixture, begin, predict, update
 from d2d.radar.tracks.filter_input import FilterInput
 from d2d.radar.tracks.limits import State, VehicleLimits
 from d2d.radar.tracks.rounds import Round
@@ -52,8 +46,8 @@ class VelocityEstimate(NamedTuple):
     reason: str  # why it is not accepted; empty if it is
     targets: int  # of the round's scans
     inliers: float  # mean inlier probability of the targets, nan if there was nothing to estimate
-    parts: CovarianceParts | None  # of the covariance, if it is carried
-    filter_input: FilterInput | None  # if it is accepted and carried
+    parts: CovarianceParts | None  # of the covariance, if it is filtered
+    filter_input: FilterInput | None  # if it is accepted and filtered
 
     @property
     def converged(self) -> bool:
@@ -71,44 +65,45 @@ class OdometryEstimator:
     model: EgoMotionModel
     scales: Sequence[float]
     velocity: Array | None  # at which the next search starts, if it is known
-    budget: ErrorBudget | None  # without one, the estimates are not carried
+    budget: ErrorBudget | None  # without one, the estimates are not filtered
     limits: VehicleLimits | None
     sensors: int  # how many
     last: State | None = None
-    acceleration: AccelerationFilter = field(default_factory=AccelerationFilter)
-    # of the accepted rounds, for a smoother
-    records: list[tuple[FilterInput, FilterRecord]] | None = None
+    belief: Mixture | None = None  # of the filter after the last accepted round
+    records: list[Mixture] | None = None  # of the accepted rounds, for a smoother
 
     def step(self, current: Round) -> VelocityEstimate:
         """Estimate the velocity at the time of a round; a failure leaves all else as it was."""
         if math.isnan(current.interval):  # its clock is another
-            self.last, self.acceleration = None, AccelerationFilter()
+            self.last = self.belief = None
         if not current.pairs:
             return self._rejected(current, current.reason)
-        before = copy(self.acceleration)
         try:
             return self._accepted(current)
         except (ValueError, ArithmeticError):  # numbers for which there is no float64
-            self.acceleration = before
             return self._rejected(current, "a scan that cannot be used")
 
     def _accepted(self, current: Round) -> VelocityEstimate:
         """The estimate of a round with pairs, or the reason for which it is not accepted."""
         pairs = current.pairs
-        by = None if self.budget is None else self._acceleration(current)
+        predicted = None if self.belief is None else predict(self.belief, current.time)
+        if predicted is None:
+            first = doppler_acceleration(pairs if self.model.doppler else (), UNKNOWN)
+            acceleration = first.value
+        else:
+            acceleration = predicted.whole.mean[3:]
         near = np.zeros(3) if self.velocity is None else self.velocity
-        problem = problem_of(pairs, self.model, None if by is None else by.value, near)
-        estimate = self._estimate(problem, _time_aligned_scans(pairs, by))
+        problem = problem_of(pairs, self.model, acceleration, near)
+        estimate = self._estimate(problem, _time_aligned_scans(pairs, acceleration))
         seen = sum(pair.current.size for pair in pairs), float(estimate.inliers)
         reason = _objection(estimate, pairs)
         if reason:
             return self._rejected(current, reason, *seen)
         theta, covariance, parts, raw = estimate.theta, estimate.covariance, None, None
-        if self.budget is not None and by is not None:
+        if self.budget is not None:
             found = apply_budget(problem, estimate, pairs, self.budget, current.time, near)
-            raw = self._filter_input(found, theta - found.lead @ by.value, current.sensors)
-            theta, parts = raw.carried(by)
-            covariance = parts.total
+            raw = self._filter_input(found, theta - found.lead @ acceleration, current.sensors)
+            theta, covariance = raw.velocity - raw.delay @ acceleration, raw.parts.total
         state = State(current.time, theta, covariance)
         if not np.isfinite(covariance).all():
             reason = "a covariance that is not finite"
@@ -116,10 +111,12 @@ class OdometryEstimator:
             reason = self.limits.exceeded(state, self.last)
         if reason:
             return self._rejected(current, reason, *seen)
-        if raw is not None and by is not None:
-            record = self.acceleration.update(current.time, raw.velocity, raw.delay, raw.white, by)
+        if raw is not None:
+            belief = update(predicted, raw) if predicted else begin(current.time, raw, first)
+            theta, parts = reported(belief.whole)
+            covariance, self.belief = parts.total, belief
             if self.records is not None:
-                self.records.append((raw, record))
+                self.records.append(belief)
         self.last, self.velocity = state, estimate.theta
         return VelocityEstimate(
             current.time, current.interval, theta, covariance, "", *seen, parts, raw
@@ -136,21 +133,15 @@ class OdometryEstimator:
             slow = np.column_stack([slow, constant])
         return FilterInput(velocity, found.parts, found.delay, slow, self.budget.lag)
 
-    def _acceleration(self, current: Round) -> Acceleration:
-        """The acceleration before a round: of the estimates before, or at first by Doppler."""
-        known = self.acceleration.predict(current.time)
-        if known is None:
-            known = doppler_acceleration(current.pairs if self.model.doppler else (), UNKNOWN)
-        return known
-
     def _rejected(
         self, current: Round, reason: str, targets: int = 0, inliers: float = np.nan
     ) -> VelocityEstimate:
         """The row of a round that gives no estimate."""
-        if self.last is not None:
+        theta = np.zeros(3) if self.velocity is None else self.velocity
+        if self.belief is not None:
+            theta = self.belief.whole.mean[:3]
+        elif self.last is not None:
             theta = self.last.theta
-        else:
-            theta = np.zeros(3) if self.velocity is None else self.velocity
         unknown = np.full((3, 3, 3), np.nan)
         parts = None if self.budget is None else CovarianceParts(*unknown)
         return VelocityEstimate(
@@ -170,18 +161,24 @@ class OdometryEstimator:
         return min(near, anew, key=lambda each: (not _is_good(each), float(each.value)))
 
 
-def _time_aligned_scans(pairs: Sequence[ScanPair], by: Acceleration | None) -> Iterator[View]:
+def reported(belief: Belief) -> tuple[Array, CovarianceParts]:
+    """The velocity (3,) of a belief, and the parts of its covariance."""
+    slow = belief.cross[:3] @ belief.cross[:3].T
+    noise = belief.covariance[:3, :3] - slow
+    noise, slow = (0.5 * (each + each.T) for each in (noise, slow))
+    return belief.mean[:3], CovarianceParts(noise, np.zeros((3, 3)), slow)
+
+
+def _time_aligned_scans(pairs: Sequence[ScanPair], acceleration: Array) -> Iterator[View]:
     """The later scans with the Doppler velocities that they would have at the time of `problem_of`.
 
     Sensors that measure at different times show different velocities while the vehicle accelerates.
     """
     time = middle_of(pairs)
     for _, scan, mounting in pairs:
-        if by is not None:
-            gain, _ = doppler_gradients(scan.azimuth, mounting)
-            gained = gain @ ((scan.time - time) * by.value)
-            scan = replace(scan, doppler=scan.doppler - gained)
-        yield scan, mounting
+        gain, _ = doppler_gradients(scan.azimuth, mounting)
+        gained = gain @ ((scan.time - time) * acceleration)
+        yield replace(scan, doppler=scan.doppler - gained), mounting
 
 
 def _is_good(estimate: Estimate) -> bool:

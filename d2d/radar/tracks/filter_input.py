@@ -7,19 +7,18 @@ from numpy.typing import ArrayLike
 
 from d2d._checks import check_finite
 from d2d._types import Array
-from d2d.radar.motion.doppler import Acceleration
 from d2d.radar.scans.budget import CovarianceParts
 
 
 class FilterInput(NamedTuple):
     """Estimate as input of a Kalman filter: a measurement of its state with white noise.
 
-    `VelocityEstimate.theta` is carried to its time by an acceleration that other estimates have
-    shown, and its covariance contains errors that stay for many seconds.  A filter that takes all
-    of this as white believes that it averages out.  Here nothing is carried yet: the filter's own
-    acceleration does that, and the slow errors are further states (state augmentation: Bar-Shalom,
-    Li & Kirubarajan 2001).  With the true velocity v and acceleration a of the vehicle at the
-    estimate's time, in the vehicle frame (v' = a), and with the slow errors s of S sensors,
+    `VelocityEstimate.theta` is filtered: its errors stay for seconds, and a filter that takes them
+    as white believes that they average out.  Here nothing is filtered yet: the filter's own
+    acceleration takes it to its time, and the slow errors are further states (state augmentation:
+    Bar-Shalom, Li & Kirubarajan 2001) or, better on the road, considered without being learnt, as
+    `Tracker` does.  With the true velocity v and acceleration a of the vehicle at the estimate's
+    time, in the vehicle frame (v' = a), and with the slow errors s of S sensors,
 
         velocity = v + (delay - lag s_lag) a + slow s + white noise
 
@@ -38,7 +37,7 @@ class FilterInput(NamedTuple):
     velocity : (3,) array
         [v_x, v_y, omega] in m/s, m/s, rad/s, over the interval that the scans cover.
     parts : CovarianceParts
-        Of the covariance of ``velocity``, each (3, 3), without carry and lag.
+        Of the covariance of ``velocity``, each (3, 3), without the lag.
     delay : (3, 3) array, s
         Times the acceleration: how far ``velocity`` is from that at the estimate's time.
     slow : (3, 2 S + 2) array
@@ -94,15 +93,3 @@ class FilterInput(NamedTuple):
         delay = self.delay - self.lag * s[-1] * np.eye(3)
         to = np.column_stack([np.eye(3), delay, self.slow, -self.lag * a])
         return v + delay @ a + self.slow @ s[:-1], to
-
-    def carried(self, by: Acceleration) -> tuple[Array, CovarianceParts]:
-        """The velocity (3,) at the estimate's time by an acceleration, and its covariance's parts.
-
-        The acceleration's own covariance counts as noise, and what the lag makes of it as
-        systematic.
-        """
-        noise = self.parts.noise + self.delay @ by.covariance @ self.delay.T
-        moved = self.lag * by.value
-        late = self.parts.systematic + moved[:, None] * moved
-        parts = self.parts._replace(noise=0.5 * (noise + noise.T), systematic=late)
-        return self.velocity - self.delay @ by.value, parts

@@ -2,7 +2,7 @@
 
 import sys
 from collections import deque
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import TextIO, Unpack
 
@@ -14,13 +14,8 @@ from d2d.radar.motion.model import EstimationOptions, split_options
 from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, level
-from d2d.radar.tracks.acceleration import (
-    AccelerationFilter,
-    FilterRecord,
-    accelerations_of_others,
-)
-from d2d.radar.tracks.estimator import OdometryEstimator, VelocityEstimate
-from d2d.radar.tracks.filter_input import FilterInput
+from d2d.radar.tracks.estimator import OdometryEstimator, VelocityEstimate, reported
+from d2d.radar.tracks.filter import Mixture, smooth_mixtures
 from d2d.radar.tracks.intake import ScanGate, usable
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import (
@@ -96,12 +91,13 @@ def track(
     baseline : int, optional
         The same as a number of scans, instead of a horizon.
     carry : bool
-        Whether estimates are carried to the track's times.  The positions of a pair give the mean
-        velocity over its interval, which lags behind while the vehicle accelerates; the
-        acceleration that other estimates show corrects it.  Their covariance is propagated from the
-        targets' errors, and contains that of the acceleration.  False gives the bare pairs: the
-        velocity with which the scans fit best if it is constant, and the inverse Hessian, as
-        `estimate_ego_motion`; neither ``budget`` nor ``smooth`` go with it.
+        Whether what earlier estimates show is carried on to the next ones.  A Kalman filter of the
+        velocity and the acceleration takes each estimate to the time of its round, which positions,
+        of a mean velocity over an interval, lag behind, and averages their noise.  The errors of
+        the ``budget`` it considers, but does not learn (Schmidt 1966); its covariance contains
+        them.  False gives the bare pairs: the velocity with which the scans fit best if it is
+        constant, and the inverse Hessian, as `estimate_ego_motion`; neither ``budget`` nor
+        ``smooth`` go with it.
     initial : (3,) array, optional
         Start [v_x, v_y, omega] of the first estimate.
     max_interval : float, s
@@ -109,10 +105,9 @@ def track(
         it.
     budget : ErrorBudget, optional
         Errors that the targets of a sensor share; each sensor has its own, of the same standard
-        deviations.  None states none.  It does not change what is estimated.
+        deviations.  None states none.
     smooth : bool
-        Whether the acceleration that carries the velocities comes from all other estimates, also
-        the later ones, instead of those before.
+        Whether the velocities rest on all estimates, also the later ones, instead of those before.
     limits : VehicleLimits, optional
         What the vehicle can do; None accepts any motion.
     progress : bool, optional
@@ -293,18 +288,17 @@ def track_of(estimates: Collection[VelocityEstimate], carried: bool = True) -> T
     )
 
 
-def _smoothed(driven: Track, records: Sequence[tuple[FilterInput, FilterRecord]]) -> Track:
-    """The track with each accepted estimate carried by the acceleration that all others show."""
+def _smoothed(driven: Track, records: list[Mixture]) -> Track:
+    """The track with the velocities that all estimates show, before and after each."""
     assert driven.parts is not None
-    found = accelerations_of_others([record for _, record in records])
-    carried = [raw.carried(by) for (raw, _), by in zip(records, found, strict=True)]
+    found = [reported(each.whole) for each in smooth_mixtures(records)]
     theta, good = driven.theta.copy(), driven.converged
-    theta[good] = [velocity for velocity, _ in carried]
+    theta[good] = [velocity for velocity, _ in found]
     last = np.maximum.accumulate(np.where(good, np.arange(len(good)), -1))
     held = ~good & (last >= 0)
     theta[held] = theta[last[held]]
     arrays = np.stack(driven.parts)
-    arrays[:, good] = np.swapaxes([parts for _, parts in carried], 0, 1)
+    arrays[:, good] = np.swapaxes([parts for _, parts in found], 0, 1)
     parts = CovarianceParts(*arrays)
     return replace(driven, theta=theta, covariance=parts.total, parts=parts)
 
@@ -326,7 +320,6 @@ def compile_for(estimator: OdometryEstimator) -> None:
             limits=None,
             velocity=None,
             sensors=len(mountings),
-            acceleration=AccelerationFilter(),
         )
         pairs = [ScanPair(first, second, mounting) for mounting in mountings]
         for time in (0.1, 0.2):

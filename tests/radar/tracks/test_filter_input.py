@@ -13,10 +13,7 @@ from d2d.radar import (
     VelocityEstimate,
     simulate_drive,
 )
-from d2d.radar.motion.doppler import doppler_acceleration
-from d2d.radar.motion.pairs import ScanPair
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED, _motion
-from d2d.radar.tracks.acceleration import UNKNOWN, AccelerationFilter
 from tests.radar.scenes import named_sensors
 from tests.radar.tracks.test_tracker import fed
 
@@ -38,26 +35,6 @@ def true_motion(times, start):
     """Velocities (n, 3) and accelerations (n, 3) of the car."""
     later, earlier = (_motion(times + by, start, CAR_SPEED).theta for by in (0.005, -0.005))
     return _motion(times, start, CAR_SPEED).theta, (later - earlier) / 0.01
-
-
-def test_carried_by_its_acceleration_it_is_the_estimate():
-    """Breaks if something of the stated covariance is in no part of the input, or in two."""
-    drive = of_car(np.random.default_rng(1), 2.0, start=3.0)
-    learnt = AccelerationFilter()
-    for i, each in enumerate(estimated(drive)):
-        seen = each.filter_input
-        by = learnt.predict(each.time)
-        if by is None:
-            pair = ScanPair(drive.scans[i], drive.scans[i + 1], CAR_MOUNTING)
-            by = doppler_acceleration([pair], UNKNOWN)
-        theta, parts = seen.carried(by)
-        assert_allclose(theta, each.theta, rtol=1e-12)
-        late = np.column_stack([seen.slow, seen.lag * by.value])
-        carry = seen.delay @ by.covariance @ seen.delay.T
-        whole = seen.white + carry + late @ late.T
-        assert_allclose(whole, each.covariance, rtol=1e-9, atol=1e-12)
-        assert_allclose(parts.total, each.covariance, rtol=1e-12)
-        learnt.update(each.time, seen.velocity, seen.delay, seen.white, by)
 
 
 def test_each_sensor_has_columns_of_its_own():

@@ -124,7 +124,10 @@ def test_neither_sensors_nor_targets_depend_on_their_order():
         }
         whole = track(sensors, budget=budget)
         turned = {name: sensors[name] for name in ("rear", "left", "right")}
-        assert_same(track(turned, budget=budget), whole)
+        other = track(turned, budget=budget)
+        assert_array_equal(other.converged, whole.converged)  # sums over sensors are rounded
+        assert_allclose(other.theta, whole.theta, rtol=1e-9, atol=1e-12)
+        assert_allclose(other.covariance, whole.covariance, rtol=1e-9, atol=1e-15)
         mixed = {
             name: ([scan[rng.permutation(scan.size)] for scan in own], at)
             for name, (own, at) in sensors.items()
@@ -407,26 +410,21 @@ def test_what_is_accepted_after_a_gap_in_a_bend_is_as_sure_as_it_says(gap):
 
 
 def test_a_track_contains_its_budget():
-    """Breaks if a budget changes what is estimated, or a covariance is not the sum of its parts."""
+    """Breaks if errors of the budget average out, or are learnt from what a vehicle does."""
     drive = simulate_drive(np.random.default_rng(1), duration=3.0)
     plain = track(drive)
     assert_same(track(drive, budget=ErrorBudget()), plain)
-    stated = ErrorBudget(azimuth=0.002, doppler=0.02, scale=0.001, lag=0.01)
-    assert_array_equal(track(drive, budget=stated).theta, plain.theta)
-    budget = replace(stated, lag=0.0, neighbours=1.0)
-    found = track(drive, budget=budget)
+    found = track(drive, budget=ErrorBudget(azimuth=0.002, doppler=0.02, scale=0.001, lag=0.01))
+    assert np.abs(found.theta - plain.theta).max() < 0.02
     assert plain.parts is not None
     assert found.parts is not None
+    assert not plain.parts.systematic.any()
     assert_array_equal(found.covariance, found.parts.total)
+    assert (np.sqrt(found.parts.systematic[-10:, 0, 0]) > 0.01).all()  # whatever came before
     assert_array_equal(found.converged, plain.converged)
     assert_array_equal(found.reasons, "")
     assert_array_equal(found.targets, [scan.size for scan in drive.scans[1:]])
     assert ((found.inliers > 0.1) & (found.inliers <= 1.0)).all()
-    late = track(drive, budget=replace(budget, lag=0.1))
-    added = late.parts.systematic - found.parts.systematic
-    assert (np.abs(np.linalg.eigvalsh(added)[:, :2]) < 1e-12).all()  # along the acceleration
-    assert added[:, 0, 0].max() > 1e-4
-    assert_allclose(late.parts.noise, found.parts.noise, atol=1e-12)
     for each in (found.covariance, *found.parts):  # else a table of the upper triangle differs
         assert_array_equal(each, np.swapaxes(each, 1, 2))
 
