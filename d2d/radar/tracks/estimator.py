@@ -87,11 +87,12 @@ class OdometryEstimator:
         """The estimate of a round with pairs, or the reason for which it is not accepted."""
         pairs = current.pairs
         predicted = None if self.belief is None else predict(self.belief, current.time)
-        if predicted is None:
+        acceleration = np.zeros(3)
+        if predicted is not None:
+            acceleration = predicted.whole.mean[3:]
+        elif self.budget is not None:
             first = doppler_acceleration(pairs if self.model.doppler else (), UNKNOWN)
             acceleration = first.value
-        else:
-            acceleration = predicted.whole.mean[3:]
         near = np.zeros(3) if self.velocity is None else self.velocity
         problem = problem_of(pairs, self.model, acceleration, near)
         estimate = self._estimate(problem, _time_aligned_scans(pairs, acceleration))
