@@ -118,7 +118,7 @@ def propagate_covariance(
     _warn_of_long_targets(fixed, moving)
     if measurement is not None:
         return _definite(estimate.covariance, _noise(problem, bound, slope))
-    bound, inward = problem.about_centres(bound)
+    bound, inward = problem.about_means(bound)
     known = np.isfinite(estimate.covariance).all(axis=(-2, -1), keepdims=True)
     inverse = in_coordinates(inward, np.where(known, estimate.covariance, np.nan))
     outward = 2.0 * np.eye(problem.parameters) - inward

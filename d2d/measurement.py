@@ -6,17 +6,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from d2d._checks import (
-    NOT_NEGATIVE,
-    SCALE,
-    broadcast_batches,
-    check_finite,
-    check_positive,
-    check_shape,
-)
+from d2d._checks import SCALE, Bounds, broadcast_batches, check_shape
 from d2d._frozen import Frozen
 from d2d._kernel import layout
 from d2d._types import Array
+
+# Bounds within which the squares and products of a density's terms are finite.
+_ANY, _SIGMA = Bounds(most=1e20), Bounds(above=0.0, least=1e-20, most=1e20)
+_INPUT = Bounds(least=0.0, most=1e20)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +31,9 @@ class LinearMeasurement(Frozen):
     Parameters
     ----------
     value : (..., K) array
-        Measured values z_k.
+        Measured values z_k.  All magnitudes are at most 1e20.
     sigma, sigma_input : arrays that broadcast to (..., K)
-        Standard deviations of the measurement (positive) and of its input (not negative).
+        Standard deviations of the measurement, at least 1e-20, and of its input (not negative).
     gain, slope : (..., K, P) arrays
         h_k and s_k.
     of_twist : bool
@@ -60,11 +57,11 @@ class LinearMeasurement(Frozen):
         of_twist: bool = False,
     ) -> None:
         arrays = {
-            "value": check_finite("value", value),
-            "sigma": check_positive("sigma", sigma),
-            "sigma_input": NOT_NEGATIVE.array("sigma_input", sigma_input),
-            "gain": check_finite("gain", gain),
-            "slope": check_finite("slope", slope),
+            "value": _ANY.array("value", value),
+            "sigma": _SIGMA.array("sigma", sigma),
+            "sigma_input": _INPUT.array("sigma_input", sigma_input),
+            "gain": _ANY.array("gain", gain),
+            "slope": _ANY.array("slope", slope),
         }
         check_shape("gain", arrays["gain"], "(..., K, 1)", "(..., K, 3)")
         parameters = arrays["gain"].shape[-1]

@@ -21,6 +21,7 @@ from d2d.point_set import PointSet
 
 TOLERANCE = 1e-14  # of the Newton decrement: 1e-7 standard deviations from the optimum
 MAX_ITERATIONS = 200
+_TINY = 1e-6  # part of a direction that counts as zero
 
 
 class Pair(NamedTuple):
@@ -66,6 +67,14 @@ class Bound(NamedTuple):
     def part(self, first: int, last: int) -> layout.Batch:
         """The problems from ``first`` to ``last``."""
         return self.batch._replace(first=self.batch.first[first : last + 1])
+
+    def only(self, which: NDArray[np.bool_]) -> "Bound":
+        """Some of the problems, each of which has a single pair."""
+        pairs, intervals = self.batch.pairs[which], self.batch.intervals[which]
+        batch = self.batch._replace(
+            pairs=pairs, intervals=intervals, first=np.arange(len(pairs) + 1)
+        )
+        return Bound(self.thetas[which], batch, (len(pairs),))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -235,6 +244,7 @@ class Problem:
             float(fixed.dimension == 2),
             self.form.fusion,
             measurement is not None and measurement.of_twist,
+            self.kind == layout.MOTION and measurement is None,
             self.kind,
             self.prior,
         )
@@ -282,146 +292,142 @@ class Problem:
             first=len(self.pairs) * np.arange(count + 1),
         )
 
-    def about_centres(self, bound: Bound) -> tuple[Bound, Array]:
-        """The motions between the sets about their centres, which must not be measured.
+    def about_means(self, bound: Bound) -> tuple[Bound, Array]:
+        """The motions between the sets about their means, which must not be measured.
 
         With the derivative (..., P, P) of these motions in the given ones.
         """
-        pairs, p = bound.batch.pairs, self.parameters
-        a = bound.batch.fixed_centres[pairs[:, layout.FIXED_SET]]
-        b = bound.batch.moving_centres[pairs[:, layout.MOVING_SET]]
-        turned = (rigid.rotation(bound.thetas[:, 2]) @ b[..., None])[..., 0]
-        thetas = bound.thetas.copy()
+        batch, p, thetas = bound.batch, self.parameters, bound.thetas.copy()
+        (fixed, moving, *_), pairs = self.pairs[0], batch.pairs
+        packed = (points._layout.packed.reshape(-1, 6, points.size) for points in (fixed, moving))
+        to, by = (each[:, :2].mean(axis=-1) for each in packed)  # from the centres
+        a = (batch.fixed_centres + to)[pairs[:, layout.FIXED_SET]]
+        b = (batch.moving_centres + by)[pairs[:, layout.MOVING_SET]]
+        turned = (rigid.rotation(thetas[:, 2]) @ b[..., None])[..., 0]
         thetas[:, :2] += turned - a
         slope = np.tile(np.eye(3), (len(thetas), 1, 1))
         slope[:, 0, 2], slope[:, 1, 2] = -turned[:, 1], turned[:, 0]
-        batch = bound.batch._replace(
-            fixed_centres=np.zeros_like(bound.batch.fixed_centres),
-            moving_centres=np.zeros_like(bound.batch.moving_centres),
-        )
+        batch = batch._replace(fixed_centres=-to, moving_centres=-by, centred=False)
         return Bound(thetas, batch, bound.shape), slope[:, :p, :p].reshape(*bound.shape, p, p)
 
-    def about_means(self, bound: Bound) -> tuple["Problem", Bound, Array]:
-        """The problem of planar sets about their means, without a measurement, and its motions.
-
-        With the derivative (..., 3, 3) of these motions in the given ones.
-        """
-        (pair,), theta = self.pairs, bound.thetas.reshape(*bound.shape, 3)
-        a, b = pair.fixed.means.mean(axis=-2), pair.moving.means.mean(axis=-2)
-        shifted = pair._replace(fixed=pair.fixed.shifted(-a), moving=pair.moving.shifted(-b))
-        turned = (rigid.rotation(theta[..., 2]) @ b[..., None])[..., 0]
-        inner, slope = theta.copy(), np.zeros((*bound.shape, 3, 3)) + np.eye(3)
-        inner[..., :2] += turned - a
-        slope[..., 0, 2], slope[..., 1, 2] = -turned[..., 1], turned[..., 0]
-        problem = replace(self, pairs=[shifted])
-        return problem, problem.bind(inner), slope
-
     def minimise(self, bound: Bound, threads: int = 1) -> Estimate:
-        """The optimum of each bound problem near its parameters, which become the optimum's.
-
-        Problems that find none are tried once more about the means of their sets: there it shows
-        which directions the targets do not determine, and the smallest step keeps to them.
-        """
-        starts = bound.thetas.copy()
-        estimate = self._descend(bound, threads)
-        measured = self.kind != layout.MOTION or self.pairs[0].measurement is not None
-        if measured or self.parameters == 1 or estimate.converged.all():
-            return estimate
-        problem, inner, _ = self.about_means(bound._replace(thetas=starts))
-        found = problem._descend(inner, threads)
-        flat = found.undetermined & ~estimate.converged
-        if not flat.any():
-            return replace(estimate, undetermined=flat)
-        turned = np.zeros(found.theta.shape)
-        turned[..., 2] = found.theta[..., 2]
-        _, shift, _ = self.about_means(self.bind(turned))
-        outer = self.bind(found.theta - shift.thetas.reshape(turned.shape) + turned)
-        at = self._descend(outer, threads, max_iterations=0)
-        valley = replace(
-            found,
-            theta=outer.thetas.reshape(turned.shape),
-            covariance=self._across(outer).reshape(found.covariance.shape),
-            value=at.value,
-            gradient=at.gradient,
-            hessian=at.hessian,
-        )
-        return where(flat, valley, replace(estimate, undetermined=flat))
-
-    def _descend(
-        self, bound: Bound, threads: int = 1, *, max_iterations: int = MAX_ITERATIONS
-    ) -> Estimate:
-        """The optimum of each bound problem; without an iteration, the derivatives at its start."""
-        thetas, count, p, shape = bound.thetas, len(bound.thetas), self.parameters, bound.shape
-        numbers, flags = np.empty((count, 4)), np.empty((count, 2), np.bool_)
-        gradient, hessian = np.empty((count, 3)), np.empty((count, 3, 3))
-        covariance = np.empty((count, 3, 3))
-        iterations = np.empty(count, np.int64)
-        found = (numbers, gradient, hessian, covariance, iterations, flags)
-
-        any_flat = False
-
-        def run(first: int, last: int, stop: Array) -> None:
-            nonlocal any_flat
-            part, begin = bound.batch, thetas
-            own: tuple[NDArray[Any], ...] = found
-            if last - first < count:
-                part, begin = bound.part(first, last), thetas[first:last]
-                own = tuple(array[first:last] for array in found)
-            memory = self._memory(stop, max_iterations > 0)
-            if entries.minimise_batch(part, begin, TOLERANCE, max_iterations, memory, own):
-                any_flat = True
-
-        run_in_slices(run, count, self.size, threads)
-        measured = self.kind == layout.MOTION and self.pairs[0].measurement is not None
-        if any_flat and max_iterations and measured:  # about the means it is done by `minimise`
-            covariance[flags[:, 1]] = self._across(bound)[flags[:, 1]]
-        value, inliers, fit, freedom = numbers.T
+        """The optimum of each bound problem near its parameters."""
+        p, shape = self.parameters, bound.shape
+        found, failed = self._descend(bound, threads)
+        if failed and self.kind == layout.MOTION and p == 3:
+            self._find_valleys(found, bound, threads)
         estimate = object.__new__(Estimate)  # a frozen dataclass sets one attribute at a time
+        value, inliers, fit, freedom = found.numbers.T
         estimate.__dict__.update(
-            theta=thetas[:, :p].reshape(*shape, p),
-            covariance=covariance[:, :p, :p].reshape(*shape, p, p),
+            theta=found.thetas[:, :p].reshape(*shape, p),
+            covariance=found.covariance[:, :p, :p].reshape(*shape, p, p),
             value=value.reshape(shape),
-            gradient=gradient[:, :p].reshape(*shape, p),
-            hessian=hessian[:, :p, :p].reshape(*shape, p, p),
-            converged=flags[:, 0].reshape(shape),
-            iterations=iterations.reshape(shape),
+            gradient=found.gradient[:, :p].reshape(*shape, p),
+            hessian=found.hessian[:, :p, :p].reshape(*shape, p, p),
+            converged=found.converged.reshape(shape),
+            iterations=found.iterations.reshape(shape),
             inliers=inliers.reshape(shape),
             fit=fit.reshape(shape),
             freedom=freedom.reshape(shape),
-            undetermined=flags[:, 1].reshape(shape),
+            undetermined=found.undetermined.reshape(shape),
         )
         return estimate
+
+    def derivatives(self, bound: Bound) -> tuple[Array, Array, Array]:
+        """Value (...), gradient (..., P) and Hessian (..., P, P) of each bound problem."""
+        (_, numbers, gradient, hessian, *_), _ = self._descend(bound, max_iterations=0)
+        p, shape = self.parameters, bound.shape
+        return (
+            numbers[:, 0].reshape(shape),
+            gradient[:, :p].reshape(*shape, p),
+            hessian[:, :p, :p].reshape(*shape, p, p),
+        )
+
+    def _descend(
+        self, bound: Bound, threads: int = 1, *, max_iterations: int = MAX_ITERATIONS
+    ) -> tuple[layout.Optima, bool]:
+        """The optima near the bound parameters, and whether one was not found.
+
+        Without an iteration, the cost and its derivatives at the parameters.
+        """
+        count, failed = len(bound.thetas), False
+        found = layout.Optima(
+            bound.thetas.copy(),
+            np.empty((count, 4)),
+            np.empty((count, 3)),
+            np.empty((count, 3, 3)),
+            np.empty((count, 3, 3)),
+            np.empty(count, np.int64),
+            np.empty(count, np.bool_),
+            np.empty(count, np.bool_),
+        )
+
+        def run(first: int, last: int, stop: Array) -> None:
+            nonlocal failed
+            part, own = bound.batch, found
+            if last - first < count:
+                part, own = bound.part(first, last), found.part(first, last)
+            memory = self._memory(stop, max_iterations > 0)
+            failed |= entries.minimise_batch(part, TOLERANCE, max_iterations, memory, own)
+
+        run_in_slices(run, count, self.size, threads)
+        return found, failed
+
+    def _find_valleys(self, found: layout.Optima, bound: Bound, threads: int) -> None:
+        """State which directions are undetermined where there was no optimum.
+
+        Without a measurement, the descent is tried once more about the means of the sets: there it
+        shows which these are, and the smallest step keeps to where it is along them.
+        """
+        flat = found.undetermined
+        if self.pairs[0].measurement is None:
+            lost = bound.only(~found.converged)
+            again, _ = self._descend(self.about_means(lost)[0], threads)
+            outer = again.thetas.copy()
+            outer[:, :2] = 0.0
+            shift = self.about_means(lost._replace(thetas=outer))[0].thetas
+            outer[:, :2] = (again.thetas - shift)[:, :2]
+            at, _ = self._descend(lost._replace(thetas=outer), max_iterations=0)
+            flat[~found.converged] = again.undetermined
+            at = at._replace(iterations=again.iterations, undetermined=again.undetermined)
+            for ours, theirs in zip(found, at, strict=True):
+                ours[flat] = theirs[again.undetermined]
+            found.converged[flat] = False
+        if flat.any():
+            found.covariance[flat] = self._across(bound._replace(thetas=found.thetas).only(flat))
 
     def _across(self, bound: Bound) -> Array:
         """Covariances (B, 3, 3) of optima, infinite along what the targets do not determine.
 
         That is every direction in which the curvature is below FLAT of the largest, once a rotation
-        counts by the displacement that it causes.
+        counts by the displacement that it causes.  A rotation about the middle of the set alone,
+        of any angle, moves the origin only so far: the translation's variance stays finite.
         """
-        problem, outward, which = self, np.eye(3), bound.batch.pairs[:, layout.MOVING_SET]
+        moving, outward = self.pairs[0].moving, np.eye(3)
         if self.pairs[0].measurement is None:
-            problem, bound, inward = self.about_means(bound)
+            bound, inward = self.about_means(bound)
             outward = 2.0 * outward - inward.reshape(-1, 3, 3)
-        moving = problem.pairs[0].moving._layout.packed.reshape(-1, 6, self.targets)
-        x, y, xx, _, yy, _ = np.moveaxis(moving, 1, 0)
-        lever = (x * x + y * y + xx + yy).mean(axis=-1)[which]
-        hessian = problem._descend(bound, max_iterations=0).hessian.reshape(-1, 3, 3)
-        unit = np.ones((len(lever), 3))
-        unit[:, 2] = 1.0 / np.sqrt(lever)
-        values, axes = np.linalg.eigh(hessian * unit[:, :, None] * unit[:, None, :])
-        known = values > FLAT * values[:, -1:]
-        axes = outward @ (unit[:, :, None] * axes)
-        weights = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
-        across = (axes * weights[:, None]) @ np.swapaxes(axes, 1, 2)
-        along = np.where(known[:, None], 0.0, axes / unit[:, :, None])
-        along[np.abs(along) < 1e-6 * np.abs(along).max(axis=1, keepdims=True)] = 0.0
+        packed = moving._layout.packed.reshape(-1, 6, moving.size)
+        places = packed[:, :2] + bound.batch.moving_centres[:, :, None]
+        spread = packed[:, layout.XX] + packed[:, layout.YY]
+        lever = ((places**2).sum(axis=1) + spread).mean(axis=-1)
+        unit = np.ones((len(bound.thetas), 3, 1))
+        unit[:, 2, 0] = 1.0 / np.sqrt(lever[bound.batch.pairs[:, layout.MOVING_SET]])
+        hessian = self._descend(bound, max_iterations=0)[0].hessian
+        values, axes = np.linalg.eigh(hessian * unit * np.swapaxes(unit, 1, 2))
+        known = values[:, None] > FLAT * values[:, None, -1:]
+        turning = ~known & (np.abs(axes[:, :2]) < _TINY).all(axis=1, keepdims=True)
+        axes = outward @ (unit * axes)
+        weights = np.where(known, 1.0 / np.where(known, values[:, None], 1.0), 0.0)
+        turn = np.where(turning, axes / np.where(turning, axes[:, 2:], 1.0), 0.0)
+        finite = (axes * weights) @ np.swapaxes(axes, 1, 2)
+        finite += math.pi**2 / 3.0 * turn @ np.swapaxes(turn, 1, 2)  # of an angle within pi
+        along = np.where(known, 0.0, axes / unit)
+        along[np.abs(along) < _TINY * np.abs(along).max(axis=1, keepdims=True)] = 0.0
         free = along @ np.swapaxes(along, 1, 2)
-        return np.asarray(np.where(free == 0.0, across, np.copysign(np.inf, free)))
-
-    def derivatives(self, bound: Bound) -> tuple[Array, Array, Array]:
-        """Value (...), gradient (..., P) and Hessian (..., P, P) of each bound problem."""
-        found = self._descend(bound, max_iterations=0)
-        return found.value, found.gradient, found.hessian
+        shifts = np.where(turning, 0.0, along)[:, :2]
+        free[:, :2, :2] = shifts @ np.swapaxes(shifts, 1, 2)
+        return np.asarray(np.where(free == 0.0, finite, np.copysign(np.inf, free)))
 
     def cross_derivatives(self, bound: Bound, begin: int, end: int) -> CrossDerivatives:
         """Derivatives of the gradients of some bound problems in all that is measured.

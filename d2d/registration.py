@@ -204,19 +204,20 @@ def anneal(
     Each optimum starts the next; after several scales the result is never worse than the start at
     the last one: where it is, it is what the last scale alone finds.
     """
-    theta, iterations = start, np.zeros((), dtype=np.int64)
-    for scale in scales:
-        inflated = problem.inflated(scale)
-        optimum = inflated.minimise(inflated.bind(theta, "initial"), threads)
-        theta, iterations = optimum.theta, np.asarray(iterations + optimum.iterations)
-    optimum = replace(optimum, iterations=iterations)
+    inflated = problem.inflated(scales[0])
+    optimum = inflated.minimise(inflated.bind(start, "initial"), threads)
     if len(scales) == 1:
         return optimum
-    at_start = inflated.derivatives(inflated.bind(start, "initial"))[0]
-    worse = optimum.value > at_start
+    iterations = optimum.iterations
+    for scale in scales[1:]:
+        inflated = problem.inflated(scale)
+        optimum = inflated.minimise(inflated.bind(optimum.theta), threads)
+        iterations = iterations + optimum.iterations
+    optimum = replace(optimum, iterations=np.asarray(iterations))
+    worse = optimum.value > inflated.derivatives(inflated.bind(start))[0]
     if not worse.any():
         return optimum
-    direct = inflated.minimise(inflated.bind(start, "initial"), threads)
+    direct = inflated.minimise(inflated.bind(start), threads)
     merged = where(worse, direct, optimum)
     return replace(merged, iterations=iterations + np.where(worse, direct.iterations, 0))
 

@@ -75,7 +75,7 @@ def sandwich_covariance(
         return _from_scores(problem, bound, known, labels)
     # Nothing measured of the motion itself: the origin is arbitrary, but the effect of leaving out
     # a target is computed to first order and depends on it.
-    problem, bound, inward = problem.about_means(bound)
+    bound, inward = problem.about_means(bound)
     outward = 2.0 * np.eye(3) - inward
     return in_coordinates(outward, _from_scores(problem, bound, known, labels))
 

@@ -188,12 +188,6 @@ def evaluate_pair(pair, theta, fusion, accuracy, work, block):
     return value
 
 
-@inlined
-def is_centred(batch):
-    """Whether the descent is about the centres of the sets, see `entries.minimise_batch`."""
-    return batch.kind == layout.MOTION and batch.factors.shape[0] == 0
-
-
 @compiled
 def pair_at(batch, number, centred):
     """One pair of the batch, bound; ``centred`` if its motion is one about the sets' centres."""

@@ -5,7 +5,7 @@ import math
 from d2d._kernel import layout, rows
 from d2d._kernel.charts import centred_chart, exponential_chart, logarithm_chart, write_chart
 from d2d._kernel.compile import compiled, entry, inlined
-from d2d._kernel.cost import evaluate_block, is_centred, motion_chart, pair_at, setting_of
+from d2d._kernel.cost import evaluate_block, motion_chart, pair_at, setting_of
 from d2d._kernel.jets import through_chart
 from d2d._kernel.layout import WEIGHT, XX, XY, YY, X, Y, work_in
 from d2d._kernel.newton import invert, minimise, moving_targets
@@ -226,14 +226,10 @@ def is_regular(c):
 
 
 @entry
-def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
-    """Minimise every problem separately; ``thetas`` holds the starts, then the optima.
+def minimise_batch(batch, tolerance, max_iterations, memory, optima):
+    """Minimise every problem separately, from the thetas of ``optima``; whether any one failed.
 
-    ``results`` are the value, share of inliers, fit and freedom (B, 4), gradient, Hessian,
-    covariance, iterations, and whether it converged and is undetermined (B, 2).
-
-    Without an iteration, they are the cost and its derivatives at the starts.  Returns
-    whether a problem leaves a direction undetermined.
+    Without an iteration, these are the cost and its derivatives at the starts.
 
     A motion is sought between the sets about their centres, see `middle_of`: about an origin far
     away a rotation moves all targets alike, and no step can tell it from a translation.  The
@@ -241,13 +237,12 @@ def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
     motion as given, or in its twist, and a velocity has no other origin than the vehicle's; both
     stay there.
     """
-    numbers, gradient, hessian, covariance, iterations, flags = results
-    any_flat = False
-    work = work_in(memory)
-    centred, known = is_centred(batch), batch.outlier[layout.KIND] != layout.NO_OUTLIER
+    thetas, numbers, gradient, hessian, covariance, iterations, good, undetermined = optima
+    failed, work = False, work_in(memory)
+    known, measured = batch.outlier[layout.KIND] != layout.NO_OUTLIER, batch.factors.shape[0] > 0
     for b in range(thetas.shape[0]):
         a, c = centres_of(batch, batch.first[b])
-        away = centred and (a[0] != 0.0 or a[1] != 0.0 or c[0] != 0.0 or c[1] != 0.0)
+        away = batch.centred and (a[0] != 0.0 or a[1] != 0.0 or c[0] != 0.0 or c[1] != 0.0)
         if away:
             chart = centred_chart(thetas[b], a, c)
             thetas[b, 0], thetas[b, 1] = chart.x, chart.y
@@ -259,28 +254,23 @@ def minimise_batch(batch, thetas, tolerance, max_iterations, memory, results):
                 batch, b, thetas[b], tolerance, most, work, gradient[b], hessian[b]
             )
             iterations[b] = tried if most == max_iterations else iterations[b] + tried
-            if most == 0 or batch.kind != layout.MOTION or not wrap(thetas[b]) or centred:
+            if most == 0 or batch.kind != layout.MOTION or not (wrap(thetas[b]) and measured):
                 break
             # To a measurement another turn is another motion: back to the start, not converged.
             thetas[b, 0], thetas[b, 1], thetas[b, 2], most = x, y, angle, 0
         if converged:
             invert(hessian[b], work.step, work.trial, covariance[b])
-        targets = moving_targets(batch, b)
         freedom = (1.0 + batch.planar) * shares - (1.0 + 2.0 * batch.planar)
-        numbers[b, 0], numbers[b, 1] = value, shares / targets if known else math.nan
-        numbers[b, 2], numbers[b, 3] = (
-            2.0 * distances / freedom if freedom > 0.0 else math.nan,
-            freedom,
-        )
+        numbers[b, 0], numbers[b, 3] = value, freedom
+        numbers[b, 1] = shares / moving_targets(batch, b) if known else math.nan
+        numbers[b, 2] = 2.0 * distances / freedom if freedom > 0.0 else math.nan
         if away:
             bring_back(thetas[b], a, c, gradient[b], hessian[b], covariance[b])
-            regular = batch.planar == 0.0 or is_regular(covariance[b])
-            converged = converged and regular
+            converged = converged and (batch.planar == 0.0 or is_regular(covariance[b]))
         if not converged:
-            covariance[b, :, :] = math.nan
-        flags[b, 0], flags[b, 1] = converged, flat
-        any_flat = any_flat or flat
-    return any_flat
+            covariance[b, :, :], failed = math.nan, True
+        good[b], undetermined[b] = converged, flat
+    return failed
 
 
 @entry

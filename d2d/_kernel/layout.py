@@ -105,8 +105,26 @@ class Batch(NamedTuple):
     planar: float
     fusion: int
     in_twist: bool
+    centred: bool  # whether the descent is about the centres of the sets, see `minimise_batch`
     kind: int  # of the parameters: MOTION, ARC or CHORD
     prior: Any  # (3,) precisions of the parameters' prior, a Gaussian about zero
+
+
+class Optima(NamedTuple):
+    """The optima of B problems; thetas holds the starts first."""
+
+    thetas: Any  # (B, 3)
+    numbers: Any  # (B, 4) value, share of inliers, fit and its degrees of freedom
+    gradient: Any  # (B, 3)
+    hessian: Any  # (B, 3, 3)
+    covariance: Any  # (B, 3, 3)
+    iterations: Any  # (B,) of int
+    converged: Any  # (B,) of bool
+    undetermined: Any  # (B,) of bool
+
+    def part(self, first: int, last: int) -> "Optima":
+        """The problems from ``first`` to ``last``."""
+        return Optima(*(array[first:last] for array in self))
 
 
 class Memory(NamedTuple):

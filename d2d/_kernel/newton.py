@@ -6,7 +6,7 @@ import numpy as np
 
 from d2d._kernel import layout
 from d2d._kernel.compile import compiled, inlined, merged
-from d2d._kernel.cost import evaluate, is_centred, pair_at
+from d2d._kernel.cost import evaluate, pair_at
 from d2d._kernel.layout import XX, YY, Accuracy, X, Y
 from d2d._kernel.neighbours import forget_neighbours
 
@@ -250,7 +250,7 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     Where the cost is large, its rounding exceeds what a step gains and cannot tell whether the step
     was good.  Then a step is accepted if it lowers the decrement, and one below RESOLVED is enough.
     """
-    pair = pair_at(batch, batch.first[problem], is_centred(batch))
+    pair = pair_at(batch, batch.first[problem], batch.centred)
     step, scale, trial = work.step, work.scale, work.trial
     radius = first_radius(pair, scale)
     if batch.kind != layout.MOTION:
