@@ -7,23 +7,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from d2d import rigid
-from d2d._checks import (
-    broadcast_batches,
-    check_finite,
-    check_instance,
-    check_real,
-    check_shape,
-    symmetrise,
-)
+from d2d._checks import check_instance, check_real, check_shape, symmetrise
 from d2d._kernel import layout
 from d2d._kernel.compile import read_only
-from d2d._kernel.errors import add_measurements, add_positions
+from d2d._kernel.errors import add_positions
 from d2d._kernel.newton import SINGULAR
 from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.measurement import LinearMeasurement
 from d2d.point_set import PointSet
-from d2d.problem import Bound, CrossDerivatives, Estimate, Problem, flat_index
+from d2d.problem import Bound, Estimate, Problem, flat_index
 
 # Length over width of a target, above which a standard deviation of the rotation turns it by more
 # than its width: at 175 the mean NEES is twice too large, at 90 it is right.
@@ -61,7 +54,6 @@ def propagate_covariance(
     cost: RegistrationCost | None = None,
     *,
     measurement: LinearMeasurement | None = None,
-    position_slope: ArrayLike | None = None,
 ) -> Array:
     """Covariance of the optimum by propagation of the measurement errors (Censi 2007).
 
@@ -85,13 +77,8 @@ def propagate_covariance(
     cost : RegistrationCost, optional
         By default, the D2D likelihood without an outlier component.
     measurement : LinearMeasurement, optional
-        Its values are part of z, with the variance that it states.  Their errors are independent of
-        those of the positions unless ``position_slope`` is given.
-    position_slope : (..., K, D) array, optional
-        Derivative of each moving target's position in the measurement's input, in m per unit of
-        the input.  If given, a single error of the input, of standard deviation ``sigma_input``,
-        moves the target along this slope and the predicted value along the measurement's own
-        slope.  The target's covariance must already contain the part caused by this error.
+        Its values are part of z, with the variance that it states.  Their errors are taken to be
+        independent of those of the positions.
 
     Notes
     -----
@@ -102,27 +89,22 @@ def propagate_covariance(
     give, to first order, the same result as propagation from range and azimuth.  The covariances
     are taken as known, although those of polar measurements depend on the measured point; the
     book's appendix C measures the effect of this and that of the first-order approximation itself.
-
-    The estimate itself treats positions and measurement as independent (thesis eq. 7.14), and so
-    does the inverse Hessian, with or without ``position_slope``.
     """
     cost = RegistrationCost() if cost is None else cost
     check_instance("cost", cost, RegistrationCost)
     check_instance("estimate", estimate, Estimate)
     problem = cost.problem(fixed, moving, measurement)
     theta = rigid.motion("estimate", estimate.theta, fixed.dimension)
-    bound, slope = problem.bind(theta), None
-    if position_slope is not None:
-        slope = _checked_slope(position_slope, moving, measurement, bound.shape)
+    bound = problem.bind(theta)
     check_estimate(estimate, problem, bound)
     _warn_of_long_targets(fixed, moving)
     if measurement is not None:
-        return _definite(estimate.covariance, _noise(problem, bound, slope))
+        return _definite(estimate.covariance, _noise(problem, bound))
     bound, inward = problem.about_means(bound)
     known = np.isfinite(estimate.covariance).all(axis=(-2, -1), keepdims=True)
     inverse = in_coordinates(inward, np.where(known, estimate.covariance, np.nan))
     outward = 2.0 * np.eye(problem.parameters) - inward
-    return in_coordinates(outward, _definite(inverse, _noise(problem, bound, None)))
+    return in_coordinates(outward, _definite(inverse, _noise(problem, bound)))
 
 
 def _warn_of_long_targets(fixed: PointSet, moving: PointSet) -> None:
@@ -172,7 +154,7 @@ def _definite(inverse: Array, noise: Array) -> Array:
     return product
 
 
-def _noise(problem: Problem, bound: Bound, slope: Array | None) -> Array:
+def _noise(problem: Problem, bound: Bound) -> Array:
     """The covariance (..., P, P) of the gradient."""
     fixed, moving, measurement, _ = problem.pairs[0]
     count = len(bound.thetas)
@@ -184,31 +166,24 @@ def _noise(problem: Problem, bound: Bound, slope: Array | None) -> Array:
         for position, points in ((cross.fixed, fixed), (cross.moving, moving)):
             covariances = np.zeros((*points.covariances.shape[:-2], 2, 2))
             covariances[..., : points.dimension, : points.dimension] = points.covariances
-            add_positions(position, _selected(covariances, 3, bound, part), noise[part])
+            own = select(covariances, 3, bound, part)
+            add_positions(position, read_only(own, *own.shape), noise[part])
         if measurement is not None:
-            sigmas, turned = _measurement_errors(measurement, slope, bound, part)
-            add_measurements(cross.measured, cross.input, sigmas, cross.moving, turned, noise[part])
+            sigma = _measurement_sigma(measurement, bound, part)
+            scaled = sigma[..., None] * cross.measured
+            noise[part] += np.swapaxes(scaled, 1, 2) @ scaled
     return noise[:, :p, :p].reshape(*bound.shape, p, p)
 
 
-def _measurement_errors(
-    measurement: LinearMeasurement, slope: Array | None, bound: Bound, part: slice
-) -> tuple[tuple[Array, Array], Array]:
-    """Both sigmas (C, K) of a measurement, and how its input's error moves the position.
-
-    Without a slope, the effect of the input's error is part of the value's.
-    """
-    sigma = _selected(measurement.sigma, 1, bound, part)
-    sigma_input = _selected(measurement.sigma_input, 1, bound, part)
-    if slope is not None:
-        return (sigma, sigma_input), _selected(slope, 2, bound, part)
+def _measurement_sigma(measurement: LinearMeasurement, bound: Bound, part: slice) -> Array:
+    """Standard deviation (C, K) of each measured value, with the effect of its input's error."""
     theta = bound.thetas[part, : measurement.parameters]
     xi = rigid.logarithm(theta) if measurement.of_twist else theta
     predicted = (select(measurement.slope, 2, bound, part) @ xi[..., None])[..., 0]
-    whole = np.sqrt(sigma**2 + (sigma_input * predicted) ** 2)
-    shape = sigma.shape
-    none = np.zeros((*shape, 2))
-    return (read_only(whole, *shape), read_only(none[..., 0], *shape)), read_only(none, *none.shape)
+    sigma, by_input = (
+        select(each, 1, bound, part) for each in (measurement.sigma, measurement.sigma_input)
+    )
+    return np.hypot(sigma, by_input * predicted)
 
 
 def check_estimate(estimate: Estimate, problem: Problem, bound: Bound) -> None:
@@ -234,56 +209,3 @@ def select(array: NDArray[Any], axes: int, bound: Bound, part: slice = slice(Non
     """The arrays, with that many axes, that each problem of a part (C, ...) reads from a batch."""
     batch, own = array.shape[:-axes], array.shape[-axes:]
     return np.asarray(array.reshape(-1, *own)[flat_index(batch, bound.shape)[part]])
-
-
-def _selected(array: Array, axes: int, bound: Bound, part: slice) -> Array:
-    """Selected arrays, contiguous for the kernel."""
-    own = select(array, axes, bound, part)
-    return read_only(own, *own.shape)
-
-
-def _checked_slope(
-    slope: ArrayLike,
-    moving: PointSet,
-    measurement: LinearMeasurement | None,
-    shape: tuple[int, ...],
-) -> Array:
-    """``position_slope`` (..., K, D), checked to be possible with the targets' covariances."""
-    if measurement is None:
-        raise ValueError("position_slope needs a measurement")
-    shape_of_targets = f"(..., {moving.size}, {moving.dimension})"
-    array = check_finite("position_slope", slope, shape_of_targets, like="moving")
-    if broadcast_batches("position_slope and the batch", array.shape[:-2], shape) != shape:
-        raise ValueError(
-            f"position_slope has the batch axes {array.shape[:-2]}, which do not fit the other "
-            f"arguments' {shape}"
-        )
-    error = measurement.sigma_input[..., None] * array
-    solved = np.linalg.solve(moving.covariances, error[..., None])[..., 0]
-    if ((error * solved).sum(axis=-1) > 1.0 + 1e-6).any():
-        raise ValueError(
-            "position_slope times sigma_input must not exceed the errors that the covariances of "
-            "moving allow for"
-        )
-    return array
-
-
-def cross_derivatives(
-    theta: ArrayLike,
-    fixed: PointSet,
-    moving: PointSet,
-    cost: RegistrationCost,
-    *,
-    measurement: LinearMeasurement | None = None,
-) -> CrossDerivatives:
-    """Exact derivatives of the cost's gradient at theta (..., P) in each measured coordinate.
-
-    The covariances and the measurement's variance are held constant, although they were computed
-    at the measured point.  The arguments' batch axes broadcast.
-    """
-    problem = cost.problem(fixed, moving, measurement)
-    bound = problem.bind(rigid.motion("theta", theta, fixed.dimension))
-    p, d = problem.parameters, fixed.dimension
-    cross = problem.cross_derivatives(bound, 0, len(bound.thetas))
-    blocks = (*(each[:, :, :p, :d] for each in cross[:2]), *(each[:, :, :p] for each in cross[2:]))
-    return CrossDerivatives(*(each.reshape(*bound.shape, *each.shape[1:]) for each in blocks))

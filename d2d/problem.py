@@ -429,7 +429,7 @@ class Problem:
         free[:, :2, :2] = shifts @ np.swapaxes(shifts, 1, 2)
         return np.asarray(np.where(free == 0.0, finite, np.copysign(np.inf, free)))
 
-    def cross_derivatives(self, bound: Bound, begin: int, end: int) -> CrossDerivatives:
+    def cross_derivatives(self, bound: Bound, begin: int = 0, end: int = 1) -> CrossDerivatives:
         """Derivatives of the gradients of some bound problems in all that is measured.
 
         The batch axis counts the problems from ``begin`` to ``end``; the targets are those of all

@@ -130,10 +130,10 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
             "slope": np.ones((4, 3)),
         },
         {
-            "value": [[0.0, 0.0, 0.0, NAN], np.zeros(3), np.zeros(0)],
-            "sigma": [0.0, INF, np.ones(3)],
-            "sigma_input": [-0.1, NAN, np.ones(5)],
-            "gain": [np.ones(3), np.ones((4, 2)), np.ones((3, 3)), np.full((4, 3), INF)],
+            "value": [[0.0, 0.0, 0.0, NAN], np.zeros(3), np.zeros(0), np.full(4, 1e30)],
+            "sigma": [0.0, INF, np.ones(3), 1e-60],
+            "sigma_input": [-0.1, NAN, np.ones(5), 1e30],
+            "gain": [np.ones(3), np.ones((4, 2)), np.ones((3, 3)), np.full((4, 3), 1e60)],
             "slope": [np.ones((4, 2)), np.full((4, 3), NAN), None],
             "of_twist": [{"gain": np.ones((4, 1)), "slope": np.ones((4, 1)), "of_twist": True}],
         },
@@ -190,11 +190,6 @@ MISTAKES: dict[str, tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] =
         {"estimate": ESTIMATE, **SETS, "cost": None, "measurement": None},
         {
             **OF_AN_ESTIMATE,
-            "position_slope": [
-                {"measurement": doppler(), "position_slope": slope}
-                for slope in (np.ones((2, 2)), np.full((3, 2), NAN))
-            ],
-            "position_slope needs a measurement": [{"position_slope": np.zeros((3, 2))}],
         },
     ),
     "sandwich_covariance": (

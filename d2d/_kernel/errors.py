@@ -73,32 +73,6 @@ def add_measurements(value, prediction, sigmas, position, slope, noise):
             add_outer(noise[b], prediction[b, k], turned, 2.0 * square)
 
 
-@entry
-def add_turned(position, slope, total):
-    """Add up the derivatives (3,) in an error that turns the positions of all targets (K,).
-
-    With the derivatives in the ``position`` (K, 3, 2), which moves along ``slope`` (K, 2).
-    """
-    for k in range(position.shape[0]):
-        turned = along(position[k], slope[k])
-        for i in range(3):
-            total[i] += turned[i]
-
-
-@entry
-def add_shared(value, prediction, doppler, shared):
-    """Add up the derivatives in errors that the Doppler velocities (K,) of all targets share.
-
-    In an azimuth error, through the ``prediction`` (K, 3), an error of the velocities, through
-    their ``value`` (K, 3), and a relative one go to the rows of ``shared`` (3, 3).
-    """
-    for k in range(value.shape[0]):
-        for i in range(3):
-            shared[0, i] += prediction[k, i]
-            shared[1, i] += value[k, i]
-            shared[2, i] += doppler[k] * value[k, i]
-
-
 @vectorised
 def weigh_neighbours(x, y, length, weights):
     """How strongly the errors of targets correlate with those of the first of them.

@@ -14,13 +14,7 @@ import numpy as np
 from d2d import rigid
 from d2d._checks import check_instance
 from d2d._kernel.compile import read_only
-from d2d._kernel.errors import (
-    add_dependence,
-    add_measurements,
-    add_positions,
-    add_shared,
-    add_turned,
-)
+from d2d._kernel.errors import add_dependence, add_measurements, add_positions
 from d2d._types import Array
 from d2d.covariance import check_estimate, propagated
 from d2d.point_set import PointSet
@@ -233,7 +227,8 @@ def apply_budget(
         shared, turned = np.zeros((3, 3)), np.zeros((2, 3))
         for each, total in zip((before, now), turned, strict=True):
             _add_noise(each, True, noise)
-            add_turned(each.position, cross_range(each.scan, each.mounting), total)
+            across = cross_range(each.scan, each.mounting)
+            total += np.einsum("kij,kj->i", each.position, across)
             if budget.neighbours:
                 means, covariances = each.points.means, each.points.covariances
                 order, memory = means[:, 0].argsort(kind="stable"), np.empty((9, len(means)))
@@ -248,7 +243,9 @@ def apply_budget(
         delayed += share @ following(pair.interval * estimate.theta) @ late
         led -= (given.middle - common) * share @ following(pair.interval * near)
         if pair.measurement is not None:
-            add_shared(now.doppler, now.prediction, now.scan.doppler, shared)
+            shared[0] += now.prediction.sum(axis=0)
+            shared[1] += now.doppler.sum(axis=0)
+            shared[2] += now.scan.doppler @ now.doppler
             share = pair.interval * (now.doppler.T @ pair.measurement.gain)
             delayed += (now.scan.time - time) * share
             led -= (now.scan.time - common) * share

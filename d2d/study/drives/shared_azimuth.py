@@ -6,6 +6,7 @@ import numpy as np
 
 from d2d import PointSet, RegistrationCost, propagate_covariance, register, rigid
 from d2d._types import Array
+from d2d.covariance import propagated
 from d2d.measurement import LinearMeasurement
 from d2d.radar import (
     Drive,
@@ -66,12 +67,19 @@ def shared_azimuth(
     estimate = register(fixed, moving, cost, motion, measurement=measurement)
     bearing = azimuths + mounting.yaw
     across = ranges[..., np.newaxis] * np.stack([-np.sin(bearing), np.cos(bearing)], axis=-1)
-    apart, shared = (
-        propagate_covariance(
-            estimate, fixed, moving, cost, measurement=measurement, position_slope=position_slope
-        )
-        for position_slope in (None, across)
+    apart = propagate_covariance(estimate, fixed, moving, cost, measurement=measurement)
+    problem = cost.problem(fixed, moving, measurement)
+    cross = problem.cross_derivatives(problem.bind(estimate.theta), 0, RUNS)
+    noise = sum(
+        np.einsum("bkpi,bkij,bkqj->bpq", by, points.covariances, by)
+        for by, points in ((cross.fixed, fixed), (cross.moving, moving))
     )
+    # the positions' covariances hold the part that an azimuth error has in them alone
+    value, turned = sigmas[2] * cross.measured, np.einsum("bkpi,bki->bkp", cross.moving, across)
+    both = cross.input + turned
+    for sign, scale, by in ((1, 1.0, value), (1, sigmas[1], both), (-1, sigmas[1], turned)):
+        noise += sign * scale**2 * np.einsum("bkp,bkq->bpq", by, by)
+    shared = propagated(estimate.covariance, noise)
     jacobian = rigid.logarithm_jacobian(estimate.theta) / INTERVAL
     good = estimate.converged
     _, true_slope = doppler_gradients(azimuth, mounting)
