@@ -223,32 +223,34 @@ class Problem:
     @cached_property
     def _layout(self) -> tuple[list[tuple[int, ...]], layout.Batch]:
         """The batch shapes of the sets of a single pair, and the layout of one problem."""
-        fixed, _, measurement, _ = self.pairs[0]
+        first, measurement = self.pairs[0], self.pairs[0].measurement
+        fixed = map(_joined, zip(*[pair.fixed._layout for pair in self.pairs], strict=True))
+        moving = map(_joined, zip(*[pair.moving._layout for pair in self.pairs], strict=True))
+        fixed_targets, extremes, fixed_centres = fixed
+        moving_targets, _, moving_centres = moving
         factors = [pair.measurement._packed for pair in self.pairs if pair.measurement is not None]
-        sizes = tuple((pair.fixed.size, pair.moving.size) for pair in self.pairs)
-        pairs, first = _table(sizes, bool(factors))
+        sizes = tuple([(pair.fixed.size, pair.moving.size) for pair in self.pairs])
         batch = layout.Batch(
-            _joined([pair.fixed._layout.packed for pair in self.pairs], 0),
-            _joined([pair.moving._layout.packed for pair in self.pairs], 0),
-            _joined([pair.fixed._layout.centres for pair in self.pairs], 0),
-            _joined([pair.moving._layout.centres for pair in self.pairs], 0),
-            _joined([pair.moving._order for pair in self.pairs], 0),
-            _joined([pair.fixed._layout.extremes for pair in self.pairs], 0),
-            _joined(factors, 0) if factors else np.empty((0, 9)),
+            fixed_targets,
+            moving_targets,
+            fixed_centres,
+            moving_centres,
+            _joined([pair.moving._order for pair in self.pairs]),
+            extremes,
+            _joined(factors) if factors else np.empty((0, 9)),
             self.form.outlier,
             *self._tiles(),
-            pairs,
+            *_table(sizes, bool(factors)),
             np.array([pair.interval for pair in self.pairs]),
-            first,
+            self.prior,
             float(self.form.d2d),
-            float(fixed.dimension == 2),
+            float(first.fixed.dimension == 2),
             self.form.fusion,
             measurement is not None and measurement.of_twist,
             self.kind == layout.MOTION and measurement is None,
             self.kind,
-            self.prior,
         )
-        return self.pairs[0].batch_shapes, batch
+        return first.batch_shapes, batch
 
     def _tiles(self) -> tuple[Array, Array]:
         """The tiles of the outlier components of all fixed sets, and a grid for each set."""
@@ -533,6 +535,6 @@ def check_pair(
     return Pair(fixed, moving, measurement)
 
 
-def _joined(arrays: list[NDArray[Any]], axis: int) -> NDArray[Any]:
+def _joined(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
     """The arrays one after the other, without a copy of a single one."""
-    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays, axis=axis)
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)

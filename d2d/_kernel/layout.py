@@ -99,15 +99,15 @@ class Batch(NamedTuple):
     tiles: Any  # (tiles, TILE) of the outlier component of large fixed sets, see ``tiles.py``
     grids: Any  # (sets, 5): the first tile of each fixed set and its grid; no columns without tiles
     pairs: Any  # (pairs, 7) of int, see FIXED_START
-    intervals: Any  # (pairs,) s
     first: Any  # (problems + 1,) of int
+    intervals: Any  # (pairs,) s
+    prior: Any  # (3,) precisions of the parameters' prior, a Gaussian about zero
     d2d: float
     planar: float
     fusion: int
     in_twist: bool
     centred: bool  # whether the descent is about the centres of the sets, see `minimise_batch`
     kind: int  # of the parameters: MOTION, ARC or CHORD
-    prior: Any  # (3,) precisions of the parameters' prior, a Gaussian about zero
 
 
 class Optima(NamedTuple):

@@ -9,6 +9,7 @@ from d2d._kernel.compile import compiled, inlined, merged
 from d2d._kernel.cost import evaluate, pair_at
 from d2d._kernel.layout import XX, YY, Accuracy, X, Y
 from d2d._kernel.neighbours import forget_neighbours
+from d2d._kernel.rows import LANES
 
 # A pivot of the Hessian below this part of its diagonal counts as zero: a motion that the targets
 # do not determine leaves pivots of rounding errors and of the residual gradient there.
@@ -26,6 +27,9 @@ RESOLVED = 1e-8  # Newton decrement: 1e-4 standard deviations from the optimum
 # valleys that little can turn, has none; nor has a problem with measurements, which is steep along
 # them, so that a few steps are enough and no time is saved.
 FEW, NEAR, MOST_ROUGH = 64, 1e-2, 8
+# Of a large moving set, SAMPLE blocks of targets or some more, spread over all of it, are enough
+# until a step lowers their cost by less than NEAR_SAMPLE: the truth is as near their own optimum.
+SAMPLE, NEAR_SAMPLE = 20, 6.0
 # Targets hardly move any more in the steps that follow rough ones.  1e-13 of a density is enough
 # there: the lists would be a tenth longer otherwise.
 ROUGH, EXACT, LAST = Accuracy(6.0, 1.0), Accuracy(layout.GATE, 1.0), Accuracy(30.0, 0.2)
@@ -261,13 +265,22 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
     forget_neighbours(work.memory.lists)
     plain = batch.fusion == layout.LIKELIHOOD and pair.factors.shape[0] == 0
     rough = plain and pair.fixed.shape[1] > FEW and max_iterations > MOST_ROUGH + 1
+    every = max(1, pair.moving.shape[1] // (SAMPLE * LANES)) if rough else 1
     accuracy = ROUGH if rough else EXACT
     # the start is the first trial: a second call of `evaluate` would be compiled a second time
     value, shares, distances, flat = np.inf, 0.0, 0.0, False
     decrement, decrease, norm = np.inf, np.inf, np.inf
     for tried in range(max_iterations + 1):
         trial_value, trial_shares, trial_distances = evaluate(
-            batch, problem, pair, trial, accuracy, work, work.trial_gradient, work.trial_hessian
+            batch,
+            problem,
+            pair,
+            trial,
+            accuracy,
+            every,
+            work,
+            work.trial_gradient,
+            work.trial_hessian,
         )
         gain = value - trial_value
         better = gain > 0.0 or tried == 0
@@ -302,10 +315,15 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
         else:
             decrease = trust_region_step(h, g, scale, radius, batch.planar, work.vectors, step)
             norm = math.sqrt(inner_product(step, step, scale))
-        for j in range(3):
-            trial[j] = theta[j] + step[j]
-        if rough and (decrease <= NEAR or tried >= MOST_ROUGH):
+        near = NEAR_SAMPLE if every > 1 else NEAR
+        ends = rough and (decrease <= near or tried >= MOST_ROUGH)
+        for j in range(3):  # a start near the optimum of the sample is kept
+            trial[j] = theta[j] if ends and every > 1 and tried == 0 else theta[j] + step[j]
+        if ends:
             value = np.inf  # the next cost is not to be compared with rough ones
-            rough, accuracy = False, LAST
-            forget_neighbours(work.memory.lists)
+            if every > 1:
+                every = 1
+            else:
+                rough, accuracy = False, LAST
+                forget_neighbours(work.memory.lists)
     return value, False, max_iterations, shares, distances, False
