@@ -183,7 +183,7 @@ def _measurement_sigma(measurement: LinearMeasurement, bound: Bound, part: slice
     sigma, by_input = (
         select(each, 1, bound, part) for each in (measurement.sigma, measurement.sigma_input)
     )
-    return np.hypot(sigma, by_input * predicted)
+    return np.asarray(np.hypot(sigma, by_input * predicted))
 
 
 def check_estimate(estimate: Estimate, problem: Problem, bound: Bound) -> None:

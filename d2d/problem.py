@@ -110,7 +110,8 @@ class Estimate:
         Whether the targets leave a direction of the motion undetermined, such as the one along a
         corridor or the rotation of a ring.  ``theta`` is then at an optimum across it, as near the
         start as possible along it, and not ``converged``; ``covariance`` is infinite along it and
-        states the variances across it.
+        states the variances across it.  A rotation that is undetermined, but not the place of the
+        sets, leaves the translation the variance that turning them by any angle gives it.
     """
 
     theta: Array

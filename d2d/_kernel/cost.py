@@ -139,11 +139,10 @@ def align_tops(w):
 
 
 @merged
-def evaluate_pair(pair, theta, fusion, accuracy, every, work, block):
+def evaluate_pair(pair, theta, fusion, accuracy, work, block):
     """Cost of one pair of sets at the motion theta; its derivatives to ``work``.
 
-    Of its blocks of targets, ``every`` second or n-th stands for the others.  The lists of its
-    first one have the number ``block``.
+    The lists of its first block of targets have the number ``block``.
     """
     setting = setting_of(pair, theta, accuracy.gate)
     memory, g, h = work.memory, work.gradient, work.hessian
@@ -153,11 +152,11 @@ def evaluate_pair(pair, theta, fusion, accuracy, every, work, block):
     for k in range(LANES):
         w[rows.TOP + k] = -np.inf
     last = memory.lists.shape[0] - 1
-    for first in range(0, pair.moving.shape[1], every * LANES):
+    for first in range(0, pair.moving.shape[1], accuracy.every * LANES):
         lists = memory.lists[min(block, last)]
         if block > last:  # they are those of another block
             lists[rows.LENGTH] = rows.NOT_FOUND
-        block += every
+        block += accuracy.every
         evaluate_block(memory, pair, setting, first, accuracy.margin, lists)
         add_shares(w)
         if memory.stop[0] != 0.0:
@@ -254,7 +253,7 @@ def add_derivatives(work, chart, interval, g, h):
 
 
 @merged
-def evaluate(batch, problem, pair, theta, accuracy, every, work, g, h):
+def evaluate(batch, problem, pair, theta, accuracy, work, g, h):
     """Cost of a problem at theta, and the sums of its targets' inlier shares and distances.
 
     The cost is the sum over the problem's pairs, of which ``pair`` is the first, and the prior's;
@@ -272,7 +271,7 @@ def evaluate(batch, problem, pair, theta, accuracy, every, work, g, h):
             pair = pair_at(batch, number, False)
         chart = motion_chart(batch, number, theta)
         motion[0], motion[1], motion[2] = chart.x, chart.y, chart.phi
-        value += evaluate_pair(pair, motion, batch.fusion, accuracy, every, work, block)
+        value += evaluate_pair(pair, motion, batch.fusion, accuracy, work, block)
         block += (pair.moving.shape[1] + LANES - 1) // LANES
         add_derivatives(work, chart, batch.intervals[number], g, h)
     for j in range(3):

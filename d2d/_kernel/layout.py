@@ -79,6 +79,7 @@ class Accuracy(NamedTuple):
 
     gate: float  # what is below exp(-gate) of a target's density is left out of it
     margin: float  # standard deviations by which targets may move before lists are found again
+    every: int  # every second or n-th block of targets counts
 
 
 class Batch(NamedTuple):

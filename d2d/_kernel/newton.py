@@ -32,7 +32,7 @@ FEW, NEAR, MOST_ROUGH = 64, 1e-2, 8
 SAMPLE, NEAR_SAMPLE = 20, 6.0
 # Targets hardly move any more in the steps that follow rough ones.  1e-13 of a density is enough
 # there: the lists would be a tenth longer otherwise.
-ROUGH, EXACT, LAST = Accuracy(6.0, 1.0), Accuracy(layout.GATE, 1.0), Accuracy(30.0, 0.2)
+ROUGH, EXACT, LAST = Accuracy(6.0, 1.0, 1), Accuracy(layout.GATE, 1.0, 1), Accuracy(30.0, 0.2, 1)
 
 
 @compiled
@@ -264,23 +264,16 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
         trial[j] = theta[j]
     forget_neighbours(work.memory.lists)
     plain = batch.fusion == layout.LIKELIHOOD and pair.factors.shape[0] == 0
+    plain = plain and (batch.centred or batch.kind != layout.MOTION)  # valleys need exact steps
     rough = plain and pair.fixed.shape[1] > FEW and max_iterations > MOST_ROUGH + 1
     every = max(1, pair.moving.shape[1] // (SAMPLE * LANES)) if rough else 1
-    accuracy = ROUGH if rough else EXACT
+    accuracy = Accuracy(ROUGH.gate, ROUGH.margin, every) if rough else EXACT
     # the start is the first trial: a second call of `evaluate` would be compiled a second time
     value, shares, distances, flat = np.inf, 0.0, 0.0, False
     decrement, decrease, norm = np.inf, np.inf, np.inf
     for tried in range(max_iterations + 1):
         trial_value, trial_shares, trial_distances = evaluate(
-            batch,
-            problem,
-            pair,
-            trial,
-            accuracy,
-            every,
-            work,
-            work.trial_gradient,
-            work.trial_hessian,
+            batch, problem, pair, trial, accuracy, work, work.trial_gradient, work.trial_hessian
         )
         gain = value - trial_value
         better = gain > 0.0 or tried == 0
@@ -322,7 +315,7 @@ def minimise(batch, problem, theta, tolerance, max_iterations, work, g, h):
         if ends:
             value = np.inf  # the next cost is not to be compared with rough ones
             if every > 1:
-                every = 1
+                every, accuracy = 1, ROUGH
             else:
                 rough, accuracy = False, LAST
                 forget_neighbours(work.memory.lists)
