@@ -208,7 +208,8 @@ def _parser() -> argparse.ArgumentParser:
     about = "how late the radars' clock is beside the reference's, as calibrate finds it"
     comparing.add_argument("--topic", metavar="TOPIC", help=TOPIC_HELP)
     comparing.add_argument("--lag", metavar="S", type=float, default=0.0, help=about)
-    example = command("example", "write a simulated log as a CSV file", _write_example)
+    example = command("example", "write a log, simulated or real, as a CSV file", _write_example)
+    example.add_argument("--real", action="store_true", help=ABOUT["--real"])
     example.add_argument("file", metavar="FILE", help="the CSV file; an existing one is replaced")
     return parser
 
@@ -521,6 +522,14 @@ def _draw(driven: Track, path: Path) -> None:
 
 def _write_example(arguments: argparse.Namespace) -> None:
     file = arguments.file
+    if arguments.real:
+        places = (Path(d2d.__file__).parents[1] / "examples", Path(sys.prefix) / "share" / "d2d")
+        found = [place / "esr" / "front_radar.csv.gz" for place in places]
+        path = next((path for path in found if path.exists()), found[0])
+        check_path("file", file).write_bytes(path.read_bytes())
+        print(f"wrote {file}, 45 s of a Delphi ESR on a car; now try")
+        print(f"  {PROGRAM} track --csv {file} {REAL_OPTIONS}")
+        return
     drive = simulate_drive(np.random.default_rng(0), duration=60.0)
     write_csv(file, {"radar": drive.scans})
     place = drive.mounting
@@ -530,6 +539,12 @@ def _write_example(arguments: argparse.Namespace) -> None:
         f"--mounting radar {place.x:g} {place.y:g} {np.rad2deg(place.yaw):g}"
     )
 
+
+REAL_OPTIONS = (
+    "--columns time=time_ns,range=track_range_m,azimuth=track_angle_rad,"
+    "doppler=track_range_rate_m_per_s --scan-gap 0.01 --skip-invalid --azimuth -40 11.5 "
+    "--mounting radar 3.5 0 0"
+)
 
 # ---- The text of the help
 
@@ -586,6 +601,7 @@ first run compiles for up to a minute.
 ABOUT = {
     "--output": "beginning of the files' names (default: track); if it is a folder or ends with /, "
     "the files are called track.* in it",
+    "--real": "45 s of a Delphi ESR on a car (Apache License 2.0; see examples/esr)",
     "--report": "also write a page with path, velocities, residuals, findings and settings",
     "--output-bag": "also write messages Odometry and TwistWithCovarianceStamped to a bag of ROS 1 "
     "(a file .bag) or of ROS 2 (a folder)",

@@ -508,6 +508,22 @@ def test_the_program_writes_an_example_that_it_can_read(tmp_path):
     assert driven.poses()[-1, 1] == pytest.approx(70.0, abs=5.0)  # m, seen in its picture
 
 
+@pytest.mark.filterwarnings("ignore:.*(lines are left out|usual values are taken):UserWarning")
+def test_a_real_radar_from_its_raw_log(tmp_path, capsys):
+    """Breaks if the example is not there, or a log in its maker's form is no longer one command."""
+    raw = str(tmp_path / "esr.csv.gz")
+    assert main(["example", "--real", raw]) == 0
+    named = capsys.readouterr().out.splitlines()[-1].split()[3:]
+    assert main([*named, "--no-picture", "--output", f"{tmp_path}/drive"]) == 0
+    assert "what looks wrong" not in capsys.readouterr().out
+    driven = Track.load(tmp_path / "drive.npz")
+    assert driven.converged.mean() > 0.98
+    start, end = 1619075668.0 + np.array([[39.574], [48.379]])  # poses of the car's lidar
+    motion = driven.displacement(start, end).motion[0]
+    assert_allclose(motion[:2], [41.3, 36.3], atol=10.0)  # objects are tracked, and lag behind
+    assert 0.7 < motion[2] / np.deg2rad(65.2) < 1.0
+
+
 @pytest.mark.radarscenes
 def test_radarscenes_from_the_command_line(tmp_path, radarscenes):
     """Breaks if a sensor is left out or the data set's own numbers are replaced."""
