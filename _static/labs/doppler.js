@@ -3,7 +3,7 @@
 labs.define(
   "doppler",
   () => ({
-    vx: 3, // m/s, m/s, deg/s: what is steered
+    vx: 4.5, // m/s, m/s, deg/s: what is steered
     vy: 0,
     w: 0,
     px: 22, // m: the mover, in the vehicle frame

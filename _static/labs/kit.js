@@ -415,14 +415,14 @@ globalThis.labs = (() => {
 
   const tickText = (value, step) => fixed(value, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
 
-  // From dark to light: what is low is dark, in both themes.
+  // Viridis, as the printed maps have it: what is low is dark, in both themes.
   const RAMP = [
-    [8, 18, 42],
-    [22, 56, 100],
-    [45, 105, 150],
-    [110, 165, 195],
-    [190, 215, 225],
-    [246, 247, 244],
+    [68, 1, 84],
+    [65, 68, 135],
+    [42, 120, 142],
+    [34, 168, 132],
+    [122, 209, 81],
+    [253, 231, 37],
   ];
   function shade(share) {
     const banded = Math.round(clamp(share, 0, 1) * 40) / 40;
@@ -528,35 +528,44 @@ globalThis.labs = (() => {
     script() {
       const code = html("pre", { class: "lab-command", tabindex: "0" }),
         summary = html("summary", { class: "lab-button" }, "Show as Python"),
-        fold = html("details", { class: "lab-python", ontoggle: () => this.update() }, summary, code);
+        fold = html("details", { class: "lab-python", ontoggle: () => (fold.open && this.begin(), this.update()) }, summary, code);
       this.controls.push(() => {
         if (fold.open) code.textContent = this.python();
       });
       return fold;
     }
 
-    /** Scroll to the laboratory, out of what it is folded in. */
+    /** Scroll to the laboratory, out of what it is folded in, as far as it is not in view. */
     show() {
       const fold = this.element.closest("details");
       if (fold) fold.open = true;
-      this.element.scrollIntoView();
+      this.element.scrollIntoView({ block: this.element.offsetHeight < innerHeight ? "nearest" : "start" });
+    }
+
+    /** Tell what comes out, which waits for a guess or for something moved. */
+    begin() {
+      this.element.classList.remove("lab-waits");
     }
 
     /** Put the parts on the page in place of the printed fallback. */
     build(parts, draw) {
       this.drawing = draw;
-      const printed = html("div", { class: "lab-printed" }, ...this.element.childNodes);
-      if (!parts.includes(this.told)) parts.push(this.told);
-      this.element.replaceChildren(...parts, this.spoken, printed);
+      const printed = html("div", { class: "lab-printed" }, ...this.element.childNodes),
+        picture = parts.findIndex((part) => part.matches(".lab-row"));
+      if (!parts.includes(this.told)) parts.splice(picture < 0 ? parts.length : picture + 1, 0, this.told);
+      parts.splice(parts.indexOf(this.told) + 1, 0, ...stepper(this));
+      this.element.replaceChildren(html("div", { class: "lab-main" }, ...parts), this.spoken, printed);
       this.element.classList.add("lab-live");
       addEventListener("hashchange", () => {
         if (!this.read()) return;
+        this.begin();
         this.stop();
         this.changed?.("address");
         this.update();
         this.show();
       });
       const shown = this.read();
+      if (shown) this.begin();
       this.draw();
       let width = this.element.clientWidth;
       new ResizeObserver(() => {
@@ -570,6 +579,7 @@ globalThis.labs = (() => {
 
     /** After a change by hand: end an animation, draw, and write the state to the address. */
     touched(key) {
+      this.begin();
       this.stop();
       this.changed?.(key);
       this.update();
@@ -782,6 +792,46 @@ globalThis.labs = (() => {
     list.replaceWith(bar(...answers), reveal);
   }
 
+  /**
+   * The guess and the steps around a laboratory, moved into its frame and shown one at a time, each with what is seen in it.
+   * Returns the elements to add: none where the text has no steps.
+   */
+  function stepper(lab) {
+    const { element } = lab,
+      before = [element.previousElementSibling, element.previousElementSibling?.previousElementSibling],
+      [guess, list] = [".lab-guess", "ol"].map((kind) => before.find((each) => each?.matches(kind))),
+      fold = element.nextElementSibling?.matches("details.sd-dropdown") ? element.nextElementSibling : null,
+      seen = [...(fold?.querySelectorAll("ol > li") ?? [])],
+      steps = [...(list?.children ?? [])];
+    if (!guess && !steps.length) return [];
+    const pages = steps.map((step, i) => {
+      const answer = seen[i] && html("details", {}, html("summary", {}, "What you should have seen"), ...seen[i].childNodes);
+      return [`Step ${i + 1} of ${steps.length}`, html("div", { class: "lab-step" }, ...step.childNodes, ...(answer ? [answer] : []))];
+    });
+    if (guess) {
+      pages.unshift(["Guess first", html("div", { class: "lab-step" }, guess)]);
+      element.classList.add("lab-waits");
+      guess.addEventListener("click", ({ target }) => target.matches("button") && lab.begin());
+    }
+    list?.remove();
+    if (seen.length) fold.remove();
+    let shown = 0;
+    const title = html("strong", { "aria-live": "polite" });
+    const go = (by) => {
+      shown = clamp(shown + by, 0, pages.length - 1);
+      title.textContent = pages[shown][0];
+      pages.forEach(([, page], i) => (page.hidden = i !== shown));
+      [back, on].forEach((button, i) => (button.disabled = shown === [0, pages.length - 1][i]));
+    };
+    const turn = (sign, label, by) =>
+      html("button", { type: "button", class: "lab-button", "aria-label": label, onclick: () => go(by) }, sign);
+    const back = turn("‹", "Previous step", -1),
+      on = turn("›", "Next step", 1);
+    go(0);
+    const head = pages.length > 1 ? [back, title, on] : [title];
+    return [html("section", { class: "lab-steps", "aria-label": "Steps" }, bar(...head), ...pages.map(([, page]) => page))];
+  }
+
   /** A row of controls, one of pictures side by side, and a line that says what their marks mean. */
   const bar = (...parts) => html("div", { class: "lab-bar" }, ...parts),
     row = (...parts) => html("div", { class: "lab-row" }, ...parts),
@@ -802,6 +852,8 @@ globalThis.labs = (() => {
   }
 
   document.querySelectorAll(".lab-guess").forEach(ask);
+  // as wide as the page: the theme then folds its contents, which stand there
+  document.querySelectorAll(".lab").forEach((each) => each.classList.toggle("full-width", !each.closest("details")));
 
   return {
     define,

@@ -41,7 +41,7 @@ labs.define(
       xlabel: "x (m)",
       ylabel: "y (m)",
       shape: 0.98,
-      narrow: 0.85,
+      narrow: 0.78,
       equal: true,
     });
     const curve = lab.plot({
@@ -49,14 +49,14 @@ labs.define(
       xlabel: "shift along x (m)",
       ylabel: "cost",
       shape: 0.55,
-      narrow: 0.85,
+      narrow: 0.75,
     });
     const error = lab.plot({
       label: "Error of the registration in rotation and y with its 3-sigma ellipse",
       xlabel: "error of the rotation (°)",
       ylabel: "in y (m)",
       shape: 0.5,
-      narrow: 0.85,
+      narrow: 0.75,
     });
 
     const pose = () => [lab.state.x, lab.state.y, lab.state.turn * DEGREE];
@@ -140,13 +140,8 @@ labs.define(
           svg("g", { transform: `translate(${cx} ${cy})` }, targetMark("moving", 5)),
         );
       });
-      scene.ellipse(
-        found.theta[0],
-        found.theta[1],
-        covariance(found) ?? { xx: 0, xy: 0, yy: 0 },
-        3,
-        `lab-line lab-${lab.state.cost} lab-strong`,
-      );
+      const stated = arrived && covariance(found);
+      if (stated) scene.ellipse(found.theta[0], found.theta[1], stated, 3, `lab-line lab-${lab.state.cost} lab-strong`);
     }
 
     const covariance = ({ covariance: c }) => c && { xx: c[0][0], xy: c[0][1], yy: c[1][1] };
@@ -176,6 +171,7 @@ labs.define(
       error.extent(about(turn, 10), about(y, 1.5));
       error.clear();
       for (const axis of ["x", "y"]) error.rule(axis, 0, "lab-truth");
+      if (!arrived) return;
       if (c) {
         const own = { xx: c[2][2] / DEGREE ** 2, xy: c[1][2] / DEGREE, yy: c[1][1] };
         error.ellipse(turn, y, own, 3, `lab-line lab-${lab.state.cost} lab-strong`);
@@ -184,16 +180,11 @@ labs.define(
     }
 
     function tell(found) {
-      const now = `The scan is shifted by ${number(lab.state.x)} m and ${number(lab.state.y)} m, and turned by ${number(lab.state.turn, 0)}°. `;
+      const { x, y, turn, cost } = lab.state,
+        now = `The scan is shifted by ${number(x)} m and ${number(y)} m, and turned by ${number(turn, 0)}°.`,
+        end = [labs.inlineMark(cost), ` The ${COSTS[cost].name} ends `, ...labs.verdict(found, TRUTH)];
       lab.tell(
-        html(
-          "p",
-          {},
-          now,
-          labs.inlineMark(lab.state.cost),
-          ` From here the ${COSTS[lab.state.cost].name} goes to a motion that is `,
-          ...labs.verdict(found, TRUTH),
-        ),
+        html("p", { class: "lab-outcome" }, ...(arrived ? end : [now])),
         ...(lab.state.outlier ? [challenge()] : []),
       );
     }
@@ -214,13 +205,16 @@ labs.define(
       );
     }
 
+    let arrived = false; // whether the scan is where the registration took it: the outcome is not told before
+    lab.changed = (key) => (arrived = key === "arrived");
+
     function slide() {
       const { path } = lab.result.found;
       lab.follow(
         path,
         2.5,
         ([x, y, phi]) => Object.assign(lab.state, { x, y, turn: phi / DEGREE }),
-        () => lab.touched(),
+        () => lab.touched("arrived"),
       );
     }
 
@@ -236,7 +230,7 @@ labs.define(
 
     lab.build(
       [
-        bar(lab.costs()),
+        bar(lab.costs(), lab.button("Register from here", slide), lab.check("outlier", "add an outlier")),
         labs.row(
           panel("Drag the purple scan, turn it by the ring", scene),
           html(
@@ -253,7 +247,7 @@ labs.define(
           html("span", {}, "dashed: the truth"),
           html("span", {}, "dot in the curve: now"),
         ),
-        bar(lab.check("outlier", "add an outlier"), lab.button("Register from here", slide), ...lab.tools()),
+        bar(...lab.tools()),
       ],
       () => {
         const found = d2d.register(problem(), pose());
