@@ -67,7 +67,7 @@ $(STAMP): requirements.txt pyproject.toml
 SOURCE := _build/source
 define copy_sources
 	@rm -rf _build && mkdir -p $(SOURCE)
-	@cp -R _toc.yml intro.md references.bib _static api chapters tools $(SOURCE)
+	@cp -R _toc.yml docutils.conf intro.md references.bib _static api chapters tools $(SOURCE)
 	@sed 's/execute_notebooks: force/execute_notebooks: "off"/' _config.yml > $(SOURCE)/_config.yml
 endef
 define build_pages
