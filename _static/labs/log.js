@@ -59,6 +59,7 @@
     sigma_azimuth: ["--sigma-azimuth", "azimuth (°)"],
     sigma_doppler: ["--sigma-doppler", "Doppler velocity (m/s)"],
   };
+  const TYPICAL = { sigma_range: 0.15, sigma_azimuth: 0.7, sigma_doppler: 0.1 }; // of a radar at 77 GHz
   const BUDGET = {
     azimuth: "azimuth and mounting (°)",
     doppler: "Doppler velocities of a scan (m/s)",
@@ -68,9 +69,10 @@
   };
 
   /** The words of the command that computes the same, which belong together. */
-  function commandOf(file, { mountings, sigmas, budget }) {
+  function commandOf(file, { mountings, sigmas, budget, flipped }) {
     const quoted = (word) => (/^[\w.+-]+$/.test(word) ? word : `'${word.replaceAll("'", "'\\''")}'`),
       words = ["python -m d2d.radar track", `--csv ${quoted(file)}`];
+    if (flipped) words.push("--columns doppler=-doppler");
     for (const [name, { x, y, yaw }] of Object.entries(mountings)) words.push(`--mounting ${quoted(name)} ${x} ${y} ${yaw}`);
     for (const [name, sigma] of Object.entries(sigmas)) words.push(`${SIGMAS[name][0]} ${sigma}`);
     for (const [name, value] of Object.entries(budget)) if (value) words.push(`--budget-${name} ${value}`);
@@ -85,6 +87,7 @@
       const DEGREE = Math.PI / 180;
       let log = null, // as tracker.readLog gives it
         stop = () => {},
+        flipped = false, // whether the Doppler velocities have the opposite sign of the file's
         shown = null; // {rows, doubts, settings}
 
       // ---- The fields ----------------------------------------------------------------------------------------------------
@@ -126,14 +129,69 @@
             const bounds = (key) => ({ min: -most(key), max: most(key) });
             return fields(`Where the sensor “${name}” sits`, mountings[name], MOUNTING, bounds, mounting);
           }),
+          ...(mounting ? [] : [html("div", { class: "lab-car-plan" }, panel("Or drag each radar to its place, and turn it by its ring", car))]),
           ...(lacking.length ? [fields("Standard deviations of all targets", sigmas, labels, () => ({ min: 1e-9 }))] : []),
+          ...(lacking.length ? [lab.button("Use typical values", typical)] : []),
         );
+        placeHandles();
         const names = log.sensors.map(({ name }) => name).join(", ");
         status.textContent = `${log.source}: targets of ${names}, ${log.targets.toLocaleString("en")} in all.`;
         form.hidden = false;
       }
 
+      const typical = () => Object.entries(sigmas).forEach(([name, input]) => (input.value = TYPICAL[name]));
+
+      // A vehicle from above, with its radars to drag: the fields follow, and the picture follows the fields.
+      const car = lab.plot({ label: "The vehicle from above", xlabel: "x (m), forward", ylabel: "y (m), left", shape: 0.5, equal: true });
+      const placeOf = (inputs) => ["x", "y", "yaw"].map((key) => inputs[key].valueAsNumber || 0);
+      const ARM = 1; // m from a radar to its ring
+
+      function placeHandles() {
+        car.front.replaceChildren();
+        car.handles = [];
+        for (const [name, inputs] of Object.entries(mountings)) {
+          const put = (key, value) => (inputs[key].value = Number(value.toFixed(2)));
+          const looks = { x: 10, y: -8, class: "lab-label" };
+          car.handle({
+            name: `The radar ${name}`,
+            step: 0.05,
+            draw: [labs.mark("square", 0, 0, 6, { class: "lab-fill-likelihood" }), svg("text", looks, name)],
+            get: () => placeOf(inputs),
+            set: (x, y) => (put("x", x), put("y", y)),
+          });
+          car.handle({
+            name: `The direction of ${name}`,
+            step: 0.02,
+            draw: svg("circle", { class: "lab-turn", r: 7 }),
+            get: () => {
+              const [x, y, yaw] = placeOf(inputs);
+              return [x + ARM * Math.cos(yaw * DEGREE), y + ARM * Math.sin(yaw * DEGREE)];
+            },
+            say: () => `${fixed(placeOf(inputs)[2], 0)} degrees`,
+            set: (toX, toY) => {
+              const [x, y] = placeOf(inputs);
+              put("yaw", Math.atan2(toY - y, toX - x) / DEGREE);
+            },
+          });
+        }
+        asked.oninput = () => lab.update();
+        lab.update();
+      }
+
+      function drawCar() {
+        car.extent([-2, 5], [-1.75, 1.75]);
+        car.clear();
+        const side = [-0.9, 3.2, 3.7].map((x, i) => [x, i < 2 ? 0.9 : 0.6]); // m, from the rear axle
+        car.line([...side, ...side.toReversed().map(([x, y]) => [x, -y]), side[0]], "lab-outline");
+        car.mark("cross", 0, 0, 6, "lab-cross");
+        car.text(0, -0.3, "rear axle", { "text-anchor": "middle" });
+        for (const [x, y, yaw] of Object.values(mountings).map(placeOf)) {
+          car.segment(x, y, x + ARM * Math.cos(yaw * DEGREE), y + ARM * Math.sin(yaw * DEGREE), "lab-velocity");
+        }
+      }
+
       const settings = () => ({
+        flipped,
         mountings: Object.fromEntries(Object.entries(mountings).map(([name, inputs]) => [name, numbers(inputs)])),
         sigmas: numbers(sigmas),
         budget: numbers(budget),
@@ -167,6 +225,7 @@
         end(`Reading ${name} …`);
         show(null);
         form.hidden = true;
+        flipped = false;
         try {
           log = tracker.readLog(await textOf(), name);
           ask(mounting);
@@ -207,6 +266,9 @@
         const plot = lab.plot({ label: name, xlabel: "time (s)", ylabel: unit, shape: 0.65 });
         return { title: `${name} (${unit}) with ±3σ`, plot, factor, axis };
       });
+      const view = lab.plot({ label: "The scan at that time", xlabel: "x (m), ahead", ylabel: "y (m), left", shape: 0.8, equal: true });
+      const instant = html("input", { type: "range", min: 0, value: 0, "aria-label": "Time of the scan", oninput: () => lab.update() }),
+        when = html("output", {});
       const results = html("div", { class: "lab-results", hidden: "" }),
         report = html("div", { class: "lab-report" });
 
@@ -217,7 +279,9 @@
         lab.tell(...(result ? [verdict(), ...doubts()] : []));
         if (!result) return;
         report.replaceChildren(files(), ...command());
+        instant.max = result.rows.length - 1;
         lab.update();
+        lab.told.scrollIntoView({ block: "nearest" });
       }
 
       /** The share that was accepted, and why the rest was not. */
@@ -226,6 +290,7 @@
           failed = rows.filter((row) => row.reason),
           share = 1 - failed.length / rows.length,
           looks = share >= 0.75 && !shown.doubts.length ? "good" : share >= 0.4 ? "fair" : "bad",
+          words = { good: "Nothing speaks against this track.", fair: "Look twice at this track.", bad: "Do not use this track." },
           kinds = Map.groupBy(failed, ({ reason }) => reason.replace(/-?\d.*/, "")),
           reasons = [...kinds.values()]
             .sort((a, b) => b.length - a.length)
@@ -233,7 +298,8 @@
         return html(
           "p",
           { class: `lab-verdict lab-${looks}` },
-          html("strong", {}, `${fixed(100 * share, 1)}\u00a0% of ${rows.length} estimates accepted`),
+          html("strong", {}, words[looks]),
+          ` ${fixed(100 * share, 1)}\u00a0% of ${rows.length} estimates accepted`,
           reasons.length ? `; refused: ${reasons.join(", ")}.` : ".",
         );
       }
@@ -243,16 +309,33 @@
         const page = lab.element.dataset.symptoms,
           name = "When a path looks wrong",
           more = html("p", {}, "Does the path look wrong? See ", page ? html("a", { href: page }, name) : name, ".");
-        return [...shown.doubts.map((doubt) => html("p", { class: "lab-doubt" }, doubt)), more];
+        return [...shown.doubts.map((doubt) => html("p", { class: "lab-doubt" }, doubt, ...cure(doubt))), more];
       }
 
-      /** A link that saves a text as a file. */
-      const download = (name, textOf) =>
-        lab.button(`Save ${name}`, () => {
-          const link = html("a", { href: URL.createObjectURL(new Blob([textOf(shown.rows)])), download: name });
-          link.click();
-          setTimeout(() => URL.revokeObjectURL(link.href), 60_000); // some browsers read it later
-        });
+      /** A button that mends what a doubt is about, where that is one number or sign, and estimates anew. */
+      function cure(doubt) {
+        const turned = doubt.match(/ at (-?\d+)° from straight ahead/),
+          inputs = mountings[doubt.split(": ")[0]];
+        if (turned && inputs) {
+          const yaw = inputs.yaw.valueAsNumber - Number(turned[1]);
+          return [" ", lab.button(`Set its yaw to ${fixed(yaw, 0)}° and run again`, () => ((inputs.yaw.value = yaw), estimate()))];
+        }
+        return /backwards/.test(doubt) ? [" ", lab.button("Flip the sign and run again", flip)] : [];
+      }
+
+      function flip() {
+        flipped = !flipped;
+        for (const { scans } of log.sensors) for (const { targets } of scans) for (const each of targets) each.doppler *= -1;
+        estimate();
+      }
+
+      /** Save a text as a file. */
+      function save(name, text) {
+        const link = html("a", { href: URL.createObjectURL(new Blob([text])), download: name });
+        link.click();
+        setTimeout(() => URL.revokeObjectURL(link.href), 60_000); // some browsers read it later
+      }
+      const download = (name, textOf) => lab.button(`Save ${name}`, () => save(name, textOf(shown.rows)));
       const files = () => bar(download("track.tum", tracker.tumOf), download("track.csv", tracker.csvOf));
 
       /** How to get the same from the command line, and what else it does. */
@@ -315,6 +398,32 @@
         }
       }
 
+      /** The scans that ended at the chosen time, in the vehicle's frame: filled where a target fits the velocity as static. */
+      function drawScan() {
+        const { time, theta } = shown.rows[instant.valueAsNumber],
+          first = shown.rows[0].time - shown.rows[0].interval,
+          [x, y] = tracker.posesOf(shown.rows)[instant.valueAsNumber + 1];
+        when.textContent = `${fixed(time - first, 1)} s`;
+        path.mark("circle", x, y, 6, "lab-now lab-fill-none");
+        const targets = log.sensors.flatMap(({ name, scans }) => {
+          const { x, y, yaw } = shown.settings.mountings[name],
+            mounting = { x, y, yaw: yaw * DEGREE },
+            scan = scans.findLast((each) => each.time <= time + 1e-9);
+          return (scan?.targets ?? []).map((target) => {
+            const { gain } = d2d.dopplerGradients(target.azimuth, mounting),
+              expected = gain.reduce((sum, each, i) => sum + each * theta[i], 0),
+              angle = target.azimuth + mounting.yaw,
+              agrees = Math.abs(target.doppler - expected) < 0.5; // m/s
+            return { x: x + target.range * Math.cos(angle), y: y + target.range * Math.sin(angle), agrees };
+          });
+        });
+        const reach = (values) => [Math.min(-5, ...values) - 2, Math.max(5, ...values) + 2];
+        view.extent(reach(targets.map((each) => each.x)), reach(targets.map((each) => each.y)));
+        view.clear();
+        view.mark("triangle", 0, 0, 7, "lab-outline");
+        for (const each of targets) view.target("moving", each.x, each.y, 4, each.agrees ? "lab-set-moving" : "lab-disagrees");
+      }
+
       /** The points that follow each other without one that was not accepted. */
       function runsOf(points) {
         const runs = [[]];
@@ -343,6 +452,7 @@
           html("label", { for: file.id }, "Choose a log in CSV, or drop it here:"),
           file,
           lab.button("Load the example", () => open(EXAMPLE.name, exampleText, EXAMPLE.mounting)),
+          lab.button("Save the example", async () => save(EXAMPLE.name, await exampleText())),
         ),
         html("p", {}, "A line for each target, in seconds, metres, radians and metres per second; its first line names the columns:"),
         html("pre", { class: "lab-command" }, "time,sensor,range,azimuth,doppler\n0.1,front,23.4,-0.12,-8.31"),
@@ -365,13 +475,22 @@
 
       results.append(
         labs.row(
-          html("div", {}, panel("The path from the square; crosses: refused", path), report),
+          html(
+            "div",
+            {},
+            panel("The path from the square; crosses: refused", path),
+            html("div", { class: "lab-control" }, "scan at", instant, when),
+            panel("Its targets; hollow: off the velocity by 0.5 m/s or more", view),
+            report,
+          ),
           html("div", {}, ...curves.map(({ title, plot }) => panel(title, plot))),
         ),
       );
       lab.build([drop, form, busy, status, wrong], () => {
+        if (log && !form.hidden) drawCar();
         if (!shown) return;
         drawPath();
+        drawScan();
         curves.forEach(drawCurve);
       });
       lab.element.append(results);
