@@ -609,7 +609,7 @@ globalThis.tracker = (function radarTracker() {
   }
 
   /** What correlated errors of neighbouring positions cause beyond independent ones. */
-  function addDependence(positions, points, length, dependence) {
+  function addDependence(positions, points, length, noise) {
     const order = points.map((_, k) => k).sort((a, b) => points[a].x - points[b].x);
     const rows = order.map((k) => {
       const { xx, xy, yy } = rootOf(points[k]);
@@ -625,7 +625,7 @@ globalThis.tracker = (function radarTracker() {
         }
       }
       const both = product(row.own, transposed(neighbours));
-      addTo(dependence, sum(both, transposed(both)));
+      addTo(noise, sum(both, transposed(both)));
     });
   }
 
@@ -637,11 +637,14 @@ globalThis.tracker = (function radarTracker() {
     return total.map(([x, y], i) => [x, y, turned[i] - mounting.y * x + mounting.x * y]);
   }
 
-  /** The parts of a velocity's covariance without the lag's, its delay and its lead, see `apply_budget`. */
-  function applyBudget(problem, { theta, covariance }, pairs, budget, time, near) {
-    const [noise, dependence, systematic, delayed, led] = Array.from({ length: 5 }, () => filled(3, 3)),
+  /**
+   * The estimate as input of the filter {velocity, white, delay, slow}, with the columns of the slow errors in the places of
+   * their sensors, and its lead: see `apply_budget`, `FilterInput`.
+   */
+  function applyBudget(problem, { theta, covariance }, pairs, { budget, sensors }, time, near) {
+    const [noise, delayed, led] = Array.from({ length: 3 }, () => filled(3, 3)),
+      slow = Array.from({ length: 2 * sensors + 1 }, () => [0, 0, 0]),
       common = middleOf(pairs);
-    let relative = [0, 0, 0];
     pairs.forEach((pair, number) => {
       const { fixed, moving, interval } = problem.pairs[number],
         cross = crossDerivatives(problem.pairs[number], theta);
@@ -652,7 +655,7 @@ globalThis.tracker = (function radarTracker() {
         const slope = crossRange(scan, pair.mounting);
         addPositions(positions, points, noise);
         if (points === moving) addMeasurements(cross, scan, slope, noise);
-        if (budget.neighbours) addDependence(positions, points, budget.neighbours, dependence);
+        if (budget.neighbours) addDependence(positions, points, budget.neighbours, noise);
         return positions.reduce((total, position, k) => total.map((t, i) => t + along(position, slope[k])[i]), [0, 0, 0]);
       });
       const totalOf = (rows) => [0, 1, 2].map((i) => rows.reduce((total, row) => total + row[i], 0));
@@ -667,21 +670,20 @@ globalThis.tracker = (function radarTracker() {
       );
       addTo(delayed, measured, pair.current.time - time);
       addTo(led, measured, common - pair.current.time);
-      const predicted = totalOf(cross.input),
-        azimuth = predicted.map((each, i) => budget.azimuth * (each + turned[0][i] + turned[1][i])),
-        doppler = totalOf(cross.value).map((each) => budget.doppler * each);
-      addTo(systematic, outer(azimuth, azimuth));
-      addTo(systematic, outer(doppler, doppler));
-      relative = relative.map(
-        (each, i) => each + pair.current.targets.reduce((s, target, k) => s + target.doppler * cross.value[k][i], 0),
-      );
+      const gradients = [
+        [pair.sensor, budget.azimuth, totalOf([...cross.input, ...turned])],
+        [sensors + pair.sensor, budget.doppler, totalOf(cross.value)],
+        [2 * sensors, budget.scale, totalOf(cross.value.map((row, k) => row.map((each) => each * pair.current.targets[k].doppler)))],
+      ];
+      for (const [n, sigma, gradient] of gradients) slow[n] = slow[n].map((each, i) => each + sigma * gradient[i]);
     });
-    addTo(systematic, outer(relative, relative), budget.scale ** 2);
-    const parts = Object.fromEntries(
-      Object.entries({ noise, dependence, systematic }).map(([name, own]) => [name, propagated(covariance, own)]),
-    );
     const gain = scaled(covariance, -1);
-    return { parts, delay: product(gain, delayed), lead: product(gain, led) };
+    return {
+      white: propagated(covariance, noise),
+      slow: transposed(slow.map((column) => apply(gain, column))),
+      delay: product(gain, delayed),
+      lead: product(gain, led),
+    };
   }
 
   // ---- d2d/radar/tracks/intake.py: each scan once, each target once ----------------------------------------------------------
@@ -781,7 +783,7 @@ globalThis.tracker = (function radarTracker() {
       if (!scans.size) return;
       const key = (s) => [scans.get(s).time, histories[s].mounting.x, histories[s].mounting.y, histories[s].mounting.yaw];
       const order = [...scans.keys()].sort((a, b) => key(a).reduce((by, each, i) => by || each - key(b)[i], 0)),
-        pairs = order.map((s) => histories[s].paired(scans.get(s))).filter(Boolean),
+        pairs = order.map((s) => ({ ...histories[s].paired(scans.get(s)), sensor: s })).filter((pair) => pair.previous),
         time = mean(order.map((s) => scans.get(s).time)),
         interval = time - last;
       last = time;
@@ -856,112 +858,104 @@ globalThis.tracker = (function radarTracker() {
     return "";
   }
 
-  // ---- d2d/radar/tracks/acceleration.py ------------------------------------------------------------------------------------
+  // ---- d2d/radar/tracks/filter.py ------------------------------------------------------------------------------------------
 
-  const UNKNOWN = diagonal([1.69, 0.0081, 0.0144]), // variances of the acceleration
-    JERK = [1, 0.015 ** 2, 0.025 ** 2], // variances per s
-    MANNERS = [0, 1, 10], // of driving, times JERK
-    SHARES = [0.45, 0.45, 0.1], // of the time
-    LASTING = 600, // s, for which a manner lasts on average
-    FORGOTTEN = 2, // s
-    JUMPING = 12; // standard deviations
+  const UNKNOWN = diagonal([1.3 ** 2, 0.09 ** 2, 0.12 ** 2]), // variances of the acceleration
+    JERK = [1.5 ** 2, 0.0225 ** 2, 0.0375 ** 2], // variances per s
+    JERK_SCALES = [1, 10, 100], // of the modes of driving
+    MODE_DURATION = 5, // s on average
+    PERSISTENCE = 15, // s, of the slow errors
+    MEMORY = 2, // s
+    IMPLAUSIBLE = 12; // standard deviations
 
-  /** Learns the acceleration from one estimate after the other; begins anew after a gap. */
-  class AccelerationFilter {
-    /** Share and state {value, covariance} of [theta, a] of each manner at a time; null if it is to begin anew. */
-    predicted(time) {
-      const passed = time - this.time;
-      if (!this.states || passed > FORGOTTEN) return null;
-      const lasts = Math.exp(-passed / LASTING),
-        shares = this.shares.map((share, i) => lasts * share + (1 - lasts) * SHARES[i]),
-        states = MANNERS.map((manner, i) => {
-          const changes = (1 - lasts) * SHARES[i],
-            origins = this.shares.map((share, k) => (share * (changes + (i === k ? lasts : 0))) / shares[i]);
-          return moved(merged(origins, this.states), passed, manner);
-        });
-      return { shares, states };
-    }
+  // A belief is {mean, covariance, cross}: of [v, a], and its covariance with the slow errors, which are considered and not
+  // learnt (Schmidt 1966); a mixture {time, shares, modes} has a belief of each mode.
 
-    /** The acceleration {value, covariance} at a time; null if it begins anew. */
-    predict(time) {
-      const found = this.predicted(time);
-      if (!found) return null;
-      const { value, covariance } = merged(found.shares, found.states);
-      return { value: value.slice(3), covariance: covariance.slice(3).map((row) => row.slice(3)) };
-    }
-
-    /** Learn from an estimate with its delay and the covariance of its errors. */
-    update(time, estimate, delay, noise, by) {
-      const before = this.predicted(time),
-        found = before?.states.map((state) => updated(state, estimate, delay, noise)),
-        jumps = found?.every(({ squares }) => squares > JUMPING ** 2);
-      if (found && !jumps) {
-        const most = Math.max(...found.map(({ evidence }) => evidence)),
-          weights = found.map(({ evidence }, i) => before.shares[i] * Math.exp(evidence - most)),
-          total = weights.reduce((all, each) => all + each, 0);
-        this.states = found.map(({ state }) => state);
-        this.shares = weights.map((weight) => weight / total);
-      } else {
-        if (jumps) by = { value: [0, 0, 0], covariance: UNKNOWN };
-        const late = product(delay, by.covariance),
-          own = sum(noise, product(late, transposed(delay))),
-          value = [...minus(estimate, apply(delay, by.value)), ...by.value],
-          covariance = [
-            ...own.map((row, i) => [...row, ...late[i].map((each) => -each)]),
-            ...transposed(late).map((row, i) => [...row.map((each) => -each), ...by.covariance[i]]),
-          ];
-        this.states = MANNERS.map(() => ({ value, covariance }));
-        this.shares = SHARES;
-      }
-      this.time = time;
-    }
+  /** The moments of a mixture of beliefs. */
+  function combined(shares, beliefs) {
+    const mean = beliefs[0].mean.map((_, i) => dot(shares, beliefs.map((belief) => belief.mean[i]))),
+      spread = ({ mean: own, covariance }) => sum(covariance, outer(minus(own, mean), minus(own, mean))),
+      weighted = (matrixOf) => sum(...beliefs.map((belief, k) => scaled(matrixOf(belief), shares[k])));
+    return { mean, covariance: weighted(spread), cross: weighted(({ cross }) => cross) };
   }
 
-  /** A state after a time, in which the acceleration walks. */
-  function moved({ value, covariance }, passed, manner) {
+  const UNSEEN = { value: [0, 0, 0], covariance: UNKNOWN };
+
+  /** The belief after a first estimate, for an acceleration {value, covariance} that nothing but the radar tells. */
+  function begin(time, { velocity, white, delay, slow: columns, lag }, by = UNSEEN) {
+    const late = product(delay, by.covariance),
+      slow = columns.map((row, i) => [...row, -lag * by.value[i]]),
+      own = sum(white, product(slow, transposed(slow)), product(late, transposed(delay)));
+    const belief = {
+      mean: [...minus(velocity, apply(delay, by.value)), ...by.value],
+      covariance: [
+        ...own.map((row, i) => [...row, ...late[i].map((each) => -each)]),
+        ...transposed(late).map((row, i) => [...row.map((each) => -each), ...by.covariance[i]]),
+      ],
+      cross: [...scaled(slow, -1), ...filled(3, slow[0].length)],
+    };
+    return { time, shares: JERK_SCALES.map(() => 1 / JERK_SCALES.length), modes: JERK_SCALES.map(() => belief) };
+  }
+
+  /** The mixture at a later time; null if what was learnt is forgotten by then. */
+  function predict({ time: before, shares: own, modes }, time) {
+    const passed = time - before;
+    if (passed > MEMORY) return null;
+    const lasts = Math.exp(-passed / MODE_DURATION),
+      changes = (1 - lasts) / own.length,
+      shares = own.map((share) => lasts * share + changes),
+      mixed = shares.map((share, i) => combined(own.map((from, k) => (from * (changes + (i === k ? lasts : 0))) / share), modes));
+    return { time, shares, modes: mixed.map((belief, i) => moved(belief, passed, JERK_SCALES[i])) };
+  }
+
+  /** A belief after a time, in which the acceleration walks and the slow errors change. */
+  function moved({ mean, covariance, cross }, passed, scale) {
     const transition = identity(6);
     for (let i = 0; i < 3; i++) transition[i][i + 3] = passed;
     const after = product(product(transition, covariance), transposed(transition));
     JERK.forEach((usual, i) => {
-      const jerk = manner * usual;
+      const jerk = scale * usual;
       after[i + 3][i + 3] += passed * jerk;
       after[i][i + 3] += (passed ** 2 / 2) * jerk;
       after[i + 3][i] += (passed ** 2 / 2) * jerk;
       after[i][i] += (passed ** 3 / 3) * jerk;
     });
-    return { value: apply(transition, value), covariance: after };
+    const kept = Math.exp(-passed / PERSISTENCE);
+    return { mean: apply(transition, mean), covariance: after, cross: scaled(product(transition, cross), kept) };
   }
 
-  /** Mean and covariance of a mixture of states. */
-  function merged(shares, states) {
-    const value = states[0].value.map((_, i) => dot(shares, states.map((state) => state.value[i]))),
-      terms = states.map((state, k) => {
-        const apart = minus(state.value, value);
-        return scaled(sum(state.covariance, outer(apart, apart)), shares[k]);
-      });
-    return { value, covariance: terms.reduce((total, term) => sum(total, term)) };
+  /** The mixture after an estimate at its time; where no mode explains the estimate, it begins anew. */
+  function update({ time, shares, modes }, given) {
+    const found = modes.map((belief) => updated(belief, given));
+    if (Math.min(...found.map(({ squares }) => squares)) > IMPLAUSIBLE ** 2) return begin(time, given);
+    const most = Math.max(...found.map(({ evidence }) => evidence)),
+      weights = found.map(({ evidence }, i) => shares[i] * Math.exp(evidence - most)),
+      total = weights.reduce((all, each) => all + each, 0);
+    return { time, shares: weights.map((weight) => weight / total), modes: found.map(({ belief }) => belief) };
   }
 
-  /** A state after a measurement, in the form that stays definite (Joseph), and the log density that it gave it. */
-  function updated({ value, covariance }, estimate, delay, noise) {
+  /** A belief after an estimate, and the log density that it gave it. */
+  function updated({ mean, covariance, cross }, { velocity, white, delay, slow: columns, lag }) {
     const to = identity(3).map((row, i) => [...row, ...delay[i]]),
-      crossed = product(to, covariance),
-      spread = sum(product(crossed, transposed(to)), noise),
-      gain = product(transposed(crossed), inverse(spread)),
-      kept = sum(identity(6), scaled(product(gain, to), -1)),
-      rest = minus(estimate, apply(to, value)),
-      squares = d2d.nees(rest, spread);
+      slow = columns.map((row, i) => [...row, -lag * mean[i + 3]]),
+      withState = sum(product(to, covariance), product(slow, transposed(cross))),
+      withSlow = sum(product(to, cross), slow),
+      spread = symmetric(sum(product(withState, transposed(to)), product(withSlow, transposed(slow)), white)),
+      gain = product(transposed(withState), inverse(spread)),
+      innovation = minus(velocity, apply(to, mean)),
+      squares = d2d.nees(innovation, spread);
     return {
-      state: {
-        value: value.map((each, i) => each + dot(gain[i], rest)),
-        covariance: sum(product(product(kept, covariance), transposed(kept)), product(product(gain, noise), transposed(gain))),
+      belief: {
+        mean: mean.map((each, i) => each + dot(gain[i], innovation)),
+        covariance: symmetric(sum(covariance, scaled(product(gain, withState), -1))),
+        cross: sum(cross, scaled(product(gain, withSlow), -1)),
       },
       squares,
       evidence: -0.5 * (squares + eigen(spread).values.reduce((total, each) => total + Math.log(each), 0)),
     };
   }
 
-  // ---- d2d/radar/tracks/following.py ---------------------------------------------------------------------------------------
+  // ---- d2d/radar/tracks/estimator.py ---------------------------------------------------------------------------------------
 
   const MIN_EXPLAINED = 0.1,
     MIN_AGREEING = 4, // targets
@@ -981,51 +975,45 @@ globalThis.tracker = (function radarTracker() {
     return turn > MAX_TURN ? `a turn of ${(turn / DEGREE).toFixed(0)} deg between scans` : "";
   }
 
-  /** The velocity at its time, with the parts of its covariance and the budget's lag in it. */
-  function carried({ theta, parts, delay }, by, lag) {
-    const noise = sum(parts.noise, product(product(delay, by.covariance), transposed(delay))),
-      moved = by.value.map((each) => lag * each);
-    return {
-      theta: minus(theta, apply(delay, by.value)),
-      parts: { ...parts, noise: symmetric(noise), systematic: sum(parts.systematic, outer(moved, moved)) },
-    };
-  }
+  const whole = ({ shares, modes }) => combined(shares, modes);
 
   /** Estimates the velocity of one round after the other, and remembers the last accepted one. */
-  class Follower {
-    constructor(budget) {
-      Object.assign(this, { budget, velocity: null, last: null });
-      this.acceleration = new AccelerationFilter();
+  class Estimator {
+    constructor(budget, sensors) {
+      Object.assign(this, { budget, sensors, velocity: null, last: null, belief: null });
     }
 
-    /** The row of a track: {time, interval, theta, covariance, reason, targets, inliers, parts}. */
-    follow(round) {
+    /** The row of a track: {time, interval, theta, covariance, reason, targets, inliers}. */
+    step(round) {
       const { pairs, time } = round;
-      if (!pairs.length) return this.held(round, round.reason);
-      const by = this.acceleration.predict(time) ?? dopplerAcceleration(pairs, UNKNOWN),
+      if (!pairs.length) return this.rejected(round, round.reason);
+      const predicted = this.belief && predict(this.belief, time),
+        first = predicted ? null : dopplerAcceleration(pairs, UNKNOWN),
+        acceleration = predicted ? whole(predicted).mean.slice(3) : first.value,
         near = this.velocity ?? [0, 0, 0],
-        problem = problemOf(pairs, by.value, near),
-        estimate = this.estimate(problem, pairs, by.value),
+        problem = problemOf(pairs, acceleration, near),
+        estimate = this.estimate(problem, pairs, acceleration),
         seen = { targets: sizeOf(pairs), inliers: estimate.inliers };
       let reason = doubt(estimate, pairs);
-      if (reason) return this.held(round, reason, seen);
-      const { parts: raw, delay, lead } = applyBudget(problem, estimate, pairs, this.budget, time, near),
-        uncarried = { theta: minus(estimate.theta, apply(lead, by.value)), parts: raw, delay },
-        { theta, parts } = carried(uncarried, by, this.budget.lag),
-        state = { time, theta, covariance: sum(parts.noise, parts.dependence, parts.systematic) };
-      reason = isFinite(state.covariance)
-        ? exceeded(state, this.last)
-        : "a covariance that is not finite";
-      if (reason) return this.held(round, reason, seen);
+      if (reason) return this.rejected(round, reason, seen);
+      const { lead, ...input } = applyBudget(problem, estimate, pairs, this, time, near),
+        given = { ...input, velocity: minus(estimate.theta, apply(lead, acceleration)), lag: this.budget.lag },
+        theta = minus(given.velocity, apply(given.delay, acceleration)),
+        state = { time, theta, covariance: sum(given.white, product(given.slow, transposed(given.slow))) };
+      reason = isFinite(state.covariance) ? exceeded(state, this.last) : "a covariance that is not finite";
+      if (reason) return this.rejected(round, reason, seen);
       this.last = state;
       this.velocity = estimate.theta;
-      this.acceleration.update(time, uncarried.theta, delay, sum(raw.noise, raw.dependence), by);
-      return { ...state, interval: round.interval, reason: "", ...seen };
+      this.belief = predicted ? update(predicted, given) : begin(time, given, first);
+      const { mean, covariance } = whole(this.belief);
+      const reported = { theta: mean.slice(0, 3), covariance: covariance.slice(0, 3).map((row) => row.slice(0, 3)) };
+      return { time, interval: round.interval, ...reported, reason: "", ...seen };
     }
 
     /** The row of a round that gives no estimate. */
-    held({ time, interval }, reason, seen = { targets: 0, inliers: NaN }) {
-      return { time, interval, theta: this.last?.theta ?? [0, 0, 0], covariance: filled(3, 3, NaN), reason, ...seen };
+    rejected({ time, interval }, reason, seen = { targets: 0, inliers: NaN }) {
+      const theta = this.belief ? whole(this.belief).mean.slice(0, 3) : [0, 0, 0];
+      return { time, interval, theta, covariance: filled(3, 3, NaN), reason, ...seen };
     }
 
     /** The optimum near the last velocity; where it is doubtful, the better of two. */
@@ -1108,11 +1096,11 @@ globalThis.tracker = (function radarTracker() {
   function* track(log, settings) {
     const sensors = sensorsOf(log, settings).map(usable),
       rounds = roundsOf(sensors),
-      follower = new Follower({ ...settings.budget, azimuth: settings.budget.azimuth * DEGREE }),
+      estimator = new Estimator({ ...settings.budget, azimuth: settings.budget.azimuth * DEGREE }, sensors.length),
       rows = [];
     if (!rounds.length) throw new Error("there must be at least two rounds of scans (of one sensor: two scans), but is one");
     for (const round of rounds) {
-      rows.push(follower.follow(round));
+      rows.push(estimator.step(round));
       yield rows.length / rounds.length;
     }
     const doubts = sensors.flatMap((sensor) => doubtsOf(sensor).map((doubt) => `${sensor.name}: ${doubt}`));
