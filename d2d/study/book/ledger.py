@@ -10,11 +10,13 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
+from itertools import groupby
+from typing import NamedTuple
 
 from d2d.study.book.claim import Claim, Evidence, Finding, Verdict
 from d2d.study.book.measured import Measured
 from d2d.study.book.table import significant
+from d2d.study.book.templates import render
 from d2d.study.book.thesis_figures import FIGURES, ThesisFigure, page_of
 
 SIGNS: dict[Verdict, str] = {
@@ -145,128 +147,85 @@ def _chapter(page: str) -> str:
     return page.split("_")[0].lstrip("0").upper()  # 4 for ``04_...``, B for ``b_...``
 
 
+class _Row(NamedTuple):
+    """A line of the ledger."""
+
+    claim: Claim
+    evidence: Evidence
+
+    def __str__(self) -> str:
+        headlines = self.evidence.headlines.items()
+        numbers = "; ".join(f"{name} {_with_interval(value)}" for name, value in headlines)
+        return f"{self.evidence.verdict:13} {self.claim.id} ({self.claim.section}): {numbers}"
+
+    @property
+    def chapter(self) -> str:
+        """The number of the claim's chapter."""
+        return _chapter(self.claim.page)
+
+    @property
+    def figure_page(self) -> str:
+        """The page of the claim's figure, which need not be the claim's."""
+        elsewhere = page_of(self.claim.section, self.claim.figure)
+        return next((each.page for each in FIGURES if each.id == self.claim.figure), elsewhere)
+
+    @property
+    def others(self) -> dict[str, float]:
+        """The numbers beside the headlines."""
+        headlines = self.evidence.headlines
+        return {name: n for name, n in self.evidence.numbers.items() if name not in headlines}
+
+
 @dataclass(frozen=True)
 class Ledger:
     """All claims, a line each that unfolds, below a map of them; displays itself."""
 
-    shown: tuple[tuple[Claim, Evidence], ...]
+    rows: tuple[_Row, ...]
 
     def __str__(self) -> str:
-        lines = []
-        for claim, evidence in self.shown:
-            headlines = evidence.headlines.items()
-            numbers = "; ".join(f"{name} {_with_interval(value)}" for name, value in headlines)
-            lines.append(f"{evidence.verdict:13} {claim.id} ({claim.section}): {numbers}")
-        return "\n".join(lines)
+        return "\n".join(map(str, self.rows))
 
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        rows = "\n".join(_row(claim, evidence) for claim, evidence in self.shown)
-        return (
-            f'{_map(self.shown)}\n<div class="ledger" id="ledger">\n'
-            f'<div class="ledger-head" aria-hidden="true"><span>verdict</span><span>claim</span>'
-            '<span><span class="axis-head"><span>against</span><span>for</span></span></span>'
-            f"</div>\n{rows}\n</div>"
+        by_page = sorted(self.rows, key=lambda row: row.claim.page)
+        words = {"badge": badge, "style": _style, "anchor": anchor, "where": _where}
+        numbers = {"significant": significant, "bounds": _bounds, "axis": _axis}
+        chapters = {chapter: [*rows] for chapter, rows in groupby(by_page, lambda row: row.chapter)}
+        tables = {"signs": SIGNS, "findings": FINDINGS, "width": _WIDTH, "height": _HEIGHT}
+        return render(
+            "ledger.html", rows=self.rows, chapters=chapters, **words, **numbers, **tables
         )
 
 
 def ledger(claims: Iterable[Claim], record: Mapping[str, Evidence]) -> Ledger:
     """Return the ledger of claims.  Raises ``KeyError`` with the id if one is not on record."""
-    return Ledger(tuple((claim, record[claim.id]) for claim in claims))
-
-
-def _map(shown: Sequence[tuple[Claim, Evidence]]) -> str:
-    """Return the verdicts by chapter, each a link to its line."""
-    chapters: dict[str, list[str]] = {}
-    for claim, evidence in sorted(shown, key=lambda pair: pair[0].page):
-        words = f"{claim.id}: {evidence.verdict}"
-        chapters.setdefault(_chapter(claim.page), []).append(
-            f'<a class="verdict {_style(evidence.verdict)}" href="#{anchor(claim.id)}" '
-            f'title="{words}" aria-label="{words}">{SIGNS[evidence.verdict]}</a>'
-        )
-    cells = "".join(
-        f"<li><span>{chapter}</span>{''.join(links)}</li>" for chapter, links in chapters.items()
-    )
-    return f'<ol class="ledger-map" aria-label="Verdicts by chapter">{cells}</ol>'
-
-
-def _row(claim: Claim, evidence: Evidence) -> str:
-    """Return a line with the verdict and the headlines, which unfolds to all that was found."""
-    verdict, chapter, headlines = evidence.verdict, _chapter(claim.page), evidence.headlines
-    elsewhere = page_of(claim.section, claim.figure)  # the page of a figure need not be the claim's
-    figure_page = next((each.page for each in FIGURES if each.id == claim.figure), elsewhere)
-    shown = "".join(
-        f'<span class="told" title="{escape(name)}">{_axis(value)}<b>'
-        f"{significant(value)}</b> {_interval(value)}</span>"
-        for name, value in headlines.items()
-    )
-    lines = [
-        f'<details class="ledger-row {_style(verdict)}" id="{anchor(claim.id)}" '
-        f'data-verdict="{verdict}" data-chapter="{chapter}">',
-        f"<summary>{badge(verdict)}<span>{escape(claim.text)}</span>"
-        f'<span class="tellings">{shown}</span></summary>',
-        '<div class="ledger-body">',
-        f'<p class="claim-source">Thesis, {_where(claim)} · '
-        f'<a href="{claim.page}.html">Chapter {chapter}</a>, '
-        f'<a href="{figure_page}.html#fig-{claim.figure}">its figure</a> · '
-        f"<code>{claim.id}</code></p>",
-    ]
-    if len(evidence.parts) > 1:
-        parts = "".join(
-            f'<li><b class="finding-{finding.split()[-1]}">{FINDINGS[finding][0]}</b> '
-            f"{escape(part)}: {FINDINGS[finding][1]}</li>"
-            for part, finding in evidence.parts.items()
-        )
-        lines.append(f'<ul class="claim-parts">{parts}</ul>')
-    if evidence.is_conditional:
-        lines.append(f'<p class="claim-holds"><b>Holds:</b> {escape(evidence.holds)}</p>')
-    why = evidence.because[:1].upper() + evidence.because[1:]
-    lines += [f'<p class="claim-why">{escape(why)}</p>', _numbers(headlines)]
-    if evidence.over:
-        lines.append(f'<p class="claim-over">Measured over {escape(evidence.over)}</p>')
-    others = {name: value for name, value in evidence.numbers.items() if name not in headlines}
-    if others:
-        summary = "The other number" if len(others) == 1 else f"The other {len(others)} numbers"
-        lines.append(f"<details><summary>{summary}</summary>\n{_numbers(others)}\n</details>")
-    return "\n".join([*lines, "</div></details>"])
-
-
-def _numbers(numbers: Mapping[str, float]) -> str:
-    rows = "\n".join(
-        f"<div><dt>{escape(name)} {_interval(value)}</dt><dd>{significant(value)}</dd></div>"
-        for name, value in numbers.items()
-    )
-    return f'<dl class="claim-numbers">\n{rows}\n</dl>'
-
-
-def _interval(value: float) -> str:
-    return f'<span class="interval">{" to ".join(_bounds(value))}</span>'
+    return Ledger(tuple(_Row(claim, record[claim.id]) for claim in claims))
 
 
 _WIDTH, _HEIGHT, _FARTHEST = 110, 14, 20.0  # of an axis in px, and its ends in margins
 
 
-def _axis(number: Measured) -> str:
-    """Draw the interval of a number on the axis of what counts, if it has a place there.
+class _Axis(NamedTuple):
+    """An interval on the axis of what counts, in px, and the side that it lies on."""
 
-    The axis is logarithmic to either side of 0.
-    """
-    middle, centre = 0.5 * _WIDTH, 0.5 * _HEIGHT
+    low: str
+    value: str
+    high: str
+    side: str
 
-    def at(margins: float) -> float:
-        size = math.log1p(min(abs(margins), _FARTHEST)) / math.log1p(_FARTHEST)
-        return middle + math.copysign((middle - 4) * size, margins)
 
-    side, drawing = "", ""
-    if number.margin_units:
-        lowest, value, highest = number.margin_units
-        side = " axis-for" if lowest > 0.0 else " axis-against" if highest < 0.0 else " axis-open"
-        drawing = (
-            f'<path class="scale" d="M2 {centre:g}H{_WIDTH - 2}M{middle:g} 0V{_HEIGHT}"/>'
-            f'<path class="range" d="M{at(lowest):.1f} {centre:g}'
-            f'H{max(at(highest), at(lowest) + 1):.1f}"/>'
-            f'<circle cx="{at(value):.1f}" cy="{centre:g}" r="3.2"/>'
+def _axis(number: Measured) -> _Axis | None:
+    """Place a number on the axis of what counts, which is logarithmic to either side of 0."""
+    if not number.margin_units:
+        return None
+    middle = 0.5 * _WIDTH
+    low, value, high = (
+        middle
+        + math.copysign(
+            (middle - 4) * math.log1p(min(abs(margins), _FARTHEST)) / math.log1p(_FARTHEST), margins
         )
-    size = f'width="{_WIDTH}" height="{_HEIGHT}"'
-    return f'<svg class="axis{side}" {size} aria-hidden="true">{drawing}</svg>'
+        for margins in number.margin_units
+    )
+    side = "for" if low > middle else "against" if high < middle else "open"
+    return _Axis(f"{low:.1f}", f"{value:.1f}", f"{max(high, low + 1):.1f}", side)

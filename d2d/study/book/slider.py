@@ -9,6 +9,8 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 from PIL import Image
 
+from d2d.study.book.templates import render
+
 
 def picture(figure: Figure, alt: str, colours: int = 128) -> str:
     """Return a figure as an HTML image, reduced to a few colours, and close it."""
@@ -26,15 +28,4 @@ def animate(name: str, frames: Sequence[str], captions: Sequence[str]) -> str:
     A frame is HTML as wide as its box, its caption the plain text of the line below it, and
     ``name`` the id of the HTML element, unique on its page.
     """
-    shown = "\n".join(
-        f'<div data-frame="{i}"{" hidden" if i else ""}>{frame}'
-        f'<div style="text-align:center">{escape(caption)}</div></div>'
-        for i, (frame, caption) in enumerate(zip(frames, captions, strict=True))
-    )
-    return f"""<div id="{name}" style="background:#fff;color:#111;max-width:520px;margin:auto">
-{shown}
-<div data-controls><input type="range" min="0" max="{len(frames) - 1}" value="0" autocomplete="off"
- style="width:100%" aria-label="Step of the animation"
- oninput="document.querySelectorAll('#{name} [data-frame]').forEach(
-   (frame, step) => {{ frame.hidden = step !== Number(this.value); }})"></div>
-</div>"""
+    return render("slider.html", name=name, frames=list(zip(frames, captions, strict=True)))

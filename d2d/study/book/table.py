@@ -7,12 +7,13 @@ A cell ends with ``table(rows, columns)`` or ``quantities(...)``.  The book show
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from itertools import groupby
 from typing import Any
 
 import numpy as np
 import pandas as pd
+
+from d2d.study.book.templates import render
 
 Column = str | tuple[str, ...]
 """A heading, or a heading with a unit ("" for none) and the format of its numbers."""
@@ -72,40 +73,8 @@ class Table:
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        """A table in a box of its own that scrolls where it is wider than the page."""
-        caption = f"<figcaption>{escape(self.caption)}</figcaption>" if self.caption else ""
-        numbers = [' class="number"' if right else "" for right in self.numeric]
-        body = "\n".join(
-            f'<tr><th scope="row">{escape(name)}</th>'
-            + "".join(
-                f"<td{number}>{escape(text)}</td>"
-                for text, number in zip(row, numbers[1:], strict=True)
-            )
-            + "</tr>"
-            for name, *row in self.rows
-        )
-        return (
-            f'<figure class="measured">{caption}<div class="measured-scroll"><table>\n'
-            f"<thead>{self._html_heads(numbers)}</thead>\n"
-            f"<tbody>\n{body}\n</tbody></table></div></figure>"
-        )
-
-    def _html_heads(self, numbers: Sequence[str]) -> str:
-        heads = "".join(
-            f'<th scope="col"{number}>{escape(name)}'
-            + (f' <span class="unit">{escape(unit)}</span></th>' if unit else "</th>")
-            for (_, name, unit), number in zip(self.header, numbers, strict=False)
-        )
         groups = [(group, len([*run])) for group, run in groupby(head[0] for head in self.header)]
-        if len(groups) < 2:
-            return f"<tr>{heads}</tr>" if heads else ""
-        over = "".join(
-            f'<th scope="colgroup" colspan="{span}">{escape(group)}</th>'
-            if group
-            else f'<td colspan="{span}"></td>'
-            for group, span in groups
-        )
-        return f"<tr>{over}</tr><tr>{heads}</tr>"
+        return render("table.html", groups=groups, **vars(self))
 
 
 def table(
