@@ -80,17 +80,6 @@ def test_row_unfolds_to_all_that_is_on_record(rows):
     ]
 
 
-def test_row_leads_to_its_chapter_and_figure(rows):
-    """Breaks if a link leads elsewhere, or to a row by another name than it has."""
-    assert '<a href="05_outliers_and_clusters_1d.html">Chapter 5' in rows[0]
-    assert '<a href="10_outliers_and_clusters_2d.html#fig-outlier-cost">' in rows[0]
-    assert ['id="claim-a"' in rows[0], 'id="claim-b"' in rows[1]] == [True, True]
-    assert 'data-verdict="wrong in part" data-chapter="9"' in rows[1]
-    above = ledger(TWO, RECORD)._repr_html_().split("</ol>")[0]
-    pattern = r"<li><span>(\w+)</span><a .*? href=\"#claim-(\w)\".*?>(.)</a></li>"
-    assert re.findall(pattern, above) == [("5", "a", "✓"), ("9", "b", "½")]
-
-
 def test_interval_is_drawn_where_it_lies(rows):
     """Breaks if an interval across the bound of what counts looks decided."""
     pattern = (

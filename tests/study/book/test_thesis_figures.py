@@ -47,23 +47,6 @@ def test_a_figure_is_filed_under_the_chapter_that_numbers_it():
         assert figure.number.removeprefix("Table ").split(".")[0] == figure.section.split(".")[0]
 
 
-def test_page_of_a_section():
-    """Breaks if a section is looked up by its chapter where several pages share that chapter."""
-    for section, id, chapter in (
-        ("4.3", "", "04"),
-        ("4.4", "outlier-fixed", "05"),
-        ("6", "", "09"),
-        ("6.3", "overlap-error", "09"),
-        ("6.3", "outlier-error", "10"),
-        ("6.3", "cluster-scene", "10"),
-        ("6.3", "all-map", "d"),
-        ("6.3", "all-scenes", "10"),
-        ("6.4", "nci-not-enough", "10"),
-        ("7.1", "ego-flow", "12"),
-    ):
-        assert page_of(section, id).startswith(f"{chapter}_")
-
-
 def test_page_of_an_unknown_section_is_refused():
     """Breaks if a claim of a chapter without a page gets a link to nowhere."""
     with pytest.raises(ValueError, match=r"^section: no page treats thesis section '9\.1'"):
