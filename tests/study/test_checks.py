@@ -16,8 +16,7 @@ from d2d.study.line.claims import surfaces
 from d2d.study.line.scene import line_scene
 from d2d.study.plane import cluster_search
 from d2d.study.plane.claims import clusters, indices, overlapped
-from d2d.study.plane.evaluation import evaluated
-from d2d.study.plane.measures import times_off
+from d2d.study.plane.evaluation import evaluated, times_off
 from d2d.study.plane.optima import Minima
 from d2d.study.plane.scenarios import OVERLAPPED
 

@@ -30,7 +30,7 @@ from d2d.study.estimation.descent import (
     run_second_order,
 )
 from d2d.study.line.scene import FIXED_POSITIONS, SIGMA, TRUTH, line_scene
-from d2d.study.plane.measures import times_off
+from d2d.study.plane.evaluation import times_off
 
 STARTS = 300  # of the four methods, within 5 m and 30 degrees of the truth
 UNITS = {"m": 1.0, "25 m": 25.0}  # of lengths; in the second, an angle weighs as much as a shift

@@ -11,6 +11,7 @@ from d2d._types import Array
 from d2d.cost import RegistrationCost
 from d2d.point_set import PointSet
 from d2d.registration import register, start_grid
+from d2d.study.book.measured import Measured, median_of
 from d2d.study.plane.evaluation import at_truth
 from d2d.study.plane.scenarios import Scenario
 from d2d.study.point_sets.convergence import start_plane
@@ -47,6 +48,23 @@ class Minima(NamedTuple):
     def right(self) -> NDArray[np.bool_]:
         """Whether the lowest minimum found is at the truth (draws,)."""
         return at_truth([errors[0] for errors in self.errors])
+
+    @property
+    def rivals(self) -> Array:
+        """Highest density elsewhere over that of the highest optimum at the truth (draws,)."""
+        drops = []
+        for errors, heights in zip(self.errors, self.log_heights, strict=True):
+            right = at_truth(errors)
+            elsewhere, there = (
+                each.max(initial=-np.inf) for each in (heights[~right], heights[right])
+            )
+            drops.append(elsewhere - there)
+        return np.exp(drops)
+
+    @property
+    def decades_to_second(self) -> Measured:
+        """Median log10 of the density at the second optimum over that at the first."""
+        return median_of(np.array([heights[1] for heights in self.log_heights]) / np.log(10.0))
 
 
 @cache

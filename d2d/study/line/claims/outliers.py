@@ -1,5 +1,7 @@
 """Claims of thesis section 4.4: an outlier on the line."""
 
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -47,7 +49,10 @@ from d2d.study.line.surfaces import log_surface, peaks
 OVER = f"{DRAWS} draws of the noise and of the outlier's place on the line"
 SEPARATE = 2.0 * np.sqrt(2.0)  # standard deviations between two equal bumps with two maxima
 MANY = 1000  # draws, a seventh of which meet the condition of the sum's rivals
+OVER_MANY = OVER.replace(str(DRAWS), str(MANY))
 USUAL = 0.2, 10.0  # the fraction and the width (m) of thesis ch. 6
+RIGHT_DRAWS = "share of draws with the highest peak at the true alignment"
+UP_TO = "share of draws with all others up to"
 
 
 @claim("outlier-fixed-summing", section="4.4", lines="729, 737", figure="outlier-fixed-cost")
@@ -58,32 +63,26 @@ def outlier_fixed_summing(ev: Evidence) -> None:
     before, after = survey_scene(SUMMING), survey_scene(SUMMING, "fixed")
     fixed, moving = scene("fixed")
     b_alone = PointSet(moving.means[:, :1], moving.covariances[:, :1])
-    surfaces_of_b = log_surface(LIKELIHOOD, TRANSLATIONS, fixed, b_alone)
-    has_four = peaks(TRANSLATIONS, surfaces_of_b).number == 4
-    gains = after.optima > before.optima
+    of_b = peaks(TRANSLATIONS, log_surface(LIKELIHOOD, TRANSLATIONS, fixed, b_alone))
     targets, outlier = fixed.means[:, :-1, 0], fixed.means[:, -1:, 0]
     apart = np.abs(outlier - targets).min(axis=-1) > SEPARATE * SIGMA
-    four, four_if_apart = share_of(has_four), share_of(has_four[apart])
-    more, more_if_apart = share_of(gains), share_of(gains[apart])
+    four, more = of_b.number == 4, after.optima > before.optima
     possibility = ev.part("each target gets a fourth possibility", nearly_all)
     gets_more = ev.part("the sum gets more local peaks", nearly_all)
-    peaks_of_b = "share of draws in which target B's surface has four peaks"
-    possibility(peaks_of_b, four, under=four_if_apart)
-    maxima = "share of draws with more local maxima"
-    gets_more.headline(f"{maxima} of the sum than without the outlier", more, under=more_if_apart)
-    ev.headline(f"{maxima}, outlier apart from all targets", more_if_apart, nearly_all)
-    number_before = ev("mean number of maxima without the outlier", mean_of(before.optima))
-    number = ev("mean number of maxima with it", mean_of(after.optima))
+    of_four = "share of draws in which target B's surface has four peaks"
+    possibility(of_four, share_of(four), under=share_of(four[apart]))
+    maxima, if_apart = "share of draws with more local maxima", share_of(more[apart])
+    gets_more.headline(
+        f"{maxima} of the sum than without the outlier", share_of(more), under=if_apart
+    )
+    ev.headline(f"{maxima}, outlier apart from all targets", if_apart, nearly_all)
+    ev("mean number of maxima without the outlier", mean_of(before.optima))
+    ev("mean number of maxima with it", mean_of(after.optima))
     ev.conclude(
-        "the outlier adds three pairs and up to three bumps: target B's surface has four peaks in "
-        f"{four:.0%} of the draws, and the sum has more maxima than without the outlier in "
-        f"{more:.0%}, on average {number:.2f} instead of {number_before:.2f}. Where it stands more "
-        f"than {SEPARATE:.1f} standard deviations from all targets, the distance at which two "
-        f"equal bumps separate, it has in {more_if_apart:.0%}; nearer, a target's peak can take it "
-        "in.",
-        holds=f"The outlier stands more than {SEPARATE:.1f} standard deviations from every target, "
-        f"where it adds a maximum in {more_if_apart:.0%} of the draws; it adds none in "
-        f"{1 - more:.0%} of all.",
+        "the outlier adds three pairs and up to three bumps. Nearer to a target than "
+        f"{SEPARATE:.1f} standard deviations, the distance at which two equal bumps separate, the "
+        "target's peak can take them in.",
+        holds=f"The outlier stands more than {SEPARATE:.1f} standard deviations from every target.",
         over=OVER,
     )
 
@@ -94,27 +93,23 @@ def outlier_fixed_likelihood(ev: Evidence) -> None:
     global peak, at the correct translation.
     """
     before, after = survey_scene(LIKELIHOOD), survey_scene(LIKELIHOOD, "fixed")
-    right, single = share_of(is_right(after)), share_of(after.rival < TINY)
-    # the RMSEs of the estimates that start at the truth, same draws
     estimates = [register(*scene(where, 4000), LIKELIHOOD, [TRUTH]) for where in ("fixed", "")]
     both = estimates[0].converged & estimates[1].converged
     with_it, without = (estimate.theta[both] - TRUTH for estimate in estimates)
     ratio = rms_ratio(with_it, without)
-    number, number_before = mean_of(after.optima), mean_of(before.optima)
     at_truth = ev.part("the global peak is right", nearly_all)
     only_one = ev.part("it is the only one", nearly_all)
     as_good = ev.part("the estimate is as good", RATIO.same)
-    at_truth("share of draws with the highest peak at the true alignment", right)
+    at_truth(RIGHT_DRAWS, share_of(is_right(after)))
+    single = share_of(after.rival < TINY)
     only_one.headline("share of draws with one visible peak (no rival above 1 %)", single)
     as_good.headline("root mean square error with the outlier over that without", ratio)
-    ev("mean number of maxima of the logarithm without the outlier", number_before)
-    ev("mean number of maxima of the logarithm with it", number)
+    ev("mean number of maxima of the logarithm without the outlier", mean_of(before.optima))
+    ev("mean number of maxima of the logarithm with it", mean_of(after.optima))
     ev.conclude(
         "every moving target still finds its own component, and the outlier's weight only scales "
-        f"the product: the highest peak is at the true alignment in {right:.0%} of the draws and "
-        f"the only visible one in {single:.1%}. The logarithm has {number:.2f} maxima "
-        f"on average instead of {number_before:.2f}, and the root mean square error changes "
-        f"by {ratio - 1:+.1%}, because some outliers happen to stand next to a target.",
+        f"the product. The root mean square error changes by {ratio - 1:+.1%}, because some "
+        "outliers happen to stand next to a target.",
         over=f"{OVER}; 4000 for the error",
     )
 
@@ -125,30 +120,25 @@ def outlier_moving_summing(ev: Evidence) -> None:
     value competitive to that of the global peak, which stays at the correct translation.
     """
     before, after = (survey_scene(SUMMING, where, MANY) for where in ("", "moving"))
-    right, more = share_of(is_right(after)), share_of(after.optima > before.optima)
-    rivals, rivals_before = after.rival > COMPARABLE, before.rival > COMPARABLE
-    met = _meets_where_others_meet()
-    with_it, with_it_if_met, elsewhere = map(share_of, (rivals, rivals[met], rivals[~met]))
+    rivals, met = after.rival > COMPARABLE, _meets_where_others_meet()
+    if_met = share_of(rivals[met])
     gets_more = ev.part("the sum gets more local peaks", nearly_all)
     competitive = ev.part("one of them is competitive", nearly_all)
     stays_right = ev.part("the global peak stays right", nearly_all)
-    stays_right("share of draws with the highest peak at the true alignment", right)
+    stays_right(RIGHT_DRAWS, share_of(is_right(after)))
+    more = share_of(after.optima > before.optima)
     gets_more("share of draws with more local maxima than without the outlier", more)
     rival = "share of draws with a rival above half the highest"
-    ev(f"{rival}, without it", share_of(rivals_before))
-    competitive.headline(f"{rival}, with it", with_it, under=with_it_if_met)
-    as_others_meet = "the same where it meets a component as two others meet"
-    ev.headline(as_others_meet, with_it_if_met, nearly_all)
+    ev(f"{rival}, without it", share_of(before.rival > COMPARABLE))
+    competitive.headline(f"{rival}, with it", share_of(rivals), under=if_met)
+    ev.headline("the same where it meets a component as two others meet", if_met, nearly_all)
     ev.conclude(
-        f"a rival exceeds half the highest peak in {with_it:.0%} of the draws, "
-        f"{rivals_before.mean():.0%} without the outlier: in {with_it_if_met:.0%} of those in "
-        f"which the outlier meets a component within a standard deviation of where two other "
-        f"targets meet ({met.mean():.0%} of all), which depends on where it stands. There are more "
-        f"peaks in {more:.0%}, and the highest stays at the true alignment in {right:.0%}.",
+        "a rival grows where the outlier meets a component within a standard deviation of where "
+        f"two other targets meet, in {met.mean():.0%} of the draws.",
         holds="The outlier meets a component within a standard deviation of where two other "
-        f"targets meet; in the other draws a rival is as high in {elsewhere:.0%}. There are more "
-        f"peaks in {more:.0%} of all.",
-        over=OVER.replace(str(DRAWS), str(MANY)),
+        f"targets meet; in the other draws a rival is as high in {rivals[~met].mean():.0%}. There "
+        f"are more peaks in {more:.0%} of all.",
+        over=OVER_MANY,
     )
 
 
@@ -166,42 +156,34 @@ def outlier_moving_likelihood(ev: Evidence) -> None:
     """An outlier in the current set makes the surface of the likelihood zero, because its own is
     zero at the correct translation.
     """
-    whole = scene("moving", MANY)
-    drop = decades_lost(LIKELIHOOD, np.array([TRUTH]), *whole, 1)
+    whole, at_truth = scene("moving", MANY), np.array([TRUTH])
+    drop = decades_lost(LIKELIHOOD, at_truth, *whole, 1)
     fixed, moving = (points.means[..., 0] for points in whole)
-    off = np.abs(moving[:, -1:] + TRUTH - fixed).min(axis=-1)
-    far = off > FAR * np.sqrt(2.0) * SIGMA
-    surfaces = [
-        log_surface(LIKELIHOOD, TRANSLATIONS, *scene(each, MANY)) for each in ("", "moving")
-    ]
-    highest = -np.subtract(*(each.max(axis=-1) for each in surfaces[::-1])) / np.log(10.0)
-    vanished, vanished_if_far = share_of(drop > VANISHED), share_of(drop[far] > VANISHED)
-    everywhere, everywhere_if_far = (share_of(each > VANISHED) for each in (highest, highest[far]))
-    zero = share_of(LIKELIHOOD.value(np.array([TRUTH]), *whole) > 745.0)  # exp(-745) underflows
-    right = share_of(is_right(survey_scene(LIKELIHOOD, "moving", MANY)))
-    near = f"within {RIGHT:g} m"
+    far = np.abs(moving[:, -1:] + TRUTH - fixed).min(axis=-1) > FAR * np.sqrt(2.0) * SIGMA
+    before, after = (
+        log_surface(LIKELIHOOD, TRANSLATIONS, *scene(where, MANY)).max(axis=-1) / np.log(10.0)
+        for where in ("", "moving")
+    )
+    everywhere, if_far = before - after > VANISHED, share_of(drop[far] > VANISHED)
     vanishes = ev.part("it vanishes at the truth", nearly_all)
     dropped = "share of draws with a drop by more than 16 decades"
-    vanishes.headline(f"{dropped} at the truth", vanished, under=vanished_if_far)
-    far_off = "the same where the outlier is far from every component"
-    ev.headline(far_off, vanished_if_far, nearly_all)
-    ev(f"{dropped} everywhere", everywhere)
-    ev("the same everywhere, outlier far from every component", everywhere_if_far)
+    vanishes.headline(f"{dropped} at the truth", share_of(drop > VANISHED), under=if_far)
+    ev.headline("the same where the outlier is far from every component", if_far, nearly_all)
+    ev(f"{dropped} everywhere", share_of(everywhere))
+    ev("the same everywhere, outlier far from every component", share_of(everywhere[far]))
     ev("median number of decades that it costs at the truth", median_of(drop))
-    ev("share of draws in which the product is exactly zero", zero)
-    ev(f"share of draws with the highest log-likelihood {near} of the truth", right)
+    underflows = LIKELIHOOD.value(at_truth, *whole) > 745.0  # exp(-745) does
+    ev("share of draws in which the product is exactly zero", share_of(underflows))
+    near = share_of(is_right(survey_scene(LIKELIHOOD, "moving", MANY)))
+    ev(f"share of draws with the highest log-likelihood within {RIGHT:g} m of the truth", near)
     ev.conclude(
-        f"the outlier costs more than {VANISHED:.0f} decades at the truth in {vanished:.0%} of the "
-        f"draws (the median is {median_of(drop):.1f}), and in {vanished_if_far:.0%} of those in "
-        f"which it stands more than {FAR:g} standard deviations of a difference from every "
-        "component. The highest value anywhere falls by as much in "
-        f"{everywhere:.0%} and {everywhere_if_far:.0%}. In floating point the product of four "
-        f"densities is exactly zero in {zero:.0%}, and its logarithm keeps its highest maximum "
-        f"{near} of the truth in {right:.0%}.",
+        f"an outlier that stands more than {FAR:g} standard deviations of a difference from every "
+        f"component costs the density {VANISHED:.0f} decades at the truth and most often "
+        f"everywhere. The logarithm keeps its highest maximum at the truth in {near:.0%} of all "
+        "draws.",
         holds=f"The outlier stands more than {FAR:g} standard deviations of a difference from "
-        f"where each component comes to lie; anywhere on the line it vanishes in {vanished:.0%} of "
-        "the draws.",
-        over=OVER.replace(str(DRAWS), str(MANY)),
+        "where each component comes to lie.",
+        over=OVER_MANY,
     )
 
 
@@ -211,20 +193,17 @@ def uniform_restores(ev: Evidence) -> None:
     translation, and no local peak is comparable to it.
     """
     draws = survey_scene(UNIFORM, "moving")
-    right, comparable = share_of(is_right(draws)), share_of(draws.rival > COMPARABLE)
     at_truth = ev.part("the global peak is right", nearly_all)
     none_comparable = ev.part("no other is comparable", nearly_all)
-    at_truth.headline("share of draws with the highest peak at the true alignment", right)
-    rivals = "share of draws with all others up to"
-    none_comparable.headline(f"{rivals} half the highest", complement(comparable))
-    ev(f"{rivals} 1 % of the highest", share_of(draws.rival <= TINY))
+    at_truth.headline(RIGHT_DRAWS, share_of(is_right(draws)))
+    comparable = share_of(draws.rival > COMPARABLE)
+    none_comparable.headline(f"{UP_TO} half the highest", complement(comparable))
+    ev(f"{UP_TO} 1 % of the highest", share_of(draws.rival <= TINY))
     ev.conclude(
-        f"as a density, with c = {UNIFORM_DENSITY:g} per metre, it is highest at the true "
-        f"alignment in {right:.0%} of the draws, and a rival exceeds half of that in "
-        f"{comparable:.1%}. Its logarithm has {draws.optima.mean():.1f} maxima on average, for the "
-        "ten distances at which targets meet, and the median basin around the truth is "
-        f"{np.median(draws.basin_width):.1f} m wide: the price of a robust cost is that it needs a "
-        "good start.",
+        f"the logarithm, with c = {UNIFORM_DENSITY:g} per metre, has {draws.optima.mean():.1f} "
+        "maxima on average, for the ten distances at which targets meet, and the median basin "
+        f"around the truth is {np.median(draws.basin_width):.1f} m wide: the price of a robust "
+        "cost is that it needs a good start.",
         over=OVER,
     )
 
@@ -234,40 +213,26 @@ def uniform_not_a_density(ev: Evidence) -> None:
     """The uniform component violates "the gaussian assumption. Which is, the area under the curve
     does not equal to one"; the corrupted Gaussian does not.
     """
+    kinds = {"uniform component": UNIFORM, "corrupted Gaussian": ROBUST}
     fixed, moving = (points[0] for points in scene(""))
     alone = PointSet(moving.means[:1], moving.covariances[:1])
-    areas = {}
-    for length in (40.0, 400.0, 4000.0):
-        t = TRUTH + 5.0 + np.arange(-0.5 * length, 0.5 * length, 0.03)
-        for name, cost in (("uniform", UNIFORM), ("corrupted", ROBUST)):
-            areas[name, length] = float(np.exp(log_surface(cost, t, fixed, alone)).sum() * 0.03)
-    is_one = {name: abs(areas[name, 4000.0] - 1.0) <= 1e-3 for name in ("uniform", "corrupted")}
-    ev.parts["with the uniform component the area is not one"] = decide(
-        supported=not is_one["uniform"], opposed=is_one["uniform"]
-    )
-    ev.parts["with the corrupted Gaussian it is"] = decide(
-        supported=is_one["corrupted"], opposed=not is_one["corrupted"]
-    )
+    parts = "with the uniform component the area is not one", "with the corrupted Gaussian it is"
+    for (name, cost), part in zip(kinds.items(), parts, strict=True):
+        for length in (40.0, 400.0, 4000.0):
+            t = TRUTH + 5.0 + np.arange(-0.5 * length, 0.5 * length, 0.03)
+            area = float(np.exp(log_surface(cost, t, fixed, alone)).sum() * 0.03)
+            if name == "uniform component" or length != 400.0:
+                ev(f"area of one target's surface over {length:g} m, {name}", area)
+        is_so = (abs(area - 1.0) <= 1e-3) == part.endswith("it is")
+        ev.parts[part] = decide(supported=is_so, opposed=not is_so)
     credible = _credibility_with_outlier()
-    uniform, corrupted = map(inclination_of, credible)
-    what = "area of one target's surface over"
-    ev(f"{what} 40 m, uniform component", areas["uniform", 40.0])
-    ev(f"{what} 400 m, uniform component", areas["uniform", 400.0])
-    ev(f"{what} 4000 m, uniform component", areas["uniform", 4000.0])
-    ev(f"{what} 40 m, corrupted Gaussian", areas["corrupted", 40.0])
-    ev(f"{what} 4000 m, corrupted Gaussian", areas["corrupted", 4000.0])
-    ev("I2 of the inverse Hessian, uniform component (dB)", uniform)
-    ev("I2 of the inverse Hessian, corrupted Gaussian (dB)", corrupted)
+    for name, indices in zip(kinds, credible, strict=True):
+        ev(f"I2 of the inverse Hessian, {name} (dB)", inclination_of(indices))
     ev.headline("difference of the two I2 (dB)", inclination_change(*credible))
     ev.conclude(
-        f"its area is {areas['uniform', 40.0]:.3g} over 40 m of the axis, "
-        f"{areas['uniform', 400.0]:.3g} over 400 m and {areas['uniform', 4000.0]:.3g} over 4000 m; "
-        f"that of the corrupted Gaussian is {areas['corrupted', 4000.0]:.3f} over 4000 m. What the "
-        "assumption is for, an inverse Hessian that is the covariance of the errors, does not tell "
-        f"the two apart: with an outlier in M, I2 is {uniform:+.2f} dB with the uniform component "
-        f"and {corrupted:+.2f} dB with the corrupted Gaussian. Over any bounded interval a surface "
-        "divided by its area is a density with the same optimum and the same Hessian of the "
-        "logarithm.",
+        "what the assumption is for, an inverse Hessian that is the covariance of the errors, does "
+        "not tell the two apart. Over any bounded interval a surface divided by its area is a "
+        "density with the same optimum and the same Hessian of the logarithm.",
         over="the first draw of the noise; for I2 4000 draws of it and of the outlier's place on "
         "the line, started at the truth and ending at it",
     )
@@ -289,19 +254,15 @@ def corrupted_restores(ev: Evidence) -> None:
     """With the corrupted Gaussian all local peaks of the likelihood are tiny compared to the global
     peak.
     """
-    corrupted, uniform = survey_scene(ROBUST, "moving"), survey_scene(UNIFORM, "moving")
-    right, tiny = share_of(is_right(corrupted)), share_of(corrupted.rival < TINY)
+    draws = survey_scene(ROBUST, "moving")
     at_truth = ev.part("the global peak is right", nearly_all)
     all_tiny = ev.part("all others are tiny", nearly_all)
-    at_truth.headline("share of draws with the highest peak at the true alignment", right)
-    rivals = "share of draws with all others up to"
-    ev(f"{rivals} half the highest", share_of(corrupted.rival <= COMPARABLE))
-    all_tiny.headline(f"{rivals} 1 % of the highest", tiny)
+    at_truth.headline(RIGHT_DRAWS, share_of(is_right(draws)))
+    ev(f"{UP_TO} half the highest", share_of(draws.rival <= COMPARABLE))
+    tiny = all_tiny.headline(f"{UP_TO} 1 % of the highest", share_of(draws.rival < TINY))
     ev.conclude(
-        f"the highest peak is at the true alignment in {right:.0%} of the draws, and all others "
-        f"are below {TINY:.0%} of it in {tiny:.0%}; a higher one is where the outlier supports a "
-        f"meeting of two other targets. The logarithm has {corrupted.optima.mean():.1f} maxima on "
-        f"average, with the uniform component {uniform.optima.mean():.1f}.",
+        f"a peak above {TINY:.0%} of the highest is where the outlier supports a meeting of two "
+        f"other targets. The logarithm has {draws.optima.mean():.1f} maxima on average.",
         holds=f"In most draws: all other peaks are below {TINY:.0%} of the highest in {tiny:.0%}.",
         over=OVER,
     )
@@ -313,45 +274,27 @@ def outlier_parameters_crucial(ev: Evidence) -> None:
     they influence the surface.
     """
     surveys = {(a, b): survey_corrupted(a, b, MAP_DRAWS) for a in FRACTIONS for b in WIDTHS}
-    wide = [pair for pair in surveys if pair[1] >= 3.0]
-    narrow = [pair for pair in surveys if pair not in wide]
-    right_if_wide, right_if_narrow = (
-        smallest(share_of, *((is_right(surveys[pair]),) for pair in pairs))
-        for pairs in (wide, narrow)
-    )
     usual = is_right(survey_corrupted(*USUAL, MAP_DRAWS))
-    loss_if_wide, loss_if_narrow = (
-        largest(share_difference, *((usual, is_right(surveys[pair])) for pair in pairs))
-        for pairs in (wide, narrow)
-    )
-    rival_if_moderate, rival_if_extreme = (
-        largest(share_of, *((surveys[pair].rival > COMPARABLE,) for pair in pairs))
-        for pairs in (
-            [pair for pair in wide if pair[0] <= 0.5],
-            [pair for pair in wide if pair[0] > 0.5],
-        )
-    )
-    fraction, width = USUAL
     decide_it = ev.part("they decide where the optimum is", SHARE.larger)
-    ev("minimum share of right optima, widths of 3 m to 100 m", right_if_wide)
-    ev("minimum share of right optima, widths of 1 m or less", right_if_narrow)
-    loss = "largest loss of right optima against"
-    decide_it.headline(f"{loss} the thesis's parameters, 3 m to 100 m", loss_if_wide)
-    decide_it.headline(f"{loss} them, widths of 1 m or less", loss_if_narrow)
+    for widths, name, against in (
+        (WIDTHS[2:], "3 m to 100 m", "the thesis's parameters, 3 m to 100 m"),
+        (WIDTHS[:2], "1 m or less", "them, widths of 1 m or less"),
+    ):
+        right = [is_right(surveys[pair]) for pair in product(FRACTIONS, widths)]
+        fewest = smallest(share_of, *((each,) for each in right))
+        ev(f"minimum share of right optima, widths of {name}", fewest)
+        lost = largest(share_difference, *((usual, each) for each in right))
+        decide_it.headline(f"largest loss of right optima against {against}", lost)
     rival = "maximum share with a rival above half the highest, widths of 3 m to 100 m"
-    ev(f"{rival}, fractions up to 0.5", rival_if_moderate)
-    ev(f"{rival}, fraction 0.9", rival_if_extreme)
+    for fractions, name in ((FRACTIONS[:-1], "fractions up to 0.5"), ([0.9], "fraction 0.9")):
+        high = [surveys[pair].rival > COMPARABLE for pair in product(fractions, WIDTHS[2:])]
+        ev(f"{rival}, {name}", largest(share_of, *((each,) for each in high)))
     ev.conclude(
-        f"over fractions from {FRACTIONS[0]:.1%} to {FRACTIONS[-1]:.0%}, the minimum share of "
-        f"draws with the right optimum is {right_if_narrow:.0%} for components of 1 m or less and "
-        f"{right_if_wide:.0%} for those 3 m to 100 m wide. The heights of the local peaks depend "
-        "on the fraction: with the wide components a rival exceeds half the highest peak in up to "
-        f"{rival_if_moderate:.1%} of the draws for fractions up to 0.5, and in up to "
-        f"{rival_if_extreme:.1%} for 0.9.",
+        "components 3 m to 100 m wide keep the right optimum at all fractions, which only change "
+        "the heights of the local peaks; with narrow ones an outlier's own peak can win.",
         holds="For components of about a metre or less, with which the share of draws with the "
-        f"right optimum goes down to {right_if_narrow:.0%}; for those 3 m to 100 m wide its "
-        f"minimum is {right_if_wide:.0%}.",
+        f"right optimum goes down to {fewest:.0%}.",
         over=f"{MAP_DRAWS} draws of the noise and of the outlier's place for each of "
-        f"{len(surveys)} pairs of a fraction and a width; the thesis's are {fraction:g} and "
-        f"{width:g} m",
+        f"{len(surveys)} pairs of a fraction and a width; the thesis's are {USUAL[0]:g} and "
+        f"{USUAL[1]:g} m",
     )

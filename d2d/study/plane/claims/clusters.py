@@ -13,16 +13,18 @@ from d2d.study.book.measured import (
     share_over,
 )
 from d2d.study.plane.cluster_search import DRAWS, KINDS, shares_wrong, worst
-from d2d.study.plane.evaluation import LIKELIHOOD, SUMMING, evaluated, over_layouts, random_layout
-from d2d.study.plane.measures import (
+from d2d.study.plane.evaluation import (
     BOTH,
+    LIKELIHOOD,
     OVER_LAYOUTS,
     SEARCHED,
-    decades_to_second,
+    SUMMING,
     error_ratio,
     error_ratio_of_layouts,
+    evaluated,
     inclination,
-    rivals,
+    over_layouts,
+    random_layout,
     share_ending_at_truth,
 )
 from d2d.study.plane.optima import local_minima
@@ -61,9 +63,9 @@ def cluster_summing_wrong(ev: Evidence) -> None:
         ev(f"the same, with outliers, {name}", wrong_of_both)
     ev(
         "median density of the next optimum over that at the truth, this scene",
-        median_of(rivals(minima["this scene"])),
+        median_of(minima["this scene"].rivals),
     )
-    ev("the same on the layouts", median_of(np.concatenate([rivals(each) for each in layouts])))
+    ev("the same on the layouts", median_of(np.concatenate([each.rivals for each in layouts])))
     ev("share of descents from the truth that end there", stays)
     ev("the same on 200 random layouts", stays_on_layouts)
     leaves.judge(complement(stays))
@@ -94,7 +96,7 @@ def cluster_likelihood_same(ev: Evidence) -> None:
     """
     clustered, without = (local_minima(s, LIKELIHOOD, SEARCHED) for s in (CLUSTERS, OVERLAPPED))
     share_right = share_of(clustered.right)
-    lower, lower_without = decades_to_second(clustered), decades_to_second(without)
+    lower, lower_without = clustered.decades_to_second, without.decades_to_second
     one_visible = share_of(clustered.visible == 1)
     conditions = (CLUSTERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD)
     ratio_of_layouts = geometric_mean_of(error_ratio_of_layouts(*conditions))

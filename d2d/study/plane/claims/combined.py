@@ -26,14 +26,18 @@ from d2d.study.book.measured import (
     share_of,
 )
 from d2d.study.plane.evaluation import (
+    BOTH,
     LIKELIHOOD,
     ROBUST,
+    SEARCHED,
+    STARTS,
     SUMMING,
     at_truth,
+    error_ratio,
+    errors_of,
     evaluated,
     over_layouts,
 )
-from d2d.study.plane.measures import BOTH, SEARCHED, STARTS, error_ratio, errors_of
 from d2d.study.plane.optima import local_minima
 from d2d.study.plane.scenarios import OVERLAPPED
 

@@ -22,22 +22,19 @@ from d2d.study.line.outlier_study import FAR, VANISHED, decades_lost
 from d2d.study.plane.evaluation import (
     LIKELIHOOD,
     NOTICEABLE,
-    ROBUST,
-    SUMMING,
-    evaluated,
-    over_layouts,
-    random_layout,
-    same_draws,
-)
-from d2d.study.plane.measures import (
     OVER_LAYOUTS,
+    ROBUST,
     SEARCHED,
+    SUMMING,
     THOUSAND,
-    decades_to_second,
     error_ratio,
     error_ratio_of_layouts,
+    evaluated,
     inclination,
+    over_layouts,
+    random_layout,
     ratios_in_decibels,
+    same_draws,
     share_ending_at_truth,
     times_off,
 )
@@ -133,7 +130,7 @@ def outlier_robust_minimum(ev: Evidence) -> None:
     at_truth(f"{draws} with the global minimum at the truth", right_of_layouts)
     only_one(f"{draws} with no other above 1 %", single_of_layouts)
     near = ev("mean number of minima within 10 m and 45 deg of the truth", mean_of(minima.near))
-    ev("log10 of the second density over the first", decades_to_second(minima))
+    ev("log10 of the second density over the first", minima.decades_to_second)
     ev.conclude(
         f"in {right:.0%} of {SEARCHED} draws of this scene and {right_of_layouts:.1%} of one on "
         f"each of {SEARCHED} random layouts the global minimum is at the truth, and in "

@@ -16,21 +16,18 @@ from d2d.study.book.measured import (
 )
 from d2d.study.plane.evaluation import (
     LIKELIHOOD,
-    ROBUST,
-    SUMMING,
-    at_truth,
-    evaluated,
-    over_layouts,
-)
-from d2d.study.plane.measures import (
     OVER_LAYOUTS,
+    ROBUST,
     SEARCHED,
     STARTS,
-    decades_to_second,
+    SUMMING,
+    at_truth,
     error_ratio,
     error_ratio_of_layouts,
     errors_of,
+    evaluated,
     inclination,
+    over_layouts,
     times_off,
 )
 from d2d.study.plane.optima import local_minima
@@ -48,7 +45,7 @@ def overlap_local_minima(ev: Evidence) -> None:
     likelihood = local_minima(OVERLAPPED, LIKELIHOOD, SEARCHED)
     visible, visible_likelihood = int(summing.visible.min()), int(likelihood.visible.max())
     one_visible = share_of(likelihood.visible == 1)
-    near, lower = mean_of(likelihood.near), decades_to_second(likelihood)
+    near, lower = mean_of(likelihood.near), likelihood.decades_to_second
     many = ev.part("the sum has many", nearly_all)
     only_one = ev.part("the likelihood has only one", nearly_all)
     only_one.judge(share_of(likelihood.near == 1), under=one_visible)
@@ -60,7 +57,7 @@ def overlap_local_minima(ev: Evidence) -> None:
     ev.headline(f"share of draws with one {above}, likelihood", one_visible, nearly_all)
     ev(f"number {above}, minimum of the draws, sum", visible)
     ev(f"number {above}, maximum of the draws, likelihood", visible_likelihood)
-    ev("log10 of the second density over the first, sum", decades_to_second(summing))
+    ev("log10 of the second density over the first, sum", summing.decades_to_second)
     ev("log10 of the second density over the first, likelihood", lower)
     ev.conclude(
         f"the density, as one plots it, has at least {visible} optima above 1% of the highest for "
