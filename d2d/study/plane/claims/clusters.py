@@ -38,15 +38,27 @@ def cluster_summing_wrong(ev: Evidence) -> None:
     """Clusters: the sum's global minimum is "completely wrong, even if the optimization starts from
     the ground truth".
     """
-    scenes = {"this scene": CLUSTERS} | {f"with outliers, {name}": s for name, s in BOTH.items()}
-    minima = {name: local_minima(each, SUMMING, SEARCHED) for name, each in scenes.items()}
+    here, *both = (local_minima(s, SUMMING, SEARCHED) for s in (CLUSTERS, *BOTH.values()))
     layouts = [
         local_minima(random_layout("clusters", seed), SUMMING, 1) for seed in range(SEARCHED)
     ]
-    wrong_here = complement(share_of(minima["this scene"].right))
+    is_wrong = ev.part("the global minimum is wrong", nearly_all)
+    leaves = ev.part("descents from the truth leave it", nearly_all)
+    wrong_here = complement(share_of(here.right))
+    is_wrong.headline("share of draws with a wrong global minimum, this scene", wrong_here)
     wrong_on_layouts = complement(share_over([each.right for each in layouts], 1))
+    is_wrong.headline("the same on random layouts", wrong_on_layouts)
+    for name, minima in zip(BOTH, both, strict=True):
+        ev(f"the same, with outliers, {name}", complement(share_of(minima.right)))
+    rival = "median density of the next optimum over that at the truth, this scene"
+    ev(rival, median_of(here.rivals))
+    ev("the same on the layouts", median_of(np.concatenate([each.rivals for each in layouts])))
     stays = share_ending_at_truth(CLUSTERS, SUMMING)
+    ev("share of descents from the truth that end there", stays)
     stays_on_layouts = share_over(over_layouts("clusters", SUMMING).share, 100)
+    ev("the same on 200 random layouts", stays_on_layouts)
+    leaves.judge(complement(stays))
+    leaves.judge(complement(stays_on_layouts))
     worst_kind, searched = worst(KINDS, SCENES)
     worst_of_eight, _ = worst([kind for kind in KINDS if kind.targets == 8], SCENES)
     # the search picks the worst of many: what it found is measured on scenes it has not seen
@@ -54,35 +66,16 @@ def cluster_summing_wrong(ev: Evidence) -> None:
         share_over(shares_wrong(kind, FRESH, first=1000), DRAWS)
         for kind in (worst_kind, worst_of_eight)
     )
-    is_wrong = ev.part("the global minimum is wrong", nearly_all)
-    leaves = ev.part("descents from the truth leave it", nearly_all)
-    is_wrong.headline("share of draws with a wrong global minimum, this scene", wrong_here)
-    is_wrong.headline("the same on random layouts", wrong_on_layouts)
-    for name in BOTH:
-        wrong_of_both = complement(share_of(minima[f"with outliers, {name}"].right))
-        ev(f"the same, with outliers, {name}", wrong_of_both)
-    ev(
-        "median density of the next optimum over that at the truth, this scene",
-        median_of(minima["this scene"].rivals),
-    )
-    ev("the same on the layouts", median_of(np.concatenate([each.rivals for each in layouts])))
-    ev("share of descents from the truth that end there", stays)
-    ev("the same on 200 random layouts", stays_on_layouts)
-    leaves.judge(complement(stays))
-    leaves.judge(complement(stays_on_layouts))
     ev("share of wrong global minima, worst kind of cluster searched for", wrong)
     ev("share of wrong global minima, worst kind with eight targets", wrong_of_eight)
     kinds_wrong = float(sum(share > 0.5 for share in searched.values()))
     ev("kinds of layout in the search with more than half of the minima wrong", kinds_wrong)
     ev.conclude(
-        "with two clusters of five the lowest minimum that descents from 847 starts find is "
-        f"elsewhere in {wrong_here:.0%} of the draws of this scene and in {wrong_on_layouts:.0%} "
-        f"of those on {SEARCHED} random layouts, and {stays:.0%} of the descents from the truth "
-        "stay there. Outside the thesis's conditions, beside the verdict: a search over "
-        f"{len(searched)} kinds of layout finds one in which it is elsewhere in {wrong:.0%} of the "
-        f"draws, {worst_kind}. A cluster that outnumbers the rest leaves the rotation to the few "
-        f"others; with the thesis's eight targets the worst is {worst_of_eight}, with "
-        f"{wrong_of_eight:.0%}.",
+        f"descents from 847 starts find a lower minimum elsewhere in {wrong_here:.0%} of the draws "
+        "of this scene. Outside the thesis's conditions, beside the verdict: of "
+        f"{len(searched)} kinds of layout the worst is {worst_kind}, with {wrong:.0%}, and with "
+        f"the thesis's eight targets {worst_of_eight}, with {wrong_of_eight:.0%}. A cluster that "
+        "outnumbers the rest leaves the rotation to the few others.",
         over=f"{SEARCHED} draws of the noise of each of three scenes, one on each of {SEARCHED} "
         f"random layouts; the search {DRAWS} on {SCENES} random scenes of {len(searched)} kinds, "
         f"its result {DRAWS} on {FRESH} further scenes",
@@ -95,33 +88,28 @@ def cluster_likelihood_same(ev: Evidence) -> None:
     results that are "the same or even better".
     """
     clustered, without = (local_minima(s, LIKELIHOOD, SEARCHED) for s in (CLUSTERS, OVERLAPPED))
-    share_right = share_of(clustered.right)
-    lower, lower_without = clustered.decades_to_second, without.decades_to_second
-    one_visible = share_of(clustered.visible == 1)
     conditions = (CLUSTERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD)
-    ratio_of_layouts = geometric_mean_of(error_ratio_of_layouts(*conditions))
-    on_layouts = mean_of(over_layouts("clusters", LIKELIHOOD).inclination)
     seen = ev.part("one optimum can be seen, at the truth", nearly_all)
     no_larger = ev.part("the error is the same or smaller", RATIO.no_larger)
     as_true = ev.part("the covariance is as true", DECIBELS.same)
-    seen("share of draws with the highest optimum at the truth", share_right)
+    seen("share of draws with the highest optimum at the truth", share_of(clustered.right))
+    one_visible = share_of(clustered.visible == 1)
     seen("share of draws with one optimum above 1 % of the highest density", one_visible)
     near = "mean number of minima within 10 m and 45 deg of the truth, clusters"
     ev(near, mean_of(clustered.near))
     ev("mean number of minima there, overlapped", mean_of(without.near))
-    ev("log10 of the second density over the first", lower)
-    ev("log10 of the second density over the first, overlapped", lower_without)
-    ratio = no_larger.headline("ratio of the RMSE, clusters / overlapped", error_ratio(*conditions))
-    no_larger("mean of this ratio over 200 random layouts", ratio_of_layouts)
+    ev("log10 of the second density over the first", clustered.decades_to_second)
+    ev("log10 of the second density over the first, overlapped", without.decades_to_second)
+    no_larger.headline("ratio of the RMSE, clusters / overlapped", error_ratio(*conditions))
+    of_layouts = geometric_mean_of(error_ratio_of_layouts(*conditions))
+    no_larger("mean of this ratio over 200 random layouts", of_layouts)
     ev("ANEES", anees_of(evaluated(CLUSTERS, LIKELIHOOD).credibility))
-    here = as_true.headline("I2 (dB)", inclination(CLUSTERS, LIKELIHOOD))
+    as_true.headline("I2 (dB)", inclination(CLUSTERS, LIKELIHOOD))
+    on_layouts = mean_of(over_layouts("clusters", LIKELIHOOD).inclination)
     as_true("mean of I2 over 200 random layouts (dB)", on_layouts)
     ev.conclude(
-        f"in {share_right:.0%} of {SEARCHED} draws the highest optimum is at the truth, and the "
-        f"density of the second is 10^{lower:.0f} of it (without clusters "
-        f"10^{lower_without:.0f}). The RMSE is {ratio:.2f} times that without "
-        f"clusters, in the mean over 200 random layouts {ratio_of_layouts:.2f} times, for the "
-        f"clusters add targets, and I2 is {here:+.2f} dB.",
+        f"the RMSE is {of_layouts:.2f} times that without clusters in the mean over 200 random "
+        "layouts, for the clusters add targets.",
         over=f"{SEARCHED} draws for the optima; {OVER_LAYOUTS}",
     )
 
@@ -131,28 +119,21 @@ def cluster_error(ev: Evidence) -> None:
     """Clusters: the sum's error is higher than in the overlapped scene, and higher than the
     likelihood's.
     """
-    summing, likelihood = (CLUSTERS, SUMMING), (CLUSTERS, LIKELIHOOD)
-    overlapped = OVERLAPPED, SUMMING
-    excess, growth = error_ratio(summing, likelihood), error_ratio(summing, overlapped)
-    excess_of_layouts, growth_of_layouts = (
-        geometric_mean_of(error_ratio_of_layouts(summing, other))
-        for other in (likelihood, overlapped)
-    )
-    without, with_clusters = (
-        median_of(over_layouts(kind, SUMMING).rmse) for kind in ("overlapped", "clusters")
-    )
+    growth = (CLUSTERS, SUMMING), (OVERLAPPED, SUMMING)
+    excess = (CLUSTERS, SUMMING), (CLUSTERS, LIKELIHOOD)
     grows = ev.part("it grows against the overlapped scene", RATIO.larger)
     exceeds = ev.part("it exceeds the likelihood's", RATIO.larger)
-    grows("ratio of the sum's RMSE, clusters / overlapped", growth)
-    grows.headline("mean of this ratio over 200 random layouts", growth_of_layouts)
-    ev("median RMSE over 200 random layouts, overlapped (m)", without)
-    ev("median RMSE over 200 random layouts, clusters (m)", with_clusters)
-    exceeds.headline("ratio of the RMSE in clusters, sum / likelihood", excess)
+    grows("ratio of the sum's RMSE, clusters / overlapped", error_ratio(*growth))
+    of_layouts = geometric_mean_of(error_ratio_of_layouts(*growth))
+    grows.headline("mean of this ratio over 200 random layouts", of_layouts)
+    for kind in ("overlapped", "clusters"):
+        rmse = median_of(over_layouts(kind, SUMMING).rmse)
+        ev(f"median RMSE over 200 random layouts, {kind} (m)", rmse)
+    exceeds.headline("ratio of the RMSE in clusters, sum / likelihood", error_ratio(*excess))
+    excess_of_layouts = geometric_mean_of(error_ratio_of_layouts(*excess))
     exceeds("mean of this ratio over the layouts", excess_of_layouts)
     ev.conclude(
-        f"the sum's RMSE is {excess:.2f} times the likelihood's. It is {growth:.2f} times that in "
-        f"the overlapped scene, and {growth_of_layouts:.2f} times in the mean over 200 random "
-        f"layouts, where its median is {with_clusters:.2f} m with clusters and {without:.2f} m "
-        "without: the clusters add targets, which help the sum as well.",
+        f"the sum's RMSE is {of_layouts:.2f} times that of the overlapped scene in the mean over "
+        "200 random layouts: the clusters add targets, which help the sum as well.",
         over=OVER_LAYOUTS,
     )

@@ -69,46 +69,37 @@ def outlier_likelihood_vanishes(ev: Evidence) -> None:
     """Outliers: the surface of the plain likelihood gets zero."""
     here = _loss(OUTLIERS, 1000)
     others = [_loss(random_layout("outliers", seed), 10) for seed in range(LAYOUTS)]
-    highest_before, highest = (
+    before, after = (
         local_minima(scenario, LIKELIHOOD, SEARCHED).highest / np.log(10.0)
         for scenario in (OVERLAPPED, OUTLIERS)
     )
+    lost = here.decades > VANISHED
+    on_layouts = share_over([(each.decades > VANISHED).mean() for each in others], 10)
     on_layouts_if_far = share_over(
         [(each.decades > VANISHED)[each.far].mean() for each in others if each.far.any()], 10
     )
-    vanished = share_of(here.decades > VANISHED)
-    if_far = share_of(here.decades[here.far] > VANISHED)
-    on_layouts = share_over([(each.decades > VANISHED).mean() for each in others], 10)
-    everywhere = share_of(np.median(highest_before) - highest > VANISHED)
-    ratio = error_ratio((OUTLIERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD))
-    tilt, cost = inclination(OUTLIERS, LIKELIHOOD), median_of(here.decades)
-    stays = share_ending_at_truth(OUTLIERS, LIKELIHOOD)
     dropped = "share of draws with a drop by more than 16 decades"
     vanishes = ev.part("it vanishes at the truth", nearly_all)
-    ev("median number of decades that the outliers cost at the truth", cost)
-    vanishes.headline(f"{dropped} at the truth", vanished, under=if_far)
+    ev("median number of decades that the outliers cost at the truth", median_of(here.decades))
+    vanishes.headline(f"{dropped} at the truth", share_of(lost), under=share_of(lost[here.far]))
     vanishes.headline(f"the same on {LAYOUTS} random layouts", on_layouts, under=on_layouts_if_far)
     ev("the same on layouts where an outlier is far from every component", on_layouts_if_far)
-    ev(f"{dropped} everywhere", everywhere)
-    ev("median log10 of the highest likelihood, overlapped", median_of(highest_before))
-    ev("median log10 of the highest likelihood, with outliers", median_of(highest))
+    ev(f"{dropped} everywhere", share_of(np.median(before) - after > VANISHED))
+    ev("median log10 of the highest likelihood, overlapped", median_of(before))
+    ev("median log10 of the highest likelihood, with outliers", median_of(after))
+    stays = share_ending_at_truth(OUTLIERS, LIKELIHOOD)
     ev("share within 1.5 m and 6 deg of the truth, started there", stays)
+    ratio = error_ratio((OUTLIERS, LIKELIHOOD), (OVERLAPPED, LIKELIHOOD))
     ev("ratio of the RMSE, with outliers / overlapped", ratio)
-    ev("I2 (dB)", tilt)
+    tilt = ev("I2 (dB)", inclination(OUTLIERS, LIKELIHOOD))
     ev.conclude(
-        f"at the true motion the outliers of the current set cost the likelihood {cost:.0f} "
-        f"decades (median), more than {VANISHED:.0f} in {vanished:.0%} of the draws and on "
-        f"{LAYOUTS} random layouts in {on_layouts:.1%}; in the others an outlier happens to meet "
-        "one of the previous set. The highest value anywhere, which descents from 847 starts find, "
-        f"falls by as much in {everywhere:.0%}. "
-        f"The logarithm keeps an optimum near the truth, from which {stays:.0%} of the descents do "
-        f"not stray by 1.5 m or 6 degrees, but with {ratio:.1f} times the RMSE and with a "
-        f"covariance that is {times_off(tilt)}.",
+        "the density vanishes unless each outlier happens to meet one of the previous set. The "
+        f"logarithm keeps an optimum near the truth, but with {ratio:.1f} times the RMSE and with "
+        f"a covariance that is {times_off(tilt)}.",
         holds=f"An outlier of the current set stands more than {FAR:g} standard deviations of a "
-        f"difference from every component; the likelihood vanishes in {on_layouts_if_far:.0%} of "
-        f"such draws on random layouts, and in {on_layouts:.1%} of all.",
+        "difference from every component.",
         over=f"{THOUSAND}, 10 on each of {LAYOUTS} random layouts; the highest value in "
-        f"{SEARCHED} draws",
+        f"{SEARCHED} draws, by descents from 847 starts",
     )
 
 
@@ -119,23 +110,21 @@ def outlier_robust_minimum(ev: Evidence) -> None:
     """
     minima = local_minima(OUTLIERS, ROBUST, SEARCHED)
     others = [local_minima(random_layout("outliers", seed), ROBUST, 1) for seed in range(SEARCHED)]
-    right, single = share_of(minima.right), share_of(minima.visible == 1)
-    right_of_layouts = share_over([each.right for each in others], 1)
-    single_of_layouts = share_over([each.visible == 1 for each in others], 1)
     at_truth = ev.part("it is at the truth", nearly_all)
     only_one = ev.part("it is the only one", nearly_all)
-    at_truth.headline("share of draws with the global minimum at the truth", right)
+    at_truth.headline("share of draws with the global minimum at the truth", share_of(minima.right))
+    single = share_of(minima.visible == 1)
     only_one.headline("share of draws with no other above 1 % of its density", single)
     draws = "share of draws on random layouts"
+    right_of_layouts = share_over([each.right for each in others], 1)
     at_truth(f"{draws} with the global minimum at the truth", right_of_layouts)
+    single_of_layouts = share_over([each.visible == 1 for each in others], 1)
     only_one(f"{draws} with no other above 1 %", single_of_layouts)
     near = ev("mean number of minima within 10 m and 45 deg of the truth", mean_of(minima.near))
     ev("log10 of the second density over the first", minima.decades_to_second)
     ev.conclude(
-        f"in {right:.0%} of {SEARCHED} draws of this scene and {right_of_layouts:.1%} of one on "
-        f"each of {SEARCHED} random layouts the global minimum is at the truth, and in "
-        f"{single:.0%} and {single_of_layouts:.1%} no other has more than 1% of its density; the "
-        f"negative logarithm has a mean of {near:.0f} local minima near the truth.",
+        f"the negative logarithm has a mean of {near:.0f} local minima near the truth, but no "
+        "other has more than 1% of the highest density.",
         over=f"{SEARCHED} draws of the noise of this scene and one on each of {SEARCHED} random "
         "layouts, 847 descents in each",
     )
@@ -147,22 +136,20 @@ def outlier_error(ev: Evidence) -> None:
     component.
     """
     conditions = (OUTLIERS, SUMMING), (OUTLIERS, ROBUST)
-    ratio, ratios = error_ratio(*conditions), error_ratio_of_layouts(*conditions)
-    share = share_of(ratios > 1.0)
-    grown = error_ratio((OUTLIERS, SUMMING), (OVERLAPPED, SUMMING))
-    grown_robust = error_ratio((OUTLIERS, ROBUST), (OVERLAPPED, LIKELIHOOD))
+    ratios = error_ratio_of_layouts(*conditions)
     greater = ev.part("the sum's error is greater", RATIO.larger)
-    greater.headline("ratio of the RMSE, sum / robust", ratio)
+    greater.headline("ratio of the RMSE, sum / robust", error_ratio(*conditions))
     larger = "share of 200 random layouts on which the sum's RMSE is the larger"
-    greater.headline(larger, share, nearly_all)
+    greater.headline(larger, share_of(ratios > 1.0), nearly_all)
     greater("mean ratio over the layouts", geometric_mean_of(ratios))
+    grown = error_ratio((OUTLIERS, SUMMING), (OVERLAPPED, SUMMING))
     ev("ratio of the sum's RMSE, with outliers / overlapped", grown)
+    grown_robust = error_ratio((OUTLIERS, ROBUST), (OVERLAPPED, LIKELIHOOD))
     ev("ratio of the robust RMSE, with outliers / overlapped likelihood", grown_robust)
     ev.conclude(
-        f"the ratio of the two RMSEs is {ratio:.2f} (95% interval {ratio.between('.2f')}) and "
-        f"exceeds one on {share:.1%} of 200 random layouts. With the outliers the sum's RMSE is "
-        f"{grown:.2f} times that in the overlapped scene, and the robust likelihood's "
-        f"{grown_robust:.2f} times that of the plain likelihood there.",
+        f"with the outliers the sum's RMSE is {grown:.2f} times that in the overlapped scene, and "
+        f"the robust likelihood's {grown_robust:.2f} times that of the plain likelihood there: the "
+        "outliers add little to either, and the sum's error was the larger one without them.",
         over=OVER_LAYOUTS,
     )
 
@@ -172,41 +159,34 @@ def outlier_credibility(ev: Evidence) -> None:
     """Outliers: the sum's credibility, pessimistic, is almost the same as in the overlapped scene;
     the likelihood with the outlier component has a pessimistic and an optimistic part.
     """
-    summing = inclination(OUTLIERS, SUMMING)
-    change = inclination_change(
-        *(evaluated(scene, SUMMING, runs=MORE).credibility for scene in (OUTLIERS, OVERLAPPED))
-    )
     robust = ratios_in_decibels(OUTLIERS, ROBUST)
     plain = ratios_in_decibels(OVERLAPPED, LIKELIHOOD)
     over = over_layouts("outliers", ROBUST, layouts=50, runs=500)
-    mean_below, mean_above = mean_of(over.pessimistic), mean_of(over.optimistic)
-    low, high = (quantile_of(over.inclination, fraction) for fraction in (0.05, 0.95))
-    ev.part("the sum is pessimistic", DECIBELS.smaller).headline("I2 of the sum (dB)", summing)
+    is_pessimistic = ev.part("the sum is pessimistic", DECIBELS.smaller)
+    is_pessimistic.headline("I2 of the sum (dB)", inclination(OUTLIERS, SUMMING))
     stays = ev.part("it is so as without outliers", DECIBELS.same)
     pessimistic = ev.part("the likelihood has a pessimistic part", in_some)
     optimistic = ev.part("it has an optimistic part", in_some)
+    change = inclination_change(
+        *(evaluated(scene, SUMMING, runs=MORE).credibility for scene in (OUTLIERS, OVERLAPPED))
+    )
     stays("change of the sum's I2, outliers - overlapped (dB)", change)
     ev("I2 of the robust likelihood (dB)", inclination(OUTLIERS, ROBUST))
     ev("ANEES of the robust likelihood", anees_of(evaluated(OUTLIERS, ROBUST).credibility))
-    below = pessimistic("share of its runs below -0.3 dB", share_of(robust < -NOTICEABLE))
-    above = optimistic.headline("share of its runs above +0.3 dB", share_of(robust > NOTICEABLE))
-    plain_below = ev("share below -0.3 dB, overlapped likelihood", share_of(plain < -NOTICEABLE))
-    plain_above = ev("share above +0.3 dB, overlapped likelihood", share_of(plain > NOTICEABLE))
-    pessimistic("mean share below -0.3 dB over 50 random layouts", mean_below)
-    optimistic("mean share above +0.3 dB over 50 random layouts", mean_above)
-    ev("5 % quantile of I2 over these layouts (dB)", low)
-    ev("95 % quantile of I2 over these layouts (dB)", high)
+    pessimistic("share of its runs below -0.3 dB", share_of(robust < -NOTICEABLE))
+    optimistic.headline("share of its runs above +0.3 dB", share_of(robust > NOTICEABLE))
+    below = ev("share below -0.3 dB, overlapped likelihood", share_of(plain < -NOTICEABLE))
+    above = ev("share above +0.3 dB, overlapped likelihood", share_of(plain > NOTICEABLE))
+    pessimistic("mean share below -0.3 dB over 50 random layouts", mean_of(over.pessimistic))
+    optimistic("mean share above +0.3 dB over 50 random layouts", mean_of(over.optimistic))
+    for percent in (5, 95):
+        quantile = quantile_of(over.inclination, percent / 100.0)
+        ev(f"{percent} % quantile of I2 over these layouts (dB)", quantile)
     ev.conclude(
-        f"the sum's I2 is {summing:+.1f} dB, {change:+.2f} dB from that without outliers. Of the "
-        f"robust likelihood's runs {below:.1%} lie below -{NOTICEABLE:g} dB and {above:.1%} above "
-        f"+{NOTICEABLE:g} dB, without outliers {plain_below:.1%} and {plain_above:.1%} of the "
-        f"plain likelihood's; in the mean over 50 random layouts {mean_below:.1%} and "
-        f"{mean_above:.1%} do, with an I2 from {low:+.1f} dB to {high:+.1f} dB (5% and 95% "
-        "quantiles).",
-        holds=f"The robust likelihood has both parts "
-        f"over random layouts ({mean_below:.0%} and {mean_above:.0%} of the runs), not in this "
-        f"scene, and an I2 of {low:+.1f} dB to {high:+.1f} dB; some of both is seen without "
-        f"outliers too ({plain_below:.1%} and {plain_above:.1%}).",
+        "estimated covariances scatter about the right one, so that some of both parts is seen "
+        f"without outliers, too: {below:.1%} of the runs lie below -{NOTICEABLE:g} dB and "
+        f"{above:.1%} above +{NOTICEABLE:g} dB.",
+        holds="The robust likelihood has both parts over random layouts, not in this scene.",
         over=f"{THOUSAND}, {MORE} for the change of the sum's I2, and 500 on each of 50 random "
         "layouts",
     )
