@@ -83,7 +83,7 @@ def test_each_optimiser_must_arrive(monkeypatch):
 
 
 def test_surfaces_of_another_scene_are_computed_anew(monkeypatch):
-    """Breaks if what is computed once is kept when the scene is another, or a sentence is."""
+    """Breaks if what is computed once is kept when the scene is another."""
     monkeypatch.setattr(surfaces, "DRAWS", 50)
     evidence = [claim.check() for claim in SURFACE_CLAIMS]
     noisier = {"sigma_moving": 0.5, "sigma_fixed": 0.4}
@@ -93,7 +93,6 @@ def test_surfaces_of_another_scene_are_computed_anew(monkeypatch):
     for claim, before in zip(SURFACE_CLAIMS, evidence, strict=True):
         after = claim.check()
         assert after.numbers != before.numbers
-        assert after.because != before.because
 
 
 @pytest.mark.parametrize(

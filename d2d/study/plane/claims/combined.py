@@ -50,40 +50,27 @@ def all_likelihood_stable(ev: Evidence) -> None:
     """Outliers and clusters: in both scenes the likelihood (with the outlier component that
     outliers need) has only one global minimum, close to the truth.
     """
-    overlapped = rms_of(errors_of(OVERLAPPED, LIKELIHOOD)[0])
     is_right = ev.part("the global minimum is at the truth", nearly_all)
     only_one = ev.part("it is the only one", nearly_all)
     close = ev.part("the estimate is close", RATIO.no_larger)
-    ev("RMSE, likelihood, overlapped (m)", overlapped)
-    ones: dict[str, Measured] = {}
-    errors: dict[str, list[Measured]] = {"robust": [], "likelihood": []}
-    for name, cost in (("robust", ROBUST), ("likelihood", LIKELIHOOD)):
-        for letter, scenario in BOTH.items():
-            error = rms_of(errors_of(scenario, cost)[0])
+    ev("RMSE, likelihood, overlapped (m)", rms_of(errors_of(OVERLAPPED, LIKELIHOOD)[0]))
+    to_overlapped = "ratio of the RMSE to the likelihood's in the overlapped scene"
+    for letter, scenario in BOTH.items():
+        for name, cost in (("robust", ROBUST), ("likelihood", LIKELIHOOD)):
+            ev(f"RMSE, {name}, {letter} (m)", rms_of(errors_of(scenario, cost)[0]))
+            add = close if name == "robust" else ev
             ratio = error_ratio((scenario, cost), (OVERLAPPED, LIKELIHOOD))
-            errors[name].append(ev(f"RMSE, {name}, {letter} (m)", error))
-            to_overlapped = "ratio of the RMSE to the likelihood's in the overlapped scene"
-            ev(f"{to_overlapped}, {name}, {letter}", ratio)
-            if name != "robust":
-                continue
-            close.judge(ratio)
-            minima = local_minima(scenario, cost, SEARCHED)
-            at_truth = f"share of draws with the global minimum at the truth, {letter}"
-            is_right(at_truth, share_of(minima.right))
-            ones[letter] = only_one.headline(
-                f"share of draws with one visible minimum, {letter}", share_of(minima.visible == 1)
-            )
-    plain, robust = (
-        f"{a:.2f} m in A and {b:.2f} m in B" for a, b in (errors["likelihood"], errors["robust"])
-    )
-    seen = f"{1 - ones['A']:.0%} (A) and {1 - ones['B']:.0%} (B)"
+            add(f"{to_overlapped}, {name}, {letter}", ratio)
+        minima = local_minima(scenario, ROBUST, SEARCHED)
+        right = share_of(minima.right)
+        is_right(f"share of draws with the global minimum at the truth, {letter}", right)
+        one = share_of(minima.visible == 1)
+        only_one.headline(f"share of draws with one visible minimum, {letter}", one)
     ev.conclude(
-        f"with the outlier component the RMSE is {robust}, against {overlapped:.2f} m of the "
-        "likelihood in the overlapped scene. Without it the outliers pull the optimum off: the "
-        f"RMSE is {plain}. In {seen} of the draws a second minimum has more than 1% of the highest "
-        "density.",
-        holds=f"For the place of the minimum; a second one can be seen in {seen} of the draws. "
-        f"Without the outlier component the RMSE is {plain}.",
+        "without the outlier component the outliers pull the optimum off, to "
+        f"{ratio:.1f} times the RMSE in B. With it, a second minimum has more than 1% of the "
+        f"highest density in {1 - one:.0%} of the draws there.",
+        holds="For the place of the minimum with the outlier component.",
         over=f"{OF_BOTH}; for the minima {SEARCHED} of each",
     )
 
@@ -94,52 +81,42 @@ def all_summing_unstable(ev: Evidence) -> None:
     its error does; the likelihood behaves almost the same.
     """
     a, b = BOTH.values()
-    error = {
-        name: rms_ratio(errors_of(a, cost)[part], errors_of(b, cost)[part])
-        for name, cost, part in (
-            ("sum", SUMMING, 0),
-            ("sum, rotation", SUMMING, 1),
-            ("robust", ROBUST, 0),
-            ("robust, rotation", ROBUST, 1),
-        )
-    }
+    of_sum, of_sum_turn, of_robust, of_robust_turn = (
+        rms_ratio(errors_of(a, cost)[part], errors_of(b, cost)[part])
+        for cost in (SUMMING, ROBUST)
+        for part in (0, 1)
+    )
     stays, returns = (
         share_difference(*(at_truth(evaluated(s, SUMMING, start).errors) for s in (a, b)))
         for start in STARTS
     )
-    tilt = inclination_change(*(evaluated(s, SUMMING).credibility for s in (a, b)))
-    minima = [local_minima(scenario, SUMMING, SEARCHED) for scenario in (a, b)]
-    lowest = share_difference(*(each.right for each in minima))
-    spreads = {name: _spread_of_layouts(cost) for name, cost in SPREADS.items()}
-    spread = (
-        f"the 95% quantile of the sum's RMSE is {spreads['sum']:.2f} times its 5% quantile, "
-        f"and that of the robust likelihood's {spreads['robust']:.2f} times"
-    )
+    minima = {name: local_minima(scenario, SUMMING, SEARCHED) for name, scenario in BOTH.items()}
     surface_differs = ev.part("the sum's surface differs", _differs(SHARE))
     error_differs = ev.part("its error differs", _differs(RATIO))
     same = ev.part("the likelihood's does not", RATIO.same)
-    error_differs.judge(error["sum"])
-    ev.headline("ratio of the sum's RMSE, A / B", error["sum"], RATIO.larger)
-    ev("ratio of the sum's RMSE of the rotation, A / B", error["sum, rotation"])
-    same.headline("ratio of the robust likelihood's RMSE, A / B", error["robust"])
-    ev("ratio of the robust likelihood's RMSE of the rotation, A / B", error["robust, rotation"])
+    error_differs.judge(of_sum)
+    ev.headline("ratio of the sum's RMSE, A / B", of_sum, RATIO.larger)
+    ev("ratio of the sum's RMSE of the rotation, A / B", of_sum_turn)
+    same.headline("ratio of the robust likelihood's RMSE, A / B", of_robust)
+    ev("ratio of the robust likelihood's RMSE of the rotation, A / B", of_robust_turn)
+    tilt = inclination_change(*(evaluated(s, SUMMING).credibility for s in (a, b)))
     surface_differs("difference of the sum's I2, A - B (dB)", tilt, _differs(DECIBELS))
+    lowest = share_difference(*(each.right for each in minima.values()))
     surface_differs("difference of the shares of global minima at the truth, A - B", lowest)
     surface_differs("difference of the shares from the truth that end there, A - B", stays)
     surface_differs("difference of the shares from zero that end at the truth, A - B", returns)
-    for letter, each in zip(BOTH, minima, strict=True):
+    for letter, each in minima.items():
         ev(f"mean number of minima near the truth, {letter}", mean_of(each.near))
     quantiles = "ratio of the 95 % to the 5 % quantile of the RMSE over 200 layouts"
-    for name, ratio in spreads.items():
-        ev(f"{quantiles}, {name}", ratio)
+    of_sum_there, of_robust_there = (
+        ev(f"{quantiles}, {name}", _spread_of_layouts(cost)) for name, cost in SPREADS.items()
+    )
     ev.conclude(
-        f"the sum's RMSE in A is {error['sum']:.2f} times that in B (95% interval "
-        f"{error['sum'].between('.2f')}), and the robust likelihood's, {error['robust']:.2f} times "
-        f"({error['robust'].between('.2f')}), differs as well. The sum's surface behaves the same: "
-        f"its I2 differs by {tilt:+.2f} dB ({tilt.between('+.2f')}), the share of runs from the "
-        f"truth that stay there by {100 * stays:+.1f} percentage points and that of runs from zero "
-        f"that arrive by {100 * returns:+.1f}, and its global minimum is at the truth as often "
-        f"({100 * lowest:+.1f}). Over 200 random layouts {spread}: neither is less stable.",
+        f"the errors of both costs differ, the sum's by {of_sum:.2f} (95% interval "
+        f"{of_sum.between('.2f')}), the robust likelihood's by {of_robust:.2f} "
+        f"({of_robust.between('.2f')}). Over 200 random layouts the 95% quantile of the RMSE is "
+        f"{of_sum_there:.2f} and {of_robust_there:.2f} times the 5% quantile: neither is less "
+        "stable.",
         over=f"{OF_BOTH}, {SEARCHED} for the minima, and 100 on each of 200 random layouts",
     )
 

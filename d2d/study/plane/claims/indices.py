@@ -52,24 +52,22 @@ def nci_not_enough(ev: Evidence) -> None:
     def median_where(index: Array, chosen: NDArray[np.bool_]) -> float:
         return float(np.median(index[chosen]))
 
-    by_nci, by_inclination = (bootstrapped(best, each, dangerous) for each in (nci, inclination))
     product = np.array([name != "summing" for _ in LAYOUTS for name in COSTS])
+    by_nci = bootstrapped(best, nci, dangerous)
     of_product = bootstrapped(best, nci[:, product], dangerous[:, product])
-    missed, missed_of_product = map(complement, (by_nci, of_product))
     misses = ev.part("it does not recognise all", SHARE.larger)
-    misses.headline("share not recognised by the NCI", missed)
-    misses.headline("share not recognised by the NCI, without the sum", missed_of_product)
-    ev("share recognised by I2", by_inclination)
+    misses.headline("share not recognised by the NCI", complement(by_nci))
+    misses.headline("share not recognised by the NCI, without the sum", complement(of_product))
+    ev("share recognised by I2", bootstrapped(best, inclination, dangerous))
     ev("share of conditions that are dangerous", bootstrapped(np.mean, dangerous))
     ev("median NCI of the dangerous (dB)", bootstrapped(median_where, nci, dangerous))
     ev("median NCI of the others (dB)", bootstrapped(median_where, nci, ~dangerous))
     ev.conclude(
-        f"of {dangerous.size} conditions, {dangerous.mean():.0%} are dangerous: their 95% regions "
-        f"contain less than {REGION - SHARE.high:.0%} of the errors. The best limit on the NCI "
-        f"sorts {by_nci:.0%} of both kinds rightly (guessing {0.5:.0%}), the best on I2 "
-        f"{by_inclination:.0%}: the NCI has no sign, and the sum's harmless regions, too large, "
-        "have one as high as regions that are too small. Without the sum, a third of the "
-        f"conditions, the NCI sorts {of_product:.0%} rightly. Either index needs the true errors.",
+        f"of {dangerous.size} conditions those are dangerous whose 95% regions contain less than "
+        f"{REGION - SHARE.high:.0%} of the errors. The best limit on the NCI sorts {by_nci:.0%} of "
+        f"both kinds rightly (guessing {0.5:.0%}): the NCI has no sign, and the sum's harmless "
+        "regions, too large, have one as high as regions that are too small. Either index needs "
+        "the true errors.",
         holds="Where covariances occur that are too large, as the sum's are, beside such that are "
         f"too small; without the sum the NCI sorts {of_product:.0%} rightly.",
         over=f"{len(studies)} conditions, three costs in four kinds of scene, each on "
