@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from d2d import ANNEALED, CorruptedGaussian, PointSet, RegistrationCost, rigid
+from d2d import ANNEALED, PointSet, rigid
 from d2d.radar import simulate_drive, track
 from d2d.study import monte_carlo, scenarios
 from d2d.study.book import drawing, grammar, style
@@ -30,7 +30,6 @@ def overview() -> Figure:
     fixed, moving = previous.point_set(drive.mounting), current.point_set(drive.mounting)
     before, after = drive.truth.poses[99:101]
     motion = rigid.compose(rigid.inverse(before), after)
-    cost = RegistrationCost(outlier=CorruptedGaussian(0.2, 100 * np.eye(2)))
     offset = np.linspace(-6.0, 6.0, 161)
     grid = np.stack([*np.meshgrid(offset, offset), np.zeros((161, 161))], axis=-1)
 
@@ -39,7 +38,7 @@ def overview() -> Figure:
     drawing.radar_scan(axes[0], current, drive.mounting)
     style.label_planar_axes(axes[0], "one scan")
     contours = axes[1].contourf(
-        offset, offset, cost.value(grid, fixed, moving), 24, cmap=grammar.COST_MAP
+        offset, offset, ROBUST.value(grid, fixed, moving), 24, cmap=grammar.COST_MAP
     )
     grammar.mark_truth(axes[1], *motion[:2])
     bar = figure.colorbar(contours, ax=axes[1], label="−log density", location="bottom")
@@ -110,29 +109,31 @@ def road() -> Figure:
     return figure
 
 
+def _share_bars(ax: Axes, shares: dict[str, float], colors: list[str], label: str) -> None:
+    """A bar for each share, with its number."""
+    bars = ax.bar(list(shares), list(shares.values()), 0.6, color=colors)
+    ax.bar_label(bars, [f"{100 * share:.0f} %" for share in shares.values()], padding=4)
+    ax.set(ylim=(0.0, 1.15), yticks=[0.0, 0.5, 1.0], yticklabels=["0", "50 %", "100 %"])
+    ax.set_ylabel(label)
+
+
 def _shares_inside(ax: Axes) -> None:
     """The share of the errors of four radars on RadarScenes that lie in the 95 % region."""
     found = read_scores()["radarscenes"]["baseline 4"]["105"]  # 0.3 s between the scans of a pair
-    names = ("inverse Hessian", "noise and budget")
-    shares = [found[name]["inside"] for name in names]
-    colors = [grammar.COVARIANCES[name].color for name in names]
-    bars = ax.bar(["inverse\nHessian", "with error\nbudget"], shares, 0.6, color=colors)
-    ax.bar_label(bars, [f"{100 * share:.0f} %" for share in shares], padding=6)
+    names = {"inverse\nHessian": "inverse Hessian", "with error\nbudget": "noise and budget"}
+    shares = {words: found[name]["inside"] for words, name in names.items()}
+    colors = [grammar.COVARIANCES[name].color for name in names.values()]
+    _share_bars(ax, shares, colors, "in the 95 % region")
+    ax.set(yticks=[0.0, 0.5, 0.95], yticklabels=["0", "50 %", "95 %"])
     ax.axhline(0.95, **grammar.TRUTH)
-    ax.set(ylim=(0.0, 1.15), yticks=[0.0, 0.5, 0.95], yticklabels=["0", "50 %", "95 %"])
-    ax.set_ylabel("in the 95 % region")
 
 
 def start_tile() -> Figure:
     """How many runs from zero find the truth, plain and annealed, in the scene with outliers."""
     schedules = {"plain": (1.0,), "blurred first,\nthen sharpened": ANNEALED}
-    shares = [share_from_zero(scenarios.OUTLIERS, scales) for scales in schedules.values()]
+    shares = {name: share_from_zero(scenarios.OUTLIERS, s) for name, s in schedules.items()}
     figure, ax = plt.subplots(figsize=TILE)
-    colors = [grammar.GREY, grammar.COSTS["robust"].color]
-    bars = ax.bar(list(schedules), shares, 0.6, color=colors)
-    ax.bar_label(bars, [f"{100 * share:.0f} %" for share in shares], padding=3)
-    ax.set(ylim=(0.0, 1.15), yticks=[0.0, 0.5, 1.0], yticklabels=["0", "50 %", "100 %"])
-    ax.set_ylabel("runs at the truth")
+    _share_bars(ax, shares, [grammar.GREY, grammar.COSTS["robust"].color], "runs at the truth")
     return figure
 
 
@@ -162,16 +163,10 @@ def road_tile() -> Figure:
 def main() -> None:
     """Draw all pictures and save them."""
     style.use_style()
-    for name, draw, dpi in (
-        ("overview", overview, DPI),
-        ("finding-start", start, DPI),
-        ("finding-sum", summing, DPI),
-        ("finding-road", road, DPI),
-        ("tile-start", start_tile, 3 * DPI // 2),
-        ("tile-sum", sum_tile, 3 * DPI // 2),
-        ("tile-road", road_tile, 3 * DPI // 2),
-        ("figure-key", grammar.key, DPI),
-    ):
+    pictures = {"overview": overview, "finding-start": start, "finding-sum": summing}
+    pictures |= {"finding-road": road, "tile-start": start_tile, "tile-sum": sum_tile}
+    for name, draw in (pictures | {"tile-road": road_tile, "figure-key": grammar.key}).items():
+        dpi = 3 * DPI // 2 if name.startswith("tile") else DPI
         figure = draw()
         figure.savefig(STATIC / f"{name}.png", dpi=dpi, metadata={"Software": None})
         plt.close(figure)

@@ -5,21 +5,14 @@ Python documents each field as "Alias for field number 0", and autodoc would lis
 
 from __future__ import annotations
 
-import inspect
 from typing import Any
 
 from sphinx.application import Sphinx
 
 
-def skip_field(
-    app: Sphinx, what: str, name: str, member: Any, skip: bool, options: Any
-) -> bool | None:
+def skip_field(app: Sphinx, what: str, name: str, member: Any, *_: Any) -> bool | None:
     """Skip the fields of named tuples; None leaves the decision to other extensions."""
-    return (
-        True
-        if type(member).__name__ == "_tuplegetter" and inspect.isdatadescriptor(member)
-        else None
-    )
+    return True if type(member).__name__ == "_tuplegetter" else None
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -48,16 +48,10 @@ FIGURES = [
 """Two pixels for each of the page, and no second drawing to find out what could be cut off."""
 
 TIMEOUT = 300  # s for one cell
-UNSET_FOR_KERNELS = ("D2D_RADARSCENES", "D2D_NUSCENES", "MPLBACKEND", "PYTHONWARNINGS")
 
 
 class NotebookError(Exception):
     """A notebook that did not run cleanly; the message names the cell."""
-
-
-def kernel_environment() -> dict[str, str]:
-    """Return this process's environment without the variables that would change the outputs."""
-    return {name: value for name, value in os.environ.items() if name not in UNSET_FOR_KERNELS}
 
 
 def set_stable_metadata(notebook: NotebookNode) -> None:
@@ -86,8 +80,9 @@ def execute(notebook: NotebookNode, folder: Path) -> None:
         coalesce_streams=True,
         resources={"metadata": {"path": str(folder)}},
     )
+    unset = ("D2D_RADARSCENES", "D2D_NUSCENES", "MPLBACKEND", "PYTHONWARNINGS")
     try:
-        client.execute(env=kernel_environment())
+        client.execute(env={name: v for name, v in os.environ.items() if name not in unset})
     except (CellExecutionError, CellTimeoutError, DeadKernelError) as error:
         raise NotebookError(str(error)) from error
     for position, cell in enumerate(notebook.cells, start=1):
@@ -96,27 +91,22 @@ def execute(notebook: NotebookNode, folder: Path) -> None:
                 raise NotebookError(f"cell {position} wrote to stderr:\n{output.text}")
 
 
-def run(path: Path, target: Path) -> bool:
-    """Execute one notebook, write it to ``target``, and say whether its bytes changed."""
+def run(path: Path, folder: Path | None) -> bool:
+    """Execute a notebook, write it in place or to a folder, and say whether it ran cleanly."""
+    start, clean = time.perf_counter(), True
     notebook = nbformat.read(path, as_version=4)
-    execute(notebook, path.parent)
-    set_stable_metadata(notebook)
-    shrink_outputs(notebook)
-    nbformat.validate(notebook)
-    before = path.read_bytes()
-    after = nbformat.writes(notebook).rstrip("\n").encode() + b"\n"
-    target.write_bytes(after)
-    return after != before
-
-
-def report(path: Path, folder: Path | None) -> bool:
-    """Run one notebook, print the outcome, and say whether it ran cleanly."""
-    start = time.perf_counter()
     try:
-        changed = run(path, folder / path.name if folder else path)
-        result, clean = "changed" if changed else "unchanged", True
+        execute(notebook, path.parent)
     except NotebookError as error:
         result, clean = f"FAILED\n{error}", False
+    else:
+        set_stable_metadata(notebook)
+        shrink_outputs(notebook)
+        nbformat.validate(notebook)
+        before = path.read_bytes()
+        after = nbformat.writes(notebook).rstrip("\n").encode() + b"\n"
+        (folder / path.name if folder else path).write_bytes(after)
+        result = "unchanged" if after == before else "changed"
     print(f"{path.name}: {result} ({time.perf_counter() - start:.1f} s)", flush=True)
     return clean
 
@@ -134,7 +124,7 @@ def main(arguments: list[str] | None = None) -> int:
     # the longest first, so that no core waits for the last one: large outputs take long to compute
     paths.sort(key=lambda path: -path.stat().st_size)
     with ThreadPoolExecutor(options.jobs) as pool:
-        clean = list(pool.map(partial(report, folder=options.into), paths))
+        clean = list(pool.map(partial(run, folder=options.into), paths))
     return 0 if all(clean) else 1
 
 
