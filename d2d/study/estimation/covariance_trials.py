@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from d2d._types import Array
-from d2d.cost import CorruptedGaussian, RegistrationCost
+from d2d.cost import RegistrationCost
 from d2d.covariance import propagate_covariance
 from d2d.point_set import PointSet
 from d2d.problem import Estimate
@@ -22,13 +22,14 @@ from d2d.study.runs import StatedCovariances, judged
 SEED = 5
 RUNS = 20_000  # a variance is known to 1 % (one standard error)
 CREDIBLE_INCLINATION = DECIBELS.high  # dB, limit of |I^2|: an ANEES of 1.12 or 0.89
+P2D = RegistrationCost("p2d")
 COSTS = {
-    "likelihood": RegistrationCost(),
-    "robust likelihood": RegistrationCost(outlier=CorruptedGaussian(0.2, 100.0 * np.eye(2))),
-    "sum": RegistrationCost(fusion="summing"),
-    "P2D likelihood": RegistrationCost("p2d"),
+    "likelihood": evaluation.LIKELIHOOD,
+    "robust likelihood": evaluation.ROBUST,
+    "sum": evaluation.SUMMING,
+    "P2D likelihood": P2D,
 }
-ALL_COSTS = evaluation.COSTS | {"P2D": RegistrationCost("p2d")}
+ALL_COSTS = evaluation.COSTS | {"P2D": P2D}
 DIFFERENCE = 1e-3  # of a range or azimuth to either side, in standard deviations
 
 

@@ -13,14 +13,6 @@ def problems(count: int) -> list[descent.PairedTargets]:
     return [descent.PairedTargets(fixed[run], moving[run]) for run in range(count)]
 
 
-def test_the_quadratic_form_is_the_cost():
-    """Breaks if the differences are not linear in what they are said to be linear in."""
-    (pairs,) = problems(1)
-    for x in np.random.default_rng(0).uniform(-2.0, 2.0, (5, 3)):
-        z = np.array([np.cos(x[2]), np.sin(x[2]), x[0], x[1], 1.0])
-        assert_allclose(0.5 * z @ pairs.quadratic @ z, cost(pairs, x), rtol=1e-12)
-
-
 def test_many_descents_are_those_of_one_at_a_time(monkeypatch):
     """Breaks if a descent goes on after it has converged, or one stops with another."""
     monkeypatch.setattr(descent, "MAX_DESCENTS", 6000)  # which not all of these keep to
