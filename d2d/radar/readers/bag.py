@@ -14,7 +14,7 @@ from d2d._checks import FINITE, check_path
 from d2d._types import Array
 from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mountings_of, sigmas_of
 from d2d.radar.readers.shared import brief, reading, yaw_of
-from d2d.radar.readers.table import QUANTITIES, TARGET, scan_of, usual_sigmas
+from d2d.radar.readers.table import TARGET, recognised, scan_of, usual_sigmas
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import SIGMAS, Mounting, RadarScan
 from d2d.radar.tracks.track import Track
@@ -156,8 +156,9 @@ def _scans(
             )
         for message, time, kind in _messages(bag, topic, bag_stamps):
             with reading(path, f"a bag with scans of a radar on {topic}"):
-                columns = _cloud(message) if kind == _SCANS[0] else _returns(message)
-                columns = _columns(columns)
+                fields = _cloud(message) if kind == _SCANS[0] else _returns(message)
+                ways = {name: recognised(name, fields) for name in TARGET}
+                columns = {name: fields[way[0]] * way[1] for name, way in ways.items() if way}
                 missing = {*SIGMAS} - errors.keys() - columns.keys()
                 if missing:
                     errors |= usual_sigmas(f"{path}, {topic}", missing)
@@ -192,13 +193,7 @@ def _cloud(message: Any) -> dict[str, Array]:
         }
     )
     layout = layout.newbyteorder(">") if message.is_bigendian else layout
-    rows = np.asarray(message.data).tobytes()
-    if message.row_step > message.width * message.point_step:  # rows are filled up
-        rows = b"".join(
-            rows[start : start + message.width * message.point_step]
-            for start in range(0, message.height * message.row_step, message.row_step)
-        )
-    points = np.frombuffer(rows, layout, message.height * message.width)
+    points = np.frombuffer(message.data, layout, message.height * message.width)
     return {name: points[name].astype(np.float64) for name in layout.names or ()}
 
 
@@ -207,18 +202,6 @@ def _returns(message: Any) -> dict[str, Array]:
     names = ("range", "azimuth", "elevation", "doppler_velocity", "amplitude")
     table = np.array([[getattr(r, name) for name in names] for r in message.returns], np.float64)
     return dict(zip(names, table.reshape(-1, len(names)).T, strict=True))
-
-
-def _columns(fields: Mapping[str, Array]) -> dict[str, Array]:
-    """The fields by what they hold, in the units of `RadarScan`."""
-    found = {}
-    for name in TARGET:
-        quantity = QUANTITIES[name]
-        ways = [(f"{n}_{u}" if u else n, u) for n in quantity.names for u in ("", *quantity.units)]
-        way = next((way for way in ways if way[0] in fields), None)
-        if way is not None:
-            found[name] = fields[way[0]] * quantity.units.get(way[1], 1.0)
-    return found
 
 
 def _mounting(path: Path, frame: str, base: str) -> Mounting:
@@ -230,17 +213,14 @@ def _mounting(path: Path, frame: str, base: str) -> Mounting:
             for each in bag.deserialize(raw, connection.msgtype).transforms:
                 child, parent = (n.strip("/") for n in (each.child_frame_id, each.header.frame_id))
                 parents[child] = parent, each.transform
-    place, turn, at = np.zeros(3), Rotation.identity(), frame.strip("/")
+    place, turn, at, end = np.zeros(3), Rotation.identity(), frame.strip("/"), base.strip("/")
     for _ in range(len(parents)):
-        if at == base.strip("/"):
-            break
-        if at not in parents:
-            break
-        at, transform = parents[at]
-        step = Rotation.from_quat([getattr(transform.rotation, name) for name in "xyzw"])
-        arm = [getattr(transform.translation, name) for name in "xyz"]
-        place, turn = step.apply(place) + arm, step * turn
-    if at != base.strip("/"):
+        if at != end and at in parents:
+            at, transform = parents[at]
+            step = Rotation.from_quat([getattr(transform.rotation, name) for name in "xyzw"])
+            arm = [getattr(transform.translation, name) for name in "xyz"]
+            place, turn = step.apply(place) + arm, step * turn
+    if at != end:
         raise ValueError(
             f"{path}: /tf_static must lead from {base} to {frame}, but has "
             f"{brief(', '.join(f'{p} to {c}' for c, (p, _) in parents.items())) or 'nothing'}; "

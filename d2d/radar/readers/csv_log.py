@@ -50,14 +50,6 @@ _ANGLES = ("azimuth", "sigma_azimuth", *_UPWARDS)
 _LOG_QUANTITIES = ("time", *TARGET, "sensor", "frame")
 
 
-class _NoSigmas(ValueError):
-    """Says which standard deviations a log does not have."""
-
-    def __init__(self, names: list[str], message: str) -> None:
-        super().__init__(message)
-        self.names = names
-
-
 def load_csv(
     path: str | os.PathLike[str],
     *,
@@ -76,20 +68,19 @@ def load_csv(
     Returns a dict with the scans of each sensor by its name.  Lines with equal time and sensor form
     a scan; so do lines that are at most ``scan_gap`` (s) apart, at the median of their times, or
     neighbouring lines with the same value in a column ``frame``.  Where the time steps back by more
-    than a second, a new segment begins: its scans follow those before, and none is merged with one
-    of them.  A scan without targets has no line.
+    than a second, a new segment begins, and none of its scans is merged with one before.  A scan
+    without targets has no line.
 
     The first line names the columns, in any order: ``time`` (s), ``range`` (m), ``azimuth`` (rad,
     counter-clockwise from the boresight), ``doppler`` (m/s, positive for receding targets) and, if
     the radar measures it, ``elevation`` (rad, upwards); or positions ``x``, ``y`` and ``z`` (m)
     instead of range and angles.  Then the standard deviations ``sigma_range``, ``sigma_azimuth``,
     ``sigma_doppler`` and ``sigma_elevation``, and ``sensor``, a name or number; without it, there
-    is one sensor called "radar".  Other usual names are recognised, and a unit at the end of a name
-    is taken (``time_ns``, ``azimuth_deg``, ``doppler_kmh``).  Times may be dates in ISO 8601.
-    Other columns are ignored.  The file is text as `d2d.radar.readers.table` says, compressed by
-    gzip or not, or Parquet.
-
-    Raises a ``ValueError`` if a column is missing, and one with its number if a line is wrong.
+    is one sensor called "radar".  Other usual names, and a unit at the end of a name (``time_ns``,
+    ``azimuth_deg``, ``doppler_kmh``), are recognised, other columns ignored.  Times may be dates in
+    ISO 8601.  The file is text as `d2d.radar.readers.table` says, perhaps compressed by gzip, or
+    Parquet.  Raises a ``ValueError`` if a column is missing, and one with its number if a line is
+    wrong.
 
     Parameters
     ----------
@@ -108,7 +99,8 @@ def load_csv(
     min_snr : float, optional
         Targets with a smaller value in the column ``snr`` are left out.
     sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
-        Of all targets, instead of the columns or where the file has none.
+        Of all targets, instead of the columns.  Where there is none, usual values are taken, with a
+        warning.
     """
     source = check_path("path", path)
     sigmas = {
@@ -122,6 +114,8 @@ def load_csv(
         check_choice("columns", name, _LOG_QUANTITIES)
     table = read_table(source, lambda table: _lacking(table, named), torn=skip_invalid)
     found = _columns(table, named, sigmas, time_unit, degrees)
+    missing = {*SIGMAS} - found.keys() - sigmas.keys()
+    sigmas |= usual_sigmas(source, missing) if missing else {}
     if min_snr is None:
         found.pop("snr", None)
     elif "snr" not in found:
@@ -172,14 +166,6 @@ def _columns(
     """The columns that are read, with factors to s, m, rad and m/s."""
     found = {name: table.column(name, named) for name in _LOG_QUANTITIES if name not in sigmas}
     columns = {name: column for name, column in found.items() if column is not None}
-    missing = [name for name in SIGMAS if name not in columns and name not in sigmas]
-    if missing:
-        flags = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
-        raise _NoSigmas(
-            missing,
-            f"{table.source} has no column {', '.join(missing)}, which must then be given for all "
-            f"targets, as an argument of the same name (on the command line: {flags})",
-        )
     if columns.keys() >= {*_POLAR}:
         columns = {name: c for name, c in columns.items() if name not in _CARTESIAN}
     stated = dict.fromkeys(_ANGLES, "deg") if degrees else {}
@@ -315,11 +301,7 @@ def _read(paths: list[str], chosen: Mapping[str, Any]) -> Source:
     }
     for given in paths:
         name, path = _named(given)
-        try:
-            read = load_csv(path, **options)
-        except _NoSigmas as error:
-            options |= usual_sigmas(path, error.names)
-            read = load_csv(path, **options)
+        read = load_csv(path, **options)
         if name and len(read) > 1:
             raise ValueError(f"--csv {given}: the file has several sensors, {', '.join(read)}")
         for sensor, own in read.items():

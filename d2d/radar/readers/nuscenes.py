@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -98,13 +98,14 @@ def load_nuscenes(
     sigma_doppler: float = 0.06,
     extent: float = 0.1,
 ) -> Recording:
-    """Read one radar's scans of one scene.
+    """Read one radar's scans of one scene, such as "scene-0061" and "RADAR_FRONT".
 
     The recording has the budget `NUSCENES_BUDGET`.  The origin is the middle of the rear axle.
     Targets are kept if the radar calls them valid and their velocity unambiguous, if position and
     velocity are finite, and within 10 km; the velocity is projected onto the line of sight.  The
     reference's v_y and omega are the derivatives of the poses on the CAN bus, or else of those in
-    ``ego_pose.json``.
+    ``ego_pose.json``.  The defaults fit scenes 0061 and 0103: clocks and speed by the Doppler
+    velocities of the five radars, standard deviations by the residuals of single targets.
 
     Raises a ``FileNotFoundError`` that says which file or folder is missing, or a ``ValueError`` if
     a file is not one of nuScenes, the tables have no such scene or channel, or an option is out of
@@ -113,39 +114,30 @@ def load_nuscenes(
     Parameters
     ----------
     root : path
-        The folder that contains ``v1.0-*/`` with the tables, ``samples/``, ``sweeps/`` and, if
-        present, ``can_bus/``; a leading ``~`` is replaced by the home folder.
-    scene, channel : str
-        Names of the scene and the radar, such as "scene-0061" and "RADAR_FRONT".
+        The folder of ``v1.0-*/`` with the tables, ``samples/``, ``sweeps/``, perhaps ``can_bus/``.
     version : str, optional
-        Name of the folder with the tables, such as "v1.0-mini"; needed only if there are several.
+        Name of the folder with the tables, needed only if there are several.
     time_offset : float, s
-        Delay of the radar's time stamps: a scan at t shows the motion that the poses give for
-        t - time_offset.
+        Delay of the radar's time stamps: a scan at t shows the motion of the poses at t -
+        time_offset.
     speed_factor : float or None
         The speed on the CAN bus, which is too low and 0.1 s later than the poses, times this factor
         is taken as the speed of the front axle, and v_x as that of the rear axle.  With None, or
         without a CAN bus, v_x is the derivative of the poses too.
     prediction_time : float, s
         In a turn the radar reports the velocity of a static target at range r as larger by omega^2
-        r times this.  The excess is removed with the yaw rate of the reference.
+        r times this, as if it extrapolated it along a line over half of its cycle of 75 ms.  The
+        excess is removed with the yaw rate of the reference.
     stated_mounting : bool
         Whether the mounting angle is the one that the tables state, without `MOUNTING_ERRORS`.
     half_width : float, s
         Poses within this time are smoothed and differentiated; see `Reference.from_poses`.
     sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
         Standard deviations, to which the rounding of positions to 0.2 m and of velocities to 0.25
-        m/s is added.  That of the azimuth may be a function of the azimuths (K,).
+        m/s is added (the data sheet's codes in the files are several times the residuals).  That of
+        the azimuth may be a function of the azimuths (K,).
     strongest, extent
         As for `load_radarscenes`.
-
-    Notes
-    -----
-    The defaults fit scenes 0061 and 0103: clocks and speed by the Doppler velocities of the five
-    radars, standard deviations by the residuals of single targets.  The radar seems to extrapolate
-    targets along a straight line over half of its cycle of 75 ms (``prediction_time``).  The data
-    sheet's codes ``x_rms`` and ``vx_rms`` in the files are several times the residuals, and are not
-    used.
     """
     check_options(strongest, time_offset)
     _PREDICTION.number("prediction_time", prediction_time)
@@ -153,19 +145,19 @@ def load_nuscenes(
         check_positive_scalar("speed_factor", speed_factor)
     folder = check_path("root", root)
     tables = _tables(folder, version)
-    drive = _drive(tables, scene, channel)
-    motion = _motion(folder, tables, scene, drive)
-    times = np.array([time for time, _ in drive.files])
+    files, mounting, tokens = _drive(tables, scene, channel)
+    motion = _motion(folder, tables, scene, tokens)
+    times = np.array([time for time, _ in files])
     reference = _reference(motion, times, time_offset, half_width, speed_factor)
 
     noise = Noise(sigma_range, sigma_azimuth, sigma_doppler, extent)
     excesses = prediction_time * _filled(reference.theta[:, 2]) ** 2
     scans = []
-    for (time, file), excess in zip(drive.files, excesses, strict=True):
+    for (time, file), excess in zip(files, excesses, strict=True):
         path = existing(folder, file, f"a scan of {channel}")
         targets = _valid(read_pcd(path, _FIELDS), strongest)
         scans.append(_scan(time, targets, excess, noise))
-    mounting = drive.mounting if stated_mounting else _corrected(drive.mounting, channel)
+    mounting = mounting if stated_mounting else _corrected(mounting, channel)
     return Recording(scans, mounting, reference, NUSCENES_BUDGET)
 
 
@@ -197,62 +189,44 @@ def _valid(targets: dict[str, NDArray[Any]], strongest: int | None) -> dict[str,
 # ---- The vehicle's motion
 
 
-class _Motion(NamedTuple):
-    times: Array  # (n,) s
-    poses: Array  # (n, 3) [x, y, yaw] in the map
-    speed: Array | None  # (n,) m/s, if there is a CAN bus
+def _motion(root: Path, tables: Path, scene: str, tokens: set[str]) -> Array:
+    """Times (s), poses [x, y, yaw] and speed (n, 5) on the CAN bus, or else of the ego poses.
 
-
-def _motion(root: Path, tables: Path, scene: str, drive: "_Drive") -> _Motion:
-    """The poses and the speed on the CAN bus, or else the poses of all sensors' ego poses."""
+    The speed is nan without a CAN bus.
+    """
     path = root / "can_bus" / f"{scene}_pose.json"
-    on_bus = path.exists()
-    if not on_bus:
+    keys = "utime", "pos", "orientation", "vel"
+    if not path.exists():
         path = existing(tables, "ego_pose.json", "the table 'ego_pose' of nuScenes")
+        keys = "timestamp", "translation", "rotation", ""
     with reading(path, "a file of the vehicle's poses"):
-        rows = content_of(path)
-        if on_bus:
-            found = [
-                (
-                    whole_number("utime", row["utime"]),
-                    *real_numbers("pos", row["pos"], 3)[:2],
-                    *real_numbers("orientation", row["orientation"], 4),
-                    real_numbers("vel", row["vel"], 3)[0],
-                )
-                for row in rows
-            ]
-        else:
-            found = [
-                (
-                    _value("timestamp", row["timestamp"]),
-                    *_value("translation", row["translation"])[:2],
-                    *_value("rotation", row["rotation"]),
-                    0.0,
-                )
-                for row in rows
-                if _value("token", row["token"]) in drive.poses
-            ]
-        columns = np.array(found, dtype=np.float64).reshape(-1, 8)
-        if not len(columns):
+        found = [
+            (
+                whole_number(keys[0], row[keys[0]]) * MICROSECOND,
+                *real_numbers(keys[1], row[keys[1]], 3)[:2],
+                *real_numbers(keys[2], row[keys[2]], 4),
+                real_numbers(keys[3], row[keys[3]], 3)[0] if keys[3] else np.nan,
+            )
+            for row in content_of(path)
+            if keys[3] or _value("token", row["token"]) in tokens
+        ]
+        if not found:
             raise ValueError("it has none of this scene")
-        if not np.isfinite(columns).all():
-            raise ValueError("one is not finite")
-    # each sensor has a pose, some at one time
-    times, first = np.unique(columns[:, 0] * MICROSECOND, return_index=True)
-    columns = columns[first]
-    poses = np.column_stack([columns[:, 1:3], yaw_of(*columns[:, 3:7].T)])
-    return _Motion(times, poses, columns[:, 7] if on_bus else None)
+        columns = np.array(found)
+        columns = columns[np.unique(columns[:, 0], return_index=True)[1]]  # some at one time
+        return np.column_stack([columns[:, :3], yaw_of(*columns[:, 3:7].T), columns[:, 7]])
 
 
 def _reference(
-    motion: _Motion, times: Array, offset: float, half_width: float, speed_factor: float | None
+    motion: Array, times: Array, offset: float, half_width: float, speed_factor: float | None
 ) -> Reference:
     """The derivatives of the poses at the times less the offset, and v_x of the speed."""
-    moved = Reference.from_poses(motion.times, motion.poses, times - offset, half_width=half_width)
+    stamps, speeds = motion[:, 0], motion[:, 4]
+    moved = Reference.from_poses(stamps, motion[:, 1:4], times - offset, half_width=half_width)
     theta = moved.theta
-    if speed_factor is not None and motion.speed is not None:
+    if speed_factor is not None and np.isfinite(speeds).all():
         late = times - offset + _SPEED_DELAY
-        on_bus = np.interp(late, motion.times, motion.speed, left=np.nan, right=np.nan)
+        on_bus = np.interp(late, stamps, speeds, left=np.nan, right=np.nan)
         speed = speed_factor * on_bus  # of the front axle
         square = speed**2 - (_WHEELBASE * theta[:, 2]) ** 2
         theta[:, 0] = np.sign(speed) * np.sqrt(np.maximum(square, 0.0))
@@ -309,28 +283,19 @@ def _value(key: str, value: Any) -> Any:
     return value
 
 
-class _Drive(NamedTuple):
-    """Files, mounting and poses of one radar in one scene, from the tables."""
-
-    files: list[tuple[float, str]]  # time in s and name, in time order
-    mounting: Mounting
-    poses: set[str]  # tokens of the ego poses of all sensors
-
-
-def _drive(folder: Path, scene: str, channel: str) -> _Drive:
+def _drive(
+    folder: Path, scene: str, channel: str
+) -> tuple[list[tuple[float, str]], Mounting, set[str]]:
+    """Times and files of one radar in one scene, its mounting, and the tokens of all ego poses."""
     scene_token = _chosen("scene", scene, dict(_rows(folder, "scene", "name", "token")))
     sensors = _rows(folder, "sensor", "channel", "token", "modality")
     radars = {name: token for name, token, modality in sensors if modality == "radar"}
     radar = _chosen("channel", channel, radars)
-    calibrated = _rows(
-        folder, "calibrated_sensor", "token", "sensor_token", "translation", "rotation"
-    )
+    of_sensors = "token", "sensor_token", "translation", "rotation"
+    calibrated = _rows(folder, "calibrated_sensor", *of_sensors)
     mountings = {token: pose for token, sensor, *pose in calibrated if sensor == radar}
-    samples = {
-        token
-        for token, of_scene in _rows(folder, "sample", "token", "scene_token")
-        if of_scene == scene_token
-    }
+    all_samples = _rows(folder, "sample", "token", "scene_token")
+    samples = {token for token, of_scene in all_samples if of_scene == scene_token}
     keys = "sample_token", "calibrated_sensor_token", "ego_pose_token", "timestamp", "filename"
     data = [row for row in _rows(folder, "sample_data", *keys) if row[0] in samples]
     own = [row for row in data if row[1] in mountings]
@@ -338,15 +303,13 @@ def _drive(folder: Path, scene: str, channel: str) -> _Drive:
     if len(used) != 1:
         found = f"{len(used)} mountings" if used else "no scan"
         raise ValueError(f"{folder / 'sample_data.json'} has {found} of {channel} in {scene}")
-    with reading(folder / "sample_data.json", "a table of nuScenes"):
-        times = np.array([row[3] for row in own], dtype=np.float64) * MICROSECOND
-        if len(np.unique(times)) < len(times):
-            raise ValueError("two scans have the same time stamp")
+    files = sorted((time * MICROSECOND, name) for *_, time, name in own)
+    if len({time for time, _ in files}) < len(files):
+        raise ValueError(f"{folder / 'sample_data.json'} has two scans with the same time stamp")
     with reading(folder / "calibrated_sensor.json", "a table of nuScenes"):
         (x, y, _), rotation = mountings[used.pop()]
         mounting = Mounting(x, y, float(yaw_of(*rotation)))
-    files = sorted(zip(times.tolist(), (row[4] for row in own), strict=True))
-    return _Drive(files, mounting, {row[2] for row in data})
+    return files, mounting, {row[2] for row in data}
 
 
 def _chosen(name: str, value: str, choices: dict[str, str]) -> str:

@@ -85,18 +85,17 @@ def load_radarscenes(
     ----------
     root : path
         The folder that contains ``data/sequence_<n>/{radar_data.h5,scenes.json}``, with
-        ``sensors.json`` in ``data`` or beside it; a leading ``~`` is replaced by the home folder.
-    sequence : int or str
-        Number or name, such as 105 or "sequence_105".
-    sensor : int
-        1 to 4.
+        ``sensors.json`` in ``data`` or beside it.
+    sequence, sensor : int or str, int
+        Number or name, such as 105 or "sequence_105", and 1 to 4.
     strongest : int, optional
         Keep only this many targets of each scan, those of largest radar cross-section.
     time_offset : float, s
-        Delay of the radar's time stamps: a scan at t shows the motion that the odometry gives for
-        t - time_offset.
+        Delay of the radar's time stamps: a scan at t shows the motion of the odometry at t -
+        time_offset.  `calibrate` finds 0.121 +- 0.015 s from four sensors in sequence 105.
     slip : SlipLaw
-        The odometry has no lateral velocity; it is taken from this law.
+        The odometry has no lateral velocity; it is taken from this law.  Likewise found there, with
+        the origin on the rear axle: 0.0045 +- 0.0002 s^2/m.
     side_slip : float, s, optional
         In place of ``slip``: v_y = side_slip v_x omega.
     sigma_range, sigma_azimuth, sigma_doppler : float, m, rad, m/s
@@ -104,11 +103,6 @@ def load_radarscenes(
         function of the azimuths (K,).
     extent : float, m
         Scatter of the points at which objects are seen; see `RadarScan`.
-
-    Notes
-    -----
-    `calibrate` finds, from four sensors in sequence 105, a lag of 0.121 +- 0.015 s and, with the
-    origin on the rear axle, a compliance of 0.0045 +- 0.0002 s^2/m.
     """
     check_options(strongest, time_offset)
     check_count("sensor", sensor)

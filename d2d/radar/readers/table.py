@@ -6,7 +6,7 @@ import io
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -87,21 +87,15 @@ class Table(NamedTuple):
 
     def column(self, quantity: str, named: Mapping[str, str]) -> Column | None:
         """The column of a quantity: as ``named``, perhaps behind a minus sign, or recognised."""
-        known, units = QUANTITIES[quantity]
-        sign, ends = 1.0, ("", *units)
-        names = [f"{name}_{unit}" if unit else name for name in known for unit in ends]
-        if quantity in named:
-            wanted = named[quantity].strip()
-            sign = -1.0 if wanted.startswith("-") else 1.0
-            names = [_plain(wanted.removeprefix("-"))]
-        name = next((name for name in names if name in self.names), None)
-        if name is None:
+        wanted = named.get(quantity, "").strip()
+        found = recognised(quantity, self.names, _plain(wanted.removeprefix("-")))
+        if found is None:
             return None
+        name, factor, unit = found
         if self.names.count(name) > 1:
             where = f"{self.source}, line {self.first}"
             raise ValueError(f"{where}: the column {name!r} is named twice")
-        unit = max((u for u in units if name.endswith(f"_{u}")), key=len, default="")
-        return Column(self.names.index(name), sign * units.get(unit, 1.0), unit)
+        return Column(self.names.index(name), -factor if wanted[:1] == "-" else factor, unit)
 
     def numbers(self, name: str, column: Column, *, invalid: bool = False) -> Array:
         """The numbers of a column, in the units of `RadarScan`; times may be dates.
@@ -129,11 +123,27 @@ class Table(NamedTuple):
         return f"{self.source}, line {self.lines[row]}"
 
 
-def read_table(source: Path, recognised: Callable[[Table], str], *, torn: bool = False) -> Table:
+def recognised(
+    quantity: str, names: Collection[str], wanted: str = ""
+) -> tuple[str, float, str] | None:
+    """The name of a quantity among others, the factor of its unit and the unit that it ends with.
+
+    It is the ``wanted`` name if one is given.
+    """
+    known, units = QUANTITIES[quantity]
+    usual = (f"{name}_{unit}" if unit else name for name in known for unit in ("", *units))
+    name = next((each for each in ([wanted] if wanted else usual) if each in names), None)
+    if name is None:
+        return None
+    unit = max((u for u in units if name.endswith(f"_{u}")), key=len, default="")
+    return name, units.get(unit, 1.0), unit
+
+
+def read_table(source: Path, lacking: Callable[[Table], str], *, torn: bool = False) -> Table:
     """The table of a file, whose first line names the columns, perhaps behind a #.
 
     Columns are separated by a comma, a semicolon or a tab, and numbers may have a decimal comma.
-    Lines that are empty or begin with # are skipped.  ``recognised`` says what a first line lacks.
+    Lines that are empty or begin with # are skipped.  ``lacking`` says what a first line lacks.
     Raises a ValueError if the first line lacks something, and one with its number if a line has
     another number of words, unless ``torn`` lines are left out.
     """
@@ -142,12 +152,12 @@ def read_table(source: Path, recognised: Callable[[Table], str], *, torn: bool =
         separator = max(",;\t", key=line.count)
         names = [_plain(word.strip().strip('"')) for word in line.lstrip("# ").split(separator)]
         table = Table(source, number, names, np.empty(0, np.int64), [[]] * len(names), 0)
-        lacking = recognised(table)
-        if not lacking:
+        missing = lacking(table)
+        if not missing:
             return _filled(table, csv.reader(file, delimiter=separator, strict=True), torn)
         if line.strip() and not line.startswith("#"):
             raise ValueError(
-                f"{source}, line {number}: the first line must name the columns {lacking}, but "
+                f"{source}, line {number}: the first line must name the columns {missing}, but "
                 f"names {brief(', '.join(map(repr, names)))}"
             )
     raise ValueError(f"{source} is empty: its first line must name the columns")

@@ -118,6 +118,14 @@ def test_standard_deviations_have_the_units_of_their_columns(log):
     assert_array_equal(scan.sigma_azimuth, [0.01])
 
 
+def test_usual_standard_deviations_are_taken_with_a_word(log):
+    """Breaks if a default stands in that the user never saw, or instead of one that is stated."""
+    some = {name: ALL[name] for name in ("sigma_range", "sigma_doppler")}
+    with pytest.warns(UserWarning, match=r"log.csv has no sigma_azimuth: usual values are taken"):
+        (scan,) = load_csv(log(f"{HEADER}\n0,5,0,0"), **some)["radar"]
+    assert [*scan.sigma_range, *scan.sigma_azimuth] == [0.1, np.deg2rad(0.5)]
+
+
 def test_targets_with_a_height(log):
     """Breaks if a third dimension is dropped, in whichever form it comes."""
     for text in (
@@ -192,9 +200,6 @@ def test_a_line_that_cannot_be_read_is_named(log, line, said):
         load_csv(path, **ALL)
 
 
-SOME = {name: ALL[name] for name in ("sigma_range", "sigma_doppler")}
-
-
 @pytest.mark.parametrize(
     ("text", "options", "said"),
     [
@@ -227,8 +232,6 @@ SOME = {name: ALL[name] for name in ("sigma_range", "sigma_doppler")}
             ALL,
             "line 2: sensor must be a name or a number, but is em",
         ),
-        (f"{HEADER}\n0,5,0,0", SOME, "has no column sigma_azimuth, which"),
-        (f"{HEADER}\n0,5,0,0", {}, "no column sigma_range, sigma_azimuth, sigma_doppler, which"),
         (f"{HEADER}\n0,5,0,0", ALL | {"sigma_range": 0.0}, "sigma_range must be positive"),
         (
             f"{HEADER}\n0,5,0,0",
