@@ -10,6 +10,7 @@ from d2d.radar.motion.covariance import propagate_ego_motion
 from d2d.radar.motion.doppler import DopplerMotion, doppler_ego_motion, sensor_velocity
 from d2d.radar.motion.estimate import estimate_ego_motion, inlier_probabilities
 from d2d.radar.motion.model import EgoMotionModel
+from d2d.radar.readers.bag import load_bag, write_bag
 from d2d.radar.readers.csv_log import load_csv, write_csv
 from d2d.radar.readers.nuscenes import load_nuscenes
 from d2d.radar.readers.odometry import load_reference
@@ -17,6 +18,7 @@ from d2d.radar.readers.radarscenes import load_radarscenes
 from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
 from d2d.radar.scans.reference import Recording, Reference, SlipLaw
 from d2d.radar.scans.scan import Mounting, RadarScan, doppler_velocity, quantisation_sigma
+from d2d.radar.scans.undone import over_ground_undone, unfolded
 from d2d.radar.simulation.drive import Drive, Sensor, SensorErrors, TrueTargets, simulate_drive
 from d2d.radar.simulation.world import World, build_world
 from d2d.radar.tracks.estimator import VelocityEstimate
@@ -68,14 +70,18 @@ __all__ = [
     "estimate_extent",
     "fit_budget",
     "inlier_probabilities",
+    "load_bag",
     "load_csv",
     "load_nuscenes",
     "load_radarscenes",
     "load_reference",
+    "over_ground_undone",
     "propagate_ego_motion",
     "quantisation_sigma",
     "sensor_velocity",
     "simulate_drive",
     "track",
+    "unfolded",
+    "write_bag",
     "write_csv",
 ]

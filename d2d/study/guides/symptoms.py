@@ -9,14 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 
-from d2d._types import Array
 from d2d.radar import (
     Mounting,
     RadarScan,
     Reference,
     Track,
     diagnose,
-    doppler_velocity,
+    over_ground_undone,
     track,
 )
 from d2d.study.book.grammar import BLACK, PINK, TRUTH, cost_line
@@ -70,34 +69,6 @@ FAULTS: dict[str, Fault] = {
     "azimuths in degrees": _each(lambda scan: replace(scan, azimuth=np.rad2deg(scan.azimuth))),
     "times in microseconds": _each(lambda scan: replace(scan, time=1e6 * scan.time)),
 }
-
-
-def over_ground_undone(
-    scans: Sequence[RadarScan], theta: Array, mounting: Mounting
-) -> list[RadarScan]:
-    """Doppler velocities as measured, from those over ground and velocities (n, 3) of the vehicle.
-
-    They must be the velocities with which the sensor compensated its own motion.
-    """
-    return [
-        replace(scan, doppler=scan.doppler + doppler_velocity(velocity, scan.azimuth, mounting))
-        for scan, velocity in zip(scans, theta, strict=True)
-    ]
-
-
-def unfolded(
-    scans: Sequence[RadarScan], theta: Array, mounting: Mounting, limit: float
-) -> list[RadarScan]:
-    """Unfold Doppler velocities from +-``limit`` (m/s), to the values nearest to static targets'.
-
-    Velocities (n, 3) of the vehicle need not be exact: to within ``limit`` is enough.
-    """
-    cured = []
-    for scan, velocity in zip(scans, theta, strict=True):
-        gap = doppler_velocity(velocity, scan.azimuth, mounting) - scan.doppler
-        turns = np.round(gap / (2.0 * limit))
-        cured.append(replace(scan, doppler=scan.doppler + 2.0 * limit * turns))
-    return cured
 
 
 @cache
