@@ -26,7 +26,8 @@ class Row(NamedTuple):
 
 def row(name: str, driven: Track, truth: Reference) -> Row:
     """Compare a track with the true motion."""
-    failures = str(driven).splitlines()[1:]  # the most frequent first
+    lines = str(driven).splitlines()
+    failures = [line for line in lines if " failed: " in line]  # the most frequent first
     reason = failures[0].split(" failed: ")[1] if failures else ""
     accepted = float(driven.converged.mean())
     if driven.converged.sum() < 4:  # the fewest that can be compared
