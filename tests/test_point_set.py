@@ -1,5 +1,8 @@
 """PointSet: construction, polar measurements, batches, and what it refuses."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -137,3 +140,15 @@ def test_results_print_in_a_few_lines():
     for thing in (points, points[0], register(points, points), register(points[0], points[0])):
         assert len(repr(thing)) < 250
     assert len(repr(credibility(errors, np.eye(2)))) < 250
+
+
+def test_a_set_and_its_copies_do_not_change():
+    """Breaks if an edit of the user's array or of a copy leaves what was computed before."""
+    means = np.arange(6.0).reshape(3, 2)
+    points = PointSet(means, np.eye(2))
+    register(points, points)
+    means *= 2.0
+    for same in (points, copy.deepcopy(points), pickle.loads(pickle.dumps(points))):
+        assert_array_equal(same.means, np.arange(6.0).reshape(3, 2))
+        with pytest.raises(ValueError, match="read-only"):
+            same.means[...] = 0.0
