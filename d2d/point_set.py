@@ -129,7 +129,8 @@ class PointSet(Frozen):
 
         The ranges (..., N) in m are positive, the azimuths (..., N) in rad are measured
         counter-clockwise from the x axis, within -2 pi and 2 pi.  Their standard deviations are
-        positive and broadcast to (..., N).
+        positive and broadcast to (..., N).  Targets more than 150 times as long as wide make the
+        covariance of a rotation too small, see `propagate_covariance`.
         """
         r, phi = check_positive("range", range), ANGLE.array("azimuth", azimuth)
         sr, sp = (

@@ -214,7 +214,7 @@ def anneal(
         optimum = inflated.minimise(inflated.bind(optimum.theta), threads)
         iterations = iterations + optimum.iterations
     optimum = replace(optimum, iterations=np.asarray(iterations))
-    worse = optimum.value > inflated.derivatives(inflated.bind(start))[0]
+    worse = ~(optimum.value <= inflated.derivatives(inflated.bind(start))[0])
     if not worse.any():
         return optimum
     direct = inflated.minimise(inflated.bind(start), threads)
@@ -234,5 +234,5 @@ def _spread(problem: Problem) -> float:
 
 def _lower(one: Estimate, other: Estimate) -> Estimate:
     """Of each problem the optimum of lower cost; the iterations are those of both."""
-    lower = where(other.value < one.value, other, one)
+    lower = where((other.value < one.value) | ~np.isfinite(one.value), other, one)
     return replace(lower, iterations=one.iterations + other.iterations)

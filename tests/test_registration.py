@@ -219,6 +219,13 @@ def test_a_schedule_never_ends_higher_than_none():
             assert (found.value <= plain.value).all()
             near = np.abs(plain.theta - TRUTH).max(axis=-1) < 1.0
             assert (np.abs(found.theta[near] - TRUTH).max(axis=-1) < 1.0).mean() > 0.95
+    # a needle so thin that the cost of some scales is undefined
+    fixed = PointSet(rng.uniform(-38.0, 38.0, (70, 2)), 1e-6 * np.eye(2))
+    needle = PointSet([[0.03, 0.0]], np.diag([2e18, 16.0]))
+    for angle in np.linspace(0.0, 3.0, 60):
+        moving = needle.transformed([0.0, 0.0, angle])
+        plain, found = (register(fixed, moving, ROBUST, None, s) for s in ((1.0,), ANNEALED))
+        assert found.value <= plain.value or np.isnan(plain.value)
 
 
 def test_a_schedule_reaches_the_most_precise_target():

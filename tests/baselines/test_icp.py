@@ -131,6 +131,21 @@ def test_a_corridor_leaves_the_open_direction_alone():
     assert_allclose(result.theta, [0.0, -0.2, 0.0], atol=1e-9)
 
 
+@pytest.mark.parametrize("metric", ["point", "line"])
+@pytest.mark.parametrize("distance", [0.0, 1e3, 5e6])
+def test_a_set_far_from_the_origin_is_turned(metric, distance):
+    """Breaks if the lever is the distance to the origin: from a kilometre on, nothing turned."""
+    place = distance * np.array([1.0, 0.7])
+    turn = rigid.about(np.zeros(2), np.array([0.02, -0.01, np.deg2rad(1.5)]))
+    posts = np.stack(np.meshgrid(np.arange(-4.0, 5.0), np.arange(-4.0, 5.0)), -1).reshape(-1, 2)
+    posts += 0.2 * np.random.default_rng(7).standard_normal(posts.shape)
+    moving = rigid.transform_means(rigid.inverse(turn), posts)
+    result = icp(posts + place, moving + place, metric=metric)
+    assert result.converged
+    assert_allclose(result.theta[2], turn[2], atol=1e-6)
+    assert_allclose(rigid.transform_means(result.theta, moving + place), posts + place, atol=1e-6)
+
+
 def test_bad_input_names_the_argument():
     for call, name in (
         (lambda: fit_rigid(RNG_POINTS, RNG_POINTS[:5]), "moving must have the shape"),
@@ -139,6 +154,14 @@ def test_bad_input_names_the_argument():
         (lambda: icp(RNG_POINTS[:, :1], RNG_POINTS), "fixed"),
         (lambda: icp(RNG_POINTS, RNG_POINTS, [0.0, 0.0]), "initial"),
         (lambda: icp(RNG_POINTS, RNG_POINTS, metric="plane"), "metric"),
+        *(
+            (lambda name=name, value=value: icp(RNG_POINTS, RNG_POINTS, **{name: value}), name)
+            for name, values in {
+                "tolerance": (-1.0, 0.0, np.nan, None, "1"),
+                "max_iterations": (-1, 2.5, np.nan, True, None),
+            }.items()
+            for value in values
+        ),
     ):
         with pytest.raises(ValueError, match=name):
             call()

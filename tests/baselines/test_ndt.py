@@ -124,6 +124,10 @@ def test_bad_input_names_the_argument():
     for call, name in (
         (lambda: grid_cells(np.zeros((4, 3))), "points"),
         (lambda: grid_cells(POINTS, 0.0), "size"),
+        (lambda: grid_cells(POINTS + 5e6, 1e-13), "size"),
+        (lambda: grid_cells(POINTS, min_points=2.5), "min_points"),
+        (lambda: grid_cells(POINTS, smallest_ratio=np.nan), "smallest_ratio"),
+        (lambda: grid_cells(POINTS, shift=(np.nan, 0.0)), "shift"),
         (lambda: pooled_cells(POINTS, shifts=()), "shifts"),
         (lambda: ndt_p2d(POINTS, np.zeros((0, 2))), "moving"),
         (lambda: ndt_d2d(POINTS, POINTS, [0.0, 0.0]), "theta|initial"),
