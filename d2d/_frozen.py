@@ -10,8 +10,7 @@ import numpy as np
 class Frozen:
     """Base of the frozen dataclasses whose arrays are read-only, so that a cached value holds.
 
-    NumPy makes every copied or unpickled array writeable.  A copy of such a dataclass therefore
-    gets read-only arrays again, and computes its cached values anew.
+    So are those of a copy or of an unpickled one, which NumPy makes writeable.
     """
 
     def _keep(self, name: str, value: object) -> None:

@@ -1,8 +1,4 @@
-"""Long compiled work, a slice at a time.
-
-Python handles signals only between calls: a single call for a whole batch would react to Ctrl-C
-only when the batch is done.
-"""
+"""Long compiled work, a slice at a time: Python reacts to Ctrl-C only between calls."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -23,8 +19,7 @@ def run_in_slices(
 ) -> None:
     """Call ``run(first, last, stop)`` until all problems from 0 to ``count`` are done, each once.
 
-    It solves the problems from ``first`` to ``last``, which do not depend on each other, and each
-    of which has that many ``pairs`` of a target and a component.  If the thread that waits is
+    Each problem has that many ``pairs`` of a target and a component.  If the thread that waits is
     interrupted, ``stop`` (1,) is set: the kernel ends soon, and no slice begins any more.
     """
     size = max(1, _PAIRS // pairs)

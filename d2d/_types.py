@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _Number = int | np.integer[Any]
-# What selects some entries along an axis: a slice, indices or a mask (True and False are integers).
+# A slice, indices or a mask along an axis (True and False are integers).
 Selection = (
     slice | Sequence[_Number] | Sequence[np.bool_] | NDArray[np.integer[Any]] | NDArray[np.bool_]
 )
-# What selects along one of several axes, and what NumPy accepts for all of them.
+# Along one of several axes, and along all of them.
 _AxisIndex = _Number | Selection | EllipsisType | None
 Index = _AxisIndex | tuple[_AxisIndex, ...]

@@ -24,10 +24,9 @@ def block_bootstrap(
 ) -> Array:
     """Confidence interval of a statistic whose data are correlated in time.
 
-    The data are drawn anew in blocks of neighbouring rows, so that what lies within a block keeps
-    its correlation; the series is joined end to end, so that all rows are drawn equally often
-    (Politis & Romano 1992).  The interval contains the middle ``confidence`` of the values that the
-    statistic has on the drawn data.
+    The data are drawn anew in blocks of neighbouring rows, which keeps their correlation, from the
+    series joined end to end (Politis & Romano 1992).  The interval contains the middle
+    ``confidence`` of the values that the statistic has on the drawn data.
 
     Parameters
     ----------
@@ -44,9 +43,8 @@ def block_bootstrap(
     resamples : int
         How often the data are drawn.
     vectorized : bool
-        Whether the statistic takes many data sets in one call, which is faster if they are short.
-        As in `scipy.stats.bootstrap`, it then has the keyword ``axis``: it is called with the
-        arrays (R, N, ...) of R data sets and ``axis=1``, and gives their values (R, ...).
+        Whether the statistic takes many data sets in one call, as in `scipy.stats.bootstrap`: it
+        is called with the arrays (R, N, ...) of R data sets and ``axis=1``, and gives (R, ...).
 
     Returns
     -------
@@ -79,11 +77,9 @@ def block_bootstrap(
     data = [np.asarray(array) for array in arrays]
     if not data or any(array.ndim < 1 for array in data) or not len(data[0]):
         raise ValueError("arrays must be a sequence of arrays (N, ...) with at least one row")
-    rows = len(data[0])
-    if any(len(array) != rows for array in data):
-        raise ValueError(
-            f"arrays must have the same number of rows, but have {[len(array) for array in data]}"
-        )
+    rows, lengths = len(data[0]), [len(array) for array in data]
+    if set(lengths) != {rows}:
+        raise ValueError(f"arrays must have the same number of rows, but have {lengths}")
     if check_count("block", block) > rows:
         raise ValueError(f"block must be at most the number of rows, {rows}, but is {block}")
     check_instance("rng", rng, np.random.Generator)

@@ -28,8 +28,6 @@ from d2d.problem import Bound, CostForm, Problem, check_pair
 Metric = Literal["d2d", "p2d"]
 Fusion = Literal["likelihood", "summing"]
 
-# An outlier model as the kernel reads it: its kind, the logarithms of the weights of the inliers
-# and of the outlier component (normalisation included), and that component's precision xx, xy, yy.
 _NO_OUTLIER = np.array([layout.NO_OUTLIER, 0.0, -np.inf, 0.0, 0.0, 0.0])
 _VARIANCE = Bounds(least=layout.MIN_VARIANCE, most=layout.MAX_VARIANCE)
 _FUSIONS = {"likelihood": layout.LIKELIHOOD, "summing": layout.SUMMING}
@@ -103,9 +101,8 @@ class RegistrationCost:
     """The cost that is minimised over the motion: a metric, a fusion and an outlier model.
 
     All methods take the motion ``theta`` (..., P), [t_x] in m or [t_x, t_y, phi_z] in m, m, rad;
-    the point sets ``fixed`` with N components and ``moving`` with K targets; and, by keyword only,
-    a `LinearMeasurement` of each target, whose density multiplies the inlier density.  Their batch
-    axes broadcast.
+    the point sets ``fixed`` with N components and ``moving`` with K targets; and a
+    `LinearMeasurement` of each target.  Their batch axes broadcast.
 
     Parameters
     ----------
@@ -164,9 +161,8 @@ class RegistrationCost:
     ) -> Array:
         """Share (..., K) of the inlier component in each target's density, within [0, 1].
 
-        This is the posterior probability that the target is an inlier (the responsibility of
-        Bishop 2006, sec. 9.3); 1 without an outlier model.  With `UniformOutlier`, whose density is
-        not normalised, the share is a weight rather than a probability.
+        The posterior probability that the target is an inlier (Bishop 2006, sec. 9.3); 1 without an
+        outlier model.  With `UniformOutlier`, which is not normalised, it is a mere weight.
         """
         problem, bound = self._bound(theta, fixed, moving, measurement)
         return problem.inlier_shares(bound)

@@ -28,9 +28,7 @@ _TARGETS_AT_ONCE = 50_000  # of both sets: about 20 MB of intermediate arrays
 def fisher_covariance(hessian: ArrayLike) -> Array:
     """Inverse of the Hessian of a negative log-likelihood (thesis sec. 5.2, Cramér-Rao bound).
 
-    From the Hessians (..., P, P) at optima, the observed information; nan where one is not positive
-    definite, because such a point is not an optimum and has no covariance.  They must be symmetric
-    to within rounding.
+    From the Hessians (..., P, P) at optima; nan where one is not positive definite.
     """
     matrices = check_real("hessian", hessian)
     check_shape("hessian", matrices, "(..., P, P)", empty=0 not in matrices.shape[-2:])
@@ -64,8 +62,8 @@ def propagate_covariance(
         Sigma_theta = H^-1 (d2f / d theta d z) Sigma_z (d2f / d theta d z)' H^-1
 
     The covariance (..., P, P) of ``theta`` is nan where the estimate did not converge.  Raises a
-    ``ValueError`` if the cost that the estimate states is not that of the other arguments, and
-    warns of covariances that are more than 150 times as long as wide.
+    ``ValueError`` if the estimate is one of other arguments, and warns of covariances that are more
+    than 150 times as long as wide.
 
     Parameters
     ----------
@@ -85,10 +83,8 @@ def propagate_covariance(
     Unlike the inverse Hessian, this does not assume that f is a negative log-likelihood: it holds
     for any cost with an optimum, and does not change when f is multiplied by a constant.
 
-    For targets measured in polar coordinates, the covariances J Sigma J' of `PointSet.from_polar`
-    give, to first order, the same result as propagation from range and azimuth.  The covariances
-    are taken as known, although those of polar measurements depend on the measured point; the
-    book's appendix C measures the effect of this and that of the first-order approximation itself.
+    The covariances are taken as known, although those of polar measurements depend on the measured
+    point; the book's appendix C measures the effect of this, and of the first order.
     """
     cost = RegistrationCost() if cost is None else cost
     check_instance("cost", cost, RegistrationCost)

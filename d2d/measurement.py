@@ -20,9 +20,7 @@ _INPUT = Bounds(least=0.0, most=1e20)
 class LinearMeasurement(Frozen):
     """Scalars z_k ~ N(h_k' xi, sigma_k^2 + q_k^2 (s_k' xi)^2), one for each moving target.
 
-    xi is either the motion theta itself or its twist, the SE(2) logarithm `d2d.rigid.logarithm`: a
-    body at constant velocity has a constant twist, but its direction of translation changes.
-
+    xi is either the motion theta itself or its twist, the SE(2) logarithm `d2d.rigid.logarithm`.
     The measurement's density multiplies the target's inlier density and leaves the outlier
     component unchanged.  The variance may grow with the motion: ``s_k' xi`` is the derivative of
     the prediction in an input of standard deviation ``q_k`` (for Doppler velocities the azimuth,

@@ -98,14 +98,13 @@ class PointSet(Frozen):
         batch = shapes[0]
         if any(shape != batch for shape in shapes):
             batch = broadcast_batches("means, covariances and weights", *shapes)
-        self._store("means", means, batch + means.shape[-2:])
-        self._store("covariances", covariances, batch + covariances.shape[-3:])
-        self._store("weights", weights, batch + weights.shape[-1:])
-
-    def _store(self, name: str, array: Array, shape: tuple[int, ...]) -> None:
-        if array.shape != shape:
-            array = np.broadcast_to(array, shape)
-        self._keep(name, array)
+        for name, array, axes in (
+            ("means", means, 2),
+            ("covariances", covariances, 3),
+            ("weights", weights, 1),
+        ):
+            shape = batch + array.shape[-axes:]
+            self._keep(name, array if array.shape == shape else np.broadcast_to(array, shape))
 
     @classmethod
     def _of(cls, means: Array, covariances: Array, weights: Array) -> "PointSet":
@@ -266,10 +265,7 @@ class PointSet(Frozen):
         return _Layout(packed.ravel(), extremes, centres)
 
     def _tiles(self, outlier: Array) -> tuple[Array, Array]:
-        """Tiles and grids of a corrupted Gaussian's component, see `d2d._kernel.tiles`.
-
-        They are kept, as a scan is registered several times.  Small sets have none.
-        """
+        """Tiles and grids of a corrupted Gaussian's component, see `d2d._kernel.tiles`."""
         if self.size < _TILED or self.dimension == 1:
             return tiles.none_for(math.prod(self.batch_shape))
         key = outlier[layout.PRECISION_XX :].tobytes()

@@ -95,10 +95,9 @@ class Estimate:
     iterations : (...) array of int
         Number of Newton steps tried, over all scales.
     inliers : (...) array
-        Mean inlier probability of the moving targets at ``theta``, see
-        `RegistrationCost.inlier_probabilities`; nan without an outlier model, which is needed to
-        tell.  A low one reveals a wrong optimum, but a high one does not show that it is right:
-        walls that slide along each other, or a row that is one post off, match nearly as well.
+        Mean `RegistrationCost.inlier_probabilities` at ``theta``; nan without an outlier model.  A
+        low one reveals a wrong optimum, but a high one does not show that it is right: walls that
+        slide along each other, or a row that is one post off, match nearly as well.
     fit : (...) array
         Mean squared distance of the inliers from the components that they match, in the standard
         deviations that the sets state, over its expectation: about 1 where the D2D likelihood
@@ -110,8 +109,8 @@ class Estimate:
         Whether the targets leave a direction of the motion undetermined, such as the one along a
         corridor or the rotation of a ring.  ``theta`` is then at an optimum across it, as near the
         start as possible along it, and not ``converged``; ``covariance`` is infinite along it and
-        states the variances across it.  A rotation that is undetermined, but not the place of the
-        sets, leaves the translation the variance that turning them by any angle gives it.
+        states the variances across it.  Where only the rotation about the middle of the sets is
+        undetermined, the translation has the variance that turning them by any angle gives it.
     """
 
     theta: Array
@@ -169,15 +168,12 @@ class CrossDerivatives(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A cost that one or several pairs of point sets share.
+    """The sum of the costs of one or several pairs of point sets, all measured or none.
 
-    The cost is the sum of those of the pairs; all have a measurement, or none.  The parameters are
-    the motion (one pair), or a velocity [v_x, v_y, omega] that all pairs share: each is moved by
-    the SE(2) exponential of its own interval times the velocity, or, to first order, by that
-    product itself.
-
-    The negative logarithm of a Gaussian prior of the parameters about zero is added, without its
-    constant.
+    The parameters are the motion (one pair), or a velocity [v_x, v_y, omega] that all pairs share:
+    each is moved by the SE(2) exponential of its own interval times the velocity, or, to first
+    order, by that product itself.  The negative logarithm of a Gaussian prior of the parameters
+    about zero is added, without its constant.
     """
 
     form: CostForm
@@ -461,8 +457,6 @@ class Problem:
 
     def inlier_shares(self, bound: Bound) -> Array:
         """Share (..., K) of the inlier component in each target's density."""
-        if self.form.outlier[layout.KIND] == layout.NO_OUTLIER:
-            return np.ones((*bound.shape, self.targets))
         return self.of_targets(bound, (rows.SHARE,))[..., 0, :]
 
     def widening_slopes(self, bound: Bound) -> Array:
@@ -496,10 +490,7 @@ class Problem:
 def _table(
     sizes: tuple[tuple[int, int], ...], measured: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The table of the pairs of one problem, from their numbers of targets, and where it ends.
-
-    It is kept: scans of one radar often have the same number of targets.  Nobody writes to it.
-    """
+    """The table of the pairs of one problem, from their numbers of targets, and where it ends."""
     pairs, fixed_start, moving_start = [], 0, 0
     for number, (fixed, moving) in enumerate(sizes):
         factor_start = moving_start if measured else -1

@@ -61,9 +61,8 @@ def register(
         Start or starts, with angles in rad within -2 pi and 2 pi; zeros by default.
     scales : sequence of positive numbers
         All standard deviations are multiplied by each scale in turn, and each optimum is the start
-        of the next (Jian & Vemuri 2011).  The last scale, usually 1, is that of the result.  It is
-        never higher than what the last scale alone finds from the start, so that `ANNEALED` does
-        not leave a good start; no schedule takes a sixth of the time.
+        of the next (Jian & Vemuri 2011).  The last, usually 1, is that of the result, whose cost is
+        never higher than without the schedule; that alone takes a sixth of the time.
     measurement : LinearMeasurement, optional
         A measurement of each moving target, whose density multiplies the inlier density.
     threads : int
@@ -140,14 +139,13 @@ def multi_start(
     measurement: LinearMeasurement | None = None,
     threads: int = 1,
 ) -> Estimate:
-    """The best of the optima found from several starts, all in one batch.
+    """The best of the optima from several starts, all in one batch.
 
     For each problem of the batch, the ``starts`` (S, P) are tried, see `start_grid`: each turns the
     moving set about its middle, the mean of its targets, then shifts it.  By default, 108 starts
     turn it by every 30 degrees and shift it by up to a quarter of its size.  The other arguments
-    are those of `register`.  The result is the converged optimum of lowest cost; ``iterations``
-    counts those of all starts.  If no start converged, it is that of the first start, not
-    converged.
+    are those of `register`.  The result is the converged optimum of lowest cost, or, if there is
+    none, that of the first start; ``iterations`` counts those of all starts.
     """
     pair = check_pair(fixed, moving, measurement)
     if starts is None:
@@ -201,8 +199,8 @@ def anneal(
 ) -> Estimate:
     """Minimise a problem from parameters (..., P), its standard deviations inflated by each scale.
 
-    Each optimum starts the next; after several scales the result is never worse than the start at
-    the last one: where it is, it is what the last scale alone finds.
+    Each optimum starts the next.  Where the last one is worse than the start, the last scale alone
+    is used.
     """
     inflated = problem.inflated(scales[0])
     optimum = inflated.minimise(inflated.bind(start, "initial"), threads)

@@ -38,10 +38,6 @@ def about(point: Array, theta: Array) -> Array:
     return np.concatenate([kept, np.broadcast_to(theta[..., 2:], (*kept.shape[:-1], 1))], axis=-1)
 
 
-def _any_motion(name: str, theta: ArrayLike) -> Array:
-    return check_finite(name, theta, "(..., 1)", "(..., 3)")
-
-
 def rotation(angle: ArrayLike) -> Array:
     """Rotation matrices (..., 2, 2) of angles (...) in rad, counter-clockwise positive."""
     angle = np.asarray(angle, dtype=np.float64)
@@ -75,9 +71,9 @@ def transform_covariances(theta: ArrayLike, covariances: ArrayLike) -> Array:
 
 def compose(first: ArrayLike, second: ArrayLike) -> Array:
     """The motion that applies ``second``, then ``first``: T(m, compose(a, b)) = T(T(m, b), a)."""
-    a, b = _any_motion("first", first), _any_motion("second", second)
+    a = check_finite("first", first, "(..., 1)", "(..., 3)")
+    b = check_finite("second", second, f"(..., {a.shape[-1]})", like="first")
     broadcast_batches("first and second", a.shape[:-1], b.shape[:-1])
-    check_shape("second", b, f"(..., {a.shape[-1]})", like="first")
     if a.shape[-1] == 1:
         return a + b
     moved = transform_means(a, b[..., None, :2])[..., 0, :]
@@ -86,7 +82,7 @@ def compose(first: ArrayLike, second: ArrayLike) -> Array:
 
 def inverse(theta: ArrayLike) -> Array:
     """The inverse motion: compose(inverse(theta), theta) is zero."""
-    parameters = _any_motion("theta", theta)
+    parameters = check_finite("theta", theta, "(..., 1)", "(..., 3)")
     if parameters.shape[-1] == 1:
         return -parameters
     back = rotation(-parameters[..., 2])

@@ -56,10 +56,9 @@ def sandwich_covariance(
 
     Notes
     -----
-    Scores add up to zero at the optimum.  Those of a few targets, or groups, therefore scatter too
-    little, and the shape of their scatter is random: `godambe` says what is done about both.  Only
-    errors that differ between targets, or groups, show in the scores.  What all targets share, such
-    as a bias of the sensor, does not.
+    Scores of a few targets, or groups, scatter too little, and the shape of their scatter is
+    random: `godambe` says what is done about both.  What all targets share, such as a bias of the
+    sensor, does not show in them.
     """
     cost = RegistrationCost() if cost is None else cost
     check_instance("cost", cost, RegistrationCost)
