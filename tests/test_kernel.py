@@ -1,7 +1,6 @@
 """The compiled kernel: what it leaves out as too far away, and what lies far away."""
 
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
@@ -9,61 +8,6 @@ from numpy.testing import assert_allclose
 
 from d2d import CorruptedGaussian, PointSet, RegistrationCost, UniformOutlier, rigid
 from d2d._kernel import layout
-from tests.strategies import (
-    FUSIONS,
-    METRICS,
-    OUTLIERS,
-    Problem,
-    dense_gradient,
-    dense_hessian,
-    dense_value,
-    doppler_like,
-    outlier_model,
-)
-
-# ---- The cut-off ------------------------------------------------------------------------------
-
-
-def wide_scene(metric: str, outlier: str, measured: str, fusion: str = "likelihood") -> Problem:
-    """200 targets over two kilometres, in clusters, standard deviations from 1 cm to 100 m.
-
-    Weights span four orders of magnitude, so that the cut-off's bound on them is far from tight.
-    """
-    rng = np.random.default_rng(2)
-    count = 200
-    centres = rng.uniform(-1000.0, 1000.0, (20, 2))
-
-    def point_set(weights):
-        means = centres[rng.integers(0, 20, count)] + 5.0 * rng.standard_normal((count, 2))
-        sizes = 10.0 ** rng.uniform(-2.0, 2.0, (count, 2))
-        angle = rng.uniform(0.0, np.pi, count)
-        axes = np.stack([np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)], -1)
-        axes = axes.reshape(count, 2, 2)
-        # not more than 30 times as long as wide: else rounding, not the cut-off, is compared
-        sizes[:, 1] = np.clip(sizes[:, 1], sizes[:, 0] / 30.0, sizes[:, 0] * 30.0)
-        covariances = np.einsum("nia,na,nja->nij", axes, sizes**2, axes)
-        return PointSet(means, 0.5 * (covariances + np.swapaxes(covariances, 1, 2)), weights)
-
-    theta = np.array([1.0, -2.0, 0.02])
-    fixed, moving = point_set(10.0 ** rng.uniform(-4.0, 0.0, count)), point_set(None)
-    measurement = doppler_like(rng, theta, count, measured == "twist") if measured else None
-    model = outlier_model(outlier, 2)
-    return Problem(RegistrationCost(metric, fusion, model), theta, fixed, moving, measurement)
-
-
-@pytest.mark.parametrize("outlier", OUTLIERS)
-def test_the_cut_off_changes_nothing(outlier):
-    """Breaks if a pair that matters is skipped: the bound must hold for any size and weight."""
-    for metric, fusion, measured in product(METRICS, FUSIONS, ("", "twist")):
-        problem = wide_scene(metric, outlier, measured, fusion)
-        value, gradient, hessian = problem.derivatives()
-        assert_allclose(value, dense_value(problem), rtol=1e-12)
-        expected = dense_gradient(problem)
-        assert_allclose(gradient, expected, rtol=1e-10, atol=1e-12 * abs(value))
-        if fusion == "likelihood" and not measured:
-            expected = dense_hessian(problem)
-            assert_allclose(hessian, expected, rtol=1e-6, atol=1e-10 * np.abs(expected).max())
-
 
 # ---- Outlier models ---------------------------------------------------------------------------
 

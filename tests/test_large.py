@@ -77,7 +77,7 @@ def scene(layout, count: int, seed: int = 0) -> tuple[PointSet, PointSet]:
     noisy = places + np.einsum(
         "kij,kj->ki", np.linalg.cholesky(covariances), rng.standard_normal((count, 2))
     )
-    weights = rng.uniform(0.5, 1.5, count) / count
+    weights = 10.0 ** rng.uniform(-4.0, 0.0, count)  # so that bounds on them are far from tight
     moving = PointSet(noisy, covariances).transformed(rigid.inverse(THETA))
     strays = moving.means.copy()
     strays[3::17] += rng.uniform(-30.0, 30.0, strays[3::17].shape)
