@@ -79,13 +79,8 @@ def evaluate_block(memory, pair, setting, first, margin, lists):
     They are left in the rows of INLIER.  The block's neighbours at its ``lists`` are found again if
     they are not known, or if it has moved; they then hold within a ``margin``.
     """
-    w, fixed, order, factors, outlier = (
-        memory.scratch,
-        pair.fixed,
-        pair.order,
-        pair.factors,
-        pair.outlier,
-    )
+    w, fixed, order = memory.scratch, pair.fixed, pair.order
+    factors, outlier = pair.factors, pair.outlier
     load_block(w, pair.moving, order, setting, first)
     if factors.shape[0] > 0:
         measurement_jets(w, factors, order, setting.chart, first)
@@ -199,11 +194,8 @@ def pair_at(batch, number, centred):
     begin, size = 6 * row[layout.FIXED_START], row[layout.FIXED_SIZE]
     fixed = batch.fixed[begin : begin + 6 * size].reshape(6, size)
     moving = batch.moving[6 * start : 6 * stop].reshape(6, stop - start)
-    at, measured = (
-        row[layout.FACTOR_START],
-        row[layout.MOVING_SIZE] if row[layout.FACTOR_START] >= 0 else 0,
-    )
-    factors = batch.factors[at : at + measured]
+    at = row[layout.FACTOR_START]
+    factors = batch.factors[at : at + row[layout.MOVING_SIZE]] if at >= 0 else batch.factors[:0]
     grid = batch.grids[row[layout.FIXED_SET]]
     tile, tiles = int(grid[FIRST_TILE]), int(grid[COLUMNS] * grid[ROWS])
     return Pair(

@@ -20,6 +20,12 @@ from d2d._kernel.tiles import interpolate, root_of
 VANISHING = 1e-180  # outlier sums below it are computed again, relative to the nearest component
 
 
+@inlined
+def precision_of(outlier):
+    """The precision of the corrupted Gaussian: xx, xy, yy."""
+    return outlier[layout.PRECISION_XX], outlier[layout.PRECISION_XY], outlier[layout.PRECISION_YY]
+
+
 @vectorised
 def half_square(w, k, mean, precision):
     """d, and half of d' B d, of a target and a component's mean less the translation."""
@@ -31,6 +37,7 @@ def half_square(w, k, mean, precision):
 @vectorised
 def add_moments(w, fixed, setting, precision):
     """Sum the six moments, of 1, d and d d', of the weights of the pairs."""
+    at = rows.OUTLIER
     lanes = lane_count(w)
     for k in range(6 * LANES):
         w[rows.OUTLIER + k] = 0.0
@@ -40,11 +47,11 @@ def add_moments(w, fixed, setting, precision):
             dx, dy, half = half_square(w, k, mean, precision)
             v = own * exp(min(w[rows.OUTLIER_OFFSET + k] - half, layout.MAX_EXPONENT))
             w[rows.OUTLIER + k] += v
-            w[rows.OUTLIER + rows.G0 + k] += v * dx
-            w[rows.OUTLIER + rows.G1 + k] += v * dy
-            w[rows.OUTLIER + rows.G2 + k] += v * dx * dx
-            w[rows.OUTLIER + rows.A00 + k] += v * dx * dy
-            w[rows.OUTLIER + rows.A01 + k] += v * dy * dy
+            w[at + rows.G0 + k] += v * dx
+            w[at + rows.G1 + k] += v * dy
+            w[at + rows.G2 + k] += v * dx * dx
+            w[at + rows.A00 + k] += v * dx * dy
+            w[at + rows.A01 + k] += v * dy * dy
 
 
 @vectorised
@@ -53,6 +60,7 @@ def sum_outliers(w, fixed, setting, precision):
 
     Six moments of the weights are enough for all derivatives.
     """
+    at = rows.OUTLIER
     lanes = lane_count(w)
     for k in range(LANES):
         w[rows.OUTLIER_OFFSET + k] = 0.0
@@ -73,21 +81,15 @@ def sum_outliers(w, fixed, setting, precision):
     bxx, bxy, byy = precision
     for k in range(lanes):
         r = 1.0 / w[rows.OUTLIER + k]
-        sx, sy = w[rows.OUTLIER + rows.G0 + k] * r, w[rows.OUTLIER + rows.G1 + k] * r
-        sxx, sxy = w[rows.OUTLIER + rows.G2 + k] * r, w[rows.OUTLIER + rows.A00 + k] * r
-        syy = w[rows.OUTLIER + rows.A01 + k] * r
+        sx, sy = w[at + rows.G0 + k] * r, w[at + rows.G1 + k] * r
+        sxx, sxy = w[at + rows.G2 + k] * r, w[at + rows.A00 + k] * r
+        syy = w[at + rows.A01 + k] * r
         # E[u] and E[u u'] with u = B d
-        w[rows.OUTLIER + rows.G0 + k] = -(bxx * sx + bxy * sy)
-        w[rows.OUTLIER + rows.G1 + k] = -(bxy * sx + byy * sy)
-        w[rows.OUTLIER + rows.A00 + k] = (
-            bxx * (bxx * sxx + bxy * sxy) + bxy * (bxx * sxy + bxy * syy) - bxx
-        )
-        w[rows.OUTLIER + rows.A01 + k] = (
-            bxx * (bxy * sxx + byy * sxy) + bxy * (bxy * sxy + byy * syy) - bxy
-        )
-        w[rows.OUTLIER + rows.A11 + k] = (
-            bxy * (bxy * sxx + byy * sxy) + byy * (bxy * sxy + byy * syy) - byy
-        )
+        w[at + rows.G0 + k] = -(bxx * sx + bxy * sy)
+        w[at + rows.G1 + k] = -(bxy * sx + byy * sy)
+        w[at + rows.A00 + k] = bxx * (bxx * sxx + bxy * sxy) + bxy * (bxx * sxy + bxy * syy) - bxx
+        w[at + rows.A01 + k] = bxx * (bxy * sxx + byy * sxy) + bxy * (bxy * sxy + byy * syy) - bxy
+        w[at + rows.A11 + k] = bxy * (bxy * sxx + byy * sxy) + byy * (bxy * sxy + byy * syy) - byy
 
 
 @vectorised
@@ -102,20 +104,15 @@ def to_logarithm(w, log_weight):
 @vectorised
 def turn_outliers(w):
     """The derivatives along the rotation, d_phi = (-y, x)."""
+    at = rows.OUTLIER
     for k in range(lane_count(w)):
         x, y = w[rows.MX + k], w[rows.MY + k]
-        g0, g1 = w[rows.OUTLIER + rows.G0 + k], w[rows.OUTLIER + rows.G1 + k]
-        a00, a01, a11 = (
-            w[rows.OUTLIER + rows.A00 + k],
-            w[rows.OUTLIER + rows.A01 + k],
-            w[rows.OUTLIER + rows.A11 + k],
-        )
-        w[rows.OUTLIER + rows.G2 + k] = x * g1 - y * g0
-        w[rows.OUTLIER + rows.A02 + k] = x * a01 - y * a00
-        w[rows.OUTLIER + rows.A12 + k] = x * a11 - y * a01
-        w[rows.OUTLIER + rows.A22 + k] = (
-            y * y * a00 - 2.0 * x * y * a01 + x * x * a11 - x * g0 - y * g1
-        )
+        g0, g1 = w[at + rows.G0 + k], w[at + rows.G1 + k]
+        a00, a01, a11 = w[at + rows.A00 + k], w[at + rows.A01 + k], w[at + rows.A11 + k]
+        w[at + rows.G2 + k] = x * g1 - y * g0
+        w[at + rows.A02 + k] = x * a01 - y * a00
+        w[at + rows.A12 + k] = x * a11 - y * a01
+        w[at + rows.A22 + k] = y * y * a00 - 2.0 * x * y * a01 + x * x * a11 - x * g0 - y * g1
 
 
 @vectorised
@@ -137,12 +134,7 @@ def corrupted_jet(w, fixed, setting, outlier, tiles, grid):
     if tiles.shape[0] > 0 and interpolate(w, tiles, grid, root_of(outlier), setting):
         over_value(w)
     else:
-        precision = (
-            outlier[layout.PRECISION_XX],
-            outlier[layout.PRECISION_XY],
-            outlier[layout.PRECISION_YY],
-        )
-        sum_outliers(w, fixed, setting, precision)
+        sum_outliers(w, fixed, setting, precision_of(outlier))
     to_logarithm(w, outlier[layout.LOG_OUTLIER_WEIGHT])
     turn_outliers(w)
 

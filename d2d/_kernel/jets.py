@@ -48,9 +48,8 @@ def mix(w, log_inlier_weight):
     for row in range(rows.G0, rows.A22 + LANES, LANES):
         for k in range(lanes):
             share = w[rows.SHARE + k]
-            w[rows.INLIER + row + k] = (
-                share * w[rows.INLIER + row + k] + (1.0 - share) * w[rows.OUTLIER + row + k]
-            )
+            other = (1.0 - share) * w[rows.OUTLIER + row + k]
+            w[rows.INLIER + row + k] = share * w[rows.INLIER + row + k] + other
 
 
 @vectorised
@@ -86,9 +85,8 @@ def fuse_summing(w):
         w[rows.TOP + k] = top
         w[rows.TOTAL + k] = keep * w[rows.TOTAL + k] + own
         for row in range(rows.G0, rows.A22 + LANES, LANES):
-            w[rows.TOTAL + row + k] = (
-                keep * w[rows.TOTAL + row + k] + own * w[rows.INLIER + row + k]
-            )
+            added = own * w[rows.INLIER + row + k]
+            w[rows.TOTAL + row + k] = keep * w[rows.TOTAL + row + k] + added
 
 
 @inlined

@@ -133,15 +133,12 @@ def limit(w, setting, spread, margin, measured, lists):
         reach = root + margin
         w[rows.CUT_OFF + k] = reach * reach if c >= 0.0 else -1.0
         slack = margin * math.sqrt(w[rows.SMALLEST + k])
-        lists[rows.SLACK + k] = (
-            slack if w[rows.OFFSET + k] == 0.0 else 0.0
-        )  # an offset holds here only
+        # an offset holds here only
+        lists[rows.SLACK + k] = slack if w[rows.OFFSET + k] == 0.0 else 0.0
         lists[rows.REACH + k] = root * math.sqrt(w[rows.LARGEST + k])
         lists[rows.FLOOR + k] = w[rows.OUTLIER_FLOOR + k]
-        lists[rows.AT_X + k], lists[rows.AT_Y + k] = (
-            w[rows.MX + k] + setting.x,
-            w[rows.MY + k] + setting.y,
-        )
+        lists[rows.AT_X + k] = w[rows.MX + k] + setting.x
+        lists[rows.AT_Y + k] = w[rows.MY + k] + setting.y
     lists[rows.AT_COSINE], lists[rows.AT_SINE] = setting.cosine, setting.sine
 
 
@@ -218,12 +215,8 @@ def copy_within(w, fixed, candidates, lists, room):
                 return False
             i = candidates[lowest_bit(bits)]
             at = rows.PLACE + number * rows.STEP + k
-            lists[at + X * LANES] = fixed[X, i]
-            lists[at + Y * LANES] = fixed[Y, i]
-            lists[at + XX * LANES] = fixed[XX, i]
-            lists[at + XY * LANES] = fixed[XY, i]
-            lists[at + YY * LANES] = fixed[YY, i]
-            lists[at + WEIGHT * LANES] = fixed[WEIGHT, i]
+            for row in range(6):
+                lists[at + row * LANES] = fixed[row, i]
             lists[at + rows.INDEX * LANES] = i
             bits &= bits - 1  # without the lowest one
             number += 1
@@ -240,11 +233,10 @@ def fill_up(w, fixed, lists):
     for k in range(LANES):
         for number in range(int(w[rows.NUMBER + k]), length):
             at = rows.PLACE + number * rows.STEP + k
+            for row in (XX, XY, YY):
+                lists[at + row * LANES] = fixed[row, 0]
             lists[at + X * LANES] = lists[rows.AT_X + k]
             lists[at + Y * LANES] = lists[rows.AT_Y + k]
-            lists[at + XX * LANES] = fixed[XX, 0]
-            lists[at + XY * LANES] = fixed[XY, 0]
-            lists[at + YY * LANES] = fixed[YY, 0]
             lists[at + WEIGHT * LANES] = 0.0
             lists[at + rows.INDEX * LANES] = -1.0
     return length

@@ -113,13 +113,8 @@ def step_to_boundary(h, g, shift, scale, radius, vectors, step):
     on along the eigenvector lowers the model further.  The nearly singular system amplifies it in
     any right-hand side, here in ``vectors[0]``, a generic direction.
     """
-    direction, right, along, forward, backward = (
-        vectors[0],
-        vectors[1],
-        vectors[2],
-        vectors[3],
-        vectors[4],
-    )
+    direction, right, along = vectors[0], vectors[1], vectors[2]
+    forward, backward = vectors[3], vectors[4]
     definite, _ = shifted_solve(h, g, 0.0, scale, along)
     norm = math.sqrt(inner_product(step, step, scale))
     if definite or norm >= 0.9 * radius:

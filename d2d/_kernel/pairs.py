@@ -68,11 +68,11 @@ def add_step(w, step, setting):
         K N = k N       K D N = (2 BMu - k u) N
         K^2 N = (k^2 - 4 u'MBMu + 2 tr(MBMB)) N,  tr(MBMB) = tr(MB)^2 - 2 det(M) det(B)
     """
+    at = rows.INLIER
     lanes = lane_count(w)
     for k in range(lanes):
-        dx, dy, sxx, sxy, syy, square, determinant = difference(
-            w, k, component_at(step, k, setting)
-        )
+        component = component_at(step, k, setting)
+        dx, dy, sxx, sxy, syy, square, determinant = difference(w, k, component)
         a, h = w[rows.CXY + k], 0.5 * (w[rows.CXX + k] - w[rows.CYY + k])
         inverse = 1.0 / determinant
         half = 0.5 * square * inverse
@@ -86,14 +86,14 @@ def add_step(w, step, setting):
         bmx, bmy = bxx * mx + bxy * my, bxy * mx + byy * my  # B M u
         w[rows.INLIER + k] += weight
         w[rows.DISTANCE + k] += weight * half
-        w[rows.INLIER + rows.G0 + k] -= weight * ux
-        w[rows.INLIER + rows.G1 + k] -= weight * uy
-        w[rows.INLIER + rows.A00 + k] += weight * (ux * ux - bxx)
-        w[rows.INLIER + rows.A01 + k] += weight * (ux * uy - bxy)
-        w[rows.INLIER + rows.A11 + k] += weight * (uy * uy - byy)
-        w[rows.INLIER + rows.A02 + k] += weight * (2.0 * bmx - ux * turned)
-        w[rows.INLIER + rows.A12 + k] += weight * (2.0 * bmy - uy * turned)
-        w[rows.INLIER + rows.A22 + k] += weight * (
+        w[at + rows.G0 + k] -= weight * ux
+        w[at + rows.G1 + k] -= weight * uy
+        w[at + rows.A00 + k] += weight * (ux * ux - bxx)
+        w[at + rows.A01 + k] += weight * (ux * uy - bxy)
+        w[at + rows.A11 + k] += weight * (uy * uy - byy)
+        w[at + rows.A02 + k] += weight * (2.0 * bmx - ux * turned)
+        w[at + rows.A12 + k] += weight * (2.0 * bmy - uy * turned)
+        w[at + rows.A22 + k] += weight * (
             turned * turned
             - 4.0 * (mx * bmx + my * bmy)
             + 2.0 * (trace * trace + 2.0 * (a * a + h * h) * inverse)
@@ -144,38 +144,32 @@ def finish_inliers(w):
     d/dphi = d_phi . d + K with d_phi = (-y, x), d_phiphi = -(x, y) and
     M_phi = 2 [[-h, -a], [-a, h]].
     """
+    at = rows.INLIER
     lanes = lane_count(w)
     for k in range(lanes):
-        x, y, a, h = (
-            w[rows.MX + k],
-            w[rows.MY + k],
-            w[rows.CXY + k],
-            0.5 * (w[rows.CXX + k] - w[rows.CYY + k]),
-        )
+        x, y = w[rows.MX + k], w[rows.MY + k]
+        a, h = w[rows.CXY + k], 0.5 * (w[rows.CXX + k] - w[rows.CYY + k])
         r = w[rows.TO_SHARE + k] = 1.0 / w[rows.INLIER + k]
         w[rows.DISTANCE + k] *= r
-        g0, g1 = r * w[rows.INLIER + rows.G0 + k], r * w[rows.INLIER + rows.G1 + k]
-        a00, a01, a11 = (
-            r * w[rows.INLIER + rows.A00 + k],
-            r * w[rows.INLIER + rows.A01 + k],
-            r * w[rows.INLIER + rows.A11 + k],
-        )
-        k0, k1 = r * w[rows.INLIER + rows.A02 + k], r * w[rows.INLIER + rows.A12 + k]
+        g0, g1 = r * w[at + rows.G0 + k], r * w[at + rows.G1 + k]
+        a00, a01 = r * w[at + rows.A00 + k], r * w[at + rows.A01 + k]
+        a11 = r * w[at + rows.A11 + k]
+        k0, k1 = r * w[at + rows.A02 + k], r * w[at + rows.A12 + k]
         w[rows.INLIER + k] = log(w[rows.INLIER + k]) - w[rows.OFFSET + k] - layout.LOG_2PI
-        w[rows.INLIER + rows.G0 + k] = g0
-        w[rows.INLIER + rows.G1 + k] = g1
-        w[rows.INLIER + rows.G2 + k] = x * g1 - y * g0 + a * (a11 - a00) + 2.0 * h * a01
-        w[rows.INLIER + rows.A00 + k] = a00
-        w[rows.INLIER + rows.A01 + k] = a01
-        w[rows.INLIER + rows.A11 + k] = a11
-        w[rows.INLIER + rows.A02 + k] = x * a01 - y * a00 + k0
-        w[rows.INLIER + rows.A12 + k] = x * a11 - y * a01 + k1
-        w[rows.INLIER + rows.A22 + k] = (
+        w[at + rows.G0 + k] = g0
+        w[at + rows.G1 + k] = g1
+        w[at + rows.G2 + k] = x * g1 - y * g0 + a * (a11 - a00) + 2.0 * h * a01
+        w[at + rows.A00 + k] = a00
+        w[at + rows.A01 + k] = a01
+        w[at + rows.A11 + k] = a11
+        w[at + rows.A02 + k] = x * a01 - y * a00 + k0
+        w[at + rows.A12 + k] = x * a11 - y * a01 + k1
+        w[at + rows.A22 + k] = (
             y * y * a00
             - 2.0 * x * y * a01
             + x * x * a11
             + 2.0 * (x * k1 - y * k0)
-            + r * w[rows.INLIER + rows.A22 + k]
+            + r * w[at + rows.A22 + k]
             - x * g0
             - y * g1
             + 2.0 * h * (a11 - a00)

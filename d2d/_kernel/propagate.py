@@ -17,7 +17,7 @@ import numpy as np
 from d2d._kernel import layout, rows
 from d2d._kernel.compile import compiled, entry, inlined, merged, vectorised
 from d2d._kernel.cost import align_tops, evaluate_block, motion_chart, pair_at, setting_of, total
-from d2d._kernel.densities import half_square
+from d2d._kernel.densities import half_square, precision_of
 from d2d._kernel.elementary import exp
 from d2d._kernel.jets import fuse_summing, gradient_through_chart
 from d2d._kernel.layout import WEIGHT, X, Y
@@ -51,18 +51,15 @@ def cross_terms(gamma, centred, u, precision, v):
 def inlier_terms(w, step, setting):
     """The terms of one pair of each target, see `pairs.add_step`; adds them to the targets' own."""
     for k in range(lane_count(w)):
-        dx, dy, sxx, sxy, syy, square, determinant = difference(
-            w, k, component_at(step, k, setting)
-        )
+        component = component_at(step, k, setting)
+        dx, dy, sxx, sxy, syy, square, determinant = difference(w, k, component)
         x, y, inverse = w[rows.MX + k], w[rows.MY + k], 1.0 / determinant
         bxx, bxy, byy = syy * inverse, -sxy * inverse, sxx * inverse
         ux, uy = bxx * dx + bxy * dy, bxy * dx + byy * dy
         gamma = w[rows.SCALE + k] * step[WEIGHT * LANES + k] * math.sqrt(inverse)
         gamma *= exp(min(w[rows.OFFSET + k] - 0.5 * square * inverse, layout.MAX_EXPONENT))
-        a, h = (
-            -2.0 * w[rows.CXY + k],
-            w[rows.CXX + k] - w[rows.CYY + k],
-        )  # C_phi = [[a, h], [h, -a]]
+        # C_phi = [[a, h], [h, -a]]
+        a, h = -2.0 * w[rows.CXY + k], w[rows.CXX + k] - w[rows.CYY + k]
         bent_x, bent_y = a * ux + h * uy, h * ux - a * uy
         turn = ux * (0.5 * bent_x + y) + uy * (0.5 * bent_y - x)
         turn -= 0.5 * (a * (bxx - byy) + 2.0 * h * bxy)
@@ -106,19 +103,13 @@ def move_outliers(w):
 
     It follows from their derivatives in the motion: those in the position are the same.
     """
+    at = rows.OUTLIER
     for k in range(lane_count(w)):
-        x, y, s = (
-            w[rows.MX + k],
-            w[rows.MY + k],
-            w[rows.OUTLIER_SCALE + k] / w[rows.OUTLIER_TO_SHARE + k],
-        )
+        x, y = w[rows.MX + k], w[rows.MY + k]
+        s = w[rows.OUTLIER_SCALE + k] / w[rows.OUTLIER_TO_SHARE + k]
         m0, m1, m2 = w[rows.MEAN + k], w[rows.MEAN + LANES + k], w[rows.MEAN + 2 * LANES + k]
-        g0, g1 = w[rows.OUTLIER + rows.G0 + k], w[rows.OUTLIER + rows.G1 + k]
-        a00, a01, a11 = (
-            w[rows.OUTLIER + rows.A00 + k],
-            w[rows.OUTLIER + rows.A01 + k],
-            w[rows.OUTLIER + rows.A11 + k],
-        )
+        g0, g1 = w[at + rows.G0 + k], w[at + rows.G1 + k]
+        a00, a01, a11 = w[at + rows.A00 + k], w[at + rows.A01 + k], w[at + rows.A11 + k]
         w[rows.MOVED + k] += s * (m0 * g0 - a00)
         w[rows.MOVED + LANES + k] += s * (m0 * g1 - a01)
         w[rows.MOVED + 2 * LANES + k] += s * (m1 * g0 - a01)
@@ -131,12 +122,7 @@ def move_outliers(w):
 def add_corrupted(w, fixed, setting, outlier, cross):
     """Add the pairs of all targets and components in the corrupted Gaussian."""
     lanes = lane_count(w)
-    precision = (
-        outlier[layout.PRECISION_XX],
-        outlier[layout.PRECISION_XY],
-        outlier[layout.PRECISION_YY],
-    )
-    bxx, bxy, byy = precision
+    bxx, bxy, byy = precision = precision_of(outlier)
     for i in range(fixed.shape[1]):
         own = cross[i * ROWS : (i + 1) * ROWS]
         mean, weight = (fixed[X, i] - setting.x, fixed[Y, i] - setting.y), fixed[WEIGHT, i]
@@ -182,9 +168,8 @@ def prepare_targets(w, outlier, fusion, measured, top):
             for row in range(3):
                 w[rows.MEAN + row * LANES + k] = w[rows.INLIER + rows.G0 + row * LANES + k]
         if not measured:
-            w[rows.FACTOR + rows.G0 + k] = w[rows.FACTOR + rows.G1 + k] = w[
-                rows.FACTOR + rows.G2 + k
-            ] = 0.0
+            for row in range(3):
+                w[rows.FACTOR + rows.G0 + row * LANES + k] = 0.0
         w[rows.GAMMA + k] = 0.0
         for row in range(3):
             w[rows.CENTRED + row * LANES + k] = 0.0
