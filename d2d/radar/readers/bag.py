@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,11 +24,20 @@ _NANOSECOND = 1e-9  # s
 _UNKNOWN, _PLANAR = 1e6, [0, 1, 5]  # variance; x, y and yaw among x, y, z, roll, pitch, yaw
 _SCANS = ("sensor_msgs/msg/PointCloud2", "radar_msgs/msg/RadarScan")
 _TYPES = {1: "i1", 2: "u1", 3: "<i2", 4: "<u2", 5: "<i4", 6: "<u4", 7: "<f4", 8: "<f8"}
+_NOT_KNOWN = SimpleNamespace(x=np.nan, y=np.nan)
+# How messages hold a twist and a pose; an Imu has no velocity.
 _MOTIONS: dict[str, Callable[[Any], tuple[Any, Any]]] = {
     "nav_msgs/msg/Odometry": lambda message: (message.twist.twist, message.pose.pose),
     "geometry_msgs/msg/TwistWithCovarianceStamped": lambda message: (message.twist.twist, None),
     "geometry_msgs/msg/TwistStamped": lambda message: (message.twist, None),
+    "sensor_msgs/msg/Imu": lambda message: (
+        SimpleNamespace(
+            linear=SimpleNamespace(x=np.nan, y=np.nan), angular=message.angular_velocity
+        ),
+        None,
+    ),
 }
+REFERENCES, GYROS = (*_MOTIONS,)[:3], (*_MOTIONS,)[3:]
 
 
 def is_bag(path: Path) -> bool:
@@ -69,14 +79,16 @@ def load_bag(
     return found
 
 
-def load_bag_reference(path: Path, topic: str | None = None) -> Reference:
+def load_bag_reference(
+    path: Path, topic: str | None = None, kinds: Sequence[str] = REFERENCES
+) -> Reference:
     """The motion in messages Odometry, TwistWithCovarianceStamped or TwistStamped.
 
-    Velocities are those of the messages' child frame.  Without a topic, it is the only one of these
-    types.
+    Velocities are those of the messages' child frame.  Without a topic, it is the only one of the
+    ``kinds``.
     """
     with _opened(path) as bag:
-        known = [c.topic for c in bag.connections if c.msgtype in _MOTIONS]
+        known = [c.topic for c in bag.connections if c.msgtype in kinds]
         if topic is None and len(set(known)) == 1:
             topic = known[0]
         if topic is None or topic not in known:
@@ -94,8 +106,8 @@ def load_bag_reference(path: Path, topic: str | None = None) -> Reference:
                 at, turn = pose.position, pose.orientation
                 rows.append([*row, at.x, at.y, float(yaw_of(turn.w, turn.x, turn.y, turn.z))])
     table = np.array(rows).reshape(-1, 7)
-    if not np.isfinite(table[:, :4]).all():
-        raise ValueError(f"{path}: the velocities of {topic} must be finite")
+    if not np.isfinite(table[:, [0, 3]]).all():
+        raise ValueError(f"{path}: the times and yaw rates of {topic} must be finite")
     return Reference(table[:, 0], table[:, 1:4], table[:, 4:])
 
 
@@ -103,24 +115,19 @@ def load_bag_reference(path: Path, topic: str | None = None) -> Reference:
 def _opened(path: Path) -> Iterator[Any]:
     """A bag, whose faults become ValueErrors that name it."""
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ModuleNotFoundError:
         raise ModuleNotFoundError("reading bags needs rosbags: pip install 'd2d[ros]'") from None
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist; it should be a bag")
-    with reading(path, "a bag of ROS"):
-        try:
-            reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
-            reader.open()
-        except AnyReaderError as error:
-            raise ValueError(str(error)) from None
     try:
-        yield reader
-    except AnyReaderError as error:
-        raise ValueError(f"{path} is not a complete bag: {brief(error)}") from None
-    finally:
-        reader.close()
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            yield reader
+    except Exception as error:  # damaged bytes raise errors of rosbags, SQLite, YAML and others
+        if str(path) in str(error):
+            raise
+        raise ValueError(f"{path} is not a complete bag of ROS: {brief(repr(error))}") from None
 
 
 def _messages(bag: Any, topic: str, bag_stamps: bool = False) -> Iterator[tuple[Any, float, str]]:

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from d2d._checks import FINITE, check_path
-from d2d.radar.readers.bag import is_bag, load_bag_reference
+from d2d._types import Array
+from d2d.radar.readers.bag import GYROS, is_bag, load_bag_reference
 from d2d.radar.readers.shared import yaw_of
 from d2d.radar.readers.table import Table, decoded, number, read_table
 from d2d.radar.scans.reference import Reference
 
-_ODOMETRY = ("time", "speed", "yaw_rate")
 _POSES = 8  # numbers in a line of a TUM trajectory
 _REACH, _INTERVALS = 0.2, 2.5  # s, and intervals, to each side of a pose that give its velocity
 _FASTEST = FINITE._replace(
@@ -46,20 +46,40 @@ def _of_text(source: Path) -> Reference:
     return _poses(source, text) if len(first.split()) == _POSES else _odometry(source)
 
 
-def _odometry(source: Path) -> Reference:
+def load_gyro(path: str | os.PathLike[str], topic: str | None = None) -> tuple[Array, Array]:
+    """Times (n,) in s and yaw rates (n,) in rad/s of a gyro, for `Gyro`.
+
+    They are the columns ``time`` and ``yaw_rate`` (rad/s, counter-clockwise; or ``yaw_rate_deg``)
+    of a CSV file, or the messages sensor_msgs/Imu of a bag.  Raises a ``ValueError`` that names
+    file and line if it is neither.
+    """
+    source = check_path("path", path)
+    if is_bag(source):
+        found = load_bag_reference(source, topic, GYROS)
+        return found.times, found.theta[:, 2]
+    time, omega = _columns(source, ("time", "yaw_rate"))
+    return time, omega
+
+
+def _columns(source: Path, names: tuple[str, ...]) -> list[Array]:
+    """Columns of a table that are within their bounds."""
+
     def lacking(table: Table) -> str:
-        found = all(table.column(name, {}) for name in _ODOMETRY)
-        return "" if found else ", ".join(_ODOMETRY)
+        return "" if all(table.column(name, {}) for name in names) else ", ".join(names)
 
     table = read_table(source, lacking)
     values = []
-    for name, bounds in zip(_ODOMETRY, (FINITE, FINITE, _FASTEST), strict=True):
-        column = table.column(name, {})
+    for name in names:
+        column, bounds = table.column(name, {}), _FASTEST if name == "yaw_rate" else FINITE
         assert column is not None
         values.append(table.numbers(name, column))
         for row in np.flatnonzero(~bounds.hold(values[-1]))[:1]:
             bounds.number(f"{table.where(row)}: {table.names[column.place]}", values[-1][row])
-    time, speed, omega = values
+    return values
+
+
+def _odometry(source: Path) -> Reference:
+    time, speed, omega = _columns(source, ("time", "speed", "yaw_rate"))
     theta = np.column_stack([speed, np.zeros_like(speed), omega])
     return Reference(time, theta, np.full_like(theta, np.nan))
 

@@ -222,8 +222,8 @@ def test_what_a_bag_has_not_is_named(bag, tmp_path):
             "/tf_static must lead from car to side",
         ),
         (bag, ["/side/scan"], SIGMAS | {"sigma_range": -1.0}, "is not a bag with scans of a radar"),
-        (tmp_path / "torn.bag", ["/rear"], SIGMAS, "torn.bag is not a bag of ROS"),
-        (tmp_path / "torn.mcap", ["/rear"], SIGMAS, "torn.mcap is not a bag of ROS"),
+        (tmp_path / "torn.bag", ["/rear"], SIGMAS, "torn.bag is not a complete bag of ROS"),
+        (tmp_path / "torn.mcap", ["/rear"], SIGMAS, "torn.mcap is not a complete bag of ROS"),
     ):
         with pytest.raises(ValueError, match=said):
             load_bag(path, *topics, **options)
