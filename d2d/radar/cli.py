@@ -110,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except _Refused as refusal:
         _complain(f"nothing was written: {refusal}; --force writes the files all the same")
         return 3
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, ModuleNotFoundError) as error:
         _complain(f"error: {error}")
         return 1
     except KeyboardInterrupt:
@@ -566,11 +566,12 @@ complete to the standard output, one line of JSON each, at once:
   {{"sensor": "front", "time": 12.05, "range": [14.2, 31.0], "azimuth": [-0.31, 0.02],
    "doppler": [-8.92, -9.3], "sigma_range": 0.15, "sigma_azimuth": 0.009, "sigma_doppler": 0.06}}
 
-  {{"time": 12.05, "converged": true, "reason": "", "theta": [9.3, 0.01, 0.02], "covariance":
-   [[...], [...], [...]], "targets": 2, "inliers": 0.93, "parts": {{"noise": [[...], ...], ...}}}}
+  {{"time": 12.05, "converged": true, "reason": "", "theta": [9.3, 0.01, 0.02], "pose": [x, y, yaw],
+   "covariance": [[...], [...], [...]], "targets": 2, "inliers": 0.93, "parts": {{"noise": ...}}}}
 
-Each in one line.  Units are those of a CSV file, see {PROGRAM} track --help; theta is
-v_x, v_y, omega in m/s, m/s, rad/s.  A line that is not right is named on the standard error.
+Each in one line; a scan may have "elevation" and "sigma_elevation", too.  Units are those of a CSV
+file, see {PROGRAM} track --help; theta is v_x, v_y, omega in m/s, m/s, rad/s, and the pose that of
+the path from the first estimate.  A line that is not right is named on the standard error.
 """
 
 CALIBRATE_HELP = """\
@@ -633,30 +634,37 @@ A CSV file has a line for each target and a first line that names the columns:
   time,sensor,range,azimuth,doppler,sigma_range,sigma_azimuth,sigma_doppler
   12.05,front,14.21,-0.31,-8.92,0.15,0.009,0.06
 
-  time            s; lines with equal time and sensor are one scan
+  time            s; lines with equal time and sensor are one scan (see --scan-gap)
   sensor          a name; without this column there is one sensor, called "radar"
   range           m
   azimuth         rad (with --degrees: degrees), 0 along the boresight, counter-clockwise positive
   doppler         m/s, positive if the target moves away: ahead of a moving car it is negative
+  elevation       rad, upwards; if the radar measures it
   sigma_...       standard deviations in the same units; or --sigma-range and so on for all targets
 
-Columns may come in any order; others are ignored. If in doubt, use the standard deviations of the
-sensor's data sheet. If the sensor rounds its values to steps, add the variance step^2 / 12.
+Columns may come in any order; others are ignored. Other usual names, x, y and z instead of range
+and angles, and units at the end of a name (time_ns, azimuth_deg) are recognised; --columns names
+the rest. Without standard deviations usual ones are taken; better are those of the data sheet. If
+the sensor rounds its values to steps, add the variance step^2 / 12.
 
 Where a sensor sits: x forward and y left of the vehicle's origin (best the middle of the rear axle)
 in m, and the direction of its boresight in degrees, counter-clockwise from straight ahead.
 
 examples:
-  one radar at the front bumper, standard deviations for all targets:
-    {PROGRAM} track --csv log.csv --degrees --mounting radar 3.7 0 0 \\
+  one radar at the front bumper of a car, standard deviations for all targets:
+    {PROGRAM} track --csv log.csv --degrees --mounting radar 3.7 0 0 --side-slip 0.05 \\
         --sigma-range 0.15 --sigma-azimuth 0.5 --sigma-doppler 0.06
+
+  a log as its driver wrote it, with a stamp for each target, and azimuths that count clockwise:
+    {PROGRAM} track --csv raw.csv.gz --mounting radar 3.5 0 0 --scan-gap 0.01 --skip-invalid \\
+        --columns time=stamp_ns,range=dist_m,azimuth=-angle_rad,doppler=rate
+
+  a bag with mountings in /tf_static, and the result as messages:
+    {PROGRAM} track --bag drive.mcap --topic /front/points /rear/points --output-bag result
 
   two corner radars together, with errors that targets share:
     {PROGRAM} track --csv log.csv --mounting left 3.6 0.8 45 --mounting right 3.6 -0.8 -45 \\
         --budget-azimuth 0.2 --budget-doppler 0.04 --output results/drive
-
-  a single side radar of a car that does not slip sideways:
-    {PROGRAM} track --csv log.csv --mounting left 3.6 0.8 90 --side-slip 0.05
 
   data sets in their own layout:
 {DATA_SETS}
