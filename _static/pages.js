@@ -1,11 +1,57 @@
 // What a page does beside showing itself. Everything can be read without it.
 document.addEventListener("DOMContentLoaded", () => {
+  // their text names what is folded
+  document.querySelectorAll("summary[aria-label]").forEach((each) => each.removeAttribute("aria-label"));
+  document.querySelectorAll(".measured-scroll").forEach((each) => (each.tabIndex = 0)); // to scroll by keys
   const rows = [...document.querySelectorAll(".ledger-row")];
   if (!rows.length) return;
+  nameSigns();
   filterLedger(rows);
   openClaim(rows);
   window.addEventListener("hashchange", () => openClaim(rows));
 });
+
+// The search's: chapters and guides come before the appendix, and the functions last.
+const WEIGHTS = [
+  [/gallery/, -20],
+  [/^chapters\/\d/, 12],
+  [/^chapters\/[a-z]_/, 3],
+  [/^chapters/, 12],
+  [/./, -4],
+];
+var Scorer = {
+  score: ([page, , , , score]) => score + WEIGHTS.find(([pages]) => pages.test(page))[1],
+  objNameMatch: 11,
+  objPartialMatch: 2,
+  objPrio: { 0: 5, 1: 2, 2: -5 },
+  objPrioDefault: 0,
+  title: 15,
+  partialTitle: 7,
+  term: 5,
+  partialTerm: 2,
+};
+
+/** A sign of the map says which claim it is of. */
+function nameSigns() {
+  for (const sign of document.querySelectorAll(".ledger-map a")) {
+    const row = document.querySelector(sign.hash);
+    sign.title = sign.ariaLabel = `${row.dataset.verdict}: ${row.querySelector("summary > span + span").textContent}`;
+  }
+}
+
+/** How many claims have each verdict, as lengths of a bar. */
+function verdictBar(rows) {
+  const bar = document.createElement("div");
+  bar.className = "ledger-bar";
+  for (const [verdict, alike] of Map.groupBy(rows, (row) => row.dataset.verdict)) {
+    const part = document.createElement("span");
+    part.className = `verdict-${verdict.replaceAll(" ", "-")}`;
+    part.style.flexGrow = alike.length;
+    part.textContent = part.title = `${alike.length} ${verdict}`;
+    bar.append(part);
+  }
+  return bar;
+}
 
 /** Above the ledger: a list of verdicts to choose from and a field to search in. */
 function filterLedger(rows) {
@@ -24,10 +70,10 @@ function filterLedger(rows) {
     }
     count.textContent = `${rows.filter((row) => !row.hidden).length} of ${rows.length} claims`;
   }
-  form.addEventListener("input", show);
+  for (const event of ["input", "change"]) form.addEventListener(event, show);
   form.addEventListener("reset", () => setTimeout(show));
   form.addEventListener("submit", (event) => event.preventDefault());
-  document.getElementById("ledger").before(form);
+  document.getElementById("ledger").before(verdictBar(rows), form);
   show();
 }
 

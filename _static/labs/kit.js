@@ -334,6 +334,7 @@ globalThis.labs = (() => {
         const [x, y] = get(),
           [ex, ey] = this.at(event);
         grip = [x - ex, y - ey];
+        group.classList.add("lab-held"); // without the rings of a focus by keys
         group.focus({ preventScroll: true });
         event.preventDefault();
       };
@@ -347,6 +348,7 @@ globalThis.labs = (() => {
       });
       for (const end of ["pointerup", "pointercancel"]) group.addEventListener(end, () => (grip = null));
       group.addEventListener("keydown", (event) => {
+        group.classList.remove("lab-held");
         const pages = { PageUp: -1, PageDown: 1 }[event.key],
           peers = this.peers(handle);
         if (pages && peers.length > 1) {

@@ -284,6 +284,10 @@
         lab.told.scrollIntoView({ block: "nearest" });
       }
 
+      /** A reason in the signs of print. */
+      const typeset = (reason) =>
+        reason.replace(/-(?=\d)/g, "−").replace(/ deg/g, "°").replace(/\^2/g, "²").replace(/%/g, "\u00a0%");
+
       /** The share that was accepted, and why the rest was not. */
       function verdict() {
         const { rows } = shown,
@@ -294,7 +298,7 @@
           kinds = Map.groupBy(failed, ({ reason }) => reason.replace(/-?\d.*/, "")),
           reasons = [...kinds.values()]
             .sort((a, b) => b.length - a.length)
-            .map((alike) => `${alike.length} (${alike.length > 1 ? "first: " : ""}${alike[0].reason})`);
+            .map((alike) => `${alike.length} (${alike.length > 1 ? "first: " : ""}${typeset(alike[0].reason)})`);
         return html(
           "p",
           { class: `lab-verdict lab-${looks}` },
