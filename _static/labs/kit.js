@@ -553,7 +553,7 @@ globalThis.labs = (() => {
     build(parts, draw) {
       this.drawing = draw;
       const printed = html("div", { class: "lab-printed" }, ...this.element.childNodes),
-        picture = parts.findIndex((part) => part.matches(".lab-row"));
+        picture = parts.findLastIndex((part) => part.matches(".lab-plot") || part.querySelector(".lab-plot"));
       if (!parts.includes(this.told)) parts.splice(picture < 0 ? parts.length : picture + 1, 0, this.told);
       parts.splice(parts.indexOf(this.told) + 1, 0, ...stepper(this));
       this.element.replaceChildren(html("div", { class: "lab-main" }, ...parts), this.spoken, printed);
