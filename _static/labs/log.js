@@ -59,7 +59,7 @@
     sigma_azimuth: ["--sigma-azimuth", "azimuth (°)"],
     sigma_doppler: ["--sigma-doppler", "Doppler velocity (m/s)"],
   };
-  const TYPICAL = { sigma_range: 0.15, sigma_azimuth: 0.7, sigma_doppler: 0.1 }; // of a radar at 77 GHz
+  const TYPICAL = { sigma_range: 0.15, sigma_azimuth: 0.5, sigma_doppler: 0.06 }; // those of d2d/radar/readers/table.py
   const BUDGET = {
     azimuth: "azimuth and mounting (°)",
     doppler: "Doppler velocities of a scan (m/s)",
