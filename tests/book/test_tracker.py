@@ -28,6 +28,7 @@ from d2d.radar import (
     track,
 )
 from d2d.radar.cli import main
+from d2d.radar.readers.table import usual_sigmas
 from tests.book import browser
 from tools import laboratories
 
@@ -36,7 +37,8 @@ SCRIPTS = ("engine", "kit", *laboratories.NEEDED["log"], "log")
 PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>A log</title>
 <link rel="icon" href="data:,"><link rel="stylesheet" href="labs.css">{scripts}
 <body><div class="lab" data-lab="log" data-symptoms="when.html">It needs JavaScript.</div></html>"""
-COLUMNS = ("range", "azimuth", "doppler", "sigma_range", "sigma_azimuth", "sigma_doppler")
+SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
+COLUMNS = ("range", "azimuth", "doppler", *SIGMAS)
 BUDGET = {"azimuth": 0.1, "doppler": 0.04, "scale": 0.002, "lag": 0.02, "neighbours": 1.0}
 EXACT = 1e-6
 TRACK = """const [text, settings] = arguments;
@@ -416,6 +418,36 @@ def test_every_field_reaches_the_numbers(hand: Hand):
     hand.choose(Log(four(2.0), BUDGET, sigmas))
     hand.estimate()
     assert_saved_as_the_command_says(hand)
+
+
+def test_a_wrong_sign_is_mended_by_a_button(hand: Hand):
+    """Breaks if the cure leaves the doubt, or the command that is shown does not have it."""
+    hand.choose(mistaken(doppler=-1.0))
+    hand.estimate()
+    assert "backwards" in hand.text(".lab-doubt")
+    hand.press("Flip the sign and run again")
+    hand.wait("lab.result?.doubts.length === 0")
+    assert "good" in hand.find(".lab-verdict").get_attribute("class")
+    assert_saved_as_the_command_says(hand)
+
+
+def test_a_radar_is_dragged_to_its_place(hand: Hand):
+    """Breaks if the picture of the vehicle and the fields do not say the same."""
+    log = Log(one(1.0), {}, {"sigma_range": 0.2, "sigma_azimuth": 0.6, "sigma_doppler": 0.07})
+    hand.choose(log)
+    x, _, yaw, *sigmas = hand.driver.find_elements(By.CSS_SELECTOR, "#lab-log form input")
+    before = [float(field.get_attribute("value") or "0") for field in (x, yaw)]
+    hand.find("[aria-label='The radar radar']").send_keys(Keys.ARROW_RIGHT)
+    hand.find("[aria-label='The direction of radar']").send_keys(Keys.ARROW_UP)
+    after = [float(field.get_attribute("value") or "0") for field in (x, yaw)]
+    assert after[0] == pytest.approx(before[0] + 0.05)
+    assert after[1] > before[1]
+    hand.press("Use typical values")
+    shown = [float(field.get_attribute("value") or "0") for field in sigmas[:3]]
+    with pytest.warns(UserWarning, match="usual values"):
+        usual = usual_sigmas("log.csv", SIGMAS)
+    usual["sigma_azimuth"] = np.rad2deg(usual["sigma_azimuth"])
+    assert shown == pytest.approx([usual[name] for name in SIGMAS])
 
 
 DROP = """const [text, name] = arguments, carried = new DataTransfer();
