@@ -229,6 +229,8 @@ labs.define(
       `as about ${number(rows, 0)} independent ones, and the interval of the ANEES is rather ` +
       `${region.map((each) => number(each)).join(" to ")}.`;
 
+    const numbers = html("div", {}); // in tables, below the pictures
+
     function tell(table, judged, found) {
       const { anees, bounds, typical, inclination, nci, coverage, columns } = judged,
         count = table.lines.length;
@@ -238,11 +240,13 @@ labs.define(
       lab.tell(
         html(
           "p",
-          {},
+          { class: "lab-outcome" },
           `${count} rows${table.left ? `, ${table.left} left out` : ""}. The stated covariance is `,
           html("strong", {}, found.verdict),
           `${size}. ${CAUSES[found.cause](judged, found, table)}${slowly}`,
         ),
+      );
+      numbers.replaceChildren(
         lab.table(
           ["all directions", "here", "expected"],
           [
@@ -374,7 +378,7 @@ labs.define(
       class: "lab-table-text",
       id: `${lab.id}-table`,
       "aria-describedby": hint.id,
-      rows: 6,
+      rows: 4,
       spellcheck: "false",
       autocomplete: "off",
       wrap: "off",
@@ -432,6 +436,7 @@ labs.define(
         labs.legend(
           html("span", {}, "dashed: the chi-square density, and the lines between which 95\u00a0% should lie"),
         ),
+        numbers,
       ],
       () => {
         if (lab.state.example !== filled) {
@@ -443,6 +448,7 @@ labs.define(
         box.setAttribute("aria-invalid", Boolean(error));
         if (error) {
           for (const plot of lab.plots) plot.clear();
+          numbers.replaceChildren();
           lab.tell(html("p", {}, html("strong", {}, error)));
           return;
         }

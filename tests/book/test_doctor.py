@@ -115,7 +115,7 @@ def test_the_tables_show_these_numbers(hand: Hand):
     paste(hand, f"east;north;a;b;c\n{text_of(table, False, ';')}")
     expected = credibility(errors, covariances)
     percent = ", ".join(f"{100 * share:.0f}" for share in coverage(errors, covariances))
-    cells = """[...lab.told.querySelectorAll('tbody tr')].map((row) =>
+    cells = """[...lab.element.querySelectorAll('tbody tr')].map((row) =>
       [...row.cells].map((cell) => cell.textContent))"""
     rows = {row[0].split(" (")[0].replace("\u00a0", " "): row[1:] for row in hand.ask(cells)}
     assert rows["mean NEES per dimension"][0] == f"{expected.anees:.2f}"
