@@ -808,10 +808,10 @@ globalThis.labs = (() => {
     if (!guess && !steps.length) return [];
     const pages = steps.map((step, i) => {
       const answer = seen[i] && html("details", {}, html("summary", {}, "What you should have seen"), ...seen[i].childNodes);
-      return [`Step ${i + 1} of ${steps.length}`, html("div", { class: "lab-step" }, ...step.childNodes, ...(answer ? [answer] : []))];
+      return [`Step ${i + 1} of ${steps.length}`, html("div", { class: "lab-leaf" }, ...step.childNodes, ...(answer ? [answer] : []))];
     });
     if (guess) {
-      pages.unshift(["Guess first", html("div", { class: "lab-step" }, guess)]);
+      pages.unshift(["Guess first", html("div", { class: "lab-leaf" }, guess)]);
       element.classList.add("lab-waits");
       guess.addEventListener("click", ({ target }) => target.matches("button") && lab.begin());
     }

@@ -381,7 +381,7 @@ def test_one_guess_is_right(lab: Laboratory, hand: Hand, address: str):
 def test_the_result_waits_for_a_guess(lab: Laboratory, hand: Hand, address: str):
     """Breaks if the outcome is told before one acts, or a step does not follow the guess."""
     hand.open(f"{address}{lab.page}.html")
-    step = "lab.element.querySelector('.lab-step:not([hidden])')"
+    step = "lab.element.querySelector('.lab-leaf:not([hidden])')"
     assert hand.ask("lab.told.innerText") == ""
     assert hand.ask(f"Boolean({step}.querySelector('.lab-guess'))")
     hand.find(".lab-guess button").send_keys(Keys.ENTER)
