@@ -1,7 +1,6 @@
 """Tables and drawings of the covariances on the road."""
 
 from collections.abc import Mapping, Sequence
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from d2d.study.book.grammar import BLACK, COVARIANCES, OTHERS, TRUTH
 from d2d.study.book.style import PAGE
 from d2d.study.book.table import Column, Table, table
 from d2d.study.drives.errors import NAMES, UNITS
-from d2d.study.road.protocol_tables import read_table
 
 _MARKS = "oDs^v"
 
@@ -38,24 +36,6 @@ def score_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> T
         *((name, "", ".2f") for name in (*NAMES, "log score")),
     ]
     return table(rows, columns, caption)
-
-
-def rivals_table(names: Sequence[str], caption: str = "") -> Table:
-    """ANEES and log score of models, fitted to other drives, with all sensors: a row for each.
-
-    Of RadarScenes there is a column for each of two drives, of nuScenes one for the mean.
-    """
-    tables = [
-        read_table(f"{data_set}: {measure}")
-        for measure, data_set in product(("ANEES", "mean log score"), ("RadarScenes", "nuScenes"))
-    ]
-    rows = {}
-    for name in names:
-        cells = [found[name][0].split(" (")[0].split(" / ") for found in tables]
-        rows[name] = [float(number) for cell in cells for number in cell]
-    columns: list[Column] = [("105", "", ".2f"), ("108", "", ".2f"), ("nuScenes", "", ".1f")]
-    groups = {"ANEES": 3, "log score": 3}
-    return table(rows, ["covariance", *columns, *columns], caption, groups=groups)
 
 
 def error_table(judged: Mapping[str, Mapping[str, Any]], caption: str = "") -> Table:
