@@ -1,0 +1,45 @@
+"""The code that a page of the course shows is complete: typed into a file, it runs."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import nbformat
+import pytest
+
+CHAPTERS = Path(__file__).resolve().parents[2] / "chapters"
+COURSE = sorted(CHAPTERS.glob("[0-9]*.ipynb"))
+FOLDED = {"hide-input", "hide-cell", "remove-input", "remove-cell"}
+LEAST = 10  # lines on a page
+
+
+def shown(path: Path) -> str:
+    """Return the code of a page that is not folded, from the first cell to the last."""
+    cells = nbformat.read(path, as_version=4).cells
+    return "\n".join(
+        cell.source
+        for cell in cells
+        if cell.cell_type == "code" and not FOLDED & set(cell.metadata.get("tags", ()))
+    )
+
+
+def test_the_course_has_at_most_fifteen_pages_and_the_book_twenty_five_notebooks():
+    assert 10 < len(COURSE) <= 15
+    assert len(list(CHAPTERS.glob("*.ipynb"))) <= 25
+
+
+@pytest.mark.parametrize("path", COURSE, ids=lambda path: path.stem)
+def test_a_reader_can_type_along(path: Path):
+    """Breaks if a page shows code that needs a folded cell, warns, or is a few lines only."""
+    code = shown(path)
+    assert sum(bool(line.strip()) for line in code.splitlines()) >= LEAST
+    ran = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        cwd=CHAPTERS,
+        env=os.environ | {"MPLBACKEND": "agg", "PYTHONPATH": str(CHAPTERS.parent)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
