@@ -107,8 +107,6 @@ class RadarScan(Frozen):
     --------
     >>> from d2d.radar import RadarScan
     >>> scan = RadarScan(12.05, [14.2, 31.0], [-0.31, 0.02], [-8.92, -9.3], 0.15, 0.009, 0.06)
-    >>> scan
-    RadarScan(time=12.050000 s, 2 targets)
     >>> scan[scan.range < 20.0].doppler
     array([-8.92])
     """

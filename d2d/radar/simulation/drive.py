@@ -53,15 +53,13 @@ class Sensor(Bounded):
     """A 77 GHz radar; the defaults are those of the thesis (sec. 7.2) as far as it gives them.
 
     The received power of a reflection point is its strength divided by range^4, times an
-    exponential variate drawn anew for every scan (Swerling case 1).  A point is detected if its
-    power exceeds a threshold.
-
-    The sensor takes ``rate`` scans per second and keeps the ``max_targets`` strongest detections of
-    each, of azimuths up to ``field_of_view`` (rad) to either side and ranges between ``min_range``
-    and ``max_range`` (m).  A point of strength 1 is detected with probability 1/2 at ``half_range``
-    (m).  The standard deviations ``sigma_range``, ``sigma_azimuth`` and ``sigma_doppler`` (m, rad,
-    m/s) are those of a strong target's errors; those at the threshold are twice as large.
-
+    exponential variate drawn anew for every scan (Swerling case 1); it is detected beyond a
+    threshold.  The sensor takes ``rate`` scans per second and keeps the ``max_targets`` strongest
+    detections of each, of azimuths up to ``field_of_view`` (rad) to either side and ranges between
+    ``min_range`` and ``max_range`` (m).  A point of strength 1 is detected with probability 1/2 at
+    ``half_range`` (m).  The standard deviations ``sigma_range``, ``sigma_azimuth`` and
+    ``sigma_doppler`` (m, rad, m/s) are those of a strong target's errors; those at the threshold
+    are twice as large.
     ``clutter`` is the mean number of false detections in a scan, which are uniformly distributed
     over range, azimuth and Doppler velocities of up to 10 m/s.  If the sensor is ``quantised``,
     measurements and reported standard deviations are rounded to its steps.
@@ -91,31 +89,13 @@ class SensorErrors(Bounded):
     """Errors that the targets of a simulated scan share, and scatter of the reflection points.
 
     All are off by default and constant over a drive; `d2d.radar.ErrorBudget` holds the standard
-    deviations of those of the same names.
-
-    To all azimuths, ``azimuth`` (rad) is added, because the sensor is turned by this angle from its
-    stated mounting, and to all Doppler velocities ``doppler`` (m/s), after their relative error
-    ``scale``, above -1.  A scan shows the world as it was ``lag`` (s) before its time stamp.
-
-    An object is seen at a distance from its reflection point that is drawn anew in each scan, with
-    the standard deviation ``extent`` (m) along each axis; see `d2d.radar.RadarScan`.  Over the
-    length ``neighbours`` (m), these distances are correlated as exp(-distance / length); with zero,
-    each point moves on its own.
-
-    The steps of the reported range, azimuth and Doppler velocity are ``rounding`` times the
-    sensor's own; this has no effect on a sensor that is not quantised.
-
-    Examples
-    --------
-    To a sensor that is turned by a degree and a half, the vehicle seems to slip to the left:
-
-    >>> import numpy as np
-    >>> from d2d.radar import SensorErrors, simulate_drive, track
-    >>> turned = SensorErrors(azimuth=np.deg2rad(1.5))
-    >>> drive = simulate_drive(np.random.default_rng(0), 5.0, errors=turned)
-    >>> driven = track(drive)
-    >>> float((driven.theta - drive.truth.theta[1:]).mean(axis=0)[1].round(1))  # m/s
-    0.1
+    deviations of those of the same names.  To all azimuths, ``azimuth`` (rad) is added, and to all
+    Doppler velocities ``doppler`` (m/s), after their relative error ``scale``, above -1.  A scan
+    shows the world as it was ``lag`` (s) before its time stamp.  An object is seen at a distance
+    from its reflection point that is drawn anew in each scan, with the standard deviation
+    ``extent`` (m) along each axis, and correlated over the length ``neighbours`` (m) as
+    exp(-distance / length).  The steps of what a sensor that is quantised reports are ``rounding``
+    times its own.
     """
 
     azimuth: float = number(0.0, ANGLE)
@@ -135,21 +115,14 @@ class SensorErrors(Bounded):
             shift = np.linalg.cholesky(correlation + _RIDGE * np.eye(len(points))) @ shift
         return points + self.extent * shift
 
-    def measured(self, values: Array) -> Array:
-        """Range, azimuth and Doppler velocity (3, n) as this sensor measures them."""
-        distance, azimuth, doppler = values
-        return np.stack(
-            [distance, azimuth + self.azimuth, (1.0 + self.scale) * doppler + self.doppler]
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class TrueTargets:
     """The truth behind the K targets of one scan.
 
-    ``kind`` holds entries of `d2d.radar.simulation.world.KINDS`, ``point`` the reflection point's
-    index in the world, with the movers' points after the stationary ones.  The other values, in m,
-    rad, m/s, are without the sensor's errors.  Clutter has the index -1 and nan.
+    ``kind`` is one of `d2d.radar.simulation.world.KINDS`, ``point`` the reflection point's index,
+    those of movers last.  The other values, in m, rad, m/s, are without the sensor's errors.
+    Clutter has the index -1 and nan.
     """
 
     kind: NDArray[np.str_]
@@ -188,14 +161,12 @@ def simulate_drive(
 ) -> Drive:
     """Drive around a block of houses with a radar.
 
-    A lap is 300 m long, whatever the ``duration`` (s); at the default ``speed`` (m/s, the mean over
-    a lap) it takes 120 s.  That is the speed of a robot; for a car in town, use `CAR_SPEED` and
-    `CAR_MOUNTING` of ``d2d.radar.simulation.drive``.  The vehicle drives without side slip and
-    slows down in bends; it has driven for ``start`` seconds when the drive begins, at time 0.
-
-    By default, the sensor is that of the thesis, `build_world` draws the world, and nothing else is
-    wrong with the sensor; the ``errors`` change neither what is detected nor the targets' own
-    noise, unless there is a lag.
+    A lap is 300 m long; at the default mean ``speed`` (m/s), a robot's, it takes 120 s.  For a car
+    in town, use `CAR_SPEED` and `CAR_MOUNTING` of ``d2d.radar.simulation.drive``.  The vehicle
+    drives without side slip and slows down in bends; it has driven for ``start`` seconds when the
+    drive begins, at time 0.  By default, the sensor is that of the thesis and `build_world` draws
+    the world; the ``errors`` change neither what is detected nor the targets' own noise, unless
+    there is a lag.
     """
     check_instance("rng", rng, np.random.Generator)
     duration = check_positive_scalar("duration", duration)
@@ -309,7 +280,8 @@ def _measured(
     """The scan of the targets whose measured range is positive, and the truth behind them."""
     worse = np.sqrt(1.0 + 3.0 / power)
     sigma = np.array([[sensor.sigma_range], [sensor.sigma_azimuth], [sensor.sigma_doppler]]) * worse
-    values = errors.measured(np.stack([true.range, true.azimuth, true.doppler]))
+    doppler = (1.0 + errors.scale) * true.doppler + errors.doppler
+    values = np.stack([true.range, true.azimuth + errors.azimuth, doppler])
     values += sigma * rng.standard_normal(values.shape)
     clutter = true.kind == "clutter"
     low = np.array([sensor.min_range, -sensor.field_of_view, -_MAX_CLUTTER_DOPPLER])
