@@ -388,16 +388,22 @@ def _track(arguments: argparse.Namespace) -> None:
     refused += [finding.symptom for finding in findings if finding.sure]
     if refused and not arguments.force:
         raise _Refused(refused[0])
-    written = _write(driven, prefix, picture=not arguments.no_picture)
+    parts = driven.segments
+    written: list[Path] = []
+    for number, part in enumerate(
+        parts, start=1
+    ):  # one beside the other where the clock steps back
+        own = prefix if len(parts) == 1 else prefix.with_name(f"{prefix.name}_{number}")
+        written += _write(part, own, picture=not arguments.no_picture)
     if arguments.report is not None:
         given = {_flag(n): v for n, v in vars(arguments).items() if v and not callable(v)}
         named = [_plain(finding) for finding in findings]
         page = report_page(prefix.name, sensors, driven, named, given | options)
         check_path("report", arguments.report).write_text(page, encoding="utf-8")
-        written.append(arguments.report)
+        written.append(Path(arguments.report))
     if arguments.output_bag is not None:
         write_bag(arguments.output_bag, driven)
-        written.append(arguments.output_bag)
+        written.append(Path(arguments.output_bag))
     for path in written:
         print(f"wrote {path}")
 
@@ -595,8 +601,9 @@ Estimates the velocity of a vehicle from one radar or several, integrates it to 
   PREFIX.npz              everything, for d2d.radar.Track.load
   PREFIX.png              a picture (if matplotlib is installed)
 
-Either all of them are written at the end or none: PREFIX.npz is there only beside the others. The
-first run compiles for up to a minute.
+Either all of them are written at the end or none: PREFIX.npz is there only beside the others. Where
+the clock steps back, as between two runs of a logger, each part has files of its own: PREFIX_1, ...
+The first run compiles for up to a minute.
 """
 
 ABOUT = {

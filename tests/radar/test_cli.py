@@ -159,6 +159,18 @@ def test_a_vehicle_and_its_numbers_are_limits(log, monkeypatch, given, expected)
     assert seen["limits"] == expected
 
 
+@pytest.mark.filterwarnings("ignore:.*steps back:UserWarning")
+def test_runs_of_one_logger_are_files_of_their_own(log, capsys):
+    """Breaks if runs whose clocks begin anew are merged, or none of them is written."""
+    lines = log.read_text().splitlines()
+    log.write_text("\n".join([*lines, *lines[1:]]))
+    assert main(tracked(log, "--no-picture", "--force")) == 0
+    assert len(written(log.parent, "drive")) == 6
+    one, other = (Track.load(log.parent / f"drive_{number}.npz") for number in (1, 2))
+    assert_array_equal(one.times[1:], other.times[1:])
+    assert_array_equal(one.theta, track(DRIVE, budget=ErrorBudget()).theta[: len(one)])
+
+
 def test_a_report_is_one_page(log, capsys):
     """Breaks if the page needs another file, or a finding, a figure or a setting is missing."""
     page = log.parent / "drive.html"
