@@ -2,7 +2,7 @@
 
 import math
 
-from d2d._kernel.compile import compiled, entry, inlined, vectorised
+from d2d._kernel.compile import compiled, entry, vectorised
 from d2d._kernel.elementary import exp
 
 REACH = 5.0  # correlation lengths, at which the correlation is 0.7 %
@@ -21,22 +21,11 @@ def root_of(covariance):
 
 
 @compiled
-def add_outer(total, a, b, weight):
-    """Add weight (a b' + b a') / 2 to a matrix (3, 3)."""
+def add_symmetric(total, a, b):
+    """Add a b' + b a' to a matrix (3, 3)."""
     for i in range(3):
         for j in range(3):
-            total[i, j] += 0.5 * weight * (a[i] * b[j] + b[i] * a[j])
-
-
-@inlined
-def along(row, slope):
-    """The derivatives (3,) along a direction (2,) of those in a position (3, 2)."""
-    x, y = slope[0], slope[1]
-    return (
-        row[0, 0] * x + row[0, 1] * y,
-        row[1, 0] * x + row[1, 1] * y,
-        row[2, 0] * x + row[2, 1] * y,
-    )
+            total[i, j] += a[i] * b[j] + b[i] * a[j]
 
 
 @entry
@@ -54,23 +43,6 @@ def add_positions(position, covariances, noise):
                 x, y = row[i, 0] * xx + row[i, 1] * xy, row[i, 0] * xy + row[i, 1] * yy
                 for j in range(3):
                     noise[b, i, j] += x * row[j, 0] + y * row[j, 1]
-
-
-@entry
-def add_measurements(value, prediction, sigmas, position, slope, noise):
-    """Add the same of each target's measurement, and of what its errors share with the position.
-
-    With the derivatives in the measured ``value`` (B, K, 3) and, through the ``prediction``, in its
-    input, and with both ``sigmas``, two (B, K).  An input's error also moves the position along
-    ``slope`` (B, K, 2); the positions' covariances already contain the square of this.
-    """
-    for b in range(value.shape[0]):
-        for k in range(value.shape[1]):
-            own, square = sigmas[0][b, k], sigmas[1][b, k] * sigmas[1][b, k]
-            add_outer(noise[b], value[b, k], value[b, k], own * own)
-            add_outer(noise[b], prediction[b, k], prediction[b, k], square)
-            turned = along(position[b, k], slope[b, k])
-            add_outer(noise[b], prediction[b, k], turned, 2.0 * square)
 
 
 @vectorised
@@ -118,5 +90,5 @@ def add_dependence(position, covariances, means, order, length, rows, dependence
             y0 += weight * rows[6, b]
             y1 += weight * rows[7, b]
             y2 += weight * rows[8, b]
-        add_outer(dependence, rows[3:6, a], (x0, x1, x2), 2.0)
-        add_outer(dependence, rows[6:9, a], (y0, y1, y2), 2.0)
+        add_symmetric(dependence, rows[3:6, a], (x0, x1, x2))
+        add_symmetric(dependence, rows[6:9, a], (y0, y1, y2))

@@ -13,8 +13,7 @@ import numpy as np
 
 from d2d import rigid
 from d2d._checks import check_instance
-from d2d._kernel.compile import read_only
-from d2d._kernel.errors import add_dependence, add_measurements, add_positions
+from d2d._kernel.errors import add_dependence, add_positions
 from d2d._types import Array
 from d2d.covariance import check_estimate, propagated
 from d2d.point_set import PointSet
@@ -175,17 +174,13 @@ def noise_covariance(found: Iterable[Influence], *, shared_azimuth: bool = True)
 def _add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
     add_positions(own.position[None], own.points.covariances[None], noise[None])
     if len(own.doppler):
-        slope = cross_range(own.scan, own.mounting)
-        if not shared_azimuth:
-            slope = read_only(np.zeros_like(slope), -1, 2)
-        add_measurements(
-            own.doppler[None],
-            own.prediction[None],
-            (own.scan.sigma_doppler[None], own.scan.sigma_azimuth[None]),
-            own.position[None],
-            slope[None],
-            noise[None],
-        )
+        doppler = own.scan.sigma_doppler[:, None] * own.doppler
+        turned = own.scan.sigma_azimuth[:, None] * own.prediction
+        noise += doppler.T @ doppler + turned.T @ turned
+        if shared_azimuth:  # the positions' covariances hold the square of their own part
+            across = own.scan.sigma_azimuth[:, None] * cross_range(own.scan, own.mounting)
+            both = turned.T @ np.einsum("kij,kj->ki", own.position, across)
+            noise += both + both.T
 
 
 class Budgeted(NamedTuple):
