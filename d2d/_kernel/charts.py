@@ -111,10 +111,7 @@ def write_chart(chart, image, first, second):
     first[0, 0], first[0, 1], first[0, 2] = chart.a, chart.b, chart.c
     first[1, 0], first[1, 1], first[1, 2] = -chart.b, chart.a, chart.d
     first[2, 0], first[2, 1], first[2, 2] = 0.0, 0.0, 1.0
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                second[i, j, k] = 0.0
+    second[:, :, :] = 0.0
     second[0, 0, 2] = second[0, 2, 0] = second[1, 1, 2] = second[1, 2, 1] = chart.a1
     second[0, 1, 2] = second[0, 2, 1] = chart.b1
     second[1, 0, 2] = second[1, 2, 0] = -chart.b1

@@ -63,17 +63,15 @@ def _with_room(function: Callable[..., Any], args: tuple[Any, ...]) -> Any:
     return function(*args)
 
 
-# Python keeps the frames of its calls in chunks of 16 KB.  Where one ends within the compiler, the
-# next is allocated and freed at millions of calls: up to two seconds.  A frame that claims 320 KB
-# makes Python allocate one chunk with room for all.
+# Where a 16 KB chunk for Python's frames ends within the compiler, the next is made and freed at
+# millions of calls: up to two seconds.  A frame that claims 320 KB has room for all in one.
 _with_room.__code__ = _with_room.__code__.replace(co_stacksize=40_000)
 
 
 def unhindered(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function, run with room for its calls and with garbage collection switched off.
+    """The function, run with room for its calls and without garbage collection.
 
-    Compiling makes millions of objects that stay in use; looking through them again and again takes
-    a tenth of the time.
+    Looking through the millions of objects that compiling makes takes a tenth of the time.
     """
 
     @wraps(function)

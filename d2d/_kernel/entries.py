@@ -4,7 +4,7 @@ import math
 
 from d2d._kernel import layout, rows
 from d2d._kernel.charts import centred_chart, exponential_chart, logarithm_chart, write_chart
-from d2d._kernel.compile import compiled, entry, inlined
+from d2d._kernel.compile import compiled, entry
 from d2d._kernel.cost import evaluate_block, motion_chart, pair_at, setting_of
 from d2d._kernel.jets import through_chart
 from d2d._kernel.layout import WEIGHT, XX, XY, YY, X, Y, work_in
@@ -172,16 +172,6 @@ def wrap(theta):
     return True
 
 
-@inlined
-def centres_of(batch, number):
-    """The centres of a pair's fixed and moving set."""
-    row = batch.pairs[number]
-    return (
-        batch.fixed_centres[row[layout.FIXED_SET]],
-        batch.moving_centres[row[layout.MOVING_SET]],
-    )
-
-
 @compiled
 def bring_back(theta, a, b, g, h, covariance):
     """Bring a motion about the centres a and b back, with its derivatives and covariance."""
@@ -227,7 +217,9 @@ def minimise_batch(batch, tolerance, max_iterations, memory, optima):
     failed, work = False, work_in(memory)
     known, measured = batch.outlier[layout.KIND] != layout.NO_OUTLIER, batch.factors.shape[0] > 0
     for b in range(thetas.shape[0]):
-        a, c = centres_of(batch, batch.first[b])
+        row = batch.pairs[batch.first[b]]
+        a = batch.fixed_centres[row[layout.FIXED_SET]]
+        c = batch.moving_centres[row[layout.MOVING_SET]]
         away = batch.centred and (a[0] != 0.0 or a[1] != 0.0 or c[0] != 0.0 or c[1] != 0.0)
         if away:
             chart = centred_chart(thetas[b], a, c)

@@ -1,18 +1,15 @@
 """Lists of the components near each target, which hold while the targets hardly move.
 
-A component is left out if it is certainly below ``exp(-gate)`` of the target's sum: ``det(A +
-B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)`` (Minkowski) bounds what all pairs of a target can add up
-to for any rotation.  All pairs of a target that are left out together change its density by less
-than ``exp(-gate)`` of it: 2e-16, or more in a large set's descent, see `newton`.  How large the sum
-is shows only afterwards.  Nearly always it is as large as expected; where it is not, the cut-off is
-measured from the nearest component instead.
+All components that are left out of a target's sum change it by less than ``exp(-gate)``: 2e-16, or
+more in a large set's descent, see `newton`.  ``det(A + B)^(1/2) >= det(A)^(1/2) + det(B)^(1/2)``
+(Minkowski) bounds what they can add up to for any rotation.  How large the sum is shows only
+afterwards; where it is less than expected, the cut-off is measured from the nearest component.
 
-The list of a block of targets stays in use from one step of a descent to the next (Verlet 1967).
-With the covariance S of a pair and the cut-off c, it holds all components with ``(d' S^-1 d)^(1/2)
-<= c^(1/2) + margin``.  None of the others comes within the cut-off as long as the target moves by
-less than the margin times the smallest standard deviation of its pairs.  A rotation of the target's
-covariance counts as a displacement: in any direction it moves the boundary of the ellipse by less
-than the chord of the rotation times ``(c lambda_max)^(1/2)``.
+A list stays in use from one step of a descent to the next (Verlet 1967).  With the covariance S of
+a pair and the cut-off c, it holds all components with ``(d' S^-1 d)^(1/2) <= c^(1/2) + margin``.
+None of the others comes within the cut-off while the target moves by less than the margin times the
+smallest standard deviation of its pairs.  A rotation of the target's covariance counts as a
+displacement by less than the chord of the rotation times ``(c lambda_max)^(1/2)``.
 """
 
 import math

@@ -23,9 +23,8 @@ RESOLVED = 1e-8  # Newton decrement: 1e-4 standard deviations from the optimum
 
 # With more than FEW components the first steps are rough: less of a target's density counts, so
 # that it has half the neighbours.  They end where a step would lower the cost by less than NEAR,
-# about 0.1 standard deviations from the optimum, or after MOST_ROUGH.  The sum, which is flat along
-# valleys that little can turn, has none; nor has a problem with measurements, which is steep along
-# them, so that a few steps are enough and no time is saved.
+# about 0.1 standard deviations from the optimum, or after MOST_ROUGH.  The sum, flat along valleys
+# that little can turn, has none; nor has a problem with measurements, which takes few steps.
 FEW, NEAR, MOST_ROUGH = 64, 1e-2, 8
 # Of a large moving set, SAMPLE blocks of targets or some more, spread over all of it, are enough
 # until a step lowers their cost by less than NEAR_SAMPLE: the truth is as near their own optimum.

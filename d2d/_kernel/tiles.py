@@ -1,10 +1,9 @@
 """The corrupted Gaussian's density of a large set, as polynomials on tiles.
 
 With one covariance S_o for all components their sum is a smooth field of the fixed set alone,
-f(u) = sum_i w_i exp(-|u - u_i|^2 / 2) in coordinates u in which S_o is the identity.  Where it is
-asked for often, it is interpolated: each square tile of two standard deviations holds the
-polynomial through NODES x NODES Chebyshev nodes, so that a value costs the same for any number of
-components.
+f(u) = sum_i w_i exp(-|u - u_i|^2 / 2) in coordinates u in which S_o is the identity.  Each square
+tile of two standard deviations holds the polynomial through NODES x NODES Chebyshev nodes, so that
+a value costs the same for any number of components.
 
 The nth derivative of exp(-u^2 / 2) is at most 1.09 (n!)^(1/2) exp(-u^2 / 4) (Cramér), so that an
 interpolant along one coordinate errs by at most 1.09 exp(-u^2 / 4) / (n!^(1/2) 2^(n-1)) on a tile
