@@ -573,7 +573,7 @@ complete to the standard output, one line of JSON each, at once:
    "doppler": [-8.92, -9.3], "sigma_range": 0.15, "sigma_azimuth": 0.009, "sigma_doppler": 0.06}}
 
   {{"time": 12.05, "converged": true, "reason": "", "theta": [9.3, 0.01, 0.02], "pose": [x, y, yaw],
-   "covariance": [[...], [...], [...]], "targets": 2, "inliers": 0.93, "parts": {{"noise": ...}}}}
+   "covariance": [[...], [...], [...]], "targets": 2, "inliers": 0.93, "filter_input": {{...}}}}
 
 Each in one line; a scan may have "elevation" and "sigma_elevation", too.  Units are those of a CSV
 file, see {PROGRAM} track --help; theta is v_x, v_y, omega in m/s, m/s, rad/s, and the pose that of

@@ -94,7 +94,7 @@ def _scan(line: str, degrees: bool, sigmas: dict[str, float | None]) -> tuple[st
 
 def _line(estimate: VelocityEstimate, pose: Array) -> str:
     """An estimate as JSON, with null for what is not known."""
-    parts = estimate.parts._asdict() if estimate.parts is not None else {}
+    raw = estimate.filter_input
     entry = {
         "time": estimate.time,
         "converged": estimate.converged,
@@ -104,7 +104,11 @@ def _line(estimate: VelocityEstimate, pose: Array) -> str:
         "covariance": _known(estimate.covariance),
         "targets": estimate.targets,
         "inliers": estimate.inliers if math.isfinite(estimate.inliers) else None,
-        "parts": {name: _known(part) for name, part in parts.items()} or None,
+        "filter_input": raw
+        and {
+            **{n: getattr(raw, n).tolist() for n in ("velocity", "white", "delay", "slow")},
+            "lag": raw.lag,
+        },
     }
     return json.dumps(entry, allow_nan=False)
 

@@ -62,7 +62,7 @@ def test_lines_give_the_numbers_of_a_tracker(run):
         assert one["theta"] == other.theta.tolist()
         if other.converged:
             assert_array_equal(one["covariance"], other.covariance)
-            assert_array_equal(one["parts"]["noise"], other.parts.noise)
+            assert_array_equal(one["filter_input"]["white"], other.filter_input.white)
 
 
 def test_the_pose_is_that_of_the_track(run):

@@ -41,7 +41,7 @@ def test_shared_errors_are_those_of_d2d():
     theta = driven.truth.at(found.times).theta
     known = found.converged & np.isfinite(theta).all(axis=1)
     mine = shared_errors(found.times[known], theta[known])
-    theirs = found.parts.systematic[known][:, :2, :2]
+    theirs = found.systematic[known][:, :2, :2]
     sigmas = [np.sqrt(np.median(np.diagonal(s, axis1=1, axis2=2), axis=0)) for s in (mine, theirs)]
     np.testing.assert_allclose(*sigmas, rtol=0.15)
     np.testing.assert_allclose(*(np.median(s[:, 0, 1]) for s in (mine, theirs)), rtol=0.15)

@@ -14,9 +14,9 @@ from d2d.radar.motion.doppler import View, doppler_acceleration, doppler_starts
 from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import ScanPair, middle_of, problem_of
-from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
+from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import doppler_gradients
-from d2d.radar.tracks.filter import UNKNOWN, Belief, Mixture, begin, predict, update
+from d2d.radar.tracks.filter import UNKNOWN, Mixture, begin, guess, predict, update
 from d2d.radar.tracks.filter_input import FilterInput
 from d2d.radar.tracks.limits import State, VehicleLimits
 from d2d.radar.tracks.rounds import Round
@@ -46,8 +46,8 @@ class VelocityEstimate(NamedTuple):
     reason: str  # why it is not accepted; empty if it is
     targets: int  # of the round's scans
     inliers: float  # mean inlier probability of the targets, nan if there was nothing to estimate
-    parts: CovarianceParts | None  # of the covariance, if it is filtered
     filter_input: FilterInput | None  # if it is accepted and filtered
+    errors: Array | None  # (2, 6, 6 + k) of the filter's state, as `Track.errors`
 
     @property
     def converged(self) -> bool:
@@ -70,12 +70,13 @@ class OdometryEstimator:
     sensors: int  # how many
     last: State | None = None
     belief: Mixture | None = None  # of the filter after the last accepted round
+    guessed: Mixture | None = None  # the same since then
     records: list[Mixture] | None = None  # of the accepted rounds, for a smoother
 
     def step(self, current: Round) -> VelocityEstimate:
         """Estimate the velocity at the time of a round; a failure leaves all else as it was."""
         if math.isnan(current.interval):  # its clock is another
-            self.last = self.belief = None
+            self.last = self.belief = self.guessed = None
         if not current.pairs:
             return self._rejected(current, current.reason)
         try:
@@ -100,7 +101,7 @@ class OdometryEstimator:
         reason = _objection(estimate, pairs)
         if reason:
             return self._rejected(current, reason, *seen)
-        theta, covariance, parts, raw = estimate.theta, estimate.covariance, None, None
+        theta, covariance, raw, errors = estimate.theta, estimate.covariance, None, None
         if self.budget is not None:
             found = apply_budget(problem, estimate, pairs, self.budget, current.time, near)
             raw = self._filter_input(found, theta - found.lead @ acceleration, current.sensors)
@@ -114,13 +115,14 @@ class OdometryEstimator:
             return self._rejected(current, reason, *seen)
         if raw is not None:
             belief = update(predicted, raw) if predicted else begin(current.time, raw, first)
-            theta, parts = reported(belief.whole)
-            covariance, self.belief = parts.total, belief
+            theta, errors, self.belief = belief.whole.mean[:3], belief.errors, belief
+            covariance = errors[1, :3, :3]
+            self.guessed = belief
             if self.records is not None:
                 self.records.append(belief)
         self.last, self.velocity = state, estimate.theta
         return VelocityEstimate(
-            current.time, current.interval, theta, covariance, "", *seen, parts, raw
+            current.time, current.interval, theta, covariance, "", *seen, raw, errors
         )
 
     def _filter_input(
@@ -138,15 +140,15 @@ class OdometryEstimator:
         self, current: Round, reason: str, targets: int = 0, inliers: float = np.nan
     ) -> VelocityEstimate:
         """The row of a round that gives no estimate."""
-        theta = np.zeros(3) if self.velocity is None else self.velocity
-        if self.belief is not None:
-            theta = self.belief.whole.mean[:3]
+        theta, errors = np.zeros(3) if self.velocity is None else self.velocity, None
+        if self.guessed is not None:
+            self.guessed = guess(self.guessed, current.time)
+            theta, errors = self.guessed.whole.mean[:3], self.guessed.errors
         elif self.last is not None:
             theta = self.last.theta
-        unknown = np.full((3, 3, 3), np.nan)
-        parts = None if self.budget is None else CovarianceParts(*unknown)
+        unknown, seen = np.full((3, 3), np.nan), (targets, inliers)
         return VelocityEstimate(
-            current.time, current.interval, theta, unknown[0], reason, targets, inliers, parts, None
+            current.time, current.interval, theta, unknown, reason, *seen, None, errors
         )
 
     def _estimate(self, problem: Problem, views: Iterable[View]) -> Estimate:
@@ -160,14 +162,6 @@ class OdometryEstimator:
         if near is None:
             return anew
         return min(near, anew, key=lambda each: (not _is_good(each), float(each.value)))
-
-
-def reported(belief: Belief) -> tuple[Array, CovarianceParts]:
-    """The velocity (3,) of a belief, and the parts of its covariance."""
-    slow = belief.cross[:3] @ belief.cross[:3].T
-    noise = belief.covariance[:3, :3] - slow
-    noise, slow = (0.5 * (each + each.T) for each in (noise, slow))
-    return belief.mean[:3], CovarianceParts(noise, np.zeros((3, 3)), slow)
 
 
 def _time_aligned_scans(pairs: Sequence[ScanPair], acceleration: Array) -> Iterator[View]:

@@ -49,7 +49,9 @@ JERK = np.diag(np.square([1.5, 0.0225, 0.0375]))  # variances per s
 JERK_SCALES = np.array([1.0, 10.0, 100.0])
 _MODE_DURATION = 5.0  # s on average; 2 to 60 s are as good
 PERSISTENCE = 15.0  # s: errors of v_x on a RadarScenes drive correlate by 0.54 after 7.5 s
-_MEMORY = 2.0  # s, after which an acceleration is forgotten
+MEMORY = 2.0  # s, after which an acceleration is forgotten
+_GUESSED = 2.0  # s, for which acceleration, side slip and yaw rate last without an estimate
+USUAL = np.diag(np.square([0.0, 0.1, 0.1]))  # of side slip in m/s and yaw rate in rad/s, on a road
 _IMPLAUSIBLE = 12.0  # standard deviations, by which no estimate of a vehicle surprises
 
 
@@ -84,11 +86,22 @@ class Mixture(NamedTuple):
     shares: Array  # (m,) probabilities of the modes
     modes: Belief
     predicted: Array | None = None  # (m,) those before the estimate; None where the filter begins
+    # (6, 6 + k), from the errors of state and slow errors at the estimate before to the state's
+    transition: Array | None = None
 
     @property
     def whole(self) -> Belief:
         """The moments of all modes together."""
         return self.modes.combined(self.shares)
+
+    @property
+    def errors(self) -> Array:
+        """The transition of the state's errors, and their covariances [P, C], (2, 6, 6 + k)."""
+        _, covariance, cross = self.whole
+        covariances = np.hstack([covariance, cross])
+        if self.transition is None:  # nothing but the slow errors is left
+            return np.stack([np.hstack([np.zeros((6, 6)), cross]), covariances])
+        return np.stack([self.transition, covariances])
 
 
 def begin(time: float, given: FilterInput, acceleration: Acceleration = UNSEEN) -> Mixture:
@@ -109,12 +122,14 @@ def begin(time: float, given: FilterInput, acceleration: Acceleration = UNSEEN) 
 def predict(before: Mixture, time: float) -> Mixture | None:
     """The belief at a later time in s; None if what was learnt is forgotten by then."""
     passed = time - before.time
-    if passed > _MEMORY:
+    if passed > MEMORY:
         return None
     changes = _mode_changes(passed)
     shares = before.shares @ changes
     mixed = before.modes.combined((before.shares[:, None] * changes / shares).T)
-    return Mixture(time, shares, _moved(mixed, passed), shares)
+    modes = _moved(mixed, passed)
+    nothing = np.zeros_like(modes.cross[0])
+    return Mixture(time, shares, modes, shares, np.hstack([_transition(passed), nothing]))
 
 
 def _mode_changes(passed: float) -> Array:
@@ -142,13 +157,20 @@ def update(predicted: Mixture, given: FilterInput) -> Mixture:
         return begin(predicted.time, given)
     log_likelihood = -0.5 * (squares + np.linalg.slogdet(spread)[1])
     weights = predicted.shares * np.exp(log_likelihood - log_likelihood.max())
+    shares = weights / weights.sum()
     covariance = covariance - gain @ with_state
     modes = Belief(
         mean + (gain @ innovation[..., None])[..., 0],
         0.5 * (covariance + covariance.swapaxes(-1, -2)),
         cross - gain @ with_slow,
     )
-    return predicted._replace(shares=weights / weights.sum(), modes=modes)
+    # the mean over the modes of (I - K H) F and -k K G
+    assert predicted.transition is not None
+    kept = np.tensordot(shares, np.eye(6) - gain @ to, 1) @ predicted.transition
+    kept[:, 6:] -= np.exp(-predicted.transition[0, 3] / PERSISTENCE) * np.tensordot(
+        shares, gain @ slow, 1
+    )
+    return predicted._replace(shares=shares, modes=modes, transition=kept)
 
 
 def _moved(belief: Belief, passed: float) -> Belief:
@@ -169,6 +191,32 @@ def _transition(passed: float) -> Array:
     return move
 
 
+def guess(before: Mixture, time: float) -> Mixture:
+    """The belief at a later time in s at which nothing was estimated.
+
+    Nobody brakes or turns for long: acceleration, side slip and yaw rate decay and are renewed
+    (first-order Gauss-Markov processes).  A vehicle that has slowed down to nothing stands.
+    """
+    passed = time - before.time
+    kept = np.exp(-passed / _GUESSED)
+    move, added = np.eye(6), np.zeros((6, 6))
+    move[1:3, 1:3] = kept * np.eye(2)
+    move[:3, 3:], move[3:, 3:] = _GUESSED * (1.0 - kept) * np.eye(3), kept * np.eye(3)
+    moved = _GUESSED**2 * (2.0 * passed / _GUESSED - 4.0 * (1.0 - kept) + 1.0 - kept**2)
+    added[:3, :3] = moved * UNKNOWN + (1.0 - kept**2) * USUAL
+    both = _GUESSED * (1.0 - kept) ** 2 * UNKNOWN
+    added[:3, 3:], added[3:, :3], added[3:, 3:] = both, both, (1.0 - kept**2) * UNKNOWN
+    whole = before.whole
+    mean = move @ whole.mean
+    if mean[0] * whole.mean[0] <= 0.0:
+        mean = np.zeros(6)
+    faded = np.exp(-passed / PERSISTENCE)
+    modes = Belief(mean, move @ whole.covariance @ move.T + added, faded * move @ whole.cross)
+    modes = Belief(*(each[None] for each in modes))
+    transition = np.hstack([move, np.zeros_like(whole.cross)])
+    return Mixture(time, np.ones(1), modes, np.ones(1), transition)
+
+
 def smooth_mixtures(filtered: list[Mixture]) -> list[Mixture]:
     """The beliefs from all estimates, before and after each, from those after each.
 
@@ -185,22 +233,30 @@ def smooth_mixtures(filtered: list[Mixture]) -> list[Mixture]:
         of_pairs = now.shares[:, None] * _mode_changes(passed) * (later.shares / later.predicted)
         of_pairs /= of_pairs.sum()
         shares = of_pairs.sum(axis=1)
-        modes = _smoothed(Belief(*(each[:, None] for each in now.modes)), later.modes, passed)
-        modes = modes.combined(of_pairs / shares[:, None])
-        smoothed[i] = now._replace(shares=shares, modes=modes)
+        before = Belief(*(each[:, None] for each in now.modes))
+        ahead = _moved(before, passed)
+        gain = np.linalg.solve(ahead.remainder, _transition(passed) @ before.remainder)
+        modes = _smoothed(before, ahead, later.modes, np.asarray(gain.swapaxes(-1, -2)))
+        smoothed[i] = now._replace(shares=shares, modes=modes.combined(of_pairs / shares[:, None]))
+        back = np.einsum("jk,jkab->ab", of_pairs, gain)
+        smoothed[i + 1] = later._replace(transition=_forward(smoothed[i], later, back))
     return smoothed
 
 
-def _smoothed(now: Belief, later: Belief, passed: float) -> Belief:
-    """The beliefs (m, 1) of modes, improved by those (m,) after a time in s, for each pair."""
-    ahead = _moved(now, passed)
-    rest, expected = now.remainder, ahead.remainder
-    gain = np.linalg.solve(expected, _transition(passed) @ rest).swapaxes(-1, -2)
-    back = gain.swapaxes(-1, -2)
+def _smoothed(now: Belief, ahead: Belief, later: Belief, gain: Array) -> Belief:
+    """The beliefs (m, 1) of modes, improved by those (m,) of later ones, for each pair."""
     cross = now.cross + gain @ (later.cross - ahead.cross)
-    rest = rest + gain @ (later.remainder - expected) @ back
+    rest = now.remainder + gain @ (later.remainder - ahead.remainder) @ gain.swapaxes(-1, -2)
     return Belief(
         now.mean + (gain @ (later.mean - ahead.mean)[..., None])[..., 0],
         0.5 * (rest + rest.swapaxes(-1, -2)) + cross @ cross.swapaxes(-1, -2),
         cross,
     )
+
+
+def _forward(now: Mixture, later: Mixture, back: Array) -> Array:
+    """The transition (6, 6 + k) of the errors of smoothed beliefs, for a transposed gain (6, 6)."""
+    first, second = now.whole, later.whole
+    own = np.linalg.solve(first.remainder, back.T @ second.remainder).T
+    kept = np.exp((now.time - later.time) / PERSISTENCE)
+    return np.hstack([own, kept * second.cross - own @ first.cross])

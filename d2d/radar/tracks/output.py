@@ -11,30 +11,26 @@ from numpy.typing import NDArray
 
 from d2d._types import Array
 from d2d.radar.files import atomic_write
-from d2d.radar.scans.budget import CovarianceParts
 
 Arrays = dict[str, NDArray[Any]]
 
-# The fields of a track, apart from the parts of its covariance.
+# The fields of a track.
 REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
-OPTIONAL = ("reasons", "targets", "inliers")
+OPTIONAL = ("reasons", "targets", "inliers", "errors")
 TYPES = {"converged": np.bool_, "reasons": np.str_, "targets": np.int64}  # others are floats
-_MARK, _FORMAT = "format", "d2d.radar.Track 1"
-_PARTS = tuple(f"parts_{name}" for name in CovarianceParts._fields)
+_MARK, _FORMAT = "format", "d2d.radar.Track 2"
+_IN_TABLES = OPTIONAL[:-1]
 # The entries of a covariance that are written: the upper triangle.
 _UPPER = np.triu_indices(3)
 _VELOCITY = ("time", "interval", "v_x", "v_y", "omega", "converged")
 _ENTRIES = ("var_v_x", "cov_v_x_v_y", "cov_v_x_omega", "var_v_y", "cov_v_y_omega", "var_omega")
 _COLUMNS = _VELOCITY + _ENTRIES
-_PART_COLUMNS = tuple(f"{part}_{entry}" for part in CovarianceParts._fields for entry in _ENTRIES)
 
 
 def save_fields(path: Path, fields: Mapping[str, Any]) -> None:
     """Write the fields of a track that are known as a compressed npz file."""
     arrays: dict[str, Any] = {_MARK: np.array(_FORMAT)}
     arrays |= {n: fields[n] for n in (*REQUIRED, *OPTIONAL) if fields[n] is not None}
-    if fields["parts"] is not None:
-        arrays |= zip(_PARTS, fields["parts"], strict=True)
     with atomic_write(path) as file:
         np.savez_compressed(file, **arrays)
 
@@ -54,33 +50,26 @@ def load_fields(path: Path) -> dict[str, Any]:
     if mark != _FORMAT:
         raise ValueError(f"{path} has the format {mark!r}, but this version reads {_FORMAT!r}")
     del fields[_MARK]
-    with_parts = any(name in fields for name in _PARTS)
-    needed = {*REQUIRED, *(_PARTS if with_parts else ())}
     for names, said in (
-        (needed - fields.keys(), "lacks"),
-        (fields.keys() - needed - {*OPTIONAL}, "also holds"),
+        ({*REQUIRED} - fields.keys(), "lacks"),
+        (fields.keys() - {*REQUIRED, *OPTIONAL}, "also holds"),
     ):
         if names:
             raise ValueError(
                 f"{path} is not a complete file of Track.save: it {said} {sorted(names)}"
             )
-    if with_parts:
-        fields["parts"] = CovarianceParts(*(fields.pop(name) for name in _PARTS))
     return fields
 
 
 def table_columns(fields: Mapping[str, Any]) -> Arrays:
     """The columns (n,) of a table, by their names, from a track's fields.
 
-    The parts of the covariance, reasons, targets and inliers follow where they are known.
+    Reasons, targets and inliers follow where they are known.
     """
     times, intervals, theta, covariance, converged = (fields[name] for name in REQUIRED)
     entries = covariance[:, _UPPER[0], _UPPER[1]].T
     columns = dict(zip(_COLUMNS, [times, intervals, *theta.T, converged, *entries], strict=True))
-    if fields["parts"] is not None:
-        parts = np.stack(fields["parts"])[:, :, _UPPER[0], _UPPER[1]].swapaxes(1, 2)
-        columns |= zip(_PART_COLUMNS, parts.reshape(len(_PART_COLUMNS), len(times)), strict=True)
-    return columns | {name: fields[name] for name in OPTIONAL if fields[name] is not None}
+    return columns | {name: fields[name] for name in _IN_TABLES if fields[name] is not None}
 
 
 def write_table(path: Path, fields: Mapping[str, Any]) -> None:
@@ -118,13 +107,10 @@ def read_table(path: Path) -> dict[str, Any]:
         "times": arrays["time"],
         "intervals": arrays["interval"],
         "theta": np.column_stack([arrays[name] for name in _VELOCITY[2:5]]),
-        "covariance": _matrices(arrays, ""),
+        "covariance": _matrices(arrays),
         "converged": arrays["converged"],
     }
-    if all(name in arrays for name in _PART_COLUMNS):
-        parts = (_matrices(arrays, f"{part}_") for part in CovarianceParts._fields)
-        fields["parts"] = CovarianceParts(*parts)
-    return fields | {name: arrays[name] for name in OPTIONAL if name in arrays}
+    return fields | {name: arrays[name] for name in _IN_TABLES if name in arrays}
 
 
 def _parsed(name: str, value: str) -> object:
@@ -138,9 +124,9 @@ def _parsed(name: str, value: str) -> object:
     return int(value) if name == "targets" else float(value or "nan")
 
 
-def _matrices(arrays: Arrays, part: str) -> Array:
+def _matrices(arrays: Arrays) -> Array:
     """Covariances (n, 3, 3) from the columns of their upper triangles."""
-    entries = np.array([arrays[f"{part}{entry}"] for entry in _ENTRIES])
+    entries = np.array([arrays[entry] for entry in _ENTRIES])
     matrices = np.empty((entries.shape[1], 3, 3))
     matrices[:, _UPPER[0], _UPPER[1]] = matrices[:, _UPPER[1], _UPPER[0]] = entries.T
     return matrices

@@ -17,14 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from d2d import rigid
 from d2d._checks import check_finite
 from d2d._types import Array
+from d2d.radar.tracks.filter import MEMORY, PERSISTENCE
 
-# s, over which errors that all targets share stay about the same: those of v_x on a RadarScenes
-# drive correlate by 0.54 after 7.5 s.  With it, the mean NEES of displacements, over 3, is 0.4 to
-# 2.9 on two RadarScenes drives over 1 to 30 s and 0.06 to 1.9 on five nuScenes scenes over 1 to
-# 10 s, where independent errors would give 5 to 63.
-PERSISTENCE = 15.0
 _ROUNDED = 1e-6  # s, of times since 1970
-_GAP, _CYCLES = 1.0, 2.5  # s, and usual intervals, without an accepted estimate: a gap
 
 
 class Displacement(NamedTuple):
@@ -35,33 +30,47 @@ class Displacement(NamedTuple):
 
 
 class Knots(NamedTuple):
-    """The m - 1 accepted velocities of a track, and one before them; linear in between.
+    """The m velocities between which that of the path is linear, and their errors.
 
-    The track begins an interval before its first estimate.  The velocity there is extrapolated from
-    the first estimate and a later one, at least as far away, but over no longer than a gap.
+    They are those that were accepted and, where none was for longer than the filter remembers, the
+    guesses.  The first is an interval before the first estimate; it is extrapolated from that and a
+    later one, at least as far away.
     """
 
     times: Array  # (m,) s
     theta: Array  # (m, 3)
-    later: int  # the knot from which, beside the first estimate, the velocity is extrapolated
-    ratio: float  # by how many times the difference of the two
-    gap: float  # s without an accepted estimate, over which a displacement is not known
+    errors: Array  # (m, 2, 6, 6 + k), as `Track.errors`
 
     @classmethod
     def of(
-        cls, times: Array, intervals: Array, theta: Array, converged: NDArray[np.bool_]
+        cls,
+        times: Array,
+        intervals: Array,
+        theta: Array,
+        converged: NDArray[np.bool_],
+        errors: Array,
     ) -> "Knots":
         """From the fields of a track; without an accepted estimate, its first velocity alone."""
-        begin, gap = times[0] - intervals[0], max(_GAP, _CYCLES * float(np.median(intervals)))
-        known, values = times[converged], theta[converged]
-        if not len(known):
-            return cls(np.array([begin]), theta[:1], 0, 0.0, gap)
-        begin = max(begin, known[0] - gap)
+        begin, accepted = times[0] - intervals[0], times[converged]
+        if not len(accepted):
+            return cls(np.array([begin]), theta[:1], errors[:1])
+        after = np.searchsorted(accepted, times)
+        ends = np.append(accepted, times[-1])[after]
+        lost = ends - accepted[np.maximum(after - 1, 0)] > MEMORY
+        used = converged | (lost & (times > accepted[0]))
+        known, values = times[used], theta[used]
+        begin = max(begin, known[0] - MEMORY)
         reach = float(known[0] - begin)
         later = min(int(np.searchsorted(known, known[0] + reach)), len(known) - 1)
         ratio = reach / float(known[later] - known[0]) if later else 0.0
         first = values[0] - ratio * (values[later] - values[0])
-        return cls(np.append(begin, known), np.vstack([first, values]), later + 1, ratio, gap)
+        errors = errors[used]
+        errors[0, 0] = np.eye(*errors.shape[2:])  # the first two have one error
+        return cls(
+            np.append(begin, known),
+            np.vstack([first, values]),
+            np.concatenate([errors[:1], errors]),
+        )
 
     def motions(self, times: Array) -> Array:
         """The twists Omega (n - 1, 3) between times (n,), none of which has a knot in between.
@@ -75,77 +84,73 @@ class Knots(NamedTuple):
         bracket[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
         return np.asarray(0.5 * passed * (a + b) + passed**2 / 12.0 * bracket)
 
-    def displacement(self, start: float, end: float, white: Array, slow: Array) -> Displacement:
-        """The motion (3,) from a time to a later one, and its covariance (3, 3); nan if unknown.
+    def displacement(self, start: float, ends: Array) -> Displacement:
+        """The motions (n, 3) from a time to later ones, and their covariances; nan if unknown.
 
-        The errors of the estimates are independent of each other with the covariances ``white``
-        (m - 1, 3, 3), and slow ones with the roots ``slow`` (m - 1, 3, 3).
+        The error of the pose, along the axes at the start, depends on those of the velocities at
+        the knots before and after.  With these it makes one Gaussian, which moves from knot to
+        knot; its covariance with the state and the slow errors after the present interval is
+        ``ahead``, and that with the velocity before it ``behind``.
         """
-        first = max(int(np.searchsorted(self.times, start, side="right")) - 1, 0)
-        last = int(np.searchsorted(self.times, end, side="left"))
-        outside = start < self.times[0] - _ROUNDED or last >= len(self.times)
-        if outside or (np.diff(self.times[first : last + 1]) > self.gap).any():
-            return Displacement(np.full(3, np.nan), np.full((3, 3), np.nan))
-        nodes = np.array([start, *self.times[first + 1 : last], end])
-        motion, effects = _with_effects(np.diff(nodes), self.motions(nodes))
-        used = np.arange(first, max(last, 0 if first else self.later) + 1)
-        of_knots = np.zeros((len(used), 3, 3))
-        of_knots[1 : last - first] = effects[1:-1]
-        for effect, time, before in ((effects[0], start, first), (effects[-1], end, last - 1)):
-            share = (time - self.times[before]) / (self.times[before + 1] - self.times[before])
-            of_knots[before - first] += (1.0 - share) * effect
-            of_knots[before - first + 1] += share * effect
-        if not first:  # which is extrapolated
-            of_knots[1] += (1.0 + self.ratio) * of_knots[0]
-            of_knots[self.later] -= self.ratio * of_knots[0]
-            used, of_knots = used[1:], of_knots[1:]
-        noise = of_knots @ white[used - 1] @ of_knots.swapaxes(-1, -2)
-        added = _persistent(of_knots @ slow[used - 1], np.diff(self.times[used]))
-        return Displacement(motion, noise.sum(axis=0) + added)
+        found = Displacement(np.full((len(ends), 3), np.nan), np.full((len(ends), 3, 3), np.nan))
+        last = int(np.searchsorted(self.times, ends.max()))
+        i = max(int(np.searchsorted(self.times, start, side="right")) - 1, 0)
+        if start < self.times[0] - _ROUNDED or len(self.times) < 2:
+            return found
+        last = min(last, len(self.times) - 1)
+        nodes = np.unique(np.concatenate([[start], self.times[i + 1 : last], ends]))
+        nodes = nodes[nodes <= self.times[-1] + _ROUNDED]
+        if len(nodes) < 2:
+            return found
+        moves, slopes, _ = rigid.exponential_derivatives(self.motions(nodes))
+        poses = chain(moves, np.zeros(3))
+        turned = rigid.rotation(poses[:-1, 2])
+        slopes[:, :2] = turned @ slopes[:, :2]
+        slopes *= 0.5 * np.diff(nodes)[:, None, None]
+        wanted = {float(end): number for number, end in enumerate(ends)}
+        total, behind = np.zeros((3, 3)), np.zeros((3, 3))
+        ahead, i = np.zeros(self.errors.shape[2:])[:3], i - 1
+        for n, time in enumerate(nodes[1:]):
+            if n == 0 or (i + 2 < len(self.times) and nodes[n] >= self.times[i + 1]):
+                i += 1
+                passed = self.times[i + 1] - self.times[i]
+                if passed > self.longest:
+                    break
+                behind, ahead = ahead[:, :3], self._carried(ahead, i)
+                own, later = self.errors[i, 1, :3], self.errors[i + 1, 1, :3]
+                both = self._carried(own, i)
+            share = (nodes[n] + time - 2.0 * self.times[i]) / passed
+            now, then = (2.0 - share) * slopes[n], share * slopes[n]
+            move = np.eye(3)
+            move[:2, 2] = poses[n, 1] - poses[n + 1, 1], poses[n + 1, 0] - poses[n, 0]
+            half = move @ (0.5 * total @ move.T + behind @ now.T + ahead[:, :3] @ then.T)
+            half += 0.5 * (now @ own[:, :3] @ now.T + then @ later[:, :3] @ then.T)
+            half += now @ both[:, :3] @ then.T
+            total = half + half.T
+            behind = move @ behind + now @ own[:, :3] + then @ both[:, :3].T
+            ahead = move @ ahead + now @ both + then @ later
+            if time in wanted:
+                found.motion[ends == time] = poses[n + 1]
+                found.covariance[ends == time] = total
+        return found
+
+    def _carried(self, covariance: Array, i: int) -> Array:
+        """The covariance (3, 6 + k) with state and slow errors at knot i, at the next one."""
+        transition = self.errors[i + 1, 0]
+        kept = np.exp((self.times[i] - self.times[i + 1]) / PERSISTENCE)
+        return np.hstack([covariance @ transition.T, kept * covariance[:, 6:]])
+
+    @property
+    def longest(self) -> float:
+        """The longest time in s over which the velocity is interpolated."""
+        return max(MEMORY, 2.5 * float(np.median(np.diff(self.times))))
 
 
-def _with_effects(passed: Array, twists: Array) -> tuple[Array, Array]:
-    """The motion (3,) by twists (n, 3) over times (n,), and its derivatives in the velocities.
-
-    Those (n + 1, 3, 3) are of the motion along the axes at the start, in the velocities before,
-    between and after the twists, of which each twist is the mean times the time.
-    """
-    moves, slopes, _ = rigid.exponential_derivatives(twists)
-    poses = chain(moves, np.zeros(3))
-    back = rigid.rotation(-moves[:, 2])
-    slopes[:, :2] = back @ slopes[:, :2]  # along the axes after the move
-    effects = np.zeros((len(passed) + 1, 3, 3))
-    ahead = poses[-1, :2] - poses[1:, :2]
-    moved = np.zeros_like(slopes)
-    moved[:, :2] = rigid.rotation(poses[1:, 2]) @ slopes[:, :2]
-    moved[:, 0] -= ahead[:, 1, None] * slopes[:, 2]
-    moved[:, 1] += ahead[:, 0, None] * slopes[:, 2]
-    moved[:, 2] = slopes[:, 2]
-    moved *= 0.5 * passed[:, None, None]
-    effects[:-1] += moved
-    effects[1:] += moved
-    return poses[-1], effects
-
-
-def _persistent(effects: Array, passed: Array) -> Array:
-    """Covariance (3, 3) of the sum of effects (n, 3, 3) of errors that decay over PERSISTENCE.
-
-    They are renewed as fast (a first-order Gauss-Markov process), over times (n - 1,) in between.
-    """
-    total, so_far = np.zeros((3, 3)), np.zeros((3, 3))
-    for effect, kept in zip(effects, np.exp(-np.append(0.0, passed) / PERSISTENCE), strict=True):
-        so_far = kept * so_far
-        both = so_far @ effect.T
-        total += both + both.T + effect @ effect.T
-        so_far = so_far + effect
-    return total
-
-
-def roots(matrices: Array) -> Array:
-    """Symmetric roots (n, 3, 3) of covariances, which need not be of full rank."""
-    values, vectors = np.linalg.eigh(matrices)
-    scaled = vectors * np.sqrt(np.clip(values, 0.0, None))[:, None, :]
-    return np.asarray(scaled @ np.swapaxes(vectors, -1, -2))
+def independent(covariances: Array) -> Array:
+    """Errors of velocities with the covariances (n, 3, 3) that do not depend on each other."""
+    errors = np.zeros((len(covariances), 2, 6, 6))
+    errors[:, 1, :3, :3] = covariances
+    return errors
 
 
 def integrate(theta: ArrayLike, intervals: ArrayLike, start: ArrayLike = (0.0, 0.0, 0.0)) -> Array:

@@ -16,7 +16,6 @@ from d2d import rigid
 from d2d._checks import check_finite, check_path, check_real, check_shape
 from d2d._frozen import Frozen
 from d2d._types import Array
-from d2d.radar.scans.budget import CovarianceParts
 from d2d.radar.tracks.output import (
     OPTIONAL,
     REQUIRED,
@@ -28,7 +27,7 @@ from d2d.radar.tracks.output import (
     write_poses,
     write_table,
 )
-from d2d.radar.tracks.path import Displacement, Knots, chain, roots
+from d2d.radar.tracks.path import Displacement, Knots, chain, independent
 from d2d.radar.tracks.plot import draw
 from d2d.radar.tracks.support import Support, support_of
 
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 # shapes of a row, if it is not a number
-_ROW_SHAPES: dict[str, tuple[int, ...]] = {"theta": (3,), "covariance": (3, 3), "parts": (3, 3)}
+_ROW_SHAPES: dict[str, tuple[int, ...]] = {"theta": (3,), "covariance": (3, 3)}
 # s, and relative to the time since the first estimate: stamps in logs are often rounded
 _STAMP, _DRIFT = 0.01, 1e-5
 _ROUNDED = 1e-6  # s
@@ -69,7 +68,7 @@ class Track(Frozen):
 
     Raises a ``ValueError`` if shapes or types do not match, times do not increase strictly within a
     segment, intervals contradict them, reasons contradict ``converged``, or where converged an
-    estimate is not finite, its covariance is not one or ``parts`` contradict it.
+    estimate is not finite or its covariance is not one.
 
     Attributes
     ----------
@@ -79,11 +78,11 @@ class Track(Frozen):
         Time since the scan before; they add up to the differences of ``times``, to within 10 ms,
         and are nan where the clock steps back.
     theta : (n, 3) array
-        Velocity [v_x, v_y, omega] in m/s, m/s, rad/s.  Where not converged, it is the last
-        converged one or, before any has converged, the initial velocity or zero.
+        Velocity [v_x, v_y, omega] in m/s, m/s, rad/s.  Where not converged, it is what may have
+        become of the last converged one (of bare pairs, that one itself) or, before any has
+        converged, the initial velocity or zero.
     covariance : (n, 3, 3) array
-        Of ``theta``; nan where not converged.  Without a budget, the inverse Hessian; with one, the
-        sum of the ``parts``.
+        Of ``theta``; nan where not converged.  Of bare pairs, the inverse Hessian.
     converged : (n,) array of bool
         Whether an optimum was found and accepted.
     reasons : (n,) array of str
@@ -93,8 +92,12 @@ class Track(Frozen):
         Number of targets of the current scans.
     inliers : (n,) array
         Mean inlier probability of these targets; nan where there was nothing to estimate.
-    parts : CovarianceParts
-        Of the covariance, nan where not converged; None also without a budget.
+    errors : (n, 2, 6, 6 + k) array
+        Of a filtered track, the errors of the state [v, a], velocity and acceleration, and of the k
+        slow errors of the budget: the matrix by which they become the state's from one row to the
+        next, and their covariance with the state.  The rows are those of the path: where an
+        estimate was not accepted, they are those of a guess, after which the next accepted one
+        refers to the last accepted.
     """
 
     times: Array
@@ -105,23 +108,19 @@ class Track(Frozen):
     reasons: NDArray[np.str_] | None = None
     targets: NDArray[np.int64] | None = None
     inliers: Array | None = None
-    parts: CovarianceParts | None = None
+    errors: Array | None = None
 
     def __post_init__(self) -> None:
         count = np.size(self.times)
         for name in (*REQUIRED, *OPTIONAL):
             if getattr(self, name) is not None:
                 self._keep(name, _rows(name, getattr(self, name), count))
-        good, total = self.converged, None
+        good = self.converged
         _check_times(self.times, self.intervals, good)
-        if self.parts is not None:
-            parts = CovarianceParts(*(_rows("parts", part, count) for part in self.parts))
-            self._keep("parts", parts)
-            total = parts.total[good]
         for name in ("theta", "covariance"):
             if not np.isfinite(getattr(self, name)[good]).all():
                 raise ValueError(f"{name} must be finite wherever converged is true")
-        _check_covariances(self.covariance[good], total)
+        _check_covariances(self.covariance[good])
         if self.reasons is not None and ((self.reasons == "") != good).any():
             raise ValueError("reasons must be empty where converged is true, and only there")
         if self.targets is not None and (self.targets < 0).any():
@@ -136,8 +135,7 @@ class Track(Frozen):
             raise ValueError(f"a track must be sliced with a step of 1, but by {rows!r}")
         chosen: dict[str, Any] = {name: vars(self)[name] for name in (*REQUIRED, *OPTIONAL)}
         chosen = {name: value if value is None else value[rows] for name, value in chosen.items()}
-        parts = self.parts and CovarianceParts(*(part[rows] for part in self.parts))
-        return Track(**chosen, parts=parts)
+        return Track(**chosen)
 
     def __len__(self) -> int:
         """The number of estimates."""
@@ -166,9 +164,9 @@ class Track(Frozen):
         first = check_finite("start", start, "(3,)")
         twists = np.zeros((len(self), 3))
         for rows in self._segments():
-            times, intervals = self.times[rows], self.intervals[rows]
-            knots = Knots.of(times, intervals, self.theta[rows], self.converged[rows])
-            twists[rows] = knots.motions(np.append(times[0] - intervals[0], times))
+            part = self[rows]
+            begun = part.times[0] - part.intervals[0]
+            twists[rows] = part._knots().motions(np.append(begun, part.times))
         return chain(rigid.exponential(twists), first)
 
     def at(self, times: ArrayLike) -> Velocities:
@@ -199,14 +197,11 @@ class Track(Frozen):
         """How far the vehicle has moved from ``start`` to ``end`` (n,) in s, and how surely.
 
         The motions (n, 3) in m, m, rad are those in the vehicle frame at the start, and each has
-        its covariance (n, 3, 3).  With a budget, the ``systematic`` part of the estimates' errors
-        stays about the same for 15 s, so that it adds up; their noise averages out.  It is taken as
-        independent from one estimate to the next, although estimates that share scans partly cancel
-        each other's, which states a little too much.  Without a budget all errors are taken as
-        independent, which states far too little over more than a second.
+        its covariance (n, 3, 3), from the ``errors`` of the filter: noise averages out, and errors
+        that the budget states add up.  Where these are not known, the estimates' errors are taken
+        as independent, which states far too little over more than a second.
 
-        Both are nan outside the track and where no estimate was accepted for a second, or for two
-        and a half usual intervals if these are longer.
+        Both are nan outside the track, and over more than two seconds without a scan.
 
         Examples
         --------
@@ -226,16 +221,34 @@ class Track(Frozen):
             raise ValueError(
                 f"end must be after start, but number {i} is {ends[i]:g} s and {begins[i]:g} s"
             )
-        if not len(self):
-            unknown = np.full((len(begins), 3, 3), np.nan)
-            return Displacement(unknown[:, 0], unknown)
-        parts = self.parts or CovarianceParts(self.covariance, *np.zeros((2, len(self), 3, 3)))
-        good = self.converged
-        white, slow = (parts.noise + parts.dependence)[good], roots(parts.systematic[good])
-        knots = Knots.of(self.times, self.intervals, self.theta, good)
-        each = [knots.displacement(*span, white, slow) for span in zip(begins, ends, strict=True)]
-        motion, covariance = zip(*each, strict=True) if each else ([], [])
-        return Displacement(np.array(motion).reshape(-1, 3), np.array(covariance).reshape(-1, 3, 3))
+        motion, covariance = np.full((len(begins), 3), np.nan), np.full((len(begins), 3, 3), np.nan)
+        if len(self):
+            knots = self._knots()
+            for own in np.unique(begins):
+                same = np.flatnonzero(begins == own)
+                motion[same], covariance[same] = knots.displacement(float(own), ends[same])
+        return Displacement(motion, covariance)
+
+    def _knots(self) -> Knots:
+        columns = self.times, self.intervals, self.theta, self.converged
+        errors = independent(self.covariance) if self.errors is None else self.errors
+        return Knots.of(*columns, errors)
+
+    @property
+    def systematic(self) -> Array | None:
+        """The part (n, 3, 3) of the covariance that the budget's slow errors make, if known."""
+        if self.errors is None:
+            return None
+        effects = self.errors[:, 1, :3, 6:]
+        return np.asarray(effects @ effects.swapaxes(1, 2))
+
+    @property
+    def guessed(self) -> NDArray[np.bool_]:
+        """Which poses (n,) lie in stretches without estimates; see `support`."""
+        found = np.zeros(len(self), dtype=np.bool_)
+        for begin, end in self.support.guessed:
+            found |= (self.times > begin) & (self.times <= end)
+        return found & ~self.converged
 
     @property
     def support(self) -> Support:
@@ -282,13 +295,12 @@ class Track(Frozen):
         v_x, v_y, omega                 the velocity                      m/s, m/s, rad/s
         converged                       whether the estimate was accepted True or False
         var_v_x, cov_v_x_v_y, ...       its covariance                    products of these
-        noise_var_v_x, ...              the same of its parts, if known
         reasons, targets, inliers       if known
         =============================== ================================= =====================
 
         Where an estimate was not accepted, its (co)variances are ``nan`` and the velocity is the
-        last one that was.  To a filter, the parts noise and dependence are white: new in each
-        estimate; the systematic part stays for 10 to 20 s on the road.  The path is as for `save`.
+        last one that was, or a guess.  The velocities are filtered: to another filter, give
+        `FilterInput` instead.  The path is as for `save`.
         """
         write_table(check_path("path", path), vars(self))
 
@@ -334,7 +346,7 @@ class Track(Frozen):
     def _regions(self) -> Array:
         """Outlines (m, 60, 2) of the ellipses along the path; none without a budget."""
         accepted = self.times[self.converged]
-        if self.parts is None or not len(accepted):
+        if self.errors is None or not len(accepted):
             return np.empty((0, 60, 2))
         ends = np.unique(accepted[np.linspace(0, len(accepted) - 1, 9).astype(int)[1:]])
         began = self.times[0] - self.intervals[0]
@@ -386,6 +398,8 @@ def _rows(name: str, value: Any, count: int) -> NDArray[Any]:
     if kind is not None and array.dtype.kind != np.dtype(kind).kind:
         raise ValueError(f"{name} must be an array of {kind.__name__}, but is of {array.dtype}")
     shape = (count, *_ROW_SHAPES.get(name, ()))
+    if name == "errors":  # of any number of slow errors
+        shape = (count, 2, 6, max(array.shape[-1:], default=6))
     check_shape(name, array, str(shape))
     return array
 
@@ -419,8 +433,8 @@ def _check_one_segment(track: Track) -> None:
         )
 
 
-def _check_covariances(stated: Array, total: Array | None) -> None:
-    """Raise a ValueError unless matrices (m, 3, 3) are covariances and equal the parts' total."""
+def _check_covariances(stated: Array) -> None:
+    """Raise a ValueError unless matrices (m, 3, 3) are covariances."""
     sigmas = np.sqrt(np.clip(np.diagonal(stated, axis1=1, axis2=2), 0.0, None))
     scale = sigmas[:, :, None] * sigmas[:, None, :]
     if (np.abs(stated - stated.swapaxes(1, 2)) > _ROUNDING * scale).any():
@@ -429,8 +443,6 @@ def _check_covariances(stated: Array, total: Array | None) -> None:
     smallest = np.linalg.eigvalsh(correlations)[:, 0]
     if (np.abs(stated) > (1.0 + _ROUNDING) * scale).any() or (smallest < -_ROUNDING).any():
         raise ValueError("covariance must be positive semidefinite wherever converged is true")
-    if total is not None and not (np.abs(total - stated) <= _ROUNDING * scale).all():
-        raise ValueError("parts must add up to covariance wherever converged is true")
 
 
 def neighbours(

