@@ -23,6 +23,7 @@ from d2d.radar.simulation.drive import Drive, Sensor, SensorErrors, TrueTargets,
 from d2d.radar.simulation.world import World, build_world
 from d2d.radar.tracks.estimator import VelocityEstimate
 from d2d.radar.tracks.filter_input import FilterInput
+from d2d.radar.tracks.gyro import Gyro
 from d2d.radar.tracks.intake import ScanWarning
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.path import Displacement
@@ -42,6 +43,7 @@ __all__ = [
     "ExtentEstimate",
     "FilterInput",
     "Finding",
+    "Gyro",
     "Measures",
     "Mounting",
     "RadarScan",

@@ -16,8 +16,18 @@ from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import ScanPair, middle_of, problem_of
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import doppler_gradients
-from d2d.radar.tracks.filter import UNKNOWN, Mixture, begin, guess, predict, update
+from d2d.radar.tracks.filter import (
+    UNKNOWN,
+    Mixture,
+    begin,
+    bias_of,
+    guess,
+    predict,
+    update,
+    update_yaw_rate,
+)
 from d2d.radar.tracks.filter_input import FilterInput
+from d2d.radar.tracks.gyro import GyroRates, MeanRate
 from d2d.radar.tracks.limits import State, VehicleLimits
 from d2d.radar.tracks.rounds import Round
 
@@ -71,26 +81,30 @@ class OdometryEstimator:
     last: State | None = None
     belief: Mixture | None = None  # of the filter after the last accepted round
     guessed: Mixture | None = None  # the same since then
+    rates: GyroRates | None = None
     records: list[Mixture] | None = None  # of the accepted rounds, for a smoother
 
     def step(self, current: Round) -> VelocityEstimate:
         """Estimate the velocity at the time of a round; a failure leaves all else as it was."""
         if math.isnan(current.interval):  # its clock is another
             self.last = self.belief = self.guessed = None
+        rate = None if self.rates is None else self.rates.before(current.time)
         if not current.pairs:
-            return self._rejected(current, current.reason)
+            return self._rejected(current, rate, current.reason)
         try:
-            return self._accepted(current)
+            return self._accepted(current, rate)
         except (ValueError, ArithmeticError):  # numbers for which there is no float64
-            return self._rejected(current, "a scan that cannot be used")
+            return self._rejected(current, rate, "a scan that cannot be used")
 
-    def _accepted(self, current: Round) -> VelocityEstimate:
+    def _accepted(self, current: Round, rate: MeanRate | None) -> VelocityEstimate:
         """The estimate of a round with pairs, or the reason for which it is not accepted."""
         pairs = current.pairs
         predicted = None if self.belief is None else predict(self.belief, current.time)
+        if predicted is not None and rate is not None:
+            predicted = update_yaw_rate(predicted, rate)
         acceleration = np.zeros(3)
         if predicted is not None:
-            acceleration = predicted.whole.mean[3:]
+            acceleration = predicted.whole.mean[3:6]
         elif self.budget is not None:
             first = doppler_acceleration(pairs if self.model.doppler else (), UNKNOWN)
             acceleration = first.value
@@ -100,7 +114,7 @@ class OdometryEstimator:
         seen = sum(pair.current.size for pair in pairs), float(estimate.inliers)
         reason = _objection(estimate, pairs)
         if reason:
-            return self._rejected(current, reason, *seen)
+            return self._rejected(current, rate, reason, *seen)
         theta, covariance, raw, errors = estimate.theta, estimate.covariance, None, None
         if self.budget is not None:
             found = apply_budget(problem, estimate, pairs, self.budget, current.time, near)
@@ -112,9 +126,13 @@ class OdometryEstimator:
         elif self.limits is not None:
             reason = self.limits.exceeded(state, self.last)
         if reason:
-            return self._rejected(current, reason, *seen)
+            return self._rejected(current, rate, reason, *seen)
         if raw is not None:
-            belief = update(predicted, raw) if predicted else begin(current.time, raw, first)
+            if predicted is not None:
+                belief = update(predicted, raw)
+            else:
+                belief = begin(current.time, raw, first, self._bias)
+                belief = belief if rate is None else update_yaw_rate(belief, rate)
             theta, errors, self.belief = belief.whole.mean[:3], belief.errors, belief
             covariance = errors[1, :3, :3]
             self.guessed = belief
@@ -124,6 +142,14 @@ class OdometryEstimator:
         return VelocityEstimate(
             current.time, current.interval, theta, covariance, "", *seen, raw, errors
         )
+
+    @property
+    def _bias(self) -> tuple[float, float] | None:
+        """The mean and the variance of the gyro's bias, if there is one."""
+        if self.rates is None:
+            return None
+        known = None if self.guessed is None else bias_of(self.guessed)
+        return known or (0.0, self.rates.gyro.bias**2)
 
     def _filter_input(
         self, found: Budgeted, velocity: Array, sensors: Sequence[int]
@@ -137,12 +163,19 @@ class OdometryEstimator:
         return FilterInput(velocity, found.parts, found.delay, slow, self.budget.lag)
 
     def _rejected(
-        self, current: Round, reason: str, targets: int = 0, inliers: float = np.nan
+        self,
+        current: Round,
+        rate: MeanRate | None,
+        reason: str,
+        targets: int = 0,
+        inliers: float = np.nan,
     ) -> VelocityEstimate:
         """The row of a round that gives no estimate."""
         theta, errors = np.zeros(3) if self.velocity is None else self.velocity, None
         if self.guessed is not None:
             self.guessed = guess(self.guessed, current.time)
+            if rate is not None:
+                self.guessed = update_yaw_rate(self.guessed, rate)
             theta, errors = self.guessed.whole.mean[:3], self.guessed.errors
         elif self.last is not None:
             theta = self.last.theta

@@ -34,6 +34,7 @@ import numpy as np
 from d2d._types import Array
 from d2d.radar.motion.doppler import Acceleration
 from d2d.radar.tracks.filter_input import FilterInput
+from d2d.radar.tracks.gyro import MeanRate
 
 # Of a car, along x and y in m/s^2 and about z in rad/s^2: standard deviations of the acceleration
 # where nothing is known of it (twice the RMS on seven drives), and by how much it changes in a
@@ -86,7 +87,8 @@ class Mixture(NamedTuple):
     shares: Array  # (m,) probabilities of the modes
     modes: Belief
     predicted: Array | None = None  # (m,) those before the estimate; None where the filter begins
-    # (6, 6 + k), from the errors of state and slow errors at the estimate before to the state's
+    passed: float = 0.0  # s, since the estimate before
+    # (n, n + k), from the errors of state and slow errors at the estimate before to the state's
     transition: Array | None = None
 
     @property
@@ -96,16 +98,24 @@ class Mixture(NamedTuple):
 
     @property
     def errors(self) -> Array:
-        """The transition of the state's errors, and their covariances [P, C], (2, 6, 6 + k)."""
+        """The transition of the state's errors, and their covariances [P, C], (2, n, n + k)."""
         _, covariance, cross = self.whole
         covariances = np.hstack([covariance, cross])
         if self.transition is None:  # nothing but the slow errors is left
-            return np.stack([np.hstack([np.zeros((6, 6)), cross]), covariances])
+            return np.stack([np.hstack([0.0 * covariance, cross]), covariances])
         return np.stack([self.transition, covariances])
 
 
-def begin(time: float, given: FilterInput, acceleration: Acceleration = UNSEEN) -> Mixture:
-    """The belief after a first estimate, for an acceleration that nothing but the radar tells."""
+def begin(
+    time: float,
+    given: FilterInput,
+    acceleration: Acceleration = UNSEEN,
+    bias: tuple[float, float] | None = None,
+) -> Mixture:
+    """The belief after a first estimate, for an acceleration that nothing but the radar tells.
+
+    With the mean and the variance of a gyro's bias, this is a further state.
+    """
     value, own = acceleration
     slow = np.column_stack([given.slow, -given.lag * value])
     late = given.delay @ own
@@ -114,9 +124,19 @@ def begin(time: float, given: FilterInput, acceleration: Acceleration = UNSEEN) 
     )
     mean = np.concatenate([given.velocity - given.delay @ value, value])
     cross = np.vstack([-slow, np.zeros_like(slow)])
+    if bias is not None:
+        mean, cross = np.append(mean, bias[0]), np.pad(cross, [(0, 1), (0, 0)])
+        covariance = np.pad(covariance, (0, 1))
+        covariance[6, 6] = bias[1]
     count = len(JERK_SCALES)
     modes = Belief(*(np.stack([each] * count) for each in (mean, covariance, cross)))
     return Mixture(time, np.full(count, 1.0 / count), modes)
+
+
+def bias_of(mixture: Mixture) -> tuple[float, float] | None:
+    """The mean and the variance of a gyro's bias, if it is a state."""
+    mean, covariance, _ = mixture.whole
+    return (float(mean[6]), float(covariance[6, 6])) if len(mean) > 6 else None
 
 
 def predict(before: Mixture, time: float) -> Mixture | None:
@@ -128,8 +148,9 @@ def predict(before: Mixture, time: float) -> Mixture | None:
     shares = before.shares @ changes
     mixed = before.modes.combined((before.shares[:, None] * changes / shares).T)
     modes = _moved(mixed, passed)
-    nothing = np.zeros_like(modes.cross[0])
-    return Mixture(time, shares, modes, shares, np.hstack([_transition(passed), nothing]))
+    move = _transition(passed, before.modes.mean.shape[-1])
+    moved = np.hstack([move, np.zeros_like(modes.cross[0])])
+    return Mixture(time, shares, modes, shares, passed, moved)
 
 
 def _mode_changes(passed: float) -> Array:
@@ -144,17 +165,36 @@ def update(predicted: Mixture, given: FilterInput) -> Mixture:
 
     Where no mode explains the estimate, the filter begins anew with it.
     """
+    means = predicted.modes.mean
+    to = _padded(np.hstack([np.eye(3), given.delay]), means.shape[-1])
+    slow = np.stack([np.column_stack([given.slow, -given.lag * each[3:6]]) for each in means])
+    found, squares = _updated(predicted, given.velocity, to, slow, given.white)
+    if squares > _IMPLAUSIBLE**2:
+        return begin(predicted.time, given, bias=bias_of(predicted))
+    return found
+
+
+def update_yaw_rate(predicted: Mixture, given: MeanRate) -> Mixture:
+    """The belief after the yaw rate of a gyro, of which the state holds the bias."""
+    to = np.array([[0.0, 0.0, 1.0, 0.0, 0.0, given.delay, 1.0]])
+    slow = np.zeros((len(predicted.shares), 1, predicted.modes.cross.shape[-1]))
+    return _updated(predicted, np.array([given.value]), to, slow, np.array([[given.variance]]))[0]
+
+
+def _updated(
+    predicted: Mixture, value: Array, to: Array, slow: Array, white: Array
+) -> tuple[Mixture, float]:
+    """The belief after a measurement (r,) with the matrices H, G of each mode and R.
+
+    Also by how many standard deviations, squared, it differs from the nearest mode's prediction.
+    """
     mean, covariance, cross = predicted.modes
-    to = np.hstack([np.eye(3), given.delay])
-    slow = np.stack([np.column_stack([given.slow, -given.lag * each[3:]]) for each in mean])
-    with_state = to @ covariance + slow @ cross.swapaxes(-1, -2)  # (m, 3, 6), of the estimate
-    with_slow = to @ cross + slow  # (m, 3, k)
-    spread = with_state @ to.T + with_slow @ slow.swapaxes(-1, -2) + given.white
+    with_state = to @ covariance + slow @ cross.swapaxes(-1, -2)  # (m, r, n), of the measurement
+    with_slow = to @ cross + slow  # (m, r, k)
+    spread = with_state @ to.T + with_slow @ slow.swapaxes(-1, -2) + white
     gain = np.linalg.solve(spread, with_state).swapaxes(-1, -2)
-    innovation = given.velocity - mean @ to.T
+    innovation = value - mean @ to.T
     squares = (innovation * np.linalg.solve(spread, innovation[..., None])[..., 0]).sum(axis=-1)
-    if squares.min() > _IMPLAUSIBLE**2:
-        return begin(predicted.time, given)
     log_likelihood = -0.5 * (squares + np.linalg.slogdet(spread)[1])
     weights = predicted.shares * np.exp(log_likelihood - log_likelihood.max())
     shares = weights / weights.sum()
@@ -164,30 +204,37 @@ def update(predicted: Mixture, given: FilterInput) -> Mixture:
         0.5 * (covariance + covariance.swapaxes(-1, -2)),
         cross - gain @ with_slow,
     )
-    # the mean over the modes of (I - K H) F and -k K G
-    assert predicted.transition is not None
-    kept = np.tensordot(shares, np.eye(6) - gain @ to, 1) @ predicted.transition
-    kept[:, 6:] -= np.exp(-predicted.transition[0, 3] / PERSISTENCE) * np.tensordot(
-        shares, gain @ slow, 1
-    )
-    return predicted._replace(shares=shares, modes=modes, transition=kept)
+    found = predicted._replace(shares=shares, modes=modes)
+    if predicted.transition is not None:  # the means over the modes of (I - K H) F and -k K G
+        size = mean.shape[-1]
+        moved = np.tensordot(shares, np.eye(size) - gain @ to, 1) @ predicted.transition
+        faded = np.exp(-predicted.passed / PERSISTENCE)
+        moved[:, size:] -= faded * np.tensordot(shares, gain @ slow, 1)
+        found = found._replace(transition=moved)
+    return found, float(squares.min())
+
+
+def _padded(matrix: Array, size: int) -> Array:
+    """The matrix (r, size) with columns of zeros after those of v and a."""
+    return np.pad(matrix, [(0, 0), (0, size - 6)])
 
 
 def _moved(belief: Belief, passed: float) -> Belief:
     """The belief of each mode after a time in s."""
-    move = _transition(passed)
-    walk = [[passed**3 / 3.0, passed**2 / 2.0], [passed**2 / 2.0, passed]]
+    move = _transition(passed, belief.mean.shape[-1])
+    walk = np.kron([[passed**3 / 3.0, passed**2 / 2.0], [passed**2 / 2.0, passed]], JERK)
+    added = JERK_SCALES[:, None, None] * np.pad(walk, (0, len(move) - 6))
     return Belief(
         belief.mean @ move.T,
-        move @ belief.covariance @ move.T + JERK_SCALES[:, None, None] * np.kron(walk, JERK),
+        move @ belief.covariance @ move.T + added,
         np.exp(-passed / PERSISTENCE) * move @ belief.cross,
     )
 
 
-def _transition(passed: float) -> Array:
-    """The matrix (6, 6) by which a state moves on over a time in s."""
-    move = np.eye(6)
-    move[:3, 3:] = passed * np.eye(3)
+def _transition(passed: float, size: int) -> Array:
+    """The matrix (size, size) by which a state moves on over a time in s."""
+    move = np.eye(size)
+    move[:3, 3:6] = passed * np.eye(3)
     return move
 
 
@@ -198,23 +245,22 @@ def guess(before: Mixture, time: float) -> Mixture:
     (first-order Gauss-Markov processes).  A vehicle that has slowed down to nothing stands.
     """
     passed = time - before.time
-    kept = np.exp(-passed / _GUESSED)
-    move, added = np.eye(6), np.zeros((6, 6))
+    kept, whole = np.exp(-passed / _GUESSED), before.whole
+    move, added = np.eye(len(whole.mean)), np.zeros_like(whole.covariance)
     move[1:3, 1:3] = kept * np.eye(2)
-    move[:3, 3:], move[3:, 3:] = _GUESSED * (1.0 - kept) * np.eye(3), kept * np.eye(3)
+    move[:3, 3:6], move[3:6, 3:6] = _GUESSED * (1.0 - kept) * np.eye(3), kept * np.eye(3)
     moved = _GUESSED**2 * (2.0 * passed / _GUESSED - 4.0 * (1.0 - kept) + 1.0 - kept**2)
     added[:3, :3] = moved * UNKNOWN + (1.0 - kept**2) * USUAL
-    both = _GUESSED * (1.0 - kept) ** 2 * UNKNOWN
-    added[:3, 3:], added[3:, :3], added[3:, 3:] = both, both, (1.0 - kept**2) * UNKNOWN
-    whole = before.whole
+    added[:3, 3:6] = added[3:6, :3] = _GUESSED * (1.0 - kept) ** 2 * UNKNOWN
+    added[3:6, 3:6] = (1.0 - kept**2) * UNKNOWN
     mean = move @ whole.mean
     if mean[0] * whole.mean[0] <= 0.0:
-        mean = np.zeros(6)
+        mean[:6] = 0.0
     faded = np.exp(-passed / PERSISTENCE)
     modes = Belief(mean, move @ whole.covariance @ move.T + added, faded * move @ whole.cross)
     modes = Belief(*(each[None] for each in modes))
     transition = np.hstack([move, np.zeros_like(whole.cross)])
-    return Mixture(time, np.ones(1), modes, np.ones(1), transition)
+    return Mixture(time, np.ones(1), modes, np.ones(1), passed, transition)
 
 
 def smooth_mixtures(filtered: list[Mixture]) -> list[Mixture]:
@@ -235,7 +281,9 @@ def smooth_mixtures(filtered: list[Mixture]) -> list[Mixture]:
         shares = of_pairs.sum(axis=1)
         before = Belief(*(each[:, None] for each in now.modes))
         ahead = _moved(before, passed)
-        gain = np.linalg.solve(ahead.remainder, _transition(passed) @ before.remainder)
+        gain = np.linalg.solve(
+            ahead.remainder, _transition(passed, now.modes.mean.shape[-1]) @ before.remainder
+        )
         modes = _smoothed(before, ahead, later.modes, np.asarray(gain.swapaxes(-1, -2)))
         smoothed[i] = now._replace(shares=shares, modes=modes.combined(of_pairs / shares[:, None]))
         back = np.einsum("jk,jkab->ab", of_pairs, gain)

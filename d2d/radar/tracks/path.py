@@ -39,7 +39,7 @@ class Knots(NamedTuple):
 
     times: Array  # (m,) s
     theta: Array  # (m, 3)
-    errors: Array  # (m, 2, 6, 6 + k), as `Track.errors`
+    errors: Array  # (m, 2, n, n + k), as `Track.errors`
 
     @classmethod
     def of(
@@ -138,7 +138,7 @@ class Knots(NamedTuple):
         """The covariance (3, 6 + k) with state and slow errors at knot i, at the next one."""
         transition = self.errors[i + 1, 0]
         kept = np.exp((self.times[i] - self.times[i + 1]) / PERSISTENCE)
-        return np.hstack([covariance @ transition.T, kept * covariance[:, 6:]])
+        return np.hstack([covariance @ transition.T, kept * covariance[:, len(transition) :]])
 
     @property
     def longest(self) -> float:

@@ -92,12 +92,11 @@ class Track(Frozen):
         Number of targets of the current scans.
     inliers : (n,) array
         Mean inlier probability of these targets; nan where there was nothing to estimate.
-    errors : (n, 2, 6, 6 + k) array
-        Of a filtered track, the errors of the state [v, a], velocity and acceleration, and of the k
-        slow errors of the budget: the matrix by which they become the state's from one row to the
-        next, and their covariance with the state.  The rows are those of the path: where an
-        estimate was not accepted, they are those of a guess, after which the next accepted one
-        refers to the last accepted.
+    errors : (n, 2, 6, 6 + k) array, or (n, 2, 7, 7 + k) with a gyro
+        Of a filtered track, the errors of the state [v, a, b], velocity, acceleration and bias of
+        the gyro, and of the k slow errors of the budget: the matrix by which they become the
+        state's from one row to the next, and their covariance with the state.  Where an estimate
+        was not accepted, it is that of a guess; the next accepted one refers to the last accepted.
     """
 
     times: Array
@@ -239,7 +238,7 @@ class Track(Frozen):
         """The part (n, 3, 3) of the covariance that the budget's slow errors make, if known."""
         if self.errors is None:
             return None
-        effects = self.errors[:, 1, :3, 6:]
+        effects = self.errors[:, 1, :3, self.errors.shape[2] :]
         return np.asarray(effects @ effects.swapaxes(1, 2))
 
     @property
@@ -399,7 +398,7 @@ def _rows(name: str, value: Any, count: int) -> NDArray[Any]:
         raise ValueError(f"{name} must be an array of {kind.__name__}, but is of {array.dtype}")
     shape = (count, *_ROW_SHAPES.get(name, ()))
     if name == "errors":  # of any number of slow errors
-        shape = (count, 2, 6, max(array.shape[-1:], default=6))
+        shape = (count, 2, *array.shape[2:][-2:])
     check_shape(name, array, str(shape))
     return array
 

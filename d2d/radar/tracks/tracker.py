@@ -16,6 +16,7 @@ from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.scan import Mounting, RadarScan, level
 from d2d.radar.tracks.estimator import OdometryEstimator, VelocityEstimate
 from d2d.radar.tracks.filter import Mixture, smooth_mixtures
+from d2d.radar.tracks.gyro import Gyro, GyroRates
 from d2d.radar.tracks.intake import ScanGate, usable
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import (
@@ -45,6 +46,7 @@ def track(
     initial: ArrayLike | None = None,
     max_interval: float = MAX_INTERVAL,
     budget: ErrorBudget | None = None,
+    gyro: Gyro | None = None,
     smooth: bool = False,
     limits: VehicleLimits | None = DEFAULT_LIMITS,
     progress: bool | None = None,
@@ -106,6 +108,8 @@ def track(
     budget : ErrorBudget, optional
         Errors that the targets of a sensor share; each sensor has its own, of the same standard
         deviations.  None states none.
+    gyro : Gyro, optional
+        The yaw rates of a gyro, and how sure they are.
     smooth : bool
         Whether the velocities rest on all estimates, also the later ones, instead of those before.
     limits : VehicleLimits, optional
@@ -129,7 +133,7 @@ def track(
     """
     check_separation(baseline, horizon)
     drives = named_sensors(sensors, max_interval)
-    estimator = _estimator(len(drives), carry, initial, budget, limits, options)
+    estimator = _estimator(len(drives), carry, initial, budget, gyro, limits, options)
     if check_flag("smooth", smooth):
         if not carry:
             raise ValueError("smooth must be False without carry, which it improves")
@@ -162,7 +166,7 @@ class Tracker:
         The sensors of the vehicle by name.
     keep : int, optional
         How many of the latest estimates ``track`` holds; by default all, about 2 kB each.
-    horizon, baseline, carry, initial, budget, limits, **options
+    horizon, baseline, carry, initial, budget, gyro, limits, **options
         As for `track`, which gives the same numbers bit for bit for the same scans in time order.
 
     Examples
@@ -187,6 +191,7 @@ class Tracker:
         carry: bool = True,
         initial: ArrayLike | None = None,
         budget: ErrorBudget | None = None,
+        gyro: Gyro | None = None,
         limits: VehicleLimits | None = DEFAULT_LIMITS,
         keep: int | None = None,
         **options: Unpack[EstimationOptions],
@@ -195,7 +200,7 @@ class Tracker:
         places = {name: place.flat for name, place in self._places.items()}
         if keep is not None:
             check_count("keep", keep)
-        self._estimator = _estimator(len(places), carry, initial, budget, limits, options)
+        self._estimator = _estimator(len(places), carry, initial, budget, gyro, limits, options)
         self._numbers = {name: number for number, name in enumerate(places)}
         self._gate = ScanGate([repr(name) for name in places])
         self._rounds = Rounds(list(places.values()), baseline, horizon)
@@ -229,6 +234,16 @@ class Tracker:
             self._gate.leave_out_late(*self._rounds.late.pop(0))
         return self._estimated(rounds)
 
+    def add_gyro(self, times: ArrayLike, yaw_rates: ArrayLike) -> None:
+        """Take the next yaw rates (n,) in rad/s of the gyro, at their times (n,) in s.
+
+        An estimate uses those until its own time that come before the scan which completes it.
+        Raises a ``ValueError`` without a ``gyro``, or if times do not increase.
+        """
+        if self._estimator.rates is None:
+            raise ValueError("gyro must be given to the Tracker, before its yaw rates are")
+        self._estimator.rates.add(times, yaw_rates)
+
     def finish(self) -> list[VelocityEstimate]:
         """The estimate of the last round, which then ends."""
         self._gate.finish()
@@ -250,6 +265,7 @@ def _estimator(
     carry: bool,
     initial: ArrayLike | None,
     budget: ErrorBudget | None,
+    gyro: Gyro | None,
     limits: VehicleLimits | None,
     options: EstimationOptions,
 ) -> OdometryEstimator:
@@ -258,12 +274,17 @@ def _estimator(
         check_instance("budget", budget, ErrorBudget)
     if not check_flag("carry", carry) and budget is not None:
         raise ValueError("budget must be None without carry: bare pairs have the inverse Hessian")
+    if gyro is not None:
+        check_instance("gyro", gyro, Gyro)
+        if not carry:
+            raise ValueError("gyro must be None without carry, which it improves")
     model, scales = split_options(options)
     velocity = None if initial is None else check_finite("initial", initial, "(3,)")
     if limits is not None:
         limits = limits.for_doppler(model.doppler)
     stated = budget or ErrorBudget() if carry else None
-    return OdometryEstimator(model, scales, velocity, stated, limits, sensors)
+    rates = None if gyro is None else GyroRates(gyro)
+    return OdometryEstimator(model, scales, velocity, stated, limits, sensors, rates=rates)
 
 
 def track_of(estimates: Collection[VelocityEstimate]) -> Track:
@@ -318,6 +339,7 @@ def compile_for(estimator: OdometryEstimator) -> None:
             limits=None,
             velocity=None,
             sensors=len(mountings),
+            rates=None,
         )
         pairs = [ScanPair(first, second, mounting) for mounting in mountings]
         for time in (0.1, 0.2):
