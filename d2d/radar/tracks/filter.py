@@ -72,10 +72,11 @@ class Belief(NamedTuple):
         """The moments of mixtures of the m modes with the shares (..., m)."""
         mean = np.einsum("...m,...mi->...i", shares, self.mean)
         apart = self.mean - mean[..., None, :]
+        covariance = np.einsum("...m,...mij->...ij", shares, self.covariance)
+        covariance += np.einsum("...m,...mi,...mj->...ij", shares, apart, apart)
         return Belief(
             mean,
-            np.einsum("...m,...mij->...ij", shares, self.covariance)
-            + np.einsum("...m,...mi,...mj->...ij", shares, apart, apart),
+            0.5 * (covariance + covariance.swapaxes(-1, -2)),
             np.einsum("...m,...mij->...ij", shares, self.cross),
         )
 
