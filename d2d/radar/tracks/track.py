@@ -243,7 +243,7 @@ class Track(Frozen):
 
     @property
     def guessed(self) -> NDArray[np.bool_]:
-        """Which poses (n,) lie in stretches without estimates; see `support`."""
+        """Mask (n,) of the poses in stretches without estimates; see `support`."""
         found = np.zeros(len(self), dtype=np.bool_)
         for begin, end in self.support.guessed:
             found |= (self.times > begin) & (self.times <= end)
