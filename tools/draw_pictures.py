@@ -16,7 +16,7 @@ from d2d.study.plane.evaluation import COSTS, at_truth
 from d2d.study.road.estimates import estimates_path, read_estimates
 from d2d.study.road.scores import read_scores
 
-DPI = 110  # as in the chapters; 5 inches fit a phone
+DPI = 110  # of the page; 5 inches fit a phone, which has two pixels or more for each
 TILE = (2.6, 2.0)  # inches: three beside each other on the first pages
 STATIC = Path(__file__).resolve().parents[1] / "_static"
 ROBUST = COSTS["robust"]
@@ -166,7 +166,7 @@ def main() -> None:
     pictures = {"overview": overview, "finding-start": start, "finding-sum": summing}
     pictures |= {"finding-road": road, "tile-start": start_tile, "tile-sum": sum_tile}
     for name, draw in (pictures | {"tile-road": road_tile, "figure-key": grammar.key}).items():
-        dpi = 3 * DPI // 2 if name.startswith("tile") else DPI
+        dpi = 3 * DPI if name.startswith("tile") else 2 * DPI
         figure = draw()
         figure.savefig(STATIC / f"{name}.png", dpi=dpi, metadata={"Software": None})
         plt.close(figure)

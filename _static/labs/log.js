@@ -293,7 +293,8 @@
         const { rows } = shown,
           failed = rows.filter((row) => row.reason),
           share = 1 - failed.length / rows.length,
-          looks = share >= 0.75 && !shown.doubts.length ? "good" : share >= 0.4 ? "fair" : "bad",
+          supported = tracker.supportOf(rows),
+          looks = supported < 1 / 3 ? "bad" : supported > 0.9 && !shown.doubts.length ? "good" : "fair",
           words = { good: "Nothing speaks against this track.", fair: "Look twice at this track.", bad: "Do not use this track." },
           kinds = Map.groupBy(failed, ({ reason }) => reason.replace(/-?\d.*/, "")),
           reasons = [...kinds.values()]
@@ -304,6 +305,7 @@
           { class: `lab-verdict lab-${looks}` },
           html("strong", {}, words[looks]),
           ` ${fixed(100 * share, 1)}\u00a0% of ${rows.length} estimates accepted`,
+          `, in a row for ${fixed(100 * supported, 0)}\u00a0% of the time`,
           reasons.length ? `; refused: ${reasons.join(", ")}.` : ".",
         );
       }

@@ -1152,6 +1152,26 @@ globalThis.tracker = (function radarTracker() {
     return poses;
   }
 
+  // ---- d2d/radar/tracks/support.py -----------------------------------------------------------------------------------------
+
+  const IN_A_ROW = 3, // estimates
+    BRIDGED = 1, // s
+    BRIDGED_CYCLES = 2.5;
+
+  /** The share of the time with estimates that were accepted in a row, short stretches without bridged. */
+  function supportOf(rows) {
+    const first = rows[0].time - rows[0].interval,
+      last = rows.at(-1).time,
+      times = [first, ...rows.map(({ time }) => time)],
+      longest = Math.max(BRIDGED, BRIDGED_CYCLES * median(rows.map((_, i) => times[i + 1] - times[i]))),
+      length = Math.min(IN_A_ROW, rows.length),
+      begins = rows.map((_, i) => i + length <= rows.length && rows.slice(i, i + length).every(({ reason }) => !reason)),
+      supports = (i) => begins.slice(Math.max(0, i - length + 1), i + 1).some(Boolean),
+      known = [first, ...rows.filter((_, i) => supports(i)).map(({ time }) => time), last],
+      stretches = known.slice(1).map((time, i) => time - known[i]);
+    return 1 - stretches.reduce((missing, each) => missing + (each > longest ? each : 0), 0) / (last - first);
+  }
+
   /** The path as a TUM trajectory file, one line "t x y z qx qy qz qw" per pose. */
   function tumOf(rows) {
     const times = [rows[0].time - rows[0].interval, ...rows.map((row) => row.time)];
@@ -1187,6 +1207,7 @@ globalThis.tracker = (function radarTracker() {
     readLog,
     track,
     posesOf,
+    supportOf,
     tumOf,
     csvOf,
     source: String(radarTracker), // as engine.js's

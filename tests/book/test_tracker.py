@@ -46,7 +46,8 @@ const log = tracker.readLog(text, "log.csv");
 const steps = tracker.track(log, {...tracker.DEFAULTS, ...settings});
 for (;;) {
   const {done, value} = steps.next();
-  if (done) return {...value, poses: tracker.posesOf(value.rows)};
+  const {rows} = value ?? {};
+  if (done) return {...value, poses: tracker.posesOf(rows), support: tracker.supportOf(rows)};
 }"""
 
 
@@ -224,6 +225,7 @@ def test_numbers_are_those_of_d2d(driver: webdriver.Chrome, site: str, name: str
     covariance = known(rows["covariance"])
     np.testing.assert_allclose(covariance / scale, expected.covariance / scale, atol=EXACT)
     np.testing.assert_allclose(shown["poses"], expected.poses(), atol=EXACT)
+    assert shown["support"] == pytest.approx(expected.support.share, abs=EXACT)
     assert ["left out" in doubt for doubt in shown["doubts"]] == [True] * LEFT_OUT.count(name)
 
 
