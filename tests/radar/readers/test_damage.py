@@ -6,6 +6,7 @@ claim.  Where a damage does no harm, the recording is that of the good file.
 
 import json
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -172,3 +173,20 @@ def test_a_version_is_a_name(tmp_path):
     root = nuscenes.write_dataset(tmp_path)
     with pytest.raises(ValueError, match=r"^version must be a str"):
         load_nuscenes(root, "scene-0001", "RADAR_FRONT", version=3)
+
+
+BAD = (
+    *(("strongest", 0), ("time_offset", np.nan), ("time_offset", 110.0), ("sigma_range", -0.1)),
+    *(("sigma_doppler", np.nan), ("sigma_azimuth", -0.1), ("extent", -0.1)),
+)
+ONLY_NUSCENES = (("speed_factor", 0.0), ("half_width", -0.2), ("prediction_time", 37.0))
+
+
+@pytest.mark.parametrize("name", DATA_SETS)
+def test_options_out_of_range_are_refused_by_name(tmp_path, name):
+    """Breaks if nothing is kept of every scan, or nan gets into the scans or the reference."""
+    root = DATA_SETS[name][0](tmp_path)
+    load = nuscenes.load if name == "nuscenes" else partial(load_radarscenes, sequence=7, sensor=3)
+    for option, bad in (*BAD, *(ONLY_NUSCENES if name == "nuscenes" else (("sensor", "3"),))):
+        with pytest.raises(ValueError, match=f"^{option} must"):
+            load(root, **{option: bad})
