@@ -80,13 +80,24 @@ def test_row_unfolds_to_all_that_is_on_record(rows):
     ]
 
 
-def test_interval_is_drawn_where_it_lies(rows):
+@pytest.mark.parametrize(
+    ("margins", "side"),
+    [
+        ((-2.0, -1.0, 0.5), "open"),
+        ((-0.5, 1.0, 2.0), "open"),
+        ((0.1, 1.0, 2.0), "for"),
+        ((-2.0, -1.0, -0.1), "against"),
+    ],
+)
+def test_interval_is_drawn_on_its_side(margins, side):
     """Breaks if an interval across the bound of what counts looks decided."""
+    number = Measured(1.2, 1.1, 2.0, True, margins)
+    html = ledger(TWO[:1], {"a": Evidence(numbers={"ratio": number})})._repr_html_()
     pattern = (
-        r'axis-open.*M([\d.]+) 0V.*class="range" d="M([\d.]+) 7H([\d.]+)"/><circle cx="([\d.]+)'
+        rf'axis-{side}".*M([\d.]+) 0V.*class="range" d="M([\d.]+) 7H([\d.]+)"/><circle cx="([\d.]+)'
     )
-    middle, low, high, value = map(float, re.search(pattern, rows[0]).groups())
-    assert low < value < middle < high
+    middle, low, high, value = map(float, re.search(pattern, html).groups())
+    assert [low < middle, value < middle, high < middle] == [m < 0.0 for m in margins]
 
 
 def test_page_ends_with_its_claims_by_verdict():
