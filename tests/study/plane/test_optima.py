@@ -8,6 +8,7 @@ from d2d.study.plane.evaluation import LIKELIHOOD, SUMMING
 from d2d.study.plane.optima import (
     DISTANCES,
     TURNS,
+    Minima,
     arrival_shares,
     local_minima,
     rotation_profile,
@@ -29,6 +30,17 @@ def test_minima_are_minima_and_the_truth_is_among_them() -> None:
         np.testing.assert_allclose(theta[0], best, atol=1e-6)
         apart = np.abs(theta[:, None] - theta).max(axis=-1) + np.eye(len(theta))
         assert apart.min() > 0.005
+
+
+def test_minima_are_counted_where_they_are_and_as_high_as_they_are() -> None:
+    """Breaks if a peak that nobody sees counts, or one that lies outside the search."""
+    near, far, turned = (9.9, 0.0, 0.0), (0.0, 10.1, 0.0), (0.0, 0.0, np.deg2rad(46.0))
+    heights = np.log([1.0, 0.0101, 0.0099])
+    found = Minima((np.array([near, far, turned]),), (heights,), np.zeros(1))
+    assert (found.near.tolist(), found.visible.tolist()) == ([1], [2])
+    assert found.right.tolist() == [False]
+    at_truth = Minima((np.array([np.zeros(3), near]),), (heights[1:],), np.zeros(1))
+    np.testing.assert_allclose(at_truth.rivals, 0.0099 / 0.0101)
 
 
 def test_a_start_at_the_truth_arrives_and_one_far_off_does_not() -> None:

@@ -71,5 +71,5 @@ def test_targets_are_apart_and_in_view() -> None:
     drawn = [random_scene("any", Layout(), np.random.default_rng(seed)) for seed in range(50)]
     for targets in (OVERLAPPED.targets, *(each.targets for each in drawn)):
         apart = np.linalg.norm(targets[:, None] - targets, axis=-1) + 1e9 * np.eye(8)
-        assert apart.min() >= scenarios.SEPARATION
+        assert apart.min() >= 6.0
         assert (np.abs(np.arctan2(targets[:, 1], targets[:, 0])) <= 0.7).all()

@@ -29,7 +29,9 @@ def test_hessian_of_the_plain_sum_by_differences() -> None:
     best = truth + result.errors[0]
     hessian = -central_difference(lambda x: central_difference(density, x, steps), best, steps)
     nees = result.errors[0] @ hessian @ result.errors[0]
-    assert plain_sum_credibility(scenarios.OVERLAPPED).nees[0] == pytest.approx(nees, rel=1e-3)
+    for unit in (1.0, 2.0):  # m, of which the density has the inverse square
+        found = plain_sum_credibility(scenarios.OVERLAPPED, unit)
+        assert found.nees[0] == pytest.approx(nees * unit**2, rel=1e-3)
 
 
 def test_unweighted_outlier_component_is_that_of_the_thesis() -> None:
