@@ -1,9 +1,10 @@
-"""Write the drive that the first page replays, `_static/labs/replay_data.js`, from our estimates.
+"""Write the drive that the first page replays, `_static/labs/replay_data.js`.
 
     python tools/replay_data.py
 
 The page may be opened from a folder, where a script cannot read a table but can be loaded.  What is
-written is computed from the book's stored estimates for RadarScenes; it holds no measurements.
+written is computed from the book's stored estimates for RadarScenes, and has the targets of some of
+its scans (CC BY-NC-SA 4.0, see chapters/data/radarscenes).
 """
 
 import json
@@ -13,12 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from d2d.radar import Mounting
+from d2d.radar import Mounting, load_radarscenes
 from d2d.radar.readers.radarscenes import RADARSCENES_BUDGET
 from d2d.radar.tracks.path import integrate
 from d2d.study.road.estimates import estimates_path, read_estimates
 
-SCRIPT = Path(__file__).parents[1] / "_static" / "labs" / "replay_data.js"
+ROOT = Path(__file__).parents[1]
+SCRIPT = ROOT / "_static" / "labs" / "replay_data.js"
+DATA = ROOT / "chapters" / "data" / "radarscenes"
 RUN = "sensor 3, baseline 2"
 MOUNTING = Mounting(3.86, 0.7, 0.436)  # of sensor 3, as RadarScenes states it
 
@@ -73,13 +76,30 @@ def drive() -> dict[str, Array]:
     }
 
 
+def pairs(start: float) -> list[list[float]]:
+    """Pairs of scans 0.3 s apart, one in 0.9 s: each a time, then x and y of its targets in dm.
+
+    The times count as the estimates do, the first of which is at ``start``; the targets are those
+    within 75 m, in the vehicle's frame.
+    """
+    scans = load_radarscenes(DATA, 105, 3).scans
+    listed = []
+    for scan in (scans[k + late] for k in range(0, len(scans) - 4, 12) for late in (0, 4)):
+        means = scan.point_set(MOUNTING).means[scan.range < 75.0]
+        time = scan.time - scans[1].time + start
+        listed.append([round(time, 3), *np.rint(10.0 * means).astype(int).ravel().tolist()])
+    return listed
+
+
 def script(columns: dict[str, Array]) -> str:
-    """A classic script that defines the columns, to four significant digits."""
+    """A classic script that defines the columns, to four significant digits, and the scans."""
     rounded: dict[str, Any] = {
         name: [float(f"{value:.4g}") for value in column] for name, column in columns.items()
     }
     lines = [f'"{name}": {json.dumps(own, separators=(",", ":"))}' for name, own in rounded.items()]
-    head = "// Estimates for RadarScenes 105, written by tools/replay_data.py; no measurements."
+    shown = json.dumps(pairs(float(columns["time"][0])), separators=(",", ":"))
+    lines.append(f'"scans": {shown}')
+    head = "// RadarScenes 105, by tools/replay_data.py; its scans are under CC BY-NC-SA 4.0."
     return f"{head}\nglobalThis.replayData = {{\n" + ",\n".join(lines) + ",\n};\n"
 
 

@@ -1,6 +1,6 @@
 // A drive on a public road, replayed: the car from above, two scans of its radar that slide onto each other, and whether the
-// error of each velocity lies in the ellipse stated for it. The estimates are in replay_data.js, which tools/replay_data.py
-// writes and describes; the street beside the car, and so its targets, are made up.
+// error of each velocity lies in the ellipse stated for it. Estimates and scans are in replay_data.js, which
+// tools/replay_data.py writes and describes.
 labs.define(
   "replay",
   () => ({
@@ -13,9 +13,6 @@ labs.define(
     const SECONDS = 20; // that the whole drive takes, of 30 on the road
     const LEVEL = d2d.chiSquareQuantile(0.95, 2),
       BLIND = 1; // s for which the car goes on by an estimate alone
-    const HORIZON = 0.3, // s between the two scans
-      CYCLE = 0.9; // s from one pair of scans that is shown to the next
-
     const column = (name) => replayData[name],
       times = column("time"),
       poses = times.map((_, i) => ["x", "y", "yaw"].map((name) => column(name)[i])),
@@ -42,53 +39,52 @@ labs.define(
     const WIDTH = 720, // of the drawing, px at most; the car looks to the right
       CAR = 130,
       SCALE = 6.5, // px/m
+      MOUNTING = { x: 3.86, y: 0.7, yaw: 0.436 }, // of the radar that is drawn, m and rad
       REACH = 75, // m
-      VIEW = 0.9; // rad to both sides
-    const random = ((seed) => () => (seed = (seed * 16807) % 2147483647) / 2147483647)(7);
-    const ahead = ([x, y, yaw], along, left) => ({
-      x: x + along * Math.cos(yaw) - left * Math.sin(yaw),
-      y: y + along * Math.sin(yaw) + left * Math.cos(yaw),
-    });
-    // what stands beside the road: something every few metres on one side or the other, on beyond the end of the drive
-    const beyond = Array.from({ length: 40 }, (_, i) => [...Object.values(ahead(poses.at(-1), 2 * i, 0)), poses.at(-1)[2]]),
-      road = [...poses, ...beyond];
-    const objects = road.flatMap((pose) =>
-      random() < 0.9 ? [ahead(pose, 2 * random(), (random() < 0.5 ? -1 : 1) * (6 + 9 * random() ** 2))] : [],
-    );
+      VIEW = 1.05; // rad to both sides
+    const scans = replayData.scans.map(([time, ...places]) => ({ time, places })), // in dm; two make a pair
+      knots = [scans[0].time, ...times],
+      driven = [[0, 0, 0], ...poses];
 
     /** The pose at a time, linear between two estimates. */
     function poseAt(time) {
-      const later = times.findIndex((each) => each > time),
-        next = later < 0 ? LAST - 1 : Math.max(later, 1),
-        share = clamp((time - times[next - 1]) / (times[next] - times[next - 1]), 0, 1);
-      return poses[next - 1].map((value, i) => value + share * (poses[next][i] - value));
+      const later = knots.findIndex((each) => each > time),
+        next = later < 0 ? LAST : Math.max(later, 1),
+        share = clamp((time - knots[next - 1]) / (knots[next] - knots[next - 1]), 0, 1);
+      return between(driven[next - 1], driven[next], share);
     }
-
-    /** What the radar sees from a pose, in the vehicle's frame; each scan has noise of its own. */
-    function seenFrom(pose, seed) {
-      const noise = d2d.normals(seed),
-        back = d2d.inverseMotion(pose);
-      return objects
-        .map((each) => d2d.move(each, back))
-        .filter(({ x, y }) => Math.hypot(x, y) < REACH && Math.abs(Math.atan2(y, x)) < VIEW)
-        .map(({ x, y }) => ({ x: x + 0.25 * noise(), y: y + 0.25 * noise() }));
-    }
-
-    const world = svg("g"),
-      scans = svg("g"),
-      beam = svg("path", { class: "lab-beam", d: "" }),
-      label = "The car from above, with the targets of its radar",
-      street = svg("svg", { class: "lab-street", role: "img", "aria-label": label });
-    for (const [left, name] of Object.entries({ "-4": "lab-kerb", 0: "lab-kerb lab-lane", 4: "lab-kerb" })) {
-      const line = road.filter((_, i) => i % 8 === 0).map((pose) => ahead(pose, 0, Number(left))).map(({ x, y }) => `${x.toFixed(1)},${y.toFixed(1)}`);
-      world.append(svg("path", { class: name, d: `M${line.join("L")}` }));
-    }
-    const object = ({ x, y }) => svg("circle", { class: "lab-object", cx: x.toFixed(1), cy: y.toFixed(1), r: 0.5 });
-    world.append(...objects.map(object), scans);
-
-    const carried = ([x, y, yaw]) => `translate(${x} ${y}) rotate(${(yaw * 180) / Math.PI})`;
     const between = (a, b, share) => a.map((value, i) => value + share * (b[i] - value));
-    let pair = {}; // what the radar sees in the present pair of scans
+    const carried = ([x, y, yaw]) => `translate(${x} ${y}) rotate(${(yaw * 180) / Math.PI})`;
+
+    /** The targets of a scan, upright in a world whose y points up. */
+    function markedScan({ places }, set) {
+      const marks = places.flatMap((x, i) => {
+        if (i % 2) return [];
+        const mark = labs.targetMark(set, 0.45);
+        mark.setAttribute("transform", `translate(${x / 10} ${places[i + 1] / 10}) scale(1 -1)`);
+        return [mark];
+      });
+      return svg("g", {}, ...marks);
+    }
+
+    const label = "The car from above, with the targets of its radar",
+      street = svg("svg", { class: "lab-street", role: "img", "aria-label": label }),
+      path = svg("path", { class: "lab-lane", d: `M${driven.map(([x, y]) => `${x},${y}`).join("L")}` }),
+      shown = svg("g"),
+      world = svg("g", {}, path, shown),
+      edge = (sign) => `${(REACH * SCALE * Math.cos(VIEW)).toFixed(1)},${(sign * REACH * SCALE * Math.sin(VIEW)).toFixed(1)}`,
+      sector = `M0,0L${edge(-1)}A${REACH * SCALE},${REACH * SCALE} 0 0 1 ${edge(1)}z`,
+      seat = `translate(${MOUNTING.x * SCALE} ${-MOUNTING.y * SCALE}) rotate(${(-MOUNTING.yaw * 180) / Math.PI})`,
+      beam = svg("path", { class: "lab-beam", d: sector, transform: seat }),
+      body = svg(
+        "g",
+        {},
+        beam,
+        svg("rect", { class: "lab-car", x: -7, y: -6.5, width: 33, height: 13, rx: 4 }),
+        svg("path", { class: "lab-glass", d: "M12,-5L17,-4V4L12,5z" }),
+      );
+    street.append(body, world);
+    let pair = {}; // that is shown: its number, and its two scans as they are drawn
 
     function drawStreet(time) {
       const width = Math.min(WIDTH, street.clientWidth || WIDTH),
@@ -96,41 +92,27 @@ labs.define(
         car = Math.min(CAR, width / 5);
       street.setAttribute("viewBox", `0 0 ${width} ${height}`);
       const [x, y, yaw] = poseAt(time),
-        turn = (-yaw * 180) / Math.PI;
-      const camera = `translate(${car} ${height / 2}) scale(${SCALE} ${-SCALE}) rotate(${turn}) translate(${-x} ${-y})`;
-      world.setAttribute("transform", camera);
-      const number = Math.floor(time / CYCLE),
-        first = poseAt(number * CYCLE),
-        second = poseAt(number * CYCLE + HORIZON),
-        phase = time - number * CYCLE;
-      if (pair.number !== number) pair = { number, scans: [seenFrom(first, 2 * number), seenFrom(second, 2 * number + 1)] };
+        turn = (-yaw * 180) / Math.PI,
+        place = `translate(${car} ${height / 2})`;
+      world.setAttribute("transform", `${place} scale(${SCALE} ${-SCALE}) rotate(${turn}) translate(${-x} ${-y})`);
+      body.setAttribute("transform", place);
+      const number = Math.max(0, scans.findLastIndex((each, i) => i % 2 === 0 && each.time <= time)),
+        [first, second] = [scans[number], scans[number + 1]];
+      if (pair.number !== number) {
+        pair = { number, first: markedScan(first, "fixed"), second: markedScan(second, "moving") };
+        shown.replaceChildren(pair.first, pair.second);
+      }
       // the second scan is laid where the first was taken, and slides to where it fits
-      const slid = clamp((phase - HORIZON - 0.1) / 0.25, 0, 1) ** 0.5,
-        fade = Math.min(1, (CYCLE - phase) / 0.15);
-      /** A scan at a pose; its marks are upright in a world whose y points up. */
-      const scan = (which, set, pose) => {
-        const marks = pair.scans[which].map(({ x, y }) => {
-          const mark = labs.targetMark(set, 0.7);
-          mark.setAttribute("transform", `translate(${x.toFixed(2)} ${y.toFixed(2)}) scale(1 -1)`);
-          return mark;
-        });
-        return svg("g", { transform: carried(pose), opacity: fade }, ...marks);
-      };
-      scans.replaceChildren(scan(0, "fixed", first));
-      if (phase >= HORIZON) scans.append(scan(1, "moving", between(first, second, slid)));
-      const sinceScan = phase < HORIZON ? phase : phase - HORIZON,
-        end = (sign) => `${car + 16 + REACH * SCALE * Math.cos(VIEW)},${height / 2 + sign * REACH * SCALE * Math.sin(VIEW)}`;
-      beam.setAttribute("d", `M${car + 16},${height / 2}L${end(-1)}A${REACH * SCALE},${REACH * SCALE} 0 0 1 ${end(1)}z`);
-      beam.setAttribute("opacity", Math.max(0, 1 - sinceScan / 0.3));
-      body.setAttribute("transform", `translate(${car} ${height / 2})`);
+      const since = Math.max(0, time - second.time),
+        slid = clamp((since - 0.1) / 0.25, 0, 1) ** 0.5,
+        ends = scans[number + 2]?.time ?? Infinity,
+        places = [first, second].map((each) => poseAt(each.time));
+      pair.first.setAttribute("transform", carried(places[0]));
+      pair.second.setAttribute("transform", carried(between(...places, slid)));
+      pair.second.setAttribute("visibility", time < second.time ? "hidden" : "visible");
+      shown.setAttribute("opacity", clamp((ends - time) / 0.15, 0, 1));
+      beam.setAttribute("opacity", clamp(1 - (time < second.time ? time - first.time : since) / 0.3, 0, 1));
     }
-    const body = svg(
-      "g",
-      {},
-      svg("rect", { class: "lab-car", x: -16, y: -6.5, width: 32, height: 13, rx: 4 }),
-      svg("path", { class: "lab-glass", d: "M3,-5L8,-4V4L3,5z" }),
-    );
-    street.append(beam, world, body);
 
     // ---- The errors -----------------------------------------------------------------------------------------------------------
 
