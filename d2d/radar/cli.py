@@ -29,7 +29,7 @@ from d2d.radar.live import estimates_of
 from d2d.radar.readers import READERS
 from d2d.radar.readers.bag import write_bag
 from d2d.radar.readers.csv_log import write_csv
-from d2d.radar.readers.odometry import load_reference
+from d2d.radar.readers.odometry import load_gyro, load_reference
 from d2d.radar.readers.reader import LOG_OPTIONS, Option, Source, mountings_of, sigmas_of
 from d2d.radar.readers.shared import brief
 from d2d.radar.report import report_page
@@ -37,6 +37,7 @@ from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
 from d2d.radar.scans.scan import Mounting
 from d2d.radar.simulation.drive import simulate_drive
+from d2d.radar.tracks.gyro import Gyro
 from d2d.radar.tracks.limits import VehicleLimits
 from d2d.radar.tracks.rounds import HORIZON, MAX_INTERVAL, SensorScans
 from d2d.radar.tracks.track import Track
@@ -138,13 +139,14 @@ def _plain_warnings() -> Iterator[None]:
 
 
 @contextmanager
-def _noted(text: str) -> Iterator[None]:
-    """Inside, say on a terminal what is done if it takes longer than a second and a half."""
+def _noted(text: str) -> Iterator[bool]:
+    """Inside, say on a terminal, if it is one, what takes longer than a second and a half."""
     timer = threading.Timer(1.5, _complain, [text])
-    if sys.stderr is not None and sys.stderr.isatty():
+    watched = sys.stderr is not None and sys.stderr.isatty()
+    if watched:
         timer.start()
     try:
-        yield
+        yield watched
     finally:
         timer.cancel()
 
@@ -261,6 +263,11 @@ def _add_estimation(parser: argparse.ArgumentParser, *, whole: bool) -> None:
     for name, (unit, what) in LIMITS.items():
         how.add_argument(f"--{name}", type=float, metavar=unit, help=what)
     if whole:
+        add("--gyro", "FILE", str)
+        add("--gyro-topic", "TOPIC", str)
+    add("--gyro-sigma", "DEG/S")
+    add("--gyro-bias", "DEG/S")
+    if whole:
         add("--extent", "M")
         add("--max-interval", "S", default=MAX_INTERVAL)
 
@@ -357,7 +364,20 @@ def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, An
         "budget": ErrorBudget() if arguments.no_budget else replace(budget, **known),
         "side_slip": True if slip is None else slip or False,
         "limits": _limits(vars(arguments)),
+        "gyro": _gyro(vars(arguments)),
     }
+
+
+def _gyro(options: dict[str, Any]) -> Gyro | None:
+    """The gyro of the options, with its yaw rates if they are in a file."""
+    stated = {name: options[f"gyro_{name}"] for name in ("sigma", "bias")}
+    known: dict[str, Any] = {n: math.radians(v) for n, v in stated.items() if v is not None}
+    if options.get("gyro") is not None:
+        times, rates = load_gyro(options["gyro"], options["gyro_topic"])
+        return Gyro(times=times, yaw_rates=rates, **known)
+    if known and options["command"] == "track":
+        raise ValueError("--gyro-sigma and --gyro-bias need --gyro FILE")
+    return Gyro(**known) if known else None
 
 
 def _limits(options: dict[str, Any]) -> VehicleLimits:
@@ -379,8 +399,9 @@ def _track(arguments: argparse.Namespace) -> None:
     options = {**_options(arguments, budget), "max_interval": arguments.max_interval}
     count = sum(len(scans) for scans, _ in sensors.values())
     print(f"read {count} scans of {len(sensors)} sensor{'s' * (len(sensors) > 1)}", flush=True)
-    with _noted("compiling, once on this machine, for up to a minute"):
-        Tracker({"": Mounting()}, **{n: options[n] for n in options if n != "max_interval"})
+    with _noted("compiling, once on this machine, for up to a minute") as watched:
+        if watched:
+            Tracker({"": Mounting()}, **{n: options[n] for n in options if n != "max_interval"})
     driven = track(sensors, **options, progress=False if arguments.no_progress else None)
     print(driven, flush=True)
     findings = _judge(sensors, driven, options)
@@ -575,9 +596,10 @@ complete to the standard output, one line of JSON each, at once:
   {{"time": 12.05, "converged": true, "reason": "", "theta": [9.3, 0.01, 0.02], "pose": [x, y, yaw],
    "covariance": [[...], [...], [...]], "targets": 2, "inliers": 0.93, "filter_input": {{...}}}}
 
-Each in one line; a scan may have "elevation" and "sigma_elevation", too.  Units are those of a CSV
-file, see {PROGRAM} track --help; theta is v_x, v_y, omega in m/s, m/s, rad/s, and the pose that of
-the path from the first estimate.  A line that is not right is named on the standard error.
+Each in one line; a scan may have "elevation" and "sigma_elevation", too.  With --gyro-sigma, a line
+{{"time": 12.05, "yaw_rate": 0.021}} is one of a gyro's, in rad/s.  Units are those of a CSV file,
+see {PROGRAM} track --help; theta is v_x, v_y, omega in m/s, m/s, rad/s, and the pose
+that of the path from the first estimate.  A line that is not right is named on the standard error.
 """
 
 CALIBRATE_HELP = """\
@@ -618,6 +640,11 @@ ABOUT = {
     "--horizon": "register each scan with the one nearest to S seconds before (default: "
     f"{HORIZON:g})",
     "--baseline": "register each scan with the Nth before, instead of --horizon",
+    "--gyro": "yaw rates of a gyro by the radars' clock: a CSV file with time (s) and yaw_rate "
+    "(rad/s, counter-clockwise) or yaw_rate_deg, or a bag with Imu",
+    "--gyro-topic": "of a gyro in a bag (default: its only one)",
+    "--gyro-sigma": f"of a single yaw rate's noise (default: {math.degrees(Gyro().sigma):g})",
+    "--gyro-bias": f"of the gyro's bias, which is learnt (default: {math.degrees(Gyro().bias):g})",
     "--extent": "how far reflections wander on objects from scan to scan, as a standard deviation "
     "(default: the data set's own, or 0 for a log)",
     "--side-slip": "standard deviation of the sideways velocity of the vehicle's origin about "

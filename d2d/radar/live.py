@@ -44,7 +44,11 @@ def estimates_of(
         if not line.strip():
             continue
         try:
-            sensor, scan = _scan(line, degrees, sigmas)
+            entry = _entry(line)
+            if "yaw_rate" in entry:
+                tracker.add_gyro(*(np.atleast_1d(entry[name]) for name in ("time", "yaw_rate")))
+                continue
+            sensor, scan = _scan(entry, degrees, sigmas)
             found = tracker.add(sensor, scan.within(**gates))
         except (ValueError, RecursionError) as error:
             complain(f"line {count}: {error}")
@@ -71,10 +75,20 @@ def _moved(
     return estimate, moved
 
 
-def _scan(line: str, degrees: bool, sigmas: dict[str, float | None]) -> tuple[str, RadarScan]:
+def _entry(line: str) -> dict[str, Any]:
     entry = json.loads(line)
     if not isinstance(entry, dict):
         raise ValueError(f"a scan must be an object of JSON, but is {line.strip()[:40]}")
+    if "time" in entry:
+        if isinstance(entry["time"], bool):
+            raise ValueError(f"time must be a number, but is {json.dumps(entry['time'])}")
+        _TIME.number("time", entry["time"])
+    return entry
+
+
+def _scan(
+    entry: dict[str, Any], degrees: bool, sigmas: dict[str, float | None]
+) -> tuple[str, RadarScan]:
     given = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
     missing = [name for name in ("sensor", *_COLUMNS) if name not in entry | given]
     if missing:
@@ -84,9 +98,6 @@ def _scan(line: str, degrees: bool, sigmas: dict[str, float | None]) -> tuple[st
         for name in _ANGLES
         if degrees and name in entry and name not in given
     }
-    if isinstance(entry["time"], bool):
-        raise ValueError(f"time must be a number, but is {json.dumps(entry['time'])}")
-    _TIME.number("time", entry["time"])
     values = entry | turned | given
     upwards = {name: values[name] for name in _UPWARDS if name in values}
     return str(entry["sensor"]), RadarScan(*(values[name] for name in _COLUMNS), **upwards)

@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import d2d
 from d2d.radar import (
     ErrorBudget,
+    Gyro,
     Mounting,
     RadarScan,
     Track,
@@ -167,6 +168,23 @@ def test_runs_of_one_logger_are_files_of_their_own(log, capsys):
     one, other = (Track.load(log.parent / f"drive_{number}.npz") for number in (1, 2))
     assert_array_equal(one.times[1:], other.times[1:])
     assert_array_equal(one.theta, track(DRIVE, budget=ErrorBudget()).theta[: len(one)])
+
+
+def test_a_gyro_reaches_the_estimate(log, capsys):
+    """Breaks if its file is not read, or a sigma in degrees stays so."""
+    truth = DRIVE.truth
+    rates = truth.theta[:, 2] + np.deg2rad(0.5)
+    file = log.parent / "gyro.csv"
+    table = np.column_stack([truth.times, np.rad2deg(rates)])
+    np.savetxt(file, table, "%.12g", ",", header="time,yaw_rate_deg")
+    found = result(log, "--gyro", str(file), "--gyro-sigma", "0.2", "--gyro-bias", "2")
+    gyro = Gyro(0.2 * DEGREE, 2.0 * DEGREE, truth.times, rates)
+    expected = track(DRIVE, budget=ErrorBudget(), gyro=gyro)
+    assert_allclose(found.theta, expected.theta, atol=1e-9)
+    without = track(DRIVE, budget=ErrorBudget()).theta
+    errors = [np.std(theta[:, 2] - truth.theta[1:, 2]) for theta in (found.theta, without)]
+    assert errors[0] < errors[1]
+    assert "need --gyro FILE" in failed(tracked(log, "--gyro-bias", "1"), capsys)
 
 
 def test_a_report_is_one_page(log, capsys):

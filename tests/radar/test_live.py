@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from d2d.radar import ErrorBudget, Tracker, simulate_drive
+from d2d.radar import ErrorBudget, Gyro, Tracker, simulate_drive
 from d2d.radar.cli import main
 
 DRIVE = simulate_drive(np.random.default_rng(0), duration=1.0)
@@ -73,6 +73,25 @@ def test_the_pose_is_that_of_the_track(run):
         tracker.add("front", scan)
     wanted = tracker.track.poses()[1:]
     assert_allclose([each["pose"] for each in found], wanted, atol=5e-3)
+
+
+def test_lines_of_a_gyro(run):
+    """Breaks if yaw rates are taken for scans, or change nothing."""
+    rates = [
+        json.dumps({"time": t, "yaw_rate": w})
+        for t, w in zip(DRIVE.truth.times, DRIVE.truth.theta[:, 2], strict=True)
+    ]
+    both = [line for pair in zip(rates, lines(), strict=True) for line in pair]
+    found, said = run(both, "--gyro-sigma", "0.1")
+    tracker = Tracker({"front": DRIVE.mounting}, budget=ErrorBudget(), gyro=Gyro(np.deg2rad(0.1)))
+    wanted = []
+    for scan, rate in zip(DRIVE.scans, DRIVE.truth.theta[:, 2], strict=True):
+        tracker.add_gyro([scan.time], [rate])
+        wanted += tracker.add("front", scan)
+    assert said == []
+    assert [each["theta"] for each in found[: len(wanted)]] == [w.theta.tolist() for w in wanted]
+    _, said = run([rates[0], *lines()])
+    assert said[0].startswith("python -m d2d.radar: line 1: gyro must be given")
 
 
 def test_targets_with_a_height_and_gates(run):
