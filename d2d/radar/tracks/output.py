@@ -17,7 +17,12 @@ Arrays = dict[str, NDArray[Any]]
 # The fields of a track.
 REQUIRED = ("times", "intervals", "theta", "covariance", "converged")
 OPTIONAL = ("reasons", "targets", "inliers", "errors")
-TYPES = {"converged": np.bool_, "reasons": np.str_, "targets": np.int64}  # others are floats
+TYPES = {
+    "converged": np.bool_,
+    "guessed": np.bool_,
+    "reasons": np.str_,
+    "targets": np.int64,
+}  # others are floats
 _MARK, _FORMAT = "format", "d2d.radar.Track 2"
 _IN_TABLES = OPTIONAL[:-1]
 # The entries of a covariance that are written: the upper triangle.
@@ -25,6 +30,7 @@ _UPPER = np.triu_indices(3)
 _VELOCITY = ("time", "interval", "v_x", "v_y", "omega", "converged")
 _ENTRIES = ("var_v_x", "cov_v_x_v_y", "cov_v_x_omega", "var_v_y", "cov_v_y_omega", "var_omega")
 _COLUMNS = _VELOCITY + _ENTRIES
+_FLAGS = "converged", "guessed"
 
 
 def save_fields(path: Path, fields: Mapping[str, Any]) -> None:
@@ -62,13 +68,14 @@ def load_fields(path: Path) -> dict[str, Any]:
 
 
 def table_columns(fields: Mapping[str, Any]) -> Arrays:
-    """The columns (n,) of a table, by their names, from a track's fields.
+    """The columns (n,) of a table, by their names, from a track's fields and ``guessed``.
 
     Reasons, targets and inliers follow where they are known.
     """
     times, intervals, theta, covariance, converged = (fields[name] for name in REQUIRED)
     entries = covariance[:, _UPPER[0], _UPPER[1]].T
     columns = dict(zip(_COLUMNS, [times, intervals, *theta.T, converged, *entries], strict=True))
+    columns["guessed"] = fields["guessed"]
     return columns | {name: fields[name] for name in _IN_TABLES if fields[name] is not None}
 
 
@@ -117,9 +124,9 @@ def _parsed(name: str, value: str) -> object:
     """A value of a table; an empty one is not known, as pandas writes it."""
     if name == "reasons":
         return value
-    if name == "converged":
+    if name in _FLAGS:
         if value not in ("True", "False"):
-            raise ValueError(f"converged must be True or False, but is {value}")
+            raise ValueError(f"{name} must be True or False, but is {value}")
         return value == "True"
     return int(value) if name == "targets" else float(value or "nan")
 

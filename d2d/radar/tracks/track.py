@@ -293,6 +293,7 @@ class Track(Frozen):
         time, interval                  of the estimate                   s
         v_x, v_y, omega                 the velocity                      m/s, m/s, rad/s
         converged                       whether the estimate was accepted True or False
+        guessed                         whether the pose is a guess       True or False
         var_v_x, cov_v_x_v_y, ...       its covariance                    products of these
         reasons, targets, inliers       if known
         =============================== ================================= =====================
@@ -301,7 +302,7 @@ class Track(Frozen):
         last one that was, or a guess.  The velocities are filtered: to another filter, give
         `FilterInput` instead.  The path is as for `save`.
         """
-        write_table(check_path("path", path), vars(self))
+        write_table(check_path("path", path), vars(self) | {"guessed": self.guessed})
 
     @classmethod
     def read_velocities(cls, path: str | os.PathLike[str]) -> Track:
@@ -330,7 +331,7 @@ class Track(Frozen):
             raise ModuleNotFoundError(
                 "to_dataframe needs pandas, which is not installed: pip install pandas"
             ) from None
-        return pandas.DataFrame(table_columns(vars(self)))
+        return pandas.DataFrame(table_columns(vars(self) | {"guessed": self.guessed}))
 
     def plot(self) -> Figure:
         """Draw the path, the velocities in a band of 3 sigma, the inlier share and the failures.

@@ -182,8 +182,8 @@ def test_a_line_that_cannot_be_read_is_named(tmp_path):
     lines = file.read_text(encoding="utf-8").splitlines()
     row = lines[10]
     for changed, said in (
-        (row + ",1.0", "line 11: there must be 15 values, but are 16"),
-        (row[: len(row) // 2], "line 11: there must be 15 values, but are"),
+        (row + ",1.0", "line 11: there must be 16 values, but are 17"),
+        (row[: len(row) // 2], "line 11: there must be 16 values, but are"),
         (row.replace(row.split(",")[3], "fast"), "line 11: could not .* 'fast'"),
         (row.replace(",True,", ",0.5,", 1), "line 11: converged must be True or False, but is 0.5"),
         (row.replace(row.split(",")[2], "nan"), "holds no track: theta must be finite"),
