@@ -36,7 +36,7 @@ def stated_sigmas() -> dict[str, list[Row]]:
 
     def tracked(name: str, factor: float) -> Row:
         scans = [scaled(scan, factor, (name,)) for scan in drive.scans]
-        driven = track((scans, drive.mounting), baseline=1, carry=False)
+        driven = track((scans, drive.mounting))
         return row(f"{_IN_WORDS.get(name, name)} x {factor:g}", driven, drive.truth)
 
     return {name: [tracked(name, factor) for factor in FACTORS] for name in MEASURED}

@@ -1,5 +1,6 @@
 """Tracks of a log or a mounting that is wrong in one of the usual ways."""
 
+import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -83,7 +84,7 @@ def _tried(name: str, scans: Scans, mounting: Mounting, truth: Reference) -> Sym
         warnings.simplefilter("ignore", UserWarning)
         try:
             log = FAULTS[name](scans, mounting, truth)
-            driven = track(log, baseline=1, carry=False)
+            driven = track(log)
         except ValueError as error:
             nothing = Row(name, NAN, NAN, NAN, NAN, NAN, "")
             return Symptom(nothing, NAN, NAN, f"ValueError: {error}")
@@ -104,9 +105,9 @@ def symptom_table(symptoms: Sequence[Symptom], caption: str = "") -> Table:
     """A row for each fault, with the reason of most failures or the end of the error's message."""
     rows = []
     for fault, forward, turning, message in symptoms:
-        # the reason without its number, or what an error asks at its end
+        # the reason without its numbers, or what an error asks at its end
         asked = f"error: {message.split('are these ')[-1]}" if message else None
-        reason = fault.reason.split(" of ...")[0] or asked
+        reason = re.sub(r" of [-\d].*", "", fault.reason) or asked
         anees = float(f"{fault.anees:.2g}")
         rows.append((fault.name, fault.accepted, forward, turning, anees, reason))
     columns = [("accepted", "", ".1%"), ("v_x", "", ".1f"), ("omega", "", ".1f")]
@@ -120,9 +121,7 @@ def draw_wrong_paths(axes: Sequence[Axes], faults: Mapping[str, str]) -> None:
     for ax, (fault, words) in zip(axes, faults.items(), strict=True):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # the picture shows what they say
-            driven = track(
-                FAULTS[fault](drive.scans, drive.mounting, truth), baseline=1, carry=False
-            )
+            driven = track(FAULTS[fault](drive.scans, drive.mounting, truth))
         ax.plot(*truth.poses[:, :2].T, **TRUTH)
         poses = driven.poses(truth.poses[0])
         ax.plot(*poses[:, :2].T, **cost_line("robust"))
