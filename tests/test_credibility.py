@@ -37,14 +37,6 @@ def test_true_covariances_are_credible():
     assert_allclose(np.mean(indices), 0.15, atol=0.05)
 
 
-def test_credible_estimators_are_found_consistent_as_often_as_the_region_says():
-    """Breaks if the region has another content than 95 %, such as the thesis's 90 %."""
-    draws = [credibility(*drawn_errors(seed, 40)) for seed in range(400)]
-    inside = np.mean([result.consistent for result in draws])
-    # a binomial proportion of 400: three standard deviations are 3.3 %; 90 % would be five off
-    assert_allclose(inside, 0.95, atol=0.033)
-
-
 def test_a_covariance_too_large_shifts_the_inclination_by_its_decibels():
     """Breaks if I^2 is not linear in the covariance's decibels, or its sign is turned round."""
     errors, covariances = drawn_errors(7, 1000)

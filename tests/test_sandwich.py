@@ -82,15 +82,6 @@ def test_what_chance_explains_changes_nothing():
     assert same > 85
 
 
-def test_a_target_that_holds_everything_gives_no_infinite_step():
-    """Breaks if what cannot be left out divides by zero or changes the sign."""
-    scores, hessians = scores_of(np.random.default_rng(11), targets=5)
-    hessians[0] *= 1e9
-    found = godambe(scores, hessians, np.arange(5))
-    assert np.isfinite(found).all()
-    assert (np.linalg.eigvalsh(found) > 0).all()
-
-
 @pytest.mark.parametrize("scenario", ALL, ids=lambda scenario: scenario.name)
 def test_independent_targets_are_judged_as_by_the_inverse_hessian(scenario):
     """Breaks if the scatter of so few scores makes the covariance worse: 1000 runs, within 2 %.
