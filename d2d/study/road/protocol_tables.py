@@ -32,14 +32,6 @@ LOWEST = 0.25  # ANEES, where the axis begins
 PAGE = "road_protocol.md"
 
 
-def read_table(title: str) -> dict[str, list[str]]:
-    """The cells of a stored table, by model; its heading begins with the title."""
-    text = results_path(PAGE).read_text(encoding="utf-8")
-    lines = text.split(f"**{title}")[1].split("\n\n")[1].splitlines()[2:]
-    rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
-    return {name: cells for name, *cells in rows}
-
-
 def mean_and_half_width(values: Array) -> tuple[Array, Array]:
     """The mean over some drives, and half the width of its 95 % interval by Student's t."""
     count = len(values)
