@@ -21,9 +21,8 @@ import numpy as np
 import d2d
 from d2d._checks import Bounds, check_path
 from d2d.radar.evaluation.calibrate import calibrate
-from d2d.radar.evaluation.compare import compare
-from d2d.radar.evaluation.diagnose import Finding, diagnose
-from d2d.radar.evaluation.halves import compare_tracks
+from d2d.radar.evaluation.compare import check_reference, compare
+from d2d.radar.evaluation.diagnose import Finding, agreement, diagnose
 from d2d.radar.files import write_together
 from d2d.radar.live import estimates_of
 from d2d.radar.readers import READERS
@@ -441,22 +440,15 @@ def _judge(
                 alone[name] = track(sensor, **options, progress=False)
             except ValueError:  # too few scans
                 continue
-    anees = ", ".join(_agreement(*pair) for pair in itertools.combinations(alone.items(), 2))
-    if anees:
-        print(f"ANEES of the differences between sensors (ideally 1): {anees}")
-    found = diagnose(sensors, driven)
+    for (first, one), (second, other) in itertools.combinations(alone.items(), 2):
+        anees = agreement(one, other)
+        known = "unknown" if np.isnan(anees) else f"{anees:.1f}"
+        print(f"ANEES of the differences between {first} and {second} (ideally 1): {known}")
+    found = diagnose(sensors, driven, alone)
     if found:
         print('what looks wrong, by the rows of the page "When a path looks wrong":')
         print("\n".join(f"  {_plain(finding)}" for finding in found), flush=True)
     return list(found)
-
-
-def _agreement(first: tuple[str, Track], second: tuple[str, Track]) -> str:
-    names = f"{first[0]} and {second[0]}"
-    try:
-        return f"{names} {compare_tracks(first[1], second[1]).credibility.anees:.1f}"
-    except ValueError:
-        return f"{names} unknown"
 
 
 def _live(arguments: argparse.Namespace) -> None:
@@ -495,7 +487,10 @@ def _compare(arguments: argparse.Namespace) -> None:
     path = check_path("TRACK", arguments.track)
     driven = Track.load(path) if path.suffix == ".npz" else Track.read_velocities(path)
     known = load_reference(arguments.reference, arguments.topic)
-    print(compare(driven, Reference(known.times + arguments.lag, known.theta, known.poses)))
+    late = Reference(known.times + arguments.lag, known.theta, known.poses)
+    found = compare(driven, late)
+    check_reference(driven, late)
+    print(found)
     if np.isnan(known.poses).all():
         print("The odometry has no v_y: it is compared with zero.")
 

@@ -430,7 +430,7 @@ def test_what_speaks_for_a_track_is_printed(tmp_path, capsys):
     write_csv(log, {"front": DRIVE.scans, "side": FROM_SIDE.scans})
     result(log, mounting=BOTH)
     found = capsys.readouterr().out
-    assert re.search(r"ANEES of the differences .*: front and side \d+\.\d", found)
+    assert re.search(r"ANEES of the differences between front and side .*: \d+\.\d", found)
     assert "what looks wrong" not in found
     turned = (*FRONT, "--mounting", "side", "0.3", "0.2", "66")
     result(log, mounting=turned)

@@ -22,17 +22,21 @@ from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.rounds import check_distinct
 
 _POWERS = (0, 2)  # of v_x in the slip law
-_LAG, _AHEAD, _COMPLIANCE = 0, 2, 3  # places among the parameters
+_LAG, _AHEAD, _COMPLIANCE, _BIAS = 0, 2, 3, -1  # places among the parameters
 # A drive does not determine a parameter whose standard deviation is larger than this.
-_LIMITS = {_LAG: 0.1, _AHEAD: 0.3, _COMPLIANCE: 0.01}  # s, m, s^2/m
+_LIMITS = {_LAG: 0.1, _BIAS: np.deg2rad(0.3), _AHEAD: 0.3, _COMPLIANCE: 0.01}  # s, rad/s, m, s^2/m
 _SEARCHED = SECONDS._replace(least=1e-6, most=1e4)
 _AT_BOUND = 1e-3  # s
+_SURE = 3.0  # standard deviations beyond a limit
 _MAX_SELECTIONS = 10  # of scans that are not grossly off
 _MIN_SPEED = 0.5  # m/s
 _AHEAD_BOUND = METRES._replace(most=100.0)  # m
-# Standard deviations that residuals may have.  They have 0.9 on RadarScenes, and with sigmas far
-# too small 6 and more, where two targets of each scan are left, which fit anything.
-_UNEXPLAINED = 5.0
+# Standard deviations that residuals may have.  They have 0.9 on RadarScenes, 3 where five vehicles
+# ahead are all that is seen, and with sigmas far too small 6 and more, where two targets of each
+# scan are left, which fit anything.
+_UNEXPLAINED = 2.0
+_FACTORS = 0.8, 1.25  # on the reference's speed; km/h are 0.278 and mph 0.447
+_PLACES = -2.0, 8.0  # m, how far the origin may be ahead of the rear axle, of a truck or bus
 
 SensorLog = tuple[Iterable[RadarScan], Mounting, Reference]
 
@@ -44,9 +48,9 @@ class Calibration:
     The radars' time stamps are late by ``lag`` (s), early if it is negative: a scan at t shows the
     motion that the reference gives for t - lag.  The reference's v_x is to be multiplied by
     ``speed_factor``; ``slip`` gives the lateral velocity.  ``yaw`` (S,) in rad is to be added to
-    the mounting angle of each sensor, as it is in ``mountings``.  ``covariance`` (4 + S, 4 + S) is
-    that of [lag, speed_factor, slip.ahead, slip.compliance, yaw], nan for parameters that were held
-    instead of fitted.
+    the mounting angle of each sensor, as it is in ``mountings``, and ``bias`` (rad/s) to be taken
+    off the reference's yaw rate.  ``covariance`` (5 + S, 5 + S) is that of [lag, speed_factor,
+    slip.ahead, slip.compliance, yaw, bias], nan for parameters that were held instead of fitted.
 
     ``rms`` is the root mean square of the static targets' Doppler residuals over their standard
     deviations.  ``scans`` is the number of scans with targets, and ``share`` the share of them that
@@ -58,6 +62,7 @@ class Calibration:
     speed_factor: float
     slip: SlipLaw
     yaw: Array
+    bias: float
     covariance: Array
     mountings: list[Mounting]
     rms: float
@@ -74,12 +79,11 @@ class Calibration:
     def reference(self, reference: Reference) -> Reference:
         """The reference as the radars see it, at its times; nan where shifted times leave it.
 
-        Lag and speed factor are applied, and v_y is given by the slip law.  The poses are shifted
-        by the lag.
+        Lag, factor and bias are applied, and v_y is given by the slip law.  The poses are shifted.
         """
         check_instance("reference", reference, Reference)
         moved = reference.at(reference.times - self.lag)
-        v_x, omega = self.speed_factor * moved.theta[:, 0], moved.theta[:, 2]
+        v_x, omega = self.speed_factor * moved.theta[:, 0], moved.theta[:, 2] - self.bias
         theta = np.column_stack([v_x, self.slip.lateral(v_x, omega), omega])
         return Reference(reference.times, theta, moved.poses)
 
@@ -95,6 +99,7 @@ class Calibration:
             (f"yaw of sensor {s} of {len(self.yaw)}", angle, degrees, 3, "deg")
             for s, angle in enumerate(self.yaw, start=1)
         ]
+        rows.append(("bias of the yaw rate", self.bias, degrees, 4, "deg/s"))
         lines = [
             f"{self.scans} scans over {self.duration:.1f} s, {self.share:.1%} of them used; "
             f"Doppler residuals {self.rms:.2f} sigma",
@@ -104,7 +109,12 @@ class Calibration:
             error = f"+- {sigma * unit:.{digits}f}" if np.isfinite(sigma) else ""
             lines.append(f"{name:22}  {value * unit:+9.{digits}f} {error:10} {text}".rstrip())
         lines += ["", f"Standard deviations from blocks of {self.block:.1f} s."]
-        names = {_LAG: "the lag", _AHEAD: "the place of the axle", _COMPLIANCE: "the compliance"}
+        names = {
+            _LAG: "the lag",
+            _AHEAD: "the place of the axle",
+            _COMPLIANCE: "the compliance",
+            _BIAS: "the bias",
+        }
         held = [name for place, name in names.items() if np.isnan(self.sigmas[place])]
         return "\n".join([*lines, *(f"Held, not fitted: {name}." for name in held)])
 
@@ -119,14 +129,17 @@ def calibrate(
 
     The static targets of each scan, found as in `doppler_ego_motion`, show the velocity of their
     sensor.  It is compared with the one that the reference's v_x and omega give, corrected by a
-    lag, a factor on v_x, the side slip of `SlipLaw`, and an angle added to each mounting.  No
-    registration is needed.
+    lag, a factor on v_x, a bias of omega, the side slip of `SlipLaw`, and an angle added to each
+    mounting.  No registration is needed.
 
     Raises a ``ValueError`` if two sensors have a scan in common, a sensor has fewer than two scans
-    with targets, all its Doppler velocities are zero, or residuals are more than five standard
-    deviations, the vehicle stands still, the references cover no scan, or an argument is invalid.
-    Warns if the best lag is at a bound of the search, or the drive has too little acceleration to
-    determine it (standard deviation above 0.1 s), so that it is held at zero.
+    with targets, all its Doppler velocities are zero, the vehicle stands still, the references
+    cover no scan, or an argument is invalid; and if the best fit cannot be true: residuals of more
+    than two standard deviations, a lag at a bound of the search, a speed that is wrong by more than
+    a quarter, as in km/h, an axle more than 2 m ahead of the origin or 8 m behind it, as with yaw
+    rates that count clockwise, or a mounting turned by more than half a turn.  Warns if the drive
+    has too little acceleration to determine the lag (standard deviation above 0.1 s), so that it is
+    held at zero.
 
     Parameters
     ----------
@@ -151,8 +164,8 @@ def calibrate(
     by more than five times the median of that sensor: in dense traffic most targets may move.
 
     ``ahead`` and ``compliance`` can be told apart only if bends are driven at different speeds.
-    ``ahead`` is held at zero if its standard deviation exceeds 0.3 m, and then ``compliance`` too
-    if its own still exceeds 0.01 s^2/m.
+    The bias is held at zero if its standard deviation exceeds 0.3 deg/s, then ``ahead`` if its own
+    exceeds 0.3 m, and then ``compliance`` too if its own still exceeds 0.01 s^2/m.
 
     Examples
     --------
@@ -172,7 +185,11 @@ def calibrate(
         model.start[_AHEAD - 1] = _AHEAD_BOUND.number("ahead", ahead)
         model.free[_AHEAD - 1] = False
     free = np.concatenate([[True], model.free])
+    model.free[_BIAS] = False  # until scans that follow traffic are left out
+    model, _ = _selected(model, -bound, bound)
+    model.free[_BIAS] = True
     model, found = _selected(model, -bound, bound)
+    _check_residuals(found)
     spread, block = covariance(model, found, with_lag=True)
     for place, limit in _LIMITS.items():
         if not free[place] or np.sqrt(_placed(spread, free)[place, place]) <= limit:
@@ -187,39 +204,68 @@ def calibrate(
         model.free[:] = free[1:]
         model, found = _selected(model, -bound, bound)
         spread, block = covariance(model, found, with_lag=bool(free[_LAG]))
-    if free[_LAG] and abs(found.lag) > bound - _AT_BOUND:
-        warnings.warn(
-            f"the best lag, {found.lag:+.3f} s, is at the bound of the search; the clock may be "
-            "off by more (max_lag), or the reference belong to another drive",
-            stacklevel=2,
-        )
-    rms = float(np.sqrt(found.mean_square))
-    if not rms < _UNEXPLAINED:
-        raise ValueError(
-            f"recordings must have Doppler velocities that their sigmas explain, but residuals are "
-            f"{rms:.1f} standard deviations; are sigma_doppler and sigma_azimuth too small, or is "
-            "the reference that of another drive?"
-        )
-    speed, offset, square, *yaw = found.parameters
-    speed_factor = 1.0 + float(speed)
+    speed, offset, square, *yaw, bias = found.parameters.tolist()
+    speed_factor = 1.0 + speed
     unit = np.ones(len(free))
     unit[_COMPLIANCE] = -1.0 / speed_factor**2  # the fit multiplies the reference's v_x^2
+    placed = _placed(spread, free) * np.outer(unit, unit)
+    at_bound = bool(free[_LAG]) and abs(found.lag) > bound - _AT_BOUND
+    _check(found, np.sqrt(np.diag(placed)), at_bound)
     return Calibration(
         lag=found.lag,
         speed_factor=speed_factor,
-        slip=SlipLaw(float(offset), float(square) * unit[_COMPLIANCE]),
+        slip=SlipLaw(offset, square * unit[_COMPLIANCE]),
         yaw=np.array(yaw),
-        covariance=_placed(spread, free) * np.outer(unit, unit),
+        bias=bias,
+        covariance=placed,
         mountings=[
             replace(mounting, yaw=float(np.fmod(mounting.yaw + angle, 2.0 * np.pi)))
             for (_, mounting, _), angle in zip(logs, yaw, strict=True)
         ],
-        rms=rms,
+        rms=_check_residuals(found),
         share=float(found.known.mean()),
         scans=len(velocities.time),
         duration=float(np.ptp(velocities.time)),
         block=block,
     )
+
+
+def _check_residuals(found: Fit) -> float:
+    """The residuals' root mean square; a ValueError if it is far above one."""
+    rms = float(np.sqrt(found.mean_square))
+    if not rms < _UNEXPLAINED:
+        raise ValueError(
+            "recordings must have Doppler velocities that their sigmas explain, but residuals are "
+            f"{rms:.1f} standard deviations; are sigma_doppler and sigma_azimuth too small, or is "
+            f"the reference that of another drive or clock (best lag {found.lag:+.2f} s)?"
+        )
+    return rms
+
+
+def _check(found: Fit, sigmas: Array, at_bound: bool) -> None:
+    """Raise a ValueError if the best fit cannot be true: nothing may be stated by it."""
+    speed, ahead, _, *yaw, _ = found.parameters
+    margin = _SURE * float(np.nan_to_num(sigmas[_AHEAD]))
+    said = ""
+    if at_bound:
+        said = (
+            f"clocks that differ by less than max_lag, but the best lag, {found.lag:+.3f} s, is at "
+            "the bound of the search; is the reference that of another drive?"
+        )
+    elif not _FACTORS[0] < 1.0 + speed < _FACTORS[1]:
+        said = (
+            f"a reference with speeds in m/s, but they would have to be multiplied by "
+            f"{1.0 + speed:.3f}; are they in km/h?"
+        )
+    elif not _PLACES[0] - margin < ahead < _PLACES[1] + margin:
+        said = (
+            f"mountings relative to an origin near the rear axle, but it would be {ahead:.1f} m "
+            "ahead of it; does the reference's yaw rate count clockwise?"
+        )
+    elif max(map(abs, yaw)) > np.pi:
+        said = f"mountings near their places, but one is turned by {np.rad2deg(max(yaw)):.0f} deg"
+    if said:
+        raise ValueError(f"recordings must have {said}")
 
 
 def _logs(recordings: Recording | Iterable[Recording | SensorLog]) -> list[SensorLog]:

@@ -77,9 +77,10 @@ def _quadratic(scan: RadarScan, mounting: Mounting) -> tuple[Array, Array, float
 class CalibrationModel:
     """A model of sensors that move as a corrected reference says.
 
-    The parameters are [speed, coefficients c_j, yaw of each sensor]: the vehicle moves with
-    v_x (1 + speed) and v_y = sum_j c_j v_x^(p_j) omega, where v_x and omega are those of the
-    reference, and each yaw (rad) is added to the angle of a mounting.
+    The parameters are [speed, coefficients c_j, yaw of each sensor, bias]: the vehicle moves with
+    v_x (1 + speed) and v_y = sum_j c_j v_x^(p_j) omega, where v_x is that of the reference and
+    omega its yaw rate less the bias (rad/s), and each yaw (rad) is added to the angle of a
+    mounting.
     """
 
     velocities: ScanVelocities
@@ -94,7 +95,7 @@ class CalibrationModel:
         cls, velocities: ScanVelocities, references: Sequence[Reference], powers: tuple[int, ...]
     ) -> "CalibrationModel":
         """The model of all scans with all parameters free, started at zero."""
-        count = 1 + len(powers) + velocities.sensors
+        count = 2 + len(powers) + velocities.sensors
         scans = np.ones(len(velocities.time), dtype=np.bool_)
         return cls(velocities, references, powers, np.zeros(count), np.ones(count, np.bool_), scans)
 
@@ -105,14 +106,11 @@ class CalibrationModel:
         """
         sensor, place = self.velocities.sensor, self.velocities.place
         v, omega = self._odometry(lag)
-        speed, coefficients, yaw = np.split(parameters, [1, 1 + len(self.powers)])
+        omega = omega - parameters[-1]
+        speed, coefficients, yaw = np.split(parameters[:-1], [1, 1 + len(self.powers)])
         columns = [v**power * omega for power in self.powers]
-        lateral = 0.0 * v
-        for coefficient, column in zip(coefficients, columns, strict=True):
-            lateral += coefficient * column
-        velocity = np.stack(
-            [v * (1.0 + speed) - omega * place[:, 1], lateral + omega * place[:, 0]], axis=-1
-        )
+        ahead = place[:, 0] + coefficients @ [v**power for power in self.powers]
+        velocity = np.stack([v * (1.0 + speed) - omega * place[:, 1], omega * ahead], axis=-1)
         # the vehicle's axes, as such a sensor sees them
         cosine, sine = np.cos(yaw[sensor]), np.sin(yaw[sensor])
         forward, left = np.stack([cosine, -sine], axis=-1), np.stack([sine, cosine], axis=-1)
@@ -121,6 +119,7 @@ class CalibrationModel:
         derivatives[..., 0] = forward * v[:, np.newaxis]
         for j, column in enumerate(columns, start=1):
             derivatives[..., j] = left * column[:, np.newaxis]
+        derivatives[..., -1] = forward * place[:, 1:] - left * ahead[:, np.newaxis]
         turned = np.stack([predicted[:, 1], -predicted[:, 0]], axis=-1)
         derivatives[np.arange(len(v)), :, 1 + len(self.powers) + sensor] = turned
         return predicted, derivatives

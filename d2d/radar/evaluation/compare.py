@@ -31,6 +31,11 @@ HEAD = [*map("{} ({})".format, NAMES, UNITS), "all"]  # of the table
 IN_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
 
 
+_CLOCKS, _OFF, _PAIRS = 30.0, 0.5, 30  # s of lags that are tried, s that are too late, estimates
+_ALIKE = 0.1  # share of the variance that a reference with another clock or unit leaves
+_FACTORS = 0.7, 1.4  # on a reference's speed and yaw rate
+
+
 class Measures(NamedTuple):
     """The measures of a comparison, or the bounds of their confidence intervals.
 
@@ -303,6 +308,46 @@ def compare(track: Track, reference: Reference) -> Comparison:
         )
     errors = track.theta - reference.at(track.times).theta
     return enough(Comparison.from_errors(track, errors), "track and reference have")
+
+
+def check_reference(track: Track, reference: Reference) -> None:
+    """Raise a ValueError if a reference is surely not what it should be: errors mean little then.
+
+    It is if the track's velocities are, by linear regression, those of the reference at another
+    time, or another multiple of its speed or yaw rate, and agree with it far better so.
+    """
+    good = track.converged
+    times, theta = track.times[good], track.theta[good]
+    span = min(0.5 * float(np.ptp(times)), _CLOCKS) if len(times) else 0.0
+    tried = []
+    for lag in np.arange(-span, span + 0.1, 0.1):
+        shown = reference.at(times + lag).theta
+        known = np.isfinite(shown[:, [0, 2]]).all(axis=1)
+        if known.sum() > _PAIRS:
+            tried.append((_unexplained(shown[known, 0], theta[known, 0]), float(lag)))
+    shown = reference.at(times).theta
+    known = np.isfinite(shown[:, [0, 2]]).all(axis=1)
+    if known.sum() <= _PAIRS or not tried:
+        return
+    now, (rest, lag) = _unexplained(shown[known, 0], theta[known, 0]), min(tried)
+    if rest < _ALIKE and now > 4.0 * rest and abs(lag) > _OFF:
+        raise ValueError(
+            f"reference must have the track's clock, but its speeds are those of {lag:+.1f} s later"
+        )
+    for axis, name, hint in ((0, "speed", "km/h"), (2, "yaw rate", "deg/s, or clockwise")):
+        theirs, own = shown[known, axis], theta[known, axis]
+        slope = float(theirs @ own) / max(float(theirs @ theirs), 1e-12)
+        agreed = 1.0 - float(((own - slope * theirs) ** 2).sum() / (own @ own + 1e-12))
+        if agreed > 1.0 - _ALIKE and not _FACTORS[0] < slope < _FACTORS[1]:
+            raise ValueError(
+                f"reference must have the track's {name}, but would have to be multiplied by "
+                f"{slope:.3f}; is it in {hint}?"
+            )
+
+
+def _unexplained(theirs: Array, own: Array) -> float:
+    """The share of a velocity's variance that a linear function of another does not explain."""
+    return 1.0 - float(np.corrcoef(theirs, own)[0, 1]) ** 2
 
 
 def enough(found: Comparison, whose: str) -> Comparison:
