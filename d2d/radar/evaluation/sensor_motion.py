@@ -201,7 +201,8 @@ def distortion(motion: SensorMotion) -> tuple[float, float, float, float] | None
     """
     speed = np.hypot(*motion.velocity.T)
     azimuths, residuals = [], []
-    for scan, velocity, fast in zip(motion.scans, motion.velocity, speed, strict=True):
+    moving = np.flatnonzero(speed > _KNOWN * motion.sigma)
+    for scan, velocity, fast in ((motion.scans[i], motion.velocity[i], speed[i]) for i in moving):
         angle = scan.azimuth + motion.mounting.yaw
         rest = scan.doppler + np.cos(angle) * velocity[0] + np.sin(angle) * velocity[1]
         near = np.abs(rest) < _NEAR[0] + _NEAR[1] * fast

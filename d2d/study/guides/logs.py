@@ -74,8 +74,8 @@ def right_log(
         moving = _traffic(np.random.default_rng(rng.integers(1 << 30)), kind, motion)
         still = np.pad(points, ((0, 0), (0, 2)))
         scans = [
-            _seen(rng, np.concatenate([others, still]), *at, mounting, kind.reach, targets)
-            for others, *at in zip(moving, times, motion.poses, motion.theta, strict=True)
+            _seen(rng, np.concatenate([others, still]), t, pose, v, mounting, kind.reach, targets)
+            for others, t, pose, v in zip(moving, times, motion.poses, motion.theta, strict=True)
         ]
         sensors[f"r{number}"] = scans, mounting
     return Log(sensors, truth, vehicle)
