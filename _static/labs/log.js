@@ -184,7 +184,7 @@
         const side = [-0.9, 3.2, 3.7].map((x, i) => [x, i < 2 ? 0.9 : 0.6]); // m, from the rear axle
         car.line([...side, ...side.toReversed().map(([x, y]) => [x, -y]), side[0]], "lab-outline");
         car.mark("cross", 0, 0, 6, "lab-cross");
-        car.text(0, -0.3, "rear axle", { "text-anchor": "middle" });
+        car.text(0, -0.6, "rear axle", { "text-anchor": "middle" });
         for (const [x, y, yaw] of Object.values(mountings).map(placeOf)) {
           car.segment(x, y, x + ARM * Math.cos(yaw * DEGREE), y + ARM * Math.sin(yaw * DEGREE), "lab-velocity");
         }
