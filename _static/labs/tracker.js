@@ -866,6 +866,7 @@ globalThis.tracker = (function radarTracker() {
     MODE_DURATION = 5, // s on average
     PERSISTENCE = 15, // s, of the slow errors
     MEMORY = 2, // s
+    GUESSED = 2, // s, for which acceleration, side slip and yaw rate last
     IMPLAUSIBLE = 12; // standard deviations
 
   // A belief is {mean, covariance, cross}: of [v, a], and its covariance with the slow errors, which are considered and not
@@ -955,6 +956,14 @@ globalThis.tracker = (function radarTracker() {
     };
   }
 
+  /** The mean {time, mean} at a later time at which nothing was estimated: what turns and speeds up decays. */
+  function guess({ time: before, mean }, time) {
+    const kept = Math.exp((before - time) / GUESSED),
+      velocity = [0, 1, 2].map((i) => (i ? kept : 1) * mean[i] + GUESSED * (1 - kept) * mean[i + 3]),
+      stands = velocity[0] * mean[0] <= 0;
+    return { time, mean: stands ? mean.map(() => 0) : [...velocity, ...mean.slice(3).map((each) => kept * each)] };
+  }
+
   // ---- d2d/radar/tracks/estimator.py ---------------------------------------------------------------------------------------
 
   const MIN_EXPLAINED = 0.1,
@@ -980,7 +989,7 @@ globalThis.tracker = (function radarTracker() {
   /** Estimates the velocity of one round after the other, and remembers the last accepted one. */
   class Estimator {
     constructor(budget, sensors) {
-      Object.assign(this, { budget, sensors, velocity: null, last: null, belief: null });
+      Object.assign(this, { budget, sensors, velocity: null, last: null, belief: null, guessed: null });
     }
 
     /** The row of a track: {time, interval, theta, covariance, reason, targets, inliers}. */
@@ -1006,13 +1015,15 @@ globalThis.tracker = (function radarTracker() {
       this.velocity = estimate.theta;
       this.belief = predicted ? update(predicted, given) : begin(time, given, first);
       const { mean, covariance } = whole(this.belief);
+      this.guessed = { time, mean };
       const reported = { theta: mean.slice(0, 3), covariance: covariance.slice(0, 3).map((row) => row.slice(0, 3)) };
       return { time, interval: round.interval, ...reported, reason: "", ...seen };
     }
 
     /** The row of a round that gives no estimate. */
     rejected({ time, interval }, reason, seen = { targets: 0, inliers: NaN }) {
-      const theta = this.belief ? whole(this.belief).mean.slice(0, 3) : [0, 0, 0];
+      this.guessed &&= guess(this.guessed, time);
+      const theta = this.guessed?.mean.slice(0, 3) ?? [0, 0, 0];
       return { time, interval, theta, covariance: filled(3, 3, NaN), reason, ...seen };
     }
 
@@ -1107,19 +1118,21 @@ globalThis.tracker = (function radarTracker() {
     return { rows, doubts };
   }
 
-  // ---- d2d/radar/tracks/track.py and files.py ------------------------------------------------------------------------------
+  // ---- d2d/radar/tracks/path.py and output.py ------------------------------------------------------------------------------
 
-  const GAP = 1, // s without an accepted estimate
-    GAP_CYCLES = 2.5;
-
-  /** The accepted velocities, with one extrapolated to where the track begins, or at most a gap before the first. */
+  /** Velocities that make the path: the accepted ones, guesses where there was none for long, and one at the beginning. */
   function knotsOf(rows) {
-    const known = rows.filter(({ reason }) => !reason),
-      [first] = known,
+    const accepted = rows.filter(({ reason }) => !reason),
       began = rows[0].time - rows[0].interval;
-    if (!first) return [{ time: began, theta: rows[0].theta }];
-    const gap = Math.max(GAP, GAP_CYCLES * median(rows.map(({ interval }) => interval))),
-      time = Math.max(began, first.time - gap),
+    if (!accepted.length) return [{ time: began, theta: rows[0].theta }];
+    const isLost = ({ time }) => {
+      const before = accepted.findLast((each) => each.time < time),
+        after = accepted.find((each) => each.time >= time) ?? rows.at(-1);
+      return before && after.time - before.time > MEMORY;
+    };
+    const known = rows.filter((row) => !row.reason || isLost(row)),
+      [first] = known,
+      time = Math.max(began, first.time - MEMORY),
       reach = first.time - time,
       later = known.find((each) => each.time >= first.time + reach) ?? known.at(-1),
       ratio = later === first ? 0 : reach / (later.time - first.time);
@@ -1190,7 +1203,7 @@ globalThis.tracker = (function radarTracker() {
     var_omega: [2, 2],
   };
 
-  /** The velocities with their covariances as CSV, in the columns of `Track.write_velocities`, without the parts. */
+  /** The velocities with their covariances as CSV, in the columns of `Track.write_velocities`, without what is a guess. */
   function csvOf(rows) {
     const head = ["time", "interval", "v_x", "v_y", "omega", "converged", ...Object.keys(ENTRIES)].join(),
       entries = (matrix) => Object.values(ENTRIES).map(([i, j]) => matrix[i][j]);
