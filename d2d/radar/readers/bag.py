@@ -125,7 +125,7 @@ def _opened(path: Path) -> Iterator[Any]:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
             yield reader
     except Exception as error:  # damaged bytes raise errors of rosbags, SQLite, YAML and others
-        if str(path) in str(error):
+        if isinstance(error, ValueError | FileNotFoundError) and str(path) in str(error):
             raise
         raise ValueError(f"{path} is not a complete bag of ROS: {brief(repr(error))}") from None
 

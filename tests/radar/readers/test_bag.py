@@ -212,6 +212,8 @@ def test_a_track_becomes_messages_without_nan(tmp_path, name):
 def test_what_a_bag_has_not_is_named(bag, tmp_path):
     """Breaks if another topic or frame is taken, or an error of rosbags gets through."""
     (tmp_path / "torn.bag").write_bytes(b"#ROSBAG V2.0\n")
+    (tmp_path / "torn").mkdir()
+    (tmp_path / "torn" / "metadata.yaml").write_text("rosbag2:\n  duration\n")
     (tmp_path / "torn.mcap").write_bytes(b"\x89MCAP0\r\n")
     for path, topics, options, said in (
         (bag, ["/rear"], SIGMAS, "must be one of /front/points, /side/scan, but is /rear"),
@@ -223,6 +225,7 @@ def test_what_a_bag_has_not_is_named(bag, tmp_path):
         ),
         (bag, ["/side/scan"], SIGMAS | {"sigma_range": -1.0}, "is not a bag with scans of a radar"),
         (tmp_path / "torn.bag", ["/rear"], SIGMAS, "torn.bag is not a complete bag of ROS"),
+        (tmp_path / "torn", ["/rear"], SIGMAS, "torn is not a complete bag of ROS"),
         (tmp_path / "torn.mcap", ["/rear"], SIGMAS, "torn.mcap is not a complete bag of ROS"),
     ):
         with pytest.raises(ValueError, match=said):
