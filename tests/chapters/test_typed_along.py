@@ -29,6 +29,7 @@ def test_the_course_has_at_most_fifteen_pages_and_the_book_twenty_five_notebooks
     assert len(list(CHAPTERS.glob("*.ipynb"))) <= 25
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", COURSE, ids=lambda path: path.stem)
 def test_a_reader_can_type_along(path: Path):
     """Breaks if a page shows code that needs a folded cell, warns, or is a few lines only."""
