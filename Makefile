@@ -113,7 +113,7 @@ $(LOWEST)/.installed: requirements.txt pyproject.toml
 	$(BIN)/python -m venv --clear $(LOWEST)
 	@echo '*' > $(LOWEST)/.gitignore
 	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check '$(UV)'
-	$(LOWEST)/bin/uv pip install --python $(LOWEST)/bin/python --resolution lowest-direct -e '.[study,track]' \
+	$(LOWEST)/bin/uv pip install --python $(LOWEST)/bin/python --resolution lowest-direct -e '.[study,track,ros]' \
 	  $$(sed -nE 's/^((pytest|pytest-xdist|hypothesis|scikit-learn)==[^ ]+).*/\1/p' requirements.txt)
 	@touch $@
 
