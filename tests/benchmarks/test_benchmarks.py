@@ -6,10 +6,7 @@ from scipy.optimize import approx_fprime, least_squares
 
 from benchmarks.methods import Effort, initial_motion, one_per_call
 from benchmarks.numpy_cost import NumpyCost, minimise
-from benchmarks.report import Row, growth, growth_table
-from benchmarks.run import PATIENCE, affordable
 from benchmarks.scenes import (
-    Accuracy,
     accuracy,
     draw,
     known_correspondences,
@@ -86,34 +83,6 @@ def test_motions_survive_the_way_through_space():
     point = np.array([3.0, 4.0])
     moved = transform(theta) @ [*point, 0.0, 1.0]
     np.testing.assert_allclose(moved[:2], rigid.transform_means(theta, point[None])[0])
-
-
-def rows_of_times(name, cost, times):
-    """Rows of one method from 0.4 m off, of times (s) by the number of targets."""
-    judged = Accuracy(0.1, 0.01, 1.5, 1.0)
-    return [Row(n, "off", cost, name, t, t, 1, judged) for n, t in times.items()]
-
-
-def test_growth_is_the_slope_between_200_and_1000_targets():
-    times = {n: 1e-6 * n**1.2 for n in (200, 1000)} | {8: 1.0, 2000: 1.0}
-    rows = rows_of_times("kiss-icp (radius in m: 2)", "its own", times)
-    assert growth(rows, "its own", "kiss-icp", "off") == pytest.approx(1.2)
-    assert np.isnan(growth(rows, "its own", "kiss-icp", "truth"))
-    (line,) = (line for line in growth_table(rows, "off").splitlines() if "kiss-icp" in line)
-    cells = [cell.strip() for cell in line.split("|")[1:-1]]
-    assert cells == ["kiss-icp", "577", "3980", "1.2", "1.50"]
-
-
-def test_only_slow_peers_are_left_out_of_large_scenes():
-    slow = rows_of_times("pycpd CPD (tolerance: 1)", "its own", {100: PATIENCE / 3.9})
-    fast = rows_of_times("kiss-icp (radius in m: 2)", "its own", {100: PATIENCE})
-
-    def names(size, start="off"):
-        return {peer.name for peer in affordable(size, start, slow + fast)}
-
-    assert names(200) == names(100) - {"pycpd CPD"}
-    assert "kiss-icp" in names(400)
-    assert "pycpd CPD" in names(400, "truth")
 
 
 @pytest.mark.parametrize("start", ["truth", "off", "zero"])

@@ -1,17 +1,13 @@
 """The exhaustive evaluation: its conditions, its table, and a hundredth of it computed again."""
 
 import os
-import sys
 from datetime import date
-from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from d2d.study.beyond import __main__ as command
-from d2d.study.beyond import exhaustive, figures
+from d2d.study.beyond import exhaustive
 from d2d.study.beyond.exhaustive import GRIDS, RUNS, Trial, outcome, read_table, recompute, trials
 from d2d.study.runs import MonteCarlo
 
@@ -38,13 +34,6 @@ def test_methods_are_compared_on_the_same_draws() -> None:
     here, there = Trial("noise", "sum"), Trial("start", "robust", distance_m=5.0, starts=9)
     assert here.arguments["seed"] == there.arguments["seed"]
     assert here.arguments["seed"] != Trial("noise", "sum", noise=2.0).arguments["seed"]
-
-
-def test_schedules_step_down_in_equal_ratios() -> None:
-    assert exhaustive.stepped_down(1.0) == "1"
-    scales = np.array(exhaustive.stepped_down(100.0).split(), dtype=float)
-    assert len(scales) == 9
-    assert_allclose(scales[1:] / scales[:-1], 10**-0.25, rtol=5e-3)
 
 
 def test_outcome_counts_what_a_loop_counts() -> None:
@@ -94,29 +83,6 @@ def test_the_table_holds_every_condition_and_a_million_runs() -> None:
     assert (rows.converged <= rows.runs).all()
 
 
-def test_the_table_is_written_as_it_was_read(tmp_path: Path) -> None:
-    exhaustive.write_table(tmp_path / "table.csv", read_table())
-    assert (tmp_path / "table.csv").read_text() == exhaustive.table_path().read_text()
-
-
-def test_an_interrupted_sweep_does_only_the_rest(tmp_path: Path, monkeypatch) -> None:
-    """Breaks if an outcome that is kept is computed again, or taken for that of another trial."""
-    wanted = [Trial("noise", "sum", size=size) for size in (5, 6, 7)]
-    table = tmp_path / "table.csv"
-    monkeypatch.setattr(command, "table_path", lambda: table)
-    monkeypatch.setattr(sys, "argv", ["x", "--jobs", "1", "--folder", str(tmp_path / "kept")])
-    simulated, simulate = [], exhaustive.simulate
-    monkeypatch.setattr(exhaustive, "simulate", lambda t: simulated.append(t) or simulate(t))
-    for part in (wanted[:2], wanted):
-        monkeypatch.setattr(command, "trials", lambda part=part: part)
-        command.main()
-    assert simulated == wanted
-    rows = read_table(table)
-    assert trials_of(rows) == wanted
-    again = [recompute(trial)["iterations"] for trial in wanted]
-    assert_allclose(rows.iterations, again, rtol=1e-4)
-
-
 @pytest.mark.parametrize(
     ("holds", "words"),
     [("ynyyyny", "2 to 4"), ("nnnnnnn", "nowhere"), ("nnnnnyn", "5 only")],
@@ -124,24 +90,6 @@ def test_an_interrupted_sweep_does_only_the_rest(tmp_path: Path, monkeypatch) ->
 def test_span_is_the_longest_range_without_a_gap(holds: str, words: str) -> None:
     """Breaks if a value in the middle that fails is passed over."""
     assert exhaustive.span(range(7), [letter == "y" for letter in holds]) == words
-
-
-def test_start_map_averages_the_directions() -> None:
-    """Breaks if rows and columns are exchanged, or a direction is lost."""
-    rows = read_table()
-    _, ax = plt.subplots()
-    figures.start_map(ax, rows, "robust", "1", "robust")
-    wanted = {"distance_m": exhaustive.DISTANCES[2], "turn_deg": exhaustive.TURNS[1]}
-    chosen = exhaustive.select(rows, "start", cost="robust", scales="1", **wanted)
-    assert len(chosen) == 4
-    assert_allclose(ax.images[0].get_array()[1, 2], chosen.success.mean())
-
-
-def test_a_first_scale_is_measured_across_the_line_of_sight() -> None:
-    """Breaks if the ratio is another than sigma times scale over distance: 0.03 rad, 23.5 m."""
-    row = figures.first_scales(read_table()).iloc[-1]
-    assert (row.noise, row["first"], row.distance_m) == (2.0, 316.0, 10.0)
-    assert_allclose(row.ratio, 316.0 * 2.0 * 0.03 * 23.5 / 10.0)
 
 
 def test_a_hundredth_of_the_table_is_found_again() -> None:

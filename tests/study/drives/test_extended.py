@@ -26,15 +26,6 @@ def study(half_width: float, redrawn: bool = True) -> ExtendedStudy:
     return extended_study(rng, half_width, redrawn=redrawn)
 
 
-def test_about_forty_objects_are_in_view(monkeypatch):
-    """Breaks if objects are missing where the vehicle arrives, or targets outnumber the radar's."""
-    many = [scan.size for scan in extended_drive(np.random.default_rng(0), 0.3)]
-    monkeypatch.setattr(extended, "MOST", 1)
-    sizes = [scan.size for scan in extended_drive(np.random.default_rng(0), 0.3)]
-    assert 25 < min(sizes) <= max(sizes) < 60
-    assert_allclose(np.mean(many), 4.5 * np.mean(sizes), rtol=0.2)
-
-
 def test_of_single_targets_the_scatter_is_found_of_several_less(monkeypatch):
     """Breaks if the estimate has another bias than its documentation says."""
     found = study(1.0).estimate

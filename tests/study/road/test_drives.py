@@ -21,7 +21,6 @@ from d2d.radar import (
 from d2d.study.road import every_drive
 from d2d.study.road.displacements import (
     LENGTH,
-    by_drive,
     by_its_velocities,
     drift,
     span_errors,
@@ -149,12 +148,3 @@ def test_errors_of_a_wrong_yaw_rate_and_of_a_wrong_speed():
     assert_allclose(slow[:, 0], 0.01 * LENGTH, rtol=0.011)
     errors, _ = span_errors(replace(driven, theta=driven.theta + 10.0 * off), reference, 1.0)
     assert_allclose(errors[:, 2], 1e-3, atol=2e-6)
-
-
-def test_displacements_of_each_drive_are_judged_apart():
-    """Breaks if a drive that is too sure hides one that is too unsure."""
-    axes, unit = np.sqrt(3.0) * np.tile(np.eye(3), (4, 1)), np.tile(np.eye(3), (12, 1, 1))
-    sure, unsure = (2.0 * axes, unit), (0.5 * axes, unit)
-    assert by_drive([sure, unsure]) == "4.00 / 0.25"
-    assert by_drive([sure, unsure, unsure]) == "0.25 to 4.00"
-    assert by_drive([(sure[0][:2], unit[:2])]) == "–"

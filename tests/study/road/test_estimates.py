@@ -6,7 +6,6 @@ slips and whose mountings are turned by known amounts.
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -19,9 +18,7 @@ from d2d.radar import (
     RadarScan,
     Recording,
     Reference,
-    Track,
     doppler_velocity,
-    estimate_ego_motion,
     track,
 )
 from d2d.radar.evaluation.calibration_model import scan_velocities
@@ -190,36 +187,6 @@ def test_errors_are_against_what_the_first_half_suggests(loader):
     assert facts["stated_rmse"]["all"][0] > result.judged.rmse[0]
 
 
-def test_an_incomplete_last_round_is_left_out():
-    """Breaks if what one sensor measured last is judged as an estimate of all."""
-    found = recordings(10)
-    cut = [replace(found[0], scans=found[0].scans[:9]), *found[1:]]
-    for given, count in ((cut, 9), (found, 10)):
-        assert [len(r.scans) for r in estimates.whole_rounds(given)] == [count] * 4
-    result = estimates.drive(Run(SENSORS), cut)
-    assert len(result.times) == 8
-    last = [(r.scans[7], r.scans[8], r.mounting) for r in cut]
-    alone = estimate_ego_motion(*zip(*last, strict=True), initial=result.theta[-1])
-    assert_allclose(result.theta[-1], alone.theta, rtol=0, atol=1e-6)
-
-
-def test_paths_begin_together_where_the_reference_is_known():
-    """Breaks if the reference is integrated by the rule of the track, or begins elsewhere."""
-    times = 0.1 * np.arange(1, 101)
-    theta = np.column_stack([5.0 + 2.0 * times, np.zeros(100), 0.05 * times])
-    errors = np.full((100, 3), [0.1, 0.0, 0.0])
-    errors[:10] = errors[90:] = np.nan
-    covariance = np.tile(1e-4 * np.eye(3), (100, 1, 1))
-    driven = Track(times, np.full(100, 0.1), theta, covariance, np.ones(100, dtype=bool))
-    path, truth = Result(driven, errors).paths()
-    assert_array_equal([path[0], truth[0]], np.zeros((2, 3)))
-    assert len(path) == len(truth) == 80
-    assert truth[-1, 2] == pytest.approx(0.025 * (9.0**2 - 1.1**2), abs=1e-5)
-    lengths = [np.hypot(*np.diff(each[:, :2], axis=0).T).sum() for each in (path, truth)]
-    assert lengths[1] == pytest.approx(4.9 * 7.9 + 9.0**2 - 1.1**2, abs=0.02)
-    assert lengths[0] - lengths[1] == pytest.approx(0.1 * 7.9, abs=0.02)
-
-
 # ---- the files
 
 
@@ -259,51 +226,7 @@ def test_runs_are_read_as_they_were_written(estimated, tmp_path):
     assert (tmp_path / "again.csv").read_bytes() == path.read_bytes()
 
 
-def test_the_data_s_place_comes_from_the_environment(monkeypatch):
-    """Breaks if an unset or empty variable means the working directory."""
-    for value, expected in (("", None), ("/x/y", Path("/x/y"))):
-        monkeypatch.setenv("D2D_RADARSCENES", value)
-        assert estimates.data_root() == expected
-    monkeypatch.delenv("D2D_RADARSCENES")
-    assert estimates.data_root() is None
-
-
 # ---- the committed results
-
-
-def test_the_committed_results_hold_what_the_chapter_claims():
-    """Breaks if the files are not those that the code writes, or a bar is no longer met."""
-    results = estimates.read_estimates(estimates.estimates_path(105))
-    facts = estimates.read_facts(estimates.estimates_path(105))
-    assert list(results) == list(estimates.RUNS)
-    late = 0.5 * facts["duration"]
-
-    def rmse(name):
-        result = results[name]
-        second = result.errors[result.track.times > late]
-        return (
-            result.judged.rmse,
-            np.array(facts["stated_rmse"][name]),
-            np.sqrt(np.nanmean(second**2, axis=0)) * [1.0, 1.0, np.rad2deg(1.0)],
-        )
-
-    for one in rmse("sensor 3, baseline 2")[:2]:
-        assert (one <= [0.05, 0.13, 1.5]).all()
-    for together, plain, weighted in zip(
-        rmse("four sensors, baseline 2"),
-        rmse("four sensors, Doppler only, equal weights"),
-        rmse("four sensors, Doppler only"),
-        strict=True,
-    ):
-        assert together[2] <= 0.8
-        assert (together < plain).all()
-        assert (together[1:] < 0.7 * weighted[1:]).all()
-        assert together[0] < 1.1 * weighted[0]
-    assert results["sensor 3, without Doppler"].judged.rmse[0] >= 10.0 * rmse("sensor 3")[0][0]
-    # alone, sensors 1 and 4 often know too little; without Doppler, some jump as no car does
-    least = {"sensor 1": 0.7, "sensor 4": 0.7, "sensor 3, without Doppler": 0.9}
-    for name, result in results.items():
-        assert result.judged.share > least.get(name, 0.95), name
 
 
 def test_the_results_files_hold_no_measurements():

@@ -1,10 +1,9 @@
 """The summary of scans that cannot be shown."""
 
-import matplotlib.pyplot as plt
 import numpy as np
 
 from d2d.radar import RadarScan
-from d2d.study.road.scan_profile import EDGES, profile_panels, read_profile, scan_profile
+from d2d.study.road.scan_profile import EDGES, scan_profile
 
 
 def scan(time, distance, azimuth, doppler) -> RadarScan:
@@ -23,11 +22,3 @@ def test_a_profile_counts_each_target_in_its_bin():
     of_azimuth = dict(zip(EDGES["azimuth (°)"], profile["azimuth (°)"], strict=False))
     assert (of_azimuth[-45.0], of_azimuth[15.0]) == (0.5, 1.5)
     assert sum(profile["Doppler velocity (m/s)"]) == 2.0
-
-
-def test_the_stored_profile_fits_the_bins_and_is_drawn():
-    stored = read_profile()
-    assert all(len(stored[name]) == len(edges) - 1 for name, edges in EDGES.items())
-    _, axes = plt.subplots(3, 1)
-    profile_panels(axes, {"stored": stored})
-    assert [ax.get_xlabel() for ax in axes] == list(EDGES)

@@ -10,7 +10,7 @@ from d2d import log_score
 from d2d.radar import ErrorBudget, Recording, compare, simulate_drive, track
 from d2d.radar.simulation.drive import CAR_MOUNTING, CAR_SPEED
 from d2d.study.book import grammar
-from d2d.study.road import figures, scores
+from d2d.study.road import scores
 from d2d.study.road.drive import Drive, Source
 
 
@@ -37,33 +37,6 @@ def test_each_covariance_is_that_of_its_budget(drives):
     found = found[f"baseline {scores.BASELINES[0]}"]
     assert found["a"]["propagated noise"] == scores.scores(by_model["propagated noise"])
     assert found["b"]["propagated noise"] != found["a"]["propagated noise"]
-
-
-def test_tables_and_drawings_show_the_scores(drives):
-    """Breaks if a model is missing, or the numbers are not those of the comparison."""
-    found = {n: scores.scores(each) for n, each in scores.models(drives[0], 2).items()}
-    table = str(figures.score_table({"drive": found}))
-    assert all(name in table for name in grammar.COVARIANCES)
-    assert f"{found['noise and budget']['anees']:.2f}" in table
-    errors = str(figures.error_table({"drive": found}))
-    assert f"{found['noise and budget']['rmse'][0]:.3f}" in errors
-    assert len(figures.draw_scores({"drive": found}).axes) == 2
-
-
-def test_the_page_has_its_results():
-    stored = scores.read_scores()
-    for baseline in scores.BASELINES:
-        key = f"baseline {baseline}"
-        assert set(stored["radarscenes"][key]) == {
-            scores.FITTED_SEQUENCE,
-            scores.HELD_OUT_SEQUENCE,
-        }
-        scenes = {*scores.FITTED_SCENES, *scores.SEEN_SCENES, scores.HELD_OUT_SCENE}
-        assert set(stored["nuscenes"][key]) == scenes
-    assert [row["extent"] for row in stored["extents"]] == list(scores.EXTENTS)
-    horizons = stored["horizons of RadarScenes"] | stored["horizons of nuScenes"]
-    assert all(len(rows) == len(scores.LONGER) for rows in horizons.values())
-    figures.draw_horizons(horizons)
 
 
 def test_a_rate_that_is_wrong_makes_a_turn_wrong_in_proportion_to_its_time(drives):

@@ -1,19 +1,14 @@
 """The experiments on what makes errors on the road too large, on errors that are made here."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose
 
 from d2d.radar import Comparison, Recording, Track, simulate_drive
 from d2d.study.road.suspects import (
     beside_changed_reference,
-    draw_choices,
     judge_halves,
     parts,
-    parts_table,
     without_slow_part,
 )
 
@@ -64,20 +59,3 @@ def test_halves_are_compared_both_ways():
     found = judge_halves(Recording(drive.scans, drive.mounting, drive.truth))
     assert set(found) == {"target", "object"}
     assert 0.5 < found["target"]["anees"] < 3.0
-
-
-def test_the_table_shows_every_experiment():
-    judged = {"as it came": parts(comparison(slow=0.1)), "fast part": parts(comparison())}
-    shown = parts_table(judged, "Two.")
-    assert [row[0] for row in shown.rows] == list(judged)
-    assert shown.rows[0][3] == f"{judged['as it came']['whitened'][0]:.1f}"
-
-
-def test_choices_are_drawn_as_factors_of_one_of_them():
-    found = comparison()
-    _, ax = plt.subplots()
-    draw_choices(
-        ax, {"usual": found, "twice": replace(found, errors=2.0 * found.errors)}, "usual", ()
-    )
-    for line in ax.lines[:3]:
-        assert_allclose(line.get_xdata(), [1.0, 2.0])
