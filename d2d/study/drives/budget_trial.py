@@ -65,16 +65,20 @@ INGREDIENTS = {
 
 
 class TrialErrors(NamedTuple):
-    """Errors of the estimates of several drives, and each of `COVARIANCES` for them."""
+    """Errors of the estimates of several drives with each of `COVARIANCES`.
 
-    errors: Array  # (n, 3) in m/s, m/s, rad/s
+    The inverse Hessian is that of bare pairs, the two others are of filtered velocities.
+    """
+
+    errors: Array  # (3, n, 3) in m/s, m/s, rad/s
     covariances: Array  # (3, n, 3, 3)
     drive: Array  # (n,), the number of the drive
 
     @property
     def nees(self) -> Array:
         """Normalised squares (3, n) per dimension, with each covariance."""
-        return np.stack([normalised_squares(self.errors, c) / 3.0 for c in self.covariances])
+        each = zip(self.errors, self.covariances, strict=True)
+        return np.stack([normalised_squares(*pair) / 3.0 for pair in each])
 
     @property
     def anees(self) -> Array:
@@ -91,7 +95,8 @@ class TrialErrors(NamedTuple):
     @property
     def covered(self) -> Array:
         """Share (3,) of the errors within the 95 % region."""
-        return np.array([within(self.errors, c, [0.95]).mean() for c in self.covariances])
+        each = zip(self.errors, self.covariances, strict=True)
+        return np.array([within(*pair, [0.95]).mean() for pair in each])
 
 
 def budget_trial(names: Iterable[str] = INGREDIENTS) -> dict[str, TrialErrors]:
@@ -101,10 +106,8 @@ def budget_trial(names: Iterable[str] = INGREDIENTS) -> dict[str, TrialErrors]:
     noise; the drives start at places all over the lap.  The last covariance has the budget of
     exactly the standard deviations that the errors were drawn from.
 
-    Without any error, the propagated noise has an average NEES somewhat above 1: in bends the
-    velocity is not constant over an interval, and of targets that fade, neighbours half a metre
-    away are mistaken for them.  A budget's ``neighbours`` correlates all errors of the positions,
-    the simulator only the extent, so a small extent among neighbours is overestimated.
+    A budget's ``neighbours`` correlates all errors of the positions, the simulator only the extent,
+    so a small extent among neighbours is overestimated.
     """
     return {name: trial_errors(INGREDIENTS[name]) for name in names}
 
@@ -118,16 +121,16 @@ def trial_errors(
         truth = drive.truth.theta
         scans = [with_known_errors(scan, ingredient) for scan in drive.scans]
         options: dict[str, Any] = {"baseline": 1, "initial": truth[0], "limits": None}
-        plain = track((scans, drive.mounting), carry=False, **options)
-        full = track((scans, drive.mounting), budget=ingredient.budget, smooth=True, **options)
-        assert full.systematic is not None
-        good = full.converged
-        kinds = np.stack([plain.covariance, full.covariance - full.systematic, full.covariance])
-        errors.append((full.theta - truth[1:])[good])
-        covariances.append(kinds[:, good])
+        own = scans, drive.mounting
+        found = [track(own, carry=False, **options)]
+        budgets = ErrorBudget(), ingredient.budget
+        found += [track(own, budget=each, **options) for each in budgets]
+        good = np.logical_and.reduce([each.converged for each in found])
+        errors.append(np.stack([(each.theta - truth[1:])[good] for each in found]))
+        covariances.append(np.stack([each.covariance[good] for each in found]))
         numbers.append(np.full(good.sum(), number))
-    stacked = np.concatenate(covariances, axis=1)
-    return TrialErrors(np.concatenate(errors), stacked, np.concatenate(numbers))
+    wrong, stated = (np.concatenate(each, axis=1) for each in (errors, covariances))
+    return TrialErrors(wrong, stated, np.concatenate(numbers))
 
 
 @lru_cache(maxsize=1)  # the next ingredient may be the same, but with ``stated``

@@ -7,6 +7,7 @@ deviations; the residuals after registration give those of the measurements.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -58,13 +59,19 @@ def fit_correction(velocities: ScanVelocities, odometry: Reference) -> Correctio
     ``odometry`` must be uncorrected: read with ``time_offset=0``.
     """
     found = fit(_model(velocities, odometry), 0.0, MAX_OFFSET)
-    speed, slip, *yaw = map(float, found.parameters)
+    speed, slip, *yaw, _ = map(float, found.parameters)
     return Correction(found.lag, slip, speed, tuple(yaw), float(np.sqrt(found.mean_square)))
 
 
 def _model(velocities: ScanVelocities, odometry: Reference) -> CalibrationModel:
-    """The model of all sensors with one odometry and a side slip proportional to v_x omega."""
-    return CalibrationModel.of(velocities, [odometry] * velocities.sensors, (1,))
+    """The model of all sensors with one odometry and a side slip proportional to v_x omega.
+
+    The odometry's yaw rate has no bias.
+    """
+    model = CalibrationModel.of(velocities, [odometry] * velocities.sensors, (1,))
+    free = model.free.copy()
+    free[-1] = False
+    return replace(model, free=free)
 
 
 def residual_sigmas(
