@@ -3,7 +3,7 @@
 import os
 import secrets
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -27,31 +27,34 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
 
 
 def write_together(contents: Mapping[Path, bytes | None]) -> None:
-    """Replace several files by contents that belong together; None removes a file.
+    """Replace several files of one folder by contents that belong together; None removes a file.
 
     The last file is removed first and written last: while it is there, all are those of one call,
-    wherever the program ends.  Nothing changes if one cannot be written.
+    whenever the program ends.  Nothing changes if one cannot be written.  Two writers wait for each
+    other.
     """
     targets = {path: _target(path) for path in contents}
     for path, target in targets.items():
         if target.exists() and not target.is_file():
             raise OSError(f"{path} is a folder or a device, and cannot be replaced by a file")
-    parts = {
-        targets[path]: targets[path].with_name(f".{secrets.token_hex(8)}.part")
-        for path, content in contents.items()
-        if content is not None
-    }
-    try:
-        for path, target in targets.items():
-            if target in parts:
-                parts[target].write_bytes(contents[path] or b"")
-        for target in reversed(targets.values()):
-            target.unlink(missing_ok=True)
-        for target, part in parts.items():
-            os.replace(part, target)
-    finally:
-        for part in parts.values():
-            part.unlink(missing_ok=True)
+    if len(set(targets.values())) < len(targets):
+        raise OSError(f"{', '.join(map(str, targets))} must be different files, but two are links")
+    with _locked(next(iter(targets.values())).parent):
+        parts: dict[Path, int | Path] = {}
+        try:
+            for path, content in contents.items():
+                if content is not None:
+                    parts[targets[path]] = _write_aside(targets[path], content)
+            for target in reversed(targets.values()):
+                target.unlink(missing_ok=True)
+            for target, part in parts.items():
+                _place(part, target)
+        finally:
+            for part in parts.values():
+                if isinstance(part, int):
+                    os.close(part)
+                else:
+                    part.unlink(missing_ok=True)
 
 
 def _target(path: Path) -> Path:
@@ -60,3 +63,39 @@ def _target(path: Path) -> Path:
     if not target.parent.is_dir():
         raise FileNotFoundError(f"{path} cannot be written: {target.parent} does not exist")
     return target
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Wait until no other process writes files together in a folder."""
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):  # not on Windows, nor in all network folders
+            import fcntl
+
+            descriptor = os.open(folder, os.O_RDONLY)
+            stack.callback(os.close, descriptor)  # which unlocks it
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+
+
+def _write_aside(target: Path, content: bytes) -> int | Path:
+    """Write a file without a name, which leaves nothing behind; or beside its place, where the
+    system has no such files.
+    """
+    try:
+        descriptor = os.open(target.parent, os.O_TMPFILE | os.O_WRONLY, 0o666)
+    except (AttributeError, OSError):
+        part = target.with_name(f".{target.name}.part")
+        part.write_bytes(content)
+        return part
+    with open(descriptor, "wb", closefd=False) as file:
+        file.write(content)
+    return descriptor
+
+
+def _place(part: int | Path, target: Path) -> None:
+    """Give a file that is complete its name."""
+    if isinstance(part, int):
+        os.link(f"/proc/self/fd/{part}", target, src_dir_fd=part, follow_symlinks=True)
+    else:
+        os.replace(part, target)

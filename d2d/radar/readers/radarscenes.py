@@ -45,6 +45,7 @@ RADARSCENES_BUDGET = ErrorBudget(
 Table = dict[str, NDArray[Any]]
 
 _TARGET_FIELDS = ("timestamp", "sensor_id", "range_sc", "azimuth_sc", "rcs", "vr")
+_COMPRESSION = 100  # times the size of a file that its tables may have; the original's have 3
 _ODOMETRY_FIELDS = ("timestamp", "x_seq", "y_seq", "yaw_seq", "vx", "yaw_rate")
 
 
@@ -176,9 +177,15 @@ def _tables(path: Path) -> tuple[Table, Table]:
 
 
 def _table(file: h5py.File, name: str, fields: tuple[str, ...]) -> Table:
-    if name not in file:
+    outside = isinstance(file.get(name, getlink=True), h5py.ExternalLink)
+    if not outside and name not in file:
         raise ValueError(f"it has no table {name!r}")
-    rows = file[name][:]
+    if outside or file[name].is_virtual or file[name].external:
+        raise ValueError(f"the table {name!r} must be in the file, not in another one")
+    dataset = file[name]
+    if dataset.nbytes > _COMPRESSION * os.path.getsize(file.filename):
+        raise ValueError(f"the table {name!r} claims {dataset.nbytes} bytes, too many for its file")
+    rows = dataset[:]
     missing = [field for field in fields if field not in (rows.dtype.names or ())]
     if missing:
         raise ValueError(f"the table {name!r} has no column {missing[0]!r}")

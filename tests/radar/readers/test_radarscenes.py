@@ -354,6 +354,7 @@ def test_a_column_that_is_missing_or_of_another_type_is_named(root):
         ("1000000", [0.0, 3.9], SCENES, "is not a RadarScenes scene list"),
         ("01000000", [0, 3], SCENES, "is not a RadarScenes scene list"),
         ("1_000_000", [0, 3], SCENES, "is not a RadarScenes scene list"),
+        ("+1000000", [0, 3], SCENES, "is not a RadarScenes scene list"),
     ],
 )
 def test_scans_that_do_not_fit_the_targets_are_refused(root, stamp, indices, file, said):
