@@ -37,6 +37,7 @@ _SURE = 4.0  # standard deviations of a heading
 _SQUARE = np.deg2rad(8.0)  # from a right angle
 _LATE, _LIKELIER, _USELESS = 0.07, 12.5, 0.2  # s, nats, s between clocks
 _AGREED, _TRAFFIC = 0.6, 0.4  # shares: range rates that are right, targets of one motion
+_POOR = 0.25  # share of a sensor's targets that agree; of right logs half and more do
 _CONTRARY = 10.0  # ANEES between two sensors; real ones have up to 3 with their budget
 _ASIDE = np.deg2rad([50.0, 130.0])  # boresights to the side
 _SLIPPING = 0.05  # m/s, standard deviation of v_y, below which a slip law holds it
@@ -181,7 +182,18 @@ def _of_motion(log: Mapping[str, SensorScans], driven: Track) -> list[Finding]:
     clocks = list(_of_clocks(motions))
     if any(each.sure for each in clocks):
         return clocks
-    headings = {name: motion.heading(driven) for name, motion in motions.items()}
+    poor = [
+        Finding(
+            "few targets fit", name, motion.share, "share", False, "one motion; noise, traffic?"
+        )
+        for name, motion in motions.items()
+        if len(log) > 1 and motion.share < _POOR
+    ]
+    headings = {
+        name: motion.heading(driven)
+        for name, motion in motions.items()
+        if motion.share > _TRAFFIC  # else what few targets agree on is an accident
+    }
     off = {name: heading for name, (heading, _) in headings.items() if abs(heading) > _TURNED}
     agreed = [range_rates_agree(scans) for scans, _ in log.values()]
     scaled = all(share > _AGREED for share in agreed)
@@ -210,7 +222,7 @@ def _of_motion(log: Mapping[str, SensorScans], driven: Track) -> list[Finding]:
         for each in _of_headings(headings, places)
         if each.sure or each.sensor not in told  # what is distorted seems turned
     ]
-    return [*clocks, *turned, *distorted]
+    return [*clocks, *poor, *turned, *distorted]
 
 
 def _of_headings(

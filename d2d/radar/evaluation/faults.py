@@ -139,6 +139,7 @@ def _views(epoch: Mapping[str, ScanPair]) -> list[tuple[RadarScan, Mounting]]:
 _OF_SCALES = (
     *("the path runs backwards", "Doppler velocities in km/h", "ranges in feet", "ranges in dm"),
     *("the vehicle hardly moves", "Doppler velocities are folded"),
+    *("Doppler velocities in mph", "Doppler velocities are doubled"),
     "Doppler velocities show another motion",
 )
 
@@ -150,6 +151,8 @@ def _table(log: Mapping[str, SensorScans]) -> Iterator[Fault]:
         yield _changed("the path runs backwards", sensor, doppler=-1.0)
         yield _changed("Doppler velocities in km/h", sensor, doppler=1.0 / 3.6)
         yield _changed("azimuths count clockwise", sensor, azimuth=-1.0)
+    yield _changed("Doppler velocities in mph", "", doppler=0.44704)
+    yield _changed("Doppler velocities are doubled", "", doppler=0.5)
     yield _changed("ranges in feet", "", range=0.3048)
     yield _changed("ranges in dm", "", range=0.1)
     yield _each("x and y are swapped", "", _swapped)
