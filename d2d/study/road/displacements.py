@@ -72,10 +72,8 @@ def by_its_velocities(reference: Reference) -> Reference:
     return Reference(fine, velocities, np.column_stack([places, yaw]))
 
 
-def lines(drives: Sequence[Drive]) -> Iterator[tuple[str, ...]]:
+def lines(tracks: Sequence[Track], references: Sequence[Reference]) -> Iterator[tuple[str, ...]]:
     """For each span of which there are enough: its errors, and how they fit the covariance."""
-    tracks = [drive.track(horizon=HORIZON, budget=drive.budget) for drive in drives]
-    references = [drive.reference for drive in drives]
     smooth = [by_its_velocities(reference) for reference in references]
     for span in SPANS:
         each = [span_errors(*pair, span) for pair in zip(tracks, references, strict=True)]
@@ -115,5 +113,10 @@ def write(sources: Mapping[str, Sequence[Source]]) -> None:
     parts = []
     for data_set, listed in sources.items():
         drives = [source.load() for source in listed]
-        parts += [caption(data_set, drives), markdown(HEAD, [*lines(drives)])]
+        tracks = [drive.track(horizon=HORIZON, budget=drive.budget) for drive in drives]
+        references = [drive.reference for drive in drives]
+        each = zip(tracks, references, strict=True)
+        along, turned = np.sqrt(np.mean(np.concatenate([drift(*d) for d in each]) ** 2, axis=0))
+        drifted = f"Drift over {LENGTH:g} m: {along:.2f} m and {np.rad2deg(turned):.2f}° (RMS)."
+        parts += [caption(data_set, drives), markdown(HEAD, [*lines(tracks, references)]), drifted]
     write_page("road_displacements.md", "d2d.study.road displacements", parts)
