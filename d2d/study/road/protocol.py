@@ -31,7 +31,6 @@ BARE, EMPTY, FITTED, STORED = "bare pairs", "empty budget", "fitted budget", "st
 CONSTANT, FACTORS = "constant matrix", "3 factors"
 MODELS = (BARE, EMPTY, CONSTANT, FACTORS, FITTED, STORED)
 TRACKS = (BARE, EMPTY, FITTED, STORED)  # with estimates of their own
-NOISE_ALONE = BARE, EMPTY  # judged with all sensors only: they are far too small there
 
 
 class Cell(NamedTuple):
@@ -178,7 +177,7 @@ def others(drives: Mapping[str, Any], held_out: str) -> list[Any]:
 
 # ---- Judgement
 
-Tracks = Mapping[str, Comparison]  # for `FITTED` and `STORED`, with all sensors `NOISE_ALONE`, too
+Tracks = Mapping[str, Comparison]  # of `STORED`, with all sensors of all `TRACKS`
 
 
 def stated_by_models(own: Tracks, matrix: Array, factors: Array) -> dict[str, Comparison]:
@@ -237,9 +236,9 @@ class Judged(NamedTuple):
 def load_and_judge(source: Source, cell: Cell, fitted: ErrorBudget) -> dict[str, Comparison]:
     """The tracks of a cell from files."""
     drive, alone = source.load(), DATA_SETS[source.data_set].alone
-    budgets = {FITTED: fitted, STORED: drive.budget}
-    if cell == CELLS[ALL]:
-        budgets = {BARE: None, EMPTY: ErrorBudget()} | budgets
+    budgets = {STORED: drive.budget}
+    if cell == CELLS[ALL]:  # with fewer sensors the others say nothing new
+        budgets = {BARE: None, EMPTY: ErrorBudget(), FITTED: fitted} | budgets
     return {name: judged(drive, cell, alone, budget) for name, budget in budgets.items()}
 
 
