@@ -491,7 +491,10 @@ def _compare(arguments: argparse.Namespace) -> None:
     found = compare(driven, late)
     check_reference(driven, late)
     print(found)
-    if np.isnan(known.poses).all():
+    for column, name in ((0, "speed"), (2, "yaw rate")):
+        if np.isnan(known.theta[:, column]).all():
+            print(f"The odometry has no {name}, which is not compared.")
+    if np.isnan(known.poses).all() and not np.isnan(known.theta[:, 1]).all():
         print("The odometry has no v_y: it is compared with zero.")
 
 

@@ -287,6 +287,10 @@ def _logs(recordings: Recording | Iterable[Recording | SensorLog]) -> list[Senso
             raise ValueError(f"{name} must have Doppler velocities, but all of them are zero")
         if len(reference.times) < 2 or not (np.diff(reference.times) > 0).all():
             raise ValueError(f"{name} must have a reference with at least two times, increasing")
+        if np.isnan(reference.theta[:, [0, 2]]).any(axis=1).all():
+            raise ValueError(
+                f"{name} must have a reference with speeds and yaw rates, not only one"
+            )
         if not (np.abs(reference.theta[:, 0]) > _MIN_SPEED).any():
             raise ValueError(f"{name} must be of a moving vehicle, but its reference stands still")
         logs.append((listed, mounting, reference))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from d2d._checks import check_instance
 from d2d._frozen import Frozen
@@ -30,7 +31,6 @@ UNITS = ("m/s", "m/s", "deg/s")
 HEAD = [*map("{} ({})".format, NAMES, UNITS), "all"]  # of the table
 IN_UNITS = np.array([1.0, 1.0, np.rad2deg(1.0)])
 
-
 _CLOCKS, _OFF, _PAIRS = 30.0, 0.5, 30  # s of lags that are tried, s that are too late, estimates
 _ALIKE = 0.1  # share of the variance that a reference with another clock or unit leaves
 _FACTORS = 0.7, 1.4  # on a reference's speed and yaw rate
@@ -39,7 +39,8 @@ _FACTORS = 0.7, 1.4  # on a reference's speed and yaw rate
 class Measures(NamedTuple):
     """The measures of a comparison, or the bounds of their confidence intervals.
 
-    Directions are in the order v_x, v_y, omega.  Bounds have a leading axis: lower, upper.
+    Directions are in the order v_x, v_y, omega, nan where the reference lacks one.  Bounds have a
+    leading axis: lower, upper.
 
     ``mean_error``, ``rmse`` and ``crps`` (3,) are the mean, the root mean square and the continuous
     ranked probability score (`d2d.crps`) of the errors, in m/s, m/s, deg/s.
@@ -71,8 +72,9 @@ class Comparison(Frozen):
 
     It prints as a `table`, also in a notebook.  The estimates that are compared are at ``times``
     (n,) in s.  ``errors`` (n, 3) are those of [v_x, v_y, omega] in m/s, m/s, rad/s, with the stated
-    ``covariances`` (n, 3, 3).  ``share`` and ``converged`` are the shares of the track's estimates
-    that are compared, and that converged.
+    ``covariances`` (n, 3, 3).  A direction that the reference lacks is nan, and the others are
+    judged.  ``share`` and ``converged`` are the shares of the track's estimates that are compared,
+    and that converged.
     """
 
     times: Array
@@ -91,7 +93,9 @@ class Comparison(Frozen):
 
         The covariances (n, 3, 3) of the errors are by default those of the track.
         """
-        good = track.converged & np.isfinite(errors).all(axis=-1)
+        finite = np.isfinite(errors)
+        known = finite.any(axis=0)
+        good = track.converged & finite[:, known].all(axis=-1) & known.any()
         return cls(
             track.times[good],
             errors[good],
@@ -99,6 +103,17 @@ class Comparison(Frozen):
             float(good.mean()),
             float(track.converged.mean()),
         )
+
+    @cached_property
+    def _known(self) -> NDArray[np.int_]:
+        """The k directions that the reference has."""
+        return np.flatnonzero(np.isfinite(self.errors).all(axis=0))
+
+    @cached_property
+    def _judged(self) -> tuple[Array, Array]:
+        """Errors (n, k) in these directions, and their covariances (n, k, k)."""
+        known = self._known
+        return self.errors.take(known, axis=1), self.covariances[:, known[:, None], known]
 
     @property
     def rmse(self) -> Array:
@@ -117,23 +132,26 @@ class Comparison(Frozen):
 
         The region of the ANEES assumes independent errors, which a track seldom has.
         """
-        return credibility(self.errors, self.covariances)
+        return credibility(*self._judged)
 
     @cached_property
     def whitened(self) -> Whitened:
-        """The whitened errors of omega, of v_y given omega, and of v_x given both."""
-        return whiten(self.errors, self.covariances, (2, 1, 0))
+        """The whitened errors of omega, of v_y given omega, and of v_x given both.
+
+        Without columns for directions that the reference lacks.
+        """
+        return whiten(*self._judged, range(len(self._known))[::-1])
 
     @cached_property
     def measures(self) -> Measures:
         """All measures: means over the estimates, or roots of means."""
-        return _measures(self._columns.mean(axis=0))
+        return self._measures(self._columns.mean(axis=0))
 
     @cached_property
     def block(self) -> int:
         """Length of the bootstrap's blocks: the longest that the errors or the NEES need."""
         squares = (self.whitened.values**2).sum(axis=-1)
-        return block_length(np.column_stack([self.errors, squares]))
+        return block_length(np.column_stack([self._judged[0], squares]))
 
     def intervals(self, confidence: float = 0.95) -> Measures:
         """Lower and upper bounds of all measures, by the block bootstrap `d2d.block_bootstrap`.
@@ -144,25 +162,52 @@ class Comparison(Frozen):
         """
         rng, mean = np.random.default_rng(0), partial(np.mean, axis=0)
         columns = [self._columns]
-        return _measures(block_bootstrap(mean, columns, self.block, rng, confidence=confidence))
+        bounds = block_bootstrap(mean, columns, self.block, rng, confidence=confidence)
+        return self._measures(bounds)
 
     @cached_property
     def _columns(self) -> Array:
-        """Terms (n, 29) whose means over the estimates give `Measures`, in its order."""
-        count, white = len(self.errors), self.whitened
-        squares = white.values**2
+        """Terms (n, c) whose means over the estimates give `Measures`, in its order."""
+        white, (errors, covariances) = self.whitened, self._judged
+        squares, units = white.values**2, IN_UNITS[self._known]
         return np.column_stack(
             [
-                self.errors,
-                self.errors**2,
-                crps(self.errors * IN_UNITS, self.sigmas),
+                errors,
+                errors**2,
+                crps(errors * units, self.sigmas[:, self._known]),
                 squares,
                 squares.mean(axis=-1),
                 white.log_score,
                 white.log_score.sum(axis=-1),
-                white.within().reshape(count, -1),
-                within(self.errors, self.covariances),
+                white.within().reshape(len(errors), -1),
+                within(errors, covariances),
             ]
+        )
+
+    def _measures(self, columns: Array) -> Measures:
+        """The measures from means (c,) of `_columns`, or from bounds (2, c) of them."""
+        k, levels = len(self._known), len(LEVELS)
+        widths = np.cumsum([k, k, k, k, 1, k, 1, k * levels])
+        error, square, score, white, anees, logs, log, inside, ellipsoid = np.split(
+            columns, widths, axis=-1
+        )
+
+        def placed(values: Array) -> Array:
+            """Values (..., k m) of the known directions as (..., 3, m)."""
+            whole = np.full((*columns.shape[:-1], 3, values.shape[-1] // k), np.nan)
+            whole[..., self._known, :] = values.reshape(*columns.shape[:-1], k, -1)
+            return whole
+
+        return Measures(
+            placed(error)[..., 0] * IN_UNITS,
+            np.sqrt(placed(square)[..., 0]) * IN_UNITS,
+            placed(score)[..., 0],
+            placed(white)[..., 0],
+            anees.T[0],
+            placed(logs)[..., 0],
+            log.T[0],
+            placed(inside),
+            ellipsoid,
         )
 
     @property
@@ -178,9 +223,13 @@ class Comparison(Frozen):
         rows: list[tuple[str, ...]] = []
         for label, form, pick in _ROWS:
             values, bounds = pick(self.measures), pick(intervals)
-            ranges = [f"[{form}, {form}]".format(*pair) for pair in bounds.T]
+            texts = [form.format(value) if np.isfinite(value) else "" for value in values]
+            ranges = [
+                f"[{form}, {form}]".format(*pair) if np.isfinite(pair).all() else ""
+                for pair in bounds.T
+            ]
             gap = [""] * (len(HEAD) - len(values))
-            rows += [(label, *map(form.format, values), *gap), ("", *ranges, *gap)]
+            rows += [(label, *texts, *gap), ("", *ranges, *gap)]
         stated = np.sqrt(np.mean(self.sigmas**2, axis=0))
         rows.insert(4, ("stated sigma", *map("{:.3f}".format, stated), ""))
         return pd.DataFrame([row[1:] for row in rows], [row[0] for row in rows], HEAD)
@@ -231,29 +280,10 @@ class Comparison(Frozen):
         axes[0].legend(loc="upper right", ncols=2)
         nees = (self.whitened.values**2).sum(axis=-1)
         axes[3].semilogy(self.times, nees, MARKER, ms=1.5, color=COLOR)
-        for bound in scipy.special.chdtri(3, np.array([0.975, 0.025])):
+        for bound in scipy.special.chdtri(len(self._known), np.array([0.975, 0.025])):
             axes[3].axhline(bound, **REFERENCE)
         axes[3].set(ylabel="NEES", xlabel="time (s)")
         return figure
-
-
-def _measures(columns: Array) -> Measures:
-    """The measures from means (29,) of `Comparison._columns`, or from bounds (2, 29) of them."""
-    widths = np.cumsum([3, 3, 3, 3, 1, 3, 1, 9])
-    error, square, score, white, anees, logs, log, inside, ellipsoid = np.split(
-        columns, widths, axis=-1
-    )
-    return Measures(
-        error * IN_UNITS,
-        np.sqrt(square) * IN_UNITS,
-        score,
-        white,
-        anees.T[0],
-        logs,
-        log.T[0],
-        inside.reshape(*inside.shape[:-1], 3, len(LEVELS)),
-        ellipsoid,
-    )
 
 
 def _append(directions: Array, together: Array) -> Array:
@@ -282,7 +312,8 @@ def compare(track: Track, reference: Reference) -> Comparison:
     errors are included.  Without one, see `compare_tracks` and `compare_halves`.
 
     It is interpolated linearly to ``track.times``.  Estimates that did not converge, outside its
-    time span, or where it is nan, are left out.
+    time span, or where it is nan, are left out.  A direction in which it is nan at all times, as a
+    gyro's speed, is not compared.
 
     Raises a ``ValueError`` if fewer than four estimates can be compared, as with clocks that
     differ.
@@ -318,27 +349,30 @@ def check_reference(track: Track, reference: Reference) -> None:
     """
     good = track.converged
     times, theta = track.times[good], track.theta[good]
-    span = min(0.5 * float(np.ptp(times)), _CLOCKS) if len(times) else 0.0
-    tried = []
-    for lag in np.arange(-span, span + 0.1, 0.1):
-        shown = reference.at(times + lag).theta
-        known = np.isfinite(shown[:, [0, 2]]).all(axis=1)
-        if known.sum() > _PAIRS:
-            tried.append((_unexplained(shown[known, 0], theta[known, 0]), float(lag)))
-    shown = reference.at(times).theta
-    known = np.isfinite(shown[:, [0, 2]]).all(axis=1)
-    if known.sum() <= _PAIRS or not tried:
+
+    def both(axis: int, lag: float = 0.0) -> tuple[Array, Array]:
+        """A velocity of the reference some time later, and the track's."""
+        theirs = reference.at(times + lag).theta[:, axis]
+        known = np.isfinite(theirs)
+        return theirs[known], theta[known, axis]
+
+    axis, whose = (0, "speeds") if len(both(0)[0]) else (2, "yaw rates")
+    if len(both(axis)[0]) <= _PAIRS:
         return
-    now, (rest, lag) = _unexplained(shown[known, 0], theta[known, 0]), min(tried)
-    if rest < _ALIKE and now > 4.0 * rest and abs(lag) > _OFF:
+    span = min(0.5 * float(np.ptp(times)), _CLOCKS)
+    lags = np.arange(-span, span + 0.1, 0.1).tolist()
+    tried = [(_unexplained(*both(axis, lag)), lag) for lag in lags]
+    rest, lag = min(tried)
+    if rest < _ALIKE and _unexplained(*both(axis)) > 4.0 * rest and abs(lag) > _OFF:
         raise ValueError(
-            f"reference must have the track's clock, but its speeds are those of {lag:+.1f} s later"
+            f"reference must have the track's clock, but its {whose} are those of {lag:+.1f} s "
+            "later"
         )
     for axis, name, hint in ((0, "speed", "km/h"), (2, "yaw rate", "deg/s, or clockwise")):
-        theirs, own = shown[known, axis], theta[known, axis]
+        theirs, own = both(axis)
         slope = float(theirs @ own) / max(float(theirs @ theirs), 1e-12)
         agreed = 1.0 - float(((own - slope * theirs) ** 2).sum() / (own @ own + 1e-12))
-        if agreed > 1.0 - _ALIKE and not _FACTORS[0] < slope < _FACTORS[1]:
+        if agreed > 1.0 - _ALIKE and not _FACTORS[0] < slope < _FACTORS[1] and len(own) > _PAIRS:
             raise ValueError(
                 f"reference must have the track's {name}, but would have to be multiplied by "
                 f"{slope:.3f}; is it in {hint}?"
@@ -346,8 +380,10 @@ def check_reference(track: Track, reference: Reference) -> None:
 
 
 def _unexplained(theirs: Array, own: Array) -> float:
-    """The share of a velocity's variance that a linear function of another does not explain."""
-    return 1.0 - float(np.corrcoef(theirs, own)[0, 1]) ** 2
+    """The share of a velocity's variance that a rising linear function of another leaves."""
+    if len(own) <= _PAIRS or not (np.ptp(own) and np.ptp(theirs)):
+        return 1.0
+    return 1.0 - max(float(np.corrcoef(theirs, own)[0, 1]), 0.0) ** 2
 
 
 def enough(found: Comparison, whose: str) -> Comparison:

@@ -25,8 +25,9 @@ def load_reference(path: str | os.PathLike[str], topic: str | None = None) -> Re
     A *TUM trajectory* has lines "t x y z qx qy qz qw" (s, m, quaternion) of the vehicle frame, in
     any world; its velocities are slopes of the poses, see `Reference.from_poses`.  An *odometry* is
     a CSV file whose first line names the columns ``time`` (s), ``speed`` (m/s, negative backwards)
-    and ``yaw_rate`` (rad/s, counter-clockwise) or ``yaw_rate_deg`` (deg/s).  It says nothing of
-    v_y, which is taken to be zero, as it nearly is in the middle of a rear axle; its poses are nan.
+    and ``yaw_rate`` (rad/s, counter-clockwise) or ``yaw_rate_deg`` (deg/s), or one of the two: what
+    is missing is nan, as its poses are.  A speed says nothing of v_y, which is taken to be zero, as
+    it nearly is in the middle of a rear axle.
     A *bag* has a ``topic`` of Odometry, TwistWithCovarianceStamped or TwistStamped.
 
     Raises a ``ValueError`` that names file and line if it is neither, or not in time order.
@@ -57,31 +58,35 @@ def load_gyro(path: str | os.PathLike[str], topic: str | None = None) -> tuple[A
     if is_bag(source):
         found = load_bag_reference(source, topic, GYROS)
         return found.times, found.theta[:, 2]
-    time, omega = _columns(source, ("time", "yaw_rate"))
+    time, omega = _columns(source, "yaw_rate").values()
     return time, omega
 
 
-def _columns(source: Path, names: tuple[str, ...]) -> list[Array]:
-    """Columns of a table that are within their bounds."""
+def _columns(source: Path, *names: str) -> dict[str, Array]:
+    """The times of a table and those of some columns that it has, at least one, within bounds."""
 
     def lacking(table: Table) -> str:
-        return "" if all(table.column(name, {}) for name in names) else ", ".join(names)
+        there = table.column("time", {}) and any(table.column(name, {}) for name in names)
+        return "" if there else f"time, {' or '.join(names)}"
 
     table = read_table(source, lacking)
-    values = []
-    for name in names:
+    found = {}
+    for name in ("time", *names):
         column, bounds = table.column(name, {}), _FASTEST if name == "yaw_rate" else FINITE
-        assert column is not None
-        values.append(table.numbers(name, column))
-        for row in np.flatnonzero(~bounds.hold(values[-1]))[:1]:
-            bounds.number(f"{table.where(row)}: {table.names[column.place]}", values[-1][row])
-    return values
+        if column is None:
+            continue
+        found[name] = table.numbers(name, column)
+        for row in np.flatnonzero(~bounds.hold(found[name]))[:1]:
+            bounds.number(f"{table.where(row)}: {table.names[column.place]}", found[name][row])
+    return found
 
 
 def _odometry(source: Path) -> Reference:
-    time, speed, omega = _columns(source, ("time", "speed", "yaw_rate"))
-    theta = np.column_stack([speed, np.zeros_like(speed), omega])
-    return Reference(time, theta, np.full_like(theta, np.nan))
+    found = _columns(source, "speed", "yaw_rate")
+    unknown = np.full_like(found["time"], np.nan)
+    speed, omega = (found.get(name, unknown) for name in ("speed", "yaw_rate"))
+    theta = np.column_stack([speed, 0.0 * speed, omega])
+    return Reference(found["time"], theta, np.full_like(theta, np.nan))
 
 
 def _poses(source: Path, text: str) -> Reference:

@@ -302,6 +302,7 @@ def test_what_cannot_be_calibrated_is_refused_by_name():
     entry, empty = (scans, mounting, reference), [scan[:0] for scan in scans]
     silent = [replace(scan, doppler=0.0 * scan.doppler) for scan in scans]
     still = replace(reference, theta=0.0 * reference.theta)
+    gyro = replace(reference, theta=reference.theta * [np.nan, np.nan, 1.0])
     late = replace(reference, times=reference.times + 100.0)
     back = replace(reference, times=reference.times[::-1])
     for recordings, options, message in (
@@ -310,6 +311,7 @@ def test_what_cannot_be_calibrated_is_refused_by_name():
         ([(scans[:1], *entry[1:])], {}, r"^recordings\[0\] must have at least two scans"),
         ([(empty, *entry[1:])], {}, r"^recordings\[0\] must have at least two scans"),
         ([(*entry[:2], still)], {}, r"^recordings\[0\] must be of a moving vehicle"),
+        ([(*entry[:2], gyro)], {}, r"^recordings\[0\] must have .* speeds and yaw rates"),
         ([(*entry[:2], late)], {}, "^the references of recordings must cover the times"),
         ([(*entry[:2], back)], {}, r"^recordings\[0\] must have a reference .* increasing"),
         ([entry, (scans[:5], MOUNTINGS[1], reference)], {}, "is one sensor given twice"),

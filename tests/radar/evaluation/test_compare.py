@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d import block_bootstrap, coverage, credibility, crps, log_score, whiten
 from d2d.radar import Comparison, Reference, Track, compare
+from d2d.radar.evaluation.compare import check_reference
 from tests.radar.evaluation.noisy_tracks import EMPTY, SCALE, failed, noisy, truth
 
 N = 400  # estimates
@@ -66,6 +67,61 @@ def test_what_cannot_be_compared_is_refused_by_name():
     ):
         with pytest.raises(ValueError, match=message):
             compare(given, beside)
+
+
+def test_only_directions_that_the_reference_has_are_judged():
+    """Breaks if a gyro alone, or a speed alone, is no reference, or what is missing is judged."""
+    driven, reference = example()
+    whole = compare(driven, reference)
+    for known, lacking in (([2], [0, 1]), ([0, 1], [2])):
+        theta = reference.theta.copy()
+        theta[:, lacking] = np.nan
+        found = compare(driven, replace(reference, theta=theta))
+        check_reference(driven, replace(reference, theta=theta))
+        e, c = whole.errors[:, known], whole.covariances[:, known][:, :, known]
+        assert_allclose(found.rmse[known], whole.rmse[known])
+        assert_allclose(found.measures.anees, credibility(e, c).anees)
+        assert_allclose(found.measures.log_score, log_score(e, c).mean())
+        assert_allclose(found.measures.coverage, coverage(e, c))
+        assert_allclose(found.measures.crps[known], whole.measures.crps[known])
+        assert found.credibility.anees == credibility(e, c).anees
+        for name in ("rmse", "whitened_squares", "coverages"):
+            assert np.isnan(getattr(found.measures, name)[lacking]).all()
+        assert (found.table.iloc[[0, 1], lacking] == "").all(axis=None)
+        plt.close(found.plot())
+
+
+WRONG = {
+    "the same": (lambda times, theta: (times, theta), ""),
+    "another clock": (lambda times, theta: (times + 5.0, theta), r"clock, .* those of \+5\.0 s"),
+    "an early clock": (lambda times, theta: (times - 0.7, theta), r"clock, .* those of -0\.7 s"),
+    "nearly its clock": (lambda times, theta: (times + 0.3, theta), ""),
+    "km/h": (lambda times, theta: (times, theta * [3.6, 3.6, 1.0]), r"speed, .* by 0\.278"),
+    "deg/s": (lambda times, theta: (times, theta * [1.0, 1.0, 57.3]), r"yaw rate, .* by 0\.017"),
+    "clockwise": (lambda times, theta: (times, theta * [1, 1, -1]), r"yaw rate, .* -1\.0.*clockw"),
+    "a poor speedometer": (lambda times, theta: (times, theta * [1.2, 1.0, 0.8]), ""),
+    "a late gyro": (
+        lambda times, theta: (times + 5.0, theta * [np.nan, np.nan, 1.0]),
+        "clock, .* yaw r",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_reference_of_another_clock_unit_or_sign_is_refused(case):
+    """Breaks if its errors are printed as the track's, or a right one is doubted."""
+    times = np.arange(0.0, 60.0, 0.1)
+    swing = np.sin(0.01 * times**2)  # never the same again
+    theta = np.column_stack([10.0 + 4.0 * swing, 0.0 * times, 0.2 * swing])
+    covariance = np.tile(1e-4 * np.eye(3), (len(times), 1, 1))
+    driven = Track(times, np.full_like(times, 0.1), theta, covariance, times >= 0.0)
+    change, message = WRONG[case]
+    beside = Reference(*change(times, theta), np.full_like(theta, np.nan))
+    if not message:
+        check_reference(driven, beside)
+        return
+    with pytest.raises(ValueError, match=f"^reference must have the track's {message}"):
+        check_reference(driven, beside)
 
 
 def test_measures_are_those_of_the_errors():

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from d2d.radar import Track, load_reference
 
@@ -45,12 +45,22 @@ def test_an_odometry_is_read_in_both_units(tmp_path):
         assert np.isnan(found.poses).all()
 
 
+def test_what_an_odometry_lacks_is_nan(tmp_path):
+    """Breaks if a gyro alone stands still, or a speed alone drives straight ahead."""
+    for text, theta in (
+        ("time,yaw_rate\n0,0.1\n1,0.2\n", [[np.nan, np.nan, 0.1], [np.nan, np.nan, 0.2]]),
+        ("time,speed\n0,5\n1,6\n", [[5.0, 0.0, np.nan], [6.0, 0.0, np.nan]]),
+    ):
+        assert_array_equal(load_reference(written(tmp_path, text)).theta, theta)
+
+
 def test_what_is_neither_is_named(tmp_path):
     """Breaks if a wrong file gives a reference, or a traceback."""
     pose = "0 1 2 0 0 0 0 1\n"
     for text, said in (
         ("", "is empty"),
-        ("time,speed\n0,1\n", "must name the columns time, speed, yaw_rate"),
+        ("time,range\n0,1\n", "must name the columns time, speed or yaw_rate"),
+        ("speed,yaw_rate\n0,1\n", "must name the columns time, speed or yaw_rate"),
         ("time,speed,yaw_rate\n0,1,2\n1,x,0\n", "line 3: speed must be a number, but is 'x'"),
         ("time,speed,yaw_rate\n0,1,12\n", "line 2: yaw_rate must be in rad/s, at most"),
         ("time,speed,yaw_rate\n0,1,0\n0,1,0\n", "strictly increasing time"),
