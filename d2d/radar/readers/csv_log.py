@@ -34,7 +34,7 @@ from d2d.radar.readers.table import (
     scan_of,
     usual_sigmas,
 )
-from d2d.radar.scans.scan import BOUNDS, MEASURED, SIGMAS, RadarScan
+from d2d.radar.scans.scan import ANGLES, BOUNDS, MEASURED, SIGMAS, UPWARDS, RadarScan
 
 Mask = NDArray[np.bool_]
 Rows = NDArray[np.intp]
@@ -45,8 +45,6 @@ _RADIANS = BOUNDS["azimuth"]._replace(
 _DEGREES = Bounds(most=360.0, unit="in degrees, ")
 _STEP_BACK = 1.0  # s
 _POLAR, _CARTESIAN = ("range", "azimuth"), ("x", "y")
-_UPWARDS = ("elevation", "sigma_elevation")
-_ANGLES = ("azimuth", "sigma_azimuth", *_UPWARDS)
 _LOG_QUANTITIES = ("time", *TARGET, "sensor", "frame")
 
 
@@ -168,7 +166,7 @@ def _columns(
     columns = {name: column for name, column in found.items() if column is not None}
     if columns.keys() >= {*_POLAR}:
         columns = {name: c for name, c in columns.items() if name not in _CARTESIAN}
-    stated = dict.fromkeys(_ANGLES, "deg") if degrees else {}
+    stated = dict.fromkeys(ANGLES, "deg") if degrees else {}
     if time_unit is not None:
         check_choice("time_unit", time_unit, ("s", "ms", "us", "ns"))
         stated["time"] = time_unit
@@ -213,13 +211,12 @@ def _check(
     if not wrong:
         return
     row, name = min(wrong.items())
-    value, bounds = values[name][row], BOUNDS.get(name, FINITE)
-    if name in _ANGLES:
-        in_degrees = columns[name].unit == "deg"
-        bounds = _DEGREES if in_degrees else _RADIANS
-        value = float(np.rad2deg(value)) if in_degrees else value
-    bounds.number(f"{table.where(row)}: {name}", value)
-    BOUNDS[name].number(f"{table.where(row)}: {name}", values[name][row])
+    said, value = f"{table.where(row)}: {name}", values[name][row]
+    if name in ANGLES and columns[name].unit == "deg":
+        _DEGREES.number(said, float(np.rad2deg(value)))
+    elif name in ANGLES:
+        _RADIANS.number(said, value)
+    BOUNDS.get(name, FINITE).number(said, value)
 
 
 def _by_sensor(table: Table, names: Any, rows: Rows) -> dict[str, Rows]:
@@ -272,7 +269,7 @@ def write_csv(path: str | os.PathLike[str], sensors: Mapping[str, Iterable[Radar
             raise ValueError(f"sensors[{name!r}] must hold one scan of each time")
     fields = [*MEASURED, *SIGMAS]
     if any(scan.elevation.any() for *_, scan in scans):
-        fields += _UPWARDS
+        fields += UPWARDS
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("time", "sensor", *fields))

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from d2d.radar.readers.table import number
@@ -27,8 +26,7 @@ class Option(NamedTuple):
     needed: bool = False
 
 
-@dataclass(frozen=True)
-class Reader:
+class Reader(NamedTuple):
     """A way to read scans."""
 
     name: str  # of the option that takes the file or folder
@@ -38,7 +36,7 @@ class Reader:
     read: Callable[[Any, Mapping[str, Any]], Source]  # of file or folder, and options by name
     metavar: str = "FILE"
     heading: str = "options of a log"
-    parsing: Mapping[str, Any] = field(default_factory=dict)  # as of an option
+    parsing: Mapping[str, Any] = {}  # as of an option
     trial: tuple[Any, tuple[Any, ...]] | None = None  # a recording and its sensors, for tests
 
 

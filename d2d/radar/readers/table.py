@@ -166,25 +166,20 @@ def read_table(source: Path, lacking: Callable[[Table], str], *, torn: bool = Fa
 def _filled(table: Table, reader: Any, torn: bool) -> Table:
     """The table with the rows below its first line."""
     width, lines, rows, left_out = len(table.names), [], [], 0
-    while True:
-        try:
-            row = next(reader, None)
-        except csv.Error as error:
-            raise ValueError(
-                f"{table.source}, line {table.first + reader.line_num}: {error}"
-            ) from None
-        if row is None:
-            break
-        if len(row) == width and (row[0] or any(row)) and row[0][:1] != "#":
-            lines.append(table.first + reader.line_num)
-            rows.append(row)
-        elif any(word.strip() for word in row) and not row[0].startswith("#"):
-            left_out += 1
-            if not torn:
-                raise ValueError(
-                    f"{table.source}, line {table.first + reader.line_num}: there must be {width} "
-                    f"values as in the first line, but are {len(row)}"
-                )
+    try:
+        for row in reader:
+            if len(row) == width and (row[0] or any(row)) and row[0][:1] != "#":
+                lines.append(table.first + reader.line_num)
+                rows.append(row)
+            elif any(word.strip() for word in row) and not row[0].startswith("#"):
+                left_out += 1
+                if not torn:
+                    raise ValueError(
+                        f"there must be {width} values as in the first line, but are {len(row)}"
+                    )
+    except (csv.Error, ValueError) as error:
+        where = f"{table.source}, line {table.first + reader.line_num}"
+        raise ValueError(f"{where}: {error}") from None
     words = [*zip(*rows, strict=True)] if rows else [()] * width
     return table._replace(lines=np.array(lines, dtype=np.int64), words=words, torn=left_out)
 

@@ -53,6 +53,8 @@ BOUNDS = {
 }
 MEASURED = ("range", "azimuth", "doppler")  # of each target
 SIGMAS = ("sigma_range", "sigma_azimuth", "sigma_doppler")
+UPWARDS = ("elevation", "sigma_elevation")
+ANGLES = ("azimuth", "sigma_azimuth", *UPWARDS)
 
 
 @dataclass(frozen=True)
