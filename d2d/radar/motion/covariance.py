@@ -98,13 +98,6 @@ class Influence(NamedTuple):
     doppler: Array  # (K, 3) per m/s
     prediction: Array  # (K, 3) per rad of azimuth, by the predicted Doppler velocity alone
 
-    @property
-    def azimuth(self) -> Array:
-        """(K, 3) per rad of azimuth, by position and prediction together."""
-        slope = cross_range(self.scan, self.mounting)
-        turned: Array = np.einsum("kij,kj->ki", self.position, slope)
-        return turned + self.prediction if len(self.prediction) else turned
-
 
 def influences(problem: Problem, estimate: Estimate, pairs: Sequence[ScanPair]) -> list[Influence]:
     """The influence of each scan on a velocity (3,), the optimum of a problem of pairs of scans.

@@ -45,12 +45,11 @@ def scan_pairs(
     length, a pair is out of time order or a scan has no targets.
     """
     given: dict[str, Any] = {"previous": previous, "current": current, "mounting": mounting}
-    if isinstance(previous, RadarScan) or isinstance(current, RadarScan):
+    alone = isinstance(previous, RadarScan) or isinstance(current, RadarScan)
+    if alone:
         for name, value in given.items():
             check_instance(name, value, _FIELDS[name])
-        pair = ScanPair(**given)
-        _check_pair(pair, "")
-        return [_level(pair)]
+        given = {name: [value] for name, value in given.items()}
     columns = [check_members(name, value, _FIELDS[name]) for name, value in given.items()]
     lengths = [len(column) for column in columns]
     if len(set(lengths)) > 1:
@@ -60,27 +59,20 @@ def scan_pairs(
         )
     if not lengths[0]:
         raise ValueError("previous must hold at least one scan, but is empty")
-    pairs = [ScanPair(*row) for row in zip(*columns, strict=True)]
-    for number, pair in enumerate(pairs):
-        _check_pair(pair, f"[{number}]")
-    return [_level(pair) for pair in pairs]
-
-
-def _level(pair: ScanPair) -> ScanPair:
-    """The pair as a sensor with its axes in the plane would have seen it."""
-    earlier, place = level(pair.previous, pair.mounting)
-    return ScanPair(earlier, level(pair.current, pair.mounting)[0], place)
-
-
-def _check_pair(pair: ScanPair, place: str) -> None:
-    if not pair.interval > 0:
-        raise ValueError(
-            f"current{place} must be later than previous{place}, but is at "
-            f"{pair.current.time:.6f} s after {pair.previous.time:.6f} s"
-        )
-    for name in ("previous", "current"):
-        if not getattr(pair, name).size:
-            raise ValueError(f"{name}{place} holds no targets")
+    pairs = []
+    for number, (earlier, later, at) in enumerate(zip(*columns, strict=True)):
+        place = "" if alone else f"[{number}]"
+        if not later.time > earlier.time:
+            raise ValueError(
+                f"current{place} must be later than previous{place}, but is at "
+                f"{later.time:.6f} s after {earlier.time:.6f} s"
+            )
+        for name, scan in (("previous", earlier), ("current", later)):
+            if not scan.size:
+                raise ValueError(f"{name}{place} holds no targets")
+        (earlier, flat), (later, _) = level(earlier, at), level(later, at)
+        pairs.append(ScanPair(earlier, later, flat))
+    return pairs
 
 
 def scan_pair(

@@ -177,8 +177,6 @@ class OdometryEstimator:
             if rate is not None:
                 self.guessed = update_yaw_rate(self.guessed, rate)
             theta, errors = self.guessed.whole.mean[:3], self.guessed.errors
-        elif self.last is not None:
-            theta = self.last.theta
         unknown, seen = np.full((3, 3), np.nan), (targets, inliers)
         return VelocityEstimate(
             current.time, current.interval, theta, unknown, reason, *seen, None, errors

@@ -167,7 +167,7 @@ def update(predicted: Mixture, given: FilterInput) -> Mixture:
     Where no mode explains the estimate, the filter begins anew with it.
     """
     means = predicted.modes.mean
-    to = _padded(np.hstack([np.eye(3), given.delay]), means.shape[-1])
+    to = np.pad(np.hstack([np.eye(3), given.delay]), [(0, 0), (0, means.shape[-1] - 6)])
     slow = np.stack([np.column_stack([given.slow, -given.lag * each[3:6]]) for each in means])
     found, squares = _updated(predicted, given.velocity, to, slow, given.white)
     if squares > _IMPLAUSIBLE**2:
@@ -213,11 +213,6 @@ def _updated(
         moved[:, size:] -= faded * np.tensordot(shares, gain @ slow, 1)
         found = found._replace(transition=moved)
     return found, float(squares.min())
-
-
-def _padded(matrix: Array, size: int) -> Array:
-    """The matrix (r, size) with columns of zeros after those of v and a."""
-    return np.pad(matrix, [(0, 0), (0, size - 6)])
 
 
 def _moved(belief: Belief, passed: float) -> Belief:

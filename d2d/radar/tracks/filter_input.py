@@ -84,12 +84,9 @@ class FilterInput(NamedTuple):
         estimate's time, along x and y and about z, and the ``slow`` errors (2 S + 3,).  Derivatives
         are in this order.  Raises a ``ValueError`` if a shape does not match.
         """
-        given = {"velocity": velocity, "acceleration": acceleration, "slow": slow}
-        wanted = ((3,), (3,), (self.slow.shape[1] + 1,))
-        for (name, value), shape in zip(given.items(), wanted, strict=True):
-            if check_finite(name, value).shape != shape:
-                raise ValueError(f"{name} must have the shape {shape}, but has {np.shape(value)}")
-        v, a, s = (np.asarray(value, dtype=np.float64) for value in given.values())
+        v = check_finite("velocity", velocity, "(3,)")
+        a = check_finite("acceleration", acceleration, "(3,)")
+        s = check_finite("slow", slow, f"({self.slow.shape[1] + 1},)")
         delay = self.delay - self.lag * s[-1] * np.eye(3)
         to = np.column_stack([np.eye(3), delay, self.slow, -self.lag * a])
         return v + delay @ a + self.slow @ s[:-1], to

@@ -26,11 +26,6 @@ class State:
         """The three standard deviations."""
         return [math.sqrt(variance) for variance in self.covariance.diagonal().tolist()]
 
-    @property
-    def yaw_rate_of_slip(self) -> float:
-        """How far omega would move, in rad/s, if v_y were known to be zero."""
-        return float(self.theta[1] * self.covariance[1, 2] / self.covariance[1, 1])
-
 
 @dataclass(frozen=True)
 class VehicleLimits:
@@ -104,7 +99,9 @@ class VehicleLimits:
             return f"a yaw rate with a sigma of {math.degrees(sigmas[2]):.1f} deg/s"
         if max(sigmas[:2]) > self.speed_uncertainty:
             return f"a velocity with a sigma of {max(sigmas[:2]):.1f} m/s"
-        if abs(state.yaw_rate_of_slip) > self.yaw_rate_of_slip:
+        # how far omega would move if v_y were known to be zero
+        moved = theta[1] * state.covariance[1, 2] / state.covariance[1, 1]
+        if abs(moved) > self.yaw_rate_of_slip:
             return f"a side slip of {theta[1]:.2f} m/s"
         if last is None:
             return ""

@@ -19,7 +19,7 @@ from d2d._checks import check_finite
 from d2d._types import Array
 from d2d.radar.tracks.filter import MEMORY, PERSISTENCE
 
-_ROUNDED = 1e-6  # s, of times since 1970
+ROUNDED = 1e-6  # s, of times since 1970
 
 
 class Displacement(NamedTuple):
@@ -93,13 +93,12 @@ class Knots(NamedTuple):
         ``ahead``, and that with the velocity before it ``behind``.
         """
         found = Displacement(np.full((len(ends), 3), np.nan), np.full((len(ends), 3, 3), np.nan))
-        last = int(np.searchsorted(self.times, ends.max()))
         i = max(int(np.searchsorted(self.times, start, side="right")) - 1, 0)
-        if start < self.times[0] - _ROUNDED or len(self.times) < 2:
+        if start < self.times[0] - ROUNDED or len(self.times) < 2:
             return found
-        last = min(last, len(self.times) - 1)
+        last = min(int(np.searchsorted(self.times, ends.max())), len(self.times) - 1)
         nodes = np.unique(np.concatenate([[start], self.times[i + 1 : last], ends]))
-        nodes = nodes[nodes <= self.times[-1] + _ROUNDED]
+        nodes = nodes[nodes <= self.times[-1] + ROUNDED]
         if len(nodes) < 2:
             return found
         moves, slopes, _ = rigid.exponential_derivatives(self.motions(nodes))

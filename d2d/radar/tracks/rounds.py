@@ -204,6 +204,7 @@ class Rounds:
     ) -> None:
         apart = check_separation(baseline, horizon)
         self._histories = [_History(mounting, *apart) for mounting in mountings]
+        self._places = [(at.x, at.y, at.yaw) for at in mountings]
         self._stepped_back = False
         self.open: dict[int, RadarScan] = {}  # the scans of the round that has not ended
         self._start = math.nan  # time of the open round's first scan
@@ -248,7 +249,7 @@ class Rounds:
         if not scans:
             return []
         # neither the arrival nor the numbers of the sensors decide on the rounding of a sum
-        order = sorted(scans, key=lambda s: (scans[s].time, *self._histories[s].place))
+        order = sorted(scans, key=lambda s: (scans[s].time, *self._places[s]))
         chosen = [self._histories[s].paired(scans[s]) for s in order]
         time = float(np.mean([scans[s].time for s in order]))
         interval, self.last = time - self.last, time
@@ -277,11 +278,6 @@ class _History:
         self._baseline, self._horizon = baseline, horizon
         self._scans: deque[RadarScan] = deque()
         self._intervals: deque[float] = deque(maxlen=REMEMBERED)
-
-    @property
-    def place(self) -> tuple[float, ...]:
-        """The mounting as numbers."""
-        return self._mounting.x, self._mounting.y, self._mounting.yaw
 
     @property
     def cycle(self) -> float:

@@ -27,7 +27,7 @@ from d2d.radar.tracks.output import (
     write_poses,
     write_table,
 )
-from d2d.radar.tracks.path import Displacement, Knots, chain, independent
+from d2d.radar.tracks.path import ROUNDED, Displacement, Knots, chain, independent
 from d2d.radar.tracks.plot import draw
 from d2d.radar.tracks.support import Support, support_of
 
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 _ROW_SHAPES: dict[str, tuple[int, ...]] = {"theta": (3,), "covariance": (3, 3)}
 # s, and relative to the time since the first estimate: stamps in logs are often rounded
 _STAMP, _DRIFT = 0.01, 1e-5
-_ROUNDED = 1e-6  # s
 _ROUNDING = 1e-6  # of covariances, relative to their standard deviations
 _SHOWN_REASONS = 3
 # A number in a reason, but not the exponent of a unit such as m/s^2.
@@ -463,6 +462,6 @@ def neighbours(
     distance = times - track.times[before]
     weight = np.divide(distance, gap, out=np.zeros_like(distance), where=gap > 0.0)
     inside = (track.times[before] <= times) & (times <= track.times[after])
-    near = gap <= 2.0 * np.median(track.intervals) + _ROUNDED  # times since 1970 are rounded
+    near = gap <= 2.0 * np.median(track.intervals) + ROUNDED
     good = track.converged[before] & track.converged[after]
     return before, after, weight, inside & near & good

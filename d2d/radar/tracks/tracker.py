@@ -27,7 +27,6 @@ from d2d.radar.tracks.rounds import (
     check_clocks,
     check_distinct,
     check_mountings,
-    check_separation,
     named_sensors,
     rounds_of,
 )
@@ -131,7 +130,6 @@ def track(
     >>> float(driven.poses()[-1, 0].round(1))  # m ahead
     6.2
     """
-    check_separation(baseline, horizon)
     drives = named_sensors(sensors, max_interval)
     estimator = _estimator(len(drives), carry, initial, budget, gyro, limits, options)
     if check_flag("smooth", smooth):
