@@ -30,7 +30,6 @@ _UPPER = np.triu_indices(3)
 _VELOCITY = ("time", "interval", "v_x", "v_y", "omega", "converged")
 _ENTRIES = ("var_v_x", "cov_v_x_v_y", "cov_v_x_omega", "var_v_y", "cov_v_y_omega", "var_omega")
 _COLUMNS = _VELOCITY + _ENTRIES
-_FLAGS = "converged", "guessed"
 
 
 def save_fields(path: Path, fields: Mapping[str, Any]) -> None:
@@ -124,7 +123,7 @@ def _parsed(name: str, value: str) -> object:
     """A value of a table; an empty one is not known, as pandas writes it."""
     if name == "reasons":
         return value
-    if name in _FLAGS:
+    if TYPES.get(name) is np.bool_:
         if value not in ("True", "False"):
             raise ValueError(f"{name} must be True or False, but is {value}")
         return value == "True"

@@ -106,14 +106,15 @@ class Knots(NamedTuple):
         turned = rigid.rotation(poses[:-1, 2])
         slopes[:, :2] = turned @ slopes[:, :2]
         slopes *= 0.5 * np.diff(nodes)[:, None, None]
-        wanted = {float(end): number for number, end in enumerate(ends)}
+        longest = max(MEMORY, 2.5 * float(np.median(np.diff(self.times))))
+        wanted = {*ends.tolist()}
         total, behind = np.zeros((3, 3)), np.zeros((3, 3))
         ahead, i = np.zeros(self.errors.shape[2:])[:3], i - 1
         for n, time in enumerate(nodes[1:]):
             if n == 0 or (i + 2 < len(self.times) and nodes[n] >= self.times[i + 1]):
                 i += 1
                 passed = self.times[i + 1] - self.times[i]
-                if passed > self.longest:
+                if passed > longest:
                     break
                 behind, ahead = ahead[:, :3], self._carried(ahead, i)
                 own, later = self.errors[i, 1, :3], self.errors[i + 1, 1, :3]
@@ -138,11 +139,6 @@ class Knots(NamedTuple):
         transition = self.errors[i + 1, 0]
         kept = np.exp((self.times[i] - self.times[i + 1]) / PERSISTENCE)
         return np.hstack([covariance @ transition.T, kept * covariance[:, len(transition) :]])
-
-    @property
-    def longest(self) -> float:
-        """The longest time in s over which the velocity is interpolated."""
-        return max(MEMORY, 2.5 * float(np.median(np.diff(self.times))))
 
 
 def independent(covariances: Array) -> Array:

@@ -191,9 +191,9 @@ class Rounds:
     """Divides scans into rounds as they arrive, and pairs each with an earlier one of its sensor.
 
     `d2d.radar.track` says when a round ends, and what is left out.  A sensor's cycle is the median
-    of its last intervals, that of a round the shortest of its sensors.  No more scans are kept than
-    the pairs to come can need.  A scan that is no later than the last round is left out: ``late``
-    has its sensor, the scan and that round's time, until the caller clears it.
+    of its last intervals, that of a round the shortest of its sensors.  Scans that are too old for
+    a pair are dropped.  A scan that is no later than the last round is left out: ``late`` has its
+    sensor, the scan and that round's time, until the caller clears it.
     """
 
     def __init__(
@@ -305,7 +305,6 @@ class _History:
                 scans.popleft()
         previous = self._before(scan.time)
         scans.append(scan)
-        self._drop()
         return None if previous is None else ScanPair(previous, scan, self._mounting)
 
     def _before(self, time: float) -> RadarScan | None:
@@ -318,16 +317,6 @@ class _History:
         wanted = time - self._horizon
         # rounding must not decide between two scans that are equally near: the later one wins
         return min(reversed(scans), key=lambda scan: round(abs(scan.time - wanted), 6))
-
-    def _drop(self) -> None:
-        """Drop the scans that no later one will be paired with."""
-        scans, horizon = self._scans, self._horizon
-        if horizon is None:
-            while len(scans) > self._baseline:
-                scans.popleft()
-        else:
-            while len(scans) > 1 and scans[1].time <= scans[-1].time - horizon:
-                scans.popleft()
 
 
 def rounds_of(

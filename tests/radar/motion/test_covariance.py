@@ -32,8 +32,7 @@ from d2d.radar import (
 from d2d.radar.motion.covariance import apply_budget, influences, noise_covariance
 from d2d.radar.motion.estimate import estimate_velocity
 from d2d.radar.motion.model import DEFAULT_OUTLIER
-from d2d.radar.motion.pairs import ScanPair, scan_pair
-from d2d.radar.motion.pairs import problem_of as pairs_problem
+from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.radar.scans.scan import doppler_gradients
 from tests.radar.scenes import CORNER, arc, frame, observe
 
@@ -103,11 +102,6 @@ def estimated(pairs, **options):
 
 def propagated(estimate, pairs, **options) -> np.ndarray:
     return propagate_ego_motion(estimate, *zip(*pairs, strict=True), **options)
-
-
-def problem_of(pairs):
-    model = EgoMotionModel()
-    return model.problem([scan_pair(*pair, model) for pair in pairs])
 
 
 def slope(function, step) -> np.ndarray:
@@ -306,7 +300,7 @@ def test_more_scatter_of_the_positions_is_none_of_the_azimuth():
     The extent of an object makes those larger.
     """
     pairs = pairs_of(several(np.random.default_rng(4)))
-    found = influences(problem_of(pairs), estimated(pairs), pairs)
+    found = influences(problem_of(pairs, EgoMotionModel()), estimated(pairs), pairs)
     extended = [
         each._replace(
             points=PointSet(each.points.means, each.points.covariances + 0.09 * np.eye(2))
@@ -356,7 +350,9 @@ def test_an_estimate_with_other_options_is_refused(options):
 def applied(pairs, budget: ErrorBudget):
     """What a budget says of the velocity by two sensors."""
     estimate, time = estimated(pairs), pairs[0].current.time
-    return apply_budget(problem_of(pairs), estimate, pairs, budget, time, estimate.theta)
+    return apply_budget(
+        problem_of(pairs, EgoMotionModel()), estimate, pairs, budget, time, estimate.theta
+    )
 
 
 def moved_by(change, pairs) -> np.ndarray:
@@ -415,7 +411,7 @@ def test_neighbours_share_what_their_distance_says():
     found = []
     for length, pairs in ((2.0, two_pairs()), (200.0, two_pairs(3, 10))):
         expected = np.zeros((3, 3))
-        for each in influences(problem_of(pairs), estimated(pairs), pairs):
+        for each in influences(problem_of(pairs, EgoMotionModel()), estimated(pairs), pairs):
             rooted = each.position @ np.array([sqrtm(own) for own in each.points.covariances])
             apart = np.linalg.norm(each.points.means[:, None] - each.points.means, axis=-1)
             alike = np.where(apart < 5.0 * length, np.exp(-apart / length), 0.0)
@@ -458,7 +454,7 @@ def test_the_lead_is_how_far_a_known_acceleration_moves_the_estimate():
     moved = slope(
         lambda by: (
             estimate_velocity(
-                pairs_problem(pairs, EgoMotionModel(), by * acceleration, start), start, (1.0,)
+                problem_of(pairs, EgoMotionModel(), by * acceleration, start), start, (1.0,)
             ).theta
         ),
         1e-3,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from d2d.radar import CovarianceParts, ErrorBudget, FilterInput, track
+from d2d.radar import CovarianceParts, FilterInput, track
 from d2d.radar.simulation.drive import CAR_SPEED, ROAD_SPEED, ROBOT_SPEED, _motion
 from d2d.radar.tracks import filter as filtering
 from d2d.radar.tracks.filter import JERK, UNKNOWN, begin, predict, smooth_mixtures, update
@@ -220,24 +220,26 @@ def test_estimates_far_more_precise_than_the_acceleration_are_survived():
 
 @pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize(
-    ("rates", "offsets", "jitter"),
+    ("rates", "offsets", "jitter", "options"),
     [
-        ([1.0], [0.0], 0.0),
-        ([4.0], [0.0], 0.2),
-        ([25.0], [0.0], 0.0),
-        ([13.0] * 3, [0.01, 0.03, 0.06], 0.2),
-        ([20.0, 4.0], [0.01, 0.03], 0.0),
-        ([1.0, 1.0], [0.0, 0.3], 0.0),
+        ([1.0], [0.0], 0.0, {}),
+        ([4.0], [0.0], 0.2, {}),
+        ([25.0], [0.0], 0.0, {}),
+        ([13.0] * 3, [0.01, 0.03, 0.06], 0.2, {}),
+        ([20.0, 4.0], [0.01, 0.03], 0.0, {}),
+        ([1.0, 1.0], [0.0, 0.3], 0.0, {}),
+        ([10.0] * 3, [0.01, 0.03, 0.06], 0.0, {"baseline": 1}),
+        ([10.0] * 3, [0.01, 0.03, 0.06], 0.0, {"baseline": 4}),
+        ([10.0] * 3, [0.01, 0.03, 0.06], 0.0, {"horizon": 0.45}),
     ],
-    ids=["1 Hz", "4 Hz, jitter", "25 Hz", "three, jitter", "20 and 4 Hz", "1 Hz, 0.3 s apart"],
 )
-def test_a_constant_acceleration_makes_no_error(rates, offsets, jitter, smooth):
-    """Breaks if an estimate lags behind, whatever the rates of the radars."""
+def test_a_constant_acceleration_makes_no_error(rates, offsets, jitter, options, smooth):
+    """Breaks if an estimate lags behind, whatever the rates of the radars and the pairs."""
     mountings = AROUND[: len(rates)]
     for steady in ([2.0, 0.0, 0.0], [-2.0, 0.0, 0.04]):
         end = 5.0 if rates[0] == 1.0 else 2.0
         sensors, truth = accelerating(rates, offsets, np.array(steady), mountings, jitter, end=end)
-        found = track(sensors, horizon=0.3, budget=ErrorBudget(), smooth=smooth)
+        found = track(sensors, **options, smooth=smooth)
         good = found.converged
         assert good.mean() > 0.9 or rates == [1.0]
         sigmas = np.sqrt(np.diagonal(found.covariance[good], axis1=1, axis2=2))

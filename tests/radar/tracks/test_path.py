@@ -237,16 +237,3 @@ def test_where_nothing_is_estimated_the_path_is_guessed():
         else:
             assert last[0] > 20.0
             assert 20.0 < abs(yaw[-1] - yaw[19]) < 38.0
-
-
-@pytest.mark.parametrize(
-    ("start", "end", "said"),
-    [
-        ([1.0], [1.0], "end must be after start"),
-        ([1.0, 2.0], [3.0], "end must have the shape"),
-        (1.0, 2.0, "start must have the shape"),
-    ],
-)
-def test_wrong_times_are_refused(start, end, said):
-    with pytest.raises(ValueError, match=said):
-        driven(stamps(4.0)).displacement(start, end)

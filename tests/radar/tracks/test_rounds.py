@@ -158,6 +158,13 @@ def paired(sensors, **options):
     return [[(p.previous.time, p.current.time) for p in each.pairs] for each in found]
 
 
+def test_a_horizon_is_the_baseline_nearest_to_it():
+    """Breaks if another scan is taken, or if rounding decides between two that are equally near."""
+    for horizon, baseline in ((0.3, 3), (0.26, 3), (0.05, 1), (0.35, 3)):
+        pairs = paired(surround_scans(12), horizon=horizon)
+        assert pairs == paired(surround_scans(12), baseline=baseline)
+
+
 def test_pairs_leave_out_first_and_empty_scans():
     """Breaks if a scan is registered with nothing, or with one of another sensor."""
     scans = at_times([0.0, 0.1, 0.2, 0.3])
@@ -187,9 +194,9 @@ def test_no_pair_reaches_over_a_gap(options):
     assert all(paired(slow, horizon=0.3))
 
 
-def test_no_more_scans_are_kept_than_are_needed():
+def test_no_more_scans_are_kept_than_can_make_a_pair():
     """Breaks if a tracker that runs for days fills the memory."""
-    for options, most in (({"baseline": 1}, 1), ({"baseline": 4}, 4), ({"horizon": 0.3}, 5)):
+    for options, most in (({"baseline": 1}, 4), ({"baseline": 4}, 8), ({"horizon": 0.3}, 6)):
         rounds = Rounds([CORNER], **options)
         for scan in at_times(0.1 * np.arange(100)):
             rounds.add(0, scan)

@@ -80,8 +80,7 @@ def test_intervals_fit_the_times_to_within_the_rounding_of_stamps():
     rounded = replace(driven, times=driven.times.round(3))  # to milliseconds
     assert_allclose(rounded.poses(), driven.poses(), atol=0.05)
     kept = np.delete(np.arange(N), 7)
-    names = [field.name for field in fields(Track) if field.name != "parts"]
-    rows = {name: getattr(driven, name)[kept] for name in names}
+    rows = {field.name: getattr(driven, field.name)[kept] for field in fields(Track)}
     with pytest.raises(ValueError, match=r"^intervals must add up .* to number 7 they"):
         Track(**rows)
     rows["intervals"] = np.append(driven.intervals[0], np.diff(rows["times"]))
@@ -163,9 +162,15 @@ def test_wrong_times_and_starts_are_refused():
     for times in (1.0, [[1.0]], [np.nan], "now"):
         with pytest.raises(ValueError, match=r"^times must"):
             example().at(times)
-    empty = Track(*np.zeros((2, 0)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros(0, bool))
     with pytest.raises(ValueError, match=r"^the track must hold at least one estimate"):
-        empty.at([1.0])
+        example()[:0].at([1.0])
+    for times, said in (
+        (([1.0], [1.0]), "end must be after start"),
+        (([1.0, 2.0], [3.0]), "end must have the shape"),
+        ((1.0, 2.0), "start must have the shape"),
+    ):
+        with pytest.raises(ValueError, match=f"^{said}"):
+            example().displacement(*times)
     for start in ((0.0, 0.0), (0.0, 0.0, np.nan), 1.0, np.zeros((0, 3))):
         with pytest.raises(ValueError, match=r"^start must"):
             example().poses(start)

@@ -256,15 +256,6 @@ def changed(sensors, change, which=slice(5, 6)):
     ]
 
 
-@either_tracker
-def test_a_horizon_is_the_baseline_nearest_to_it(driven_by):
-    """Breaks if another scan is taken, or if rounding decides between two that are equally near."""
-    sensors = surround_scans(12)
-    for horizon, baseline in ((0.3, 3), (0.26, 3), (0.05, 1), (0.35, 3)):
-        found = driven_by(sensors, horizon=horizon)
-        assert_array_equal(found.theta, driven_by(sensors, baseline=baseline).theta)
-
-
 def test_a_full_turn_between_two_scans_is_no_motion():
     """Breaks if times in ms of a 20 Hz radar, in which a drive is a circle each 50 s, converge."""
     drive = simulate_drive(np.random.default_rng(3), 2.0, sensor=Sensor(rate=20.0))
@@ -380,9 +371,7 @@ def test_a_standing_vehicle_stands(driven_by):
     result = driven_by(surround_scans(theta=(0.0, 0.0, 0.0)))
     assert result.converged.all()
     assert np.abs(result.theta).max() < 0.1
-    errors = result.theta
-    nees = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(result.covariance), errors)
-    assert nees.mean() < 6.0
+    assert normalised_squares(result.theta, result.covariance).mean() < 6.0
 
 
 @pytest.mark.parametrize("gap", [0.5, 1.0, 2.0, 3.0])
