@@ -87,8 +87,8 @@ class Influence(NamedTuple):
     """Derivatives of a velocity [v_x, v_y, omega] in the measured values of one scan's K targets.
 
     Rows of v_x and v_y are in m/s, those of omega in rad/s, per unit of the measured value.  Those
-    in Doppler velocities are empty (0, 3) for a scan that is only the previous one of a pair, and
-    without ``doppler``.
+    in Doppler velocities are zero for a scan that is only the previous one of a pair, and without
+    ``doppler``.
     """
 
     scan: RadarScan
@@ -120,16 +120,11 @@ def influences(problem: Problem, estimate: Estimate, pairs: Sequence[ScanPair]) 
                 before = found[key]
                 moved = moved._replace(
                     position=before.position + moved.position,
-                    doppler=_added(before.doppler, moved.doppler),
-                    prediction=_added(before.prediction, moved.prediction),
+                    doppler=before.doppler + moved.doppler,
+                    prediction=before.prediction + moved.prediction,
                 )
             found[key] = moved
     return list(found.values())
-
-
-def _added(first: Array, second: Array) -> Array:
-    """The sum of two influences (K, 3), of which one may be missing."""
-    return first + second if len(first) == len(second) else max(first, second, key=len)
 
 
 def _slopes(
@@ -137,17 +132,14 @@ def _slopes(
 ) -> list[tuple[Influence, Influence]]:
     """Derivatives of the gradient, of the previous and the current scan of each pair."""
     cross = problem.cross_derivatives(problem.bind(estimate.theta), 0, 1)
-    none = np.empty((0, 3))
     slopes, fixed, moving = [], 0, 0
     for pair, (previous, current, mounting) in zip(problem.pairs, pairs, strict=True):
         of_fixed = slice(fixed, fixed := fixed + pair.fixed.size)
         of_moving = slice(moving, moving := moving + pair.moving.size)
+        none = np.zeros((pair.fixed.size, 3))
         before = Influence(previous, mounting, pair.fixed, cross.fixed[0, of_fixed], none, none)
-        now = Influence(current, mounting, pair.moving, cross.moving[0, of_moving], none, none)
-        if pair.measurement is not None:
-            doppler, prediction = cross.measured[0, of_moving], cross.input[0, of_moving]
-            now = now._replace(doppler=doppler, prediction=prediction)
-        slopes.append((before, now))
+        slopes_of_moving = (each[0, of_moving] for each in cross[1:])
+        slopes.append((before, Influence(current, mounting, pair.moving, *slopes_of_moving)))
     return slopes
 
 
@@ -166,7 +158,7 @@ def noise_covariance(found: Iterable[Influence], *, shared_azimuth: bool = True)
 
 def _add_noise(own: Influence, shared_azimuth: bool, noise: Array) -> None:
     add_positions(own.position[None], own.points.covariances[None], noise[None])
-    if len(own.doppler):
+    if own.doppler.any():
         doppler = own.scan.sigma_doppler[:, None] * own.doppler
         turned = own.scan.sigma_azimuth[:, None] * own.prediction
         noise += doppler.T @ doppler + turned.T @ turned
