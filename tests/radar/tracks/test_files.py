@@ -158,7 +158,7 @@ def test_a_table_is_read_as_it_was_written(tmp_path):
 
 def test_a_table_that_went_through_other_programs_is_read(tmp_path):
     """Breaks if a byte order mark, blank lines, line ends of Windows, another order of columns or
-    how pandas writes nan make it another file."""
+    how pandas writes nan make it another file, or a data frame holds other columns than it says."""
     pandas = pytest.importorskip("pandas")
     file = tmp_path / "drive.csv"
     example().write_velocities(file)
@@ -172,7 +172,10 @@ def test_a_table_that_went_through_other_programs_is_read(tmp_path):
     exactly = {"float_precision": "round_trip"} if pandas.__version__.startswith("2.") else {}
     read = pandas.read_csv(file, **exactly)
     assert read["converged"].dtype == bool
-    assert_array_equal(read["var_omega"], example().covariance[:, 2, 2])
+    assert_array_equal(frame[["v_x", "v_y", "omega"]], example().theta)
+    for name, row, column in (("cov_v_x_omega", 0, 2), ("var_v_y", 1, 1), ("var_omega", 2, 2)):
+        assert_array_equal(read[name], example().covariance[:, row, column])
+    assert "targets" not in example(known=False).to_dataframe()
 
 
 def test_a_line_that_cannot_be_read_is_named(tmp_path):
@@ -219,21 +222,3 @@ def test_no_path_is_written_of_an_empty_track_or_to_no_file(tmp_path):
         example()[:0].write_tum(tmp_path / "empty.tum")
     with pytest.raises(ValueError, match=r"^path must be a path, but is 7"):
         example().write_tum(7)
-
-
-# ---- pandas
-
-
-def test_a_data_frame_holds_the_track():
-    """Breaks if rows and columns are exchanged or an unknown field becomes a column."""
-    pytest.importorskip("pandas")
-    driven = example()
-    frame = driven.to_dataframe()
-    assert len(frame) == N
-    assert_array_equal(frame["time"], driven.times)
-    assert_array_equal(frame[["v_x", "v_y", "omega"]], driven.theta)
-    assert_array_equal(frame["cov_v_x_omega"], driven.covariance[:, 0, 2])
-    assert_array_equal(frame["var_v_y"], driven.covariance[:, 1, 1])
-    assert_array_equal(frame["reasons"], driven.reasons)
-    assert_array_equal(frame["targets"], driven.targets)
-    assert "targets" not in example(known=False).to_dataframe()
