@@ -215,20 +215,15 @@ def test_what_a_bag_has_not_is_named(bag, tmp_path):
     (tmp_path / "torn").mkdir()
     (tmp_path / "torn" / "metadata.yaml").write_text("rosbag2:\n  duration\n")
     (tmp_path / "torn.mcap").write_bytes(b"\x89MCAP0\r\n")
-    for path, topics, options, said in (
-        (bag, ["/rear"], SIGMAS, "must be one of /front/points, /side/scan, but is /rear"),
-        (
-            bag,
-            ["/side/scan"],
-            SIGMAS | {"base_frame": "car"},
-            "/tf_static must lead from car to side",
-        ),
-        (bag, ["/side/scan"], SIGMAS | {"sigma_range": -1.0}, "is not a bag with scans of a radar"),
-        (tmp_path / "torn.bag", ["/rear"], SIGMAS, "torn.bag is not a complete bag of ROS"),
-        (tmp_path / "torn", ["/rear"], SIGMAS, "torn is not a complete bag of ROS"),
-        (tmp_path / "torn.mcap", ["/rear"], SIGMAS, "torn.mcap is not a complete bag of ROS"),
+    for name, topic, options, said in (
+        (bag.name, "/rear", {}, "must be one of /front/points, /side/scan, but is /rear"),
+        (bag.name, "/side/scan", {"base_frame": "car"}, "/tf_static must lead from car to side"),
+        (bag.name, "/side/scan", {"sigma_range": -1.0}, "is not a bag with scans of a radar"),
+        ("torn.bag", "/rear", {}, "torn.bag is not a complete bag of ROS"),
+        ("torn", "/rear", {}, "torn is not a complete bag of ROS"),
+        ("torn.mcap", "/rear", {}, "torn.mcap is not a complete bag of ROS"),
     ):
         with pytest.raises(ValueError, match=said):
-            load_bag(path, *topics, **options)
+            load_bag(tmp_path / name, topic, **(SIGMAS | options))
     with pytest.raises(FileNotFoundError, match="it should be a bag"):
         load_bag(tmp_path / "none.bag", "/rear")

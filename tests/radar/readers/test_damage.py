@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 
-from d2d.radar import Recording, load_csv, load_nuscenes, load_radarscenes, load_reference
+from d2d.radar import Recording, load_csv, load_radarscenes, load_reference
 from tests.radar.readers import test_nuscenes as nuscenes
 from tests.radar.readers import test_radarscenes as radarscenes
 
@@ -223,17 +223,16 @@ def test_a_quaternion_of_zero_is_no_direction_and_a_small_one_is(tmp_path):
         nuscenes.load(root)
 
 
-def test_a_version_is_a_name(tmp_path):
-    root = nuscenes.write_dataset(tmp_path)
-    with pytest.raises(ValueError, match=r"^version must be a str"):
-        load_nuscenes(root, "scene-0001", "RADAR_FRONT", version=3)
-
-
 BAD = (
     *(("strongest", 0), ("time_offset", np.nan), ("time_offset", 110.0), ("sigma_range", -0.1)),
     *(("sigma_doppler", np.nan), ("sigma_azimuth", -0.1), ("extent", -0.1)),
 )
-ONLY_NUSCENES = (("speed_factor", 0.0), ("half_width", -0.2), ("prediction_time", 37.0))
+ONLY_NUSCENES = (
+    ("speed_factor", 0.0),
+    ("half_width", -0.2),
+    ("prediction_time", 37.0),
+    ("version", 3),
+)
 
 
 @pytest.mark.parametrize("name", DATA_SETS)

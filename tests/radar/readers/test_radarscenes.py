@@ -182,18 +182,14 @@ def test_the_strongest_targets_are_kept_in_their_order(root):
         assert_allclose(scan.azimuth, [angles[r] for r in expected])
 
 
-def test_default_sigmas_are_those_measured_on_the_data(root):
-    """Breaks if degrees are taken for radians, or the azimuth's sigma is not even, does not grow
-    off boresight, or is extrapolated beyond 1 degree."""
+def test_sigmas_are_those_measured_on_the_data_or_given(root):
+    """Breaks if degrees are taken for radians, the azimuth's sigma is not even or does not grow
+    off boresight, an option is not handed on, or a function does not see the kept azimuths."""
     azimuth = np.deg2rad([0.0, 44.9, 45.1, 52.5, 60.0, 80.0])
     assert_allclose(np.rad2deg(azimuth_sigma(azimuth)), [0.3, 0.3, 0.5, 0.75, 1.0, 1.0], atol=5e-3)
     assert_array_equal(azimuth_sigma(azimuth), azimuth_sigma(-azimuth))
     scan = load_radarscenes(root, 7, 3).scans[2]
     assert_array_equal(scan.sigma_azimuth, azimuth_sigma(scan.azimuth))
-
-
-def test_sigmas_may_be_given(root):
-    """Breaks if an option is not handed on, or a function does not see the kept azimuths."""
     options = {"sigma_range": 0.3, "sigma_doppler": 0.1, "strongest": 2}
     given = {"sigma_azimuth": lambda azimuth: 0.01 + 0.01 * np.abs(azimuth)}
     scan = load_radarscenes(root, 7, 3, **given, **options).scans[2]
@@ -342,12 +338,7 @@ def test_a_column_that_is_missing_or_of_another_type_is_named(root):
 @pytest.mark.parametrize(
     ("stamp", "indices", "file", "said"),
     [
-        (
-            "1000000",
-            [0, 300],
-            H5,
-            "the scan at 1000000 us has the targets 0 to 300, but",
-        ),
+        ("1000000", [0, 300], H5, "the scan at 1000000 us has the targets 0 to 300, but"),
         ("1000000", [-2, 3], H5, "has the targets -2 to 3"),
         ("1000000", [3, 0], H5, "has the targets 3 to 0"),
         ("1000000", [2, 4], H5, "holds targets of another sensor than 3"),
