@@ -160,9 +160,9 @@ def paired(sensors, **options):
 
 def test_a_horizon_is_the_baseline_nearest_to_it():
     """Breaks if another scan is taken, or if rounding decides between two that are equally near."""
+    sensors = surround_scans(12)
     for horizon, baseline in ((0.3, 3), (0.26, 3), (0.05, 1), (0.35, 3)):
-        pairs = paired(surround_scans(12), horizon=horizon)
-        assert pairs == paired(surround_scans(12), baseline=baseline)
+        assert paired(sensors, horizon=horizon) == paired(sensors, baseline=baseline)
 
 
 def test_pairs_leave_out_first_and_empty_scans():
