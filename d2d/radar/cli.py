@@ -215,14 +215,14 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_option(parser: Any, option: Option, **more: Any) -> None:
-    parser.add_argument(_flag(option.name), help=option.help, **option.parsing, **more)
+def _add_option(parser: Any, option: Option, *, required: bool = False) -> None:
+    parser.add_argument(_flag(option.name), help=option.help, required=required, **option.parsing)
 
 
 def _add_log_options(parser: argparse.ArgumentParser, options: Iterable[Option]) -> None:
     """The options of a log, for a command that reads nothing else."""
     for option in options:
-        _add_option(parser, option, **({"required": True} if option.needed else {}))
+        _add_option(parser, option, required=option.needed)
 
 
 def _add_sources(parser: argparse.ArgumentParser) -> None:

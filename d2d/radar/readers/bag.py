@@ -17,7 +17,7 @@ from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mounti
 from d2d.radar.readers.shared import brief, reading, yaw_of
 from d2d.radar.readers.table import TARGET, recognised, scan_of, usual_sigmas
 from d2d.radar.scans.reference import Reference
-from d2d.radar.scans.scan import SIGMAS, Mounting, RadarScan
+from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.track import Track
 
 _NANOSECOND = 1e-9  # s
@@ -160,9 +160,7 @@ def _scans(
                 fields = _cloud(message) if kind == _SCANS[0] else _returns(message)
                 ways = {name: recognised(name, fields) for name in TARGET}
                 columns = {name: fields[way[0]] * way[1] for name, way in ways.items() if way}
-                missing = {*SIGMAS} - errors.keys() - columns.keys()
-                if missing:
-                    errors |= usual_sigmas(f"{path}, {topic}", missing)
+                errors |= usual_sigmas(f"{path}, {topic}", errors.keys() | columns.keys())
                 good = np.all([np.isfinite(c) for c in columns.values()], axis=0)
                 distance = [columns[name] for name in ("range", "x", "y") if name in columns]
                 good &= np.any([part != 0.0 for part in distance], axis=0)

@@ -112,8 +112,7 @@ def load_csv(
         check_choice("columns", name, _LOG_QUANTITIES)
     table = read_table(source, lambda table: _lacking(table, named), torn=skip_invalid)
     found = _columns(table, named, sigmas, time_unit, degrees)
-    missing = {*SIGMAS} - found.keys() - sigmas.keys()
-    sigmas |= usual_sigmas(source, missing) if missing else {}
+    sigmas |= usual_sigmas(source, found.keys() | sigmas.keys())
     if min_snr is None:
         found.pop("snr", None)
     elif "snr" not in found:

@@ -6,7 +6,7 @@ import io
 import math
 import re
 import warnings
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -240,15 +240,16 @@ def scan_of(time: float, columns: Mapping[str, Any]) -> RadarScan:
     return RadarScan(time, *measured, **errors, elevation=elevation)
 
 
-def usual_sigmas(where: object, names: Iterable[str]) -> dict[str, float]:
-    """Standard deviations that stand in for those that a log does not state, with a warning."""
-    taken = sorted(names)
-    warnings.warn(
-        f"{where} has no {', '.join(taken)}: usual values are taken out of 0.15 m, 0.5 deg, 0.06 "
-        "m/s; --sigma-range, --sigma-azimuth and --sigma-doppler state those of your radar, on "
-        "which the covariances rest",
-        stacklevel=2,
-    )
+def usual_sigmas(where: object, known: Collection[str]) -> dict[str, float]:
+    """Standard deviations that stand in for those that are not known, with a warning if any do."""
+    taken = sorted(_USUAL.keys() - known)
+    if taken:
+        warnings.warn(
+            f"{where} has no {', '.join(taken)}: usual values are taken out of 0.15 m, 0.5 deg, "
+            "0.06 m/s; --sigma-range, --sigma-azimuth and --sigma-doppler state those of your "
+            "radar, on which the covariances rest",
+            stacklevel=2,
+        )
     return {name: _USUAL[name] for name in taken}
 
 
