@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from d2d._checks import METRES, SECONDS, check_instance, check_members, check_rows
 from d2d._types import Array
@@ -184,7 +183,6 @@ def calibrate(
     if ahead is not None:
         model.start[_AHEAD - 1] = _AHEAD_BOUND.number("ahead", ahead)
         model.free[_AHEAD - 1] = False
-    free = np.concatenate([[True], model.free])
     model.free[_BIAS] = False  # until scans that follow traffic are left out
     model, _ = _selected(model, -bound, bound)
     model.free[_BIAS] = True
@@ -192,7 +190,7 @@ def calibrate(
     _check_residuals(found)
     spread, block = covariance(model, found, with_lag=True)
     for place, limit in _LIMITS.items():
-        if not free[place] or np.sqrt(_placed(spread, free)[place, place]) <= limit:
+        if not spread[place, place] > limit**2:  # nan if it is held already
             continue
         if place == _LAG:
             warnings.warn(
@@ -200,24 +198,22 @@ def calibrate(
                 stacklevel=2,
             )
             bound = 0.0
-        free[place] = False
-        model.free[:] = free[1:]
+        else:
+            model.free[place % len(spread) - 1] = False
         model, found = _selected(model, -bound, bound)
-        spread, block = covariance(model, found, with_lag=bool(free[_LAG]))
+        spread, block = covariance(model, found, with_lag=bound > 0.0)
     speed, offset, square, *yaw, bias = found.parameters.tolist()
     speed_factor = 1.0 + speed
-    unit = np.ones(len(free))
+    unit = np.ones(len(spread))
     unit[_COMPLIANCE] = -1.0 / speed_factor**2  # the fit multiplies the reference's v_x^2
-    placed = _placed(spread, free) * np.outer(unit, unit)
-    at_bound = bool(free[_LAG]) and abs(found.lag) > bound - _AT_BOUND
-    _check(found, np.sqrt(np.diag(placed)), at_bound)
+    _check(found, np.sqrt(spread[_AHEAD, _AHEAD]), abs(found.lag) > bound - _AT_BOUND > 0.0)
     return Calibration(
         lag=found.lag,
         speed_factor=speed_factor,
         slip=SlipLaw(offset, square * unit[_COMPLIANCE]),
         yaw=np.array(yaw),
         bias=bias,
-        covariance=placed,
+        covariance=spread * np.outer(unit, unit),
         mountings=[
             replace(mounting, yaw=float(np.fmod(mounting.yaw + angle, 2.0 * np.pi)))
             for (_, mounting, _), angle in zip(logs, yaw, strict=True)
@@ -242,10 +238,10 @@ def _check_residuals(found: Fit) -> float:
     return rms
 
 
-def _check(found: Fit, sigmas: Array, at_bound: bool) -> None:
+def _check(found: Fit, sigma_ahead: float, at_bound: bool) -> None:
     """Raise a ValueError if the best fit cannot be true: nothing may be stated by it."""
     speed, ahead, _, *yaw, _ = found.parameters
-    margin = _SURE * float(np.nan_to_num(sigmas[_AHEAD]))
+    margin = _SURE * float(np.nan_to_num(sigma_ahead))
     said = ""
     if at_bound:
         said = (
@@ -310,10 +306,3 @@ def _selected(model: CalibrationModel, low: float, high: float) -> tuple[Calibra
         model = replace(model, used=used)
         found = fit(model, low, high)
     return model, found
-
-
-def _placed(covariance: Array, free: NDArray[np.bool_]) -> Array:
-    """A covariance of the free parameters among all, nan for the others."""
-    placed = np.full((len(free), len(free)), np.nan)
-    placed[np.ix_(free, free)] = covariance
-    return placed

@@ -202,11 +202,10 @@ def agreeing(model: CalibrationModel, found: Fit) -> NDArray[np.bool_]:
 
 
 def covariance(model: CalibrationModel, found: Fit, *, with_lag: bool) -> tuple[Array, float]:
-    """Covariance of the free parameters, the lag first if it is one; length of its blocks in s.
+    """Covariance (1 + P, 1 + P) of the lag and the parameters; length of its blocks in s.
 
-    The sum of the scans' influences gets the variance that it has under the circular block
-    bootstrap, times blocks / (blocks - parameters of a sensor), and never less than for independent
-    targets.  `calibrate` says why.
+    It is nan for parameters that are not free, and never less than for independent targets.
+    `calibrate` says why the scans' influences depend on each other.
     """
     predicted, derivatives, known = _where_known(model, found.lag, found.parameters)
     derivatives = derivatives[..., model.free]
@@ -226,7 +225,10 @@ def covariance(model: CalibrationModel, found: Fit, *, with_lag: bool) -> tuple[
     of_each_sensor = len(scale) - (model.velocities.sensors - 1)
     sandwich, block = covariance_of_sum(series, parameters=of_each_sensor)
     least = found.mean_square * np.diag(inverse)
-    return sandwich + np.diag(np.maximum(least - np.diag(sandwich), 0.0)), block * interval
+    free = np.append(with_lag, model.free)
+    placed = np.full((len(free), len(free)), np.nan)
+    placed[np.ix_(free, free)] = sandwich + np.diag(np.maximum(least - np.diag(sandwich), 0.0))
+    return placed, block * interval
 
 
 def _where_known(

@@ -18,7 +18,7 @@ from d2d.credibility import Credibility, credibility
 from d2d.radar.scans.reference import Reference
 from d2d.radar.tracks.plot import COLOR, MARKER, REFERENCE
 from d2d.radar.tracks.track import Track
-from d2d.scores import LEVELS, Whitened, crps, whiten, within
+from d2d.scores import Whitened, crps, whiten, within
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -145,7 +145,7 @@ class Comparison(Frozen):
     @cached_property
     def measures(self) -> Measures:
         """All measures: means over the estimates, or roots of means."""
-        return self._measures(self._columns.mean(axis=0))
+        return self._measures(lambda terms: np.asarray(terms.mean(axis=0)))
 
     @cached_property
     def block(self) -> int:
@@ -160,54 +160,35 @@ class Comparison(Frozen):
         know of errors that change more slowly than the drive is long.  The seed is fixed, so that a
         comparison always prints the same.
         """
-        rng, mean = np.random.default_rng(0), partial(np.mean, axis=0)
-        columns = [self._columns]
-        bounds = block_bootstrap(mean, columns, self.block, rng, confidence=confidence)
+
+        def bounds(terms: Array) -> Array:
+            mean, rng = partial(np.mean, axis=0), np.random.default_rng(0)
+            return block_bootstrap(mean, [terms], self.block, rng, confidence=confidence)
+
         return self._measures(bounds)
 
-    @cached_property
-    def _columns(self) -> Array:
-        """Terms (n, c) whose means over the estimates give `Measures`, in its order."""
+    def _measures(self, mean: Callable[[Array], Array]) -> Measures:
+        """The measures, from means over the first axis of terms, or from bounds of such means."""
         white, (errors, covariances) = self.whitened, self._judged
-        squares, units = white.values**2, IN_UNITS[self._known]
-        return np.column_stack(
-            [
-                errors,
-                errors**2,
-                crps(errors * units, self.sigmas[:, self._known]),
-                squares,
-                squares.mean(axis=-1),
-                white.log_score,
-                white.log_score.sum(axis=-1),
-                white.within().reshape(len(errors), -1),
-                within(errors, covariances),
-            ]
-        )
+        squares, logs, units = white.values**2, white.log_score, IN_UNITS[self._known]
 
-    def _measures(self, columns: Array) -> Measures:
-        """The measures from means (c,) of `_columns`, or from bounds (2, c) of them."""
-        k, levels = len(self._known), len(LEVELS)
-        widths = np.cumsum([k, k, k, k, 1, k, 1, k * levels])
-        error, square, score, white, anees, logs, log, inside, ellipsoid = np.split(
-            columns, widths, axis=-1
-        )
-
-        def placed(values: Array) -> Array:
-            """Values (..., k m) of the known directions as (..., 3, m)."""
-            whole = np.full((*columns.shape[:-1], 3, values.shape[-1] // k), np.nan)
-            whole[..., self._known, :] = values.reshape(*columns.shape[:-1], k, -1)
-            return whole
+        def placed(terms: Array) -> Array:
+            """Means of terms (n, k, ...) in the known directions, nan in the others."""
+            found, axis = mean(terms), 1 - terms.ndim
+            whole = np.full_like(found, np.nan, shape=(3, *np.moveaxis(found, axis, 0).shape[1:]))
+            whole[self._known] = np.moveaxis(found, axis, 0)
+            return np.moveaxis(whole, 0, axis)
 
         return Measures(
-            placed(error)[..., 0] * IN_UNITS,
-            np.sqrt(placed(square)[..., 0]) * IN_UNITS,
-            placed(score)[..., 0],
-            placed(white)[..., 0],
-            anees.T[0],
-            placed(logs)[..., 0],
-            log.T[0],
-            placed(inside),
-            ellipsoid,
+            mean_error=placed(errors) * IN_UNITS,
+            rmse=np.sqrt(placed(errors**2)) * IN_UNITS,
+            crps=placed(crps(errors * units, self.sigmas[:, self._known])),
+            whitened_squares=placed(squares),
+            anees=mean(squares.mean(axis=-1)),
+            log_scores=placed(logs),
+            log_score=mean(logs.sum(axis=-1)),
+            coverages=placed(white.within()),
+            coverage=mean(within(errors, covariances)),
         )
 
     @property

@@ -13,10 +13,10 @@ from d2d.radar.evaluation.halves import compare_tracks
 from d2d.radar.evaluation.sensor_motion import (
     SensorMotion,
     distortion,
-    lags,
+    latest,
     range_rates_agree,
 )
-from d2d.radar.scans.scan import Mounting, RadarScan
+from d2d.radar.scans.scan import RadarScan
 from d2d.radar.tracks.rounds import Sensors, SensorScans, named_sensors
 from d2d.radar.tracks.track import Track
 
@@ -169,7 +169,8 @@ def _of_steps(driven: Track) -> Iterator[Finding]:
     if len(steps) > 1:
         even = np.ptp(steps[:-1]) < 3.0 * usual
         about += f", and {len(steps) - 1} times more"
-        about += f": it wraps round every {usual - steps[0]:.3f} s" if even else ": several logs"
+        period = 2.0 * usual - steps[0]  # a segment's first estimate is at its second scan
+        about += f": it wraps round every {period:.3f} s" if even else ": several logs"
     yield Finding("the clock jumps", "", steps[0], "s", False, about)
 
 
@@ -216,17 +217,16 @@ def _of_motion(log: Mapping[str, SensorScans], driven: Track) -> list[Finding]:
         return [*clocks, Finding("most targets move", "", share, "share", True, about)]
     distorted = list(_of_distortion(motions))
     told = {each.sensor for each in distorted}
-    places = {name: at for name, (_, at) in log.items()}
     turned = [
         each
-        for each in _of_headings(headings, places)
+        for each in _of_headings(headings, log)
         if each.sure or each.sensor not in told  # what is distorted seems turned
     ]
     return [*clocks, *poor, *turned, *distorted]
 
 
 def _of_headings(
-    headings: Mapping[str, tuple[float, float]], places: Mapping[str, Mounting]
+    headings: Mapping[str, tuple[float, float]], log: Mapping[str, SensorScans]
 ) -> Iterator[Finding]:
     """Mountings that are turned, by the headings of their sensors."""
     off = {
@@ -244,7 +244,7 @@ def _of_headings(
             continue
         stated = ", ".join(
             f"--mounting {sensor} {at.x:g} {at.y:g} {np.rad2deg(wrapped(at.yaw - heading)):.1f}"
-            for sensor, at in places.items()
+            for sensor, (_, at) in log.items()
             if name in ("", sensor)
         )
         about += f"; state {stated}"
@@ -255,13 +255,10 @@ def _of_headings(
 
 
 def _of_clocks(motions: Mapping[str, SensorMotion]) -> Iterator[Finding]:
-    """The sensor whose Doppler velocities are those of the others at another time, if there is one.
-
-    Of several, it is the one that is most surely off.
-    """
-    found = lags(motions)
-    name = max(found, key=lambda each: found[each][1], default="")
-    lag, likelier = found.get(name, (0.0, 0.0))
+    """The sensor whose Doppler velocities are those of the others at another time, if any are."""
+    if len(motions) < 2:
+        return
+    name, lag, likelier = latest(motions)
     if likelier > _LIKELIER and abs(lag) > _LATE:
         about = f"{abs(lag):.2f} s {'late' if lag > 0.0 else 'early'}: subtract {lag:+.2f} s"
         yield Finding("the clock of a sensor is off", name, lag, "s", abs(lag) > _USELESS, about)
@@ -273,7 +270,7 @@ def _of_distortion(motions: Mapping[str, SensorMotion]) -> Iterator[Finding]:
         found = distortion(motion)
         if found is None:
             continue
-        low, high, worst, _ = found
+        low, high, worst = found
         sides = [f"below {np.rad2deg(low):.1f}"] * (low > -np.pi)
         sides += [f"above {np.rad2deg(high):.1f}"] * (high < np.pi)
         about = f"by up to {worst:+.2f} m/s; leave out azimuths {' and '.join(sides)} deg"

@@ -17,7 +17,7 @@ from d2d.radar.motion.model import EgoMotionModel, ModelOptions
 from d2d.radar.motion.pairs import ScanPair, problem_of
 from d2d.radar.scans.scan import Mounting, RadarScan
 from d2d.radar.tracks.intake import usable
-from d2d.radar.tracks.rounds import MAX_INTERVAL, named_sensors
+from d2d.radar.tracks.rounds import named_sensors
 
 CANDIDATES = np.array([0.0, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])  # m
 _MIDDLE = 0.4  # m; the search at every extent starts at the velocity found with this one
@@ -59,7 +59,6 @@ def estimate_extent(
     *,
     baseline: int = 1,
     max_pairs: int | None = 50,
-    max_interval: float = MAX_INTERVAL,
     **options: Unpack[ModelOptions],
 ) -> ExtentEstimate:
     """Estimate the extent of a sensor's targets (`RadarScan.extent`) by maximum likelihood.
@@ -67,8 +66,7 @@ def estimate_extent(
     All targets get the one extent with which the registered pairs of scans are most likely.  No
     reference is needed, and the scans' own ``extent`` is not used.  The scans of a pair are
     ``baseline`` scans apart.  At most ``max_pairs`` are used, spread evenly over the recording;
-    None uses all.  ``max_interval`` (s) is as for `track`; the other options are the fields of
-    `EgoMotionModel`.
+    None uses all.  The other options are the fields of `EgoMotionModel`.
 
     Raises a ``ValueError`` if fewer than two pairs have targets in both scans, the likelihood still
     grows at the largest candidate (3.2 m), or an argument is invalid.
@@ -107,8 +105,7 @@ def estimate_extent(
     >>> wider = [scan.with_extent(found.extent) for scan in drive.scans]
     """
     check_instance("mounting", mounting, Mounting)
-    named = named_sensors((scans, mounting), max_interval)
-    ((scans, mounting),) = usable(named).values()
+    ((scans, mounting),) = usable(named_sensors((scans, mounting))).values()
     check_count("baseline", baseline)
     if max_pairs is not None:
         check_count("max_pairs", max_pairs, minimum=2)

@@ -37,6 +37,10 @@ _LEAST_LIMIT = 0.5  # m/s, of Doppler velocities that fold
 class Epoch(dict[str, ScanPair]):
     """An interval of each sensor at about one time."""
 
+    def changed(self, change: Callable[[str, ScanPair], ScanPair]) -> "Epoch":
+        """The intervals after a change of each, given the sensor's name."""
+        return Epoch({name: change(name, pair) for name, pair in self.items()})
+
     @cached_property
     def by_positions(self) -> Estimate:
         """The velocity that the positions alone show."""
@@ -55,17 +59,10 @@ class Fault(NamedTuple):
     doppler: bool = True  # whether it has Doppler velocities once it is undone
 
 
-class Evidence(NamedTuple):
-    """A fault, and how many nats more likely a typical interval is without it."""
-
-    fault: Fault
-    nats: float
-
-
 def likelier_without(
     log: Mapping[str, SensorScans], turned: Mapping[str, float], *, scaled: bool
-) -> list[Evidence]:
-    """The faults without which the log is clearly more likely than as it is stated.
+) -> list[tuple[Fault, float]]:
+    """The faults without which the log is clearly more likely, and by how many nats an interval.
 
     Mountings that are ``turned`` by angles (rad) are another explanation: there is no fault if it
     is better.  If ranges, Doppler velocities and times are known to be ``scaled`` rightly, their
@@ -96,7 +93,7 @@ def likelier_without(
     if turned and _is_clear(aligned - best):
         return []
     return [
-        Evidence(fault, float(np.mean(each)))
+        (fault, float(np.mean(each)))
         for fault, each in likelier
         if np.clip(best - each, -_MOST, _MOST).sum() < _ALIKE
     ]
@@ -192,17 +189,12 @@ def _each(
 ) -> Fault:
     """The fault that is undone by a change of each scan of a sensor, or of all."""
 
-    def undo(epoch: Epoch) -> Epoch:
-        return Epoch(
-            {
-                name: ScanPair(change(pair.previous), change(pair.current), pair.mounting)
-                if sensor in ("", name)
-                else pair
-                for name, pair in epoch.items()
-            }
-        )
+    def undone(name: str, pair: ScanPair) -> ScanPair:
+        if sensor not in ("", name):
+            return pair
+        return ScanPair(change(pair.previous), change(pair.current), pair.mounting)
 
-    return Fault(symptom, sensor, undo, volume)
+    return Fault(symptom, sensor, lambda epoch: epoch.changed(undone), volume)
 
 
 def _swapped(scan: RadarScan) -> RadarScan:
@@ -211,24 +203,19 @@ def _swapped(scan: RadarScan) -> RadarScan:
 
 def _mounted(epoch: Epoch, mountings: Mapping[str, Mounting]) -> Epoch:
     """The interval with other mountings of some sensors."""
-    return Epoch(
-        {
-            name: pair._replace(mounting=mountings.get(name, pair.mounting))
-            for name, pair in epoch.items()
-        }
+    return epoch.changed(
+        lambda name, pair: pair._replace(mounting=mountings.get(name, pair.mounting))
     )
 
 
 def _turned(epoch: Epoch, angles: Mapping[str, float]) -> Epoch:
     """The interval with angles in rad taken off the mountings of some sensors."""
-    places = {name: pair.mounting for name, pair in epoch.items()}
-    return _mounted(
-        epoch,
-        {
-            name: replace(place, yaw=float(wrapped(place.yaw - angles.get(name, 0.0))))
-            for name, place in places.items()
-        },
-    )
+
+    def turned(name: str, pair: ScanPair) -> ScanPair:
+        yaw = float(wrapped(pair.mounting.yaw - angles.get(name, 0.0)))
+        return pair._replace(mounting=replace(pair.mounting, yaw=yaw))
+
+    return epoch.changed(turned)
 
 
 def wrapped(angle: Any) -> Any:
@@ -268,11 +255,8 @@ def _unfolded(epoch: Epoch, limit: float) -> Epoch:
 
 
 def _with_doppler(epoch: Epoch, added: Callable[[ScanPair], Array]) -> Epoch:
-    return Epoch(
-        {
-            name: pair._replace(
-                current=replace(pair.current, doppler=pair.current.doppler + added(pair))
-            )
-            for name, pair in epoch.items()
-        }
-    )
+    def shifted(_: str, pair: ScanPair) -> ScanPair:
+        doppler = pair.current.doppler + added(pair)
+        return pair._replace(current=replace(pair.current, doppler=doppler))
+
+    return epoch.changed(shifted)

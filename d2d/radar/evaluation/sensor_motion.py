@@ -1,6 +1,5 @@
 """How single sensors move by their Doppler velocities: mountings, clocks and distortions."""
 
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -68,7 +67,10 @@ class SensorMotion(NamedTuple):
         Seen from an origin on the rear axle it is zero if the mounting is right.  A lever arm c
         along x that is not known adds c omega / v in bends.
         """
-        known = _velocities(driven, self.times)
+        if len(driven.segments) > 1 or not driven.support.enough:
+            known = np.full((len(self.times), 3), np.nan)
+        else:
+            known = driven.at(self.times).theta
         omega, guessed = np.nan_to_num(known[:, 2]), np.isnan(known[:, 2]).all()
         origin = self.velocity + omega[:, None] * [self.mounting.y, -self.mounting.x]
         speed = np.hypot(*origin.T)
@@ -87,14 +89,11 @@ class SensorMotion(NamedTuple):
         spread = max(1.4826 * _weighted_median(np.abs(off - center), weight), np.deg2rad(0.1))
         near = np.abs(off - center) < 5.0 * spread
         columns = np.column_stack([np.ones(near.sum()), (omega[fast] / speed[fast])[near]])
-        share = weight[near] / weight[near].max()
-        information = share[:, None] * columns
-        information = columns.T @ information / spread**2
         interval = max(float(np.median(np.diff(self.times))), 1e-3)
-        information /= max(_LASTING / interval, 1.0)
+        share = weight[near] / weight[near].max() / max(_LASTING / interval, 1.0) / spread**2
+        information = columns.T @ (share[:, None] * columns)
         covariance = np.linalg.inv(information + np.diag([0.0, _LEVER**-2]))
-        best = covariance @ (columns.T @ (share * off[near]) / spread**2)
-        best /= max(_LASTING / interval, 1.0)
+        best = covariance @ columns.T @ (share * off[near])
         sigma = np.hypot(np.sqrt(covariance[0, 0]), _UNKNOWN if guessed else 0.0)
         return float(wrapped(middle + best[0])), float(sigma)
 
@@ -103,13 +102,6 @@ def _weighted_median(values: Array, weights: Array) -> float:
     order = np.argsort(values)
     half = np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())
     return float(values[order[min(half, len(values) - 1)]])
-
-
-def _velocities(driven: Track, times: Array) -> Array:
-    """The track's velocities (n, 3) where its path is supported; nan where not."""
-    if len(driven.segments) > 1 or not driven.support.enough:
-        return np.full((len(times), 3), np.nan)
-    return driven.at(times).theta
 
 
 def range_rates_agree(scans: Sequence[RadarScan]) -> float:
@@ -142,22 +134,15 @@ def range_rates_agree(scans: Sequence[RadarScan]) -> float:
 # ---- Clocks
 
 
-def lags(motions: Mapping[str, SensorMotion]) -> dict[str, tuple[float, float]]:
-    """How late each sensor's clock is beside the others' (s), and how many nats speak for it."""
-    between = {
-        pair: _lag(motions[pair[0]], motions[pair[1]])
-        for pair in itertools.permutations(motions, 2)
-    }
-    found = {}
-    for name in motions:
-        own = sorted(
-            (lag for (first, _), lag in between.items() if first == name), key=lambda l: l[1]
-        )
-        if own:
-            # beside a late one the others seem early, but not beside each other
-            nats = own[(len(own) - 1) // 2][1]
-            found[name] = float(np.median([lag for lag, more in own if more >= nats])), nats
-    return found
+def latest(motions: Mapping[str, SensorMotion]) -> tuple[str, float, float]:
+    """The sensor whose clock most surely is late beside the others', by how much (s), and nats."""
+    found = []
+    for name, own in motions.items():
+        beside = [_lag(own, other) for other in motions.values() if other is not own]
+        # beside a late one the others seem early, but not beside each other
+        nats = sorted(more for _, more in beside)[(len(beside) - 1) // 2]
+        found.append((name, float(np.median([lag for lag, more in beside if more >= nats])), nats))
+    return max(found, key=lambda each: each[2])
 
 
 def _lag(own: SensorMotion, other: SensorMotion) -> tuple[float, float]:
@@ -193,11 +178,10 @@ def _lag(own: SensorMotion, other: SensorMotion) -> tuple[float, float]:
 # ---- Distortion
 
 
-def distortion(motion: SensorMotion) -> tuple[float, float, float, float] | None:
+def distortion(motion: SensorMotion) -> tuple[float, float, float] | None:
     """The azimuths (rad) between which Doppler velocities are those of one motion.
 
-    With the largest deviation (m/s) beyond them, and its standard deviation.  None where there is
-    none, or too few targets.
+    With the largest deviation (m/s) beyond them.  None where there is none, or too few targets.
     """
     speed = np.hypot(*motion.velocity.T)
     azimuths, residuals = [], []
@@ -219,7 +203,8 @@ def distortion(motion: SensorMotion) -> tuple[float, float, float, float] | None
         [1.25 * residual[part].std() / np.sqrt(len(part) / _ALIKE) + 1e-6 for part in parts]
     )
     columns = np.column_stack([np.cos(middle), np.sin(middle)])
-    limit = np.maximum(4.0 * sigma, _noticed(motion))
+    noise = float(np.median(np.concatenate([scan.sigma_doppler for scan in motion.scans])))
+    limit = np.maximum(4.0 * sigma, noise)
     for used in range(bins, bins // 2 - 1, -1):
         for first in range(bins - used + 1):
             part = slice(first, first + used)
@@ -230,11 +215,5 @@ def distortion(motion: SensorMotion) -> tuple[float, float, float, float] | None
                     return None
                 low = azimuth[parts[first]].min() if first else -np.pi
                 high = azimuth[parts[first + used - 1]].max() if first + used < bins else np.pi
-                worst = int(np.abs(rest).argmax())
-                return float(low), float(high), float(rest[worst]), float(sigma[worst])
+                return float(low), float(high), float(rest[np.abs(rest).argmax()])
     return None
-
-
-def _noticed(motion: SensorMotion) -> float:
-    """A deviation (m/s) of a sensor's Doppler velocities that its noise does not hide."""
-    return float(np.median(np.concatenate([scan.sigma_doppler for scan in motion.scans])))

@@ -14,6 +14,7 @@ from d2d.radar.scans.reference import Reference
 
 _POSES = 8  # numbers in a line of a TUM trajectory
 _REACH, _INTERVALS = 0.2, 2.5  # s, and intervals, to each side of a pose that give its velocity
+_LONGEST = 20.0  # s, between two poses that still show a velocity
 _FASTEST = FINITE._replace(
     most=2.0 * np.pi, unit="in rad/s, ", hint="; are these deg/s (column yaw_rate_deg)?"
 )
@@ -105,6 +106,8 @@ def _poses(source: Path, text: str) -> Reference:
     time, *place, _, x, y, z, w = np.array(rows).T
     poses = np.column_stack([*place, yaw_of(w, x, y, z)])
     reach = max(_REACH, _INTERVALS * float(np.median(np.diff(time)))) if len(time) > 1 else _REACH
+    if reach > _INTERVALS * _LONGEST:
+        raise ValueError(f"{source}: times must be in s, but are {reach / _INTERVALS:g} apart")
     found = Reference.from_poses(time, poses, time, half_width=reach)
     known = np.isfinite(found.theta).all(axis=1)  # where the poses show velocities
     return Reference(time[known], found.theta[known], found.poses[known])

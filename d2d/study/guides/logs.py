@@ -176,14 +176,18 @@ class Fault(NamedTuple):
     radars: tuple[int, ...] = (1, 2, 4)  # of the logs that it is put into
 
 
-def _scans(change: Callable[[RadarScan], RadarScan], *names: str) -> Put:
-    def put(rng: np.random.Generator, log: Log) -> Sensors:
-        return {
-            name: ([change(s) for s in scans] if not names or name in names else scans, at)
-            for name, (scans, at) in log.sensors.items()
-        }
+def _changed(
+    log: Log, change: Callable[[list[RadarScan], Mounting], list[RadarScan]], *names: str
+) -> Sensors:
+    """The sensors after a change of the scans of those with these names, or of all."""
+    return {
+        name: (change(scans, at) if not names or name in names else scans, at)
+        for name, (scans, at) in log.sensors.items()
+    }
 
-    return put
+
+def _scans(change: Callable[[RadarScan], RadarScan], *names: str) -> Put:
+    return lambda rng, log: _changed(log, lambda scans, at: [change(s) for s in scans], *names)
 
 
 def _places(change: Callable[[Mounting], Mounting], *names: str) -> Put:
@@ -204,13 +208,10 @@ def _late(lag: float) -> Put:
 def _regrouped(stamp: Callable[[RadarScan], float]) -> Put:
     """Scans with other time stamps; those of equal times in succession become one."""
 
-    def put(rng: np.random.Generator, log: Log) -> Sensors:
-        return {
-            name: ([_joined(t, [*own]) for t, own in groupby(scans, key=stamp)], at)
-            for name, (scans, at) in log.sensors.items()
-        }
+    def regrouped(scans: list[RadarScan], at: Mounting) -> list[RadarScan]:
+        return [_joined(time, [*own]) for time, own in groupby(scans, key=stamp)]
 
-    return put
+    return lambda rng, log: _changed(log, regrouped)
 
 
 def _joined(time: float, scans: list[RadarScan]) -> RadarScan:
@@ -220,30 +221,25 @@ def _joined(time: float, scans: list[RadarScan]) -> RadarScan:
 
 
 def _split(rng: np.random.Generator, log: Log) -> Sensors:
-    return {
-        name: (
-            [
-                replace(scan[part], time=scan.time + 1e-3 * i)
-                for scan in scans
-                for i, part in enumerate((scan.azimuth < 0.0, scan.azimuth >= 0.0))
-            ],
-            at,
-        )
-        for name, (scans, at) in log.sensors.items()
-    }
+    def halves(scans: list[RadarScan], at: Mounting) -> list[RadarScan]:
+        return [
+            replace(scan[part], time=scan.time + 1e-3 * i)
+            for scan in scans
+            for i, part in enumerate((scan.azimuth < 0.0, scan.azimuth >= 0.0))
+        ]
+
+    return _changed(log, halves)
 
 
 def _over_ground(rng: np.random.Generator, log: Log) -> Sensors:
-    return {
-        name: (
-            [
-                replace(s, doppler=s.doppler - doppler_velocity(theta, s.azimuth, at))
-                for s, theta in zip(scans, log.truth.at([s.time for s in scans]).theta, strict=True)
-            ],
-            at,
-        )
-        for name, (scans, at) in log.sensors.items()
-    }
+    def fixed(scans: list[RadarScan], at: Mounting) -> list[RadarScan]:
+        motion = log.truth.at([scan.time for scan in scans]).theta
+        return [
+            replace(s, doppler=s.doppler - doppler_velocity(theta, s.azimuth, at))
+            for s, theta in zip(scans, motion, strict=True)
+        ]
+
+    return _changed(log, fixed)
 
 
 def _intensities(rng: np.random.Generator, log: Log) -> Sensors:

@@ -57,6 +57,12 @@ def test_a_right_log_is_not_doubted(vehicle):
         assert findings(log(vehicle, radars, 10.0, targets).sensors) == ()
 
 
+def test_a_clock_that_wraps_round_has_its_period():
+    """Breaks if the period is an interval too short."""
+    (found,) = findings(faulty("clock wraps", log("car", 1)))
+    assert "wraps round every 4.290 s" in found.about
+
+
 def test_a_fault_of_one_sensor_is_that_sensors():
     """Breaks if a joint estimate hides a sensor that the others outvote."""
     sensors = dict(log("car", 3).sensors)

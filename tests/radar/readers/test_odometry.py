@@ -69,6 +69,7 @@ def test_what_is_neither_is_named(tmp_path):
         (pose + "1 1 2 0 0 0 0 0\n", "line 2: .* a quaternion that is not zero"),
         (pose + "1 1 2 0 0 0 0 nan\n", "line 2: pose must be finite"),
         (pose, "two lines or more"),
+        (pose + "1000" + pose[1:], "times must be in s, but are 1000 apart"),
         (pose + "2" + pose[1:] + "1" + pose[1:], "line 3: times must increase, but 1 follows 2.0"),
     ):
         path = written(tmp_path, text)
