@@ -12,7 +12,6 @@ from numpy.testing import assert_allclose
 from d2d import CorruptedGaussian, UniformOutlier, dense, rigid
 from d2d.radar import Mounting, RadarScan, estimate_ego_motion, estimate_extent
 from d2d.radar.evaluation.extent import CANDIDATES, widened
-from d2d.radar.evaluation.sandwich import covariance_of_sum
 from d2d.radar.motion.model import EgoMotionModel
 from d2d.radar.motion.pairs import scan_pair
 from tests.radar.scenes import arc, observe
@@ -114,18 +113,6 @@ def test_points_that_stay_have_no_extent():
     assert 2 <= (extents == 0.0).sum() <= 10
     assert extents.max() < 0.04
     assert ((sigmas > 0.0) & (sigmas < 0.04)).all()
-
-
-def test_slopes_that_stay_the_same_for_a_while_widen_the_standard_error():
-    """Breaks if dependent pairs count as independent."""
-    rng = np.random.default_rng(0)
-    short = rng.standard_normal(60)
-    series = np.repeat(short, 8)
-    (((apart,),), _), (((together,),), _) = (
-        covariance_of_sum(each[:, None], 4) for each in (rng.permutation(series), series)
-    )
-    assert_allclose(apart, 480.0, rtol=0.4)
-    assert 4.0 < together / apart < 14.0
 
 
 def test_what_the_scans_carry_and_where_they_are_does_not_matter():

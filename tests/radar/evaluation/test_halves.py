@@ -19,7 +19,6 @@ from d2d.radar import (
     compare_tracks,
     track,
 )
-from d2d.radar.evaluation.halves import _clusters
 from tests.radar.evaluation.noisy_tracks import EMPTY, failed, noisy
 
 THETA = np.array([3.0, 0.0, 0.1])
@@ -101,8 +100,9 @@ def test_a_scan_that_cannot_be_halved_is_left_out():
     """Breaks if one bad scan loses a drive, or an empty half is an estimate."""
     scans = drive(2, 0.0, scans=9)
     scans[3] = scans[3][:0]
-    labels = _clusters(scans[6], 3.0)
-    scans[6] = scans[6][labels == np.argmax(np.bincount(labels))]  # a single object
+    places = scans[6].range * np.exp(1j * scans[6].azimuth)
+    near = np.abs(places[:, None] - places) < 4.5
+    scans[6] = scans[6][near[near.sum(axis=1).argmax()]]  # a single object
     sensors = [(scans, MOUNTING)]
     found = compare_halves(
         sensors, np.random.default_rng(3), by="object", distance=3.0, doppler=False
@@ -128,22 +128,6 @@ def test_halves_of_a_log_with_a_gap_are_those_of_its_track():
     gap, jump = found
     assert len(jump.times) == 19
     assert_allclose(jump.errors, gap.errors, atol=1e-6)
-
-
-def test_clusters_are_chains_of_short_steps():
-    """Breaks if distances are taken in range and azimuth, or an empty scan is SciPy's error."""
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        distance, azimuth = rng.uniform(5.0, 30.0, 40), rng.uniform(-1.0, 1.0, 40)
-        scan = RadarScan(0.0, distance, azimuth, np.zeros(40), 0.1, 0.01, 0.1)
-        points = np.column_stack([distance * np.cos(azimuth), distance * np.sin(azimuth)])
-        near = np.linalg.norm(points[:, None] - points, axis=-1) <= 2.0
-        joined = np.linalg.matrix_power(near.astype(float), 40) > 0.0
-        labels = _clusters(scan, 2.0)
-        assert_array_equal(labels[:, None] == labels, joined)
-        assert 1 < len(set(labels)) < 40
-    for count in (0, 1):
-        assert_array_equal(_clusters(scan[:count], 1.0), np.zeros(count))
 
 
 def test_arguments_of_halves_are_refused_by_name():
