@@ -29,7 +29,7 @@ from d2d.radar.readers import READERS
 from d2d.radar.readers.bag import write_bag
 from d2d.radar.readers.csv_log import write_csv
 from d2d.radar.readers.odometry import load_gyro, load_reference
-from d2d.radar.readers.reader import Option, Source, mountings_of, sigmas_of
+from d2d.radar.readers.reader import Option, Source, mountings_of, options_of
 from d2d.radar.readers.shared import brief
 from d2d.radar.report import report_page
 from d2d.radar.scans.budget import ErrorBudget
@@ -462,7 +462,7 @@ def _live(arguments: argparse.Namespace) -> None:
         # JSON is UTF-8, which may begin with a mark; a wrong byte is one wrong line
         sys.stdin.reconfigure(encoding="utf-8-sig", errors="replace")
 
-    sigmas = sigmas_of(vars(arguments))
+    sigmas = options_of(vars(arguments))
     degrees = bool(arguments.degrees)
     gates = _gates(arguments)
     for line in estimates_of(sys.stdin, tracker, _complain, gates, degrees=degrees, **sigmas):

@@ -26,7 +26,7 @@ def estimates_of(
     gates: Mapping[str, Any],
     *,
     degrees: bool = False,
-    **sigmas: float | None,
+    **sigmas: float,
 ) -> Iterator[str]:
     """The estimates, one line of JSON each, that lines of JSON with scans complete.
 
@@ -84,19 +84,16 @@ def _entry(line: str) -> dict[str, Any]:
     return entry
 
 
-def _scan(
-    entry: dict[str, Any], degrees: bool, sigmas: dict[str, float | None]
-) -> tuple[str, RadarScan]:
-    given = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
-    missing = [name for name in ("sensor", *_COLUMNS) if name not in entry | given]
+def _scan(entry: dict[str, Any], degrees: bool, sigmas: dict[str, float]) -> tuple[str, RadarScan]:
+    missing = [name for name in ("sensor", *_COLUMNS) if name not in entry | sigmas]
     if missing:
         raise ValueError(f"a scan must have {', '.join(missing)}")
     turned = {
         name: np.deg2rad(check_finite(name, entry[name]))
         for name in ANGLES
-        if degrees and name in entry and name not in given
+        if degrees and name in entry and name not in sigmas
     }
-    values = entry | turned | given
+    values = entry | turned | sigmas
     upwards = {name: values[name] for name in UPWARDS if name in values}
     return str(entry["sensor"]), RadarScan(*(values[name] for name in _COLUMNS), **upwards)
 

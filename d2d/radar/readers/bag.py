@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from d2d._checks import FINITE, check_path
 from d2d._types import Array
-from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mountings_of, sigmas_of
+from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mountings_of, options_of
 from d2d.radar.readers.shared import brief, reading, yaw_of
 from d2d.radar.readers.table import TARGET, recognised, scan_of, usual_sigmas
 from d2d.radar.scans.reference import Reference
@@ -69,10 +69,10 @@ def load_bag(
     a ``ModuleNotFoundError`` without rosbags.
     """
     source = check_path("path", path)
-    given, found = dict(mountings or {}), {}
+    stated, found = dict(mountings or {}), {}
     for topic in topics:
         scans, frame = _scans(source, topic, bag_stamps, min_snr, sigmas)
-        mounting = given.get(topic) or _mounting(source, frame, base_frame)
+        mounting = stated.get(topic) or _mounting(source, frame, base_frame)
         found[topic] = scans, mounting
     return found
 
@@ -299,18 +299,8 @@ def _spatial(covariance: Array) -> Array:
 
 
 def _read(path: str, chosen: Mapping[str, Any]) -> Source:
-    topics: Sequence[str] = chosen["topic"]
-    return Source(
-        load_bag(
-            path,
-            *topics,
-            base_frame=chosen["base_frame"] or "base_link",
-            mountings=mountings_of(chosen),
-            bag_stamps=bool(chosen["bag_stamps"]),
-            min_snr=chosen["min_snr"],
-            **sigmas_of(chosen),
-        )
-    )
+    options = options_of(chosen, "base_frame", "bag_stamps", "min_snr")
+    return Source(load_bag(path, *chosen["topic"], mountings=mountings_of(chosen), **options))
 
 
 READER = Reader(

@@ -23,7 +23,7 @@ from d2d._checks import (
 )
 from d2d._types import Array
 from d2d.radar.files import atomic_write
-from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mountings_of, sigmas_of
+from d2d.radar.readers.reader import LOG_OPTIONS, Option, Reader, Source, mountings_of, options_of
 from d2d.radar.readers.shared import brief
 from d2d.radar.readers.table import (
     QUANTITIES,
@@ -286,20 +286,13 @@ def _read(paths: list[str], chosen: Mapping[str, Any]) -> Source:
     """The sensors of logs that have a mounting; files of one sensor follow each other."""
     mountings = mountings_of(chosen)
     scans: dict[str, list[RadarScan]] = {}
-    options: dict[str, Any] = {
-        "columns": _pairs(chosen["columns"]),
-        "time_unit": chosen["time_unit"],
-        "degrees": bool(chosen["degrees"]),
-        "scan_gap": chosen["scan_gap"] or 0.0,
-        "skip_invalid": bool(chosen["skip_invalid"]),
-        "min_snr": chosen["min_snr"],
-        **sigmas_of(chosen),
-    }
-    for given in paths:
-        name, path = _named(given)
+    names = ("time_unit", "degrees", "scan_gap", "skip_invalid", "min_snr")
+    options = {"columns": _pairs(chosen["columns"]), **options_of(chosen, *names)}
+    for source in paths:
+        name, path = _named(source)
         read = load_csv(path, **options)
         if name and len(read) > 1:
-            raise ValueError(f"--csv {given}: the file has several sensors, {', '.join(read)}")
+            raise ValueError(f"--csv {source}: the file has several sensors, {', '.join(read)}")
         for sensor, own in read.items():
             scans.setdefault(name or sensor, []).extend(own)
     if scans.keys() != mountings.keys():
@@ -311,10 +304,10 @@ def _read(paths: list[str], chosen: Mapping[str, Any]) -> Source:
     return Source({name: (own, mountings[name]) for name, own in scans.items()})
 
 
-def _named(given: str) -> tuple[str, str]:
+def _named(source: str) -> tuple[str, str]:
     """Name and path of NAME=FILE; a path alone has no name."""
-    name, equals, path = given.partition("=")
-    return (name, path) if equals and not os.path.exists(given) else ("", given)
+    name, equals, path = source.partition("=")
+    return (name, path) if equals and not os.path.exists(source) else ("", source)
 
 
 def _pairs(text: str | None) -> dict[str, str]:

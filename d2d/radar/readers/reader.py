@@ -81,10 +81,10 @@ def check_once(names: Sequence[object]) -> None:
 
 def mountings_of(chosen: Mapping[str, Any]) -> dict[str, Mounting]:
     """The mountings that the options name."""
-    given = chosen["mounting"] or []
-    check_once([name for name, *_ in given])
+    stated = chosen["mounting"] or []
+    check_once([name for name, *_ in stated])
     mountings = {}
-    for name, *numbers in given:
+    for name, *numbers in stated:
         try:
             if not 3 <= len(numbers) <= 5:
                 raise ValueError("there must be NAME X Y YAW, and perhaps PITCH and ROLL")
@@ -95,12 +95,12 @@ def mountings_of(chosen: Mapping[str, Any]) -> dict[str, Mounting]:
     return mountings
 
 
-def sigmas_of(chosen: Mapping[str, Any]) -> dict[str, float | None]:
-    """The standard deviations that the options give to all targets."""
-    sigmas = {name: chosen[name] for name in SIGMAS}
-    if sigmas["sigma_azimuth"] is not None:
-        sigmas["sigma_azimuth"] = math.radians(sigmas["sigma_azimuth"])
-    return sigmas
+def options_of(chosen: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    """The standard deviations of all targets and other options, as far as they are given."""
+    given = {name: chosen[name] for name in (*SIGMAS, *names) if chosen[name] is not None}
+    if "sigma_azimuth" in given:
+        given["sigma_azimuth"] = math.radians(given["sigma_azimuth"])
+    return given
 
 
 def _sigma(name: str, unit: str) -> Option:
