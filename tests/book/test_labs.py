@@ -454,7 +454,9 @@ FACTS = (
     Fact(
         "lab-gaussian", "px=-1&py=1.73", "lab.result.distance", "{:.1f} along the short one, where"
     ),
-    Fact("lab-live", "cost=likelihood", OFF.format("[2, 0.5]"), "ends {:.2f} m off the truth"),
+    Fact(
+        "lab-live", "cost=likelihood", OFF.format("[2, 0.5]"), "ends {:.2f} m from the true motion"
+    ),
     Fact("lab-live", "outlier=1", f"Math.abs(10 - {TURN})", "turns the estimate by {:.1f}°"),
     Fact("lab-live", "turn=-40", f"Math.abs(10 - {TURN})", "ends four metres and {:.0f}° off"),
 )
