@@ -56,7 +56,8 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         shutil.copy(ROOT / name, sources)
     archive = built(sources, "build_sdist", place / "archive")
     with tarfile.open(archive) as packed:
-        packed.extractall(place / "unpacked", filter="data")
+        safe = {"filter": "data"} if hasattr(tarfile, "data_filter") else {}  # from 3.11.4 on
+        packed.extractall(place / "unpacked", **safe)
     (unpacked,) = (place / "unpacked").iterdir()
     wheel = built(sources, "build_wheel", place / "wheel")
     return wheel, built(unpacked, "build_wheel", place / "again")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 import scipy
@@ -145,7 +145,7 @@ class Comparison(Frozen):
     @cached_property
     def measures(self) -> Measures:
         """All measures: means over the estimates, or roots of means."""
-        return self._measures(lambda terms: np.asarray(terms.mean(axis=0)))
+        return self._measures(partial(np.mean, axis=0))
 
     @cached_property
     def block(self) -> int:
@@ -167,7 +167,7 @@ class Comparison(Frozen):
 
         return self._measures(bounds)
 
-    def _measures(self, mean: Callable[[Array], Array]) -> Measures:
+    def _measures(self, mean: Callable[[Array], Any]) -> Measures:
         """The measures, from means over the first axis of terms, or from bounds of such means."""
         white, (errors, covariances) = self.whitened, self._judged
         squares, logs, units = white.values**2, white.log_score, IN_UNITS[self._known]
