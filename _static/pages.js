@@ -1,7 +1,8 @@
 // What a page does beside showing itself. Everything can be read without it.
 document.addEventListener("DOMContentLoaded", () => {
-  // their text names what is folded
-  document.querySelectorAll("summary[aria-label]").forEach((each) => each.removeAttribute("aria-label"));
+  // their text names them
+  const named = document.querySelectorAll("summary[aria-label], .search-button[aria-label], .search-button-field");
+  named.forEach((each) => each.removeAttribute("aria-label"));
   document.querySelectorAll(".measured-scroll").forEach((each) => (each.tabIndex = 0)); // to scroll by keys
   const rows = [...document.querySelectorAll(".ledger-row")];
   if (!rows.length) return;
@@ -10,6 +11,9 @@ document.addEventListener("DOMContentLoaded", () => {
   openClaim(rows);
   window.addEventListener("hashchange", () => openClaim(rows));
 });
+
+// A page that is opened from a folder cannot read others for their first lines.
+if (location.protocol === "file:") DOCUMENTATION_OPTIONS.SHOW_SEARCH_SUMMARY = false;
 
 // The search's: chapters and guides come before the appendix, and the functions last.
 const WEIGHTS = [

@@ -30,8 +30,8 @@ GAP = 9  # pixels between parts of a map: its contours and letters
 THIN = 5  # pixels of a line, which is no map
 SHADES = 3  # of a scale in a map, at least
 GREY = 20  # of 255 by which the channels of a colour differ: cividis has some, but few
-# What the filter invert(1) hue-rotate(180deg) of the style sheet makes of red, green and blue.
-INVERT = np.array([[-0.574, 1.430, 0.144], [0.426, 0.430, 0.144], [0.426, 1.430, -0.856]])
+# The style sheet's filter invert(1) hue-rotate(180deg) brightness(1.3) of red, green and blue.
+INVERT = 1.3 * np.array([[-0.574, 1.43, 0.144], [0.426, 0.43, 0.144], [0.426, 1.43, -0.856]])
 RULE = """html[data-theme="dark"] body .bd-content article img[src$="/{name}"] {{
   background: url("../_images/{dark}") 0 0 / 100% 100% no-repeat;
   filter: none;

@@ -8,8 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-from d2d import ANNEALED, PointSet, rigid
-from d2d.radar import simulate_drive, track
+from d2d import ANNEALED, PointSet
 from d2d.study import monte_carlo, scenarios
 from d2d.study.book import drawing, grammar, style
 from d2d.study.plane.evaluation import COSTS, at_truth
@@ -21,36 +20,6 @@ TILE = (2.6, 2.0)  # inches: three beside each other on the first pages
 STATIC = Path(__file__).resolve().parents[1] / "_static"
 ROBUST = COSTS["robust"]
 SCENES = [scene.name.replace("outliers and clusters", "both,") for scene in scenarios.ALL]
-
-
-def overview() -> Figure:
-    """A scan, the cost of registering it, and the path of a whole drive."""
-    drive = simulate_drive(np.random.default_rng(7), duration=130.0)
-    previous, current = drive.scans[99], drive.scans[100]
-    fixed, moving = previous.point_set(drive.mounting), current.point_set(drive.mounting)
-    before, after = drive.truth.poses[99:101]
-    motion = rigid.compose(rigid.inverse(before), after)
-    offset = np.linspace(-6.0, 6.0, 161)
-    grid = np.stack([*np.meshgrid(offset, offset), np.zeros((161, 161))], axis=-1)
-
-    figure, panels = plt.subplot_mosaic("ab;cc", figsize=(5.0, 5.2), height_ratios=(1, 1.1))
-    axes = [panels[name] for name in "abc"]
-    drawing.radar_scan(axes[0], current, drive.mounting)
-    style.label_planar_axes(axes[0], "one scan")
-    contours = axes[1].contourf(
-        offset, offset, ROBUST.value(grid, fixed, moving), 24, cmap=grammar.COST_MAP
-    )
-    grammar.mark_truth(axes[1], *motion[:2])
-    bar = figure.colorbar(contours, ax=axes[1], label="−log density", location="bottom")
-    bar.set_ticks([150, 250, 350])
-    style.label_planar_axes(axes[1], "cost of a translation")
-    axes[1].set(xlabel="$t_x$ (m)", ylabel="$t_y$ (m)")
-    poses = track(drive, baseline=1, carry=False).poses(drive.truth.poses[0])
-    axes[2].plot(*poses[:, :2].T, **grammar.cost_line("robust", label="estimate"))
-    axes[2].plot(*drive.truth.poses[:, :2].T, **grammar.TRUTH, label="truth")
-    style.label_planar_axes(axes[2], "the path")
-    axes[2].legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
-    return figure
 
 
 def share_from_zero(scene: scenarios.Scenario, scales: tuple[float, ...]) -> float:
@@ -163,9 +132,9 @@ def road_tile() -> Figure:
 def main() -> None:
     """Draw all pictures and save them."""
     style.use_style()
-    pictures = {"overview": overview, "finding-start": start, "finding-sum": summing}
-    pictures |= {"finding-road": road, "tile-start": start_tile, "tile-sum": sum_tile}
-    for name, draw in (pictures | {"tile-road": road_tile, "figure-key": grammar.key}).items():
+    pictures = {"finding-start": start, "finding-sum": summing, "finding-road": road}
+    pictures |= {"tile-start": start_tile, "tile-sum": sum_tile, "tile-road": road_tile}
+    for name, draw in (pictures | {"figure-key": grammar.key}).items():
         dpi = 3 * DPI if name.startswith("tile") else 2 * DPI
         figure = draw()
         figure.savefig(STATIC / f"{name}.png", dpi=dpi, metadata={"Software": None})

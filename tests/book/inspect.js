@@ -27,14 +27,12 @@ window.inspectBook = (() => {
     return found;
   }
 
-  /** Formulas that MathJax left alone or could not read, and TeX that no one told it to typeset. */
-  async function formulas() {
-    await window.MathJax?.startup?.promise;
-    const left = [...main().querySelectorAll(".math")].filter((each) => !each.querySelector("mjx-container"));
-    const faulty = [...main().querySelectorAll("mjx-merror, [data-mjx-error]")];
+  /** Formulas that are not typeset, and TeX that no one told Sphinx to typeset. */
+  function formulas() {
+    const left = [...main().querySelectorAll(".math")].filter((each) => !each.querySelector("math") || each.querySelector("merror"));
     const raw = [...texts(main())].filter((node) => /\\[([]|\\[a-zA-Z]{3,}|\$\$|\$[^$\s][^$]*\$/.test(node.data)
-      && !node.parentElement.closest("pre, code, mjx-container, .math"));
-    return [...left, ...faulty, ...raw.map((node) => node.parentElement)].map(name);
+      && !node.parentElement.closest("pre, code, .math"));
+    return [...left, ...raw.map((node) => node.parentElement)].map(name);
   }
 
   function* texts(root) {
@@ -64,7 +62,7 @@ window.inspectBook = (() => {
     if (whole > width) found.push(`the page is ${whole} px wide in a window of ${width} px`);
     let outermost = null;
     for (const element of main().querySelectorAll("*")) {
-      if (element.closest("mjx-assistive-mml") || outermost?.contains(element) || !visible(element)) continue;
+      if (outermost?.contains(element) || !visible(element)) continue;
       const box = element.getBoundingClientRect();
       if (box.width <= 1 || box.height <= 1 || (box.right <= width + 1 && box.left >= -1)) continue;
       if (scrolls(element.parentElement)) continue;

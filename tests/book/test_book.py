@@ -42,7 +42,7 @@ def faults(driver: webdriver.Chrome, address: str, page: str, book: Path) -> dic
     browser.resize(driver, browser.WIDE)
     driver.get(f"{address}{page}.html")
     driver.execute_script(browser.INSPECT)
-    formulas = browser.ask(driver, "await inspectBook.formulas()")
+    formulas = browser.ask(driver, "inspectBook.formulas()")
     complaints, size = browser.traffic(driver, address)
     found: dict[str, object] = {"formulas": formulas, "complaints": complaints}
     found["bytes"] = [size] if size > MAX_BYTES else []  # without pictures out of view

@@ -1,6 +1,6 @@
 """The covariance doctor: its numbers are those of d2d, and a table is read as it was written."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from selenium import webdriver
 
 from d2d import coverage, credibility, whiten
 from tests.book import browser
-from tests.book.test_labs import MATHJAX, Hand, Laboratory
+from tests.book.test_labs import Hand, Laboratory
 
 Array = NDArray[np.float64]
 Table = tuple[Array, Array]
@@ -22,13 +22,11 @@ PAGE = "chapters/why_is_my_covariance_too_small"
 
 
 @pytest.fixture(scope="module")
-def opened(driver: webdriver.Chrome, address: str) -> Iterator[Hand]:
+def opened(driver: webdriver.Chrome, address: str) -> Hand:
     """A hand on the laboratory, whose page is opened once."""
-    driver.execute_cdp_cmd("Network.setBlockedURLs", {"urls": [f"*{MATHJAX}*"]})
     hand = Hand(driver, Laboratory(PAGE, "lab-doctor", "", "", ""))
     hand.open(f"{address}{PAGE}.html")
-    yield hand
-    driver.execute_cdp_cmd("Network.setBlockedURLs", {"urls": []})
+    return hand
 
 
 @pytest.fixture

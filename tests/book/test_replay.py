@@ -1,24 +1,20 @@
 """The replayed drive counts its errors as d2d does, and plays when it is asked to."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.keys import Keys
 
 from d2d.scores import within
-from tests.book.test_labs import MATHJAX, Hand, Laboratory
+from tests.book.test_labs import Hand, Laboratory
 from tools.replay_data import drive
 
 
 @pytest.fixture
-def hand(driver: webdriver.Chrome, address: str) -> Iterator[Hand]:
-    driver.execute_cdp_cmd("Network.setBlockedURLs", {"urls": [f"*{MATHJAX}*"]})
+def hand(driver: webdriver.Chrome, address: str) -> Hand:
     hand = Hand(driver, Laboratory("intro", "lab-replay", "", "", ""))
     hand.open(f"{address}intro.html")
-    yield hand
-    driver.execute_cdp_cmd("Network.setBlockedURLs", {"urls": []})
+    return hand
 
 
 @pytest.mark.parametrize("covariance", ["hessian", "budget"])

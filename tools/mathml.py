@@ -1,0 +1,50 @@
+"""A Sphinx extension that typesets formulas as MathML while the book is built.
+
+Browsers lay MathML out without a script, so formulas stand where the page is first shown.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from docutils import nodes
+from math_core import LatexError, LatexToMathML
+from sphinx.util import logging
+from sphinx.util.math import get_node_equation_number
+
+CONVERTER = LatexToMathML(fancy_error=False)
+CLASSES = "math notranslate nohighlight"
+LOGGER = logging.getLogger(__name__)
+
+
+def typeset(node: nodes.Element, display: bool) -> str:
+    """The MathML of a formula; one that cannot be read stays TeX, with a warning."""
+    tex = node.astext().strip()
+    try:
+        return CONVERTER.convert_with_local_state(tex, displaystyle=display)
+    except LatexError as error:
+        LOGGER.warning("formula %s: %s", tex, error, location=node)
+        return nodes.Text(tex).astext()
+
+
+def visit_inline(translator: Any, node: nodes.math) -> None:
+    """Write a formula of the text."""
+    translator.body.append(f'<span class="{CLASSES}">{typeset(node, False)}</span>')
+    raise nodes.SkipNode
+
+
+def visit_display(translator: Any, node: nodes.math_block) -> None:
+    """Write a formula in lines of its own, with its number and a link to it."""
+    translator.body.append(translator.starttag(node, "div", CLASS=CLASSES))
+    if node["number"]:
+        number = get_node_equation_number(translator, node)
+        translator.body.append(f'<span class="eqno">({number})')
+        translator.add_permalink_ref(node, "Link to this equation")
+        translator.body.append("</span>")
+    translator.body.append(f"{typeset(node, True)}</div>\n")
+    raise nodes.SkipNode
+
+
+def setup(app: Any) -> dict[str, bool]:
+    app.add_html_math_renderer("mathml", (visit_inline, None), (visit_display, None))
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
